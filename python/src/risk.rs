@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use mishandle::risk::{Chain, Importance, Marginal, Report, Splitting};
 use mishandle::rollout::{Axis, Request, Scenario, Seed};
-use mishandle::{Counterexample, FalsifyPlan, MishandleError as Error, Plan, ResolvedPlan, RiskPlan};
+use mishandle::{Counterexample, FalsifyPlan, Plan, ResolvedPlan, RiskPlan};
 use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyList};
 
@@ -122,7 +122,6 @@ pub fn simulated_counterexample(
     detached(py, target, || {
         let resolved = ResolvedPlan::with_target(&plan, target.target.clone())?;
         let request = Request::new(Scenario::new(values), Seed(seed));
-        let episode = resolved.system()?.rollout(&[request])?.pop().ok_or(Error::NoEpisode)?;
-        Ok(Counterexample::from_episode(&resolved, &episode)?.to_json())
+        Ok(Counterexample::simulate(&resolved, request)?.to_json())
     })
 }

@@ -403,9 +403,11 @@ class Training(unittest.TestCase):
         with open(settings, "w") as file:
             file.write(self.SETTINGS.format(steps=steps))
         outputs = ["--out", f"{folder}/{name}.safetensors", "--csv", f"{folder}/{name}.csv", "--json"]
-        document = gpu_verdicts.command("train", "cube-stacking", "--settings", settings, *outputs, *options)
+        command = ["train", "cube-stacking", "--settings", settings, *outputs, *options]
+        result = subprocess.run([sys.executable, "-c", gpu_verdicts.COMMAND, *command], capture_output=True, text=True)
+        self.assertEqual(result.returncode, 0, result.stderr)
         with open(f"{folder}/{name}.csv") as file:
-            return json.loads(document), list(csv.DictReader(file))
+            return json.loads(result.stdout), list(csv.DictReader(file))
 
     def test_a_training_run_is_close_to_that_of_the_cpu_and_can_be_resumed(self):
         with tempfile.TemporaryDirectory() as folder:

@@ -372,8 +372,8 @@ pub fn report_loss(simulations: u64, kept_and_lost: &str) {
 }
 
 /// Reports a command that was interrupted before its first result.
-pub fn nothing_measured() -> ExitStatus {
-    output::message("interrupted before the first result: nothing was measured");
+pub fn without_result() -> ExitStatus {
+    output::message("interrupted before the first result");
     ExitStatus::Interrupted
 }
 

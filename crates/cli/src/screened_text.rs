@@ -1,14 +1,14 @@
 //! Text and JSON of an evaluation whose simulations a GPU screens.
 
 use mishandle::evaluation::{Estimate, TwoPhase};
+use mishandle::rollout::Axis;
 use mishandle::{ResolvedPlan, ScreenedEvaluationOutcome, plural};
 use serde_json::{Value, json};
 
-use crate::commands::evaluate;
 use crate::{corners, output, run};
 
 /// Returns the rates, the disagreements of the two engines, and the corners.
-pub fn text(resolved: &ResolvedPlan, outcome: &ScreenedEvaluationOutcome) -> String {
+pub fn text(axes: &[Axis], outcome: &ScreenedEvaluationOutcome) -> String {
     let report = &outcome.report;
     let percent = |rate: Option<f64>| rate.map_or("-".to_string(), |rate| format!("{:.2}", 100.0 * rate));
     let row = |name: &str, rate: &Estimate| {
@@ -20,14 +20,13 @@ pub fn text(resolved: &ResolvedPlan, outcome: &ScreenedEvaluationOutcome) -> Str
     rates.extend(report.strict_success_rate().iter().map(|rate| row("strict success rate", rate)));
     rates.extend(report.dangerous_episode_rate().iter().map(|rate| row("episodes with any danger", rate)));
     let mut text = format!(
-        "{}\n\n{}{}\n\nThe rates are from simulations of MuJoCo C and assume nothing of MuJoCo Warp.\n\n{}",
-        evaluate::heading(resolved),
+        "{}{}\n\nThe rates are from simulations of MuJoCo C and assume nothing of MuJoCo Warp.\n\n{}",
         if report.is_complete { "" } else { "interrupted: the answer is that of the simulations so far\n\n" },
         output::table(&rates),
         output::table(&engines(outcome)),
     );
     if let Some(report) = &outcome.corners {
-        text.push_str(&format!("\n\n{}", corners::text(resolved.space.axes(), report)));
+        text.push_str(&format!("\n\n{}", corners::text(axes, report)));
     }
     text.push_str(&run::without_gpu_verdict(report.screened_without_verdict, report.overflows));
     if report.without_verdict > 0 {
@@ -89,8 +88,6 @@ pub fn document(resolved: &ResolvedPlan, outcome: &ScreenedEvaluationOutcome) ->
     json!({
         "backend": "gpu",
         "is_complete": report.is_complete,
-        "box": evaluate::starts(&resolved.plan),
-        "leaves_out_starts": mishandle::rejects_scenarios(resolved),
         "success_rate": output::estimate(&report.success_rate()),
         "strict_success_rate": report.strict_success_rate().as_ref().map(output::estimate),
         "dangerous_episode_rate": report.dangerous_episode_rate().as_ref().map(output::estimate),

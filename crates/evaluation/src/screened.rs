@@ -7,6 +7,7 @@ use mishandle_random::Sequence;
 use mishandle_rollout::{Episode, Request, RolloutError, ScreenedEpisode, Screening, System};
 
 use crate::run::simulate;
+use crate::two_phase::OthersSample;
 use crate::{Estimate, Evaluation, EvaluationError, FormulaRoles, TwoPhase};
 
 /// Confidence of the intervals.
@@ -14,9 +15,6 @@ const CONFIDENCE: f64 = 0.95;
 
 /// Number of simulations that are screened at once.
 pub const SCREENED_CHUNK: u64 = 131_072;
-
-/// Number of other simulations that are repeated even if `sample_rate` selects fewer: without any there is no estimate.
-pub(crate) const FEWEST_SAMPLED: usize = 20;
 
 /// Largest number of failures in a report.
 const SHOWN: usize = 100;
@@ -44,8 +42,7 @@ pub struct Selection {
 }
 
 /// Screens all requests and selects those to repeat: the ones without a verdict, those for which `is_flagged` is true, and each other
-/// one with the probability `sample_rate`, by the draws of `sample`. If these are fewer than 20 of the others, the first others make up
-/// for the rest. As all others are alike, their share of events in the sample stays unbiased.
+/// one with the probability `sample_rate`, by the draws of `sample`, but at least 20 of the others, or all.
 ///
 /// `watch` gets the number of finished simulations now and then. If it returns `false`, the result is `None`.
 ///
@@ -58,7 +55,7 @@ pub fn screen(
     (sample_rate, sample): (f64, &mut Sequence),
     watch: &(dyn Fn(usize) -> bool + Sync),
 ) -> Result<Option<Selection>, RolloutError> {
-    let (mut selection, mut not_sampled) = (Selection::default(), Vec::new());
+    let (mut selection, mut others) = (Selection::default(), OthersSample::default());
     for (index, outcome) in screening.run(requests, watch)?.into_iter().enumerate() {
         // The sample does not depend on the outcomes.
         let is_sampled = sample.uniform() < sample_rate;
@@ -68,14 +65,11 @@ pub fn screen(
         selection.overflows += u64::from(outcome.has_overflowed);
         if is_undecided || is_flagged(&outcome) {
             selection.flagged.push(index);
-        } else if is_sampled {
-            selection.sampled.push(index);
-        } else if not_sampled.len() < FEWEST_SAMPLED {
-            not_sampled.push(index);
+        } else {
+            others.add(index, is_sampled);
         }
     }
-    let missing = FEWEST_SAMPLED.saturating_sub(selection.sampled.len());
-    selection.sampled.extend(not_sampled.into_iter().take(missing));
+    selection.sampled = others.finish();
     selection.sampled.sort_unstable();
     Ok(Some(selection))
 }

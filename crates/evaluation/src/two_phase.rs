@@ -5,6 +5,36 @@ use crate::{Estimate, clopper_pearson};
 /// Share of the probability of a miss for each of the three intervals that [`TwoPhase::estimate`] combines.
 const SHARES: [f64; 3] = [0.5, 0.4, 0.1];
 
+/// Size of a sample of the others that is reached even if chance selects fewer: without any there is no estimate.
+const FEWEST_SAMPLED: usize = 20;
+
+/// Random sample of the trials that are not flagged. The first ones that chance leaves out make up for a sample of fewer than 20. As
+/// these trials are alike, the share of events in the sample stays unbiased.
+#[derive(Default)]
+pub(crate) struct OthersSample<T> {
+    sampled: Vec<T>,
+    spare: Vec<T>,
+}
+
+impl<T> OthersSample<T> {
+    /// Adds a trial that is not flagged. `is_sampled` must not depend on its outcome.
+    pub(crate) fn add(&mut self, trial: T, is_sampled: bool) {
+        if is_sampled {
+            self.sampled.push(trial);
+        } else if self.spare.len() < FEWEST_SAMPLED {
+            self.spare.push(trial);
+        }
+    }
+
+    /// Returns the trials of the sample.
+    pub(crate) fn finish(self) -> Vec<T> {
+        let OthersSample { mut sampled, spare } = self;
+        let missing = FEWEST_SAMPLED.saturating_sub(sampled.len());
+        sampled.extend(spare.into_iter().take(missing));
+        sampled
+    }
+}
+
 /// Counts of a two-phase sample. The first phase applies a cheap indicator to independent trials. The second phase observes the event
 /// itself in every trial that the indicator flags, and in a random sample of the others.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -79,35 +109,25 @@ mod tests {
     use mishandle_random::Sequence;
 
     use super::*;
-    use crate::screened::FEWEST_SAMPLED;
 
     /// Draws counts: an event has probability `rate`. The indicator flags an event with probability `power`, and another trial with
-    /// probability `false_rate`. The sample is that of [`screen`](crate::screen).
+    /// probability `false_rate`.
     fn draw(random: &mut Sequence, trials: u64, [rate, power, false_rate, sample]: [f64; 4]) -> TwoPhase {
-        let (mut counts, mut not_sampled) = (TwoPhase { trials, ..TwoPhase::default() }, Vec::new());
+        let (mut counts, mut others) = (TwoPhase { trials, ..TwoPhase::default() }, OthersSample::default());
         for _ in 0..trials {
             let is_event = random.uniform() < rate;
             let is_flagged = random.uniform() < if is_event { power } else { false_rate };
             let is_sampled = random.uniform() < sample;
             let event = u64::from(is_event);
-            match (is_flagged, is_sampled) {
-                (true, _) => {
-                    counts.flagged += 1;
-                    counts.flagged_events += event;
-                }
-                (false, true) => {
-                    counts.sampled += 1;
-                    counts.sampled_events += event;
-                }
-                (false, false) => not_sampled.push(event),
+            if is_flagged {
+                counts.flagged += 1;
+                counts.flagged_events += event;
+            } else {
+                others.add(event, is_sampled);
             }
         }
-        let missing = FEWEST_SAMPLED.saturating_sub(counts.sampled as usize);
-        for event in not_sampled.into_iter().take(missing) {
-            counts.sampled += 1;
-            counts.sampled_events += event;
-        }
-        counts
+        let sample = others.finish();
+        TwoPhase { sampled: sample.len() as u64, sampled_events: sample.iter().sum(), ..counts }
     }
 
     #[test]

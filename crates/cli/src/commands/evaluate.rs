@@ -91,10 +91,9 @@ fn on_gpu(command: &Arguments, bar: &Bar) -> Result<ExitStatus> {
         "--backend gpu writes no run file, so it does not work with --out, --resume and --durable"
     );
     let resolved = ResolvedPlan::new(&plan(command)?)?;
-    let episodes = resolved.plan.evaluate.as_ref().map_or(0, |evaluate| evaluate.episodes);
     let backend = mishandle::gpu_backend()?;
     let mut screening = mishandle::screening(&resolved, &*backend, command.screen.rows() as usize)?;
-    bar.set_length(episodes);
+    bar.set_length(resolved.plan.evaluate.as_ref().map_or(0, |evaluate| evaluate.episodes));
     let start = Instant::now();
     let confirm = command.screen.confirm();
     let outcome = mishandle::evaluate_on_backend(&resolved, &mut screening, confirm, &mut |progress| {
@@ -104,16 +103,19 @@ fn on_gpu(command: &Arguments, bar: &Bar) -> Result<ExitStatus> {
     bar.clear();
     match command.run.json {
         true => {
-            let document = screened_text::document(&resolved, &outcome);
+            let document = output::joined(region(&resolved), screened_text::document(&resolved, &outcome));
             output::json(output::joined(simulate::document(&resolved), document))?;
         }
         // Interrupted in the first chunk, it has nothing to show.
         false if outcome.report.failures.trials == 0 => (),
-        false => output::line(&screened_text::text(&resolved, &outcome))?,
+        false => {
+            let text = screened_text::text(resolved.space.axes(), &outcome);
+            output::line(&format!("{}\n\n{text}", heading(&resolved)))?;
+        }
     }
     let report = &outcome.report;
     if report.failures.trials == 0 {
-        return Ok(run::nothing_measured());
+        return Ok(run::without_result());
     }
     let (screened, seconds) = (plural(report.failures.trials, "simulation"), start.elapsed().as_secs_f64());
     output::message(&format!("{screened} screened in {seconds:.1} s, repetitions by MuJoCo C included"));
@@ -145,8 +147,7 @@ fn plan(command: &Arguments) -> Result<Plan> {
     Ok(plan)
 }
 
-/// Returns the region of the initial states.
-pub fn starts(plan: &Plan) -> StartRegion {
+fn starts(plan: &Plan) -> StartRegion {
     plan.evaluate.as_ref().map_or(StartRegion::Whole, |evaluate| evaluate.starts)
 }
 
@@ -155,8 +156,6 @@ pub fn document(resolved: &ResolvedPlan, outcome: &EvaluationOutcome, path: &str
     let report = &outcome.report;
     let mut own = json!({
         "is_complete": outcome.is_complete,
-        "box": starts(&resolved.plan),
-        "leaves_out_starts": mishandle::rejects_scenarios(resolved),
         "simulations": report.simulations,
         "diverged": report.diverged,
         "invalid": report.invalid,
@@ -179,11 +178,16 @@ pub fn document(resolved: &ResolvedPlan, outcome: &EvaluationOutcome, path: &str
         .corners
         .as_ref()
         .map_or(Value::Null, |report| corners::document(resolved.space.axes(), report));
-    output::joined(run::document(resolved, path), own)
+    output::joined(run::document(resolved, path), output::joined(region(resolved), own))
+}
+
+/// Returns the JSON of the region of the initial states.
+fn region(resolved: &ResolvedPlan) -> Value {
+    json!({ "box": starts(&resolved.plan), "leaves_out_starts": mishandle::rejects_scenarios(resolved) })
 }
 
 /// Returns the first line of the result.
-pub fn heading(resolved: &ResolvedPlan) -> String {
+fn heading(resolved: &ResolvedPlan) -> String {
     let part = match starts(&resolved.plan) {
         StartRegion::Whole => "",
         StartRegion::Reachable => ", initial states from the reachable part of the box",

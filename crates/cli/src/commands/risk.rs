@@ -155,12 +155,13 @@ fn on_gpu(
         false if report.counts.trials == 0 => (),
         false => output::line(&risk_text::screened_text(resolved, scenarios, &report))?,
     }
+    // Failures of the interrupted chunk count for no estimate, but they are failures of MuJoCo C.
+    write_failure(command, resolved, scenarios, report.failures.first())?;
     if report.counts.trials == 0 {
-        return Ok(run::nothing_measured());
+        return Ok(run::without_result());
     }
     let screened = plural(report.counts.trials, "simulation");
     output::message(&format!("{screened} screened in {seconds:.1} s, repetitions by MuJoCo C included"));
-    write_failure(command, resolved, scenarios, report.failures.first())?;
     if !report.is_complete {
         run::report_loss(report.counts.trials, "the answer is that of these; it cannot be resumed");
         return Ok(ExitStatus::Interrupted);

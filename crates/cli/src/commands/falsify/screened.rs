@@ -46,9 +46,6 @@ pub fn run(command: &Arguments, bar: &Bar) -> Result<ExitStatus> {
         })?;
     let seconds = start.elapsed().as_secs_f64();
     bar.clear();
-    if found.simulations == 0 {
-        return Ok(run::nothing_measured());
-    }
     super::report_unevaluated(&resolved, &found);
     let is_complete = super::is_complete(&resolved, &found);
     let repeats = match is_complete {
@@ -57,11 +54,16 @@ pub fn run(command: &Arguments, bar: &Bar) -> Result<ExitStatus> {
     };
     match command.run.json {
         true => output::json(document(&resolved, &found, &counts, &repeats))?,
+        // Interrupted before the first result, it has nothing to show.
+        false if found.simulations == 0 => (),
         false => {
             let table = output::table(&engines(&counts));
             let without = run::without_gpu_verdict(counts.without_verdict.simulations, counts.overflows);
             output::line(&format!("{}\n\n{table}{without}", super::text(&resolved, &found, &repeats)))?;
         }
+    }
+    if found.simulations == 0 {
+        return Ok(run::without_result());
     }
     output::message(&format!(
         "{} screened in {seconds:.1} s; only the {} that MuJoCo C repeated are evidence",
