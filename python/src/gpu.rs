@@ -35,7 +35,7 @@ struct WarpWorlds {
 }
 
 fn failed(py: Python<'_>, error: &PyErr) -> WorldError {
-    WorldError::Backend(format!("GPU: {}", error.value(py)))
+    WorldError::Backend(error.value(py).to_string())
 }
 
 /// Returns the buffers of a Python object by name.
