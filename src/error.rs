@@ -240,12 +240,6 @@ pub enum MishandleError {
         /// The reason, and what to do.
         problem: String,
     },
-    /// The simulation is no counterexample.
-    #[error("the robustness of the simulation is {robustness}; a counterexample has a negative robustness")]
-    NotACounterexample {
-        /// Robustness of the simulation, or the reason why it has none.
-        robustness: String,
-    },
     /// A file is not a counterexample.
     #[error("not a counterexample file: {problem}")]
     CounterexampleFile {

@@ -2,9 +2,9 @@
 
 use mishandle::counterexample::Counterexample;
 use mishandle::evaluation::RepeatReport;
+use mishandle::falsification::{Level, Repeated};
 use mishandle::plan::FalsifyPlan;
 use mishandle::rollout::Seed;
-use mishandle::run::{Level, Margin};
 use mishandle::{Plan, ResolvedPlan};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
@@ -17,7 +17,7 @@ use crate::target::{AxisTuple, PyTarget, scenario, space};
 #[pyfunction]
 #[pyo3(signature = (axes, *, budget))]
 pub fn check_margin(axes: Vec<AxisTuple>, budget: u64) -> PyResult<()> {
-    mishandle::run::check_margin(budget, &space(axes)?).map_err(raised)
+    mishandle::falsification::check_margin(budget, &space(axes)?).map_err(raised)
 }
 
 /// Searches for the smallest disturbance that violates the requirement. Returns the outcome as a dictionary, with the exception that
@@ -38,9 +38,9 @@ pub fn margin<'py>(
         let resolved = ResolvedPlan::with_target(&plan, target.target.clone())?;
         let mut system = resolved.system()?;
         let watch = |done| report(target, progress.as_ref(), done, budget);
-        let found = mishandle::run::margin(&mut *system, Seed(seed), budget, watch)?;
+        let found = mishandle::falsification::margin(&mut *system, Seed(seed), budget, watch)?;
         let mut done = found.simulations;
-        let total = done + Margin::REPEATS;
+        let total = done + Repeated::Counterexample.simulations();
         let repeats = match &found.witness {
             Some(witness) if found.is_complete => {
                 mishandle::run::witness_repeats(&resolved, witness, |_| {

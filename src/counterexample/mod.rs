@@ -7,6 +7,7 @@ mod risk;
 use std::fmt::Debug;
 use std::path::Path;
 
+use mishandle_falsification::FalsificationError;
 use mishandle_rollout::{Episode, Request, Scenario, Seed, Space};
 use mishandle_store::{
     AxisRecord, BuildRecord, ComponentRecord, RunFile, RunHeader, Simulation, SimulationEnd, TargetRecord,
@@ -36,7 +37,7 @@ const BESIDE: &str = "./";
 /// use mishandle::rollout::{Request, Seed};
 /// use mishandle::{Plan, ResolvedPlan};
 /// use mishandle::counterexample::Counterexample;
-/// use mishandle::run::minimize;
+/// use mishandle::falsification::minimize;
 /// # let folder = tempfile::tempdir().unwrap();
 /// let resolved = ResolvedPlan::new(&Plan::new("toy/sphere-2d", "")).unwrap();
 /// let mut system = resolved.system().unwrap();
@@ -388,7 +389,7 @@ fn portable_controller(plan: &Plan, components: &[ComponentRecord]) -> String {
 fn check_failing(robustness: Option<f64>) -> Result<(), MishandleError> {
     match robustness {
         Some(rho) if rho < 0.0 => Ok(()),
-        Some(rho) => Err(MishandleError::NotACounterexample { robustness: rho.to_string() }),
-        None => Err(MishandleError::NotACounterexample { robustness: "undecided".to_string() }),
+        Some(rho) => Err(FalsificationError::NotACounterexample { robustness: rho.to_string() }.into()),
+        None => Err(FalsificationError::NotACounterexample { robustness: "undecided".to_string() }.into()),
     }
 }

@@ -4,6 +4,7 @@ use std::ops::ControlFlow;
 use std::path::Path;
 
 use mishandle_evaluation::RepeatReport;
+use mishandle_falsification::{repeat, repeat_seeds};
 use mishandle_rollout::{Episode, Seed};
 use mishandle_store::RunHeader;
 
@@ -11,7 +12,6 @@ use crate::counterexample::Counterexample;
 use crate::error::MishandleError;
 use crate::inspect::{ExplainedSimulation, explain_episode};
 use crate::resolve::{ResolvedPlan, depends_on_seed};
-use crate::run::{repeat, repeat_seeds};
 
 /// A counterexample that was simulated again.
 #[derive(Debug)]

@@ -1,6 +1,7 @@
 //! The search that a plan names, with its options.
 
-use mishandle_rollout::{Axis, AxisValues, Space};
+use mishandle_falsification::coordinate;
+use mishandle_rollout::Space;
 use mishandle_search::{
     Coordinate, SEARCHES, Search, SearchEntry, SearchError, SearchOptions, by_name, find_search,
 };
@@ -51,16 +52,6 @@ pub(crate) fn new_search(
 ) -> impl Fn(u64) -> Result<Box<dyn Search>, SearchError> + 'static {
     let (name, coordinates, options) = (falsify.search.clone(), coordinates(space), search_options(falsify));
     move |seed| by_name(&name, &coordinates, seed, &options)
-}
-
-/// Returns the type of the coordinate of an axis.
-pub(crate) fn coordinate(axis: &Axis) -> Coordinate {
-    match (&axis.values, axis.levels()) {
-        _ if axis.is_fixed() => Coordinate::Integer { levels: 1 },
-        (AxisValues::Categorical(_), Some(levels)) => Coordinate::Categorical { levels },
-        (_, Some(levels)) => Coordinate::Integer { levels },
-        (_, None) => Coordinate::Continuous,
-    }
 }
 
 #[cfg(test)]

@@ -1,7 +1,7 @@
 //! Runs: questions that simulations answer.
 //!
 //! [`evaluate`](evaluate()) and [`falsify`](falsify()) write every simulation to a run file as soon as it ends, and continue a run
-//! that was interrupted. [`risk`](risk()) and [`margin`](margin()) estimate and search without a run file. The `*_on_backend`
+//! that was interrupted. [`risk`](risk()) estimates without a run file. The `*_on_backend`
 //! functions screen thousands of scenarios on another physics engine; MuJoCo C gives every verdict.
 
 mod campaign;
@@ -9,12 +9,10 @@ mod completion;
 pub(crate) mod evaluate;
 pub(crate) mod falsify;
 pub(crate) mod header;
-mod margin;
-mod minimize;
 pub(crate) mod record;
+mod repeats;
 mod risk;
 pub(crate) mod screening;
-mod simulate;
 pub(crate) mod violation;
 
 pub use campaign::{CampaignRun, campaign_runs, create_campaign, free_campaign_folder};
@@ -23,12 +21,10 @@ pub use evaluate::{
     EvaluationOutcome, evaluate, evaluation_request, evaluation_simulations, rejects_scenarios,
 };
 pub use falsify::{FalsifyProgress, failure_rate_bound, falsify, falsify_on_backend};
-pub use margin::{Level, Margin, Norms, Witness, check_margin, margin, witness_repeats};
-pub use minimize::{Minimized, axes_off_nominal, is_close, minimize};
 pub use record::{create_run, recorded_axis, recorded_episode};
+pub use repeats::witness_repeats;
 pub use risk::{risk, risk_assumption, risk_refusals, risk_scenarios};
 pub use screening::{
     ScreenedEvaluationOutcome, evaluate_on_backend, gpu_backend, install_gpu_backend, risk_on_backend,
     screening,
 };
-pub use simulate::{Noise, measure_noise, repeat, repeat_seeds};

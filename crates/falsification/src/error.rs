@@ -11,6 +11,22 @@ pub enum FalsificationError {
         /// `trials` or `simulations per trial`.
         what: &'static str,
     },
+    /// A value is out of its range.
+    #[error("{what} is {value}; it must be {expected}")]
+    InvalidValue {
+        /// Meaning of the value.
+        what: &'static str,
+        /// The value.
+        value: String,
+        /// Allowed values.
+        expected: &'static str,
+    },
+    /// The simulation is not a counterexample.
+    #[error("the robustness of the simulation is {robustness}; a counterexample has a negative robustness")]
+    NotACounterexample {
+        /// Robustness of the simulation, or the reason why it has none.
+        robustness: String,
+    },
     /// The dimension of the search differs from the number of axes of the space.
     #[error(
         "the search `{search}` has dimension {found}; expected {expected}, the number of axes of the space"

@@ -6,6 +6,9 @@
 //! [`Episode`](mishandle_rollout::Episode) before the next batch starts. An interrupted campaign resumes from its records.
 //! This crate uses neither files nor clocks.
 //!
+//! [`minimize`](minimize()) moves a counterexample toward the nominal scenario, [`repeat`](repeat()) simulates it with other seeds,
+//! and [`Repeated`] says how often. [`margin`](margin()) searches for the smallest disturbance that violates the requirement.
+//!
 //! # Example
 //! A system in closed form whose requirement is violated where x > 0.9:
 //! ```
@@ -34,20 +37,28 @@
 //! ```
 
 mod campaign;
+mod coordinate;
 mod error;
 mod keep_going;
+mod margin;
+mod minimize;
 mod modes;
 mod outcome;
+mod repeat;
 mod screened;
 mod trial;
 
 pub use campaign::{Campaign, CampaignBatch, CampaignSettings};
+pub use coordinate::coordinate;
 pub use error::FalsificationError;
 pub use keep_going::{KeepGoing, SignatureOf, simulations_without_mode};
+pub use margin::{Level, Margin, Norms, Witness, check_margin, margin};
+pub use minimize::{Minimized, axes_off_nominal, is_close, minimize};
 pub use modes::{
     FailurePoint, MAX_FAILURES, MAX_OTHERS, ModeMembers, Signature, UnitScenario, group_failures,
     unit_scenario,
 };
 pub use outcome::{CampaignOutcome, Minimum, TrialOutcome, Unevaluated};
+pub use repeat::{Noise, Repeated, measure_noise, repeat, repeat_seeds};
 pub use screened::{RepeatedCount, ScreenedCounts};
 pub use trial::{SearchFactory, Trial, TrialEnd};

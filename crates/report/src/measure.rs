@@ -4,9 +4,9 @@ use std::cell::Cell;
 use std::ops::ControlFlow;
 
 use mishandle::evaluation::{Corners, Estimate, RepeatReport, wilson};
+use mishandle::falsification::{Noise, Repeated, measure_noise, repeat, repeat_seeds};
 use mishandle::inspect::FailureMode;
 use mishandle::rollout::{Axis, Episode, Request, Scenario, Seed, Stream, System};
-use mishandle::run::Noise;
 use mishandle::store::RunFile;
 use mishandle::{MishandleError, ResolvedPlan};
 
@@ -17,11 +17,8 @@ use crate::pictures::{self, Pictures};
 /// By what fraction of an axis the box of a failure mode is widened on each side.
 const MARGIN: f64 = 0.1;
 
-/// Number of repeats of a representative with other seeds.
-const REPEATS: u64 = 50;
-
 /// Number of scenarios that measure the share of noise, and simulations of each.
-const NOISE: (u64, u64) = (20, 5);
+const NOISE: (u64, u64) = (20, Repeated::NoiseInReport.simulations());
 
 /// Number of simulations per batch.
 const BATCH: usize = 64;
@@ -134,7 +131,7 @@ impl RunReport {
         };
         let modes = self.representatives.len() as u64;
         let noise = if depends_on_seed { NOISE.0 * NOISE.1 } else { 0 };
-        let repeats = if depends_on_seed { REPEATS } else { 0 };
+        let repeats = if depends_on_seed { Repeated::Representative.simulations() } else { 0 };
         let total = modes * (u64::from(probes) + repeats)
             + noise
             + corners.as_ref().map_or(0, |corners| u64::from(corners.simulations()));
@@ -160,8 +157,8 @@ impl RunReport {
                 0 => None,
                 _ if is_interrupted.get() => None,
                 _ => {
-                    let seeds = mishandle::run::repeat_seeds(seed.child(index), repeats);
-                    Some(mishandle::run::repeat(&mut *system, &scenario, seeds, &mut count)?)
+                    let seeds = repeat_seeds(seed.child(index), repeats);
+                    Some(repeat(&mut *system, &scenario, seeds, &mut count)?)
                 }
             });
             if is_interrupted.get() {
@@ -170,8 +167,7 @@ impl RunReport {
         }
         if noise > 0 {
             let (scenarios, repeats) = NOISE;
-            measured.noise =
-                mishandle::run::measure_noise(resolved, &mut *system, seed, scenarios, repeats, &mut count)?;
+            measured.noise = measure_noise(&mut *system, seed, scenarios, repeats, &mut count)?;
         }
         if let Some(corners) = corners {
             let requests: Vec<Request> =

@@ -1,6 +1,6 @@
 //! The section of one run.
 
-use mishandle::run::Noise;
+use mishandle::falsification::Noise;
 use mishandle::stl::{Clock, EvaluationTime, Formula};
 use mishandle::store::RunHeader;
 

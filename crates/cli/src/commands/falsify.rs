@@ -7,7 +7,9 @@ use std::path::Path;
 use anyhow::Result;
 use clap::Args;
 use mishandle::evaluation::{NotSmooth, RepeatReport, SmoothRegion};
-use mishandle::falsification::{CampaignOutcome, Minimum, TrialEnd, TrialOutcome};
+use mishandle::falsification::{
+    CampaignOutcome, Minimum, Repeated, TrialEnd, TrialOutcome, repeat, repeat_seeds,
+};
 use mishandle::inspect::ModeSurvey;
 use mishandle::plan::FalsifyPlan;
 use mishandle::search::OptionValue;
@@ -123,7 +125,7 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
         }
         return Ok(ExitStatus::Interrupted);
     }
-    let repeats = counterexample_repeats(&resolved, &found, command.repeats.unwrap_or(REPEATS))?;
+    let repeats = counterexample_repeats(&resolved, &found, command.repeats)?;
     let region = smooth_region(&resolved, &found, &path)?;
     if command.run.json {
         let mut document = document(&resolved, &found, &repeats, &path.to_string_lossy());
@@ -154,20 +156,16 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
     Ok(ExitStatus::Violated)
 }
 
-/// Default number of repeated simulations of a counterexample.
-const REPEATS: u32 = 100;
-
-/// Fewest simulations of a counterexample with other seeds, unless fewer are requested. Fewer say little: of 20, none fails with a
-/// probability of 36 % if 5 % do.
-const FEWEST_REPEATS: u64 = 20;
-
 /// Repeated simulations of counterexamples, by trial.
 pub type Repeats = BTreeMap<u32, RepeatReport>;
 
-/// Simulates each counterexample `repeats` times with other seeds; in total at most as often as the run has simulations, but each at
-/// least [`FEWEST_REPEATS`] times.
+/// Simulates each counterexample with other seeds, as often as [`Repeated::each_counterexample`] says.
 /// Returns nothing for a target without randomness, whose counterexamples always fail.
-fn counterexample_repeats(resolved: &ResolvedPlan, found: &CampaignOutcome, repeats: u32) -> Result<Repeats> {
+fn counterexample_repeats(
+    resolved: &ResolvedPlan,
+    found: &CampaignOutcome,
+    repeats: Option<u32>,
+) -> Result<Repeats> {
     let counterexamples: Vec<(u32, &Minimum)> = found
         .trials
         .iter()
@@ -175,8 +173,8 @@ fn counterexample_repeats(resolved: &ResolvedPlan, found: &CampaignOutcome, repe
         .filter_map(|trial| Some((trial.trial, trial.minimum.as_ref()?)))
         .filter(|(_, minimum)| mishandle::resolve::depends_on_seed(resolved, &minimum.scenario))
         .collect();
-    let share = found.simulations / (counterexamples.len() as u64).max(1);
-    let each = u64::from(repeats).min(share.max(FEWEST_REPEATS));
+    let requested = repeats.map_or(Repeated::Counterexample.simulations(), u64::from);
+    let each = Repeated::each_counterexample(requested, found.simulations, counterexamples.len() as u64);
     if counterexamples.is_empty() || each == 0 {
         return Ok(Repeats::new());
     }
@@ -185,8 +183,8 @@ fn counterexample_repeats(resolved: &ResolvedPlan, found: &CampaignOutcome, repe
     let mut done = 0;
     let mut reports = Repeats::new();
     for (trial, minimum) in counterexamples {
-        let seeds = mishandle::run::repeat_seeds(minimum.seed, each);
-        let report = mishandle::run::repeat(&mut *system, &minimum.scenario, seeds, |_| {
+        let seeds = repeat_seeds(minimum.seed, each);
+        let report = repeat(&mut *system, &minimum.scenario, seeds, |_| {
             done += 1;
             bar.set_position(done);
             run::control_flow()

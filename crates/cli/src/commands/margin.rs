@@ -6,9 +6,9 @@ use anyhow::{Result, ensure};
 use clap::Args;
 use mishandle::counterexample::Counterexample;
 use mishandle::evaluation::RepeatReport;
+use mishandle::falsification::{Level, Margin, Repeated, Witness};
 use mishandle::plan::FalsifyPlan;
 use mishandle::rollout::{Axis, AxisKind, Seed};
-use mishandle::run::{Level, Margin, Witness};
 use mishandle::{Plan, ResolvedPlan};
 use mishandle_text::{decimal, plural, shell_quote};
 use serde_json::{Value, json};
@@ -57,7 +57,7 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
     counterexamples::check_out(command.out.as_deref(), &resolved, command.force)?;
     let mut system = resolved.system()?;
     let seed = Seed(resolved.plan.seed);
-    let found = mishandle::run::margin(&mut *system, seed, budget, |done| {
+    let found = mishandle::falsification::margin(&mut *system, seed, budget, |done| {
         bar.set_position(done);
         run::control_flow()
     })?;
@@ -83,7 +83,9 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
         (Some(_), None) => output::message("there is no witness to write"),
         (None, _) => {}
     }
-    if !found.is_complete || repeats.is_some_and(|repeats| repeats.simulations < Margin::REPEATS) {
+    if !found.is_complete
+        || repeats.is_some_and(|repeats| repeats.simulations < Repeated::Counterexample.simulations())
+    {
         run::report_loss(found.simulations, kept_and_lost(&found));
         return Ok(ExitStatus::Interrupted);
     }

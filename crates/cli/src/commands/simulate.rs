@@ -2,9 +2,9 @@ use anyhow::{Context, Result, bail, ensure};
 use clap::Args;
 use mishandle::ResolvedPlan;
 use mishandle::evaluation::{Estimate, QUANTILES, RepeatReport};
+use mishandle::falsification::{Noise, Repeated, measure_noise, repeat_seeds};
 use mishandle::plan::FalsifyPlan;
 use mishandle::rollout::{Axis, AxisValues, Request, Scenario, Seed, Space};
-use mishandle::run::Noise;
 use mishandle_text::{decimal, plural};
 use serde_json::{Value, json};
 
@@ -45,9 +45,8 @@ pub struct Arguments {
     pub run: args::Run,
 }
 
-/// Default number of random scenarios that measure the share of noise, and simulations of each.
+/// Default number of random scenarios that measure the share of noise.
 const NOISE_SCENARIOS: u32 = 20;
-const NOISE_REPEATS: u64 = 20;
 
 pub fn run(command: &Arguments) -> Result<ExitStatus> {
     run::set_threads(command.run.threads)?;
@@ -188,7 +187,8 @@ fn repeated(
         output::message("nothing is random in this target and plan, so the scenario is simulated once");
         (1, 0)
     };
-    let total = repeat + scenarios * NOISE_REPEATS;
+    let noise_repeats = Repeated::Noise.simulations();
+    let total = repeat + scenarios * noise_repeats;
     let bar = Bar::new(total, "simulations");
     run::stop_on_signals(&bar)?;
     let mut done = 0;
@@ -199,14 +199,12 @@ fn repeated(
     };
     let mut system = resolved.system()?;
     let seed = Seed(resolved.plan.seed);
-    let seeds = mishandle::run::repeat_seeds(seed, repeat);
-    let report = mishandle::run::repeat(&mut *system, scenario, seeds, &mut count)?;
+    let seeds = repeat_seeds(seed, repeat);
+    let report = mishandle::falsification::repeat(&mut *system, scenario, seeds, &mut count)?;
     let noise = match scenarios {
         0 => None,
         _ if run::control_flow().is_break() => None,
-        _ => {
-            mishandle::run::measure_noise(resolved, &mut *system, seed, scenarios, NOISE_REPEATS, &mut count)?
-        }
+        _ => measure_noise(&mut *system, seed, scenarios, noise_repeats, &mut count)?,
     };
     bar.clear();
     if command.run.json {

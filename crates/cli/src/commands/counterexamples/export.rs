@@ -5,9 +5,11 @@ use anyhow::{Context, Result, bail, ensure};
 use clap::Args;
 use mishandle::counterexample::{AxisValue, Counterexample, MinimizedFrom};
 use mishandle::evaluation::RepeatReport;
+use mishandle::falsification::{
+    Minimized, Repeated, axes_off_nominal, is_close, minimize, repeat, repeat_seeds,
+};
 use mishandle::files::NewFolders;
 use mishandle::rollout::{Scenario, Seed, Space};
-use mishandle::run::{Minimized, axes_off_nominal, is_close, minimize};
 use mishandle::store::RunFile;
 use mishandle::{Plan, ResolvedPlan};
 use mishandle_text::{decimal, plural};
@@ -76,9 +78,6 @@ pub struct Arguments {
 
 /// Default number of simulations of a minimization.
 const BUDGET: u64 = 300;
-
-/// Number of simulations with other seeds of a minimized scenario whose target depends on the seed.
-const REPEATS: u64 = 100;
 
 /// A counterexample to write.
 struct Chosen {
@@ -291,8 +290,8 @@ fn shrink(
     let scenario = &minimized.episode.request.scenario;
     let repeats = match mishandle::resolve::depends_on_seed(resolved, scenario) {
         true if run::control_flow().is_continue() => {
-            let seeds = mishandle::run::repeat_seeds(Seed(counterexample.seed), REPEATS);
-            Some(mishandle::run::repeat(&mut *system, scenario, seeds, |_| run::control_flow())?)
+            let seeds = repeat_seeds(Seed(counterexample.seed), Repeated::Counterexample.simulations());
+            Some(repeat(&mut *system, scenario, seeds, |_| run::control_flow())?)
         }
         _ => None,
     };

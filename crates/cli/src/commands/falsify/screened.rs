@@ -11,7 +11,7 @@ use mishandle::rollout::Request;
 use mishandle_text::{plural, shell_quote};
 use serde_json::{Value, json};
 
-use super::{Arguments, REPEATS, Repeats, simulate};
+use super::{Arguments, Repeats, simulate};
 use crate::commands::counterexamples;
 use crate::progress::Bar;
 use crate::{ExitStatus, args, output, run};
@@ -51,7 +51,7 @@ pub fn run(command: &Arguments, bar: &Bar) -> Result<ExitStatus> {
     super::report_unevaluated(&resolved, &found);
     let is_complete = super::is_complete(&resolved, &found);
     let repeats = match is_complete {
-        true => super::counterexample_repeats(&resolved, &found, command.repeats.unwrap_or(REPEATS))?,
+        true => super::counterexample_repeats(&resolved, &found, command.repeats)?,
         false => Repeats::new(),
     };
     match command.run.json {

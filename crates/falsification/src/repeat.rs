@@ -5,11 +5,54 @@ use std::ops::ControlFlow;
 use mishandle_evaluation::{Estimate, RepeatReport, variance_share};
 use mishandle_rollout::{Episode, Request, Scenario, Seed, System};
 
-use crate::error::MishandleError;
-use crate::resolve::ResolvedPlan;
+use crate::FalsificationError;
 
-/// Number of simulations per batch.
-const BATCH: usize = 64;
+/// Number of simulations per batch of repeats, of a minimization and of a margin.
+pub(crate) const BATCH: usize = 64;
+
+/// A scenario that is simulated with other random seeds. It decides how often that is done by default, everywhere.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Repeated {
+    /// A counterexample of a search, a minimized one, or the witness of a margin.
+    Counterexample,
+    /// The representative of a failure mode. A report repeats one for each mode.
+    Representative,
+    /// A random scenario, to measure how much of the variance is noise: `simulate --repeat`.
+    Noise,
+    /// The same in a report, which has other simulations to pay for.
+    NoiseInReport,
+}
+
+impl Repeated {
+    /// Fewest simulations of a counterexample with other seeds, unless fewer are requested. Fewer say little: of 20, none fails with
+    /// a probability of 36 % if 5 % do.
+    pub const FEWEST: u64 = 20;
+
+    /// Returns the default number of simulations.
+    pub const fn simulations(self) -> u64 {
+        match self {
+            Repeated::Counterexample => 100,
+            Repeated::Representative => 50,
+            Repeated::Noise => 20,
+            Repeated::NoiseInReport => 5,
+        }
+    }
+
+    /// Returns the number of simulations of each of several counterexamples of a run: `requested`, but in total at most as often as
+    /// the run has simulations, and each at least [`FEWEST`](Self::FEWEST) times.
+    ///
+    /// # Example
+    /// ```
+    /// use mishandle_falsification::Repeated;
+    /// assert_eq!(Repeated::each_counterexample(100, 900, 3), 100);
+    /// assert_eq!(Repeated::each_counterexample(100, 900, 30), 30);
+    /// assert_eq!(Repeated::each_counterexample(100, 900, 90), 20);
+    /// assert_eq!(Repeated::each_counterexample(5, 900, 90), 5);
+    /// ```
+    pub fn each_counterexample(requested: u64, simulations: u64, counterexamples: u64) -> u64 {
+        requested.min((simulations / counterexamples.max(1)).max(Repeated::FEWEST))
+    }
+}
 
 /// Returns `n` seeds for repeated simulations: children of `seed`. `seed` itself is not among them, so the counterexample of a
 /// search, whose seed was selected, is not one of its own repeats.
@@ -27,7 +70,7 @@ pub fn repeat(
     scenario: &Scenario,
     seeds: impl Iterator<Item = Seed>,
     mut watch: impl FnMut(&Episode) -> ControlFlow<()>,
-) -> Result<RepeatReport, MishandleError> {
+) -> Result<RepeatReport, FalsificationError> {
     let mut requests =
         (1..).zip(seeds).map(|(number, seed)| Request { number, ..Request::new(scenario.clone(), seed) });
     let mut robustness = Vec::new();
@@ -62,16 +105,16 @@ pub struct Noise {
 /// # Errors
 /// If a simulation cannot be run.
 pub fn measure_noise(
-    resolved: &ResolvedPlan,
     system: &mut dyn System,
     seed: Seed,
     scenarios: u64,
     repeats: u64,
     mut watch: impl FnMut(&Episode) -> ControlFlow<()>,
-) -> Result<Option<Noise>, MishandleError> {
+) -> Result<Option<Noise>, FalsificationError> {
+    let space = system.space().clone();
     let mut groups = Vec::new();
     for index in 0..scenarios {
-        let scenario = resolved.space.sample(seed, index);
+        let scenario = space.sample(seed, index);
         let (mut group, mut is_interrupted) = (Vec::new(), false);
         let seeds = repeat_seeds(seed.child(index), repeats);
         repeat(system, &scenario, seeds, |episode| {
@@ -94,26 +137,30 @@ pub fn measure_noise(
 mod tests {
     use std::cell::Cell;
 
+    use mishandle_rollout::{Axis, Space};
+    use mishandle_toys::{FunctionSystem, SimulatedEnd};
+
     use super::*;
-    use crate::plan::Plan;
 
     #[test]
     fn seeds_are_drawn_as_they_are_needed() {
-        let resolved = ResolvedPlan::new(&Plan::new("toy/noisy", "")).unwrap();
-        let mut system = resolved.system().unwrap();
+        let space = Space::new("starts", vec![Axis::start("x", "m", 0.0, 1.0)]).unwrap();
+        let scenario = space.nominal();
+        // The sign of the robustness depends on the seed.
+        let outcome = |request: &Request| SimulatedEnd::Robustness(f64::from(request.seed.0 as u32) - 1e9);
+        let mut system = FunctionSystem::new(space, outcome);
         let (drawn, done) = (Cell::new(0), Cell::new(0));
         let seeds = repeat_seeds(Seed(1), 150).inspect(|_| drawn.set(drawn.get() + 1));
-        let scenario = resolved.space.nominal();
-        let report = repeat(&mut *system, &scenario, seeds, |_| {
+        let report = repeat(&mut system, &scenario, seeds, |_| {
             done.set(done.get() + 1);
             assert!(drawn.get() < done.get() + BATCH, "{} drawn, {} done", drawn.get(), done.get());
             ControlFlow::Continue(())
         });
         assert_eq!((report.unwrap().simulations, done.get()), (150, 150));
         // An interruption keeps the batch that was running.
-        let report = repeat(&mut *system, &scenario, repeat_seeds(Seed(1), 150), |_| ControlFlow::Break(()));
+        let report = repeat(&mut system, &scenario, repeat_seeds(Seed(1), 150), |_| ControlFlow::Break(()));
         assert_eq!(report.unwrap().simulations, BATCH as u64);
         let stopped = |_: &Episode| ControlFlow::Break(());
-        assert_eq!(measure_noise(&resolved, &mut *system, Seed(1), 5, 5, stopped).unwrap(), None);
+        assert_eq!(measure_noise(&mut system, Seed(1), 5, 5, stopped).unwrap(), None);
     }
 }

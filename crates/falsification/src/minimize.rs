@@ -4,13 +4,11 @@ use std::ops::ControlFlow;
 
 use mishandle_rollout::{Axis, AxisValues, Episode, Request, Scenario, Space, System};
 
-use crate::error::MishandleError;
+use crate::FalsificationError;
+use crate::repeat::BATCH;
 
 /// A minimized scenario passes if one of its axes moves toward nominal by this fraction of its width.
 const RESOLUTION: f64 = 0.01;
-
-/// Number of simulations per batch.
-const BATCH: usize = 64;
 
 /// A counterexample that was moved toward the nominal scenario.
 #[derive(Clone, Debug)]
@@ -45,11 +43,12 @@ pub fn minimize(
     request: &Request,
     budget: u64,
     watch: impl FnMut(u64) -> ControlFlow<()>,
-) -> Result<Minimized, MishandleError> {
-    let original = system.rollout(std::slice::from_ref(request))?.pop().ok_or(MishandleError::NoEpisode)?;
+) -> Result<Minimized, FalsificationError> {
+    let mut episodes = system.rollout(std::slice::from_ref(request))?;
+    let original = episodes.pop().ok_or(FalsificationError::EpisodeCount { requested: 1, returned: 0 })?;
     if original.robustness().is_none_or(|rho| rho >= 0.0) {
         let robustness = original.robustness().map_or("undecided".to_string(), |rho| rho.to_string());
-        return Err(MishandleError::NotACounterexample { robustness });
+        return Err(FalsificationError::NotACounterexample { robustness });
     }
     let space = system.space().clone();
     let mut search = Search {
@@ -97,10 +96,10 @@ pub fn is_close(space: &Space, a: &Scenario, b: &Scenario) -> bool {
 enum Stop {
     Budget,
     Interrupted,
-    Error(Box<MishandleError>),
+    Error(Box<FalsificationError>),
 }
 
-impl<E: Into<MishandleError>> From<E> for Stop {
+impl<E: Into<FalsificationError>> From<E> for Stop {
     fn from(error: E) -> Stop {
         Stop::Error(Box::new(error.into()))
     }

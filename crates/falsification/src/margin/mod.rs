@@ -4,18 +4,14 @@ mod amplitude;
 #[cfg(test)]
 mod tests;
 
-use std::ops::ControlFlow;
+use std::ops::{ControlFlow, RangeInclusive};
 
-use mishandle_evaluation::RepeatReport;
 use mishandle_random::Sequence;
 use mishandle_rollout::{Axis, Episode, Request, Scenario, Seed, Space, System};
 use mishandle_search::{Coordinate, OptionValue, SearchOptions, by_name};
 
-use crate::error::MishandleError;
-use crate::plan::Plan;
-use crate::resolve::search::coordinate;
-use crate::resolve::{ResolvedPlan, depends_on_seed};
-use crate::run::{minimize, repeat, repeat_seeds};
+use crate::repeat::BATCH;
+use crate::{FalsificationError, coordinate, minimize};
 use amplitude::{all_scenarios, between, is_disturbed, is_time, norms, offsets, scaled, scenario_at};
 
 /// Largest number of amplitudes that a bisection down to the resolution tries.
@@ -23,9 +19,6 @@ const LEVELS: u64 = 8;
 
 /// Fraction of the simulations of an amplitude that try random signs, before CMA-ES.
 const SIGNS: f64 = 0.25;
-
-/// Number of simulations per batch.
-const BATCH: usize = 64;
 
 /// The smallest disturbance that was found, and what was tried.
 #[derive(Clone, Debug)]
@@ -104,14 +97,14 @@ impl Level {
 }
 
 impl Margin {
+    /// Allowed numbers of simulations.
+    pub const BUDGETS: RangeInclusive<u64> = 1..=1_000_000;
+
     /// Default of the largest number of simulations.
     pub const BUDGET: u64 = 3000;
 
     /// Space that is searched by default.
     pub const SPACE: &str = "disturbance";
-
-    /// Number of simulations with other seeds of a witness whose target depends on the seed.
-    pub const REPEATS: u64 = 100;
 
     /// Returns whether a simulation has a verdict. Without one, the system was not tested.
     pub fn has_verdict(&self) -> bool {
@@ -156,7 +149,7 @@ pub fn margin(
     seed: Seed,
     budget: u64,
     mut watch: impl FnMut(u64) -> ControlFlow<()>,
-) -> Result<Margin, MishandleError> {
+) -> Result<Margin, FalsificationError> {
     let space = system.space().clone();
     check_margin(budget, &space)?;
     let mut attempt = Attempt {
@@ -196,32 +189,15 @@ pub fn margin(
 ///
 /// # Errors
 /// If not.
-pub fn check_margin(budget: u64, space: &Space) -> Result<(), MishandleError> {
-    let (what, value, expected) = if !Plan::BUDGET.contains(&budget) {
+pub fn check_margin(budget: u64, space: &Space) -> Result<(), FalsificationError> {
+    let (what, value, expected) = if !Margin::BUDGETS.contains(&budget) {
         ("the budget", budget, "from 1 to 1000000")
     } else if !space.axes().iter().any(is_disturbed) {
         ("the number of disturbed axes", 0, "at least 1: an axis with a nominal value that is no start")
     } else {
         return Ok(());
     };
-    Err(MishandleError::InvalidValue { what, value: value.to_string(), expected })
-}
-
-/// Simulates a witness with other seeds. Returns `None` if they cannot change the result.
-///
-/// # Errors
-/// If a simulation cannot be run.
-pub fn witness_repeats(
-    resolved: &ResolvedPlan,
-    witness: &Witness,
-    watch: impl FnMut(&Episode) -> ControlFlow<()>,
-) -> Result<Option<RepeatReport>, MishandleError> {
-    let Request { scenario, seed, .. } = &witness.episode.request;
-    if !depends_on_seed(resolved, scenario) {
-        return Ok(None);
-    }
-    let mut system = resolved.system()?;
-    Ok(Some(repeat(&mut *system, scenario, repeat_seeds(*seed, Margin::REPEATS), watch)?))
+    Err(FalsificationError::InvalidValue { what, value: value.to_string(), expected })
 }
 
 impl Witness {
@@ -246,7 +222,7 @@ struct Attempt<'a> {
 
 impl Attempt<'_> {
     /// Bisects the amplitude. Returns the amplitudes that were tried, and the violation at the smallest one.
-    fn bisect(&mut self) -> Result<(Vec<Level>, Option<Episode>), MishandleError> {
+    fn bisect(&mut self) -> Result<(Vec<Level>, Option<Episode>), FalsificationError> {
         let share = (self.budget / 2 / LEVELS).max(1);
         let (level, mut witness) = self.try_largest(share)?;
         let mut levels = vec![level];
@@ -275,7 +251,7 @@ impl Attempt<'_> {
 
     /// Searches at the largest amplitude until a violation or the end of the budget, in rounds: each has new starts and is twice as long
     /// as the one before.
-    fn try_largest(&mut self, first: u64) -> Result<(Level, Option<Episode>), MishandleError> {
+    fn try_largest(&mut self, first: u64) -> Result<(Level, Option<Episode>), FalsificationError> {
         let mut level = Level::new(1.0);
         let mut share = first;
         loop {
@@ -295,7 +271,7 @@ impl Attempt<'_> {
         level: &mut Level,
         witness: Option<&Episode>,
         share: u64,
-    ) -> Result<Option<Episode>, MishandleError> {
+    ) -> Result<Option<Episode>, FalsificationError> {
         let before = level.simulations;
         if let Some(all) = all_scenarios(&self.space, level.amplitude, share) {
             let found = self.simulate(&all, level)?;
@@ -325,7 +301,7 @@ impl Attempt<'_> {
         level: &mut Level,
         end: u64,
         start: Option<Vec<f64>>,
-    ) -> Result<Option<Episode>, MishandleError> {
+    ) -> Result<Option<Episode>, FalsificationError> {
         let coordinates: Vec<Coordinate> = self.space.axes().iter().map(coordinate).collect();
         let mut options = SearchOptions::default();
         if let Some(start) = start {
@@ -356,7 +332,7 @@ impl Attempt<'_> {
         &mut self,
         scenarios: &[Scenario],
         level: &mut Level,
-    ) -> Result<Option<Episode>, MishandleError> {
+    ) -> Result<Option<Episode>, FalsificationError> {
         for batch in scenarios.chunks(BATCH) {
             let found = violation(self.rollout(batch, level)?);
             if found.is_some() || self.is_interrupted {
@@ -366,7 +342,11 @@ impl Attempt<'_> {
         Ok(None)
     }
 
-    fn rollout(&mut self, scenarios: &[Scenario], level: &mut Level) -> Result<Vec<Episode>, MishandleError> {
+    fn rollout(
+        &mut self,
+        scenarios: &[Scenario],
+        level: &mut Level,
+    ) -> Result<Vec<Episode>, FalsificationError> {
         let requests: Vec<Request> =
             scenarios.iter().map(|scenario| Request::new(scenario.clone(), self.seed)).collect();
         let episodes = self.system.rollout(&requests)?;
