@@ -135,7 +135,7 @@ fn table(text: &str) -> Result<(usize, Vec<Row>), Problem> {
     Ok((head, rows.map(|(line, text)| row(line, text)).collect::<Result<_, _>>()?))
 }
 
-fn cells(line: &str) -> Vec<&str> {
+pub(super) fn cells(line: &str) -> Vec<&str> {
     line.trim().trim_matches('|').split('|').map(str::trim).collect()
 }
 
@@ -158,7 +158,7 @@ fn row(line: usize, text: &str) -> Result<Row, Problem> {
 }
 
 /// Returns the parts of a cell between backticks.
-fn quoted(cell: &str) -> impl Iterator<Item = &str> {
+pub(super) fn quoted(cell: &str) -> impl Iterator<Item = &str> {
     cell.split('`').skip(1).step_by(2)
 }
 

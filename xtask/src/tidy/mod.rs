@@ -1,8 +1,10 @@
 //! `cargo xtask tidy`: checks that the compiler does not make. Each reads a [`Tree`] and returns problems.
 
 mod crates;
+mod imports;
 mod links;
 mod prose;
+mod rooms;
 mod rules;
 
 use std::fmt;
@@ -80,11 +82,14 @@ pub fn check(root: &Path) -> Result<()> {
     let tree = Tree::read(root)?;
     let metadata = output(&mut cargo(root, &["metadata", "--no-deps", "--format-version=1"]))?;
     let packages = crates::packages(&metadata)?;
-    let problems =
-        [crates::check(&tree, &packages), rules::check(&tree), links::check(&tree), prose::check(&tree)]
-            .into_iter()
-            .flatten()
-            .collect::<Vec<_>>();
+    let found = [
+        crates::check(&tree, &packages),
+        rooms::check(&tree),
+        rules::check(&tree),
+        links::check(&tree),
+        prose::check(&tree),
+    ];
+    let problems = found.into_iter().flatten().collect::<Vec<_>>();
     for problem in &problems {
         eprintln!("{problem}");
     }
