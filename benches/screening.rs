@@ -9,7 +9,7 @@
 
 use std::time::Instant;
 
-use mishandle::rollout::{Request, Seed};
+use mishandle::rollout::{Request, Screen, Seed};
 use mishandle::world::{Backend, BatchBuffers, BatchSpec, CpuBackend, WorldBatch, WorldError};
 use mishandle::{EvaluatePlan, Plan, ResolvedPlan};
 

@@ -6,7 +6,7 @@ use std::ops::{ControlFlow, RangeInclusive};
 use mishandle_risk::{
     Disagreement, Failure, LARGEST_RATIO, Marginal, Method, Refusal, Report, Scenarios, Settings, Source,
 };
-use mishandle_rollout::{Request, Seed, Space};
+use mishandle_rollout::{Request, Seed, Space, System};
 use serde::{Deserialize, Serialize};
 
 use crate::{Counterexample, MishandleError, ResolvedPlan, decimal, depends_on_seed, plural};
@@ -95,6 +95,7 @@ pub fn risk_scenarios(resolved: &ResolvedPlan) -> Result<Scenarios, MishandleErr
 /// If the plan has no table `[risk]`, nothing is random, or a simulation cannot be run.
 pub fn risk(
     resolved: &ResolvedPlan,
+    system: &mut dyn System,
     watch: impl FnMut(u64) -> ControlFlow<()>,
 ) -> Result<Report, MishandleError> {
     let table = table(resolved)?;
@@ -105,7 +106,7 @@ pub fn risk(
         batch: table.batch as usize,
     };
     let scenarios = risk_scenarios(resolved)?;
-    Ok(mishandle_risk::risk(&mut *resolved.system()?, &scenarios, &settings, watch)?)
+    Ok(mishandle_risk::risk(system, &scenarios, &settings, watch)?)
 }
 
 fn table(resolved: &ResolvedPlan) -> Result<&RiskPlan, MishandleError> {

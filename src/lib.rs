@@ -42,12 +42,15 @@ mod hint;
 mod home;
 mod import;
 mod invisible;
+mod journal;
 mod margin;
 mod masking;
 mod minimize;
 mod mode_survey;
 mod number_text;
+mod outcomes;
 mod plan;
+mod question;
 mod record;
 mod regress;
 mod replay;
@@ -64,10 +67,7 @@ mod training_facts;
 mod trajectory;
 
 pub use axis_setting::AxisSetting;
-pub use backend::{
-    ScreenedEvaluationOutcome, evaluate_on_backend, gpu_backend, install_gpu_backend, risk_on_backend,
-    screening,
-};
+pub use backend::{Device, ScreenedEvaluationOutcome, screening};
 pub use build::{VERSION, VERSION_AND_COMMIT, build};
 pub use campaign::{CampaignRun, campaign_runs, create_campaign, free_campaign_folder};
 pub use comparison::{
@@ -91,12 +91,10 @@ pub use explanation::{
 pub use explanation_text::{compared_values, instant};
 pub use failure_modes::{Failure, FailureMode, FailureModes, axis as recorded_axis, failure_modes};
 pub use failure_probability::{
-    RiskPlan, check_risk, probability_text, risk, risk_assumption, risk_counterexample, risk_refusals,
+    RiskPlan, check_risk, probability_text, risk_assumption, risk_counterexample, risk_refusals,
     risk_scenarios,
 };
-pub use falsify::{
-    FalsifyProgress, check_falsify, failure_rate_bound, falsify, falsify_on_backend, search_entry,
-};
+pub use falsify::{check_falsify, failure_rate_bound, falsify, search_entry};
 pub use film::Film;
 pub use frames::{FrameCaptions, FrameRenderer};
 pub use full_trace::full_trace;
@@ -106,12 +104,13 @@ pub use home::{
 };
 pub use import::{import_controller, is_onnx, onnx_policy, read_normalizer};
 pub use invisible::is_invisible;
-pub use margin::{Level, Margin, Norms, Witness, check_margin, margin, witness_repeats};
+pub use margin::{Level, Margin, Norms, Witness, check_margin, margin};
 pub use masking::{EvaluatedCount, MaskedConjunct, Masking, masking};
 pub use minimize::{Minimized, axes_off_nominal, is_close, minimize};
 pub use mode_survey::{ModeSurvey, UnseenModes, mode_survey};
 pub use number_text::{decimal, plural};
-pub use plan::{EvaluatePlan, FalsifyPlan, GridRun, Plan, StartRegion, read_grid};
+pub use plan::{EvaluatePlan, FalsifyPlan, GridRun, MarginPlan, Plan, ScreeningPlan, StartRegion, read_grid};
+pub use question::{Answer, Engine, MarginOutcome, Progress, ask};
 pub use record::{create_run, recorded_episode};
 pub use regress::{Regression, regress, regress_with};
 pub use replay::{ReplayResult, build_differences, recorded_plan, replay, replay_with, select_simulation};

@@ -6,13 +6,12 @@ mod tests;
 
 use std::ops::ControlFlow;
 
-use mishandle_evaluation::RepeatReport;
 use mishandle_random::Sequence;
 use mishandle_rollout::{Axis, Episode, Request, Scenario, Seed, Space, System};
 use mishandle_search::{Coordinate, OptionValue, SearchOptions, by_name};
 
 use crate::falsify::coordinate;
-use crate::{MishandleError, Plan, ResolvedPlan, depends_on_seed, minimize, repeat, repeat_seeds};
+use crate::{MishandleError, Plan, minimize};
 use amplitude::{all_scenarios, between, is_disturbed, is_time, norms, offsets, scaled, scenario_at};
 
 /// Largest number of amplitudes that a bisection down to the resolution tries.
@@ -202,23 +201,6 @@ pub fn check_margin(budget: u64, space: &Space) -> Result<(), MishandleError> {
         return Ok(());
     };
     Err(MishandleError::InvalidValue { what, value: value.to_string(), expected })
-}
-
-/// Simulates a witness with other seeds. Returns `None` if they cannot change the result.
-///
-/// # Errors
-/// If a simulation cannot be run.
-pub fn witness_repeats(
-    resolved: &ResolvedPlan,
-    witness: &Witness,
-    watch: impl FnMut(&Episode) -> ControlFlow<()>,
-) -> Result<Option<RepeatReport>, MishandleError> {
-    let Request { scenario, seed, .. } = &witness.episode.request;
-    if !depends_on_seed(resolved, scenario) {
-        return Ok(None);
-    }
-    let mut system = resolved.system()?;
-    Ok(Some(repeat(&mut *system, scenario, repeat_seeds(*seed, Margin::REPEATS), watch)?))
 }
 
 impl Witness {

@@ -7,7 +7,7 @@ use mishandle_files::NewFolders;
 use mishandle_rollout::{AxisValues, Episode, EpisodeEnd, Request, Scenario, Seed, Target, Verdict};
 use mishandle_stl::{SubformulaMinimum, Trace};
 use mishandle_store as store;
-use mishandle_store::{IfExists, RunHeader, RunKind, RunWriter, Simulation, TargetRecord};
+use mishandle_store::{IfExists, RunHeader, RunWriter, Simulation, TargetRecord};
 
 use crate::target::is_path;
 use crate::{MishandleError, Plan, ResolvedPlan, build, controller_name};
@@ -45,7 +45,7 @@ pub(crate) fn header(resolved: &ResolvedPlan) -> RunHeader {
         .iter()
         .map(|signal| store::SignalRecord { name: signal.name.clone(), unit: signal.unit.clone() });
     RunHeader {
-        kind: if plan.falsify.is_some() { RunKind::Falsify } else { RunKind::Evaluate },
+        kind: plan.kind(),
         build: build(),
         versions: target.versions.clone(),
         plan: stored.to_toml(),
@@ -117,10 +117,8 @@ fn free_path(plan: &Plan) -> Result<PathBuf, MishandleError> {
         source,
     })?;
     let target = plan.target.replace('/', "-");
-    let (kind, search) = match &plan.falsify {
-        Some(falsify) => ("falsify", falsify.search.as_str()),
-        None => ("evaluate", ""),
-    };
+    let kind = plan.kind().name();
+    let search = plan.falsify.as_ref().map_or("", |falsify| falsify.search.as_str());
     let seed = format!("s{}", plan.seed);
     let parts = [kind, &target, &controller_name(&plan.controller), search, &seed];
     let name = parts.into_iter().filter(|part| !part.is_empty()).collect::<Vec<_>>().join("-");

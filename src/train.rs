@@ -17,10 +17,9 @@ use mishandle_training::{
     TrainingResult, Validation,
 };
 
-use crate::backend::gpu_networks;
 use crate::curve::{Curve, CurveRow, NoTrainingTime};
 use crate::home::check_home;
-use crate::{MishandleError, build, gpu_backend, shipped_settings, task};
+use crate::{Device, MishandleError, build, shipped_settings, task};
 pub(crate) use output_check::check as check_outputs;
 use plan::with_suffix;
 use recorder::TrainingRecorder;
@@ -66,7 +65,7 @@ impl TrainReport {
 }
 
 /// Trains a controller and writes the best one by validation to the plan's file, and the last one beside it. `observer`
-/// receives the progress and can stop the run.
+/// receives the progress and can stop the run. `gpu` is the device of a plan that trains on it.
 ///
 /// The first checkpoint is written after the first iteration. After that, a file that cannot be written does not end the
 /// run; writing is tried again, and the report contains the errors that remain at the end.
@@ -75,7 +74,11 @@ impl TrainReport {
 /// If a name is unknown, a setting has a value that is not allowed, the checkpoint or the curve belongs to another training
 /// run, an output file exists, or the first checkpoint or the start of an output file cannot be written. The files that
 /// this run created are then deleted.
-pub fn train(plan: &TrainPlan, observer: &mut dyn TrainObserver) -> Result<TrainReport, MishandleError> {
+pub fn train(
+    plan: &TrainPlan,
+    gpu: Option<&Device>,
+    observer: &mut dyn TrainObserver,
+) -> Result<TrainReport, MishandleError> {
     let task = task(&plan.task)?;
     let settings = settings(plan)?;
     plan.check_extension()?;
@@ -89,9 +92,10 @@ pub fn train(plan: &TrainPlan, observer: &mut dyn TrainObserver) -> Result<Train
     let resumed = if plan.resume { Some(Checkpoint::load(&plan.checkpoint())?) } else { None };
     let mut recorder =
         TrainingRecorder::new(plan, environment.clone(), specification, resumed.as_ref(), observer)?;
-    let batches = batches(plan, environment)?;
+    let batches = batches(plan, gpu, environment)?;
     let (seed, resumed) = (Seed(plan.seed), resumed.as_ref());
-    let trained = match gpu_networks().filter(|_| plan.backend == "gpu") {
+    let networks = gpu.and_then(|gpu| gpu.networks.as_deref());
+    let trained = match networks.filter(|_| plan.backend == "gpu") {
         Some(networks) => settings.train_on(&*batches, networks, seed, resumed, &mut recorder),
         None => settings.train(&*batches, seed, resumed, &mut recorder),
     };
@@ -150,11 +154,15 @@ pub(crate) fn environment(plan: &TrainPlan) -> Result<TaskEnvironment, Mishandle
 /// Returns the factory of a plan's training environments.
 pub(crate) fn batches(
     plan: &TrainPlan,
+    gpu: Option<&Device>,
     environment: Arc<TaskEnvironment>,
 ) -> Result<Box<dyn BatchFactory>, MishandleError> {
     known("backend", &plan.backend, &["cpu", "gpu"])?;
     Ok(match plan.backend == "gpu" {
-        true => Box::new(TaskBatches::new(environment, gpu_backend()?)),
+        true => {
+            let gpu = gpu.ok_or_else(|| MishandleError::NoDevice { device: plan.backend.clone() })?;
+            Box::new(TaskBatches::new(environment, gpu.worlds.clone()))
+        }
         false => Box::new(environment),
     })
 }

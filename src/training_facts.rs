@@ -6,7 +6,7 @@ use mishandle_tasks::task_hash;
 use mishandle_training::{AlgorithmSettings, Checkpoint};
 
 use crate::train::{batches, check_outputs, environment, reward, settings};
-use crate::{MishandleError, TrainPlan, task};
+use crate::{Device, MishandleError, TrainPlan, task};
 
 /// Facts that determine the result of a training run and the format of its controller files.
 #[derive(Clone, Debug, PartialEq)]
@@ -26,7 +26,7 @@ pub struct TrainingFacts {
 ///
 /// # Errors
 /// The errors of [`train`](crate::train()) before its first step.
-pub fn training_facts(plan: &TrainPlan) -> Result<TrainingFacts, MishandleError> {
+pub fn training_facts(plan: &TrainPlan, gpu: Option<&Device>) -> Result<TrainingFacts, MishandleError> {
     let task = task(&plan.task)?;
     let settings = settings(plan)?;
     let environment = Arc::new(environment(plan)?);
@@ -34,7 +34,7 @@ pub fn training_facts(plan: &TrainPlan) -> Result<TrainingFacts, MishandleError>
     let resumed = plan.resume && checkpoint.exists();
     let resumed = resumed.then(|| Checkpoint::load(&checkpoint)).transpose()?;
     check_outputs(plan, environment.reward_terms(), resumed.as_ref())?;
-    let batches = batches(plan, environment)?;
+    let batches = batches(plan, gpu, environment)?;
     if let Some(checkpoint) = &resumed {
         settings.check_resumption(&*batches, Seed(plan.seed), checkpoint)?;
     }

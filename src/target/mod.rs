@@ -7,7 +7,7 @@ use mishandle_stl::{Clock, Formula, Monitor};
 use mishandle_toys::TOYS;
 
 use crate::axis_setting::with_settings;
-use crate::{MishandleError, Plan};
+use crate::{MishandleError, Plan, ScreeningPlan};
 
 pub(crate) use task::{EXPERT, is_path, split_task};
 pub use task::{preset, task, task_target};
@@ -92,6 +92,13 @@ impl ResolvedPlan {
             crate::evaluate::check(evaluate, &target, &space)?;
         }
         let mut text = target.formulas.first().map_or("", |formula| &formula.name).to_string();
+        if let Some(margin) = &plan.margin {
+            crate::margin::check_margin(margin.budget, &space)?;
+            text = margin.formula.clone().unwrap_or(text);
+        }
+        if let Some(screening) = &plan.screening {
+            check_screening(screening, plan)?;
+        }
         if let Some(risk) = &plan.risk {
             crate::failure_probability::check_risk(risk, &space)?;
             text = risk.formula.clone().unwrap_or(text);
@@ -111,6 +118,14 @@ impl ResolvedPlan {
         Ok(ResolvedPlan { plan: plan.clone(), target, space, specification, stored_subformulas })
     }
 
+    /// Returns the recorded seed of a trial: its own in a falsification, otherwise that of the run.
+    pub(crate) fn trial_seed(&self, trial: u32) -> u64 {
+        match &self.plan.falsify {
+            Some(_) => crate::falsify::trial_seed(&self.plan, trial),
+            None => self.plan.seed,
+        }
+    }
+
     /// Returns the system that runs the simulations.
     ///
     /// # Errors
@@ -118,6 +133,28 @@ impl ResolvedPlan {
     pub fn system(&self) -> Result<Box<dyn System>, MishandleError> {
         Ok(self.target.system(&self.space, &self.specification)?)
     }
+}
+
+/// Checks the settings of a screening.
+fn check_screening(screening: &ScreeningPlan, plan: &Plan) -> Result<(), MishandleError> {
+    let unsupported = |option| MishandleError::UnsupportedOption { target: plan.target.clone(), option };
+    let method = plan.risk.as_ref().map_or("auto", |risk| &risk.method);
+    let (what, value, expected) = if plan.margin.is_some() {
+        return Err(unsupported("a screened search for the smallest disturbance"));
+    } else if plan.falsify.as_ref().is_some_and(|falsify| falsify.keep_going) {
+        return Err(unsupported(
+            "a screened search that keeps going, because a device cannot tell failure modes apart,",
+        ));
+    } else if !matches!(method, "auto" | "monte-carlo") {
+        ("the method of a screened estimation", method.to_string(), "auto or monte-carlo")
+    } else if !(0.0..=1.0).contains(&screening.confirm) {
+        ("the share of the audit sample", screening.confirm.to_string(), "from 0 to 1")
+    } else if !(1..=1 << 20).contains(&screening.rows) {
+        ("the number of worlds", screening.rows.to_string(), "from 1 to 1048576")
+    } else {
+        return Ok(());
+    };
+    Err(MishandleError::InvalidValue { what, value, expected })
 }
 
 /// Parses a formula that is given by its name or its text. A single word is the name of a formula or of a signal.

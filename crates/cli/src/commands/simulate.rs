@@ -2,6 +2,7 @@ use anyhow::{Context, Result, bail, ensure};
 use clap::Args;
 use mishandle::evaluation::{Estimate, QUANTILES, RepeatReport};
 use mishandle::rollout::{Axis, AxisValues, Request, Scenario, Seed, Space};
+use mishandle::store::RunKind;
 use mishandle::{FalsifyPlan, Noise, ResolvedPlan, decimal, plural};
 use serde_json::{Value, json};
 
@@ -52,7 +53,7 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
     let mut falsify: FalsifyPlan = plan.falsify.take().unwrap_or_default();
     falsify.formula = command.formula.clone().or(falsify.formula);
     plan.falsify = Some(falsify);
-    (plan.evaluate, plan.risk) = (None, None);
+    plan = plan.only(RunKind::Falsify);
     let resolved = ResolvedPlan::new(&plan)?;
     output::warn_of_chained_comparisons(&resolved.specification.requirement);
     let scenario = scenario(&resolved.space, &resolved.target.spaces, &command.at)?;
