@@ -145,14 +145,14 @@ impl<'a> Journal<'a> {
             && recorded.stop_threshold.map(f64::to_bits) == request.stop_threshold.map(f64::to_bits)
             && bits(&recorded.unit_point) == bits(&request.unit_point);
         match is_same {
-            true => Ok(Some(episode)),
+            true => Ok(Some(Episode { request: request.clone(), ..episode })),
             false => Err(MishandleError::SimulationMismatch { number: request.number }),
         }
     }
 
-    /// Records new simulations in one transaction.
-    fn record(&self, episodes: &[Episode]) -> Result<(), MishandleError> {
-        let File::Write(run) = &self.file else { return Ok(()) };
+    /// Records new simulations in one transaction, and returns them as they are read again: without their traces.
+    fn record(&self, episodes: &[Episode]) -> Result<Vec<Episode>, MishandleError> {
+        let File::Write(run) = &self.file else { return Ok(Vec::new()) };
         let mut run = run.borrow_mut();
         for Request { trial, .. } in episodes.iter().map(|episode| &episode.request) {
             if self.started.borrow_mut().insert(*trial) {
@@ -169,7 +169,12 @@ impl<'a> Journal<'a> {
             })
             .collect();
         self.traces.set(traces);
-        Ok(run.record(&rows)?)
+        run.record(&rows)?;
+        let answer = |(row, episode): (Simulation, &Episode)| {
+            let read = record::episode(&Simulation { trace: None, ..row }, &self.resolved.target)?;
+            Ok(Episode { request: episode.request.clone(), ..read })
+        };
+        rows.into_iter().zip(episodes).map(answer).collect()
     }
 }
 
@@ -218,8 +223,7 @@ impl System for JournalSystem<'_> {
                 return Err(RolloutError::System("the run has no such simulation".to_string()));
             };
             let episodes = system.rollout(&new)?;
-            journal.record(&episodes).map_err(|error| journal.fail(error))?;
-            simulated = episodes.into_iter();
+            simulated = journal.record(&episodes).map_err(|error| journal.fail(error))?.into_iter();
         }
         // A system that returns too few episodes is reported by the question.
         Ok(answers.into_iter().map_while(|answer| answer.or_else(|| simulated.next())).collect())

@@ -190,13 +190,14 @@ fn the_failures_of_a_screened_evaluation_are_those_of_the_system() {
     }
 }
 
-/// Asks a question again and again, each time up to the next call of `watch`, and returns the answer with the run's digest.
+/// Asks a question in pieces, each of which has twice as many calls of `watch` as the one before, and returns the answer with the
+/// run's digest and the number of pieces.
 fn in_pieces(resolved: &ResolvedPlan, engine: Engine<'_>, calls: u32) -> (Answer, u128, u32) {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("run.sqlite");
     let mut run = mishandle::create_run(resolved, Some(&path)).unwrap();
     for pieces in 1.. {
-        let mut left = calls * pieces;
+        let mut left = calls.saturating_mul(1 << pieces.min(30));
         let answer = mishandle::ask(resolved, run, engine, &mut |_| {
             left = left.saturating_sub(1);
             if left > 0 { ControlFlow::Continue(()) } else { ControlFlow::Break(()) }
@@ -223,7 +224,7 @@ fn a_screened_question_in_pieces_has_the_answer_and_the_rows_of_one_in_one_go() 
         let resolved = screening(plan, 0.2);
         let engine = Engine::Screening(&CpuBackend);
         let (whole, digest, _) = in_pieces(&resolved, engine, u32::MAX);
-        let (pieces, digest_of_pieces, count) = in_pieces(&resolved, engine, 3);
+        let (pieces, digest_of_pieces, count) = in_pieces(&resolved, engine, 100);
         assert_eq!(format!("{whole:?}"), format!("{pieces:?}"));
         assert!(digest == digest_of_pieces && count > 1, "{count} pieces");
     }
