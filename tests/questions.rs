@@ -4,10 +4,10 @@
 
 use std::ops::ControlFlow;
 
+use mishandle::plan::{EvaluatePlan, FalsifyPlan, MarginPlan, RiskPlan};
+use mishandle::run::{Answer, Engine};
 use mishandle::store::{RunFile, RunKind, RunWriter};
-use mishandle::{
-    Answer, Engine, EvaluatePlan, FalsifyPlan, MarginPlan, MishandleError, Plan, ResolvedPlan, RiskPlan,
-};
+use mishandle::{MishandleError, Plan, ResolvedPlan};
 
 fn plans() -> Vec<Plan> {
     let evaluate = EvaluatePlan { episodes: 40, batch: 8, ..EvaluatePlan::default() };
@@ -37,21 +37,21 @@ fn in_pieces(plan: &Plan, calls: u64) -> (String, u128, u64) {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("run.sqlite");
     let resolved = ResolvedPlan::new(plan).unwrap();
-    let mut run = mishandle::create_run(&resolved, Some(&path)).unwrap();
+    let mut run = mishandle::run::create_run(&resolved, Some(&path)).unwrap();
     for pieces in 1.. {
         let mut left = calls.saturating_mul(pieces);
-        let answer = mishandle::ask(&resolved, run, Engine::Direct, &mut |_| {
+        let answer = mishandle::run::ask(&resolved, run, Engine::Direct, &mut |_| {
             left = left.saturating_sub(1);
             if left > 0 { ControlFlow::Continue(()) } else { ControlFlow::Break(()) }
         })
         .unwrap();
         if answer.is_complete() {
             let run = RunFile::open(&path).unwrap();
-            assert_eq!(mishandle::unfinished(&run).unwrap(), None);
+            assert_eq!(mishandle::run::unfinished(&run).unwrap(), None);
             check_replays(&run, &answer);
             return (format!("{answer:?}"), run.content_digest().unwrap(), pieces);
         }
-        assert!(mishandle::unfinished(&RunFile::open(&path).unwrap()).unwrap().is_some());
+        assert!(mishandle::run::unfinished(&RunFile::open(&path).unwrap()).unwrap().is_some());
         run = RunWriter::resume(&path).unwrap();
     }
     unreachable!()
@@ -62,7 +62,7 @@ fn check_replays(run: &RunFile, answer: &Answer) {
     let rows: Vec<_> = run.simulations().map(Result::unwrap).collect();
     let failing = rows.iter().find(|row| row.robustness.is_some_and(|rho| rho < 0.0));
     for row in [rows.first(), rows.last(), failing].into_iter().flatten() {
-        let replayed = mishandle::replay(run, row.trial, row.number, None).unwrap();
+        let replayed = mishandle::replay::replay(run, row.trial, row.number, None).unwrap();
         assert!(replayed.differences.is_empty(), "{:?}", replayed.differences);
     }
     // What the answer names is in the file.
@@ -105,12 +105,12 @@ fn a_run_of_another_question_is_refused() {
     let (margin, risk) = (&plans[2], &plans[5]);
     let path = folder.path().join("run.sqlite");
     let resolved = ResolvedPlan::new(margin).unwrap();
-    mishandle::create_run(&resolved, Some(&path)).unwrap().close().unwrap();
+    mishandle::run::create_run(&resolved, Some(&path)).unwrap().close().unwrap();
     assert_eq!(RunFile::open(&path).unwrap().header().kind, RunKind::Margin);
     let ask = |plan: &Plan| {
         let resolved = ResolvedPlan::new(plan).unwrap();
         let run = RunWriter::resume(&path).unwrap();
-        mishandle::ask(&resolved, run, Engine::Direct, &mut |_| ControlFlow::Break(())).map(drop)
+        mishandle::run::ask(&resolved, run, Engine::Direct, &mut |_| ControlFlow::Break(())).map(drop)
     };
     let other = Plan { margin: Some(MarginPlan { budget: 99, ..MarginPlan::default() }), ..margin.clone() };
     assert!(matches!(ask(&other), Err(MishandleError::OtherSettings { .. })));
@@ -124,18 +124,18 @@ fn a_changed_row_is_named_by_the_replay_and_refused_by_the_question() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("run.sqlite");
     let resolved = ResolvedPlan::new(plan).unwrap();
-    let run = mishandle::create_run(&resolved, Some(&path)).unwrap();
-    mishandle::ask(&resolved, run, Engine::Direct, &mut |_| ControlFlow::Continue(())).unwrap();
+    let run = mishandle::run::create_run(&resolved, Some(&path)).unwrap();
+    mishandle::run::ask(&resolved, run, Engine::Direct, &mut |_| ControlFlow::Continue(())).unwrap();
     // A copy of the rows in which one scenario is another one.
     let copy = folder.path().join("copy.sqlite");
     let source = RunFile::open(&path).unwrap();
-    let mut forged = mishandle::create_run(&resolved, Some(&copy)).unwrap();
+    let mut forged = mishandle::run::create_run(&resolved, Some(&copy)).unwrap();
     forged.start_trial(1, source.trial(1).unwrap().seed).unwrap();
     let mut rows: Vec<_> = source.simulations().map(Result::unwrap).collect();
     rows[9].scenario[0] = rows[8].scenario[0];
     forged.record(&rows).unwrap();
     forged.close().unwrap();
-    let replayed = mishandle::replay(&RunFile::open(&copy).unwrap(), 1, 10, None).unwrap();
+    let replayed = mishandle::replay::replay(&RunFile::open(&copy).unwrap(), 1, 10, None).unwrap();
     assert!(
         replayed.differences.iter().any(|text| text.contains("scenario of simulation 10")),
         "{:?}",
@@ -143,6 +143,6 @@ fn a_changed_row_is_named_by_the_replay_and_refused_by_the_question() {
     );
     let run = RunWriter::resume(&copy).unwrap();
     let error =
-        mishandle::ask(&resolved, run, Engine::Direct, &mut |_| ControlFlow::Continue(())).unwrap_err();
+        mishandle::run::ask(&resolved, run, Engine::Direct, &mut |_| ControlFlow::Continue(())).unwrap_err();
     assert!(matches!(error, MishandleError::SimulationMismatch { number: 10 }), "{error}");
 }

@@ -5,11 +5,11 @@
 use std::ops::ControlFlow;
 
 use mishandle::falsification::{CampaignOutcome, ScreenedCounts, TrialOutcome};
+use mishandle::plan::{EvaluatePlan, FalsifyPlan, RiskPlan, ScreeningPlan};
+use mishandle::run::{Answer, Engine};
 use mishandle::store::{RunFile, RunWriter};
 use mishandle::world::{Backend, BatchBuffers, BatchSpec, CpuBackend, Outputs, WorldBatch, WorldError};
-use mishandle::{
-    Answer, Engine, EvaluatePlan, FalsifyPlan, MishandleError, Plan, ResolvedPlan, RiskPlan, ScreeningPlan,
-};
+use mishandle::{MishandleError, Plan, ResolvedPlan};
 
 fn resolved() -> ResolvedPlan {
     let risk = RiskPlan {
@@ -32,8 +32,8 @@ fn screening(resolved: ResolvedPlan, confirm: f64) -> ResolvedPlan {
 /// Asks the question of a plan in a new run file.
 fn ask(resolved: &ResolvedPlan, engine: Engine<'_>) -> Result<Answer, MishandleError> {
     let folder = tempfile::tempdir().unwrap();
-    let run = mishandle::create_run(resolved, Some(&folder.path().join("run.sqlite"))).unwrap();
-    mishandle::ask(resolved, run, engine, &mut |_| ControlFlow::Continue(()))
+    let run = mishandle::run::create_run(resolved, Some(&folder.path().join("run.sqlite"))).unwrap();
+    mishandle::run::ask(resolved, run, engine, &mut |_| ControlFlow::Continue(()))
 }
 
 fn screened(backend: &dyn Backend, sample_rate: f64) -> mishandle::risk::ScreenedReport {
@@ -136,7 +136,7 @@ fn evaluation() -> ResolvedPlan {
     ResolvedPlan::new(&plan).unwrap()
 }
 
-fn evaluated(backend: &dyn Backend, sample_rate: f64) -> mishandle::ScreenedEvaluationOutcome {
+fn evaluated(backend: &dyn Backend, sample_rate: f64) -> mishandle::run::ScreenedEvaluationOutcome {
     match ask(&screening(evaluation(), sample_rate), Engine::Screening(backend)).unwrap() {
         Answer::ScreenedEvaluation(outcome) => outcome,
         answer => panic!("{answer:?}"),
@@ -146,7 +146,7 @@ fn evaluated(backend: &dyn Backend, sample_rate: f64) -> mishandle::ScreenedEval
 #[test]
 fn a_screened_evaluation_has_the_rates_of_the_plain_one_whatever_the_engine_does() {
     let folder = tempfile::tempdir().unwrap();
-    let run = mishandle::create_run(&evaluation(), Some(&folder.path().join("run.sqlite"))).unwrap();
+    let run = mishandle::run::create_run(&evaluation(), Some(&folder.path().join("run.sqlite"))).unwrap();
     let plain = mishandle::evaluate(&evaluation(), run, |_| ControlFlow::Continue(())).unwrap();
     let value = |rate: Option<mishandle::evaluation::Estimate>| rate.and_then(|rate| rate.value).unwrap();
     let expected = [
@@ -195,10 +195,10 @@ fn the_failures_of_a_screened_evaluation_are_those_of_the_system() {
 fn in_pieces(resolved: &ResolvedPlan, engine: Engine<'_>, calls: u32) -> (Answer, u128, u32) {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("run.sqlite");
-    let mut run = mishandle::create_run(resolved, Some(&path)).unwrap();
+    let mut run = mishandle::run::create_run(resolved, Some(&path)).unwrap();
     for pieces in 1.. {
         let mut left = calls.saturating_mul(1 << pieces.min(30));
-        let answer = mishandle::ask(resolved, run, engine, &mut |_| {
+        let answer = mishandle::run::ask(resolved, run, engine, &mut |_| {
             left = left.saturating_sub(1);
             if left > 0 { ControlFlow::Continue(()) } else { ControlFlow::Break(()) }
         });
@@ -206,13 +206,13 @@ fn in_pieces(resolved: &ResolvedPlan, engine: Engine<'_>, calls: u32) -> (Answer
         if answer.is_complete() {
             let run = RunFile::open(&path).unwrap();
             run.check().unwrap();
-            assert_eq!(mishandle::unfinished(&run).unwrap(), None);
-            let (trial, number) = mishandle::select_simulation(&run, None, None).unwrap().unwrap();
-            let replayed = mishandle::replay(&run, trial, number, None).unwrap();
+            assert_eq!(mishandle::run::unfinished(&run).unwrap(), None);
+            let (trial, number) = mishandle::replay::select_simulation(&run, None, None).unwrap().unwrap();
+            let replayed = mishandle::replay::replay(&run, trial, number, None).unwrap();
             assert!(replayed.differences.is_empty(), "{:?}", replayed.differences);
             return (answer, run.content_digest().unwrap(), pieces);
         }
-        assert!(mishandle::unfinished(&RunFile::open(&path).unwrap()).unwrap().is_some());
+        assert!(mishandle::run::unfinished(&RunFile::open(&path).unwrap()).unwrap().is_some());
         run = RunWriter::resume(&path).unwrap();
     }
     unreachable!()
@@ -234,9 +234,9 @@ fn a_screened_question_in_pieces_has_the_answer_and_the_rows_of_one_in_one_go() 
 fn an_interrupted_screened_evaluation_counts_no_part_of_a_chunk() {
     let resolved = screening(evaluation(), 0.5);
     let folder = tempfile::tempdir().unwrap();
-    let run = mishandle::create_run(&resolved, Some(&folder.path().join("run.sqlite"))).unwrap();
+    let run = mishandle::run::create_run(&resolved, Some(&folder.path().join("run.sqlite"))).unwrap();
     let mut calls = 0;
-    let answer = mishandle::ask(&resolved, run, Engine::Screening(&CpuBackend), &mut |_| {
+    let answer = mishandle::run::ask(&resolved, run, Engine::Screening(&CpuBackend), &mut |_| {
         calls += 1;
         if calls < 2 { ControlFlow::Continue(()) } else { ControlFlow::Break(()) }
     });
@@ -280,7 +280,7 @@ fn falsified_by(resolved: &ResolvedPlan, backend: &dyn Backend) -> (CampaignOutc
 fn plain_falsification() -> CampaignOutcome {
     let folder = tempfile::tempdir().unwrap();
     let resolved = falsification(24);
-    let run = mishandle::create_run(&resolved, Some(&folder.path().join("run.sqlite"))).unwrap();
+    let run = mishandle::run::create_run(&resolved, Some(&folder.path().join("run.sqlite"))).unwrap();
     let outcome = mishandle::falsify(&resolved, run, |_| ControlFlow::Continue(())).unwrap();
     let falsified = outcome.falsified_trials;
     assert!(
@@ -342,7 +342,7 @@ fn changed_constants_and_events_have_the_counterexamples_of_the_system() {
     let plan = Plan { space: "starts+dynamics+events".to_string(), ..falsification(24).plan };
     let resolved = ResolvedPlan::new(&plan).unwrap();
     let folder = tempfile::tempdir().unwrap();
-    let run = mishandle::create_run(&resolved, Some(&folder.path().join("run.sqlite"))).unwrap();
+    let run = mishandle::run::create_run(&resolved, Some(&folder.path().join("run.sqlite"))).unwrap();
     let plain = mishandle::falsify(&resolved, run, |_| ControlFlow::Continue(())).unwrap();
     let (found, counts) = falsified_by(&screening(resolved, 0.1), &CpuBackend);
     assert!(found.trials.iter().map(evidence).eq(plain.trials.iter().map(evidence)));

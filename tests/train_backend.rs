@@ -5,9 +5,11 @@
 use std::path::Path;
 use std::sync::Arc;
 
+use mishandle::MishandleError;
+use mishandle::run::Device;
+use mishandle::train::{TrainObserver, TrainPlan, TrainReport};
 use mishandle::training::{TrainingControl, TrainingProgress};
 use mishandle::world::CpuBackend;
-use mishandle::{Device, MishandleError, TrainObserver, TrainPlan, TrainReport};
 
 struct Silent;
 
@@ -49,7 +51,7 @@ fn plan(folder: &Path, backend: &str) -> TrainPlan {
 
 fn train(plan: &TrainPlan) -> Result<TrainReport, Box<MishandleError>> {
     let device = Device { worlds: Arc::new(CpuBackend), networks: None };
-    mishandle::train(plan, Some(&device), &mut Silent).map_err(Box::new)
+    mishandle::train::train(plan, Some(&device), &mut Silent).map_err(Box::new)
 }
 
 #[test]

@@ -4,8 +4,8 @@
 use std::collections::HashMap;
 use std::sync::Arc;
 
-use mishandle::Device;
 use mishandle::network::{Activation, DeviceBuffers, DeviceNetwork, Mlp, NetworkDevice, NetworkError};
+use mishandle::run::Device;
 use mishandle::world::{Backend, BatchBuffers, BatchSpec, Outputs, WorldBatch, WorldError};
 use numpy::{PyArray1, PyArrayMethods};
 use pyo3::prelude::*;

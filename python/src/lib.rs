@@ -57,7 +57,7 @@ fn contents(module: &Bound<'_, PyModule>) -> PyResult<()> {
              LD_PRELOAD and LD_LIBRARY_PATH, and reinstall mishandle"
         )));
     }
-    module.add("__version__", mishandle::VERSION)?;
+    module.add("__version__", mishandle::build::VERSION)?;
     module.add_class::<VectorEnv>()?;
     module.add_class::<PyTarget>()?;
     module.add_class::<PyFormula>()?;

@@ -1,11 +1,11 @@
 //! The smallest disturbance that makes a Python target fail.
 
+use mishandle::counterexample::Counterexample;
 use mishandle::evaluation::RepeatReport;
+use mishandle::plan::MarginPlan;
+use mishandle::run::{Answer, Engine, Level, MarginOutcome};
 use mishandle::store::RunWriter;
-use mishandle::{
-    Answer, Counterexample, Engine, Level, MarginOutcome, MarginPlan, MishandleError as Error, Plan,
-    ResolvedPlan,
-};
+use mishandle::{MishandleError as Error, Plan, ResolvedPlan};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
@@ -17,7 +17,7 @@ use crate::target::{AxisTuple, PyTarget, scenario, space};
 #[pyfunction]
 #[pyo3(signature = (axes, *, budget))]
 pub fn check_margin(axes: Vec<AxisTuple>, budget: u64) -> PyResult<()> {
-    mishandle::check_margin(budget, &space(axes)?).map_err(raised)
+    mishandle::run::check_margin(budget, &space(axes)?).map_err(raised)
 }
 
 /// Searches for the smallest disturbance that violates the requirement. Returns the outcome as a dictionary, with the exception that
@@ -36,7 +36,7 @@ pub fn margin<'py>(
     let plan = Plan { margin: Some(MarginPlan { formula, budget }), ..plan(target, seed) };
     let work = |resolved: &ResolvedPlan, run: RunWriter| {
         let path = run.file().path().to_path_buf();
-        let answer = mishandle::ask(resolved, run, Engine::Direct, &mut |done| {
+        let answer = mishandle::run::ask(resolved, run, Engine::Direct, &mut |done| {
             report(target, progress.as_ref(), done.simulations, done.max_simulations)
         })?;
         let Answer::Margin(found) = answer else { return Err(Error::MissingPlanTable { table: "margin" }) };

@@ -4,7 +4,9 @@ use mishandle_falsification::{FalsificationError, Trial};
 use mishandle_rollout::Request;
 use mishandle_store::{RunFile, RunKind, Simulation, TrialRecord, TrialStatus, TrialSummary};
 
-use crate::{MishandleError, ResolvedPlan, evaluate, falsify, question, record};
+use crate::error::MishandleError;
+use crate::resolve::ResolvedPlan;
+use crate::run::{asked, evaluate, falsify, record};
 
 /// Lists the differences between the rows of the simulation's trial and those that the plan implies.
 ///
@@ -36,7 +38,7 @@ fn of_question(
     if trial.seed != expected {
         found.push(format!("seed of trial {trial_number}: recorded {}, expected {expected}", trial.seed));
     }
-    match question::asked(resolved, run, (trial_number, number)) {
+    match asked(resolved, run, (trial_number, number)) {
         Ok(Some(expected)) => found.extend(request_differences(recorded, &expected)),
         Ok(None) => {
             found.push(format!(

@@ -24,7 +24,7 @@ use std::ffi::OsString;
 use std::process::ExitCode;
 
 use clap::Parser;
-use mishandle::Device;
+use mishandle::run::Device;
 use mishandle::tasks::Task;
 
 use args::{Command, CommandLine};

@@ -3,8 +3,10 @@
 use std::time::Instant;
 
 use anyhow::{Context, Result};
+use mishandle::run::{Answer, Device, Engine};
 use mishandle::store::RunKind;
-use mishandle::{Answer, Device, Engine, Plan, ResolvedPlan, plural};
+use mishandle::{Plan, ResolvedPlan};
+use mishandle_text::plural;
 
 use crate::progress::Bar;
 use crate::{ExitStatus, args, output, run};
@@ -37,7 +39,7 @@ pub fn ask(
     let start = Instant::now();
     let mut simulations = 0;
     let engine = gpu.map_or(Engine::Direct, |gpu| Engine::Screening(&*gpu.worlds));
-    let answer = mishandle::ask(&resolved, file, engine, &mut |progress| {
+    let answer = mishandle::run::ask(&resolved, file, engine, &mut |progress| {
         simulations = progress.simulations;
         bar.set_length(progress.max_simulations);
         bar.set_position(progress.simulations);

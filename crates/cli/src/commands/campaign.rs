@@ -6,13 +6,14 @@ use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 
 use anyhow::{Context, Result, bail, ensure};
 use clap::Args;
+use mishandle::ResolvedPlan;
 use mishandle::evaluation::{CornerReport, Estimate};
 use mishandle::falsification::CampaignOutcome;
 use mishandle::files::{limits, read_text_bounded};
-use mishandle::{
-    Answer, CampaignRun, Device, Engine, EvaluationOutcome, MarginOutcome, ResolvedPlan,
-    ScreenedEvaluationOutcome, decimal, plural, shell_quote,
+use mishandle::run::{
+    Answer, CampaignRun, Device, Engine, EvaluationOutcome, MarginOutcome, ScreenedEvaluationOutcome,
 };
+use mishandle_text::{decimal, plural, shell_quote};
 use serde_json::{Value, json};
 
 use super::{evaluate, falsify, margin, report, risk};
@@ -124,17 +125,17 @@ pub fn run(command: &Arguments, gpu: Option<&Device>) -> Result<ExitStatus> {
 /// Opens the campaign to resume, or else creates a new one.
 fn open(command: &Arguments) -> Result<(PathBuf, Vec<CampaignRun>)> {
     if let Some(folder) = &command.resume {
-        return Ok((folder.clone(), mishandle::campaign_runs(folder)?));
+        return Ok((folder.clone(), mishandle::run::campaign_runs(folder)?));
     }
     let Some(path) = &command.campaign else { bail!("there is no campaign: name its file") };
-    let folder = command.out.clone().unwrap_or_else(mishandle::free_campaign_folder);
+    let folder = command.out.clone().unwrap_or_else(mishandle::run::free_campaign_folder);
     ensure!(
         !folder.exists(),
         "{} exists already; choose another --out, or resume it with --resume",
         folder.display()
     );
     let text = read_text_bounded(path, limits::PLAN).with_context(|| path.display().to_string())?;
-    let runs = mishandle::create_campaign(&text, &folder).with_context(|| path.display().to_string())?;
+    let runs = mishandle::run::create_campaign(&text, &folder).with_context(|| path.display().to_string())?;
     Ok((folder, runs))
 }
 
@@ -157,10 +158,10 @@ impl Finished {
             }
             Answer::Margin(found) => margin::document(resolved, &found.margin, found.repeats.as_ref(), path),
             Answer::Risk(found) => {
-                risk::document(resolved, &mishandle::risk_scenarios(resolved)?, found, path)
+                risk::document(resolved, &mishandle::run::risk_scenarios(resolved)?, found, path)
             }
             Answer::ScreenedRisk(found) => {
-                risk::screened_document(resolved, &mishandle::risk_scenarios(resolved)?, found, path)
+                risk::screened_document(resolved, &mishandle::run::risk_scenarios(resolved)?, found, path)
             }
         };
         Ok(json!({ "name": self.name, "kind": resolved.plan.kind().name(), "result": own }))
@@ -241,9 +242,12 @@ fn run_one(
     if is_durable {
         file.set_durable()?;
     }
-    run::report_build_differences("started", &mishandle::build_differences(file.file().header(), &resolved));
+    run::report_build_differences(
+        "started",
+        &mishandle::replay::build_differences(file.file().header(), &resolved),
+    );
     let engine = gpu.map_or(Engine::Direct, |gpu| Engine::Screening(&*gpu.worlds));
-    let answer = mishandle::ask(&resolved, file, engine, &mut |progress| {
+    let answer = mishandle::run::ask(&resolved, file, engine, &mut |progress| {
         watch(progress.simulations, progress.max_simulations)
     })?;
     let CampaignRun { name, path, .. } = run.clone();
@@ -343,7 +347,7 @@ fn margin_row(name: &str, found: &MarginOutcome) -> Vec<String> {
 }
 
 fn risk_row(name: &str, probability: &Estimate, source: &str, simulations: u64) -> Vec<String> {
-    let text = |value: Option<f64>| value.map_or("-".to_string(), mishandle::probability_text);
+    let text = |value: Option<f64>| value.map_or("-".to_string(), mishandle_text::probability_text);
     let ends = probability.low.zip(probability.high);
     vec![
         name.to_string(),

@@ -1,11 +1,10 @@
 use anyhow::{Result, bail, ensure};
 use clap::Args;
 use mishandle::evaluation::Estimate;
+use mishandle::plan::{EvaluatePlan, StartRegion};
+use mishandle::run::{Answer, Device, EvaluationOutcome, ScreenedEvaluationOutcome};
 use mishandle::store::RunKind;
-use mishandle::{
-    Answer, Device, EvaluatePlan, EvaluationOutcome, Plan, ResolvedPlan, ScreenedEvaluationOutcome,
-    StartRegion,
-};
+use mishandle::{Plan, ResolvedPlan};
 use serde_json::{Value, json};
 
 use crate::{ExitStatus, args, corners, numbers, output, question, run, screened_text};
@@ -66,7 +65,7 @@ pub fn run(command: &Arguments, gpu: Option<&Device>) -> Result<ExitStatus> {
     if let Some(status) = asked.report_file() {
         return Ok(status);
     }
-    if starts(&resolved.plan) == StartRegion::Reachable && !mishandle::rejects_scenarios(resolved) {
+    if starts(&resolved.plan) == StartRegion::Reachable && !mishandle::run::rejects_scenarios(resolved) {
         output::message(
             "note: no initial state was rejected as unreachable: --box whole gives the same result",
         );
@@ -138,7 +137,7 @@ pub fn screened_document(resolved: &ResolvedPlan, outcome: &ScreenedEvaluationOu
 
 /// Returns the JSON of the region of the initial states.
 fn region(resolved: &ResolvedPlan) -> Value {
-    json!({ "box": starts(&resolved.plan), "leaves_out_starts": mishandle::rejects_scenarios(resolved) })
+    json!({ "box": starts(&resolved.plan), "leaves_out_starts": mishandle::run::rejects_scenarios(resolved) })
 }
 
 /// Returns the first line of the result.

@@ -4,8 +4,10 @@ use anyhow::{Result, bail, ensure};
 use clap::Args;
 use mishandle::evaluation::RepeatReport;
 use mishandle::rollout::{Axis, AxisKind};
+use mishandle::run::{Answer, Level, Margin, MarginOutcome, Witness};
 use mishandle::store::RunKind;
-use mishandle::{Answer, Level, Margin, MarginOutcome, Plan, ResolvedPlan, Witness, decimal, plural};
+use mishandle::{Plan, ResolvedPlan};
+use mishandle_text::{decimal, plural};
 use serde_json::{Value, json};
 
 use super::simulate;

@@ -2,10 +2,12 @@
 
 use anyhow::{Result, bail, ensure};
 use clap::Args;
+use mishandle::plan::RiskPlan;
 use mishandle::risk::{Failure, Report, Scenarios, ScreenedReport};
 use mishandle::rollout::Axis;
+use mishandle::run::{Answer, Device};
 use mishandle::store::RunKind;
-use mishandle::{Answer, Device, Plan, ResolvedPlan, RiskPlan};
+use mishandle::{Plan, ResolvedPlan};
 use serde_json::{Value, json};
 
 use crate::output::{self, number};
@@ -60,7 +62,7 @@ pub fn run(command: &Arguments, gpu: Option<&Device>) -> Result<ExitStatus> {
     run::set_threads(command.run.threads)?;
     let asked = question::ask(RunKind::Risk, &command.subject, &command.file, gpu, || plan(command))?;
     let resolved = &asked.resolved;
-    let scenarios = mishandle::risk_scenarios(resolved)?;
+    let scenarios = mishandle::run::risk_scenarios(resolved)?;
     for warning in scenarios.warnings() {
         output::message(&format!("warning: {warning}"));
     }
@@ -127,10 +129,10 @@ pub fn document(resolved: &ResolvedPlan, scenarios: &Scenarios, report: &Report,
             "low": answer.estimate.low,
             "high": answer.estimate.high,
             "source": source.name(),
-            "assumption": mishandle::risk_assumption(report),
+            "assumption": mishandle::run::risk_assumption(report),
         })),
         "bounds": answer.bounds,
-        "refusals": mishandle::risk_refusals(report),
+        "refusals": mishandle::run::risk_refusals(report),
         "monte_carlo": {
             "simulations": monte_carlo.simulations,
             "failures": monte_carlo.failures,
