@@ -8,7 +8,7 @@ use mishandle_store::{AxisRecord, RunFile, RunHeader, RunKind, Simulation};
 
 use crate::error::MishandleError;
 use crate::plan::Plan;
-use crate::resolve::PYTHON;
+use crate::resolve::is_python;
 use crate::run::{record, unfinished};
 use mishandle_text::{p_value_text, plural, shell_quote};
 
@@ -195,9 +195,9 @@ pub fn compare(first: &RunFile, second: &RunFile) -> Result<Comparison, Mishandl
     for (name, run) in [("A", first), ("B", second)] {
         if let Some(missing) = unfinished(run)? {
             let path = run.path().to_string_lossy();
-            let command = match run.header().target.kind.as_str() {
-                PYTHON => "the same call of `mishandle.evaluate` in Python with `resume=True`".to_string(),
-                _ => format!("mishandle evaluate --resume {}", shell_quote(&path)),
+            let command = match is_python(&run.header().target.kind) {
+                true => "the same call of `mishandle.evaluate` in Python with `resume=True`".to_string(),
+                false => format!("mishandle evaluate --resume {}", shell_quote(&path)),
             };
             let problem = format!("{name} is not complete: {missing}; complete it with: {command}");
             return Err(MishandleError::NotComparable { problem });

@@ -6,7 +6,7 @@ use mishandle_store::{RunFile, RunHeader, Simulation, StoredTrace};
 
 use crate::error::MishandleError;
 use crate::replay::replay_command;
-use crate::resolve::{PYTHON, ResolvedPlan, recorded_plan};
+use crate::resolve::{ResolvedPlan, is_python, recorded_plan};
 use crate::run::record;
 use crate::run::violation::{MAX_SUBFORMULAS, decided};
 
@@ -217,12 +217,12 @@ pub fn explain(
     }
     let trace = match &recorded.trace {
         Some(stored) => trace(run.header(), stored),
-        None if run.header().target.kind == PYTHON => {
+        None if is_python(&run.header().target.kind) => {
             return Err(MishandleError::TraceNotStored {
                 trial,
                 number,
                 run_has_counterexamples: run.counts()?.falsified > 0,
-                replay: replay_command(PYTHON, run.path(), trial, number),
+                replay: replay_command(&run.header().target.kind, run.path(), trial, number),
             });
         }
         None => replayed_trace(&recorded, &recorded_plan(run.header(), controller)?)?,

@@ -1,7 +1,8 @@
 use std::path::Path;
 
-use crate::resolve::PYTHON;
 use mishandle_text::shell_quote;
+
+use crate::resolve::is_python;
 
 /// Returns the command that replays a simulation of the run file at `path`, or for a system that is written in Python the call in
 /// Python, with the system, the formula and the space of the run.
@@ -16,14 +17,14 @@ use mishandle_text::shell_quote;
 /// ```
 pub fn replay_command(target_kind: &str, path: &Path, trial: u32, number: u32) -> String {
     let path = path.to_string_lossy();
-    match target_kind {
-        PYTHON => {
+    match is_python(target_kind) {
+        true => {
             format!(
                 "mishandle.replay({}, system, formula, space, trial={trial}, number={number})",
                 python_text(&path)
             )
         }
-        _ => format!("mishandle replay {} --trial {trial} --simulation {number}", shell_quote(&path)),
+        false => format!("mishandle replay {} --trial {trial} --simulation {number}", shell_quote(&path)),
     }
 }
 

@@ -1,2 +1,32 @@
+//! Kinds of targets, as run files name them.
+
+/// Kind of the targets that are tasks.
+const TASK: &str = "task";
+
 /// Kind of the targets that are written in Python.
-pub(crate) const PYTHON: &str = "python";
+const PYTHON: &str = "python";
+
+/// Returns whether targets of this kind are tasks: they have a scene, joints and pictures, and other engines can simulate them.
+pub fn is_task(kind: &str) -> bool {
+    kind == TASK
+}
+
+/// Returns whether targets of this kind are written in Python, so that this program cannot simulate them without the system.
+pub fn is_python(kind: &str) -> bool {
+    kind == PYTHON
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::plan::Plan;
+    use crate::resolve::target;
+
+    #[test]
+    fn the_kinds_are_those_of_the_targets() {
+        let kind = |name, controller| target(&Plan::new(name, controller)).unwrap().identity.kind;
+        assert!(is_task(&kind("ball-balancing", "expert")));
+        let toy = kind("toy/noisy", "");
+        assert!(!is_task(&toy) && !is_python(&toy));
+    }
+}

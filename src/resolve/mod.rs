@@ -27,7 +27,7 @@ pub use check::{check_evaluate, check_falsify, check_risk};
 pub(crate) use controller::is_path;
 pub use controller::{controller_name, find_controller};
 pub use import::{import_controller, is_onnx, onnx_policy, read_normalizer};
-pub(crate) use kind::PYTHON;
+pub use kind::{is_python, is_task};
 pub use randomness::{depends_on_seed, space_depends_on_seed};
 pub use recorded::recorded_plan;
 pub(crate) use recorded::resolve_recorded;

@@ -14,7 +14,7 @@ use mishandle_world::Backend;
 
 use crate::error::MishandleError;
 use crate::plan::Plan;
-use crate::resolve::{ResolvedPlan, task_target};
+use crate::resolve::{ResolvedPlan, is_task, task_target};
 use crate::run::evaluate::{corner_report, with_requests};
 
 /// A device besides the CPU, which a front end that has one passes to the questions.
@@ -36,7 +36,7 @@ pub fn screening(
     backend: &dyn Backend,
     rows: usize,
 ) -> Result<Screening, MishandleError> {
-    if resolved.target.identity.kind != "task" {
+    if !is_task(&resolved.target.identity.kind) {
         let target = resolved.plan.target.clone();
         return Err(MishandleError::UnsupportedOption { target, option: "another backend than cpu" });
     }

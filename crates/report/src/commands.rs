@@ -1,5 +1,6 @@
 //! Commands that run a simulation again.
 
+use mishandle::resolve::{is_python, is_task};
 use mishandle::store::RunHeader;
 use mishandle_text::shell_quote;
 
@@ -11,14 +12,14 @@ pub fn details(report: &RunReport, trial: u32, number: u32) -> String {
     let at = format!("--trial {trial} --simulation {number}");
     let explain = format!("mishandle explain {run} {at}");
     let replay = replay_command(&report.header, &report.path, trial, number);
-    let mut lines = match is_python(&report.header) {
+    let mut lines = match is_python(&report.header.target.kind) {
         true => {
             let comment = "# in Python, with the same system, formula and space as the run:".to_string();
             vec![explain, comment, replay]
         }
         false => vec![replay, explain],
     };
-    if report.header.target.kind == "task" {
+    if is_task(&report.header.target.kind) {
         lines.push(format!("mishandle render --run {run} {at} --out failure.mp4"));
     }
     format!("<details><summary>Run it again</summary><pre>{}</pre></details>\n", crate::html::lines(&lines))
@@ -27,8 +28,4 @@ pub fn details(report: &RunReport, trial: u32, number: u32) -> String {
 /// Returns the command that replays a simulation; a line of Python if the target is a Python system.
 pub fn replay_command(header: &RunHeader, path: &str, trial: u32, number: u32) -> String {
     mishandle::replay::replay_command(&header.target.kind, path.as_ref(), trial, number)
-}
-
-fn is_python(header: &RunHeader) -> bool {
-    header.target.kind == "python"
 }

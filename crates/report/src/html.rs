@@ -1,7 +1,5 @@
 //! Escaped text, numbers and tables as HTML.
 
-use mishandle_text::is_invisible;
-
 /// Largest number of characters of a text from a run file.
 const MAX_TEXT: usize = 2000;
 
@@ -45,19 +43,12 @@ pub fn lines(lines: &[String]) -> String {
 /// Makes a text visible and short, for charts, which escape it themselves.
 pub fn visible(text: &str) -> String {
     let count = text.chars().count();
-    let keep = |index: usize| count <= MAX_TEXT || index < MAX_TEXT / 2 || index >= count - MAX_TEXT / 2;
-    let mut out = String::new();
-    for (index, c) in text.chars().enumerate() {
-        if count > MAX_TEXT && index == MAX_TEXT / 2 {
-            out.push_str(" … ");
-        }
-        match c {
-            _ if !keep(index) => {}
-            c if c.is_control() || is_invisible(c) => out.extend(c.escape_default()),
-            c => out.push(c),
-        }
+    if count <= MAX_TEXT {
+        return mishandle_text::visible(text);
     }
-    out
+    let first: String = text.chars().take(MAX_TEXT / 2).collect();
+    let last: String = text.chars().skip(count - MAX_TEXT / 2).collect();
+    mishandle_text::visible(&first) + " … " + &mishandle_text::visible(&last)
 }
 
 /// Shortens a label to `length` characters.

@@ -61,7 +61,7 @@ pub fn strips(
     controller: Option<&str>,
 ) -> Result<Vec<Pictures>, PictureError> {
     // A Python system can have the name of a task.
-    if run.header().target.kind == "python" {
+    if mishandle::resolve::is_python(&run.header().target.kind) {
         return Ok(Vec::new());
     }
     let Ok(task) = mishandle::resolve::task(&run.header().target.name) else { return Ok(Vec::new()) };

@@ -15,3 +15,19 @@ pub fn is_invisible(c: char) -> bool {
         | '\u{e0000}'..='\u{e0fff}'
     )
 }
+
+/// Makes characters visible that control the output or that nobody sees: they appear as their escapes in Rust.
+///
+/// # Example
+/// ```
+/// assert_eq!(mishandle_text::visible("a\u{202e}b\n"), "a\\u{202e}b\\n");
+/// ```
+pub fn visible(text: &str) -> String {
+    text.chars().fold(String::with_capacity(text.len()), |mut out, c| {
+        match c {
+            c if c.is_control() || is_invisible(c) => out.extend(c.escape_default()),
+            c => out.push(c),
+        }
+        out
+    })
+}

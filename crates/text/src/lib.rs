@@ -8,6 +8,6 @@ mod number;
 mod shell_quote;
 
 pub use instant::instant;
-pub use invisible::is_invisible;
+pub use invisible::{is_invisible, visible};
 pub use number::{decimal, p_value_text, plural, probability_text};
 pub use shell_quote::shell_quote;

@@ -7,9 +7,7 @@ use std::path::Path;
 use anyhow::{Result, bail};
 use clap::Args;
 use mishandle::evaluation::{NotSmooth, RepeatReport, SmoothRegion};
-use mishandle::falsification::{
-    CampaignOutcome, Minimum, Repeated, ScreenedCounts, TrialEnd, TrialOutcome, repeat, repeat_seeds,
-};
+use mishandle::falsification::{CampaignOutcome, Minimum, ScreenedCounts, TrialEnd, TrialOutcome};
 use mishandle::inspect::ModeSurvey;
 use mishandle::plan::FalsifyPlan;
 use mishandle::run::{Answer, Device};
@@ -148,42 +146,21 @@ pub fn run(command: &Arguments, gpu: Option<&Device>) -> Result<ExitStatus> {
 /// Repeated simulations of counterexamples, by trial.
 pub type Repeats = BTreeMap<u32, RepeatReport>;
 
-/// Simulates each counterexample with other seeds, as often as [`Repeated::each_counterexample`] says.
-/// Returns nothing for a target without randomness, whose counterexamples always fail.
+/// Simulates the counterexamples with other seeds: see [`mishandle::run::counterexample_repeats`].
 fn counterexample_repeats(
     resolved: &ResolvedPlan,
     found: &CampaignOutcome,
     repeats: Option<u32>,
 ) -> Result<Repeats> {
-    let counterexamples: Vec<(u32, &Minimum)> = found
-        .trials
-        .iter()
-        .filter(|trial| trial.falsified())
-        .filter_map(|trial| Some((trial.trial, trial.minimum.as_ref()?)))
-        .filter(|(_, minimum)| mishandle::resolve::depends_on_seed(resolved, &minimum.scenario))
-        .collect();
-    let requested = repeats.map_or(Repeated::Counterexample.simulations(), u64::from);
-    let each = Repeated::each_counterexample(requested, found.simulations, counterexamples.len() as u64);
-    if counterexamples.is_empty() || each == 0 {
-        return Ok(Repeats::new());
+    let mut bar = None;
+    let requested = repeats.map(u64::from);
+    let reports = mishandle::run::counterexample_repeats(resolved, found, requested, |done, total| {
+        bar.get_or_insert_with(|| Bar::new(total, "repeats")).set_position(done);
+        run::control_flow()
+    })?;
+    if let Some(bar) = bar {
+        bar.clear();
     }
-    let bar = Bar::new(each * counterexamples.len() as u64, "repeats");
-    let mut system = resolved.system()?;
-    let mut done = 0;
-    let mut reports = Repeats::new();
-    for (trial, minimum) in counterexamples {
-        let seeds = repeat_seeds(minimum.seed, each);
-        let report = repeat(&mut *system, &minimum.scenario, seeds, |_| {
-            done += 1;
-            bar.set_position(done);
-            run::control_flow()
-        })?;
-        reports.insert(trial, report);
-        if run::control_flow().is_break() {
-            break;
-        }
-    }
-    bar.clear();
     Ok(reports)
 }
 

@@ -1,7 +1,7 @@
 //! Pages with tables, written as Markdown and as HTML from the same content. Values from files pass through [`value`] or
 //! [`code`].
 
-use mishandle_text::is_invisible;
+use mishandle_text::visible;
 
 use mishandle_report::{Document, escaped};
 
@@ -131,17 +131,6 @@ pub(super) fn value(text: &str) -> String {
 /// Formats a value from a file as code.
 pub(super) fn code(text: &str) -> String {
     if text.is_empty() { "-".to_string() } else { format!("`{}`", value(text)) }
-}
-
-/// Makes characters visible that control the output or that nobody sees.
-fn visible(text: &str) -> String {
-    text.chars().fold(String::with_capacity(text.len()), |mut out, c| {
-        match c {
-            c if c.is_control() || is_invisible(c) => out.extend(c.escape_default()),
-            c => out.push(c),
-        }
-        out
-    })
 }
 
 /// Escapes what Markdown would take for HTML or a link, outside of code. A less-than sign before a space is none.
