@@ -8,10 +8,12 @@
 use std::ops::ControlFlow;
 use std::time::{Duration, Instant};
 
+use mishandle::plan::FalsifyPlan;
+use mishandle::resolve::task_target;
 use mishandle::rollout::{Environment, Request, Sample, Seed};
 use mishandle::store::RunWriter;
 use mishandle::tasks::{TaskEnvironment, TaskTarget};
-use mishandle::{FalsifyPlan, Plan, ResolvedPlan, task_target};
+use mishandle::{Plan, ResolvedPlan};
 
 const REPETITIONS: usize = 5;
 const SIMULATIONS: u32 = 320;
@@ -23,7 +25,7 @@ fn main() {
     );
     for task in mishandle::tasks::TASKS {
         let name = task.definition().name;
-        let controller = mishandle::shipped_controllers(task.definition())[0].clone();
+        let controller = mishandle::shipped::shipped_controllers(task.definition())[0].clone();
         let mut plan = Plan::new(name, &controller);
         // This formula always holds, so every trial spends its whole budget.
         plan.falsify = Some(FalsifyPlan {
@@ -114,7 +116,7 @@ fn stepping(target: &TaskTarget, environment: &TaskEnvironment) -> Duration {
 fn falsification(resolved: &ResolvedPlan) -> Duration {
     let folder = tempfile::tempdir().expect("there is a temporary folder");
     let path = folder.path().join("run.sqlite");
-    let run: RunWriter = mishandle::create_run(resolved, Some(&path)).expect("the run can be written");
+    let run: RunWriter = mishandle::run::create_run(resolved, Some(&path)).expect("the run can be written");
     let start = Instant::now();
     let found = mishandle::falsify(resolved, run, |_| ControlFlow::Continue(()));
     let elapsed = start.elapsed();

@@ -9,9 +9,10 @@
 
 use std::time::Instant;
 
+use mishandle::plan::EvaluatePlan;
 use mishandle::rollout::{Request, Seed};
 use mishandle::world::{Backend, BatchBuffers, BatchSpec, CpuBackend, WorldBatch, WorldError};
-use mishandle::{EvaluatePlan, Plan, ResolvedPlan};
+use mishandle::{Plan, ResolvedPlan};
 
 /// Keeps every world at its start.
 struct Still;
@@ -65,7 +66,7 @@ fn main() {
     let space = arguments.get(3).map_or("starts", String::as_str).to_string();
     let plan = Plan { action_noise: 0.1, seed: 1, space, evaluate: Some(evaluate), ..Plan::new(task, "ppo") };
     let resolved = ResolvedPlan::new(&plan).unwrap();
-    let mut screening = mishandle::screening(&resolved, &Still, rows).unwrap();
+    let mut screening = mishandle::run::screening(&resolved, &Still, rows).unwrap();
     let requests: Vec<Request> = (0..rows * episodes)
         .map(|index| Request::new(resolved.space.sample(Seed(1), index as u64), Seed(index as u64)))
         .collect();

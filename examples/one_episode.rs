@@ -6,8 +6,9 @@
 
 #![allow(clippy::print_stdout)]
 
+use mishandle::Plan;
+use mishandle::resolve::task_target;
 use mishandle::rollout::{Environment, Sample, Scenario, Seed, StepStatus};
-use mishandle::{Plan, task_target};
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
     let arguments: Vec<String> = std::env::args().skip(1).collect();

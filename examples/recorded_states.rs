@@ -10,7 +10,7 @@
 
 use std::io::Write;
 
-use mishandle::replay_states;
+use mishandle::picture::replay_states;
 use mishandle::store::RunFile;
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {

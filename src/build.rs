@@ -1,3 +1,5 @@
+//! The build of this program: version, commit, compiler and platform.
+
 use mishandle_store::BuildRecord;
 
 /// Version of the program.

@@ -1,6 +1,12 @@
+//! Errors of plans and of the runs that execute them.
+
+mod curve;
+
 use std::path::PathBuf;
 
 use mishandle_training::TrainingError;
+
+pub use curve::CurveProblem;
 
 /// An error in a plan or its arguments, or in the run that executes it.
 #[derive(Debug, thiserror::Error)]
@@ -164,7 +170,7 @@ pub enum MishandleError {
         /// Path of the file.
         path: PathBuf,
         /// Cause of the error.
-        problem: crate::CurveProblem,
+        problem: CurveProblem,
     },
     /// A recorded simulation of an evaluation differs from the simulation of its plan.
     #[error(

@@ -7,8 +7,9 @@
 
 use std::ops::ControlFlow;
 
+use mishandle::plan::FalsifyPlan;
 use mishandle::store::RunFile;
-use mishandle::{FalsifyPlan, Plan, ResolvedPlan};
+use mishandle::{Plan, ResolvedPlan};
 use serde_json::Value;
 
 /// Returns the strict formula of a task when the golden file was made: its name, or its text if it changed since.
@@ -39,7 +40,7 @@ fn simulations_are_bit_identical_to_an_earlier_commit() {
         let plan = Plan { action_noise: 0.5, seed: 5, falsify: Some(falsify), ..Plan::new(task, "ppo") };
         let resolved = ResolvedPlan::new(&plan).unwrap();
         let path = folder.path().join(format!("{i}.sqlite"));
-        let run = mishandle::create_run(&resolved, Some(&path)).unwrap();
+        let run = mishandle::run::create_run(&resolved, Some(&path)).unwrap();
         mishandle::falsify(&resolved, run, |progress| {
             let is_done = progress.simulations as usize >= expected.len();
             if is_done { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }

@@ -4,9 +4,10 @@
 
 use std::ops::ControlFlow;
 
+use mishandle::plan::FalsifyPlan;
 use mishandle::search::SEARCHES;
 use mishandle::store::{RunFile, Simulation, SimulationEnd};
-use mishandle::{FalsifyPlan, Plan, ResolvedPlan};
+use mishandle::{Plan, ResolvedPlan};
 use tempfile::TempDir;
 
 /// Returns the simulations of a campaign.
@@ -21,12 +22,12 @@ fn simulations(folder: &TempDir, task: &str, search: &str, early_stopping: bool)
     let plan = Plan { action_noise: 0.5, seed: 2, falsify: Some(falsify), ..Plan::new(task, "ppo") };
     let resolved = ResolvedPlan::new(&plan).unwrap();
     let path = folder.path().join(format!("{task}-{search}-{early_stopping}.sqlite"));
-    let run = mishandle::create_run(&resolved, Some(&path)).unwrap();
+    let run = mishandle::run::create_run(&resolved, Some(&path)).unwrap();
     mishandle::falsify(&resolved, run, |_| ControlFlow::Continue(())).unwrap();
     let run = RunFile::open(&path).unwrap();
     let found: Vec<Simulation> = run.simulations().map(Result::unwrap).collect();
     let last = found.last().unwrap();
-    let replayed = mishandle::replay(&run, last.trial, last.number, None).unwrap();
+    let replayed = mishandle::replay::replay(&run, last.trial, last.number, None).unwrap();
     assert_eq!(replayed.differences, Vec::<String>::new(), "{task} {search}");
     found
 }

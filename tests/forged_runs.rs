@@ -5,10 +5,11 @@
 use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 
+use mishandle::plan::{EvaluatePlan, FalsifyPlan};
 use mishandle::store::{
     IfExists, RunFile, RunHeader, RunKind, RunWriter, Simulation, SimulationEnd, TrialRecord, TrialStatus,
 };
-use mishandle::{EvaluatePlan, FalsifyPlan, MishandleError, Plan, ResolvedPlan};
+use mishandle::{MishandleError, Plan, ResolvedPlan};
 use tempfile::TempDir;
 
 /// Everything in a run file.
@@ -68,7 +69,7 @@ impl Bench {
             ..FalsifyPlan::default()
         };
         let bench = Bench::new(&Plan { falsify: Some(falsify), ..Plan::new("toy/car-following", "") });
-        let run = mishandle::create_run(&bench.resolved, Some(&bench.honest())).unwrap();
+        let run = mishandle::run::create_run(&bench.resolved, Some(&bench.honest())).unwrap();
         let outcome = mishandle::falsify(&bench.resolved, run, |_| ControlFlow::Continue(())).unwrap();
         assert!(outcome.falsified_trials > 0 && outcome.simulations > 3, "{outcome:?}");
         bench
@@ -77,7 +78,7 @@ impl Bench {
     fn evaluation() -> Bench {
         let evaluate = EvaluatePlan { episodes: 5, ..EvaluatePlan::default() };
         let bench = Bench::new(&Plan { evaluate: Some(evaluate), ..Plan::new("toy/car-following", "") });
-        let run = mishandle::create_run(&bench.resolved, Some(&bench.honest())).unwrap();
+        let run = mishandle::run::create_run(&bench.resolved, Some(&bench.honest())).unwrap();
         mishandle::evaluate(&bench.resolved, run, |_| ControlFlow::Continue(())).unwrap();
         bench
     }
@@ -103,7 +104,7 @@ impl Bench {
     /// Replays the chosen simulation of a forged copy.
     fn replay(&self, change: Change) -> Vec<String> {
         let (path, (trial, number)) = self.forge(change);
-        match mishandle::replay(&RunFile::open(path).unwrap(), trial, number, None) {
+        match mishandle::replay::replay(&RunFile::open(path).unwrap(), trial, number, None) {
             Ok(replayed) => replayed.differences,
             Err(MishandleError::RunMismatch { differences }) => differences,
             Err(error) => panic!("{error}"),
@@ -335,7 +336,7 @@ fn a_run_of_a_target_in_python_is_not_taken_for_a_misspelled_name() {
     let bench = Bench::evaluation();
     let mut header = RunFile::open(bench.honest()).unwrap().header().clone();
     header.plan = header.plan.replace("toy/car-following", "python/point-reaching");
-    let error = mishandle::recorded_plan(&header, None).unwrap_err();
+    let error = mishandle::resolve::recorded_plan(&header, None).unwrap_err();
     assert!(error.to_string().contains("`mishandle.replay`"), "{error}");
     assert_eq!(error.hint(), None);
 }

@@ -5,8 +5,12 @@ use std::collections::BTreeSet;
 use std::ops::ControlFlow;
 use std::path::Path;
 
+use mishandle::inspect::mode_survey;
+use mishandle::plan::FalsifyPlan;
+use mishandle::replay::replay;
+use mishandle::run::create_run;
 use mishandle::store::{RunFile, RunWriter, Simulation, TrialStatus};
-use mishandle::{FalsifyPlan, Plan, ResolvedPlan, create_run, falsify, mode_survey, replay};
+use mishandle::{Plan, ResolvedPlan, falsify};
 
 fn resolved(batch: u32) -> ResolvedPlan {
     let falsify = FalsifyPlan {

@@ -5,8 +5,9 @@
 use std::ops::ControlFlow;
 
 use mishandle::falsification::{CampaignOutcome, ScreenedCounts, TrialOutcome};
+use mishandle::plan::{EvaluatePlan, FalsifyPlan, RiskPlan};
 use mishandle::world::{Backend, BatchBuffers, BatchSpec, CpuBackend, Outputs, WorldBatch, WorldError};
-use mishandle::{EvaluatePlan, FalsifyPlan, Plan, ResolvedPlan, RiskPlan};
+use mishandle::{Plan, ResolvedPlan};
 
 fn resolved() -> ResolvedPlan {
     let risk = RiskPlan {
@@ -22,9 +23,9 @@ fn resolved() -> ResolvedPlan {
 
 fn screened(backend: &dyn Backend, sample_rate: f64) -> mishandle::risk::ScreenedReport {
     let resolved = resolved();
-    let scenarios = mishandle::risk_scenarios(&resolved).unwrap();
-    let mut screening = mishandle::screening(&resolved, backend, 24).unwrap();
-    mishandle::risk_on_backend(&resolved, &scenarios, &mut screening, sample_rate, &mut |_| {
+    let scenarios = mishandle::run::risk_scenarios(&resolved).unwrap();
+    let mut screening = mishandle::run::screening(&resolved, backend, 24).unwrap();
+    mishandle::run::risk_on_backend(&resolved, &scenarios, &mut screening, sample_rate, &mut |_| {
         ControlFlow::Continue(())
     })
     .unwrap()
@@ -32,7 +33,7 @@ fn screened(backend: &dyn Backend, sample_rate: f64) -> mishandle::risk::Screene
 
 #[test]
 fn an_engine_with_the_bits_of_the_system_flags_exactly_the_failures() {
-    let report = mishandle::risk(&resolved(), |_| ControlFlow::Continue(())).unwrap();
+    let report = mishandle::run::risk(&resolved(), |_| ControlFlow::Continue(())).unwrap();
     let failures = report.monte_carlo.failures;
     assert!((5..95).contains(&failures), "{failures} failures: the test needs both outcomes");
     let counts = screened(&CpuBackend, 0.3).counts;
@@ -99,7 +100,8 @@ impl WorldBatch for WrongWorlds {
 
 #[test]
 fn a_wrong_engine_changes_the_effort_but_not_the_answer() {
-    let failures = mishandle::risk(&resolved(), |_| ControlFlow::Continue(())).unwrap().monte_carlo.failures;
+    let failures =
+        mishandle::run::risk(&resolved(), |_| ControlFlow::Continue(())).unwrap().monte_carlo.failures;
     for is_diverging in [false, true] {
         let report = screened(&Wrong(is_diverging), 1.0);
         let counts = report.counts;
@@ -117,17 +119,19 @@ fn evaluation() -> ResolvedPlan {
     ResolvedPlan::new(&plan).unwrap()
 }
 
-fn evaluated(backend: &dyn Backend, sample_rate: f64) -> mishandle::ScreenedEvaluationOutcome {
+fn evaluated(backend: &dyn Backend, sample_rate: f64) -> mishandle::run::ScreenedEvaluationOutcome {
     let resolved = evaluation();
-    let mut screening = mishandle::screening(&resolved, backend, 24).unwrap();
-    mishandle::evaluate_on_backend(&resolved, &mut screening, sample_rate, &mut |_| ControlFlow::Continue(()))
-        .unwrap()
+    let mut screening = mishandle::run::screening(&resolved, backend, 24).unwrap();
+    mishandle::run::evaluate_on_backend(&resolved, &mut screening, sample_rate, &mut |_| {
+        ControlFlow::Continue(())
+    })
+    .unwrap()
 }
 
 #[test]
 fn a_screened_evaluation_has_the_rates_of_the_plain_one_whatever_the_engine_does() {
     let folder = tempfile::tempdir().unwrap();
-    let run = mishandle::create_run(&evaluation(), Some(&folder.path().join("run.sqlite"))).unwrap();
+    let run = mishandle::run::create_run(&evaluation(), Some(&folder.path().join("run.sqlite"))).unwrap();
     let plain = mishandle::evaluate(&evaluation(), run, |_| ControlFlow::Continue(())).unwrap();
     let value = |rate: Option<mishandle::evaluation::Estimate>| rate.and_then(|rate| rate.value).unwrap();
     let expected = [
@@ -174,9 +178,9 @@ fn the_failures_of_a_screened_evaluation_are_those_of_the_system() {
 #[test]
 fn an_interrupted_screened_evaluation_counts_no_part_of_a_chunk() {
     let resolved = evaluation();
-    let mut screening = mishandle::screening(&resolved, &CpuBackend, 24).unwrap();
+    let mut screening = mishandle::run::screening(&resolved, &CpuBackend, 24).unwrap();
     let mut calls = 0;
-    let outcome = mishandle::evaluate_on_backend(&resolved, &mut screening, 0.5, &mut |_| {
+    let outcome = mishandle::run::evaluate_on_backend(&resolved, &mut screening, 0.5, &mut |_| {
         calls += 1;
         if calls < 2 { ControlFlow::Continue(()) } else { ControlFlow::Break(()) }
     })
@@ -202,15 +206,15 @@ fn falsification(batch: u32) -> ResolvedPlan {
 
 fn falsified(backend: &dyn Backend, sample_rate: f64, batch: u32) -> (CampaignOutcome, ScreenedCounts) {
     let resolved = falsification(batch);
-    let mut screening = mishandle::screening(&resolved, backend, 24).unwrap();
+    let mut screening = mishandle::run::screening(&resolved, backend, 24).unwrap();
     let watch = &mut |_: &CampaignOutcome| ControlFlow::Continue(());
-    mishandle::falsify_on_backend(&resolved, &mut screening, sample_rate, watch).unwrap()
+    mishandle::run::falsify_on_backend(&resolved, &mut screening, sample_rate, watch).unwrap()
 }
 
 fn plain_falsification() -> CampaignOutcome {
     let folder = tempfile::tempdir().unwrap();
     let resolved = falsification(24);
-    let run = mishandle::create_run(&resolved, Some(&folder.path().join("run.sqlite"))).unwrap();
+    let run = mishandle::run::create_run(&resolved, Some(&folder.path().join("run.sqlite"))).unwrap();
     let outcome = mishandle::falsify(&resolved, run, |_| ControlFlow::Continue(())).unwrap();
     let falsified = outcome.falsified_trials;
     assert!(
@@ -272,11 +276,11 @@ fn changed_constants_and_events_have_the_counterexamples_of_the_system() {
     let plan = Plan { space: "starts+dynamics+events".to_string(), ..falsification(24).plan };
     let resolved = ResolvedPlan::new(&plan).unwrap();
     let folder = tempfile::tempdir().unwrap();
-    let run = mishandle::create_run(&resolved, Some(&folder.path().join("run.sqlite"))).unwrap();
+    let run = mishandle::run::create_run(&resolved, Some(&folder.path().join("run.sqlite"))).unwrap();
     let plain = mishandle::falsify(&resolved, run, |_| ControlFlow::Continue(())).unwrap();
-    let mut screening = mishandle::screening(&resolved, &CpuBackend, 24).unwrap();
+    let mut screening = mishandle::run::screening(&resolved, &CpuBackend, 24).unwrap();
     let watch = &mut |_: &CampaignOutcome| ControlFlow::Continue(());
-    let (found, counts) = mishandle::falsify_on_backend(&resolved, &mut screening, 0.1, watch).unwrap();
+    let (found, counts) = mishandle::run::falsify_on_backend(&resolved, &mut screening, 0.1, watch).unwrap();
     assert!(found.trials.iter().map(evidence).eq(plain.trials.iter().map(evidence)));
     assert_eq!(counts.sampled.violations, 0);
 }
@@ -325,9 +329,9 @@ impl WorldBatch for LostWorlds {
 #[test]
 fn a_lost_device_ends_a_campaign_with_its_error() {
     let resolved = falsification(24);
-    let mut screening = mishandle::screening(&resolved, &Lost, 24).unwrap();
+    let mut screening = mishandle::run::screening(&resolved, &Lost, 24).unwrap();
     let watch = &mut |_: &CampaignOutcome| ControlFlow::Continue(());
-    let error = mishandle::falsify_on_backend(&resolved, &mut screening, 0.1, watch).unwrap_err();
+    let error = mishandle::run::falsify_on_backend(&resolved, &mut screening, 0.1, watch).unwrap_err();
     let text = error.to_string();
     assert!(
         text.contains("the physics engine of the backend failed") && text.contains("the device is lost"),

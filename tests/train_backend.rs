@@ -5,9 +5,10 @@
 use std::path::Path;
 use std::sync::Arc;
 
+use mishandle::MishandleError;
+use mishandle::train::{TrainObserver, TrainPlan, TrainReport};
 use mishandle::training::{TrainingControl, TrainingProgress};
 use mishandle::world::CpuBackend;
-use mishandle::{MishandleError, TrainObserver, TrainPlan, TrainReport};
 
 struct Silent;
 
@@ -48,13 +49,13 @@ fn plan(folder: &Path, backend: &str) -> TrainPlan {
 }
 
 fn train(plan: &TrainPlan) -> Result<TrainReport, Box<MishandleError>> {
-    mishandle::train(plan, &mut Silent).map_err(Box::new)
+    mishandle::train::train(plan, &mut Silent).map_err(Box::new)
 }
 
 #[test]
 fn the_bits_of_training_do_not_depend_on_the_interface_of_the_engines() {
     let folder = tempfile::tempdir().unwrap();
-    mishandle::install_gpu_backend(Arc::new(CpuBackend), None);
+    mishandle::run::install_gpu_backend(Arc::new(CpuBackend), None);
     let cpu = train(&plan(folder.path(), "cpu")).unwrap();
     let gpu = plan(folder.path(), "gpu");
     let half = TrainPlan { steps: Some(128), ..gpu.clone() };

@@ -4,11 +4,13 @@
 
 use std::ops::ControlFlow;
 
+use mishandle::inspect::EventKind;
+use mishandle::plan::EvaluatePlan;
 use mishandle::rollout::{Environment, Request, Scenario, Seed};
 use mishandle::store::{RunFile, TraceColumn};
 use mishandle::tasks::{Preset, Reward, TaskEnvironment, tasks};
 use mishandle::world::Model;
-use mishandle::{EvaluatePlan, EventKind, Plan, ResolvedPlan};
+use mishandle::{Plan, ResolvedPlan};
 
 /// The environment removes visual elements from the scene. Its states must still fit the scene with visual elements.
 #[test]
@@ -16,8 +18,8 @@ fn the_states_of_every_task_fit_its_scene_with_visual_elements() {
     for task in tasks() {
         let name = task.definition().name;
         let environment = TaskEnvironment::new(task, Preset::Paper, Reward::Original).unwrap();
-        let trajectory = mishandle::initial_state(task, None).unwrap();
-        let rendered = Model::from_xml(&mishandle::scene_mjcf(task).unwrap()).unwrap();
+        let trajectory = mishandle::picture::initial_state(task, None).unwrap();
+        let rendered = Model::from_xml(&mishandle::picture::scene_mjcf(task).unwrap()).unwrap();
         let simulated = environment.model();
         assert_eq!(rendered.state_size(), simulated.state_size(), "{name}");
         assert_eq!(rendered.qpos_size(), simulated.qpos_size(), "{name}");
@@ -32,16 +34,18 @@ fn a_replayed_trajectory_has_one_state_per_sample_of_the_trace() {
     let evaluate = EvaluatePlan { episodes: 2, ..EvaluatePlan::default() };
     let plan = Plan { evaluate: Some(evaluate), ..Plan::new("point-reaching", "expert") };
     let resolved = ResolvedPlan::new(&plan).unwrap();
-    let run = mishandle::create_run(&resolved, Some(&path)).unwrap();
+    let run = mishandle::run::create_run(&resolved, Some(&path)).unwrap();
     mishandle::evaluate(&resolved, run, |_| ControlFlow::Continue(())).unwrap();
 
     let (replayed, trajectory) =
-        mishandle::replay_states(&RunFile::open(&path).unwrap(), 1, 2, None).unwrap();
+        mishandle::picture::replay_states(&RunFile::open(&path).unwrap(), 1, 2, None).unwrap();
     assert_eq!(replayed.differences, Vec::<String>::new());
     assert_eq!(trajectory.states.len(), replayed.episode.trace.len());
     // The arm has moved, and its target has not.
-    let model =
-        Model::from_xml(&mishandle::scene_mjcf(mishandle::task("point-reaching").unwrap()).unwrap()).unwrap();
+    let model = Model::from_xml(
+        &mishandle::picture::scene_mjcf(mishandle::resolve::task("point-reaching").unwrap()).unwrap(),
+    )
+    .unwrap();
     let target = model.body("target").unwrap();
     let mut world = model.world();
     let mut positions = |state: &[f64]| {
@@ -67,17 +71,17 @@ fn the_first_contact_and_the_release_are_those_of_the_trace() {
         ..Plan::new("cube-stacking", "expert")
     };
     let resolved = ResolvedPlan::new(&plan).unwrap();
-    let run = mishandle::create_run(&resolved, Some(&path)).unwrap();
+    let run = mishandle::run::create_run(&resolved, Some(&path)).unwrap();
     mishandle::evaluate(&resolved, run, |_| ControlFlow::Continue(())).unwrap();
     let (replayed, trajectory) =
-        mishandle::replay_states(&RunFile::open(&path).unwrap(), 1, 1, None).unwrap();
+        mishandle::picture::replay_states(&RunFile::open(&path).unwrap(), 1, 1, None).unwrap();
     let trace = &replayed.episode.trace;
     let held = trace.names().iter().position(|name| name == "cube_held").unwrap();
-    let release = mishandle::release(trace).unwrap();
+    let release = mishandle::inspect::release(trace).unwrap();
     assert_eq!((release.kind, trace.column(held)[release.sample - 1]), (EventKind::Release, 1.0));
     assert_eq!(trace.column(held)[release.sample], 0.0);
 
-    let columns = mishandle::full_trace(&resolved, &replayed.episode).unwrap();
+    let columns = mishandle::picture::full_trace(&resolved, &replayed.episode).unwrap();
     let (contact, pair) = trajectory.first_contact().unwrap().unwrap();
     assert_eq!(contact.kind, EventKind::Contact);
     let force = &columns.iter().find(|column| column.name == pair).unwrap().values;
@@ -89,7 +93,8 @@ fn the_first_contact_and_the_release_are_those_of_the_trace() {
         let touches = column.values[..contact.sample].iter().any(|force| *force != Some(0.0));
         assert!(!is_apart || !touches, "{}", column.name);
     }
-    let arm = mishandle::initial_state(mishandle::task("point-reaching").unwrap(), None).unwrap();
+    let arm =
+        mishandle::picture::initial_state(mishandle::resolve::task("point-reaching").unwrap(), None).unwrap();
     assert_eq!(arm.first_contact().unwrap(), None);
 }
 
@@ -105,7 +110,7 @@ fn a_full_trace_has_the_weights_of_the_stack_and_the_actions_that_moved_the_arm(
         values[axes.iter().position(|axis| axis.name == "target_mass_scale").unwrap()] = Some(mass);
         let request = Request::new(Scenario::new(values), Seed(0));
         let episode = resolved.system().unwrap().rollout(&[request]).unwrap().remove(0);
-        (episode.trace.len(), mishandle::full_trace(&resolved, &episode).unwrap())
+        (episode.trace.len(), mishandle::picture::full_trace(&resolved, &episode).unwrap())
     };
     let (samples, nominal) = columns(1.0);
     assert!(nominal.iter().all(|column| column.values.len() == samples));
@@ -131,7 +136,7 @@ fn a_full_trace_has_the_weights_of_the_stack_and_the_actions_that_moved_the_arm(
     let (_, heavy) = columns(2.0);
     assert!(near(at_end(&heavy, "contact_ground_target"), 0.06));
     // The state starts in the posture of the definition, at rest.
-    let start = mishandle::task("cube-stacking").unwrap().definition().start;
+    let start = mishandle::resolve::task("cube-stacking").unwrap().definition().start;
     assert_eq!(find(&nominal, "q_joint4")[0], Some(start[3]));
     assert_eq!(find(&nominal, "dq_joint4")[0], Some(0.0));
     assert_eq!(nominal.iter().find(|column| column.name == "dq_joint4").unwrap().unit, "rad/s");
@@ -146,6 +151,6 @@ fn only_tasks_have_full_traces() {
     let resolved = ResolvedPlan::new(&Plan::new("toy/sphere-2d", "")).unwrap();
     let request = Request::new([0.5, 0.5], Seed(0));
     let episode = resolved.system().unwrap().rollout(&[request]).unwrap().remove(0);
-    let error = mishandle::full_trace(&resolved, &episode).unwrap_err().to_string();
+    let error = mishandle::picture::full_trace(&resolved, &episode).unwrap_err().to_string();
     assert!(error.contains("toy/sphere-2d") && error.contains("a task"), "{error}");
 }

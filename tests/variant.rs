@@ -5,15 +5,17 @@
 use std::borrow::Cow;
 use std::sync::{Arc, LazyLock, Once};
 
+use mishandle::plan::{EvaluatePlan, StartRegion};
 use mishandle::rollout::Controller;
+use mishandle::shipped::shipped_controllers;
 use mishandle::tasks::{Definition, Panda, Scene, Task};
 use mishandle::world::{Model, WorldError};
-use mishandle::{EvaluatePlan, Plan, ResolvedPlan, StartRegion, shipped_controllers};
+use mishandle::{Plan, ResolvedPlan};
 
 const BASE: &str = "ball-balancing";
 
 fn base() -> &'static dyn Task {
-    mishandle::task(BASE).unwrap()
+    mishandle::resolve::task(BASE).unwrap()
 }
 
 static DEFINITION: LazyLock<Definition> = LazyLock::new(|| Definition {
@@ -56,11 +58,12 @@ fn add_variant() {
 fn a_variant_has_the_controllers_of_its_base_task() {
     add_variant();
     assert_eq!(shipped_controllers(&DEFINITION), shipped_controllers(base().definition()));
-    let hash = |task: &str| mishandle::target(&Plan::new(task, "ppo")).unwrap().components[0].hash.clone();
+    let hash =
+        |task: &str| mishandle::resolve::target(&Plan::new(task, "ppo")).unwrap().components[0].hash.clone();
     assert_eq!(hash(DEFINITION.name), hash(BASE));
     // A controller of another task is an error.
     let other = concat!(env!("CARGO_MANIFEST_DIR"), "/controllers/ball-pushing/ppo.safetensors");
-    let error = mishandle::target(&Plan::new(DEFINITION.name, other)).err().unwrap().to_string();
+    let error = mishandle::resolve::target(&Plan::new(DEFINITION.name, other)).err().unwrap().to_string();
     assert!(error.contains("ball-pushing"), "{error}");
 }
 
@@ -70,7 +73,7 @@ fn only_unreachable_initial_states_are_excluded() {
     let excludes = |task: &str, starts| {
         let evaluate = EvaluatePlan { episodes: 20, starts, ..EvaluatePlan::default() };
         let plan = Plan { evaluate: Some(evaluate), ..Plan::new(task, "expert") };
-        mishandle::rejects_scenarios(&ResolvedPlan::new(&plan).unwrap())
+        mishandle::run::rejects_scenarios(&ResolvedPlan::new(&plan).unwrap())
     };
     // Half of the variant's box is reachable. The probability that all 20 initial states are reachable is 1e-6.
     assert!(excludes(DEFINITION.name, StartRegion::Reachable));

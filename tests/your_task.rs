@@ -7,8 +7,8 @@ use std::path::Path;
 use std::process::ExitCode;
 use std::sync::Once;
 
-use mishandle::TrainPlan;
 use mishandle::store::RunFile;
+use mishandle::train::TrainPlan;
 use mishandle::training::AlgorithmSettings;
 
 #[path = "../examples/your_task/cube_flipping.rs"]
@@ -95,11 +95,12 @@ fn a_training_run_without_shipped_settings_uses_the_defaults() {
         tensorboard: None,
         resume: false,
     };
-    let uses_defaults = |task, settings| mishandle::uses_default_settings(&plan(task, settings)).unwrap();
+    let uses_defaults =
+        |task, settings| mishandle::train::uses_default_settings(&plan(task, settings)).unwrap();
     assert!(uses_defaults("cube-flipping", None) && uses_defaults("cube-flipping", Some("best")));
     assert!(!uses_defaults("cube-flipping", Some("skrl-0.10")));
     assert!(!uses_defaults("ball-balancing", None) && !uses_defaults("cloth-placing-7x7", None));
     let mut defaults = AlgorithmSettings::from_toml("sac", "").unwrap().unwrap();
     defaults.run_mut().total_steps = 512;
-    assert_eq!(mishandle::training_facts(&plan("cube-flipping", None)).unwrap().settings, defaults);
+    assert_eq!(mishandle::train::training_facts(&plan("cube-flipping", None)).unwrap().settings, defaults);
 }

@@ -2,8 +2,10 @@
 
 use std::path::Path;
 
+use mishandle::counterexample::Counterexample;
+use mishandle::plan::FalsifyPlan;
 use mishandle::rollout::{Request, Seed};
-use mishandle::{Counterexample, FalsifyPlan, Plan, ResolvedPlan};
+use mishandle::{Plan, ResolvedPlan};
 
 /// Checks the laws:
 /// - a counterexample that is read and written reads as the same counterexample;

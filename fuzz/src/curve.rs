@@ -1,6 +1,6 @@
 //! Learning curves, as CSV.
 
-use mishandle::Curve;
+use mishandle::train::Curve;
 
 use crate::scratch::Scratch;
 

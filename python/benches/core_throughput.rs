@@ -17,7 +17,8 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let [task, rows, threads] = &arguments[..] else { return Err("expected TASK ROWS THREADS".into()) };
     let rows: usize = rows.parse()?;
     rayon::ThreadPoolBuilder::new().num_threads(threads.parse()?).build_global()?;
-    let environment = Arc::new(TaskEnvironment::new(mishandle::task(task)?, Preset::Paper, Reward::Shaped)?);
+    let environment =
+        Arc::new(TaskEnvironment::new(mishandle::resolve::task(task)?, Preset::Paper, Reward::Shaped)?);
     let actions = vec![0.0; rows * environment.action_size()];
     let mut batch = CpuBatch::new(environment.clone(), rows);
     batch.reset(|row| {

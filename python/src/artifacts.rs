@@ -3,10 +3,11 @@
 use std::ops::ControlFlow;
 use std::path::PathBuf;
 
+use mishandle::counterexample::Counterexample;
 use mishandle::evaluation::{Lifetime, RepeatReport, SurvivalCurve};
 use mishandle::rollout::{Scenario, Seed, Space};
 use mishandle::store::RunFile;
-use mishandle::{Counterexample, MishandleError as Error, Plan, ResolvedPlan};
+use mishandle::{MishandleError as Error, Plan, ResolvedPlan};
 use mishandle_report::{Measurement, RunReport, page};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
@@ -74,7 +75,9 @@ pub fn regress<'py>(
         let recorded = Counterexample::read(&path)?;
         let plan = Plan { seed: 0, ..recorded.plan.clone() };
         let resolved = ResolvedPlan::with_target(&plan, target.target.clone())?;
-        let found = mishandle::regress_with(&recorded, &resolved, repeats, |_| ControlFlow::Continue(()))?;
+        let found = mishandle::counterexample::regress_with(&recorded, &resolved, repeats, |_| {
+            ControlFlow::Continue(())
+        })?;
         Ok((recorded, found))
     })?;
     let dict = PyDict::new(py);

@@ -4,12 +4,14 @@ use std::ops::ControlFlow;
 use std::path::PathBuf;
 use std::sync::PoisonError;
 
+use mishandle::counterexample::Counterexample;
 use mishandle::evaluation::Estimate;
 use mishandle::falsification::{CampaignOutcome, TrialEnd, TrialOutcome};
+use mishandle::plan::{EvaluatePlan, FalsifyPlan};
 use mishandle::rollout::{Episode, EpisodeEnd, Request, Scenario, Seed, Space};
 use mishandle::search::{OptionValue, SearchOptions};
 use mishandle::store::{RunFile, RunWriter};
-use mishandle::{Counterexample, EvaluatePlan, FalsifyPlan, MishandleError as Error, Plan, ResolvedPlan};
+use mishandle::{MishandleError as Error, Plan, ResolvedPlan};
 use numpy::PyArray2;
 use numpy::ndarray::Array2;
 use pyo3::prelude::*;
@@ -63,7 +65,7 @@ pub fn check_falsify(
         [trials, budget, batch].map(|number| u32::try_from(number).unwrap_or(u32::MAX));
     let options = search_options(options);
     let falsify = FalsifyPlan { search, trials, budget, batch, new_mode_rate, options, ..Default::default() };
-    mishandle::check_falsify(&falsify, &space).map(drop).map_err(raised)
+    mishandle::resolve::check_falsify(&falsify, &space).map(drop).map_err(raised)
 }
 
 /// Checks the settings of an evaluation in the space of these axes, before the system is simulated.
@@ -72,7 +74,8 @@ pub fn check_falsify(
 pub fn check_evaluate(axes: Vec<AxisTuple>, episodes: u64, batch: u64) -> PyResult<()> {
     space(axes)?;
     let batch = u32::try_from(batch).unwrap_or(u32::MAX);
-    mishandle::check_evaluate(&EvaluatePlan { episodes, batch, ..Default::default() }).map_err(raised)
+    mishandle::resolve::check_evaluate(&EvaluatePlan { episodes, batch, ..Default::default() })
+        .map_err(raised)
 }
 
 fn search_options(given: Vec<(String, SearchOption)>) -> SearchOptions {
@@ -147,7 +150,7 @@ pub fn evaluate<'py>(
     let plan = Plan { evaluate: Some(evaluate), ..plan(target, seed) };
     let run = |resolved: &ResolvedPlan, run: RunWriter| {
         let path = run.file().path().to_path_buf();
-        let total = mishandle::evaluation_simulations(resolved);
+        let total = mishandle::run::evaluation_simulations(resolved);
         let outcome =
             mishandle::evaluate(resolved, run, |done| report(target, progress.as_ref(), done, total))?;
         Ok((outcome, path))
@@ -226,13 +229,13 @@ pub fn replay<'py>(
 ) -> PyResult<Bound<'py, PyDict>> {
     let replayed = detached(py, target, || {
         let run = RunFile::open(&path)?;
-        let Some((trial, number)) = mishandle::select_simulation(&run, trial, number)? else {
+        let Some((trial, number)) = mishandle::replay::select_simulation(&run, trial, number)? else {
             return Ok(None);
         };
         let mut found = target.target.clone();
         found.is_deterministic = run.header().target.is_deterministic;
         let resolved = ResolvedPlan::with_target(&Plan::from_toml(&run.header().plan)?, found)?;
-        mishandle::replay_with(&run, trial, number, &resolved).map(Some)
+        mishandle::replay::replay_with(&run, trial, number, &resolved).map(Some)
     })?;
     let Some(replayed) = replayed else {
         return Err(InvalidValueError::new_err(
@@ -270,7 +273,9 @@ fn in_run<T: Send>(
                 found.is_deterministic = run.file().header().target.is_deterministic;
                 run
             }
-            _ => mishandle::create_run(&ResolvedPlan::with_target(plan, found.clone())?, path.as_deref())?,
+            _ => {
+                mishandle::run::create_run(&ResolvedPlan::with_target(plan, found.clone())?, path.as_deref())?
+            }
         };
         if is_durable {
             run.set_durable()?;

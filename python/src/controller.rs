@@ -41,7 +41,7 @@ impl PyController {
     }
 
     fn onnx(name: &str, task: Option<&str>) -> PyResult<PyController> {
-        let policy = mishandle::onnx_policy(Path::new(name), task).map_err(raised)?;
+        let policy = mishandle::resolve::onnx_policy(Path::new(name), task).map_err(raised)?;
         if policy.state_size() > 0 {
             let message = "a recurrent ONNX model is not a function of the observation; run it with `mishandle evaluate` or \
                            `mishandle falsify TASK --controller FILE.onnx`";
@@ -57,10 +57,11 @@ impl PyController {
     #[new]
     #[pyo3(signature = (name, task=None))]
     fn new(name: &str, task: Option<&str>) -> PyResult<Self> {
-        if mishandle::is_onnx(Path::new(name)) {
+        if mishandle::resolve::is_onnx(Path::new(name)) {
             return Self::onnx(name, task);
         }
-        let file = mishandle::find_controller(name).and_then(|found| found.controller()).map_err(raised)?;
+        let file =
+            mishandle::resolve::find_controller(name).and_then(|found| found.controller()).map_err(raised)?;
         if let Some(task) = task.filter(|task| *task != file.header.task) {
             let message = format!("the controller was trained for {}, not for {task}", file.header.task);
             return Err(InvalidValueError::new_err(message));
@@ -73,7 +74,7 @@ impl PyController {
     fn onnx_bytes<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyBytes>> {
         let file =
             self.file.as_ref().ok_or_else(|| InvalidValueError::new_err("this is an ONNX model already"))?;
-        Ok(PyBytes::new(py, &onnx_bytes(file, mishandle::VERSION)))
+        Ok(PyBytes::new(py, &onnx_bytes(file, mishandle::build::VERSION)))
     }
 
     #[getter]

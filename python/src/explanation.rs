@@ -2,8 +2,8 @@
 
 use std::path::PathBuf;
 
+use mishandle::inspect::{ComparedPair, ExplainedSimulation, FailureMode, PairedMeans, PairedRates};
 use mishandle::store::{RunFile, RunHeader};
-use mishandle::{ComparedPair, ExplainedSimulation, FailureMode, PairedMeans, PairedRates};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
@@ -58,8 +58,9 @@ pub(crate) fn mode(mode: FailureMode) -> Mode {
 /// Compares two evaluations of the same scenarios and seeds.
 #[pyfunction]
 pub fn compare(py: Python<'_>, first: PathBuf, second: PathBuf) -> PyResult<Bound<'_, PyDict>> {
-    let found =
-        py.detach(|| mishandle::compare(&RunFile::open(first)?, &RunFile::open(second)?)).map_err(raised)?;
+    let found = py
+        .detach(|| mishandle::inspect::compare(&RunFile::open(first)?, &RunFile::open(second)?))
+        .map_err(raised)?;
     let rates = |rates: &PairedRates| {
         (estimate(&rates.first), estimate(&rates.second), estimate(&rates.difference), rates.p_value)
     };
@@ -92,7 +93,7 @@ pub fn compare(py: Python<'_>, first: PathBuf, second: PathBuf) -> PyResult<Boun
 pub fn comparison_page(py: Python<'_>, first: PathBuf, second: PathBuf) -> PyResult<String> {
     let page = || {
         let runs = (RunFile::open(first)?, RunFile::open(second)?);
-        let found = mishandle::compare(&runs.0, &runs.1)?;
+        let found = mishandle::inspect::compare(&runs.0, &runs.1)?;
         Ok(mishandle_report::comparison_page(&found, [&runs.0, &runs.1]))
     };
     py.detach(page).map_err(|error: mishandle::MishandleError| raised(error))

@@ -14,7 +14,7 @@ struct WarpBackend;
 
 /// Makes the backend `gpu` available to the commands of this process.
 pub fn install() {
-    mishandle::install_gpu_backend(Arc::new(WarpBackend), Some(Arc::new(WarpDevice)));
+    mishandle::run::install_gpu_backend(Arc::new(WarpBackend), Some(Arc::new(WarpDevice)));
 }
 
 /// Address and number of elements of a buffer that a Python object owns.

@@ -58,7 +58,7 @@ fn contents(module: &Bound<'_, PyModule>) -> PyResult<()> {
         )));
     }
     gpu::install();
-    module.add("__version__", mishandle::VERSION)?;
+    module.add("__version__", mishandle::build::VERSION)?;
     module.add_class::<VectorEnv>()?;
     module.add_class::<PyTarget>()?;
     module.add_class::<PyFormula>()?;

@@ -1,8 +1,11 @@
 //! The smallest disturbance that makes a Python target fail.
 
+use mishandle::counterexample::Counterexample;
 use mishandle::evaluation::RepeatReport;
+use mishandle::plan::FalsifyPlan;
 use mishandle::rollout::Seed;
-use mishandle::{Counterexample, FalsifyPlan, Level, Margin, Plan, ResolvedPlan};
+use mishandle::run::{Level, Margin};
+use mishandle::{Plan, ResolvedPlan};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
@@ -14,7 +17,7 @@ use crate::target::{AxisTuple, PyTarget, scenario, space};
 #[pyfunction]
 #[pyo3(signature = (axes, *, budget))]
 pub fn check_margin(axes: Vec<AxisTuple>, budget: u64) -> PyResult<()> {
-    mishandle::check_margin(budget, &space(axes)?).map_err(raised)
+    mishandle::run::check_margin(budget, &space(axes)?).map_err(raised)
 }
 
 /// Searches for the smallest disturbance that violates the requirement. Returns the outcome as a dictionary, with the exception that
@@ -35,14 +38,16 @@ pub fn margin<'py>(
         let resolved = ResolvedPlan::with_target(&plan, target.target.clone())?;
         let mut system = resolved.system()?;
         let watch = |done| report(target, progress.as_ref(), done, budget);
-        let found = mishandle::margin(&mut *system, Seed(seed), budget, watch)?;
+        let found = mishandle::run::margin(&mut *system, Seed(seed), budget, watch)?;
         let mut done = found.simulations;
         let total = done + Margin::REPEATS;
         let repeats = match &found.witness {
-            Some(witness) if found.is_complete => mishandle::witness_repeats(&resolved, witness, |_| {
-                done += 1;
-                report(target, progress.as_ref(), done, total)
-            })?,
+            Some(witness) if found.is_complete => {
+                mishandle::run::witness_repeats(&resolved, witness, |_| {
+                    done += 1;
+                    report(target, progress.as_ref(), done, total)
+                })?
+            }
             _ => None,
         };
         let counterexample = found.witness.as_ref().map(|witness| &witness.episode);

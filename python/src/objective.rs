@@ -1,7 +1,8 @@
 //! Robustness as a function of a point of \[0, 1\]^d, for optimizers outside of this program.
 
+use mishandle::plan::FalsifyPlan;
 use mishandle::rollout::{Request, Seed};
-use mishandle::{FalsifyPlan, Plan, ResolvedPlan};
+use mishandle::{Plan, ResolvedPlan};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 

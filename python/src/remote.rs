@@ -7,9 +7,10 @@ use std::sync::Arc;
 use mishandle::rollout::{
     Episode, Request, RolloutError, Scenario, Seed, Space, Specification, System, Target, Verdict,
 };
+use mishandle::run::CampaignRun;
 use mishandle::stl::{SubformulaMinimum, Trace};
 use mishandle::store::RunKind;
-use mishandle::{CampaignRun, MishandleError as Error, Plan, ResolvedPlan};
+use mishandle::{MishandleError as Error, Plan, ResolvedPlan};
 use numpy::ndarray::Array2;
 use numpy::{PyArray2, PyReadonlyArray2};
 use pyo3::exceptions::PyRuntimeError;
@@ -183,7 +184,7 @@ pub fn complete_run(
     let pending = Pending::default();
     let kept = pending.clone();
     let done = py.detach(|| {
-        let known = mishandle::campaign_runs(&folder)?;
+        let known = mishandle::run::campaign_runs(&folder)?;
         let found = known.into_iter().find(|run| run.name == name).ok_or(Error::UnknownName {
             kind: "run of the campaign",
             name,
@@ -214,7 +215,7 @@ pub fn complete_run(
                 mishandle::falsify(&resolved, run, |done| report(done.simulations, done.max_simulations))?;
             }
             RunKind::Evaluate => {
-                let total = mishandle::evaluation_simulations(&resolved);
+                let total = mishandle::run::evaluation_simulations(&resolved);
                 mishandle::evaluate(&resolved, run, |done| report(done, total))?;
             }
         }
@@ -245,13 +246,13 @@ fn report(pending: &Pending, progress: &Py<PyAny>, done: u64, total: u64) -> Con
 /// Creates the folder of a campaign from the text of its file. Returns name and run file of each run.
 #[pyfunction]
 pub fn create_campaign(py: Python<'_>, text: &str, folder: PathBuf) -> PyResult<Vec<(String, PathBuf)>> {
-    named(py.detach(|| mishandle::create_campaign(text, &folder)))
+    named(py.detach(|| mishandle::run::create_campaign(text, &folder)))
 }
 
 /// Returns name and run file of each run of the campaign in a folder.
 #[pyfunction]
 pub fn campaign_runs(py: Python<'_>, folder: PathBuf) -> PyResult<Vec<(String, PathBuf)>> {
-    named(py.detach(|| mishandle::campaign_runs(&folder)))
+    named(py.detach(|| mishandle::run::campaign_runs(&folder)))
 }
 
 fn named(runs: Result<Vec<CampaignRun>, Error>) -> PyResult<Vec<(String, PathBuf)>> {

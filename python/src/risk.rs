@@ -2,9 +2,11 @@
 
 use std::collections::BTreeMap;
 
+use mishandle::counterexample::Counterexample;
+use mishandle::plan::{FalsifyPlan, RiskPlan};
 use mishandle::risk::{Chain, Importance, Marginal, Report, Splitting};
 use mishandle::rollout::{Axis, Request, Scenario, Seed};
-use mishandle::{Counterexample, FalsifyPlan, Plan, ResolvedPlan, RiskPlan};
+use mishandle::{Plan, ResolvedPlan};
 use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyList};
 
@@ -24,7 +26,7 @@ pub fn check_risk(
 ) -> PyResult<()> {
     let batch = u32::try_from(batch).unwrap_or(u32::MAX);
     let risk = RiskPlan { formula: None, simulations, method, batch, distributions };
-    mishandle::check_risk(&risk, &space(axes)?).map_err(raised)
+    mishandle::resolve::check_risk(&risk, &space(axes)?).map_err(raised)
 }
 
 /// Estimates the probability of a violation. Returns the outcome as a dictionary, with the exception that ended the estimation early.
@@ -46,9 +48,9 @@ pub fn risk<'py>(
     let plan = Plan { risk: Some(risk), ..plan(target, seed) };
     let work = || {
         let resolved = ResolvedPlan::with_target(&plan, target.target.clone())?;
-        let scenarios = mishandle::risk_scenarios(&resolved)?;
+        let scenarios = mishandle::run::risk_scenarios(&resolved)?;
         let watch = |done| report(target, progress.as_ref(), done, simulations);
-        let found = mishandle::risk(&resolved, watch)?;
+        let found = mishandle::run::risk(&resolved, watch)?;
         Ok((found, scenarios, resolved.specification.requirement.to_string()))
     };
     let ((found, scenarios, formula), exception) = detached_until(py, target, work)?;
@@ -78,12 +80,12 @@ fn set_parts(dict: &Bound<'_, PyDict>, found: &Report) -> PyResult<()> {
     let Report { answer, monte_carlo, importance, splitting, .. } = found;
     let probability = answer.source.map(|source| {
         let bounds = (answer.estimate.value, answer.estimate.low, answer.estimate.high);
-        (bounds, source.name(), mishandle::risk_assumption(found))
+        (bounds, source.name(), mishandle::run::risk_assumption(found))
     });
     dict.set_item("simulations", found.simulations)?;
     dict.set_item("probability", probability)?;
     dict.set_item("bounds", <(f64, f64)>::from(answer.bounds))?;
-    dict.set_item("refusals", mishandle::risk_refusals(found))?;
+    dict.set_item("refusals", mishandle::run::risk_refusals(found))?;
     let counts = (monte_carlo.simulations, monte_carlo.failures, monte_carlo.without_verdict);
     let bound = monte_carlo.bound_with_undecided();
     dict.set_item("monte_carlo", (counts, estimate(&monte_carlo.estimate()), bound))?;

@@ -107,7 +107,7 @@ impl PyRun {
         let (header, explained) = py
             .detach(|| {
                 let run = self.run.lock().unwrap_or_else(PoisonError::into_inner);
-                Ok((run.header().clone(), mishandle::explain(&run, trial, number, None)?))
+                Ok((run.header().clone(), mishandle::inspect::explain(&run, trial, number, None)?))
             })
             .map_err(|error: MishandleError| raised(error))?;
         explanation(py, &header, &explained)
@@ -116,7 +116,7 @@ impl PyRun {
     /// Returns the failure modes.
     fn failure_modes<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyList>> {
         let run = || self.run.lock().unwrap_or_else(PoisonError::into_inner);
-        let found = py.detach(|| mishandle::failure_modes(&run())).map_err(raised)?;
+        let found = py.detach(|| mishandle::inspect::failure_modes(&run())).map_err(raised)?;
         PyList::new(py, found.modes.into_iter().map(mode))
     }
 

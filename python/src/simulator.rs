@@ -50,9 +50,9 @@ impl Simulator {
     #[pyo3(signature = (task, rows, *, preset, reward, threads))]
     fn new(task: &str, rows: usize, preset: &str, reward: &str, threads: Option<usize>) -> PyResult<Self> {
         check_range("the number of environments", rows, MAX_ROWS)?;
-        let preset = mishandle::preset(preset).map_err(raised)?;
-        let reward = mishandle::reward(reward).map_err(raised)?;
-        let task = mishandle::task(task).map_err(raised)?;
+        let preset = mishandle::resolve::preset(preset).map_err(raised)?;
+        let reward = mishandle::train::reward(reward).map_err(raised)?;
+        let task = mishandle::resolve::task(task).map_err(raised)?;
         let environment = Arc::new(TaskEnvironment::new(task, preset, reward).map_err(raised)?);
         let stage = || Stage { batch: CpuBatch::new(environment.clone(), rows), camera: None };
         let pool = Pool::new(threads, stage)?;
@@ -145,7 +145,9 @@ impl Simulator {
                 self.rows
             )));
         }
-        let document = mishandle::scene_mjcf(mishandle::task(self.environment.name()).map_err(raised)?);
+        let document = mishandle::picture::scene_mjcf(
+            mishandle::resolve::task(self.environment.name()).map_err(raised)?,
+        );
         let document = document.map_err(raised)?;
         let count = rows.len();
         let pixels = self.pool.with(py, |Stage { batch, camera }| {

@@ -3,12 +3,13 @@
 use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex, PoisonError};
 
+use mishandle::plan::{AxisSetting, FalsifyPlan};
 use mishandle::rollout::{
     Axis, AxisKind, AxisValues, Component, Episode, EpisodeEnd, Identity, NamedFormula, Request,
     RolloutError, Signal, Space, Specification, SpecificationMonitor, System, Target, Verdict,
 };
 use mishandle::stl::{MonitorError, Trace};
-use mishandle::{AxisSetting, FalsifyPlan, Plan, ResolvedPlan};
+use mishandle::{Plan, ResolvedPlan};
 use numpy::PyReadonlyArray2;
 use numpy::ndarray::ArrayView2;
 use pyo3::exceptions::PyRuntimeError;

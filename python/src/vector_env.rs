@@ -85,9 +85,9 @@ impl VectorEnv {
             ..EpisodeSettings::default()
         };
         settings.check().map_err(keyword_error)?;
-        let task = mishandle::task(task).map_err(raised)?;
-        let preset = mishandle::preset(preset).map_err(raised)?;
-        let reward = mishandle::reward(reward).map_err(raised)?;
+        let task = mishandle::resolve::task(task).map_err(raised)?;
+        let preset = mishandle::resolve::preset(preset).map_err(raised)?;
+        let reward = mishandle::train::reward(reward).map_err(raised)?;
         let environment = TaskEnvironment::new(task, preset, reward).map_err(raised)?;
         let pool = Pool::new(threads, || None)?;
         Ok(VectorEnv { environment: Arc::new(environment), settings, seed: Seed(seed), pool })

@@ -6,8 +6,9 @@ use mishandle_store::{BuildRecord, ComponentRecord, SimulationEnd, TargetRecord}
 use serde::{Deserialize, Serialize};
 
 use super::{AxisValue, BESIDE, Counterexample, Decisive, Expected, MinimizedFrom};
-use crate::target::is_path;
-use crate::{FalsifyPlan, MishandleError, Plan};
+use crate::error::MishandleError;
+use crate::plan::{FalsifyPlan, Plan};
+use crate::resolve::is_path;
 
 /// Version of the format.
 const FORMAT: u64 = 1;

@@ -8,7 +8,7 @@ use toml::{Table, Value};
 
 use super::Plan;
 use super::read::{key_names, may_be_list, read_lists};
-use crate::MishandleError;
+use crate::error::MishandleError;
 
 /// Largest number of runs of a campaign.
 const MAX_RUNS: usize = 10_000;
@@ -38,7 +38,7 @@ pub struct GridRun {
 /// # Example
 /// ```
 /// let text = "target = 'ball-balancing'\ncontroller = ['ppo', 'sac']\n[falsify]\nsearch = ['random', 'nelder-mead']\n";
-/// let runs = mishandle::read_grid(text)?;
+/// let runs = mishandle::plan::read_grid(text)?;
 /// let names: Vec<&str> = runs.iter().map(|run| run.name.as_str()).collect();
 /// assert_eq!(names, ["ppo_random", "ppo_nelder-mead", "sac_random", "sac_nelder-mead"]);
 /// # Ok::<(), mishandle::MishandleError>(())

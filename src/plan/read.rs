@@ -10,8 +10,9 @@ use toml::de::{DeTable, DeValue, ValueDeserializer};
 
 use super::seed::SeedValue;
 use super::{FORMAT, Plan, StartRegion};
-use crate::search_options::TomlValue;
-use crate::{AxisSetting, MishandleError};
+use crate::error::MishandleError;
+use crate::plan::AxisSetting;
+use crate::plan::search_options::TomlValue;
 
 /// Largest number of characters of a value that an error repeats.
 const SHOWN: usize = 60;

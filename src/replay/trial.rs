@@ -4,7 +4,9 @@ use mishandle_falsification::{FalsificationError, Trial};
 use mishandle_rollout::Request;
 use mishandle_store::{RunFile, Simulation, TrialRecord, TrialStatus, TrialSummary};
 
-use crate::{MishandleError, ResolvedPlan, evaluate, falsify, record};
+use crate::error::MishandleError;
+use crate::resolve::ResolvedPlan;
+use crate::run::{evaluate, falsify, record};
 
 /// Lists the differences between the rows of the simulation's trial and those that the plan implies.
 ///

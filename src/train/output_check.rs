@@ -5,9 +5,9 @@ use std::path::Path;
 use mishandle_training::Checkpoint;
 
 use super::TrainPlan;
-use crate::MishandleError;
-use crate::curve::CurveWriter;
-use crate::tensorboard::EventFile;
+use crate::error::MishandleError;
+use crate::train::curve::CurveWriter;
+use crate::train::tensorboard::EventFile;
 
 /// Checks that all output files of a plan can be written; `resumed` is the checkpoint to resume from.
 ///

@@ -1,6 +1,7 @@
 use std::path::{Path, PathBuf};
 
-use crate::{MishandleError, shell_quote};
+use crate::error::MishandleError;
+use mishandle_text::shell_quote;
 
 /// Extension of controller files.
 const EXTENSION: &str = "safetensors";

@@ -9,9 +9,9 @@ use mishandle_training::{Checkpoint, Observer, TrainingControl, TrainingProgress
 
 use super::write_failures::WriteFailures;
 use super::{TrainObserver, TrainPlan};
-use crate::MishandleError;
-use crate::curve::CurveWriter;
-use crate::tensorboard::EventFile;
+use crate::error::MishandleError;
+use crate::train::curve::CurveWriter;
+use crate::train::tensorboard::EventFile;
 
 /// Seed of the initial states of validations; no evaluation has it by default.
 const VALIDATION_SEED: Seed = Seed(0x7661_6c69_6461_7465);

@@ -1,6 +1,6 @@
 use std::collections::BTreeMap;
 
-use crate::MishandleError;
+use crate::error::MishandleError;
 
 /// Files of a training run that could not be written at the last attempt, with the errors.
 ///

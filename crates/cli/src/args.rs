@@ -6,8 +6,9 @@ use std::sync::LazyLock;
 
 use anyhow::{Result, ensure};
 use clap::{Args, Parser, Subcommand};
+use mishandle::Plan;
+use mishandle::plan::AxisSetting;
 use mishandle::rollout::Noise;
-use mishandle::{AxisSetting, Plan};
 
 use crate::commands::{
     campaign, compare, completions, controller, counterexamples, curve, evaluate, explain, export, falsify,
@@ -45,16 +46,16 @@ static LONG_VERSION: LazyLock<String> = LazyLock::new(|| {
     let library = library.and_then(|line| line.find('/').map(|start| &line[start..]));
     format!(
         "{}\nMuJoCo {}: {}\nshipped controllers and settings: {}",
-        mishandle::VERSION_AND_COMMIT,
+        mishandle::build::VERSION_AND_COMMIT,
         mishandle::world::mujoco_version(),
         library.unwrap_or("linked statically"),
-        mishandle::home_description()
+        mishandle::shipped::home_description()
     )
 });
 
 /// Train, evaluate and falsify robot controllers
 #[derive(Debug, Parser)]
-#[command(name = "mishandle", version = mishandle::VERSION_AND_COMMIT, long_version = LONG_VERSION.as_str())]
+#[command(name = "mishandle", version = mishandle::build::VERSION_AND_COMMIT, long_version = LONG_VERSION.as_str())]
 #[command(arg_required_else_help = true, max_term_width = 100)]
 #[command(after_help = "Examples:
   mishandle tasks

@@ -1,8 +1,8 @@
 //! Output of the results at the corners of the initial box.
 
 use mishandle::evaluation::{CornerReport, CornerResult};
-use mishandle::plural;
 use mishandle::rollout::{Axis, AxisKind};
+use mishandle_text::plural;
 use serde_json::{Value, json};
 
 use crate::{output, run};

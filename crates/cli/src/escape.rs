@@ -3,7 +3,7 @@
 //!
 //! All output of the program passes through this module: [`output`](crate::output) calls it.
 
-use mishandle::is_invisible;
+use mishandle_text::is_invisible;
 
 /// Escapes a text of several lines, such as a table or an error of a parser: line breaks and tabs remain.
 pub fn text(text: &str) -> String {

@@ -1,11 +1,12 @@
 //! Texts about a failure probability.
 
+use mishandle::ResolvedPlan;
 use mishandle::evaluation::Estimate;
 use mishandle::risk::{
     Answer, FREQUENT, Failure, Importance, Method, Refusal, Report, Scenarios, ScreenedReport, Splitting,
 };
 use mishandle::rollout::Axis;
-use mishandle::{ResolvedPlan, decimal, plural, probability_text as probability};
+use mishandle_text::{decimal, plural, probability_text as probability};
 
 use crate::{escape, output, run};
 
@@ -14,7 +15,7 @@ const NAMED: usize = 3;
 
 /// Returns the answer, its parts and the failures.
 pub fn text(resolved: &ResolvedPlan, scenarios: &Scenarios, report: &Report) -> String {
-    let refusals: String = mishandle::risk_refusals(report)
+    let refusals: String = mishandle::run::risk_refusals(report)
         .iter()
         .map(|refusal| format!("no estimate: {refusal}\n\n"))
         .collect();
@@ -140,7 +141,7 @@ fn answer(report: &Report) -> String {
                 probability(estimate.value.unwrap_or(f64::NAN)),
                 interval(estimate)
             );
-            match mishandle::risk_assumption(report) {
+            match mishandle::run::risk_assumption(report) {
                 None => format!("{value}, which assumes nothing"),
                 Some(assumption) => {
                     format!("{value}, if {assumption}\nwithout that assumption: {bounds} (95 %)")

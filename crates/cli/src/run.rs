@@ -7,12 +7,14 @@ use std::path::Path;
 use anyhow::{Context, Result, bail, ensure};
 use mishandle::evaluation::Corners;
 use mishandle::files::{limits, read_text_bounded};
+use mishandle::plan::AxisSetting;
 use mishandle::rollout::{Axis, AxisKind, AxisValues, EpisodeEnd, Signal};
 use mishandle::stl::Trace;
 use mishandle::store::{
     self, AxisRecord, RunFile, RunHeader, RunKind, RunWriter, Simulation, StoredTrace, TraceColumn,
 };
-use mishandle::{AxisSetting, Plan, ResolvedPlan, decimal, plural};
+use mishandle::{Plan, ResolvedPlan};
+use mishandle_text::{decimal, plural};
 use serde_json::{Value, json};
 
 use crate::progress::Bar;
@@ -80,7 +82,7 @@ pub fn open(
             "--out ends with .json, but a run file is SQLite; choose another name, such as run.sqlite"
         );
         let resolved = ResolvedPlan::new(&new_plan()?)?;
-        let mut run = mishandle::create_run(&resolved, flags.out.as_deref())?;
+        let mut run = mishandle::run::create_run(&resolved, flags.out.as_deref())?;
         sync(&mut run)?;
         return Ok((resolved, run));
     };
@@ -96,8 +98,11 @@ pub fn open(
         name(run.file())
     );
     sync(&mut run)?;
-    let resolved = mishandle::recorded_plan(run.file().header(), controller)?;
-    report_build_differences("started", &mishandle::build_differences(run.file().header(), &resolved));
+    let resolved = mishandle::resolve::recorded_plan(run.file().header(), controller)?;
+    report_build_differences(
+        "started",
+        &mishandle::replay::build_differences(run.file().header(), &resolved),
+    );
     Ok((resolved, run))
 }
 
@@ -241,7 +246,7 @@ fn format_scenario(axes: &[Axis], values: &[Option<f64>], max_values: usize) -> 
 pub fn recorded_scenario_text(axes: &[AxisRecord], values: &[Option<f64>], max_values: usize) -> String {
     let named = axes.iter().zip(values).take(max_values);
     let values: Vec<String> =
-        named.map(|(axis, value)| axis_text(&mishandle::recorded_axis(axis), *value)).collect();
+        named.map(|(axis, value)| axis_text(&mishandle::run::recorded_axis(axis), *value)).collect();
     let omitted = axes.len().saturating_sub(max_values);
     let rest = if omitted > 0 { format!(", and {omitted} more") } else { String::new() };
     values.join(", ") + &rest
@@ -357,7 +362,7 @@ pub fn end_text(end: EpisodeEnd, signals: &[Signal]) -> String {
 
 /// Returns the path of a run, quoted for a shell.
 pub fn name(run: &RunFile) -> String {
-    mishandle::shell_quote(&run.path().to_string_lossy())
+    mishandle_text::shell_quote(&run.path().to_string_lossy())
 }
 
 /// Reports the progress of an interrupted run and the command that resumes it.

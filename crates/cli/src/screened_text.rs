@@ -1,8 +1,10 @@
 //! Text and JSON of an evaluation whose simulations a GPU screens.
 
+use mishandle::ResolvedPlan;
 use mishandle::evaluation::{Estimate, TwoPhase};
 use mishandle::rollout::Axis;
-use mishandle::{ResolvedPlan, ScreenedEvaluationOutcome, plural};
+use mishandle::run::ScreenedEvaluationOutcome;
+use mishandle_text::plural;
 use serde_json::{Value, json};
 
 use crate::{corners, output, run};

@@ -3,8 +3,9 @@
 use std::time::{Duration, Instant};
 
 use anyhow::{Chain, Result};
+use mishandle::MishandleError;
+use mishandle::train::{TrainObserver, TrainPlan};
 use mishandle::training::{TrainingControl, TrainingProgress};
-use mishandle::{MishandleError, TrainObserver, TrainPlan};
 
 use crate::interrupt;
 use crate::live_curve::LiveCurve;

@@ -1,6 +1,7 @@
 //! Output of the training time.
 
-use mishandle::{CurveRow, NoTrainingTime, plural};
+use mishandle::train::{CurveRow, NoTrainingTime};
+use mishandle_text::plural;
 use serde_json::{Value, json};
 
 use crate::output::number;

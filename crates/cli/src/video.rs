@@ -18,7 +18,7 @@ use std::time::{Duration, Instant};
 
 use anyhow::{Context, Error, Result, bail};
 use mishandle::files::AtomicFile;
-use mishandle::plural;
+use mishandle_text::plural;
 use rustix::process::{Pid, Signal, kill_process_group};
 
 use crate::run;

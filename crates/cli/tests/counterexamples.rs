@@ -168,7 +168,7 @@ fn repeats_decide_a_test_of_a_random_target_by_its_failure_rate() {
 
 /// Returns the shipped controller of point-reaching with the bias of its last layer changed.
 fn worse(bench: &Bench, name: &str, bias: f32) {
-    let mut file = mishandle::find_controller("point-reaching/ppo").unwrap().controller().unwrap();
+    let mut file = mishandle::resolve::find_controller("point-reaching/ppo").unwrap().controller().unwrap();
     let mut network = file.policy.network().clone();
     let outputs = network.output_size();
     network.update(|parameters| {
@@ -280,7 +280,7 @@ fn counterexamples_of_a_python_target_are_listed_and_exported_but_not_simulated(
 #[test]
 fn a_shipped_controller_given_by_path_has_its_name_in_the_file() {
     let bench = Bench::new();
-    let shipped = mishandle::find_controller("ball-balancing/ppo").unwrap();
+    let shipped = mishandle::resolve::find_controller("ball-balancing/ppo").unwrap();
     std::fs::write(bench.path("ppo.safetensors"), shipped.bytes().unwrap()).unwrap();
     let falsify = "falsify ball-balancing --space delay --trials 1 --budget 5 --controller ./ppo.safetensors";
     bench.check(&format!("{falsify} --out run.sqlite"), 1);

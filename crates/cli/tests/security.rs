@@ -86,7 +86,7 @@ fn devices_pipes_folders_and_sparse_files_are_refused_at_once() {
 #[test]
 fn escape_sequences_in_files_names_and_arguments_do_not_reach_the_terminal() {
     let bench = Bench::new();
-    let mut file = mishandle::find_controller("point-reaching/ppo").unwrap().controller().unwrap();
+    let mut file = mishandle::resolve::find_controller("point-reaching/ppo").unwrap().controller().unwrap();
     let header = &mut file.header;
     header.algorithm = format!("ppo{HOSTILE}");
     header.training.command = format!("first{HOSTILE}\nsecond");
@@ -151,7 +151,7 @@ fn a_planted_lock_file_does_not_harm_the_file_that_it_points_to() {
 #[test]
 fn folders_in_the_working_directory_do_not_replace_the_shipped_files() {
     let bench = Bench::new();
-    let other = mishandle::find_controller("cube-stacking/ppo").unwrap().controller().unwrap();
+    let other = mishandle::resolve::find_controller("cube-stacking/ppo").unwrap().controller().unwrap();
     let plant = |path: &str| {
         std::fs::create_dir_all(bench.path(path).parent().unwrap()).unwrap();
         other.save(&bench.path(path)).unwrap();

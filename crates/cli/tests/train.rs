@@ -7,7 +7,7 @@ mod training;
 
 use bench::{SMALL, signal, text};
 use mishandle::controllers::ControllerFile;
-use mishandle::{Curve, CurveRow};
+use mishandle::train::{Curve, CurveRow};
 use serde_json::Value;
 use training::{ENDLESS, TRAIN, bench, count_lines, curve, start, wait_until};
 

@@ -1,9 +1,10 @@
 use std::io;
 use std::path::{Path, PathBuf};
 
+use mishandle::MishandleError;
 use mishandle::controllers::ControllerError;
 use mishandle::tasks::TaskError;
-use mishandle::{MishandleError, plural};
+use mishandle_text::plural;
 
 /// An error of the controller zoo.
 #[derive(Debug, thiserror::Error)]

@@ -3,7 +3,7 @@
 use std::fs;
 use std::path::Path;
 
-use mishandle::Curve;
+use mishandle::train::Curve;
 use mishandle::training::{AlgorithmSettings, RunSettings, Validation};
 
 use crate::folder::{read, remove, write};
@@ -169,7 +169,7 @@ fn check_ended(curve: &Curve, run: &RunSettings) -> Result<(), CurveFileProblem>
 
 #[cfg(test)]
 mod tests {
-    use mishandle::CurveRow;
+    use mishandle::train::CurveRow;
     use mishandle::training::TimeShares;
 
     use super::*;

@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use mishandle::StartRegion;
+use mishandle::plan::StartRegion;
 
 use crate::folder::ZooFolder;
 use crate::provenance::file_hash;

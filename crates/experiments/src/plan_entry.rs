@@ -3,9 +3,10 @@
 use std::fmt;
 use std::path::Path;
 
+use mishandle::MishandleError;
 use mishandle::files::{limits, read_text_bounded};
+use mishandle::train::Curve;
 use mishandle::training::AlgorithmSettings;
-use mishandle::{Curve, MishandleError};
 use serde_json::json;
 
 use crate::folder::{ZooFolder, read};

@@ -3,10 +3,11 @@
 //! The fields and their order are the format of `controllers/figures/TASK/CONTROLLER.json`: loading and saving a record gives
 //! the same bytes.
 
-use mishandle::StartRegion;
+use mishandle::ResolvedPlan;
 use mishandle::evaluation::{CornerReport, CornerResult, Estimate};
 use mishandle::falsification::{CampaignOutcome, TrialEnd, TrialOutcome};
-use mishandle::{EvaluationOutcome, ResolvedPlan, rejects_scenarios};
+use mishandle::plan::StartRegion;
+use mishandle::run::{EvaluationOutcome, rejects_scenarios};
 use serde::de::Error as _;
 use serde::{Deserialize, Deserializer, Serialize};
 

@@ -3,11 +3,12 @@
 use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 
+use mishandle::build::build;
+use mishandle::plan::{EvaluatePlan, FalsifyPlan, StartRegion};
+use mishandle::run::create_run;
 use mishandle::tasks::{Preset, TASKS, task_hash};
-use mishandle::{
-    EvaluatePlan, FalsifyPlan, Plan, ResolvedPlan, StartRegion, TrainObserver, TrainPlan, build, create_run,
-    reward,
-};
+use mishandle::train::{TrainObserver, TrainPlan, reward};
+use mishandle::{Plan, ResolvedPlan};
 
 use crate::folder::{create_parent, remove};
 use crate::measure::{CAMPAIGN_TRIALS, EVALUATION_EPISODES, EVALUATION_SEED};
@@ -142,7 +143,7 @@ impl Runner for LocalRunner {
     }
 
     fn train(&self, plan: &TrainPlan, observer: &mut dyn TrainObserver) -> Result<bool, ExperimentError> {
-        let report = mishandle::train(plan, observer)?;
+        let report = mishandle::train::train(plan, observer)?;
         if !report.write_failures.is_empty() {
             let failures = report.write_failures.iter().map(ToString::to_string).collect();
             return Err(ExperimentError::Unwritten { failures });

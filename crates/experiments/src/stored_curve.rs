@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use mishandle::{Curve, CurveRow};
+use mishandle::train::{Curve, CurveRow};
 use serde::Deserialize;
 
 use crate::folder::read;

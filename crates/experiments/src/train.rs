@@ -3,9 +3,10 @@
 use std::fs;
 use std::path::Path;
 
+use mishandle::MishandleError;
 use mishandle::files::FileLock;
+use mishandle::train::{TrainObserver, TrainPlan};
 use mishandle::training::{TrainingControl, TrainingProgress};
-use mishandle::{MishandleError, TrainObserver, TrainPlan};
 
 use crate::folder::{create_parent, remove, write};
 use crate::import::take_in;

@@ -145,10 +145,10 @@ pub fn table(runs: &[RunSummary], names_say_it: bool) -> String {
 pub fn campaign_page(name: &str, runs: &[RunSummary], tables: &[(String, String)]) -> String {
     let failing = runs.iter().filter(|run| run.failures.0 > 0).count();
     let title = match failing {
-        0 => format!("None of {} has a failure.", mishandle::plural(runs.len() as u64, "run")),
+        0 => format!("None of {} has a failure.", mishandle_text::plural(runs.len() as u64, "run")),
         _ => format!(
             "{failing} of {} {} failures.",
-            mishandle::plural(runs.len() as u64, "run"),
+            mishandle_text::plural(runs.len() as u64, "run"),
             if failing == 1 { "has" } else { "have" }
         ),
     };
@@ -157,7 +157,7 @@ pub fn campaign_page(name: &str, runs: &[RunSummary], tables: &[(String, String)
     if open > 0 {
         out.push_str(&format!(
             "<p>Not finished: {open} of {}.</p>\n",
-            mishandle::plural(runs.len() as u64, "run")
+            mishandle_text::plural(runs.len() as u64, "run")
         ));
     }
     out.push_str(

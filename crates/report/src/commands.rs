@@ -1,7 +1,7 @@
 //! Commands that run a simulation again.
 
-use mishandle::shell_quote;
 use mishandle::store::RunHeader;
+use mishandle_text::shell_quote;
 
 use crate::load::RunReport;
 
@@ -26,7 +26,7 @@ pub fn details(report: &RunReport, trial: u32, number: u32) -> String {
 
 /// Returns the command that replays a simulation; a line of Python if the target is a Python system.
 pub fn replay_command(header: &RunHeader, path: &str, trial: u32, number: u32) -> String {
-    mishandle::replay_command(&header.target.kind, path.as_ref(), trial, number)
+    mishandle::replay::replay_command(&header.target.kind, path.as_ref(), trial, number)
 }
 
 fn is_python(header: &RunHeader) -> bool {

@@ -1,10 +1,12 @@
 //! The page of a comparison: what the second controller breaks and fixes, and where.
 
 use mishandle::evaluation::{Corners, Estimate};
+use mishandle::inspect::{ComparedPair, ComparedRun, Comparison, PairedMeans, PairedRates};
 use mishandle::rollout::Axis;
+use mishandle::run::recorded_axis;
 use mishandle::store::{RunFile, RunHeader};
-use mishandle::{ComparedPair, ComparedRun, Comparison, PairedMeans, PairedRates, plural, recorded_axis};
 use mishandle_charts::{Area, Chart, LinkedMark, Mark, Panel, Series, Shape};
+use mishandle_text::plural;
 
 use crate::commands::replay_command;
 use crate::html::{figure, number, percent, short, table, text, visible};
@@ -158,7 +160,7 @@ fn differences(found: &Comparison) -> String {
                 b,
                 difference.value.map_or("–".to_string(), show),
                 ends.map_or("–".to_string(), |(low, high)| format!("{} to {}", show(low), show(high))),
-                mishandle::p_value_text(p),
+                mishandle_text::p_value_text(p),
                 difference.n.to_string(),
             ]
         };

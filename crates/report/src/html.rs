@@ -1,6 +1,6 @@
 //! Escaped text, numbers and tables as HTML.
 
-use mishandle::is_invisible;
+use mishandle_text::is_invisible;
 
 /// Largest number of characters of a text from a run file.
 const MAX_TEXT: usize = 2000;

@@ -1,12 +1,13 @@
 //! What a run file says about its run.
 
 use mishandle::evaluation::{Corners, EvaluationReport, FormulaRoles, Lifetime, Metrics};
-use mishandle::rollout::{Axis, Seed};
-use mishandle::store::{Counts, RunFile, RunHeader, RunKind, Simulation, TrialStatus, TrialSummary};
-use mishandle::{
-    ExplainedSimulation, FailureModes, MishandleError, ModeSurvey, Plan, explain, failure_modes, mode_survey,
-    recorded_axis,
+use mishandle::inspect::{
+    ExplainedSimulation, FailureModes, ModeSurvey, explain, failure_modes, mode_survey,
 };
+use mishandle::rollout::{Axis, Seed};
+use mishandle::run::recorded_axis;
+use mishandle::store::{Counts, RunFile, RunHeader, RunKind, Simulation, TrialStatus, TrialSummary};
+use mishandle::{MishandleError, Plan};
 
 use crate::measure::Measured;
 
@@ -151,7 +152,7 @@ impl RunReport {
                 }
             }
             if header.kind == RunKind::Evaluate && simulation.trial != Corners::TRIAL {
-                metrics.add(&mishandle::recorded_episode(&simulation));
+                metrics.add(&mishandle::run::recorded_episode(&simulation));
             }
             let mut point = Point::from(simulation);
             if header.kind == RunKind::Evaluate {

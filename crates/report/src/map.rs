@@ -298,7 +298,7 @@ impl Drawing<'_> {
     /// Returns the simulations that have a row in the table.
     fn marks(&self, at: impl Fn(&Point) -> Option<[f64; 2]>) -> Vec<LinkedMark> {
         let representative = |point: &Point| {
-            let is_it = |explained: &mishandle::ExplainedSimulation| {
+            let is_it = |explained: &mishandle::inspect::ExplainedSimulation| {
                 (explained.recorded.trial, explained.recorded.number) == (point.trial, point.number)
             };
             self.report.representatives.iter().any(is_it)

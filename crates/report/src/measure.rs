@@ -4,9 +4,11 @@ use std::cell::Cell;
 use std::ops::ControlFlow;
 
 use mishandle::evaluation::{Corners, Estimate, RepeatReport, wilson};
+use mishandle::inspect::FailureMode;
 use mishandle::rollout::{Axis, Episode, Request, Scenario, Seed, Stream, System};
+use mishandle::run::Noise;
 use mishandle::store::RunFile;
-use mishandle::{FailureMode, MishandleError, Noise, ResolvedPlan};
+use mishandle::{MishandleError, ResolvedPlan};
 
 use crate::RunReport;
 use crate::load::{MAX_MODES, Point};
@@ -77,7 +79,7 @@ impl RunReport {
         probes: u32,
         watch: impl FnMut(u64, u64) -> ControlFlow<()>,
     ) -> Result<Measurement, MishandleError> {
-        match mishandle::recorded_plan(run.header(), controller) {
+        match mishandle::resolve::recorded_plan(run.header(), controller) {
             Ok(resolved) => self.measure_target(run, &resolved, controller, probes, watch),
             Err(error) => Ok(Measurement::Skipped { reason: error.to_string() }),
         }
@@ -125,7 +127,7 @@ impl RunReport {
         let mut system = resolved.system()?;
         let axes = resolved.space.axes();
         let seed = Seed(self.header.seed).child(u64::MAX);
-        let depends_on_seed = mishandle::space_depends_on_seed(resolved);
+        let depends_on_seed = mishandle::resolve::space_depends_on_seed(resolved);
         let corners = match self.is_evaluation() {
             true => None,
             false => Corners::new(&resolved.space, depends_on_seed, seed),
@@ -158,8 +160,8 @@ impl RunReport {
                 0 => None,
                 _ if is_interrupted.get() => None,
                 _ => {
-                    let seeds = mishandle::repeat_seeds(seed.child(index), repeats);
-                    Some(mishandle::repeat(&mut *system, &scenario, seeds, &mut count)?)
+                    let seeds = mishandle::run::repeat_seeds(seed.child(index), repeats);
+                    Some(mishandle::run::repeat(&mut *system, &scenario, seeds, &mut count)?)
                 }
             });
             if is_interrupted.get() {
@@ -169,7 +171,7 @@ impl RunReport {
         if noise > 0 {
             let (scenarios, repeats) = NOISE;
             measured.noise =
-                mishandle::measure_noise(resolved, &mut *system, seed, scenarios, repeats, &mut count)?;
+                mishandle::run::measure_noise(resolved, &mut *system, seed, scenarios, repeats, &mut count)?;
         }
         if let Some(corners) = corners {
             let requests: Vec<Request> =

@@ -1,7 +1,7 @@
 //! Failure modes: what fails, where, when, how large the failing patch is, and one simulation of each.
 
 use mishandle::evaluation::Estimate;
-use mishandle::{ExplainedSimulation, FailureMode};
+use mishandle::inspect::{ExplainedSimulation, FailureMode};
 
 use crate::html::{base64, percent, short, table, text, with_code, with_unit};
 use crate::load::RunReport;
@@ -29,8 +29,8 @@ pub fn section(report: &RunReport, id: usize) -> String {
     let mut out = format!(
         "<p>{} in {}. Failures belong to one mode if the same predicate decides them, at a similar time, and their \
          scenarios are neighbors along the axes that matter.{}</p>\n",
-        mishandle::plural((modes.failures - modes.not_grouped) as u64, "failure"),
-        mishandle::plural(modes.modes.len() as u64, "failure mode"),
+        mishandle_text::plural((modes.failures - modes.not_grouped) as u64, "failure"),
+        mishandle_text::plural(modes.modes.len() as u64, "failure mode"),
         match modes.not_grouped {
             0 => String::new(),
             n => format!(" {n} more have no recorded trace and are not grouped."),
@@ -39,7 +39,7 @@ pub fn section(report: &RunReport, id: usize) -> String {
     if described < modes.modes.len() {
         out.push_str(&format!(
             "<p>Only the {} with the most failures {} described.</p>\n",
-            mishandle::plural(described as u64, "mode"),
+            mishandle_text::plural(described as u64, "mode"),
             if described == 1 { "is" } else { "are" }
         ));
     }
@@ -59,7 +59,7 @@ fn card(
     let header = &report.header;
     let representative = mode.representative();
     let (trial, number_of) = (representative.trial, representative.number);
-    let time = |sample: usize| mishandle::instant(sample, header.control_dt);
+    let time = |sample: usize| mishandle_text::instant(sample, header.control_dt);
     let (first, last) = mode.samples;
     let when = match first == last {
         true => format!("From {} on", time(first)),
@@ -75,7 +75,7 @@ fn card(
         tables::mode_id(id, index),
         index + 1,
         mode.failures.len(),
-        mishandle::plural(report.modes.failures as u64, "failure"),
+        mishandle_text::plural(report.modes.failures as u64, "failure"),
     );
     let measured = report.measured.as_ref();
     let entry = |index: usize| measured.and_then(|measured| measured.patches.get(index).copied().flatten());
@@ -102,7 +102,7 @@ fn card(
         out.push_str(&format!(
             "<li>With other random seeds, the same scenario fails in {} of {}{}.</li>",
             repeats.failures,
-            mishandle::plural(repeats.failure_rate.n, "repeat"),
+            mishandle_text::plural(repeats.failure_rate.n, "repeat"),
             interval(&repeats.failure_rate)
         ));
     }

@@ -47,7 +47,7 @@ impl Document<'_> {
              theme</label></header>\n<main>\n{body}</main>\n\
              <footer><p>Written by Mishandle {}. Charts: plotters. The page runs no script and loads nothing.</p></footer>\n\
              </body>\n</html>\n",
-            text(mishandle::VERSION)
+            text(mishandle::build::VERSION)
         )
     }
 }

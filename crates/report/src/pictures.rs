@@ -1,8 +1,10 @@
 //! Pictures of failures of tasks.
 
+use mishandle::MishandleError;
+use mishandle::inspect::{Event, ExplainedSimulation};
+use mishandle::picture::{FrameCaptions, FrameRenderer};
 use mishandle::store::RunFile;
 use mishandle::world::{CAMERAS, Quality, Size, WorldError, animated_png, png};
-use mishandle::{Event, ExplainedSimulation, FrameCaptions, FrameRenderer, MishandleError};
 
 /// Size of a picture, pixels.
 pub const PICTURE: (u32, u32) = (320, 240);
@@ -62,12 +64,12 @@ pub fn strips(
     if run.header().target.kind == "python" {
         return Ok(Vec::new());
     }
-    let Ok(task) = mishandle::task(&run.header().target.name) else { return Ok(Vec::new()) };
+    let Ok(task) = mishandle::resolve::task(&run.header().target.name) else { return Ok(Vec::new()) };
     let Some(size) = Size::new(PICTURE.0, PICTURE.1) else { return Ok(Vec::new()) };
     if simulations.is_empty() {
         return Ok(Vec::new());
     }
-    let document = mishandle::scene_mjcf(task)?;
+    let document = mishandle::picture::scene_mjcf(task)?;
     simulations
         .iter()
         .take(MAX_STRIPS)
@@ -83,7 +85,7 @@ fn strip(
     controller: Option<&str>,
 ) -> Result<Pictures, PictureError> {
     let (trial, number) = (explained.recorded.trial, explained.recorded.number);
-    let (replayed, trajectory) = mishandle::replay_states(run, trial, number, controller)?;
+    let (replayed, trajectory) = mishandle::picture::replay_states(run, trial, number, controller)?;
     if !replayed.differences.is_empty() {
         return Err(MishandleError::RunMismatch { differences: replayed.differences }.into());
     }
@@ -101,7 +103,7 @@ fn strip(
         FrameRenderer::new(document, size, quality, &CAMERAS[..1], Some(captions))
     };
     let mut renderer = renderer_of(Quality::Fine)?;
-    let samples = mishandle::strip_samples(event.and_then(|event| event.start), decisive, (0, last));
+    let samples = mishandle::picture::strip_samples(event.and_then(|event| event.start), decisive, (0, last));
     renderer.fit(&samples.iter().map(|sample| states[*sample].as_slice()));
     let picture = |sample: usize| -> Result<Frame, PictureError> {
         let picture = renderer.draw(sample, &states[sample])?;
@@ -123,7 +125,7 @@ fn film(
     control_dt: f64,
 ) -> Result<Film, PictureError> {
     let last = states.len().saturating_sub(1);
-    let (from, to) = mishandle::Film::new(control_dt, last, event, Some(AROUND), SPEED).window;
+    let (from, to) = mishandle::picture::Film::new(control_dt, last, event, Some(AROUND), SPEED).window;
     let marks: Vec<usize> =
         event.map_or(Vec::new(), Event::marks).into_iter().map(|(sample, _)| sample).collect();
     let stride = (to - from).div_ceil(MAX_FRAMES).max(1);

@@ -1,8 +1,8 @@
 //! Ranks the axes of a space by their effect on a result, to choose those that the maps show.
 
 use mishandle::evaluation::{holm, kruskal_wallis};
-use mishandle::plural;
 use mishandle::rollout::Axis;
+use mishandle_text::plural;
 
 use crate::html::{number, short, text};
 

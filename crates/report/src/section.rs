@@ -1,6 +1,6 @@
 //! The section of one run.
 
-use mishandle::Noise;
+use mishandle::run::Noise;
 use mishandle::stl::{Clock, EvaluationTime, Formula};
 use mishandle::store::RunHeader;
 
@@ -145,7 +145,7 @@ fn facts(report: &RunReport) -> String {
                 format!(
                     "{}, {} of at most {} simulations",
                     code(&falsify.search),
-                    mishandle::plural(falsify.trials, "trial"),
+                    mishandle_text::plural(falsify.trials, "trial"),
                     falsify.budget
                 ),
             ));
@@ -157,7 +157,7 @@ fn facts(report: &RunReport) -> String {
         "episode".into(),
         format!(
             "{} of {} s ({} s)",
-            mishandle::plural(header.episode_steps, "control step"),
+            mishandle_text::plural(header.episode_steps, "control step"),
             number(header.control_dt),
             number(seconds)
         ),

@@ -1,6 +1,6 @@
 //! What trials that keep going found: modes against simulations, estimates of unseen modes, coverage of the space.
 
-use mishandle::{ModeSurvey, SpaceCoverage, UnseenModes};
+use mishandle::inspect::{ModeSurvey, SpaceCoverage, UnseenModes};
 use mishandle_charts::{Chart, Mark, Panel, Series};
 
 use crate::color;
@@ -59,7 +59,7 @@ fn unseen_text(unseen: &UnseenModes) -> String {
     format!(
         "Of {}, {} found by one trial only. So another trial would find about <b>{} new</b> on average, and such trials can find at \
          least about {} in all (Chao2 estimate).",
-        mishandle::plural(unseen.trials as u64, "trial"),
+        mishandle_text::plural(unseen.trials as u64, "trial"),
         match unseen.found_once {
             1 => "1 mode was".to_string(),
             n => format!("{n} modes were"),

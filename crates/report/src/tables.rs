@@ -103,7 +103,7 @@ fn more(count: usize, shown: usize, what: &str) -> String {
 pub fn simulations(report: &RunReport, run: usize) -> String {
     let columns = report.axes.len().min(VALUE_COLUMNS);
     let mode_of = |point: &Point| {
-        let is_in = |mode: &mishandle::FailureMode| {
+        let is_in = |mode: &mishandle::inspect::FailureMode| {
             mode.failures.iter().any(|failure| (failure.trial, failure.number) == (point.trial, point.number))
         };
         report.modes.modes.iter().position(is_in)
@@ -234,7 +234,7 @@ pub fn corners(report: &RunReport) -> Option<String> {
     };
     let rest = match undecided {
         0 => String::new(),
-        n => format!(" {} without a verdict.", mishandle::plural(n as u64, "corner")),
+        n => format!(" {} without a verdict.", mishandle_text::plural(n as u64, "corner")),
     };
     let intro = format!(
         "<p>{failing_corners} of the {} corners of the initial box {verb}{each}; its center {center}.{rest} Random scenarios \

@@ -1,6 +1,6 @@
 //! Charts of a failing simulation: signals over time with their thresholds and the violation.
 
-use mishandle::ExplainedSimulation;
+use mishandle::inspect::ExplainedSimulation;
 use mishandle::stl::{Clock, Formula, Monitor, Trace};
 use mishandle::store::RunHeader;
 use mishandle_charts::{Area, Chart, Mark, Panel, Series};

@@ -86,27 +86,27 @@ pub fn headline(report: &RunReport) -> String {
         }
         (0, _) => format!(
             "No violation of {subject} found in {} with {}.",
-            mishandle::plural(trials as u64, "trial"),
-            mishandle::plural(report.counts.simulations, "simulation")
+            mishandle_text::plural(trials as u64, "trial"),
+            mishandle_text::plural(report.counts.simulations, "simulation")
         ),
         _ => {
             let first = match median(report) {
                 Some(median) => format!(
                     "The first failure comes after a median of {}.",
-                    mishandle::plural(u64::from(median), "simulation")
+                    mishandle_text::plural(u64::from(median), "simulation")
                 ),
                 None => "More than half of the trials end without a failure.".to_string(),
             };
             format!(
                 "{subject} violates its requirement in {found} of {}. {first}",
-                mishandle::plural(trials as u64, "trial")
+                mishandle_text::plural(trials as u64, "trial")
             )
         }
     }
 }
 
 fn of_all(decided: u64, all: u64) -> String {
-    format!("{decided} of {}", mishandle::plural(all, "random scenario"))
+    format!("{decided} of {}", mishandle_text::plural(all, "random scenario"))
 }
 
 /// Returns how much of an unfinished run is done; `None` if it is finished.
@@ -128,7 +128,7 @@ fn progress(report: &RunReport) -> Option<String> {
     (ended < planned).then(|| {
         format!(
             "<strong>The run is not finished</strong>: {ended} of {} have ended.",
-            mishandle::plural(planned as u64, "trial")
+            mishandle_text::plural(planned as u64, "trial")
         )
     })
 }
@@ -212,7 +212,7 @@ pub fn meaning(report: &RunReport) -> Vec<String> {
     if undecided > 0 {
         sentences.push(format!(
             "{} without a verdict (diverged, crashed or undecided) {} not counted as failures.",
-            mishandle::plural(undecided, "simulation"),
+            mishandle_text::plural(undecided, "simulation"),
             if undecided == 1 { "is" } else { "are" }
         ));
     }

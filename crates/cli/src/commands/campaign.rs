@@ -6,11 +6,13 @@ use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 
 use anyhow::{Context, Result, bail, ensure};
 use clap::Args;
+use mishandle::ResolvedPlan;
 use mishandle::evaluation::Estimate;
 use mishandle::falsification::CampaignOutcome;
 use mishandle::files::{limits, read_text_bounded};
+use mishandle::run::{CampaignRun, EvaluationOutcome};
 use mishandle::store::RunKind;
-use mishandle::{CampaignRun, EvaluationOutcome, ResolvedPlan, decimal, plural, shell_quote};
+use mishandle_text::{decimal, plural, shell_quote};
 use serde_json::{Value, json};
 
 use super::{evaluate, falsify, report};
@@ -116,17 +118,17 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
 /// Opens the campaign to resume, or else creates a new one.
 fn open(command: &Arguments) -> Result<(PathBuf, Vec<CampaignRun>)> {
     if let Some(folder) = &command.resume {
-        return Ok((folder.clone(), mishandle::campaign_runs(folder)?));
+        return Ok((folder.clone(), mishandle::run::campaign_runs(folder)?));
     }
     let Some(path) = &command.campaign else { bail!("there is no campaign: name its file") };
-    let folder = command.out.clone().unwrap_or_else(mishandle::free_campaign_folder);
+    let folder = command.out.clone().unwrap_or_else(mishandle::run::free_campaign_folder);
     ensure!(
         !folder.exists(),
         "{} exists already; choose another --out, or resume it with --resume",
         folder.display()
     );
     let text = read_text_bounded(path, limits::PLAN).with_context(|| path.display().to_string())?;
-    let runs = mishandle::create_campaign(&text, &folder).with_context(|| path.display().to_string())?;
+    let runs = mishandle::run::create_campaign(&text, &folder).with_context(|| path.display().to_string())?;
     Ok((folder, runs))
 }
 
@@ -223,10 +225,13 @@ fn run_one(
     if is_durable {
         file.set_durable()?;
     }
-    run::report_build_differences("started", &mishandle::build_differences(file.file().header(), &resolved));
+    run::report_build_differences(
+        "started",
+        &mishandle::replay::build_differences(file.file().header(), &resolved),
+    );
     let outcome = match file.file().header().kind {
         RunKind::Evaluate => {
-            let planned = mishandle::evaluation_simulations(&resolved);
+            let planned = mishandle::run::evaluation_simulations(&resolved);
             let found = mishandle::evaluate(&resolved, file, |done| watch(done, planned))?;
             found.is_complete.then(|| Outcome::Evaluation(Box::new(found)))
         }

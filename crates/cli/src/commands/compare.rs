@@ -3,11 +3,11 @@ use std::path::PathBuf;
 use anyhow::{Result, bail};
 use clap::Args;
 use mishandle::evaluation::{Corners, Estimate};
-use mishandle::{
-    ComparedPair, ComparedRun, Comparison, EvaluatePlan, PairedMeans, PairedRates, Plan, ResolvedPlan,
-    decimal, p_value_text, plural, shell_quote,
-};
+use mishandle::inspect::{ComparedPair, ComparedRun, Comparison, PairedMeans, PairedRates};
+use mishandle::plan::EvaluatePlan;
+use mishandle::{Plan, ResolvedPlan};
 use mishandle_report::comparison_page;
+use mishandle_text::{decimal, p_value_text, plural, shell_quote};
 use serde_json::{Value, json};
 
 use crate::output::{self, number};
@@ -93,7 +93,7 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
     };
     let [first, second] = paths;
     let (a, b) = (run::read(&first, command.skip_check)?, run::read(&second, command.skip_check)?);
-    let found = mishandle::compare(&a, &b)?;
+    let found = mishandle::inspect::compare(&a, &b)?;
     if let Some(out) = &command.out {
         output::write_atomically(out, command.force, comparison_page(&found, [&a, &b]).as_bytes())?;
         output::message(&format!("Page: {}", shell_quote(&out.to_string_lossy())));
@@ -124,11 +124,11 @@ fn evaluate_both(command: &Arguments) -> Result<Option<[PathBuf; 2]>> {
     run::stop_on_signals(&bar)?;
     // Both files, so that the commands that resume them work after an interruption.
     let [first, second] = &plans;
-    let files = [mishandle::create_run(first, None)?, mishandle::create_run(second, None)?];
+    let files = [mishandle::run::create_run(first, None)?, mishandle::run::create_run(second, None)?];
     let paths = files.each_ref().map(|run| run.file().path().to_path_buf());
     let names = paths.each_ref().map(|path| shell_quote(&path.to_string_lossy()));
     for (index, (resolved, file)) in plans.iter().zip(files).enumerate() {
-        bar.set_length(mishandle::evaluation_simulations(resolved));
+        bar.set_length(mishandle::run::evaluation_simulations(resolved));
         bar.set_note(resolved.plan.controller.clone());
         let outcome = mishandle::evaluate(resolved, file, |done| {
             bar.set_position(done);
@@ -214,7 +214,7 @@ pub fn document(found: &Comparison) -> Value {
 
 /// Returns the command that replays the failure.
 fn replay(found: &Comparison, run: &ComparedRun, pair: &ComparedPair) -> String {
-    mishandle::replay_command(&found.target_kind, &run.path, pair.trial, pair.number)
+    mishandle::replay::replay_command(&found.target_kind, &run.path, pair.trial, pair.number)
 }
 
 fn text(found: &Comparison) -> String {

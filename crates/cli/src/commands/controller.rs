@@ -6,9 +6,9 @@ use std::path::PathBuf;
 use anyhow::Result;
 use clap::{Args, Subcommand};
 use mishandle::controllers::ControllerFile;
-use mishandle::plural;
 use mishandle::tasks::{Topic, notes};
 use mishandle::training::AlgorithmSettings;
+use mishandle_text::plural;
 use serde_json::{Value, json};
 
 use crate::ExitStatus;
@@ -72,7 +72,7 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
 }
 
 fn show(controller: &str, json: bool) -> Result<ExitStatus> {
-    let file = mishandle::find_controller(controller)?.controller()?;
+    let file = mishandle::resolve::find_controller(controller)?.controller()?;
     let weaknesses = weaknesses(controller)?;
     if json {
         output::json(output::joined(document(&file), json!({ "weaknesses": weaknesses })))?;
@@ -85,7 +85,7 @@ fn show(controller: &str, json: bool) -> Result<ExitStatus> {
 /// Returns the known weaknesses of the shipped controller `TASK/NAME`; none for the path of a file.
 fn weaknesses(controller: &str) -> Result<Vec<&'static str>> {
     let Some((task, name)) = controller.split_once('/') else { return Ok(Vec::new()) };
-    let Ok(task) = mishandle::task(task) else { return Ok(Vec::new()) };
+    let Ok(task) = mishandle::resolve::task(task) else { return Ok(Vec::new()) };
     let mut notes = notes(task)?;
     notes.retain(|note| {
         note.topic == Topic::Weaknesses && note.subject.split(", ").any(|known| known == name)

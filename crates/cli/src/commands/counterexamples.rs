@@ -4,10 +4,11 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, ensure};
 use clap::{Args, Subcommand};
+use mishandle::ResolvedPlan;
+use mishandle::counterexample::{Counterexample, CounterexampleReplay};
+use mishandle::inspect::{FailureMode, FailureModes};
 use mishandle::store::{AxisRecord, RunHeader};
-use mishandle::{
-    Counterexample, CounterexampleReplay, FailureMode, FailureModes, ResolvedPlan, decimal, plural,
-};
+use mishandle_text::{decimal, plural};
 use serde_json::{Value, json};
 
 use crate::output::{self, number};
@@ -52,7 +53,7 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
     }
     let path = command.file.as_deref().unwrap_or(Path::new(""));
     let file = run::read(path, command.skip_check)?;
-    let (header, found) = (file.header(), mishandle::failure_modes(&file)?);
+    let (header, found) = (file.header(), mishandle::inspect::failure_modes(&file)?);
     if command.json {
         output::json(document(path, header, &found))?;
         return Ok(ExitStatus::Done);
@@ -184,7 +185,7 @@ fn table(header: &RunHeader, modes: &[FailureMode]) -> Vec<Vec<String>> {
         "robustness",
         "distance from nominal",
     ];
-    let time = |sample: usize| mishandle::instant(sample, header.control_dt);
+    let time = |sample: usize| mishandle_text::instant(sample, header.control_dt);
     let row = |(index, mode): (usize, &FailureMode)| {
         let failure = mode.representative();
         let (first, last) = mode.samples;
@@ -219,7 +220,7 @@ fn region(header: &RunHeader, mode: &FailureMode) -> String {
     ranges.sort_by(|a, b| width(a).total_cmp(&width(b)));
     let more = ranges.len().saturating_sub(REGION_AXES);
     let shown = ranges.iter().take(REGION_AXES).map(|(axis, [low, high])| {
-        let recorded = mishandle::recorded_axis(axis);
+        let recorded = mishandle::run::recorded_axis(axis);
         let value = |value: &f64| run::value_text(&recorded, Some(*value));
         let range = if low == high { value(low) } else { format!("{} to {}", value(low), value(high)) };
         run::axis_value(&escape::name(&axis.name), &range, &escape::name(&axis.unit))

@@ -3,7 +3,8 @@ use std::path::PathBuf;
 
 use anyhow::Result;
 use clap::Args;
-use mishandle::{Curve, plural};
+use mishandle::train::Curve;
+use mishandle_text::plural;
 use serde_json::json;
 
 use crate::output::{self, number};

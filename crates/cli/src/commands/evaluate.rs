@@ -3,8 +3,11 @@ use std::time::Instant;
 use anyhow::{Result, ensure};
 use clap::Args;
 use mishandle::evaluation::Estimate;
+use mishandle::plan::{EvaluatePlan, StartRegion};
+use mishandle::run::EvaluationOutcome;
 use mishandle::store::RunKind;
-use mishandle::{EvaluatePlan, EvaluationOutcome, Plan, ResolvedPlan, StartRegion, plural};
+use mishandle::{Plan, ResolvedPlan};
+use mishandle_text::plural;
 use serde_json::{Value, json};
 
 use super::simulate;
@@ -48,7 +51,7 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
     let (resolved, file) = run::open(&command.file, RunKind::Evaluate, moved, || plan(command))?;
     let name = run::name(file.file());
     let path = file.file().path().to_path_buf();
-    bar.set_length(mishandle::evaluation_simulations(&resolved));
+    bar.set_length(mishandle::run::evaluation_simulations(&resolved));
     let mut simulations = 0;
     let outcome = mishandle::evaluate(&resolved, file, |done| {
         simulations = done;
@@ -68,7 +71,7 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
     } else {
         output::line(&text(&resolved, &outcome))?;
     }
-    if starts(&resolved.plan) == StartRegion::Reachable && !mishandle::rejects_scenarios(&resolved) {
+    if starts(&resolved.plan) == StartRegion::Reachable && !mishandle::run::rejects_scenarios(&resolved) {
         output::message(
             "note: no initial state was rejected as unreachable: --box whole gives the same result",
         );
@@ -91,12 +94,12 @@ fn on_gpu(command: &Arguments, bar: &Bar) -> Result<ExitStatus> {
         "--backend gpu writes no run file, so it does not work with --out, --resume and --durable"
     );
     let resolved = ResolvedPlan::new(&plan(command)?)?;
-    let backend = mishandle::gpu_backend()?;
-    let mut screening = mishandle::screening(&resolved, &*backend, command.screen.rows() as usize)?;
+    let backend = mishandle::run::gpu_backend()?;
+    let mut screening = mishandle::run::screening(&resolved, &*backend, command.screen.rows() as usize)?;
     bar.set_length(resolved.plan.evaluate.as_ref().map_or(0, |evaluate| evaluate.episodes));
     let start = Instant::now();
     let confirm = command.screen.confirm();
-    let outcome = mishandle::evaluate_on_backend(&resolved, &mut screening, confirm, &mut |progress| {
+    let outcome = mishandle::run::evaluate_on_backend(&resolved, &mut screening, confirm, &mut |progress| {
         bar.set_position(progress.screened);
         run::control_flow()
     })?;
@@ -183,7 +186,7 @@ pub fn document(resolved: &ResolvedPlan, outcome: &EvaluationOutcome, path: &str
 
 /// Returns the JSON of the region of the initial states.
 fn region(resolved: &ResolvedPlan) -> Value {
-    json!({ "box": starts(&resolved.plan), "leaves_out_starts": mishandle::rejects_scenarios(resolved) })
+    json!({ "box": starts(&resolved.plan), "leaves_out_starts": mishandle::run::rejects_scenarios(resolved) })
 }
 
 /// Returns the first line of the result.

@@ -1,8 +1,9 @@
 use anyhow::{Result, bail, ensure};
 use clap::Args;
+use mishandle::inspect::{EvaluatedCount, ExplainedSimulation, Explanation};
 use mishandle::stl::{DecisivePredicate, Formula};
 use mishandle::store::{RunFile, RunHeader};
-use mishandle::{EvaluatedCount, ExplainedSimulation, Explanation, decimal, instant, plural};
+use mishandle_text::{decimal, instant, plural};
 use serde_json::{Value, json};
 
 use super::counterexamples;
@@ -50,11 +51,12 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
         return masking(command, &file, limit);
     }
     let Some((trial, simulation)) =
-        mishandle::select_simulation(&file, command.recorded.trial, command.recorded.simulation)?
+        mishandle::replay::select_simulation(&file, command.recorded.trial, command.recorded.simulation)?
     else {
         bail!("{} has no decided simulation to explain", command.recorded.file.display());
     };
-    let explained = mishandle::explain(&file, trial, simulation, command.recorded.controller.as_deref())?;
+    let explained =
+        mishandle::inspect::explain(&file, trial, simulation, command.recorded.controller.as_deref())?;
     let header = file.header();
     if command.json {
         let run = json!({ "run": command.recorded.file.to_string_lossy() });
@@ -69,17 +71,18 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
 
 /// Prints which conjuncts set the robustness of a run and which ones fail.
 fn masking(command: &Arguments, file: &RunFile, limit: u64) -> Result<ExitStatus> {
-    let resolved = match mishandle::recorded_plan(file.header(), command.recorded.controller.as_deref()) {
-        Ok(resolved) => Some(resolved),
-        Err(error) => {
-            output::message(&format!("only recorded counterexamples are explained: {error}"));
-            None
-        }
-    };
+    let resolved =
+        match mishandle::resolve::recorded_plan(file.header(), command.recorded.controller.as_deref()) {
+            Ok(resolved) => Some(resolved),
+            Err(error) => {
+                output::message(&format!("only recorded counterexamples are explained: {error}"));
+                None
+            }
+        };
     let bar = Bar::new(0, "simulations");
     run::stop_on_signals(&bar)?;
     let mut evaluated = 0;
-    let found = mishandle::masking(file, resolved.as_ref(), limit, |done, total| {
+    let found = mishandle::inspect::masking(file, resolved.as_ref(), limit, |done, total| {
         bar.set_length(total);
         bar.set_position(done);
         evaluated = done;

@@ -3,8 +3,8 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context, Result, bail};
 use clap::Args;
 use mishandle::files::AtomicFile;
-use mishandle::plural;
 use mishandle::store::{self, RunFile};
+use mishandle_text::plural;
 
 use crate::{ExitStatus, output, run};
 

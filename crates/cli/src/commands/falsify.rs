@@ -8,9 +8,12 @@ use anyhow::Result;
 use clap::Args;
 use mishandle::evaluation::{NotSmooth, RepeatReport, SmoothRegion};
 use mishandle::falsification::{CampaignOutcome, Minimum, TrialEnd, TrialOutcome};
+use mishandle::inspect::ModeSurvey;
+use mishandle::plan::FalsifyPlan;
 use mishandle::search::OptionValue;
 use mishandle::store::{RunFile, RunHeader, RunKind};
-use mishandle::{FalsifyPlan, MishandleError, ModeSurvey, Plan, ResolvedPlan, decimal, plural};
+use mishandle::{MishandleError, Plan, ResolvedPlan};
+use mishandle_text::{decimal, plural};
 use serde_json::{Value, json};
 
 use super::simulate;
@@ -170,7 +173,7 @@ fn counterexample_repeats(resolved: &ResolvedPlan, found: &CampaignOutcome, repe
         .iter()
         .filter(|trial| trial.falsified())
         .filter_map(|trial| Some((trial.trial, trial.minimum.as_ref()?)))
-        .filter(|(_, minimum)| mishandle::depends_on_seed(resolved, &minimum.scenario))
+        .filter(|(_, minimum)| mishandle::resolve::depends_on_seed(resolved, &minimum.scenario))
         .collect();
     let share = found.simulations / (counterexamples.len() as u64).max(1);
     let each = u64::from(repeats).min(share.max(FEWEST_REPEATS));
@@ -182,8 +185,8 @@ fn counterexample_repeats(resolved: &ResolvedPlan, found: &CampaignOutcome, repe
     let mut done = 0;
     let mut reports = Repeats::new();
     for (trial, minimum) in counterexamples {
-        let seeds = mishandle::repeat_seeds(minimum.seed, each);
-        let report = mishandle::repeat(&mut *system, &minimum.scenario, seeds, |_| {
+        let seeds = mishandle::run::repeat_seeds(minimum.seed, each);
+        let report = mishandle::run::repeat(&mut *system, &minimum.scenario, seeds, |_| {
             done += 1;
             bar.set_position(done);
             run::control_flow()
@@ -197,14 +200,14 @@ fn counterexample_repeats(resolved: &ResolvedPlan, found: &CampaignOutcome, repe
     Ok(reports)
 }
 
-/// Returns the region that cannot fail if the robustness is smooth: see [`mishandle::smooth_region_of`].
+/// Returns the region that cannot fail if the robustness is smooth: see [`mishandle::inspect::smooth_region_of`].
 fn smooth_region(
     resolved: &ResolvedPlan,
     found: &CampaignOutcome,
     path: &Path,
 ) -> Result<Option<Result<SmoothRegion, NotSmooth>>> {
     let run = RunFile::open(path).map_err(MishandleError::from)?;
-    Ok(mishandle::smooth_region_of(resolved, found, &run)?)
+    Ok(mishandle::inspect::smooth_region_of(resolved, found, &run)?)
 }
 
 fn region_text(region: Result<SmoothRegion, NotSmooth>) -> String {
@@ -250,7 +253,7 @@ fn plan(command: &Arguments) -> Result<Plan> {
             earlier.iter().all(|(other, _)| other != name),
             "--search-option {name} is given twice; give it once"
         );
-        let value = mishandle::search_option_value(&falsify.search, name, value);
+        let value = mishandle::plan::search_option_value(&falsify.search, name, value);
         falsify.options.set(name, value);
     }
     falsify.formula = command.formula.clone().or(falsify.formula);
@@ -302,7 +305,7 @@ fn results(resolved: &ResolvedPlan, found: &CampaignOutcome, repeats: &Repeats) 
         "median_simulations": found.median_simulations,
         "restricted_mean_simulations": found.restricted_mean_simulations,
         "smooth_region": Value::Null,
-        "failure_rate_bound": mishandle::failure_rate_bound(resolved, found),
+        "failure_rate_bound": mishandle::run::failure_rate_bound(resolved, found),
         "trials": trials,
     })
 }
@@ -310,7 +313,7 @@ fn results(resolved: &ResolvedPlan, found: &CampaignOutcome, repeats: &Repeats) 
 /// Surveys the failure modes of a run file. Returns its header, too.
 fn survey(path: &Path) -> Result<(RunHeader, ModeSurvey)> {
     let run = RunFile::open_unchecked(path)?;
-    Ok((run.header().clone(), mishandle::mode_survey(&run)?))
+    Ok((run.header().clone(), mishandle::inspect::mode_survey(&run)?))
 }
 
 /// Adds what a survey of the failure modes found to the document of a run.
@@ -440,7 +443,7 @@ fn text(resolved: &ResolvedPlan, found: &CampaignOutcome, repeats: &Repeats) -> 
             100.0 * (1.0 - found.control_steps as f64 / whole as f64)
         ));
     }
-    if let Some(bound) = mishandle::failure_rate_bound(resolved, found) {
+    if let Some(bound) = mishandle::run::failure_rate_bound(resolved, found) {
         text.push_str(&format!(
             "\nno violation in {} of the space: failure rate below {} (95 % confidence)",
             plural(found.simulations, "uniform random sample"),

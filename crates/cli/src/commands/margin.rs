@@ -4,11 +4,13 @@ use std::path::PathBuf;
 
 use anyhow::{Result, ensure};
 use clap::Args;
+use mishandle::counterexample::Counterexample;
 use mishandle::evaluation::RepeatReport;
+use mishandle::plan::FalsifyPlan;
 use mishandle::rollout::{Axis, AxisKind, Seed};
-use mishandle::{
-    Counterexample, FalsifyPlan, Level, Margin, Plan, ResolvedPlan, Witness, decimal, plural, shell_quote,
-};
+use mishandle::run::{Level, Margin, Witness};
+use mishandle::{Plan, ResolvedPlan};
+use mishandle_text::{decimal, plural, shell_quote};
 use serde_json::{Value, json};
 
 use super::{counterexamples, simulate};
@@ -55,13 +57,13 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
     counterexamples::check_out(command.out.as_deref(), &resolved, command.force)?;
     let mut system = resolved.system()?;
     let seed = Seed(resolved.plan.seed);
-    let found = mishandle::margin(&mut *system, seed, budget, |done| {
+    let found = mishandle::run::margin(&mut *system, seed, budget, |done| {
         bar.set_position(done);
         run::control_flow()
     })?;
     let repeats = match &found.witness {
         Some(witness) if found.is_complete => {
-            mishandle::witness_repeats(&resolved, witness, |_| run::control_flow())?
+            mishandle::run::witness_repeats(&resolved, witness, |_| run::control_flow())?
         }
         _ => None,
     };

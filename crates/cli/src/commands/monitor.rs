@@ -7,8 +7,8 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context, Result, ensure};
 use clap::Args;
 use log::Log;
-use mishandle::plural;
 use mishandle::stl::{Clock, Formula, Monitor, Recording, TimeUnit};
+use mishandle_text::plural;
 use serde_json::json;
 
 use crate::output::{self, number};

@@ -5,8 +5,9 @@ use std::time::{Duration, Instant};
 
 use anyhow::{Chain, Context, Result, anyhow, ensure};
 use clap::Args;
+use mishandle::counterexample::{Counterexample, Regression};
 use mishandle::evaluation::RepeatReport;
-use mishandle::{Counterexample, Regression, decimal, plural};
+use mishandle_text::{decimal, plural};
 use serde_json::{Value, json};
 
 use super::{counterexamples, simulate};
@@ -172,7 +173,8 @@ fn files(folder: &Path) -> Result<Vec<PathBuf>> {
     let mut files = Vec::new();
     for entry in std::fs::read_dir(folder).with_context(read)? {
         let path = entry.with_context(read)?.path();
-        let describes_onnx = path.file_stem().is_some_and(|stem| mishandle::is_onnx(Path::new(stem)));
+        let describes_onnx =
+            path.file_stem().is_some_and(|stem| mishandle::resolve::is_onnx(Path::new(stem)));
         if counterexamples::is_file(&path) && !describes_onnx {
             files.push(path);
         }
@@ -190,11 +192,12 @@ fn test(command: &Arguments, path: &Path, bar: &Bar, mut done: u64) -> Test {
         let counterexample =
             recorded.as_ref().map_err(|error| anyhow!(output::with_causes(error.chain())))?;
         let repeats = u64::from(command.repeat.unwrap_or(0));
-        let found = mishandle::regress(counterexample, &command.folder, controller, repeats, |_| {
-            done += 1;
-            bar.set_position(done);
-            run::control_flow()
-        });
+        let found =
+            mishandle::counterexample::regress(counterexample, &command.folder, controller, repeats, |_| {
+                done += 1;
+                bar.set_position(done);
+                run::control_flow()
+            });
         Ok(found?)
     };
     let result = simulated(command.controller.as_deref());
@@ -241,8 +244,8 @@ fn reason(test: &Test) -> String {
         format!(
             "{} at {}: {}",
             predicate.text,
-            mishandle::instant(predicate.sample, found.header.control_dt),
-            escape::name(&mishandle::compared_values(predicate))
+            mishandle_text::instant(predicate.sample, found.header.control_dt),
+            escape::name(&mishandle::inspect::compared_values(predicate))
         )
     });
     let rate = found.repeats.as_ref().map(simulate::failure_text);

@@ -2,8 +2,10 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Result, bail, ensure};
 use clap::{Args, ValueEnum};
+use mishandle::inspect::{Event, Explanation};
+use mishandle::picture::{Film, FrameCaptions, FrameRenderer, StateTrajectory};
 use mishandle::world::{CAMERAS, Picture, Quality, Size, png};
-use mishandle::{Event, Explanation, Film, FrameCaptions, FrameRenderer, StateTrajectory, plural};
+use mishandle_text::plural;
 
 use crate::progress::Bar;
 use crate::video::{self, Video};
@@ -164,11 +166,11 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
     let (mut renderer, trajectory, event) = match (&command.run, &command.task) {
         (Some(path), _) => recorded(path, command, size)?,
         (None, Some(task)) => {
-            let task = mishandle::task(task)?;
-            let trajectory = mishandle::initial_state(task, command.at.as_deref())?;
+            let task = mishandle::resolve::task(task)?;
+            let trajectory = mishandle::picture::initial_state(task, command.at.as_deref())?;
             (
                 FrameRenderer::new(
-                    &mishandle::scene_mjcf(task)?,
+                    &mishandle::picture::scene_mjcf(task)?,
                     size,
                     command.quality(),
                     &command.cameras(),
@@ -225,16 +227,17 @@ fn recorded(
     size: Size,
 ) -> Result<(FrameRenderer, StateTrajectory, Option<Event>)> {
     let run = run::read(path, command.skip_check)?;
-    let Some((trial, simulation)) = mishandle::select_simulation(&run, command.trial, command.simulation)?
+    let Some((trial, simulation)) =
+        mishandle::replay::select_simulation(&run, command.trial, command.simulation)?
     else {
         bail!("{} has no decided simulation; choose one with --trial and --simulation", path.display());
     };
     let (quality, cameras) = (command.quality(), command.cameras());
-    let document = mishandle::scene_mjcf(mishandle::task(&run.header().target.name)?)?;
+    let document = mishandle::picture::scene_mjcf(mishandle::resolve::task(&run.header().target.name)?)?;
     // Fails before the simulation if pictures cannot be drawn.
     drop(FrameRenderer::new(&document, size, quality, &cameras, None)?);
     let (replayed, trajectory) =
-        mishandle::replay_states(&run, trial, simulation, command.controller.as_deref())?;
+        mishandle::picture::replay_states(&run, trial, simulation, command.controller.as_deref())?;
     run::report_build_differences("made", &replayed.build_differences);
     if !replayed.differences.is_empty() {
         bail!("{}", run::differences_text(&replayed.differences));
@@ -249,10 +252,10 @@ fn recorded(
         plural(replayed.episode.steps, "control step")
     ));
     let last = trajectory.states.len() - 1;
-    let released = mishandle::release(&replayed.episode.trace);
+    let released = mishandle::inspect::release(&replayed.episode.trace);
     // An undecided simulation has no explanation.
     let explained = replayed.recorded.robustness.and_then(|_| {
-        mishandle::explain_recorded(run.header(), replayed.recorded, replayed.episode.trace).ok()
+        mishandle::inspect::explain_recorded(run.header(), replayed.recorded, replayed.episode.trace).ok()
     });
     let explanation = explained.as_ref().map(|explained| &explained.explanation);
     for sentence in explanation.map_or(Vec::new(), |found| found.sentences(run.header().control_dt)) {
@@ -295,7 +298,7 @@ fn filmstrip(
     let last = states.len() - 1;
     let decisive = event.map_or(last, |event| event.sample.min(last));
     let film = Film::new(trajectory.control_dt, last, event.as_ref(), command.around, 1.0);
-    let steps = mishandle::strip_samples(event.and_then(|event| event.start), decisive, film.window);
+    let steps = mishandle::picture::strip_samples(event.and_then(|event| event.start), decisive, film.window);
     let count = steps.len();
     renderer.fit(&steps.iter().map(|step| states[*step].as_slice()));
     let columns = count.min(STRIP_COLUMNS);
@@ -331,8 +334,8 @@ fn video(
     if film.window != (0, last) {
         output::message(&format!(
             "the video shows {} to {}",
-            mishandle::instant(first, *control_dt),
-            mishandle::instant(end, *control_dt)
+            mishandle_text::instant(first, *control_dt),
+            mishandle_text::instant(end, *control_dt)
         ));
     }
     renderer.fit(&states[first..=end].iter().step_by(FIT_STRIDE).map(Vec::as_slice));

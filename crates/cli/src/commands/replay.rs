@@ -2,9 +2,10 @@ use std::path::Path;
 
 use anyhow::{Result, bail};
 use clap::Args;
+use mishandle::counterexample::{AxisValue, CounterexampleReplay};
 use mishandle::rollout::Signal;
 use mishandle::store::{self, SignalRecord};
-use mishandle::{AxisValue, CounterexampleReplay, plural};
+use mishandle_text::plural;
 use serde_json::{Value, json};
 
 use super::counterexamples;
@@ -41,7 +42,7 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
     }
     let file = run::read(&command.recorded.file, command.recorded.skip_check)?;
     let Some((trial, simulation)) =
-        mishandle::select_simulation(&file, command.recorded.trial, command.recorded.simulation)?
+        mishandle::replay::select_simulation(&file, command.recorded.trial, command.recorded.simulation)?
     else {
         let in_trial = command.recorded.trial.map_or(String::new(), |trial| format!(" in trial {trial}"));
         bail!(
@@ -49,14 +50,18 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
             command.recorded.file.display()
         );
     };
-    let replayed = mishandle::replay(&file, trial, simulation, command.recorded.controller.as_deref())?;
+    let replayed =
+        mishandle::replay::replay(&file, trial, simulation, command.recorded.controller.as_deref())?;
     run::report_build_differences("made", &replayed.build_differences);
     let header = file.header();
     if let Some(path) = &command.trace.trace {
         let more = match command.trace.is_full() {
             true => {
                 let controller = command.recorded.controller.as_deref();
-                mishandle::full_trace(&mishandle::recorded_plan(header, controller)?, &replayed.episode)?
+                mishandle::picture::full_trace(
+                    &mishandle::resolve::recorded_plan(header, controller)?,
+                    &replayed.episode,
+                )?
             }
             false => Vec::new(),
         };
@@ -88,7 +93,7 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
         }))?;
     } else {
         let value = |(axis, value): (&store::AxisRecord, &Option<f64>)| {
-            let recorded = mishandle::recorded_axis(axis);
+            let recorded = mishandle::run::recorded_axis(axis);
             let value = match value {
                 // All digits.
                 Some(value) if recorded.levels().is_none() => value.to_string(),
@@ -132,7 +137,7 @@ fn counterexample(command: &Arguments) -> Result<ExitStatus> {
         let more = match command.trace.is_full() {
             true => {
                 let controller = command.recorded.controller.as_deref();
-                mishandle::full_trace(&recorded.resolve(folder, controller)?, episode)?
+                mishandle::picture::full_trace(&recorded.resolve(folder, controller)?, episode)?
             }
             false => Vec::new(),
         };

@@ -2,9 +2,10 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail};
 use clap::Args;
+use mishandle::run::CampaignRun;
 use mishandle::store::RunFile;
-use mishandle::{CampaignRun, plural, shell_quote};
 use mishandle_report::{Measurement, RunReport, RunSummary, campaign_page, page, run_page};
+use mishandle_text::{plural, shell_quote};
 
 use super::reproduce;
 use crate::progress::Bar;
@@ -125,7 +126,7 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
 
 /// Writes the pages of a campaign to the folder `out`: an index, the tables, and a page for each run.
 pub fn write_campaign(campaign: &Path, out: &Path, options: &Options<'_>) -> Result<ExitStatus> {
-    let runs = mishandle::campaign_runs(campaign)?;
+    let runs = mishandle::run::campaign_runs(campaign)?;
     let index = out.join(INDEX);
     if index.exists() && !options.force {
         bail!("{} exists already; choose another --out, or overwrite it with --force", index.display());

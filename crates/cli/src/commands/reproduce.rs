@@ -5,10 +5,10 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context, Result, ensure};
 use clap::{Args, Subcommand};
 use mishandle::files::{limits, read_text_bounded};
-use mishandle::{plural, shell_quote};
 use mishandle_experiments::{
     Block, CampaignResults, ExperimentError, NamedPage, Results, RunResults, Table, ZooFolder, pages,
 };
+use mishandle_text::{plural, shell_quote};
 use serde_json::{Value, json};
 
 use super::campaign;
@@ -122,8 +122,8 @@ fn reproduce(name: &str, table: &ReproduceTable) -> Result<ExitStatus> {
     let text = read_text_bounded(&plan, limits::PLAN).with_context(|| plan.display().to_string())?;
     let folder = table.out.clone().unwrap_or_else(|| Path::new("runs").join(name));
     let runs = if folder.exists() {
-        let runs = mishandle::campaign_runs(&folder)?;
-        let planned = mishandle::read_grid(&text).with_context(|| plan.display().to_string())?;
+        let runs = mishandle::run::campaign_runs(&folder)?;
+        let planned = mishandle::plan::read_grid(&text).with_context(|| plan.display().to_string())?;
         let is_same = runs.len() == planned.len()
             && runs.iter().zip(&planned).all(|(run, planned)| run.plan == planned.plan);
         ensure!(
@@ -134,7 +134,7 @@ fn reproduce(name: &str, table: &ReproduceTable) -> Result<ExitStatus> {
         );
         runs
     } else {
-        mishandle::create_campaign(&text, &folder).with_context(|| plan.display().to_string())?
+        mishandle::run::create_campaign(&text, &folder).with_context(|| plan.display().to_string())?
     };
     let all_cores = || std::thread::available_parallelism().map_or(1, usize::from);
     let jobs = table.jobs.unwrap_or_else(all_cores);
@@ -158,7 +158,7 @@ fn reproduce(name: &str, table: &ReproduceTable) -> Result<ExitStatus> {
 }
 
 fn home() -> Result<PathBuf> {
-    mishandle::home().context(
+    mishandle::shipped::home().context(
         "expected a clone of the repository around the program; name one in the environment variable MISHANDLE_HOME, or give \
          --plan FILE",
     )
@@ -174,7 +174,7 @@ fn load(folders: &[PathBuf]) -> Result<Results> {
             add_machine(&mut all.machine, &machine);
             all.campaigns.extend(campaigns);
         } else {
-            let zoo = ZooFolder::new(&mishandle::home().unwrap_or_default());
+            let zoo = ZooFolder::new(&mishandle::shipped::home().unwrap_or_default());
             all.campaigns.push(CampaignResults::read(folder, &zoo).map_err(converted)?);
         }
     }

@@ -5,9 +5,11 @@ use std::time::Instant;
 
 use anyhow::{Result, ensure};
 use clap::Args;
+use mishandle::plan::RiskPlan;
 use mishandle::risk::{Failure, Report, Scenarios, ScreenedReport};
 use mishandle::rollout::Axis;
-use mishandle::{Plan, ResolvedPlan, RiskPlan, plural, shell_quote};
+use mishandle::{Plan, ResolvedPlan};
+use mishandle_text::{plural, shell_quote};
 use serde_json::{Value, json};
 
 use super::{counterexamples, simulate};
@@ -71,7 +73,7 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
     let resolved = ResolvedPlan::new(&plan(command)?)?;
     output::warn_of_chained_comparisons(&resolved.specification.requirement);
     counterexamples::check_out(command.out.as_deref(), &resolved, command.force)?;
-    let scenarios = mishandle::risk_scenarios(&resolved)?;
+    let scenarios = mishandle::run::risk_scenarios(&resolved)?;
     for warning in scenarios.warnings() {
         output::message(&format!("warning: {warning}"));
     }
@@ -80,7 +82,7 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
     if command.screen.is_gpu() {
         return on_gpu(command, &resolved, &scenarios, &bar);
     }
-    let report = mishandle::risk(&resolved, |done| {
+    let report = mishandle::run::risk(&resolved, |done| {
         bar.set_position(done);
         run::control_flow()
     })?;
@@ -116,7 +118,7 @@ fn write_failure(
         output::message("there is no failure to write");
         return Ok(());
     };
-    let counterexample = mishandle::risk_counterexample(resolved, scenarios, failure)?;
+    let counterexample = mishandle::counterexample::risk_counterexample(resolved, scenarios, failure)?;
     output::write_atomically(out, command.force, counterexample.to_json().as_bytes())?;
     output::message(&format!("Failure: mishandle replay {}", shell_quote(&out.to_string_lossy())));
     Ok(())
@@ -134,10 +136,10 @@ fn on_gpu(
         matches!(method, "auto" | "monte-carlo"),
         "--backend gpu runs Monte Carlo; it cannot run --method {method}"
     );
-    let backend = mishandle::gpu_backend()?;
-    let mut screening = mishandle::screening(resolved, &*backend, command.screen.rows() as usize)?;
+    let backend = mishandle::run::gpu_backend()?;
+    let mut screening = mishandle::run::screening(resolved, &*backend, command.screen.rows() as usize)?;
     let start = Instant::now();
-    let report = mishandle::risk_on_backend(
+    let report = mishandle::run::risk_on_backend(
         resolved,
         scenarios,
         &mut screening,
@@ -201,10 +203,10 @@ fn document(resolved: &ResolvedPlan, scenarios: &Scenarios, report: &Report) -> 
             "low": answer.estimate.low,
             "high": answer.estimate.high,
             "source": source.name(),
-            "assumption": mishandle::risk_assumption(report),
+            "assumption": mishandle::run::risk_assumption(report),
         })),
         "bounds": answer.bounds,
-        "refusals": mishandle::risk_refusals(report),
+        "refusals": mishandle::run::risk_refusals(report),
         "monte_carlo": {
             "simulations": monte_carlo.simulations,
             "failures": monte_carlo.failures,

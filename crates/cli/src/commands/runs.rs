@@ -3,8 +3,9 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, ensure};
 use clap::Args;
+use mishandle::resolve::controller_name;
 use mishandle::store::{RunFile, RunHeader, RunKind, TrialStatus};
-use mishandle::{controller_name, decimal};
+use mishandle_text::decimal;
 use serde_json::{Value, json};
 
 use crate::output::{self, number};
@@ -121,7 +122,7 @@ fn contents(path: &Path) -> Result<Contents> {
         failures: counts.falsified,
         trials: trials.len(),
         falsified_trials: with_status(TrialStatus::Falsified),
-        is_running: mishandle::unfinished(&file)?.is_some(),
+        is_running: mishandle::run::unfinished(&file)?.is_some(),
         minimum_robustness: trials.iter().filter_map(|trial| trial.minimum_robustness).reduce(f64::min),
         header: file.header().clone(),
     })

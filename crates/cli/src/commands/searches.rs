@@ -27,7 +27,7 @@ const UNITS: &str = "d is the number of coordinates, one per axis of the scenari
 
 pub fn run(command: &Arguments) -> Result<ExitStatus> {
     let entries = match &command.search {
-        Some(name) => std::slice::from_ref(mishandle::search_entry(name)?),
+        Some(name) => std::slice::from_ref(mishandle::resolve::search_entry(name)?),
         None => SEARCHES,
     };
     if command.json {

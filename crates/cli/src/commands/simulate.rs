@@ -1,8 +1,11 @@
 use anyhow::{Context, Result, bail, ensure};
 use clap::Args;
+use mishandle::ResolvedPlan;
 use mishandle::evaluation::{Estimate, QUANTILES, RepeatReport};
+use mishandle::plan::FalsifyPlan;
 use mishandle::rollout::{Axis, AxisValues, Request, Scenario, Seed, Space};
-use mishandle::{FalsifyPlan, Noise, ResolvedPlan, decimal, plural};
+use mishandle::run::Noise;
+use mishandle_text::{decimal, plural};
 use serde_json::{Value, json};
 
 use super::explain;
@@ -145,10 +148,10 @@ fn once(command: &Arguments, resolved: &ResolvedPlan, scenario: &Scenario) -> Re
     let Some(robustness) = episode.robustness() else {
         bail!("the simulation has no verdict: {}", run::end_text(episode.end, &resolved.target.signals));
     };
-    let (header, explained) = mishandle::explain_episode(resolved, &episode)?;
+    let (header, explained) = mishandle::inspect::explain_episode(resolved, &episode)?;
     if let Some(path) = &command.trace.trace {
         let more = match command.trace.is_full() {
-            true => mishandle::full_trace(resolved, &episode)?,
+            true => mishandle::picture::full_trace(resolved, &episode)?,
             false => Vec::new(),
         };
         run::write_trace(path, &header, &episode.trace, &more)?;
@@ -178,7 +181,7 @@ fn repeated(
     scenario: &Scenario,
     repeat: u32,
 ) -> Result<ExitStatus> {
-    let depends_on_seed = mishandle::depends_on_seed(resolved, scenario);
+    let depends_on_seed = mishandle::resolve::depends_on_seed(resolved, scenario);
     let (repeat, scenarios) = if depends_on_seed {
         (u64::from(repeat), u64::from(command.scenarios.unwrap_or(NOISE_SCENARIOS)))
     } else {
@@ -196,12 +199,14 @@ fn repeated(
     };
     let mut system = resolved.system()?;
     let seed = Seed(resolved.plan.seed);
-    let seeds = mishandle::repeat_seeds(seed, repeat);
-    let report = mishandle::repeat(&mut *system, scenario, seeds, &mut count)?;
+    let seeds = mishandle::run::repeat_seeds(seed, repeat);
+    let report = mishandle::run::repeat(&mut *system, scenario, seeds, &mut count)?;
     let noise = match scenarios {
         0 => None,
         _ if run::control_flow().is_break() => None,
-        _ => mishandle::measure_noise(resolved, &mut *system, seed, scenarios, NOISE_REPEATS, &mut count)?,
+        _ => {
+            mishandle::run::measure_noise(resolved, &mut *system, seed, scenarios, NOISE_REPEATS, &mut count)?
+        }
     };
     bar.clear();
     if command.run.json {

@@ -27,12 +27,12 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
     match (&command.target, command.json) {
         (None, false) => output::line(&list())?,
         (None, true) => {
-            let names = mishandle::target_names();
+            let names = mishandle::resolve::target_names();
             output::json(json!({ "targets": names }))?;
         }
         (Some(name), is_json) => {
             let plan = plan(name, command.preset.as_deref());
-            let target = mishandle::target(&plan)?;
+            let target = mishandle::resolve::target(&plan)?;
             if is_json { output::json(document(&target))? } else { output::line(&page(&target, &plan))? }
         }
     }

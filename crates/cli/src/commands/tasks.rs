@@ -33,9 +33,9 @@ pub struct Arguments {
 }
 
 pub fn run(command: &Arguments) -> Result<ExitStatus> {
-    let preset = mishandle::preset(&command.preset)?;
+    let preset = mishandle::resolve::preset(&command.preset)?;
     let selected: Vec<&'static dyn Task> = match &command.task {
-        Some(name) => vec![mishandle::task(name)?],
+        Some(name) => vec![mishandle::resolve::task(name)?],
         None => tasks(),
     };
     if let (Some(path), [task]) = (&command.mjcf, selected.as_slice()) {
@@ -80,7 +80,7 @@ fn document(task: &dyn Task, preset: Preset) -> Result<Value> {
         "completion": formulas.completion,
         "signals": signals,
         "initial_box": axes,
-        "controllers": mishandle::shipped_controllers(definition),
+        "controllers": mishandle::shipped::shipped_controllers(definition),
         "notes": notes,
     }))
 }
@@ -98,7 +98,8 @@ fn list(definitions: &[&Definition], preset: Preset, width: usize) -> String {
     let paragraph = |definition: &&Definition| {
         let mut rows = vec![
             ["success", definition.formulas(preset).success].map(String::from).to_vec(),
-            ["controllers".to_string(), mishandle::shipped_controllers(definition).join(", ")].to_vec(),
+            ["controllers".to_string(), mishandle::shipped::shipped_controllers(definition).join(", ")]
+                .to_vec(),
         ];
         if let Some(base) = definition.variant_of {
             rows.push(["variant of", base].map(String::from).to_vec());

@@ -4,8 +4,10 @@ use std::sync::LazyLock;
 
 use anyhow::{Error, Result, anyhow};
 use clap::Args;
+use mishandle::MishandleError;
+use mishandle::train::{TrainPlan, TrainReport, default_out};
 use mishandle::training::RunSettings;
-use mishandle::{MishandleError, TrainPlan, TrainReport, default_out, plural};
+use mishandle_text::plural;
 use serde_json::{Value, json};
 
 use crate::output::{self, number};
@@ -82,7 +84,7 @@ pub struct Arguments {
 pub fn run(command: &Arguments) -> Result<ExitStatus> {
     run::set_threads(command.run.threads)?;
     let plan = plan(command);
-    if mishandle::uses_default_settings(&plan)? {
+    if mishandle::train::uses_default_settings(&plan)? {
         output::message(&format!(
             "note: no settings are shipped for {} with {}; using the defaults in docs/algorithms/settings.md",
             plan.task, plan.algorithm
@@ -92,7 +94,7 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
         return dry_run(&plan, command.run.json);
     }
     let mut reporter = TrainReporter::start(&plan)?;
-    let report = mishandle::train(&plan, &mut reporter);
+    let report = mishandle::train::train(&plan, &mut reporter);
     reporter.finish();
     let report = report?;
     let result = &report.result;
@@ -158,7 +160,7 @@ fn write_error(plan: &TrainPlan, report: &TrainReport) -> Error {
 
 /// Prints the settings of the training run.
 fn dry_run(plan: &TrainPlan, as_json: bool) -> Result<ExitStatus> {
-    let facts = mishandle::training_facts(plan)?;
+    let facts = mishandle::train::training_facts(plan)?;
     let total_steps = facts.settings.run().total_steps;
     if !as_json {
         let TrainPlan { task, algorithm, reward, seed, .. } = plan;
@@ -281,9 +283,9 @@ fn say_outputs(plan: &TrainPlan) {
         output::message(&format!("The learning curve is in {}", csv.display()));
     }
     if let Some(folder) = &plan.tensorboard {
-        let folder = mishandle::shell_quote(&folder.to_string_lossy());
+        let folder = mishandle_text::shell_quote(&folder.to_string_lossy());
         output::message(&format!("View it with: tensorboard --logdir {folder}"));
     }
-    let out = mishandle::shell_quote(&plan.out.to_string_lossy());
+    let out = mishandle_text::shell_quote(&plan.out.to_string_lossy());
     output::message(&format!("Evaluate it with: mishandle evaluate {} --controller {out}", plan.task));
 }

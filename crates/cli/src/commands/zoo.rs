@@ -134,7 +134,7 @@ pub struct ZooJobs {
 const PROGRESS_PERIOD: Duration = Duration::from_secs(60);
 
 pub fn run(command: &Arguments) -> Result<ExitStatus> {
-    let root = mishandle::home().context(
+    let root = mishandle::shipped::home().context(
         "expected a clone of the repository around the program; name one in the environment variable MISHANDLE_HOME",
     )?;
     if !root.join("experiments/training").is_dir() || !root.join("controllers/README.md").is_file() {

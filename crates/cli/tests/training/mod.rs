@@ -4,7 +4,7 @@ use std::path::Path;
 use std::process::{Child, Stdio};
 use std::time::{Duration, Instant};
 
-use mishandle::Curve;
+use mishandle::train::Curve;
 
 use crate::bench::{Bench, SMALL};
 

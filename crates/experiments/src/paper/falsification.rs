@@ -1,11 +1,12 @@
 //! The table of falsification: falsified trials and simulations to the first violation.
 
+use mishandle::Plan;
 use mishandle::evaluation::{
     Estimate, Lifetime, SurvivalCurve, fisher_test, holm, log_rank, vargha_delaney, wilson,
 };
 use mishandle::store::{SimulationEnd, TrialStatus};
-use mishandle::{Plan, plural};
 use mishandle_report::{SurvivalLine, survival_figure};
+use mishandle_text::plural;
 
 use super::notes::{Notes, Row};
 use super::page::{code, inline};
@@ -495,7 +496,7 @@ mod tests {
     #[test]
     fn the_budget_of_the_paper_is_that_of_the_plan() {
         let plan = include_str!("../../../../experiments/paper/falsification.toml");
-        let runs = mishandle::read_grid(plan).unwrap();
+        let runs = mishandle::plan::read_grid(plan).unwrap();
         assert_eq!(runs.len(), 8 * 2 * 3);
         for run in runs {
             let falsify = run.plan.falsify.unwrap();

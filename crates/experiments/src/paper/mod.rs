@@ -16,8 +16,10 @@ pub use published::{
 };
 pub use results::{CampaignResults, Results, RunFacts, RunResults};
 
+use mishandle::Plan;
 use mishandle::evaluation::Estimate;
-use mishandle::{AxisSetting, Plan, p_value_text as p_text, plural};
+use mishandle::plan::AxisSetting;
+use mishandle_text::{p_value_text as p_text, plural};
 
 use notes::{Notes, PaperNote};
 use page::{code, value};

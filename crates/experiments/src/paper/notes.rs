@@ -117,7 +117,7 @@ mod tests {
     fn the_notes_are_read_and_name_known_rows() {
         let notes: Notes = toml::from_str(NOTES).unwrap();
         assert!(!notes.paper.is_empty());
-        let tasks: Vec<String> = mishandle::target_names();
+        let tasks: Vec<String> = mishandle::resolve::target_names();
         for note in &notes.notes {
             assert!(tasks.contains(&note.task), "{}", note.task);
             assert!(["performance", "falsification"].contains(&note.table.as_str()), "{}", note.table);

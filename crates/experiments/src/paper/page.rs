@@ -1,7 +1,7 @@
 //! Pages with tables, written as Markdown and as HTML from the same content. Values from files pass through [`value`] or
 //! [`code`].
 
-use mishandle::is_invisible;
+use mishandle_text::is_invisible;
 
 use mishandle_report::{Document, escaped};
 

@@ -345,7 +345,8 @@ mod tests {
 
     /// Returns the results of a campaign with one run of three simulations in two trials.
     fn results() -> Results {
-        let falsify = mishandle::FalsifyPlan { budget: 2, trials: 2, ..mishandle::FalsifyPlan::default() };
+        let falsify =
+            mishandle::plan::FalsifyPlan { budget: 2, trials: 2, ..mishandle::plan::FalsifyPlan::default() };
         let plan = Plan { falsify: Some(falsify), ..Plan::new("toy/sphere-2d", "") };
         let facts = RunFacts {
             name: "run".to_string(),

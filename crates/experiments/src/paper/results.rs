@@ -2,10 +2,12 @@
 
 use std::path::Path;
 
+use mishandle::Plan;
 use mishandle::evaluation::{EvaluationReport, FormulaRoles, Metrics};
 use mishandle::rollout::Seed;
+use mishandle::run::{campaign_runs, recorded_episode};
 use mishandle::store::{RunFile, RunKind, Simulation, TrialRecord, TrialStatus};
-use mishandle::{Plan, campaign_runs, recorded_episode, shell_quote};
+use mishandle_text::shell_quote;
 use serde::{Deserialize, Serialize};
 
 use crate::folder::ZooFolder;

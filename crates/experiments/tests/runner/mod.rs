@@ -6,8 +6,9 @@ use std::sync::Mutex;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use mishandle::controllers::{ControllerFile, Header};
+use mishandle::plan::StartRegion;
+use mishandle::train::{TrainObserver, TrainPlan};
 use mishandle::training::{AlgorithmSettings, TimeShares, TrainingControl, TrainingProgress};
-use mishandle::{StartRegion, TrainObserver, TrainPlan};
 use mishandle_experiments::{
     BenchmarkTask, ControllerUnderTest, CornersRecord, EstimateRecord, EvaluationRecord, ExperimentError,
     FalsificationRecord, Runner, TrialMeasurement,

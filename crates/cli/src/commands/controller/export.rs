@@ -2,15 +2,14 @@ use std::io::Write;
 use std::path::Path;
 
 use anyhow::Result;
-use mishandle::VERSION;
+use mishandle::build::VERSION;
 use mishandle::interchange::onnx_bytes;
 use serde_json::json;
 
-use crate::ExitStatus;
-use crate::output;
+use crate::{ExitStatus, output};
 
 pub fn run(controller: &str, onnx: &Path, json: bool) -> Result<ExitStatus> {
-    let file = mishandle::find_controller(controller)?.controller()?;
+    let file = mishandle::resolve::find_controller(controller)?.controller()?;
     output::write_new(onnx, |out| Ok(out.write_all(&onnx_bytes(&file, VERSION))?))?;
     output::message(&format!("wrote {}", onnx.display()));
     if json {

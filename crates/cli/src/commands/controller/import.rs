@@ -4,7 +4,7 @@ use std::path::PathBuf;
 use anyhow::{Context, Result};
 use clap::Args;
 use mishandle::interchange::ImportOptions;
-use mishandle::plural;
+use mishandle_text::plural;
 use serde_json::json;
 
 use crate::{ExitStatus, output};
@@ -47,9 +47,9 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
     let activation = command.activation.as_deref().map(str::parse).transpose().context("--activation")?;
     let output_activation =
         command.output_activation.as_deref().map(str::parse).transpose().context("--output-activation")?;
-    let normalizer = command.normalizer.as_deref().map(mishandle::read_normalizer).transpose()?;
+    let normalizer = command.normalizer.as_deref().map(mishandle::resolve::read_normalizer).transpose()?;
     let options = ImportOptions { activation, output_activation, normalizer };
-    let file = mishandle::import_controller(&command.file, &command.task, &options)?;
+    let file = mishandle::resolve::import_controller(&command.file, &command.task, &options)?;
     output::write_new(&command.out, |out| Ok(out.write_all(&file.to_bytes())?))?;
     let network = file.policy.network();
     let (hidden, last) = (network.hidden_activation().to_string(), network.output_activation().to_string());

@@ -3,14 +3,14 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail, ensure};
 use clap::Args;
+use mishandle::counterexample::{AxisValue, Counterexample, MinimizedFrom};
 use mishandle::evaluation::RepeatReport;
 use mishandle::files::NewFolders;
 use mishandle::rollout::{Scenario, Seed, Space};
+use mishandle::run::{Minimized, axes_off_nominal, is_close, minimize};
 use mishandle::store::RunFile;
-use mishandle::{
-    AxisValue, Counterexample, Minimized, MinimizedFrom, Plan, ResolvedPlan, axes_off_nominal, decimal,
-    is_close, minimize, plural,
-};
+use mishandle::{Plan, ResolvedPlan};
+use mishandle_text::{decimal, plural};
 use serde_json::{Value, json};
 
 use super::is_file;
@@ -138,11 +138,11 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
     let file = run::read(&command.file, command.skip_check)?;
     let chosen = choose(command, &file)?;
     let resolved = match command.minimize {
-        true => Some(mishandle::recorded_plan(file.header(), command.controller.as_deref())?),
+        true => Some(mishandle::resolve::recorded_plan(file.header(), command.controller.as_deref())?),
         false => None,
     };
     if let Some(resolved) = &resolved {
-        run::report_build_differences("made", &mishandle::build_differences(file.header(), resolved));
+        run::report_build_differences("made", &mishandle::replay::build_differences(file.header(), resolved));
     }
     // Before the simulations of --minimize.
     let inputs = [Some(command.file.as_path()), command.controller.as_deref().map(Path::new)];
@@ -249,7 +249,7 @@ fn choose(command: &Arguments, file: &RunFile) -> Result<Vec<Chosen>> {
         let path = command.out.clone();
         return Ok(vec![Chosen { path, mode: None, trial: command.trial.unwrap_or(1), simulation }]);
     }
-    let modes = mishandle::failure_modes(file)?.modes;
+    let modes = mishandle::inspect::failure_modes(file)?.modes;
     if modes.is_empty() {
         bail!("{} has no counterexample with a recorded trace", command.file.display());
     }
@@ -289,10 +289,10 @@ fn shrink(
         run::control_flow()
     })?;
     let scenario = &minimized.episode.request.scenario;
-    let repeats = match mishandle::depends_on_seed(resolved, scenario) {
+    let repeats = match mishandle::resolve::depends_on_seed(resolved, scenario) {
         true if run::control_flow().is_continue() => {
-            let seeds = mishandle::repeat_seeds(Seed(counterexample.seed), REPEATS);
-            Some(mishandle::repeat(&mut *system, scenario, seeds, |_| run::control_flow())?)
+            let seeds = mishandle::run::repeat_seeds(Seed(counterexample.seed), REPEATS);
+            Some(mishandle::run::repeat(&mut *system, scenario, seeds, |_| run::control_flow())?)
         }
         _ => None,
     };

@@ -2,8 +2,9 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
+use mishandle::inspect::ModeSurvey;
 use mishandle::store::RunHeader;
-use mishandle::{ModeSurvey, plural};
+use mishandle_text::plural;
 use serde_json::{Value, json};
 
 use crate::commands::counterexamples;

@@ -4,9 +4,11 @@ use std::path::Path;
 use std::time::Instant;
 
 use anyhow::{Result, ensure};
+use mishandle::ResolvedPlan;
+use mishandle::counterexample::Counterexample;
 use mishandle::falsification::{CampaignOutcome, Minimum, RepeatedCount, ScreenedCounts};
 use mishandle::rollout::Request;
-use mishandle::{Counterexample, ResolvedPlan, plural, shell_quote};
+use mishandle_text::{plural, shell_quote};
 use serde_json::{Value, json};
 
 use super::{Arguments, REPEATS, Repeats, simulate};
@@ -33,13 +35,13 @@ pub fn run(command: &Arguments, bar: &Bar) -> Result<ExitStatus> {
         ensure!(out.symlink_metadata().is_err(), "{} already exists; choose another --out", out.display());
     }
     counterexamples::check_out(out.as_deref(), &resolved, false)?;
-    let backend = mishandle::gpu_backend()?;
-    let mut screening = mishandle::screening(&resolved, &*backend, command.screen.rows() as usize)?;
+    let backend = mishandle::run::gpu_backend()?;
+    let mut screening = mishandle::run::screening(&resolved, &*backend, command.screen.rows() as usize)?;
     bar.set_length(u64::from(falsify.trials) * u64::from(falsify.budget));
     let start = Instant::now();
     let confirm = command.screen.confirm();
     let (found, counts) =
-        mishandle::falsify_on_backend(&resolved, &mut screening, confirm, &mut |outcome| {
+        mishandle::run::falsify_on_backend(&resolved, &mut screening, confirm, &mut |outcome| {
             bar.set_position(outcome.simulations);
             bar.set_note(format!("{} falsified", plural(outcome.falsified_trials, "trial")));
             run::control_flow()

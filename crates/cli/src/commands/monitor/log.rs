@@ -8,8 +8,8 @@ use std::sync::Arc;
 
 use anyhow::{Context, Result, bail, ensure};
 use csv::{ByteRecord, Reader, Terminator, Trim};
-use mishandle::plural;
 use mishandle::stl::{Formula, Recording};
+use mishandle_text::plural;
 
 /// Column with the time of each sample, in seconds.
 const TIME: &str = "time";

@@ -44,7 +44,7 @@ pub fn page(definition: &Definition, notes: &[Note], preset: Preset, columns: us
     }
     sections.push(text("Scene: differences from the original", definition.differences));
     sections.extend(Topic::ALL.into_iter().filter_map(|topic| about(topic, notes, width)));
-    sections.push(text("Controllers", &mishandle::shipped_controllers(definition).join(", ")));
+    sections.push(text("Controllers", &mishandle::shipped::shipped_controllers(definition).join(", ")));
     Ok(sections.join("\n\n"))
 }
 
@@ -72,7 +72,7 @@ fn section(title: &str, lines: &str) -> String {
 fn picture(definition: &Definition) -> String {
     let name = definition.name;
     let command = format!("mishandle render {name} --out {name}.png");
-    match mishandle::picture_path(name) {
+    match mishandle::shipped::picture_path(name) {
         Some(path) => format!("{}\n{command}", path.display()),
         None => command,
     }

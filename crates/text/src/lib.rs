@@ -1,0 +1,13 @@
+//! Numbers, names and instants as text: one format for messages, tables and pages.
+//!
+//! It knows no type of the other crates. What a result means is said where the result is shown.
+
+mod instant;
+mod invisible;
+mod number;
+mod shell_quote;
+
+pub use instant::instant;
+pub use invisible::is_invisible;
+pub use number::{decimal, p_value_text, plural, probability_text};
+pub use shell_quote::shell_quote;

@@ -1,0 +1,394 @@
+//! Counterexamples as values of their own: one failing scenario with all that a replay needs.
+
+mod file;
+mod regress;
+mod risk;
+
+use std::fmt::Debug;
+use std::path::Path;
+
+use mishandle_rollout::{Episode, Request, Scenario, Seed, Space};
+use mishandle_store::{
+    AxisRecord, BuildRecord, ComponentRecord, RunFile, RunHeader, Simulation, SimulationEnd, TargetRecord,
+};
+
+use crate::error::MishandleError;
+use crate::inspect::{ExplainedSimulation, explain, explain_episode};
+use crate::plan::{FalsifyPlan, Plan};
+use crate::replay::differences_of_builds;
+use crate::resolve::{ResolvedPlan, controller_name, is_path, resolve_recorded};
+use crate::shipped::shipped_controller;
+
+pub use regress::{Regression, regress, regress_with};
+pub use risk::risk_counterexample;
+
+/// Prefix of a controller whose file is expected beside the counterexample.
+const BESIDE: &str = "./";
+
+/// A failing simulation: setup, scenario, seed and the expected result.
+///
+/// Unlike a run file it is small, and it contains no path of the machine that made it: a shipped controller has its name, any
+/// other its file name, which is looked up beside the counterexample.
+///
+/// # Example
+/// ```
+/// use std::ops::ControlFlow;
+/// use mishandle::rollout::{Request, Seed};
+/// use mishandle::{Plan, ResolvedPlan};
+/// use mishandle::counterexample::Counterexample;
+/// use mishandle::run::minimize;
+/// # let folder = tempfile::tempdir().unwrap();
+/// let resolved = ResolvedPlan::new(&Plan::new("toy/sphere-2d", "")).unwrap();
+/// let mut system = resolved.system().unwrap();
+/// // The point that must be avoided is (0.3, -0.4), by 0.1 m.
+/// let found = Request::new([0.35, -0.42], Seed(0));
+/// let minimized = minimize(&mut *system, &found, 300, |_| ControlFlow::Continue(())).unwrap();
+/// let counterexample = Counterexample::from_episode(&resolved, &minimized.episode).unwrap();
+/// let distance = |axis: usize, center: f64| counterexample.scenario[axis].value.unwrap() - center;
+/// assert!((distance(0, 0.3).hypot(distance(1, -0.4)) - 0.1).abs() < 0.02);
+/// let read = Counterexample::from_json(&counterexample.to_json()).unwrap();
+/// assert_eq!(read, counterexample);
+/// assert!(read.replay(&read.resolve(folder.path(), None).unwrap()).unwrap().differences.is_empty());
+/// ```
+#[derive(Clone, Debug, PartialEq)]
+pub struct Counterexample {
+    /// Target, space, controller, noise and formula. Its seed is that of the simulation.
+    pub plan: Plan,
+    /// Identity of the target.
+    pub target: TargetRecord,
+    /// The exchangeable parts of the target, such as its controller.
+    pub components: Vec<ComponentRecord>,
+    /// The program that simulated the scenario.
+    pub build: BuildRecord,
+    /// Name and version of each dependency that affects the simulation.
+    pub versions: Vec<(String, String)>,
+    /// One value per axis of the space.
+    pub scenario: Vec<AxisValue>,
+    /// Random seed of the simulation.
+    pub seed: u64,
+    /// The result.
+    pub expected: Expected,
+    /// The predicate that sets the robustness; `None` without one.
+    pub decisive: Option<Decisive>,
+    /// Number of the trial in the run.
+    pub trial: u32,
+    /// Number of the simulation within its trial.
+    pub simulation: u32,
+    /// The recorded counterexample, if the scenario was moved toward the nominal one.
+    pub minimized_from: Option<MinimizedFrom>,
+}
+
+/// Value of an axis in a counterexample.
+#[derive(Clone, Debug, PartialEq)]
+pub struct AxisValue {
+    /// Name of the axis.
+    pub axis: String,
+    /// Unit; empty if it has none.
+    pub unit: String,
+    /// Value; `None` if it is drawn from the seed.
+    pub value: Option<f64>,
+    /// Value of the undisturbed episode; `None` for a random draw.
+    pub nominal: Option<f64>,
+}
+
+/// Result of a simulation that a replay must give again.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Expected {
+    /// End of the simulation.
+    pub end: SimulationEnd,
+    /// Number of control steps.
+    pub steps: u32,
+    /// Robustness; negative.
+    pub robustness: f64,
+    /// Digest of the trace; `None` if it was not recorded.
+    pub trace_digest: Option<u128>,
+}
+
+/// The predicate that sets the robustness, at its sample.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Decisive {
+    /// Text of the predicate.
+    pub predicate: String,
+    /// Sample.
+    pub sample: u64,
+    /// Time of the sample, in seconds.
+    pub time: f64,
+    /// Texts of the two sides.
+    pub sides: [String; 2],
+    /// Values of the two sides.
+    pub values: [f64; 2],
+}
+
+/// The counterexample from which a minimized one was made.
+#[derive(Clone, Debug, PartialEq)]
+pub struct MinimizedFrom {
+    /// One value per axis.
+    pub scenario: Vec<Option<f64>>,
+    /// Robustness.
+    pub robustness: f64,
+    /// Number of simulations that the minimization ran.
+    pub simulations: u64,
+    /// Whether the minimization ended before its budget.
+    pub is_complete: bool,
+}
+
+/// A replay of a counterexample.
+#[derive(Debug)]
+pub struct CounterexampleReplay {
+    /// The replayed simulation with its explanation.
+    pub explained: ExplainedSimulation,
+    /// Describes the simulation as the header of a run.
+    pub header: RunHeader,
+    /// The episode.
+    pub episode: Episode,
+    /// Differences between the file and what the target and the replay give. Empty if everything has the same bits.
+    pub differences: Vec<String>,
+    /// Differences between the recorded build and the present one. Results can differ between builds.
+    pub build_differences: Vec<String>,
+}
+
+impl Counterexample {
+    /// Returns simulation `number` of trial `trial` of a run as a counterexample. The target need not be part of this program.
+    ///
+    /// # Errors
+    /// If the run has no such simulation, its robustness is not negative, or it has no recorded trace and cannot be replayed.
+    pub fn from_run(run: &RunFile, trial: u32, number: u32) -> Result<Counterexample, MishandleError> {
+        let recorded = run.simulation(trial, number)?;
+        check_failing(recorded.robustness)?;
+        describe(run.header(), &explain(run, trial, number, None)?)
+    }
+
+    /// Returns an episode of a target as a counterexample.
+    ///
+    /// # Errors
+    /// If its robustness is not negative.
+    pub fn from_episode(
+        resolved: &ResolvedPlan,
+        episode: &Episode,
+    ) -> Result<Counterexample, MishandleError> {
+        check_failing(episode.robustness())?;
+        let (header, explained) = explain_episode(resolved, episode)?;
+        describe(&header, &explained)
+    }
+
+    /// Simulates a request with the target's system and returns the episode as a counterexample.
+    ///
+    /// # Errors
+    /// If the simulation cannot be run, or its robustness is not negative.
+    pub fn simulate(resolved: &ResolvedPlan, request: Request) -> Result<Counterexample, MishandleError> {
+        let episode = resolved.system()?.rollout(&[request])?.pop().ok_or(MishandleError::NoEpisode)?;
+        Counterexample::from_episode(resolved, &episode)
+    }
+
+    /// Reads a counterexample file.
+    ///
+    /// # Errors
+    /// If the file cannot be read, is larger than [`limits::COUNTEREXAMPLE`](mishandle_files::limits::COUNTEREXAMPLE), or is no
+    /// counterexample.
+    pub fn read(path: &Path) -> Result<Counterexample, MishandleError> {
+        let bytes = mishandle_files::read_bounded(path, mishandle_files::limits::COUNTEREXAMPLE)
+            .map_err(|source| MishandleError::File { path: path.to_path_buf(), source })?;
+        let text = String::from_utf8(bytes).map_err(|_| MishandleError::CounterexampleFile {
+            problem: "the file is not UTF-8 text".to_string(),
+        })?;
+        Counterexample::from_json(&text)
+    }
+
+    /// Parses a counterexample. Every number has the bits with which it was written.
+    ///
+    /// # Errors
+    /// If the text is not JSON, has an unknown or a missing key or an invalid value, or has a newer format.
+    pub fn from_json(text: &str) -> Result<Counterexample, MishandleError> {
+        file::read(text)
+    }
+
+    /// Returns the counterexample as JSON.
+    pub fn to_json(&self) -> String {
+        file::write(self)
+    }
+
+    /// Looks up the target and checks that its components are the recorded ones.
+    ///
+    /// `folder` is the folder of the file. `controller` is the present path of the controller, if it is neither shipped nor in
+    /// that folder.
+    ///
+    /// # Errors
+    /// If the target is not part of this program, or a controller cannot be loaded or has another hash.
+    pub fn resolve(&self, folder: &Path, controller: Option<&str>) -> Result<ResolvedPlan, MishandleError> {
+        resolve_recorded(self.plan_in(folder), &self.components, controller)
+    }
+
+    /// Looks up the target with another controller. A target without a controller stays as it is.
+    ///
+    /// # Errors
+    /// If the target is not part of this program, or the controller cannot be loaded.
+    pub fn resolve_with(&self, controller: &str) -> Result<ResolvedPlan, MishandleError> {
+        let mut plan = self.plan.clone();
+        if !plan.controller.is_empty() {
+            plan.controller = controller.to_string();
+        }
+        ResolvedPlan::new(&plan).map_err(|error| match error {
+            MishandleError::UnknownName { kind: "target", name, .. } => {
+                MishandleError::ForeignTarget { name }
+            }
+            error => error,
+        })
+    }
+
+    /// Returns the plan with the path of a controller that is beside the file.
+    fn plan_in(&self, folder: &Path) -> Plan {
+        let mut plan = self.plan.clone();
+        if let Some(name) = plan.controller.strip_prefix(BESIDE) {
+            // A path also in the working directory, whose name is empty.
+            let folder = if folder.as_os_str().is_empty() { Path::new(".") } else { folder };
+            plan.controller = folder.join(name).to_string_lossy().into_owned();
+        }
+        plan
+    }
+
+    /// Returns the scenario in the order of the axes of `space`.
+    ///
+    /// # Errors
+    /// If the space has other axes, or does not allow a value.
+    pub fn scenario_in(&self, space: &Space) -> Result<Scenario, MishandleError> {
+        let find = |name: &str| self.scenario.iter().find(|known| known.axis == name);
+        let values: Option<Vec<Option<f64>>> =
+            space.axes().iter().map(|axis| find(&axis.name).map(|known| known.value)).collect();
+        let Some(values) = values.filter(|values| values.len() == self.scenario.len()) else {
+            let recorded: Vec<&str> = self.scenario.iter().map(|known| known.axis.as_str()).collect();
+            let found: Vec<&str> = space.axes().iter().map(|axis| axis.name.as_str()).collect();
+            return Err(MishandleError::CounterexampleAxes {
+                target: self.target.name.clone(),
+                space: space.name().to_string(),
+                recorded: recorded.join(", "),
+                found: found.join(", "),
+            });
+        };
+        let scenario = Scenario::new(values);
+        space.check(&scenario)?;
+        Ok(scenario)
+    }
+
+    /// Returns the request of the simulation.
+    ///
+    /// # Errors
+    /// The errors of [`scenario_in`](Self::scenario_in).
+    pub fn request(&self, space: &Space) -> Result<Request, MishandleError> {
+        let scenario = self.scenario_in(space)?;
+        Ok(Request { trial: self.trial, number: self.simulation, ..Request::new(scenario, Seed(self.seed)) })
+    }
+
+    /// Simulates the scenario again and compares the result, bit for bit.
+    ///
+    /// # Errors
+    /// If the space has other axes, the target cannot run the scenario, or the simulation has no robustness.
+    pub fn replay(&self, resolved: &ResolvedPlan) -> Result<CounterexampleReplay, MishandleError> {
+        let request = self.request(&resolved.space)?;
+        let episode = resolved.system()?.rollout(&[request])?.pop().ok_or(MishandleError::NoEpisode)?;
+        if episode.robustness().is_none() {
+            return Err(MishandleError::NoVerdict { end: episode.end });
+        }
+        let (header, explained) = explain_episode(resolved, &episode)?;
+        let again = describe(&header, &explained)?;
+        Ok(CounterexampleReplay {
+            differences: self.differences(&again),
+            build_differences: differences_of_builds(&self.build, &self.versions, resolved),
+            explained,
+            header,
+            episode,
+        })
+    }
+
+    /// Lists the recorded facts that differ from those of a replay, except for the build.
+    fn differences(&self, again: &Counterexample) -> Vec<String> {
+        let mut found = Vec::new();
+        let mut compare = |what: &str, recorded: &dyn Debug, again: &dyn Debug| {
+            // The text has all digits and the sign of a zero.
+            let (recorded, again) = (format!("{recorded:?}"), format!("{again:?}"));
+            if recorded != again {
+                found.push(format!("{what}: recorded {recorded}, replayed {again}"));
+            }
+        };
+        compare("target", &self.target, &again.target);
+        compare("scenario", &self.scenario, &again.scenario);
+        compare("end", &self.expected.end, &again.expected.end);
+        compare("number of control steps", &self.expected.steps, &again.expected.steps);
+        compare("robustness", &self.expected.robustness, &again.expected.robustness);
+        let digest = |of: &Counterexample| of.expected.trace_digest.map(|digest| format!("{digest:032x}"));
+        if self.expected.trace_digest.is_some() {
+            compare("digest of the trace", &digest(self), &digest(again));
+        }
+        compare("decisive predicate", &self.decisive, &again.decisive);
+        found
+    }
+}
+
+/// Describes a simulation, whatever its robustness.
+fn describe(header: &RunHeader, explained: &ExplainedSimulation) -> Result<Counterexample, MishandleError> {
+    let ExplainedSimulation { recorded, explanation, .. } = explained;
+    let recorded_plan = Plan::from_toml(&header.plan)?;
+    let falsify = FalsifyPlan { formula: Some(header.formula.clone()), ..FalsifyPlan::default() };
+    let plan = Plan {
+        controller: portable_controller(&recorded_plan, &header.components),
+        seed: recorded.seed,
+        evaluate: None,
+        falsify: Some(falsify),
+        risk: None,
+        ..recorded_plan
+    };
+    let value = |(axis, value): (&AxisRecord, &Option<f64>)| AxisValue {
+        axis: axis.name.clone(),
+        unit: axis.unit.clone(),
+        value: *value,
+        nominal: axis.nominal,
+    };
+    let decisive = explanation.diagnosis.predicate.as_ref().map(|predicate| Decisive {
+        predicate: predicate.text.clone(),
+        sample: predicate.sample as u64,
+        time: predicate.sample as f64 * header.control_dt,
+        sides: predicate.sides.clone(),
+        values: predicate.values,
+    });
+    let Simulation { trial, number, seed, end, steps, trace_digest, .. } = *recorded;
+    Ok(Counterexample {
+        plan,
+        target: header.target.clone(),
+        components: header.components.clone(),
+        build: header.build.clone(),
+        versions: header.versions.clone(),
+        scenario: header.axes.iter().zip(&recorded.scenario).map(value).collect(),
+        seed,
+        expected: Expected { end, steps, robustness: recorded.robustness.unwrap_or(f64::NAN), trace_digest },
+        decisive,
+        trial,
+        simulation: number,
+        minimized_from: None,
+    })
+}
+
+/// Returns the name of a shipped controller, or `./FILE` for any other. The plan of a run has an absolute path.
+fn portable_controller(plan: &Plan, components: &[ComponentRecord]) -> String {
+    if !is_path(&plan.controller) {
+        return plan.controller.clone();
+    }
+    let name = controller_name(&plan.controller);
+    let recorded = components.iter().find(|component| component.role == "controller");
+    let shipped = mishandle_tasks::task(&plan.target)
+        .and_then(|task| shipped_controller(task.definition(), &name)?.controller().ok())
+        .map(|file| file.policy.sampling(plan.stochastic).hash());
+    match (shipped, recorded) {
+        (Some(hash), Some(recorded)) if hash == recorded.hash => name,
+        _ => {
+            let file = Path::new(&plan.controller).file_name().unwrap_or_default();
+            format!("{BESIDE}{}", file.to_string_lossy())
+        }
+    }
+}
+
+fn check_failing(robustness: Option<f64>) -> Result<(), MishandleError> {
+    match robustness {
+        Some(rho) if rho < 0.0 => Ok(()),
+        Some(rho) => Err(MishandleError::NotACounterexample { robustness: rho.to_string() }),
+        None => Err(MishandleError::NotACounterexample { robustness: "undecided".to_string() }),
+    }
+}

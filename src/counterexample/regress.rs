@@ -1,0 +1,86 @@
+//! Counterexamples as a regression suite: the same scenarios with another controller.
+
+use std::ops::ControlFlow;
+use std::path::Path;
+
+use mishandle_evaluation::RepeatReport;
+use mishandle_rollout::{Episode, Seed};
+use mishandle_store::RunHeader;
+
+use crate::counterexample::Counterexample;
+use crate::error::MishandleError;
+use crate::inspect::{ExplainedSimulation, explain_episode};
+use crate::resolve::{ResolvedPlan, depends_on_seed};
+use crate::run::{repeat, repeat_seeds};
+
+/// A counterexample that was simulated again.
+#[derive(Debug)]
+pub struct Regression {
+    /// The simulation with the recorded seed, with its explanation.
+    pub explained: ExplainedSimulation,
+    /// Describes the simulation as the header of a run.
+    pub header: RunHeader,
+    /// The episode with the recorded seed.
+    pub episode: Episode,
+    /// Simulations with other seeds; `None` if `repeats` is 0, or if nothing is random.
+    pub repeats: Option<RepeatReport>,
+    /// Whether the target is not the recorded one, so that its scenarios may have another meaning. The hash of a target covers
+    /// its controller, so this is `None` if the recorded controller cannot be loaded.
+    pub has_other_target: Option<bool>,
+}
+
+/// Simulates a counterexample with another controller, and `repeats` times with other random seeds.
+///
+/// `folder` is the folder of the counterexample. Without `controller`, the recorded one is used. `watch` is called after each
+/// simulation.
+///
+/// # Errors
+/// If the target is not part of this program, a controller cannot be loaded, the space has other axes, or the simulation has no
+/// robustness.
+pub fn regress(
+    counterexample: &Counterexample,
+    folder: &Path,
+    controller: Option<&str>,
+    repeats: u64,
+    watch: impl FnMut(&Episode) -> ControlFlow<()>,
+) -> Result<Regression, MishandleError> {
+    let resolved: ResolvedPlan = match controller {
+        Some(controller) => counterexample.resolve_with(controller)?,
+        None => counterexample.resolve(folder, None)?,
+    };
+    let found = regress_with(counterexample, &resolved, repeats, watch)?;
+    let with_recorded = match controller {
+        Some(_) => counterexample.resolve(folder, None).ok().map(|recorded| recorded.target.identity.hash),
+        None => Some(found.header.target.hash.clone()),
+    };
+    let has_other_target = with_recorded.map(|hash| hash != counterexample.target.hash);
+    Ok(Regression { has_other_target, ..found })
+}
+
+/// Simulates a counterexample with a target that need not be part of this program, and `repeats` times with other random seeds.
+/// `watch` is called after each simulation.
+///
+/// # Errors
+/// If the space has other axes, the target cannot run the scenario, or the simulation has no robustness.
+pub fn regress_with(
+    counterexample: &Counterexample,
+    resolved: &ResolvedPlan,
+    repeats: u64,
+    watch: impl FnMut(&Episode) -> ControlFlow<()>,
+) -> Result<Regression, MishandleError> {
+    let request = counterexample.request(&resolved.space)?;
+    let mut system = resolved.system()?;
+    let scenario = request.scenario.clone();
+    let episode = system.rollout(&[request])?.pop().ok_or(MishandleError::NoEpisode)?;
+    if episode.robustness().is_none() {
+        return Err(MishandleError::NoVerdict { end: episode.end });
+    }
+    let (header, explained) = explain_episode(resolved, &episode)?;
+    let repeats = match repeats {
+        0 => None,
+        _ if !depends_on_seed(resolved, &scenario) => None,
+        n => Some(repeat(&mut *system, &scenario, repeat_seeds(Seed(counterexample.seed), n), watch)?),
+    };
+    let has_other_target = Some(header.target.hash != counterexample.target.hash);
+    Ok(Regression { explained, header, episode, repeats, has_other_target })
+}

@@ -1,0 +1,395 @@
+//! Comparison of two evaluations on the same scenarios and seeds.
+
+use std::path::PathBuf;
+
+use mishandle_evaluation::{Corners, Estimate, PairedCounts, paired_mean_difference, sign_test};
+use mishandle_rollout::{Episode, Seed};
+use mishandle_store::{AxisRecord, RunFile, RunHeader, RunKind, Simulation};
+
+use crate::error::MishandleError;
+use crate::plan::Plan;
+use crate::resolve::PYTHON;
+use crate::run::{record, unfinished};
+use mishandle_text::{p_value_text, plural, shell_quote};
+
+/// Trial of the random simulations of an evaluation.
+const RANDOM_TRIAL: u32 = 1;
+
+/// Two evaluations, compared pair by pair: simulation i of both has the same scenario and seed.
+///
+/// The rates and means cover the random simulations. The corners and the center of the initial box are no random sample, so
+/// they appear among the new and the fixed failures only.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Comparison {
+    /// The first run, A.
+    pub first: ComparedRun,
+    /// The second run, B.
+    pub second: ComparedRun,
+    /// Facts in which the runs differ apart from the controller, such as the build. They can cause differences, too.
+    pub differences: Vec<String>,
+    /// Name of the target.
+    pub target: String,
+    /// Kind of the target: `task`, `toy` or `python`.
+    pub target_kind: String,
+    /// Text of the formula for success.
+    pub formula: String,
+    /// Axes of the scenarios.
+    pub axes: Vec<AxisRecord>,
+    /// Number of pairs of random simulations.
+    pub pairs: u64,
+    /// Success.
+    pub success: PairedRates,
+    /// Strict success; `None` if the target has no such formula.
+    pub strict: Option<PairedRates>,
+    /// Robustness of the success formula, over the pairs in which both values are finite.
+    pub robustness: PairedMeans,
+    /// Number of dangerous control steps; `None` if the target has no such formula.
+    pub dangerous_steps: Option<PairedMeans>,
+    /// Control step of completion, over the pairs in which both succeed and complete; `None` if the target has no such
+    /// formula.
+    pub completion_step: Option<PairedMeans>,
+    /// Pairs in which A succeeds and B does not.
+    pub new_failures: Vec<ComparedPair>,
+    /// Pairs in which B succeeds and A does not.
+    pub fixed_failures: Vec<ComparedPair>,
+    /// All pairs, the new and the fixed failures among them.
+    pub compared: Vec<ComparedPair>,
+}
+
+/// Level below which a p-value counts as a difference.
+const SIGNIFICANT: f64 = 0.05;
+
+impl Comparison {
+    /// Returns in a few words what the success rates say: `B succeeds less often`.
+    pub fn judgment(&self) -> &'static str {
+        let PairedRates { counts, p_value, .. } = &self.success;
+        match (*p_value < SIGNIFICANT, counts.second_only > counts.first_only) {
+            (true, true) => "B succeeds more often",
+            (true, false) => "B succeeds less often",
+            (false, _) => "the success rates do not differ significantly",
+        }
+    }
+
+    /// Returns a sentence on the success rates with the numbers behind the judgment.
+    pub fn verdict(&self) -> String {
+        let PairedRates { counts, p_value, .. } = &self.success;
+        let p = match p_value_text(*p_value) {
+            small if small.starts_with('<') => format!("p {small}"),
+            value => format!("p = {value}"),
+        };
+        format!(
+            "B fails in {} where A succeeds, and succeeds in {} where A fails: {} (exact McNemar test, {p}).",
+            plural(counts.first_only, "random simulation"),
+            counts.second_only,
+            self.judgment(),
+        )
+    }
+
+    /// Returns whether B fails anywhere where A succeeds.
+    pub fn has_new_failures(&self) -> bool {
+        !self.new_failures.is_empty()
+    }
+}
+
+/// A run of a [`Comparison`].
+#[derive(Clone, Debug, PartialEq)]
+pub struct ComparedRun {
+    /// Path of the run file.
+    pub path: PathBuf,
+    /// Name or path of the controller; `None` if the target has none.
+    pub controller: Option<String>,
+    /// Hash of what the controller does.
+    pub controller_hash: Option<String>,
+    /// Hash of the target.
+    pub target_hash: String,
+    /// Git commit of the program.
+    pub commit: String,
+}
+
+/// A rate of both runs.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct PairedRates {
+    /// Numbers of pairs by outcome.
+    pub counts: PairedCounts,
+    /// Rate of A, with its Wilson interval.
+    pub first: Estimate,
+    /// Rate of B, with its Wilson interval.
+    pub second: Estimate,
+    /// B minus A, with Newcombe's interval for pairs.
+    pub difference: Estimate,
+    /// Two-sided p-value of the exact McNemar test.
+    pub p_value: f64,
+}
+
+impl PairedRates {
+    fn new(counts: PairedCounts) -> PairedRates {
+        let [first, second] = counts.rates();
+        let p_value = sign_test(counts.first_only, counts.second_only);
+        PairedRates { counts, first, second, difference: counts.difference(), p_value }
+    }
+}
+
+/// A mean of both runs.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct PairedMeans {
+    /// Mean of A.
+    pub first: Option<f64>,
+    /// Mean of B.
+    pub second: Option<f64>,
+    /// B minus A, with its bootstrap interval over the pairs.
+    pub difference: Estimate,
+    /// Number of pairs in which B's value is smaller, and larger.
+    pub smaller_and_larger: (u64, u64),
+    /// Two-sided p-value of the exact sign test: whether B is as often above A as below.
+    pub p_value: f64,
+}
+
+impl PairedMeans {
+    fn new(pairs: &[(f64, f64)], seed: Seed) -> PairedMeans {
+        let (first, second): (Vec<f64>, Vec<f64>) = pairs.iter().copied().unzip();
+        let mean =
+            |values: &[f64]| (!values.is_empty()).then(|| values.iter().sum::<f64>() / values.len() as f64);
+        let count = |is: fn(&(f64, f64)) -> bool| pairs.iter().filter(|pair| is(pair)).count() as u64;
+        let smaller_and_larger = (count(|(a, b)| b < a), count(|(a, b)| b > a));
+        PairedMeans {
+            first: mean(&first),
+            second: mean(&second),
+            difference: paired_mean_difference(&first, &second, seed),
+            smaller_and_larger,
+            p_value: sign_test(smaller_and_larger.0, smaller_and_larger.1),
+        }
+    }
+}
+
+/// A simulation of both runs.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ComparedPair {
+    /// Number of the trial: 1 for random simulations, 2 for corners and center.
+    pub trial: u32,
+    /// Number of the simulation within the trial.
+    pub number: u32,
+    /// Random seed of both simulations.
+    pub seed: u64,
+    /// Scenario of both simulations: one value per axis.
+    pub scenario: Vec<Option<f64>>,
+    /// Robustness of A; `None` without a verdict.
+    pub first_robustness: Option<f64>,
+    /// Robustness of B; `None` without a verdict.
+    pub second_robustness: Option<f64>,
+    /// Whether A succeeds.
+    pub first_succeeds: bool,
+    /// Whether B succeeds.
+    pub second_succeeds: bool,
+}
+
+/// Compares two evaluations with the same target, space, formula, noise, scenarios and seeds.
+///
+/// # Errors
+/// [`NotComparable`](MishandleError::NotComparable) if a run is no evaluation or not complete, or the runs differ in anything
+/// but the controller, the build and the hash of the target; an error of a run file.
+pub fn compare(first: &RunFile, second: &RunFile) -> Result<Comparison, MishandleError> {
+    let (a, b) = (first.header(), second.header());
+    if let Some(problem) = problem(a, b) {
+        return Err(MishandleError::NotComparable { problem });
+    }
+    for (name, run) in [("A", first), ("B", second)] {
+        if let Some(missing) = unfinished(run)? {
+            let path = run.path().to_string_lossy();
+            let command = match run.header().target.kind.as_str() {
+                PYTHON => "the same call of `mishandle.evaluate` in Python with `resume=True`".to_string(),
+                _ => format!("mishandle evaluate --resume {}", shell_quote(&path)),
+            };
+            let problem = format!("{name} is not complete: {missing}; complete it with: {command}");
+            return Err(MishandleError::NotComparable { problem });
+        }
+    }
+    let seed = Seed(a.seed);
+    let mut pairs = Vec::new();
+    for (row_a, row_b) in random_rows(first, second)? {
+        pairs.push(pair(row_a, row_b)?);
+    }
+    let mut differences = differences(a, b);
+    match corner_pairs(first, second)? {
+        Some(corners) => pairs.extend(corners),
+        None => differences.push(
+            "corners: A and B simulate them with other seeds or other numbers of simulations, so they are not compared".to_string(),
+        ),
+    }
+    let is_random = |pair: &&Pair| pair.rows[0].trial != Corners::TRIAL;
+    let random: Vec<&Pair> = pairs.iter().filter(is_random).collect();
+    let has = |name: &str| a.formulas.iter().any(|formula| formula.name == name);
+    let rates = |holds: fn(&Episode) -> bool| {
+        let mut counts = PairedCounts::default();
+        random.iter().for_each(|pair| counts.add(holds(&pair.episodes[0]), holds(&pair.episodes[1])));
+        PairedRates::new(counts)
+    };
+    let means = |value: fn(&Episode) -> Option<f64>| {
+        let values: Vec<(f64, f64)> =
+            random.iter().filter_map(|pair| value(&pair.episodes[0]).zip(value(&pair.episodes[1]))).collect();
+        PairedMeans::new(&values, seed)
+    };
+    let compared: Vec<ComparedPair> = pairs.iter().map(Pair::compared).collect();
+    let failures = |succeeds: [bool; 2]| {
+        let is_it = |pair: &&ComparedPair| [pair.first_succeeds, pair.second_succeeds] == succeeds;
+        compared.iter().filter(is_it).cloned().collect()
+    };
+    Ok(Comparison {
+        first: compared_run(first),
+        second: compared_run(second),
+        differences,
+        target: a.target.name.clone(),
+        target_kind: a.target.kind.clone(),
+        formula: a.formula.clone(),
+        axes: a.axes.clone(),
+        pairs: random.len() as u64,
+        success: rates(Episode::is_success),
+        strict: has("strict").then(|| rates(Episode::is_strict_success)),
+        robustness: means(|episode| episode.robustness().filter(|rho| rho.is_finite())),
+        dangerous_steps: has("safe")
+            .then(|| means(|episode| episode.verdict.dangerous_steps.map(|steps| steps as f64))),
+        completion_step: has("completion").then(|| {
+            means(|episode| {
+                episode.verdict.completion_step.filter(|_| episode.is_success()).map(|step| step as f64)
+            })
+        }),
+        new_failures: failures([true, false]),
+        fixed_failures: failures([false, true]),
+        compared,
+    })
+}
+
+/// Returns the random simulations of both runs side by side.
+fn random_rows(
+    first: &RunFile,
+    second: &RunFile,
+) -> Result<impl Iterator<Item = (Simulation, Simulation)>, MishandleError> {
+    let rows = |run: &RunFile| run.trial_simulations(RANDOM_TRIAL).collect::<Result<Vec<_>, _>>();
+    let (a, b) = (rows(first)?, rows(second)?);
+    if a.len() != b.len() {
+        let problem = format!(
+            "A has {} random simulations and B has {}; evaluate both with the same --episodes, and complete them with --resume",
+            a.len(),
+            b.len()
+        );
+        return Err(MishandleError::NotComparable { problem });
+    }
+    Ok(a.into_iter().zip(b))
+}
+
+/// Returns the pairs of the corners and the center; `None` if the runs simulate them differently, such as once without noise
+/// and with several seeds under noise.
+fn corner_pairs(first: &RunFile, second: &RunFile) -> Result<Option<Vec<Pair>>, MishandleError> {
+    let rows = |run: &RunFile| run.trial_simulations(Corners::TRIAL).collect::<Result<Vec<_>, _>>();
+    let (a, b) = (rows(first)?, rows(second)?);
+    if a.len() != b.len() {
+        return Ok(None);
+    }
+    Ok(a.into_iter().zip(b).map(|(a, b)| pair(a, b).ok()).collect())
+}
+
+/// A row of both runs.
+struct Pair {
+    rows: [Simulation; 2],
+    episodes: [Episode; 2],
+}
+
+impl Pair {
+    fn compared(&self) -> ComparedPair {
+        let [a, b] = &self.rows;
+        ComparedPair {
+            trial: a.trial,
+            number: a.number,
+            seed: a.seed,
+            scenario: a.scenario.clone(),
+            first_robustness: a.robustness,
+            second_robustness: b.robustness,
+            first_succeeds: self.episodes[0].is_success(),
+            second_succeeds: self.episodes[1].is_success(),
+        }
+    }
+}
+
+fn pair(a: Simulation, b: Simulation) -> Result<Pair, MishandleError> {
+    let bits = |row: &Simulation| -> Vec<Option<u64>> {
+        row.scenario.iter().map(|value| value.map(f64::to_bits)).collect()
+    };
+    let different = |what: String| MishandleError::NotComparable {
+        problem: format!("{what}; evaluate both with the same seed, space and number of episodes"),
+    };
+    let place = |row: &Simulation| format!("simulation {} of trial {}", row.number, row.trial);
+    if (a.trial, a.number) != (b.trial, b.number) {
+        return Err(different(format!("A has {} where B has {}", place(&a), place(&b))));
+    }
+    if a.seed != b.seed {
+        return Err(different(format!("{} has the seed {} in A and {} in B", place(&a), a.seed, b.seed)));
+    }
+    if bits(&a) != bits(&b) {
+        return Err(different(format!("{} has different scenarios in A and B", place(&a))));
+    }
+    let episodes = [record::recorded_episode(&a), record::recorded_episode(&b)];
+    Ok(Pair { rows: [a, b], episodes })
+}
+
+/// Returns the reason why two runs cannot be compared; `None` if they can.
+fn problem(a: &RunHeader, b: &RunHeader) -> Option<String> {
+    if let Some((name, _)) = [("A", a), ("B", b)].iter().find(|(_, header)| header.kind != RunKind::Evaluate)
+    {
+        return Some(format!("{name} is a run of `falsify`; compare runs of `evaluate`"));
+    }
+    let settings = |header: &RunHeader| -> Vec<(&'static str, String)> {
+        let axes = header.axes.iter().map(|axis| (&axis.name, &axis.kind, axis.low, axis.high));
+        vec![
+            ("target", header.target.name.clone()),
+            ("formula", header.formula.clone()),
+            ("space", header.space.clone()),
+            ("seed", header.seed.to_string()),
+            ("axes", format!("{:?}", axes.collect::<Vec<_>>())),
+            ("formulas", format!("{:?}", header.formulas)),
+            ("control steps of an episode", header.episode_steps.to_string()),
+            ("control period", header.control_dt.to_string()),
+        ]
+    };
+    let differs = settings(a).into_iter().zip(settings(b)).find(|((_, a), (_, b))| a != b);
+    differs.map(|((what, a), (_, b))| format!("{what}: A has {a}, B has {b}"))
+}
+
+/// Lists the facts that can cause differences although they do not prevent a comparison.
+fn differences(a: &RunHeader, b: &RunHeader) -> Vec<String> {
+    let settings = |header: &RunHeader| -> Vec<(String, String)> {
+        let plan = Plan::from_toml(&header.plan).ok();
+        let of_plan = |value: fn(&Plan) -> String| plan.as_ref().map_or("unknown".to_string(), value);
+        let versions =
+            header.versions.iter().map(|(name, version)| (format!("version of {name}"), version.clone()));
+        let mut facts = vec![
+            ("task preset".to_string(), of_plan(|plan| plan.preset.clone())),
+            ("action noise".to_string(), of_plan(|plan| plan.action_noise.to_string())),
+            ("observation noise".to_string(), of_plan(|plan| plan.observation_noise.to_string())),
+            ("sampled actions".to_string(), of_plan(|plan| plan.stochastic.to_string())),
+            // The hash of a target with a controller covers the controller.
+            (
+                "hash of the target".to_string(),
+                if header.components.is_empty() { header.target.hash.clone() } else { String::new() },
+            ),
+            ("program version".to_string(), header.build.program_version.clone()),
+            ("commit".to_string(), header.build.git_commit.clone()),
+            ("build target".to_string(), header.build.target.clone()),
+            ("instruction set".to_string(), header.build.architecture.clone()),
+        ];
+        facts.extend(versions);
+        facts
+    };
+    let pairs = settings(a).into_iter().zip(settings(b)).filter(|(a, b)| a != b);
+    pairs.map(|((what, a), (_, b))| format!("{what}: A has {a}, B has {b}")).collect()
+}
+
+fn compared_run(run: &RunFile) -> ComparedRun {
+    let header = run.header();
+    let controller = header.components.first();
+    ComparedRun {
+        path: run.path().to_path_buf(),
+        controller: controller.map(|controller| controller.name.clone()),
+        controller_hash: controller.map(|controller| controller.hash.clone()),
+        target_hash: header.target.hash.clone(),
+        commit: header.build.git_commit.clone(),
+    }
+}

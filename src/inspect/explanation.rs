@@ -1,0 +1,285 @@
+//! Explanations of recorded simulations: when and where a formula is violated, and by which predicate.
+
+use mishandle_rollout::{Episode, EpisodeEnd, Request, RolloutError};
+use mishandle_stl::{Clock, Diagnosis, Formula, Monitor, Trace};
+use mishandle_store::{RunFile, RunHeader, Simulation, StoredTrace};
+
+use crate::error::MishandleError;
+use crate::replay::replay_command;
+use crate::resolve::{PYTHON, ResolvedPlan, recorded_plan};
+use crate::run::record;
+use crate::run::violation::{MAX_SUBFORMULAS, decided};
+
+/// Largest number of conjuncts that are evaluated alone, and of predicates that are listed.
+const MAX_PARTS: usize = 100;
+
+/// What determines the robustness of a trace.
+#[derive(Clone, Debug)]
+pub struct Explanation {
+    /// The chain from the formula to the decisive predicate.
+    pub diagnosis: Diagnosis,
+    /// How the decisive predicate develops; `None` without one.
+    pub history: Option<PredicateHistory>,
+    /// First sample after which nothing can change whether the trace satisfies the formula; `None` if the trace does not decide
+    /// the formula, or the robustness is 0.
+    pub decided: Option<usize>,
+    /// Each conjunct alone, in the order of the formula. An operand of `and` with a larger robustness is masked by one with a
+    /// smaller.
+    pub conjuncts: Vec<Conjunct>,
+    /// Texts of all predicates, in the order of the formula.
+    pub predicates: Vec<String>,
+    /// What the operators on the chain require, in sentences: see [`Explanation::sentences`].
+    pub(crate) events: Vec<OperatorEvent>,
+}
+
+/// The decisive predicate over its window.
+#[derive(Clone, Debug, PartialEq)]
+pub struct PredicateHistory {
+    /// First and last sample at which the operator above evaluates the predicate.
+    pub window: (usize, usize),
+    /// Number of these samples that violate the predicate.
+    pub violated: usize,
+    /// First and last of these samples; `None` if there are none.
+    pub first_and_last: Option<(usize, usize)>,
+    /// Robustness of the predicate at each sample of the trace. If the formula requires the predicate to be false, the
+    /// opposite.
+    pub robustness: Vec<f64>,
+    /// Values of its two sides at each sample of the trace.
+    pub sides: [Vec<f64>; 2],
+}
+
+/// A conjunct of the formula, alone: see [`Formula::conjuncts`].
+#[derive(Clone, Debug, PartialEq)]
+pub struct Conjunct {
+    /// Position in the list of [`Formula::subformulas`].
+    pub position: usize,
+    /// Text of the conjunct.
+    pub text: String,
+    /// Robustness of the formula without the other operands of each `and` above the conjunct.
+    pub robustness: f64,
+    /// First sample after which nothing can change whether the trace satisfies this formula; `None` as for the whole formula.
+    pub decided: Option<usize>,
+}
+
+/// What an operator on the chain of a violated formula requires, and what the trace has instead.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) enum OperatorEvent {
+    /// `eventually` or `once`: no sample of the window satisfies the operand; `nearest` comes nearest.
+    NoSample { operator: &'static str, operand: String, nearest: usize },
+    /// `until`: first samples at which the left operand fails and the right operand holds.
+    Until {
+        operands: [String; 2],
+        window: (usize, usize),
+        left_fails: Option<usize>,
+        right_holds: Option<usize>,
+    },
+    /// `implies`: the condition holds at the sample.
+    Implied { operands: [String; 2], sample: usize },
+}
+
+/// Explains the robustness of `trace`.
+///
+/// # Errors
+/// If the trace lacks a signal of the formula, the formula has no finite value on it, or it has more than 1,000 sub-formulas.
+pub fn explain_trace(
+    formula: &Formula,
+    trace: &Trace,
+    control_dt: f64,
+) -> Result<Explanation, MishandleError> {
+    let subformulas = formula.subformulas().len();
+    if subformulas > MAX_SUBFORMULAS {
+        return Err(MishandleError::LongFormula { subformulas, limit: MAX_SUBFORMULAS });
+    }
+    let clock = Clock::steps(control_dt);
+    let monitor_error = |source| RolloutError::Monitor { formula: formula.to_string(), source };
+    let diagnosis = formula.diagnose(trace, &clock).map_err(monitor_error)?;
+    let robustness_of = |formula: &Formula| -> Result<Vec<f64>, MishandleError> {
+        let mut monitor = Monitor::new(formula, trace.names(), clock).map_err(monitor_error)?;
+        Ok(monitor.robustness_signal(trace).map_err(monitor_error)?.to_vec())
+    };
+    let history = match &diagnosis.predicate {
+        Some(predicate) => {
+            let text = Formula::parse(&predicate.text)
+                .map_err(|source| RolloutError::Parse { formula: predicate.text.clone(), source })?;
+            let sign = if predicate.is_negated { -1.0 } else { 1.0 };
+            let robustness: Vec<f64> = robustness_of(&text)?.into_iter().map(|rho| sign * rho).collect();
+            let window = diagnosis.path.iter().rev().find_map(|found| found.window);
+            let side = |text: &String| -> Result<Vec<f64>, MishandleError> {
+                if let Ok(number) = text.parse() {
+                    return Ok(vec![number; trace.len()]);
+                }
+                let term = Formula::parse(text)
+                    .map_err(|source| RolloutError::Parse { formula: text.clone(), source })?;
+                robustness_of(&term)
+            };
+            let sides = [side(&predicate.sides[0])?, side(&predicate.sides[1])?];
+            let window = window.unwrap_or((predicate.sample, predicate.sample));
+            Some(history(window, robustness, sides))
+        }
+        None => None,
+    };
+    let nodes = formula.subformula_nodes(&clock).map_err(monitor_error)?;
+    let texts: Vec<String> = formula.subformulas().collect();
+    let predicates = nodes.iter().zip(&texts).filter(|(node, _)| node.sides.is_some());
+    let predicates = predicates.map(|(_, text)| text.clone()).take(MAX_PARTS).collect();
+    let conjuncts = formula.conjuncts().into_iter().take(MAX_PARTS);
+    let conjuncts = conjuncts
+        .filter_map(|position| Some((position, formula.conjunct(position)?)))
+        .map(|(position, alone)| {
+            let robustness = robustness_of(&alone)?.first().copied().unwrap_or(f64::NAN);
+            let decided = decided(&alone, trace, clock, robustness)?;
+            Ok(Conjunct { position, text: texts[position].clone(), robustness, decided })
+        })
+        .collect::<Result<_, MishandleError>>()?;
+    let events = events(&diagnosis, &robustness_of)?;
+    let decided = decided(formula, trace, clock, diagnosis.robustness())?;
+    Ok(Explanation { diagnosis, history, decided, conjuncts, predicates, events })
+}
+
+/// Describes the operators of a violated chain that ask for more than a sample of one predicate.
+fn events(
+    diagnosis: &Diagnosis,
+    robustness_of: &dyn Fn(&Formula) -> Result<Vec<f64>, MishandleError>,
+) -> Result<Vec<OperatorEvent>, MishandleError> {
+    let signal = |text: &String| {
+        let formula =
+            Formula::parse(text).map_err(|source| RolloutError::Parse { formula: text.clone(), source })?;
+        robustness_of(&formula)
+    };
+    let mut found = Vec::new();
+    for (above, below) in diagnosis.path.iter().zip(diagnosis.path.iter().skip(1)) {
+        // What a negated operator requires is the opposite.
+        let is_positive = (above.robustness < 0.0) == (diagnosis.robustness() < 0.0);
+        if diagnosis.robustness() >= 0.0 || !is_positive {
+            continue;
+        }
+        match (above.operator, above.operands.as_slice(), above.window) {
+            (Some(operator @ ("eventually" | "once")), [operand], _) => found.push(OperatorEvent::NoSample {
+                operator,
+                operand: operand.clone(),
+                nearest: below.sample,
+            }),
+            (Some("until"), [left, right], Some(window)) => {
+                let (held, reached) = (signal(left)?, signal(right)?);
+                let mut before = above.sample..=window.1;
+                found.push(OperatorEvent::Until {
+                    operands: [left.clone(), right.clone()],
+                    window,
+                    left_fails: before.find(|sample| held[*sample] < 0.0),
+                    right_holds: (window.0..=window.1).find(|sample| reached[*sample] >= 0.0),
+                });
+            }
+            (Some("implies"), [left, right], _) if below.position != above.position + 1 => {
+                found.push(OperatorEvent::Implied {
+                    operands: [left.clone(), right.clone()],
+                    sample: above.sample,
+                });
+            }
+            _ => {}
+        }
+    }
+    Ok(found)
+}
+
+fn history(window: (usize, usize), robustness: Vec<f64>, sides: [Vec<f64>; 2]) -> PredicateHistory {
+    let (first, last) = window;
+    let violates = |sample: &usize| robustness.get(*sample).is_some_and(|rho| *rho < 0.0);
+    let violating: Vec<usize> = (first..=last).filter(violates).collect();
+    let first_and_last = violating.first().copied().zip(violating.last().copied());
+    PredicateHistory { window, violated: violating.len(), first_and_last, robustness, sides }
+}
+
+/// A recorded simulation with its trace and explanation.
+#[derive(Clone, Debug)]
+pub struct ExplainedSimulation {
+    /// The record.
+    pub recorded: Simulation,
+    /// The recorded trace, or that of a replay.
+    pub trace: Trace,
+    /// What determines its robustness.
+    pub explanation: Explanation,
+}
+
+/// Explains simulation `number` of trial `trial` of a run. A simulation without a recorded trace is replayed; then
+/// `controller` is the present path of the run's controller, if the file was moved.
+///
+/// # Errors
+/// If the run has no such simulation, the simulation has no robustness, or a replay is needed and impossible or different.
+pub fn explain(
+    run: &RunFile,
+    trial: u32,
+    number: u32,
+    controller: Option<&str>,
+) -> Result<ExplainedSimulation, MishandleError> {
+    let recorded = run.simulation(trial, number)?;
+    if recorded.robustness.is_none() {
+        return Err(MishandleError::NothingToExplain { trial, number });
+    }
+    let trace = match &recorded.trace {
+        Some(stored) => trace(run.header(), stored),
+        None if run.header().target.kind == PYTHON => {
+            return Err(MishandleError::TraceNotStored {
+                trial,
+                number,
+                run_has_counterexamples: run.counts()?.falsified > 0,
+                replay: replay_command(PYTHON, run.path(), trial, number),
+            });
+        }
+        None => replayed_trace(&recorded, &recorded_plan(run.header(), controller)?)?,
+    };
+    explain_recorded(run.header(), recorded, trace)
+}
+
+/// Explains a recorded simulation with this trace.
+///
+/// # Errors
+/// If the formula has no finite value on the trace.
+pub fn explain_recorded(
+    header: &RunHeader,
+    recorded: Simulation,
+    trace: Trace,
+) -> Result<ExplainedSimulation, MishandleError> {
+    let formula = Formula::parse(&header.formula)
+        .map_err(|source| RolloutError::Parse { formula: header.formula.clone(), source })?;
+    let explanation = explain_trace(&formula, &trace, header.control_dt)?;
+    Ok(ExplainedSimulation { recorded, trace, explanation })
+}
+
+/// Explains an episode that is in no run file. The header describes its target, space and formula as that of a run.
+///
+/// # Errors
+/// If the formula has no finite value on the trace.
+pub fn explain_episode(
+    resolved: &ResolvedPlan,
+    episode: &Episode,
+) -> Result<(RunHeader, ExplainedSimulation), MishandleError> {
+    let header = record::header(resolved);
+    let recorded = record::record(episode, resolved.stored_subformulas);
+    let explained = explain_recorded(&header, recorded, episode.trace.clone())?;
+    Ok((header, explained))
+}
+
+/// Returns a recorded trace with the names of the run's signals.
+pub(crate) fn trace(header: &RunHeader, stored: &StoredTrace) -> Trace {
+    record::trace(header.signals.iter().map(|signal| signal.name.clone()).collect(), stored)
+}
+
+/// Simulates a recorded simulation again and returns its trace, which must be the recorded one, or the whole episode if the
+/// simulation was stopped early.
+fn replayed_trace(recorded: &Simulation, resolved: &ResolvedPlan) -> Result<Trace, MishandleError> {
+    let request: Request = record::request(recorded, resolved.stored_subformulas > 0);
+    let mut system = resolved.system()?;
+    let whole = Request { stop_threshold: None, ..request.clone() };
+    let mut simulate = |request| system.rollout(&[request])?.pop().ok_or(MishandleError::NoEpisode);
+    let episode = simulate(request)?;
+    let again = record::record(&episode, resolved.stored_subformulas);
+    if again.trace_digest != recorded.trace_digest {
+        let (trial, number) = (recorded.trial, recorded.number);
+        let difference = format!("trace of simulation {number} of trial {trial}");
+        return Err(MishandleError::RunMismatch { differences: vec![difference] });
+    }
+    match episode.end {
+        EpisodeEnd::Stopped { .. } => Ok(simulate(whole)?.trace),
+        _ => Ok(episode.trace),
+    }
+}

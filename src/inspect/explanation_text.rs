@@ -1,0 +1,204 @@
+//! Explanations in sentences.
+
+use mishandle_stl::DecisivePredicate;
+
+use crate::inspect::explanation::OperatorEvent;
+use crate::inspect::{Explanation, PredicateHistory};
+use mishandle_text::{decimal, instant, plural};
+
+/// Largest number of characters of an operand that a sentence repeats.
+const MAX_OPERAND: usize = 80;
+
+impl Explanation {
+    /// Describes what decides the formula, one sentence per item: the instant after which nothing can change the verdict, the
+    /// values of the decisive predicate, the samples of its window at which it fails, and what the operators above it require.
+    /// Empty without a decisive predicate.
+    ///
+    /// `control_dt` is the time between two samples, in seconds. Names and formulas are as in the run file: escape them before
+    /// you print them. Formulas are between backticks.
+    pub fn sentences(&self, control_dt: f64) -> Vec<String> {
+        let at = |sample: usize| instant(sample, control_dt);
+        let verdict = match self.diagnosis.robustness() < 0.0 {
+            true => "satisfy",
+            false => "violate",
+        };
+        let decided =
+            self.decided.map(|sample| format!("From {} on, nothing can {verdict} the formula.", at(sample)));
+        let mut sentences: Vec<String> = decided.into_iter().collect();
+        if let (Some(predicate), Some(history)) = (&self.diagnosis.predicate, &self.history) {
+            sentences.push(decision(predicate, &at));
+            sentences.push(violation(history, predicate.is_negated, self.one_is_enough(), &at));
+        }
+        sentences.extend(self.events.iter().map(|event| event_text(event, &at)));
+        sentences
+    }
+
+    /// Returns whether the formula is satisfied and the operator above the decisive predicate needs one sample only.
+    fn one_is_enough(&self) -> bool {
+        let above = self.diagnosis.path.iter().rev().find(|found| found.window.is_some());
+        let is_existential = |operator| matches!(operator, "eventually" | "once");
+        above.is_some_and(|found| {
+            self.diagnosis.robustness() > 0.0
+                && found.robustness > 0.0
+                && found.operator.is_some_and(is_existential)
+        })
+    }
+}
+
+/// Describes the values of the two sides of a predicate, such as `gap is 1.2000, the threshold 2.0000`.
+pub fn compared_values(predicate: &DecisivePredicate) -> String {
+    let [left, right] = predicate.values.map(|value| decimal(value, 4));
+    let [left_text, right_text] = &predicate.sides;
+    let is_number = |side: &str| side.parse::<f64>().is_ok();
+    match [is_number(left_text), is_number(right_text)] {
+        [false, true] => format!("{left_text} is {left}, the threshold {right}"),
+        [true, false] => format!("{right_text} is {right}, the threshold {left}"),
+        _ => format!("{left_text} is {left}, {right_text} is {right}"),
+    }
+}
+
+fn decision(predicate: &DecisivePredicate, at: &dyn Fn(usize) -> String) -> String {
+    let compared = compared_values(predicate);
+    let margin = decimal(predicate.robustness.abs(), 4);
+    let side = match (predicate.robustness < 0.0, predicate.is_negated) {
+        (true, false) => format!("violates it by {margin}"),
+        (false, false) => format!("satisfies it by {margin}"),
+        (true, true) => format!("violates it by {margin}, as the formula requires"),
+        (false, true) => format!("satisfies it by {margin}, which the formula forbids"),
+    };
+    format!("Decisive: {} at {}: {compared}. The trace {side}.", predicate.text, at(predicate.sample))
+}
+
+fn violation(
+    history: &PredicateHistory,
+    is_negated: bool,
+    one_is_enough: bool,
+    at: &dyn Fn(usize) -> String,
+) -> String {
+    let (first, last) = history.window;
+    let samples = last + 1 - first;
+    let all = if samples == 1 { "the only sample".to_string() } else { format!("all {samples} samples") };
+    let [holds, fails] = match is_negated {
+        false => ["holds", "fails"],
+        true => ["fails, as the formula requires,", "holds, which the formula forbids,"],
+    };
+    match history.first_and_last {
+        None => format!("It {holds} at {all} of its window, {} to {}.", at(first), at(last)),
+        Some(_) if history.violated == samples => {
+            format!("It {fails} at {all} of its window, {} to {}.", at(first), at(last))
+        }
+        Some((from, to)) => format!(
+            "It {fails} at {} of {} in its window, from {} to {}{}.",
+            history.violated,
+            plural(samples, "sample"),
+            at(from),
+            at(to),
+            if one_is_enough { "; one sample at which it holds is enough" } else { "" },
+        ),
+    }
+}
+
+fn event_text(event: &OperatorEvent, at: &dyn Fn(usize) -> String) -> String {
+    match event {
+        OperatorEvent::NoSample { operator, operand, nearest } => {
+            let operand = match operand.chars().count() > MAX_OPERAND {
+                true => "its operand".to_string(),
+                false => format!("`{operand}`"),
+            };
+            let nearest = at(*nearest);
+            format!(
+                "`{operator}` needs a sample at which {operand} holds. No sample does; {nearest} comes nearest."
+            )
+        }
+        OperatorEvent::Until { operands: [left, right], window: (first, last), left_fails, right_holds } => {
+            match (right_holds, left_fails) {
+                (None, _) => {
+                    format!(
+                        "`{right}` holds at no sample of the window of `until`, {} to {}.",
+                        at(*first),
+                        at(*last)
+                    )
+                }
+                (Some(holds), Some(fails)) => format!(
+                    "`{left}` fails at {}, before `{right}` holds for the first time, at {}.",
+                    at(*fails),
+                    at(*holds)
+                ),
+                (Some(holds), None) => format!("`{right}` holds for the first time at {}.", at(*holds)),
+            }
+        }
+        OperatorEvent::Implied { operands: [left, right], sample } => {
+            format!("`{left}` holds at {}, so `{right}` is required there.", at(*sample))
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::sync::Arc;
+
+    use mishandle_stl::{Formula, Trace};
+
+    use crate::inspect::explain_trace;
+
+    /// Explains a formula on signals `a` and `b`, with a sample every 0.1 s.
+    fn sentences(formula: &str, samples: &[[f64; 2]]) -> Vec<String> {
+        let mut trace = Trace::new(Arc::from(["a".to_string(), "b".to_string()]));
+        samples.iter().for_each(|sample| trace.push(sample));
+        let formula = Formula::parse(formula).unwrap();
+        explain_trace(&formula, &trace, 0.1).unwrap().sentences(0.1)
+    }
+
+    #[test]
+    fn the_first_violation_comes_before_the_worst_sample() {
+        let found = sentences("always(a <= 1 and b <= 1)", &[[0.0, 0.0], [0.0, 1.5], [2.0, 0.0], [4.0, 0.0]]);
+        assert_eq!(found[0], "From step 1 (0.10 s) on, nothing can satisfy the formula.");
+        assert!(
+            found[1].starts_with("Decisive: a <= 1 at step 3 (0.30 s): a is 4.0000, the threshold 1.0000.")
+        );
+    }
+
+    #[test]
+    fn a_violated_eventually_names_the_sample_that_comes_nearest() {
+        let found = sentences("eventually(a >= 1 and b >= 1)", &[[0.0, 1.0], [0.5, 2.0], [0.0, 3.0]]);
+        assert_eq!(found[0], "From step 2 (0.20 s) on, nothing can satisfy the formula.");
+        let last = "`eventually` needs a sample at which `a >= 1 and b >= 1` holds. No sample does; step 1 (0.10 s) comes nearest.";
+        assert_eq!(found.last().unwrap(), last);
+        let satisfied = sentences("eventually(a >= 1)", &[[0.0, 0.0], [2.0, 0.0], [0.0, 0.0]]);
+        assert_eq!(satisfied[0], "From step 1 (0.10 s) on, nothing can violate the formula.");
+        assert!(satisfied[2].ends_with("; one sample at which it holds is enough."), "{satisfied:?}");
+    }
+
+    #[test]
+    fn until_names_its_two_events() {
+        let early = sentences("a <= 1 until b >= 1", &[[0.0, 0.0], [2.0, 0.0], [0.0, 0.0], [0.0, 2.0]]);
+        let event = "`a <= 1` fails at step 1 (0.10 s), before `b >= 1` holds for the first time, at step 3 (0.30 s).";
+        assert_eq!(early.last().unwrap(), event);
+        assert_eq!(early[0], "From step 1 (0.10 s) on, nothing can satisfy the formula.");
+        let never = sentences("a <= 1 until[0:2] b >= 1", &[[0.0, 0.0], [0.0, 0.5], [0.0, 0.0]]);
+        let event =
+            "`b >= 1` holds at no sample of the window of `until`, step 0 (0.00 s) to step 2 (0.20 s).";
+        assert_eq!(never.last().unwrap(), event);
+    }
+
+    #[test]
+    fn what_the_formula_forbids_does_not_fail() {
+        let found = sentences("always(not(a >= 1))", &[[0.0, 0.0], [2.0, 0.0], [3.0, 0.0]]);
+        assert!(
+            found[1].ends_with("The trace satisfies it by 2.0000, which the formula forbids."),
+            "{found:?}"
+        );
+        assert!(found[2].starts_with("It holds, which the formula forbids, at 2 of 3 samples"), "{found:?}");
+        let all = ["fails", "No sample does"];
+        assert!(found.iter().all(|sentence| all.iter().all(|part| !sentence.contains(part))), "{found:?}");
+    }
+
+    #[test]
+    fn implies_names_the_condition() {
+        let found = sentences("always(a >= 1 implies b >= 1)", &[[0.0, 0.0], [2.0, 0.5], [0.0, 0.0]]);
+        assert_eq!(
+            found.last().unwrap(),
+            "`a >= 1` holds at step 1 (0.10 s), so `b >= 1` is required there."
+        );
+    }
+}

@@ -1,0 +1,210 @@
+//! Masking: which conjuncts of a formula set the robustness of a run, and which ones fail.
+
+use std::ops::ControlFlow;
+
+use mishandle_rollout::{Request, RolloutError};
+use mishandle_stl::{Clock, Formula, Monitor, Trace};
+use mishandle_store::{RunFile, Simulation};
+
+use crate::error::MishandleError;
+use crate::inspect::explanation::trace;
+use crate::resolve::ResolvedPlan;
+use crate::run::record;
+
+/// Number of simulations per batch.
+const BATCH: usize = 64;
+
+/// A conjunct over the simulations of a run: see [`Formula::conjuncts`].
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct MaskedConjunct {
+    /// Position in the list of [`Formula::subformulas`].
+    pub position: usize,
+    /// Text of the conjunct.
+    pub text: String,
+    /// Number of satisfied simulations whose robustness it sets.
+    pub sets_satisfied: u64,
+    /// Number of violated simulations whose robustness it sets.
+    pub sets_violated: u64,
+    /// Number of simulations that violate the formula with this conjunct as the only operand of each `and` above it. They violate
+    /// the whole formula, too.
+    pub fails: u64,
+}
+
+/// How many simulations were evaluated.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct EvaluatedCount {
+    /// Number of evaluated simulations.
+    pub evaluated: u64,
+    /// Number of simulations of the run.
+    pub total: u64,
+}
+
+/// The conjuncts of a formula over the simulations of a run.
+///
+/// The robustness of `and` is that of its weakest operand. So a predicate with small numbers can set the robustness of almost
+/// all simulations, and hide from a search how far the others are from failing.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Masking {
+    /// The conjuncts, in the order of the formula.
+    pub conjuncts: Vec<MaskedConjunct>,
+    /// Simulations that satisfy the formula. None are evaluated if they cannot be simulated again.
+    pub satisfied: EvaluatedCount,
+    /// Simulations that violate the formula.
+    pub violated: EvaluatedCount,
+}
+
+/// Counts which conjuncts set the robustness of a run and which ones fail, over at most `limit` of its simulations: all violated
+/// ones, or that many evenly chosen, and satisfied ones, evenly chosen, up to the limit. They are simulated again with `resolved`;
+/// without it, only the simulations with a recorded trace are evaluated, which are violated ones. `watch` gets the number of
+/// evaluated simulations and the number of all that will be evaluated; it can end the count, which then has nothing to say: `None`.
+///
+/// # Errors
+/// If the run cannot be read, a simulation cannot be run, or the formula has no finite value on a trace.
+pub fn masking(
+    run: &RunFile,
+    resolved: Option<&ResolvedPlan>,
+    limit: u64,
+    mut watch: impl FnMut(u64, u64) -> ControlFlow<()>,
+) -> Result<Option<Masking>, MishandleError> {
+    let header = run.header();
+    let parse = |source| RolloutError::Parse { formula: header.formula.clone(), source };
+    let formula = Formula::parse(&header.formula).map_err(parse)?;
+    let (mut satisfied, mut violated) = (Vec::new(), Vec::new());
+    for simulation in run.simulations() {
+        let simulation = simulation?;
+        match simulation.robustness {
+            Some(rho) if rho < 0.0 => violated.push((simulation.trial, simulation.number)),
+            Some(_) => satisfied.push((simulation.trial, simulation.number)),
+            None => {}
+        }
+    }
+    let chosen_violated = evenly(&violated, limit);
+    let rest = if resolved.is_some() { limit - chosen_violated.len() as u64 } else { 0 };
+    let chosen: Vec<Simulation> = chosen_violated
+        .into_iter()
+        .chain(evenly(&satisfied, rest))
+        .map(|(trial, number)| run.simulation(trial, number))
+        .collect::<Result<_, _>>()?;
+    let mut masking = Masking::new(&formula);
+    masking.satisfied.total = satisfied.len() as u64;
+    masking.violated.total = violated.len() as u64;
+    let total = chosen.len() as u64;
+    let mut count = |trace: &Trace| {
+        masking.add(&formula, trace, header.control_dt)?;
+        Ok::<_, MishandleError>(watch(masking.satisfied.evaluated + masking.violated.evaluated, total))
+    };
+    match resolved {
+        Some(resolved) => {
+            let mut system = resolved.system()?;
+            for batch in chosen.chunks(BATCH) {
+                // The whole episode, also of a simulation that was stopped early.
+                let whole =
+                    |simulation| Request { stop_threshold: None, ..record::request(simulation, false) };
+                let requests: Vec<_> = batch.iter().map(whole).collect();
+                for episode in system.rollout(&requests)? {
+                    if count(&episode.trace)?.is_break() {
+                        return Ok(None);
+                    }
+                }
+            }
+        }
+        None => {
+            for stored in chosen.iter().filter_map(|simulation| simulation.trace.as_ref()) {
+                if count(&trace(header, stored))?.is_break() {
+                    return Ok(None);
+                }
+            }
+        }
+    }
+    Ok(Some(masking))
+}
+
+impl Masking {
+    fn new(formula: &Formula) -> Masking {
+        let texts: Vec<String> = formula.subformulas().collect();
+        let conjunct = |position: usize| MaskedConjunct {
+            position,
+            text: texts[position].clone(),
+            ..MaskedConjunct::default()
+        };
+        Masking {
+            conjuncts: formula.conjuncts().into_iter().map(conjunct).collect(),
+            satisfied: EvaluatedCount::default(),
+            violated: EvaluatedCount::default(),
+        }
+    }
+
+    fn add(&mut self, formula: &Formula, trace: &Trace, control_dt: f64) -> Result<(), MishandleError> {
+        let clock = Clock::steps(control_dt);
+        let monitor_error = |source| RolloutError::Monitor { formula: formula.to_string(), source };
+        let diagnosis = formula.diagnose(trace, &clock).map_err(monitor_error)?;
+        let is_violated = diagnosis.robustness() < 0.0;
+        let count = if is_violated { &mut self.violated } else { &mut self.satisfied };
+        count.evaluated += 1;
+        for conjunct in &mut self.conjuncts {
+            let sets = diagnosis.path.iter().any(|found| found.position == conjunct.position);
+            conjunct.sets_satisfied += u64::from(sets && !is_violated);
+            conjunct.sets_violated += u64::from(sets && is_violated);
+            let alone = formula.conjunct(conjunct.position).filter(|_| is_violated);
+            if let Some(alone) = alone {
+                let mut monitor = Monitor::new(&alone, trace.names(), clock).map_err(monitor_error)?;
+                let robustness = monitor.robustness_signal(trace).map_err(monitor_error)?;
+                conjunct.fails += u64::from(robustness.first().is_some_and(|rho| *rho < 0.0));
+            }
+        }
+        Ok(())
+    }
+}
+
+/// Returns at most `limit` of the items, evenly spaced.
+fn evenly<T: Copy>(items: &[T], limit: u64) -> Vec<T> {
+    let n = items.len() as u64;
+    let count = n.min(limit);
+    // u128, since the product of two u64 can overflow.
+    let index = |index: u64| (u128::from(index) * u128::from(n) / u128::from(count.max(1))) as usize;
+    (0..count).map(|i| items[index(i)]).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use std::sync::Arc;
+
+    use super::*;
+
+    #[test]
+    fn a_conjunct_with_small_numbers_masks_one_that_fails_more_often() {
+        let formula = Formula::parse("always(height > 0 and distance <= 5)").unwrap();
+        let names: Arc<[String]> = Arc::from(["height".to_string(), "distance".to_string()]);
+        let mut masking = Masking::new(&formula);
+        // By hand: margins (0.1, 4), (0.1, -1), (-2, -1).
+        for [height, distance] in [[0.1, 1.0], [0.1, 6.0], [-2.0, 6.0]] {
+            let mut trace = Trace::new(Arc::clone(&names));
+            trace.push(&[height, distance]);
+            masking.add(&formula, &trace, 0.1).unwrap();
+        }
+        let counts: Vec<[u64; 3]> = masking
+            .conjuncts
+            .iter()
+            .map(|found| [found.sets_satisfied, found.sets_violated, found.fails])
+            .collect();
+        assert_eq!(counts, [[1, 1, 1], [0, 1, 2]]);
+        assert_eq!(masking.conjuncts[1].text, "distance <= 5");
+        assert_eq!((masking.satisfied.evaluated, masking.violated.evaluated), (1, 2));
+    }
+
+    #[test]
+    fn an_operand_of_until_is_no_conjunct() {
+        let formula = Formula::parse("a >= 0 until b >= 0").unwrap();
+        let masking = Masking::new(&formula);
+        let texts: Vec<&str> = masking.conjuncts.iter().map(|found| found.text.as_str()).collect();
+        assert_eq!(texts, [formula.to_string()]);
+    }
+
+    #[test]
+    fn chosen_simulations_are_spread_over_the_run() {
+        let items: Vec<u32> = (0..10).collect();
+        assert_eq!(evenly(&items, 4), [0, 2, 5, 7]);
+        assert_eq!(evenly(&items[..3], 9), [0, 1, 2]);
+        assert!(evenly(&items[..0], 9).is_empty());
+    }
+}

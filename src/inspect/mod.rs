@@ -1,0 +1,25 @@
+//! What the simulations of a run say: why a simulation fails, which failures belong together, what was covered, and how two
+//! runs differ.
+
+mod comparison;
+mod event;
+mod explanation;
+mod explanation_text;
+mod failure_modes;
+mod masking;
+mod mode_survey;
+mod smooth_region;
+mod space_coverage;
+
+pub use comparison::{ComparedPair, ComparedRun, Comparison, PairedMeans, PairedRates, compare};
+pub use event::{Event, EventKind, release};
+pub use explanation::{
+    Conjunct, ExplainedSimulation, Explanation, PredicateHistory, explain, explain_episode, explain_recorded,
+    explain_trace,
+};
+pub use explanation_text::compared_values;
+pub use failure_modes::{Failure, FailureMode, FailureModes, failure_modes};
+pub use masking::{EvaluatedCount, MaskedConjunct, Masking, masking};
+pub use mode_survey::{ModeSurvey, UnseenModes, mode_survey};
+pub use smooth_region::smooth_region_of;
+pub use space_coverage::{SpaceCoverage, space_coverage};

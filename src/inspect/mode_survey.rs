@@ -1,0 +1,96 @@
+//! What the trials of a run found: failure modes, when each appeared, how many are unseen, and coverage of the space.
+
+use std::collections::BTreeMap;
+
+use mishandle_store::RunFile;
+
+use crate::error::MishandleError;
+use crate::inspect::{FailureMode, FailureModes, SpaceCoverage, failure_modes, space_coverage};
+
+/// The failure modes of a run and how the trials found them.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ModeSurvey {
+    /// The modes of all trials together.
+    pub modes: FailureModes,
+    /// For each mode the trials that found it, each with the number of the first simulation in it.
+    pub first: Vec<BTreeMap<u32, u32>>,
+    /// Estimates of the unseen modes; `None` for fewer than two trials.
+    pub unseen: Option<UnseenModes>,
+    /// Coverage of the space.
+    pub coverage: SpaceCoverage,
+}
+
+/// Estimates of the failure modes that no trial found, from the numbers of trials that found each mode.
+///
+/// The trials of a run have independent seeds, so these estimates hold for searches that choose their points by earlier results.
+/// Those from the number of failures of each mode, as in Good and Turing, would need independent simulations.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct UnseenModes {
+    /// Number of trials.
+    pub trials: usize,
+    /// Number of modes that exactly one trial found.
+    pub found_once: usize,
+    /// Expected number of new modes of another trial: the modes that exactly one trial found, over the trials. It is unbiased
+    /// for the last trial given the others, since the trials are exchangeable.
+    pub expected_new: f64,
+    /// Lower estimate of the number of modes that such trials can find: the bias-corrected Chao2 estimate
+    /// S + (T - 1) / T · Q₁ (Q₁ - 1) / (2 (Q₂ + 1)) for S modes, T trials, and Q₁ and Q₂ modes that one and two trials found.
+    /// Chao, "Estimating the population size for capture-recapture data with unequal catchability", Biometrics 43(4), 1987.
+    pub total: f64,
+}
+
+impl UnseenModes {
+    /// Returns the estimates from the number of trials that found each mode; `None` for fewer than two trials.
+    ///
+    /// # Example
+    /// ```
+    /// use mishandle::inspect::UnseenModes;
+    /// // 5 modes in 4 trials: S = 5, Q₁ = 3, Q₂ = 1. 5 + 3/4 · 3 · 2 / (2 · 2) = 6.125
+    /// let unseen = UnseenModes::new(&[4, 2, 1, 1, 1], 4).unwrap();
+    /// assert_eq!((unseen.expected_new, unseen.total), (0.75, 6.125));
+    /// ```
+    pub fn new(counts: &[usize], trials: usize) -> Option<UnseenModes> {
+        let found_by = |n: usize| counts.iter().filter(|count| **count == n).count();
+        let (once, twice, t) = (found_by(1), found_by(2), trials as f64);
+        let pairs = once as f64 * (once as f64 - 1.0);
+        (trials >= 2).then(|| UnseenModes {
+            trials,
+            found_once: once,
+            expected_new: once as f64 / t,
+            total: counts.len() as f64 + (t - 1.0) / t * pairs / (2.0 * (twice as f64 + 1.0)),
+        })
+    }
+}
+
+impl ModeSurvey {
+    /// Returns the simulations of a trial at which it found a mode that it had not found before, in order: its curve of modes
+    /// against simulations.
+    pub fn curve(&self, trial: u32) -> Vec<u32> {
+        let mut numbers: Vec<u32> =
+            self.first.iter().filter_map(|first| first.get(&trial).copied()).collect();
+        numbers.sort_unstable();
+        numbers
+    }
+}
+
+/// Surveys the failure modes of a run.
+///
+/// # Errors
+/// If the run cannot be read, or the formula has no finite value on a recorded trace.
+pub fn mode_survey(run: &RunFile) -> Result<ModeSurvey, MishandleError> {
+    let modes = failure_modes(run)?;
+    let first: Vec<BTreeMap<u32, u32>> = modes.modes.iter().map(first_simulations).collect();
+    let trials = run.trials()?.iter().filter(|trial| trial.counts.simulations > 0).count();
+    let counts: Vec<usize> = first.iter().map(BTreeMap::len).collect();
+    Ok(ModeSurvey { modes, first, unseen: UnseenModes::new(&counts, trials), coverage: space_coverage(run)? })
+}
+
+/// Returns the first simulation of each trial in a mode.
+fn first_simulations(mode: &FailureMode) -> BTreeMap<u32, u32> {
+    let mut first = BTreeMap::new();
+    for failure in &mode.failures {
+        let number = first.entry(failure.trial).or_insert(failure.number);
+        *number = failure.number.min(*number);
+    }
+    first
+}

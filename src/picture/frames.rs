@@ -1,0 +1,306 @@
+//! Frames of filmstrips and films: the scene, and a caption with the time and the decisive predicate.
+
+use mishandle_stl::Formula;
+use mishandle_store::SignalRecord;
+use mishandle_world::{
+    Caption, CaptionLayout, CaptionPart, Color, Picture, Quality, Renderer, Size, TimeBar, WorldError,
+};
+
+use crate::inspect::{Event, Explanation, PredicateHistory};
+
+/// Colors of text, secondary text, violations, satisfied samples and the window of the formula.
+const INK: Color = [29, 33, 38];
+const SOFT: Color = [85, 86, 90];
+const FAIL: Color = [143, 58, 4];
+const PASS: Color = [31, 92, 153];
+const WINDOW: Color = [160, 168, 178];
+
+/// Captions of the frames of one simulation.
+#[derive(Clone, Debug)]
+pub struct FrameCaptions {
+    control_dt: f64,
+    /// The last sample.
+    last: usize,
+    /// Samples with marks, and their texts.
+    marks: Vec<(usize, &'static str)>,
+    mark_color: Color,
+    predicate: Option<CaptionPredicate>,
+    /// Bar without the position.
+    spans: Vec<([f64; 2], Color)>,
+}
+
+/// The decisive predicate as captions show it.
+#[derive(Clone, Debug)]
+struct CaptionPredicate {
+    name: String,
+    /// Text of the values at each sample. All have the same length.
+    values: Vec<String>,
+    robustness: Vec<f64>,
+    /// First and last sample that the formula reads.
+    window: (usize, usize),
+}
+
+impl FrameCaptions {
+    /// Makes the captions of a simulation with samples 0 to `last`, `control_dt` seconds apart. Without an explanation they
+    /// show the time only. `signals` gives the units, and `event` is marked.
+    pub fn new(
+        control_dt: f64,
+        signals: &[SignalRecord],
+        explanation: Option<&Explanation>,
+        event: Option<&Event>,
+        last: usize,
+    ) -> FrameCaptions {
+        let history = explanation.and_then(|explanation| explanation.history.as_ref());
+        let is_violated = explanation.is_some_and(|explanation| explanation.diagnosis.robustness() < 0.0);
+        FrameCaptions {
+            control_dt,
+            last,
+            marks: event.map_or(Vec::new(), Event::marks),
+            mark_color: if is_violated { FAIL } else { PASS },
+            predicate: explanation.and_then(|explanation| predicate(signals, explanation)),
+            spans: history.map_or(Vec::new(), |history| spans(history, last)),
+        }
+    }
+
+    /// Returns the caption of a sample.
+    pub fn at(&self, sample: usize) -> Caption {
+        let part = |text: String, color, is_bold| CaptionPart { text, color, is_bold };
+        let seconds = |sample: usize| format!("{:.2}", sample as f64 * self.control_dt);
+        let width = seconds(self.last).len();
+        let mut parts = vec![part(format!("{:>width$} s", seconds(sample)), INK, true)];
+        if let Some(predicate) = &self.predicate {
+            let (status, color) = match predicate.robustness.get(sample) {
+                Some(robustness) if *robustness < 0.0 => ("fails", FAIL),
+                Some(_) => ("holds", PASS),
+                None => ("     ", INK),
+            };
+            let is_read = (predicate.window.0..=predicate.window.1).contains(&sample);
+            let color = if is_read { color } else { SOFT };
+            let values = predicate.values.get(sample).cloned().unwrap_or_default();
+            parts.extend([
+                part(status.to_string(), color, true),
+                part(predicate.name.clone(), SOFT, false),
+                part(values, INK, true),
+            ]);
+        }
+        let mark = self.marks.iter().rev().find(|(marked, _)| *marked == sample);
+        let mark = mark.map(|(_, text)| (text.to_uppercase(), self.mark_color));
+        let now = if self.last == 0 { 0.0 } else { sample as f64 / self.last as f64 };
+        Caption { parts, mark, bar: TimeBar { now, spans: self.spans.clone() } }
+    }
+}
+
+/// Returns the name and values of the decisive predicate.
+fn predicate(signals: &[SignalRecord], explanation: &Explanation) -> Option<CaptionPredicate> {
+    let (found, history) = (explanation.diagnosis.predicate.as_ref()?, explanation.history.as_ref()?);
+    let [left, right] = &history.sides;
+    let limit = |side: &str| side.parse::<f64>().is_ok();
+    // A number on the left is the limit of what is on the right.
+    let (name, side, limit_text, comparison) = match [limit(&found.sides[0]), limit(&found.sides[1])] {
+        [false, true] => (&found.sides[0], left, &found.sides[1], found.comparison),
+        [true, false] => (&found.sides[1], right, &found.sides[0], mirrored(found.comparison)),
+        _ => {
+            let values = left.iter().zip(right).map(|(left, right)| format!("{left:.4} and {right:.4}"));
+            let values = padded(values.collect());
+            return Some(CaptionPredicate {
+                name: found.text.clone(),
+                values,
+                robustness: history.robustness.clone(),
+                window: history.window,
+            });
+        }
+    };
+    let bound = match (comparison, found.is_negated) {
+        ("<" | "<=", false) | (">" | ">=", true) => "max",
+        (">" | ">=", false) | ("<" | "<=", true) => "min",
+        ("==", false) | ("!=", true) => "required",
+        _ => "forbidden",
+    };
+    let unit = unit(signals, name);
+    let value = |value: &f64| {
+        let value = format!("{value:.4}");
+        let value = if value == "-0.0000" { "0.0000" } else { &value };
+        format!("{value}{unit} ({bound} {limit_text})")
+    };
+    Some(CaptionPredicate {
+        name: name.clone(),
+        values: padded(side.iter().map(value).collect()),
+        robustness: history.robustness.clone(),
+        window: history.window,
+    })
+}
+
+/// Returns a comparison whose sides are swapped.
+fn mirrored(comparison: &str) -> &str {
+    match comparison {
+        "<" => ">",
+        "<=" => ">=",
+        ">" => "<",
+        ">=" => "<=",
+        same => same,
+    }
+}
+
+/// Aligns texts to the right.
+fn padded(mut texts: Vec<String>) -> Vec<String> {
+    let width = texts.iter().map(|text| text.chars().count()).max().unwrap_or(0);
+    texts.iter_mut().for_each(|text| *text = format!("{text:>width$}"));
+    texts
+}
+
+/// Returns the unit of a term with a space before it, if all of its signals have the same one; otherwise an empty text.
+fn unit(signals: &[SignalRecord], term: &str) -> String {
+    let Ok(formula) = Formula::parse(term) else { return String::new() };
+    let of = |name: &str| signals.iter().find(|signal| signal.name == name).map(|signal| &signal.unit);
+    let mut units: Vec<&String> = formula.signals().into_iter().filter_map(of).collect();
+    units.dedup();
+    match units.as_slice() {
+        [unit] if !unit.is_empty() => format!(" {unit}"),
+        _ => String::new(),
+    }
+}
+
+/// Returns the window of the predicate and the violated samples in it as parts of the episode.
+fn spans(history: &PredicateHistory, last: usize) -> Vec<([f64; 2], Color)> {
+    let fraction = |sample: f64| (sample / last.max(1) as f64).clamp(0.0, 1.0);
+    let (first, end) = history.window;
+    let mut spans = vec![([fraction(first as f64), fraction(end as f64)], WINDOW)];
+    let violated = |sample: &usize| history.robustness.get(*sample).is_some_and(|rho| *rho < 0.0);
+    for sample in (first..=end).filter(violated) {
+        let at = sample as f64;
+        spans.push(([fraction(at - 0.5), fraction(at + 0.5)], FAIL));
+    }
+    spans
+}
+
+/// Draws the frames of one simulation: the views of all cameras side by side, and below them the caption.
+#[derive(Debug)]
+pub struct FrameRenderer {
+    views: Vec<Renderer>,
+    /// Width of a view and height of a frame, pixels.
+    size: Size,
+    captions: Option<(FrameCaptions, CaptionLayout)>,
+}
+
+impl FrameRenderer {
+    /// Makes a renderer with one view of this width for each of `cameras`, which are names from
+    /// [`CAMERAS`](mishandle_world::CAMERAS) or of the scene. `size` has the height of the whole frame. Without captions, or if the
+    /// frame is too small for them, the views fill it.
+    ///
+    /// # Errors
+    /// If MuJoCo rejects the document, there is no such camera, or OpenGL is not available.
+    pub fn new(
+        document: &str,
+        size: Size,
+        quality: Quality,
+        cameras: &[&str],
+        captions: Option<FrameCaptions>,
+    ) -> Result<FrameRenderer, WorldError> {
+        let (width, height) = (cameras.len() * size.width() as usize, size.height() as usize);
+        let captions = captions.and_then(|captions| {
+            let layout = CaptionLayout::new(width, height, &captions.at(0))?;
+            Some((captions, layout))
+        });
+        let taken = captions.as_ref().map_or(0, |(_, layout)| layout.height() as u32);
+        let scene = Size::new(size.width(), size.height() - taken).unwrap_or(size);
+        let view = |camera: &&str| Renderer::new(document, scene, quality, camera);
+        Ok(FrameRenderer { views: cameras.iter().map(view).collect::<Result<_, _>>()?, size, captions })
+    }
+
+    /// Returns the width and height of a frame in pixels.
+    pub fn frame_size(&self) -> (usize, usize) {
+        (self.views.len() * self.size.width() as usize, self.size.height() as usize)
+    }
+
+    /// Returns whether frames have captions.
+    pub fn has_captions(&self) -> bool {
+        self.captions.is_some()
+    }
+
+    /// Places the cameras so that everything is in the image in all of these states.
+    pub fn fit<'a>(&mut self, states: &(impl IntoIterator<Item = &'a [f64]> + Clone)) {
+        self.views.iter_mut().for_each(|view| view.frame(states.clone()));
+    }
+
+    /// Draws the frame of a sample with this state.
+    ///
+    /// # Errors
+    /// If OpenGL fails.
+    pub fn draw(&mut self, sample: usize, state: &[f64]) -> Result<Picture, WorldError> {
+        let (width, height) = self.frame_size();
+        let mut frame = Picture::new(width, height, [255; 3]);
+        let width = self.size.width() as usize;
+        for (index, view) in self.views.iter_mut().enumerate() {
+            frame.paste((index * width, 0), width, view.draw(state)?);
+        }
+        if let Some((captions, layout)) = &self.captions {
+            layout.draw(&captions.at(sample), &mut frame);
+        }
+        Ok(frame)
+    }
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests {
+    use std::sync::Arc;
+
+    use mishandle_stl::{Formula, Trace};
+
+    use super::*;
+    use crate::inspect::explain_trace;
+
+    /// Returns the captions of a trace with one signal `gap` in meters, sampled every 0.5 s.
+    fn captions(formula: &str, values: &[f64]) -> FrameCaptions {
+        let mut trace = Trace::new(Arc::from(["gap".to_owned()]));
+        values.iter().for_each(|value| trace.push(&[*value]));
+        let explanation = explain_trace(&Formula::parse(formula).unwrap(), &trace, 0.5).unwrap();
+        let signals = [SignalRecord { name: "gap".to_string(), unit: "m".to_string() }];
+        FrameCaptions::new(0.5, &signals, Some(&explanation), explanation.event().as_ref(), values.len() - 1)
+    }
+
+    fn text(caption: &Caption) -> String {
+        caption.parts.iter().map(|part| part.text.as_str()).collect::<Vec<_>>().join("|")
+    }
+
+    fn mark(caption: &Caption) -> Option<&str> {
+        caption.mark.as_ref().map(|(text, _)| text.as_str())
+    }
+
+    #[test]
+    fn a_caption_has_time_value_and_threshold_and_marks_the_violation() {
+        let captions = captions("always[2:4](gap >= 2)", &[12.0, 1.0, 0.5, 1.5, 3.0]);
+        assert_eq!(text(&captions.at(0)), "0.00 s|holds|gap|12.0000 m (min 2)");
+        assert_eq!(text(&captions.at(2)), "1.00 s|fails|gap| 0.5000 m (min 2)");
+        // The window is samples 2 to 4; the violation there is largest at its first sample.
+        assert_eq!(mark(&captions.at(1)), None);
+        assert_eq!(mark(&captions.at(2)), Some("VIOLATION"));
+        assert_eq!(mark(&captions.at(3)), None);
+        let spans = [([0.5, 1.0], WINDOW), ([0.375, 0.625], FAIL), ([0.625, 0.875], FAIL)];
+        assert_eq!(captions.at(3).bar, TimeBar { now: 0.75, spans: spans.to_vec() });
+    }
+
+    #[test]
+    fn a_violation_that_grows_has_two_marks() {
+        let captions = captions("always(gap >= 2)", &[3.0, 1.0, 0.5, 1.5]);
+        let marks = [0, 1, 2, 3].map(|sample| mark(&captions.at(sample)).map(str::to_string));
+        let expected = [None, Some("FIRST VIOLATION"), Some("LARGEST VIOLATION"), None];
+        assert_eq!(marks, expected.map(|text| text.map(str::to_string)));
+    }
+
+    #[test]
+    fn the_bound_follows_the_comparison_and_its_negation() {
+        let bound = |formula: &str| text(&captions(formula, &[1.0]).at(0)).replace("0.00 s|", "");
+        assert_eq!(bound("gap < 4"), "holds|gap|1.0000 m (max 4)");
+        assert_eq!(bound("4 < gap"), "fails|gap|1.0000 m (min 4)");
+        assert_eq!(bound("not(gap < 4)"), "fails|gap|1.0000 m (min 4)");
+        assert_eq!(bound("gap <= 2 * gap"), "holds|gap <= 2 * gap|1.0000 and 2.0000");
+        assert_eq!(bound("2 * gap == 3"), "fails|2 * gap|2.0000 m (required 3)");
+    }
+
+    #[test]
+    fn an_instant_that_satisfies_a_formula_is_marked_as_the_closest_approach() {
+        let captions = captions("eventually(gap <= 1)", &[3.0, 0.5, 2.0]);
+        assert_eq!(captions.at(1).mark, Some(("CLOSEST APPROACH".to_string(), PASS)));
+    }
+}

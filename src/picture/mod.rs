@@ -1,0 +1,11 @@
+//! Pictures and films of simulations, and the states and full traces from which they are drawn.
+
+mod film;
+mod frames;
+mod full_trace;
+mod trajectory;
+
+pub use film::Film;
+pub use frames::{FrameCaptions, FrameRenderer};
+pub use full_trace::full_trace;
+pub use trajectory::{StateTrajectory, initial_state, replay_states, scene_mjcf, strip_samples};

@@ -1,0 +1,259 @@
+//! Sequences of simulation states, for rendering.
+
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+
+use mishandle_rollout::{Environment, EnvironmentWorker, Sample, Scenario, Seed, Space, StepStatus};
+use mishandle_store::RunFile;
+use mishandle_tasks::{Definition, Preset, Reward, Task, TaskEnvironment, compose};
+
+use crate::error::MishandleError;
+use crate::inspect::{Event, EventKind};
+use crate::replay::{ReplayResult, replay_in};
+use crate::resolve::{recorded_plan, task_target};
+
+/// Time in which objects settle into their first contacts, in seconds.
+const SETTLING: f64 = 0.1;
+
+/// The simulation states of an episode, one per control step.
+pub struct StateTrajectory {
+    /// MuJoCo states (`state_size` numbers each), from the initial state on.
+    pub states: Vec<Vec<f64>>,
+    /// Time between two states, in seconds.
+    pub control_dt: f64,
+    environment: Arc<TaskEnvironment>,
+}
+
+impl StateTrajectory {
+    /// Returns the first contact between two parts of the scene that do not touch in the first 0.1 s, in which objects settle, and
+    /// its name, which is that of the column `contact_A_B` of a full trace. `None` without one. A contact between two control
+    /// steps is not seen.
+    ///
+    /// # Errors
+    /// If the scene cannot be built.
+    pub fn first_contact(&self) -> Result<Option<(Event, String)>, MishandleError> {
+        let task = self.environment.definition().name;
+        let scene_error = |source| mishandle_tasks::TaskError::Scene { task, source };
+        let mut full_state = self.environment.full_state().map_err(scene_error)?;
+        let columns = full_state.columns();
+        let is_pair = |name: &str| name.starts_with("contact_") && name != "contact_largest";
+        let pairs: Vec<usize> = (0..columns.len()).filter(|column| is_pair(&columns[*column].0)).collect();
+        let mut touching = |state: &[f64]| -> Vec<usize> {
+            let mut values = Vec::new();
+            full_state.measure(state, &mut values);
+            pairs.iter().copied().filter(|column| values[*column] > 0.0).collect()
+        };
+        let settled = 1 + (SETTLING / self.control_dt).round() as usize;
+        let (initial, later) = self.states.split_at(settled.min(self.states.len()));
+        let initial: Vec<usize> = initial.iter().flat_map(|state| touching(state)).collect();
+        let found = later.iter().zip(settled..).find_map(|(state, sample)| {
+            let column = touching(state).into_iter().find(|column| !initial.contains(column))?;
+            Some((Event { sample, start: None, kind: EventKind::Contact }, columns[column].0.clone()))
+        });
+        Ok(found)
+    }
+}
+
+/// Returns the initial state of a task, as a trajectory with one state.
+///
+/// `x0` has one value per axis of the initial box, in the unit of the axis. `None` selects the center of the box of
+/// task preset `paper`.
+///
+/// # Errors
+/// If `x0` does not have one finite number per axis or is outside the initial boxes of all task presets, or the task
+/// cannot be built.
+pub fn initial_state(task: &dyn Task, x0: Option<&[f64]>) -> Result<StateTrajectory, MishandleError> {
+    let environment = TaskEnvironment::new(task, Preset::Paper, Reward::Original)?;
+    let scenario = x0.map_or_else(|| environment.space().nominal(), Scenario::from);
+    environment.space().check(&scenario)?;
+    check_in_box(task.definition(), x0.unwrap_or_default())?;
+    let mut state = vec![0.0; environment.state_size()];
+    let mut observation = vec![0.0; environment.observation_size()];
+    let mut signals = vec![0.0; environment.signals().len()];
+    let mut rewards = vec![0.0; environment.reward_terms().len()];
+    let sample = Sample { observation: &mut observation, signals: &mut signals, rewards: &mut rewards };
+    environment.worker().reset(&scenario, Seed(0), &mut state, sample);
+    let control_dt = environment.control_dt();
+    Ok(StateTrajectory { states: vec![state], control_dt, environment: Arc::new(environment) })
+}
+
+/// Returns the samples of a filmstrip of the samples `first` to `last`: both ends, the decisive sample, and samples between them.
+/// If a violation starts earlier than the decisive sample, its `start` is one of them.
+///
+/// # Example
+/// ```
+/// use mishandle::picture::strip_samples;
+/// assert_eq!(strip_samples(None, 90, (0, 300)), [0, 30, 60, 90, 195, 300]);
+/// assert_eq!(strip_samples(None, 300, (0, 300)), [0, 100, 200, 300]);
+/// assert_eq!(strip_samples(Some(240), 290, (0, 300)), [0, 120, 240, 265, 290, 300]);
+/// assert_eq!(strip_samples(Some(40), 50, (0, 300)), [0, 20, 40, 50, 175, 300]);
+/// assert_eq!(strip_samples(Some(10), 250, (220, 280)), [220, 230, 240, 250, 265, 280]);
+/// ```
+pub fn strip_samples(start: Option<usize>, decisive: usize, (first, last): (usize, usize)) -> Vec<usize> {
+    let decisive = decisive.clamp(first, last);
+    let mut samples = match start.filter(|start| (first..decisive).contains(start)) {
+        None => {
+            let third = (decisive - first) / 3;
+            vec![first, first + third, decisive - third, decisive, decisive.midpoint(last), last]
+        }
+        Some(start) => {
+            // One sample in the longer of the two spans that follow the start.
+            let between = match decisive - start > last - decisive {
+                true => start.midpoint(decisive),
+                false => decisive.midpoint(last),
+            };
+            vec![first, first.midpoint(start), start, decisive, between, last]
+        }
+    };
+    samples.sort_unstable();
+    samples.dedup();
+    samples
+}
+
+/// Checks that an initial state is in the box of a task preset. The error names the bounds of task preset `paper`.
+fn check_in_box(definition: &Definition, x0: &[f64]) -> Result<(), MishandleError> {
+    let outside = |preset| {
+        definition.initial_box.iter().zip(x0).find(move |(axis, value)| {
+            let [low, high] = axis.bounds(preset);
+            !(low..=high).contains(*value)
+        })
+    };
+    match (outside(Preset::Paper), outside(Preset::Code)) {
+        (Some((axis, &value)), Some(_)) => {
+            let [low, high] = axis.bounds(Preset::Paper);
+            Err(MishandleError::OutsideBox { axis: axis.name, value, unit: axis.unit, low, high })
+        }
+        _ => Ok(()),
+    }
+}
+
+/// Replays a simulation as [`replay`](crate::replay::replay()) does, and returns its states as well.
+///
+/// # Errors
+/// The errors of [`replay`](crate::replay::replay()), or if the run's target is not a task.
+pub fn replay_states(
+    run: &RunFile,
+    trial: u32,
+    number: u32,
+    controller: Option<&str>,
+) -> Result<(ReplayResult, StateTrajectory), MishandleError> {
+    let resolved = recorded_plan(run.header(), controller)?;
+    let target = task_target(&resolved.plan)?;
+    let environment = Arc::new(target.environment(&resolved.space)?);
+    let (recorder, recording) = RecordingEnvironment::new(environment.clone());
+    let mut system = target.system_in(Arc::new(recorder), &resolved.space, &resolved.specification)?;
+    let replayed = replay_in(run, trial, number, &resolved, &mut system)?;
+    let states = recording.take().states;
+    Ok((replayed, StateTrajectory { states, control_dt: run.header().control_dt, environment }))
+}
+
+/// Returns the MJCF document of a task's scene, with all visual elements.
+///
+/// # Errors
+/// If the scene cannot be composed.
+pub fn scene_mjcf(task: &dyn Task) -> Result<String, MishandleError> {
+    compose(task).map_err(|source| {
+        MishandleError::Task(mishandle_tasks::TaskError::Scene { task: task.definition().name, source })
+    })
+}
+
+/// What a [`RecordingEnvironment`] records.
+#[derive(Debug, Default)]
+pub(crate) struct Recording {
+    /// State rows, from the initial state on.
+    pub states: Vec<Vec<f64>>,
+    /// The action of each control step.
+    pub actions: Vec<Vec<f64>>,
+}
+
+/// The recording of an environment, which fills it while it simulates.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct SharedRecording(Arc<Mutex<Recording>>);
+
+impl SharedRecording {
+    /// Returns what was recorded.
+    pub(crate) fn take(&self) -> Recording {
+        std::mem::take(&mut *self.lock())
+    }
+
+    fn lock(&self) -> MutexGuard<'_, Recording> {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+/// An environment that records states and actions of its only simulation.
+pub(crate) struct RecordingEnvironment {
+    environment: Arc<TaskEnvironment>,
+    recording: SharedRecording,
+}
+
+impl RecordingEnvironment {
+    /// Makes the environment and its recording.
+    pub(crate) fn new(environment: Arc<TaskEnvironment>) -> (RecordingEnvironment, SharedRecording) {
+        let recording = SharedRecording::default();
+        (RecordingEnvironment { environment, recording: recording.clone() }, recording)
+    }
+}
+
+impl Environment for RecordingEnvironment {
+    fn name(&self) -> &str {
+        self.environment.name()
+    }
+
+    fn space(&self) -> &Space {
+        self.environment.space()
+    }
+
+    fn signals(&self) -> &Arc<[String]> {
+        self.environment.signals()
+    }
+
+    fn reward_terms(&self) -> &[String] {
+        self.environment.reward_terms()
+    }
+
+    fn observation_size(&self) -> usize {
+        self.environment.observation_size()
+    }
+
+    fn action_size(&self) -> usize {
+        self.environment.action_size()
+    }
+
+    fn state_size(&self) -> usize {
+        self.environment.state_size()
+    }
+
+    fn control_dt(&self) -> f64 {
+        self.environment.control_dt()
+    }
+
+    fn episode_steps(&self) -> usize {
+        self.environment.episode_steps()
+    }
+
+    fn worker(&self) -> Box<dyn EnvironmentWorker> {
+        Box::new(RecordingWorker { worker: self.environment.worker(), recording: self.recording.clone() })
+    }
+}
+
+struct RecordingWorker {
+    worker: Box<dyn EnvironmentWorker>,
+    recording: SharedRecording,
+}
+
+impl EnvironmentWorker for RecordingWorker {
+    fn reset(&mut self, scenario: &Scenario, seed: Seed, state: &mut [f64], sample: Sample<'_>) {
+        self.worker.reset(scenario, seed, state, sample);
+        self.recording.lock().states.push(state.to_vec());
+    }
+
+    fn step(&mut self, action: &[f64], state: &mut [f64], sample: Sample<'_>) -> StepStatus {
+        let status = self.worker.step(action, state, sample);
+        if status != StepStatus::Diverged {
+            let mut recording = self.recording.lock();
+            recording.states.push(state.to_vec());
+            recording.actions.push(action.to_vec());
+        }
+        status
+    }
+}

@@ -1,0 +1,365 @@
+//! Plans: what a user asks for, in names and numbers.
+//!
+//! A [`Plan`] is read from TOML or made from flags. This room looks nothing up: `resolve` does.
+
+mod axis_setting;
+mod grid;
+mod read;
+mod risk;
+pub(crate) mod search_options;
+
+use std::collections::BTreeMap;
+use std::ops::RangeInclusive;
+
+use mishandle_rollout::DEFAULT_BATCH_SIZE;
+use mishandle_search::SearchOptions;
+use serde::{Deserialize, Serialize};
+
+use crate::error::MishandleError;
+
+pub use axis_setting::AxisSetting;
+pub use grid::{GridRun, read_grid};
+pub use risk::RiskPlan;
+pub use search_options::search_option_value;
+
+/// Version of the plan format.
+const FORMAT: u32 = 2;
+
+/// An evaluation, a falsification or an estimation of the failure probability: read from TOML, edited by flags, and stored with the results.
+///
+/// A plan contains names only. [`ResolvedPlan::new`](crate::resolve::ResolvedPlan::new) looks them up and checks them.
+///
+/// # Example
+/// ```
+/// use mishandle::Plan;
+/// let plan = Plan::new("ball-balancing", "ppo");
+/// assert_eq!(Plan::from_toml(&plan.to_toml()).unwrap(), plan);
+/// assert!(Plan::from_toml("tusk = 1").is_err());
+/// ```
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, rename_all = "kebab-case")]
+pub struct Plan {
+    /// Version of the format.
+    #[serde(default = "format")]
+    pub format: u32,
+    /// Name of the target: a task or `toy/NAME`. Empty if an argument names it. The key of format 1 is `task`.
+    #[serde(default, alias = "task")]
+    pub target: String,
+    /// Name of the scenario space, or several names joined by `+`.
+    #[serde(default = "starts")]
+    pub space: String,
+    /// Axes with a narrower range or a fixed value, by name. Axes that the space lacks are added to it.
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    pub axes: BTreeMap<String, AxisSetting>,
+    /// Task preset: the initial boxes and formulas of the benchmark's `paper` or of its `code`.
+    #[serde(default = "paper")]
+    pub preset: String,
+    /// Name of a shipped controller, or a path. Empty for toys, or if a flag names it.
+    #[serde(default)]
+    pub controller: String,
+    /// Sample the policy's actions instead of taking their mean.
+    #[serde(default)]
+    pub stochastic: bool,
+    /// Standard deviation of the Gaussian noise on each action, from 0 to 10. Actions range from -1 to 1.
+    #[serde(default)]
+    pub action_noise: f64,
+    /// Standard deviation of the Gaussian noise on each observation, from 0 to 10, in units of the observation.
+    #[serde(default)]
+    pub observation_noise: f64,
+    /// Random seed of the run. Seeds above 2⁶³ - 1, the largest TOML integer, are written as strings.
+    #[serde(default, with = "seed")]
+    pub seed: u64,
+    /// Settings of an evaluation.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub evaluate: Option<EvaluatePlan>,
+    /// Settings of a falsification.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub falsify: Option<FalsifyPlan>,
+    /// Settings of an estimation of the failure probability.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub risk: Option<RiskPlan>,
+}
+
+/// Region from which an evaluation draws initial states.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum StartRegion {
+    /// The whole initial box.
+    #[default]
+    Whole,
+    /// The part of the box from which the task is feasible.
+    Reachable,
+}
+
+/// Settings of an evaluation.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default, rename_all = "kebab-case")]
+pub struct EvaluatePlan {
+    /// Number of simulations.
+    pub episodes: u64,
+    /// Region of the initial states: `box = "whole"` or `"reachable"`. The key of older plans is `starts`.
+    #[serde(rename = "box", alias = "starts")]
+    pub starts: StartRegion,
+    /// Batch size: number of simulations run at once. Results do not depend on it.
+    pub batch: u32,
+}
+
+impl Default for EvaluatePlan {
+    fn default() -> Self {
+        EvaluatePlan { episodes: 100, starts: StartRegion::Whole, batch: DEFAULT_BATCH_SIZE as u32 }
+    }
+}
+
+/// Settings of a falsification.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default, rename_all = "kebab-case")]
+pub struct FalsifyPlan {
+    /// Requirement to violate: the name of a formula of the target, or the text of a formula. `None` selects the
+    /// target's first formula, which is `success` for a task.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub formula: Option<String>,
+    /// Name of the search.
+    pub search: String,
+    /// Number of trials.
+    pub trials: u32,
+    /// Largest number of simulations per trial.
+    pub budget: u32,
+    /// Batch size: number of simulations run at once.
+    pub batch: u32,
+    /// End simulations as soon as the search does not need the rest.
+    pub early_stopping: bool,
+    /// Continue a trial after its first violation, to find other failure modes.
+    pub keep_going: bool,
+    /// With `keep_going`, a trial ends when less than this fraction of its simulations finds a new failure mode, from 0 to less
+    /// than 1. With 0, it spends its budget.
+    pub new_mode_rate: f64,
+    /// Alias of the option `initial-simplex` of `nelder-mead`, for plans from before searches had options. Other
+    /// searches ignore it, and `options` overrides it.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub initial_simplex: Option<Vec<Vec<f64>>>,
+    /// Options of the search by name: the table `[falsify.options]`. `mishandle searches SEARCH` lists them.
+    #[serde(with = "crate::plan::search_options", skip_serializing_if = "SearchOptions::is_empty")]
+    pub options: SearchOptions,
+}
+
+impl Default for FalsifyPlan {
+    fn default() -> Self {
+        FalsifyPlan {
+            formula: None,
+            search: "portfolio".to_string(),
+            trials: 30,
+            budget: 300,
+            batch: DEFAULT_BATCH_SIZE as u32,
+            early_stopping: false,
+            keep_going: false,
+            new_mode_rate: 0.01,
+            initial_simplex: None,
+            options: SearchOptions::new(),
+        }
+    }
+}
+
+fn format() -> u32 {
+    FORMAT
+}
+
+/// Conversion of seeds to and from TOML.
+mod seed {
+    use std::num::ParseIntError;
+
+    use serde::{Deserialize, Deserializer, Serializer};
+
+    /// A seed in TOML: an integer, or a string with that integer.
+    #[derive(Deserialize)]
+    #[serde(untagged)]
+    enum Stated {
+        Number(u64),
+        Text(String),
+    }
+
+    #[derive(Deserialize)]
+    #[serde(try_from = "Stated")]
+    pub(super) struct SeedValue(u64);
+
+    impl TryFrom<Stated> for SeedValue {
+        type Error = ParseIntError;
+
+        fn try_from(stated: Stated) -> Result<SeedValue, ParseIntError> {
+            match stated {
+                Stated::Number(seed) => Ok(SeedValue(seed)),
+                Stated::Text(text) => text.parse().map(SeedValue),
+            }
+        }
+    }
+
+    pub fn serialize<S: Serializer>(seed: &u64, serializer: S) -> Result<S::Ok, S::Error> {
+        match i64::try_from(*seed) {
+            Ok(number) => serializer.serialize_i64(number),
+            Err(_) => serializer.serialize_str(&seed.to_string()),
+        }
+    }
+
+    pub fn deserialize<'de, D: Deserializer<'de>>(deserializer: D) -> Result<u64, D::Error> {
+        SeedValue::deserialize(deserializer).map(|seed| seed.0)
+    }
+}
+
+fn starts() -> String {
+    "starts".to_string()
+}
+
+fn paper() -> String {
+    "paper".to_string()
+}
+
+impl Plan {
+    /// Allowed numbers of episodes of an evaluation. Run files store simulation numbers in 32 bits.
+    pub const EPISODES: RangeInclusive<u64> = 1..=1_000_000_000;
+
+    /// Allowed numbers of trials. A campaign allocates memory for every trial when it starts.
+    pub const TRIALS: RangeInclusive<u64> = 1..=1_000_000;
+
+    /// Allowed numbers of simulations per trial.
+    pub const BUDGET: RangeInclusive<u64> = 1..=1_000_000;
+
+    /// Allowed batch sizes. The traces of a batch are in memory together.
+    pub const BATCH: RangeInclusive<u64> = 1..=65_536;
+
+    /// Returns a plan with default settings. `controller` is empty for a target that is not a task.
+    pub fn new(target: &str, controller: &str) -> Plan {
+        Plan {
+            format: FORMAT,
+            target: target.to_string(),
+            space: starts(),
+            axes: BTreeMap::new(),
+            preset: paper(),
+            controller: controller.to_string(),
+            stochastic: false,
+            action_noise: 0.0,
+            observation_noise: 0.0,
+            seed: 0,
+            evaluate: None,
+            falsify: None,
+            risk: None,
+        }
+    }
+
+    /// Parses a plan. Keys that are left out have their defaults.
+    ///
+    /// # Errors
+    /// If the text is not TOML, contains an unknown key or an invalid value, or has a newer format.
+    pub fn from_toml(text: &str) -> Result<Plan, MishandleError> {
+        read::read(text)
+    }
+
+    /// Returns the plan as TOML.
+    pub fn to_toml(&self) -> String {
+        // Cannot fail: the plan contains strings, numbers and booleans only.
+        toml::to_string(self).unwrap_or_default()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Returns the example of docs/plans.md.
+    fn documented_plan() -> &'static str {
+        let page = include_str!("../../docs/plans.md");
+        page.split("```toml\n").nth(1).and_then(|rest| rest.split("```").next()).unwrap()
+    }
+
+    #[test]
+    fn the_documented_plan_contains_every_key_with_its_default() {
+        let plan = Plan::from_toml(documented_plan()).unwrap();
+        // The default formula is the target's first, which is `success` for a task.
+        let falsify = FalsifyPlan { formula: Some("success".to_string()), ..FalsifyPlan::default() };
+        let risk = RiskPlan { formula: Some("success".to_string()), ..RiskPlan::default() };
+        let evaluate = EvaluatePlan::default();
+        let defaults =
+            Plan { evaluate: Some(evaluate), falsify: Some(falsify), risk: Some(risk), ..plan.clone() };
+        let named = Plan { target: plan.target.clone(), controller: plan.controller.clone(), ..defaults };
+        assert_eq!(plan, named);
+        assert_eq!(
+            Plan { evaluate: None, falsify: None, risk: None, ..plan.clone() },
+            Plan::new("ball-balancing", "ppo")
+        );
+        // `to_toml` writes every key, so the example must contain the same keys.
+        let is_key = |line: &&str| line.contains(" = ");
+        let keys = |text: &str| -> Vec<String> {
+            text.lines().filter(is_key).map(|line| line.split(' ').next().unwrap().to_string()).collect()
+        };
+        let (mut written, mut shown) = (keys(&plan.to_toml()), keys(documented_plan()));
+        written.sort();
+        shown.sort();
+        assert_eq!(written, shown);
+    }
+
+    fn options_of(falsify: &str) -> Result<FalsifyPlan, MishandleError> {
+        let plan = format!("task = \"a\"\ncontroller = \"b\"\n[falsify]\n{falsify}");
+        Plan::from_toml(&plan).map(|plan| plan.falsify.unwrap())
+    }
+
+    #[test]
+    fn search_options_survive_a_round_trip_through_toml() {
+        let text = "search = \"nelder-mead\"\n[falsify.options]\nxatol = 1\nmax_iterations = 9\nadaptive = true\n\
+                    start = [0.5, 1]\ninitial-simplex = [[0, 1], [0.5, 1]]\nmodel = \"cubic\"\n";
+        let falsify = options_of(text).unwrap();
+        let expected = SearchOptions::new()
+            .with("xatol", 1)
+            .with("max-iterations", 9)
+            .with("adaptive", true)
+            .with("start", vec![0.5, 1.0])
+            .with("initial-simplex", vec![vec![0.0, 1.0], vec![0.5, 1.0]])
+            .with("model", "cubic");
+        assert_eq!(falsify.options, expected);
+        let plan = Plan { falsify: Some(falsify), ..Plan::new("a", "b") };
+        assert_eq!(Plan::from_toml(&plan.to_toml()).unwrap(), plan);
+    }
+
+    #[test]
+    fn an_option_with_an_invalid_value_or_two_values_is_an_error() {
+        let error = |text: &str| options_of(text).unwrap_err().to_string();
+        assert!(error("[falsify.options]\nxatol = 1979-05-27\n").contains("must be a number, true or false"));
+        let twice = error("[falsify.options]\nmax-iterations = 1\nmax_iterations = 2\n");
+        assert!(twice.contains("`falsify.options.max_iterations` is 2"), "{twice}");
+    }
+
+    #[test]
+    fn a_plan_of_format_1_is_read_and_written_in_the_current_format() {
+        let old =
+            "format = 1\ntask = \"ball-balancing\"\ncontroller = \"ppo\"\n[falsify]\nformula = \"success\"\n";
+        let plan = Plan::from_toml(old).unwrap();
+        assert_eq!((plan.format, plan.target.as_str()), (FORMAT, "ball-balancing"));
+        assert_eq!(plan.falsify.as_ref().unwrap().formula.as_deref(), Some("success"));
+        assert_eq!(Plan::from_toml(&plan.to_toml()).unwrap(), plan);
+    }
+
+    #[test]
+    fn a_plan_of_an_unknown_format_is_an_error_that_names_the_format() {
+        let error = |format: u32| {
+            let plan = format!("format = {format}\ntarget = \"a\"\nnew_key = 1\n");
+            Plan::from_toml(&plan).unwrap_err().to_string()
+        };
+        assert!(matches!(
+            Plan::from_toml("format = 99\nnew_key = 1\n"),
+            Err(MishandleError::NewerPlan { found: 99, .. })
+        ));
+        assert!(error(0).contains("`format` is 0"), "{}", error(0));
+        assert!(error(FORMAT).contains("new_key"), "{}", error(FORMAT));
+    }
+
+    #[test]
+    fn every_seed_survives_a_round_trip_through_toml() {
+        for seed in [0, i64::MAX as u64, 1 << 63, u64::MAX] {
+            let plan = Plan { seed, ..Plan::new("a", "b") };
+            assert_eq!(Plan::from_toml(&plan.to_toml()).unwrap().seed, seed);
+        }
+    }
+
+    #[test]
+    fn the_older_key_starts_is_read_as_box() {
+        let plan = |key| format!("task = \"a\"\ncontroller = \"b\"\n[evaluate]\n{key} = \"reachable\"\n");
+        assert_eq!(Plan::from_toml(&plan("starts")).unwrap(), Plan::from_toml(&plan("box")).unwrap());
+    }
+}

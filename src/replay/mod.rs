@@ -1,0 +1,165 @@
+//! Replays recorded simulations and compares them with their records.
+
+mod command;
+mod simulation;
+mod trial;
+
+use mishandle_rollout::{Episode, Scenario, System};
+use mishandle_store::{BuildRecord, RunFile, RunHeader, Simulation};
+
+use crate::build::build;
+use crate::error::MishandleError;
+use crate::resolve::{ResolvedPlan, recorded_plan};
+use crate::run::{header, record};
+
+pub use command::replay_command;
+
+/// A replay of a recorded simulation.
+pub struct ReplayResult {
+    /// The recorded simulation.
+    pub recorded: Simulation,
+    /// The replayed episode.
+    pub episode: Episode,
+    /// Differences between the run file and what its plan and the replay give. Empty if everything recorded of the
+    /// simulation has the same bits.
+    pub differences: Vec<String>,
+    /// Differences between the recorded build and the present one. Results can differ between builds.
+    pub build_differences: Vec<String>,
+}
+
+/// Replays simulation `number` of trial `trial` and compares everything recorded of it, bit for bit.
+///
+/// A hash in the run file detects accidental damage, but anybody can compute it. So the replay derives what it compares:
+/// the header from the plan, seed and scenario from the seed of the run, and the results from the simulation. For a
+/// falsification it also derives the other points of the trial, from the recorded results of the earlier simulations.
+///
+/// `controller` is the present path of the run's controller, if the file was moved.
+///
+/// # Errors
+/// If the run has no such simulation, its plan cannot be resolved any more, the controller differs from the run's, or the
+/// target cannot run the recorded scenario.
+pub fn replay(
+    run: &RunFile,
+    trial: u32,
+    number: u32,
+    controller: Option<&str>,
+) -> Result<ReplayResult, MishandleError> {
+    replay_with(run, trial, number, &recorded_plan(run.header(), controller)?)
+}
+
+/// Replays a simulation as [`replay`] does, with a plan that the caller has resolved.
+///
+/// # Errors
+/// The errors of [`replay`].
+pub fn replay_with(
+    run: &RunFile,
+    trial: u32,
+    number: u32,
+    resolved: &ResolvedPlan,
+) -> Result<ReplayResult, MishandleError> {
+    let mut system = resolved.system()?;
+    replay_in(run, trial, number, resolved, &mut *system)
+}
+
+/// Replays a simulation as [`replay`] does, in a given system of the run's target.
+pub(crate) fn replay_in(
+    run: &RunFile,
+    trial: u32,
+    number: u32,
+    resolved: &ResolvedPlan,
+    system: &mut dyn System,
+) -> Result<ReplayResult, MishandleError> {
+    let recorded = run.simulation(trial, number)?;
+    let mut differences = header::differences(run.header(), resolved)?;
+    differences.extend(trial::differences(run, &recorded, resolved)?);
+    let scenario = Scenario::new(recorded.scenario.clone());
+    if let Err(error) = resolved.space.check(&scenario) {
+        differences.push(format!("scenario of simulation {number} of trial {trial}: {error}"));
+        return Err(MishandleError::RunMismatch { differences });
+    }
+    let mut episodes = system.rollout(&[record::request(&recorded, resolved.stored_subformulas > 0)])?;
+    let episode = episodes.pop().ok_or(MishandleError::NoEpisode)?;
+    let again = record::record(&episode, resolved.stored_subformulas);
+    let names = record::verdict_names(resolved.stored_subformulas);
+    differences.extend(simulation::differences(&recorded, &run.header().verdicts, &again, &names));
+    Ok(ReplayResult {
+        differences,
+        build_differences: build_differences(run.header(), resolved),
+        recorded,
+        episode,
+    })
+}
+
+/// Selects a simulation to replay: the first counterexample, or else the simulation with the minimum robustness.
+///
+/// `trial` and `number` restrict the choice. Returns trial and number, or `None` if no simulation has a robustness.
+///
+/// # Errors
+/// If the run has no such trial, or cannot be read.
+pub fn select_simulation(
+    run: &RunFile,
+    trial: Option<u32>,
+    number: Option<u32>,
+) -> Result<Option<(u32, u32)>, MishandleError> {
+    if let Some(trial) = trial {
+        run.trial(trial)?;
+    }
+    if let Some(number) = number {
+        return Ok(Some((trial.unwrap_or(1), number)));
+    }
+    let mut least: Option<Simulation> = None;
+    for simulation in run.simulations() {
+        let simulation = simulation?;
+        if trial.is_some_and(|trial| trial != simulation.trial) {
+            continue;
+        }
+        let Some(rho) = simulation.robustness else { continue };
+        if rho < 0.0 {
+            return Ok(Some((simulation.trial, simulation.number)));
+        }
+        if least.as_ref().and_then(|least| least.robustness).is_none_or(|least| rho < least) {
+            least = Some(simulation);
+        }
+    }
+    Ok(least.map(|simulation| (simulation.trial, simulation.number)))
+}
+
+/// Lists the differences between the build that made a run and the present one.
+pub fn build_differences(header: &RunHeader, resolved: &ResolvedPlan) -> Vec<String> {
+    let mut differences = differences_of_builds(&header.build, &header.versions, resolved);
+    if header::is_from_version_1(header) {
+        let now = &resolved.target.identity.hash;
+        differences.push(format!("recorded hash of the target unknown, now {now}"));
+    }
+    differences
+}
+
+/// Lists the differences between a recorded build and the present one, with the versions of the target's software.
+pub(crate) fn differences_of_builds(
+    then: &BuildRecord,
+    versions: &[(String, String)],
+    resolved: &ResolvedPlan,
+) -> Vec<String> {
+    let now = build();
+    let mut parts = vec![
+        ("program", then.program_version.as_str(), now.program_version.as_str()),
+        ("commit", &then.git_commit, &now.git_commit),
+        ("compiler", &then.rustc, &now.rustc),
+        ("platform", &then.target, &now.target),
+        ("architecture", &then.architecture, &now.architecture),
+    ];
+    for (name, now) in &resolved.target.versions {
+        let then = versions.iter().find(|(known, _)| known == name).map_or("unknown", |(_, version)| version);
+        parts.push((name.as_str(), then, now.as_str()));
+    }
+    for (name, then) in versions {
+        if !resolved.target.versions.iter().any(|(known, _)| known == name) {
+            parts.push((name.as_str(), then.as_str(), "unknown"));
+        }
+    }
+    parts
+        .iter()
+        .filter(|(_, then, now)| then != now)
+        .map(|(part, then, now)| format!("recorded {part} {then}, now {now}"))
+        .collect()
+}

@@ -1,0 +1,188 @@
+//! Changes of single axes of a scenario space: a narrower range, or a fixed value.
+
+use std::collections::BTreeMap;
+
+use crate::error::MishandleError;
+use crate::plan::AxisSetting;
+use mishandle_rollout::{Axis, AxisKind, AxisValues, RolloutError, Space};
+
+/// Returns a space with these settings. A set axis that the space lacks is added.
+///
+/// The nominal value of an axis remains if it is within the new bounds. Otherwise it is the midpoint for the initial state, and the
+/// nearest bound for other kinds.
+///
+/// # Errors
+/// If no axis of `known` has a name, or a setting is outside of the bounds of its axis. The initial state may be set outside.
+pub(crate) fn with_settings(
+    space: Space,
+    settings: &BTreeMap<String, AxisSetting>,
+    known: &[Axis],
+) -> Result<Space, MishandleError> {
+    if settings.is_empty() {
+        return Ok(space);
+    }
+    let mut axes = space.axes().to_vec();
+    for (name, setting) in settings {
+        let axis =
+            known.iter().find(|axis| axis.name == *name).ok_or_else(|| MishandleError::UnknownName {
+                kind: "axis",
+                name: name.clone(),
+                known: known.iter().map(|axis| axis.name.clone()).collect(),
+            })?;
+        let axis = restricted(axis, setting)?;
+        match axes.iter_mut().find(|other| other.name == *name) {
+            Some(other) => *other = axis,
+            None => axes.push(axis),
+        }
+    }
+    let space = Space::new(space.name(), axes)?;
+    if space.axes().iter().all(Axis::is_fixed) {
+        let (what, expected) = ("the number of axes without a fixed value", "at least 1");
+        return Err(MishandleError::InvalidValue { what, value: "0".to_string(), expected });
+    }
+    Ok(space)
+}
+
+fn restricted(axis: &Axis, setting: &AxisSetting) -> Result<Axis, MishandleError> {
+    let [low, high] = match setting {
+        AxisSetting::Value(value) => [*value; 2],
+        AxisSetting::Range(range) => *range,
+        AxisSetting::Category(name) => {
+            let AxisValues::Categorical(names) = &axis.values else {
+                let number = name.replace(',', ".");
+                let written = match number.parse::<f64>() {
+                    Ok(_) => format!(", written {number}"),
+                    Err(_) => String::new(),
+                };
+                let expected = values_text(axis) + &written;
+                let (axis, setting) = (axis.name.clone(), name.clone());
+                return Err(MishandleError::AxisSetting { axis, setting, expected });
+            };
+            let index = names.iter().position(|known| known == name);
+            let index = index.ok_or_else(|| MishandleError::UnknownName {
+                kind: "category",
+                name: name.clone(),
+                known: names.to_vec(),
+            })?;
+            [axis.low + index as f64; 2]
+        }
+    };
+    if low > high || !low.is_finite() || !high.is_finite() {
+        return Err(RolloutError::Bounds { axis: axis.name.clone(), low, high }.into());
+    }
+    let outside = [low, high].into_iter().find(|value| !axis.accepts(*value));
+    if let Some(value) = outside {
+        return Err(MishandleError::AxisSetting {
+            axis: axis.name.clone(),
+            setting: value.to_string(),
+            expected: values_text(axis),
+        });
+    }
+    let nominal = axis.nominal.map(|nominal| match axis.kind {
+        AxisKind::Start if !(low..=high).contains(&nominal) => f64::midpoint(low, high),
+        _ => nominal.clamp(low, high),
+    });
+    let values = match &axis.values {
+        // The first name is that of the lower bound.
+        AxisValues::Categorical(names) => {
+            let (first, last) = ((low - axis.low) as usize, (high - axis.low) as usize);
+            AxisValues::Categorical(names[first..=last].into())
+        }
+        other => other.clone(),
+    };
+    Ok(Axis { low, high, nominal, values, ..axis.clone() })
+}
+
+/// Describes the values that an axis may be set to.
+fn values_text(axis: &Axis) -> String {
+    let Axis { low, high, .. } = axis;
+    match (&axis.values, axis.kind) {
+        (AxisValues::Categorical(names), _) => format!("one of the categories {}", names.join(", ")),
+        (AxisValues::Integer, _) => format!("a whole number from {low} to {high}"),
+        (_, AxisKind::Start) => "a number".to_string(),
+        _ => format!("a number from {low} to {high}"),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn known() -> Vec<Axis> {
+        let surfaces = ["wood", "ice"].map(String::from).to_vec();
+        vec![
+            Axis::start("x", "m", 0.0, 1.0),
+            Axis::new(AxisKind::Model, "delay", "steps", [0.0, 3.0], Some(0.0))
+                .with_values(AxisValues::Integer),
+            Axis::new(AxisKind::Model, "surface", "", [0.0, 1.0], Some(0.0))
+                .with_values(AxisValues::Categorical(surfaces.into())),
+            Axis::new(AxisKind::Noise, "draw", "", [-4.0, 4.0], None),
+            Axis::new(AxisKind::Model, "gain", "", [0.0, 0.5], Some(0.0)),
+        ]
+    }
+
+    fn set(settings: &[(&str, AxisSetting)]) -> Result<Space, MishandleError> {
+        let settings = settings.iter().map(|(name, setting)| ((*name).to_string(), setting.clone()));
+        with_settings(Space::new("starts", known()[..1].to_vec()).unwrap(), &settings.collect(), &known())
+    }
+
+    #[test]
+    fn axes_are_narrowed_fixed_and_added() {
+        let space = set(&[
+            ("x", AxisSetting::Range([0.75, 1.0])),
+            ("delay", AxisSetting::Value(2.0)),
+            ("draw", AxisSetting::Value(0.5)),
+            ("surface", AxisSetting::Category("ice".to_string())),
+        ])
+        .unwrap();
+        let found: Vec<_> =
+            space.axes().iter().map(|axis| (axis.name.as_str(), axis.low, axis.high, axis.nominal)).collect();
+        let expected = [
+            ("x", 0.75, 1.0, Some(0.875)),
+            ("delay", 2.0, 2.0, Some(2.0)),
+            ("draw", 0.5, 0.5, None),
+            ("surface", 1.0, 1.0, Some(1.0)),
+        ];
+        assert_eq!(found, expected);
+        assert_eq!((space.name(), space.free_dimension()), ("starts", 1));
+        let AxisValues::Categorical(names) = &space.axes()[3].values else { panic!("no category") };
+        assert_eq!(names[..], ["ice"], "the first name is that of the lower bound");
+        // The start may be outside of its box; the midpoint stays nominal if it is inside.
+        let wider = set(&[("x", AxisSetting::Range([-1.0, 2.0]))]).unwrap();
+        assert_eq!((wider.axes()[0].low, wider.axes()[0].nominal), (-1.0, Some(0.5)));
+    }
+
+    #[test]
+    fn settings_survive_a_round_trip_through_toml() {
+        let category = AxisSetting::Category("ice".to_string());
+        let axes =
+            [("x", AxisSetting::Range([0.1, 1e-9])), ("delay", AxisSetting::Value(2.0)), ("s", category)];
+        let axes = axes.into_iter().map(|(name, setting)| (name.to_string(), setting)).collect();
+        let plan = crate::plan::Plan { axes, ..crate::plan::Plan::new("toy/sphere-2d", "") };
+        assert_eq!(crate::plan::Plan::from_toml(&plan.to_toml()).unwrap(), plan);
+    }
+
+    #[test]
+    fn impossible_settings_are_errors() {
+        let range = |low, high| AxisSetting::Range([low, high]);
+        for (name, setting, part) in [
+            ("delai", AxisSetting::Value(1.0), "delai"),
+            ("delay", AxisSetting::Value(4.0), "delay cannot be 4: expected a whole number from 0 to 3"),
+            ("delay", range(0.5, 2.0), "delay"),
+            ("x", range(0.5, 0.2), "from 0.5 to 0.2"),
+            ("x", range(0.5, f64::NAN), "from 0.5 to NaN"),
+            ("gain", AxisSetting::Value(2.0), "gain cannot be 2: expected a number from 0 to 0.5"),
+            (
+                "x",
+                AxisSetting::Category("0,01".to_string()),
+                "x cannot be 0,01: expected a number, written 0.01",
+            ),
+            ("surface", range(0.0, 3.0), "surface cannot be 3: expected one of the categories wood, ice"),
+            ("surface", AxisSetting::Category("sand".to_string()), "sand"),
+            ("x", AxisSetting::Value(0.5), "without a fixed value"),
+        ] {
+            let error = set(&[(name, setting)]).unwrap_err();
+            assert!(error.to_string().contains(part), "{name}: {error}");
+        }
+    }
+}

@@ -1,0 +1,101 @@
+//! Checks the tables of a plan against target and space.
+
+use std::ops::RangeInclusive;
+
+use mishandle_risk::Scenarios;
+use mishandle_rollout::{AxisKind, Space, Target};
+
+use crate::error::MishandleError;
+use crate::plan::{EvaluatePlan, FalsifyPlan, Plan, RiskPlan, StartRegion};
+use crate::resolve::search::new_search;
+use crate::resolve::search_entry;
+
+/// Checks the evaluation settings of a plan against its target and space.
+pub(super) fn check_evaluate_in(
+    evaluate: &EvaluatePlan,
+    target: &Target,
+    space: &Space,
+) -> Result<(), MishandleError> {
+    check_evaluate(evaluate)?;
+    if evaluate.starts == StartRegion::Reachable {
+        let unsupported =
+            |option| MishandleError::UnsupportedOption { target: target.identity.name.clone(), option };
+        target.reachable.as_ref().ok_or_else(|| unsupported("`--box reachable`"))?;
+        if space.axes().iter().all(|axis| axis.kind != AxisKind::Start) {
+            let expected =
+                "a space that contains `starts`, because --box reachable restricts the initial state";
+            return Err(MishandleError::InvalidValue {
+                what: "the space",
+                value: space.name().to_string(),
+                expected,
+            });
+        }
+    }
+    Ok(())
+}
+
+/// Checks the numbers of the evaluation settings of a plan.
+///
+/// # Errors
+/// If the number of episodes or the batch size is out of its range.
+pub fn check_evaluate(evaluate: &EvaluatePlan) -> Result<(), MishandleError> {
+    check_batch(evaluate.batch)?;
+    if Plan::EPISODES.contains(&evaluate.episodes) {
+        return Ok(());
+    }
+    let (what, expected) = ("the number of episodes", "from 1 to 1000000000");
+    Err(MishandleError::InvalidValue { what, value: evaluate.episodes.to_string(), expected })
+}
+
+/// Checks a batch size.
+fn check_batch(batch: u32) -> Result<(), MishandleError> {
+    if Plan::BATCH.contains(&batch.into()) {
+        return Ok(());
+    }
+    let (what, expected) = ("the batch size", "from 1 to 65536");
+    Err(MishandleError::InvalidValue { what, value: batch.to_string(), expected })
+}
+
+/// Checks the falsification settings of a plan against its space, and returns whether the search needs the minima of
+/// sub-formulas.
+///
+/// # Errors
+/// If a number is out of its range, or the search or one of its options is unknown or invalid.
+pub fn check_falsify(falsify: &FalsifyPlan, space: &Space) -> Result<bool, MishandleError> {
+    check_batch(falsify.batch)?;
+    let numbers = [
+        ("the number of trials", falsify.trials, Plan::TRIALS),
+        ("the budget", falsify.budget, Plan::BUDGET),
+    ];
+    let is_outside = |(_, value, range): &(_, u32, RangeInclusive<u64>)| !range.contains(&(*value).into());
+    if let Some((what, value, _)) = numbers.into_iter().find(is_outside) {
+        let expected = "from 1 to 1000000";
+        return Err(MishandleError::InvalidValue { what, value: value.to_string(), expected });
+    }
+    if !(0.0..1.0).contains(&falsify.new_mode_rate) {
+        let (what, expected) = ("the rate of new failure modes", "from 0 to less than 1");
+        return Err(MishandleError::InvalidValue {
+            what,
+            value: falsify.new_mode_rate.to_string(),
+            expected,
+        });
+    }
+    search_entry(&falsify.search)?;
+    let search = new_search(falsify, space)(0)?;
+    Ok(search.needs_subformulas())
+}
+
+/// Checks the settings of an estimation against its space.
+///
+/// # Errors
+/// If a number is out of its range, or the method, an axis or a distribution is unknown.
+pub fn check_risk(risk: &RiskPlan, space: &Space) -> Result<(), MishandleError> {
+    check_batch(risk.batch)?;
+    risk.method()?;
+    if !RiskPlan::SIMULATIONS.contains(&risk.simulations) {
+        let (what, expected) = ("the number of simulations", "from 100 to 1000000000");
+        return Err(MishandleError::InvalidValue { what, value: risk.simulations.to_string(), expected });
+    }
+    Scenarios::new(space, &risk.marginals()?, true)?;
+    Ok(())
+}

@@ -1,0 +1,84 @@
+//! Names and paths of controllers.
+
+use std::path::Path;
+
+use mishandle_tasks::Definition;
+
+use crate::error::MishandleError;
+use crate::resolve::task;
+use crate::shipped::{CONTROLLERS, EXPERT, ShippedFile, check_home, shipped_controller, shipped_controllers};
+
+/// Returns whether `controller` is a path rather than the name of a shipped controller, `NAME` or `TASK/NAME`.
+pub(crate) fn is_path(controller: &str) -> bool {
+    let looks_like_path =
+        controller.contains(std::path::MAIN_SEPARATOR) || Path::new(controller).extension().is_some();
+    looks_like_path && split_task(controller).is_none()
+}
+
+/// Splits `TASK/NAME`, the name of a shipped controller with its task. Whether a file has this path does not matter, so
+/// that the working directory cannot replace a shipped controller.
+pub(crate) fn split_task(controller: &str) -> Option<(&'static Definition, &str)> {
+    let (task, name) = controller.split_once('/')?;
+    let is_name = !name.contains('/') && Path::new(name).extension().is_none();
+    let task = mishandle_tasks::task(task).filter(|_| is_name)?;
+    Some((task.definition(), name))
+}
+
+/// Returns the file of a task's controller. `name` is a path or the name of a shipped controller.
+pub(crate) fn controller_of(definition: &Definition, name: &str) -> Result<ShippedFile, MishandleError> {
+    if is_path(name) {
+        return Ok(ShippedFile::Path(name.into()));
+    }
+    if let Some(file) = shipped_controller(definition, name) {
+        return Ok(file);
+    }
+    check_home(CONTROLLERS)?;
+    Err(MishandleError::UnknownName {
+        kind: "controller",
+        name: name.to_string(),
+        known: shipped_controllers(definition),
+    })
+}
+
+/// Returns the file of a controller. `name` is a path, or `TASK/NAME` for a shipped controller, whether or not the working
+/// directory has a file at that path. `./TASK/NAME` names that file.
+///
+/// # Errors
+/// If `name` is neither a path nor a shipped controller.
+pub fn find_controller(name: &str) -> Result<ShippedFile, MishandleError> {
+    let Some((definition, own_name)) = split_task(name) else {
+        let path = Path::new(name);
+        return match name.split_once('/') {
+            // A misspelled task, more likely than a missing file.
+            Some((task_name, _)) if path.extension().is_none() && !path.exists() => {
+                task(task_name)?;
+                Ok(ShippedFile::Path(path.into()))
+            }
+            _ if is_path(name) => Ok(ShippedFile::Path(path.into())),
+            _ => Err(no_controller(name)),
+        };
+    };
+    if let Some(file) = shipped_controller(definition, own_name) {
+        return Ok(file);
+    }
+    check_home(CONTROLLERS)?;
+    if own_name == EXPERT {
+        return Err(MishandleError::InvalidValue {
+            what: "the controller",
+            value: name.to_string(),
+            expected: "a trained controller; the expert is part of the task and has no file",
+        });
+    }
+    let known = shipped_controllers(definition).into_iter().filter(|known| known != EXPERT).collect();
+    Err(MishandleError::UnknownName { kind: "controller file", name: own_name.to_string(), known })
+}
+
+fn no_controller(name: &str) -> MishandleError {
+    let expected = "a path such as ./FILE, or a shipped controller TASK/NAME such as point-reaching/ppo";
+    MishandleError::InvalidValue { what: "the controller", value: name.to_string(), expected }
+}
+
+/// Returns the name of a controller. The name of a path is its file name without extension.
+pub fn controller_name(controller: &str) -> String {
+    Path::new(controller).file_stem().unwrap_or_default().to_string_lossy().into_owned()
+}

@@ -1,0 +1,91 @@
+//! Suggestions for correcting an error.
+
+use mishandle_rollout::RolloutError;
+use mishandle_search::SearchError;
+use mishandle_stl::nearest;
+use mishandle_store::StoreError;
+use mishandle_training::TrainingError;
+
+use crate::error::MishandleError;
+use crate::shipped::controllers_description;
+
+impl MishandleError {
+    /// Returns a suggestion for correcting the error, if there is one.
+    pub fn hint(&self) -> Option<String> {
+        match self {
+            MishandleError::UnknownName { kind, name, known } => {
+                let path_hint = || {
+                    format!(
+                        "shipped controllers are {}; for another controller give its path, such as ./FILE",
+                        controllers_description()
+                    )
+                };
+                if *kind == "task" && name.starts_with("toy/") {
+                    return Some(format!("{name} is a toy, not a task; see `mishandle targets {name}`"));
+                }
+                if *kind == "space" && name == "noise" {
+                    return Some(
+                        "a task has this space only with --action-noise above 0 or a random initial state"
+                            .to_string(),
+                    );
+                }
+                let suggestion = suggest(name, known.iter().map(String::as_str));
+                suggestion.or_else(|| kind.starts_with("controller").then(path_hint))
+            }
+            MishandleError::CampaignRun { source, .. } => source.hint(),
+            MishandleError::UnknownPlanKey { key, known, .. } => suggest_setting(key, known),
+            MishandleError::Settings { source, .. } => match &**source {
+                TrainingError::UnknownSetting { name, known, .. } => suggest_setting(name, known),
+                TrainingError::Setting { found, known, .. } => {
+                    suggest(found.trim_matches(['"', '\'']), known.iter().copied())
+                }
+                _ => None,
+            },
+            MishandleError::Search(SearchError::UnknownOption { name, known, .. }) => {
+                suggest(name, known.iter().map(String::as_str))
+            }
+            // SQLite reports a file that is too large as an I/O error.
+            MishandleError::Store(StoreError::Io { what, .. }) if what.starts_with("cannot write") => {
+                Some("is a quota or the limit on file sizes (`ulimit -f`) reached?".to_string())
+            }
+            MishandleError::Rollout(RolloutError::Monitor { source, .. }) => source.hint(),
+            _ => None,
+        }
+    }
+}
+
+fn suggest<'a>(name: &str, known: impl IntoIterator<Item = &'a str>) -> Option<String> {
+    nearest(name, known).map(|near| format!("did you mean `{near}`?"))
+}
+
+/// Suggests the settings with the same key in other tables, or else the most similar name of a setting or a table.
+fn suggest_setting(name: &str, known: &[&str]) -> Option<String> {
+    let key = |name: &str| name.rsplit('.').next().unwrap_or_default().to_string();
+    let elsewhere: Vec<&str> = known.iter().copied().filter(|known| key(known) == key(name)).collect();
+    if elsewhere.is_empty() {
+        let tables = known.iter().filter_map(|known| Some(known.rsplit_once('.')?.0));
+        return suggest(name, known.iter().copied().chain(tables));
+    }
+    let names: Vec<String> = elsewhere.iter().map(|name| format!("`{name}`")).collect();
+    Some(format!("did you mean {}?", names.join(" or ")))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_misspelled_or_misplaced_setting_gets_a_suggestion() {
+        let known = ["gamma", "run.total_steps", "policy.hidden", "critic.hidden"];
+        for (name, expected) in [
+            ("gama", Some("did you mean `gamma`?")),
+            ("run.total_step", Some("did you mean `run.total_steps`?")),
+            ("total_steps", Some("did you mean `run.total_steps`?")),
+            ("hidden", Some("did you mean `policy.hidden` or `critic.hidden`?")),
+            ("polcy", Some("did you mean `policy`?")),
+            ("momentum", None),
+        ] {
+            assert_eq!(suggest_setting(name, &known).as_deref(), expected, "{name}");
+        }
+    }
+}

@@ -1,0 +1,102 @@
+//! Policies in the formats of other tools as controllers of a task.
+
+use std::path::Path;
+
+use mishandle_controllers::{ControllerFile, Header, TrainingRecord};
+use mishandle_files::{limits, read_bounded};
+use mishandle_interchange::{
+    ImportOptions, InterchangeError, ObservationNormalizer, OnnxPolicy, TorchProblem, import,
+};
+
+use mishandle_tasks::Definition;
+
+use crate::error::MishandleError;
+use crate::resolve::task;
+
+/// Imports a policy of Stable-Baselines3, skrl or PyTorch as a controller of the task `task_name`.
+///
+/// The header's algorithm is `imported`, and its command says where the policy is from.
+///
+/// # Errors
+/// If the task is unknown, the file cannot be read or imported, or the policy's sizes are not those of the task.
+pub fn import_controller(
+    path: &Path,
+    task_name: &str,
+    options: &ImportOptions,
+) -> Result<ControllerFile, MishandleError> {
+    let definition = task(task_name)?.definition();
+    let layout = definition.layout();
+    let error = |problem| InterchangeError::Torch { problem, path: path.to_path_buf() };
+    let bytes = read_bounded(path, limits::CONTROLLER)
+        .map_err(|source| InterchangeError::Read { source, path: path.to_path_buf() })?;
+    let imported = import(&bytes, options).map_err(error)?;
+    let network = imported.policy.network();
+    for (side, found, expected) in [
+        ("observation", network.input_size(), layout.observation_size()),
+        ("action", network.output_size(), layout.action_size()),
+    ] {
+        if found != expected {
+            let task = definition.name.to_string();
+            return Err(error(TorchProblem::Size { task, side, found, expected }).into());
+        }
+    }
+    let file = path.file_name().unwrap_or_default().to_string_lossy();
+    let training = TrainingRecord {
+        command: format!("imported from {file}, {}", imported.source),
+        ..TrainingRecord::default()
+    };
+    let header = Header {
+        task: definition.name.to_string(),
+        algorithm: "imported".to_string(),
+        preset: "unknown".to_string(),
+        reward: "unknown".to_string(),
+        layout,
+        task_hash: String::new(),
+        training,
+    };
+    Ok(ControllerFile { header, policy: imported.policy })
+}
+
+/// Reads the statistics of a normalizer from a JSON file.
+///
+/// # Errors
+/// If the file cannot be read, or is not such a file.
+pub fn read_normalizer(path: &Path) -> Result<ObservationNormalizer, MishandleError> {
+    let bytes = read_bounded(path, limits::SETTINGS)
+        .map_err(|source| InterchangeError::Read { source, path: path.to_path_buf() })?;
+    let invalid = |reason: String| InterchangeError::Normalizer { reason, path: path.to_path_buf() };
+    let normalizer = ObservationNormalizer::from_json(&String::from_utf8_lossy(&bytes));
+    let normalizer = normalizer.map_err(|error| invalid(error.to_string()))?;
+    if normalizer.mean.len() != normalizer.variance.len() {
+        let (mean, variance) = (normalizer.mean.len(), normalizer.variance.len());
+        return Err(invalid(format!("{mean} means and {variance} variances")).into());
+    }
+    Ok(normalizer)
+}
+
+/// Loads an ONNX model for the task `task_name`, or for the task that it names itself.
+///
+/// # Errors
+/// If the task is unknown or not given, or the model cannot be used for it.
+pub fn onnx_policy(path: &Path, task_name: Option<&str>) -> Result<OnnxPolicy, MishandleError> {
+    let own = if task_name.is_none() { OnnxPolicy::task_of(path)? } else { None };
+    let Some(name) = task_name.or(own.as_deref()) else {
+        return Err(MishandleError::InvalidValue {
+            what: "the task of the ONNX model",
+            value: "not named in it".to_string(),
+            expected: "given with `task`, or named by `mishandle.task` in the metadata (docs/onnx.md)",
+        });
+    };
+    onnx_policy_of(path, task(name)?.definition())
+}
+
+/// Loads an ONNX model for a task. A variant accepts models of its own and of its base task.
+pub(crate) fn onnx_policy_of(path: &Path, definition: &Definition) -> Result<OnnxPolicy, MishandleError> {
+    let tasks: Vec<&str> = std::iter::once(definition.name).chain(definition.variant_of).collect();
+    Ok(OnnxPolicy::load(path, &tasks, &definition.layout())?)
+}
+
+/// Returns whether a path ends with `.onnx`, in any case.
+pub fn is_onnx(path: &Path) -> bool {
+    path.extension().is_some_and(|found| found.eq_ignore_ascii_case("onnx"))
+}

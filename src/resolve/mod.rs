@@ -1,0 +1,179 @@
+//! Resolved plans: names become targets, controllers, spaces, formulas and searches.
+//!
+//! Every mistake in a plan is found here, before the first simulation. Only this room knows the kinds of targets.
+
+mod axis_setting;
+mod check;
+pub(crate) mod controller;
+mod hint;
+mod import;
+mod kind;
+mod randomness;
+mod recorded;
+pub(crate) mod search;
+mod task;
+
+use mishandle_rollout::{RolloutError, Space, Specification, SpecificationMonitor, System, Target};
+use mishandle_stl::{Clock, Formula, Monitor};
+use mishandle_toys::TOYS;
+
+use crate::error::MishandleError;
+use crate::plan::Plan;
+use crate::resolve::axis_setting::with_settings;
+
+pub use check::{check_evaluate, check_falsify, check_risk};
+pub(crate) use controller::is_path;
+pub use controller::{controller_name, find_controller};
+pub use import::{import_controller, is_onnx, onnx_policy, read_normalizer};
+pub(crate) use kind::PYTHON;
+pub use randomness::{depends_on_seed, space_depends_on_seed};
+pub use recorded::recorded_plan;
+pub(crate) use recorded::resolve_recorded;
+pub use search::search_entry;
+pub use task::{preset, task, task_target};
+
+/// Returns the target of a plan.
+///
+/// # Errors
+/// If a name is unknown, a file cannot be read or is for another task, or a number is out of its range.
+pub fn target(plan: &Plan) -> Result<Target, MishandleError> {
+    if let Some(toy) = mishandle_toys::target(&plan.target) {
+        check_no_task_options(plan)?;
+        return Ok(toy?);
+    }
+    if mishandle_tasks::task(&plan.target).is_none() {
+        let known = target_names();
+        return Err(MishandleError::UnknownName { kind: "target", name: plan.target.clone(), known });
+    }
+    Ok(task_target(plan)?.target()?)
+}
+
+/// Returns the names of all targets: tasks first, then toys.
+pub fn target_names() -> Vec<String> {
+    let toys = TOYS.iter().map(|toy| format!("toy/{}", toy.name()));
+    task::task_names().into_iter().chain(toys).collect()
+}
+
+/// Checks that the plan sets no option that only tasks support.
+fn check_no_task_options(plan: &Plan) -> Result<(), MishandleError> {
+    let given = [
+        ("a controller", !plan.controller.is_empty()),
+        ("action noise", plan.action_noise != 0.0),
+        ("observation noise", plan.observation_noise != 0.0),
+        ("sampled actions", plan.stochastic),
+        ("a task preset other than `paper`", plan.preset != Plan::new("", "").preset),
+    ];
+    match given.into_iter().find(|(_, is_given)| *is_given) {
+        Some((option, _)) => Err(MishandleError::UnsupportedOption { target: plan.target.clone(), option }),
+        None => Ok(()),
+    }
+}
+
+/// A plan whose names are looked up and checked. Later steps do not depend on the kind of target.
+#[derive(Debug)]
+pub struct ResolvedPlan {
+    /// The plan itself.
+    pub plan: Plan,
+    /// The target under test.
+    pub target: Target,
+    /// The scenario space.
+    pub space: Space,
+    /// The formulas. A falsification tries to violate the requirement.
+    pub specification: Specification,
+    /// Number of sub-formulas of the requirement whose minima are stored. Some searches need these minima; a resumed
+    /// run reads them from the run file. Zero for the other searches.
+    pub stored_subformulas: usize,
+}
+
+impl ResolvedPlan {
+    /// Looks up and checks the names and values of `plan`.
+    ///
+    /// # Errors
+    /// If a name is unknown, a file cannot be read or is for another task, a formula is invalid or reaches past the end
+    /// of an episode, or a number is out of its range.
+    pub fn new(plan: &Plan) -> Result<ResolvedPlan, MishandleError> {
+        ResolvedPlan::with_target(plan, target(plan)?)
+    }
+
+    /// Checks a plan for a target that this program cannot look up, for instance one that a user wrote in Python.
+    ///
+    /// # Errors
+    /// The errors of [`new`](Self::new), except that the name of the target is not looked up.
+    pub fn with_target(plan: &Plan, target: Target) -> Result<ResolvedPlan, MishandleError> {
+        let space = target.space(&plan.space).map_err(|error| match error {
+            RolloutError::UnknownSpace { name, known } => {
+                MishandleError::UnknownName { kind: "space", name, known }
+            }
+            error => error.into(),
+        })?;
+        let space = with_settings(space, &plan.axes, &target.axes)?;
+        let mut needs_subformulas = false;
+        if let Some(evaluate) = &plan.evaluate {
+            check::check_evaluate_in(evaluate, &target, &space)?;
+        }
+        let mut text = target.formulas.first().map_or("", |formula| &formula.name).to_string();
+        if let Some(risk) = &plan.risk {
+            check_risk(risk, &space)?;
+            text = risk.formula.clone().unwrap_or(text);
+        }
+        if let Some(falsify) = &plan.falsify {
+            needs_subformulas = check_falsify(falsify, &space)?;
+            text = falsify.formula.clone().unwrap_or(text);
+        }
+        let requirement = requirement(&text, &target)?;
+        check_decidable(&requirement, &target)?;
+        let mut specification = Specification::from_formulas(&target.formulas, requirement)?;
+        // Without a formula `success`, the success rate is the rate of the requirement.
+        specification.success.get_or_insert_with(|| specification.requirement.clone());
+        SpecificationMonitor::new(&specification, &target.signal_names(), target.control_dt)?;
+        let stored_subformulas =
+            if needs_subformulas { specification.requirement.subformulas().len() } else { 0 };
+        Ok(ResolvedPlan { plan: plan.clone(), target, space, specification, stored_subformulas })
+    }
+
+    /// Returns the system that runs the simulations.
+    ///
+    /// # Errors
+    /// If the components of the target are incompatible.
+    pub fn system(&self) -> Result<Box<dyn System>, MishandleError> {
+        Ok(self.target.system(&self.space, &self.specification)?)
+    }
+}
+
+/// Parses a formula that is given by its name or its text. A single word is the name of a formula or of a signal.
+fn requirement(text: &str, target: &Target) -> Result<Formula, MishandleError> {
+    let named = target.formulas.iter().find(|formula| formula.name == text);
+    let source = named.map_or(text, |formula| &formula.text);
+    let formula = Formula::parse(source).map_err(|source| {
+        MishandleError::Rollout(RolloutError::Parse { formula: text.to_string(), source })
+    })?;
+    let is_word = named.is_none() && formula.signals() == [text];
+    if is_word && target.signals.iter().all(|signal| signal.name != text) {
+        let names = target.formulas.iter().map(|formula| formula.name.clone());
+        return Err(MishandleError::UnknownName {
+            kind: "formula or signal",
+            name: text.to_string(),
+            known: names.chain(target.signals.iter().map(|signal| signal.name.clone())).collect(),
+        });
+    }
+    Ok(formula)
+}
+
+/// Checks that the formula depends on the episode, and does not reach past its end.
+fn check_decidable(formula: &Formula, target: &Target) -> Result<(), MishandleError> {
+    if formula.signals().is_empty() {
+        return Err(MishandleError::ConstantFormula { formula: formula.to_string() });
+    }
+    let clock = Clock::steps(target.control_dt);
+    let monitor = Monitor::new(formula, &target.signal_names(), clock).map_err(|source| {
+        MishandleError::Rollout(RolloutError::Monitor { formula: formula.to_string(), source })
+    })?;
+    match monitor.horizon() {
+        Some(needed) if needed > target.episode_steps => Err(MishandleError::Undecidable {
+            formula: formula.to_string(),
+            needed: needed.to_string(),
+            steps: target.episode_steps,
+        }),
+        _ => Ok(()),
+    }
+}

@@ -1,0 +1,123 @@
+//! Tasks as targets: task, controller and noise of a plan.
+
+use std::sync::Arc;
+
+use mishandle_controllers::bytes_hash;
+use mishandle_rollout::{Component, Controller, Noise};
+use mishandle_tasks::{Preset, Task, TaskTarget};
+
+use crate::error::MishandleError;
+use crate::plan::Plan;
+use crate::resolve::controller::{controller_of, split_task};
+use crate::resolve::import::onnx_policy_of;
+use crate::resolve::{controller_name, is_onnx};
+use crate::shipped::{EXPERT, shipped_controllers};
+
+/// Returns the task with the name `name`.
+///
+/// # Errors
+/// If the name is unknown; the message lists the known tasks.
+pub fn task(name: &str) -> Result<&'static dyn Task, MishandleError> {
+    mishandle_tasks::task(name).ok_or_else(|| MishandleError::UnknownName {
+        kind: "task",
+        name: name.to_string(),
+        known: task_names(),
+    })
+}
+
+/// Returns the names of all tasks.
+pub(crate) fn task_names() -> Vec<String> {
+    mishandle_tasks::tasks().iter().map(|task| task.definition().name.to_string()).collect()
+}
+
+/// Returns the task preset with the name `name`: `paper` or `code`.
+///
+/// # Errors
+/// If the name is unknown.
+pub fn preset(name: &str) -> Result<Preset, MishandleError> {
+    match name {
+        "paper" => Ok(Preset::Paper),
+        "code" => Ok(Preset::Code),
+        _ => Err(MishandleError::UnknownName {
+            kind: "task preset",
+            name: name.to_string(),
+            known: ["paper", "code"].map(String::from).to_vec(),
+        }),
+    }
+}
+
+/// Looks up and checks task, controller and noise of `plan`.
+///
+/// # Errors
+/// If a name is unknown, a file cannot be read or is for another task, or a number is out of its range.
+pub fn task_target(plan: &Plan) -> Result<TaskTarget, MishandleError> {
+    let task = task(&plan.target)?;
+    let preset = preset(&plan.preset)?;
+    let noise = Noise { action_std: plan.action_noise, observation_std: plan.observation_noise };
+    noise.check()?;
+    if plan.controller.is_empty() {
+        return Err(MishandleError::NoController {
+            target: plan.target.clone(),
+            known: shipped_controllers(task.definition()),
+        });
+    }
+    let controller = load_controller(task, &plan.controller, plan.stochastic)?;
+    Ok(TaskTarget::new(task, preset, controller, noise)?)
+}
+
+/// Loads a controller: the expert, a shipped controller by name, a file of ours or an ONNX model by path.
+fn load_controller(
+    task: &dyn Task,
+    name: &str,
+    stochastic: bool,
+) -> Result<(Arc<dyn Controller>, Component), MishandleError> {
+    let definition = task.definition();
+    let component = |hash: String, file_hash: String| Component {
+        role: "controller".to_string(),
+        name: controller_name(name),
+        hash,
+        file_hash,
+    };
+    let (owner, name) = split_task(name).unwrap_or((definition, name));
+    if name == EXPERT {
+        if owner.name != definition.name {
+            return Err(MishandleError::InvalidValue {
+                what: "the controller",
+                value: format!("{}/{EXPERT}", owner.name),
+                expected: "a controller of the task",
+            });
+        }
+        if stochastic {
+            return Err(MishandleError::InvalidValue {
+                what: "controller",
+                value: "the expert".to_string(),
+                expected: "a learned policy, because --stochastic samples the policy's actions",
+            });
+        }
+        let controller = task
+            .expert()
+            .map_err(|source| MishandleError::Expert { task: definition.name.to_string(), source })?;
+        return Ok((controller, component(EXPERT.to_string(), String::new())));
+    }
+    let shipped = controller_of(owner, name)?;
+    if is_onnx(shipped.path()) {
+        if stochastic {
+            return Err(MishandleError::InvalidValue {
+                what: "controller",
+                value: "an ONNX model".to_string(),
+                expected: "a .safetensors file, because --stochastic samples the policy's actions and an ONNX model is \
+                           deterministic",
+            });
+        }
+        let policy = onnx_policy_of(shipped.path(), definition)?;
+        let component = component(policy.hash().to_string(), policy.file_hash().to_string());
+        return Ok((Arc::new(policy), component));
+    }
+    let file = shipped.controller()?;
+    // A variant accepts controllers of its own and of its base task.
+    let task_name = definition.variant_of.filter(|base| file.header.task == *base).unwrap_or(definition.name);
+    file.check(task_name, &definition.layout())?;
+    let policy = file.policy.sampling(stochastic);
+    let component = component(policy.hash(), bytes_hash(&shipped.bytes()?));
+    Ok((Arc::new(policy), component))
+}

@@ -1,0 +1,68 @@
+//! Whether a recorded run is complete.
+
+use mishandle_store::{RunFile, RunKind, TrialStatus};
+
+use crate::error::MishandleError;
+use crate::plan::Plan;
+use crate::run::evaluate::TRIAL;
+use mishandle_text::plural;
+
+/// Describes what a run lacks that its plan asks for, such as `40 of 100 simulations`; `None` if it is complete.
+///
+/// It needs only the run file, not the target. An evaluation of an older version has no corners and is complete without them.
+///
+/// # Errors
+/// If the run file cannot be read.
+pub fn unfinished(run: &RunFile) -> Result<Option<String>, MishandleError> {
+    let trials = run.trials()?;
+    let plan = Plan::from_toml(&run.header().plan).ok();
+    let has = |found: u64, planned: u64, noun: &str| {
+        (found < planned).then(|| format!("it has {found} of {}", plural(planned, noun)))
+    };
+    let missing = match run.header().kind {
+        RunKind::Falsify => {
+            let planned = plan.and_then(|plan| plan.falsify).map_or(1, |falsify| u64::from(falsify.trials));
+            has(trials.len() as u64, planned, "trial")
+        }
+        RunKind::Evaluate => {
+            let planned = plan.and_then(|plan| plan.evaluate).map_or(1, |evaluate| evaluate.episodes);
+            let random = trials.iter().find(|found| found.trial.number == TRIAL);
+            has(random.map_or(0, |found| found.counts.simulations), planned, "random simulation")
+        }
+    };
+    let running = trials.iter().find(|found| found.trial.status == TrialStatus::Running);
+    Ok(missing.or(running.map(|found| format!("trial {} has not ended", found.trial.number))))
+}
+
+#[cfg(test)]
+mod tests {
+    use std::ops::ControlFlow;
+
+    use super::*;
+    use crate::plan::EvaluatePlan;
+    use crate::resolve::ResolvedPlan;
+    use crate::run::{create_run, evaluate};
+
+    #[test]
+    fn an_evaluation_is_complete_after_its_last_simulation() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("run.sqlite");
+        let evaluation = EvaluatePlan { episodes: 4, batch: 2, ..EvaluatePlan::default() };
+        let plan = Plan { evaluate: Some(evaluation), ..Plan::new("toy/sphere-2d", "") };
+        let resolved = ResolvedPlan::new(&plan).unwrap();
+        create_run(&resolved, Some(&path)).unwrap().close().unwrap();
+        let missing = || unfinished(&RunFile::open(&path).unwrap()).unwrap();
+        assert_eq!(missing().unwrap(), "it has 0 of 4 random simulations");
+        // The last stop is in the corners: a corner and the center are missing.
+        for (stop, expected) in [
+            (2, Some("it has 2 of 4 random simulations")),
+            (6, Some("trial 1 has not ended")),
+            (u64::MAX, None),
+        ] {
+            let run = mishandle_store::RunWriter::resume(&path).unwrap();
+            let watch = |done| if done >= stop { ControlFlow::Break(()) } else { ControlFlow::Continue(()) };
+            evaluate(&resolved, run, watch).unwrap();
+            assert_eq!(missing().as_deref(), expected);
+        }
+    }
+}

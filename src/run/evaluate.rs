@@ -1,0 +1,359 @@
+use std::cell::Cell;
+use std::ops::ControlFlow;
+
+use mishandle_evaluation::{
+    CornerReport, Corners, Evaluation, EvaluationReport, FormulaRoles, Metrics, evaluate_corners,
+};
+use mishandle_rollout::{Episode, Request, Scenario, Seed, Space};
+use mishandle_store::{RunFile, RunWriter, TrialRecord, TrialStatus, TrialSummary};
+
+use crate::error::MishandleError;
+use crate::plan::StartRegion;
+use crate::resolve::ResolvedPlan;
+use crate::run::{header, record};
+use mishandle_text::plural;
+
+/// Number of the trial of the random simulations. [`Corners::TRIAL`] is the other one.
+pub(crate) const TRIAL: u32 = 1;
+
+/// The task preset whose completion times include failed episodes, as in the code of the original benchmark.
+const COUNTS_FAILURES: &str = "code";
+
+/// Results of an evaluation.
+#[derive(Clone, Debug, PartialEq)]
+pub struct EvaluationOutcome {
+    /// Metrics of the random simulations.
+    pub report: EvaluationReport,
+    /// Results at the corners and the center of the initial box; `None` if the space has no numeric axis of kind `start`.
+    pub corners: Option<CornerReport>,
+    /// Whether all simulations of the plan are finished.
+    pub is_complete: bool,
+}
+
+/// The simulations of an evaluation: a function of the plan and the space.
+pub(crate) struct Requests<'a> {
+    pub random: Evaluation<'a>,
+    pub corners: Option<Corners>,
+    space: &'a Space,
+}
+
+impl Requests<'_> {
+    /// Returns the request of a simulation; `None` if the plan has no such simulation.
+    fn request(&self, trial: u32, number: u32) -> Result<Option<Request>, MishandleError> {
+        if trial == Corners::TRIAL {
+            return Ok(self.corners.as_ref().and_then(|corners| corners.request(number)));
+        }
+        let is_planned = trial == TRIAL && number > 0 && u64::from(number) <= self.random.episodes;
+        Ok(if is_planned { Some(self.random.request(self.space, number)?) } else { None })
+    }
+}
+
+/// Calls `with` with the simulations of the plan.
+pub(crate) fn with_requests<T>(
+    resolved: &ResolvedPlan,
+    with: impl FnOnce(&Requests<'_>) -> Result<T, MishandleError>,
+) -> Result<T, MishandleError> {
+    let evaluate =
+        resolved.plan.evaluate.as_ref().ok_or(MishandleError::MissingPlanTable { table: "evaluate" })?;
+    let accepts = |scenario: &Scenario| is_reachable(resolved, scenario);
+    let random = Evaluation {
+        filter: (evaluate.starts == StartRegion::Reachable).then_some(&accepts as &dyn Fn(&Scenario) -> bool),
+        batch: evaluate.batch as usize,
+        ..Evaluation::new(evaluate.episodes, Seed(resolved.plan.seed))
+    };
+    with(&Requests { random, corners: corners(resolved), space: &resolved.space })
+}
+
+/// Returns the corner simulations of the plan.
+fn corners(resolved: &ResolvedPlan) -> Option<Corners> {
+    Corners::new(&resolved.space, crate::resolve::space_depends_on_seed(resolved), Seed(resolved.plan.seed))
+}
+
+/// Returns the number of simulations of an evaluation: the random ones, and those of the corners and the center.
+pub fn evaluation_simulations(resolved: &ResolvedPlan) -> u64 {
+    [TRIAL, Corners::TRIAL].into_iter().filter_map(|trial| planned_simulations(resolved, trial)).sum()
+}
+
+/// Returns the number of simulations of a trial of an evaluation; `None` if its plan has no such trial.
+fn planned_simulations(resolved: &ResolvedPlan, trial: u32) -> Option<u64> {
+    match trial {
+        TRIAL => Some(resolved.plan.evaluate.as_ref().map_or(0, |evaluate| evaluate.episodes)),
+        Corners::TRIAL => corners(resolved).map(|corners| corners.simulations().into()),
+        _ => None,
+    }
+}
+
+/// Returns the request that the plan of an evaluation derives for a simulation; `None` if it has no such simulation.
+///
+/// A recorded simulation with another scenario or seed does not belong to the plan.
+///
+/// # Errors
+/// If the plan has no table `[evaluate]`, or no scenario is reachable.
+pub fn evaluation_request(
+    resolved: &ResolvedPlan,
+    trial: u32,
+    number: u32,
+) -> Result<Option<Request>, MishandleError> {
+    with_requests(resolved, |requests| requests.request(trial, number))
+}
+
+/// Evaluates a target and stores every simulation in `run`: the random ones as trial 1, those of the corners as trial 2.
+///
+/// `run` is an open run file of the same plan. The simulations that it already contains are counted, not repeated.
+/// `watch` gets the number of finished simulations after each batch and can stop the evaluation; the report then
+/// covers the finished simulations.
+///
+/// # Errors
+/// If the plan has no table `[evaluate]`, `run` contains other simulations than the plan, or a simulation cannot be
+/// run or stored.
+pub fn evaluate(
+    resolved: &ResolvedPlan,
+    run: RunWriter,
+    watch: impl FnMut(u64) -> ControlFlow<()>,
+) -> Result<EvaluationOutcome, MishandleError> {
+    with_requests(resolved, |requests| run_requests(resolved, requests, run, watch))
+}
+
+fn run_requests(
+    resolved: &ResolvedPlan,
+    requests: &Requests<'_>,
+    mut run: RunWriter,
+    mut watch: impl FnMut(u64) -> ControlFlow<()>,
+) -> Result<EvaluationOutcome, MishandleError> {
+    header::check(run.file().header(), resolved)?;
+    check_trials(resolved, run.file())?;
+    let (plan, roles) = (&resolved.plan, FormulaRoles::of(&resolved.specification));
+    let mut metrics = Metrics::new(roles).with_completion_times_of_failures(plan.preset == COUNTS_FAILURES);
+    let mut corners = requests.corners.as_ref().map(|corners| (corners, corner_report(resolved, corners)));
+    let total = evaluation_simulations(resolved);
+    let outcome = |metrics: &Metrics, corners: Option<CornerReport>, done: u64| EvaluationOutcome {
+        report: metrics.report(Seed(plan.seed)),
+        corners,
+        is_complete: done == total,
+    };
+
+    // Runs of older versions have no trial of the corners; it is added.
+    let trials = [Some(TRIAL), requests.corners.as_ref().map(|_| Corners::TRIAL)];
+    let recorded: Vec<u32> = run.file().trials()?.iter().map(|trial| trial.trial.number).collect();
+    for trial in trials.into_iter().flatten().filter(|trial| !recorded.contains(trial)) {
+        run.start_trial(trial, plan.seed)?;
+    }
+    let mut done = 0;
+    for simulation in run.file().simulations() {
+        let episode = record::episode(&simulation?, &resolved.target)?;
+        let Request { trial, number, seed, scenario, unit_point, .. } = &episode.request;
+        let next = match (&corners, *trial) {
+            (Some((_, report)), Corners::TRIAL) => u64::from(report.simulations()) + 1,
+            _ => metrics.simulations() + 1,
+        };
+        let is_expected = requests.request(*trial, *number)?.is_some_and(|expected| {
+            expected.seed == *seed && expected.scenario.is_same(scenario) && unit_point.is_empty()
+        });
+        if u64::from(*number) != next || !is_expected {
+            return Err(MishandleError::SimulationMismatch { number: next as u32 });
+        }
+        match &mut corners {
+            Some((_, report)) if *trial == Corners::TRIAL => report.add(&episode),
+            _ => metrics.add(&episode),
+        }
+        done += 1;
+    }
+    if watch(done).is_break() {
+        return Ok(outcome(&metrics, corners.map(|(_, report)| report), done));
+    }
+
+    let mut system = resolved.system()?;
+    let is_stopped = Cell::new(false);
+    let mut on_batch = |episodes: &[Episode]| {
+        run.record(&episodes.iter().map(|episode| record::record(episode, 0)).collect::<Vec<_>>())?;
+        done += episodes.len() as u64;
+        let flow = watch(done);
+        is_stopped.set(flow.is_break());
+        Ok::<_, MishandleError>(flow)
+    };
+    mishandle_evaluation::evaluate(&mut *system, &requests.random, &mut metrics, &mut on_batch)?;
+    if !is_stopped.get()
+        && let Some((corners, report)) = &mut corners
+    {
+        evaluate_corners(&mut *system, corners, requests.random.batch, report, &mut on_batch)?;
+    }
+    let outcome = outcome(&metrics, corners.map(|(_, report)| report), done);
+    for trial in trials.into_iter().flatten() {
+        if outcome.is_complete && run.file().trial(trial)?.status == TrialStatus::Running {
+            run.end_trial(trial, TrialStatus::BudgetSpent)?;
+        }
+    }
+    run.close()?;
+    Ok(outcome)
+}
+
+/// Returns the report on the corners before their simulations.
+pub(crate) fn corner_report(resolved: &ResolvedPlan, corners: &Corners) -> CornerReport {
+    let starts = resolved.plan.evaluate.as_ref().map(|evaluate| evaluate.starts);
+    let reachable = |scenario: &Scenario| {
+        resolved.target.reachable.as_ref().map(|reachable| reachable(&resolved.space, scenario))
+    };
+    let has_strict = resolved.specification.strict.is_some();
+    corners.report(has_strict, starts == Some(StartRegion::Reachable), reachable)
+}
+
+/// Checks that a run has no trials but those of an evaluation.
+fn check_trials(resolved: &ResolvedPlan, run: &RunFile) -> Result<(), MishandleError> {
+    let mut differences = Vec::new();
+    for TrialSummary { trial, counts, .. } in run.trials()? {
+        let last = run.last_simulation_number(trial.number)?;
+        differences.extend(trial_difference(resolved, &trial, counts.simulations, last));
+    }
+    if differences.is_empty() { Ok(()) } else { Err(MishandleError::RunMismatch { differences }) }
+}
+
+/// Describes the difference between a recorded trial with this number of simulations, the last of which has the number
+/// `last`, and the trial that the plan of an evaluation implies.
+pub(crate) fn trial_difference(
+    resolved: &ResolvedPlan,
+    trial: &TrialRecord,
+    simulations: u64,
+    last: u32,
+) -> Option<String> {
+    let TrialRecord { number, seed, status } = *trial;
+    let Some(planned) = planned_simulations(resolved, number) else {
+        return Some(format!("trial {number}: the plan has no such trial"));
+    };
+    let expected = resolved.plan.seed;
+    if seed != expected {
+        Some(format!("seed of trial {number}: recorded {seed}, expected {expected}"))
+    } else if !matches!(status, TrialStatus::Running | TrialStatus::BudgetSpent) {
+        Some(format!("status of trial {number}: recorded {status:?}, expected Running or BudgetSpent"))
+    } else if simulations != u64::from(last) {
+        Some(format!(
+            "trial {number}: its last simulation has the number {last}, but it has {}",
+            plural(simulations, "simulation")
+        ))
+    } else if simulations > planned {
+        let planned = plural(planned, "simulation");
+        Some(format!("trial {number}: it has {simulations} simulations, but the plan has {planned}"))
+    } else if status == TrialStatus::BudgetSpent && simulations < planned {
+        Some(format!(
+            "status of trial {number}: recorded as complete, but it has {simulations} of {}",
+            plural(planned, "simulation")
+        ))
+    } else {
+        None
+    }
+}
+
+fn is_reachable(resolved: &ResolvedPlan, scenario: &Scenario) -> bool {
+    resolved.target.reachable.as_ref().is_none_or(|reachable| reachable(&resolved.space, scenario))
+}
+
+/// Returns whether the evaluation rejects any scenario as unreachable and draws it again.
+///
+/// If it rejects none, `box = "reachable"` evaluates the same scenarios as `box = "whole"`.
+pub fn rejects_scenarios(resolved: &ResolvedPlan) -> bool {
+    let ResolvedPlan { plan, space, .. } = resolved;
+    let is_rejected = |index| !is_reachable(resolved, &space.sample(Seed(plan.seed), index));
+    let reachable = plan.evaluate.as_ref().filter(|evaluate| evaluate.starts == StartRegion::Reachable);
+    reachable.is_some_and(|evaluate| (0..evaluate.episodes).any(is_rejected))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::plan::{EvaluatePlan, Plan};
+    use crate::run::create_run;
+
+    #[test]
+    fn a_recorded_simulation_that_differs_from_the_plan_is_an_error() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("run.sqlite");
+        let plan = EvaluatePlan { episodes: 3, ..EvaluatePlan::default() };
+        let resolved =
+            ResolvedPlan::new(&Plan { evaluate: Some(plan), ..Plan::new("toy/sphere-2d", "") }).unwrap();
+        let mut run = create_run(&resolved, Some(&path)).unwrap();
+        run.start_trial(TRIAL, 0).unwrap();
+        let other = Evaluation::new(3, Seed(9)).request(&resolved.space, 1).unwrap();
+        let episodes = resolved.system().unwrap().rollout(&[other]).unwrap();
+        run.record(&[record::record(&episodes[0], 0)]).unwrap();
+        let error = evaluate(&resolved, run, |_| ControlFlow::Continue(())).unwrap_err();
+        assert!(matches!(error, MishandleError::SimulationMismatch { number: 1 }), "{error}");
+    }
+
+    fn toy(name: &str, episodes: u64) -> ResolvedPlan {
+        let plan = EvaluatePlan { episodes, batch: 8, ..EvaluatePlan::default() };
+        ResolvedPlan::new(&Plan { evaluate: Some(plan), ..Plan::new(name, "") }).unwrap()
+    }
+
+    #[test]
+    fn the_corners_of_the_box_are_trial_2_and_are_resumed() {
+        let folder = tempfile::tempdir().unwrap();
+        let (path, other) = (folder.path().join("run.sqlite"), folder.path().join("other.sqlite"));
+        let resolved = toy("toy/noisy", 10);
+        let run = create_run(&resolved, Some(&path)).unwrap();
+        let whole = evaluate(&resolved, run, |_| ControlFlow::Continue(())).unwrap();
+        // One axis has two corners and a center, and the noise needs 20 seeds.
+        let corners = whole.corners.clone().unwrap();
+        assert!(whole.is_complete && evaluation_simulations(&resolved) == 70);
+        assert_eq!(corners.points.iter().map(|point| point.n).collect::<Vec<_>>(), [20, 20, 20]);
+        let values = |point: &mishandle_evaluation::CornerResult| point.scenario.get(0).unwrap();
+        assert_eq!(corners.points.iter().map(values).collect::<Vec<_>>(), [0.0, 1.0, 0.5]);
+
+        // Two stops are in the random simulations, the third is in the corners.
+        let mut stopped = create_run(&resolved, Some(&other)).unwrap();
+        for _ in 0..3 {
+            let mut batches = 0;
+            let outcome = evaluate(&resolved, stopped, |_| {
+                batches += 1;
+                if batches > 1 { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
+            });
+            assert!(!outcome.unwrap().is_complete);
+            stopped = RunWriter::resume(&other).unwrap();
+        }
+        assert_eq!(evaluate(&resolved, stopped, |_| ControlFlow::Continue(())).unwrap(), whole);
+
+        let file = RunFile::open(&path).unwrap();
+        let counts: Vec<usize> = [1, 2]
+            .map(|trial| file.simulations().filter(|found| found.as_ref().unwrap().trial == trial).count())
+            .to_vec();
+        assert_eq!(counts, [10, 60]);
+        assert!(file.trials().unwrap().iter().all(|trial| trial.trial.status == TrialStatus::BudgetSpent));
+        for number in [1, 20, 21, 60] {
+            let recorded = file.simulation(2, number).unwrap();
+            let expected = evaluation_request(&resolved, 2, number).unwrap().unwrap();
+            assert_eq!(
+                (recorded.seed, &recorded.scenario[..]),
+                (expected.seed.0, expected.scenario.values())
+            );
+            assert!(crate::replay::replay(&file, 2, number, None).unwrap().differences.is_empty());
+        }
+        assert_eq!(evaluation_request(&resolved, 2, 61).unwrap(), None);
+        assert_eq!(evaluation_request(&resolved, 1, 11).unwrap(), None);
+    }
+
+    #[test]
+    fn a_run_without_corners_gets_them_when_it_is_resumed() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("run.sqlite");
+        let resolved = toy("toy/sphere-2d", 3);
+        let mut run = create_run(&resolved, Some(&path)).unwrap();
+        run.start_trial(TRIAL, 0).unwrap();
+        let requests: Vec<Request> =
+            (1..4).map(|number| evaluation_request(&resolved, 1, number).unwrap().unwrap()).collect();
+        let episodes = resolved.system().unwrap().rollout(&requests).unwrap();
+        run.record(&episodes.iter().map(|episode| record::record(episode, 0)).collect::<Vec<_>>()).unwrap();
+        run.end_trial(TRIAL, TrialStatus::BudgetSpent).unwrap();
+        let outcome = evaluate(&resolved, run, |_| ControlFlow::Continue(())).unwrap();
+        assert_eq!((outcome.report.simulations, outcome.corners.unwrap().simulations()), (3, 5));
+        assert!(outcome.is_complete);
+    }
+
+    #[test]
+    fn a_space_without_initial_states_has_no_corners() {
+        let folder = tempfile::tempdir().unwrap();
+        let plan = EvaluatePlan { episodes: 2, ..EvaluatePlan::default() };
+        let plan = Plan { evaluate: Some(plan), space: "noise".to_string(), ..Plan::new("toy/noisy", "") };
+        let resolved = ResolvedPlan::new(&plan).unwrap();
+        let run = create_run(&resolved, Some(&folder.path().join("run.sqlite"))).unwrap();
+        let outcome = evaluate(&resolved, run, |_| ControlFlow::Continue(())).unwrap();
+        assert_eq!((outcome.corners, outcome.is_complete), (None, true));
+    }
+}

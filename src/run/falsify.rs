@@ -1,0 +1,233 @@
+use std::ops::ControlFlow;
+use std::rc::Rc;
+
+use mishandle_falsification::{
+    Campaign, CampaignOutcome, CampaignSettings, KeepGoing, ScreenedCounts, Trial, TrialEnd, TrialOutcome,
+};
+use mishandle_rollout::{Screening, Seed};
+use mishandle_stl::Trace;
+use mishandle_store::{RunFile, RunWriter, Simulation, TrialRecord, TrialStatus};
+
+use crate::error::MishandleError;
+use crate::plan::{FalsifyPlan, Plan};
+use crate::resolve::ResolvedPlan;
+use crate::resolve::search::new_search;
+use crate::run::violation::violation_of;
+use crate::run::{header, record};
+
+/// Searches for counterexamples and stores every simulation in `run`.
+///
+/// `run` is an open run file of the same plan. The simulations that it already contains are not repeated: the searches
+/// get their recorded results. `watch` gets the progress after each batch and can stop the campaign.
+///
+/// # Errors
+/// If the plan has no table `[falsify]`, `run` contains other simulations than the plan, or a simulation cannot be run
+/// or stored.
+pub fn falsify(
+    resolved: &ResolvedPlan,
+    mut run: RunWriter,
+    mut watch: impl FnMut(&FalsifyProgress) -> ControlFlow<()>,
+) -> Result<CampaignOutcome, MishandleError> {
+    let ResolvedPlan { plan, space, .. } = resolved;
+    let falsify = plan.falsify.as_ref().ok_or(MishandleError::MissingPlanTable { table: "falsify" })?;
+    header::check(run.file().header(), resolved)?;
+    let settings = settings(plan, falsify);
+    let FalsifyPlan { trials, budget, .. } = *falsify;
+    let mut campaign = Campaign::new(settings, space, new_search(falsify, space))?;
+    if let Some(settings) = keep_going(resolved) {
+        campaign = campaign.keep_going(settings);
+    }
+    let mut progress = FalsifyProgress {
+        max_simulations: u64::from(trials) * u64::from(budget),
+        ..FalsifyProgress::default()
+    };
+    for simulation in run.file().simulations() {
+        let simulation = with_needed_trace(run.file(), simulation?, falsify)?;
+        campaign.replay(&record::episode(&simulation, &resolved.target)?)?;
+        progress.simulations += 1;
+    }
+    let mut started = vec![false; trials as usize];
+    let recorded = campaign.outcome();
+    for trial in run.file().trials()? {
+        check_trial(resolved, &trial.trial, &recorded)?;
+        // `replay` has already rejected simulations of trials that the plan does not have.
+        if let Some(started) = started.get_mut((trial.trial.number as usize).wrapping_sub(1)) {
+            *started = true;
+        }
+        if trial.trial.status != TrialStatus::Running {
+            progress.ended += 1;
+            progress.max_simulations -= u64::from(budget).saturating_sub(trial.counts.simulations);
+        }
+        progress.falsified += u32::from(trial.trial.status == TrialStatus::Falsified);
+    }
+    let mut system = resolved.system()?;
+    let outcome = campaign.run(&mut *system, |batch| {
+        for episode in batch.episodes {
+            let trial = episode.request.trial;
+            if !std::mem::replace(&mut started[trial as usize - 1], true) {
+                run.start_trial(trial, settings.trial_seed(trial).0)?;
+            }
+        }
+        let record = |episode| record::record(episode, resolved.stored_subformulas);
+        run.record(&batch.episodes.iter().map(record).collect::<Vec<_>>())?;
+        for trial in batch.ended {
+            run.end_trial(trial.trial, status(trial))?;
+            progress.ended += 1;
+            progress.falsified += u32::from(trial.falsified());
+        }
+        progress.simulations += batch.episodes.len() as u64;
+        progress.max_simulations -= batch.unspent(budget);
+        Ok::<_, MishandleError>(watch(&progress))
+    })?;
+    // A search can end without another simulation, and a run can be killed between the last simulation of a trial and
+    // the record of its end.
+    for trial in &outcome.trials {
+        let must_end = trial.end.is_some() && started[trial.trial as usize - 1];
+        if must_end && run.file().trial(trial.trial)?.status == TrialStatus::Running {
+            run.end_trial(trial.trial, status(trial))?;
+        }
+    }
+    run.close()?;
+    Ok(outcome)
+}
+
+/// Searches for counterexamples on a backend, without a run file: see [`Campaign::run_screened`]. Counterexamples are from the
+/// target's own system.
+///
+/// # Errors
+/// If the plan has no table `[falsify]`, its trials keep going, or a simulation cannot be run.
+pub fn falsify_on_backend(
+    resolved: &ResolvedPlan,
+    screening: &mut Screening,
+    sample_rate: f64,
+    watch: &mut (dyn FnMut(&CampaignOutcome) -> ControlFlow<()> + Send),
+) -> Result<(CampaignOutcome, ScreenedCounts), MishandleError> {
+    let ResolvedPlan { plan, space, .. } = resolved;
+    let falsify = plan.falsify.as_ref().ok_or(MishandleError::MissingPlanTable { table: "falsify" })?;
+    let mut campaign = Campaign::new(settings(plan, falsify), space, new_search(falsify, space))?;
+    if let Some(settings) = keep_going(resolved) {
+        campaign = campaign.keep_going(settings);
+    }
+    Ok(campaign.run_screened(screening, &mut *resolved.system()?, sample_rate, watch)?)
+}
+
+fn settings(plan: &Plan, falsify: &FalsifyPlan) -> CampaignSettings {
+    let FalsifyPlan { trials, budget, batch, early_stopping, .. } = *falsify;
+    CampaignSettings { trials, budget, seed: Seed(plan.seed), batch: batch as usize, early_stopping }
+}
+
+/// Progress of a falsification campaign.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct FalsifyProgress {
+    /// Number of finished simulations.
+    pub simulations: u64,
+    /// Total number of simulations if all running trials spend their budgets.
+    pub max_simulations: u64,
+    /// Number of finished trials.
+    pub ended: u32,
+    /// Number of trials that found a counterexample.
+    pub falsified: u32,
+}
+
+/// Checks seed and status of a recorded trial against the recorded simulations.
+fn check_trial(
+    resolved: &ResolvedPlan,
+    trial: &TrialRecord,
+    recorded: &CampaignOutcome,
+) -> Result<(), MishandleError> {
+    let mut differences: Vec<String> = seed_difference(resolved, trial).into_iter().collect();
+    let outcome = recorded.trials.iter().find(|outcome| outcome.trial == trial.number);
+    let expected = outcome.map_or(TrialStatus::Running, status);
+    // The process can have been killed before it recorded the end, and a search can end without another simulation.
+    let ended_between = |status: TrialStatus| match status {
+        TrialStatus::Converged => true,
+        TrialStatus::Falsified => outcome.is_some_and(TrialOutcome::falsified),
+        _ => false,
+    };
+    let is_consistent = match trial.status {
+        TrialStatus::Running => true,
+        recorded if expected == TrialStatus::Running => ended_between(recorded),
+        recorded => recorded == expected,
+    };
+    if !is_consistent {
+        differences.push(format!(
+            "status of trial {}: recorded {:?}, expected {expected:?}",
+            trial.number, trial.status
+        ));
+    }
+    if differences.is_empty() { Ok(()) } else { Err(MishandleError::RunMismatch { differences }) }
+}
+
+/// Describes the difference between the recorded seed of a trial and the seed that the plan gives it.
+pub(crate) fn seed_difference(resolved: &ResolvedPlan, trial: &TrialRecord) -> Option<String> {
+    let TrialRecord { number, seed, .. } = *trial;
+    let settings = CampaignSettings { seed: Seed(resolved.plan.seed), ..CampaignSettings::default() };
+    let Some(expected) = (number > 0).then(|| settings.trial_seed(number).0) else {
+        return Some("trial 0: trials are numbered from 1".to_string());
+    };
+    (seed != expected).then(|| format!("seed of trial {number}: recorded {seed}, expected {expected}"))
+}
+
+/// Returns trial `number` of the plan before its first simulation; `None` if the plan has no such trial.
+pub(crate) fn new_trial(
+    resolved: &ResolvedPlan,
+    number: u32,
+) -> Result<Option<Trial<'static>>, MishandleError> {
+    let ResolvedPlan { plan, space, .. } = resolved;
+    let Some(falsify) = plan.falsify.as_ref().filter(|falsify| (1..=falsify.trials).contains(&number)) else {
+        return Ok(None);
+    };
+    let settings = CampaignSettings { seed: Seed(plan.seed), ..CampaignSettings::default() };
+    let seed = settings.trial_seed(number);
+    let make = Rc::new(new_search(falsify, space));
+    let trial = Trial::new(number, seed, falsify.budget, space.clone(), make)?;
+    let trial = trial.with_early_stopping(falsify.early_stopping);
+    Ok(Some(match keep_going(resolved) {
+        Some(settings) => trial.keep_going(settings),
+        None => trial,
+    }))
+}
+
+/// Returns the settings of trials that continue after a violation; `None` if they do not.
+fn keep_going(resolved: &ResolvedPlan) -> Option<KeepGoing<'static>> {
+    let falsify = resolved.plan.falsify.as_ref().filter(|falsify| falsify.keep_going)?;
+    let (formula, control_dt) = (resolved.specification.requirement.clone(), resolved.target.control_dt);
+    let signature =
+        move |trace: &Trace| violation_of(&formula, trace, control_dt).map(|violation| violation.signature);
+    Some(KeepGoing {
+        signature: Rc::new(signature),
+        episode_steps: resolved.target.episode_steps,
+        new_mode_rate: falsify.new_mode_rate,
+    })
+}
+
+/// Returns a recorded simulation, with its trace if the failure mode matters to the search.
+pub(crate) fn with_needed_trace(
+    run: &RunFile,
+    recorded: Simulation,
+    falsify: &FalsifyPlan,
+) -> Result<Simulation, MishandleError> {
+    if falsify.keep_going && recorded.robustness.is_some_and(|rho| rho < 0.0) {
+        return Ok(run.simulation(recorded.trial, recorded.number)?);
+    }
+    Ok(recorded)
+}
+
+/// Returns an upper bound of the failure rate in the space if no simulation fails, with 95 % confidence: see
+/// [`CampaignOutcome::failure_rate_bound`]. `None` unless the search draws independent uniform samples, because the points of other
+/// searches are no random sample.
+pub fn failure_rate_bound(resolved: &ResolvedPlan, outcome: &CampaignOutcome) -> Option<f64> {
+    let falsify = resolved.plan.falsify.as_ref()?;
+    let search = new_search(falsify, &resolved.space)(0).ok()?;
+    outcome.failure_rate_bound().filter(|_| search.samples_uniformly())
+}
+
+/// Returns the recorded status of a trial.
+pub(crate) fn status(trial: &TrialOutcome) -> TrialStatus {
+    match trial.end {
+        None => TrialStatus::Running,
+        Some(_) if trial.falsified() => TrialStatus::Falsified,
+        Some(TrialEnd::SearchEnded(_)) => TrialStatus::Converged,
+        Some(_) => TrialStatus::BudgetSpent,
+    }
+}

@@ -1,0 +1,162 @@
+//! Compares the header of a run with the header that its plan gives now.
+
+use std::fmt::Debug;
+
+use mishandle_search::OptionValue;
+use mishandle_store::{AxisRecord, RunHeader};
+
+use crate::error::MishandleError;
+use crate::plan::{FalsifyPlan, Plan};
+use crate::resolve::ResolvedPlan;
+use crate::run::record;
+
+/// Checks that a run to resume has the header of its plan.
+///
+/// # Errors
+/// [`RunMismatch`](MishandleError::RunMismatch) with all differences, or
+/// [`OtherSettings`](MishandleError::OtherSettings) with those of the settings on which the proposed scenarios depend.
+pub(crate) fn check(recorded: &RunHeader, resolved: &ResolvedPlan) -> Result<(), MishandleError> {
+    let settings = settings(&Plan::from_toml(&recorded.plan)?, &resolved.plan);
+    if !settings.is_empty() {
+        return Err(MishandleError::OtherSettings { differences: settings });
+    }
+    match differences(recorded, resolved)? {
+        differences if differences.is_empty() => Ok(()),
+        differences => Err(MishandleError::RunMismatch { differences }),
+    }
+}
+
+/// Lists the settings that differ between the plan of a run and the plan to continue it with. Results do not depend on the
+/// batch size.
+fn settings(recorded: &Plan, given: &Plan) -> Vec<String> {
+    let mut found = Found { planned: "given", ..Found::default() };
+    found.compare("seed", &recorded.seed, &given.seed);
+    if let (Some(then), Some(now)) = (&recorded.falsify, &given.falsify) {
+        found.compare("search", &then.search, &now.search);
+        found.compare("trials", &then.trials, &now.trials);
+        found.compare("budget", &then.budget, &now.budget);
+        let options = |plan: &FalsifyPlan| match plan.options.is_empty() {
+            true => "none".to_string(),
+            false => plan.options.iter().map(option).collect::<Vec<_>>().join(", "),
+        };
+        found.texts("options of the search", &options(then), &options(now));
+    }
+    if let (Some(then), Some(now)) = (&recorded.evaluate, &given.evaluate) {
+        found.compare("episodes", &then.episodes, &now.episodes);
+    }
+    found.differences
+}
+
+fn option((name, value): (&str, &OptionValue)) -> String {
+    format!("{name} = {value}")
+}
+
+/// Lists the facts of the header that differ from the plan's, except for the build.
+///
+/// # Errors
+/// If the plan of the header is invalid.
+pub(crate) fn differences(
+    recorded: &RunHeader,
+    resolved: &ResolvedPlan,
+) -> Result<Vec<String>, MishandleError> {
+    let planned = &planned(recorded, resolved);
+    let mut found = Found::default();
+    found.compare("kind of run", &recorded.kind, &planned.kind);
+    found.compare("kind of target", &recorded.target.kind, &planned.target.kind);
+    found.compare("target", &recorded.target.name, &planned.target.name);
+    found.compare("hash of the target", &recorded.target.hash, &planned.target.hash);
+    let is_deterministic = |header: &RunHeader| header.target.is_deterministic;
+    found.compare("determinism", &is_deterministic(recorded), &is_deterministic(planned));
+    found.compare("space", &recorded.space, &planned.space);
+    found.compare("formula", &recorded.formula, &planned.formula);
+    found.compare("search", &recorded.search, &planned.search);
+    found.compare("seed", &recorded.seed, &planned.seed);
+    found.compare("control period in seconds", &recorded.control_dt, &planned.control_dt);
+    found.compare("number of control steps", &recorded.episode_steps, &planned.episode_steps);
+    for (what, entries) in LISTS {
+        found.list(what, &entries(recorded), &entries(planned));
+    }
+    // A controller that was moved can have another name.
+    let is_moved = Plan::from_toml(&recorded.plan)?.controller != resolved.plan.controller;
+    for (then, now) in recorded.components.iter().zip(&planned.components) {
+        found.compare("role of a component", &then.role, &now.role);
+        found.compare(&format!("hash of the file of the {}", now.role), &then.file_hash, &now.file_hash);
+        if !is_moved {
+            found.compare(&format!("name of the {}", now.role), &then.name, &now.name);
+        }
+    }
+    Ok(found.differences)
+}
+
+/// A list of the header as text, by the name of an entry.
+type List = (&'static str, fn(&RunHeader) -> Vec<String>);
+
+const LISTS: &[List] = &[
+    ("signal", |header| header.signals.iter().map(|signal| signal.name.clone()).collect()),
+    ("unit of signal", |header| header.signals.iter().map(|signal| signal.unit.clone()).collect()),
+    ("named formula", |header| {
+        header.formulas.iter().map(|formula| format!("{}: {}", formula.name, formula.text)).collect()
+    }),
+    ("axis", axes),
+    ("verdict", |header| header.verdicts.clone()),
+];
+
+/// Returns the header that the plan gives now. For a run of format version 1, it lacks what that version did not store.
+fn planned(recorded: &RunHeader, resolved: &ResolvedPlan) -> RunHeader {
+    let mut planned = record::header(resolved);
+    if is_from_version_1(recorded) {
+        planned.target.hash.clear();
+        planned.formulas.clear();
+        planned.signals.iter_mut().for_each(|signal| signal.unit.clear());
+        planned.axes.iter_mut().for_each(|axis| axis.meaning.clear());
+    }
+    planned
+}
+
+/// Returns whether the run was upgraded from format version 1, which did not store the hash of the target.
+pub(crate) fn is_from_version_1(header: &RunHeader) -> bool {
+    header.target.hash.is_empty()
+}
+
+/// Returns all facts of each axis. Floats have all their digits.
+fn axes(header: &RunHeader) -> Vec<String> {
+    let axis = |AxisRecord { name, unit, kind, low, high, nominal, values, meaning }: &AxisRecord| {
+        let nominal = nominal.map_or_else(|| "none".to_string(), |nominal| format!("{nominal:?}"));
+        format!(
+            "{name} in {unit:?}, {kind}, {values}, from {low:?} to {high:?}, nominal {nominal}: {meaning}"
+        )
+    };
+    header.axes.iter().map(axis).collect()
+}
+
+struct Found {
+    differences: Vec<String>,
+    /// What the second value of a difference is called.
+    planned: &'static str,
+}
+
+impl Default for Found {
+    fn default() -> Self {
+        Found { differences: Vec::new(), planned: "expected" }
+    }
+}
+
+impl Found {
+    fn compare<T: Debug>(&mut self, what: &str, recorded: &T, planned: &T) {
+        // The text has all digits and the sign of a zero.
+        self.texts(what, &format!("{recorded:?}"), &format!("{planned:?}"));
+    }
+
+    fn texts(&mut self, what: &str, recorded: &str, planned: &str) {
+        if recorded != planned {
+            self.differences.push(format!("{what}: recorded {recorded}, {} {planned}", self.planned));
+        }
+    }
+
+    fn list(&mut self, what: &str, recorded: &[String], planned: &[String]) {
+        self.compare(&format!("number of entries of the list `{what}`"), &recorded.len(), &planned.len());
+        for (index, (recorded, planned)) in recorded.iter().zip(planned).enumerate() {
+            self.compare(&format!("{what} {}", index + 1), recorded, planned);
+        }
+    }
+}

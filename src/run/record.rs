@@ -1,0 +1,372 @@
+//! Conversion between episodes and stored simulations. No other module does this.
+
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use mishandle_files::NewFolders;
+use mishandle_rollout::{
+    Axis, AxisKind, AxisValues, Episode, EpisodeEnd, Request, Scenario, Seed, Target, Verdict,
+};
+use mishandle_stl::{SubformulaMinimum, Trace};
+use mishandle_store as store;
+use mishandle_store::{AxisRecord, IfExists, RunHeader, RunKind, RunWriter, Simulation, TargetRecord};
+
+use crate::build::build;
+use crate::error::MishandleError;
+use crate::plan::Plan;
+use crate::resolve::{ResolvedPlan, controller_name, is_path};
+
+/// Names of the verdicts that are stored in addition to the robustness. If the search needs sub-formulas, two verdicts
+/// per sub-formula of the requirement follow: its minimum and the sample of the minimum.
+const VERDICTS: [&str; 5] = ["success", "strict", "dangerous_steps", "completion_step", "total_reward"];
+
+/// Returns the names of all verdicts of a run that stores the minima of `subformulas` sub-formulas.
+pub(crate) fn verdict_names(subformulas: usize) -> Vec<String> {
+    let of = |i| [format!("subformula_{i}_minimum"), format!("subformula_{i}_step")];
+    VERDICTS.map(String::from).into_iter().chain((1..=subformulas).flat_map(of)).collect()
+}
+
+/// Returns the header of a run.
+pub(crate) fn header(resolved: &ResolvedPlan) -> RunHeader {
+    let ResolvedPlan { plan, target, space, specification, stored_subformulas } = resolved;
+    // Absolute, so that the run can be resumed and replayed from every folder.
+    let mut stored = plan.clone();
+    if let (true, Ok(path)) = (is_path(&plan.controller), std::path::absolute(&plan.controller)) {
+        stored.controller = path.to_string_lossy().into_owned();
+    }
+    let components = target.components.iter().map(|component| store::ComponentRecord {
+        role: component.role.clone(),
+        name: component.name.clone(),
+        hash: component.hash.clone(),
+        file_hash: component.file_hash.clone(),
+    });
+    let formulas = target
+        .formulas
+        .iter()
+        .map(|formula| store::FormulaRecord { name: formula.name.clone(), text: formula.text.clone() });
+    let signals = target
+        .signals
+        .iter()
+        .map(|signal| store::SignalRecord { name: signal.name.clone(), unit: signal.unit.clone() });
+    RunHeader {
+        kind: if plan.falsify.is_some() { RunKind::Falsify } else { RunKind::Evaluate },
+        build: build(),
+        versions: target.versions.clone(),
+        plan: stored.to_toml(),
+        target: TargetRecord {
+            kind: target.identity.kind.clone(),
+            name: target.identity.name.clone(),
+            hash: target.identity.hash.clone(),
+            is_deterministic: target.is_deterministic,
+        },
+        components: components.collect(),
+        space: space.name().to_string(),
+        formula: specification.requirement.to_string(),
+        formulas: formulas.collect(),
+        search: plan.falsify.as_ref().map_or(String::new(), |falsify| falsify.search.clone()),
+        seed: plan.seed,
+        control_dt: target.control_dt,
+        episode_steps: target.episode_steps as u32,
+        signals: signals.collect(),
+        axes: space.axes().iter().map(axis).collect(),
+        verdicts: verdict_names(*stored_subformulas),
+    }
+}
+
+fn axis(axis: &Axis) -> AxisRecord {
+    AxisRecord {
+        name: axis.name.clone(),
+        unit: axis.unit.clone(),
+        kind: axis.kind.name().to_string(),
+        low: axis.low,
+        high: axis.high,
+        nominal: axis.nominal,
+        values: match &axis.values {
+            AxisValues::Continuous => "continuous".to_string(),
+            AxisValues::Logarithmic => "logarithmic".to_string(),
+            AxisValues::Integer => "integer".to_string(),
+            AxisValues::Categorical(names) => format!("categorical: {}", names.join(", ")),
+        },
+        meaning: axis.meaning.clone(),
+    }
+}
+
+/// Returns the axis that a run file describes. Its kind matters for sampling and checks only, which a description does not need.
+pub fn recorded_axis(record: &AxisRecord) -> Axis {
+    let values = match record.values.split_once(": ") {
+        Some(("categorical", names)) => {
+            AxisValues::Categorical(names.split(", ").map(str::to_string).collect())
+        }
+        _ if record.values == "logarithmic" => AxisValues::Logarithmic,
+        _ if record.values == "integer" => AxisValues::Integer,
+        _ => AxisValues::Continuous,
+    };
+    let bounds = [record.low, record.high];
+    Axis::new(AxisKind::Start, &record.name, &record.unit, bounds, record.nominal).with_values(values)
+}
+
+/// Creates the run file of a plan at `path`, with its folder. Without a path, chooses the first free name in the folder `runs`.
+///
+/// # Errors
+/// If the file exists already or cannot be written.
+pub fn create_run(resolved: &ResolvedPlan, path: Option<&Path>) -> Result<RunWriter, MishandleError> {
+    let path = match path {
+        Some(path) => path.to_path_buf(),
+        None => free_path(&resolved.plan)?,
+    };
+    // Removes them again if the run cannot be created.
+    let mut folders = NewFolders::default();
+    if let Some(folder) = path.parent().filter(|folder| !folder.as_os_str().is_empty()) {
+        folders.create(folder).map_err(|source| MishandleError::Write {
+            what: "folder",
+            path: folder.to_path_buf(),
+            source,
+        })?;
+    }
+    Ok(RunWriter::create(path, &header(resolved), IfExists::Refuse)?)
+}
+
+/// Returns `runs/KIND-TARGET[-CONTROLLER][-SEARCH]-sSEED[-N].sqlite` with the first free number N.
+fn free_path(plan: &Plan) -> Result<PathBuf, MishandleError> {
+    let folder = PathBuf::from("runs");
+    std::fs::create_dir_all(&folder).map_err(|source| MishandleError::Write {
+        what: "folder",
+        path: folder.clone(),
+        source,
+    })?;
+    let target = plan.target.replace('/', "-");
+    let (kind, search) = match &plan.falsify {
+        Some(falsify) => ("falsify", falsify.search.as_str()),
+        None => ("evaluate", ""),
+    };
+    let seed = format!("s{}", plan.seed);
+    let parts = [kind, &target, &controller_name(&plan.controller), search, &seed];
+    let name = parts.into_iter().filter(|part| !part.is_empty()).collect::<Vec<_>>().join("-");
+    let candidates = (1..).map(|n: u32| if n == 1 { name.clone() } else { format!("{name}-{n}") });
+    let free = candidates.map(|name| folder.join(name + ".sqlite")).find(|path| !path.exists());
+    Ok(free.unwrap_or_default())
+}
+
+/// Converts an episode to a stored simulation with the minima of `subformulas` sub-formulas. Only a counterexample
+/// keeps its trace.
+pub(crate) fn record(episode: &Episode, subformulas: usize) -> Simulation {
+    let columns = (0..episode.trace.names().len()).map(|i| episode.trace.column(i).to_vec()).collect();
+    let trace = store::StoredTrace { columns };
+    let Episode { request, verdict, .. } = episode;
+    let is_falsified = episode.robustness().is_some_and(|rho| rho < 0.0);
+    let minima = (0..subformulas).flat_map(|i| {
+        let found = verdict.subformulas.get(i);
+        [found.map(|found| found.minimum), found.map(|found| found.step as f64)]
+    });
+    let verdicts = [
+        verdict.success,
+        verdict.strict,
+        verdict.dangerous_steps.map(|steps| steps as f64),
+        verdict.completion_step.map(|step| step as f64),
+        episode.total_reward.is_finite().then_some(episode.total_reward),
+    ];
+    // The value is a lower bound if the simulation stopped because it is above the threshold.
+    let is_bound = matches!(episode.end, EpisodeEnd::Stopped { .. })
+        && request.stop_threshold.is_some_and(|threshold| verdict.robustness > Some(threshold));
+    Simulation {
+        trial: request.trial,
+        number: request.number,
+        seed: request.seed.0,
+        unit_point: request.unit_point.clone(),
+        scenario: request.scenario.values().to_vec(),
+        robustness: verdict.robustness,
+        robustness_low: verdict.robustness,
+        robustness_high: if is_bound { Some(f64::INFINITY) } else { verdict.robustness },
+        stop_threshold: request.stop_threshold,
+        end: stored_end(episode.end),
+        steps: episode.steps as u32,
+        verdicts: verdicts.into_iter().chain(minima).collect(),
+        trace_digest: Some(episode.trace_digest.unwrap_or_else(|| trace.digest())),
+        trace: is_falsified.then_some(trace),
+    }
+}
+
+fn stored_end(end: EpisodeEnd) -> store::SimulationEnd {
+    use store::SimulationEnd as End;
+    match end {
+        EpisodeEnd::Completed => End::Completed,
+        EpisodeEnd::Terminated { step } => End::Terminated { step: step as u32 },
+        EpisodeEnd::Stopped { step } => End::Stopped { step: step as u32 },
+        EpisodeEnd::Diverged { step } => End::Diverged { step: step as u32 },
+        EpisodeEnd::Undefined { step } => End::Undefined { step: step as u32 },
+        EpisodeEnd::InvalidAction { step, index } => {
+            End::InvalidAction { step: step as u32, index: index as u32 }
+        }
+        EpisodeEnd::InvalidObservation { step, index } => {
+            End::InvalidObservation { step: step as u32, index: index as u32 }
+        }
+        EpisodeEnd::InvalidReward { step, index } => {
+            End::InvalidReward { step: step as u32, index: index as u32 }
+        }
+        EpisodeEnd::InvalidSignal { step, index } => {
+            End::InvalidSignal { step: step as u32, index: index as u32 }
+        }
+        EpisodeEnd::InvalidScenario => End::InvalidScenario,
+        EpisodeEnd::Crashed { step } => End::Crashed { step: step as u32 },
+        EpisodeEnd::TimedOut { step } => End::TimedOut { step: step as u32 },
+    }
+}
+
+fn episode_end(end: store::SimulationEnd) -> EpisodeEnd {
+    use store::SimulationEnd as End;
+    match end {
+        End::Completed => EpisodeEnd::Completed,
+        End::Terminated { step } => EpisodeEnd::Terminated { step: step as usize },
+        End::Stopped { step } => EpisodeEnd::Stopped { step: step as usize },
+        End::Diverged { step } => EpisodeEnd::Diverged { step: step as usize },
+        End::Undefined { step } => EpisodeEnd::Undefined { step: step as usize },
+        End::InvalidAction { step, index } => {
+            EpisodeEnd::InvalidAction { step: step as usize, index: index as usize }
+        }
+        End::InvalidObservation { step, index } => {
+            EpisodeEnd::InvalidObservation { step: step as usize, index: index as usize }
+        }
+        End::InvalidReward { step, index } => {
+            EpisodeEnd::InvalidReward { step: step as usize, index: index as usize }
+        }
+        End::InvalidSignal { step, index } => {
+            EpisodeEnd::InvalidSignal { step: step as usize, index: index as usize }
+        }
+        End::InvalidScenario => EpisodeEnd::InvalidScenario,
+        End::Crashed { step } => EpisodeEnd::Crashed { step: step as usize },
+        End::TimedOut { step } => EpisodeEnd::TimedOut { step: step as usize },
+    }
+}
+
+/// Converts a stored simulation of `target` to an episode, with a trace if the simulation has one.
+///
+/// # Errors
+/// If the episode has too many steps.
+pub(crate) fn episode(simulation: &Simulation, target: &Target) -> Result<Episode, MishandleError> {
+    let episode_steps = target.episode_steps;
+    let stored = |name: &str| {
+        let index = VERDICTS.iter().position(|verdict| *verdict == name)?;
+        simulation.verdicts.get(index).copied().flatten()
+    };
+    // A sample is taken before the first step, too.
+    let samples = episode_steps as f64 + 1.0;
+    let count = |name: &'static str, limit: f64, value: Option<f64>| {
+        let is_count = |value: &f64| (0.0..=limit).contains(value) && value.fract() == 0.0;
+        match value {
+            Some(value) if !is_count(&value) => {
+                let Simulation { trial, number, .. } = *simulation;
+                Err(MishandleError::InvalidCount { name, trial, number, value, limit })
+            }
+            value => Ok(value.map(|value| value as usize)),
+        }
+    };
+    let dangerous_steps = count("dangerous_steps", samples, stored("dangerous_steps"))?;
+    let completion_step = count("completion_step", samples, stored("completion_step"))?;
+    let steps = count("steps", episode_steps as f64, Some(simulation.steps.into()))?;
+    count("end_step", samples, simulation.end.step().map(f64::from))?;
+    let end = episode_end(simulation.end);
+    if !target.can_fail && (end.is_failed() || matches!(end, EpisodeEnd::Terminated { .. })) {
+        let Simulation { trial, number, end, .. } = *simulation;
+        return Err(MishandleError::ImpossibleEnd { trial, number, end });
+    }
+    if let Some(problem) = contradiction(simulation, episode_steps) {
+        let Simulation { trial, number, .. } = *simulation;
+        return Err(MishandleError::Contradiction { trial, number, problem });
+    }
+    let episode = recorded_episode(simulation);
+    let verdict = Verdict { dangerous_steps, completion_step, ..episode.verdict };
+    let names = || target.signals.iter().map(|signal| signal.name.clone()).collect();
+    let trace = simulation.trace.as_ref().map_or(episode.trace, |stored| trace(names(), stored));
+    Ok(Episode { trace, steps: steps.unwrap_or_default(), verdict, ..episode })
+}
+
+/// Returns a recorded trace with the names of its signals.
+pub(crate) fn trace(names: Arc<[String]>, stored: &store::StoredTrace) -> Trace {
+    let samples = stored.columns.first().map_or(0, Vec::len);
+    let mut trace = Trace::with_capacity(names, samples);
+    let mut sample = vec![0.0; stored.columns.len()];
+    for step in 0..samples {
+        sample.iter_mut().zip(&stored.columns).for_each(|(value, column)| *value = column[step]);
+        trace.push(&sample);
+    }
+    trace
+}
+
+/// Converts a stored simulation to an episode without a trace, and checks none of its values.
+///
+/// It needs no target, so it reads runs whose target is not here, such as those of a Python system.
+pub fn recorded_episode(simulation: &Simulation) -> Episode {
+    let stored = |name: &str| {
+        let index = VERDICTS.iter().position(|verdict| *verdict == name)?;
+        simulation.verdicts.get(index).copied().flatten()
+    };
+    let count = |name: &str| stored(name).map(|value| value as usize);
+    // Either all minima are present or none, because a formula can have no finite value.
+    let pairs = simulation.verdicts.get(VERDICTS.len()..).unwrap_or_default().chunks(2);
+    let minima: Option<Vec<SubformulaMinimum>> = pairs
+        .map(|pair| match *pair {
+            [Some(minimum), Some(step)] => Some(SubformulaMinimum { minimum, step: step as usize }),
+            _ => None,
+        })
+        .collect();
+    Episode {
+        request: request(simulation, minima.is_some()),
+        end: episode_end(simulation.end),
+        steps: simulation.steps as usize,
+        verdict: Verdict {
+            robustness: simulation.robustness,
+            success: stored("success"),
+            strict: stored("strict"),
+            dangerous_steps: count("dangerous_steps"),
+            completion_step: count("completion_step"),
+            subformulas: minima.unwrap_or_default(),
+        },
+        total_reward: stored("total_reward").unwrap_or(f64::NAN),
+        trace: Trace::new([].into()),
+        trace_digest: simulation.trace_digest,
+    }
+}
+
+/// Describes how the end of a stored simulation contradicts its other values; `None` if it does not.
+fn contradiction(simulation: &Simulation, episode_steps: usize) -> Option<&'static str> {
+    use store::SimulationEnd as End;
+    let Simulation { end, steps, robustness, robustness_low, robustness_high, .. } = *simulation;
+    let has_value = |name: &str| {
+        let index = VERDICTS.iter().position(|verdict| *verdict == name);
+        index.and_then(|index| simulation.verdicts.get(index).copied().flatten()).is_some()
+    };
+    let bits = |value: Option<f64>| value.map(f64::to_bits);
+    let can_have_verdict = matches!(end, End::Completed | End::Terminated { .. } | End::Stopped { .. });
+    let stopped_at = match end {
+        End::Terminated { step } | End::Stopped { step } => Some(step),
+        _ => None,
+    };
+    if !can_have_verdict && (robustness.is_some() || has_value("success") || has_value("strict")) {
+        Some("its end allows no verdict, but it has one")
+    } else if end == End::Completed && (steps as usize) != episode_steps {
+        Some("it completed, but with another number of control steps than an episode")
+    } else if stopped_at.is_some_and(|step| step != steps) {
+        Some("it ended after another control step than it took")
+    } else if matches!(end, End::InvalidAction { step: 0, .. } | End::InvalidReward { step: 0, .. }) {
+        Some("its end has control step 0, and control steps count from 1")
+    } else if simulation.stop_threshold.is_none()
+        && (bits(robustness_low), bits(robustness_high)) != (bits(robustness), bits(robustness))
+    {
+        Some("no stop rule applied, but the bounds of its robustness differ from the robustness")
+    } else {
+        None
+    }
+}
+
+/// Returns the request of a stored simulation.
+pub(crate) fn request(simulation: &Simulation, needs_subformulas: bool) -> Request {
+    Request {
+        trial: simulation.trial,
+        number: simulation.number,
+        unit_point: simulation.unit_point.clone(),
+        scenario: Scenario::new(simulation.scenario.clone()),
+        seed: Seed(simulation.seed),
+        needs_subformulas,
+        stop_threshold: simulation.stop_threshold,
+    }
+}

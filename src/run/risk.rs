@@ -1,0 +1,103 @@
+//! The probability that a system violates its requirement, under the distribution of a plan.
+
+use std::ops::ControlFlow;
+
+use mishandle_risk::{Disagreement, LARGEST_RATIO, Refusal, Report, Scenarios, Settings, Source};
+use mishandle_rollout::Seed;
+
+use crate::error::MishandleError;
+use crate::plan::RiskPlan;
+use crate::resolve::{ResolvedPlan, depends_on_seed};
+use mishandle_text::{plural, probability_text};
+
+/// Returns the distribution of the scenarios of a plan.
+///
+/// # Errors
+/// If the plan has no table `[risk]`, or nothing is random.
+pub fn risk_scenarios(resolved: &ResolvedPlan) -> Result<Scenarios, MishandleError> {
+    let space = &resolved.space;
+    let center = space.at(&vec![0.5; space.dimension()]);
+    Ok(Scenarios::new(space, &table(resolved)?.marginals()?, depends_on_seed(resolved, &center))?)
+}
+
+/// Estimates the probability that a simulation violates the requirement of a plan: see [`mishandle_risk::risk()`](mishandle_risk::risk()).
+///
+/// `watch` gets the number of simulations after each batch, and can interrupt the estimation.
+///
+/// # Errors
+/// If the plan has no table `[risk]`, nothing is random, or a simulation cannot be run.
+pub fn risk(
+    resolved: &ResolvedPlan,
+    watch: impl FnMut(u64) -> ControlFlow<()>,
+) -> Result<Report, MishandleError> {
+    let table = table(resolved)?;
+    let settings = Settings {
+        simulations: table.simulations,
+        method: table.method()?,
+        seed: Seed(resolved.plan.seed),
+        batch: table.batch as usize,
+    };
+    let scenarios = risk_scenarios(resolved)?;
+    Ok(mishandle_risk::risk(&mut *resolved.system()?, &scenarios, &settings, watch)?)
+}
+
+fn table(resolved: &ResolvedPlan) -> Result<&RiskPlan, MishandleError> {
+    resolved.plan.risk.as_ref().ok_or(MishandleError::MissingPlanTable { table: "risk" })
+}
+
+/// Describes what the interval of an estimate assumes; `None` if nothing.
+pub fn risk_assumption(report: &Report) -> Option<&'static str> {
+    match report.answer.source? {
+        _ if !report.answer.has_assumption => None,
+        Source::MonteCarlo => None,
+        Source::Importance => Some("the failures outside of the regions found are negligible"),
+        Source::Splitting => Some("the chains lost no failure mode"),
+    }
+}
+
+/// Describes why parts of an estimation have no estimate.
+pub fn risk_refusals(report: &Report) -> Vec<String> {
+    let chains = report.splitting.as_ref().map_or(0, |splitting| splitting.chains.len());
+    let splitting = report.answer.splitting_refusal.as_ref().map(|refusal| match refusal {
+        Refusal::Budget { simulations, needed } => format!(
+            "multilevel splitting: its part of the budget is {}, too few for an estimate, which needs at least {} in all",
+            plural(*simulations, "simulation"),
+            plural(*needed, "simulation")
+        ),
+        Refusal::Chains(Disagreement::Incomplete { complete }) => format!(
+            "multilevel splitting: {complete} of {chains} chains reached a failure within the budget; a larger budget lets all of them"
+        ),
+        Refusal::Chains(Disagreement::Extinct { extinct }) => format!(
+            "multilevel splitting: {extinct} of {chains} chains found no failure, because all their particles have the same robustness"
+        ),
+        Refusal::Chains(Disagreement::Spread { ratio }) => format!(
+            "multilevel splitting: the chains disagree by a factor of {ratio:.0}; more than {LARGEST_RATIO} is refused"
+        ),
+        Refusal::Chains(Disagreement::Small { population }) => format!(
+            "multilevel splitting: the chains agree, but have only {}",
+            plural(*population, "particle")
+        ),
+        Refusal::MonteCarlo => {
+            "multilevel splitting: the exact interval of Monte Carlo (99 %) contradicts the chains".to_string()
+        }
+        Refusal::BelowImportance => {
+            "multilevel splitting: the failures of importance sampling alone are more probable; the chains lost a failure mode"
+                .to_string()
+        }
+        Refusal::AboveImportance => {
+            "importance sampling and multilevel splitting: the chains agree on a larger probability than that of the regions, \
+             so a failure mode was missed, or the chains are wrong"
+                .to_string()
+        }
+    });
+    let importance =
+        report.importance.as_ref().filter(|importance| !importance.is_reliable()).map(|importance| {
+            format!(
+                "importance sampling: its failures are worth {:.0} equally weighted ones, and {} of the probability is \
+                 estimated outside of the regions",
+                importance.effective_failures,
+                probability_text(importance.outside)
+            )
+        });
+    splitting.into_iter().chain(importance).collect()
+}

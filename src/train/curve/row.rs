@@ -1,0 +1,193 @@
+use csv::StringRecord;
+use mishandle_training::{TimeShares, TrainingProgress, Validation};
+
+use crate::error::CurveProblem;
+
+/// Names of the columns of every curve; one column per reward term follows.
+pub(super) const COLUMNS: [&str; 15] = [
+    "iteration",
+    "environment_steps",
+    "wall_clock_secs",
+    "mean_return",
+    "mean_episode_steps",
+    "terminated_rate",
+    "success_rate",
+    "strict_success_rate",
+    "validation_return",
+    "kl",
+    "entropy",
+    "learning_rate",
+    "physics_share",
+    "inference_share",
+    "learning_share",
+];
+
+/// Prefix of the column of a reward term.
+pub(super) const REWARD: &str = "reward_";
+
+/// Progress of a training run after an iteration: a row of its [`Curve`](super::Curve).
+///
+/// The quantities are those of [`TrainingProgress`]; `None` if not measured.
+#[derive(Clone, Debug, PartialEq)]
+pub struct CurveRow {
+    /// Number of completed iterations.
+    pub iteration: u64,
+    /// Number of environment steps so far: control steps times environments.
+    pub environment_steps: u64,
+    /// Wall-clock time so far, including the runs that this one resumes, s.
+    pub wall_clock_secs: f64,
+    /// Mean undiscounted return of the episodes that ended in this iteration; `None` if no episode ended.
+    pub mean_return: Option<f64>,
+    /// Mean length of these episodes in control steps.
+    pub mean_episode_steps: Option<f64>,
+    /// Fraction of these episodes that the task terminated.
+    pub terminated_rate: Option<f64>,
+    /// Validation of this iteration, if there was one.
+    pub validation: Option<Validation>,
+    /// Mean Kullback-Leibler divergence of the new policy from the old one.
+    pub kl: Option<f64>,
+    /// Entropy of the policy.
+    pub entropy: Option<f64>,
+    /// Learning rate of the policy.
+    pub learning_rate: f64,
+    /// Time shares of this iteration.
+    pub time_shares: TimeShares,
+    /// Mean of each reward term per control step in this iteration.
+    pub reward_terms: Vec<f64>,
+}
+
+impl From<&TrainingProgress> for CurveRow {
+    fn from(progress: &TrainingProgress) -> CurveRow {
+        CurveRow {
+            iteration: progress.iteration,
+            environment_steps: progress.environment_steps,
+            wall_clock_secs: progress.wall_clock_secs,
+            mean_return: progress.mean_return,
+            mean_episode_steps: progress.mean_episode_steps,
+            terminated_rate: progress.terminated_rate,
+            validation: progress.validation.filter(|_| progress.validation_is_fresh),
+            kl: progress.kl,
+            entropy: progress.entropy,
+            learning_rate: progress.learning_rate,
+            time_shares: progress.time_shares,
+            reward_terms: progress.reward_terms.clone(),
+        }
+    }
+}
+
+impl CurveRow {
+    /// Returns the number of control steps per environment.
+    pub fn control_steps(&self, environments: usize) -> u64 {
+        self.environment_steps / environments as u64
+    }
+
+    /// Returns the cells, in the order of [`COLUMNS`]. Numbers round-trip exactly, except for times, which are rounded.
+    pub(super) fn cells(&self) -> Vec<String> {
+        let optional = |number: Option<f64>| number.map_or(String::new(), |number| number.to_string());
+        let validation = |rate: fn(&Validation) -> f64| optional(self.validation.as_ref().map(rate));
+        let share = |share: f64| format!("{share:.4}");
+        let mut cells = vec![
+            self.iteration.to_string(),
+            self.environment_steps.to_string(),
+            secs_cell(self.wall_clock_secs),
+            optional(self.mean_return),
+            optional(self.mean_episode_steps),
+            optional(self.terminated_rate),
+            validation(|validation| validation.success_rate),
+            validation(|validation| validation.strict_success_rate),
+            validation(|validation| validation.mean_return),
+            optional(self.kl),
+            optional(self.entropy),
+            self.learning_rate.to_string(),
+            share(self.time_shares.physics),
+            share(self.time_shares.inference),
+            share(self.time_shares.learning),
+        ];
+        cells.extend(self.reward_terms.iter().map(f64::to_string));
+        cells
+    }
+
+    /// Reads a row from a line of a file with these columns. The record has one cell per column.
+    pub(super) fn read(
+        columns: &StringRecord,
+        record: &StringRecord,
+        line: &dyn Fn() -> u64,
+    ) -> Result<CurveRow, CurveProblem> {
+        let mut cells = Cells { columns, record, line, next: 0 };
+        Ok(CurveRow {
+            iteration: cells.count()?,
+            environment_steps: cells.count()?,
+            wall_clock_secs: cells.number()?,
+            mean_return: cells.optional()?,
+            mean_episode_steps: cells.optional()?,
+            terminated_rate: cells.optional()?,
+            validation: cells.validation()?,
+            kl: cells.optional()?,
+            entropy: cells.optional()?,
+            learning_rate: cells.number()?,
+            time_shares: TimeShares {
+                physics: cells.number()?,
+                inference: cells.number()?,
+                learning: cells.number()?,
+            },
+            reward_terms: (COLUMNS.len()..columns.len()).map(|_| cells.number()).collect::<Result<_, _>>()?,
+        })
+    }
+}
+
+/// Formats seconds with the nanosecond resolution of the clock, so that the times identify a training run.
+pub(super) fn secs_cell(secs: f64) -> String {
+    format!("{secs:.9}")
+}
+
+/// Cells of a line, read one after the other.
+struct Cells<'a> {
+    columns: &'a StringRecord,
+    record: &'a StringRecord,
+    line: &'a dyn Fn() -> u64,
+    next: usize,
+}
+
+impl Cells<'_> {
+    fn take(&mut self) -> &str {
+        self.next += 1;
+        &self.record[self.next - 1]
+    }
+
+    /// Returns the error for the cell read last.
+    fn wrong(&self, expected: &'static str) -> CurveProblem {
+        CurveProblem::Cell {
+            line: (self.line)(),
+            column: self.columns[self.next - 1].to_string(),
+            found: self.record[self.next - 1].to_string(),
+            expected,
+        }
+    }
+
+    fn count(&mut self) -> Result<u64, CurveProblem> {
+        self.take().parse().map_err(|_| self.wrong("a whole number"))
+    }
+
+    fn number(&mut self) -> Result<f64, CurveProblem> {
+        let number = self.take().parse().ok().filter(|number: &f64| number.is_finite());
+        number.ok_or_else(|| self.wrong("a finite number"))
+    }
+
+    /// Reads a measured quantity; it is NaN or infinite in a run that diverges.
+    fn optional(&mut self) -> Result<Option<f64>, CurveProblem> {
+        match self.take() {
+            "" => Ok(None),
+            cell => cell.parse().map(Some).map_err(|_| self.wrong("a number or an empty cell")),
+        }
+    }
+
+    fn validation(&mut self) -> Result<Option<Validation>, CurveProblem> {
+        match (self.optional()?, self.optional()?, self.optional()?) {
+            (Some(success_rate), Some(strict_success_rate), Some(mean_return)) => {
+                Ok(Some(Validation { success_rate, strict_success_rate, mean_return }))
+            }
+            (None, None, None) => Ok(None),
+            _ => Err(self.wrong("a number beside both success rates, or three empty cells")),
+        }
+    }
+}

@@ -1,0 +1,91 @@
+use std::io;
+use std::path::Path;
+
+use mishandle_training::{Checkpoint, TrainingProgress};
+
+use super::read;
+use super::row::{COLUMNS, CurveRow, REWARD, secs_cell};
+use crate::error::{CurveProblem, MishandleError};
+use mishandle_files::GrowingFile;
+
+/// Writes a curve; each row is written after its iteration.
+#[derive(Debug)]
+pub(crate) struct CurveWriter {
+    file: GrowingFile,
+}
+
+impl CurveWriter {
+    /// Creates a new file.
+    ///
+    /// # Errors
+    /// If the file exists or cannot be created.
+    pub(crate) fn create(path: &Path, reward_terms: &[String]) -> Result<CurveWriter, MishandleError> {
+        let columns = COLUMNS.iter().map(|name| (*name).to_string());
+        let columns = columns.chain(reward_terms.iter().map(|name| format!("{REWARD}{name}")));
+        let file = GrowingFile::create(path.to_path_buf(), &line(columns));
+        Ok(CurveWriter { file: file.map_err(|source| write_error(path, source))? })
+    }
+
+    /// Resumes a curve after the row of the checkpoint. The next write removes later rows, because their iterations are
+    /// repeated. A missing file is created.
+    ///
+    /// # Errors
+    /// If the file is not a curve, belongs to another training run, or ends before the checkpoint.
+    pub(crate) fn resume(
+        path: &Path,
+        reward_terms: &[String],
+        checkpoint: &Checkpoint,
+    ) -> Result<CurveWriter, MishandleError> {
+        if !path.exists() {
+            return CurveWriter::create(path, reward_terms);
+        }
+        let wrong = |problem| MishandleError::Curve { path: path.to_path_buf(), problem };
+        let iteration = checkpoint.u64s("iteration", 1)?[0];
+        let expected = secs_cell(checkpoint.f64s("wall_clock_secs", 1)?[0]);
+        let (curve, length) = read(path, Some(iteration))?;
+        if curve.reward_terms != reward_terms {
+            let expected = reward_terms.to_vec();
+            return Err(wrong(CurveProblem::RewardTerms { expected, found: curve.reward_terms }));
+        }
+        if let Some(row) = curve.rows.last() {
+            let found = secs_cell(row.wall_clock_secs);
+            if row.iteration != iteration {
+                return Err(wrong(CurveProblem::MissingRow { iteration }));
+            }
+            if found != expected {
+                return Err(wrong(CurveProblem::OtherTraining { iteration, expected, found }));
+            }
+        }
+        let file =
+            GrowingFile::open(path.to_path_buf(), length).map_err(|source| write_error(path, source))?;
+        Ok(CurveWriter { file })
+    }
+
+    /// Deletes the file if this writer created it.
+    pub(crate) fn discard(self) {
+        self.file.discard();
+    }
+
+    /// Writes the row of an iteration. The next call repeats a failed write.
+    pub(crate) fn write(&mut self, progress: &TrainingProgress) -> Result<(), MishandleError> {
+        let written = self.file.append(&line(CurveRow::from(progress).cells()));
+        written.map_err(|source| write_error(self.file.path(), source))
+    }
+
+    /// Flushes all rows to disk.
+    pub(crate) fn finish(&mut self) -> Result<(), MishandleError> {
+        self.file.finish().map_err(|source| write_error(self.file.path(), source))
+    }
+}
+
+fn write_error(path: &Path, source: io::Error) -> MishandleError {
+    MishandleError::Write { what: "curve", path: path.to_path_buf(), source }
+}
+
+/// Returns a line of the file.
+fn line(cells: impl IntoIterator<Item = String>) -> Vec<u8> {
+    let mut writer = csv::Writer::from_writer(Vec::new());
+    let reason = "writing to a vector does not fail";
+    writer.write_record(cells).expect(reason);
+    writer.into_inner().expect(reason)
+}

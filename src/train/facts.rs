@@ -1,0 +1,48 @@
+use std::sync::Arc;
+
+use mishandle_controllers::WRITTEN_VERSIONS;
+use mishandle_rollout::{Environment, Seed};
+use mishandle_tasks::task_hash;
+use mishandle_training::{AlgorithmSettings, Checkpoint};
+
+use crate::error::MishandleError;
+use crate::resolve::task;
+use crate::train::{TrainPlan, batches, check_outputs, environment, reward, settings};
+
+/// Facts that determine the result of a training run and the format of its controller files.
+#[derive(Clone, Debug, PartialEq)]
+pub struct TrainingFacts {
+    /// All settings, with the defaults of missing keys.
+    pub settings: AlgorithmSettings,
+    /// Hash of the parts of the task that training depends on; see [`task_hash`].
+    pub task_hash: String,
+    /// Hash of the layout of observations and actions.
+    pub layout_hash: String,
+    /// Kinds of policies, each with the format version of its controller files.
+    pub formats: &'static [(&'static str, u64)],
+}
+
+/// Runs all checks that [`train`](crate::train::train()) runs before its first step, except for locks of other processes. Creates no
+/// files.
+///
+/// # Errors
+/// The errors of [`train`](crate::train::train()) before its first step.
+pub fn training_facts(plan: &TrainPlan) -> Result<TrainingFacts, MishandleError> {
+    let task = task(&plan.task)?;
+    let settings = settings(plan)?;
+    let environment = Arc::new(environment(plan)?);
+    let checkpoint = plan.checkpoint();
+    let resumed = plan.resume && checkpoint.exists();
+    let resumed = resumed.then(|| Checkpoint::load(&checkpoint)).transpose()?;
+    check_outputs(plan, environment.reward_terms(), resumed.as_ref())?;
+    let batches = batches(plan, environment)?;
+    if let Some(checkpoint) = &resumed {
+        settings.check_resumption(&*batches, Seed(plan.seed), checkpoint)?;
+    }
+    Ok(TrainingFacts {
+        task_hash: task_hash(task, reward(&plan.reward)?)?,
+        layout_hash: task.definition().layout().hash(),
+        formats: &WRITTEN_VERSIONS,
+        settings,
+    })
+}

@@ -1,0 +1,274 @@
+//! Training runs with their output files.
+
+pub(crate) mod curve;
+mod facts;
+mod output_check;
+mod plan;
+mod recorder;
+pub(crate) mod tensorboard;
+mod write_failures;
+
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use mishandle_controllers::{ControllerFile, Header, Policy, TrainingRecord, ValidationRecord};
+use mishandle_files::{FileLock, NewFolders, limits, read_text_bounded};
+use mishandle_rollout::{BatchFactory, Seed};
+use mishandle_tasks::{Preset, Reward, Task, TaskBatches, TaskEnvironment, task_hash};
+use mishandle_training::{
+    ALGORITHMS, AlgorithmSettings, BEST, Checkpoint, PRESETS, TrainingControl, TrainingProgress,
+    TrainingResult, Validation,
+};
+
+use crate::build::build;
+use crate::error::MishandleError;
+use crate::resolve::task;
+use crate::run::gpu_backend;
+use crate::run::screening::gpu_networks;
+use crate::shipped::{check_home, shipped_settings};
+pub(crate) use output_check::check as check_outputs;
+use plan::with_suffix;
+use recorder::TrainingRecorder;
+
+pub use crate::error::CurveProblem;
+pub use curve::{Curve, CurveRow, NoTrainingTime};
+pub use facts::{TrainingFacts, training_facts};
+pub use plan::{TrainPlan, default_out};
+
+/// Receives the progress of a training run.
+pub trait TrainObserver {
+    /// Called before the first iteration, after all checks, with the environment steps so far and in total.
+    fn training_started(&mut self, _done: u64, _total: u64) {}
+
+    /// Called after each iteration. After [`TrainingControl::Stop`] all output files are written.
+    fn iteration_finished(&mut self, progress: &TrainingProgress) -> TrainingControl;
+
+    /// Called when a file cannot be written; once until a later attempt succeeds. The next attempt follows after the next
+    /// iteration, for a checkpoint after a minute.
+    fn write_failed(&mut self, error: &MishandleError);
+}
+
+/// Report of a training run.
+#[derive(Debug)]
+pub struct TrainReport {
+    /// The best and the last policy, with their validations.
+    pub result: TrainingResult,
+    /// All settings.
+    pub settings: AlgorithmSettings,
+    /// Row of the curve where the return converged; see [`Curve::training_time`].
+    pub training_time: Result<CurveRow, NoTrainingTime>,
+    /// Errors of the files that could not be written: controllers, last checkpoint, curve, event file.
+    pub write_failures: Vec<MishandleError>,
+}
+
+impl TrainReport {
+    /// Returns whether training finished; `false` means that it was interrupted.
+    pub fn is_finished(&self) -> bool {
+        self.result.reached_target || self.result.environment_steps >= self.settings.run().total_steps
+    }
+
+    /// Returns whether training stopped before its last step because validations reached the target rates.
+    pub fn stopped_early(&self) -> bool {
+        self.result.reached_target && self.result.environment_steps < self.settings.run().total_steps
+    }
+}
+
+/// Trains a controller and writes the best one by validation to the plan's file, and the last one beside it. `observer`
+/// receives the progress and can stop the run.
+///
+/// The first checkpoint is written after the first iteration. After that, a file that cannot be written does not end the
+/// run; writing is tried again, and the report contains the errors that remain at the end.
+///
+/// # Errors
+/// If a name is unknown, a setting has a value that is not allowed, the checkpoint or the curve belongs to another training
+/// run, an output file exists, or the first checkpoint or the start of an output file cannot be written. The files that
+/// this run created are then deleted.
+pub fn train(plan: &TrainPlan, observer: &mut dyn TrainObserver) -> Result<TrainReport, MishandleError> {
+    let task = task(&plan.task)?;
+    let settings = settings(plan)?;
+    plan.check_extension()?;
+    plan.check_distinct_outputs()?;
+    let environment = Arc::new(environment(plan)?);
+    let mut folders = NewFolders::default();
+    let _locks = lock(plan, &mut folders)?;
+    plan.check_existing_files()?;
+    let hash = task_hash(task, reward(&plan.reward)?)?;
+    let specification = task.definition().formulas(Preset::Paper).specification()?;
+    let resumed = if plan.resume { Some(Checkpoint::load(&plan.checkpoint())?) } else { None };
+    let mut recorder =
+        TrainingRecorder::new(plan, environment.clone(), specification, resumed.as_ref(), observer)?;
+    let batches = batches(plan, environment)?;
+    let (seed, resumed) = (Seed(plan.seed), resumed.as_ref());
+    let trained = match gpu_networks().filter(|_| plan.backend == "gpu") {
+        Some(networks) => settings.train_on(&*batches, networks, seed, resumed, &mut recorder),
+        None => settings.train(&*batches, seed, resumed, &mut recorder),
+    };
+    let result = match recorder.take_error().map_or(trained.map_err(MishandleError::from), Err) {
+        Ok(result) => result,
+        Err(error) => {
+            recorder.abandon();
+            return Err(error);
+        }
+    };
+    let (best, last) = controllers(plan, (task, &hash), &settings, &result);
+    let saved = [best.save(&plan.out), last.save(&plan.last())];
+    let mut write_failures: Vec<MishandleError> =
+        saved.into_iter().filter_map(Result::err).map(MishandleError::from).collect();
+    write_failures.extend(recorder.finish());
+    let training_time = match plan.csv.as_deref().map(Curve::load) {
+        Some(Ok(curve)) => curve.training_time().cloned(),
+        None => Err(NoTrainingTime::NoCurve),
+        Some(Err(error)) => {
+            write_failures.push(error);
+            Err(NoTrainingTime::NoCurve)
+        }
+    };
+    Ok(TrainReport { result, settings, training_time, write_failures })
+}
+
+/// Locks the output files against other training runs and creates their folders.
+fn lock(plan: &TrainPlan, folders: &mut NewFolders) -> Result<Vec<FileLock>, MishandleError> {
+    let own = [("--out", plan.out.clone()), ("--out", plan.last())];
+    let outputs = own.into_iter().chain(plan.csv.clone().map(|csv| ("--csv", csv)));
+    outputs
+        .map(|(flag, path)| {
+            let folder = path.parent().unwrap_or(Path::new(""));
+            folders.create(folder).map_err(|source| MishandleError::Write {
+                what: "folder",
+                path: folder.to_path_buf(),
+                source,
+            })?;
+            let file = with_suffix(&path, ".lock");
+            let lock = FileLock::try_acquire(&file).map_err(|source| MishandleError::Write {
+                what: "lock file",
+                path: file,
+                source,
+            })?;
+            lock.ok_or(MishandleError::Busy { path, flag })
+        })
+        .collect()
+}
+
+/// Creates the environment of a plan.
+pub(crate) fn environment(plan: &TrainPlan) -> Result<TaskEnvironment, MishandleError> {
+    let reward = reward(&plan.reward)?;
+    Ok(TaskEnvironment::new(task(&plan.task)?, Preset::Paper, reward)?)
+}
+
+/// Returns the factory of a plan's training environments.
+pub(crate) fn batches(
+    plan: &TrainPlan,
+    environment: Arc<TaskEnvironment>,
+) -> Result<Box<dyn BatchFactory>, MishandleError> {
+    known("backend", &plan.backend, &["cpu", "gpu"])?;
+    Ok(match plan.backend == "gpu" {
+        true => Box::new(TaskBatches::new(environment, gpu_backend()?)),
+        false => Box::new(environment),
+    })
+}
+
+/// Reads the settings of a plan.
+pub(crate) fn settings(plan: &TrainPlan) -> Result<AlgorithmSettings, MishandleError> {
+    known_algorithm(&plan.algorithm)?;
+    let (path, text) = match plan.settings.as_deref().filter(|path| *path != Path::new(BEST)) {
+        Some(path) => (path.to_path_buf(), given_settings(path)?),
+        None => shipped(plan)?.unwrap_or_default(),
+    };
+    let settings = AlgorithmSettings::from_toml(&plan.algorithm, &text).expect("the algorithm is known");
+    let mut settings =
+        settings.map_err(|source| MishandleError::Settings { path, source: Box::new(source) })?;
+    settings.run_mut().total_steps = plan.steps.unwrap_or(settings.run().total_steps);
+    settings.check()?;
+    Ok(settings)
+}
+
+/// Returns the text of the settings file or settings preset that the user named.
+fn given_settings(path: &Path) -> Result<String, MishandleError> {
+    // An argument that is no file and does not look like one is the name of a settings preset.
+    if !path.exists() && path.components().count() == 1 && path.extension().is_none_or(|end| end != "toml") {
+        known("settings preset", &path.to_string_lossy(), &PRESETS)?;
+    }
+    match PRESETS.iter().find(|preset| path == Path::new(preset)) {
+        Some(preset) => Ok(format!("preset = \"{preset}\"")),
+        None => read_text_bounded(path, limits::SETTINGS)
+            .map_err(|source| MishandleError::File { path: path.to_path_buf(), source }),
+    }
+}
+
+/// Returns path and text of the shipped settings of task and algorithm; `None` if none are shipped.
+fn shipped(plan: &TrainPlan) -> Result<Option<(PathBuf, String)>, MishandleError> {
+    let definition = task(&plan.task)?.definition();
+    check_home("experiments/training")?;
+    let Some(file) = shipped_settings(definition, &plan.algorithm, &plan.backend) else { return Ok(None) };
+    let text = String::from_utf8_lossy(&file.bytes()?).into_owned();
+    Ok(Some((file.path().to_path_buf(), text)))
+}
+
+/// Returns whether training uses the default settings of its algorithm, because the plan names no settings and none are
+/// shipped for its task.
+///
+/// # Errors
+/// If a name is unknown, or shipped settings cannot be read.
+pub fn uses_default_settings(plan: &TrainPlan) -> Result<bool, MishandleError> {
+    known_algorithm(&plan.algorithm)?;
+    let names_settings = plan.settings.as_deref().is_some_and(|path| path != Path::new(BEST));
+    Ok(!names_settings && shipped(plan)?.is_none())
+}
+
+/// Returns the reward named `shaped` or `original`.
+///
+/// # Errors
+/// If the name is unknown.
+pub fn reward(name: &str) -> Result<Reward, MishandleError> {
+    known("reward", name, &["shaped", "original"])?;
+    Ok(if name == "original" { Reward::Original } else { Reward::Shaped })
+}
+
+fn known_algorithm(name: &str) -> Result<(), MishandleError> {
+    let algorithms: Vec<&str> = ALGORITHMS.iter().map(|entry| entry.name).collect();
+    known("training algorithm", name, &algorithms)
+}
+
+fn known(kind: &'static str, name: &str, names: &[&str]) -> Result<(), MishandleError> {
+    if names.contains(&name) {
+        return Ok(());
+    }
+    let known = names.iter().map(|name| (*name).to_string()).collect();
+    Err(MishandleError::UnknownName { kind, name: name.to_string(), known })
+}
+
+/// Returns the files of the best and of the last controller.
+fn controllers(
+    plan: &TrainPlan,
+    (task, task_hash): (&dyn Task, &str),
+    settings: &AlgorithmSettings,
+    result: &TrainingResult,
+) -> (ControllerFile, ControllerFile) {
+    let definition = task.definition();
+    let file = |policy: &Policy, environment_steps: u64, validation: Option<Validation>| ControllerFile {
+        header: Header {
+            task: plan.task.clone(),
+            algorithm: plan.algorithm.clone(),
+            preset: "paper".to_string(),
+            reward: plan.reward.clone(),
+            layout: definition.layout(),
+            task_hash: task_hash.to_string(),
+            training: TrainingRecord {
+                seed: plan.seed,
+                environment_steps,
+                wall_clock_secs: result.wall_clock_secs,
+                git_commit: build().git_commit,
+                command: plan.command(),
+                settings: settings.to_toml(),
+                validation: validation.map(|validation| ValidationRecord {
+                    episodes: settings.run().validation_episodes,
+                    success_rate: validation.success_rate,
+                    strict_success_rate: validation.strict_success_rate,
+                }),
+            },
+        },
+        policy: policy.clone(),
+    };
+    let best = file(&result.best, result.best_environment_steps, result.best_validation);
+    (best, file(&result.last, result.environment_steps, result.last_validation))
+}
