@@ -1,7 +1,7 @@
 //! The smallest disturbance that makes a Python target fail.
 
 use mishandle::counterexample::Counterexample;
-use mishandle::evaluation::RepeatReport;
+use mishandle::evaluation::Repeats;
 use mishandle::plan::FalsifyPlan;
 use mishandle::rollout::Seed;
 use mishandle::run::{Level, Margin};
@@ -83,9 +83,9 @@ pub fn margin<'py>(
     fields.set_item("scenario", scenario(py, &target.space, request.scenario.values())?)?;
     fields.set_item("seed", request.seed.0)?;
     fields.set_item("robustness", witness.episode.robustness())?;
-    fields.set_item("fails_in_most_repeats", repeats.as_ref().map(RepeatReport::fails_in_most))?;
-    let repeats = repeats.map(|RepeatReport { simulations, failures, failure_rate, quantiles }| {
-        (simulations, failures, estimate(&failure_rate), quantiles.map(Vec::from))
+    fields.set_item("fails_in_most_repeats", repeats.as_ref().map(Repeats::fails_in_most))?;
+    let repeats = repeats.map(|Repeats { simulations, failures, failure_rate, quantiles }| {
+        (simulations, failures, estimate(&failure_rate), quantiles.map(robustness_of))
     });
     fields.set_item("repeats", repeats)?;
     fields.set_item("counterexample", counterexample.map(|counterexample| counterexample.to_json()))?;

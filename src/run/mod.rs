@@ -23,7 +23,7 @@ pub use evaluate::{
     EvaluationOutcome, evaluate, evaluation_request, evaluation_simulations, rejects_scenarios,
 };
 pub use falsify::{FalsifyProgress, failure_rate_bound, falsify, falsify_on_backend};
-pub use margin::{Level, Margin, Norms, Witness, check_margin, margin, witness_repeats};
+pub use margin::{Margin, Witness, check_margin, margin, witness_repeats};
 pub use minimize::{Minimized, axes_off_nominal, is_close, minimize};
 pub use record::{create_run, recorded_axis, recorded_episode};
 pub use risk::{risk, risk_assumption, risk_refusals, risk_scenarios};
@@ -31,4 +31,4 @@ pub use screening::{
     ScreenedEvaluationOutcome, evaluate_on_backend, gpu_backend, install_gpu_backend, risk_on_backend,
     screening,
 };
-pub use simulate::{Noise, measure_noise, repeat, repeat_seeds};
+pub use simulate::{measure_noise, repeat, repeat_seeds};

@@ -49,5 +49,5 @@ pub use modes::{
     unit_scenario,
 };
 pub use outcome::{CampaignOutcome, Minimum, TrialOutcome, Unevaluated};
-pub use screened::{RepeatedCount, ScreenedCounts};
+pub use screened::ScreenedCounts;
 pub use trial::{SearchFactory, Trial, TrialEnd};

@@ -3,10 +3,10 @@
 use std::cell::Cell;
 use std::ops::ControlFlow;
 
-use mishandle::evaluation::{Corners, Estimate, RepeatReport, wilson};
+use mishandle::evaluation::{Corners, Estimate, Repeats, wilson};
 use mishandle::inspect::FailureMode;
+use mishandle::results::Noise;
 use mishandle::rollout::{Axis, Episode, Request, Scenario, Seed, Stream, System};
-use mishandle::run::Noise;
 use mishandle::store::RunFile;
 use mishandle::{MishandleError, ResolvedPlan};
 
@@ -30,7 +30,7 @@ const BATCH: usize = 64;
 #[derive(Debug, Default)]
 pub struct Measured {
     pub patches: Vec<Option<Patch>>,
-    pub repeats: Vec<Option<RepeatReport>>,
+    pub repeats: Vec<Option<Repeats>>,
     pub strips: Vec<Pictures>,
     pub noise: Option<Noise>,
     /// Corners and center of the initial box. For an evaluation, they are in the run file.

@@ -72,7 +72,7 @@ pub struct PairedRates {
     /// Number of pairs in which only B succeeds.
     pub second_only: u64,
     /// Two-sided p-value of the exact McNemar test.
-    pub p_value: Number,
+    pub p_value: f64,
 }
 
 /// A mean of both runs.
@@ -93,7 +93,7 @@ pub struct PairedMeans {
     /// Number of pairs in which B's value is larger.
     pub larger: u64,
     /// Two-sided p-value of the exact sign test.
-    pub p_value: Number,
+    pub p_value: f64,
 }
 
 /// A simulation of both runs.

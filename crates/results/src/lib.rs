@@ -77,4 +77,4 @@ pub use tables::{Table, TablePage, Tables};
 pub use training::{Curve, Training, TrainingPlan, TrainingTime};
 pub use values::{Named, Number, Scenario, Seed};
 
-pub(crate) use values::optional_number;
+pub(crate) use values::{number, optional_number};

@@ -1,7 +1,7 @@
 use schemars::JsonSchema;
 use serde::Serialize;
 
-use crate::{Estimate, Number, Scenario, Screening, Seed, Subject};
+use crate::{Estimate, Number, Scenario, Screening, Seed, Subject, number};
 
 /// The probability of a violation under a distribution of scenarios.
 #[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
@@ -139,7 +139,9 @@ pub struct Chain {
     /// Estimate of the probability of a robustness below the level.
     pub probability: f64,
     /// 0 if the chain reached the failures, otherwise the robustness that it reached.
-    pub level: Number,
+    #[serde(serialize_with = "number")]
+    #[schemars(with = "Number")]
+    pub level: f64,
     /// Whether it reached the failures.
     pub is_complete: bool,
     /// Number of levels.

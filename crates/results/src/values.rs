@@ -35,6 +35,11 @@ impl JsonSchema for Number {
     }
 }
 
+/// Serializes a number as [`Number`].
+pub(crate) fn number<S: Serializer>(value: &f64, serializer: S) -> Result<S::Ok, S::Error> {
+    Number(*value).serialize(serializer)
+}
+
 /// Serializes an optional number as [`Number`].
 pub(crate) fn optional_number<S: Serializer>(value: &Option<f64>, serializer: S) -> Result<S::Ok, S::Error> {
     value.map(Number).serialize(serializer)
