@@ -10,7 +10,7 @@
 use std::time::Instant;
 
 use mishandle::plan::EvaluatePlan;
-use mishandle::rollout::{Request, Seed};
+use mishandle::rollout::{Request, Screen, Seed};
 use mishandle::world::{Backend, BatchBuffers, BatchSpec, CpuBackend, WorldBatch, WorldError};
 use mishandle::{Plan, ResolvedPlan};
 

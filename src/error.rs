@@ -22,11 +22,6 @@ pub enum MishandleError {
         /// Known names.
         known: Vec<String>,
     },
-    /// The program has no backend for a GPU.
-    #[error(
-        "--backend gpu needs the Python package with its extra: pip install 'mishandle[gpu]', and run its command `mishandle`"
-    )]
-    NoGpuBackend,
     /// A task needs a controller, and the plan names none.
     #[error("{target} needs a controller: give --controller NAME or FILE; shipped are: {}", known.join(", "))]
     NoController {
@@ -180,6 +175,24 @@ pub enum MishandleError {
     SimulationMismatch {
         /// Number of the simulation.
         number: u32,
+    },
+    /// Recorded outcomes of a screening are those of other requests.
+    #[error(
+        "the screened chunk {number} of the run has other requests than chunk {number} of its plan: rows were changed, or \
+         another build made the run and must resume it"
+    )]
+    ScreeningMismatch {
+        /// Number of the chunk.
+        number: u32,
+    },
+    /// The program lacks the device of a plan.
+    #[error(
+        "the device `{device}` needs the Python package with its extra: pip install 'mishandle[gpu]', and run its command \
+         `mishandle`"
+    )]
+    NoDevice {
+        /// Name of the device.
+        device: String,
     },
     /// A run cannot be continued with other settings, because the scenarios that its search proposed depend on them.
     #[error(

@@ -5,9 +5,11 @@
 use std::ops::ControlFlow;
 
 use mishandle::falsification::{CampaignOutcome, ScreenedCounts, TrialOutcome};
-use mishandle::plan::{EvaluatePlan, FalsifyPlan, RiskPlan};
+use mishandle::plan::{EvaluatePlan, FalsifyPlan, RiskPlan, ScreeningPlan};
+use mishandle::run::{Answer, Engine};
+use mishandle::store::{RunFile, RunWriter};
 use mishandle::world::{Backend, BatchBuffers, BatchSpec, CpuBackend, Outputs, WorldBatch, WorldError};
-use mishandle::{Plan, ResolvedPlan};
+use mishandle::{MishandleError, Plan, ResolvedPlan};
 
 fn resolved() -> ResolvedPlan {
     let risk = RiskPlan {
@@ -21,20 +23,36 @@ fn resolved() -> ResolvedPlan {
     ResolvedPlan::new(&plan).unwrap()
 }
 
+/// Returns a plan whose simulations are screened in 24 worlds.
+fn screening(resolved: ResolvedPlan, confirm: f64) -> ResolvedPlan {
+    let screening = ScreeningPlan { rows: 24, confirm, ..ScreeningPlan::default() };
+    ResolvedPlan::new(&Plan { screening: Some(screening), ..resolved.plan }).unwrap()
+}
+
+/// Asks the question of a plan in a new run file.
+fn ask(resolved: &ResolvedPlan, engine: Engine<'_>) -> Result<Answer, MishandleError> {
+    let folder = tempfile::tempdir().unwrap();
+    let run = mishandle::run::create_run(resolved, Some(&folder.path().join("run.sqlite"))).unwrap();
+    mishandle::run::ask(resolved, run, engine, &mut |_| ControlFlow::Continue(()))
+}
+
 fn screened(backend: &dyn Backend, sample_rate: f64) -> mishandle::risk::ScreenedReport {
-    let resolved = resolved();
-    let scenarios = mishandle::run::risk_scenarios(&resolved).unwrap();
-    let mut screening = mishandle::run::screening(&resolved, backend, 24).unwrap();
-    mishandle::run::risk_on_backend(&resolved, &scenarios, &mut screening, sample_rate, &mut |_| {
-        ControlFlow::Continue(())
-    })
-    .unwrap()
+    match ask(&screening(resolved(), sample_rate), Engine::Screening(backend)).unwrap() {
+        Answer::ScreenedRisk(report) => report,
+        answer => panic!("{answer:?}"),
+    }
+}
+
+fn direct_failures() -> u64 {
+    match ask(&resolved(), Engine::Direct).unwrap() {
+        Answer::Risk(report) => report.monte_carlo.failures,
+        answer => panic!("{answer:?}"),
+    }
 }
 
 #[test]
 fn an_engine_with_the_bits_of_the_system_flags_exactly_the_failures() {
-    let report = mishandle::run::risk(&resolved(), |_| ControlFlow::Continue(())).unwrap();
-    let failures = report.monte_carlo.failures;
+    let failures = direct_failures();
     assert!((5..95).contains(&failures), "{failures} failures: the test needs both outcomes");
     let counts = screened(&CpuBackend, 0.3).counts;
     assert_eq!((counts.trials, counts.flagged, counts.flagged_events), (100, failures, failures));
@@ -100,8 +118,7 @@ impl WorldBatch for WrongWorlds {
 
 #[test]
 fn a_wrong_engine_changes_the_effort_but_not_the_answer() {
-    let failures =
-        mishandle::run::risk(&resolved(), |_| ControlFlow::Continue(())).unwrap().monte_carlo.failures;
+    let failures = direct_failures();
     for is_diverging in [false, true] {
         let report = screened(&Wrong(is_diverging), 1.0);
         let counts = report.counts;
@@ -120,12 +137,10 @@ fn evaluation() -> ResolvedPlan {
 }
 
 fn evaluated(backend: &dyn Backend, sample_rate: f64) -> mishandle::run::ScreenedEvaluationOutcome {
-    let resolved = evaluation();
-    let mut screening = mishandle::run::screening(&resolved, backend, 24).unwrap();
-    mishandle::run::evaluate_on_backend(&resolved, &mut screening, sample_rate, &mut |_| {
-        ControlFlow::Continue(())
-    })
-    .unwrap()
+    match ask(&screening(evaluation(), sample_rate), Engine::Screening(backend)).unwrap() {
+        Answer::ScreenedEvaluation(outcome) => outcome,
+        answer => panic!("{answer:?}"),
+    }
 }
 
 #[test]
@@ -175,18 +190,65 @@ fn the_failures_of_a_screened_evaluation_are_those_of_the_system() {
     }
 }
 
+/// Asks a question in pieces, each of which has twice as many calls of `watch` as the one before, and returns the answer with the
+/// run's digest and the number of pieces.
+fn in_pieces(resolved: &ResolvedPlan, engine: Engine<'_>, calls: u32) -> (Answer, u128, u32) {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("run.sqlite");
+    let mut run = mishandle::run::create_run(resolved, Some(&path)).unwrap();
+    for pieces in 1.. {
+        let mut left = calls.saturating_mul(1 << pieces.min(30));
+        let answer = mishandle::run::ask(resolved, run, engine, &mut |_| {
+            left = left.saturating_sub(1);
+            if left > 0 { ControlFlow::Continue(()) } else { ControlFlow::Break(()) }
+        });
+        let answer = answer.unwrap();
+        if answer.is_complete() {
+            let run = RunFile::open(&path).unwrap();
+            run.check().unwrap();
+            assert_eq!(mishandle::run::unfinished(&run).unwrap(), None);
+            let (trial, number) = mishandle::replay::select_simulation(&run, None, None).unwrap().unwrap();
+            let replayed = mishandle::replay::replay(&run, trial, number, None).unwrap();
+            assert!(replayed.differences.is_empty(), "{:?}", replayed.differences);
+            return (answer, run.content_digest().unwrap(), pieces);
+        }
+        assert!(mishandle::run::unfinished(&RunFile::open(&path).unwrap()).unwrap().is_some());
+        run = RunWriter::resume(&path).unwrap();
+    }
+    unreachable!()
+}
+
+#[test]
+fn a_screened_question_in_pieces_has_the_answer_and_the_rows_of_one_in_one_go() {
+    for plan in [resolved(), evaluation(), falsification(8)] {
+        let resolved = screening(plan, 0.2);
+        let engine = Engine::Screening(&CpuBackend);
+        let (whole, digest, _) = in_pieces(&resolved, engine, u32::MAX);
+        let (pieces, digest_of_pieces, count) = in_pieces(&resolved, engine, 100);
+        assert_eq!(format!("{whole:?}"), format!("{pieces:?}"));
+        assert!(digest == digest_of_pieces && count > 1, "{count} pieces");
+    }
+}
+
 #[test]
 fn an_interrupted_screened_evaluation_counts_no_part_of_a_chunk() {
-    let resolved = evaluation();
-    let mut screening = mishandle::run::screening(&resolved, &CpuBackend, 24).unwrap();
+    let resolved = screening(evaluation(), 0.5);
+    let folder = tempfile::tempdir().unwrap();
+    let run = mishandle::run::create_run(&resolved, Some(&folder.path().join("run.sqlite"))).unwrap();
     let mut calls = 0;
-    let outcome = mishandle::run::evaluate_on_backend(&resolved, &mut screening, 0.5, &mut |_| {
+    let answer = mishandle::run::ask(&resolved, run, Engine::Screening(&CpuBackend), &mut |_| {
         calls += 1;
         if calls < 2 { ControlFlow::Continue(()) } else { ControlFlow::Break(()) }
-    })
-    .unwrap();
+    });
+    let Answer::ScreenedEvaluation(outcome) = answer.unwrap() else { panic!("another question") };
     assert!(!outcome.report.is_complete);
     assert_eq!((outcome.report.failures.trials, outcome.report.success_rate().value), (0, None));
+}
+
+#[test]
+fn a_screened_plan_without_its_device_is_an_error() {
+    let error = ask(&screening(resolved(), 0.2), Engine::Direct).unwrap_err();
+    assert!(matches!(&error, MishandleError::NoDevice { device } if device == "gpu"), "{error}");
 }
 
 /// Trials of which some are falsified soon, some late, and some not.
@@ -205,10 +267,14 @@ fn falsification(batch: u32) -> ResolvedPlan {
 }
 
 fn falsified(backend: &dyn Backend, sample_rate: f64, batch: u32) -> (CampaignOutcome, ScreenedCounts) {
-    let resolved = falsification(batch);
-    let mut screening = mishandle::run::screening(&resolved, backend, 24).unwrap();
-    let watch = &mut |_: &CampaignOutcome| ControlFlow::Continue(());
-    mishandle::run::falsify_on_backend(&resolved, &mut screening, sample_rate, watch).unwrap()
+    falsified_by(&screening(falsification(batch), sample_rate), backend)
+}
+
+fn falsified_by(resolved: &ResolvedPlan, backend: &dyn Backend) -> (CampaignOutcome, ScreenedCounts) {
+    match ask(resolved, Engine::Screening(backend)).unwrap() {
+        Answer::Falsification(outcome, Some(counts)) => (outcome, counts),
+        answer => panic!("{answer:?}"),
+    }
 }
 
 fn plain_falsification() -> CampaignOutcome {
@@ -278,9 +344,7 @@ fn changed_constants_and_events_have_the_counterexamples_of_the_system() {
     let folder = tempfile::tempdir().unwrap();
     let run = mishandle::run::create_run(&resolved, Some(&folder.path().join("run.sqlite"))).unwrap();
     let plain = mishandle::falsify(&resolved, run, |_| ControlFlow::Continue(())).unwrap();
-    let mut screening = mishandle::run::screening(&resolved, &CpuBackend, 24).unwrap();
-    let watch = &mut |_: &CampaignOutcome| ControlFlow::Continue(());
-    let (found, counts) = mishandle::run::falsify_on_backend(&resolved, &mut screening, 0.1, watch).unwrap();
+    let (found, counts) = falsified_by(&screening(resolved, 0.1), &CpuBackend);
     assert!(found.trials.iter().map(evidence).eq(plain.trials.iter().map(evidence)));
     assert_eq!(counts.sampled.violations, 0);
 }
@@ -328,10 +392,7 @@ impl WorldBatch for LostWorlds {
 
 #[test]
 fn a_lost_device_ends_a_campaign_with_its_error() {
-    let resolved = falsification(24);
-    let mut screening = mishandle::run::screening(&resolved, &Lost, 24).unwrap();
-    let watch = &mut |_: &CampaignOutcome| ControlFlow::Continue(());
-    let error = mishandle::run::falsify_on_backend(&resolved, &mut screening, 0.1, watch).unwrap_err();
+    let error = ask(&screening(falsification(24), 0.1), Engine::Screening(&Lost)).unwrap_err();
     let text = error.to_string();
     assert!(
         text.contains("the physics engine of the backend failed") && text.contains("the device is lost"),

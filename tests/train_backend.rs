@@ -6,6 +6,7 @@ use std::path::Path;
 use std::sync::Arc;
 
 use mishandle::MishandleError;
+use mishandle::run::Device;
 use mishandle::train::{TrainObserver, TrainPlan, TrainReport};
 use mishandle::training::{TrainingControl, TrainingProgress};
 use mishandle::world::CpuBackend;
@@ -49,13 +50,13 @@ fn plan(folder: &Path, backend: &str) -> TrainPlan {
 }
 
 fn train(plan: &TrainPlan) -> Result<TrainReport, Box<MishandleError>> {
-    mishandle::train::train(plan, &mut Silent).map_err(Box::new)
+    let device = Device { worlds: Arc::new(CpuBackend), networks: None };
+    mishandle::train::train(plan, Some(&device), &mut Silent).map_err(Box::new)
 }
 
 #[test]
 fn the_bits_of_training_do_not_depend_on_the_interface_of_the_engines() {
     let folder = tempfile::tempdir().unwrap();
-    mishandle::run::install_gpu_backend(Arc::new(CpuBackend), None);
     let cpu = train(&plan(folder.path(), "cpu")).unwrap();
     let gpu = plan(folder.path(), "gpu");
     let half = TrainPlan { steps: Some(128), ..gpu.clone() };

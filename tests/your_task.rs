@@ -102,5 +102,8 @@ fn a_training_run_without_shipped_settings_uses_the_defaults() {
     assert!(!uses_defaults("ball-balancing", None) && !uses_defaults("cloth-placing-7x7", None));
     let mut defaults = AlgorithmSettings::from_toml("sac", "").unwrap().unwrap();
     defaults.run_mut().total_steps = 512;
-    assert_eq!(mishandle::train::training_facts(&plan("cube-flipping", None)).unwrap().settings, defaults);
+    assert_eq!(
+        mishandle::train::training_facts(&plan("cube-flipping", None), None).unwrap().settings,
+        defaults
+    );
 }

@@ -198,7 +198,13 @@ def replay(target: Target, *, path: str, trial: int | None, number: int | None) 
 def replay_counterexample(target: Target, path: str) -> dict[str, Any]: ...
 def check_margin(axes: list[AxisTuple], *, budget: int) -> None: ...
 def margin(
-    target: Target, *, formula: str | None, budget: int, seed: int, progress: Callable[[int, int], None] | None
+    target: Target,
+    *,
+    formula: str | None,
+    budget: int,
+    seed: int,
+    out: tuple[str | None, bool, bool],
+    progress: Callable[[int, int], None] | None,
 ) -> dict[str, Any]: ...
 def check_risk(
     axes: list[AxisTuple], *, simulations: int, method: str, batch: int, distributions: dict[str, str]
@@ -212,6 +218,7 @@ def risk(
     batch: int,
     distributions: dict[str, str],
     seed: int,
+    out: tuple[str | None, bool, bool],
     progress: Callable[[int, int], None] | None,
 ) -> dict[str, Any]: ...
 def simulated_counterexample(target: Target, *, formula: str | None, values: list[float | None], seed: int) -> str: ...

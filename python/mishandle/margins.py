@@ -11,7 +11,7 @@ from typing import Any
 from typing_extensions import Unpack
 
 from mishandle import _native
-from mishandle.arguments import check_number
+from mishandle.arguments import check_number, check_out
 from mishandle.axes import Axis
 from mishandle.campaign import PathLike, Progress, Repeats
 from mishandle.errors import MishandleError
@@ -62,6 +62,8 @@ class Witness:
 class Margin:
     """The smallest disturbance that was found, and what was tried."""
 
+    path: pathlib.Path
+    """Its run file."""
     formula: str
     simulations: int
     levels: list[MarginLevel]
@@ -104,6 +106,9 @@ def margin(
     *,
     budget: int = 3000,
     seed: int = 0,
+    out: PathLike | None = None,
+    resume: bool = False,
+    durable: bool = False,
     progress: Progress | None = None,
     **target: Unpack[TargetOptions],
 ) -> Margin:
@@ -122,6 +127,12 @@ def margin(
         seeds.
     seed : int
         Seed of all simulations but the repeats.
+    out : path, optional
+        Run file; by default the first free name in the folder ``runs``.
+    resume : bool
+        Whether to continue the run in ``out``. Its recorded simulations are not repeated.
+    durable : bool
+        Whether each batch is synced to the disk, so that a power failure loses none.
     progress : callable, optional
         Gets the numbers of finished and of all simulations after each batch. Its exceptions, and Ctrl-C, end the search after the
         running batch. The exception has the result so far as its attribute ``result``.
@@ -143,10 +154,12 @@ def margin(
 
     >>> system = lambda scenario: {"gap": [10.0, 10.0 - scenario["speed"]]}
     >>> space = [Axis("speed", 0, 10, "m/s", nominal=0, kind="input")]
-    >>> found = margin(system, "always(gap >= 2)", space, budget=300)
+    >>> import tempfile
+    >>> found = margin(system, "always(gap >= 2)", space, budget=300, out=tempfile.mkdtemp() + "/run.sqlite")
     >>> 0.8 < found.witness.amplitude < 0.82
     True
     """
+    check_out(out, resume)
     check_number("seed", seed, 0)
     check_number("budget", budget, 1)
     if isinstance(system, str) and space is None and isinstance(target.get("policy", ""), (str, os.PathLike)):
@@ -156,8 +169,9 @@ def margin(
         _native.check_margin([axis.to_native() for axis in space], budget=budget)
 
     made = make_target(system, formula, space, target, check)
+    run = (None if out is None else os.fspath(out), resume, durable)
     with after_the_batch(progress) as report:
-        found = _native.margin(made.native, formula=made.formula, budget=budget, seed=seed, progress=report)
+        found = _native.margin(made.native, formula=made.formula, budget=budget, seed=seed, out=run, progress=report)
     interruption = found.pop("interruption")
     levels = [MarginLevel(*level) for level in found.pop("levels")]
     if interruption is None and all(level.minimum_robustness is None for level in levels):
@@ -167,6 +181,7 @@ def margin(
         repeats = witness.pop("repeats")
         witness = Witness(repeats=None if repeats is None else Repeats.of(repeats), **witness)
     result = Margin(
+        path=pathlib.Path(found.pop("path")),
         levels=levels,
         witness=witness,
         largest_difference=made.largest_difference,

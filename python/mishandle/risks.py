@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import pathlib
 import warnings
 from collections.abc import Mapping, Sequence
@@ -11,7 +12,7 @@ from typing import Any
 from typing_extensions import Unpack
 
 from mishandle import _native
-from mishandle.arguments import check_number
+from mishandle.arguments import check_number, check_out
 from mishandle.axes import Axis
 from mishandle.campaign import PathLike, Progress, Remembering
 from mishandle.errors import InvalidTypeError, InvalidValueError, MishandleError
@@ -122,6 +123,8 @@ class RiskFailure:
 class Risk(Remembering):
     """The probability that a simulation violates the formula. A simulation is a scenario of the distribution and a random seed."""
 
+    path: pathlib.Path
+    """Its run file."""
     formula: str
     method: str
     distribution: list[AxisDistribution]
@@ -175,6 +178,9 @@ def risk(
     method: str = "auto",
     batch: int = 64,
     seed: int = 0,
+    out: PathLike | None = None,
+    resume: bool = False,
+    durable: bool = False,
     progress: Progress | None = None,
     **target: Unpack[TargetOptions],
 ) -> Risk:
@@ -199,6 +205,12 @@ def risk(
         Number of simulations at once. The result does not depend on it.
     seed : int
         Random seed, of which scenarios and seeds of simulations are derived.
+    out : path, optional
+        Run file; by default the first free name in the folder ``runs``.
+    resume : bool
+        Whether to continue the run in ``out``. Its recorded simulations are not repeated.
+    durable : bool
+        Whether each batch is synced to the disk, so that a power failure loses none.
     progress : callable, optional
         Gets the numbers of finished and of all simulations after each batch. Its exceptions, and Ctrl-C, end the estimation after
         the running batch. The exception has the result so far as its attribute ``result``.
@@ -218,14 +230,17 @@ def risk(
     --------
     The gap is too small above 8 m/s, three standard deviations above the mean. That has the probability 0.00135:
 
+    >>> import tempfile
+    >>> run = tempfile.mkdtemp() + "/run.sqlite"
     >>> system = lambda scenario: {"gap": [10.0, 10.0 - scenario["speed"]]}
     >>> space = [Axis("speed", 0, 10, "m/s")]
-    >>> found = risk(system, "always(gap >= 2)", space, distribution={"speed": "normal:5:1"}, simulations=4000)
+    >>> found = risk(system, "always(gap >= 2)", space, distribution={"speed": "normal:5:1"}, simulations=4000, out=run)
     >>> found.probability.low < 0.00135 < found.probability.high
     True
     >>> found.failures[0].scenario["speed"] > 8
     True
     """
+    check_out(out, resume)
     check_number("seed", seed, 0)
     check_number("simulations", simulations, 1)
     check_number("batch", batch, 1)
@@ -247,6 +262,7 @@ def risk(
             batch=batch,
             distributions=distributions,
             seed=seed,
+            out=(None if out is None else os.fspath(out), resume, durable),
             progress=report,
         )
     for text in found.pop("warnings"):
@@ -258,6 +274,7 @@ def risk(
         raise untested(made.system.exceptions)
     probability, failures = found.pop("probability"), found.pop("failures")
     result = Risk(
+        path=pathlib.Path(found.pop("path")),
         method=method,
         distribution=[AxisDistribution(*axis) for axis in found.pop("distribution")],
         probability=None if probability is None else Probability(*probability[0], *probability[1:]),

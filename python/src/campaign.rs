@@ -21,7 +21,7 @@ use crate::target::{AxisTuple, PyTarget, scenario, space};
 use crate::{InvalidValueError, raised};
 
 /// Where a run is stored: path, whether to continue the run there, and whether to sync each batch.
-type Out = (Option<PathBuf>, bool, bool);
+pub(crate) type Out = (Option<PathBuf>, bool, bool);
 
 /// Value of an option of a search.
 #[derive(FromPyObject)]
@@ -261,10 +261,25 @@ fn in_run<T: Send>(
     py: Python<'_>,
     target: &PyTarget,
     plan: &Plan,
-    (path, is_resumed, is_durable): Out,
+    out: Out,
     work: impl FnOnce(&ResolvedPlan, RunWriter) -> Result<T, Error> + Send,
 ) -> PyResult<T> {
-    detached(py, target, || {
+    match in_run_until(py, target, plan, out, work)? {
+        (_, Some(exception)) => Err(exception),
+        (done, None) => Ok(done),
+    }
+}
+
+/// Does `work` in a run. Returns its result also if an exception that Python raised meanwhile ended it early, with that
+/// exception.
+pub(crate) fn in_run_until<T: Send>(
+    py: Python<'_>,
+    target: &PyTarget,
+    plan: &Plan,
+    (path, is_resumed, is_durable): Out,
+    work: impl FnOnce(&ResolvedPlan, RunWriter) -> Result<T, Error> + Send,
+) -> PyResult<(T, Option<PyErr>)> {
+    detached_until(py, target, || {
         let mut found = target.target.clone();
         let mut run = match &path {
             Some(path) if is_resumed => {

@@ -5,6 +5,7 @@ use std::collections::HashMap;
 use std::sync::Arc;
 
 use mishandle::network::{Activation, DeviceBuffers, DeviceNetwork, Mlp, NetworkDevice, NetworkError};
+use mishandle::run::Device;
 use mishandle::world::{Backend, BatchBuffers, BatchSpec, Outputs, WorldBatch, WorldError};
 use numpy::{PyArray1, PyArrayMethods};
 use pyo3::prelude::*;
@@ -12,9 +13,9 @@ use pyo3::prelude::*;
 /// Makes batches of `mishandle.gpu.WarpBatch`.
 struct WarpBackend;
 
-/// Makes the backend `gpu` available to the commands of this process.
-pub fn install() {
-    mishandle::run::install_gpu_backend(Arc::new(WarpBackend), Some(Arc::new(WarpDevice)));
+/// Returns the device `gpu` of this process.
+pub fn device() -> Device {
+    Device { worlds: Arc::new(WarpBackend), networks: Some(Arc::new(WarpDevice)) }
 }
 
 /// Address and number of elements of a buffer that a Python object owns.

@@ -57,7 +57,6 @@ fn contents(module: &Bound<'_, PyModule>) -> PyResult<()> {
              LD_PRELOAD and LD_LIBRARY_PATH, and reinstall mishandle"
         )));
     }
-    gpu::install();
     module.add("__version__", mishandle::build::VERSION)?;
     module.add_class::<VectorEnv>()?;
     module.add_class::<PyTarget>()?;
@@ -98,7 +97,7 @@ fn contents(module: &Bound<'_, PyModule>) -> PyResult<()> {
 /// Runs the command line with these arguments, of which the first is the name of the program, and returns its exit code.
 #[pyfunction]
 fn run_command(py: Python<'_>, arguments: Vec<std::ffi::OsString>) -> u8 {
-    py.detach(|| mishandle_cli::exit_code_of(arguments))
+    py.detach(|| mishandle_cli::exit_code_of(arguments, Some(&gpu::device())))
 }
 
 /// Converts an error in a formula or search, with its causes.

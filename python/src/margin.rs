@@ -2,14 +2,15 @@
 
 use mishandle::counterexample::Counterexample;
 use mishandle::evaluation::Repeats;
-use mishandle::plan::FalsifyPlan;
-use mishandle::rollout::Seed;
-use mishandle::run::{Level, Margin};
-use mishandle::{Plan, ResolvedPlan};
+use mishandle::plan::MarginPlan;
+use mishandle::results::Level;
+use mishandle::run::{Answer, Engine, MarginOutcome};
+use mishandle::store::RunWriter;
+use mishandle::{MishandleError as Error, Plan, ResolvedPlan};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
-use crate::campaign::{detached_until, estimate, plan, report};
+use crate::campaign::{Out, estimate, in_run_until, plan, report};
 use crate::raised;
 use crate::target::{AxisTuple, PyTarget, scenario, space};
 
@@ -23,40 +24,32 @@ pub fn check_margin(axes: Vec<AxisTuple>, budget: u64) -> PyResult<()> {
 /// Searches for the smallest disturbance that violates the requirement. Returns the outcome as a dictionary, with the exception that
 /// ended the search early.
 #[pyfunction]
-#[pyo3(signature = (target, *, formula, budget, seed, progress))]
+#[pyo3(signature = (target, *, formula, budget, seed, out, progress))]
 pub fn margin<'py>(
     py: Python<'py>,
     target: &PyTarget,
     formula: Option<String>,
     budget: u64,
     seed: u64,
+    out: Out,
     progress: Option<Py<PyAny>>,
 ) -> PyResult<Bound<'py, PyDict>> {
-    let falsify = FalsifyPlan { formula, ..FalsifyPlan::default() };
-    let plan = Plan { falsify: Some(falsify), ..plan(target, seed) };
-    let work = || {
-        let resolved = ResolvedPlan::with_target(&plan, target.target.clone())?;
-        let mut system = resolved.system()?;
-        let watch = |done| report(target, progress.as_ref(), done, budget);
-        let found = mishandle::run::margin(&mut *system, Seed(seed), budget, watch)?;
-        let mut done = found.simulations;
-        let total = done + Margin::REPEATS;
-        let repeats = match &found.witness {
-            Some(witness) if found.is_complete => {
-                mishandle::run::witness_repeats(&resolved, witness, |_| {
-                    done += 1;
-                    report(target, progress.as_ref(), done, total)
-                })?
-            }
-            _ => None,
-        };
-        let counterexample = found.witness.as_ref().map(|witness| &witness.episode);
+    let plan = Plan { margin: Some(MarginPlan { formula, budget }), ..plan(target, seed) };
+    let work = |resolved: &ResolvedPlan, run: RunWriter| {
+        let path = run.file().path().to_path_buf();
+        let answer = mishandle::run::ask(resolved, run, Engine::Direct, &mut |done| {
+            report(target, progress.as_ref(), done.simulations, done.max_simulations)
+        })?;
+        let Answer::Margin(found) = answer else { return Err(Error::MissingPlanTable { table: "margin" }) };
+        let witness = found.margin.witness.as_ref().map(|witness| witness.episode.request.clone());
         let counterexample =
-            counterexample.map(|episode| Counterexample::from_episode(&resolved, episode)).transpose()?;
-        Ok((found, repeats, counterexample, resolved.specification.requirement.to_string()))
+            witness.map(|request| Counterexample::simulate(resolved, request)).transpose()?;
+        Ok((found, path, counterexample, resolved.specification.requirement.to_string()))
     };
-    let ((found, repeats, counterexample, formula), exception) = detached_until(py, target, work)?;
+    let ((outcome, path, counterexample, formula), exception) = in_run_until(py, target, &plan, out, work)?;
+    let MarginOutcome { margin: found, repeats, .. } = outcome;
     let dict = PyDict::new(py);
+    dict.set_item("path", path)?;
     dict.set_item("interruption", exception)?;
     dict.set_item("is_complete", found.is_complete)?;
     dict.set_item("formula", formula)?;

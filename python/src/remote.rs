@@ -8,8 +8,8 @@ use mishandle::rollout::{
     Episode, Request, RolloutError, Scenario, Seed, Space, Specification, System, Target, Verdict,
 };
 use mishandle::run::CampaignRun;
+use mishandle::run::Engine;
 use mishandle::stl::{SubformulaMinimum, Trace};
-use mishandle::store::RunKind;
 use mishandle::{MishandleError as Error, Plan, ResolvedPlan};
 use numpy::ndarray::Array2;
 use numpy::{PyArray2, PyReadonlyArray2};
@@ -210,15 +210,9 @@ pub fn complete_run(
             is_complete &= flow.is_continue();
             flow
         };
-        match run.file().header().kind {
-            RunKind::Falsify => {
-                mishandle::falsify(&resolved, run, |done| report(done.simulations, done.max_simulations))?;
-            }
-            RunKind::Evaluate => {
-                let total = mishandle::run::evaluation_simulations(&resolved);
-                mishandle::evaluate(&resolved, run, |done| report(done, total))?;
-            }
-        }
+        mishandle::run::ask(&resolved, run, Engine::Direct, &mut |done| {
+            report(done.simulations, done.max_simulations)
+        })?;
         Ok::<_, Error>(is_complete)
     });
     match pending.lock().unwrap_or_else(std::sync::PoisonError::into_inner).take() {

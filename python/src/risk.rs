@@ -6,11 +6,13 @@ use mishandle::counterexample::Counterexample;
 use mishandle::plan::{FalsifyPlan, RiskPlan};
 use mishandle::risk::{Chain, Importance, Marginal, Report, Splitting};
 use mishandle::rollout::{Axis, Request, Scenario, Seed};
-use mishandle::{Plan, ResolvedPlan};
+use mishandle::run::{Answer, Engine};
+use mishandle::store::RunWriter;
+use mishandle::{MishandleError as Error, Plan, ResolvedPlan};
 use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyList};
 
-use crate::campaign::{detached, detached_until, estimate, plan, report};
+use crate::campaign::{Out, detached, estimate, in_run_until, plan, report};
 use crate::raised;
 use crate::target::{AxisTuple, PyTarget, scenario, space};
 
@@ -32,7 +34,7 @@ pub fn check_risk(
 /// Estimates the probability of a violation. Returns the outcome as a dictionary, with the exception that ended the estimation early.
 #[pyfunction]
 #[expect(clippy::too_many_arguments, reason = "the arguments are keywords in Python")]
-#[pyo3(signature = (target, *, formula, simulations, method, batch, distributions, seed, progress))]
+#[pyo3(signature = (target, *, formula, simulations, method, batch, distributions, seed, out, progress))]
 pub fn risk<'py>(
     py: Python<'py>,
     target: &PyTarget,
@@ -42,19 +44,23 @@ pub fn risk<'py>(
     batch: u32,
     distributions: BTreeMap<String, String>,
     seed: u64,
+    out: Out,
     progress: Option<Py<PyAny>>,
 ) -> PyResult<Bound<'py, PyDict>> {
     let risk = RiskPlan { formula, simulations, method, batch, distributions };
     let plan = Plan { risk: Some(risk), ..plan(target, seed) };
-    let work = || {
-        let resolved = ResolvedPlan::with_target(&plan, target.target.clone())?;
-        let scenarios = mishandle::run::risk_scenarios(&resolved)?;
-        let watch = |done| report(target, progress.as_ref(), done, simulations);
-        let found = mishandle::run::risk(&resolved, watch)?;
-        Ok((found, scenarios, resolved.specification.requirement.to_string()))
+    let work = |resolved: &ResolvedPlan, run: RunWriter| {
+        let path = run.file().path().to_path_buf();
+        let scenarios = mishandle::run::risk_scenarios(resolved)?;
+        let answer = mishandle::run::ask(resolved, run, Engine::Direct, &mut |done| {
+            report(target, progress.as_ref(), done.simulations, done.max_simulations)
+        })?;
+        let Answer::Risk(found) = answer else { return Err(Error::MissingPlanTable { table: "risk" }) };
+        Ok((found, path, scenarios, resolved.specification.requirement.to_string()))
     };
-    let ((found, scenarios, formula), exception) = detached_until(py, target, work)?;
+    let ((found, path, scenarios, formula), exception) = in_run_until(py, target, &plan, out, work)?;
     let dict = PyDict::new(py);
+    dict.set_item("path", path)?;
     dict.set_item("warnings", scenarios.warnings())?;
     dict.set_item("interruption", exception)?;
     dict.set_item("is_complete", found.is_complete)?;

@@ -3,6 +3,7 @@
 use std::collections::BTreeSet;
 
 use mishandle_search::find_search;
+use mishandle_store::RunKind;
 use sha2::{Digest, Sha256};
 use toml::{Table, Value};
 
@@ -16,23 +17,24 @@ const MAX_RUNS: usize = 10_000;
 /// Longest part of a name that comes from one value, in characters.
 const MAX_PART: usize = 32;
 
-/// One run of a campaign: an evaluation or a falsification.
+/// One run of a campaign: one question about one target.
 #[derive(Clone, Debug, PartialEq)]
 pub struct GridRun {
     /// Name of its run file without extension: its values of the keys that have lists.
     pub name: String,
-    /// Its plan, with one of the tables `[evaluate]` and `[falsify]`.
+    /// Its plan, with the table of one question.
     pub plan: Plan,
 }
 
 /// Reads a campaign file: a plan in which any key but `format`, `falsify.initial-simplex` and `falsify.options` may have a
 /// list of values. Returns a run for each combination of the values, the last key of the file format varying fastest.
 ///
-/// A file with both tables `[evaluate]` and `[falsify]` gives two runs per combination of the other values. A search gets
+/// A file with the tables of several questions (`[evaluate]`, `[falsify]`, `[margin]`, `[risk]`) gives a run of each per
+/// combination of the other values. A search gets
 /// those options of `[falsify.options]` that it has.
 ///
 /// # Errors
-/// The errors of [`Plan::from_toml`]; if there is no target, neither table, an option that no search has, or more than 10,000
+/// The errors of [`Plan::from_toml`]; if there is no target, no question, an option that no search has, or more than 10,000
 /// runs.
 ///
 /// # Example
@@ -46,12 +48,12 @@ pub struct GridRun {
 pub fn read_grid(text: &str) -> Result<Vec<GridRun>, MishandleError> {
     let table = read_lists(text)?;
     check_options(&table)?;
-    let kinds: Vec<&str> =
-        ["evaluate", "falsify"].into_iter().filter(|kind| table.contains_key(*kind)).collect();
+    let questions = RunKind::ALL.map(|(_, name)| name);
+    let kinds: Vec<&str> = questions.into_iter().filter(|kind| table.contains_key(*kind)).collect();
     let mut runs = Vec::new();
     for kind in &kinds {
         let mut own = table.clone();
-        own.retain(|key, _| key == *kind || !kinds.contains(&key) && key != "risk");
+        own.retain(|key, _| key == *kind || !kinds.contains(&key));
         for (values, plan) in combinations(own)? {
             let parts = values.iter().map(part);
             let kind = (kinds.len() > 1 || values.is_empty()).then(|| kind.to_string());

@@ -13,6 +13,7 @@ use std::ops::RangeInclusive;
 
 use mishandle_rollout::DEFAULT_BATCH_SIZE;
 use mishandle_search::SearchOptions;
+use mishandle_store::RunKind;
 use serde::{Deserialize, Serialize};
 
 use crate::error::MishandleError;
@@ -75,9 +76,51 @@ pub struct Plan {
     /// Settings of a falsification.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub falsify: Option<FalsifyPlan>,
+    /// Settings of a search for the smallest disturbance.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub margin: Option<MarginPlan>,
     /// Settings of an estimation of the failure probability.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub risk: Option<RiskPlan>,
+    /// Settings of a screening: another device proposes simulations, and the target's system confirms them. `None`: the
+    /// system computes all simulations.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub screening: Option<ScreeningPlan>,
+}
+
+/// Settings of a search for the smallest disturbance: the table `[margin]` of a plan.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default, rename_all = "kebab-case")]
+pub struct MarginPlan {
+    /// Requirement: the name of a formula of the target, or the text of a formula. `None` selects the target's first formula.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub formula: Option<String>,
+    /// Largest number of simulations, without the repeats of the witness.
+    pub budget: u64,
+}
+
+impl Default for MarginPlan {
+    fn default() -> Self {
+        MarginPlan { formula: None, budget: 3000 }
+    }
+}
+
+/// Settings of a screening: the table `[screening]` of a plan.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default, rename_all = "kebab-case")]
+pub struct ScreeningPlan {
+    /// Name of the device that proposes.
+    pub device: String,
+    /// Number of worlds that the device steps together.
+    pub rows: u32,
+    /// Probability, from 0 to 1, with which a simulation that is not flagged is confirmed: the audit sample.
+    pub confirm: f64,
+}
+
+impl Default for ScreeningPlan {
+    fn default() -> Self {
+        ScreeningPlan { device: "gpu".to_string(), rows: 16_384, confirm: 0.1 }
+    }
 }
 
 /// Region from which an evaluation draws initial states.
@@ -240,8 +283,29 @@ impl Plan {
             seed: 0,
             evaluate: None,
             falsify: None,
+            margin: None,
             risk: None,
+            screening: None,
         }
+    }
+
+    /// Returns the question that the plan asks: that of its first table.
+    pub fn kind(&self) -> RunKind {
+        let tables = [
+            (RunKind::Falsify, self.falsify.is_some()),
+            (RunKind::Margin, self.margin.is_some()),
+            (RunKind::Risk, self.risk.is_some()),
+        ];
+        tables.into_iter().find(|(_, is_given)| *is_given).map_or(RunKind::Evaluate, |(kind, _)| kind)
+    }
+
+    /// Removes the tables of other questions.
+    pub fn only(mut self, kind: RunKind) -> Plan {
+        self.evaluate = self.evaluate.filter(|_| kind == RunKind::Evaluate);
+        self.falsify = self.falsify.filter(|_| kind == RunKind::Falsify);
+        self.margin = self.margin.filter(|_| kind == RunKind::Margin);
+        self.risk = self.risk.filter(|_| kind == RunKind::Risk);
+        self
     }
 
     /// Parses a plan. Keys that are left out have their defaults.
@@ -274,14 +338,23 @@ mod tests {
         let plan = Plan::from_toml(documented_plan()).unwrap();
         // The default formula is the target's first, which is `success` for a task.
         let falsify = FalsifyPlan { formula: Some("success".to_string()), ..FalsifyPlan::default() };
-        let risk = RiskPlan { formula: Some("success".to_string()), ..RiskPlan::default() };
+        let formula = Some("success".to_string());
+        let risk = RiskPlan { formula: formula.clone(), ..RiskPlan::default() };
+        let margin = Some(MarginPlan { formula, ..MarginPlan::default() });
+        let screening = Some(ScreeningPlan::default());
         let evaluate = EvaluatePlan::default();
-        let defaults =
-            Plan { evaluate: Some(evaluate), falsify: Some(falsify), risk: Some(risk), ..plan.clone() };
+        let defaults = Plan {
+            evaluate: Some(evaluate),
+            falsify: Some(falsify),
+            risk: Some(risk),
+            margin,
+            screening,
+            ..plan.clone()
+        };
         let named = Plan { target: plan.target.clone(), controller: plan.controller.clone(), ..defaults };
         assert_eq!(plan, named);
         assert_eq!(
-            Plan { evaluate: None, falsify: None, risk: None, ..plan.clone() },
+            Plan { evaluate: None, falsify: None, margin: None, risk: None, screening: None, ..plan.clone() },
             Plan::new("ball-balancing", "ppo")
         );
         // `to_toml` writes every key, so the example must contain the same keys.

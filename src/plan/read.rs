@@ -52,7 +52,7 @@ const fn key<T: DeserializeOwned>(name: &'static str, allowed: &'static str) -> 
     Key { name, alias: None, allowed, reads: reads::<T> }
 }
 
-const KEYS: [Key; 28] = [
+const KEYS: [Key; 33] = [
     key::<u32>("format", "an integer from 1 to 2"),
     Key { alias: Some("task"), ..key::<String>("target", "a string, such as \"ball-balancing\"") },
     key::<String>("space", "a string, such as \"starts\""),
@@ -79,6 +79,8 @@ const KEYS: [Key; 28] = [
     key::<f64>("falsify.new-mode-rate", "a number from 0 to less than 1"),
     key::<Vec<Vec<f64>>>("falsify.initial-simplex", "a list of lists of numbers, as [[0, 1], [0.5, 1]]"),
     Key { alias: None, name: OPTIONS, allowed: "a table, as [falsify.options]", reads: is_table },
+    key::<String>("margin.formula", "a string, such as \"strict\""),
+    key::<u64>("margin.budget", "an integer from 1 to 1000000"),
     key::<String>("risk.formula", "a string, such as \"strict\""),
     key::<u64>("risk.simulations", "an integer from 100 to 1000000000"),
     key::<String>("risk.method", "\"auto\", \"monte-carlo\", \"importance\" or \"splitting\""),
@@ -87,6 +89,9 @@ const KEYS: [Key; 28] = [
         DISTRIBUTIONS,
         "a table of distributions of axes, as [risk.distributions], each a string, such as \"normal:1:0.1\"",
     ),
+    key::<String>("screening.device", "\"gpu\""),
+    key::<u32>("screening.rows", "an integer from 1 to 1048576"),
+    key::<f64>("screening.confirm", "a number from 0 to 1"),
 ];
 
 /// Allowed values of a search option, whose type depends on the search.
@@ -118,7 +123,7 @@ pub(super) fn read_lists(text: &str) -> Result<toml::Table, MishandleError> {
 /// Returns whether a key of a plan may have a list of values in a campaign.
 pub(super) fn may_be_list(name: &str) -> bool {
     // The other values are lists or tables already.
-    !["format", "falsify.initial-simplex", AXES, OPTIONS, DISTRIBUTIONS].contains(&name)
+    !["format", "falsify.initial-simplex", "screening.device", AXES, OPTIONS, DISTRIBUTIONS].contains(&name)
 }
 
 /// Returns the names of all keys with their tables, former names included.

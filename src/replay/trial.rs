@@ -2,11 +2,11 @@
 
 use mishandle_falsification::{FalsificationError, Trial};
 use mishandle_rollout::Request;
-use mishandle_store::{RunFile, Simulation, TrialRecord, TrialStatus, TrialSummary};
+use mishandle_store::{RunFile, RunKind, Simulation, TrialRecord, TrialStatus, TrialSummary};
 
 use crate::error::MishandleError;
 use crate::resolve::ResolvedPlan;
-use crate::run::{evaluate, falsify, record};
+use crate::run::{asked, evaluate, falsify, record};
 
 /// Lists the differences between the rows of the simulation's trial and those that the plan implies.
 ///
@@ -17,11 +17,37 @@ pub(super) fn differences(
     resolved: &ResolvedPlan,
 ) -> Result<Vec<String>, MishandleError> {
     let trial = run.trial(recorded.trial)?;
-    if resolved.plan.falsify.is_some() {
-        of_falsification(run, &trial, resolved)
-    } else {
-        of_evaluation(run, recorded, resolved)
+    let plan = &resolved.plan;
+    match plan.kind() {
+        RunKind::Falsify if plan.screening.is_none() => of_falsification(run, &trial, resolved),
+        RunKind::Evaluate if plan.screening.is_none() => of_evaluation(run, recorded, resolved),
+        _ => of_question(run, recorded, &trial, resolved),
     }
+}
+
+/// Asks the question again, with the recorded answers, up to the simulation.
+fn of_question(
+    run: &RunFile,
+    recorded: &Simulation,
+    trial: &TrialRecord,
+    resolved: &ResolvedPlan,
+) -> Result<Vec<String>, MishandleError> {
+    let Simulation { trial: trial_number, number, .. } = *recorded;
+    let mut found = Vec::new();
+    let expected = resolved.trial_seed(trial_number);
+    if trial.seed != expected {
+        found.push(format!("seed of trial {trial_number}: recorded {}, expected {expected}", trial.seed));
+    }
+    match asked(resolved, run, (trial_number, number)) {
+        Ok(Some(expected)) => found.extend(request_differences(recorded, &expected)),
+        Ok(None) => {
+            found.push(format!(
+                "simulation {number} of trial {trial_number}: the plan has no such simulation"
+            ));
+        }
+        Err(error) => found.push(error.to_string()),
+    }
+    Ok(found)
 }
 
 fn of_evaluation(

@@ -13,12 +13,14 @@ mod recorded;
 pub(crate) mod search;
 mod task;
 
+use mishandle_falsification::CampaignSettings;
+use mishandle_random::Seed;
 use mishandle_rollout::{RolloutError, Space, Specification, SpecificationMonitor, System, Target};
 use mishandle_stl::{Clock, Formula, Monitor};
 use mishandle_toys::TOYS;
 
 use crate::error::MishandleError;
-use crate::plan::Plan;
+use crate::plan::{Plan, ScreeningPlan};
 use crate::resolve::axis_setting::with_settings;
 
 pub use check::{check_evaluate, check_falsify, check_risk};
@@ -112,6 +114,12 @@ impl ResolvedPlan {
             check::check_evaluate_in(evaluate, &target, &space)?;
         }
         let mut text = target.formulas.first().map_or("", |formula| &formula.name).to_string();
+        if let Some(margin) = &plan.margin {
+            text = margin.formula.clone().unwrap_or(text);
+        }
+        if let Some(screening) = &plan.screening {
+            check_screening(screening, plan)?;
+        }
         if let Some(risk) = &plan.risk {
             check_risk(risk, &space)?;
             text = risk.formula.clone().unwrap_or(text);
@@ -131,6 +139,17 @@ impl ResolvedPlan {
         Ok(ResolvedPlan { plan: plan.clone(), target, space, specification, stored_subformulas })
     }
 
+    /// Returns the recorded seed of a trial: its own in a falsification, otherwise that of the run.
+    pub(crate) fn trial_seed(&self, trial: u32) -> u64 {
+        match &self.plan.falsify {
+            Some(_) => {
+                let seed = Seed(self.plan.seed);
+                CampaignSettings { seed, ..CampaignSettings::default() }.trial_seed(trial.max(1)).0
+            }
+            None => self.plan.seed,
+        }
+    }
+
     /// Returns the system that runs the simulations.
     ///
     /// # Errors
@@ -138,6 +157,28 @@ impl ResolvedPlan {
     pub fn system(&self) -> Result<Box<dyn System>, MishandleError> {
         Ok(self.target.system(&self.space, &self.specification)?)
     }
+}
+
+/// Checks the settings of a screening.
+fn check_screening(screening: &ScreeningPlan, plan: &Plan) -> Result<(), MishandleError> {
+    let unsupported = |option| MishandleError::UnsupportedOption { target: plan.target.clone(), option };
+    let method = plan.risk.as_ref().map_or("auto", |risk| &risk.method);
+    let (what, value, expected) = if plan.margin.is_some() {
+        return Err(unsupported("a screened search for the smallest disturbance"));
+    } else if plan.falsify.as_ref().is_some_and(|falsify| falsify.keep_going) {
+        return Err(unsupported(
+            "a screened search that keeps going, because a device cannot tell failure modes apart,",
+        ));
+    } else if !matches!(method, "auto" | "monte-carlo") {
+        ("the method of a screened estimation", method.to_string(), "auto or monte-carlo")
+    } else if !(0.0..=1.0).contains(&screening.confirm) {
+        ("the share of the audit sample", screening.confirm.to_string(), "from 0 to 1")
+    } else if !(1..=1 << 20).contains(&screening.rows) {
+        ("the number of worlds", screening.rows.to_string(), "from 1 to 1048576")
+    } else {
+        return Ok(());
+    };
+    Err(MishandleError::InvalidValue { what, value, expected })
 }
 
 /// Parses a formula that is given by its name or its text. A single word is the name of a formula or of a signal.

@@ -19,7 +19,17 @@ pub fn unfinished(run: &RunFile) -> Result<Option<String>, MishandleError> {
     let has = |found: u64, planned: u64, noun: &str| {
         (found < planned).then(|| format!("it has {found} of {}", plural(planned, noun)))
     };
+    let screened = plan.as_ref().is_some_and(|plan| plan.screening.is_some());
     let missing = match run.header().kind {
+        // A device proposes simulations that are no rows.
+        RunKind::Evaluate | RunKind::Risk | RunKind::Margin if screened => {
+            trials.is_empty().then(|| "it has no simulation".to_string())
+        }
+        RunKind::Margin => trials.is_empty().then(|| "it has no simulation".to_string()),
+        RunKind::Risk => {
+            let planned = plan.and_then(|plan| plan.risk).map_or(1, |risk| risk.simulations);
+            has(trials.iter().map(|found| found.counts.simulations).sum(), planned, "simulation")
+        }
         RunKind::Falsify => {
             let planned = plan.and_then(|plan| plan.falsify).map_or(1, |falsify| u64::from(falsify.trials));
             has(trials.len() as u64, planned, "trial")

@@ -4,7 +4,7 @@ use std::rc::Rc;
 use mishandle_falsification::{
     Campaign, CampaignOutcome, CampaignSettings, KeepGoing, ScreenedCounts, Trial, TrialEnd, TrialOutcome,
 };
-use mishandle_rollout::{Screening, Seed};
+use mishandle_rollout::{Screen, Seed, System};
 use mishandle_stl::Trace;
 use mishandle_store::{RunFile, RunWriter, Simulation, TrialRecord, TrialStatus};
 
@@ -13,7 +13,7 @@ use crate::plan::{FalsifyPlan, Plan};
 use crate::resolve::ResolvedPlan;
 use crate::resolve::search::new_search;
 use crate::run::violation::violation_of;
-use crate::run::{header, record};
+use crate::run::{Progress, header, record};
 
 /// Searches for counterexamples and stores every simulation in `run`.
 ///
@@ -26,7 +26,7 @@ use crate::run::{header, record};
 pub fn falsify(
     resolved: &ResolvedPlan,
     mut run: RunWriter,
-    mut watch: impl FnMut(&FalsifyProgress) -> ControlFlow<()>,
+    mut watch: impl FnMut(&Progress) -> ControlFlow<()>,
 ) -> Result<CampaignOutcome, MishandleError> {
     let ResolvedPlan { plan, space, .. } = resolved;
     let falsify = plan.falsify.as_ref().ok_or(MishandleError::MissingPlanTable { table: "falsify" })?;
@@ -37,10 +37,8 @@ pub fn falsify(
     if let Some(settings) = keep_going(resolved) {
         campaign = campaign.keep_going(settings);
     }
-    let mut progress = FalsifyProgress {
-        max_simulations: u64::from(trials) * u64::from(budget),
-        ..FalsifyProgress::default()
-    };
+    let mut progress =
+        Progress { max_simulations: u64::from(trials) * u64::from(budget), ..Progress::default() };
     for simulation in run.file().simulations() {
         let simulation = with_needed_trace(run.file(), simulation?, falsify)?;
         campaign.replay(&record::episode(&simulation, &resolved.target)?)?;
@@ -91,42 +89,22 @@ pub fn falsify(
     Ok(outcome)
 }
 
-/// Searches for counterexamples on a backend, without a run file: see [`Campaign::run_screened`]. Counterexamples are from the
-/// target's own system.
-///
-/// # Errors
-/// If the plan has no table `[falsify]`, its trials keep going, or a simulation cannot be run.
-pub fn falsify_on_backend(
+/// Searches for counterexamples by screening: see [`Campaign::run_screened`]. Counterexamples are from the target's own system.
+pub(crate) fn screened(
     resolved: &ResolvedPlan,
-    screening: &mut Screening,
+    (screening, system): (&mut dyn Screen, &mut dyn System),
     sample_rate: f64,
     watch: &mut (dyn FnMut(&CampaignOutcome) -> ControlFlow<()> + Send),
 ) -> Result<(CampaignOutcome, ScreenedCounts), MishandleError> {
     let ResolvedPlan { plan, space, .. } = resolved;
     let falsify = plan.falsify.as_ref().ok_or(MishandleError::MissingPlanTable { table: "falsify" })?;
     let mut campaign = Campaign::new(settings(plan, falsify), space, new_search(falsify, space))?;
-    if let Some(settings) = keep_going(resolved) {
-        campaign = campaign.keep_going(settings);
-    }
-    Ok(campaign.run_screened(screening, &mut *resolved.system()?, sample_rate, watch)?)
+    Ok(campaign.run_screened(screening, system, sample_rate, watch)?)
 }
 
 fn settings(plan: &Plan, falsify: &FalsifyPlan) -> CampaignSettings {
     let FalsifyPlan { trials, budget, batch, early_stopping, .. } = *falsify;
     CampaignSettings { trials, budget, seed: Seed(plan.seed), batch: batch as usize, early_stopping }
-}
-
-/// Progress of a falsification campaign.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct FalsifyProgress {
-    /// Number of finished simulations.
-    pub simulations: u64,
-    /// Total number of simulations if all running trials spend their budgets.
-    pub max_simulations: u64,
-    /// Number of finished trials.
-    pub ended: u32,
-    /// Number of trials that found a counterexample.
-    pub falsified: u32,
 }
 
 /// Checks seed and status of a recorded trial against the recorded simulations.

@@ -44,6 +44,15 @@ fn settings(recorded: &Plan, given: &Plan) -> Vec<String> {
     if let (Some(then), Some(now)) = (&recorded.evaluate, &given.evaluate) {
         found.compare("episodes", &then.episodes, &now.episodes);
     }
+    if let (Some(then), Some(now)) = (&recorded.margin, &given.margin) {
+        found.compare("budget", &then.budget, &now.budget);
+    }
+    if let (Some(then), Some(now)) = (&recorded.risk, &given.risk) {
+        found.compare("simulations", &then.simulations, &now.simulations);
+        found.compare("method", &then.method, &now.method);
+        found.compare("distributions", &then.distributions, &now.distributions);
+    }
+    found.compare("screening", &recorded.screening, &given.screening);
     found.differences
 }
 

@@ -9,7 +9,7 @@ use mishandle_rollout::{
 };
 use mishandle_stl::{SubformulaMinimum, Trace};
 use mishandle_store as store;
-use mishandle_store::{AxisRecord, IfExists, RunHeader, RunKind, RunWriter, Simulation, TargetRecord};
+use mishandle_store::{AxisRecord, IfExists, RunHeader, RunWriter, Simulation, TargetRecord};
 
 use crate::build::build;
 use crate::error::MishandleError;
@@ -49,7 +49,7 @@ pub(crate) fn header(resolved: &ResolvedPlan) -> RunHeader {
         .iter()
         .map(|signal| store::SignalRecord { name: signal.name.clone(), unit: signal.unit.clone() });
     RunHeader {
-        kind: if plan.falsify.is_some() { RunKind::Falsify } else { RunKind::Evaluate },
+        kind: plan.kind(),
         build: build(),
         versions: target.versions.clone(),
         plan: stored.to_toml(),
@@ -110,6 +110,9 @@ pub fn recorded_axis(record: &AxisRecord) -> Axis {
 /// # Errors
 /// If the file exists already or cannot be written.
 pub fn create_run(resolved: &ResolvedPlan, path: Option<&Path>) -> Result<RunWriter, MishandleError> {
+    if let Some(margin) = &resolved.plan.margin {
+        crate::run::check_margin(margin.budget, &resolved.space)?;
+    }
     let path = match path {
         Some(path) => path.to_path_buf(),
         None => free_path(&resolved.plan)?,
@@ -135,10 +138,8 @@ fn free_path(plan: &Plan) -> Result<PathBuf, MishandleError> {
         source,
     })?;
     let target = plan.target.replace('/', "-");
-    let (kind, search) = match &plan.falsify {
-        Some(falsify) => ("falsify", falsify.search.as_str()),
-        None => ("evaluate", ""),
-    };
+    let kind = plan.kind().name();
+    let search = plan.falsify.as_ref().map_or("", |falsify| falsify.search.as_str());
     let seed = format!("s{}", plan.seed);
     let parts = [kind, &target, &controller_name(&plan.controller), search, &seed];
     let name = parts.into_iter().filter(|part| !part.is_empty()).collect::<Vec<_>>().join("-");

@@ -3,7 +3,7 @@
 use std::ops::ControlFlow;
 
 use mishandle_risk::{Disagreement, LARGEST_RATIO, Refusal, Report, Scenarios, Settings, Source};
-use mishandle_rollout::Seed;
+use mishandle_rollout::{Seed, System};
 
 use crate::error::MishandleError;
 use crate::plan::RiskPlan;
@@ -28,6 +28,7 @@ pub fn risk_scenarios(resolved: &ResolvedPlan) -> Result<Scenarios, MishandleErr
 /// If the plan has no table `[risk]`, nothing is random, or a simulation cannot be run.
 pub fn risk(
     resolved: &ResolvedPlan,
+    system: &mut dyn System,
     watch: impl FnMut(u64) -> ControlFlow<()>,
 ) -> Result<Report, MishandleError> {
     let table = table(resolved)?;
@@ -38,7 +39,7 @@ pub fn risk(
         batch: table.batch as usize,
     };
     let scenarios = risk_scenarios(resolved)?;
-    Ok(mishandle_risk::risk(&mut *resolved.system()?, &scenarios, &settings, watch)?)
+    Ok(mishandle_risk::risk(system, &scenarios, &settings, watch)?)
 }
 
 fn table(resolved: &ResolvedPlan) -> Result<&RiskPlan, MishandleError> {

@@ -1,15 +1,14 @@
 //! Physics engines besides MuJoCo C. They propose scenarios; MuJoCo C gives every verdict.
 
 use std::ops::ControlFlow;
-use std::sync::{Arc, OnceLock};
+use std::sync::Arc;
 
 use mishandle_evaluation::{
     CornerReport, EvaluationError, FormulaRoles, ScreenedEvaluation, ScreenedProgress, evaluate_corners,
     evaluate_screened,
 };
 use mishandle_network::NetworkDevice;
-use mishandle_risk::{Scenarios, ScreenedReport, ScreenedSettings, screened_risk};
-use mishandle_rollout::{RolloutError, ScenarioBatch, Screening, Seed};
+use mishandle_rollout::{RolloutError, ScenarioBatch, Screen, Screening, System};
 use mishandle_tasks::TaskBatch;
 use mishandle_world::Backend;
 
@@ -18,31 +17,13 @@ use crate::plan::Plan;
 use crate::resolve::{ResolvedPlan, task_target};
 use crate::run::evaluate::{corner_report, with_requests};
 
-static GPU: OnceLock<Gpu> = OnceLock::new();
-
-/// What the backend `gpu` consists of.
-struct Gpu {
-    worlds: Arc<dyn Backend>,
-    networks: Option<Arc<dyn NetworkDevice>>,
-}
-
-/// Makes a backend available as `gpu`: worlds, and networks for the learner of `train`, which otherwise computes them on the CPU. The
-/// first call of a process counts; the Python package calls it.
-pub fn install_gpu_backend(worlds: Arc<dyn Backend>, networks: Option<Arc<dyn NetworkDevice>>) {
-    let _ = GPU.set(Gpu { worlds, networks });
-}
-
-/// Returns the backend `gpu`.
-///
-/// # Errors
-/// If no backend is installed, because this program is not the one of the Python package.
-pub fn gpu_backend() -> Result<Arc<dyn Backend>, MishandleError> {
-    GPU.get().map(|gpu| gpu.worlds.clone()).ok_or(MishandleError::NoGpuBackend)
-}
-
-/// Returns the networks of the backend `gpu`, if it has some.
-pub(crate) fn gpu_networks() -> Option<&'static dyn NetworkDevice> {
-    GPU.get()?.networks.as_deref()
+/// A device besides the CPU, which a front end that has one passes to the questions.
+#[derive(Clone)]
+pub struct Device {
+    /// Worlds that propose simulations, and in which policies train.
+    pub worlds: Arc<dyn Backend>,
+    /// Networks for the learner of [`train`](crate::train()). Without them, the CPU computes the networks.
+    pub networks: Option<Arc<dyn NetworkDevice>>,
 }
 
 /// Makes the screening of a plan's simulations on a backend, in two batches of half of `rows` worlds each: while the engine steps
@@ -79,27 +60,6 @@ pub fn screening(
     Ok(Screening::new(rollout, batches))
 }
 
-/// Estimates the failure probability of a plan by screening on a backend: see [`screened_risk`](mishandle_risk::screened_risk()).
-///
-/// # Errors
-/// If the plan has no table `[risk]`, or a simulation cannot be run.
-pub fn risk_on_backend(
-    resolved: &ResolvedPlan,
-    scenarios: &Scenarios,
-    screening: &mut Screening,
-    sample_rate: f64,
-    watch: &mut (dyn FnMut(ScreenedProgress) -> ControlFlow<()> + Send),
-) -> Result<ScreenedReport, MishandleError> {
-    let table = resolved.plan.risk.as_ref().ok_or(MishandleError::MissingPlanTable { table: "risk" })?;
-    let settings = ScreenedSettings {
-        simulations: table.simulations,
-        sample_rate,
-        seed: Seed(resolved.plan.seed),
-        batch: table.batch as usize,
-    };
-    Ok(screened_risk(screening, &mut *resolved.system()?, scenarios, &settings, watch)?)
-}
-
 /// Results of an evaluation on a backend.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ScreenedEvaluationOutcome {
@@ -110,19 +70,16 @@ pub struct ScreenedEvaluationOutcome {
     pub corners: Option<CornerReport>,
 }
 
-/// Evaluates a plan by screening on a backend: see [`evaluate_screened`](mishandle_evaluation::evaluate_screened()).
-///
-/// # Errors
-/// If the plan has no table `[evaluate]`, or a simulation cannot be run.
-pub fn evaluate_on_backend(
+/// Evaluates a plan by screening: see [`evaluate_screened`](mishandle_evaluation::evaluate_screened()).
+pub(crate) fn evaluate(
     resolved: &ResolvedPlan,
-    screening: &mut Screening,
+    (screening, system): (&mut dyn Screen, &mut dyn System),
     sample_rate: f64,
     watch: &mut (dyn FnMut(ScreenedProgress) -> ControlFlow<()> + Send),
 ) -> Result<ScreenedEvaluationOutcome, MishandleError> {
     with_requests(resolved, |requests| {
-        let (mut system, roles) = (resolved.system()?, FormulaRoles::of(&resolved.specification));
-        let report = evaluate_screened(screening, &mut *system, &requests.random, roles, sample_rate, watch)?;
+        let roles = FormulaRoles::of(&resolved.specification);
+        let report = evaluate_screened(screening, system, &requests.random, roles, sample_rate, watch)?;
         let mut outcome = ScreenedEvaluationOutcome { report, corners: None };
         if let (Some(corners), true) = (&requests.corners, outcome.report.is_complete) {
             let progress = ScreenedProgress {
@@ -131,7 +88,7 @@ pub fn evaluate_on_backend(
             };
             let mut report = corner_report(resolved, corners);
             let mut is_stopped = false;
-            evaluate_corners(&mut *system, corners, requests.random.batch, &mut report, |_| {
+            evaluate_corners(system, corners, requests.random.batch, &mut report, |_| {
                 let flow = watch(progress);
                 is_stopped |= flow.is_break();
                 Ok::<_, EvaluationError>(flow)

@@ -7,6 +7,7 @@ use mishandle_training::{AlgorithmSettings, Checkpoint};
 
 use crate::error::MishandleError;
 use crate::resolve::task;
+use crate::run::Device;
 use crate::train::{TrainPlan, batches, check_outputs, environment, reward, settings};
 
 /// Facts that determine the result of a training run and the format of its controller files.
@@ -26,8 +27,8 @@ pub struct TrainingFacts {
 /// files.
 ///
 /// # Errors
-/// The errors of [`train`](crate::train::train()) before its first step.
-pub fn training_facts(plan: &TrainPlan) -> Result<TrainingFacts, MishandleError> {
+/// The errors of [`train`](crate::train()) before its first step.
+pub fn training_facts(plan: &TrainPlan, gpu: Option<&Device>) -> Result<TrainingFacts, MishandleError> {
     let task = task(&plan.task)?;
     let settings = settings(plan)?;
     let environment = Arc::new(environment(plan)?);
@@ -35,7 +36,7 @@ pub fn training_facts(plan: &TrainPlan) -> Result<TrainingFacts, MishandleError>
     let resumed = plan.resume && checkpoint.exists();
     let resumed = resumed.then(|| Checkpoint::load(&checkpoint)).transpose()?;
     check_outputs(plan, environment.reward_terms(), resumed.as_ref())?;
-    let batches = batches(plan, environment)?;
+    let batches = batches(plan, gpu, environment)?;
     if let Some(checkpoint) = &resumed {
         settings.check_resumption(&*batches, Seed(plan.seed), checkpoint)?;
     }

@@ -23,8 +23,7 @@ use mishandle_training::{
 use crate::build::build;
 use crate::error::MishandleError;
 use crate::resolve::task;
-use crate::run::gpu_backend;
-use crate::run::screening::gpu_networks;
+use crate::run::Device;
 use crate::shipped::{check_home, shipped_settings};
 pub(crate) use output_check::check as check_outputs;
 use plan::with_suffix;
@@ -74,7 +73,7 @@ impl TrainReport {
 }
 
 /// Trains a controller and writes the best one by validation to the plan's file, and the last one beside it. `observer`
-/// receives the progress and can stop the run.
+/// receives the progress and can stop the run. `gpu` is the device of a plan that trains on it.
 ///
 /// The first checkpoint is written after the first iteration. After that, a file that cannot be written does not end the
 /// run; writing is tried again, and the report contains the errors that remain at the end.
@@ -83,7 +82,11 @@ impl TrainReport {
 /// If a name is unknown, a setting has a value that is not allowed, the checkpoint or the curve belongs to another training
 /// run, an output file exists, or the first checkpoint or the start of an output file cannot be written. The files that
 /// this run created are then deleted.
-pub fn train(plan: &TrainPlan, observer: &mut dyn TrainObserver) -> Result<TrainReport, MishandleError> {
+pub fn train(
+    plan: &TrainPlan,
+    gpu: Option<&Device>,
+    observer: &mut dyn TrainObserver,
+) -> Result<TrainReport, MishandleError> {
     let task = task(&plan.task)?;
     let settings = settings(plan)?;
     plan.check_extension()?;
@@ -97,9 +100,10 @@ pub fn train(plan: &TrainPlan, observer: &mut dyn TrainObserver) -> Result<Train
     let resumed = if plan.resume { Some(Checkpoint::load(&plan.checkpoint())?) } else { None };
     let mut recorder =
         TrainingRecorder::new(plan, environment.clone(), specification, resumed.as_ref(), observer)?;
-    let batches = batches(plan, environment)?;
+    let batches = batches(plan, gpu, environment)?;
     let (seed, resumed) = (Seed(plan.seed), resumed.as_ref());
-    let trained = match gpu_networks().filter(|_| plan.backend == "gpu") {
+    let networks = gpu.and_then(|gpu| gpu.networks.as_deref());
+    let trained = match networks.filter(|_| plan.backend == "gpu") {
         Some(networks) => settings.train_on(&*batches, networks, seed, resumed, &mut recorder),
         None => settings.train(&*batches, seed, resumed, &mut recorder),
     };
@@ -158,11 +162,15 @@ pub(crate) fn environment(plan: &TrainPlan) -> Result<TaskEnvironment, Mishandle
 /// Returns the factory of a plan's training environments.
 pub(crate) fn batches(
     plan: &TrainPlan,
+    gpu: Option<&Device>,
     environment: Arc<TaskEnvironment>,
 ) -> Result<Box<dyn BatchFactory>, MishandleError> {
     known("backend", &plan.backend, &["cpu", "gpu"])?;
     Ok(match plan.backend == "gpu" {
-        true => Box::new(TaskBatches::new(environment, gpu_backend()?)),
+        true => {
+            let gpu = gpu.ok_or_else(|| MishandleError::NoDevice { device: plan.backend.clone() })?;
+            Box::new(TaskBatches::new(environment, gpu.worlds.clone()))
+        }
         false => Box::new(environment),
     })
 }

@@ -8,6 +8,7 @@ use anyhow::{Result, ensure};
 use clap::{Args, Parser, Subcommand};
 use mishandle::Plan;
 use mishandle::plan::AxisSetting;
+use mishandle::plan::ScreeningPlan;
 use mishandle::rollout::Noise;
 
 use crate::commands::{
@@ -116,8 +117,7 @@ pub struct Run {
 /// Flags that create or open the run file of a command that runs simulations.
 #[derive(Debug, Args)]
 pub struct OpenRun {
-    /// Run file to create (SQLite) [default: a new file in runs/]. --backend gpu creates none: there, evaluate has no --out,
-    /// and that of falsify is the .json file of its first counterexample
+    /// Run file to create (SQLite) [default: a new file in runs/]
     #[arg(long, value_name = "FILE")]
     pub out: Option<PathBuf>,
     /// Resume a stopped run with its own plan; if its controller was moved, --controller is the new path
@@ -137,40 +137,35 @@ pub struct OpenRun {
 pub struct Screen {
     /// Physics engine of the simulations: cpu (MuJoCo C), or gpu (MuJoCo Warp; MuJoCo C repeats every violation and a random
     /// sample of the others, and only these count) [default: cpu]
-    #[arg(long, value_name = "NAME")]
+    #[arg(long, value_name = "NAME", conflicts_with = "resume")]
     pub backend: Option<Backend>,
     /// With --backend gpu: number of worlds on the GPU [default: 16384]
     #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = integer::<u32>(1..=1_048_576))]
+    #[arg(conflicts_with = "resume")]
     pub rows: Option<u32>,
     /// With --backend gpu: share of the simulations without a violation that MuJoCo C repeats, above 0 and up to 1
     /// [default: 0.1]
-    #[arg(long, value_name = "SHARE", allow_negative_numbers = true, value_parser = share)]
+    #[arg(long, value_name = "SHARE", allow_negative_numbers = true, value_parser = share, conflicts_with = "resume")]
     pub confirm: Option<f64>,
 }
 
 impl Screen {
-    /// Returns whether a GPU screens the simulations.
-    pub fn is_gpu(&self) -> bool {
-        self.backend == Some(Backend::Gpu)
-    }
-
-    /// Returns the number of worlds.
-    pub fn rows(&self) -> u32 {
-        self.rows.unwrap_or(16_384)
-    }
-
-    /// Returns the share of the simulations without a violation that MuJoCo C repeats.
-    pub fn confirm(&self) -> f64 {
-        self.confirm.unwrap_or(0.1)
-    }
-
-    /// Checks that no flag is without effect.
-    pub fn check(&self) -> Result<()> {
+    /// Returns the screening of a plan with the values of the flags.
+    pub fn plan(&self, planned: Option<ScreeningPlan>) -> Result<Option<ScreeningPlan>> {
+        let planned = match self.backend {
+            None => planned,
+            Some(Backend::Cpu) => None,
+            Some(Backend::Gpu) => Some(planned.unwrap_or_default()),
+        };
         ensure!(
-            self.is_gpu() || (self.rows.is_none() && self.confirm.is_none()),
+            planned.is_some() || (self.rows.is_none() && self.confirm.is_none()),
             "--rows and --confirm need --backend gpu"
         );
-        Ok(())
+        Ok(planned.map(|planned| ScreeningPlan {
+            rows: self.rows.unwrap_or(planned.rows),
+            confirm: self.confirm.unwrap_or(planned.confirm),
+            ..planned
+        }))
     }
 }
 

@@ -12,6 +12,7 @@ mod live_curve;
 mod numbers;
 mod output;
 mod progress;
+mod question;
 mod risk_text;
 mod run;
 mod screened_text;
@@ -23,6 +24,7 @@ use std::ffi::OsString;
 use std::process::ExitCode;
 
 use clap::Parser;
+use mishandle::run::Device;
 use mishandle::tasks::Task;
 
 use args::{Command, CommandLine};
@@ -53,11 +55,11 @@ pub fn main_with_tasks(tasks: &[&'static dyn Task]) -> ExitCode {
 
 /// Runs the program with the given arguments. The first one is the name of the program.
 pub fn run_with(arguments: impl IntoIterator<Item = OsString>) -> ExitCode {
-    ExitCode::from(exit_code_of(arguments))
+    ExitCode::from(exit_code_of(arguments, None))
 }
 
-/// As [`run_with`], but returns the exit code as a number.
-pub fn exit_code_of(arguments: impl IntoIterator<Item = OsString>) -> u8 {
+/// As [`run_with`], but returns the exit code as a number. `gpu` is the device `gpu` of this process, if it has one.
+pub fn exit_code_of(arguments: impl IntoIterator<Item = OsString>, gpu: Option<&Device>) -> u8 {
     interrupt::report_file_size_limits();
     let words: Vec<OsString> = arguments.into_iter().collect();
     let arguments = match CommandLine::try_parse_from(&words) {
@@ -72,16 +74,16 @@ pub fn exit_code_of(arguments: impl IntoIterator<Item = OsString>) -> u8 {
         Command::Targets(command) => commands::targets::run(command),
         Command::Searches(command) => commands::searches::run(command),
         Command::Monitor(command) => commands::monitor::run(command),
-        Command::Train(command) => commands::train::run(command),
+        Command::Train(command) => commands::train::run(command, gpu),
         Command::Controller(command) => commands::controller::run(command),
         Command::Curve(command) => commands::curve::run(command),
-        Command::Evaluate(command) => commands::evaluate::run(command),
-        Command::Falsify(command) => commands::falsify::run(command),
-        Command::Campaign(command) => commands::campaign::run(command),
+        Command::Evaluate(command) => commands::evaluate::run(command, gpu),
+        Command::Falsify(command) => commands::falsify::run(command, gpu),
+        Command::Campaign(command) => commands::campaign::run(command, gpu),
         Command::Reproduce(command) => commands::reproduce::run(command),
         Command::Compare(command) => commands::compare::run(command),
         Command::Margin(command) => commands::margin::run(command),
-        Command::Risk(command) => commands::risk::run(command),
+        Command::Risk(command) => commands::risk::run(command, gpu),
         Command::Simulate(command) => commands::simulate::run(command),
         Command::Runs(command) => commands::runs::run(command),
         Command::Export(command) => commands::export::run(command),

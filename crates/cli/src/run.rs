@@ -18,7 +18,7 @@ use mishandle_text::{decimal, plural};
 use serde_json::{Value, json};
 
 use crate::progress::Bar;
-use crate::{ExitStatus, args, escape, interrupt, output};
+use crate::{args, escape, interrupt, output};
 
 /// Sets the size of rayon's global thread pool.
 pub fn set_threads(threads: Option<usize>) -> Result<()> {
@@ -92,9 +92,9 @@ pub fn open(
         found == kind,
         "{} is a run of `{}`, not of `{}`; resume it with: mishandle {} --resume {}",
         path.display(),
-        command_of(found),
-        command_of(kind),
-        command_of(found),
+        found.name(),
+        kind.name(),
+        found.name(),
         name(run.file())
     );
     sync(&mut run)?;
@@ -104,14 +104,6 @@ pub fn open(
         &mishandle::replay::build_differences(run.file().header(), &resolved),
     );
     Ok((resolved, run))
-}
-
-/// Returns the command that makes runs of this kind.
-fn command_of(kind: RunKind) -> &'static str {
-    match kind {
-        RunKind::Evaluate => "evaluate",
-        RunKind::Falsify => "falsify",
-    }
 }
 
 /// Largest number of differences that are reported.
@@ -368,18 +360,12 @@ pub fn name(run: &RunFile) -> String {
 /// Reports the progress of an interrupted run and the command that resumes it.
 pub fn report_interruption(kind: RunKind, simulations: u64, name: &str) {
     output::message(&format!("interrupted after {}, stored in {name}", plural(simulations, "simulation")));
-    output::message(&format!("Resume with: mishandle {} --resume {name}", command_of(kind)));
+    output::message(&format!("Resume with: mishandle {} --resume {name}", kind.name()));
 }
 
 /// Reports an interrupted command that writes no run file: what is kept, and what is lost.
 pub fn report_loss(simulations: u64, kept_and_lost: &str) {
     output::message(&format!("interrupted after {}: {kept_and_lost}", plural(simulations, "simulation")));
-}
-
-/// Reports a command that was interrupted before its first result.
-pub fn without_result() -> ExitStatus {
-    output::message("interrupted before the first result");
-    ExitStatus::Interrupted
 }
 
 /// Makes signals end the run after the current batch. The first signal prints a message immediately.

@@ -4,7 +4,7 @@ use std::ops::ControlFlow;
 use std::sync::Mutex;
 
 use mishandle_random::Sequence;
-use mishandle_rollout::{Episode, Request, RolloutError, ScreenedEpisode, Screening, System};
+use mishandle_rollout::{Episode, Request, RolloutError, Screen, ScreenedEpisode, System};
 
 use crate::run::simulate;
 use crate::two_phase::OthersSample;
@@ -49,7 +49,7 @@ pub struct Selection {
 /// # Errors
 /// If a scenario does not belong to the space, or the other engine fails.
 pub fn screen(
-    screening: &mut Screening,
+    screening: &mut dyn Screen,
     requests: &[Request],
     is_flagged: impl Fn(&ScreenedEpisode) -> bool,
     (sample_rate, sample): (f64, &mut Sequence),
@@ -192,7 +192,7 @@ fn complement(estimate: Estimate) -> Estimate {
 /// # Errors
 /// As [`evaluate`](crate::evaluate), and if the other engine fails.
 pub fn evaluate_screened(
-    screening: &mut Screening,
+    screening: &mut dyn Screen,
     system: &mut dyn System,
     evaluation: &Evaluation<'_>,
     roles: FormulaRoles,

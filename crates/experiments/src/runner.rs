@@ -143,7 +143,7 @@ impl Runner for LocalRunner {
     }
 
     fn train(&self, plan: &TrainPlan, observer: &mut dyn TrainObserver) -> Result<bool, ExperimentError> {
-        let report = mishandle::train::train(plan, observer)?;
+        let report = mishandle::train::train(plan, None, observer)?;
         if !report.write_failures.is_empty() {
             let failures = report.write_failures.iter().map(ToString::to_string).collect();
             return Err(ExperimentError::Unwritten { failures });

@@ -5,7 +5,7 @@ use std::sync::Mutex;
 
 use mishandle_random::Sequence;
 use mishandle_results::Confirmed;
-use mishandle_rollout::{DEFAULT_BATCH_SIZE, Episode, Request, ScreenedEpisode, Screening, System};
+use mishandle_rollout::{DEFAULT_BATCH_SIZE, Episode, Request, Screen, ScreenedEpisode, System};
 use mishandle_search::Observation;
 use mishandle_stl::Trace;
 
@@ -105,7 +105,7 @@ impl Campaign<'_> {
     /// [keep going](Self::keep_going).
     pub fn run_screened(
         &mut self,
-        screening: &mut Screening,
+        screening: &mut dyn Screen,
         system: &mut dyn System,
         sample_rate: f64,
         watch: &mut (dyn FnMut(&CampaignOutcome) -> ControlFlow<()> + Send),

@@ -107,7 +107,7 @@ fn html(found: &Comparison, headers: [&RunHeader; 2]) -> String {
 
 /// Names a run by its controller, or by its file.
 fn name(run: &ComparedRun) -> String {
-    let path = run.path.to_string_lossy();
+    let path = &run.run;
     match &run.controller {
         Some(controller) => format!(
             "the controller <code>{}</code> (<code>{}</code>)",
@@ -451,7 +451,7 @@ fn facts(found: &Comparison, header: &RunHeader) -> String {
     let hash = |hash: &str| code(&short(hash, 20));
     let optional_hash = |value: &Option<String>| value.as_deref().map_or("–".to_string(), hash);
     let row = |name: &str, a: String, b: String| vec![name.to_string(), a, b];
-    let path = |run: &ComparedRun| code(&run.path.to_string_lossy());
+    let path = |run: &ComparedRun| code(&run.run);
     let rows = [
         row("run file", path(a), path(b)),
         row("controller", optional(&a.controller), optional(&b.controller)),

@@ -2,7 +2,7 @@
 
 use std::ops::ControlFlow;
 
-use mishandle_rollout::{Request, System};
+use mishandle_rollout::{Episode, Request, System};
 
 use crate::{Draw, RiskError, Scenarios};
 
@@ -28,6 +28,8 @@ const KEPT: usize = 1000;
 pub struct Failure {
     /// Scenario and seed.
     pub draw: Draw,
+    /// Number of the simulation: that of its [`Episode`](mishandle_rollout::Episode).
+    pub number: u32,
     /// Robustness, below 0.
     pub robustness: f64,
 }
@@ -79,14 +81,14 @@ impl<'a> Experiment<'a> {
             if episodes.len() != requests.len() {
                 return Err(RiskError::EpisodeCount { requested: requests.len(), returned: episodes.len() });
             }
-            robustness.extend(episodes.iter().map(mishandle_rollout::Episode::robustness));
+            let failed = |(draw, episode): (&Draw, &Episode)| {
+                let robustness = episode.robustness().filter(|rho| *rho < 0.0)?;
+                Some(Failure { draw: draw.clone(), number: episode.request.number, robustness })
+            };
+            self.failures.extend(batch.iter().zip(&episodes).filter_map(failed));
+            robustness.extend(episodes.iter().map(Episode::robustness));
             self.done += batch.len() as u64;
             self.is_interrupted = (self.watch)(self.done).is_break();
-        }
-        for (draw, rho) in draws.iter().zip(&robustness) {
-            if let Some(robustness) = rho.filter(|rho| *rho < 0.0) {
-                self.failures.push(Failure { draw: draw.clone(), robustness });
-            }
         }
         if self.failures.len() > 2 * KEPT {
             self.sort_failures();

@@ -5,7 +5,7 @@ use std::sync::Mutex;
 
 use mishandle_evaluation::{Estimate, SCREENED_CHUNK, ScreenedProgress, TwoPhase, screen};
 use mishandle_random::{Seed, Sequence};
-use mishandle_rollout::{Request, ScreenedEpisode, Screening, System};
+use mishandle_rollout::{Request, Screen, ScreenedEpisode, System};
 
 use crate::experiment::Experiment;
 use crate::risk::SHOWN;
@@ -63,7 +63,7 @@ impl ScreenedReport {
 /// # Errors
 /// If a simulation cannot be run, or the other engine fails.
 pub fn screened_risk(
-    screening: &mut Screening,
+    screening: &mut dyn Screen,
     system: &mut dyn System,
     scenarios: &Scenarios,
     settings: &ScreenedSettings,

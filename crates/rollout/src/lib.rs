@@ -49,7 +49,9 @@ pub use noise::Noise;
 pub use per_thread::PerThread;
 pub use request::{Episode, EpisodeEnd, Request};
 pub use rollout::Rollout;
-pub use screening::{BatchStatus, GROUP_ROWS, ScenarioBatch, ScenarioRows, ScreenedEpisode, Screening};
+pub use screening::{
+    BatchStatus, GROUP_ROWS, ScenarioBatch, ScenarioRows, Screen, ScreenedEpisode, Screening,
+};
 pub use space::{Axis, AxisKind, AxisValues, Distribution, Scenario, Space};
 pub use specification::{Specification, SpecificationMonitor, Verdict};
 pub use system::{DEFAULT_BATCH_SIZE, System};

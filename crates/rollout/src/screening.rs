@@ -81,6 +81,23 @@ impl ScreenedEpisode {
     }
 }
 
+/// Simulates requests in another physics engine than that of the target. [`Screening`] computes them; a run file that is
+/// continued answers those that it has recorded.
+pub trait Screen {
+    /// Simulates all requests and returns their outcomes in the same order.
+    ///
+    /// `watch` gets the number of finished simulations now and then. If it returns `false`, the screening ends, and the
+    /// outcomes of unfinished simulations are `None`.
+    ///
+    /// # Errors
+    /// If a scenario does not belong to the space, or the engine fails as a whole.
+    fn run(
+        &mut self,
+        requests: &[Request],
+        watch: &(dyn Fn(usize) -> bool + Sync),
+    ) -> Result<Vec<Option<ScreenedEpisode>>, RolloutError>;
+}
+
 /// Runs simulations of a controller on batches of another physics engine. While the engine steps one batch, the CPU computes the
 /// samples and actions of another one.
 pub struct Screening {
@@ -95,15 +112,11 @@ impl Screening {
         let flights = batches.into_iter().map(|batch| Flight::new(&rollout, batch)).collect();
         Screening { rollout, flights, threads: PerThread::new() }
     }
+}
 
-    /// Simulates all requests and returns their outcomes in the same order. A free row takes the next request at once.
-    ///
-    /// `watch` gets the number of finished simulations now and then. If it returns `false`, the screening ends, and the outcomes of
-    /// unfinished simulations are `None`.
-    ///
-    /// # Errors
-    /// If a scenario does not belong to the space, or a batch fails as a whole.
-    pub fn run(
+impl Screen for Screening {
+    /// A free row takes the next request at once.
+    fn run(
         &mut self,
         requests: &[Request],
         watch: &(dyn Fn(usize) -> bool + Sync),

@@ -43,6 +43,11 @@ impl Digest {
         }
     }
 
+    pub(crate) fn bytes(&mut self, bytes: &[u8]) {
+        self.integer(bytes.len() as u64);
+        self.0.update(bytes);
+    }
+
     pub(crate) fn text(&mut self, text: &str) {
         self.integer(text.len() as u64);
         self.0.update(text);

@@ -7,6 +7,30 @@ pub enum RunKind {
     Falsify,
     /// An evaluation: episodes with random scenarios.
     Evaluate,
+    /// A search for the smallest disturbance that violates the requirement.
+    Margin,
+    /// An estimation of the failure probability.
+    Risk,
+}
+
+impl RunKind {
+    /// All kinds with their names, which are those of the commands and of the plan's tables.
+    pub const ALL: [(RunKind, &str); 4] = [
+        (RunKind::Evaluate, "evaluate"),
+        (RunKind::Falsify, "falsify"),
+        (RunKind::Margin, "margin"),
+        (RunKind::Risk, "risk"),
+    ];
+
+    /// Returns the name of the command that makes runs of this kind.
+    pub fn name(self) -> &'static str {
+        RunKind::ALL.iter().find(|(kind, _)| *kind == self).map_or("", |(_, name)| name)
+    }
+
+    /// Returns the kind with this name.
+    pub fn of_name(name: &str) -> Option<RunKind> {
+        RunKind::ALL.iter().find(|(_, known)| *known == name).map(|(kind, _)| *kind)
+    }
 }
 
 /// The program that made a run. Unknown fields are empty.

@@ -14,12 +14,6 @@ use crate::{
 
 const HASH: &str = "header_hash";
 
-const KINDS: [(RunKind, &str); 2] = [(RunKind::Falsify, "falsify"), (RunKind::Evaluate, "evaluate")];
-
-fn kind_text(kind: RunKind) -> &'static str {
-    KINDS.iter().find(|(known, _)| *known == kind).map_or("", |(_, text)| text)
-}
-
 /// The tables that hold the header's lists, each with its columns.
 const LISTS: [(&str, &str); 6] = [
     ("version", "name, version"),
@@ -108,7 +102,7 @@ const VALUES: usize = 17;
 /// Returns the single values by key.
 fn values(header: &RunHeader) -> [(&'static str, Value); VALUES] {
     [
-        ("kind", text(kind_text(header.kind))),
+        ("kind", text(header.kind.name())),
         ("program_version", text(&header.build.program_version)),
         ("git_commit", text(&header.build.git_commit)),
         ("build_target", text(&header.build.target)),
@@ -202,10 +196,7 @@ pub(crate) fn read(connection: &Connection, path: &Path) -> Result<RunHeader> {
     let text = |key| value::<String>(connection, path, key);
     let seed = text("seed")?;
     let header = RunHeader {
-        kind: KINDS
-            .iter()
-            .find(|(_, known)| *known == kind)
-            .map(|(kind, _)| *kind)
+        kind: RunKind::of_name(&kind)
             .ok_or_else(|| StoreError::damaged(path, format!("its kind {kind:?} is unknown")))?,
         build: BuildRecord {
             program_version: text("program_version")?,

@@ -119,6 +119,7 @@ mod row;
 mod run_file;
 mod run_writer;
 mod schema;
+mod screened;
 mod trace_blob;
 mod upgrade;
 
@@ -132,6 +133,7 @@ pub use record::{Counts, Simulation, SimulationEnd, TrialRecord, TrialStatus, Tr
 pub use run_file::{RunFile, Simulations};
 pub use run_writer::{IfExists, RunWriter};
 pub use schema::FORMAT_VERSION;
+pub use screened::{ScreenedChunk, requests_digest};
 pub use trace_blob::{StoredTrace, trace_digest};
 
 /// A result of this crate.

@@ -10,8 +10,8 @@ use crate::error::{InFile, StoreError};
 use crate::run_writer::RunWriter;
 use crate::upgrade::{STEPS, Step};
 use crate::{
-    Counts, Result, RunHeader, Simulation, StoredTrace, TrialRecord, TrialSummary, row, schema, trace_blob,
-    upgrade,
+    Counts, Result, RunHeader, ScreenedChunk, Simulation, StoredTrace, TrialRecord, TrialSummary, row,
+    schema, screened, trace_blob, upgrade,
 };
 
 /// Largest number of simulations that [`Simulations`] reads at once.
@@ -170,18 +170,35 @@ impl RunFile {
     /// [`UnknownSimulation`](StoreError::UnknownSimulation), [`Damaged`](StoreError::Damaged), or another error of the
     /// file.
     pub fn simulation(&self, trial: u32, number: u32) -> Result<Simulation> {
+        let simulation =
+            self.recorded(trial, number)?.ok_or(StoreError::UnknownSimulation { trial, number })?;
+        Ok(Simulation { trace: self.trace_of(&simulation)?, ..simulation })
+    }
+
+    /// Returns one simulation without its trace; `None` if the run does not have it.
+    ///
+    /// # Errors
+    /// [`Damaged`](StoreError::Damaged), or another error of the file.
+    pub fn recorded(&self, trial: u32, number: u32) -> Result<Option<Simulation>> {
         let sql = format!("SELECT {} FROM simulation WHERE trial = ?1 AND number = ?2", row::COLUMNS);
         let mut select = self.database.sql().prepare_cached(&sql).in_file(&self.path)?;
         let mut rows = select.query([trial, number]).in_file(&self.path)?;
-        let simulation = match rows.next().in_file(&self.path)? {
-            Some(row) => row::read(row, &self.path, &self.header)?,
-            None => return Err(StoreError::UnknownSimulation { trial, number }),
-        };
-        if (simulation.trial, simulation.number) != (trial, number) {
+        let found = rows.next().in_file(&self.path)?;
+        let simulation = found.map(|row| row::read(row, &self.path, &self.header)).transpose()?;
+        if simulation.as_ref().is_some_and(|found| (found.trial, found.number) != (trial, number)) {
             let what = format!("the index of simulations is wrong at simulation {number} of trial {trial}");
             return Err(StoreError::damaged(&self.path, what));
         }
-        Ok(Simulation { trace: self.trace_of(&simulation)?, ..simulation })
+        Ok(simulation)
+    }
+
+    /// Returns the outcomes of another physics engine with this number, from 1, and this number of values for each request;
+    /// `None` if the run does not have them.
+    ///
+    /// # Errors
+    /// [`Damaged`](StoreError::Damaged), or another error of the file.
+    pub fn screened_chunk(&self, number: u32, columns: usize) -> Result<Option<ScreenedChunk>> {
+        screened::read(self, number, columns)
     }
 
     /// Returns trial and number of the simulations whose traces are stored, in order.
@@ -216,6 +233,7 @@ impl RunFile {
             digest.integer(u64::from(trial));
             digest.integer(u64::from(number));
         }
+        screened::feed(self, &mut digest)?;
         Ok(digest.finish())
     }
 
@@ -282,9 +300,10 @@ impl RunFile {
         }
     }
 
-    /// Checks the hashes of all trials and simulations.
+    /// Checks the hashes of all trials, simulations and screened chunks.
     pub(crate) fn check_rows(&self) -> Result<()> {
         self.trials()?;
+        screened::feed(self, &mut Digest::of("check"))?;
         self.simulations().try_for_each(|simulation| simulation.map(drop))
     }
 

@@ -13,7 +13,8 @@ use crate::run_file::RunFile;
 use crate::schema::{APPLICATION_ID, FORMAT_VERSION};
 use crate::upgrade::{STEPS, Step};
 use crate::{
-    Result, RunHeader, Simulation, TrialRecord, TrialStatus, header_table, row, schema, trace_blob, upgrade,
+    Result, RunHeader, ScreenedChunk, Simulation, TrialRecord, TrialStatus, header_table, row, schema,
+    screened, trace_blob, upgrade,
 };
 
 /// Behavior of [`RunWriter::create`] if the file exists.
@@ -186,6 +187,14 @@ impl RunWriter {
             return Ok(());
         }
         self.transact(|file| simulations.iter().try_for_each(|simulation| insert(file, simulation)))
+    }
+
+    /// Records the outcomes of another physics engine in one transaction.
+    ///
+    /// # Errors
+    /// [`DiskFull`](StoreError::DiskFull) or another error of the file. Then nothing is recorded.
+    pub fn record_screened(&mut self, chunk: &ScreenedChunk) -> Result<()> {
+        self.transact(|file| screened::insert(file, chunk))
     }
 
     /// Closes the run and moves all records into a single file.

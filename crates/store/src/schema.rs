@@ -99,6 +99,15 @@ pub(crate) const TABLES: &[&str] = &[
     PRIMARY KEY (trial, number),
     FOREIGN KEY (trial, number) REFERENCES simulation (trial, number)
 ) STRICT",
+    "CREATE TABLE screened (
+    chunk INTEGER PRIMARY KEY,
+    simulations INTEGER NOT NULL,
+    violated INTEGER NOT NULL,
+    without_verdict INTEGER NOT NULL,
+    requests TEXT NOT NULL,
+    outcomes BLOB NOT NULL,
+    row_hash INTEGER NOT NULL
+) STRICT",
 ];
 
 /// Columns of the table that the view `simulations` contains unchanged.

@@ -6,7 +6,7 @@ use std::sync::{Arc, Mutex};
 
 use mishandle_rollout::{
     BatchFactory, BatchStatus, Component, Environment, EnvironmentBatch, EpisodeEnd, Noise, Request, Sample,
-    Scenario, ScenarioBatch, Screening, Seed, Specification, StepStatus, Stream,
+    Scenario, ScenarioBatch, Screen, Screening, Seed, Specification, StepStatus, Stream,
 };
 use mishandle_tasks::{Preset, Reward, TaskBatch, TaskBatches, TaskEnvironment, TaskTarget, tasks};
 use mishandle_world::{Backend, BatchSpec, CpuBackend, ModelField, Outputs, WorldBatch, WorldError};

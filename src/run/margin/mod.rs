@@ -7,15 +7,14 @@ mod tests;
 use std::ops::ControlFlow;
 
 use mishandle_random::Sequence;
-use mishandle_results::{Level, Norms, Repeats};
+use mishandle_results::{Level, Norms};
 use mishandle_rollout::{Axis, Episode, Request, Scenario, Seed, Space, System};
 use mishandle_search::{Coordinate, OptionValue, SearchOptions, by_name};
 
 use crate::error::MishandleError;
 use crate::plan::Plan;
 use crate::resolve::search::coordinate;
-use crate::resolve::{ResolvedPlan, depends_on_seed};
-use crate::run::{minimize, repeat, repeat_seeds};
+use crate::run::minimize;
 use amplitude::{all_scenarios, between, is_disturbed, is_time, norms, offsets, scaled, scenario_at};
 
 /// Largest number of amplitudes that a bisection down to the resolution tries.
@@ -153,23 +152,6 @@ pub fn check_margin(budget: u64, space: &Space) -> Result<(), MishandleError> {
         return Ok(());
     };
     Err(MishandleError::InvalidValue { what, value: value.to_string(), expected })
-}
-
-/// Simulates a witness with other seeds. Returns `None` if they cannot change the result.
-///
-/// # Errors
-/// If a simulation cannot be run.
-pub fn witness_repeats(
-    resolved: &ResolvedPlan,
-    witness: &Witness,
-    watch: impl FnMut(&Episode) -> ControlFlow<()>,
-) -> Result<Option<Repeats>, MishandleError> {
-    let Request { scenario, seed, .. } = &witness.episode.request;
-    if !depends_on_seed(resolved, scenario) {
-        return Ok(None);
-    }
-    let mut system = resolved.system()?;
-    Ok(Some(repeat(&mut *system, scenario, repeat_seeds(*seed, Margin::REPEATS), watch)?))
 }
 
 impl Witness {

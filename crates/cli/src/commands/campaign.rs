@@ -7,15 +7,16 @@ use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use anyhow::{Context, Result, bail, ensure};
 use clap::Args;
 use mishandle::ResolvedPlan;
-use mishandle::evaluation::Estimate;
+use mishandle::evaluation::{CornerReport, Estimate};
 use mishandle::falsification::CampaignOutcome;
 use mishandle::files::{limits, read_text_bounded};
-use mishandle::run::{CampaignRun, EvaluationOutcome};
-use mishandle::store::RunKind;
+use mishandle::run::{
+    Answer, CampaignRun, Device, Engine, EvaluationOutcome, MarginOutcome, ScreenedEvaluationOutcome,
+};
 use mishandle_text::{decimal, plural, shell_quote};
 use serde_json::{Value, json};
 
-use super::{evaluate, falsify, report};
+use super::{evaluate, falsify, margin, report, risk};
 use crate::progress::Bar;
 use crate::{ExitStatus, args, interrupt, numbers, output, run};
 
@@ -63,7 +64,7 @@ pub struct Arguments {
     pub json: bool,
 }
 
-pub fn run(command: &Arguments) -> Result<ExitStatus> {
+pub fn run(command: &Arguments, gpu: Option<&Device>) -> Result<ExitStatus> {
     run::set_threads(command.threads)?;
     if command.ray.is_some() {
         check_ray()?;
@@ -77,7 +78,7 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
     };
     let mut results = Vec::new();
     if status == ExitStatus::Done {
-        results = run_all(&runs, &bar, command.durable, command.jobs.unwrap_or(1))?;
+        results = run_all(&runs, &bar, command.durable, command.jobs.unwrap_or(1), gpu)?;
     }
     bar.clear();
     let name = shell_quote(&folder.to_string_lossy());
@@ -90,7 +91,7 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
         output::message(&format!("Resume with: mishandle campaign --resume {name}"));
     }
     if command.json {
-        let documents: Vec<Value> = results.iter().map(Finished::document).collect();
+        let documents = results.iter().map(Finished::document).collect::<Result<Vec<Value>>>()?;
         output::json(json!({
             "folder": folder.to_string_lossy(),
             "is_complete": results.len() == runs.len(),
@@ -111,7 +112,13 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
         ));
     }
     output::message(&format!("Run files: {name}"));
-    let is_falsified = |finished: &Finished| matches!(&finished.outcome, Outcome::Falsification(found) if found.falsified_trials > 0);
+    let is_falsified = |finished: &Finished| match &finished.answer {
+        Answer::Falsification(found, _) => found.falsified_trials > 0,
+        Answer::Margin(found) => found.margin.witness.is_some(),
+        Answer::Risk(found) => !found.failures.is_empty(),
+        Answer::ScreenedRisk(found) => !found.failures.is_empty(),
+        Answer::Evaluation(_) | Answer::ScreenedEvaluation(_) => false,
+    };
     Ok(if results.iter().any(is_falsified) { ExitStatus::Violated } else { ExitStatus::Done })
 }
 
@@ -137,29 +144,38 @@ pub struct Finished {
     name: String,
     path: PathBuf,
     resolved: ResolvedPlan,
-    outcome: Outcome,
-}
-
-enum Outcome {
-    Evaluation(Box<EvaluationOutcome>),
-    Falsification(Box<CampaignOutcome>),
+    answer: Answer,
 }
 
 impl Finished {
-    fn document(&self) -> Value {
-        let path = self.path.to_string_lossy();
-        let (kind, own) = match &self.outcome {
-            Outcome::Evaluation(found) => ("evaluate", evaluate::document(&self.resolved, found, &path)),
-            Outcome::Falsification(found) => {
-                ("falsify", falsify::document(&self.resolved, found, &falsify::Repeats::new(), &path))
+    fn document(&self) -> Result<Value> {
+        let (path, resolved) = (&self.path.to_string_lossy(), &self.resolved);
+        let own = match &self.answer {
+            Answer::Evaluation(found) => evaluate::document(resolved, found, path),
+            Answer::ScreenedEvaluation(found) => evaluate::screened_document(resolved, found, path),
+            Answer::Falsification(found, counts) => {
+                falsify::document(resolved, found, counts.as_ref(), &falsify::Repeats::new(), path)
+            }
+            Answer::Margin(found) => margin::document(resolved, &found.margin, found.repeats.as_ref(), path),
+            Answer::Risk(found) => {
+                risk::document(resolved, &mishandle::run::risk_scenarios(resolved)?, found, path)
+            }
+            Answer::ScreenedRisk(found) => {
+                risk::screened_document(resolved, &mishandle::run::risk_scenarios(resolved)?, found, path)
             }
         };
-        json!({ "name": self.name, "kind": kind, "result": own })
+        Ok(json!({ "name": self.name, "kind": resolved.plan.kind().name(), "result": own }))
     }
 }
 
 /// Runs or completes all runs in order, `jobs` at a time. Returns the finished ones, which are fewer if a signal interrupts them.
-pub fn run_all(runs: &[CampaignRun], bar: &Bar, is_durable: bool, jobs: usize) -> Result<Vec<Finished>> {
+pub fn run_all(
+    runs: &[CampaignRun],
+    bar: &Bar,
+    is_durable: bool,
+    jobs: usize,
+    gpu: Option<&Device>,
+) -> Result<Vec<Finished>> {
     let progress = Progress::new(runs, bar);
     let (next, failed) = (AtomicUsize::new(0), AtomicBool::new(false));
     let work = || {
@@ -172,7 +188,7 @@ pub fn run_all(runs: &[CampaignRun], bar: &Bar, is_durable: bool, jobs: usize) -
                 // A failure ends the other jobs like a signal: what they have done is stored.
                 if failed.load(Ordering::Relaxed) { ControlFlow::Break(()) } else { run::control_flow() }
             };
-            let result = run_one(run, is_durable, watch).with_context(|| format!("run {}", run.name));
+            let result = run_one(run, is_durable, gpu, watch).with_context(|| format!("run {}", run.name));
             failed.fetch_or(result.is_err(), Ordering::Relaxed);
             finished.extend(result.transpose().map(|result| (index, result)));
         }
@@ -219,7 +235,8 @@ impl Progress<'_> {
 fn run_one(
     run: &CampaignRun,
     is_durable: bool,
-    mut watch: impl FnMut(u64, u64) -> ControlFlow<()>,
+    gpu: Option<&Device>,
+    watch: impl Fn(u64, u64) -> ControlFlow<()> + Sync,
 ) -> Result<Option<Finished>> {
     let (mut file, resolved) = run.resume()?;
     if is_durable {
@@ -229,21 +246,12 @@ fn run_one(
         "started",
         &mishandle::replay::build_differences(file.file().header(), &resolved),
     );
-    let outcome = match file.file().header().kind {
-        RunKind::Evaluate => {
-            let planned = mishandle::run::evaluation_simulations(&resolved);
-            let found = mishandle::evaluate(&resolved, file, |done| watch(done, planned))?;
-            found.is_complete.then(|| Outcome::Evaluation(Box::new(found)))
-        }
-        RunKind::Falsify => {
-            let found = mishandle::falsify(&resolved, file, |progress| {
-                watch(progress.simulations, progress.max_simulations)
-            })?;
-            falsify::is_complete(&resolved, &found).then(|| Outcome::Falsification(Box::new(found)))
-        }
-    };
+    let engine = gpu.map_or(Engine::Direct, |gpu| Engine::Screening(&*gpu.worlds));
+    let answer = mishandle::run::ask(&resolved, file, engine, &mut |progress| {
+        watch(progress.simulations, progress.max_simulations)
+    })?;
     let CampaignRun { name, path, .. } = run.clone();
-    Ok(outcome.map(|outcome| Finished { name, path, resolved, outcome }))
+    Ok(answer.is_complete().then_some(Finished { name, path, resolved, answer }))
 }
 
 /// Program and module that simulate a campaign on Ray.
@@ -285,28 +293,85 @@ fn simulate_on_ray(folder: &Path, address: &str, is_durable: bool) -> Result<Exi
     }
 }
 
-/// Returns a table of the falsifications and a table of the evaluations.
+/// Returns a table for each kind of question.
 fn text(results: &[Finished]) -> String {
-    let mut falsifications = vec![
-        ["run", "falsified", "rate", "95 % interval", "mean simulations", "min robustness", "no verdict"]
-            .map(String::from)
-            .to_vec(),
+    let headers: [&[&str]; 4] = [
+        &["run", "falsified", "rate", "95 % interval", "mean simulations", "min robustness", "no verdict"],
+        &[
+            "run",
+            "success rate",
+            "95 % interval",
+            "strict",
+            "dangerous",
+            "failing corners",
+            "n",
+            "no verdict",
+        ],
+        &["run", "smallest amplitude", "axes", "robustness", "fails in repeats", "simulations"],
+        &["run", "failure probability", "95 % interval", "from", "simulations"],
     ];
-    let mut evaluations = vec![
-        ["run", "success rate", "95 % interval", "strict", "dangerous", "failing corners", "n", "no verdict"]
-            .map(String::from)
-            .to_vec(),
-    ];
-    for finished in results {
-        match &finished.outcome {
-            Outcome::Falsification(found) => falsifications.push(falsification_row(&finished.name, found)),
-            Outcome::Evaluation(found) => evaluations.push(evaluation_row(&finished.name, found)),
-        }
+    let mut tables = headers.map(|header| vec![header.iter().map(ToString::to_string).collect::<Vec<_>>()]);
+    for Finished { name, answer, .. } in results {
+        let (table, row) = match answer {
+            Answer::Falsification(found, _) => (0, falsification_row(name, found)),
+            Answer::Evaluation(found) => (1, evaluation_row(name, found)),
+            Answer::ScreenedEvaluation(found) => (1, screened_evaluation_row(name, found)),
+            Answer::Margin(found) => (2, margin_row(name, found)),
+            Answer::Risk(found) => {
+                let source = found.answer.source.map_or("-", mishandle::risk::Source::name);
+                (3, risk_row(name, &found.answer.estimate, source, found.simulations))
+            }
+            Answer::ScreenedRisk(found) => {
+                (3, risk_row(name, &found.estimate(), "screening", found.counts.trials))
+            }
+        };
+        tables[table].push(row);
     }
-    let tables = [falsifications, evaluations];
     let filled: Vec<String> =
         tables.iter().filter(|rows| rows.len() > 1).map(|rows| output::table(rows)).collect();
     filled.join("\n\n")
+}
+
+fn margin_row(name: &str, found: &MarginOutcome) -> Vec<String> {
+    let witness = found.margin.witness.as_ref();
+    let number = |value: Option<f64>| value.map_or("-".to_string(), |value| decimal(value, 4));
+    let repeats = found.repeats.as_ref();
+    vec![
+        name.to_string(),
+        number(witness.map(|witness| witness.norms.largest)),
+        witness.map_or("-".to_string(), |witness| witness.axes.to_string()),
+        number(witness.and_then(|witness| witness.episode.robustness())),
+        repeats.map_or("-".to_string(), |found| format!("{} of {}", found.failures, found.failure_rate.n)),
+        found.margin.simulations.to_string(),
+    ]
+}
+
+fn risk_row(name: &str, probability: &Estimate, source: &str, simulations: u64) -> Vec<String> {
+    let text = |value: Option<f64>| value.map_or("-".to_string(), mishandle_text::probability_text);
+    let ends = probability.low.zip(probability.high);
+    vec![
+        name.to_string(),
+        text(probability.value),
+        ends.map_or("-".to_string(), |(low, high)| format!("[{}, {}]", text(Some(low)), text(Some(high)))),
+        source.to_string(),
+        simulations.to_string(),
+    ]
+}
+
+fn screened_evaluation_row(name: &str, found: &ScreenedEvaluationOutcome) -> Vec<String> {
+    let report = &found.report;
+    let rate = |rate: Option<Estimate>| rate.map_or("-".to_string(), |rate| percent(&rate));
+    vec![
+        name.to_string(),
+        percent(&report.success_rate()),
+        interval(&report.success_rate()),
+        rate(report.strict_success_rate()),
+        // A screening measures no rate of control steps.
+        "-".to_string(),
+        found.corners.as_ref().map_or("-".to_string(), failing_corners),
+        report.failures.trials.to_string(),
+        report.without_verdict.to_string(),
+    ]
 }
 
 fn falsification_row(name: &str, found: &CampaignOutcome) -> Vec<String> {
@@ -327,20 +392,21 @@ fn falsification_row(name: &str, found: &CampaignOutcome) -> Vec<String> {
 fn evaluation_row(name: &str, found: &EvaluationOutcome) -> Vec<String> {
     let report = &found.report;
     let optional = |rate: &Option<Estimate>| rate.as_ref().map_or("-".to_string(), percent);
-    let corners = found.corners.as_ref().map(|corners| {
-        let failing = corners.points.iter().filter(|point| point.successes < point.n).count();
-        format!("{failing} of {}", corners.points.len())
-    });
     vec![
         name.to_string(),
         percent(&report.success_rate),
         interval(&report.success_rate),
         optional(&report.strict_success_rate),
         optional(&report.dangerous_behavior_rate),
-        corners.unwrap_or("-".to_string()),
+        found.corners.as_ref().map_or("-".to_string(), failing_corners),
         report.success_rate.n.to_string(),
         (report.diverged + report.invalid + report.failed + report.undecided).to_string(),
     ]
+}
+
+fn failing_corners(corners: &CornerReport) -> String {
+    let failing = corners.points.iter().filter(|point| point.successes < point.n).count();
+    format!("{failing} of {}", corners.points.len())
 }
 
 fn percent(rate: &Estimate) -> String {

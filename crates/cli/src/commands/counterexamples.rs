@@ -4,7 +4,6 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, ensure};
 use clap::{Args, Subcommand};
-use mishandle::ResolvedPlan;
 use mishandle::counterexample::{Counterexample, CounterexampleReplay};
 use mishandle::inspect::{FailureMode, FailureModes};
 use mishandle::store::{AxisRecord, RunHeader};
@@ -71,15 +70,6 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
 /// Returns whether a path names an exported counterexample rather than a run file.
 pub fn is_file(path: &Path) -> bool {
     path.extension().is_some_and(|found| found.eq_ignore_ascii_case("json"))
-}
-
-/// Checks the file of `--out`, in which one counterexample will be written, before the simulations.
-pub fn check_out(out: Option<&Path>, resolved: &ResolvedPlan, force: bool) -> Result<()> {
-    let Some(out) = out else { return Ok(()) };
-    ensure!(is_file(out), "--out is {}; it must end with .json", out.display());
-    output::refuse_inputs(out, "--out", [Path::new(&resolved.plan.controller)])?;
-    drop(output::create(out, force)?);
-    Ok(())
 }
 
 /// Checks that no flag selects a simulation of an exported counterexample, which holds one.

@@ -1,18 +1,13 @@
-use std::time::Instant;
-
-use anyhow::{Result, ensure};
+use anyhow::{Result, bail, ensure};
 use clap::Args;
 use mishandle::evaluation::Estimate;
 use mishandle::plan::{EvaluatePlan, StartRegion};
-use mishandle::run::EvaluationOutcome;
+use mishandle::run::{Answer, Device, EvaluationOutcome, ScreenedEvaluationOutcome};
 use mishandle::store::RunKind;
 use mishandle::{Plan, ResolvedPlan};
-use mishandle_text::plural;
 use serde_json::{Value, json};
 
-use super::simulate;
-use crate::progress::Bar;
-use crate::{ExitStatus, args, corners, numbers, output, run, screened_text};
+use crate::{ExitStatus, args, corners, numbers, output, question, run, screened_text};
 
 /// Evaluate a controller: success rate, dangerous behavior rate and completion time, with 95 % intervals
 #[derive(Debug, Args)]
@@ -39,96 +34,46 @@ pub struct Arguments {
     pub run: args::Run,
 }
 
-pub fn run(command: &Arguments) -> Result<ExitStatus> {
-    command.screen.check()?;
+pub fn run(command: &Arguments, gpu: Option<&Device>) -> Result<ExitStatus> {
     run::set_threads(command.run.threads)?;
-    let bar = Bar::new(0, "simulations");
-    run::stop_on_signals(&bar)?;
-    if command.screen.is_gpu() {
-        return on_gpu(command, &bar);
-    }
-    let moved = command.subject.controller.as_deref();
-    let (resolved, file) = run::open(&command.file, RunKind::Evaluate, moved, || plan(command))?;
-    let name = run::name(file.file());
-    let path = file.file().path().to_path_buf();
-    bar.set_length(mishandle::run::evaluation_simulations(&resolved));
-    let mut simulations = 0;
-    let outcome = mishandle::evaluate(&resolved, file, |done| {
-        simulations = done;
-        bar.set_position(done);
-        run::control_flow()
-    })?;
-    bar.clear();
-    if !outcome.is_complete {
-        run::report_interruption(RunKind::Evaluate, simulations, &name);
-        if command.run.json {
-            output::json(document(&resolved, &outcome, &path.to_string_lossy()))?;
+    let asked = question::ask(RunKind::Evaluate, &command.subject, &command.file, gpu, || plan(command))?;
+    let (resolved, is_complete) = (&asked.resolved, asked.answer.is_complete());
+    let (has_result, has_verdict) = match &asked.answer {
+        Answer::Evaluation(found) => {
+            if command.run.json {
+                output::json(document(resolved, found, &asked.path))?;
+            } else if is_complete {
+                output::line(&text(resolved, found))?;
+            }
+            let report = &found.report;
+            let without = report.diverged + report.invalid + report.undecided;
+            (true, without < report.simulations)
         }
-        return Ok(ExitStatus::Interrupted);
+        Answer::ScreenedEvaluation(found) => {
+            let (report, has_result) = (&found.report, found.report.failures.trials > 0);
+            if command.run.json {
+                output::json(screened_document(resolved, found, &asked.path))?;
+            } else if has_result {
+                let text = screened_text::text(resolved.space.axes(), found);
+                output::line(&format!("{}\n\n{text}", heading(resolved)))?;
+            }
+            asked.report_screening(report.failures.trials, report.confirmed());
+            (has_result, report.without_verdict < report.confirmed())
+        }
+        _ => bail!("the answer is that of another question"),
+    };
+    if let Some(status) = asked.report_file() {
+        return Ok(status);
     }
-    if command.run.json {
-        output::json(document(&resolved, &outcome, &path.to_string_lossy()))?;
-    } else {
-        output::line(&text(&resolved, &outcome))?;
-    }
-    if starts(&resolved.plan) == StartRegion::Reachable && !mishandle::run::rejects_scenarios(&resolved) {
+    if starts(&resolved.plan) == StartRegion::Reachable && !mishandle::run::rejects_scenarios(resolved) {
         output::message(
             "note: no initial state was rejected as unreachable: --box whole gives the same result",
         );
     }
-    output::message(&format!("Run file: {name}"));
     // Exit status 0 would say that the success rate was measured.
-    let report = &outcome.report;
     ensure!(
-        report.diverged + report.invalid + report.undecided < report.simulations,
+        has_result && has_verdict,
         "no simulation has a verdict, so the controller was not tested; the run file contains the end of each simulation"
-    );
-    Ok(ExitStatus::Done)
-}
-
-/// Evaluates the controller by screening on the GPU.
-fn on_gpu(command: &Arguments, bar: &Bar) -> Result<ExitStatus> {
-    let args::OpenRun { out, resume, durable, .. } = &command.file;
-    ensure!(
-        out.is_none() && resume.is_none() && !durable,
-        "--backend gpu writes no run file, so it does not work with --out, --resume and --durable"
-    );
-    let resolved = ResolvedPlan::new(&plan(command)?)?;
-    let backend = mishandle::run::gpu_backend()?;
-    let mut screening = mishandle::run::screening(&resolved, &*backend, command.screen.rows() as usize)?;
-    bar.set_length(resolved.plan.evaluate.as_ref().map_or(0, |evaluate| evaluate.episodes));
-    let start = Instant::now();
-    let confirm = command.screen.confirm();
-    let outcome = mishandle::run::evaluate_on_backend(&resolved, &mut screening, confirm, &mut |progress| {
-        bar.set_position(progress.screened);
-        run::control_flow()
-    })?;
-    bar.clear();
-    match command.run.json {
-        true => {
-            let document = output::joined(region(&resolved), screened_text::document(&resolved, &outcome));
-            output::json(output::joined(simulate::document(&resolved), document))?;
-        }
-        // Interrupted in the first chunk, it has nothing to show.
-        false if outcome.report.failures.trials == 0 => (),
-        false => {
-            let text = screened_text::text(resolved.space.axes(), &outcome);
-            output::line(&format!("{}\n\n{text}", heading(&resolved)))?;
-        }
-    }
-    let report = &outcome.report;
-    if report.failures.trials == 0 {
-        return Ok(run::without_result());
-    }
-    let (screened, seconds) = (plural(report.failures.trials, "simulation"), start.elapsed().as_secs_f64());
-    output::message(&format!("{screened} screened in {seconds:.1} s, repetitions by MuJoCo C included"));
-    if !report.is_complete {
-        run::report_loss(report.failures.trials, "the answer is that of these; it cannot be resumed");
-        return Ok(ExitStatus::Interrupted);
-    }
-    ensure!(
-        report.without_verdict < report.confirmed(),
-        "no simulation of MuJoCo C has a verdict, so the controller was not tested"
     );
     Ok(ExitStatus::Done)
 }
@@ -145,9 +90,9 @@ fn plan(command: &Arguments) -> Result<Plan> {
             other => anyhow::bail!("--box is `{other}`; it must be whole or reachable"),
         };
     }
-    (plan.falsify, plan.risk) = (None, None);
     plan.evaluate = Some(EvaluatePlan { ..evaluate });
-    Ok(plan)
+    plan.screening = command.screen.plan(plan.screening.take())?;
+    Ok(plan.only(RunKind::Evaluate))
 }
 
 fn starts(plan: &Plan) -> StartRegion {
@@ -182,6 +127,12 @@ pub fn document(resolved: &ResolvedPlan, outcome: &EvaluationOutcome, path: &str
         .as_ref()
         .map_or(Value::Null, |report| corners::document(resolved.space.axes(), report));
     output::joined(run::document(resolved, path), output::joined(region(resolved), own))
+}
+
+/// Returns the JSON document of a screened run.
+pub fn screened_document(resolved: &ResolvedPlan, outcome: &ScreenedEvaluationOutcome, path: &str) -> Value {
+    let own = output::joined(region(resolved), screened_text::document(resolved, outcome));
+    output::joined(run::document(resolved, path), own)
 }
 
 /// Returns the JSON of the region of the initial states.

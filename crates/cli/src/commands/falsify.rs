@@ -4,12 +4,13 @@ mod screened;
 use std::collections::BTreeMap;
 use std::path::Path;
 
-use anyhow::Result;
+use anyhow::{Result, bail};
 use clap::Args;
 use mishandle::evaluation::{NotSmooth, RepeatReport, SmoothRegion};
-use mishandle::falsification::{CampaignOutcome, Minimum, TrialEnd, TrialOutcome};
+use mishandle::falsification::{CampaignOutcome, Minimum, ScreenedCounts, TrialEnd, TrialOutcome};
 use mishandle::inspect::ModeSurvey;
 use mishandle::plan::FalsifyPlan;
+use mishandle::run::{Answer, Device};
 use mishandle::search::OptionValue;
 use mishandle::store::{RunFile, RunHeader, RunKind};
 use mishandle::{MishandleError, Plan, ResolvedPlan};
@@ -19,7 +20,7 @@ use serde_json::{Value, json};
 use super::simulate;
 use crate::output::{self, number};
 use crate::progress::Bar;
-use crate::{ExitStatus, args, numbers, run};
+use crate::{ExitStatus, args, numbers, question, run};
 
 /// Search for counterexamples: scenarios in which a target violates a formula
 #[derive(Debug, Args)]
@@ -88,60 +89,48 @@ fn name_and_value(text: &str) -> Result<(String, String), String> {
     }
 }
 
-pub fn run(command: &Arguments) -> Result<ExitStatus> {
-    command.screen.check()?;
+pub fn run(command: &Arguments, gpu: Option<&Device>) -> Result<ExitStatus> {
     run::set_threads(command.run.threads)?;
-    let bar = Bar::new(0, "simulations");
-    run::stop_on_signals(&bar)?;
-    if command.screen.is_gpu() {
-        return screened::run(command, &bar);
-    }
-    let moved = command.subject.controller.as_deref();
-    let (resolved, file) = run::open(&command.file, RunKind::Falsify, moved, || plan(command))?;
-    output::warn_of_chained_comparisons(&resolved.specification.requirement);
-    let name = run::name(file.file());
-    let path = file.file().path().to_path_buf();
-    let found = mishandle::falsify(&resolved, file, |progress| {
-        bar.set_length(progress.max_simulations);
-        bar.set_position(progress.simulations);
-        bar.set_note(format!(
-            "{} finished, {} falsified",
-            plural(progress.ended, "trial"),
-            progress.falsified
-        ));
-        run::control_flow()
-    })?;
-    bar.clear();
-    report_unevaluated(&resolved, &found);
+    let asked = question::ask(RunKind::Falsify, &command.subject, &command.file, gpu, || plan(command))?;
+    let resolved = &asked.resolved;
+    let Answer::Falsification(found, screening) = &asked.answer else {
+        bail!("the answer is that of another question");
+    };
+    report_unevaluated(resolved, found);
     let keeps_going = resolved.plan.falsify.as_ref().is_some_and(|falsify| falsify.keep_going);
-    let survey = if keeps_going { Some(survey(&path)?) } else { None };
-    if !is_complete(&resolved, &found) {
-        run::report_interruption(RunKind::Falsify, found.simulations, &name);
-        if command.run.json {
-            let document = document(&resolved, &found, &Repeats::new(), &path.to_string_lossy());
-            output::json(with_modes(document, survey.as_ref()))?;
-        }
-        return Ok(ExitStatus::Interrupted);
-    }
-    let repeats = counterexample_repeats(&resolved, &found, command.repeats.unwrap_or(REPEATS))?;
-    let region = smooth_region(&resolved, &found, &path)?;
+    let path = Path::new(&asked.path);
+    let survey = if keeps_going { Some(survey(path)?) } else { None };
+    let is_complete = asked.answer.is_complete();
+    let repeats = match is_complete {
+        true => counterexample_repeats(resolved, found, command.repeats.unwrap_or(REPEATS))?,
+        false => Repeats::new(),
+    };
+    let region =
+        if is_complete && screening.is_none() { smooth_region(resolved, found, path)? } else { None };
     if command.run.json {
-        let mut document = document(&resolved, &found, &repeats, &path.to_string_lossy());
+        let mut document = document(resolved, found, screening.as_ref(), &repeats, &asked.path);
         document["smooth_region"] = region.map_or(Value::Null, region_document);
         output::json(with_modes(document, survey.as_ref()))?;
-    } else {
-        output::line(&(text(&resolved, &found, &repeats) + &region.map_or(String::new(), region_text)))?;
+    } else if is_complete || (screening.is_some() && found.simulations > 0) {
+        let screened = screening.as_ref().map_or(String::new(), screened::text);
+        let region = region.map_or(String::new(), region_text);
+        output::line(&(text(resolved, found, &repeats) + &region + &screened))?;
         if let Some((header, survey)) = &survey {
             output::line(&modes::text(header, survey))?;
         }
     }
-    if found.surplus > 0 {
+    if screening.is_some() {
+        asked.report_screening(found.simulations, found.simulations - found.screened);
+    }
+    if is_complete && found.surplus > 0 {
         output::message(&format!(
             "discarded {} that ran in the same batch after the end of a trial or of its search",
             plural(found.surplus, "simulation")
         ));
     }
-    output::message(&format!("Run file: {name}"));
+    if let Some(status) = asked.report_file() {
+        return Ok(status);
+    }
     // Exit status 0 would say that the search found no violation.
     anyhow::ensure!(
         found.trials.iter().any(|trial| trial.minimum.is_some()),
@@ -150,7 +139,7 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
     if found.falsified_trials == 0 {
         return Ok(ExitStatus::Done);
     }
-    output::message(&format!("Replay the first counterexample: mishandle replay {name}"));
+    output::message(&format!("Replay the first counterexample: mishandle replay {}", asked.name));
     Ok(ExitStatus::Violated)
 }
 
@@ -259,9 +248,10 @@ fn plan(command: &Arguments) -> Result<Plan> {
     falsify.formula = command.formula.clone().or(falsify.formula);
     falsify.trials = command.trials.unwrap_or(falsify.trials);
     falsify.budget = command.budget.unwrap_or(falsify.budget);
-    falsify.batch = command.subject.batch.unwrap_or(match command.screen.is_gpu() {
-        true => command.screen.rows().min(*Plan::BATCH.end() as u32),
-        false => falsify.batch,
+    plan.screening = command.screen.plan(plan.screening.take())?;
+    falsify.batch = command.subject.batch.unwrap_or(match &plan.screening {
+        Some(screening) => screening.rows.min(*Plan::BATCH.end() as u32),
+        None => falsify.batch,
     });
     falsify.early_stopping |= command.early_stopping;
     falsify.keep_going |= command.keep_going;
@@ -270,14 +260,23 @@ fn plan(command: &Arguments) -> Result<Plan> {
         "--new-mode-rate has no effect without --keep-going; give both"
     );
     falsify.new_mode_rate = command.new_mode_rate.unwrap_or(falsify.new_mode_rate);
-    (plan.evaluate, plan.risk) = (None, None);
     plan.falsify = Some(falsify);
-    Ok(plan)
+    Ok(plan.only(RunKind::Falsify))
 }
 
 /// Returns the JSON document of the run.
-pub fn document(resolved: &ResolvedPlan, found: &CampaignOutcome, repeats: &Repeats, path: &str) -> Value {
-    output::joined(run::document(resolved, path), results(resolved, found, repeats))
+pub fn document(
+    resolved: &ResolvedPlan,
+    found: &CampaignOutcome,
+    screening: Option<&ScreenedCounts>,
+    repeats: &Repeats,
+    path: &str,
+) -> Value {
+    let document = output::joined(run::document(resolved, path), results(resolved, found, repeats));
+    match screening {
+        Some(counts) => output::joined(document, screened::document(found, counts)),
+        None => document,
+    }
 }
 
 fn results(resolved: &ResolvedPlan, found: &CampaignOutcome, repeats: &Repeats) -> Value {

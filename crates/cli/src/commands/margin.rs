@@ -1,29 +1,26 @@
 //! `mishandle margin`: the smallest disturbance that makes a controller fail.
 
-use std::path::PathBuf;
-
-use anyhow::{Result, ensure};
+use anyhow::{Result, bail, ensure};
 use clap::Args;
-use mishandle::counterexample::Counterexample;
 use mishandle::evaluation::RepeatReport;
-use mishandle::plan::FalsifyPlan;
-use mishandle::rollout::{Axis, AxisKind, Seed};
-use mishandle::run::{Level, Margin, Witness};
+use mishandle::rollout::{Axis, AxisKind};
+use mishandle::run::{Answer, Level, Margin, MarginOutcome, Witness};
+use mishandle::store::RunKind;
 use mishandle::{Plan, ResolvedPlan};
-use mishandle_text::{decimal, plural, shell_quote};
+use mishandle_text::{decimal, plural};
 use serde_json::{Value, json};
 
-use super::{counterexamples, simulate};
+use super::simulate;
 use crate::output::{self, number};
-use crate::progress::Bar;
-use crate::{ExitStatus, args, numbers, run};
+use crate::{ExitStatus, args, numbers, question, run};
 
 /// Search for the smallest disturbance that violates a formula
 #[derive(Debug, Args)]
 #[command(after_help = "Examples:
   mishandle margin ball-balancing --controller ppo
-  mishandle margin ball-balancing --controller ppo --space starts+disturbance --out smallest.json
+  mishandle margin ball-balancing --controller ppo --space starts+disturbance
   mishandle margin toy/car-following --space dynamics+events
+  mishandle margin --resume runs/RUN.sqlite
 
 An amplitude of 1 is the largest disturbance of the space: each axis at a bound. The initial state,
 if it is in the space, varies in its whole box. The result is an upper bound with a witness: smaller
@@ -32,60 +29,35 @@ pub struct Arguments {
     #[command(flatten)]
     pub subject: args::Subject,
     /// Requirement: the name of a formula of the target, or the text of a formula [default: the target's first formula]
-    #[arg(long, allow_hyphen_values = true)]
+    #[arg(long, allow_hyphen_values = true, conflicts_with = "resume")]
     pub formula: Option<String>,
     /// Largest number of simulations [default: 3000]
     #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = numbers::integer::<u64>(Plan::BUDGET))]
+    #[arg(conflicts_with = "resume")]
     pub budget: Option<u64>,
-    /// Write the witness to this .json file, which `mishandle replay` runs again
-    #[arg(long, value_name = "FILE")]
-    pub out: Option<PathBuf>,
-    /// Overwrite FILE if it exists
-    #[arg(long)]
-    pub force: bool,
+    #[command(flatten)]
+    pub file: args::OpenRun,
     #[command(flatten)]
     pub run: args::Run,
 }
 
 pub fn run(command: &Arguments) -> Result<ExitStatus> {
     run::set_threads(command.run.threads)?;
-    let budget = command.budget.unwrap_or(Margin::BUDGET);
-    let bar = Bar::new(budget, "simulations");
-    run::stop_on_signals(&bar)?;
-    let resolved = ResolvedPlan::new(&plan(command)?)?;
-    output::warn_of_chained_comparisons(&resolved.specification.requirement);
-    counterexamples::check_out(command.out.as_deref(), &resolved, command.force)?;
-    let mut system = resolved.system()?;
-    let seed = Seed(resolved.plan.seed);
-    let found = mishandle::run::margin(&mut *system, seed, budget, |done| {
-        bar.set_position(done);
-        run::control_flow()
-    })?;
-    let repeats = match &found.witness {
-        Some(witness) if found.is_complete => {
-            mishandle::run::witness_repeats(&resolved, witness, |_| run::control_flow())?
-        }
-        _ => None,
+    let asked = question::ask(RunKind::Margin, &command.subject, &command.file, None, || plan(command))?;
+    let Answer::Margin(MarginOutcome { margin: found, repeats, .. }) = &asked.answer else {
+        bail!("the answer is that of another question");
     };
-    bar.clear();
-    if let (Some(out), Some(witness)) = (&command.out, &found.witness) {
-        let counterexample = Counterexample::from_episode(&resolved, &witness.episode)?;
-        output::write_atomically(out, command.force, counterexample.to_json().as_bytes())?;
-    }
+    let resolved = &asked.resolved;
     match command.run.json {
-        true => output::json(document(&resolved, &found, repeats.as_ref()))?,
-        false => output::line(&text(&resolved, &found, repeats.as_ref()))?,
+        true => output::json(document(resolved, found, repeats.as_ref(), &asked.path))?,
+        false => output::line(&text(resolved, found, repeats.as_ref()))?,
     }
-    match (&command.out, &found.witness) {
-        (Some(out), Some(_)) => {
-            output::message(&format!("Witness: mishandle replay {}", shell_quote(&out.to_string_lossy())));
-        }
-        (Some(_), None) => output::message("there is no witness to write"),
-        (None, _) => {}
+    if let Some(witness) = &found.witness {
+        let number = witness.episode.request.number;
+        output::message(&format!("Witness: mishandle replay {} --simulation {number}", asked.name));
     }
-    if !found.is_complete || repeats.is_some_and(|repeats| repeats.simulations < Margin::REPEATS) {
-        run::report_loss(found.simulations, kept_and_lost(&found));
-        return Ok(ExitStatus::Interrupted);
+    if let Some(status) = asked.report_file() {
+        return Ok(status);
     }
     ensure!(found.has_verdict(), "no simulation has a verdict, so the controller was not tested");
     Ok(if found.witness.is_some() { ExitStatus::Violated } else { ExitStatus::Done })
@@ -96,18 +68,11 @@ fn plan(command: &Arguments) -> Result<Plan> {
     if command.subject.space.is_none() && command.subject.plan.is_none() {
         plan.space = Margin::SPACE.to_string();
     }
-    let mut falsify: FalsifyPlan = plan.falsify.take().unwrap_or_default();
-    falsify.formula = command.formula.clone().or(falsify.formula);
-    Ok(Plan { falsify: Some(falsify), evaluate: None, risk: None, ..plan })
-}
-
-/// Describes what is left of an interrupted search.
-fn kept_and_lost(found: &Margin) -> &'static str {
-    match (&found.witness, found.is_complete) {
-        (Some(_), true) => "the witness is kept, its repeats with other seeds are incomplete",
-        (Some(_), false) => "the witness so far is kept, the search for a smaller disturbance is lost",
-        (None, _) => "no violation was found so far, the search is lost",
-    }
+    let mut margin = plan.margin.take().unwrap_or_default();
+    margin.formula = command.formula.clone().or(margin.formula);
+    margin.budget = command.budget.unwrap_or(margin.budget);
+    plan.margin = Some(margin);
+    Ok(plan.only(RunKind::Margin))
 }
 
 fn text(resolved: &ResolvedPlan, found: &Margin, repeats: Option<&RepeatReport>) -> String {
@@ -213,7 +178,13 @@ fn witness_scenario(axes: &[Axis], values: &[Option<f64>]) -> String {
     if axes.is_empty() { "the nominal scenario".to_string() } else { run::scenario_text(&axes, &values) }
 }
 
-fn document(resolved: &ResolvedPlan, found: &Margin, repeats: Option<&RepeatReport>) -> Value {
+/// Returns the JSON document of the run.
+pub fn document(
+    resolved: &ResolvedPlan,
+    found: &Margin,
+    repeats: Option<&RepeatReport>,
+    path: &str,
+) -> Value {
     let level = |level: &Level| {
         json!({
             "amplitude": level.amplitude,
@@ -232,6 +203,7 @@ fn document(resolved: &ResolvedPlan, found: &Margin, repeats: Option<&RepeatRepo
             "l2": norms.euclidean,
             "l1": norms.sum,
             "axes": axes,
+            "simulation": episode.request.number,
             "scenario": run::scenario(resolved.space.axes(), episode.request.scenario.values()),
             "seed": episode.request.seed.0.to_string(),
             "robustness": episode.robustness().map(number),
@@ -249,5 +221,5 @@ fn document(resolved: &ResolvedPlan, found: &Margin, repeats: Option<&RepeatRepo
         "no_violation_simulations": passed.map(|level| level.verdicts()),
         "witness": witness,
     });
-    output::joined(simulate::document(resolved), own)
+    output::joined(run::document(resolved, path), own)
 }

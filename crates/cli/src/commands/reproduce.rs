@@ -138,7 +138,7 @@ fn reproduce(name: &str, table: &ReproduceTable) -> Result<ExitStatus> {
     };
     let all_cores = || std::thread::available_parallelism().map_or(1, usize::from);
     let jobs = table.jobs.unwrap_or_else(all_cores);
-    let finished = campaign::run_all(&runs, &bar, table.durable, jobs)?;
+    let finished = campaign::run_all(&runs, &bar, table.durable, jobs, None)?;
     bar.clear();
     show(&load(std::slice::from_ref(&folder))?, None, table.json)?;
     let quoted = shell_quote(&folder.to_string_lossy());

@@ -1,21 +1,17 @@
 //! `mishandle risk`: the probability that a controller fails under a distribution of scenarios.
 
-use std::path::PathBuf;
-use std::time::Instant;
-
-use anyhow::{Result, ensure};
+use anyhow::{Result, bail, ensure};
 use clap::Args;
 use mishandle::plan::RiskPlan;
 use mishandle::risk::{Failure, Report, Scenarios, ScreenedReport};
 use mishandle::rollout::Axis;
+use mishandle::run::{Answer, Device};
+use mishandle::store::RunKind;
 use mishandle::{Plan, ResolvedPlan};
-use mishandle_text::{plural, shell_quote};
 use serde_json::{Value, json};
 
-use super::{counterexamples, simulate};
 use crate::output::{self, number};
-use crate::progress::Bar;
-use crate::{ExitStatus, args, numbers, risk_text, run, screened_text};
+use crate::{ExitStatus, args, numbers, question, risk_text, run, screened_text};
 
 /// Estimate the probability that a simulation violates a formula
 #[derive(Debug, Args)]
@@ -23,6 +19,7 @@ use crate::{ExitStatus, args, numbers, risk_text, run, screened_text};
   mishandle risk toy/hidden-corner
   mishandle risk ball-balancing --controller ppo --simulations 100000
   mishandle risk ball-balancing --controller ppo --distribution ball_x=normal:0.35:0.05
+  mishandle risk --resume runs/RUN.sqlite
 
 Distributions: uniform, log-uniform, normal:MEAN:STD, triangular:MODE, and weights:W0:W1:... with a
 weight for each value of a discrete axis. All are truncated to the bounds of the axis. Exit code 1
@@ -31,28 +28,24 @@ pub struct Arguments {
     #[command(flatten)]
     pub subject: args::Subject,
     /// Requirement: the name of a formula of the target, or the text of a formula [default: the target's first formula]
-    #[arg(long, allow_hyphen_values = true)]
+    #[arg(long, allow_hyphen_values = true, conflicts_with = "resume")]
     pub formula: Option<String>,
     /// Distribution of an axis, for instance friction_scale=normal:1:0.1; repeat the flag for several axes [default: the
     /// distribution that the axis declares, mostly uniform]
-    #[arg(long, value_name = "NAME=DISTRIBUTION", allow_hyphen_values = true, value_parser = distribution)]
+    #[arg(long, value_name = "NAME=DISTRIBUTION", allow_hyphen_values = true, value_parser = distribution, conflicts_with = "resume")]
     pub distribution: Vec<(String, String)>,
     /// Number of simulations [default: 50000]
     #[arg(long, value_name = "N", allow_negative_numbers = true)]
-    #[arg(value_parser = numbers::integer::<u64>(RiskPlan::SIMULATIONS))]
+    #[arg(value_parser = numbers::integer::<u64>(RiskPlan::SIMULATIONS), conflicts_with = "resume")]
     pub simulations: Option<u64>,
     /// Parts of the estimation besides Monte Carlo: auto (all), monte-carlo (none), importance or splitting
     /// [default: auto]
-    #[arg(long, value_name = "METHOD")]
+    #[arg(long, value_name = "METHOD", conflicts_with = "resume")]
     pub method: Option<String>,
     #[command(flatten)]
     pub screen: args::Screen,
-    /// Write the first of the shown failures to this .json file, which `mishandle replay` runs again
-    #[arg(long, value_name = "FILE")]
-    pub out: Option<PathBuf>,
-    /// Overwrite FILE if it exists
-    #[arg(long)]
-    pub force: bool,
+    #[command(flatten)]
+    pub file: args::OpenRun,
     #[command(flatten)]
     pub run: args::Run,
 }
@@ -65,114 +58,44 @@ fn distribution(text: &str) -> Result<(String, String), String> {
     Ok((name.to_string(), distribution.to_string()))
 }
 
-pub fn run(command: &Arguments) -> Result<ExitStatus> {
-    command.screen.check()?;
+pub fn run(command: &Arguments, gpu: Option<&Device>) -> Result<ExitStatus> {
     run::set_threads(command.run.threads)?;
-    let bar = Bar::new(0, "simulations");
-    run::stop_on_signals(&bar)?;
-    let resolved = ResolvedPlan::new(&plan(command)?)?;
-    output::warn_of_chained_comparisons(&resolved.specification.requirement);
-    counterexamples::check_out(command.out.as_deref(), &resolved, command.force)?;
-    let scenarios = mishandle::run::risk_scenarios(&resolved)?;
+    let asked = question::ask(RunKind::Risk, &command.subject, &command.file, gpu, || plan(command))?;
+    let resolved = &asked.resolved;
+    let scenarios = mishandle::run::risk_scenarios(resolved)?;
     for warning in scenarios.warnings() {
         output::message(&format!("warning: {warning}"));
     }
-    let planned = resolved.plan.risk.as_ref().map_or(0, |risk| risk.simulations);
-    bar.set_length(planned);
-    if command.screen.is_gpu() {
-        return on_gpu(command, &resolved, &scenarios, &bar);
+    let (failures, without_verdict, tested) = match &asked.answer {
+        Answer::Risk(report) => {
+            match command.run.json {
+                true => output::json(document(resolved, &scenarios, report, &asked.path))?,
+                false => output::line(&risk_text::text(resolved, &scenarios, report))?,
+            }
+            (&report.failures, report.monte_carlo.without_verdict, report.monte_carlo.simulations)
+        }
+        Answer::ScreenedRisk(report) => {
+            if command.run.json {
+                output::json(screened_document(resolved, &scenarios, report, &asked.path))?;
+            } else if report.counts.trials > 0 {
+                output::line(&risk_text::screened_text(resolved, &scenarios, report))?;
+            }
+            asked.report_screening(report.counts.trials, report.confirmed());
+            (&report.failures, report.without_verdict, report.confirmed())
+        }
+        _ => bail!("the answer is that of another question"),
+    };
+    if let Some(failure) = failures.first() {
+        output::message(&format!("Failure: mishandle replay {} --simulation {}", asked.name, failure.number));
     }
-    let report = mishandle::run::risk(&resolved, |done| {
-        bar.set_position(done);
-        run::control_flow()
-    })?;
-    bar.clear();
-    match command.run.json {
-        true => output::json(document(&resolved, &scenarios, &report))?,
-        false => output::line(&risk_text::text(&resolved, &scenarios, &report))?,
+    if let Some(status) = asked.report_file() {
+        return Ok(status);
     }
-    write_failure(command, &resolved, &scenarios, report.failures.first())?;
-    if !report.is_complete {
-        let n = plural(report.monte_carlo.simulations, "simulation");
-        let answer = format!("the answer is that of {n} of Monte Carlo and of the finished parts");
-        run::report_loss(report.simulations, &format!("{answer}; it cannot be resumed"));
-        return Ok(ExitStatus::Interrupted);
-    }
-    let undecided = report.monte_carlo.without_verdict;
     ensure!(
-        undecided < report.monte_carlo.simulations,
+        without_verdict < tested,
         "no simulation of Monte Carlo has a verdict, so the controller was not tested"
     );
-    Ok(if report.failures.is_empty() { ExitStatus::Done } else { ExitStatus::Violated })
-}
-
-/// Writes the first failure to the file of `--out`. The result is printed before, so that an error here does not lose it.
-fn write_failure(
-    command: &Arguments,
-    resolved: &ResolvedPlan,
-    scenarios: &Scenarios,
-    failure: Option<&Failure>,
-) -> Result<()> {
-    let Some(out) = &command.out else { return Ok(()) };
-    let Some(failure) = failure else {
-        output::message("there is no failure to write");
-        return Ok(());
-    };
-    let counterexample = mishandle::counterexample::risk_counterexample(resolved, scenarios, failure)?;
-    output::write_atomically(out, command.force, counterexample.to_json().as_bytes())?;
-    output::message(&format!("Failure: mishandle replay {}", shell_quote(&out.to_string_lossy())));
-    Ok(())
-}
-
-/// Estimates the probability by screening on the GPU.
-fn on_gpu(
-    command: &Arguments,
-    resolved: &ResolvedPlan,
-    scenarios: &Scenarios,
-    bar: &Bar,
-) -> Result<ExitStatus> {
-    let method = resolved.plan.risk.as_ref().map_or("auto", |risk| &risk.method);
-    ensure!(
-        matches!(method, "auto" | "monte-carlo"),
-        "--backend gpu runs Monte Carlo; it cannot run --method {method}"
-    );
-    let backend = mishandle::run::gpu_backend()?;
-    let mut screening = mishandle::run::screening(resolved, &*backend, command.screen.rows() as usize)?;
-    let start = Instant::now();
-    let report = mishandle::run::risk_on_backend(
-        resolved,
-        scenarios,
-        &mut screening,
-        command.screen.confirm(),
-        &mut |progress| {
-            bar.set_position(progress.screened);
-            run::control_flow()
-        },
-    )?;
-    bar.clear();
-    let seconds = start.elapsed().as_secs_f64();
-    match command.run.json {
-        true => output::json(screened_document(resolved, scenarios, &report))?,
-        // Interrupted in the first chunk, it has nothing to show.
-        false if report.counts.trials == 0 => (),
-        false => output::line(&risk_text::screened_text(resolved, scenarios, &report))?,
-    }
-    // Failures of the interrupted chunk count for no estimate, but they are failures of MuJoCo C.
-    write_failure(command, resolved, scenarios, report.failures.first())?;
-    if report.counts.trials == 0 {
-        return Ok(run::without_result());
-    }
-    let screened = plural(report.counts.trials, "simulation");
-    output::message(&format!("{screened} screened in {seconds:.1} s, repetitions by MuJoCo C included"));
-    if !report.is_complete {
-        run::report_loss(report.counts.trials, "the answer is that of these; it cannot be resumed");
-        return Ok(ExitStatus::Interrupted);
-    }
-    ensure!(
-        report.without_verdict < report.confirmed(),
-        "no simulation of MuJoCo C has a verdict, so the controller was not tested"
-    );
-    Ok(if report.failures.is_empty() { ExitStatus::Done } else { ExitStatus::Violated })
+    Ok(if failures.is_empty() { ExitStatus::Done } else { ExitStatus::Violated })
 }
 
 fn plan(command: &Arguments) -> Result<Plan> {
@@ -187,10 +110,13 @@ fn plan(command: &Arguments) -> Result<Plan> {
         ensure!(!earlier, "the axis {name} has two distributions; give --distribution {name}=... once");
         risk.distributions.insert(name.clone(), distribution.clone());
     }
-    Ok(Plan { risk: Some(risk), evaluate: None, falsify: None, ..plan })
+    plan.risk = Some(risk);
+    plan.screening = command.screen.plan(plan.screening.take())?;
+    Ok(plan.only(RunKind::Risk))
 }
 
-fn document(resolved: &ResolvedPlan, scenarios: &Scenarios, report: &Report) -> Value {
+/// Returns the JSON document of the run.
+pub fn document(resolved: &ResolvedPlan, scenarios: &Scenarios, report: &Report, path: &str) -> Value {
     let Report { answer, monte_carlo, importance, splitting, .. } = report;
     let own = json!({
         "formula": resolved.specification.requirement.to_string(),
@@ -240,7 +166,7 @@ fn document(resolved: &ResolvedPlan, scenarios: &Scenarios, report: &Report) -> 
         })),
         "failures": failures(resolved, scenarios, &report.failures),
     });
-    output::joined(simulate::document(resolved), own)
+    output::joined(run::document(resolved, path), own)
 }
 
 /// Returns the distribution of each axis.
@@ -257,6 +183,7 @@ fn failures(resolved: &ResolvedPlan, scenarios: &Scenarios, failures: &[Failure]
         let scenario = scenarios.scenario(&failure.draw.latent);
         json!({
             "scenario": run::scenario(resolved.space.axes(), scenario.values()),
+            "simulation": failure.number,
             "seed": failure.draw.seed.0.to_string(),
             "robustness": number(failure.robustness),
         })
@@ -264,7 +191,13 @@ fn failures(resolved: &ResolvedPlan, scenarios: &Scenarios, failures: &[Failure]
     failures.iter().map(failure).collect()
 }
 
-fn screened_document(resolved: &ResolvedPlan, scenarios: &Scenarios, report: &ScreenedReport) -> Value {
+/// Returns the JSON document of a screened run.
+pub fn screened_document(
+    resolved: &ResolvedPlan,
+    scenarios: &Scenarios,
+    report: &ScreenedReport,
+    path: &str,
+) -> Value {
     let counts = report.counts;
     let own = json!({
         "formula": resolved.specification.requirement.to_string(),
@@ -281,5 +214,5 @@ fn screened_document(resolved: &ResolvedPlan, scenarios: &Scenarios, report: &Sc
         },
         "failures": failures(resolved, scenarios, &report.failures),
     });
-    output::joined(simulate::document(resolved), own)
+    output::joined(run::document(resolved, path), own)
 }

@@ -143,10 +143,13 @@ fn row(entry: &Entry) -> Vec<String> {
     let result = match header.kind {
         RunKind::Falsify => format!("falsified {falsified_trials} of {trials}"),
         RunKind::Evaluate => "evaluated".to_string(),
+        RunKind::Margin if *falsified_trials > 0 => "witness found".to_string(),
+        RunKind::Margin => "no witness".to_string(),
+        RunKind::Risk => "estimated".to_string(),
     };
     vec![
         path,
-        kind(header).to_string(),
+        header.kind.name().to_string(),
         escape::name(&header.target.name),
         escape::name(&contents.controller),
         header.search.clone(),
@@ -157,13 +160,6 @@ fn row(entry: &Entry) -> Vec<String> {
     ]
 }
 
-fn kind(header: &RunHeader) -> &'static str {
-    match header.kind {
-        RunKind::Falsify => "falsify",
-        RunKind::Evaluate => "evaluate",
-    }
-}
-
 fn document(entry: &Entry) -> Value {
     let run = entry.path.to_string_lossy();
     match &entry.contents {
@@ -171,7 +167,7 @@ fn document(entry: &Entry) -> Value {
         Ok(contents) => json!({
             "run": run,
             "error": Value::Null,
-            "kind": kind(&contents.header),
+            "kind": contents.header.kind.name(),
             "target": contents.header.target.name,
             "target_kind": contents.header.target.kind,
             "controller": contents.controller,

@@ -5,6 +5,7 @@ use mishandle::evaluation::{Estimate, QUANTILES, RepeatReport};
 use mishandle::plan::FalsifyPlan;
 use mishandle::rollout::{Axis, AxisValues, Request, Scenario, Seed, Space};
 use mishandle::run::Noise;
+use mishandle::store::RunKind;
 use mishandle_text::{decimal, plural};
 use serde_json::{Value, json};
 
@@ -55,7 +56,7 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
     let mut falsify: FalsifyPlan = plan.falsify.take().unwrap_or_default();
     falsify.formula = command.formula.clone().or(falsify.formula);
     plan.falsify = Some(falsify);
-    (plan.evaluate, plan.risk) = (None, None);
+    plan = plan.only(RunKind::Falsify);
     let resolved = ResolvedPlan::new(&plan)?;
     output::warn_of_chained_comparisons(&resolved.specification.requirement);
     let scenario = scenario(&resolved.space, &resolved.target.spaces, &command.at)?;

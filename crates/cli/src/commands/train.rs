@@ -5,6 +5,7 @@ use std::sync::LazyLock;
 use anyhow::{Error, Result, anyhow};
 use clap::Args;
 use mishandle::MishandleError;
+use mishandle::run::Device;
 use mishandle::train::{TrainPlan, TrainReport, default_out};
 use mishandle::training::RunSettings;
 use mishandle_text::plural;
@@ -81,7 +82,7 @@ pub struct Arguments {
     pub run: args::Run,
 }
 
-pub fn run(command: &Arguments) -> Result<ExitStatus> {
+pub fn run(command: &Arguments, gpu: Option<&Device>) -> Result<ExitStatus> {
     run::set_threads(command.run.threads)?;
     let plan = plan(command);
     if mishandle::train::uses_default_settings(&plan)? {
@@ -91,10 +92,10 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
         ));
     }
     if command.dry_run {
-        return dry_run(&plan, command.run.json);
+        return dry_run(&plan, gpu, command.run.json);
     }
     let mut reporter = TrainReporter::start(&plan)?;
-    let report = mishandle::train::train(&plan, &mut reporter);
+    let report = mishandle::train::train(&plan, gpu, &mut reporter);
     reporter.finish();
     let report = report?;
     let result = &report.result;
@@ -159,8 +160,8 @@ fn write_error(plan: &TrainPlan, report: &TrainReport) -> Error {
 }
 
 /// Prints the settings of the training run.
-fn dry_run(plan: &TrainPlan, as_json: bool) -> Result<ExitStatus> {
-    let facts = mishandle::train::training_facts(plan)?;
+fn dry_run(plan: &TrainPlan, gpu: Option<&Device>, as_json: bool) -> Result<ExitStatus> {
+    let facts = mishandle::train::training_facts(plan, gpu)?;
     let total_steps = facts.settings.run().total_steps;
     if !as_json {
         let TrainPlan { task, algorithm, reward, seed, .. } = plan;

@@ -1,0 +1,282 @@
+//! Asking the question of a plan: one function runs all of them, with every engine, and writes every simulation to a run file.
+
+use std::ops::ControlFlow;
+
+use mishandle_evaluation::{Corners, Repeats, ScreenedProgress};
+use mishandle_falsification::{CampaignOutcome, ScreenedCounts};
+use mishandle_random::Seed;
+use mishandle_risk::{Report, ScreenedReport, ScreenedSettings, screened_risk};
+use mishandle_rollout::Request;
+use mishandle_store::{RunFile, RunKind, RunWriter, TrialStatus};
+use mishandle_world::Backend;
+
+use crate::error::MishandleError;
+use crate::plan::ScreeningPlan;
+use crate::resolve::{ResolvedPlan, depends_on_seed};
+use crate::run::evaluate::{self, EvaluationOutcome};
+use crate::run::falsify::{self, falsify};
+use crate::run::journal::{Journal, JournalScreening, Numbering};
+use crate::run::margin::{Margin, margin};
+use crate::run::screening::{self, ScreenedEvaluationOutcome};
+use crate::run::{header, repeat, repeat_seeds, risk};
+
+/// Trial of the simulations of a question that has no trials of its own, and of the repeats of a witness.
+const TRIAL: u32 = 1;
+const REPEATS: u32 = 2;
+
+/// What computes the simulations of a question.
+#[derive(Clone, Copy)]
+pub enum Engine<'a> {
+    /// The target's own system computes all of them.
+    Direct,
+    /// This device proposes, and the target's own system confirms: see [`ScreeningPlan`].
+    Screening(&'a dyn Backend),
+}
+
+/// Progress of a question.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Progress {
+    /// Number of finished simulations.
+    pub simulations: u64,
+    /// Total number of simulations if all running trials spend their budgets.
+    pub max_simulations: u64,
+    /// Number of finished trials of a falsification.
+    pub ended: u32,
+    /// Number of trials that found a counterexample.
+    pub falsified: u32,
+}
+
+/// The answer of a question.
+#[derive(Debug)]
+pub enum Answer {
+    /// Rates of an evaluation.
+    Evaluation(EvaluationOutcome),
+    /// Rates of a screened evaluation.
+    ScreenedEvaluation(ScreenedEvaluationOutcome),
+    /// Trials of a falsification, with the counts of its screening.
+    Falsification(CampaignOutcome, Option<ScreenedCounts>),
+    /// The smallest disturbance.
+    Margin(MarginOutcome),
+    /// The failure probability.
+    Risk(Report),
+    /// The failure probability by screening.
+    ScreenedRisk(ScreenedReport),
+}
+
+impl Answer {
+    /// Returns whether the question was not interrupted.
+    pub fn is_complete(&self) -> bool {
+        match self {
+            Answer::Evaluation(found) => found.is_complete,
+            Answer::ScreenedEvaluation(found) => found.report.is_complete,
+            Answer::Falsification(found, _) => found.trials.iter().all(|trial| trial.end.is_some()),
+            Answer::Margin(found) => found.is_complete,
+            Answer::Risk(found) => found.is_complete,
+            Answer::ScreenedRisk(found) => found.is_complete,
+        }
+    }
+}
+
+/// The smallest disturbance, with the repeats of its witness.
+#[derive(Clone, Debug)]
+pub struct MarginOutcome {
+    /// The search.
+    pub margin: Margin,
+    /// Simulations of the witness with other seeds; `None` without a witness, or if the seed has no effect.
+    pub repeats: Option<Repeats>,
+    /// Whether search and repeats are finished.
+    pub is_complete: bool,
+}
+
+/// Gets the progress now and then, and can end the question, which a later call continues.
+pub type Watch<'w> = &'w mut (dyn FnMut(&Progress) -> ControlFlow<()> + Send);
+
+/// Asks the question of a plan and stores every simulation in `run`, an open run file of the same plan. The simulations that it
+/// already contains are not repeated.
+///
+/// # Errors
+/// If the run is of another plan or contains other simulations, the engine is not that of the plan, or a simulation cannot be run
+/// or stored.
+pub fn ask(
+    resolved: &ResolvedPlan,
+    run: RunWriter,
+    engine: Engine<'_>,
+    watch: Watch<'_>,
+) -> Result<Answer, MishandleError> {
+    header::check(run.file().header(), resolved)?;
+    match (&resolved.plan.screening, engine) {
+        (None, _) => ask_directly(resolved, run, watch),
+        (Some(plan), Engine::Screening(device)) => {
+            let screening = screening::screening(resolved, device, plan.rows as usize)?;
+            let journal = Journal::new(resolved, run)?;
+            let engine = journal.screening(Some(Box::new(screening)));
+            let answer = screened(&journal, plan, engine, watch)?;
+            let ended = ended(&answer);
+            journal.close(ended)?;
+            Ok(answer)
+        }
+        (Some(plan), Engine::Direct) => Err(MishandleError::NoDevice { device: plan.device.clone() }),
+    }
+}
+
+fn ask_directly(resolved: &ResolvedPlan, run: RunWriter, watch: Watch<'_>) -> Result<Answer, MishandleError> {
+    match resolved.plan.kind() {
+        RunKind::Evaluate => {
+            let max_simulations = evaluate::evaluation_simulations(resolved);
+            let watch =
+                |simulations| watch(&Progress { simulations, max_simulations, ..Progress::default() });
+            Ok(Answer::Evaluation(evaluate::evaluate(resolved, run, watch)?))
+        }
+        RunKind::Falsify => Ok(Answer::Falsification(falsify(resolved, run, watch)?, None)),
+        RunKind::Margin | RunKind::Risk => {
+            let journal = Journal::new(resolved, run)?;
+            let answer = recorded(&journal, watch)?;
+            let ended = ended(&answer);
+            journal.close(ended)?;
+            Ok(answer)
+        }
+    }
+}
+
+/// Asks a question whose system is the run file.
+fn recorded(journal: &Journal<'_>, watch: Watch<'_>) -> Result<Answer, MishandleError> {
+    let resolved = journal.resolved();
+    let plan = &resolved.plan;
+    let numbered = |trial| journal.system(Some(Numbering { trial, last: 0 }));
+    if let Some(table) = &plan.risk {
+        let max_simulations = table.simulations;
+        let watch = |simulations| watch(&Progress { simulations, max_simulations, ..Progress::default() });
+        let found = risk::risk(resolved, &mut numbered(TRIAL)?, watch);
+        return Ok(Answer::Risk(journal.result(found)?));
+    }
+    let table = plan.margin.as_ref().ok_or(MishandleError::MissingPlanTable { table: "margin" })?;
+    let mut watch =
+        |simulations| watch(&Progress { simulations, max_simulations: table.budget, ..Progress::default() });
+    let found = margin(&mut numbered(TRIAL)?, Seed(plan.seed), table.budget, &mut watch);
+    let margin = journal.result(found)?;
+    let mut outcome = MarginOutcome { is_complete: margin.is_complete, repeats: None, margin };
+    let witness = outcome.margin.witness.as_ref().filter(|_| outcome.is_complete);
+    if let Some(Request { scenario, seed, .. }) = witness.map(|witness| &witness.episode.request)
+        && depends_on_seed(resolved, scenario)
+    {
+        let seeds = repeat_seeds(*seed, Margin::REPEATS);
+        let done = outcome.margin.simulations;
+        let repeats = repeat(&mut numbered(REPEATS)?, scenario, seeds, |_| watch(done));
+        let repeats = journal.result(repeats)?;
+        outcome.is_complete = repeats.simulations == Margin::REPEATS;
+        outcome.repeats = Some(repeats);
+    }
+    Ok(Answer::Margin(outcome))
+}
+
+/// Asks a question whose simulations a device proposes.
+fn screened(
+    journal: &Journal<'_>,
+    plan: &ScreeningPlan,
+    mut screening: JournalScreening<'_, '_>,
+    watch: Watch<'_>,
+) -> Result<Answer, MishandleError> {
+    let resolved = journal.resolved();
+    let own = |max_simulations| {
+        move |progress: ScreenedProgress| Progress {
+            simulations: progress.screened,
+            max_simulations,
+            ..Progress::default()
+        }
+    };
+    match resolved.plan.kind() {
+        RunKind::Evaluate => {
+            let progress = own(resolved.plan.evaluate.as_ref().map_or(0, |evaluate| evaluate.episodes));
+            let engines = (&mut screening as &mut _, &mut journal.system(None)? as &mut _);
+            let found =
+                screening::evaluate(resolved, engines, plan.confirm, &mut |done| watch(&progress(done)));
+            Ok(Answer::ScreenedEvaluation(journal.result(found)?))
+        }
+        RunKind::Falsify => {
+            let falsify = resolved.plan.falsify.clone().unwrap_or_default();
+            let max_simulations = u64::from(falsify.trials) * u64::from(falsify.budget);
+            let engines = (&mut screening as &mut _, &mut journal.system(None)? as &mut _);
+            let found = falsify::screened(resolved, engines, plan.confirm, &mut |outcome| {
+                watch(&Progress {
+                    simulations: outcome.simulations,
+                    max_simulations,
+                    ended: outcome.trials.iter().filter(|trial| trial.end.is_some()).count() as u32,
+                    falsified: outcome.falsified_trials as u32,
+                })
+            });
+            let (outcome, counts) = journal.result(found)?;
+            Ok(Answer::Falsification(outcome, Some(counts)))
+        }
+        RunKind::Risk | RunKind::Margin => {
+            let table =
+                resolved.plan.risk.as_ref().ok_or(MishandleError::MissingPlanTable { table: "risk" })?;
+            let settings = ScreenedSettings {
+                simulations: table.simulations,
+                sample_rate: plan.confirm,
+                seed: Seed(resolved.plan.seed),
+                batch: table.batch as usize,
+            };
+            let scenarios = risk::risk_scenarios(resolved)?;
+            let progress = own(table.simulations);
+            let mut system = journal.system(Some(Numbering { trial: TRIAL, last: 0 }))?;
+            let found = screened_risk(&mut screening, &mut system, &scenarios, &settings, &mut |done| {
+                watch(&progress(done))
+            });
+            Ok(Answer::ScreenedRisk(journal.result(found)?))
+        }
+    }
+}
+
+/// Returns the trials that have ended, with their statuses.
+fn ended(answer: &Answer) -> Vec<(u32, TrialStatus)> {
+    let is_complete = answer.is_complete();
+    let spent = |trial| (trial, TrialStatus::BudgetSpent);
+    match answer {
+        Answer::Falsification(found, _) => {
+            let trials = found.trials.iter().filter(|trial| trial.end.is_some());
+            trials.map(|trial| (trial.trial, falsify::status(trial))).collect()
+        }
+        Answer::Margin(found) => {
+            let has_witness = found.margin.witness.is_some();
+            let status = if has_witness { TrialStatus::Falsified } else { TrialStatus::BudgetSpent };
+            let search = found.margin.is_complete.then_some((TRIAL, status));
+            let repeats = found.repeats.as_ref().filter(|_| is_complete).map(|_| spent(REPEATS));
+            search.into_iter().chain(repeats).collect()
+        }
+        Answer::ScreenedEvaluation(found) if is_complete => {
+            let corners = found.corners.as_ref().map(|_| Corners::TRIAL);
+            std::iter::once(evaluate::TRIAL).chain(corners).map(spent).collect()
+        }
+        Answer::Risk(_) | Answer::ScreenedRisk(_) if is_complete => vec![spent(TRIAL)],
+        _ => Vec::new(),
+    }
+}
+
+/// Returns the request that the question of a run asks as simulation `number` of `trial`, from the recorded answers of the earlier
+/// ones; `None` if it does not ask it.
+///
+/// # Errors
+/// If an earlier record is not what the question asks.
+pub(crate) fn asked(
+    resolved: &ResolvedPlan,
+    run: &RunFile,
+    wanted: (u32, u32),
+) -> Result<Option<Request>, MishandleError> {
+    let journal = Journal::until(resolved, run, wanted);
+    let mut watch = |_: &Progress| ControlFlow::Continue(());
+    let end = match &resolved.plan.screening {
+        Some(plan) => screened(&journal, plan, journal.screening(None), &mut watch),
+        None => recorded(&journal, &mut watch),
+    };
+    match journal.found() {
+        Some(request) => Ok(Some(request)),
+        // The question came to its end, or to a simulation that is not recorded.
+        None => match end {
+            Err(
+                error
+                @ (MishandleError::SimulationMismatch { .. } | MishandleError::ScreeningMismatch { .. }),
+            ) => Err(error),
+            _ => Ok(None),
+        },
+    }
+}

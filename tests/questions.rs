@@ -1,0 +1,148 @@
+//! Every question is asked in one go or in pieces, with the same answer and the same rows.
+
+#![allow(clippy::unwrap_used)]
+
+use std::ops::ControlFlow;
+
+use mishandle::plan::{EvaluatePlan, FalsifyPlan, MarginPlan, RiskPlan};
+use mishandle::run::{Answer, Engine};
+use mishandle::store::{RunFile, RunKind, RunWriter};
+use mishandle::{MishandleError, Plan, ResolvedPlan};
+
+fn plans() -> Vec<Plan> {
+    let evaluate = EvaluatePlan { episodes: 40, batch: 8, ..EvaluatePlan::default() };
+    let falsify = FalsifyPlan { trials: 3, budget: 60, batch: 4, ..FalsifyPlan::default() };
+    let margin = MarginPlan { budget: 300, ..MarginPlan::default() };
+    let risk = RiskPlan { simulations: 3000, ..RiskPlan::default() };
+    let car = Plan { space: "dynamics+events".to_string(), seed: 3, ..Plan::new("toy/car-following", "") };
+    vec![
+        Plan { evaluate: Some(evaluate), ..Plan::new("toy/noisy", "") },
+        Plan { falsify: Some(falsify), ..Plan::new("toy/needle", "") },
+        Plan { margin: Some(margin.clone()), ..car.clone() },
+        // The witness is repeated with other seeds.
+        Plan {
+            margin: Some(MarginPlan { budget: 60, ..margin }),
+            space: "starts+delay".to_string(),
+            action_noise: 0.3,
+            ..Plan::new("ball-balancing", "ppo")
+        },
+        Plan { risk: Some(risk.clone()), ..Plan::new("toy/hidden-corner", "") },
+        Plan { risk: Some(RiskPlan { simulations: 300, ..risk }), ..car },
+    ]
+}
+
+/// Asks the question of a plan, each time up to `calls` more calls of `watch`. Returns the answer, the digest of the rows, and the
+/// number of pieces.
+fn in_pieces(plan: &Plan, calls: u64) -> (String, u128, u64) {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("run.sqlite");
+    let resolved = ResolvedPlan::new(plan).unwrap();
+    let mut run = mishandle::run::create_run(&resolved, Some(&path)).unwrap();
+    for pieces in 1.. {
+        let mut left = calls.saturating_mul(pieces);
+        let answer = mishandle::run::ask(&resolved, run, Engine::Direct, &mut |_| {
+            left = left.saturating_sub(1);
+            if left > 0 { ControlFlow::Continue(()) } else { ControlFlow::Break(()) }
+        })
+        .unwrap();
+        if answer.is_complete() {
+            let run = RunFile::open(&path).unwrap();
+            assert_eq!(mishandle::run::unfinished(&run).unwrap(), None);
+            check_replays(&run, &answer);
+            return (format!("{answer:?}"), run.content_digest().unwrap(), pieces);
+        }
+        assert!(mishandle::run::unfinished(&RunFile::open(&path).unwrap()).unwrap().is_some());
+        run = RunWriter::resume(&path).unwrap();
+    }
+    unreachable!()
+}
+
+/// Replays the first, the last and the first failing simulation.
+fn check_replays(run: &RunFile, answer: &Answer) {
+    let rows: Vec<_> = run.simulations().map(Result::unwrap).collect();
+    let failing = rows.iter().find(|row| row.robustness.is_some_and(|rho| rho < 0.0));
+    for row in [rows.first(), rows.last(), failing].into_iter().flatten() {
+        let replayed = mishandle::replay::replay(run, row.trial, row.number, None).unwrap();
+        assert!(replayed.differences.is_empty(), "{:?}", replayed.differences);
+    }
+    // What the answer names is in the file.
+    match answer {
+        Answer::Margin(found) => {
+            let witness = &found.margin.witness.as_ref().unwrap().episode;
+            let row = run.simulation(witness.request.trial, witness.request.number).unwrap();
+            assert_eq!(row.robustness, witness.robustness());
+            assert_eq!(row.scenario, witness.request.scenario.values());
+        }
+        Answer::Risk(found) => {
+            for failure in &found.failures {
+                let row = run.simulation(1, failure.number).unwrap();
+                assert_eq!((row.seed, row.robustness), (failure.draw.seed.0, Some(failure.robustness)));
+            }
+        }
+        _ => {}
+    }
+}
+
+#[test]
+fn a_question_in_pieces_has_the_answer_and_the_rows_of_one_in_one_go() {
+    for plan in plans() {
+        let (whole, digest, _) = in_pieces(&plan, u64::MAX);
+        let (pieces, digest_of_pieces, count) = in_pieces(&plan, 7);
+        assert_eq!(whole, pieces, "{:?} of {}", plan.kind(), plan.target);
+        assert!(
+            digest == digest_of_pieces && count > 1,
+            "{:?} of {}: {count} pieces",
+            plan.kind(),
+            plan.target
+        );
+    }
+}
+
+#[test]
+fn a_run_of_another_question_is_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let plans = plans();
+    let (margin, risk) = (&plans[2], &plans[5]);
+    let path = folder.path().join("run.sqlite");
+    let resolved = ResolvedPlan::new(margin).unwrap();
+    mishandle::run::create_run(&resolved, Some(&path)).unwrap().close().unwrap();
+    assert_eq!(RunFile::open(&path).unwrap().header().kind, RunKind::Margin);
+    let ask = |plan: &Plan| {
+        let resolved = ResolvedPlan::new(plan).unwrap();
+        let run = RunWriter::resume(&path).unwrap();
+        mishandle::run::ask(&resolved, run, Engine::Direct, &mut |_| ControlFlow::Break(())).map(drop)
+    };
+    let other = Plan { margin: Some(MarginPlan { budget: 99, ..MarginPlan::default() }), ..margin.clone() };
+    assert!(matches!(ask(&other), Err(MishandleError::OtherSettings { .. })));
+    assert!(ask(risk).is_err());
+    ask(margin).unwrap();
+}
+
+#[test]
+fn a_changed_row_is_named_by_the_replay_and_refused_by_the_question() {
+    let plan = &plans()[4];
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("run.sqlite");
+    let resolved = ResolvedPlan::new(plan).unwrap();
+    let run = mishandle::run::create_run(&resolved, Some(&path)).unwrap();
+    mishandle::run::ask(&resolved, run, Engine::Direct, &mut |_| ControlFlow::Continue(())).unwrap();
+    // A copy of the rows in which one scenario is another one.
+    let copy = folder.path().join("copy.sqlite");
+    let source = RunFile::open(&path).unwrap();
+    let mut forged = mishandle::run::create_run(&resolved, Some(&copy)).unwrap();
+    forged.start_trial(1, source.trial(1).unwrap().seed).unwrap();
+    let mut rows: Vec<_> = source.simulations().map(Result::unwrap).collect();
+    rows[9].scenario[0] = rows[8].scenario[0];
+    forged.record(&rows).unwrap();
+    forged.close().unwrap();
+    let replayed = mishandle::replay::replay(&RunFile::open(&copy).unwrap(), 1, 10, None).unwrap();
+    assert!(
+        replayed.differences.iter().any(|text| text.contains("scenario of simulation 10")),
+        "{:?}",
+        replayed.differences
+    );
+    let run = RunWriter::resume(&copy).unwrap();
+    let error =
+        mishandle::run::ask(&resolved, run, Engine::Direct, &mut |_| ControlFlow::Continue(())).unwrap_err();
+    assert!(matches!(error, MishandleError::SimulationMismatch { number: 10 }), "{error}");
+}
