@@ -11,6 +11,7 @@ mod kind;
 mod randomness;
 mod recorded;
 pub(crate) mod search;
+mod subject;
 mod task;
 
 use mishandle_falsification::CampaignSettings;
@@ -32,6 +33,7 @@ pub use randomness::{depends_on_seed, space_depends_on_seed};
 pub use recorded::recorded_plan;
 pub(crate) use recorded::resolve_recorded;
 pub use search::search_entry;
+pub use subject::{axis_facts, named_scenario};
 pub use task::{preset, task, task_target};
 
 /// Returns the target of a plan.

@@ -6,6 +6,7 @@
 
 mod campaign;
 mod completion;
+mod end_text;
 pub(crate) mod evaluate;
 pub(crate) mod falsify;
 pub(crate) mod header;
@@ -15,6 +16,7 @@ mod minimize;
 mod outcomes;
 mod question;
 pub(crate) mod record;
+mod result;
 mod risk;
 pub(crate) mod screening;
 mod simulate;
@@ -22,6 +24,7 @@ pub(crate) mod violation;
 
 pub use campaign::{CampaignRun, campaign_runs, create_campaign, free_campaign_folder};
 pub use completion::unfinished;
+pub use end_text::end_text;
 pub use evaluate::{
     EvaluationOutcome, evaluate, evaluation_request, evaluation_simulations, rejects_scenarios,
 };
@@ -31,6 +34,10 @@ pub use minimize::{Minimized, axes_off_nominal, is_close, minimize};
 pub(crate) use question::asked;
 pub use question::{Answer, Engine, MarginOutcome, Progress, Watch, ask};
 pub use record::{create_run, recorded_axis, recorded_episode};
+pub use result::{
+    evaluation_result, falsification_result, margin_result, repeated_result, risk_result,
+    screened_evaluation_result, screened_risk_result, simulation_result,
+};
 pub use risk::{risk_assumption, risk_refusals, risk_scenarios};
 pub use screening::{Device, ScreenedEvaluationOutcome, screening};
 pub use simulate::{measure_noise, repeat, repeat_seeds};

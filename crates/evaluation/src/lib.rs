@@ -58,8 +58,8 @@ pub use paired::{PairedCounts, paired_mean_difference};
 pub use repeats::{repeats, variance_share};
 pub use run::{Evaluation, ScenarioFilter, evaluate};
 pub use screened::{
-    EvaluationFailure, SCREENED_CHUNK, ScreenedEvaluation, ScreenedProgress, Selection, evaluate_screened,
-    screen,
+    EndCounts, EvaluationFailure, SCREENED_CHUNK, ScreenedEvaluation, ScreenedProgress, Selection,
+    evaluate_screened, screen,
 };
 pub use smooth_region::{NotSmooth, SmoothRegion, smooth_region};
 pub use survival::{Lifetime, LogRank, SurvivalCurve, SurvivalStep, log_rank};

@@ -1,7 +1,7 @@
 use schemars::JsonSchema;
 use serde::Serialize;
 
-use crate::{Estimate, Scenario, Screening, Subject};
+use crate::{Estimate, Number, Scenario, Screening, Seed, Subject};
 
 /// Success rate, dangerous behavior rate and completion time of a controller.
 #[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
@@ -27,6 +27,22 @@ pub struct Evaluation {
     /// Counts of the screening; missing without it. The rates are then those of a two-phase sample: see `gpu.md`.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub screening: Option<Screening>,
+    /// With screening, up to 100 simulations of MuJoCo C without success; missing without it.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub failures: Option<Vec<ScreenedFailure>>,
+}
+
+/// A simulation without success.
+#[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
+pub struct ScreenedFailure {
+    /// Number of the simulation.
+    pub number: u32,
+    /// Scenario by axis; a value that is drawn at random is `null`.
+    pub scenario: Scenario,
+    /// Random seed.
+    pub seed: Seed,
+    /// Robustness of the success formula; `null` without a verdict.
+    pub robustness: Option<Number>,
 }
 
 /// Metrics of a controller over the simulations from random scenarios, without the corners.
@@ -36,11 +52,11 @@ pub struct Evaluation {
 /// excluded from the dangerous behavior rate and the task completion time.
 ///
 /// A scenario from which the target cannot start says nothing about the controller, so no rate includes it; `failed` does.
-#[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, JsonSchema)]
 pub struct Metrics {
     /// Number of simulations from random scenarios, without the corners.
     pub simulations: u64,
-    /// Number of these that diverged.
+    /// Number of these that diverged. With screening, this and the next three keys count simulations of MuJoCo C.
     pub diverged: u64,
     /// Number of these that ended because the controller or the environment returned a value that is not finite.
     pub invalid: u64,

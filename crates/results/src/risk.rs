@@ -76,7 +76,7 @@ pub struct Probability {
 }
 
 /// Independent simulations under the distribution itself.
-#[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, JsonSchema)]
 pub struct MonteCarlo {
     /// Number of simulations.
     pub simulations: u64,
