@@ -8,6 +8,7 @@ mod explanation_text;
 mod failure_modes;
 mod masking;
 mod mode_survey;
+mod result;
 mod smooth_region;
 mod space_coverage;
 
@@ -21,5 +22,6 @@ pub use explanation_text::compared_values;
 pub use failure_modes::{Failure, FailureMode, FailureModes, failure_modes};
 pub use masking::masking;
 pub use mode_survey::{ModeSurvey, mode_survey, unseen_modes};
+pub use result::{counterexamples_result, run_facts};
 pub use smooth_region::smooth_region_of;
 pub use space_coverage::space_coverage;

@@ -16,6 +16,7 @@ mod minimize;
 mod outcomes;
 mod question;
 pub(crate) mod record;
+mod recorded;
 mod result;
 mod risk;
 pub(crate) mod screening;
@@ -34,6 +35,8 @@ pub use minimize::{Minimized, axes_off_nominal, is_close, minimize};
 pub(crate) use question::asked;
 pub use question::{Answer, Engine, MarginOutcome, Progress, Watch, ask};
 pub use record::{create_run, recorded_axis, recorded_episode};
+pub(crate) use recorded::recorded_named;
+pub use recorded::{box_point, recorded_axes, recorded_scenario};
 pub use result::{
     evaluation_result, falsification_result, margin_result, repeated_result, risk_result,
     screened_evaluation_result, screened_risk_result, simulation_result,
