@@ -347,6 +347,20 @@ class Confirmed:
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
+class ScreenedFailure:
+    """A simulation without success."""
+
+    number: int
+    """Number of the simulation."""
+    scenario: dict[str, float | None]
+    """Scenario by axis; a value that is drawn at random is ``None``."""
+    seed: int
+    """Random seed."""
+    robustness: float | None
+    """Robustness of the success formula; ``None`` without a verdict."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
 class Evaluation:
     """Success rate, dangerous behavior rate and completion time of a controller."""
 
@@ -398,7 +412,8 @@ class Evaluation:
     simulations: int
     """Number of simulations from random scenarios, without the corners."""
     diverged: int
-    """Number of these that diverged."""
+    """Number of these that diverged. With screening, this and the next three keys count
+    simulations of MuJoCo C."""
     invalid: int
     """Number of these that ended because the controller or the environment returned a value that
     is not finite."""
@@ -432,6 +447,8 @@ class Evaluation:
     screening: Screening | None = None
     """Counts of the screening; missing without it. The rates are then those of a two-phase
     sample: see ``gpu.md``."""
+    failures: tuple[ScreenedFailure, ...] | None = None
+    """With screening, up to 100 simulations of MuJoCo C without success; missing without it."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -752,6 +769,8 @@ class Witness:
     """Sum of the offsets (L1)."""
     axes: int
     """Number of disturbed axes."""
+    simulation: int
+    """Number of its simulation in the run."""
     scenario: dict[str, float | None]
     """Scenario by axis; a value that is drawn at random is ``None``."""
     seed: int
@@ -768,6 +787,8 @@ class Witness:
 class Margin:
     """The smallest disturbance that violates a requirement."""
 
+    run: str | None = None
+    """Path of the run file; missing if none is written."""
     target: str
     """Name of the target."""
     task: str
@@ -940,6 +961,8 @@ class RiskFailure:
 
     scenario: dict[str, float | None]
     """Scenario by axis; a value that is drawn at random is ``None``."""
+    simulation: int
+    """Number of the simulation in the run."""
     seed: int
     """Random seed."""
     robustness: float
@@ -950,6 +973,8 @@ class RiskFailure:
 class Risk:
     """The probability of a violation under a distribution of scenarios."""
 
+    run: str | None = None
+    """Path of the run file; missing if none is written."""
     target: str
     """Name of the target."""
     task: str
@@ -1249,8 +1274,8 @@ class CampaignRun:
     name: str
     """Name of the run, and of its file without extension."""
     kind: str
-    """Kind of the run: ``evaluate`` or ``falsify``."""
-    result: Evaluation | Falsification
+    """Kind of the run: ``evaluate``, ``falsify``, ``margin`` or ``risk``."""
+    result: Evaluation | Falsification | Margin | Risk
     """The document of that command, without ``schema``."""
 
 
@@ -1423,7 +1448,7 @@ class RunSummary:
     error: str | None
     """Why the file cannot be read; ``None`` if it can."""
     kind: str | None = None
-    """Kind of the run: ``evaluate`` or ``falsify``."""
+    """Kind of the run: ``evaluate``, ``falsify``, ``margin`` or ``risk``."""
     target: str | None = None
     """Name of the target."""
     target_kind: str | None = None

@@ -3,6 +3,7 @@
 //! Every mistake in a plan is found here, before the first simulation. Only this room knows the kinds of targets.
 
 mod axis_setting;
+mod catalog;
 mod check;
 pub(crate) mod controller;
 mod hint;
@@ -24,6 +25,7 @@ use crate::error::MishandleError;
 use crate::plan::{Plan, ScreeningPlan};
 use crate::resolve::axis_setting::with_settings;
 
+pub use catalog::{search_result, target_result, task_result};
 pub use check::{check_evaluate, check_falsify, check_risk};
 pub(crate) use controller::is_path;
 pub use controller::{controller_name, find_controller};

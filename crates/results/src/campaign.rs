@@ -1,7 +1,7 @@
 use schemars::JsonSchema;
 use serde::Serialize;
 
-use crate::{Evaluation, Falsification};
+use crate::{Evaluation, Falsification, Margin, Risk};
 
 /// A grid of runs.
 #[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
@@ -19,7 +19,7 @@ pub struct Campaign {
 pub struct CampaignRun {
     /// Name of the run, and of its file without extension.
     pub name: String,
-    /// Kind of the run: `evaluate` or `falsify`.
+    /// Kind of the run: `evaluate`, `falsify`, `margin` or `risk`.
     pub kind: String,
     /// The document of that command, without `schema`.
     pub result: Answer,
@@ -34,4 +34,8 @@ pub enum Answer {
     Evaluation(Box<Evaluation>),
     /// That of `falsify`.
     Falsification(Box<Falsification>),
+    /// That of `margin`.
+    Margin(Box<Margin>),
+    /// That of `risk`.
+    Risk(Box<Risk>),
 }

@@ -6,6 +6,9 @@ use crate::{Number, Repeats, Scenario, Seed, Subject, optional_number};
 /// The smallest disturbance that violates a requirement.
 #[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
 pub struct Margin {
+    /// Path of the run file; missing if none is written.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub run: Option<String>,
     /// What was disturbed.
     #[serde(flatten)]
     pub subject: Subject,
@@ -89,6 +92,8 @@ pub struct Witness {
     pub norms: Norms,
     /// Number of disturbed axes.
     pub axes: u64,
+    /// Number of its simulation in the run.
+    pub simulation: u32,
     /// Scenario by axis; a value that is drawn at random is `null`.
     pub scenario: Scenario,
     /// Random seed.

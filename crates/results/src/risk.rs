@@ -6,6 +6,9 @@ use crate::{Estimate, Number, Scenario, Screening, Seed, Subject, number};
 /// The probability of a violation under a distribution of scenarios.
 #[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
 pub struct Risk {
+    /// Path of the run file; missing if none is written.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub run: Option<String>,
     /// What was simulated.
     #[serde(flatten)]
     pub subject: Subject,
@@ -155,6 +158,8 @@ pub struct Chain {
 pub struct RiskFailure {
     /// Scenario by axis; a value that is drawn at random is `null`.
     pub scenario: Scenario,
+    /// Number of the simulation in the run.
+    pub simulation: u32,
     /// Random seed.
     pub seed: Seed,
     /// Robustness.

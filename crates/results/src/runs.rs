@@ -18,7 +18,7 @@ pub struct RunSummary {
 /// What a run file holds.
 #[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
 pub struct RunFacts {
-    /// Kind of the run: `evaluate` or `falsify`.
+    /// Kind of the run: `evaluate`, `falsify`, `margin` or `risk`.
     pub kind: String,
     /// Name of the target.
     pub target: String,

@@ -79,7 +79,7 @@ pub struct TrainingPlan {
     /// Hash of its layout of observations and actions.
     pub layout_hash: String,
     /// Format version of controller files by kind of policy.
-    pub formats: Named<u32>,
+    pub formats: Named<u64>,
 }
 
 /// The learning curve of a training run.

@@ -1,11 +1,13 @@
+use std::path::Path;
+
 use mishandle_results as results;
 use mishandle_results::{Repeats, Seed};
 
 use crate::resolve::{ResolvedPlan, named_scenario};
 use crate::run::{MarginOutcome, Witness};
 
-/// Returns the result of a search for the smallest disturbance.
-pub fn margin_result(resolved: &ResolvedPlan, found: &MarginOutcome) -> results::Margin {
+/// Returns the result of a search for the smallest disturbance. `run` is the path of its run file.
+pub fn margin_result(resolved: &ResolvedPlan, found: &MarginOutcome, run: &Path) -> results::Margin {
     let MarginOutcome { margin, repeats, .. } = found;
     let passed = margin.largest_without_violation();
     let witness = |witness: &Witness| {
@@ -13,6 +15,7 @@ pub fn margin_result(resolved: &ResolvedPlan, found: &MarginOutcome) -> results:
         results::Witness {
             norms: *norms,
             axes: *axes as u64,
+            simulation: episode.request.number,
             scenario: named_scenario(resolved.space.axes(), episode.request.scenario.values()),
             seed: Seed(episode.request.seed.0),
             robustness: episode.robustness().map(Into::into),
@@ -21,6 +24,7 @@ pub fn margin_result(resolved: &ResolvedPlan, found: &MarginOutcome) -> results:
         }
     };
     results::Margin {
+        run: Some(run.to_string_lossy().into_owned()),
         subject: resolved.subject(),
         formula: resolved.specification.requirement.to_string(),
         simulations: margin.simulations,

@@ -1,3 +1,5 @@
+use std::path::Path;
+
 use mishandle_evaluation::TwoPhase;
 use mishandle_results as results;
 use mishandle_results::{
@@ -11,8 +13,13 @@ use mishandle_rollout::Axis;
 use crate::resolve::{ResolvedPlan, named_scenario};
 use crate::run::{risk_assumption, risk_refusals};
 
-/// Returns the result of an estimation.
-pub fn risk_result(resolved: &ResolvedPlan, scenarios: &Scenarios, report: &Report) -> results::Risk {
+/// Returns the result of an estimation. `run` is the path of its run file.
+pub fn risk_result(
+    resolved: &ResolvedPlan,
+    scenarios: &Scenarios,
+    report: &Report,
+    run: &Path,
+) -> results::Risk {
     let Report { answer, monte_carlo, .. } = report;
     results::Risk {
         method: resolved.plan.risk.as_ref().map_or(String::new(), |risk| risk.method.clone()),
@@ -38,15 +45,16 @@ pub fn risk_result(resolved: &ResolvedPlan, scenarios: &Scenarios, report: &Repo
         exploration: Exploration { simulations: report.exploration },
         importance: report.importance.as_ref().map(importance),
         splitting: report.splitting.as_ref().map(splitting),
-        ..shared(resolved, scenarios, &report.failures)
+        ..shared(resolved, scenarios, &report.failures, run)
     }
 }
 
-/// Returns the result of a screened estimation, which is that of plain Monte Carlo.
+/// Returns the result of a screened estimation, which is that of plain Monte Carlo. `run` is the path of its run file.
 pub fn screened_risk_result(
     resolved: &ResolvedPlan,
     scenarios: &Scenarios,
     report: &ScreenedReport,
+    run: &Path,
 ) -> results::Risk {
     let (counts, estimate) = (report.counts, report.estimate());
     let finding = Finding { flagged: counts.flagged_events, audit_sample: counts.sampled_events };
@@ -74,16 +82,17 @@ pub fn screened_risk_result(
             findings: Some([("failure", finding)].into_iter().collect()),
             ..screening(&counts, report.screened_without_verdict, report.overflows, resolved)
         }),
-        ..shared(resolved, scenarios, &report.failures)
+        ..shared(resolved, scenarios, &report.failures, run)
     }
 }
 
 /// Returns what both kinds of estimations say of the plan, and the failures.
-fn shared(resolved: &ResolvedPlan, scenarios: &Scenarios, failures: &[Failure]) -> results::Risk {
+fn shared(resolved: &ResolvedPlan, scenarios: &Scenarios, failures: &[Failure], run: &Path) -> results::Risk {
     let failure = |failure: &Failure| {
         let scenario = scenarios.scenario(&failure.draw.latent);
         RiskFailure {
             scenario: named_scenario(resolved.space.axes(), scenario.values()),
+            simulation: failure.number,
             seed: Seed(failure.draw.seed.0),
             robustness: failure.robustness.into(),
         }
@@ -96,6 +105,7 @@ fn shared(resolved: &ResolvedPlan, scenarios: &Scenarios, failures: &[Failure]) 
         unit: axis.unit.clone(),
     };
     results::Risk {
+        run: Some(run.to_string_lossy().into_owned()),
         subject: resolved.subject(),
         formula: resolved.specification.requirement.to_string(),
         method: String::new(),
