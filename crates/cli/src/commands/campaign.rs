@@ -1,21 +1,21 @@
-use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
-use std::sync::Mutex;
-use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 
 use anyhow::{Context, Result, bail, ensure};
 use clap::Args;
 use mishandle::evaluation::Estimate;
 use mishandle::falsification::CampaignOutcome;
 use mishandle::files::{limits, read_text_bounded};
-use mishandle::store::RunKind;
-use mishandle::{CampaignRun, EvaluationOutcome, ResolvedPlan, decimal, plural, shell_quote};
+use mishandle::{CampaignRun, EvaluationOutcome, decimal, plural, shell_quote};
 use serde_json::{Value, json};
 
-use super::{evaluate, falsify, report};
-use crate::progress::Bar;
-use crate::{ExitStatus, args, interrupt, numbers, output, run};
+use crate::exit_status::ExitStatus;
+use crate::flags::{self, numbers};
+use crate::interrupt;
+use crate::run::grid::{self, Finished, Outcome};
+use crate::run::{self, pages};
+use crate::show::progress::Bar;
+use crate::show::{evaluation, falsification, output};
 
 /// Run a grid of evaluations and falsifications: targets, controllers, spaces, formulas, searches, seeds
 #[derive(Debug, Args)]
@@ -46,11 +46,11 @@ pub struct Arguments {
     pub durable: bool,
     /// Number of runs at the same time; does not affect the results. Several keep all cores busy when searches propose few
     /// simulations at a time [default: 1]
-    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = numbers::integer::<usize>(args::THREADS))]
+    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = numbers::integer::<usize>(flags::THREADS))]
     #[arg(conflicts_with = "ray")]
     pub jobs: Option<usize>,
     /// Number of threads; does not affect the results [default: number of cores]
-    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = numbers::integer::<usize>(args::THREADS))]
+    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = numbers::integer::<usize>(flags::THREADS))]
     pub threads: Option<usize>,
     /// Write pages to this folder: an index, a page for each run, and the tables of `mishandle reproduce` with statistics, also as
     /// Markdown
@@ -75,7 +75,7 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
     };
     let mut results = Vec::new();
     if status == ExitStatus::Done {
-        results = run_all(&runs, &bar, command.durable, command.jobs.unwrap_or(1))?;
+        results = grid::run_all(&runs, &bar, command.durable, command.jobs.unwrap_or(1))?;
     }
     bar.clear();
     let name = shell_quote(&folder.to_string_lossy());
@@ -88,7 +88,7 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
         output::message(&format!("Resume with: mishandle campaign --resume {name}"));
     }
     if command.json {
-        let documents: Vec<Value> = results.iter().map(Finished::document).collect();
+        let documents: Vec<Value> = results.iter().map(document).collect();
         output::json(json!({
             "folder": folder.to_string_lossy(),
             "is_complete": results.len() == runs.len(),
@@ -101,8 +101,8 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
         return Ok(ExitStatus::Interrupted);
     }
     if let Some(pages) = &command.pages {
-        let options = report::Options { simulations: None, controller: None, skip_check: false, force: true };
-        report::write_campaign(&folder, pages, &options)?;
+        let options = pages::Options { simulations: None, controller: None, skip_check: false, force: true };
+        pages::write_campaign(&folder, pages, &options)?;
         output::message(&format!(
             "To add what takes simulations: mishandle report {name} --out {} --force",
             shell_quote(&pages.to_string_lossy())
@@ -130,119 +130,9 @@ fn open(command: &Arguments) -> Result<(PathBuf, Vec<CampaignRun>)> {
     Ok((folder, runs))
 }
 
-/// A finished run.
-pub struct Finished {
-    name: String,
-    path: PathBuf,
-    resolved: ResolvedPlan,
-    outcome: Outcome,
-}
-
-enum Outcome {
-    Evaluation(Box<EvaluationOutcome>),
-    Falsification(Box<CampaignOutcome>),
-}
-
-impl Finished {
-    fn document(&self) -> Value {
-        let path = self.path.to_string_lossy();
-        let (kind, own) = match &self.outcome {
-            Outcome::Evaluation(found) => ("evaluate", evaluate::document(&self.resolved, found, &path)),
-            Outcome::Falsification(found) => {
-                ("falsify", falsify::document(&self.resolved, found, &falsify::Repeats::new(), &path))
-            }
-        };
-        json!({ "name": self.name, "kind": kind, "result": own })
-    }
-}
-
-/// Runs or completes all runs in order, `jobs` at a time. Returns the finished ones, which are fewer if a signal interrupts them.
-pub fn run_all(runs: &[CampaignRun], bar: &Bar, is_durable: bool, jobs: usize) -> Result<Vec<Finished>> {
-    let progress = Progress::new(runs, bar);
-    let (next, failed) = (AtomicUsize::new(0), AtomicBool::new(false));
-    let work = || {
-        let mut finished = Vec::new();
-        while !failed.load(Ordering::Relaxed) && !interrupt::requested() {
-            let index = next.fetch_add(1, Ordering::Relaxed);
-            let Some(run) = runs.get(index) else { break };
-            let watch = |done, planned| {
-                progress.report(index, done, planned);
-                // A failure ends the other jobs like a signal: what they have done is stored.
-                if failed.load(Ordering::Relaxed) { ControlFlow::Break(()) } else { run::control_flow() }
-            };
-            let result = run_one(run, is_durable, watch).with_context(|| format!("run {}", run.name));
-            failed.fetch_or(result.is_err(), Ordering::Relaxed);
-            finished.extend(result.transpose().map(|result| (index, result)));
-        }
-        finished
-    };
-    let mut finished = match jobs.min(runs.len()) {
-        0 | 1 => work(),
-        jobs => std::thread::scope(|scope| {
-            let workers: Vec<_> = (0..jobs).map(|_| scope.spawn(work)).collect();
-            let joined = workers.into_iter().flat_map(|worker| match worker.join() {
-                Ok(finished) => finished,
-                Err(panic) => std::panic::resume_unwind(panic),
-            });
-            joined.collect()
-        }),
-    };
-    finished.sort_by_key(|(index, _)| *index);
-    finished.into_iter().map(|(_, result)| result).collect()
-}
-
-/// Progress of all runs, on one bar.
-struct Progress<'a> {
-    runs: &'a [CampaignRun],
-    bar: &'a Bar,
-    /// Number of finished simulations of each run, and of those that its plan asks for.
-    counts: Mutex<Vec<(u64, u64)>>,
-}
-
-impl Progress<'_> {
-    fn new<'a>(runs: &'a [CampaignRun], bar: &'a Bar) -> Progress<'a> {
-        Progress { runs, bar, counts: Mutex::new(vec![(0, 0); runs.len()]) }
-    }
-
-    fn report(&self, index: usize, done: u64, planned: u64) {
-        let Ok(mut counts) = self.counts.lock() else { return };
-        counts[index] = (done, planned);
-        self.bar.set_length(counts.iter().map(|(_, planned)| planned).sum());
-        self.bar.set_position(counts.iter().map(|(done, _)| done).sum());
-        self.bar.set_note(format!("run {} of {}: {}", index + 1, self.runs.len(), self.runs[index].name));
-    }
-}
-
-/// Runs or completes one run. Returns `None` if it was interrupted.
-fn run_one(
-    run: &CampaignRun,
-    is_durable: bool,
-    mut watch: impl FnMut(u64, u64) -> ControlFlow<()>,
-) -> Result<Option<Finished>> {
-    let (mut file, resolved) = run.resume()?;
-    if is_durable {
-        file.set_durable()?;
-    }
-    run::report_build_differences("started", &mishandle::build_differences(file.file().header(), &resolved));
-    let outcome = match file.file().header().kind {
-        RunKind::Evaluate => {
-            let planned = mishandle::evaluation_simulations(&resolved);
-            let found = mishandle::evaluate(&resolved, file, |done| watch(done, planned))?;
-            found.is_complete.then(|| Outcome::Evaluation(Box::new(found)))
-        }
-        RunKind::Falsify => {
-            let found = mishandle::falsify(&resolved, file, |progress| {
-                watch(progress.simulations, progress.max_simulations)
-            })?;
-            falsify::is_complete(&resolved, &found).then(|| Outcome::Falsification(Box::new(found)))
-        }
-    };
-    let CampaignRun { name, path, .. } = run.clone();
-    Ok(outcome.map(|outcome| Finished { name, path, resolved, outcome }))
-}
-
 /// Program and module that simulate a campaign on Ray.
 const PYTHON: &str = "python3";
+
 const MODULE: &str = "mishandle.ray";
 
 /// Checks that the Python package and Ray are installed.
@@ -345,4 +235,17 @@ fn percent(rate: &Estimate) -> String {
 fn interval(rate: &Estimate) -> String {
     let ends = rate.low.zip(rate.high);
     ends.map_or("-".to_string(), |(low, high)| format!("[{:.2}, {:.2}]", 100.0 * low, 100.0 * high))
+}
+
+/// Returns the JSON of a finished run.
+fn document(finished: &Finished) -> Value {
+    let path = finished.path.to_string_lossy();
+    let (kind, own) = match &finished.outcome {
+        Outcome::Evaluation(found) => ("evaluate", evaluation::document(&finished.resolved, found, &path)),
+        Outcome::Falsification(found) => (
+            "falsify",
+            falsification::document(&finished.resolved, found, &falsification::Repeats::new(), &path),
+        ),
+    };
+    json!({ "name": finished.name, "kind": kind, "result": own })
 }

@@ -10,9 +10,12 @@ use mishandle::{
 use mishandle_report::comparison_page;
 use serde_json::{Value, json};
 
-use crate::output::{self, number};
-use crate::progress::Bar;
-use crate::{ExitStatus, args, escape, numbers, run};
+use crate::exit_status::ExitStatus;
+use crate::flags::{self, numbers};
+use crate::run;
+use crate::show::output::{self, number};
+use crate::show::progress::Bar;
+use crate::show::{escape, scenario};
 
 /// Compare two controllers, or two versions of one, on the same scenarios and seeds
 #[derive(Debug, Args)]
@@ -31,7 +34,7 @@ the run files are kept in runs/.
 Exit code 1 means that B fails in a simulation in which A succeeds.")]
 pub struct Arguments {
     #[command(flatten)]
-    pub subject: args::Subject,
+    pub subject: flags::Subject,
     /// Run file B; the first argument is then run file A
     #[arg(value_name = "B", conflicts_with_all = COMPARED)]
     pub second: Option<PathBuf>,
@@ -51,7 +54,7 @@ pub struct Arguments {
     #[arg(long)]
     pub skip_check: bool,
     #[command(flatten)]
-    pub run: args::Run,
+    pub run: flags::Run,
 }
 
 /// Arguments of `compare` that two run files already determine.
@@ -108,7 +111,7 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
 
 /// Evaluates both controllers. Returns `None` if a signal interrupts it.
 fn evaluate_both(command: &Arguments) -> Result<Option<[PathBuf; 2]>> {
-    let mut plan = run::plan(&command.subject, &command.run)?;
+    let mut plan = flags::plan(&command.subject, &command.run)?;
     let evaluate = plan.evaluate.take().unwrap_or_default();
     (plan.falsify, plan.risk) = (None, None);
     plan.evaluate = Some(EvaluatePlan {
@@ -313,7 +316,7 @@ fn list(found: &Comparison, title: &str, pairs: &[ComparedPair], run: &ComparedR
             pair.trial.to_string(),
             pair.number.to_string(),
             pair.seed.to_string(),
-            run::recorded_scenario_text(&found.axes, &pair.scenario, MAX_VALUES),
+            scenario::recorded_text(&found.axes, &pair.scenario, MAX_VALUES),
             robustness(pair.first_robustness),
             robustness(pair.second_robustness),
         ]);

@@ -11,8 +11,8 @@ use mishandle::tasks::{Topic, notes};
 use mishandle::training::AlgorithmSettings;
 use serde_json::{Value, json};
 
-use crate::ExitStatus;
-use crate::output::{self, number, table};
+use crate::exit_status::ExitStatus;
+use crate::show::output::{self, number, table};
 
 /// Show how a controller was trained, export it as ONNX, or import one from PyTorch
 #[derive(Debug, Args)]

@@ -6,8 +6,10 @@ use clap::Args;
 use mishandle::{Curve, plural};
 use serde_json::json;
 
-use crate::output::{self, number};
-use crate::{ExitStatus, numbers, training_time};
+use crate::exit_status::ExitStatus;
+use crate::flags::numbers;
+use crate::show::output::{self, number};
+use crate::show::training_time;
 
 /// Numbers of parallel environments: those of the setting `episodes.environments`.
 const ENVIRONMENTS: RangeInclusive<u64> = 1..=1_000_000;

@@ -2,14 +2,14 @@ use std::time::Instant;
 
 use anyhow::{Result, ensure};
 use clap::Args;
-use mishandle::evaluation::Estimate;
 use mishandle::store::RunKind;
-use mishandle::{EvaluatePlan, EvaluationOutcome, Plan, ResolvedPlan, StartRegion, plural};
-use serde_json::{Value, json};
+use mishandle::{EvaluatePlan, Plan, ResolvedPlan, StartRegion, plural};
 
-use super::simulate;
-use crate::progress::Bar;
-use crate::{ExitStatus, args, corners, numbers, output, run, screened_text};
+use crate::exit_status::ExitStatus;
+use crate::flags::{self, numbers};
+use crate::run;
+use crate::show::progress::Bar;
+use crate::show::{evaluation, output, screening, subject};
 
 /// Evaluate a controller: success rate, dangerous behavior rate and completion time, with 95 % intervals
 #[derive(Debug, Args)]
@@ -19,7 +19,7 @@ use crate::{ExitStatus, args, corners, numbers, output, run, screened_text};
   mishandle evaluate point-reaching --controller my_controller.safetensors --json")]
 pub struct Arguments {
     #[command(flatten)]
-    pub subject: args::Subject,
+    pub subject: flags::Subject,
     /// Number of random initial states; the corners and the center of the initial box are simulated as well [default: 100]
     #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = numbers::integer::<u64>(Plan::EPISODES))]
     #[arg(conflicts_with = "resume")]
@@ -29,11 +29,11 @@ pub struct Arguments {
     #[arg(long = "box", value_name = "PART", conflicts_with = "resume")]
     pub starts: Option<String>,
     #[command(flatten)]
-    pub screen: args::Screen,
+    pub screen: flags::Screen,
     #[command(flatten)]
-    pub file: args::OpenRun,
+    pub file: flags::OpenRun,
     #[command(flatten)]
-    pub run: args::Run,
+    pub run: flags::Run,
 }
 
 pub fn run(command: &Arguments) -> Result<ExitStatus> {
@@ -59,16 +59,18 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
     if !outcome.is_complete {
         run::report_interruption(RunKind::Evaluate, simulations, &name);
         if command.run.json {
-            output::json(document(&resolved, &outcome, &path.to_string_lossy()))?;
+            output::json(evaluation::document(&resolved, &outcome, &path.to_string_lossy()))?;
         }
         return Ok(ExitStatus::Interrupted);
     }
     if command.run.json {
-        output::json(document(&resolved, &outcome, &path.to_string_lossy()))?;
+        output::json(evaluation::document(&resolved, &outcome, &path.to_string_lossy()))?;
     } else {
-        output::line(&text(&resolved, &outcome))?;
+        output::line(&evaluation::text(&resolved, &outcome))?;
     }
-    if starts(&resolved.plan) == StartRegion::Reachable && !mishandle::rejects_scenarios(&resolved) {
+    if evaluation::starts(&resolved.plan) == StartRegion::Reachable
+        && !mishandle::rejects_scenarios(&resolved)
+    {
         output::message(
             "note: no initial state was rejected as unreachable: --box whole gives the same result",
         );
@@ -85,7 +87,7 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
 
 /// Evaluates the controller by screening on the GPU.
 fn on_gpu(command: &Arguments, bar: &Bar) -> Result<ExitStatus> {
-    let args::OpenRun { out, resume, durable, .. } = &command.file;
+    let flags::OpenRun { out, resume, durable, .. } = &command.file;
     ensure!(
         out.is_none() && resume.is_none() && !durable,
         "--backend gpu writes no run file, so it does not work with --out, --resume and --durable"
@@ -103,14 +105,15 @@ fn on_gpu(command: &Arguments, bar: &Bar) -> Result<ExitStatus> {
     bar.clear();
     match command.run.json {
         true => {
-            let document = output::joined(region(&resolved), screened_text::document(&resolved, &outcome));
-            output::json(output::joined(simulate::document(&resolved), document))?;
+            let document =
+                output::joined(evaluation::region(&resolved), screening::document(&resolved, &outcome));
+            output::json(output::joined(subject::document_without_run(&resolved), document))?;
         }
         // Interrupted in the first chunk, it has nothing to show.
         false if outcome.report.failures.trials == 0 => (),
         false => {
-            let text = screened_text::text(resolved.space.axes(), &outcome);
-            output::line(&format!("{}\n\n{text}", heading(&resolved)))?;
+            let text = screening::text(resolved.space.axes(), &outcome);
+            output::line(&format!("{}\n\n{text}", evaluation::heading(&resolved)))?;
         }
     }
     let report = &outcome.report;
@@ -131,7 +134,7 @@ fn on_gpu(command: &Arguments, bar: &Bar) -> Result<ExitStatus> {
 }
 
 fn plan(command: &Arguments) -> Result<Plan> {
-    let mut plan = run::plan(&command.subject, &command.run)?;
+    let mut plan = flags::plan(&command.subject, &command.run)?;
     let mut evaluate = plan.evaluate.take().unwrap_or_default();
     evaluate.episodes = command.episodes.unwrap_or(evaluate.episodes);
     evaluate.batch = command.subject.batch.unwrap_or(evaluate.batch);
@@ -145,94 +148,4 @@ fn plan(command: &Arguments) -> Result<Plan> {
     (plan.falsify, plan.risk) = (None, None);
     plan.evaluate = Some(EvaluatePlan { ..evaluate });
     Ok(plan)
-}
-
-fn starts(plan: &Plan) -> StartRegion {
-    plan.evaluate.as_ref().map_or(StartRegion::Whole, |evaluate| evaluate.starts)
-}
-
-/// Returns the JSON document of the run.
-pub fn document(resolved: &ResolvedPlan, outcome: &EvaluationOutcome, path: &str) -> Value {
-    let report = &outcome.report;
-    let mut own = json!({
-        "is_complete": outcome.is_complete,
-        "simulations": report.simulations,
-        "diverged": report.diverged,
-        "invalid": report.invalid,
-        "failed": report.failed,
-        "undecided": report.undecided,
-        "success_rate": output::estimate(&report.success_rate),
-    });
-    let optional = [
-        ("strict_success_rate", &report.strict_success_rate),
-        ("dangerous_behavior_rate", &report.dangerous_behavior_rate),
-        ("dangerous_episode_rate", &report.dangerous_episode_rate),
-        ("task_completion_time", &report.task_completion_time),
-    ];
-    for (key, estimate) in optional {
-        if let Some(estimate) = estimate {
-            own[key] = output::estimate(estimate);
-        }
-    }
-    own["corners"] = outcome
-        .corners
-        .as_ref()
-        .map_or(Value::Null, |report| corners::document(resolved.space.axes(), report));
-    output::joined(run::document(resolved, path), output::joined(region(resolved), own))
-}
-
-/// Returns the JSON of the region of the initial states.
-fn region(resolved: &ResolvedPlan) -> Value {
-    json!({ "box": starts(&resolved.plan), "leaves_out_starts": mishandle::rejects_scenarios(resolved) })
-}
-
-/// Returns the first line of the result.
-fn heading(resolved: &ResolvedPlan) -> String {
-    let part = match starts(&resolved.plan) {
-        StartRegion::Whole => "",
-        StartRegion::Reachable => ", initial states from the reachable part of the box",
-    };
-    format!("{}{part}", run::heading(resolved))
-}
-
-fn text(resolved: &ResolvedPlan, outcome: &EvaluationOutcome) -> String {
-    let report = &outcome.report;
-    // A single value has a mean, but no confidence interval.
-    let cells = |estimate: &Estimate, value: &dyn Fn(f64) -> String, end: &dyn Fn(f64) -> String| {
-        let interval =
-            estimate.low.zip(estimate.high).map(|(low, high)| format!("[{}, {}]", end(low), end(high)));
-        [estimate.value.map_or("-".to_string(), value), interval.unwrap_or("-".to_string())]
-    };
-    let percentage = |rate: f64| format!("{:.2}", 100.0 * rate);
-    let percent =
-        |estimate: &Estimate| cells(estimate, &|rate| format!("{} %", percentage(rate)), &percentage);
-    let steps = |estimate: &Estimate| {
-        let value =
-            |steps: f64| format!("{steps:.1} control steps ({:.2} s)", steps * resolved.target.control_dt);
-        cells(estimate, &value, &|steps| format!("{steps:.1}"))
-    };
-    let row = |name: &str, estimate: &Estimate, cells: &dyn Fn(&Estimate) -> [String; 2]| {
-        let [value, interval] = cells(estimate);
-        vec![name.to_string(), value, interval, estimate.n.to_string()]
-    };
-    let mut rows = vec![["", "value", "95 % interval", "n"].map(String::from).to_vec()];
-    rows.push(row("success rate", &report.success_rate, &percent));
-    rows.extend(report.strict_success_rate.iter().map(|rate| row("strict success rate", rate, &percent)));
-    rows.extend(
-        report.dangerous_behavior_rate.iter().map(|rate| row("dangerous behavior rate", rate, &percent)),
-    );
-    rows.extend(
-        report.dangerous_episode_rate.iter().map(|rate| row("episodes with any danger", rate, &percent)),
-    );
-    rows.extend(report.task_completion_time.iter().map(|time| row("task completion time", time, &steps)));
-    let mut text = format!("{}\n\n{}", heading(resolved), output::table(&rows));
-    if let Some(report) = &outcome.corners {
-        text.push_str(&format!("\n\n{}", corners::text(resolved.space.axes(), report)));
-    }
-    if let Some(counts) =
-        run::without_verdict(report.diverged, report.invalid, report.failed, report.undecided)
-    {
-        text.push_str(&format!("\n\n{counts}; they do not count as successes"));
-    }
-    text
 }

@@ -6,7 +6,9 @@ use mishandle::files::AtomicFile;
 use mishandle::plural;
 use mishandle::store::{self, RunFile};
 
-use crate::{ExitStatus, output, run};
+use crate::exit_status::ExitStatus;
+use crate::run;
+use crate::show::output;
 
 /// Export the simulations of a run as CSV or Parquet
 #[derive(Debug, Args)]

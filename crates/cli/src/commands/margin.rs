@@ -11,10 +11,12 @@ use mishandle::{
 };
 use serde_json::{Value, json};
 
-use super::{counterexamples, simulate};
-use crate::output::{self, number};
-use crate::progress::Bar;
-use crate::{ExitStatus, args, numbers, run};
+use crate::exit_status::ExitStatus;
+use crate::flags::{self, numbers};
+use crate::run::{self, counterexample};
+use crate::show::output::{self, number};
+use crate::show::progress::Bar;
+use crate::show::{repeats, scenario, subject};
 
 /// Search for the smallest disturbance that violates a formula
 #[derive(Debug, Args)]
@@ -28,7 +30,7 @@ if it is in the space, varies in its whole box. The result is an upper bound wit
 disturbances that violate the formula may exist. Exit code 1 means that a violation was found.")]
 pub struct Arguments {
     #[command(flatten)]
-    pub subject: args::Subject,
+    pub subject: flags::Subject,
     /// Requirement: the name of a formula of the target, or the text of a formula [default: the target's first formula]
     #[arg(long, allow_hyphen_values = true)]
     pub formula: Option<String>,
@@ -42,7 +44,7 @@ pub struct Arguments {
     #[arg(long)]
     pub force: bool,
     #[command(flatten)]
-    pub run: args::Run,
+    pub run: flags::Run,
 }
 
 pub fn run(command: &Arguments) -> Result<ExitStatus> {
@@ -52,7 +54,7 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
     run::stop_on_signals(&bar)?;
     let resolved = ResolvedPlan::new(&plan(command)?)?;
     output::warn_of_chained_comparisons(&resolved.specification.requirement);
-    counterexamples::check_out(command.out.as_deref(), &resolved, command.force)?;
+    counterexample::check_out(command.out.as_deref(), &resolved, command.force)?;
     let mut system = resolved.system()?;
     let seed = Seed(resolved.plan.seed);
     let found = mishandle::margin(&mut *system, seed, budget, |done| {
@@ -90,7 +92,7 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
 }
 
 fn plan(command: &Arguments) -> Result<Plan> {
-    let mut plan = run::plan(&command.subject, &command.run)?;
+    let mut plan = flags::plan(&command.subject, &command.run)?;
     if command.subject.space.is_none() && command.subject.plan.is_none() {
         plan.space = Margin::SPACE.to_string();
     }
@@ -129,7 +131,7 @@ fn text(resolved: &ResolvedPlan, found: &Margin, repeats: Option<&RepeatReport>)
     };
     format!(
         "{}\nformula {}\n\n{}\n\n{conclusion}",
-        run::heading(resolved),
+        subject::heading(resolved),
         resolved.specification.requirement,
         output::table(&rows)
     )
@@ -168,7 +170,7 @@ fn witness_text(
             decimal(norms.largest, 4),
             decimal(norms.euclidean, 4),
             decimal(norms.sum, 4),
-            run::axes(axes),
+            scenario::axes(axes),
         ),
     };
     let doubt = match repeats {
@@ -208,7 +210,7 @@ fn witness_scenario(axes: &[Axis], values: &[Option<f64>]) -> String {
         |(axis, value): &(&Axis, &Option<f64>)| axis.kind == AxisKind::Start || **value != axis.nominal;
     let (axes, values): (Vec<Axis>, Vec<Option<f64>>) =
         axes.iter().zip(values).filter(is_shown).map(|(axis, value)| (axis.clone(), *value)).unzip();
-    if axes.is_empty() { "the nominal scenario".to_string() } else { run::scenario_text(&axes, &values) }
+    if axes.is_empty() { "the nominal scenario".to_string() } else { scenario::text(&axes, &values) }
 }
 
 fn document(resolved: &ResolvedPlan, found: &Margin, repeats: Option<&RepeatReport>) -> Value {
@@ -230,10 +232,10 @@ fn document(resolved: &ResolvedPlan, found: &Margin, repeats: Option<&RepeatRepo
             "l2": norms.euclidean,
             "l1": norms.sum,
             "axes": axes,
-            "scenario": run::scenario(resolved.space.axes(), episode.request.scenario.values()),
+            "scenario": scenario::document(resolved.space.axes(), episode.request.scenario.values()),
             "seed": episode.request.seed.0.to_string(),
             "robustness": episode.robustness().map(number),
-            "repeats": repeats.map(simulate::repeats_document),
+            "repeats": repeats.map(repeats::document),
             "fails_in_most_repeats": repeats.map(RepeatReport::fails_in_most),
         })
     });
@@ -247,5 +249,5 @@ fn document(resolved: &ResolvedPlan, found: &Margin, repeats: Option<&RepeatRepo
         "no_violation_simulations": passed.map(|level| level.verdicts()),
         "witness": witness,
     });
-    output::joined(simulate::document(resolved), own)
+    output::joined(subject::document_without_run(resolved), own)
 }

@@ -11,8 +11,10 @@ use mishandle::plural;
 use mishandle::stl::{Clock, Formula, Monitor, Recording, TimeUnit};
 use serde_json::json;
 
-use crate::output::{self, number};
-use crate::{ExitStatus, formula_error, numbers};
+use crate::exit_status::ExitStatus;
+use crate::flags::numbers;
+use crate::show::formula_error;
+use crate::show::output::{self, number};
 
 /// Sampling periods.
 const PERIOD: &str = "a number of seconds above 0, such as 0.1";

@@ -9,10 +9,12 @@ use mishandle::evaluation::RepeatReport;
 use mishandle::{Counterexample, Regression, decimal, plural};
 use serde_json::{Value, json};
 
-use super::{counterexamples, simulate};
-use crate::output::{self, number};
-use crate::progress::Bar;
-use crate::{ExitStatus, args, escape, numbers, run};
+use crate::exit_status::ExitStatus;
+use crate::flags::{self, numbers};
+use crate::run::{self, counterexample};
+use crate::show::output::{self, number};
+use crate::show::progress::Bar;
+use crate::show::{escape, repeats};
 
 /// Failure rates.
 const RATE: &str = "a number from 0 to 1, such as 0.05";
@@ -45,7 +47,7 @@ pub struct Arguments {
     #[arg(long, value_name = "C")]
     pub baseline: Option<String>,
     /// Number of simulations with other random seeds, which decide the test; without it, the recorded seed does
-    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = numbers::integer::<u32>(args::REPEATS))]
+    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = numbers::integer::<u32>(flags::REPEATS))]
     pub repeat: Option<u32>,
     /// With --repeat: largest failure rate of a test that passes [default: 0]
     #[arg(long, value_name = "RATE", requires = "repeat", allow_negative_numbers = true)]
@@ -55,7 +57,7 @@ pub struct Arguments {
     #[arg(long, value_name = "FILE")]
     pub junit: Option<PathBuf>,
     /// Number of threads; does not affect the results [default: number of cores]
-    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = numbers::integer::<usize>(args::THREADS))]
+    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = numbers::integer::<usize>(flags::THREADS))]
     pub threads: Option<usize>,
     /// Print one JSON document to stdout
     #[arg(long)]
@@ -173,7 +175,7 @@ fn files(folder: &Path) -> Result<Vec<PathBuf>> {
     for entry in std::fs::read_dir(folder).with_context(read)? {
         let path = entry.with_context(read)?.path();
         let describes_onnx = path.file_stem().is_some_and(|stem| mishandle::is_onnx(Path::new(stem)));
-        if counterexamples::is_file(&path) && !describes_onnx {
+        if flags::is_file(&path) && !describes_onnx {
             files.push(path);
         }
     }
@@ -185,7 +187,7 @@ fn files(folder: &Path) -> Result<Vec<PathBuf>> {
 fn test(command: &Arguments, path: &Path, bar: &Bar, mut done: u64) -> Test {
     let start = Instant::now();
     let file_name = |name: Option<&std::ffi::OsStr>| name.unwrap_or_default().to_string_lossy().into_owned();
-    let recorded = counterexamples::read(path);
+    let recorded = counterexample::read(path);
     let mut simulated = |controller: Option<&str>| -> Result<Regression> {
         let counterexample =
             recorded.as_ref().map_err(|error| anyhow!(output::with_causes(error.chain())))?;
@@ -245,7 +247,7 @@ fn reason(test: &Test) -> String {
             escape::name(&mishandle::compared_values(predicate))
         )
     });
-    let rate = found.repeats.as_ref().map(simulate::failure_text);
+    let rate = found.repeats.as_ref().map(repeats::failure_text);
     let parts = [rate, Some(format!("robustness {}", decimal(robustness, 4))), decisive];
     parts.into_iter().flatten().collect::<Vec<_>>().join("; ")
 }
@@ -306,13 +308,13 @@ fn document(command: &Arguments, tests: &[Test], is_complete: bool) -> Value {
             "sample": predicate.map(|predicate| predicate.sample),
             "values": predicate.map(|predicate| predicate.values.map(number)),
             "same_target": found.and_then(|found| found.has_other_target).map(|is_other| !is_other),
-            "repeats": found.and_then(|found| found.repeats.as_ref()).map(simulate::repeats_document),
+            "repeats": found.and_then(|found| found.repeats.as_ref()).map(repeats::document),
             "reason": if PASSES.contains(&test.outcome) { Value::Null } else { json!(reason(test)) },
             "baseline": test.baseline.as_ref().map(|baseline| {
                 let found = baseline.as_ref().ok();
                 json!({
                     "robustness": found.and_then(|found| found.episode.robustness()).map(number),
-                    "repeats": found.and_then(|found| found.repeats.as_ref()).map(simulate::repeats_document),
+                    "repeats": found.and_then(|found| found.repeats.as_ref()).map(repeats::document),
                 })
             }),
         })

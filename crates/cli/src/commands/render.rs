@@ -5,9 +5,13 @@ use clap::{Args, ValueEnum};
 use mishandle::world::{CAMERAS, Picture, Quality, Size, png};
 use mishandle::{Event, Explanation, Film, FrameCaptions, FrameRenderer, StateTrajectory, plural};
 
-use crate::progress::Bar;
-use crate::video::{self, Video};
-use crate::{ExitStatus, args, interrupt, numbers, output, run};
+use crate::exit_status::ExitStatus;
+use crate::flags::{self, numbers};
+use crate::interrupt;
+use crate::run;
+use crate::show::progress::Bar;
+use crate::show::video::{self, Video};
+use crate::show::{output, simulation};
 
 /// Coordinates of an initial state. Its box is checked later, by an error that names the axis.
 const COORDINATE: &str = "a number in the unit of the axis, such as 0.45";
@@ -48,11 +52,11 @@ pub struct Arguments {
     #[arg(long, value_name = "RUN")]
     pub run: Option<PathBuf>,
     /// Number of the trial, from 1 [default: 1 with --simulation, otherwise any]
-    #[arg(long, value_name = "N", requires = "run", allow_negative_numbers = true, value_parser = numbers::integer::<u32>(args::NUMBERS))]
+    #[arg(long, value_name = "N", requires = "run", allow_negative_numbers = true, value_parser = numbers::integer::<u32>(flags::NUMBERS))]
     pub trial: Option<u32>,
     /// Number of the simulation within its trial, from 1 [default: the first counterexample, otherwise the simulation
     /// with the minimum robustness]
-    #[arg(long, value_name = "N", requires = "run", allow_negative_numbers = true, value_parser = numbers::integer::<u32>(args::NUMBERS))]
+    #[arg(long, value_name = "N", requires = "run", allow_negative_numbers = true, value_parser = numbers::integer::<u32>(flags::NUMBERS))]
     pub simulation: Option<u32>,
     /// New path of the run's controller, if the file was moved
     #[arg(long, value_name = "C", requires = "run")]
@@ -245,7 +249,7 @@ fn recorded(
     );
     output::message(&format!(
         "{}: {}",
-        run::simulation_text(run.header(), &replayed.recorded),
+        simulation::text(run.header(), &replayed.recorded),
         plural(replayed.episode.steps, "control step")
     ));
     let last = trajectory.states.len() - 1;

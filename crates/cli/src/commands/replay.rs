@@ -7,9 +7,11 @@ use mishandle::store::{self, SignalRecord};
 use mishandle::{AxisValue, CounterexampleReplay, plural};
 use serde_json::{Value, json};
 
-use super::counterexamples;
-use crate::output::{self, number};
-use crate::{ExitStatus, args, escape, numbers, run};
+use crate::exit_status::ExitStatus;
+use crate::flags::{self, numbers};
+use crate::run::{self, counterexample};
+use crate::show::output::{self, number};
+use crate::show::{escape, scenario, simulation};
 
 /// Replay a recorded simulation and check that the result is bit-identical
 #[derive(Debug, Args)]
@@ -23,11 +25,11 @@ Exit code 0 means that everything recorded of the simulation agrees with the pla
 with the replay, bit for bit; 2 that something differs.")]
 pub struct Arguments {
     #[command(flatten)]
-    pub recorded: args::Recorded,
+    pub recorded: flags::Recorded,
     #[command(flatten)]
-    pub trace: args::TraceFile,
+    pub trace: flags::TraceFile,
     /// Number of threads; does not affect the result [default: number of cores]
-    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = numbers::integer::<usize>(args::THREADS))]
+    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = numbers::integer::<usize>(flags::THREADS))]
     pub threads: Option<usize>,
     /// Print one JSON document to stdout
     #[arg(long)]
@@ -36,7 +38,7 @@ pub struct Arguments {
 
 pub fn run(command: &Arguments) -> Result<ExitStatus> {
     run::set_threads(command.threads)?;
-    if counterexamples::is_file(&command.recorded.file) {
+    if flags::is_file(&command.recorded.file) {
         return counterexample(command);
     }
     let file = run::read(&command.recorded.file, command.recorded.skip_check)?;
@@ -60,7 +62,7 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
             }
             false => Vec::new(),
         };
-        run::write_trace(path, header, &replayed.episode.trace, &more)?;
+        simulation::write_trace(path, header, &replayed.episode.trace, &more)?;
     }
     let robustness = replayed.episode.verdict.robustness;
     let scenario = &replayed.recorded.scenario;
@@ -76,11 +78,11 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
             "axes": header.axes.iter().map(|axis| &axis.name).collect::<Vec<_>>(),
             "trial": trial,
             "simulation": simulation,
-            "point": run::box_point(header, trial, scenario),
+            "point": simulation::box_point(header, trial, scenario),
             "initial_configuration": scenario,
             "scenario": by_name,
             "seed": replayed.recorded.seed.to_string(),
-            "end": run::end_text(replayed.episode.end, &signals),
+            "end": simulation::end_text(replayed.episode.end, &signals),
             "steps": replayed.episode.steps,
             "robustness": value(robustness),
             "same": replayed.differences.is_empty(),
@@ -92,14 +94,14 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
             let value = match value {
                 // All digits.
                 Some(value) if recorded.levels().is_none() => value.to_string(),
-                value => run::value_text(&recorded, *value),
+                value => scenario::value_text(&recorded, *value),
             };
-            run::axis_value(&escape::name(&axis.name), &value, &escape::name(&axis.unit))
+            scenario::axis_value(&escape::name(&axis.name), &value, &escape::name(&axis.unit))
         };
         let values: Vec<String> = named().map(value).collect();
         output::line(&format!(
             "{}, {}, seed {}\nformula {}\nrobustness {} after {}",
-            run::simulation_text(header, &replayed.recorded),
+            simulation::text(header, &replayed.recorded),
             values.join(", "),
             replayed.recorded.seed,
             escape::name(&header.formula),
@@ -107,7 +109,7 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
             plural(replayed.episode.steps, "control step"),
         ))?;
         if !replayed.episode.end.has_verdict() {
-            output::line(&run::end_text(replayed.episode.end, &signals))?;
+            output::line(&simulation::end_text(replayed.episode.end, &signals))?;
         }
     }
     if !replayed.differences.is_empty() {
@@ -123,9 +125,9 @@ fn signal(recorded: &SignalRecord) -> Signal {
 
 /// Replays an exported counterexample.
 fn counterexample(command: &Arguments) -> Result<ExitStatus> {
-    counterexamples::check_flags(command.recorded.trial, command.recorded.simulation)?;
+    flags::check_flags(command.recorded.trial, command.recorded.simulation)?;
     let (recorded, replayed) =
-        counterexamples::replay(&command.recorded.file, command.recorded.controller.as_deref())?;
+        counterexample::replay(&command.recorded.file, command.recorded.controller.as_deref())?;
     let CounterexampleReplay { header, episode, differences, .. } = &replayed;
     if let Some(path) = &command.trace.trace {
         let folder = command.recorded.file.parent().unwrap_or(Path::new(""));
@@ -136,10 +138,10 @@ fn counterexample(command: &Arguments) -> Result<ExitStatus> {
             }
             false => Vec::new(),
         };
-        run::write_trace(path, header, &episode.trace, &more)?;
+        simulation::write_trace(path, header, &episode.trace, &more)?;
     }
     let signals: Vec<Signal> = header.signals.iter().map(signal).collect();
-    let end = run::end_text(episode.end, &signals);
+    let end = simulation::end_text(episode.end, &signals);
     let scenario = || recorded.scenario.iter();
     if command.json {
         output::json(json!({
@@ -162,7 +164,7 @@ fn counterexample(command: &Arguments) -> Result<ExitStatus> {
     } else {
         let value = |axis: &AxisValue| {
             let value = axis.value.map_or("random".to_string(), |value| value.to_string());
-            run::axis_value(&axis.axis, &value, &axis.unit)
+            scenario::axis_value(&axis.axis, &value, &axis.unit)
         };
         output::line(&format!(
             "{}, {}, seed {}\nformula {}\nrobustness {} after {}",

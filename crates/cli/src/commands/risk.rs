@@ -10,10 +10,12 @@ use mishandle::rollout::Axis;
 use mishandle::{Plan, ResolvedPlan, RiskPlan, plural, shell_quote};
 use serde_json::{Value, json};
 
-use super::{counterexamples, simulate};
-use crate::output::{self, number};
-use crate::progress::Bar;
-use crate::{ExitStatus, args, numbers, risk_text, run, screened_text};
+use crate::exit_status::ExitStatus;
+use crate::flags::{self, numbers};
+use crate::run::{self, counterexample};
+use crate::show::output::{self, number};
+use crate::show::progress::Bar;
+use crate::show::{risk, scenario, screening, subject};
 
 /// Estimate the probability that a simulation violates a formula
 #[derive(Debug, Args)]
@@ -27,7 +29,7 @@ weight for each value of a discrete axis. All are truncated to the bounds of the
 means that a simulation violated the formula.")]
 pub struct Arguments {
     #[command(flatten)]
-    pub subject: args::Subject,
+    pub subject: flags::Subject,
     /// Requirement: the name of a formula of the target, or the text of a formula [default: the target's first formula]
     #[arg(long, allow_hyphen_values = true)]
     pub formula: Option<String>,
@@ -44,7 +46,7 @@ pub struct Arguments {
     #[arg(long, value_name = "METHOD")]
     pub method: Option<String>,
     #[command(flatten)]
-    pub screen: args::Screen,
+    pub screen: flags::Screen,
     /// Write the first of the shown failures to this .json file, which `mishandle replay` runs again
     #[arg(long, value_name = "FILE")]
     pub out: Option<PathBuf>,
@@ -52,7 +54,7 @@ pub struct Arguments {
     #[arg(long)]
     pub force: bool,
     #[command(flatten)]
-    pub run: args::Run,
+    pub run: flags::Run,
 }
 
 /// Parses `NAME=DISTRIBUTION`.
@@ -70,7 +72,7 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
     run::stop_on_signals(&bar)?;
     let resolved = ResolvedPlan::new(&plan(command)?)?;
     output::warn_of_chained_comparisons(&resolved.specification.requirement);
-    counterexamples::check_out(command.out.as_deref(), &resolved, command.force)?;
+    counterexample::check_out(command.out.as_deref(), &resolved, command.force)?;
     let scenarios = mishandle::risk_scenarios(&resolved)?;
     for warning in scenarios.warnings() {
         output::message(&format!("warning: {warning}"));
@@ -87,7 +89,7 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
     bar.clear();
     match command.run.json {
         true => output::json(document(&resolved, &scenarios, &report))?,
-        false => output::line(&risk_text::text(&resolved, &scenarios, &report))?,
+        false => output::line(&risk::text(&resolved, &scenarios, &report))?,
     }
     write_failure(command, &resolved, &scenarios, report.failures.first())?;
     if !report.is_complete {
@@ -153,7 +155,7 @@ fn on_gpu(
         true => output::json(screened_document(resolved, scenarios, &report))?,
         // Interrupted in the first chunk, it has nothing to show.
         false if report.counts.trials == 0 => (),
-        false => output::line(&risk_text::screened_text(resolved, scenarios, &report))?,
+        false => output::line(&risk::screened_text(resolved, scenarios, &report))?,
     }
     // Failures of the interrupted chunk count for no estimate, but they are failures of MuJoCo C.
     write_failure(command, resolved, scenarios, report.failures.first())?;
@@ -174,7 +176,7 @@ fn on_gpu(
 }
 
 fn plan(command: &Arguments) -> Result<Plan> {
-    let mut plan = run::plan(&command.subject, &command.run)?;
+    let mut plan = flags::plan(&command.subject, &command.run)?;
     let mut risk = plan.risk.take().unwrap_or_default();
     risk.formula = command.formula.clone().or(risk.formula);
     risk.simulations = command.simulations.unwrap_or(risk.simulations);
@@ -238,7 +240,7 @@ fn document(resolved: &ResolvedPlan, scenarios: &Scenarios, report: &Report) -> 
         })),
         "failures": failures(resolved, scenarios, &report.failures),
     });
-    output::joined(simulate::document(resolved), own)
+    output::joined(subject::document_without_run(resolved), own)
 }
 
 /// Returns the distribution of each axis.
@@ -254,7 +256,7 @@ fn failures(resolved: &ResolvedPlan, scenarios: &Scenarios, failures: &[Failure]
     let failure = |failure: &Failure| {
         let scenario = scenarios.scenario(&failure.draw.latent);
         json!({
-            "scenario": run::scenario(resolved.space.axes(), scenario.values()),
+            "scenario": scenario::document(resolved.space.axes(), scenario.values()),
             "seed": failure.draw.seed.0.to_string(),
             "robustness": number(failure.robustness),
         })
@@ -270,7 +272,7 @@ fn screened_document(resolved: &ResolvedPlan, scenarios: &Scenarios, report: &Sc
         "distribution": distributions(scenarios),
         "is_complete": report.is_complete,
         "failure_rate": output::estimate(&report.estimate()),
-        "screening": screened_text::screening(&counts, report.screened_without_verdict, report.overflows),
+        "screening": screening::screening(&counts, report.screened_without_verdict, report.overflows),
         "confirmation": {
             "flagged_failures": counts.flagged_events,
             "sampled": counts.sampled,
@@ -279,5 +281,5 @@ fn screened_document(resolved: &ResolvedPlan, scenarios: &Scenarios, report: &Sc
         },
         "failures": failures(resolved, scenarios, &report.failures),
     });
-    output::joined(simulate::document(resolved), own)
+    output::joined(subject::document_without_run(resolved), own)
 }

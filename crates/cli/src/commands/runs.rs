@@ -7,8 +7,9 @@ use mishandle::store::{RunFile, RunHeader, RunKind, TrialStatus};
 use mishandle::{controller_name, decimal};
 use serde_json::{Value, json};
 
-use crate::output::{self, number};
-use crate::{ExitStatus, escape};
+use crate::exit_status::ExitStatus;
+use crate::show::escape;
+use crate::show::output::{self, number};
 
 /// List run files with what they contain
 #[derive(Debug, Args)]

@@ -3,8 +3,8 @@ use clap::Args;
 use mishandle::search::{OptionSpec, SEARCHES, SearchEntry};
 use serde_json::{Value, json};
 
-use crate::ExitStatus;
-use crate::output::{self, table, wrapped};
+use crate::exit_status::ExitStatus;
+use crate::show::output::{self, table, wrapped};
 
 /// List the search algorithms, or describe one with its options
 #[derive(Debug, Args)]

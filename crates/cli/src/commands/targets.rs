@@ -4,7 +4,8 @@ use mishandle::Plan;
 use mishandle::rollout::{Axis, AxisValues, Space, Target};
 use serde_json::{Value, json};
 
-use crate::{ExitStatus, output, run};
+use crate::exit_status::ExitStatus;
+use crate::show::{output, scenario};
 
 /// List the targets, or describe one target: scenario spaces, axes, signals and formulas
 #[derive(Debug, Args)]
@@ -78,7 +79,12 @@ fn page(target: &Target, plan: &Plan) -> String {
     let signals = output::wrapped(&signals.collect::<Vec<_>>().join(", "), 78).replace('\n', "\n  ");
     sections.push(format!("Signals\n  {signals}"));
     for space in &target.spaces {
-        sections.push(format!("Space {} ({})\n{}", space.name(), run::axes(space.dimension()), axes(space)));
+        sections.push(format!(
+            "Space {} ({})\n{}",
+            space.name(),
+            scenario::axes(space.dimension()),
+            axes(space)
+        ));
     }
     if let [first, .., last] = target.spaces.as_slice() {
         let example = format!("{}+{}", first.name(), last.name());

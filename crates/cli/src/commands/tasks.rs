@@ -8,8 +8,8 @@ use clap::Args;
 use mishandle::tasks::{Definition, Note, Preset, Task, compose_with_start, notes, tasks};
 use serde_json::{Value, json};
 
-use crate::ExitStatus;
-use crate::output::{self, indented, table_in};
+use crate::exit_status::ExitStatus;
+use crate::show::output::{self, indented, table_in};
 
 /// List the tasks, or describe one task in full
 #[derive(Debug, Args)]

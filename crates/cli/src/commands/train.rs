@@ -8,9 +8,13 @@ use mishandle::training::RunSettings;
 use mishandle::{MishandleError, TrainPlan, TrainReport, default_out, plural};
 use serde_json::{Value, json};
 
-use crate::output::{self, number};
-use crate::train_reporter::{TrainReporter, with_causes};
-use crate::{ExitStatus, args, interrupt, numbers, run, training_time};
+use crate::exit_status::ExitStatus;
+use crate::flags::{self, numbers};
+use crate::interrupt;
+use crate::run;
+use crate::show::output::{self, number};
+use crate::show::train_reporter::{TrainReporter, with_causes};
+use crate::show::training_time;
 
 /// Numbers of environment steps of a training run: those of the setting `run.total_steps`.
 const STEPS: RangeInclusive<u64> = 1..=1_000_000_000_000;
@@ -55,7 +59,7 @@ pub struct Arguments {
     /// Physics engine of the training episodes: cpu (MuJoCo C) or gpu (MuJoCo Warp) [default: cpu]. Validations always use
     /// MuJoCo C. The setting episodes.environments is the number of worlds
     #[arg(long, value_name = "NAME")]
-    pub backend: Option<args::Backend>,
+    pub backend: Option<flags::Backend>,
     /// File of the best controller [default: runs/TASK-ALGORITHM-sSEED.safetensors]
     #[arg(long, value_name = "FILE")]
     pub out: Option<PathBuf>,
@@ -76,7 +80,7 @@ pub struct Arguments {
     #[arg(long)]
     pub dry_run: bool,
     #[command(flatten)]
-    pub run: args::Run,
+    pub run: flags::Run,
 }
 
 pub fn run(command: &Arguments) -> Result<ExitStatus> {
@@ -193,8 +197,8 @@ fn plan(command: &Arguments) -> TrainPlan {
         algorithm: command.algorithm.clone(),
         reward: command.reward.clone(),
         backend: match command.backend {
-            Some(args::Backend::Gpu) => "gpu".to_string(),
-            Some(args::Backend::Cpu) | None => "cpu".to_string(),
+            Some(flags::Backend::Gpu) => "gpu".to_string(),
+            Some(flags::Backend::Cpu) | None => "cpu".to_string(),
         },
         settings: command.settings.clone(),
         steps: command.steps,

@@ -14,9 +14,11 @@ use mishandle_experiments::{
 };
 use serde_json::{Value, json};
 
-use crate::output::{self, number};
-use crate::train_reporter::with_causes;
-use crate::{ExitStatus, args, interrupt, numbers};
+use crate::exit_status::ExitStatus;
+use crate::flags::{self, numbers};
+use crate::interrupt;
+use crate::show::output::{self, number};
+use crate::show::train_reporter::with_causes;
 
 /// Maintain the shipped controllers: train, measure, import, write tables and charts
 #[derive(Debug, Args)]
@@ -115,7 +117,7 @@ pub struct ZooSelection {
     #[arg(long, value_name = "TASK[/CONTROLLER]")]
     pub only: Option<String>,
     /// Only these random seeds; seed 0 is shipped
-    #[arg(long, value_name = "N", num_args = 1.., allow_negative_numbers = true, value_parser = numbers::integer::<u64>(args::SEEDS))]
+    #[arg(long, value_name = "N", num_args = 1.., allow_negative_numbers = true, value_parser = numbers::integer::<u64>(flags::SEEDS))]
     pub seeds: Vec<u64>,
     /// Treat controllers as trained on the present task if nothing but their task differs
     #[arg(long)]
@@ -126,7 +128,7 @@ pub struct ZooSelection {
 #[derive(Debug, Args)]
 pub struct ZooJobs {
     /// Number of parallel jobs, one thread each [default: all cores]
-    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = numbers::integer::<usize>(args::THREADS))]
+    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = numbers::integer::<usize>(flags::THREADS))]
     pub jobs: Option<usize>,
 }
 

@@ -6,8 +6,8 @@ use mishandle::VERSION;
 use mishandle::interchange::onnx_bytes;
 use serde_json::json;
 
-use crate::ExitStatus;
-use crate::output;
+use crate::exit_status::ExitStatus;
+use crate::show::output;
 
 pub fn run(controller: &str, onnx: &Path, json: bool) -> Result<ExitStatus> {
     let file = mishandle::find_controller(controller)?.controller()?;

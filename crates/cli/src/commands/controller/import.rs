@@ -7,7 +7,8 @@ use mishandle::interchange::ImportOptions;
 use mishandle::plural;
 use serde_json::json;
 
-use crate::{ExitStatus, output};
+use crate::exit_status::ExitStatus;
+use crate::show::output;
 
 #[derive(Debug, Args)]
 #[command(after_help = "Examples:

@@ -13,11 +13,12 @@ use mishandle::{
 };
 use serde_json::{Value, json};
 
-use super::is_file;
-use crate::commands::simulate;
-use crate::output::{self, number};
-use crate::progress::Bar;
-use crate::{ExitStatus, args, escape, numbers, run};
+use crate::exit_status::ExitStatus;
+use crate::flags::{self, numbers};
+use crate::run;
+use crate::show::output::{self, number};
+use crate::show::progress::Bar;
+use crate::show::{escape, repeats, scenario};
 
 #[derive(Debug, Args)]
 #[command(after_help = "Examples:
@@ -37,18 +38,18 @@ pub struct Arguments {
     #[arg(long, value_name = "FILE|DIR")]
     pub out: PathBuf,
     /// Failure mode, from 1, whose representative is exported [default: 1]
-    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = numbers::integer::<u32>(args::NUMBERS))]
+    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = numbers::integer::<u32>(flags::NUMBERS))]
     #[arg(conflicts_with_all = ["all", "trial", "simulation"])]
     pub mode: Option<u32>,
     /// Export the representatives of all failure modes
     #[arg(long, conflicts_with_all = ["trial", "simulation"])]
     pub all: bool,
     /// Number of the trial, from 1, of the exported simulation
-    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = numbers::integer::<u32>(args::NUMBERS))]
+    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = numbers::integer::<u32>(flags::NUMBERS))]
     #[arg(requires = "simulation")]
     pub trial: Option<u32>,
     /// Number of the exported simulation within its trial, from 1
-    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = numbers::integer::<u32>(args::NUMBERS))]
+    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = numbers::integer::<u32>(flags::NUMBERS))]
     pub simulation: Option<u32>,
     /// Move the scenario toward the nominal one while it still fails
     #[arg(long)]
@@ -67,7 +68,7 @@ pub struct Arguments {
     #[arg(long)]
     pub skip_check: bool,
     /// Number of threads; does not affect the result [default: number of cores]
-    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = numbers::integer::<usize>(args::THREADS))]
+    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = numbers::integer::<usize>(flags::THREADS))]
     pub threads: Option<usize>,
     /// Print one JSON document to stdout
     #[arg(long)]
@@ -131,7 +132,7 @@ impl Written {
 pub fn run(command: &Arguments) -> Result<ExitStatus> {
     run::set_threads(command.threads)?;
     ensure!(
-        command.all || is_file(&command.out),
+        command.all || flags::is_file(&command.out),
         "--out is {}; it must end with .json, by which `replay` recognizes a counterexample",
         command.out.display()
     );
@@ -330,7 +331,7 @@ fn document(
         "robustness": number(known.expected.robustness),
         "predicate": known.decisive.as_ref().map(|decisive| &decisive.predicate),
         "minimized": shrunk.map(|Shrunk { minimized, space, has_same_predicate, repeats, .. }| json!({
-            "scenario": run::scenario(space.axes(), minimized.original.request.scenario.values()),
+            "scenario": scenario::document(space.axes(), minimized.original.request.scenario.values()),
             "robustness": minimized.original.robustness().map(number),
             "axes_off_nominal": [
                 axes_off_nominal(space, &minimized.original.request.scenario),
@@ -340,7 +341,7 @@ fn document(
             "complete": minimized.is_complete,
             "fewest_axes": minimized.has_fewest_axes,
             "same_predicate": has_same_predicate,
-            "repeats": repeats.as_ref().map(simulate::repeats_document),
+            "repeats": repeats.as_ref().map(repeats::document),
         })),
     })
 }
@@ -364,11 +365,11 @@ fn text(
         lines.push(format!("  {values}: robustness {}", decimal(known.expected.robustness, 4)));
         return lines.join("\n");
     };
-    let off = |scenario: &Scenario| run::axes(axes_off_nominal(space, scenario));
+    let off = |scenario: &Scenario| scenario::axes(axes_off_nominal(space, scenario));
     let recorded = &minimized.original.request.scenario;
     lines.push(format!(
         "  recorded   {}: robustness {}, {} off nominal",
-        run::scenario_summary(space.axes(), recorded.values()),
+        scenario::summary(space.axes(), recorded.values()),
         decimal(minimized.original.robustness().unwrap_or(f64::NAN), 4),
         off(recorded),
     ));
@@ -383,7 +384,7 @@ fn text(
         lines.push(format!("  its decisive predicate is another one: {}", escape::name(&decisive.predicate)));
     }
     if let Some(repeats) = repeats {
-        lines.push(format!("  with other seeds it {}", simulate::failure_text(repeats)));
+        lines.push(format!("  with other seeds it {}", repeats::failure_text(repeats)));
     }
     lines.join("\n")
 }
@@ -396,7 +397,7 @@ fn scenario_text(known: &Counterexample) -> String {
             true if value.abs() < 1e9 => value.to_string(),
             _ => decimal(value, 4),
         });
-        run::axis_value(&escape::name(&axis.axis), &value, &escape::name(&axis.unit))
+        scenario::axis_value(&escape::name(&axis.axis), &value, &escape::name(&axis.unit))
     };
     let values: Vec<String> = known.scenario.iter().filter(is_off).map(value).collect();
     match (values.len(), known.scenario.len() - values.len()) {

@@ -9,13 +9,15 @@ use mishandle::rollout::Request;
 use mishandle::{Counterexample, ResolvedPlan, plural, shell_quote};
 use serde_json::{Value, json};
 
-use super::{Arguments, REPEATS, Repeats, simulate};
-use crate::commands::counterexamples;
-use crate::progress::Bar;
-use crate::{ExitStatus, args, output, run};
+use super::{Arguments, REPEATS};
+use crate::exit_status::ExitStatus;
+use crate::flags;
+use crate::run::{self, counterexample};
+use crate::show::progress::Bar;
+use crate::show::{falsification, output, simulation, subject};
 
 pub fn run(command: &Arguments, bar: &Bar) -> Result<ExitStatus> {
-    let args::OpenRun { out, resume, durable, .. } = &command.file;
+    let flags::OpenRun { out, resume, durable, .. } = &command.file;
     ensure!(
         resume.is_none() && !durable,
         "--backend gpu writes no run file, so it does not work with --resume and --durable"
@@ -32,7 +34,7 @@ pub fn run(command: &Arguments, bar: &Bar) -> Result<ExitStatus> {
         // A link to a missing file exists, too.
         ensure!(out.symlink_metadata().is_err(), "{} already exists; choose another --out", out.display());
     }
-    counterexamples::check_out(out.as_deref(), &resolved, false)?;
+    counterexample::check_out(out.as_deref(), &resolved, false)?;
     let backend = mishandle::gpu_backend()?;
     let mut screening = mishandle::screening(&resolved, &*backend, command.screen.rows() as usize)?;
     bar.set_length(u64::from(falsify.trials) * u64::from(falsify.budget));
@@ -46,11 +48,11 @@ pub fn run(command: &Arguments, bar: &Bar) -> Result<ExitStatus> {
         })?;
     let seconds = start.elapsed().as_secs_f64();
     bar.clear();
-    super::report_unevaluated(&resolved, &found);
-    let is_complete = super::is_complete(&resolved, &found);
+    falsification::report_unevaluated(&resolved, &found);
+    let is_complete = falsification::is_complete(&resolved, &found);
     let repeats = match is_complete {
         true => super::counterexample_repeats(&resolved, &found, command.repeats.unwrap_or(REPEATS))?,
-        false => Repeats::new(),
+        false => falsification::Repeats::new(),
     };
     match command.run.json {
         true => output::json(document(&resolved, &found, &counts, &repeats))?,
@@ -58,8 +60,12 @@ pub fn run(command: &Arguments, bar: &Bar) -> Result<ExitStatus> {
         false if found.simulations == 0 => (),
         false => {
             let table = output::table(&engines(&counts));
-            let without = run::without_gpu_verdict(counts.without_verdict.simulations, counts.overflows);
-            output::line(&format!("{}\n\n{table}{without}", super::text(&resolved, &found, &repeats)))?;
+            let without =
+                simulation::without_gpu_verdict(counts.without_verdict.simulations, counts.overflows);
+            output::line(&format!(
+                "{}\n\n{table}{without}",
+                falsification::text(&resolved, &found, &repeats)
+            ))?;
         }
     }
     if found.simulations == 0 {
@@ -137,7 +143,7 @@ fn document(
     resolved: &ResolvedPlan,
     found: &CampaignOutcome,
     counts: &ScreenedCounts,
-    repeats: &Repeats,
+    repeats: &falsification::Repeats,
 ) -> Value {
     let repeated =
         |count: RepeatedCount| json!({ "simulations": count.simulations, "violations": count.violations });
@@ -151,6 +157,6 @@ fn document(
             "sampled": repeated(counts.sampled),
         },
     });
-    let results = super::results(resolved, found, repeats);
-    output::joined(simulate::document(resolved), output::joined(results, own))
+    let results = falsification::results(resolved, found, repeats);
+    output::joined(subject::document_without_run(resolved), output::joined(results, own))
 }

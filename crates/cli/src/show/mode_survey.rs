@@ -6,15 +6,14 @@ use mishandle::store::RunHeader;
 use mishandle::{ModeSurvey, plural};
 use serde_json::{Value, json};
 
-use crate::commands::counterexamples;
-use crate::output;
+use super::{modes, output};
 
 /// Returns the keys that a survey adds to the JSON document of a run.
 pub fn document(header: &RunHeader, survey: &ModeSurvey) -> Value {
     let found = |first: &BTreeMap<u32, u32>| -> Vec<Value> {
         first.iter().map(|(trial, number)| json!({ "trial": trial, "simulation": number })).collect()
     };
-    let modes = counterexamples::mode_documents(header, &survey.modes).into_iter().zip(&survey.first);
+    let modes = modes::documents(header, &survey.modes).into_iter().zip(&survey.first);
     let unseen = survey.unseen.map(|unseen| {
         json!({
             "trials": unseen.trials,
@@ -40,7 +39,7 @@ pub fn document(header: &RunHeader, survey: &ModeSurvey) -> Value {
 
 /// Returns the text about the failure modes of a run.
 pub fn text(header: &RunHeader, survey: &ModeSurvey) -> String {
-    let mut parts = vec![format!("\n{}", counterexamples::modes_text(header, &survey.modes))];
+    let mut parts = vec![format!("\n{}", modes::text(header, &survey.modes))];
     let mut lines: Vec<String> = trials(survey)
         .into_iter()
         .map(|trial| {

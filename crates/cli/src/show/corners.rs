@@ -5,7 +5,7 @@ use mishandle::plural;
 use mishandle::rollout::{Axis, AxisKind};
 use serde_json::{Value, json};
 
-use crate::{output, run};
+use super::{output, scenario, simulation};
 
 /// Number of failing points that a line lists.
 const LISTED: usize = 2;
@@ -16,7 +16,7 @@ pub fn document(axes: &[Axis], report: &CornerReport) -> Value {
     let point = |(index, point): (usize, &CornerResult)| {
         json!({
             "kind": if is_center(index) { "center" } else { "corner" },
-            "scenario": run::scenario(axes, point.scenario.values()),
+            "scenario": scenario::document(axes, point.scenario.values()),
             "reachable": point.is_reachable,
             "counts": report.counts(point),
             "n": point.n,
@@ -67,10 +67,10 @@ pub fn text(axes: &[Axis], report: &CornerReport) -> String {
 fn without_verdict(axes: &[Axis], report: &CornerReport) -> Vec<String> {
     type Count = fn(&CornerResult) -> u32;
     let reasons: [(Count, &str); 4] = [
-        (|point| point.diverged, run::DIVERGED),
-        (|point| point.invalid, run::INVALID),
-        (|point| point.failed, run::FAILED),
-        (|point| point.undecided, run::UNDECIDED),
+        (|point| point.diverged, simulation::DIVERGED),
+        (|point| point.invalid, simulation::INVALID),
+        (|point| point.failed, simulation::FAILED),
+        (|point| point.undecided, simulation::UNDECIDED),
     ];
     let describe = |(count, reason): (Count, &str)| {
         let points: Vec<&CornerResult> =

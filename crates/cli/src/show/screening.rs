@@ -5,7 +5,7 @@ use mishandle::rollout::Axis;
 use mishandle::{ResolvedPlan, ScreenedEvaluationOutcome, plural};
 use serde_json::{Value, json};
 
-use crate::{corners, output, run};
+use super::{corners, output, scenario, simulation};
 
 /// Returns the rates, the disagreements of the two engines, and the corners.
 pub fn text(axes: &[Axis], outcome: &ScreenedEvaluationOutcome) -> String {
@@ -28,7 +28,7 @@ pub fn text(axes: &[Axis], outcome: &ScreenedEvaluationOutcome) -> String {
     if let Some(report) = &outcome.corners {
         text.push_str(&format!("\n\n{}", corners::text(axes, report)));
     }
-    text.push_str(&run::without_gpu_verdict(report.screened_without_verdict, report.overflows));
+    text.push_str(&simulation::without_gpu_verdict(report.screened_without_verdict, report.overflows));
     if report.without_verdict > 0 {
         let undecided = plural(report.without_verdict, "simulation");
         text.push_str(&format!("\n\n{undecided} of MuJoCo C without a verdict do not count as successes"));
@@ -80,7 +80,7 @@ pub fn document(resolved: &ResolvedPlan, outcome: &ScreenedEvaluationOutcome) ->
     let failures = report.first_failures.iter().map(|failure| {
         json!({
             "number": failure.request.number,
-            "scenario": run::scenario(resolved.space.axes(), failure.request.scenario.values()),
+            "scenario": scenario::document(resolved.space.axes(), failure.request.scenario.values()),
             "seed": failure.request.seed.0.to_string(),
             "robustness": failure.robustness.map(output::number),
         })

@@ -1,13 +1,11 @@
 //! Output: results on stdout, messages on stderr. Everything printed is escaped: see [`escape`].
 
 use std::borrow::Cow;
-use std::ffi::OsString;
 use std::fs::File;
 use std::io::{BufWriter, ErrorKind, IsTerminal, Read, Write};
 use std::path::Path;
 
 use anyhow::{Chain, Context, Error, Result, anyhow, bail, ensure};
-use clap::Parser;
 use console::Term;
 use mishandle::MishandleError;
 use mishandle::evaluation::Estimate;
@@ -16,8 +14,7 @@ use mishandle::rollout::RolloutError;
 use mishandle::stl::{Formula, MonitorError};
 use serde_json::{Number, Value, json};
 
-use crate::args::CommandLine;
-use crate::{escape, formula_error};
+use super::{escape, formula_error};
 
 /// Prints a line to stdout.
 pub fn line(text: &str) -> Result<()> {
@@ -211,18 +208,6 @@ pub fn report_error(error: &Error) {
     });
     if let Some(hint) = hint {
         message(&format!("hint: {hint}"));
-    }
-}
-
-/// Prints help, or an error in the arguments of the program.
-pub fn usage(error: &clap::Error, arguments: &[OsString]) {
-    // The parser colors its errors, which quote arguments, so the arguments are escaped instead of the error.
-    let escaped = arguments.iter().map(|argument| escape::name(&argument.to_string_lossy()));
-    match CommandLine::try_parse_from(escaped) {
-        // Help goes to stdout, which can be a closed pipe.
-        Err(escaped) => drop(escaped.print()),
-        // An argument was not UTF-8.
-        Ok(_) => message(error.render().to_string().trim_end()),
     }
 }
 

@@ -3,7 +3,7 @@
 use mishandle::{CurveRow, NoTrainingTime, plural};
 use serde_json::{Value, json};
 
-use crate::output::number;
+use super::output::number;
 
 /// Returns a line for the terminal; with control steps per environment if the number of environments is known.
 pub fn line(training_time: Result<&CurveRow, NoTrainingTime>, environments: Option<usize>) -> String {

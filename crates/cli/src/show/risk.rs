@@ -7,7 +7,7 @@ use mishandle::risk::{
 use mishandle::rollout::Axis;
 use mishandle::{ResolvedPlan, decimal, plural, probability_text as probability};
 
-use crate::{escape, output, run};
+use super::{escape, output, scenario, simulation, subject};
 
 /// Largest number of axes with one distribution whose names are printed.
 const NAMED: usize = 3;
@@ -24,7 +24,7 @@ pub fn text(resolved: &ResolvedPlan, scenarios: &Scenarios, report: &Report) -> 
     let (before, after) = if is_leading { (refusals.as_str(), "") } else { ("", refusals.as_str()) };
     let mut text = format!(
         "{}\nformula {}\n{}\n\n{}{before}{}\n\n{}\n\n{after}",
-        run::heading(resolved),
+        subject::heading(resolved),
         escape::name(&resolved.specification.requirement.to_string()),
         distribution(scenarios),
         if report.is_complete { "" } else { "interrupted: the answer is that of the simulations so far\n\n" },
@@ -61,7 +61,7 @@ pub fn screened_text(resolved: &ResolvedPlan, scenarios: &Scenarios, report: &Sc
     let mut text = format!(
         "{}\nformula {}\n{}\n\n{}failure probability: {} [{}, {}] (95 %, from simulations of MuJoCo C; assumes nothing of \
          MuJoCo Warp)\n\n{}",
-        run::heading(resolved),
+        subject::heading(resolved),
         escape::name(&resolved.specification.requirement.to_string()),
         distribution(scenarios),
         if report.is_complete { "" } else { "interrupted: the answer is that of the simulations so far\n\n" },
@@ -70,7 +70,7 @@ pub fn screened_text(resolved: &ResolvedPlan, scenarios: &Scenarios, report: &Sc
         bound(estimate.high),
         output::table(&rows),
     );
-    text.push_str(&run::without_gpu_verdict(report.screened_without_verdict, report.overflows));
+    text.push_str(&simulation::without_gpu_verdict(report.screened_without_verdict, report.overflows));
     if report.without_verdict > 0 {
         let undecided = plural(report.without_verdict, "simulation");
         text.push_str(&format!("\n\n{undecided} of MuJoCo C without a verdict count as passed"));
@@ -94,7 +94,7 @@ fn failure_text(resolved: &ResolvedPlan, scenarios: &Scenarios, failure: &Failur
     let scenario = scenarios.scenario(&failure.draw.latent);
     format!(
         "  {}, seed {}: robustness {}",
-        run::scenario_summary(resolved.space.axes(), scenario.values()),
+        scenario::summary(resolved.space.axes(), scenario.values()),
         failure.draw.seed.0,
         decimal(failure.robustness, 4),
     )
