@@ -19,6 +19,7 @@ impl ResolvedPlan {
             target_hash: target.identity.hash.clone(),
             preset: controller.is_some().then(|| plan.preset.clone()),
             controller: controller.map(|controller| controller.name.clone()),
+            controller_given: Some(plan.controller.clone()).filter(|controller| !controller.is_empty()),
             controller_hash: controller.map(|controller| controller.hash.clone()),
             stochastic: plan.stochastic,
             action_noise: plan.action_noise,

@@ -6,6 +6,7 @@
 
 mod campaign;
 mod completion;
+mod counterexample_repeats;
 mod end_text;
 pub(crate) mod evaluate;
 pub(crate) mod falsify;
@@ -25,6 +26,7 @@ pub(crate) mod violation;
 
 pub use campaign::{CampaignRun, campaign_runs, create_campaign, free_campaign_folder};
 pub use completion::unfinished;
+pub use counterexample_repeats::counterexample_repeats;
 pub use end_text::end_text;
 pub use evaluate::{
     EvaluationOutcome, evaluate, evaluation_request, evaluation_simulations, rejects_scenarios,

@@ -3,6 +3,7 @@ use std::path::Path;
 use mishandle_controllers::ControllerFile;
 use mishandle_results as results;
 use mishandle_results::{Controller, Seed, Training, TrainingPlan, TrainingTime, Validation};
+use mishandle_training::RunSettings;
 
 use crate::train::{Curve, CurveRow, NoTrainingTime, TrainPlan, TrainReport, TrainingFacts};
 
@@ -25,6 +26,7 @@ impl TrainReport {
             best_environment_steps: result.best_environment_steps,
             wall_clock_secs: result.wall_clock_secs.into(),
             stopped_early: self.stopped_early(),
+            stop_condition: self.stopped_early().then(|| stop_condition(settings.run())),
             training_time,
             no_training_time,
             success_rate: validation.map(|validation| validation.success_rate.into()),
@@ -36,6 +38,15 @@ impl TrainReport {
             tensorboard: plan.tensorboard.as_deref().map(path),
         }
     }
+}
+
+/// Describes the condition of early stopping.
+fn stop_condition(run: &RunSettings) -> String {
+    let target =
+        |name: &str, rate: Option<f64>| rate.map(|rate| format!("{name} at least {} %", 100.0 * rate));
+    let rates = [target("success", run.stop_success), target("strict success", run.stop_strict)];
+    let rates: Vec<String> = rates.into_iter().flatten().collect();
+    format!("{} in {} consecutive validations", rates.join(" and "), run.stop_validations)
 }
 
 impl TrainingFacts {

@@ -113,7 +113,7 @@ pub struct Unevaluated {
 }
 
 /// The part of a space that cannot fail if the robustness is as smooth there as at its samples.
-#[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, JsonSchema)]
 pub struct SmoothRegion {
     /// Estimated 95 % upper bound of the change of the robustness per width of the space; `null` if refused.
     pub slope: Option<f64>,

@@ -16,8 +16,10 @@ pub struct Subject {
     pub target_hash: String,
     /// Task preset; `null` if the target is not a task.
     pub preset: Option<String>,
-    /// Name or path of the controller; `null` without one.
+    /// Name of the controller; `null` without one.
     pub controller: Option<String>,
+    /// The controller as the plan names it, by its name or its path; `null` without one.
+    pub controller_given: Option<String>,
     /// Hash of what the controller does; `null` without one.
     pub controller_hash: Option<String>,
     /// Whether actions are sampled from the policy's distribution.

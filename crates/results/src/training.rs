@@ -24,6 +24,8 @@ pub struct Training {
     pub wall_clock_secs: Number,
     /// Whether the validation criterion stopped the training run early.
     pub stopped_early: bool,
+    /// That criterion in words; `null` if it did not stop the training run.
+    pub stop_condition: Option<String>,
     /// Time until the return converged; `null` if it did not converge, or without `--csv`.
     pub training_time: Option<TrainingTime>,
     /// Why there is no training time; `null` with one.

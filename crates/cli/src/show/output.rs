@@ -1,23 +1,22 @@
 //! Output: results on stdout, messages on stderr. Everything printed is escaped: see [`escape`].
 
 use std::borrow::Cow;
-use std::ffi::OsString;
 use std::fs::File;
 use std::io::{BufWriter, ErrorKind, IsTerminal, Read, Write};
 use std::path::Path;
 
 use anyhow::{Chain, Context, Error, Result, anyhow, bail, ensure};
-use clap::Parser;
 use console::Term;
 use mishandle::MishandleError;
-use mishandle::evaluation::Estimate;
 use mishandle::files::{AtomicFile, is_same_file};
+use mishandle::results::Versioned;
 use mishandle::rollout::RolloutError;
 use mishandle::stl::{Formula, MonitorError};
-use serde_json::{Number, Value, json};
+use serde::Serialize;
+use serde_json::Serializer;
 
-use crate::args::CommandLine;
-use crate::{escape, formula_error};
+use super::escape::EscapedJson;
+use super::{escape, formula_error};
 
 /// Prints a line to stdout.
 pub fn line(text: &str) -> Result<()> {
@@ -29,27 +28,23 @@ fn print(escaped: &str) -> Result<()> {
     Ok(())
 }
 
-/// Prints a JSON document. The key `schema` is added as the first key, in an array to every object.
-pub fn json(value: Value) -> Result<()> {
-    let with_schema = |value: Value| joined(json!({ "schema": SCHEMA }), value);
-    let document = match value {
-        Value::Array(values) => Value::Array(values.into_iter().map(with_schema).collect()),
-        value => with_schema(value),
-    };
-    print(&escape::json(&serde_json::to_string_pretty(&document)?))
+/// Prints a result as a JSON document, whose first key is its version.
+pub fn json(result: &impl Serialize) -> Result<()> {
+    print_json(&Versioned::new(result))
 }
 
-/// Prints an object like [`json`], and as its last key an array of numbers, one at a time. A document with millions of numbers
-/// takes no memory for their text.
-pub fn json_with_numbers(head: Value, key: &str, values: &[f64]) -> Result<()> {
-    let head = escape::json(&serde_json::to_string_pretty(&joined(json!({ "schema": SCHEMA }), head))?);
+/// Prints results as a JSON array. Each of them has its version as the first key.
+pub fn json_array<T: Serialize>(results: &[T]) -> Result<()> {
+    print_json(&results.iter().map(Versioned::new).collect::<Vec<_>>())
+}
+
+/// Writes a document as it is serialized, so that one with millions of numbers takes no memory for their text.
+fn print_json(document: &impl Serialize) -> Result<()> {
     let mut out = BufWriter::new(std::io::stdout().lock());
-    let open = head.strip_suffix("\n}").unwrap_or(&head);
-    write!(out, "{open},\n  {}: [", Value::from(key))?;
-    for (index, value) in values.iter().enumerate() {
-        write!(out, "{}\n    {}", if index == 0 { "" } else { "," }, number(*value))?;
-    }
-    writeln!(out, "\n  ]\n}}")?;
+    let mut serializer = Serializer::with_formatter(&mut out, EscapedJson::default());
+    // As an error of the system, by which a closed pipe is recognized.
+    document.serialize(&mut serializer).map_err(std::io::Error::from)?;
+    writeln!(out)?;
     out.flush()?;
     Ok(())
 }
@@ -118,38 +113,6 @@ pub fn write_new(path: &Path, write: impl FnOnce(&mut AtomicFile) -> Result<()>)
     })
 }
 
-/// Version of the JSON documents. Within a version, keys are only added.
-const SCHEMA: u32 = 1;
-
-/// Converts an estimate and its confidence interval to JSON.
-pub fn estimate(estimate: &Estimate) -> Value {
-    let value = |value: Option<f64>| value.map_or(Value::Null, number);
-    json!({
-        "value": value(estimate.value),
-        "low": value(estimate.low),
-        "high": value(estimate.high),
-        "n": estimate.n,
-    })
-}
-
-/// Merges two objects; the keys of `first` come first.
-pub fn joined(first: Value, second: Value) -> Value {
-    match (first, second) {
-        (Value::Object(first), Value::Object(second)) => {
-            Value::Object(first.into_iter().chain(second).collect())
-        }
-        (first, _) => first,
-    }
-}
-
-/// Converts a number to JSON. Infinities, which JSON lacks, are the strings "inf" and "-inf".
-pub fn number(value: f64) -> Value {
-    match Number::from_f64(value) {
-        Some(number) => Value::Number(number),
-        None => Value::String(value.to_string()),
-    }
-}
-
 /// Prints a message to stderr. Lines after the first are indented, so that a name with a line break cannot pose as another
 /// message.
 pub fn message(text: &str) {
@@ -211,18 +174,6 @@ pub fn report_error(error: &Error) {
     });
     if let Some(hint) = hint {
         message(&format!("hint: {hint}"));
-    }
-}
-
-/// Prints help, or an error in the arguments of the program.
-pub fn usage(error: &clap::Error, arguments: &[OsString]) {
-    // The parser colors its errors, which quote arguments, so the arguments are escaped instead of the error.
-    let escaped = arguments.iter().map(|argument| escape::name(&argument.to_string_lossy()));
-    match CommandLine::try_parse_from(escaped) {
-        // Help goes to stdout, which can be a closed pipe.
-        Err(escaped) => drop(escaped.print()),
-        // An argument was not UTF-8.
-        Ok(_) => message(error.render().to_string().trim_end()),
     }
 }
 

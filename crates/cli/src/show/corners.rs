@@ -1,60 +1,26 @@
 //! Output of the results at the corners of the initial box.
 
-use mishandle::evaluation::{CornerReport, CornerResult};
-use mishandle::rollout::{Axis, AxisKind};
+use mishandle::results::{AxisFacts, CornerPoint, Corners};
 use mishandle_text::plural;
-use serde_json::{Value, json};
 
-use crate::{output, run};
+use super::{output, simulation};
+
+/// Kind of the axes of the initial state, and kind of a point that is a corner.
+const START: &str = "start";
+const CORNER: &str = "corner";
 
 /// Number of failing points that a line lists.
 const LISTED: usize = 2;
 
-/// Returns the results as JSON.
-pub fn document(axes: &[Axis], report: &CornerReport) -> Value {
-    let is_center = |index: usize| index + 1 == report.points.len();
-    let point = |(index, point): (usize, &CornerResult)| {
-        json!({
-            "kind": if is_center(index) { "center" } else { "corner" },
-            "scenario": run::scenario(axes, point.scenario.values()),
-            "reachable": point.is_reachable,
-            "counts": report.counts(point),
-            "n": point.n,
-            "successes": point.successes,
-            "strict_successes": point.strict_successes,
-            "diverged": point.diverged,
-            "invalid": point.invalid,
-            "failed": point.failed,
-            "undecided": point.undecided,
-        })
-    };
-    let count = |holds: &dyn Fn(&CornerResult) -> bool| report.corners().filter(|point| holds(point)).count();
-    let has_strict = report.points.iter().any(|point| point.strict_successes.is_some());
-    json!({
-        "seeds": report.seeds,
-        "n": report.corners().count(),
-        "succeeding": count(&CornerResult::succeeds),
-        "strictly_succeeding":
-            has_strict.then(|| count(&|point| point.succeeds_strictly() == Some(true))),
-        "center_succeeds": report.center().map(CornerResult::succeeds),
-        "center_strictly_succeeds": report.center().and_then(CornerResult::succeeds_strictly),
-        "points": report.points.iter().enumerate().map(point).collect::<Vec<_>>(),
-    })
-}
-
 /// Returns the results as lines of text: success, strict success, and the points that do not count.
-pub fn text(axes: &[Axis], report: &CornerReport) -> String {
+pub fn text(axes: &[AxisFacts], report: &Corners) -> String {
     let mut rows = vec![row("corners", axes, report, &|point| Some(point.successes))];
     if report.points.iter().any(|point| point.strict_successes.is_some()) {
         rows.push(row("strict", axes, report, &|point| point.strict_successes));
     }
     rows.extend(without_verdict(axes, report).into_iter().map(|text| vec![String::new(), text]));
-    let left_out: Vec<String> = report
-        .points
-        .iter()
-        .filter(|point| !report.counts(point))
-        .map(|point| coordinates(axes, point))
-        .collect();
+    let left_out: Vec<String> =
+        report.points.iter().filter(|point| !point.counts).map(|point| coordinates(axes, point)).collect();
     if !left_out.is_empty() {
         let cells = [String::new(), format!("unreachable, not counted: {}", listed(&left_out))];
         rows.push(cells.to_vec());
@@ -63,18 +29,28 @@ pub fn text(axes: &[Axis], report: &CornerReport) -> String {
     output::table(&rows)
 }
 
+/// Returns the points of a kind that count.
+fn counted<'a>(report: &'a Corners, kind: &'a str) -> impl Iterator<Item = &'a CornerPoint> {
+    report.points.iter().filter(move |point| point.kind == kind && point.counts)
+}
+
+/// Returns the center if it counts.
+fn center(report: &Corners) -> Option<&CornerPoint> {
+    report.points.iter().find(|point| point.kind != CORNER && point.counts)
+}
+
 /// Describes the failed simulations at points that count whose failure is no violation of the formula.
-fn without_verdict(axes: &[Axis], report: &CornerReport) -> Vec<String> {
-    type Count = fn(&CornerResult) -> u32;
+fn without_verdict(axes: &[AxisFacts], report: &Corners) -> Vec<String> {
+    type Count = fn(&CornerPoint) -> u32;
     let reasons: [(Count, &str); 4] = [
-        (|point| point.diverged, run::DIVERGED),
-        (|point| point.invalid, run::INVALID),
-        (|point| point.failed, run::FAILED),
-        (|point| point.undecided, run::UNDECIDED),
+        (|point| point.diverged, simulation::DIVERGED),
+        (|point| point.invalid, simulation::INVALID),
+        (|point| point.failed, simulation::FAILED),
+        (|point| point.undecided, simulation::UNDECIDED),
     ];
     let describe = |(count, reason): (Count, &str)| {
-        let points: Vec<&CornerResult> =
-            report.corners().chain(report.center()).filter(|point| count(point) > 0).collect();
+        let points: Vec<&CornerPoint> =
+            counted(report, CORNER).chain(center(report)).filter(|point| count(point) > 0).collect();
         let places: Vec<String> = points.iter().map(|point| coordinates(axes, point)).collect();
         let total: u32 = points.into_iter().map(count).sum();
         (total > 0).then(|| format!("{} {reason} at {}", plural(total, "simulation"), listed(&places)))
@@ -83,9 +59,9 @@ fn without_verdict(axes: &[Axis], report: &CornerReport) -> Vec<String> {
 }
 
 /// Names the coordinates of the points.
-fn legend(axes: &[Axis]) -> String {
-    let name = |axis: &Axis| format!("{} ({})", axis.name, axis.unit).replace(" ()", "");
-    let starts: Vec<String> = axes.iter().filter(|axis| axis.kind == AxisKind::Start).map(name).collect();
+fn legend(axes: &[AxisFacts]) -> String {
+    let name = |axis: &AxisFacts| format!("{} ({})", axis.name, axis.unit).replace(" ()", "");
+    let starts: Vec<String> = axes.iter().filter(|axis| axis.kind == START).map(name).collect();
     let others = if starts.len() < axes.len() { "; other axes have their nominal values" } else { "" };
     format!("coordinates: {}{others}; --json lists all points", starts.join(", "))
 }
@@ -93,29 +69,32 @@ fn legend(axes: &[Axis]) -> String {
 /// Returns the cells of a line: how many corners succeed, whether the center does, and where simulations fail.
 fn row(
     name: &str,
-    axes: &[Axis],
-    report: &CornerReport,
-    successes: &dyn Fn(&CornerResult) -> Option<u32>,
+    axes: &[AxisFacts],
+    report: &Corners,
+    successes: &dyn Fn(&CornerPoint) -> Option<u32>,
 ) -> Vec<String> {
-    let failures = |point: &CornerResult| point.n - successes(point).unwrap_or_default();
-    let with_seeds = |point: &CornerResult| match point.n {
+    let failures = |point: &CornerPoint| point.n - successes(point).unwrap_or_default();
+    let with_seeds = |point: &CornerPoint| match point.n {
         0 | 1 => String::new(),
         n => format!(" with {} of {n} seeds", failures(point)),
     };
-    let (done, total) =
-        (report.corners().filter(|point| failures(point) == 0).count(), report.corners().count());
+    let (done, total) = (
+        counted(report, CORNER).filter(|point| failures(point) == 0).count(),
+        counted(report, CORNER).count(),
+    );
     let verb = if done == 1 { "succeeds" } else { "succeed" };
     let mut text = format!("{done} of {total} {verb}");
     if report.seeds > 1 {
         text += &format!(" with all of {} seeds", report.seeds);
     }
-    if let Some(center) = report.center() {
+    if let Some(center) = center(report) {
         text += &match failures(center) {
             0 => ", the center succeeds".to_string(),
             _ => format!(", the center fails{}", with_seeds(center)),
         };
     }
-    let mut failing: Vec<&CornerResult> = report.corners().filter(|point| failures(point) > 0).collect();
+    let mut failing: Vec<&CornerPoint> =
+        counted(report, CORNER).filter(|point| failures(point) > 0).collect();
     failing.sort_by_key(|point| std::cmp::Reverse(failures(point)));
     if !failing.is_empty() {
         let places: Vec<String> =
@@ -135,9 +114,9 @@ fn listed(texts: &[String]) -> String {
 }
 
 /// Formats the initial state of a point: `(0.85, 0.1)`.
-fn coordinates(axes: &[Axis], point: &CornerResult) -> String {
+fn coordinates(axes: &[AxisFacts], point: &CornerPoint) -> String {
     let values = axes.iter().zip(point.scenario.values());
-    let starts = values.filter(|(axis, _)| axis.kind == AxisKind::Start);
+    let starts = values.filter(|(axis, _)| axis.kind == START);
     // Six decimals hide rounding errors of the center.
     let rounded = |value: f64| (value * 1e6).round() / 1e6;
     let texts: Vec<String> = starts.filter_map(|(_, value)| value.map(|v| rounded(v).to_string())).collect();
@@ -146,26 +125,44 @@ fn coordinates(axes: &[Axis], point: &CornerResult) -> String {
 
 #[cfg(test)]
 mod tests {
-    use mishandle::evaluation::Corners;
-    use mishandle::rollout::{Scenario, Seed, Space};
+    use mishandle::resolve::axis_facts;
+    use mishandle::rollout::Axis;
 
     use super::*;
 
-    fn axes() -> Vec<Axis> {
-        vec![Axis::start("x", "m", 0.75, 0.85), Axis::start("y", "m", -0.1, 0.1)]
+    fn axes() -> Vec<AxisFacts> {
+        [Axis::start("x", "m", 0.75, 0.85), Axis::start("y", "m", -0.1, 0.1)].iter().map(axis_facts).collect()
     }
 
     /// Two seeds per point. All simulations succeed except those of the points in `failures`, with this many failures.
-    fn report(failures: &[(usize, u32)], unreachable: Option<[f64; 2]>) -> CornerReport {
-        let corners = Corners::new(&Space::new("starts", axes()).unwrap(), false, Seed(0)).unwrap();
-        let is_reachable = |scenario: &Scenario| unreachable.map(|point| *scenario != Scenario::from(point));
-        let mut report = corners.report(true, true, is_reachable);
-        report.seeds = 2;
-        for (index, point) in report.points.iter_mut().enumerate() {
+    fn report(failures: &[(usize, u32)], unreachable: Option<[f64; 2]>) -> Corners {
+        let places = [[0.75, -0.1], [0.75, 0.1], [0.85, -0.1], [0.85, 0.1], [0.8, 0.0]];
+        let point = |(index, [x, y]): (usize, [f64; 2])| {
             let failed = failures.iter().find(|(at, _)| *at == index).map_or(0, |(_, count)| *count);
-            (point.n, point.successes, point.strict_successes) = (2, 2 - failed, Some(2 - failed));
+            let is_reachable = unreachable != Some([x, y]);
+            CornerPoint {
+                kind: if index < 4 { CORNER } else { "center" }.to_string(),
+                scenario: [("x", Some(x)), ("y", Some(y))].into_iter().collect(),
+                reachable: Some(is_reachable),
+                counts: is_reachable,
+                n: 2,
+                successes: 2 - failed,
+                strict_successes: Some(2 - failed),
+                diverged: 0,
+                invalid: 0,
+                failed: 0,
+                undecided: 0,
+            }
+        };
+        Corners {
+            seeds: 2,
+            n: 4 - u64::from(unreachable.is_some()),
+            succeeding: 0,
+            strictly_succeeding: None,
+            center_succeeds: None,
+            center_strictly_succeeds: None,
+            points: places.into_iter().enumerate().map(point).collect(),
         }
-        report
     }
 
     #[test]
@@ -209,14 +206,6 @@ mod tests {
         ] {
             assert!(lines.contains(line), "{lines}");
         }
-        let document = document(&axes(), &report);
-        let counts = |index: usize| {
-            ["diverged", "invalid", "undecided"].map(|key| document["points"][index][key].as_u64().unwrap())
-        };
-        assert_eq!(
-            [counts(0), counts(1), counts(3), counts(4)],
-            [[1, 0, 0], [0, 0, 0], [1, 1, 0], [0, 0, 1]]
-        );
     }
 
     #[test]
@@ -228,13 +217,5 @@ mod tests {
             "{lines}"
         );
         assert!(lines.contains("unreachable, not counted: (0.85, 0.1)\n"), "{lines}");
-        let document = document(&axes(), &report);
-        assert_eq!((&document["n"], &document["succeeding"]), (&json!(3), &json!(3)));
-        assert_eq!(
-            (&document["points"][3]["reachable"], &document["points"][3]["counts"]),
-            (&json!(false), &json!(false))
-        );
-        assert_eq!(document["points"][3]["scenario"], json!({"x": 0.85, "y": 0.1}));
-        assert_eq!(document["points"][4]["kind"], "center");
     }
 }

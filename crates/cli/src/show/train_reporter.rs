@@ -7,9 +7,9 @@ use mishandle::MishandleError;
 use mishandle::train::{TrainObserver, TrainPlan};
 use mishandle::training::{TrainingControl, TrainingProgress};
 
+use super::live_curve::LiveCurve;
+use super::output::{self, shows_progress};
 use crate::interrupt;
-use crate::live_curve::LiveCurve;
-use crate::output::{self, shows_progress};
 
 /// Time between log lines without a terminal.
 const LOG_INTERVAL: Duration = Duration::from_secs(30);

@@ -8,7 +8,7 @@ use console::Term;
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressState, ProgressStyle};
 use mishandle::training::format_duration;
 
-use crate::output::shows_progress;
+use super::output::shows_progress;
 
 /// Smallest and largest width of the bar, in columns.
 const CELLS: [usize; 2] = [10, 40];

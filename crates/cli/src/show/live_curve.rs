@@ -4,7 +4,7 @@ use console::Term;
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use mishandle::training::{TrainingProgress, format_duration};
 
-use crate::output::shows_progress;
+use super::output::shows_progress;
 
 /// Maximum width of the bar, cells.
 const MAX_BAR_WIDTH: usize = 40;

@@ -21,7 +21,7 @@ use mishandle::files::AtomicFile;
 use mishandle_text::plural;
 use rustix::process::{Pid, Signal, kill_process_group};
 
-use crate::run;
+use crate::interrupt;
 
 const ENCODER: &str = "ffmpeg";
 
@@ -153,7 +153,7 @@ impl Video {
                 Err(RecvTimeoutError::Disconnected) => return self.report_early_end(),
                 Err(RecvTimeoutError::Timeout) => {}
             }
-            if run::control_flow().is_break() {
+            if interrupt::control_flow().is_break() {
                 return Ok(ControlFlow::Break(()));
             }
             if start.elapsed() > self.patience {
@@ -187,7 +187,7 @@ impl Video {
             if let Some(status) = self.encoder.process.try_wait()? {
                 return Ok(Some(status));
             }
-            if run::control_flow().is_break() {
+            if interrupt::control_flow().is_break() {
                 return Ok(None);
             }
             // Encoding the frames in its queue can take long; the file then grows.
