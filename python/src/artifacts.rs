@@ -4,7 +4,8 @@ use std::ops::ControlFlow;
 use std::path::PathBuf;
 
 use mishandle::counterexample::Counterexample;
-use mishandle::evaluation::{Lifetime, RepeatReport, SurvivalCurve};
+use mishandle::evaluation::{Lifetime, Repeats, SurvivalCurve};
+use mishandle::results::Quantile;
 use mishandle::rollout::{Scenario, Seed, Space};
 use mishandle::store::RunFile;
 use mishandle::{MishandleError as Error, Plan, ResolvedPlan};
@@ -36,8 +37,14 @@ pub fn report(py: Python<'_>, target: &PyTarget, path: PathBuf, probes: u32) -> 
 /// Summarizes robustness values of one scenario: numbers of simulations and failures, failure rate and quantiles.
 #[pyfunction]
 pub fn repeat_report(robustness: Vec<Option<f64>>) -> (u64, u64, EstimateFields, Option<Vec<f64>>) {
-    let RepeatReport { simulations, failures, failure_rate, quantiles } = RepeatReport::new(&robustness);
-    (simulations, failures, estimate(&failure_rate), quantiles.map(Vec::from))
+    let Repeats { simulations, failures, failure_rate, quantiles } =
+        mishandle::evaluation::repeats(&robustness);
+    (simulations, failures, estimate(&failure_rate), quantiles.map(robustness_of))
+}
+
+/// Returns the values of quantiles.
+pub(crate) fn robustness_of(quantiles: Vec<Quantile>) -> Vec<f64> {
+    quantiles.into_iter().map(|quantile| quantile.robustness.0).collect()
 }
 
 /// Steps of a survival curve, numbers of simulations at which trials were censored, and number of trials.

@@ -2,7 +2,8 @@
 
 use std::path::PathBuf;
 
-use mishandle::inspect::{ComparedPair, ExplainedSimulation, FailureMode, PairedMeans, PairedRates};
+use mishandle::inspect::{ComparedPair, ExplainedSimulation, FailureMode};
+use mishandle::results::{PairedMeans, PairedRates};
 use mishandle::store::{RunFile, RunHeader};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;

@@ -1,15 +1,16 @@
 //! The smallest disturbance that makes a Python target fail.
 
 use mishandle::counterexample::Counterexample;
-use mishandle::evaluation::RepeatReport;
-use mishandle::falsification::Level;
+use mishandle::evaluation::Repeats;
 use mishandle::plan::MarginPlan;
+use mishandle::results::Level;
 use mishandle::run::{Answer, Engine, MarginOutcome};
 use mishandle::store::RunWriter;
 use mishandle::{MishandleError as Error, Plan, ResolvedPlan};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
+use crate::artifacts::robustness_of;
 use crate::campaign::{Out, estimate, in_run_until, plan, report};
 use crate::raised;
 use crate::target::{AxisTuple, PyTarget, scenario, space};
@@ -55,9 +56,16 @@ pub fn margin<'py>(
     dict.set_item("formula", formula)?;
     dict.set_item("simulations", found.simulations)?;
     let level = |level: &Level| {
-        let Level { amplitude, simulations, without_verdict, robustness, is_complete, is_exhaustive } =
-            *level;
-        (amplitude, simulations, without_verdict, robustness, level.is_violated(), is_complete, is_exhaustive)
+        let Level {
+            amplitude,
+            simulations,
+            without_verdict,
+            minimum_robustness,
+            is_violated,
+            is_complete,
+            is_exhaustive,
+        } = *level;
+        (amplitude, simulations, without_verdict, minimum_robustness, is_violated, is_complete, is_exhaustive)
     };
     dict.set_item("levels", found.levels.iter().map(level).collect::<Vec<_>>())?;
     let passed = found.largest_without_violation();
@@ -69,16 +77,16 @@ pub fn margin<'py>(
     };
     let request = &witness.episode.request;
     let fields = PyDict::new(py);
-    fields.set_item("amplitude", witness.norms.largest)?;
-    fields.set_item("l2", witness.norms.euclidean)?;
-    fields.set_item("l1", witness.norms.sum)?;
+    fields.set_item("amplitude", witness.norms.amplitude)?;
+    fields.set_item("l2", witness.norms.l2)?;
+    fields.set_item("l1", witness.norms.l1)?;
     fields.set_item("axes", witness.axes)?;
     fields.set_item("scenario", scenario(py, &target.space, request.scenario.values())?)?;
     fields.set_item("seed", request.seed.0)?;
     fields.set_item("robustness", witness.episode.robustness())?;
-    fields.set_item("fails_in_most_repeats", repeats.as_ref().map(RepeatReport::fails_in_most))?;
-    let repeats = repeats.map(|RepeatReport { simulations, failures, failure_rate, quantiles }| {
-        (simulations, failures, estimate(&failure_rate), quantiles.map(Vec::from))
+    fields.set_item("fails_in_most_repeats", repeats.as_ref().map(Repeats::fails_in_most))?;
+    let repeats = repeats.map(|Repeats { simulations, failures, failure_rate, quantiles }| {
+        (simulations, failures, estimate(&failure_rate), quantiles.map(robustness_of))
     });
     fields.set_item("repeats", repeats)?;
     fields.set_item("counterexample", counterexample.map(|counterexample| counterexample.to_json()))?;

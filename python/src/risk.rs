@@ -4,7 +4,8 @@ use std::collections::BTreeMap;
 
 use mishandle::counterexample::Counterexample;
 use mishandle::plan::{FalsifyPlan, RiskPlan};
-use mishandle::risk::{Chain, Importance, Marginal, Report, Splitting};
+use mishandle::results::Chain;
+use mishandle::risk::{Importance, Marginal, Report, Splitting};
 use mishandle::rollout::{Axis, Request, Scenario, Seed};
 use mishandle::run::{Answer, Engine};
 use mishandle::store::RunWriter;

@@ -2,6 +2,7 @@
 
 mod file;
 mod regress;
+mod result;
 mod risk;
 
 use std::fmt::Debug;

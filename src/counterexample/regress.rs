@@ -3,8 +3,8 @@
 use std::ops::ControlFlow;
 use std::path::Path;
 
-use mishandle_evaluation::RepeatReport;
 use mishandle_falsification::{repeat, repeat_seeds};
+use mishandle_results::Repeats;
 use mishandle_rollout::{Episode, Seed};
 use mishandle_store::RunHeader;
 
@@ -23,7 +23,7 @@ pub struct Regression {
     /// The episode with the recorded seed.
     pub episode: Episode,
     /// Simulations with other seeds; `None` if `repeats` is 0, or if nothing is random.
-    pub repeats: Option<RepeatReport>,
+    pub repeats: Option<Repeats>,
     /// Whether the target is not the recorded one, so that its scenarios may have another meaning. The hash of a target covers
     /// its controller, so this is `None` if the recorded controller cannot be loaded.
     pub has_other_target: Option<bool>,

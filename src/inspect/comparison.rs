@@ -1,8 +1,7 @@
 //! Comparison of two evaluations on the same scenarios and seeds.
 
-use std::path::PathBuf;
-
-use mishandle_evaluation::{Corners, Estimate, PairedCounts, paired_mean_difference, sign_test};
+use mishandle_evaluation::{Corners, PairedCounts, paired_mean_difference, sign_test};
+use mishandle_results::{ComparedRun, PairedMeans, PairedRates};
 use mishandle_rollout::{Episode, Seed};
 use mishandle_store::{AxisRecord, RunFile, RunHeader, RunKind, Simulation};
 
@@ -62,8 +61,8 @@ const SIGNIFICANT: f64 = 0.05;
 impl Comparison {
     /// Returns in a few words what the success rates say: `B succeeds less often`.
     pub fn judgment(&self) -> &'static str {
-        let PairedRates { counts, p_value, .. } = &self.success;
-        match (*p_value < SIGNIFICANT, counts.second_only > counts.first_only) {
+        let PairedRates { first_only, second_only, p_value, .. } = self.success;
+        match (p_value < SIGNIFICANT, second_only > first_only) {
             (true, true) => "B succeeds more often",
             (true, false) => "B succeeds less often",
             (false, _) => "the success rates do not differ significantly",
@@ -72,15 +71,15 @@ impl Comparison {
 
     /// Returns a sentence on the success rates with the numbers behind the judgment.
     pub fn verdict(&self) -> String {
-        let PairedRates { counts, p_value, .. } = &self.success;
-        let p = match p_value_text(*p_value) {
+        let PairedRates { first_only, second_only, p_value, .. } = self.success;
+        let p = match p_value_text(p_value) {
             small if small.starts_with('<') => format!("p {small}"),
             value => format!("p = {value}"),
         };
         format!(
             "B fails in {} where A succeeds, and succeeds in {} where A fails: {} (exact McNemar test, {p}).",
-            plural(counts.first_only, "random simulation"),
-            counts.second_only,
+            plural(first_only, "random simulation"),
+            second_only,
             self.judgment(),
         )
     }
@@ -91,73 +90,26 @@ impl Comparison {
     }
 }
 
-/// A run of a [`Comparison`].
-#[derive(Clone, Debug, PartialEq)]
-pub struct ComparedRun {
-    /// Path of the run file.
-    pub path: PathBuf,
-    /// Name or path of the controller; `None` if the target has none.
-    pub controller: Option<String>,
-    /// Hash of what the controller does.
-    pub controller_hash: Option<String>,
-    /// Hash of the target.
-    pub target_hash: String,
-    /// Git commit of the program.
-    pub commit: String,
+fn paired_rates(counts: PairedCounts) -> PairedRates {
+    let [first, second] = counts.rates();
+    let PairedCounts { first_only, second_only, .. } = counts;
+    let p_value = sign_test(first_only, second_only);
+    PairedRates { first, second, difference: counts.difference(), first_only, second_only, p_value }
 }
 
-/// A rate of both runs.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct PairedRates {
-    /// Numbers of pairs by outcome.
-    pub counts: PairedCounts,
-    /// Rate of A, with its Wilson interval.
-    pub first: Estimate,
-    /// Rate of B, with its Wilson interval.
-    pub second: Estimate,
-    /// B minus A, with Newcombe's interval for pairs.
-    pub difference: Estimate,
-    /// Two-sided p-value of the exact McNemar test.
-    pub p_value: f64,
-}
-
-impl PairedRates {
-    fn new(counts: PairedCounts) -> PairedRates {
-        let [first, second] = counts.rates();
-        let p_value = sign_test(counts.first_only, counts.second_only);
-        PairedRates { counts, first, second, difference: counts.difference(), p_value }
-    }
-}
-
-/// A mean of both runs.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct PairedMeans {
-    /// Mean of A.
-    pub first: Option<f64>,
-    /// Mean of B.
-    pub second: Option<f64>,
-    /// B minus A, with its bootstrap interval over the pairs.
-    pub difference: Estimate,
-    /// Number of pairs in which B's value is smaller, and larger.
-    pub smaller_and_larger: (u64, u64),
-    /// Two-sided p-value of the exact sign test: whether B is as often above A as below.
-    pub p_value: f64,
-}
-
-impl PairedMeans {
-    fn new(pairs: &[(f64, f64)], seed: Seed) -> PairedMeans {
-        let (first, second): (Vec<f64>, Vec<f64>) = pairs.iter().copied().unzip();
-        let mean =
-            |values: &[f64]| (!values.is_empty()).then(|| values.iter().sum::<f64>() / values.len() as f64);
-        let count = |is: fn(&(f64, f64)) -> bool| pairs.iter().filter(|pair| is(pair)).count() as u64;
-        let smaller_and_larger = (count(|(a, b)| b < a), count(|(a, b)| b > a));
-        PairedMeans {
-            first: mean(&first),
-            second: mean(&second),
-            difference: paired_mean_difference(&first, &second, seed),
-            smaller_and_larger,
-            p_value: sign_test(smaller_and_larger.0, smaller_and_larger.1),
-        }
+fn paired_means(pairs: &[(f64, f64)], seed: Seed) -> PairedMeans {
+    let (first, second): (Vec<f64>, Vec<f64>) = pairs.iter().copied().unzip();
+    let mean =
+        |values: &[f64]| (!values.is_empty()).then(|| values.iter().sum::<f64>() / values.len() as f64);
+    let count = |is: fn(&(f64, f64)) -> bool| pairs.iter().filter(|pair| is(pair)).count() as u64;
+    let (smaller, larger) = (count(|(a, b)| b < a), count(|(a, b)| b > a));
+    PairedMeans {
+        first: mean(&first),
+        second: mean(&second),
+        difference: paired_mean_difference(&first, &second, seed),
+        smaller,
+        larger,
+        p_value: sign_test(smaller, larger),
     }
 }
 
@@ -221,12 +173,12 @@ pub fn compare(first: &RunFile, second: &RunFile) -> Result<Comparison, Mishandl
     let rates = |holds: fn(&Episode) -> bool| {
         let mut counts = PairedCounts::default();
         random.iter().for_each(|pair| counts.add(holds(&pair.episodes[0]), holds(&pair.episodes[1])));
-        PairedRates::new(counts)
+        paired_rates(counts)
     };
     let means = |value: fn(&Episode) -> Option<f64>| {
         let values: Vec<(f64, f64)> =
             random.iter().filter_map(|pair| value(&pair.episodes[0]).zip(value(&pair.episodes[1]))).collect();
-        PairedMeans::new(&values, seed)
+        paired_means(&values, seed)
     };
     let compared: Vec<ComparedPair> = pairs.iter().map(Pair::compared).collect();
     let failures = |succeeds: [bool; 2]| {
@@ -386,7 +338,7 @@ fn compared_run(run: &RunFile) -> ComparedRun {
     let header = run.header();
     let controller = header.components.first();
     ComparedRun {
-        path: run.path().to_path_buf(),
+        run: run.path().to_string_lossy().into_owned(),
         controller: controller.map(|controller| controller.name.clone()),
         controller_hash: controller.map(|controller| controller.hash.clone()),
         target_hash: header.target.hash.clone(),

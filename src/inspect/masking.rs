@@ -1,7 +1,9 @@
 //! Masking: which conjuncts of a formula set the robustness of a run, and which ones fail.
 
 use std::ops::ControlFlow;
+use std::path::Path;
 
+use mishandle_results::{EvaluatedCount, MaskedConjunct, Masking};
 use mishandle_rollout::{Request, RolloutError};
 use mishandle_stl::{Clock, Formula, Monitor, Trace};
 use mishandle_store::{RunFile, Simulation};
@@ -13,45 +15,6 @@ use crate::run::record;
 
 /// Number of simulations per batch.
 const BATCH: usize = 64;
-
-/// A conjunct over the simulations of a run: see [`Formula::conjuncts`].
-#[derive(Clone, Debug, Default, PartialEq)]
-pub struct MaskedConjunct {
-    /// Position in the list of [`Formula::subformulas`].
-    pub position: usize,
-    /// Text of the conjunct.
-    pub text: String,
-    /// Number of satisfied simulations whose robustness it sets.
-    pub sets_satisfied: u64,
-    /// Number of violated simulations whose robustness it sets.
-    pub sets_violated: u64,
-    /// Number of simulations that violate the formula with this conjunct as the only operand of each `and` above it. They violate
-    /// the whole formula, too.
-    pub fails: u64,
-}
-
-/// How many simulations were evaluated.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct EvaluatedCount {
-    /// Number of evaluated simulations.
-    pub evaluated: u64,
-    /// Number of simulations of the run.
-    pub total: u64,
-}
-
-/// The conjuncts of a formula over the simulations of a run.
-///
-/// The robustness of `and` is that of its weakest operand. So a predicate with small numbers can set the robustness of almost
-/// all simulations, and hide from a search how far the others are from failing.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Masking {
-    /// The conjuncts, in the order of the formula.
-    pub conjuncts: Vec<MaskedConjunct>,
-    /// Simulations that satisfy the formula. None are evaluated if they cannot be simulated again.
-    pub satisfied: EvaluatedCount,
-    /// Simulations that violate the formula.
-    pub violated: EvaluatedCount,
-}
 
 /// Counts which conjuncts set the robustness of a run and which ones fail, over at most `limit` of its simulations: all violated
 /// ones, or that many evenly chosen, and satisfied ones, evenly chosen, up to the limit. They are simulated again with `resolved`;
@@ -85,13 +48,18 @@ pub fn masking(
         .chain(evenly(&satisfied, rest))
         .map(|(trial, number)| run.simulation(trial, number))
         .collect::<Result<_, _>>()?;
-    let mut masking = Masking::new(&formula);
-    masking.satisfied.total = satisfied.len() as u64;
-    masking.violated.total = violated.len() as u64;
+    let mut masking = Counter::new(run.path(), &formula);
+    // As it is recorded, not as it is parsed.
+    masking.found.formula = header.formula.clone();
+    masking.found.satisfied.total = satisfied.len() as u64;
+    masking.found.violated.total = violated.len() as u64;
     let total = chosen.len() as u64;
     let mut count = |trace: &Trace| {
-        masking.add(&formula, trace, header.control_dt)?;
-        Ok::<_, MishandleError>(watch(masking.satisfied.evaluated + masking.violated.evaluated, total))
+        masking.add(trace, header.control_dt)?;
+        Ok::<_, MishandleError>(watch(
+            masking.found.satisfied.evaluated + masking.found.violated.evaluated,
+            total,
+        ))
     };
     match resolved {
         Some(resolved) => {
@@ -116,36 +84,50 @@ pub fn masking(
             }
         }
     }
-    Ok(Some(masking))
+    Ok(Some(masking.found))
 }
 
-impl Masking {
-    fn new(formula: &Formula) -> Masking {
+/// The conjuncts of a formula over some simulations.
+///
+/// The robustness of `and` is that of its weakest operand. So a predicate with small numbers can set the robustness of almost
+/// all simulations, and hide from a search how far the others are from failing.
+struct Counter<'a> {
+    formula: &'a Formula,
+    /// Position of each conjunct in the list of [`Formula::subformulas`].
+    positions: Vec<usize>,
+    found: Masking,
+}
+
+impl Counter<'_> {
+    fn new<'a>(path: &Path, formula: &'a Formula) -> Counter<'a> {
         let texts: Vec<String> = formula.subformulas().collect();
-        let conjunct = |position: usize| MaskedConjunct {
-            position,
-            text: texts[position].clone(),
+        let positions = formula.conjuncts();
+        let conjunct = |position: &usize| MaskedConjunct {
+            formula: texts[*position].clone(),
             ..MaskedConjunct::default()
         };
-        Masking {
-            conjuncts: formula.conjuncts().into_iter().map(conjunct).collect(),
+        let found = Masking {
+            run: path.to_string_lossy().into_owned(),
+            formula: formula.to_string(),
             satisfied: EvaluatedCount::default(),
             violated: EvaluatedCount::default(),
-        }
+            conjuncts: positions.iter().map(conjunct).collect(),
+        };
+        Counter { formula, positions, found }
     }
 
-    fn add(&mut self, formula: &Formula, trace: &Trace, control_dt: f64) -> Result<(), MishandleError> {
-        let clock = Clock::steps(control_dt);
+    fn add(&mut self, trace: &Trace, control_dt: f64) -> Result<(), MishandleError> {
+        let (formula, clock) = (self.formula, Clock::steps(control_dt));
         let monitor_error = |source| RolloutError::Monitor { formula: formula.to_string(), source };
         let diagnosis = formula.diagnose(trace, &clock).map_err(monitor_error)?;
         let is_violated = diagnosis.robustness() < 0.0;
-        let count = if is_violated { &mut self.violated } else { &mut self.satisfied };
+        let count = if is_violated { &mut self.found.violated } else { &mut self.found.satisfied };
         count.evaluated += 1;
-        for conjunct in &mut self.conjuncts {
-            let sets = diagnosis.path.iter().any(|found| found.position == conjunct.position);
+        for (position, conjunct) in self.positions.iter().zip(&mut self.found.conjuncts) {
+            let sets = diagnosis.path.iter().any(|found| found.position == *position);
             conjunct.sets_satisfied += u64::from(sets && !is_violated);
             conjunct.sets_violated += u64::from(sets && is_violated);
-            let alone = formula.conjunct(conjunct.position).filter(|_| is_violated);
+            let alone = formula.conjunct(*position).filter(|_| is_violated);
             if let Some(alone) = alone {
                 let mut monitor = Monitor::new(&alone, trace.names(), clock).map_err(monitor_error)?;
                 let robustness = monitor.robustness_signal(trace).map_err(monitor_error)?;
@@ -175,28 +157,29 @@ mod tests {
     fn a_conjunct_with_small_numbers_masks_one_that_fails_more_often() {
         let formula = Formula::parse("always(height > 0 and distance <= 5)").unwrap();
         let names: Arc<[String]> = Arc::from(["height".to_string(), "distance".to_string()]);
-        let mut masking = Masking::new(&formula);
+        let mut masking = Counter::new(Path::new(""), &formula);
         // By hand: margins (0.1, 4), (0.1, -1), (-2, -1).
         for [height, distance] in [[0.1, 1.0], [0.1, 6.0], [-2.0, 6.0]] {
             let mut trace = Trace::new(Arc::clone(&names));
             trace.push(&[height, distance]);
-            masking.add(&formula, &trace, 0.1).unwrap();
+            masking.add(&trace, 0.1).unwrap();
         }
         let counts: Vec<[u64; 3]> = masking
+            .found
             .conjuncts
             .iter()
             .map(|found| [found.sets_satisfied, found.sets_violated, found.fails])
             .collect();
         assert_eq!(counts, [[1, 1, 1], [0, 1, 2]]);
-        assert_eq!(masking.conjuncts[1].text, "distance <= 5");
-        assert_eq!((masking.satisfied.evaluated, masking.violated.evaluated), (1, 2));
+        assert_eq!(masking.found.conjuncts[1].formula, "distance <= 5");
+        assert_eq!((masking.found.satisfied.evaluated, masking.found.violated.evaluated), (1, 2));
     }
 
     #[test]
     fn an_operand_of_until_is_no_conjunct() {
         let formula = Formula::parse("a >= 0 until b >= 0").unwrap();
-        let masking = Masking::new(&formula);
-        let texts: Vec<&str> = masking.conjuncts.iter().map(|found| found.text.as_str()).collect();
+        let masking = Counter::new(Path::new(""), &formula);
+        let texts: Vec<&str> = masking.found.conjuncts.iter().map(|found| found.formula.as_str()).collect();
         assert_eq!(texts, [formula.to_string()]);
     }
 

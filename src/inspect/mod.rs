@@ -8,10 +8,11 @@ mod explanation_text;
 mod failure_modes;
 mod masking;
 mod mode_survey;
+mod result;
 mod smooth_region;
 mod space_coverage;
 
-pub use comparison::{ComparedPair, ComparedRun, Comparison, PairedMeans, PairedRates, compare};
+pub use comparison::{ComparedPair, Comparison, compare};
 pub use event::{Event, EventKind, release};
 pub use explanation::{
     Conjunct, ExplainedSimulation, Explanation, PredicateHistory, explain, explain_episode, explain_recorded,
@@ -19,7 +20,8 @@ pub use explanation::{
 };
 pub use explanation_text::compared_values;
 pub use failure_modes::{Failure, FailureMode, FailureModes, failure_modes};
-pub use masking::{EvaluatedCount, MaskedConjunct, Masking, masking};
-pub use mode_survey::{ModeSurvey, UnseenModes, mode_survey};
+pub use masking::masking;
+pub use mode_survey::{ModeSurvey, mode_survey, unseen_modes};
+pub use result::{counterexamples_result, run_facts};
 pub use smooth_region::smooth_region_of;
-pub use space_coverage::{SpaceCoverage, space_coverage};
+pub use space_coverage::space_coverage;

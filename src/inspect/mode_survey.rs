@@ -2,10 +2,11 @@
 
 use std::collections::BTreeMap;
 
+use mishandle_results::{Coverage, UnseenModes};
 use mishandle_store::RunFile;
 
 use crate::error::MishandleError;
-use crate::inspect::{FailureMode, FailureModes, SpaceCoverage, failure_modes, space_coverage};
+use crate::inspect::{FailureMode, FailureModes, failure_modes, space_coverage};
 
 /// The failure modes of a run and how the trials found them.
 #[derive(Clone, Debug, PartialEq)]
@@ -17,49 +18,33 @@ pub struct ModeSurvey {
     /// Estimates of the unseen modes; `None` for fewer than two trials.
     pub unseen: Option<UnseenModes>,
     /// Coverage of the space.
-    pub coverage: SpaceCoverage,
+    pub coverage: Coverage,
 }
 
-/// Estimates of the failure modes that no trial found, from the numbers of trials that found each mode.
+/// Returns the estimates from the number of trials that found each mode; `None` for fewer than two trials.
 ///
-/// The trials of a run have independent seeds, so these estimates hold for searches that choose their points by earlier results.
-/// Those from the number of failures of each mode, as in Good and Turing, would need independent simulations.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct UnseenModes {
-    /// Number of trials.
-    pub trials: usize,
-    /// Number of modes that exactly one trial found.
-    pub found_once: usize,
-    /// Expected number of new modes of another trial: the modes that exactly one trial found, over the trials. It is unbiased
-    /// for the last trial given the others, since the trials are exchangeable.
-    pub expected_new: f64,
-    /// Lower estimate of the number of modes that such trials can find: the bias-corrected Chao2 estimate
-    /// S + (T - 1) / T · Q₁ (Q₁ - 1) / (2 (Q₂ + 1)) for S modes, T trials, and Q₁ and Q₂ modes that one and two trials found.
-    /// Chao, "Estimating the population size for capture-recapture data with unequal catchability", Biometrics 43(4), 1987.
-    pub total: f64,
-}
-
-impl UnseenModes {
-    /// Returns the estimates from the number of trials that found each mode; `None` for fewer than two trials.
-    ///
-    /// # Example
-    /// ```
-    /// use mishandle::inspect::UnseenModes;
-    /// // 5 modes in 4 trials: S = 5, Q₁ = 3, Q₂ = 1. 5 + 3/4 · 3 · 2 / (2 · 2) = 6.125
-    /// let unseen = UnseenModes::new(&[4, 2, 1, 1, 1], 4).unwrap();
-    /// assert_eq!((unseen.expected_new, unseen.total), (0.75, 6.125));
-    /// ```
-    pub fn new(counts: &[usize], trials: usize) -> Option<UnseenModes> {
-        let found_by = |n: usize| counts.iter().filter(|count| **count == n).count();
-        let (once, twice, t) = (found_by(1), found_by(2), trials as f64);
-        let pairs = once as f64 * (once as f64 - 1.0);
-        (trials >= 2).then(|| UnseenModes {
-            trials,
-            found_once: once,
-            expected_new: once as f64 / t,
-            total: counts.len() as f64 + (t - 1.0) / t * pairs / (2.0 * (twice as f64 + 1.0)),
-        })
-    }
+/// The number of new modes of another trial is estimated by the modes that exactly one trial found, over the trials. It is unbiased
+/// for the last trial given the others, since the trials are exchangeable. The total is the bias-corrected Chao2 estimate
+/// S + (T - 1) / T · Q₁ (Q₁ - 1) / (2 (Q₂ + 1)) for S modes, T trials, and Q₁ and Q₂ modes that one and two trials found.
+/// Chao, "Estimating the population size for capture-recapture data with unequal catchability", Biometrics 43(4), 1987.
+///
+/// # Example
+/// ```
+/// use mishandle::unseen_modes;
+/// // 5 modes in 4 trials: S = 5, Q₁ = 3, Q₂ = 1. 5 + 3/4 · 3 · 2 / (2 · 2) = 6.125
+/// let unseen = unseen_modes(&[4, 2, 1, 1, 1], 4).unwrap();
+/// assert_eq!((unseen.expected_new, unseen.total), (0.75, 6.125));
+/// ```
+pub fn unseen_modes(counts: &[usize], trials: usize) -> Option<UnseenModes> {
+    let found_by = |n: usize| counts.iter().filter(|count| **count == n).count();
+    let (once, twice, t) = (found_by(1), found_by(2), trials as f64);
+    let pairs = once as f64 * (once as f64 - 1.0);
+    (trials >= 2).then(|| UnseenModes {
+        trials: trials as u64,
+        found_once: once as u64,
+        expected_new: once as f64 / t,
+        total: counts.len() as f64 + (t - 1.0) / t * pairs / (2.0 * (twice as f64 + 1.0)),
+    })
 }
 
 impl ModeSurvey {
@@ -82,7 +67,7 @@ pub fn mode_survey(run: &RunFile) -> Result<ModeSurvey, MishandleError> {
     let first: Vec<BTreeMap<u32, u32>> = modes.modes.iter().map(first_simulations).collect();
     let trials = run.trials()?.iter().filter(|trial| trial.counts.simulations > 0).count();
     let counts: Vec<usize> = first.iter().map(BTreeMap::len).collect();
-    Ok(ModeSurvey { modes, first, unseen: UnseenModes::new(&counts, trials), coverage: space_coverage(run)? })
+    Ok(ModeSurvey { modes, first, unseen: unseen_modes(&counts, trials), coverage: space_coverage(run)? })
 }
 
 /// Returns the first simulation of each trial in a mode.

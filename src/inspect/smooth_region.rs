@@ -1,7 +1,8 @@
 //! What a random search without a failure says about a smooth robustness.
 
-use mishandle_evaluation::{NotSmooth, SmoothRegion, smooth_region};
+use mishandle_evaluation::{NotSmooth, smooth_region};
 use mishandle_falsification::{CampaignOutcome, unit_scenario};
+use mishandle_results::SmoothRegion;
 use mishandle_rollout::AxisValues;
 use mishandle_store::RunFile;
 
@@ -18,12 +19,12 @@ pub fn smooth_region_of(
     resolved: &ResolvedPlan,
     outcome: &CampaignOutcome,
     run: &RunFile,
-) -> Result<Option<Result<SmoothRegion, NotSmooth>>, MishandleError> {
+) -> Result<Option<SmoothRegion>, MishandleError> {
     if failure_rate_bound(resolved, outcome).is_none() {
         return Ok(None);
     }
     if let Some(reason) = obstacle(resolved) {
-        return Ok(Some(Err(reason)));
+        return Ok(Some(refused(reason)));
     }
     let axes = resolved.space.axes();
     let (mut points, mut values) = (Vec::new(), Vec::new());
@@ -35,7 +36,19 @@ pub fn smooth_region_of(
         points.push(free.map(|(_, u)| u.unwrap_or(0.5)).collect());
         values.push(robustness);
     }
-    Ok(Some(smooth_region(&points, &values, resolved.plan.seed)))
+    Ok(Some(match smooth_region(&points, &values, resolved.plan.seed) {
+        Ok(found) => SmoothRegion {
+            slope: Some(found.slope),
+            largest_slope: Some(found.largest_slope),
+            covered: Some(found.covered),
+            refusal: None,
+        },
+        Err(reason) => refused(reason),
+    }))
+}
+
+fn refused(reason: NotSmooth) -> SmoothRegion {
+    SmoothRegion { refusal: Some(reason.to_string()), ..SmoothRegion::default() }
 }
 
 /// Returns why the robustness is not a smooth function of the scenario; `None` if it may be one.

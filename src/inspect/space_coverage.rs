@@ -1,6 +1,7 @@
 //! Pairwise coverage of a scenario space by the simulations of a run.
 
 use mishandle_falsification::unit_scenario;
+use mishandle_results::Coverage;
 use mishandle_rollout::Axis;
 use mishandle_store::RunFile;
 
@@ -10,43 +11,11 @@ use crate::run::recorded_axis;
 /// Largest number of bins of an axis. A pair of axes has at most 100 cells, which fit into the bits of a `u128`.
 const BINS: usize = 10;
 
-/// Coverage of the cells of a space by simulations.
-///
-/// Each axis is divided into 10 bins of equal width, or into its levels if they are fewer. The cells are those of every pair of
-/// axes (of the axis, if the space has one): pairwise or 2-way coverage, as in Kuhn, Kacker and Lei, "Introduction to
-/// combinatorial testing", 2013. Cells of all d axes together would be too many to visit.
-///
-/// A visited cell has at least one simulation. It says nothing about the rest of the cell, and nothing about combinations of
-/// three or more axes.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct SpaceCoverage {
-    /// Number of pairs of axes with more than one value; 1 for a space with one such axis.
-    pub pairs: u64,
-    /// Number of cells of all pairs.
-    pub cells: u64,
-    /// Number of cells with a simulation.
-    pub visited: u64,
-    /// Number of cells with a failing simulation.
-    pub failing: u64,
-}
-
-impl SpaceCoverage {
-    /// Returns the fraction of visited cells; `None` without cells.
-    pub fn visited_fraction(&self) -> Option<f64> {
-        (self.cells > 0).then(|| self.visited as f64 / self.cells as f64)
-    }
-
-    /// Returns the fraction of the visited cells in which a simulation failed; `None` without visited cells.
-    pub fn failing_fraction(&self) -> Option<f64> {
-        (self.visited > 0).then(|| self.failing as f64 / self.visited as f64)
-    }
-}
-
 /// Returns the pairwise coverage of the space of a run by its simulations. Axes without a value in a scenario count as not visited.
 ///
 /// # Errors
 /// If the run cannot be read.
-pub fn space_coverage(run: &RunFile) -> Result<SpaceCoverage, MishandleError> {
+pub fn space_coverage(run: &RunFile) -> Result<Coverage, MishandleError> {
     let axes: Vec<Axis> = run.header().axes.iter().map(recorded_axis).collect();
     let mut cells = Cells::new(&axes);
     for simulation in run.simulations() {
@@ -95,11 +64,11 @@ impl Cells {
         }
     }
 
-    fn coverage(&self) -> SpaceCoverage {
+    fn coverage(&self) -> Coverage {
         let count = |index: usize| self.seen.iter().map(|bits| u64::from(bits[index].count_ones())).sum();
         let of_pair =
             |(a, b): &(usize, usize)| if a == b { self.bins[*a] } else { self.bins[*a] * self.bins[*b] };
-        SpaceCoverage {
+        Coverage {
             pairs: self.pairs.len() as u64,
             cells: self.pairs.iter().map(|pair| of_pair(pair) as u64).sum(),
             visited: count(0),
@@ -114,7 +83,7 @@ mod tests {
 
     use super::*;
 
-    fn coverage(axes: &[Axis], points: &[(&[f64], bool)]) -> SpaceCoverage {
+    fn coverage(axes: &[Axis], points: &[(&[f64], bool)]) -> Coverage {
         let mut cells = Cells::new(axes);
         for (point, fails) in points {
             cells.add(&point.iter().map(|u| Some(*u)).collect::<Vec<_>>(), *fails);
@@ -135,7 +104,7 @@ mod tests {
         ];
         let found = coverage(&axes, &points);
         // The first two points share all cells. The third shares that of y and k.
-        assert_eq!(found, SpaceCoverage { pairs: 3, cells: 160, visited: 5, failing: 3 });
+        assert_eq!(found, Coverage { pairs: 3, cells: 160, visited: 5, failing: 3 });
         assert_eq!(found.failing_fraction(), Some(0.6));
     }
 
@@ -143,7 +112,7 @@ mod tests {
     fn a_space_of_one_axis_has_the_cells_of_the_axis() {
         let points: [(&[f64], bool); 2] = [(&[0.0], false), (&[1.0], true)];
         let found = coverage(&[Axis::start("x", "", 0.0, 1.0)], &points);
-        assert_eq!(found, SpaceCoverage { pairs: 1, cells: 10, visited: 2, failing: 1 });
+        assert_eq!(found, Coverage { pairs: 1, cells: 10, visited: 2, failing: 1 });
         assert_eq!(coverage(&[], &[]).visited_fraction(), None);
     }
 }

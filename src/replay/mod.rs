@@ -1,6 +1,7 @@
 //! Replays recorded simulations and compares them with their records.
 
 mod command;
+mod result;
 mod simulation;
 mod trial;
 

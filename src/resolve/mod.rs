@@ -3,6 +3,7 @@
 //! Every mistake in a plan is found here, before the first simulation. Only this room knows the kinds of targets.
 
 mod axis_setting;
+mod catalog;
 mod check;
 pub(crate) mod controller;
 mod hint;
@@ -11,6 +12,7 @@ mod kind;
 mod randomness;
 mod recorded;
 pub(crate) mod search;
+mod subject;
 mod task;
 
 use mishandle_falsification::CampaignSettings;
@@ -23,6 +25,7 @@ use crate::error::MishandleError;
 use crate::plan::{Plan, ScreeningPlan};
 use crate::resolve::axis_setting::with_settings;
 
+pub use catalog::{search_result, target_result, task_result};
 pub use check::{check_evaluate, check_falsify, check_risk};
 pub(crate) use controller::is_path;
 pub use controller::{controller_name, find_controller};
@@ -32,6 +35,7 @@ pub use randomness::{depends_on_seed, space_depends_on_seed};
 pub use recorded::recorded_plan;
 pub(crate) use recorded::resolve_recorded;
 pub use search::search_entry;
+pub use subject::{axis_facts, named_scenario};
 pub use task::{preset, task, task_target};
 
 /// Returns the target of a plan.

@@ -2,7 +2,7 @@ use std::cell::Cell;
 use std::ops::ControlFlow;
 
 use mishandle_evaluation::{
-    CornerReport, Corners, Evaluation, EvaluationReport, FormulaRoles, Metrics, evaluate_corners,
+    CornerReport, Corners, Evaluation, FormulaRoles, MetricCounter, Metrics, evaluate_corners,
 };
 use mishandle_rollout::{Episode, Request, Scenario, Seed, Space};
 use mishandle_store::{RunFile, RunWriter, TrialRecord, TrialStatus, TrialSummary};
@@ -23,7 +23,7 @@ const COUNTS_FAILURES: &str = "code";
 #[derive(Clone, Debug, PartialEq)]
 pub struct EvaluationOutcome {
     /// Metrics of the random simulations.
-    pub report: EvaluationReport,
+    pub report: Metrics,
     /// Results at the corners and the center of the initial box; `None` if the space has no numeric axis of kind `start`.
     pub corners: Option<CornerReport>,
     /// Whether all simulations of the plan are finished.
@@ -123,10 +123,11 @@ fn run_requests(
     header::check(run.file().header(), resolved)?;
     check_trials(resolved, run.file())?;
     let (plan, roles) = (&resolved.plan, FormulaRoles::of(&resolved.specification));
-    let mut metrics = Metrics::new(roles).with_completion_times_of_failures(plan.preset == COUNTS_FAILURES);
+    let mut metrics =
+        MetricCounter::new(roles).with_completion_times_of_failures(plan.preset == COUNTS_FAILURES);
     let mut corners = requests.corners.as_ref().map(|corners| (corners, corner_report(resolved, corners)));
     let total = evaluation_simulations(resolved);
-    let outcome = |metrics: &Metrics, corners: Option<CornerReport>, done: u64| EvaluationOutcome {
+    let outcome = |metrics: &MetricCounter, corners: Option<CornerReport>, done: u64| EvaluationOutcome {
         report: metrics.report(Seed(plan.seed)),
         corners,
         is_complete: done == total,

@@ -6,6 +6,7 @@
 
 mod campaign;
 mod completion;
+mod end_text;
 pub(crate) mod evaluate;
 pub(crate) mod falsify;
 pub(crate) mod header;
@@ -13,13 +14,16 @@ mod journal;
 mod outcomes;
 mod question;
 pub(crate) mod record;
+mod recorded;
 mod repeats;
+mod result;
 mod risk;
 pub(crate) mod screening;
 pub(crate) mod violation;
 
 pub use campaign::{CampaignRun, campaign_runs, create_campaign, free_campaign_folder};
 pub use completion::unfinished;
+pub use end_text::end_text;
 pub use evaluate::{
     EvaluationOutcome, evaluate, evaluation_request, evaluation_simulations, rejects_scenarios,
 };
@@ -27,6 +31,12 @@ pub use falsify::{failure_rate_bound, falsify};
 pub(crate) use question::asked;
 pub use question::{Answer, Engine, MarginOutcome, Progress, Watch, ask};
 pub use record::{create_run, recorded_axis, recorded_episode};
+pub(crate) use recorded::recorded_named;
+pub use recorded::{box_point, recorded_axes, recorded_scenario};
 pub use repeats::counterexample_repeats;
+pub use result::{
+    evaluation_result, falsification_result, margin_result, repeated_result, risk_result,
+    screened_evaluation_result, screened_risk_result, simulation_result,
+};
 pub use risk::{risk_assumption, risk_refusals, risk_scenarios};
 pub use screening::{Device, ScreenedEvaluationOutcome, screening};

@@ -2,7 +2,7 @@
 
 use std::ops::ControlFlow;
 
-use mishandle_evaluation::{Corners, RepeatReport, ScreenedProgress};
+use mishandle_evaluation::{Corners, Repeats, ScreenedProgress};
 use mishandle_falsification::{
     CampaignOutcome, Margin, Repeated, ScreenedCounts, margin, repeat, repeat_seeds,
 };
@@ -84,7 +84,7 @@ pub struct MarginOutcome {
     /// The search.
     pub margin: Margin,
     /// Simulations of the witness with other seeds; `None` without a witness, or if the seed has no effect.
-    pub repeats: Option<RepeatReport>,
+    pub repeats: Option<Repeats>,
     /// Whether search and repeats are finished.
     pub is_complete: bool,
 }

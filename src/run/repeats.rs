@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 use std::ops::ControlFlow;
 
-use mishandle_evaluation::RepeatReport;
+use mishandle_evaluation::Repeats;
 use mishandle_falsification::{CampaignOutcome, Minimum, Repeated, repeat, repeat_seeds};
 
 use crate::error::MishandleError;
@@ -22,7 +22,7 @@ pub fn counterexample_repeats(
     found: &CampaignOutcome,
     requested: Option<u64>,
     mut watch: impl FnMut(u64, u64) -> ControlFlow<()>,
-) -> Result<BTreeMap<u32, RepeatReport>, MishandleError> {
+) -> Result<BTreeMap<u32, Repeats>, MishandleError> {
     let counterexamples: Vec<(u32, &Minimum)> = found
         .trials
         .iter()

@@ -5,6 +5,7 @@ mod facts;
 mod output_check;
 mod plan;
 mod recorder;
+mod result;
 pub(crate) mod tensorboard;
 mod write_failures;
 
@@ -33,6 +34,7 @@ pub use crate::error::CurveProblem;
 pub use curve::{Curve, CurveRow, NoTrainingTime};
 pub use facts::{TrainingFacts, training_facts};
 pub use plan::{TrainPlan, default_out};
+pub use result::controller_result;
 
 /// Receives the progress of a training run.
 pub trait TrainObserver {

@@ -14,6 +14,7 @@ mod mujoco;
 mod pictures;
 mod process;
 mod readme;
+mod results;
 mod sanitize;
 mod settings;
 mod tidy;
@@ -111,6 +112,12 @@ const CHORES: &[Chore] = &[
         arguments: "",
         about: "write docs/algorithms/settings.md, the reference of all training settings",
         run: |root, _| settings::write(root),
+    },
+    Chore {
+        name: "results",
+        arguments: "",
+        about: "write the page, the schemas and the Python classes of the results",
+        run: |root, _| results::write(root),
     },
     Chore {
         name: "pictures",

@@ -1,5 +1,6 @@
 //! Signals that interrupt a command: SIGINT (Ctrl-C), SIGTERM, and SIGHUP when the terminal closes.
 
+use std::ops::ControlFlow;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
@@ -59,4 +60,9 @@ fn ignores_sighup() -> bool {
 /// Returns whether a signal has requested an interruption.
 pub fn requested() -> bool {
     REQUESTED.load(Ordering::Relaxed)
+}
+
+/// Returns whether to continue after a batch.
+pub fn control_flow() -> ControlFlow<()> {
+    if requested() { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
 }

@@ -2,38 +2,27 @@
 //!
 //! Results go to stdout, messages to stderr. Exit codes: 0 success, 1 falsified or violated, 2 error, 130 interrupted.
 
-mod args;
+mod command_line;
 mod commands;
-mod corners;
-mod escape;
-mod formula_error;
+mod exit_status;
+mod flags;
 mod interrupt;
-mod live_curve;
-mod numbers;
-mod output;
-mod progress;
-mod question;
-mod risk_text;
 mod run;
-mod screened_text;
-mod train_reporter;
-mod training_time;
-mod video;
+mod show;
 
 use std::ffi::OsString;
 use std::process::ExitCode;
 
-use clap::Parser;
+use clap::{CommandFactory, Parser};
 use mishandle::run::Device;
 use mishandle::tasks::Task;
 
-use args::{Command, CommandLine};
+use command_line::CommandLine;
+use exit_status::ExitStatus;
+use show::output;
 
 /// Exit code after the reader of stdout closed the pipe: 128 plus the number of the signal SIGPIPE.
 const BROKEN_PIPE: u8 = 141;
-
-/// Name of the program.
-const PROGRAM: &str = "mishandle";
 
 /// Runs the program with the arguments of the process.
 pub fn main() -> ExitCode {
@@ -65,39 +54,11 @@ pub fn exit_code_of(arguments: impl IntoIterator<Item = OsString>, gpu: Option<&
     let arguments = match CommandLine::try_parse_from(&words) {
         Ok(arguments) => arguments,
         Err(error) => {
-            output::usage(&error, &words);
+            command_line::usage(&error, &words);
             return error.exit_code() as u8;
         }
     };
-    let status = match &arguments.command {
-        Command::Tasks(command) => commands::tasks::run(command),
-        Command::Targets(command) => commands::targets::run(command),
-        Command::Searches(command) => commands::searches::run(command),
-        Command::Monitor(command) => commands::monitor::run(command),
-        Command::Train(command) => commands::train::run(command, gpu),
-        Command::Controller(command) => commands::controller::run(command),
-        Command::Curve(command) => commands::curve::run(command),
-        Command::Evaluate(command) => commands::evaluate::run(command, gpu),
-        Command::Falsify(command) => commands::falsify::run(command, gpu),
-        Command::Campaign(command) => commands::campaign::run(command, gpu),
-        Command::Reproduce(command) => commands::reproduce::run(command),
-        Command::Compare(command) => commands::compare::run(command),
-        Command::Margin(command) => commands::margin::run(command),
-        Command::Risk(command) => commands::risk::run(command, gpu),
-        Command::Simulate(command) => commands::simulate::run(command),
-        Command::Runs(command) => commands::runs::run(command),
-        Command::Export(command) => commands::export::run(command),
-        Command::Replay(command) => commands::replay::run(command),
-        Command::Explain(command) => commands::explain::run(command),
-        Command::Counterexamples(command) => commands::counterexamples::run(command),
-        Command::Regress(command) => commands::regress::run(command),
-        Command::Render(command) => commands::render::run(command),
-        Command::Report(command) => commands::report::run(command),
-        Command::Zoo(command) => commands::zoo::run(command),
-        Command::Completions(command) => commands::completions::run(command),
-        Command::Man(command) => commands::man::run(command),
-    };
-    match status {
+    match commands::run(&arguments.command, gpu, CommandLine::command) {
         Ok(ExitStatus::Done) => 0,
         Ok(ExitStatus::Violated) => 1,
         Ok(ExitStatus::Interrupted) => interrupt::EXIT_CODE,
@@ -108,15 +69,4 @@ pub fn exit_code_of(arguments: impl IntoIterator<Item = OsString>, gpu: Option<&
             2
         }
     }
-}
-
-/// Result of a command that ended without an error.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum ExitStatus {
-    /// The command finished, and no formula was violated.
-    Done,
-    /// The command found a counterexample or a violated formula.
-    Violated,
-    /// A signal interrupted the command, which has saved its finished work.
-    Interrupted,
 }

@@ -1,80 +1,108 @@
-//! docs/json.md documents exactly the keys of the JSON documents.
+//! The documents that the commands print satisfy their JSON Schemas.
 
 #![allow(clippy::unwrap_used)]
 
 mod bench;
 
-use std::collections::BTreeMap;
+use std::path::Path;
 
 use bench::{Bench, SMALL};
 use serde_json::Value;
 
-/// Returns the documented keys of each section, with their types.
-fn documented() -> BTreeMap<String, BTreeMap<String, String>> {
-    let mut sections: BTreeMap<String, BTreeMap<String, String>> = BTreeMap::new();
-    let mut section = String::new();
-    for line in include_str!("../../../docs/json.md").lines() {
-        if let Some(title) = line.strip_prefix("## ") {
-            section = title.trim_matches('`').to_string();
-        }
-        let cells: Vec<&str> = line.split('|').map(str::trim).collect();
-        if cells.len() >= 4 && cells[1].starts_with('`') {
-            for key in cells[1].split(',') {
-                let key = key.trim().trim_matches('`').to_string();
-                let again =
-                    sections.entry(section.clone()).or_default().insert(key.clone(), cells[2].to_string());
-                assert!(again.is_none(), "{section}: {key} is documented twice");
-            }
-        }
-    }
-    sections
+/// Reads the schema of a command's document.
+fn schema(command: &str) -> Value {
+    let name = command.to_lowercase().replace(" --", "-").replace(' ', "-");
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../docs/reference/schemas");
+    serde_json::from_str(&std::fs::read_to_string(folder.join(format!("{name}.json"))).unwrap()).unwrap()
 }
 
-/// Collects each key of a document with the type of its value, including `null`. Some objects are maps.
-fn keys(value: &Value, path: &str, found: &mut Vec<(String, &'static str)>) {
-    match value {
-        Value::Object(entries) => {
-            for (key, value) in entries {
-                let path = if path.is_empty() { key.clone() } else { format!("{path}.{key}") };
-                let is_map = [
-                    "scenario",
-                    "region",
-                    "search_options",
-                    "formats",
-                    "training_time",
-                    "result",
-                    "explanation",
-                ]
-                .contains(&key.as_str());
-                found.push((path.clone(), kind(value, is_map && key != "training_time")));
-                if !is_map {
-                    keys(value, &path, found);
+/// Checks values against a schema, with the keywords that the schemas of this repository use.
+struct Checker<'a> {
+    root: &'a Value,
+}
+
+impl<'a> Checker<'a> {
+    /// Returns the first violation as text.
+    fn check(&self, schema: &'a Value, value: &Value, path: &str) -> Result<(), String> {
+        if let Some(reference) = schema["$ref"].as_str() {
+            let name = reference.strip_prefix("#/$defs/").unwrap();
+            return self.check(&self.root["$defs"][name], value, name);
+        }
+        if let Some(alternatives) = schema["anyOf"].as_array() {
+            let results: Vec<_> = alternatives.iter().map(|schema| self.check(schema, value, path)).collect();
+            return match results.iter().any(Result::is_ok) {
+                true => Ok(()),
+                false => Err(results.into_iter().map(Result::unwrap_err).collect::<Vec<_>>().join("; or ")),
+            };
+        }
+        let is_known = |allowed: &Value| allowed.as_array().unwrap().contains(value);
+        if schema.get("enum").is_some_and(|allowed| !is_known(allowed))
+            || schema.get("const").is_some_and(|constant| constant != value)
+        {
+            return Err(format!("{path} is {value}"));
+        }
+        if let Some(kinds) = schema.get("type") {
+            let kind = kind(value);
+            let fits = |allowed: &Value| *allowed == kind || (*allowed == "number" && kind == "integer");
+            let fits = kinds.as_array().map_or_else(|| fits(kinds), |kinds| kinds.iter().any(fits));
+            if !fits {
+                return Err(format!("{path} is {value} and not of the type {kinds}"));
+            }
+        }
+        match value {
+            Value::String(text) if schema.get("pattern").is_some() => {
+                let is_seed = !text.is_empty() && text.bytes().all(|byte| byte.is_ascii_digit());
+                if is_seed { Ok(()) } else { Err(format!("{path} is not a seed: {text}")) }
+            }
+            Value::Array(items) => {
+                let length = items.len() as u64;
+                if schema["minItems"].as_u64().is_some_and(|min| length < min)
+                    || schema["maxItems"].as_u64().is_some_and(|max| length > max)
+                {
+                    return Err(format!("{path} has {length} items"));
                 }
+                items.iter().try_for_each(|item| self.check(&schema["items"], item, path))
             }
+            Value::Object(entries) => self.check_object(schema, entries, path),
+            _ => Ok(()),
         }
-        Value::Array(values) => values.iter().for_each(|value| {
-            if value.is_object() {
-                keys(value, &if path.is_empty() { String::new() } else { format!("{path}[]") }, found);
+    }
+
+    fn check_object(
+        &self,
+        schema: &'a Value,
+        entries: &serde_json::Map<String, Value>,
+        path: &str,
+    ) -> Result<(), String> {
+        if let Some(values) = schema.get("additionalProperties") {
+            return entries.values().try_for_each(|value| self.check(values, value, path));
+        }
+        for (key, value) in entries {
+            let property = &schema["properties"][key];
+            if property.is_null() {
+                return Err(format!("{path} has the key {key}, which is not in its schema"));
             }
-        }),
-        _ => {}
+            let key = format!("{path}.{key}");
+            self.check(property, value, &key)?;
+        }
+        Ok(())
     }
 }
 
-fn kind(value: &Value, is_map: bool) -> &'static str {
+fn kind(value: &Value) -> &'static str {
     match value {
         Value::Null => "null",
         Value::Bool(_) => "boolean",
-        Value::Number(_) => "number",
+        Value::Number(number) if number.is_f64() => "number",
+        Value::Number(_) => "integer",
         Value::String(_) => "string",
         Value::Array(_) => "array",
-        Value::Object(_) if is_map => "map",
         Value::Object(_) => "object",
     }
 }
 
 #[test]
-fn the_page_documents_the_keys_that_every_command_prints() {
+fn every_document_satisfies_its_schema() {
     let bench = Bench::new();
     bench.write("d.csv", "time,d\n0.0,0.2\n0.1,0.3\n");
     bench.write("small.toml", SMALL);
@@ -142,28 +170,11 @@ fn the_page_documents_the_keys_that_every_command_prints() {
         "targets toy/nosiy --json",
         &["there is no target `toy/nosiy`", "did you mean `toy/noisy`?"],
     );
-    let documented = documented();
-    let mut printed: BTreeMap<&str, BTreeMap<String, &str>> = BTreeMap::new();
     for (section, command, code) in commands {
-        let mut found = Vec::new();
-        keys(&bench.json(&format!("{command} --json"), code), "", &mut found);
-        let page = documented.get(section).unwrap_or_else(|| panic!("no section {section}"));
-        for (key, kind) in found {
-            let known = page
-                .get(&key)
-                .unwrap_or_else(|| panic!("`{command}` prints `{key}`, which is not documented"));
-            assert!(
-                kind == "null" || known.split(" or ").any(|known| known == kind),
-                "`{command}`: {key} is documented as {known} and is a {kind}"
-            );
-            assert!(!key.ends_with("seed") || kind == "string", "`{command}`: a seed is a string");
-            printed.entry(section).or_default().insert(key, kind);
-        }
-    }
-    for (section, page) in &documented {
-        let printed = printed.get(section.as_str()).unwrap_or_else(|| panic!("{section} was not run"));
-        for key in page.keys() {
-            assert!(printed.contains_key(key), "`{section}` does not print `{key}`, which is documented");
-        }
+        let schema = schema(section);
+        let document = bench.json(&format!("{command} --json"), code);
+        let checker = Checker { root: &schema };
+        let checked = checker.check(&schema, &document, "");
+        assert!(checked.is_ok(), "`{command}`: {}", checked.unwrap_err());
     }
 }

@@ -1,6 +1,7 @@
 //! Confidence intervals (95 %) of rates and means.
 
 use mishandle_random::{Seed, Sequence};
+use mishandle_results::Estimate;
 
 use crate::f_distribution::beta_quantile;
 
@@ -12,19 +13,6 @@ const RESAMPLES: u64 = 2000;
 
 /// Smallest sample size with a bootstrap interval; see [`bootstrap_mean`].
 const SMALLEST_SAMPLE: usize = 10;
-
-/// A mean over `n` simulations with its 95 % confidence interval.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Estimate {
-    /// Mean; `None` if `n` is 0.
-    pub value: Option<f64>,
-    /// Lower bound of the interval; `None` for a degenerate sample.
-    pub low: Option<f64>,
-    /// Upper bound of the interval; `None` for a degenerate sample.
-    pub high: Option<f64>,
-    /// Sample size.
-    pub n: u64,
-}
 
 /// Returns the one-sided 95 % upper bound of a failure rate after `n` independent simulations without a failure: 1 - 0.05^(1/n).
 /// It is 1 for `n` = 0, and about 3/n for large `n`.

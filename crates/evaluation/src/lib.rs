@@ -2,7 +2,7 @@
 //!
 //! [`evaluate`] runs simulations from random initial states. They depend only on the seed and the number of the
 //! simulation, so two controllers that are evaluated with the same seed have the same initial states and the same noise.
-//! [`Metrics`] reduces the verdicts to an [`EvaluationReport`]. [`wilson`], [`betting_mean`] and [`bootstrap_mean`]
+//! [`MetricCounter`] reduces the verdicts to [`Metrics`]. [`wilson`], [`betting_mean`] and [`bootstrap_mean`]
 //! compute the confidence intervals; `tests/coverage.rs` measures how often they contain the true value.
 //!
 //! Random initial states hardly ever meet a corner of the initial box. [`Corners`] are its corners and its center, which
@@ -49,16 +49,17 @@ pub use effect::vargha_delaney;
 pub use error::EvaluationError;
 pub use exact::{fisher_test, sign_test};
 pub use holm::holm;
-pub use interval::{Estimate, bootstrap_mean, bound_without_failures, clopper_pearson, wilson};
+pub use interval::{bootstrap_mean, bound_without_failures, clopper_pearson, wilson};
 pub use kolmogorov_smirnov::kolmogorov_smirnov;
 pub use kruskal_wallis::{KruskalWallis, kruskal_wallis};
-pub use metrics::{EvaluationReport, FormulaRoles, Metrics};
+pub use metrics::{FormulaRoles, MetricCounter};
+pub use mishandle_results::{Estimate, Metrics, QUANTILES, Repeats};
 pub use paired::{PairedCounts, paired_mean_difference};
-pub use repeats::{QUANTILES, RepeatReport, variance_share};
+pub use repeats::{repeats, variance_share};
 pub use run::{Evaluation, ScenarioFilter, evaluate};
 pub use screened::{
-    EvaluationFailure, SCREENED_CHUNK, ScreenedEvaluation, ScreenedProgress, Selection, evaluate_screened,
-    screen,
+    EndCounts, EvaluationFailure, SCREENED_CHUNK, ScreenedEvaluation, ScreenedProgress, Selection,
+    evaluate_screened, screen,
 };
 pub use smooth_region::{NotSmooth, SmoothRegion, smooth_region};
 pub use survival::{Lifetime, LogRank, SurvivalCurve, SurvivalStep, log_rank};

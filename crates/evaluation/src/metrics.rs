@@ -1,47 +1,9 @@
-//! Metrics of a controller from the verdicts of its episodes.
+//! MetricCounter of a controller from the verdicts of its episodes.
 
+use mishandle_results::{Estimate, Metrics};
 use mishandle_rollout::{Episode, EpisodeEnd, Seed, Specification};
 
-use crate::{Estimate, betting_mean, bootstrap_mean, wilson};
-
-/// Metrics of a controller over all simulations of an evaluation.
-///
-/// Diverged, invalid and undecided simulations count as failures in both success rates, because excluding them would
-/// reward a controller that breaks the physics. They do not count as falsified. A diverged or invalid simulation is
-/// excluded from the dangerous behavior rate and the task completion time. `diverged`, `invalid` and `undecided` report
-/// the numbers of these simulations.
-///
-/// A scenario from which the target cannot start says nothing about the controller, so no rate includes it; `failed` does.
-#[derive(Clone, Debug, PartialEq)]
-pub struct EvaluationReport {
-    /// Number of simulations.
-    pub simulations: u64,
-    /// Number of diverged simulations.
-    pub diverged: u64,
-    /// Number of simulations that ended because the controller or the environment returned a value that is not finite.
-    pub invalid: u64,
-    /// Number of simulations that could not start, crashed or took too long.
-    pub failed: u64,
-    /// Number of other simulations that left success undecided.
-    pub undecided: u64,
-    /// Number of other simulations that left strict success undecided.
-    pub strict_undecided: u64,
-    /// Success rate: fraction of the started simulations with a success robustness above 0, with its Wilson interval.
-    pub success_rate: Estimate,
-    /// Strict success rate: fraction of simulations with a strict robustness above 0 among the started ones, with its
-    /// Wilson interval. A simulation that satisfies the strict formula but not the success formula is no strict success.
-    /// `None` without this formula.
-    pub strict_success_rate: Option<Estimate>,
-    /// Dangerous behavior rate: mean over the simulations that neither diverged nor were invalid of the fraction of
-    /// samples (except the first) at which the safe condition is violated. Betting interval; `None` without this
-    /// condition.
-    pub dangerous_behavior_rate: Option<Estimate>,
-    /// Fraction of the same simulations with any such sample, with its Wilson interval.
-    pub dangerous_episode_rate: Option<Estimate>,
-    /// Task completion time: mean number of control steps until completion first holds with its whole window inside the
-    /// episode, over the successful simulations that complete. Bootstrap interval; `None` without this formula.
-    pub task_completion_time: Option<Estimate>,
-}
+use crate::{betting_mean, bootstrap_mean, wilson};
 
 /// The optional formulas of a specification. Each of them defines a metric.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -69,14 +31,14 @@ impl FormulaRoles {
 ///
 /// # Example
 /// ```
-/// use mishandle_evaluation::{Metrics, FormulaRoles};
+/// use mishandle_evaluation::{MetricCounter, FormulaRoles};
 /// use mishandle_rollout::Seed;
-/// let report = Metrics::new(FormulaRoles { strict: true, ..FormulaRoles::default() }).report(Seed(0));
+/// let report = MetricCounter::new(FormulaRoles { strict: true, ..FormulaRoles::default() }).report(Seed(0));
 /// assert_eq!((report.simulations, report.success_rate.value), (0, None));
 /// assert!(report.strict_success_rate.is_some() && report.task_completion_time.is_none());
 /// ```
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct Metrics {
+pub struct MetricCounter {
     simulations: u64,
     diverged: u64,
     invalid: u64,
@@ -92,16 +54,16 @@ pub struct Metrics {
     counts_failures: bool,
 }
 
-impl Metrics {
+impl MetricCounter {
     /// Makes empty metrics.
-    pub fn new(roles: FormulaRoles) -> Metrics {
-        Metrics { roles, ..Metrics::default() }
+    pub fn new(roles: FormulaRoles) -> MetricCounter {
+        MetricCounter { roles, ..MetricCounter::default() }
     }
 
     /// Includes completion times of failed simulations if `counts_failures` is `true`, like the code of the original
     /// benchmark.
-    pub fn with_completion_times_of_failures(self, counts_failures: bool) -> Metrics {
-        Metrics { counts_failures, ..self }
+    pub fn with_completion_times_of_failures(self, counts_failures: bool) -> MetricCounter {
+        MetricCounter { counts_failures, ..self }
     }
 
     /// Returns the number of simulations.
@@ -144,9 +106,9 @@ impl Metrics {
     }
 
     /// Returns the metrics of all simulations. `seed` is the seed of the evaluation; the bootstrap draws depend on it.
-    pub fn report(&self, seed: Seed) -> EvaluationReport {
+    pub fn report(&self, seed: Seed) -> Metrics {
         let started = self.simulations - self.invalid_scenarios;
-        EvaluationReport {
+        Metrics {
             simulations: self.simulations,
             diverged: self.diverged,
             invalid: self.invalid,
@@ -209,8 +171,8 @@ mod tests {
         Episode { end: EpisodeEnd::Diverged { step: 3 }, ..episode(None, None, 0, None) }
     }
 
-    fn report(episodes: &[Episode]) -> EvaluationReport {
-        let mut metrics = Metrics::new(ALL);
+    fn report(episodes: &[Episode]) -> Metrics {
+        let mut metrics = MetricCounter::new(ALL);
         episodes.iter().for_each(|episode| metrics.add(episode));
         metrics.report(Seed(0))
     }
@@ -312,7 +274,7 @@ mod tests {
 
     #[test]
     fn completion_times_of_failures_count_only_if_requested() {
-        let mut metrics = Metrics::new(ALL).with_completion_times_of_failures(true);
+        let mut metrics = MetricCounter::new(ALL).with_completion_times_of_failures(true);
         metrics.add(&episode(Some(-0.5), Some(-0.9), 0, Some(2)));
         metrics.add(&episode(Some(0.5), Some(0.9), 0, Some(4)));
         let time = metrics.report(Seed(0)).task_completion_time.unwrap();
@@ -321,7 +283,7 @@ mod tests {
 
     #[test]
     fn a_metric_without_its_formula_is_none() {
-        let mut metrics = Metrics::new(FormulaRoles::default());
+        let mut metrics = MetricCounter::new(FormulaRoles::default());
         metrics.add(&episode(Some(1.0), Some(1.0), 0, Some(1)));
         let report = metrics.report(Seed(0));
         assert_eq!(report.success_rate.value, Some(1.0));

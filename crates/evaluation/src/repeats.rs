@@ -1,57 +1,29 @@
 //! Repeated simulations of one scenario with other random seeds: failure probability, quantiles and shares of variance.
 
+use mishandle_results::{Estimate, QUANTILES, Quantile, Repeats};
+
 use crate::f_distribution::f_upper_quantile;
-use crate::{Estimate, wilson};
+use crate::wilson;
 
-/// The probabilities of [`RepeatReport::quantiles`].
-pub const QUANTILES: [f64; 5] = [0.0, 0.05, 0.5, 0.95, 1.0];
-
-/// Results of repeated simulations of one scenario.
-#[derive(Clone, Debug, PartialEq)]
-pub struct RepeatReport {
-    /// Number of simulations, with or without a verdict.
-    pub simulations: u64,
-    /// Number of simulations that violate the requirement.
-    pub failures: u64,
-    /// Failure rate of the simulations with a verdict, with its Wilson interval.
-    pub failure_rate: Estimate,
-    /// Quantiles of the robustness at the probabilities [`QUANTILES`], linearly interpolated; `None` without a verdict.
-    pub quantiles: Option<[f64; QUANTILES.len()]>,
-}
-
-impl RepeatReport {
-    /// Makes the report of simulations with these robustness values; `None` is a simulation without a verdict.
-    ///
-    /// # Example
-    /// ```
-    /// use mishandle_evaluation::RepeatReport;
-    /// let report = RepeatReport::new(&[Some(1.0), Some(-1.0), None, Some(2.0)]);
-    /// assert_eq!((report.simulations, report.failures, report.failure_rate.n), (4, 1, 3));
-    /// assert_eq!(report.quantiles.unwrap()[2], 1.0); // the median
-    /// ```
-    pub fn new(robustness: &[Option<f64>]) -> RepeatReport {
-        let mut decided: Vec<f64> = robustness.iter().flatten().copied().collect();
-        decided.sort_by(f64::total_cmp);
-        let failures = decided.iter().filter(|rho| **rho < 0.0).count() as u64;
-        let quantiles = (!decided.is_empty()).then(|| QUANTILES.map(|p| quantile(&decided, p)));
-        RepeatReport {
-            simulations: robustness.len() as u64,
-            failures,
-            failure_rate: wilson(failures, decided.len() as u64),
-            quantiles,
-        }
-    }
-
-    /// Returns whether more than half of the simulations violate the requirement. One without a verdict counts as one that does not.
-    ///
-    /// # Example
-    /// ```
-    /// use mishandle_evaluation::RepeatReport;
-    /// assert!(RepeatReport::new(&[Some(-1.0), Some(-1.0), Some(1.0)]).fails_in_most());
-    /// assert!(!RepeatReport::new(&[Some(-1.0), Some(-1.0), Some(1.0), None]).fails_in_most());
-    /// ```
-    pub fn fails_in_most(&self) -> bool {
-        2 * self.failures > self.simulations
+/// Returns the results of simulations with these robustness values; `None` is a simulation without a verdict.
+///
+/// # Example
+/// ```
+/// use mishandle_evaluation::repeats;
+/// let found = repeats(&[Some(1.0), Some(-1.0), None, Some(2.0)]);
+/// assert_eq!((found.simulations, found.failures, found.failure_rate.n), (4, 1, 3));
+/// assert_eq!(found.quantiles.unwrap()[2].robustness.0, 1.0); // the median
+/// ```
+pub fn repeats(robustness: &[Option<f64>]) -> Repeats {
+    let mut decided: Vec<f64> = robustness.iter().flatten().copied().collect();
+    decided.sort_by(f64::total_cmp);
+    let failures = decided.iter().filter(|rho| **rho < 0.0).count() as u64;
+    let at = |p: f64| Quantile { p, robustness: quantile(&decided, p).into() };
+    Repeats {
+        simulations: robustness.len() as u64,
+        failures,
+        failure_rate: wilson(failures, decided.len() as u64),
+        quantiles: (!decided.is_empty()).then(|| QUANTILES.map(at).to_vec()),
     }
 }
 
@@ -168,12 +140,13 @@ mod tests {
     #[test]
     fn quantiles_interpolate_and_keep_infinities() {
         let values = [Some(f64::NEG_INFINITY), Some(f64::NEG_INFINITY), Some(0.0), Some(1.0), Some(2.0)];
-        let quantiles = RepeatReport::new(&values).quantiles.unwrap();
+        let quantiles = repeats(&values).quantiles.unwrap();
+        let quantiles: Vec<f64> = quantiles.iter().map(|quantile| quantile.robustness.0).collect();
         assert_eq!(
             [quantiles[0], quantiles[1], quantiles[2], quantiles[4]],
             [f64::NEG_INFINITY, f64::NEG_INFINITY, 0.0, 2.0]
         );
         assert!((quantiles[3] - 1.8).abs() < 1e-12);
-        assert_eq!(RepeatReport::new(&[None]).quantiles, None);
+        assert_eq!(repeats(&[None]).quantiles, None);
     }
 }

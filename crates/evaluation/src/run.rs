@@ -4,7 +4,7 @@ use std::ops::ControlFlow;
 
 use mishandle_rollout::{DEFAULT_BATCH_SIZE, Episode, Request, Scenario, Seed, Space, System};
 
-use crate::{EvaluationError, EvaluationReport, Metrics};
+use crate::{EvaluationError, MetricCounter, Metrics};
 
 /// Number of random scenarios per simulation after which an evaluation fails because the filter rejects all of them.
 const DRAWS: u64 = 100_000;
@@ -68,11 +68,11 @@ impl Evaluation<'_> {
 /// `tests/run.rs` contains a system in closed form. With the system of a target:
 /// ```
 /// # use std::ops::ControlFlow;
-/// # use mishandle_evaluation::{EvaluationError, Evaluation, Metrics, EvaluationReport, evaluate};
+/// # use mishandle_evaluation::{EvaluationError, Evaluation, MetricCounter, Metrics, evaluate};
 /// # use mishandle_rollout::{Seed, System};
-/// fn report(system: &mut dyn System) -> Result<EvaluationReport, EvaluationError> {
+/// fn report(system: &mut dyn System) -> Result<Metrics, EvaluationError> {
 ///     let mut done = 0;
-///     evaluate(system, &Evaluation::new(100, Seed(7)), &mut Metrics::default(), |episodes| {
+///     evaluate(system, &Evaluation::new(100, Seed(7)), &mut MetricCounter::default(), |episodes| {
 ///         done += episodes.len();
 ///         Ok(ControlFlow::Continue(()))
 ///     })
@@ -81,9 +81,9 @@ impl Evaluation<'_> {
 pub fn evaluate<E: From<EvaluationError>>(
     system: &mut dyn System,
     evaluation: &Evaluation<'_>,
-    metrics: &mut Metrics,
+    metrics: &mut MetricCounter,
     mut on_batch: impl FnMut(&[Episode]) -> Result<ControlFlow<()>, E>,
-) -> Result<EvaluationReport, E> {
+) -> Result<Metrics, E> {
     let batch = evaluation.batch.max(1) as u64;
     while metrics.simulations() < evaluation.episodes {
         let first = metrics.simulations() + 1;

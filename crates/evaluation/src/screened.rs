@@ -4,7 +4,7 @@ use std::ops::ControlFlow;
 use std::sync::Mutex;
 
 use mishandle_random::Sequence;
-use mishandle_rollout::{Episode, Request, RolloutError, Screen, ScreenedEpisode, System};
+use mishandle_rollout::{Episode, EpisodeEnd, Request, RolloutError, Screen, ScreenedEpisode, System};
 
 use crate::run::simulate;
 use crate::two_phase::OthersSample;
@@ -83,6 +83,37 @@ pub struct EvaluationFailure {
     pub robustness: Option<f64>,
 }
 
+/// Numbers of simulations without a verdict of the success formula, by reason.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct EndCounts {
+    /// Diverged.
+    pub diverged: u64,
+    /// Ended because the controller or the environment returned a value that is not finite.
+    pub invalid: u64,
+    /// Could not start, crashed or took too long.
+    pub failed: u64,
+    /// Left success undecided.
+    pub undecided: u64,
+}
+
+impl EndCounts {
+    fn add(&mut self, episode: &Episode) {
+        match episode.end {
+            EpisodeEnd::Diverged { .. } => self.diverged += 1,
+            end if end.is_invalid() => self.invalid += 1,
+            end if end.is_failed() => self.failed += 1,
+            _ => self.undecided += u64::from(episode.verdict.success.is_none()),
+        }
+    }
+
+    fn add_all(&mut self, other: EndCounts) {
+        self.diverged += other.diverged;
+        self.invalid += other.invalid;
+        self.failed += other.failed;
+        self.undecided += other.undecided;
+    }
+}
+
 /// Result of a screened evaluation. All rates are of the system.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct ScreenedEvaluation {
@@ -98,6 +129,8 @@ pub struct ScreenedEvaluation {
     pub overflows: u64,
     /// Number of simulations of the system without a verdict. They are no successes.
     pub without_verdict: u64,
+    /// Why simulations of the system have no verdict.
+    pub ends: EndCounts,
     /// Simulations of the system without success, at most 100.
     pub first_failures: Vec<EvaluationFailure>,
     /// Whether all simulations are finished. Simulations of an interrupted chunk do not count.
@@ -139,6 +172,8 @@ impl ScreenedEvaluation {
         self.screened_without_verdict += selection.without_verdict;
         self.overflows += selection.overflows;
         self.without_verdict += flagged.without_verdict + sampled.without_verdict;
+        self.ends.add_all(flagged.ends);
+        self.ends.add_all(sampled.ends);
         self.first_failures.extend(flagged.first_failures);
         self.first_failures.extend(sampled.first_failures);
         self.first_failures.truncate(SHOWN);
@@ -152,6 +187,7 @@ struct Repeated {
     /// Numbers of simulations without success, without strict success, and with any danger.
     events: [u64; 3],
     without_verdict: u64,
+    ends: EndCounts,
     first_failures: Vec<EvaluationFailure>,
 }
 
@@ -163,6 +199,7 @@ impl Repeated {
             *count += u64::from(event);
         }
         self.without_verdict += u64::from(episode.robustness().is_none());
+        self.ends.add(episode);
         if !episode.is_success() && self.first_failures.len() < SHOWN {
             self.first_failures.push(EvaluationFailure {
                 request: episode.request.clone(),

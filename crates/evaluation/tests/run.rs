@@ -4,7 +4,7 @@
 use std::ops::ControlFlow;
 use std::sync::Arc;
 
-use mishandle_evaluation::{Evaluation, EvaluationError, EvaluationReport, FormulaRoles, Metrics, evaluate};
+use mishandle_evaluation::{Evaluation, EvaluationError, FormulaRoles, MetricCounter, Metrics, evaluate};
 use mishandle_rollout::{
     Axis, Episode, EpisodeEnd, Request, RolloutError, Scenario, Seed, Space, System, Verdict,
 };
@@ -60,9 +60,9 @@ impl System for ClosedForm {
     }
 }
 
-fn run(system: &mut ClosedForm, evaluation: &Evaluation<'_>) -> (EvaluationReport, Vec<Episode>) {
+fn run(system: &mut ClosedForm, evaluation: &Evaluation<'_>) -> (Metrics, Vec<Episode>) {
     let mut recorded = Vec::new();
-    let report = evaluate(system, evaluation, &mut Metrics::new(ALL), |episodes| {
+    let report = evaluate(system, evaluation, &mut MetricCounter::new(ALL), |episodes| {
         assert_eq!(episodes[0].request.number as usize, recorded.len() + 1);
         recorded.extend_from_slice(episodes);
         Ok::<_, EvaluationError>(ControlFlow::Continue(()))
@@ -135,7 +135,7 @@ fn the_filter_replaces_only_rejected_scenarios() {
 #[test]
 fn a_filter_that_rejects_every_scenario_is_an_error() {
     let evaluation = Evaluation { filter: Some(&|_| false), ..Evaluation::new(1, Seed(0)) };
-    let found = evaluate(&mut ClosedForm::new(0.3), &evaluation, &mut Metrics::new(ALL), |_| {
+    let found = evaluate(&mut ClosedForm::new(0.3), &evaluation, &mut MetricCounter::new(ALL), |_| {
         Ok::<_, EvaluationError>(ControlFlow::Continue(()))
     });
     assert!(matches!(found, Err(EvaluationError::NoAcceptedScenario { simulation: 1, .. })), "{found:?}");
@@ -145,7 +145,7 @@ fn a_filter_that_rejects_every_scenario_is_an_error() {
 fn a_resumed_evaluation_has_the_same_report() {
     let evaluation = batches(8, Evaluation::new(100, Seed(4)));
     let (expected, _) = run(&mut ClosedForm::new(0.3), &evaluation);
-    let mut metrics = Metrics::new(ALL);
+    let mut metrics = MetricCounter::new(ALL);
     let stopped = evaluate(&mut ClosedForm::new(0.3), &evaluation, &mut metrics, |episodes| {
         Ok::<_, EvaluationError>(if episodes[0].request.number > 16 {
             ControlFlow::Break(())
@@ -162,9 +162,11 @@ fn a_resumed_evaluation_has_the_same_report() {
 
 #[test]
 fn an_error_of_the_callback_ends_the_evaluation() {
-    let found =
-        evaluate(&mut ClosedForm::new(0.3), &Evaluation::new(9, Seed(0)), &mut Metrics::new(ALL), |_| {
-            Err(EvaluationError::Rollout(RolloutError::System("disk full".into())))
-        });
+    let found = evaluate(
+        &mut ClosedForm::new(0.3),
+        &Evaluation::new(9, Seed(0)),
+        &mut MetricCounter::new(ALL),
+        |_| Err(EvaluationError::Rollout(RolloutError::System("disk full".into()))),
+    );
     assert!(found.unwrap_err().to_string().contains("disk full"));
 }

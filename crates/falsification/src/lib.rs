@@ -52,13 +52,13 @@ pub use campaign::{Campaign, CampaignBatch, CampaignSettings};
 pub use coordinate::coordinate;
 pub use error::FalsificationError;
 pub use keep_going::{KeepGoing, SignatureOf, simulations_without_mode};
-pub use margin::{Level, Margin, Norms, Witness, check_margin, margin};
+pub use margin::{Margin, Witness, check_margin, margin};
 pub use minimize::{Minimized, axes_off_nominal, is_close, minimize};
 pub use modes::{
     FailurePoint, MAX_FAILURES, MAX_OTHERS, ModeMembers, Signature, UnitScenario, group_failures,
     unit_scenario,
 };
 pub use outcome::{CampaignOutcome, Minimum, TrialOutcome, Unevaluated};
-pub use repeat::{Noise, Repeated, measure_noise, repeat, repeat_seeds};
-pub use screened::{RepeatedCount, ScreenedCounts};
+pub use repeat::{Repeated, measure_noise, repeat, repeat_seeds};
+pub use screened::ScreenedCounts;
 pub use trial::{SearchFactory, Trial, TrialEnd};

@@ -2,7 +2,8 @@
 
 use std::ops::ControlFlow;
 
-use mishandle_evaluation::{Estimate, RepeatReport, variance_share};
+use mishandle_evaluation::variance_share;
+use mishandle_results::{Noise, Repeats};
 use mishandle_rollout::{Episode, Request, Scenario, Seed, System};
 
 use crate::FalsificationError;
@@ -70,7 +71,7 @@ pub fn repeat(
     scenario: &Scenario,
     seeds: impl Iterator<Item = Seed>,
     mut watch: impl FnMut(&Episode) -> ControlFlow<()>,
-) -> Result<RepeatReport, FalsificationError> {
+) -> Result<Repeats, FalsificationError> {
     let mut requests =
         (1..).zip(seeds).map(|(number, seed)| Request { number, ..Request::new(scenario.clone(), seed) });
     let mut robustness = Vec::new();
@@ -82,21 +83,9 @@ pub fn repeat(
             is_last |= watch(&episode).is_break();
         }
         if is_last {
-            return Ok(RepeatReport::new(&robustness));
+            return Ok(mishandle_evaluation::repeats(&robustness));
         }
     }
-}
-
-/// The share of the variance of the robustness that comes from the scenario.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Noise {
-    /// The share, from 0 (all noise) to 1 (no noise), with its interval; no value if the robustness is constant, infinite or
-    /// undecided.
-    pub scenario_share: Estimate,
-    /// Number of random scenarios.
-    pub scenarios: u64,
-    /// Number of simulations of each.
-    pub repeats: u64,
 }
 
 /// Measures how much of the variance of the robustness comes from the scenario and how much from noise: simulates random
@@ -130,7 +119,9 @@ pub fn measure_noise(
     }
     // A scenario with an undecided simulation has a smaller group and leaves the analysis.
     groups.retain(|group| group.len() as u64 == repeats);
-    Ok(Some(Noise { scenario_share: variance_share(&groups), scenarios, repeats }))
+    let share = variance_share(&groups);
+    let interval = share.low.zip(share.high).map(<[f64; 2]>::from);
+    Ok(Some(Noise { scenario_share: share.value, scenario_share_interval: interval, scenarios, repeats }))
 }
 
 #[cfg(test)]

@@ -4,6 +4,7 @@ use std::ops::ControlFlow;
 use std::sync::Mutex;
 
 use mishandle_random::Sequence;
+use mishandle_results::Confirmed;
 use mishandle_rollout::{DEFAULT_BATCH_SIZE, Episode, Request, Screen, ScreenedEpisode, System};
 use mishandle_search::Observation;
 use mishandle_stl::Trace;
@@ -15,28 +16,19 @@ use crate::{Campaign, CampaignOutcome, FalsificationError, Trial};
 /// Number of simulations that the system repeats at once.
 const REPEATED_AT_ONCE: usize = 16 * DEFAULT_BATCH_SIZE;
 
-/// Simulations that the system repeated.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct RepeatedCount {
-    /// Number of simulations.
-    pub simulations: u64,
-    /// Number of these that violate the requirement in the system.
-    pub violations: u64,
-}
-
 /// Simulations of a screened campaign, by their result on the other engine.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct ScreenedCounts {
     /// Violations on the other engine.
-    pub violated: RepeatedCount,
+    pub violated: Confirmed,
     /// Simulations without a verdict there.
-    pub without_verdict: RepeatedCount,
+    pub without_verdict: Confirmed,
     /// Number of these in which the other engine had too little memory for contacts or constraints.
     pub overflows: u64,
     /// Simulations without a violation, but with a lower robustness there than all earlier ones of the trial.
-    pub minima: RepeatedCount,
+    pub minima: Confirmed,
     /// Random sample of the others.
-    pub sampled: RepeatedCount,
+    pub sampled: Confirmed,
     /// Number of simulations that the system did not repeat.
     pub not_repeated: u64,
 }
@@ -242,8 +234,8 @@ mod tests {
         };
         let mut counts = ScreenedCounts::default();
         counts.add(&repeated(EpisodeEnd::Diverged { step: 3 }, None));
-        assert_eq!(counts.without_verdict, RepeatedCount { simulations: 1, violations: 0 });
+        assert_eq!(counts.without_verdict, Confirmed { simulations: 1, violations: 0 });
         counts.add(&repeated(EpisodeEnd::Completed, Some(-1.0)));
-        assert_eq!(counts.without_verdict, RepeatedCount { simulations: 2, violations: 1 });
+        assert_eq!(counts.without_verdict, Confirmed { simulations: 2, violations: 1 });
     }
 }

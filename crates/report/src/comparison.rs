@@ -1,7 +1,8 @@
 //! The page of a comparison: what the second controller breaks and fixes, and where.
 
 use mishandle::evaluation::{Corners, Estimate};
-use mishandle::inspect::{ComparedPair, ComparedRun, Comparison, PairedMeans, PairedRates};
+use mishandle::inspect::{ComparedPair, Comparison};
+use mishandle::results::{ComparedRun, PairedMeans, PairedRates};
 use mishandle::rollout::Axis;
 use mishandle::run::recorded_axis;
 use mishandle::store::{RunFile, RunHeader};
@@ -106,7 +107,7 @@ fn html(found: &Comparison, headers: [&RunHeader; 2]) -> String {
 
 /// Names a run by its controller, or by its file.
 fn name(run: &ComparedRun) -> String {
-    let path = run.path.to_string_lossy();
+    let path = &run.run;
     match &run.controller {
         Some(controller) => format!(
             "the controller <code>{}</code> (<code>{}</code>)",
@@ -418,11 +419,10 @@ impl View<'_> {
             format!("<p class=\"notes\">{}</p>\n", notes.join(" "))
         };
         let run = if failing == 0 { &self.found.first } else { &self.found.second };
-        let path = run.path.to_string_lossy();
         let commands: Vec<String> = pairs
             .iter()
             .take(MAX_COMMANDS)
-            .map(|pair| replay_command(self.headers[failing], &path, pair.trial, pair.number))
+            .map(|pair| replay_command(self.headers[failing], &run.run, pair.trial, pair.number))
             .collect();
         format!(
             "<div class=\"scroll tall\" tabindex=\"0\" role=\"region\" aria-label=\"{caption}\"><table><caption>{caption} ({})</caption>\
@@ -451,7 +451,7 @@ fn facts(found: &Comparison, header: &RunHeader) -> String {
     let hash = |hash: &str| code(&short(hash, 20));
     let optional_hash = |value: &Option<String>| value.as_deref().map_or("–".to_string(), hash);
     let row = |name: &str, a: String, b: String| vec![name.to_string(), a, b];
-    let path = |run: &ComparedRun| code(&run.path.to_string_lossy());
+    let path = |run: &ComparedRun| code(&run.run);
     let rows = [
         row("run file", path(a), path(b)),
         row("controller", optional(&a.controller), optional(&b.controller)),

@@ -1,6 +1,6 @@
 //! What a run file says about its run.
 
-use mishandle::evaluation::{Corners, EvaluationReport, FormulaRoles, Lifetime, Metrics};
+use mishandle::evaluation::{Corners, FormulaRoles, Lifetime, MetricCounter, Metrics};
 use mishandle::inspect::{
     ExplainedSimulation, FailureModes, ModeSurvey, explain, failure_modes, mode_survey,
 };
@@ -40,7 +40,7 @@ pub struct RunReport {
     pub(crate) robustness: Vec<f64>,
     pub(crate) corners: Vec<Point>,
     /// Of an evaluation: the rates over all random simulations.
-    pub(crate) rates: Option<EvaluationReport>,
+    pub(crate) rates: Option<Metrics>,
     pub(crate) modes: FailureModes,
     /// Of a falsification whose trials keep going.
     pub(crate) survey: Option<ModeSurvey>,
@@ -134,7 +134,7 @@ impl RunReport {
         let has = |name: &str| header.formulas.iter().any(|formula| formula.name == name);
         let roles = FormulaRoles { strict: has("strict"), safe: has("safe"), completion: has("completion") };
         let counts_failures = plan.as_ref().is_some_and(|plan| plan.preset == "code");
-        let mut metrics = Metrics::new(roles).with_completion_times_of_failures(counts_failures);
+        let mut metrics = MetricCounter::new(roles).with_completion_times_of_failures(counts_failures);
         let (mut robustness, mut corners) = (Vec::new(), Vec::new());
         let (mut points, mut index, mut failures, mut kept) = (Vec::new(), 0_u64, 0_usize, 0_u64);
         for simulation in run.simulations() {

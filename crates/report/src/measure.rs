@@ -3,9 +3,10 @@
 use std::cell::Cell;
 use std::ops::ControlFlow;
 
-use mishandle::evaluation::{Corners, Estimate, RepeatReport, wilson};
-use mishandle::falsification::{Noise, Repeated, measure_noise, repeat, repeat_seeds};
+use mishandle::evaluation::{Corners, Estimate, Repeats, wilson};
+use mishandle::falsification::{Repeated, measure_noise, repeat, repeat_seeds};
 use mishandle::inspect::FailureMode;
+use mishandle::results::Noise;
 use mishandle::rollout::{Axis, Episode, Request, Scenario, Seed, Stream, System};
 use mishandle::store::RunFile;
 use mishandle::{MishandleError, ResolvedPlan};
@@ -27,7 +28,7 @@ const BATCH: usize = 64;
 #[derive(Debug, Default)]
 pub struct Measured {
     pub patches: Vec<Option<Patch>>,
-    pub repeats: Vec<Option<RepeatReport>>,
+    pub repeats: Vec<Option<Repeats>>,
     pub strips: Vec<Pictures>,
     pub noise: Option<Noise>,
     /// Corners and center of the initial box. For an evaluation, they are in the run file.

@@ -1,6 +1,6 @@
 //! The section of one run.
 
-use mishandle::falsification::Noise;
+use mishandle::results::Noise;
 use mishandle::stl::{Clock, EvaluationTime, Formula};
 use mishandle::store::RunHeader;
 
@@ -81,25 +81,22 @@ fn tiles(report: &RunReport) -> String {
     tiles.push((modes.to_string(), if modes == 1 { "failure mode" } else { "failure modes" }.to_string()));
     tiles.push((words::worst(report).map_or("–".to_string(), number), "lowest robustness".to_string()));
     tiles.push((report.counts.simulations.to_string(), "simulations".to_string()));
-    let share = report
-        .measured
-        .as_ref()
-        .and_then(|measured| measured.noise)
-        .and_then(|noise| noise.scenario_share.value);
+    let share =
+        report.measured.as_ref().and_then(|measured| measured.noise).and_then(|noise| noise.scenario_share);
     tiles.extend(share.map(|share| (percent(1.0 - share), "of the variance is noise".to_string())));
     let tile = |(value, name): &(String, String)| format!("<div><dd>{value}</dd><dt>{name}</dt></div>");
     format!("<dl class=\"tiles\">{}</dl>\n", tiles.iter().map(tile).collect::<String>())
 }
 
 fn noise_text(noise: &Noise) -> String {
-    let Noise { scenario_share, scenarios, repeats } = noise;
+    let Noise { scenario_share, scenario_share_interval, scenarios, repeats } = noise;
     let of = format!("{scenarios} random scenarios, {repeats} simulations each");
-    match scenario_share.value {
+    match scenario_share {
         Some(share) => format!(
             "{} of the variance of the robustness comes from the scenario{} and {} from noise ({of}). The larger the share of \
              noise, the less a map of scenarios can explain.",
-            percent(share),
-            scenario_share.low.zip(scenario_share.high).map_or(String::new(), |(low, high)| format!(
+            percent(*share),
+            scenario_share_interval.map_or(String::new(), |[low, high]| format!(
                 " (95 % interval {} to {})",
                 percent(low),
                 percent(high)

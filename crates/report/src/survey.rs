@@ -1,6 +1,7 @@
 //! What trials that keep going found: modes against simulations, estimates of unseen modes, coverage of the space.
 
-use mishandle::inspect::{ModeSurvey, SpaceCoverage, UnseenModes};
+use mishandle::inspect::ModeSurvey;
+use mishandle::results::{Coverage, UnseenModes};
 use mishandle_charts::{Chart, Mark, Panel, Series};
 
 use crate::color;
@@ -69,7 +70,7 @@ fn unseen_text(unseen: &UnseenModes) -> String {
     )
 }
 
-fn coverage_text(coverage: &SpaceCoverage) -> Option<String> {
+fn coverage_text(coverage: &Coverage) -> Option<String> {
     let (visited, failing) = (coverage.visited_fraction()?, coverage.failing_fraction()?);
     Some(format!(
         "Pairwise coverage: the simulations visited {} of the {} cells of {} with 10 bins for each axis, and failed in {} of the \

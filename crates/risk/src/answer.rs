@@ -180,7 +180,7 @@ fn are_apart(a: &Estimate, b: &Estimate) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::splitting::Chain;
+    use mishandle_results::Chain;
 
     fn chains(probabilities: [f64; 5]) -> Splitting {
         let chain =

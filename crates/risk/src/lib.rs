@@ -59,7 +59,7 @@ pub use monte_carlo::MonteCarlo;
 pub use risk::{FREQUENT, Report, Settings, risk};
 pub use scenarios::{Draw, Scenarios};
 pub use screened::{ScreenedReport, ScreenedSettings, screened_risk};
-pub use splitting::{CHAINS, Chain, Disagreement, LARGEST_RATIO, Splitting};
+pub use splitting::{CHAINS, Disagreement, LARGEST_RATIO, Splitting};
 
 /// Confidence of intervals.
 const CONFIDENCE: f64 = 0.95;

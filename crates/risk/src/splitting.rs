@@ -2,6 +2,7 @@
 
 use mishandle_evaluation::Estimate;
 use mishandle_random::{Seed, Sequence};
+use mishandle_results::Chain;
 
 use crate::Draw;
 use crate::experiment::{Experiment, Stop};
@@ -48,21 +49,6 @@ pub struct Splitting {
     pub population: u64,
     /// The chains.
     pub chains: Vec<Chain>,
-}
-
-/// Result of one chain.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Chain {
-    /// The level that all particles are below; 0 at the end.
-    pub level: f64,
-    /// Estimate of the probability of a robustness below the level.
-    pub probability: f64,
-    /// Whether the level is 0: the probability is that of a failure.
-    pub is_complete: bool,
-    /// Number of levels.
-    pub levels: u32,
-    /// Fraction of moves that were accepted.
-    pub acceptance: f64,
 }
 
 /// Why the chains have no estimate.

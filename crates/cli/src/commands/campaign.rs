@@ -1,24 +1,19 @@
-use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
-use std::sync::Mutex;
-use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 
 use anyhow::{Context, Result, bail, ensure};
 use clap::Args;
-use mishandle::ResolvedPlan;
-use mishandle::evaluation::{CornerReport, Estimate};
-use mishandle::falsification::CampaignOutcome;
 use mishandle::files::{limits, read_text_bounded};
-use mishandle::run::{
-    Answer, CampaignRun, Device, Engine, EvaluationOutcome, MarginOutcome, ScreenedEvaluationOutcome,
-};
-use mishandle_text::{decimal, plural, shell_quote};
-use serde_json::{Value, json};
+use mishandle::results::{Answer, Campaign};
+use mishandle::run::{CampaignRun, Device};
+use mishandle_text::{plural, shell_quote};
 
-use super::{evaluate, falsify, margin, report, risk};
-use crate::progress::Bar;
-use crate::{ExitStatus, args, interrupt, numbers, output, run};
+use crate::exit_status::ExitStatus;
+use crate::flags::{self, numbers};
+use crate::interrupt;
+use crate::run::{self, grid, pages};
+use crate::show::progress::Bar;
+use crate::show::{campaign, output};
 
 /// Run a grid of evaluations and falsifications: targets, controllers, spaces, formulas, searches, seeds
 #[derive(Debug, Args)]
@@ -49,11 +44,11 @@ pub struct Arguments {
     pub durable: bool,
     /// Number of runs at the same time; does not affect the results. Several keep all cores busy when searches propose few
     /// simulations at a time [default: 1]
-    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = numbers::integer::<usize>(args::THREADS))]
+    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = numbers::integer::<usize>(flags::THREADS))]
     #[arg(conflicts_with = "ray")]
     pub jobs: Option<usize>,
     /// Number of threads; does not affect the results [default: number of cores]
-    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = numbers::integer::<usize>(args::THREADS))]
+    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = numbers::integer::<usize>(flags::THREADS))]
     pub threads: Option<usize>,
     /// Write pages to this folder: an index, a page for each run, and the tables of `mishandle reproduce` with statistics, also as
     /// Markdown
@@ -76,50 +71,49 @@ pub fn run(command: &Arguments, gpu: Option<&Device>) -> Result<ExitStatus> {
         Some(address) => simulate_on_ray(&folder, address, command.durable)?,
         None => ExitStatus::Done,
     };
-    let mut results = Vec::new();
+    let mut finished = Vec::new();
     if status == ExitStatus::Done {
-        results = run_all(&runs, &bar, command.durable, command.jobs.unwrap_or(1), gpu)?;
+        finished = grid::run_all(&runs, &bar, command.durable, command.jobs.unwrap_or(1), gpu)?;
     }
     bar.clear();
-    let name = shell_quote(&folder.to_string_lossy());
-    if results.len() < runs.len() {
+    let found = Campaign {
+        folder: folder.to_string_lossy().into_owned(),
+        is_complete: finished.len() == runs.len(),
+        runs: finished,
+    };
+    let name = shell_quote(&found.folder);
+    if !found.is_complete {
         output::message(&format!(
             "interrupted; {} of {} finished",
-            results.len(),
+            found.runs.len(),
             plural(runs.len() as u64, "run")
         ));
         output::message(&format!("Resume with: mishandle campaign --resume {name}"));
     }
     if command.json {
-        let documents = results.iter().map(Finished::document).collect::<Result<Vec<Value>>>()?;
-        output::json(json!({
-            "folder": folder.to_string_lossy(),
-            "is_complete": results.len() == runs.len(),
-            "runs": documents,
-        }))?;
-    } else if !results.is_empty() {
-        output::line(&text(&results))?;
+        output::json(&found)?;
+    } else if !found.runs.is_empty() {
+        output::line(&campaign::text(&found))?;
     }
-    if results.len() < runs.len() {
+    if !found.is_complete {
         return Ok(ExitStatus::Interrupted);
     }
     if let Some(pages) = &command.pages {
-        let options = report::Options { simulations: None, controller: None, skip_check: false, force: true };
-        report::write_campaign(&folder, pages, &options)?;
+        let options = pages::Options { simulations: None, controller: None, skip_check: false, force: true };
+        pages::write_campaign(&folder, pages, &options)?;
         output::message(&format!(
             "To add what takes simulations: mishandle report {name} --out {} --force",
             shell_quote(&pages.to_string_lossy())
         ));
     }
     output::message(&format!("Run files: {name}"));
-    let is_falsified = |finished: &Finished| match &finished.answer {
-        Answer::Falsification(found, _) => found.falsified_trials > 0,
-        Answer::Margin(found) => found.margin.witness.is_some(),
+    let is_violated = found.runs.iter().any(|run| match &run.result {
+        Answer::Falsification(found) => found.falsified_trials > 0,
+        Answer::Margin(found) => found.witness.is_some(),
         Answer::Risk(found) => !found.failures.is_empty(),
-        Answer::ScreenedRisk(found) => !found.failures.is_empty(),
-        Answer::Evaluation(_) | Answer::ScreenedEvaluation(_) => false,
-    };
-    Ok(if results.iter().any(is_falsified) { ExitStatus::Violated } else { ExitStatus::Done })
+        Answer::Evaluation(_) => false,
+    });
+    Ok(if is_violated { ExitStatus::Violated } else { ExitStatus::Done })
 }
 
 /// Opens the campaign to resume, or else creates a new one.
@@ -137,121 +131,6 @@ fn open(command: &Arguments) -> Result<(PathBuf, Vec<CampaignRun>)> {
     let text = read_text_bounded(path, limits::PLAN).with_context(|| path.display().to_string())?;
     let runs = mishandle::run::create_campaign(&text, &folder).with_context(|| path.display().to_string())?;
     Ok((folder, runs))
-}
-
-/// A finished run.
-pub struct Finished {
-    name: String,
-    path: PathBuf,
-    resolved: ResolvedPlan,
-    answer: Answer,
-}
-
-impl Finished {
-    fn document(&self) -> Result<Value> {
-        let (path, resolved) = (&self.path.to_string_lossy(), &self.resolved);
-        let own = match &self.answer {
-            Answer::Evaluation(found) => evaluate::document(resolved, found, path),
-            Answer::ScreenedEvaluation(found) => evaluate::screened_document(resolved, found, path),
-            Answer::Falsification(found, counts) => {
-                falsify::document(resolved, found, counts.as_ref(), &falsify::Repeats::new(), path)
-            }
-            Answer::Margin(found) => margin::document(resolved, &found.margin, found.repeats.as_ref(), path),
-            Answer::Risk(found) => {
-                risk::document(resolved, &mishandle::run::risk_scenarios(resolved)?, found, path)
-            }
-            Answer::ScreenedRisk(found) => {
-                risk::screened_document(resolved, &mishandle::run::risk_scenarios(resolved)?, found, path)
-            }
-        };
-        Ok(json!({ "name": self.name, "kind": resolved.plan.kind().name(), "result": own }))
-    }
-}
-
-/// Runs or completes all runs in order, `jobs` at a time. Returns the finished ones, which are fewer if a signal interrupts them.
-pub fn run_all(
-    runs: &[CampaignRun],
-    bar: &Bar,
-    is_durable: bool,
-    jobs: usize,
-    gpu: Option<&Device>,
-) -> Result<Vec<Finished>> {
-    let progress = Progress::new(runs, bar);
-    let (next, failed) = (AtomicUsize::new(0), AtomicBool::new(false));
-    let work = || {
-        let mut finished = Vec::new();
-        while !failed.load(Ordering::Relaxed) && !interrupt::requested() {
-            let index = next.fetch_add(1, Ordering::Relaxed);
-            let Some(run) = runs.get(index) else { break };
-            let watch = |done, planned| {
-                progress.report(index, done, planned);
-                // A failure ends the other jobs like a signal: what they have done is stored.
-                if failed.load(Ordering::Relaxed) { ControlFlow::Break(()) } else { run::control_flow() }
-            };
-            let result = run_one(run, is_durable, gpu, watch).with_context(|| format!("run {}", run.name));
-            failed.fetch_or(result.is_err(), Ordering::Relaxed);
-            finished.extend(result.transpose().map(|result| (index, result)));
-        }
-        finished
-    };
-    let mut finished = match jobs.min(runs.len()) {
-        0 | 1 => work(),
-        jobs => std::thread::scope(|scope| {
-            let workers: Vec<_> = (0..jobs).map(|_| scope.spawn(work)).collect();
-            let joined = workers.into_iter().flat_map(|worker| match worker.join() {
-                Ok(finished) => finished,
-                Err(panic) => std::panic::resume_unwind(panic),
-            });
-            joined.collect()
-        }),
-    };
-    finished.sort_by_key(|(index, _)| *index);
-    finished.into_iter().map(|(_, result)| result).collect()
-}
-
-/// Progress of all runs, on one bar.
-struct Progress<'a> {
-    runs: &'a [CampaignRun],
-    bar: &'a Bar,
-    /// Number of finished simulations of each run, and of those that its plan asks for.
-    counts: Mutex<Vec<(u64, u64)>>,
-}
-
-impl Progress<'_> {
-    fn new<'a>(runs: &'a [CampaignRun], bar: &'a Bar) -> Progress<'a> {
-        Progress { runs, bar, counts: Mutex::new(vec![(0, 0); runs.len()]) }
-    }
-
-    fn report(&self, index: usize, done: u64, planned: u64) {
-        let Ok(mut counts) = self.counts.lock() else { return };
-        counts[index] = (done, planned);
-        self.bar.set_length(counts.iter().map(|(_, planned)| planned).sum());
-        self.bar.set_position(counts.iter().map(|(done, _)| done).sum());
-        self.bar.set_note(format!("run {} of {}: {}", index + 1, self.runs.len(), self.runs[index].name));
-    }
-}
-
-/// Runs or completes one run. Returns `None` if it was interrupted.
-fn run_one(
-    run: &CampaignRun,
-    is_durable: bool,
-    gpu: Option<&Device>,
-    watch: impl Fn(u64, u64) -> ControlFlow<()> + Sync,
-) -> Result<Option<Finished>> {
-    let (mut file, resolved) = run.resume()?;
-    if is_durable {
-        file.set_durable()?;
-    }
-    run::report_build_differences(
-        "started",
-        &mishandle::replay::build_differences(file.file().header(), &resolved),
-    );
-    let engine = gpu.map_or(Engine::Direct, |gpu| Engine::Screening(&*gpu.worlds));
-    let answer = mishandle::run::ask(&resolved, file, engine, &mut |progress| {
-        watch(progress.simulations, progress.max_simulations)
-    })?;
-    let CampaignRun { name, path, .. } = run.clone();
-    Ok(answer.is_complete().then_some(Finished { name, path, resolved, answer }))
 }
 
 /// Program and module that simulate a campaign on Ray.
@@ -291,129 +170,4 @@ fn simulate_on_ray(folder: &Path, address: &str, is_durable: bool) -> Result<Exi
             shell_quote(&folder.to_string_lossy())
         ),
     }
-}
-
-/// Returns a table for each kind of question.
-fn text(results: &[Finished]) -> String {
-    let headers: [&[&str]; 4] = [
-        &["run", "falsified", "rate", "95 % interval", "mean simulations", "min robustness", "no verdict"],
-        &[
-            "run",
-            "success rate",
-            "95 % interval",
-            "strict",
-            "dangerous",
-            "failing corners",
-            "n",
-            "no verdict",
-        ],
-        &["run", "smallest amplitude", "axes", "robustness", "fails in repeats", "simulations"],
-        &["run", "failure probability", "95 % interval", "from", "simulations"],
-    ];
-    let mut tables = headers.map(|header| vec![header.iter().map(ToString::to_string).collect::<Vec<_>>()]);
-    for Finished { name, answer, .. } in results {
-        let (table, row) = match answer {
-            Answer::Falsification(found, _) => (0, falsification_row(name, found)),
-            Answer::Evaluation(found) => (1, evaluation_row(name, found)),
-            Answer::ScreenedEvaluation(found) => (1, screened_evaluation_row(name, found)),
-            Answer::Margin(found) => (2, margin_row(name, found)),
-            Answer::Risk(found) => {
-                let source = found.answer.source.map_or("-", mishandle::risk::Source::name);
-                (3, risk_row(name, &found.answer.estimate, source, found.simulations))
-            }
-            Answer::ScreenedRisk(found) => {
-                (3, risk_row(name, &found.estimate(), "screening", found.counts.trials))
-            }
-        };
-        tables[table].push(row);
-    }
-    let filled: Vec<String> =
-        tables.iter().filter(|rows| rows.len() > 1).map(|rows| output::table(rows)).collect();
-    filled.join("\n\n")
-}
-
-fn margin_row(name: &str, found: &MarginOutcome) -> Vec<String> {
-    let witness = found.margin.witness.as_ref();
-    let number = |value: Option<f64>| value.map_or("-".to_string(), |value| decimal(value, 4));
-    let repeats = found.repeats.as_ref();
-    vec![
-        name.to_string(),
-        number(witness.map(|witness| witness.norms.largest)),
-        witness.map_or("-".to_string(), |witness| witness.axes.to_string()),
-        number(witness.and_then(|witness| witness.episode.robustness())),
-        repeats.map_or("-".to_string(), |found| format!("{} of {}", found.failures, found.failure_rate.n)),
-        found.margin.simulations.to_string(),
-    ]
-}
-
-fn risk_row(name: &str, probability: &Estimate, source: &str, simulations: u64) -> Vec<String> {
-    let text = |value: Option<f64>| value.map_or("-".to_string(), mishandle_text::probability_text);
-    let ends = probability.low.zip(probability.high);
-    vec![
-        name.to_string(),
-        text(probability.value),
-        ends.map_or("-".to_string(), |(low, high)| format!("[{}, {}]", text(Some(low)), text(Some(high)))),
-        source.to_string(),
-        simulations.to_string(),
-    ]
-}
-
-fn screened_evaluation_row(name: &str, found: &ScreenedEvaluationOutcome) -> Vec<String> {
-    let report = &found.report;
-    let rate = |rate: Option<Estimate>| rate.map_or("-".to_string(), |rate| percent(&rate));
-    vec![
-        name.to_string(),
-        percent(&report.success_rate()),
-        interval(&report.success_rate()),
-        rate(report.strict_success_rate()),
-        // A screening measures no rate of control steps.
-        "-".to_string(),
-        found.corners.as_ref().map_or("-".to_string(), failing_corners),
-        report.failures.trials.to_string(),
-        report.without_verdict.to_string(),
-    ]
-}
-
-fn falsification_row(name: &str, found: &CampaignOutcome) -> Vec<String> {
-    let minimum =
-        found.trials.iter().filter_map(|trial| trial.minimum.as_ref()).map(|found| found.robustness);
-    let minimum = minimum.reduce(f64::min);
-    vec![
-        name.to_string(),
-        format!("{} of {}", found.falsified_trials, found.falsification_rate.n),
-        percent(&found.falsification_rate),
-        interval(&found.falsification_rate),
-        found.mean_simulations.map_or("-".to_string(), |mean| format!("{mean:.1}")),
-        minimum.map_or("-".to_string(), |minimum| decimal(minimum, 4)),
-        (found.diverged + found.invalid + found.failed + found.undecided).to_string(),
-    ]
-}
-
-fn evaluation_row(name: &str, found: &EvaluationOutcome) -> Vec<String> {
-    let report = &found.report;
-    let optional = |rate: &Option<Estimate>| rate.as_ref().map_or("-".to_string(), percent);
-    vec![
-        name.to_string(),
-        percent(&report.success_rate),
-        interval(&report.success_rate),
-        optional(&report.strict_success_rate),
-        optional(&report.dangerous_behavior_rate),
-        found.corners.as_ref().map_or("-".to_string(), failing_corners),
-        report.success_rate.n.to_string(),
-        (report.diverged + report.invalid + report.failed + report.undecided).to_string(),
-    ]
-}
-
-fn failing_corners(corners: &CornerReport) -> String {
-    let failing = corners.points.iter().filter(|point| point.successes < point.n).count();
-    format!("{failing} of {}", corners.points.len())
-}
-
-fn percent(rate: &Estimate) -> String {
-    rate.value.map_or("-".to_string(), |rate| format!("{:.2} %", 100.0 * rate))
-}
-
-fn interval(rate: &Estimate) -> String {
-    let ends = rate.low.zip(rate.high);
-    ends.map_or("-".to_string(), |(low, high)| format!("[{:.2}, {:.2}]", 100.0 * low, 100.0 * high))
 }

@@ -1,10 +1,9 @@
 use std::io::Write;
 
 use anyhow::Result;
-use clap::{Args, CommandFactory};
+use clap::Args;
 
-use crate::args::CommandLine;
-use crate::{ExitStatus, PROGRAM};
+use crate::exit_status::ExitStatus;
 
 /// Print a shell script that completes commands and flags
 #[derive(Debug, Args)]
@@ -17,10 +16,12 @@ pub struct Arguments {
     pub shell: clap_complete::Shell,
 }
 
-pub fn run(command: &Arguments) -> Result<ExitStatus> {
+pub fn run(command: &Arguments, program: fn() -> clap::Command) -> Result<ExitStatus> {
     // Written to memory first, because `generate` panics on a write error such as a closed pipe.
     let mut script = Vec::new();
-    clap_complete::generate(command.shell, &mut CommandLine::command(), PROGRAM, &mut script);
+    let mut program = program();
+    let name = program.get_name().to_string();
+    clap_complete::generate(command.shell, &mut program, name, &mut script);
     std::io::stdout().lock().write_all(&script)?;
     Ok(ExitStatus::Done)
 }

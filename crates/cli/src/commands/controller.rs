@@ -9,10 +9,9 @@ use mishandle::controllers::ControllerFile;
 use mishandle::tasks::{Topic, notes};
 use mishandle::training::AlgorithmSettings;
 use mishandle_text::plural;
-use serde_json::{Value, json};
 
-use crate::ExitStatus;
-use crate::output::{self, number, table};
+use crate::exit_status::ExitStatus;
+use crate::show::output::{self, table};
 
 /// Show how a controller was trained, export it as ONNX, or import one from PyTorch
 #[derive(Debug, Args)]
@@ -75,7 +74,7 @@ fn show(controller: &str, json: bool) -> Result<ExitStatus> {
     let file = mishandle::resolve::find_controller(controller)?.controller()?;
     let weaknesses = weaknesses(controller)?;
     if json {
-        output::json(output::joined(document(&file), json!({ "weaknesses": weaknesses })))?;
+        output::json(&mishandle::train::controller_result(&file, &weaknesses))?;
     } else {
         output::line(&page(&file, &weaknesses))?;
     }
@@ -91,35 +90,6 @@ fn weaknesses(controller: &str) -> Result<Vec<&'static str>> {
         note.topic == Topic::Weaknesses && note.subject.split(", ").any(|known| known == name)
     });
     Ok(notes.iter().flat_map(|note| note.cells.first()).map(|(_, text)| *text).collect())
-}
-
-fn document(file: &ControllerFile) -> Value {
-    let (header, training) = (&file.header, &file.header.training);
-    let validation = training.validation.map(|found| {
-        json!({
-            "episodes": found.episodes,
-            "success_rate": number(found.success_rate),
-            "strict_success_rate": number(found.strict_success_rate),
-        })
-    });
-    json!({
-        "task": header.task,
-        "algorithm": header.algorithm,
-        "preset": header.preset,
-        "reward": header.reward,
-        "seed": training.seed.to_string(),
-        "environment_steps": training.environment_steps,
-        "wall_clock_secs": number(training.wall_clock_secs),
-        "git_commit": training.git_commit,
-        "command": training.command,
-        "validation": validation,
-        "policy": file.policy.kind(),
-        "sizes": file.policy.network().sizes(),
-        "controller_hash": file.policy.hash(),
-        "task_hash": header.task_hash,
-        "layout_hash": header.layout.hash(),
-        "settings": training.settings,
-    })
 }
 
 fn page(file: &ControllerFile, weaknesses: &[&str]) -> String {

@@ -5,10 +5,11 @@ use anyhow::Result;
 use clap::Args;
 use mishandle::train::Curve;
 use mishandle_text::plural;
-use serde_json::json;
 
-use crate::output::{self, number};
-use crate::{ExitStatus, numbers, training_time};
+use crate::exit_status::ExitStatus;
+use crate::flags::numbers;
+use crate::show::output;
+use crate::show::training_time;
 
 /// Numbers of parallel environments: those of the setting `episodes.environments`.
 const ENVIRONMENTS: RangeInclusive<u64> = 1..=1_000_000;
@@ -36,17 +37,12 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
         let file = command.file.display();
         output::message(&format!("warning: the last line of {file} is incomplete and was ignored"));
     }
-    let environments = command.environments;
-    let time = curve.training_time();
+    let found = curve.result(command.environments);
+    let time = training_time::line(found.training_time.as_ref(), found.no_training_time.as_deref());
     if command.json {
-        output::json(json!({
-            "iterations": curve.rows.len(),
-            "environment_steps": curve.rows.last().map(|row| row.environment_steps),
-            "wall_clock_secs": curve.rows.last().map(|row| number(row.wall_clock_secs)),
-            "training_time": training_time::document(time, environments),
-        }))?;
-        if time.is_err() {
-            output::message(&training_time::line(time, environments));
+        output::json(&found)?;
+        if found.training_time.is_none() {
+            output::message(&time);
         }
         return Ok(ExitStatus::Done);
     }
@@ -55,6 +51,6 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
         let steps = plural(last.environment_steps, "environment step");
         output::line(&format!("{count}, {steps} in {secs:.0} s"))?;
     }
-    output::line(&training_time::line(time, environments))?;
+    output::line(&time)?;
     Ok(ExitStatus::Done)
 }

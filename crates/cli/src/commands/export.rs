@@ -6,7 +6,9 @@ use mishandle::files::AtomicFile;
 use mishandle::store::{self, RunFile};
 use mishandle_text::plural;
 
-use crate::{ExitStatus, output, run};
+use crate::exit_status::ExitStatus;
+use crate::run;
+use crate::show::output;
 
 /// Export the simulations of a run as CSV or Parquet
 #[derive(Debug, Args)]

@@ -1,26 +1,17 @@
-mod modes;
-mod screened;
-
-use std::collections::BTreeMap;
-use std::path::Path;
-
-use anyhow::{Result, bail};
+use anyhow::{Result, bail, ensure};
 use clap::Args;
-use mishandle::evaluation::{NotSmooth, RepeatReport, SmoothRegion};
-use mishandle::falsification::{CampaignOutcome, Minimum, ScreenedCounts, TrialEnd, TrialOutcome};
-use mishandle::inspect::ModeSurvey;
 use mishandle::plan::FalsifyPlan;
+use mishandle::results::Falsification;
 use mishandle::run::{Answer, Device};
-use mishandle::search::OptionValue;
-use mishandle::store::{RunFile, RunHeader, RunKind};
-use mishandle::{MishandleError, Plan, ResolvedPlan};
-use mishandle_text::{decimal, plural};
-use serde_json::{Value, json};
+use mishandle::store::{RunFile, RunKind};
+use mishandle::{MishandleError, Plan};
+use mishandle_text::plural;
 
-use super::simulate;
-use crate::output::{self, number};
-use crate::progress::Bar;
-use crate::{ExitStatus, args, numbers, question, run};
+use crate::exit_status::ExitStatus;
+use crate::flags::{self, numbers};
+use crate::run::{self, question};
+use crate::show::progress::Bar;
+use crate::show::{falsification, mode_survey, output};
 
 /// Search for counterexamples: scenarios in which a target violates a formula
 #[derive(Debug, Args)]
@@ -37,7 +28,7 @@ use crate::{ExitStatus, args, numbers, question, run};
 Exit code 1 means that a counterexample was found.")]
 pub struct Arguments {
     #[command(flatten)]
-    pub subject: args::Subject,
+    pub subject: flags::Subject,
     /// Search algorithm, a name of `mishandle searches` [default: portfolio]
     #[arg(long, value_name = "S", conflicts_with = "resume")]
     pub search: Option<String>,
@@ -72,11 +63,11 @@ pub struct Arguments {
     #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = numbers::integer::<u32>(0..=10_000_000))]
     pub repeats: Option<u32>,
     #[command(flatten)]
-    pub screen: args::Screen,
+    pub screen: flags::Screen,
     #[command(flatten)]
-    pub file: args::OpenRun,
+    pub file: flags::OpenRun,
     #[command(flatten)]
-    pub run: args::Run,
+    pub run: flags::Run,
 }
 
 /// Parses `NAME=VALUE`.
@@ -92,37 +83,20 @@ fn name_and_value(text: &str) -> Result<(String, String), String> {
 pub fn run(command: &Arguments, gpu: Option<&Device>) -> Result<ExitStatus> {
     run::set_threads(command.run.threads)?;
     let asked = question::ask(RunKind::Falsify, &command.subject, &command.file, gpu, || plan(command))?;
-    let resolved = &asked.resolved;
-    let Answer::Falsification(found, screening) = &asked.answer else {
-        bail!("the answer is that of another question");
-    };
-    report_unevaluated(resolved, found);
-    let keeps_going = resolved.plan.falsify.as_ref().is_some_and(|falsify| falsify.keep_going);
-    let path = Path::new(&asked.path);
-    let survey = if keeps_going { Some(survey(path)?) } else { None };
-    let is_complete = asked.answer.is_complete();
-    let repeats = match is_complete {
-        true => counterexample_repeats(resolved, found, command.repeats)?,
-        false => Repeats::new(),
-    };
-    let region =
-        if is_complete && screening.is_none() { smooth_region(resolved, found, path)? } else { None };
+    let found = result(&asked, command.repeats)?;
+    falsification::report_unevaluated(&found);
     if command.run.json {
-        let mut document = document(resolved, found, screening.as_ref(), &repeats, &asked.path);
-        document["smooth_region"] = region.map_or(Value::Null, region_document);
-        output::json(with_modes(document, survey.as_ref()))?;
-    } else if is_complete || (screening.is_some() && found.simulations > 0) {
-        let screened = screening.as_ref().map_or(String::new(), screened::text);
-        let region = region.map_or(String::new(), region_text);
-        output::line(&(text(resolved, found, &repeats) + &region + &screened))?;
-        if let Some((header, survey)) = &survey {
-            output::line(&modes::text(header, survey))?;
+        output::json(&found)?;
+    } else if found.is_complete || (found.screening.is_some() && found.simulations > 0) {
+        output::line(&falsification::text(&found))?;
+        if let Some(survey) = &found.modes {
+            output::line(&mode_survey::text(&found.subject, survey))?;
         }
     }
-    if screening.is_some() {
-        asked.report_screening(found.simulations, found.simulations - found.screened);
+    if let Some(counts) = &found.screening {
+        asked.report_screening(counts);
     }
-    if is_complete && found.surplus > 0 {
+    if found.is_complete && found.surplus > 0 {
         output::message(&format!(
             "discarded {} that ran in the same batch after the end of a trial or of its search",
             plural(found.surplus, "simulation")
@@ -132,8 +106,8 @@ pub fn run(command: &Arguments, gpu: Option<&Device>) -> Result<ExitStatus> {
         return Ok(status);
     }
     // Exit status 0 would say that the search found no violation.
-    anyhow::ensure!(
-        found.trials.iter().any(|trial| trial.minimum.is_some()),
+    ensure!(
+        found.trials.iter().any(|trial| trial.minimum_robustness.is_some()),
         "no simulation has a verdict, so the controller was not tested; the run file contains the end of each simulation"
     );
     if found.falsified_trials == 0 {
@@ -143,77 +117,45 @@ pub fn run(command: &Arguments, gpu: Option<&Device>) -> Result<ExitStatus> {
     Ok(ExitStatus::Violated)
 }
 
-/// Repeated simulations of counterexamples, by trial.
-pub type Repeats = BTreeMap<u32, RepeatReport>;
-
-/// Simulates the counterexamples with other seeds: see [`mishandle::run::counterexample_repeats`].
-fn counterexample_repeats(
-    resolved: &ResolvedPlan,
-    found: &CampaignOutcome,
-    repeats: Option<u32>,
-) -> Result<Repeats> {
-    let mut bar = None;
-    let requested = repeats.map(u64::from);
-    let reports = mishandle::run::counterexample_repeats(resolved, found, requested, |done, total| {
-        bar.get_or_insert_with(|| Bar::new(total, "repeats")).set_position(done);
-        run::control_flow()
-    })?;
-    if let Some(bar) = bar {
-        bar.clear();
+/// Returns the result. That of a complete run has the repeats of the counterexamples and the smooth region, too.
+fn result(asked: &question::Asked, repeats: Option<u32>) -> Result<Falsification> {
+    let question::Asked { resolved, path, .. } = asked;
+    let Answer::Falsification(outcome, counts) = &asked.answer else {
+        bail!("the answer is that of another question");
+    };
+    let mut found = mishandle::run::falsification_result(resolved, outcome, counts.as_ref(), path);
+    if resolved.plan.falsify.as_ref().is_some_and(|falsify| falsify.keep_going) {
+        let run = RunFile::open_unchecked(path)?;
+        found.modes = Some(mishandle::inspect::mode_survey(&run)?.result(run.header()));
     }
-    Ok(reports)
-}
-
-/// Returns the region that cannot fail if the robustness is smooth: see [`mishandle::inspect::smooth_region_of`].
-fn smooth_region(
-    resolved: &ResolvedPlan,
-    found: &CampaignOutcome,
-    path: &Path,
-) -> Result<Option<Result<SmoothRegion, NotSmooth>>> {
-    let run = RunFile::open(path).map_err(MishandleError::from)?;
-    Ok(mishandle::inspect::smooth_region_of(resolved, found, &run)?)
-}
-
-fn region_text(region: Result<SmoothRegion, NotSmooth>) -> String {
-    match region {
-        Ok(SmoothRegion { covered, .. }) if covered < 0.01 => {
-            "\nno statement about the space between the samples: they are too far apart for such steep changes of the robustness".into()
-        }
-        Ok(SmoothRegion { slope, covered, .. }) => format!(
-            "\nif the samples missed no cliff, the robustness changes by at most {} per width of the space (estimate, 95 % confidence); then \
-             no scenario in {:.0} % of the space fails",
-            decimal(slope, 4),
-            // A share that was measured at random points is never 100 %.
-            (100.0 * covered).floor().min(99.0)
-        ),
-        Err(reason) => format!("\nno statement about the space between the samples: {reason}"),
+    if !asked.answer.is_complete() {
+        return Ok(found);
     }
-}
-
-fn region_document(region: Result<SmoothRegion, NotSmooth>) -> Value {
-    match region {
-        Ok(SmoothRegion { slope, largest_slope, covered }) => {
-            json!({ "slope": slope, "largest_slope": largest_slope, "covered": covered, "refusal": Value::Null })
-        }
-        Err(reason) => {
-            json!({ "slope": Value::Null, "largest_slope": Value::Null, "covered": Value::Null, "refusal": reason.to_string() })
-        }
+    let bar = Bar::new(0, "repeats");
+    let mut repeated =
+        mishandle::run::counterexample_repeats(resolved, outcome, repeats.map(u64::from), |done, all| {
+            bar.set_length(all);
+            bar.set_position(done);
+            run::control_flow()
+        })?;
+    bar.clear();
+    for trial in &mut found.trials {
+        trial.repeats = repeated.remove(&trial.trial);
     }
-}
-
-/// Returns whether all trials of the plan have ended.
-pub fn is_complete(resolved: &ResolvedPlan, found: &CampaignOutcome) -> bool {
-    let trials = resolved.plan.falsify.as_ref().map_or(0, |falsify| falsify.trials);
-    found.trials.iter().filter(|trial| trial.end.is_some()).count() == trials as usize
+    if counts.is_none() {
+        let run = RunFile::open(path).map_err(MishandleError::from)?;
+        found.smooth_region = mishandle::inspect::smooth_region_of(resolved, outcome, &run)?;
+    }
+    Ok(found)
 }
 
 fn plan(command: &Arguments) -> Result<Plan> {
-    let mut plan = run::plan(&command.subject, &command.run)?;
+    let mut plan = flags::plan(&command.subject, &command.run)?;
     let mut falsify: FalsifyPlan = plan.falsify.take().unwrap_or_default();
     falsify.search = command.search.clone().unwrap_or(falsify.search);
     for (index, (name, value)) in command.search_options.iter().enumerate() {
         let earlier = &command.search_options[..index];
-        anyhow::ensure!(
+        ensure!(
             earlier.iter().all(|(other, _)| other != name),
             "--search-option {name} is given twice; give it once"
         );
@@ -230,247 +172,11 @@ fn plan(command: &Arguments) -> Result<Plan> {
     });
     falsify.early_stopping |= command.early_stopping;
     falsify.keep_going |= command.keep_going;
-    anyhow::ensure!(
+    ensure!(
         falsify.keep_going || command.new_mode_rate.is_none(),
         "--new-mode-rate has no effect without --keep-going; give both"
     );
     falsify.new_mode_rate = command.new_mode_rate.unwrap_or(falsify.new_mode_rate);
     plan.falsify = Some(falsify);
     Ok(plan.only(RunKind::Falsify))
-}
-
-/// Returns the JSON document of the run.
-pub fn document(
-    resolved: &ResolvedPlan,
-    found: &CampaignOutcome,
-    screening: Option<&ScreenedCounts>,
-    repeats: &Repeats,
-    path: &str,
-) -> Value {
-    let document = output::joined(run::document(resolved, path), results(resolved, found, repeats));
-    match screening {
-        Some(counts) => output::joined(document, screened::document(found, counts)),
-        None => document,
-    }
-}
-
-fn results(resolved: &ResolvedPlan, found: &CampaignOutcome, repeats: &Repeats) -> Value {
-    let falsify = resolved.plan.falsify.clone().unwrap_or_default();
-    let trials: Vec<Value> = found
-        .trials
-        .iter()
-        .map(|trial| {
-            let repeated = repeats.get(&trial.trial).map(simulate::repeats_document);
-            output::joined(trial_document(resolved, trial), json!({ "repeats": repeated }))
-        })
-        .collect();
-    json!({
-        "is_complete": is_complete(resolved, found),
-        "search": falsify.search,
-        "search_options": search_options(&falsify),
-        "formula": resolved.specification.requirement.to_string(),
-        "budget": falsify.budget,
-        "batch": falsify.batch,
-        "early_stopping": falsify.early_stopping,
-        "control_steps": found.control_steps,
-        "falsified_trials": found.falsified_trials,
-        "falsification_rate": output::estimate(&found.falsification_rate),
-        "mean_simulations": found.mean_simulations,
-        "median_simulations": found.median_simulations,
-        "restricted_mean_simulations": found.restricted_mean_simulations,
-        "smooth_region": Value::Null,
-        "failure_rate_bound": mishandle::run::failure_rate_bound(resolved, found),
-        "trials": trials,
-    })
-}
-
-/// Surveys the failure modes of a run file. Returns its header, too.
-fn survey(path: &Path) -> Result<(RunHeader, ModeSurvey)> {
-    let run = RunFile::open_unchecked(path)?;
-    Ok((run.header().clone(), mishandle::inspect::mode_survey(&run)?))
-}
-
-/// Adds what a survey of the failure modes found to the document of a run.
-fn with_modes(document: Value, survey: Option<&(RunHeader, ModeSurvey)>) -> Value {
-    match survey {
-        Some((header, survey)) => output::joined(document, modes::document(header, survey)),
-        None => document,
-    }
-}
-
-fn trial_document(resolved: &ResolvedPlan, trial: &TrialOutcome) -> Value {
-    let minimum = trial.minimum.as_ref();
-    json!({
-        "trial": trial.trial,
-        "falsified": trial.falsified(),
-        "simulations": trial.simulations,
-        "first_violation": trial.first_violation,
-        "minimum_robustness": minimum.map_or(Value::Null, |minimum| number(minimum.robustness)),
-        "initial_configuration": minimum.map(|minimum| minimum.scenario.values()),
-        "scenario": minimum.map(|minimum| run::scenario(resolved.space.axes(), minimum.scenario.values())),
-        "simulation": minimum.map(|minimum| minimum.number),
-        "seed": minimum.map(|minimum| minimum.seed.0.to_string()),
-        "end": trial.end.map(end),
-        "diverged": trial.diverged,
-        "invalid": trial.invalid,
-        "failed": trial.failed,
-        "undecided": trial.undecided,
-    })
-}
-
-/// Returns the options that the plan sets, as JSON.
-fn search_options(falsify: &FalsifyPlan) -> Value {
-    let value = |value: &OptionValue| match value {
-        OptionValue::Float(value) => number(*value),
-        OptionValue::Integer(value) => json!(value),
-        OptionValue::Boolean(value) => json!(value),
-        OptionValue::Text(value) => json!(value),
-        OptionValue::Point(value) => json!(value),
-        OptionValue::Points(value) => json!(value),
-    };
-    falsify.options.iter().map(|(name, option)| (name.to_string(), value(option))).collect()
-}
-
-/// Returns the options that the plan sets, in parentheses.
-fn options_text(falsify: &FalsifyPlan) -> String {
-    let options: Vec<String> =
-        falsify.options.iter().map(|(name, value)| format!("{name} = {value}")).collect();
-    if options.is_empty() { String::new() } else { format!(" ({})", options.join(", ")) }
-}
-
-/// Warns about simulations that have no verdict because a value is not finite: the first one of up to `SHOWN` trials.
-fn report_unevaluated(resolved: &ResolvedPlan, found: &CampaignOutcome) {
-    const SHOWN: usize = 3;
-    let first =
-        found.trials.iter().filter_map(|trial| Some((trial.trial, trial.first_unevaluated.as_ref()?)));
-    let mut shown = 0;
-    for (trial, first) in first.take(SHOWN) {
-        shown += 1;
-        output::message(&format!(
-            "warning: simulation {} of trial {trial} ({}, seed {}) has no verdict: {}",
-            first.number,
-            run::scenario_summary(resolved.space.axes(), first.scenario.values()),
-            first.seed.0,
-            run::end_text(first.end, &resolved.target.signals),
-        ));
-    }
-    let affected = found.undefined + found.invalid + found.failed;
-    if affected > shown {
-        let more = plural(affected - shown, "more simulation");
-        output::message(&format!("warning: no verdict either: {more}"));
-    }
-}
-
-/// Returns the name of a trial's end.
-fn end(end: TrialEnd) -> &'static str {
-    match end {
-        TrialEnd::Falsified => "falsified",
-        TrialEnd::BudgetSpent => "budget spent",
-        TrialEnd::ModesDriedUp => "modes dried up",
-        TrialEnd::SearchEnded(_) => "search ended",
-    }
-}
-
-fn text(resolved: &ResolvedPlan, found: &CampaignOutcome, repeats: &Repeats) -> String {
-    let falsify = resolved.plan.falsify.clone().unwrap_or_default();
-    let at = |minimum: &Minimum| run::scenario_summary(resolved.space.axes(), minimum.scenario.values());
-    let mut header = vec!["trial", "result", "simulations", "min robustness", "scenario"];
-    if !repeats.is_empty() {
-        header.insert(4, "fails in repeats");
-    }
-    let mut rows = vec![header.into_iter().map(String::from).collect::<Vec<_>>()];
-    for trial in &found.trials {
-        let minimum = trial.minimum.as_ref();
-        let mut row = vec![
-            trial.trial.to_string(),
-            trial.end.map_or("interrupted", end).to_string(),
-            trial.simulations.to_string(),
-            minimum.map_or("-".to_string(), |minimum| decimal(minimum.robustness, 4)),
-            minimum.map_or(String::new(), at),
-        ];
-        if !repeats.is_empty() {
-            let repeated = repeats.get(&trial.trial);
-            row.insert(
-                4,
-                repeated.map_or("-".to_string(), |report| {
-                    format!("{} of {}", report.failures, report.failure_rate.n)
-                }),
-            );
-        }
-        rows.push(row);
-    }
-    let mut text = format!(
-        "{}\nsearch {}{}, at most {} per trial, seed {}\nformula {}\n\n{}\n\n{}",
-        run::heading(resolved),
-        falsify.search,
-        options_text(&falsify),
-        plural(falsify.budget, "simulation"),
-        resolved.plan.seed,
-        resolved.specification.requirement,
-        output::table(&rows),
-        summary(found),
-    );
-    if falsify.early_stopping && found.simulations > 0 && found.screened == 0 {
-        let whole = found.simulations * resolved.target.episode_steps as u64;
-        text.push_str(&format!(
-            "\nearly stopping: {:.0} % of {whole} control steps saved; robustness values of simulations that ended early are lower bounds",
-            100.0 * (1.0 - found.control_steps as f64 / whole as f64)
-        ));
-    }
-    if let Some(bound) = mishandle::run::failure_rate_bound(resolved, found) {
-        text.push_str(&format!(
-            "\nno violation in {} of the space: failure rate below {} (95 % confidence)",
-            plural(found.simulations, "uniform random sample"),
-            percent(bound)
-        ));
-    }
-    let first = found.trials.iter().filter(|trial| trial.falsified());
-    if let Some((trial, first)) =
-        first.filter_map(|trial| Some((trial.trial, trial.minimum.as_ref()?))).next()
-    {
-        text.push_str(&format!(
-            "\ncounterexample: {}, seed {} (trial {trial}, simulation {}): robustness {}",
-            run::scenario_text(resolved.space.axes(), first.scenario.values()),
-            first.seed.0,
-            first.number,
-            decimal(first.robustness, 4)
-        ));
-    }
-    if !repeats.is_empty() {
-        let sum = |of: fn(&RepeatReport) -> u64| repeats.values().map(of).sum::<u64>();
-        let (failures, n) = (sum(|report| report.failures), sum(|report| report.failure_rate.n));
-        text.push_str(&format!(
-            "\nwith other seeds, the counterexamples fail in {failures} of {}",
-            plural(n, "repeat")
-        ));
-    }
-    if let Some(counts) = run::without_verdict(found.diverged, found.invalid, found.failed, found.undecided) {
-        text.push_str(&format!("\n{counts}; they do not count as counterexamples"));
-    }
-    text
-}
-
-/// Formats a small rate in percent, rounded up to two digits.
-fn percent(rate: f64) -> String {
-    let percent = 100.0 * rate;
-    let decimals = (1.0 - percent.log10().floor()).clamp(0.0, 12.0) as usize;
-    let scale = 10_f64.powi(decimals as i32);
-    format!("{:.decimals$} %", (percent * scale).ceil() / scale)
-}
-
-/// Returns the number of falsified trials, and the simulations up to the counterexample.
-fn summary(found: &CampaignOutcome) -> String {
-    let ended = found.falsification_rate.n;
-    let mut text = format!("falsified {} of {}", found.falsified_trials, plural(ended, "trial"));
-    if let Some(mean) = found.mean_simulations {
-        text.push_str(&format!("; simulations to a counterexample: mean {mean:.1} over falsified trials"));
-    }
-    match found.median_simulations {
-        Some(median) => text.push_str(&format!(", median {median} over all trials")),
-        None if found.falsified_trials > 0 && found.trials.iter().all(|trial| trial.end.is_some()) => {
-            text.push_str(", median over all trials not reached within the budget");
-        }
-        None => {}
-    }
-    text
 }

@@ -2,12 +2,12 @@ use std::io::Write;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result};
-use clap::{Args, CommandFactory};
+use clap::Args;
 use clap_mangen::Man;
 use mishandle::files::write_atomically;
 
-use crate::args::CommandLine;
-use crate::{ExitStatus, PROGRAM, output};
+use crate::exit_status::ExitStatus;
+use crate::show::output;
 
 /// Print the manual page, or write the pages of all commands to a folder
 #[derive(Debug, Args)]
@@ -20,8 +20,8 @@ pub struct Arguments {
     pub folder: Option<PathBuf>,
 }
 
-pub fn run(command: &Arguments) -> Result<ExitStatus> {
-    let mut program = CommandLine::command().name(PROGRAM);
+pub fn run(command: &Arguments, program: fn() -> clap::Command) -> Result<ExitStatus> {
+    let mut program = program();
     program.build();
     match &command.folder {
         Some(folder) => write_all(program, folder)?,
@@ -34,10 +34,11 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
 fn write_all(program: clap::Command, folder: &Path) -> Result<()> {
     std::fs::create_dir_all(folder)
         .with_context(|| format!("cannot create the folder {}", folder.display()))?;
+    let name = program.get_name().to_string();
     let commands: Vec<clap::Command> = program
         .get_subcommands()
         .filter(|command| command.get_name() != "help")
-        .map(|command| command.clone().name(format!("{PROGRAM}-{}", command.get_name()).leak() as &str))
+        .map(|command| command.clone().name(format!("{name}-{}", command.get_name()).leak() as &str))
         .collect();
     let mut count = 0;
     for command in std::iter::once(program).chain(commands) {

@@ -7,12 +7,14 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context, Result, ensure};
 use clap::Args;
 use log::Log;
+use mishandle::results::{self, Number};
 use mishandle::stl::{Clock, Formula, Monitor, Recording, TimeUnit};
 use mishandle_text::plural;
-use serde_json::json;
 
-use crate::output::{self, number};
-use crate::{ExitStatus, formula_error, numbers};
+use crate::exit_status::ExitStatus;
+use crate::flags::numbers;
+use crate::show::formula_error;
+use crate::show::output;
 
 /// Sampling periods.
 const PERIOD: &str = "a number of seconds above 0, such as 0.1";
@@ -84,12 +86,12 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
     let signal = signal(&mut monitor, samples.recording, command.strict_horizon)?;
     let robustness = signal[0];
     if command.json {
-        let head = json!({
-            "robustness": number(robustness),
-            "windows": if command.strict_horizon { "whole" } else { "cut" },
-            "cuts_windows": cuts_windows,
-        });
-        output::json_with_numbers(head, "robustness_signal", signal)?;
+        output::json(&results::Monitor {
+            robustness: robustness.into(),
+            windows: if command.strict_horizon { "whole" } else { "cut" }.to_string(),
+            cuts_windows,
+            robustness_signal: signal.iter().copied().map(Number).collect(),
+        })?;
     } else {
         let verdict = match robustness {
             r if r > 0.0 => "satisfied",

@@ -6,14 +6,14 @@ use std::time::{Duration, Instant};
 use anyhow::{Chain, Context, Result, anyhow, ensure};
 use clap::Args;
 use mishandle::counterexample::{Counterexample, Regression};
-use mishandle::evaluation::RepeatReport;
+use mishandle::results::{self, BaselineTest, Number, RegressionTest, Repeats};
 use mishandle_text::{decimal, plural};
-use serde_json::{Value, json};
 
-use super::{counterexamples, simulate};
-use crate::output::{self, number};
-use crate::progress::Bar;
-use crate::{ExitStatus, args, escape, numbers, run};
+use crate::exit_status::ExitStatus;
+use crate::flags::{self, numbers};
+use crate::run::{self, counterexample};
+use crate::show::progress::Bar;
+use crate::show::{escape, output, regression, repeats};
 
 /// Failure rates.
 const RATE: &str = "a number from 0 to 1, such as 0.05";
@@ -46,7 +46,7 @@ pub struct Arguments {
     #[arg(long, value_name = "C")]
     pub baseline: Option<String>,
     /// Number of simulations with other random seeds, which decide the test; without it, the recorded seed does
-    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = numbers::integer::<u32>(args::REPEATS))]
+    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = numbers::integer::<u32>(flags::REPEATS))]
     pub repeat: Option<u32>,
     /// With --repeat: largest failure rate of a test that passes [default: 0]
     #[arg(long, value_name = "RATE", requires = "repeat", allow_negative_numbers = true)]
@@ -56,7 +56,7 @@ pub struct Arguments {
     #[arg(long, value_name = "FILE")]
     pub junit: Option<PathBuf>,
     /// Number of threads; does not affect the results [default: number of cores]
-    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = numbers::integer::<usize>(args::THREADS))]
+    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = numbers::integer::<usize>(flags::THREADS))]
     pub threads: Option<usize>,
     /// Print one JSON document to stdout
     #[arg(long)]
@@ -146,12 +146,13 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
         let name = command.folder.to_string_lossy();
         output::write_atomically(path, true, junit::report(&name, &tests).as_bytes())?;
     }
+    let found = result(command, &tests, is_complete);
     if command.json {
-        output::json(document(command, &tests, is_complete))?;
+        output::json(&found)?;
     } else {
-        output::line(&text(&tests))?;
+        output::line(&regression::text(&found))?;
     }
-    report_problems(&tests);
+    regression::report_problems(&found);
     if !is_complete {
         let junit = if command.junit.is_some() { "; the JUnit file is not written" } else { "" };
         output::message(&format!(
@@ -175,7 +176,7 @@ fn files(folder: &Path) -> Result<Vec<PathBuf>> {
         let path = entry.with_context(read)?.path();
         let describes_onnx =
             path.file_stem().is_some_and(|stem| mishandle::resolve::is_onnx(Path::new(stem)));
-        if counterexamples::is_file(&path) && !describes_onnx {
+        if flags::is_file(&path) && !describes_onnx {
             files.push(path);
         }
     }
@@ -187,7 +188,7 @@ fn files(folder: &Path) -> Result<Vec<PathBuf>> {
 fn test(command: &Arguments, path: &Path, bar: &Bar, mut done: u64) -> Test {
     let start = Instant::now();
     let file_name = |name: Option<&std::ffi::OsStr>| name.unwrap_or_default().to_string_lossy().into_owned();
-    let recorded = counterexamples::read(path);
+    let recorded = counterexample::read(path);
     let mut simulated = |controller: Option<&str>| -> Result<Regression> {
         let counterexample =
             recorded.as_ref().map_err(|error| anyhow!(output::with_causes(error.chain())))?;
@@ -248,7 +249,7 @@ fn reason(test: &Test) -> String {
             escape::name(&mishandle::inspect::compared_values(predicate))
         )
     });
-    let rate = found.repeats.as_ref().map(simulate::failure_text);
+    let rate = found.repeats.as_ref().map(repeats::failure_text);
     let parts = [rate, Some(format!("robustness {}", decimal(robustness, 4))), decisive];
     parts.into_iter().flatten().collect::<Vec<_>>().join("; ")
 }
@@ -257,7 +258,7 @@ fn reason(test: &Test) -> String {
 fn problem(result: &Result<Regression>) -> Option<String> {
     match result {
         Err(error) => Some(output::with_causes(Chain::new(error.as_ref()))),
-        Ok(Regression { repeats: Some(RepeatReport { simulations, failure_rate, .. }), .. })
+        Ok(Regression { repeats: Some(Repeats { simulations, failure_rate, .. }), .. })
             if failure_rate.n < *simulations =>
         {
             Some(format!(
@@ -270,23 +271,6 @@ fn problem(result: &Result<Regression>) -> Option<String> {
     }
 }
 
-/// Reports on stderr what is uncertain about the results.
-fn report_problems(tests: &[Test]) {
-    for test in tests {
-        match &test.result {
-            _ if test.outcome == Outcome::Error => {
-                output::message(&format!("error: {}: {}", escape::name(&test.file), reason(test)));
-            }
-            Ok(found) if found.has_other_target == Some(true) => output::message(&format!(
-                "warning: {}: the target has changed since the counterexample was recorded, so its scenario may have \
-                 another meaning",
-                escape::name(&test.file)
-            )),
-            _ => {}
-        }
-    }
-}
-
 fn count(tests: &[Test], outcomes: &[Outcome]) -> usize {
     tests.iter().filter(|test| outcomes.contains(&test.outcome)).count()
 }
@@ -295,111 +279,45 @@ fn count(tests: &[Test], outcomes: &[Outcome]) -> usize {
 const PASSES: [Outcome; 2] = [Outcome::Passes, Outcome::Fixed];
 const FAILS: [Outcome; 2] = [Outcome::Fails, Outcome::NewFailure];
 
-fn document(command: &Arguments, tests: &[Test], is_complete: bool) -> Value {
+fn result(command: &Arguments, tests: &[Test], is_complete: bool) -> results::Regression {
+    let robustness = |found: &Regression| -> Option<Number> { found.episode.robustness().map(Into::into) };
     let test = |test: &Test| {
         let found = test.result.as_ref().ok();
         let predicate = found.and_then(|found| found.explained.explanation.diagnosis.predicate.as_ref());
-        json!({
-            "file": test.file,
-            "target": test.recorded.as_ref().map(|recorded| &recorded.target.name),
-            "result": test.outcome.name(),
-            "recorded_robustness": test.recorded.as_ref().map(|recorded| number(recorded.expected.robustness)),
-            "robustness": found.and_then(|found| found.episode.robustness()).map(number),
-            "predicate": predicate.map(|predicate| &predicate.text),
-            "sample": predicate.map(|predicate| predicate.sample),
-            "values": predicate.map(|predicate| predicate.values.map(number)),
-            "same_target": found.and_then(|found| found.has_other_target).map(|is_other| !is_other),
-            "repeats": found.and_then(|found| found.repeats.as_ref()).map(simulate::repeats_document),
-            "reason": if PASSES.contains(&test.outcome) { Value::Null } else { json!(reason(test)) },
-            "baseline": test.baseline.as_ref().map(|baseline| {
+        let recorded = test.recorded.as_ref();
+        RegressionTest {
+            file: test.file.clone(),
+            target: recorded.map(|recorded| recorded.target.name.clone()),
+            result: test.outcome.name().to_string(),
+            recorded_robustness: recorded.map(|recorded| recorded.expected.robustness.into()),
+            robustness: found.and_then(robustness),
+            predicate: predicate.map(|predicate| predicate.text.clone()),
+            sample: predicate.map(|predicate| predicate.sample as u64),
+            values: predicate.map(|predicate| predicate.values.map(Into::into)),
+            same_target: found.and_then(|found| found.has_other_target).map(|is_other| !is_other),
+            repeats: found.and_then(|found| found.repeats.clone()),
+            reason: (!PASSES.contains(&test.outcome)).then(|| reason(test)),
+            baseline: test.baseline.as_ref().map(|baseline| {
                 let found = baseline.as_ref().ok();
-                json!({
-                    "robustness": found.and_then(|found| found.episode.robustness()).map(number),
-                    "repeats": found.and_then(|found| found.repeats.as_ref()).map(simulate::repeats_document),
-                })
+                BaselineTest {
+                    robustness: found.and_then(robustness),
+                    repeats: found.and_then(|found| found.repeats.clone()),
+                }
             }),
-        })
-    };
-    let with_baseline = |outcome| command.baseline.as_ref().map(|_| count(tests, &[outcome]));
-    json!({
-        "folder": command.folder.to_string_lossy(),
-        "controller": command.controller,
-        "baseline": command.baseline,
-        "passes": count(tests, &PASSES),
-        "fails": count(tests, &FAILS),
-        "errors": count(tests, &[Outcome::Error]),
-        "new_failures": with_baseline(Outcome::NewFailure),
-        "fixed": with_baseline(Outcome::Fixed),
-        "is_complete": is_complete,
-        "tests": tests.iter().map(test).collect::<Vec<_>>(),
-    })
-}
-
-fn text(tests: &[Test]) -> String {
-    let has_baseline = tests.iter().any(|test| test.baseline.is_some());
-    let repeats = |result: &Result<Regression>| result.as_ref().ok().and_then(|found| found.repeats.clone());
-    let has_repeats = tests.iter().any(|test| repeats(&test.result).is_some());
-    let mut columns = vec!["file", "recorded robustness"];
-    columns.extend(has_baseline.then_some("baseline robustness"));
-    columns.push("robustness now");
-    if has_repeats {
-        columns.extend(has_baseline.then_some("baseline failure rate"));
-        columns.push("failure rate");
-    }
-    columns.push("result");
-    let mut rows = vec![columns.into_iter().map(String::from).collect::<Vec<_>>()];
-    for test in tests {
-        let value = |value: Option<f64>| value.map_or("-".to_string(), |value| decimal(value, 4));
-        let results: Vec<&Result<Regression>> = test.baseline.iter().chain([&test.result]).collect();
-        let recorded = test.recorded.as_ref().map(|recorded| recorded.expected.robustness);
-        let mut row = vec![test.file.clone(), value(recorded)];
-        row.extend(results.iter().map(|result| value(robustness(result))));
-        if has_repeats {
-            row.extend(results.iter().map(|result| {
-                let rate = repeats(result).and_then(|found| found.failure_rate.value);
-                rate.map_or("-".to_string(), |rate| format!("{:.1} %", 100.0 * rate))
-            }));
         }
-        row.push(test.outcome.name().to_string());
-        rows.push(row);
+    };
+    let number = |outcomes: &[Outcome]| count(tests, outcomes) as u64;
+    let with_baseline = |outcome| command.baseline.as_ref().map(|_| number(&[outcome]));
+    results::Regression {
+        folder: command.folder.to_string_lossy().into_owned(),
+        controller: command.controller.clone(),
+        baseline: command.baseline.clone(),
+        passes: number(&PASSES),
+        fails: number(&FAILS),
+        errors: number(&[Outcome::Error]),
+        new_failures: with_baseline(Outcome::NewFailure),
+        fixed: with_baseline(Outcome::Fixed),
+        is_complete,
+        tests: tests.iter().map(test).collect(),
     }
-    let failing = tests.iter().filter(|test| FAILS.contains(&test.outcome));
-    let reasons: String =
-        failing.map(|test| format!("\n{}: {}", escape::name(&test.file), reason(test))).collect();
-    let gap = if reasons.is_empty() { "" } else { "\n" };
-    format!("{}\n\n{}{gap}{reasons}", output::table(&rows), summary(tests, has_baseline))
-}
-
-fn robustness(result: &Result<Regression>) -> Option<f64> {
-    result.as_ref().ok().and_then(|found| found.episode.robustness())
-}
-
-/// Returns the numbers of tests by outcome. With a baseline also how far the tests that fail with both controllers are from it: a
-/// worse controller violates them by more.
-fn summary(tests: &[Test], has_baseline: bool) -> String {
-    let n = |outcomes: &[Outcome]| count(tests, outcomes);
-    let head = plural(tests.len(), "counterexample");
-    let errors = plural(n(&[Outcome::Error]), "error");
-    if !has_baseline {
-        return format!("{head}: {} pass, {} still fail, {errors}", n(&PASSES), n(&FAILS));
-    }
-    let mut text = format!(
-        "{head}: {}, {} still fail, {} fixed, {} pass with both, {errors}",
-        plural(n(&[Outcome::NewFailure]), "new failure"),
-        n(&[Outcome::Fails]),
-        n(&[Outcome::Fixed]),
-        n(&[Outcome::Passes]),
-    );
-    let still = tests.iter().filter(|test| test.outcome == Outcome::Fails);
-    let pairs = still.filter_map(|test| robustness(&test.result).zip(robustness(test.baseline.as_ref()?)));
-    let pairs: Vec<(f64, f64)> = pairs.collect();
-    if !pairs.is_empty() {
-        let lower = pairs.iter().filter(|(now, before)| now < before).count();
-        let higher = pairs.iter().filter(|(now, before)| now > before).count();
-        text.push_str(&format!(
-            "\nOf those that still fail, the robustness is lower than with the baseline in {lower}, higher in {higher}, equal in {}",
-            pairs.len() - lower - higher
-        ));
-    }
-    text
 }

@@ -7,9 +7,13 @@ use mishandle::picture::{Film, FrameCaptions, FrameRenderer, StateTrajectory};
 use mishandle::world::{CAMERAS, Picture, Quality, Size, png};
 use mishandle_text::plural;
 
-use crate::progress::Bar;
-use crate::video::{self, Video};
-use crate::{ExitStatus, args, interrupt, numbers, output, run};
+use crate::exit_status::ExitStatus;
+use crate::flags::{self, numbers};
+use crate::interrupt;
+use crate::run;
+use crate::show::progress::Bar;
+use crate::show::video::{self, Video};
+use crate::show::{output, simulation};
 
 /// Coordinates of an initial state. Its box is checked later, by an error that names the axis.
 const COORDINATE: &str = "a number in the unit of the axis, such as 0.45";
@@ -50,11 +54,11 @@ pub struct Arguments {
     #[arg(long, value_name = "RUN")]
     pub run: Option<PathBuf>,
     /// Number of the trial, from 1 [default: 1 with --simulation, otherwise any]
-    #[arg(long, value_name = "N", requires = "run", allow_negative_numbers = true, value_parser = numbers::integer::<u32>(args::NUMBERS))]
+    #[arg(long, value_name = "N", requires = "run", allow_negative_numbers = true, value_parser = numbers::integer::<u32>(flags::NUMBERS))]
     pub trial: Option<u32>,
     /// Number of the simulation within its trial, from 1 [default: the first counterexample, otherwise the simulation
     /// with the minimum robustness]
-    #[arg(long, value_name = "N", requires = "run", allow_negative_numbers = true, value_parser = numbers::integer::<u32>(args::NUMBERS))]
+    #[arg(long, value_name = "N", requires = "run", allow_negative_numbers = true, value_parser = numbers::integer::<u32>(flags::NUMBERS))]
     pub simulation: Option<u32>,
     /// New path of the run's controller, if the file was moved
     #[arg(long, value_name = "C", requires = "run")]
@@ -246,9 +250,10 @@ fn recorded(
         !trajectory.states.is_empty(),
         "simulation {simulation} of trial {trial} has no states to render"
     );
+    let point = mishandle::run::box_point(run.header(), trial, &replayed.recorded.scenario);
     output::message(&format!(
         "{}: {}",
-        run::simulation_text(run.header(), &replayed.recorded),
+        simulation::name(trial, point, simulation),
         plural(replayed.episode.steps, "control step")
     ));
     let last = trajectory.states.len() - 1;

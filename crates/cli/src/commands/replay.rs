@@ -2,15 +2,12 @@ use std::path::Path;
 
 use anyhow::{Result, bail};
 use clap::Args;
-use mishandle::counterexample::{AxisValue, CounterexampleReplay};
-use mishandle::rollout::Signal;
-use mishandle::store::{self, SignalRecord};
-use mishandle_text::plural;
-use serde_json::{Value, json};
+use mishandle::counterexample::CounterexampleReplay;
 
-use super::counterexamples;
-use crate::output::{self, number};
-use crate::{ExitStatus, args, escape, numbers, run};
+use crate::exit_status::ExitStatus;
+use crate::flags::{self, numbers};
+use crate::run::{self, counterexample};
+use crate::show::{output, replay, simulation};
 
 /// Replay a recorded simulation and check that the result is bit-identical
 #[derive(Debug, Args)]
@@ -24,11 +21,11 @@ Exit code 0 means that everything recorded of the simulation agrees with the pla
 with the replay, bit for bit; 2 that something differs.")]
 pub struct Arguments {
     #[command(flatten)]
-    pub recorded: args::Recorded,
+    pub recorded: flags::Recorded,
     #[command(flatten)]
-    pub trace: args::TraceFile,
+    pub trace: flags::TraceFile,
     /// Number of threads; does not affect the result [default: number of cores]
-    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = numbers::integer::<usize>(args::THREADS))]
+    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = numbers::integer::<usize>(flags::THREADS))]
     pub threads: Option<usize>,
     /// Print one JSON document to stdout
     #[arg(long)]
@@ -37,7 +34,7 @@ pub struct Arguments {
 
 pub fn run(command: &Arguments) -> Result<ExitStatus> {
     run::set_threads(command.threads)?;
-    if counterexamples::is_file(&command.recorded.file) {
+    if flags::is_file(&command.recorded.file) {
         return counterexample(command);
     }
     let file = run::read(&command.recorded.file, command.recorded.skip_check)?;
@@ -65,54 +62,15 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
             }
             false => Vec::new(),
         };
-        run::write_trace(path, header, &replayed.episode.trace, &more)?;
+        simulation::write_trace(path, header, &replayed.episode.trace, &more)?;
     }
-    let robustness = replayed.episode.verdict.robustness;
-    let scenario = &replayed.recorded.scenario;
-    let named = || header.axes.iter().zip(scenario);
-    let by_name: Value = named().map(|(axis, value)| (axis.name.clone(), json!(value))).collect();
-    let signals: Vec<Signal> = header.signals.iter().map(signal).collect();
+    let found = replayed.result(&file);
     if command.json {
-        let value = |value: Option<f64>| value.map_or(Value::Null, number);
-        output::json(json!({
-            "run": command.recorded.file.to_string_lossy(),
-            "target": header.target.name,
-            "space": header.space,
-            "axes": header.axes.iter().map(|axis| &axis.name).collect::<Vec<_>>(),
-            "trial": trial,
-            "simulation": simulation,
-            "point": run::box_point(header, trial, scenario),
-            "initial_configuration": scenario,
-            "scenario": by_name,
-            "seed": replayed.recorded.seed.to_string(),
-            "end": run::end_text(replayed.episode.end, &signals),
-            "steps": replayed.episode.steps,
-            "robustness": value(robustness),
-            "same": replayed.differences.is_empty(),
-            "differences": replayed.differences,
-        }))?;
+        output::json(&found)?;
     } else {
-        let value = |(axis, value): (&store::AxisRecord, &Option<f64>)| {
-            let recorded = mishandle::run::recorded_axis(axis);
-            let value = match value {
-                // All digits.
-                Some(value) if recorded.levels().is_none() => value.to_string(),
-                value => run::value_text(&recorded, *value),
-            };
-            run::axis_value(&escape::name(&axis.name), &value, &escape::name(&axis.unit))
-        };
-        let values: Vec<String> = named().map(value).collect();
-        output::line(&format!(
-            "{}, {}, seed {}\nformula {}\nrobustness {} after {}",
-            run::simulation_text(header, &replayed.recorded),
-            values.join(", "),
-            replayed.recorded.seed,
-            escape::name(&header.formula),
-            robustness.map_or("undecided".to_string(), |rho| rho.to_string()),
-            plural(replayed.episode.steps, "control step"),
-        ))?;
-        if !replayed.episode.end.has_verdict() {
-            output::line(&run::end_text(replayed.episode.end, &signals))?;
+        output::line(&replay::text(&found))?;
+        if !found.has_verdict {
+            output::line(&found.end)?;
         }
     }
     if !replayed.differences.is_empty() {
@@ -122,15 +80,11 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
     Ok(ExitStatus::Done)
 }
 
-fn signal(recorded: &SignalRecord) -> Signal {
-    Signal { name: recorded.name.clone(), unit: recorded.unit.clone() }
-}
-
 /// Replays an exported counterexample.
 fn counterexample(command: &Arguments) -> Result<ExitStatus> {
-    counterexamples::check_flags(command.recorded.trial, command.recorded.simulation)?;
+    flags::check_flags(command.recorded.trial, command.recorded.simulation)?;
     let (recorded, replayed) =
-        counterexamples::replay(&command.recorded.file, command.recorded.controller.as_deref())?;
+        counterexample::replay(&command.recorded.file, command.recorded.controller.as_deref())?;
     let CounterexampleReplay { header, episode, differences, .. } = &replayed;
     if let Some(path) = &command.trace.trace {
         let folder = command.recorded.file.parent().unwrap_or(Path::new(""));
@@ -141,43 +95,12 @@ fn counterexample(command: &Arguments) -> Result<ExitStatus> {
             }
             false => Vec::new(),
         };
-        run::write_trace(path, header, &episode.trace, &more)?;
+        simulation::write_trace(path, header, &episode.trace, &more)?;
     }
-    let signals: Vec<Signal> = header.signals.iter().map(signal).collect();
-    let end = run::end_text(episode.end, &signals);
-    let scenario = || recorded.scenario.iter();
-    if command.json {
-        output::json(json!({
-            "run": command.recorded.file.to_string_lossy(),
-            "target": recorded.target.name,
-            "space": recorded.plan.space,
-            "axes": scenario().map(|axis| &axis.axis).collect::<Vec<_>>(),
-            "trial": recorded.trial,
-            "simulation": recorded.simulation,
-            "point": Value::Null,
-            "initial_configuration": scenario().map(|axis| axis.value).collect::<Vec<_>>(),
-            "scenario": scenario().map(|axis| (axis.axis.clone(), json!(axis.value))).collect::<Value>(),
-            "seed": recorded.seed.to_string(),
-            "end": end,
-            "steps": episode.steps,
-            "robustness": episode.robustness().map(number),
-            "same": differences.is_empty(),
-            "differences": differences,
-        }))?;
-    } else {
-        let value = |axis: &AxisValue| {
-            let value = axis.value.map_or("random".to_string(), |value| value.to_string());
-            run::axis_value(&axis.axis, &value, &axis.unit)
-        };
-        output::line(&format!(
-            "{}, {}, seed {}\nformula {}\nrobustness {} after {}",
-            recorded.target.name,
-            scenario().map(value).collect::<Vec<_>>().join(", "),
-            recorded.seed,
-            escape::name(&header.formula),
-            episode.robustness().map_or("undecided".to_string(), |rho| rho.to_string()),
-            plural(episode.steps, "control step"),
-        ))?;
+    let found = replayed.result(&recorded, &command.recorded.file);
+    match command.json {
+        true => output::json(&found)?,
+        false => output::line(&replay::counterexample_text(&found))?,
     }
     if !differences.is_empty() {
         bail!("the counterexample differs from the replay:\n  {}", differences.join("\n  "));

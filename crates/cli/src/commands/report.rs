@@ -2,14 +2,13 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail};
 use clap::Args;
-use mishandle::run::CampaignRun;
-use mishandle::store::RunFile;
-use mishandle_report::{Measurement, RunReport, RunSummary, campaign_page, page, run_page};
-use mishandle_text::{plural, shell_quote};
+use mishandle_report::page;
 
-use super::reproduce;
-use crate::progress::Bar;
-use crate::{ExitStatus, args, numbers, output, run};
+use crate::exit_status::ExitStatus;
+use crate::flags::{self, numbers};
+use crate::run::{self, pages};
+use crate::show::output;
+use crate::show::progress::Bar;
 
 /// Write a page about runs: verdict, failure modes, robustness maps, traces, pictures
 #[derive(Debug, Args)]
@@ -34,7 +33,7 @@ pub struct Arguments {
     pub force: bool,
     /// Number of random scenarios around each failure mode, which estimate the size of the failing patch; 0 skips this
     #[arg(long, value_name = "N", default_value = "64", allow_negative_numbers = true)]
-    #[arg(value_parser = numbers::integer::<u32>(args::SCENARIOS), conflicts_with = "no_simulations")]
+    #[arg(value_parser = numbers::integer::<u32>(flags::SCENARIOS), conflicts_with = "no_simulations")]
     pub probes: u32,
     /// Show only what the run files contain
     #[arg(long)]
@@ -46,38 +45,9 @@ pub struct Arguments {
     #[arg(long)]
     pub skip_check: bool,
     /// Number of threads; does not affect the page [default: number of cores]
-    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = numbers::integer::<usize>(args::THREADS))]
+    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = numbers::integer::<usize>(flags::THREADS))]
     pub threads: Option<usize>,
 }
-
-/// The page of a campaign that leads to all others.
-const INDEX: &str = "index.html";
-
-/// Folder of the pages of the runs, in that of a campaign's pages.
-const RUNS: &str = "runs";
-
-/// What pages contain.
-pub struct Options<'a> {
-    /// Random scenarios around each failure mode, and the progress bar; `None` to simulate nothing.
-    pub simulations: Option<(u32, &'a Bar)>,
-    /// Present path of the runs' controller, if the file was moved.
-    pub controller: Option<&'a str>,
-    pub skip_check: bool,
-    /// Whether existing files are replaced.
-    pub force: bool,
-}
-
-impl Options<'_> {
-    /// Clears the progress bar.
-    fn clear(&self) {
-        if let Some((_, bar)) = self.simulations {
-            bar.clear();
-        }
-    }
-}
-
-/// Why nothing is simulated.
-const NO_SIMULATIONS: &str = "they were not requested (--no-simulations)";
 
 pub fn run(command: &Arguments) -> Result<ExitStatus> {
     run::set_threads(command.threads)?;
@@ -86,7 +56,7 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
     output::refuse_inputs(&command.out, "--out", inputs)?;
     let bar = Bar::new(0, "simulations");
     run::stop_on_signals(&bar)?;
-    let options = Options {
+    let options = pages::Options {
         simulations: (!command.no_simulations).then_some((command.probes, &bar)),
         controller: command.controller.as_deref(),
         skip_check: command.skip_check,
@@ -95,7 +65,7 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
     if let [folder] = &command.runs[..]
         && folder.is_dir()
     {
-        return write_campaign(folder, &command.out, &options);
+        return pages::write_campaign(folder, &command.out, &options);
     }
     if let Some(folder) = command.runs.iter().find(|path| path.is_dir()) {
         bail!("{} is a folder; name run files, or one folder of a campaign alone", folder.display());
@@ -105,7 +75,7 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
     let mut reports = Vec::new();
     for path in &command.runs {
         let file = run::read(path, options.skip_check)?;
-        let report = report(&file, path, &options).with_context(|| path.display().to_string())?;
+        let report = pages::report(&file, path, &options).with_context(|| path.display().to_string())?;
         let Some(report) = report else {
             bar.clear();
             output::message(&format!(
@@ -122,75 +92,4 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
     let size = page.len().div_ceil(1000);
     output::message(&format!("wrote {} ({size} kB)", command.out.display()));
     Ok(ExitStatus::Done)
-}
-
-/// Writes the pages of a campaign to the folder `out`: an index, the tables, and a page for each run.
-pub fn write_campaign(campaign: &Path, out: &Path, options: &Options<'_>) -> Result<ExitStatus> {
-    let runs = mishandle::run::campaign_runs(campaign)?;
-    let index = out.join(INDEX);
-    if index.exists() && !options.force {
-        bail!("{} exists already; choose another --out, or overwrite it with --force", index.display());
-    }
-    let pages = out.join(RUNS);
-    std::fs::create_dir_all(&pages).with_context(|| format!("cannot write {}", pages.display()))?;
-    let mut size = 0;
-    let mut write = |path: PathBuf, html: &str| {
-        size += html.len();
-        output::write_atomically(&path, true, html.as_bytes())
-    };
-    let mut summaries = Vec::new();
-    for CampaignRun { name, path, .. } in &runs {
-        let file = run::read(path, options.skip_check)?;
-        let report = report(&file, path, options).with_context(|| path.display().to_string())?;
-        let Some(report) = report else {
-            options.clear();
-            output::message(&format!(
-                "interrupted: {} of {} are kept in {}, the others and the index are not written",
-                summaries.len(),
-                plural(runs.len() as u64, "page"),
-                pages.display()
-            ));
-            return Ok(ExitStatus::Interrupted);
-        };
-        write(pages.join(format!("{name}.html")), &run_page(&report, &format!("../{INDEX}")))?;
-        summaries.push(RunSummary::new(&report, name, &format!("{RUNS}/{name}.html")));
-    }
-    let tables = reproduce::write_tables(campaign, out)?;
-    let name = campaign.canonicalize().unwrap_or_else(|_| campaign.to_path_buf());
-    let name = name.file_name().map_or(String::new(), |name| name.to_string_lossy().into_owned());
-    write(index.clone(), &campaign_page(&name, &summaries, &tables))?;
-    options.clear();
-    output::message(&format!(
-        "Pages: {} ({} in {}, {} kB)",
-        shell_quote(&index.to_string_lossy()),
-        plural(runs.len() as u64, "run"),
-        shell_quote(&pages.to_string_lossy()),
-        size.div_ceil(1000)
-    ));
-    Ok(ExitStatus::Done)
-}
-
-/// Returns the report of a run; `None` after an interruption.
-fn report(file: &RunFile, path: &Path, options: &Options<'_>) -> Result<Option<RunReport>> {
-    let mut report = RunReport::load(file, &path.to_string_lossy())?;
-    let Some((probes, bar)) = options.simulations else {
-        report.note_no_simulations(NO_SIMULATIONS);
-        return Ok(Some(report));
-    };
-    bar.set_note(path.display().to_string());
-    let measured = report.measure(file, options.controller, probes, |done, total| {
-        bar.set_length(total);
-        bar.set_position(done);
-        run::control_flow()
-    })?;
-    match measured {
-        Measurement::Interrupted => return Ok(None),
-        Measurement::Skipped { reason } => {
-            report.note_no_simulations(&reason);
-            let said = format!("{}: no simulations: {reason}", path.display());
-            bar.line().suspend(|| output::message(&said));
-        }
-        Measurement::Done => {}
-    }
-    Ok(Some(report))
 }

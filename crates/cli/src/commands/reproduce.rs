@@ -5,15 +5,16 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context, Result, ensure};
 use clap::{Args, Subcommand};
 use mishandle::files::{limits, read_text_bounded};
-use mishandle_experiments::{
-    Block, CampaignResults, ExperimentError, NamedPage, Results, RunResults, Table, ZooFolder, pages,
-};
-use mishandle_text::{plural, shell_quote};
-use serde_json::{Value, json};
+use mishandle::results;
+use mishandle_experiments::{Block, NamedPage, Results, RunResults, Table, pages};
+use mishandle_text::plural;
+use mishandle_text::shell_quote;
 
-use super::campaign;
-use crate::progress::Bar;
-use crate::{ExitStatus, args, numbers, output, run};
+use crate::exit_status::ExitStatus;
+use crate::flags::{self, numbers};
+use crate::run::{self, grid, tables};
+use crate::show::output;
+use crate::show::progress::Bar;
 
 /// Reproduce the paper's tables: run their plans, and show the results beside the published values
 #[derive(Debug, Args)]
@@ -79,10 +80,10 @@ pub struct ReproduceTable {
     #[arg(long, value_name = "FILE")]
     pub plan: Option<PathBuf>,
     /// Number of runs at the same time; does not affect the results [default: number of cores]
-    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = numbers::integer::<usize>(args::THREADS))]
+    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = numbers::integer::<usize>(flags::THREADS))]
     pub jobs: Option<usize>,
     /// Number of threads; does not affect the results [default: number of cores]
-    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = numbers::integer::<usize>(args::THREADS))]
+    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = numbers::integer::<usize>(flags::THREADS))]
     pub threads: Option<usize>,
     /// Wait after each batch until its records are on the disk
     #[arg(long)]
@@ -97,13 +98,13 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
         ReproduceCommand::Performance(table) => reproduce("performance", table),
         ReproduceCommand::Falsification(table) => reproduce("falsification", table),
         ReproduceCommand::Tables { folders, pages, json } => {
-            let results = load(folders)?;
+            let results = tables::load(folders)?;
             show(&results, pages.as_deref(), *json)?;
             Ok(ExitStatus::Done)
         }
         ReproduceCommand::Collect { folders, out } => {
             let results = collect(folders, out)?;
-            results.write(out).map_err(converted)?;
+            results.write(out).map_err(tables::converted)?;
             output::message(&format!("Results: {}", shell_quote(&out.to_string_lossy())));
             Ok(ExitStatus::Done)
         }
@@ -138,9 +139,9 @@ fn reproduce(name: &str, table: &ReproduceTable) -> Result<ExitStatus> {
     };
     let all_cores = || std::thread::available_parallelism().map_or(1, usize::from);
     let jobs = table.jobs.unwrap_or_else(all_cores);
-    let finished = campaign::run_all(&runs, &bar, table.durable, jobs, None)?;
+    let finished = grid::run_all(&runs, &bar, table.durable, jobs, None)?;
     bar.clear();
-    show(&load(std::slice::from_ref(&folder))?, None, table.json)?;
+    show(&tables::load(std::slice::from_ref(&folder))?, None, table.json)?;
     let quoted = shell_quote(&folder.to_string_lossy());
     if finished.len() < runs.len() {
         output::message(&format!("interrupted; {} of {} runs finished", finished.len(), runs.len()));
@@ -164,32 +165,15 @@ fn home() -> Result<PathBuf> {
     )
 }
 
-/// Reads campaigns and results.
-fn load(folders: &[PathBuf]) -> Result<Results> {
-    let mut all = Results::default();
-    for folder in folders {
-        if Results::is_in(folder) {
-            let Results { date, machine, campaigns } = Results::read(folder).map_err(converted)?;
-            all.date = date;
-            add_machine(&mut all.machine, &machine);
-            all.campaigns.extend(campaigns);
-        } else {
-            let zoo = ZooFolder::new(&mishandle::shipped::home().unwrap_or_default());
-            all.campaigns.push(CampaignResults::read(folder, &zoo).map_err(converted)?);
-        }
-    }
-    Ok(all)
-}
-
 /// Shows the tables of the results, and writes their pages to a folder.
 fn show(results: &Results, folder: Option<&Path>, as_json: bool) -> Result<()> {
     let pages = pages(results);
     ensure!(!pages.is_empty(), "there are no runs in these folders");
     if let Some(folder) = folder {
-        write_pages(&pages, folder)?;
+        tables::write_pages(&pages, folder)?;
     }
     if as_json {
-        return output::json(document(&pages));
+        return output::json(&result(&pages));
     }
     let tables = pages.iter().flat_map(|(_, page)| tables(&page.blocks));
     let texts: Vec<String> = tables
@@ -206,26 +190,6 @@ fn show(results: &Results, folder: Option<&Path>, as_json: bool) -> Result<()> {
     Ok(())
 }
 
-/// Writes the pages with the tables of a campaign to a folder. Returns the names and titles of the HTML pages.
-pub fn write_tables(campaign: &Path, folder: &Path) -> Result<Vec<(String, String)>> {
-    let pages = pages(&load(&[campaign.to_path_buf()])?);
-    write_pages(&pages, folder)?;
-    Ok(pages.into_iter().map(|(name, page)| (format!("{name}.html"), page.title)).collect())
-}
-
-/// Writes each page as Markdown and as HTML. Existing pages are replaced, because they contain nothing but results.
-fn write_pages(pages: &[NamedPage], folder: &Path) -> Result<()> {
-    std::fs::create_dir_all(folder).with_context(|| folder.display().to_string())?;
-    for (name, page) in pages {
-        for (ending, text) in [("md", page.markdown()), ("html", page.html())] {
-            let path = folder.join(format!("{name}.{ending}"));
-            output::write_atomically(&path, true, text.as_bytes())?;
-            output::message(&format!("Page: {}", shell_quote(&path.to_string_lossy())));
-        }
-    }
-    Ok(())
-}
-
 fn tables(blocks: &[Block]) -> impl Iterator<Item = &Table> {
     blocks.iter().filter_map(|block| match block {
         Block::Table(table) => Some(table),
@@ -233,13 +197,18 @@ fn tables(blocks: &[Block]) -> impl Iterator<Item = &Table> {
     })
 }
 
-fn document(pages: &[NamedPage]) -> Value {
-    let page = |(name, page): &NamedPage| {
-        let tables = tables(&page.blocks)
-            .map(|table| json!({ "caption": table.caption, "columns": table.columns, "rows": table.rows }));
-        json!({ "name": name, "title": page.title, "tables": tables.collect::<Vec<_>>() })
+fn result(pages: &[NamedPage]) -> results::Tables {
+    let table = |table: &Table| results::Table {
+        caption: table.caption.clone(),
+        columns: table.columns.clone(),
+        rows: table.rows.clone(),
     };
-    json!({ "pages": pages.iter().map(page).collect::<Vec<_>>() })
+    let page = |(name, page): &NamedPage| results::TablePage {
+        name: name.to_string(),
+        title: page.title.clone(),
+        tables: tables(&page.blocks).map(table).collect(),
+    };
+    results::Tables { pages: pages.iter().map(page).collect() }
 }
 
 /// Reads the complete runs of campaigns, and results to add them to.
@@ -250,7 +219,7 @@ fn collect(folders: &[PathBuf], out: &Path) -> Result<Results> {
         && date.split('-').map(str::len).eq([4, 2, 2])
         && date.bytes().all(|byte| byte.is_ascii_digit() || byte == b'-');
     ensure!(is_date, "the folder of results is named by its date, such as 2026-11-22; found `{date}`");
-    let mut results = load(folders)?;
+    let mut results = tables::load(folders)?;
     for campaign in &mut results.campaigns {
         let all = campaign.runs.len();
         campaign.runs.retain(RunResults::is_complete);
@@ -265,23 +234,12 @@ fn collect(folders: &[PathBuf], out: &Path) -> Result<Results> {
     }
     results.campaigns.retain(|campaign| !campaign.runs.is_empty());
     ensure!(!results.campaigns.is_empty(), "no run is complete; resume the campaigns first");
-    results.merge_campaigns().map_err(converted)?;
+    results.merge_campaigns().map_err(tables::converted)?;
     results.date = date;
     if !folders.iter().all(|folder| Results::is_in(folder)) {
-        add_machine(&mut results.machine, &machine());
+        tables::add_machine(&mut results.machine, &machine());
     }
     Ok(results)
-}
-
-/// Adds a machine to a list, once.
-fn add_machine(list: &mut String, machine: &str) {
-    if list.split("; ").any(|known| known == machine) {
-        return;
-    }
-    if !list.is_empty() {
-        list.push_str("; ");
-    }
-    list.push_str(machine);
 }
 
 /// Describes the machine: processor, number of cores and operating system.
@@ -291,12 +249,4 @@ fn machine() -> String {
     let model = facts.lines().find_map(|line| line.strip_prefix("model name")?.split_once(':'));
     let model = model.map_or("unknown processor", |(_, name)| name.trim());
     format!("{cores} cores, {model}, {} {}", std::env::consts::OS, std::env::consts::ARCH)
-}
-
-/// The hints of the program are for its own errors.
-fn converted(error: ExperimentError) -> anyhow::Error {
-    match error {
-        ExperimentError::Mishandle(error) => (*error).into(),
-        error => error.into(),
-    }
 }

@@ -3,13 +3,14 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, ensure};
 use clap::Args;
-use mishandle::resolve::controller_name;
-use mishandle::store::{RunFile, RunHeader, RunKind, TrialStatus};
+use mishandle::inspect::run_facts;
+use mishandle::results::{RunFacts, RunSummary};
+use mishandle::store::RunFile;
 use mishandle_text::decimal;
-use serde_json::{Value, json};
 
-use crate::output::{self, number};
-use crate::{ExitStatus, escape};
+use crate::exit_status::ExitStatus;
+use crate::show::escape;
+use crate::show::output;
 
 /// List run files with what they contain
 #[derive(Debug, Args)]
@@ -26,23 +27,6 @@ pub struct Arguments {
     pub json: bool,
 }
 
-/// What a run file contains.
-struct Entry {
-    path: PathBuf,
-    contents: Result<Contents>,
-}
-
-struct Contents {
-    header: RunHeader,
-    controller: String,
-    simulations: u64,
-    failures: u64,
-    trials: usize,
-    falsified_trials: usize,
-    is_running: bool,
-    minimum_robustness: Option<f64>,
-}
-
 pub fn run(command: &Arguments) -> Result<ExitStatus> {
     let mut paths = Vec::new();
     for path in &command.paths {
@@ -53,10 +37,9 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
             paths.push(path.clone());
         }
     }
-    let entries: Vec<Entry> =
-        paths.into_iter().map(|path| Entry { contents: contents(&path), path }).collect();
+    let entries: Vec<RunSummary> = paths.iter().map(|path| summary(path)).collect();
     if command.json {
-        output::json(Value::Array(entries.iter().map(document).collect()))?;
+        output::json_array(&entries)?;
         return Ok(ExitStatus::Done);
     }
     if entries.is_empty() {
@@ -78,9 +61,8 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
     rows.extend(entries.iter().map(row));
     output::line(&output::table(&rows))?;
     for entry in &entries {
-        if let Err(error) = &entry.contents {
-            let causes = output::with_causes(error.chain());
-            output::message(&format!("warning: cannot read {}: {causes}", entry.path.display()));
+        if let Some(causes) = &entry.error {
+            output::message(&format!("warning: cannot read {}: {causes}", entry.run));
         }
     }
     Ok(ExitStatus::Done)
@@ -110,78 +92,37 @@ fn is_run_file(path: &Path) -> bool {
     path.is_file() && path.extension().is_some_and(|extension| extension == "sqlite")
 }
 
-fn contents(path: &Path) -> Result<Contents> {
+fn summary(path: &Path) -> RunSummary {
     // A list needs no check of every row; the commands that use a run check it.
-    let file = RunFile::open_unchecked(path)?;
-    let trials = file.trials()?;
-    let counts = file.counts()?;
-    let with_status = |status| trials.iter().filter(|trial| trial.trial.status == status).count();
-    Ok(Contents {
-        controller: controller(file.header()),
-        simulations: counts.simulations,
-        failures: counts.falsified,
-        trials: trials.len(),
-        falsified_trials: with_status(TrialStatus::Falsified),
-        is_running: mishandle::run::unfinished(&file)?.is_some(),
-        minimum_robustness: trials.iter().filter_map(|trial| trial.minimum_robustness).reduce(f64::min),
-        header: file.header().clone(),
-    })
+    let read = || -> Result<RunFacts> { Ok(run_facts(&RunFile::open_unchecked(path)?)?) };
+    let (error, facts) = match read() {
+        Ok(facts) => (None, Some(facts)),
+        Err(error) => (Some(output::with_causes(error.chain())), None),
+    };
+    RunSummary { run: path.to_string_lossy().into_owned(), error, facts }
 }
 
-/// Returns the name of the run's controller; empty if its target has none.
-fn controller(header: &RunHeader) -> String {
-    let component = header.components.iter().find(|component| component.role == "controller");
-    component.map_or(String::new(), |component| controller_name(&component.name))
-}
-
-fn row(entry: &Entry) -> Vec<String> {
-    let path = escape::name(&entry.path.to_string_lossy());
-    let Ok(contents) = &entry.contents else {
+fn row(entry: &RunSummary) -> Vec<String> {
+    let path = escape::name(&entry.run);
+    let Some(facts) = &entry.facts else {
         return vec![path, "not readable".to_string()];
     };
-    let Contents { header, falsified_trials, trials, is_running, .. } = contents;
-    let result = match header.kind {
-        RunKind::Falsify => format!("falsified {falsified_trials} of {trials}"),
-        RunKind::Evaluate => "evaluated".to_string(),
-        RunKind::Margin if *falsified_trials > 0 => "witness found".to_string(),
-        RunKind::Margin => "no witness".to_string(),
-        RunKind::Risk => "estimated".to_string(),
+    let result = match facts.kind.as_str() {
+        "falsify" => format!("falsified {} of {}", facts.falsified_trials, facts.trials),
+        "margin" if facts.falsified_trials > 0 => "witness found".to_string(),
+        "margin" => "no witness".to_string(),
+        "risk" => "estimated".to_string(),
+        _ => "evaluated".to_string(),
     };
     vec![
         path,
-        header.kind.name().to_string(),
-        escape::name(&header.target.name),
-        escape::name(&contents.controller),
-        header.search.clone(),
-        contents.simulations.to_string(),
-        contents.failures.to_string(),
-        contents.minimum_robustness.map_or("-".to_string(), |rho| decimal(rho, 4)),
-        if *is_running { format!("{result}, not finished") } else { result },
+        facts.kind.clone(),
+        escape::name(&facts.target),
+        escape::name(&facts.controller),
+        facts.search.clone(),
+        facts.simulations.to_string(),
+        facts.failures.to_string(),
+        facts.minimum_robustness.map_or("-".to_string(), |rho| decimal(rho.0, 4)),
+        if facts.is_complete { result } else { format!("{result}, not finished") },
     ]
-}
-
-fn document(entry: &Entry) -> Value {
-    let run = entry.path.to_string_lossy();
-    match &entry.contents {
-        Err(error) => json!({ "run": run, "error": output::with_causes(error.chain()) }),
-        Ok(contents) => json!({
-            "run": run,
-            "error": Value::Null,
-            "kind": contents.header.kind.name(),
-            "target": contents.header.target.name,
-            "target_kind": contents.header.target.kind,
-            "controller": contents.controller,
-            "space": contents.header.space,
-            "formula": contents.header.formula,
-            "search": contents.header.search,
-            "seed": contents.header.seed.to_string(),
-            "simulations": contents.simulations,
-            "failures": contents.failures,
-            "trials": contents.trials,
-            "falsified_trials": contents.falsified_trials,
-            "is_complete": !contents.is_running,
-            "minimum_robustness": contents.minimum_robustness.map(number),
-            "commit": contents.header.build.git_commit,
-        }),
-    }
 }

@@ -1,10 +1,9 @@
 use anyhow::Result;
 use clap::Args;
 use mishandle::search::{OptionSpec, SEARCHES, SearchEntry};
-use serde_json::{Value, json};
 
-use crate::ExitStatus;
-use crate::output::{self, table, wrapped};
+use crate::exit_status::ExitStatus;
+use crate::show::output::{self, table, wrapped};
 
 /// List the search algorithms, or describe one with its options
 #[derive(Debug, Args)]
@@ -31,31 +30,13 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
         None => SEARCHES,
     };
     if command.json {
-        output::json(entries.iter().map(document).collect())?;
+        output::json_array(&entries.iter().map(mishandle::resolve::search_result).collect::<Vec<_>>())?;
     } else if let (Some(_), [entry]) = (&command.search, entries) {
         output::line(&page(entry))?;
     } else {
         output::line(&list(entries))?;
     }
     Ok(ExitStatus::Done)
-}
-
-fn document(entry: &SearchEntry) -> Value {
-    let option = |option: &OptionSpec| {
-        json!({
-            "name": option.name,
-            "type": option.kind.name(),
-            "default": option.default,
-            "range": option.range,
-            "meaning": option.meaning,
-        })
-    };
-    json!({
-        "name": entry.name,
-        "summary": entry.summary,
-        "reference": entry.reference,
-        "options": (entry.options)().iter().map(option).collect::<Vec<_>>(),
-    })
 }
 
 fn list(entries: &[SearchEntry]) -> String {

@@ -1,18 +1,17 @@
 use anyhow::{Context, Result, bail, ensure};
 use clap::Args;
 use mishandle::ResolvedPlan;
-use mishandle::evaluation::{Estimate, QUANTILES, RepeatReport};
-use mishandle::falsification::{Noise, Repeated, measure_noise, repeat_seeds};
+use mishandle::falsification::{Repeated, measure_noise, repeat_seeds};
 use mishandle::plan::FalsifyPlan;
 use mishandle::rollout::{Axis, AxisValues, Request, Scenario, Seed, Space};
 use mishandle::store::RunKind;
-use mishandle_text::{decimal, plural};
-use serde_json::{Value, json};
+use mishandle_text::plural;
 
-use super::explain;
-use crate::output::{self, number};
-use crate::progress::Bar;
-use crate::{ExitStatus, args, escape, numbers, run};
+use crate::exit_status::ExitStatus;
+use crate::flags::{self, numbers};
+use crate::run;
+use crate::show::progress::Bar;
+use crate::show::{output, scenario, simulation};
 
 /// Simulate one chosen scenario, once or repeatedly with other random seeds
 #[derive(Debug, Args)]
@@ -24,26 +23,26 @@ use crate::{ExitStatus, args, escape, numbers, run};
 Exit code 1 means that a simulation violated the formula.")]
 pub struct Arguments {
     #[command(flatten)]
-    pub subject: args::Subject,
+    pub subject: flags::Subject,
     /// Scenario: one value per axis of the space, or NAME=VALUE for some axes; the others are nominal [default: the
     /// nominal scenario]
     #[arg(long, value_name = "X,Y,...", value_delimiter = ',', allow_hyphen_values = true)]
     pub at: Vec<String>,
     /// Number of simulations with different seeds; reports the failure rate of the scenario and quantiles of the robustness
-    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = numbers::integer::<u32>(args::REPEATS))]
+    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = numbers::integer::<u32>(flags::REPEATS))]
     pub repeat: Option<u32>,
     /// With --repeat: number of random scenarios, each simulated 20 times, that measure the share of the robustness variance
     /// that comes from the scenario; 0 skips this [default: 20]
-    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = numbers::integer::<u32>(args::SCENARIOS))]
+    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = numbers::integer::<u32>(flags::SCENARIOS))]
     #[arg(requires = "repeat")]
     pub scenarios: Option<u32>,
     /// Requirement: the name of a formula of the target, or the text of a formula [default: the target's first formula]
     #[arg(long, allow_hyphen_values = true)]
     pub formula: Option<String>,
     #[command(flatten)]
-    pub trace: args::TraceFile,
+    pub trace: flags::TraceFile,
     #[command(flatten)]
-    pub run: args::Run,
+    pub run: flags::Run,
 }
 
 /// Default number of random scenarios that measure the share of noise.
@@ -51,7 +50,7 @@ const NOISE_SCENARIOS: u32 = 20;
 
 pub fn run(command: &Arguments) -> Result<ExitStatus> {
     run::set_threads(command.run.threads)?;
-    let mut plan = run::plan(&command.subject, &command.run)?;
+    let mut plan = flags::plan(&command.subject, &command.run)?;
     let mut falsify: FalsifyPlan = plan.falsify.take().unwrap_or_default();
     falsify.formula = command.formula.clone().or(falsify.formula);
     plan.falsify = Some(falsify);
@@ -90,7 +89,7 @@ fn scenario(space: &Space, spaces: &[Space], words: &[String]) -> Result<Scenari
             "--at has {} and the space {} {}: {}; give one value for each, or some as NAME=VALUE",
             plural(words.len(), "value"),
             space.name(),
-            run::axes(free.len()),
+            scenario::axes(free.len()),
             names.join(", ")
         );
         for (index, word) in free.into_iter().zip(words) {
@@ -146,7 +145,8 @@ fn once(command: &Arguments, resolved: &ResolvedPlan, scenario: &Scenario) -> Re
     let mut episodes = resolved.system()?.rollout(&[request])?;
     let episode = episodes.pop().context("the target returned no episode")?;
     let Some(robustness) = episode.robustness() else {
-        bail!("the simulation has no verdict: {}", run::end_text(episode.end, &resolved.target.signals));
+        let names: Vec<&str> = resolved.target.signals.iter().map(|signal| signal.name.as_str()).collect();
+        bail!("the simulation has no verdict: {}", mishandle::run::end_text(episode.end, &names));
     };
     let (header, explained) = mishandle::inspect::explain_episode(resolved, &episode)?;
     if let Some(path) = &command.trace.trace {
@@ -154,22 +154,13 @@ fn once(command: &Arguments, resolved: &ResolvedPlan, scenario: &Scenario) -> Re
             true => mishandle::picture::full_trace(resolved, &episode)?,
             false => Vec::new(),
         };
-        run::write_trace(path, &header, &episode.trace, &more)?;
+        simulation::write_trace(path, &header, &episode.trace, &more)?;
     }
-    if command.run.json {
-        let own = json!({
-            "scenario": run::scenario(resolved.space.axes(), scenario.values()),
-            "formula": resolved.specification.requirement.to_string(),
-            "end": run::end_text(episode.end, &resolved.target.signals),
-            "steps": episode.steps,
-            "robustness": number(robustness),
-            "explanation": explain::document(&header, &explained),
-            "repeats": Value::Null,
-            "noise": Value::Null,
-        });
-        output::json(output::joined(document(resolved), own))?;
-    } else {
-        output::line(&format!("{}\n{}", run::heading(resolved), explain::text(&header, &explained)))?;
+    let explanation = explained.result(&header, None);
+    let found = mishandle::run::simulation_result(resolved, &episode, explanation);
+    match command.run.json {
+        true => output::json(&found)?,
+        false => output::line(&simulation::text(&found))?,
     }
     Ok(if robustness < 0.0 { ExitStatus::Violated } else { ExitStatus::Done })
 }
@@ -208,28 +199,15 @@ fn repeated(
         _ => measure_noise(&mut *system, seed, scenarios, noise_repeats, &mut count)?,
     };
     bar.clear();
-    if command.run.json {
-        let own = json!({
-            "scenario": run::scenario(resolved.space.axes(), scenario.values()),
-            "formula": resolved.specification.requirement.to_string(),
-            "end": Value::Null,
-            "steps": Value::Null,
-            "robustness": Value::Null,
-            "explanation": Value::Null,
-            "repeats": repeats_document(&report),
-            "noise": noise.map(|noise| json!({
-                "scenario_share": noise.scenario_share.value,
-                "scenario_share_interval": noise.scenario_share.low.zip(noise.scenario_share.high).map(<[f64; 2]>::from),
-                "scenarios": noise.scenarios,
-                "repeats": noise.repeats,
-            })),
-        });
-        output::json(output::joined(document(resolved), own))?;
-    } else {
-        output::line(&text(resolved, scenario, &report, noise.as_ref()))?;
+    let (simulations, failures) = (report.simulations, report.failures);
+    let has_verdict = report.failure_rate.n > 0;
+    let found = mishandle::run::repeated_result(resolved, scenario, report, noise);
+    match command.run.json {
+        true => output::json(&found)?,
+        false => output::line(&simulation::text(&found))?,
     }
     if done < total {
-        let repeats = match report.simulations {
+        let repeats = match simulations {
             n if n < repeat => format!("the result is that of {n} of {}", plural(repeat, "repeat")),
             _ => "all repeats are done".to_string(),
         };
@@ -237,93 +215,6 @@ fn repeated(
         run::report_loss(done, &format!("{repeats}{lost}"));
         return Ok(ExitStatus::Interrupted);
     }
-    ensure!(report.failure_rate.n > 0, "no simulation has a verdict, so the scenario was not tested");
-    Ok(if report.failures > 0 { ExitStatus::Violated } else { ExitStatus::Done })
-}
-
-/// Returns the keys that describe target and plan.
-pub fn document(resolved: &ResolvedPlan) -> Value {
-    let mut document = run::document(resolved, "");
-    if let Some(keys) = document.as_object_mut() {
-        keys.remove("run");
-    }
-    document
-}
-
-/// Returns the JSON of repeated simulations.
-pub fn repeats_document(report: &RepeatReport) -> Value {
-    let quantiles = |values: [f64; QUANTILES.len()]| {
-        let named =
-            QUANTILES.iter().zip(values).map(|(p, value)| json!({ "p": p, "robustness": number(value) }));
-        named.collect::<Vec<_>>()
-    };
-    json!({
-        "simulations": report.simulations,
-        "failures": report.failures,
-        "failure_rate": output::estimate(&report.failure_rate),
-        "quantiles": report.quantiles.map(quantiles),
-    })
-}
-
-fn text(
-    resolved: &ResolvedPlan,
-    scenario: &Scenario,
-    report: &RepeatReport,
-    noise: Option<&Noise>,
-) -> String {
-    let mut text = format!(
-        "{}\n{}\nformula {}\n\n{}",
-        run::heading(resolved),
-        run::scenario_text(resolved.space.axes(), scenario.values()),
-        escape::name(&resolved.specification.requirement.to_string()),
-        failure_text(report),
-    );
-    if let Some(values) = report.quantiles {
-        let mut rows = vec![vec!["robustness".to_string()]];
-        rows[0].extend(["minimum", "5 %", "median", "95 %", "maximum"].map(String::from));
-        rows.push(vec![String::new()]);
-        rows[1].extend(values.iter().map(|value| decimal(*value, 4)));
-        text.push_str(&format!("\n\n{}", output::table(&rows)));
-    }
-    let without = report.simulations - report.failure_rate.n;
-    if without > 0 {
-        text.push_str(&format!("\n\n{} without a verdict", plural(without, "simulation")));
-    }
-    if let Some(Noise { scenario_share, scenarios, repeats }) = noise {
-        let of =
-            format!("{}, {} each", plural(*scenarios, "random scenario"), plural(*repeats, "simulation"));
-        text.push_str(&match scenario_share.value {
-            Some(share) => format!(
-                "\n\nvariance of the robustness: {:.0} % from the scenario{}, {:.0} % from noise ({of})",
-                100.0 * share,
-                scenario_share.low.zip(scenario_share.high).map_or(String::new(), |(low, high)| format!(
-                    " [{:.0}, {:.0}]",
-                    100.0 * low,
-                    100.0 * high
-                )),
-                100.0 * (1.0 - share)
-            ),
-            None => {
-                format!("\n\nthe robustness of {of} has no variance to split: it is constant or infinite")
-            }
-        });
-    }
-    text
-}
-
-/// Describes how often repeated simulations fail, such as `fails in 188 of 2,000 repeats: 9.4 % [8.2, 10.8]`.
-pub fn failure_text(report: &RepeatReport) -> String {
-    let Estimate { value, low, high, n } = report.failure_rate;
-    let percent = |value: Option<f64>| 100.0 * value.unwrap_or(f64::NAN);
-    match n {
-        0 => "no repeat has a verdict".to_string(),
-        _ => format!(
-            "fails in {} of {}: {:.1} % [{:.1}, {:.1}]",
-            report.failures,
-            plural(n, "repeat"),
-            percent(value),
-            percent(low),
-            percent(high)
-        ),
-    }
+    ensure!(has_verdict, "no simulation has a verdict, so the scenario was not tested");
+    Ok(if failures > 0 { ExitStatus::Violated } else { ExitStatus::Done })
 }

@@ -1,10 +1,11 @@
 use anyhow::Result;
 use clap::Args;
 use mishandle::Plan;
+use mishandle::results::Targets;
 use mishandle::rollout::{Axis, AxisValues, Space, Target};
-use serde_json::{Value, json};
 
-use crate::{ExitStatus, output, run};
+use crate::exit_status::ExitStatus;
+use crate::show::{output, scenario};
 
 /// List the targets, or describe one target: scenario spaces, axes, signals and formulas
 #[derive(Debug, Args)]
@@ -28,12 +29,16 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
         (None, false) => output::line(&list())?,
         (None, true) => {
             let names = mishandle::resolve::target_names();
-            output::json(json!({ "targets": names }))?;
+            output::json(&Targets { targets: names })?;
         }
         (Some(name), is_json) => {
             let plan = plan(name, command.preset.as_deref());
             let target = mishandle::resolve::target(&plan)?;
-            if is_json { output::json(document(&target))? } else { output::line(&page(&target, &plan))? }
+            if is_json {
+                output::json(&mishandle::resolve::target_result(&target))?
+            } else {
+                output::line(&page(&target, &plan))?
+            }
         }
     }
     Ok(ExitStatus::Done)
@@ -78,7 +83,12 @@ fn page(target: &Target, plan: &Plan) -> String {
     let signals = output::wrapped(&signals.collect::<Vec<_>>().join(", "), 78).replace('\n', "\n  ");
     sections.push(format!("Signals\n  {signals}"));
     for space in &target.spaces {
-        sections.push(format!("Space {} ({})\n{}", space.name(), run::axes(space.dimension()), axes(space)));
+        sections.push(format!(
+            "Space {} ({})\n{}",
+            space.name(),
+            scenario::axes(space.dimension()),
+            axes(space)
+        ));
     }
     if let [first, .., last] = target.spaces.as_slice() {
         let example = format!("{}+{}", first.name(), last.name());
@@ -125,46 +135,4 @@ fn sets(axis: &Axis) -> String {
 fn short(value: f64) -> String {
     const SCALE: f64 = 1e9;
     ((value * SCALE).round() / SCALE).to_string()
-}
-
-fn document(target: &Target) -> Value {
-    let formulas: Vec<Value> =
-        target.formulas.iter().map(|f| json!({ "name": f.name, "text": f.text })).collect();
-    let signals: Vec<Value> =
-        target.signals.iter().map(|signal| json!({ "name": signal.name, "unit": signal.unit })).collect();
-    let spaces: Vec<Value> = target
-        .spaces
-        .iter()
-        .map(|space| json!({ "name": space.name(), "axes": space.axes().iter().map(axis).collect::<Vec<_>>() }))
-        .collect();
-    json!({
-        "name": target.identity.name,
-        "kind": target.identity.kind,
-        "deterministic": target.is_deterministic,
-        "control_dt": target.control_dt,
-        "episode_steps": target.episode_steps,
-        "formulas": formulas,
-        "signals": signals,
-        "spaces": spaces,
-    })
-}
-
-fn axis(axis: &Axis) -> Value {
-    let values = match &axis.values {
-        AxisValues::Continuous => json!("continuous"),
-        AxisValues::Logarithmic => json!("logarithmic"),
-        AxisValues::Integer => json!("integer"),
-        AxisValues::Categorical(names) => json!(names.to_vec()),
-    };
-    json!({
-        "name": axis.name,
-        "kind": axis.kind.name(),
-        "unit": axis.unit,
-        "low": axis.low,
-        "high": axis.high,
-        "nominal": axis.nominal,
-        "values": values,
-        "distribution": axis.distribution.name(),
-        "meaning": axis.meaning,
-    })
 }

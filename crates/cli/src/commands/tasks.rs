@@ -5,11 +5,10 @@ use std::path::PathBuf;
 
 use anyhow::Result;
 use clap::Args;
-use mishandle::tasks::{Definition, Note, Preset, Task, compose_with_start, notes, tasks};
-use serde_json::{Value, json};
+use mishandle::tasks::{Definition, Preset, Task, compose_with_start, notes, tasks};
 
-use crate::ExitStatus;
-use crate::output::{self, indented, table_in};
+use crate::exit_status::ExitStatus;
+use crate::show::output::{self, indented, table_in};
 
 /// List the tasks, or describe one task in full
 #[derive(Debug, Args)]
@@ -47,8 +46,8 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
         }
     }
     if command.json {
-        let all = selected.iter().map(|task| document(*task, preset)).collect::<Result<_>>()?;
-        output::json(Value::Array(all))?;
+        let described = selected.iter().map(|task| mishandle::resolve::task_result(*task, preset));
+        output::json_array(&described.collect::<Result<Vec<_>, _>>()?)?;
     } else if let (Some(_), [task]) = (&command.task, selected.as_slice()) {
         output::line(&page::page(task.definition(), &notes(*task)?, preset, output::width())?)?;
     } else {
@@ -56,39 +55,6 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
         output::line(&list(&definitions, preset, output::width()))?;
     }
     Ok(ExitStatus::Done)
-}
-
-fn document(task: &dyn Task, preset: Preset) -> Result<Value> {
-    let definition = task.definition();
-    let formulas = definition.formulas(preset);
-    let axes: Vec<Value> = definition
-        .initial_box
-        .iter()
-        .map(|axis| {
-            let [low, high] = axis.bounds(preset);
-            json!({ "name": axis.name, "unit": axis.unit, "low": low, "high": high })
-        })
-        .collect();
-    let signals: Vec<&str> = definition.signals.iter().map(|signal| signal.name).collect();
-    let notes: Vec<Value> = notes(task)?.iter().map(note_document).collect();
-    Ok(json!({
-        "name": definition.name,
-        "variant_of": definition.variant_of,
-        "success": formulas.success,
-        "strict": formulas.strict,
-        "safe": formulas.safe,
-        "completion": formulas.completion,
-        "signals": signals,
-        "initial_box": axes,
-        "controllers": mishandle::shipped::shipped_controllers(definition),
-        "notes": notes,
-    }))
-}
-
-fn note_document(note: &Note) -> Value {
-    let facts = json!({ "topic": note.topic.name(), "every_task": note.is_shared, "subject": note.subject });
-    let cells = note.cells.iter().map(|(name, text)| (name.to_string(), Value::from(*text)));
-    output::joined(facts, Value::Object(cells.collect()))
 }
 
 /// Lists the tasks with success formula and controllers, one paragraph each; variants come last.

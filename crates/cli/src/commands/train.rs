@@ -1,19 +1,22 @@
 use std::ops::RangeInclusive;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::sync::LazyLock;
 
 use anyhow::{Error, Result, anyhow};
 use clap::Args;
 use mishandle::MishandleError;
+use mishandle::results::Training;
 use mishandle::run::Device;
 use mishandle::train::{TrainPlan, TrainReport, default_out};
-use mishandle::training::RunSettings;
 use mishandle_text::plural;
-use serde_json::{Value, json};
 
-use crate::output::{self, number};
-use crate::train_reporter::{TrainReporter, with_causes};
-use crate::{ExitStatus, args, interrupt, numbers, run, training_time};
+use crate::exit_status::ExitStatus;
+use crate::flags::{self, numbers};
+use crate::interrupt;
+use crate::run;
+use crate::show::output;
+use crate::show::train_reporter::{TrainReporter, with_causes};
+use crate::show::training_time;
 
 /// Numbers of environment steps of a training run: those of the setting `run.total_steps`.
 const STEPS: RangeInclusive<u64> = 1..=1_000_000_000_000;
@@ -58,7 +61,7 @@ pub struct Arguments {
     /// Physics engine of the training episodes: cpu (MuJoCo C) or gpu (MuJoCo Warp) [default: cpu]. Validations always use
     /// MuJoCo C. The setting episodes.environments is the number of worlds
     #[arg(long, value_name = "NAME")]
-    pub backend: Option<args::Backend>,
+    pub backend: Option<flags::Backend>,
     /// File of the best controller [default: runs/TASK-ALGORITHM-sSEED.safetensors]
     #[arg(long, value_name = "FILE")]
     pub out: Option<PathBuf>,
@@ -79,7 +82,7 @@ pub struct Arguments {
     #[arg(long)]
     pub dry_run: bool,
     #[command(flatten)]
-    pub run: args::Run,
+    pub run: flags::Run,
 }
 
 pub fn run(command: &Arguments, gpu: Option<&Device>) -> Result<ExitStatus> {
@@ -116,13 +119,14 @@ pub fn run(command: &Arguments, gpu: Option<&Device>) -> Result<ExitStatus> {
     if reporter.iterations == 0 {
         output::message("nothing left to do: the training was already finished");
     }
+    let found = report.result(&plan);
     if command.run.json {
-        output::json(document(&plan, &report))?;
-        if report.training_time.is_err() {
-            output::message(&training_time_line(&report));
+        output::json(&found)?;
+        if found.training_time.is_none() {
+            output::message(&training_time_line(&found));
         }
     } else {
-        for line in lines(&report) {
+        for line in lines(&found) {
             output::line(&line)?;
         }
     }
@@ -171,21 +175,7 @@ fn dry_run(plan: &TrainPlan, gpu: Option<&Device>, as_json: bool) -> Result<Exit
         output::line(facts.settings.listing().trim_end())?;
         return Ok(ExitStatus::Done);
     }
-    let formats: Value =
-        facts.formats.iter().map(|(kind, version)| ((*kind).to_string(), json!(version))).collect();
-    output::json(json!({
-        "task": plan.task,
-        "algorithm": plan.algorithm,
-        "reward": plan.reward,
-        "backend": plan.backend,
-        "seed": plan.seed.to_string(),
-        "environment_steps": total_steps,
-        "command": plan.command(),
-        "settings": facts.settings.to_toml(),
-        "task_hash": facts.task_hash,
-        "layout_hash": facts.layout_hash,
-        "formats": formats,
-    }))?;
+    output::json(&facts.result(plan))?;
     Ok(ExitStatus::Done)
 }
 
@@ -196,8 +186,8 @@ fn plan(command: &Arguments) -> TrainPlan {
         algorithm: command.algorithm.clone(),
         reward: command.reward.clone(),
         backend: match command.backend {
-            Some(args::Backend::Gpu) => "gpu".to_string(),
-            Some(args::Backend::Cpu) | None => "cpu".to_string(),
+            Some(flags::Backend::Gpu) => "gpu".to_string(),
+            Some(flags::Backend::Cpu) | None => "cpu".to_string(),
         },
         settings: command.settings.clone(),
         steps: command.steps,
@@ -210,68 +200,26 @@ fn plan(command: &Arguments) -> TrainPlan {
 }
 
 /// Returns the result as lines for the terminal.
-fn lines(report: &TrainReport) -> Vec<String> {
-    let TrainReport { result, settings, .. } = report;
-    let rate = result.environment_steps as f64 / result.wall_clock_secs;
-    let mut lines = vec![format!(
-        "{} in {:.0} s, {rate:.0} steps/s",
-        plural(result.environment_steps, "environment step"),
-        result.wall_clock_secs
-    )];
-    if report.stopped_early() {
-        lines.push(format!("stopped early: {}", stop_condition(settings.run())));
-    }
-    lines.push(training_time_line(report));
-    if let Some(validation) = result.best_validation {
+fn lines(found: &Training) -> Vec<String> {
+    let secs = found.wall_clock_secs.0;
+    let rate = found.environment_steps as f64 / secs;
+    let steps = plural(found.environment_steps, "environment step");
+    let mut lines = vec![format!("{steps} in {secs:.0} s, {rate:.0} steps/s")];
+    lines.extend(found.stop_condition.iter().map(|condition| format!("stopped early: {condition}")));
+    lines.push(training_time_line(found));
+    if let (Some(success), Some(strict)) = (found.success_rate, found.strict_success_rate) {
         lines.push(format!(
             "best on validation: success {:.1} %, strict {:.1} %, after {}",
-            100.0 * validation.success_rate,
-            100.0 * validation.strict_success_rate,
-            plural(result.best_environment_steps, "step")
+            100.0 * success.0,
+            100.0 * strict.0,
+            plural(found.best_environment_steps, "step")
         ));
     }
     lines
 }
 
-fn training_time_line(report: &TrainReport) -> String {
-    let environments = report.settings.episodes().environments;
-    training_time::line(report.training_time.as_ref().map_err(|reason| *reason), Some(environments))
-}
-
-/// Describes the condition of early stopping.
-fn stop_condition(run: &RunSettings) -> String {
-    let target =
-        |name: &str, rate: Option<f64>| rate.map(|rate| format!("{name} at least {} %", 100.0 * rate));
-    let rates = [target("success", run.stop_success), target("strict success", run.stop_strict)];
-    let rates: Vec<String> = rates.into_iter().flatten().collect();
-    format!("{} in {} consecutive validations", rates.join(" and "), run.stop_validations)
-}
-
-fn document(plan: &TrainPlan, report: &TrainReport) -> Value {
-    let TrainReport { result, settings, training_time, .. } = report;
-    let validation = result.best_validation;
-    let path_text = |path: &Path| path.to_string_lossy().into_owned();
-    let environments = settings.episodes().environments;
-    let training_time = training_time.as_ref().map_err(|reason| *reason);
-    json!({
-        "task": plan.task,
-        "algorithm": plan.algorithm,
-        "backend": plan.backend,
-        "seed": plan.seed.to_string(),
-        "environments": environments,
-        "environment_steps": result.environment_steps,
-        "best_environment_steps": result.best_environment_steps,
-        "wall_clock_secs": number(result.wall_clock_secs),
-        "stopped_early": report.stopped_early(),
-        "training_time": training_time::document(training_time, Some(environments)),
-        "success_rate": validation.map(|validation| number(validation.success_rate)),
-        "strict_success_rate": validation.map(|validation| number(validation.strict_success_rate)),
-        "controller_hash": result.best.hash(),
-        "best": path_text(&plan.out),
-        "last": path_text(&plan.last()),
-        "csv": plan.csv.as_deref().map(path_text),
-        "tensorboard": plan.tensorboard.as_deref().map(path_text),
-    })
+fn training_time_line(found: &Training) -> String {
+    training_time::line(found.training_time.as_ref(), found.no_training_time.as_deref())
 }
 
 fn say_outputs(plan: &TrainPlan) {

@@ -8,15 +8,18 @@ use std::time::{Duration, Instant};
 use anyhow::{Chain, Context, Result, bail};
 use clap::{Args, Subcommand};
 use mishandle::MishandleError;
+use mishandle::results::{Number, Seed};
 use mishandle::training::TrainingProgress;
 use mishandle_experiments::{
     ExperimentError, LocalRunner, PlanEntry, Selection, TrainingState, Zoo, ZooFolder, ZooObserver,
 };
-use serde_json::{Value, json};
+use serde::Serialize;
 
-use crate::output::{self, number};
-use crate::train_reporter::with_causes;
-use crate::{ExitStatus, args, interrupt, numbers};
+use crate::exit_status::ExitStatus;
+use crate::flags::{self, numbers};
+use crate::interrupt;
+use crate::show::output;
+use crate::show::train_reporter::with_causes;
 
 /// Maintain the shipped controllers: train, measure, import, write tables and charts
 #[derive(Debug, Args)]
@@ -115,7 +118,7 @@ pub struct ZooSelection {
     #[arg(long, value_name = "TASK[/CONTROLLER]")]
     pub only: Option<String>,
     /// Only these random seeds; seed 0 is shipped
-    #[arg(long, value_name = "N", num_args = 1.., allow_negative_numbers = true, value_parser = numbers::integer::<u64>(args::SEEDS))]
+    #[arg(long, value_name = "N", num_args = 1.., allow_negative_numbers = true, value_parser = numbers::integer::<u64>(flags::SEEDS))]
     pub seeds: Vec<u64>,
     /// Treat controllers as trained on the present task if nothing but their task differs
     #[arg(long)]
@@ -126,7 +129,7 @@ pub struct ZooSelection {
 #[derive(Debug, Args)]
 pub struct ZooJobs {
     /// Number of parallel jobs, one thread each [default: all cores]
-    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = numbers::integer::<usize>(args::THREADS))]
+    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = numbers::integer::<usize>(flags::THREADS))]
     pub jobs: Option<usize>,
 }
 
@@ -150,9 +153,7 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
             let zoo = with_jobs(selected(zoo, selection), jobs)?;
             let status = finish(zoo.measure(*again))?;
             if *json && status == ExitStatus::Done {
-                output::json(Value::Array(
-                    zoo.entries()?.iter().map(|entry| document(&zoo, entry)).collect(),
-                ))?;
+                print(&zoo, &zoo.entries()?)?;
             }
             Ok(status)
         }
@@ -205,7 +206,7 @@ fn list(zoo: &Zoo<'_>, selection: &ZooSelection, as_json: bool) -> Result<ExitSt
         );
     }
     if as_json {
-        output::json(Value::Array(entries.iter().map(|entry| document(zoo, entry)).collect()))?;
+        print(zoo, &entries)?;
         return Ok(ExitStatus::Done);
     }
     for entry in &entries {
@@ -227,30 +228,53 @@ fn line(zoo: &Zoo<'_>, entry: &PlanEntry) -> String {
     format!("{:<28} {}{adopted}{curve}{below}", entry.training.name(), entry.state)
 }
 
-fn document(zoo: &Zoo<'_>, entry: &PlanEntry) -> Value {
-    let training = &entry.training;
-    let rate = |noise: usize| {
-        let evaluation = entry.record.as_ref()?.evaluation(noise)?;
-        evaluation.success_rate.value.map(number)
-    };
-    let steps = match entry.state {
-        TrainingState::Interrupted { steps, .. } => steps,
-        _ => None,
-    };
-    json!({
-        "task": training.task,
-        "algorithm": training.algorithm,
-        "seed": training.seed.to_string(),
-        "controller": training.controller(),
-        "state": entry.state.name(),
-        "reason": entry.state.reason(),
-        "checkpoint_environment_steps": steps,
-        "adopted": entry.summary.as_ref().is_some_and(|summary| summary.adopted),
-        "has_curve": zoo.has_curve(entry),
-        "success_rate": rate(0),
-        "success_rate_with_noise": rate(1),
-        "missed_thresholds": zoo.missed_thresholds(entry),
-    })
+/// A training run of the plan, as JSON.
+#[derive(Serialize)]
+struct Entry {
+    task: String,
+    algorithm: String,
+    seed: Seed,
+    controller: String,
+    state: String,
+    reason: Option<String>,
+    checkpoint_environment_steps: Option<u64>,
+    adopted: bool,
+    has_curve: bool,
+    success_rate: Option<Number>,
+    success_rate_with_noise: Option<Number>,
+    missed_thresholds: Vec<String>,
+}
+
+impl Entry {
+    fn new(zoo: &Zoo<'_>, entry: &PlanEntry) -> Entry {
+        let training = &entry.training;
+        let rate = |noise: usize| -> Option<Number> {
+            let evaluation = entry.record.as_ref()?.evaluation(noise)?;
+            evaluation.success_rate.value.map(Into::into)
+        };
+        Entry {
+            task: training.task.clone(),
+            algorithm: training.algorithm.clone(),
+            seed: Seed(training.seed),
+            controller: training.controller(),
+            state: entry.state.name().to_string(),
+            reason: entry.state.reason().map(str::to_string),
+            checkpoint_environment_steps: match entry.state {
+                TrainingState::Interrupted { steps, .. } => steps,
+                _ => None,
+            },
+            adopted: entry.summary.as_ref().is_some_and(|summary| summary.adopted),
+            has_curve: zoo.has_curve(entry),
+            success_rate: rate(0),
+            success_rate_with_noise: rate(1),
+            missed_thresholds: zoo.missed_thresholds(entry),
+        }
+    }
+}
+
+/// Prints the entries as JSON.
+fn print(zoo: &Zoo<'_>, entries: &[PlanEntry]) -> Result<()> {
+    output::json_array(&entries.iter().map(|entry| Entry::new(zoo, entry)).collect::<Vec<_>>())
 }
 
 /// Reports jobs on stderr, a line each with the seconds since the start.

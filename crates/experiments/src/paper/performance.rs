@@ -1,6 +1,6 @@
 //! The table of performance: success rate, dangerous behavior rate, task completion time and training time.
 
-use mishandle::evaluation::{Estimate, EvaluationReport, fisher_test};
+use mishandle::evaluation::{Estimate, Metrics, fisher_test};
 use mishandle::store::Simulation;
 
 use super::notes::{Notes, Row};
@@ -91,8 +91,8 @@ pub(super) fn page(results: &Results, notes: &Notes) -> Option<Page> {
 /// The values of a row.
 struct Measured<'a> {
     run: &'a RunResults,
-    first: EvaluationReport,
-    all: EvaluationReport,
+    first: Metrics,
+    all: Metrics,
     paper: Option<PaperPerformance>,
 }
 

@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use mishandle::Plan;
-use mishandle::evaluation::{EvaluationReport, FormulaRoles, Metrics};
+use mishandle::evaluation::{FormulaRoles, MetricCounter, Metrics};
 use mishandle::rollout::Seed;
 use mishandle::run::{campaign_runs, recorded_episode};
 use mishandle::store::{RunFile, RunKind, Simulation, TrialRecord, TrialStatus};
@@ -186,11 +186,11 @@ impl RunResults {
     }
 
     /// Returns the metrics of the first `n` random simulations of an evaluation.
-    pub fn metrics(&self, n: usize) -> EvaluationReport {
+    pub fn metrics(&self, n: usize) -> Metrics {
         let has = |name: &str| self.facts.formulas.iter().any(|formula| formula == name);
         let roles = FormulaRoles { strict: has("strict"), safe: has("safe"), completion: has("completion") };
         let counts_failures = self.plan.preset == "code";
-        let mut metrics = Metrics::new(roles).with_completion_times_of_failures(counts_failures);
+        let mut metrics = MetricCounter::new(roles).with_completion_times_of_failures(counts_failures);
         self.simulations_of(1).take(n).for_each(|simulation| metrics.add(&recorded_episode(simulation)));
         metrics.report(Seed(self.plan.seed))
     }

@@ -29,9 +29,9 @@ pub(super) fn is_time(axis: &Axis) -> bool {
 /// Returns the norms of the disturbance of a scenario.
 pub(super) fn norms(space: &Space, scenario: &Scenario) -> Norms {
     offsets(space, scenario).fold(Norms::default(), |norms, offset| Norms {
-        largest: norms.largest.max(offset),
-        euclidean: norms.euclidean.hypot(offset),
-        sum: norms.sum + offset,
+        amplitude: norms.amplitude.max(offset),
+        l2: norms.l2.hypot(offset),
+        l1: norms.l1 + offset,
     })
 }
 
@@ -111,7 +111,7 @@ fn at_amplitude(axis: &Axis, nominal: f64, u: f64, amplitude: f64) -> f64 {
 
 /// Moves the disturbed axes of a scenario toward nominal, so that the largest offset is the amplitude.
 pub(super) fn scaled(space: &Space, scenario: &Scenario, amplitude: f64) -> Scenario {
-    let factor = (amplitude / norms(space, scenario).largest).min(1.0);
+    let factor = (amplitude / norms(space, scenario).amplitude).min(1.0);
     let value = |(axis, value): (&Axis, &Option<f64>)| match (*value, axis.nominal) {
         (Some(value), Some(nominal)) if is_disturbed(axis) && value != nominal => {
             let (from, to) = (axis.unit_coordinate(nominal), axis.unit_coordinate(value));

@@ -7,6 +7,7 @@ mod tests;
 use std::ops::{ControlFlow, RangeInclusive};
 
 use mishandle_random::Sequence;
+use mishandle_results::{Level, Norms};
 use mishandle_rollout::{Axis, Episode, Request, Scenario, Seed, Space, System};
 use mishandle_search::{Coordinate, OptionValue, SearchOptions, by_name};
 
@@ -44,58 +45,6 @@ pub struct Witness {
     pub axes: usize,
 }
 
-/// Norms of a disturbance. The offset of an axis from its nominal value is in units of the distance from the nominal value to the
-/// bound on the same side, so that 1 is the largest offset.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Norms {
-    /// Largest offset (L∞): the amplitude.
-    pub largest: f64,
-    /// Root of the sum of the squares (L2).
-    pub euclidean: f64,
-    /// Sum (L1).
-    pub sum: f64,
-}
-
-/// The simulations with disturbances up to an amplitude.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Level {
-    /// Largest offset of an axis.
-    pub amplitude: f64,
-    /// Number of simulations.
-    pub simulations: u64,
-    /// Number of simulations without a verdict.
-    pub without_verdict: u64,
-    /// Lowest robustness; `None` if no simulation has one.
-    pub robustness: Option<f64>,
-    /// Whether the search came to its end: a violation, or its share of the budget. Otherwise it was interrupted.
-    pub is_complete: bool,
-    /// Whether the simulations are those of all scenarios up to the amplitude, which is possible if all axes are discrete.
-    pub is_exhaustive: bool,
-}
-
-impl Level {
-    fn new(amplitude: f64) -> Level {
-        Level {
-            amplitude,
-            simulations: 0,
-            without_verdict: 0,
-            robustness: None,
-            is_complete: false,
-            is_exhaustive: false,
-        }
-    }
-
-    /// Returns the number of simulations with a verdict.
-    pub fn verdicts(&self) -> u64 {
-        self.simulations - self.without_verdict
-    }
-
-    /// Returns whether a simulation violates the requirement.
-    pub fn is_violated(&self) -> bool {
-        self.robustness.is_some_and(|rho| rho < 0.0)
-    }
-}
-
 impl Margin {
     /// Allowed numbers of simulations.
     pub const BUDGETS: RangeInclusive<u64> = 1..=1_000_000;
@@ -108,17 +57,17 @@ impl Margin {
 
     /// Returns whether a simulation has a verdict. Without one, the system was not tested.
     pub fn has_verdict(&self) -> bool {
-        self.levels.iter().any(|level| level.robustness.is_some())
+        self.levels.iter().any(|level| level.minimum_robustness.is_some())
     }
 
     /// Returns the largest amplitude below that of the witness at which a finished search found no violation, and at which most simulations
     /// have a verdict. Their number is evidence, not a proof, that smaller disturbances are harmless.
     pub fn largest_without_violation(&self) -> Option<Level> {
         let amplitude = |level: &Level| level.amplitude;
-        let below = self.witness.as_ref().map_or(f64::INFINITY, |witness| witness.norms.largest);
+        let below = self.witness.as_ref().map_or(f64::INFINITY, |witness| witness.norms.amplitude);
         let has_passed = |level: &&Level| {
-            let has_evidence =
-                level.robustness.is_some_and(|rho| rho >= 0.0) && level.verdicts() > level.without_verdict;
+            let has_evidence = level.minimum_robustness.is_some_and(|rho| rho >= 0.0)
+                && level.verdicts() > level.without_verdict;
             level.is_complete && has_evidence && level.amplitude < below
         };
         let passed = self.levels.iter().filter(has_passed);
@@ -228,8 +177,8 @@ impl Attempt<'_> {
         let mut levels = vec![level];
         let (mut passes, mut fails) = (0.0, 1.0);
         while let Some(found) = &witness {
-            if levels.last().is_some_and(Level::is_violated) {
-                fails = norms(&self.space, &found.request.scenario).largest;
+            if levels.last().is_some_and(|level| level.is_violated) {
+                fails = norms(&self.space, &found.request.scenario).amplitude;
             }
             let Some(amplitude) = between(&self.space, passes, fails) else { break };
             let left = LEVELS - levels.len() as u64;
@@ -350,8 +299,9 @@ impl Attempt<'_> {
         let requests: Vec<Request> =
             scenarios.iter().map(|scenario| Request::new(scenario.clone(), self.seed)).collect();
         let episodes = self.system.rollout(&requests)?;
-        let least = episodes.iter().filter_map(Episode::robustness).chain(level.robustness);
-        level.robustness = least.reduce(f64::min);
+        let least = episodes.iter().filter_map(Episode::robustness).chain(level.minimum_robustness);
+        level.minimum_robustness = least.reduce(f64::min);
+        level.is_violated = level.minimum_robustness.is_some_and(|rho| rho < 0.0);
         level.simulations += episodes.len() as u64;
         level.without_verdict +=
             episodes.iter().filter(|episode| episode.robustness().is_none()).count() as u64;

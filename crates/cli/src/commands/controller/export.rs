@@ -4,9 +4,10 @@ use std::path::Path;
 use anyhow::Result;
 use mishandle::build::VERSION;
 use mishandle::interchange::onnx_bytes;
-use serde_json::json;
+use mishandle::results::ControllerExport;
 
-use crate::{ExitStatus, output};
+use crate::exit_status::ExitStatus;
+use crate::show::output;
 
 pub fn run(controller: &str, onnx: &Path, json: bool) -> Result<ExitStatus> {
     let file = mishandle::resolve::find_controller(controller)?.controller()?;
@@ -14,14 +15,14 @@ pub fn run(controller: &str, onnx: &Path, json: bool) -> Result<ExitStatus> {
     output::message(&format!("wrote {}", onnx.display()));
     if json {
         let layout = &file.header.layout;
-        output::json(json!({
-            "file": onnx.display().to_string(),
-            "task": file.header.task,
-            "algorithm": file.header.algorithm,
-            "controller_hash": file.policy.hash(),
-            "observation_size": layout.observation_size(),
-            "action_size": layout.action_size(),
-        }))?;
+        output::json(&ControllerExport {
+            file: onnx.display().to_string(),
+            task: file.header.task.clone(),
+            algorithm: file.header.algorithm.clone(),
+            controller_hash: file.policy.hash(),
+            observation_size: layout.observation_size() as u64,
+            action_size: layout.action_size() as u64,
+        })?;
     }
     Ok(ExitStatus::Done)
 }

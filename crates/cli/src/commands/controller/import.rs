@@ -4,10 +4,11 @@ use std::path::PathBuf;
 use anyhow::{Context, Result};
 use clap::Args;
 use mishandle::interchange::ImportOptions;
+use mishandle::results::ControllerImport;
 use mishandle_text::plural;
-use serde_json::json;
 
-use crate::{ExitStatus, output};
+use crate::exit_status::ExitStatus;
+use crate::show::output;
 
 #[derive(Debug, Args)]
 #[command(after_help = "Examples:
@@ -62,18 +63,18 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
         plural(layers, "layer"),
     ));
     if command.json {
-        output::json(json!({
-            "file": command.out.display().to_string(),
-            "task": file.header.task,
-            "source": file.header.training.command,
-            "sizes": network.sizes(),
-            "hidden_activation": hidden,
-            "output_activation": last,
-            "layer_norm": network.has_layer_norm(),
-            "normalized": command.normalizer.is_some() || file.policy.observation_clip().is_some(),
-            "observation_clip": file.policy.observation_clip(),
-            "controller_hash": file.policy.hash(),
-        }))?;
+        output::json(&ControllerImport {
+            file: command.out.display().to_string(),
+            task: file.header.task.clone(),
+            source: file.header.training.command.clone(),
+            sizes: network.sizes().iter().map(|size| *size as u64).collect(),
+            hidden_activation: hidden,
+            output_activation: last,
+            layer_norm: network.has_layer_norm(),
+            normalized: command.normalizer.is_some() || file.policy.observation_clip().is_some(),
+            observation_clip: file.policy.observation_clip(),
+            controller_hash: file.policy.hash(),
+        })?;
     }
     Ok(ExitStatus::Done)
 }

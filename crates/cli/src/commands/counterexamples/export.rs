@@ -3,23 +3,23 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail, ensure};
 use clap::Args;
-use mishandle::counterexample::{AxisValue, Counterexample, MinimizedFrom};
-use mishandle::evaluation::RepeatReport;
+use mishandle::counterexample::{Counterexample, MinimizedFrom};
 use mishandle::falsification::{
     Minimized, Repeated, axes_off_nominal, is_close, minimize, repeat, repeat_seeds,
 };
 use mishandle::files::NewFolders;
+use mishandle::resolve::named_scenario;
+use mishandle::results::{self, ExportedCounterexample, Exports, Repeats};
 use mishandle::rollout::{Scenario, Seed, Space};
 use mishandle::store::RunFile;
 use mishandle::{Plan, ResolvedPlan};
-use mishandle_text::{decimal, plural};
-use serde_json::{Value, json};
+use mishandle_text::plural;
 
-use super::is_file;
-use crate::commands::simulate;
-use crate::output::{self, number};
-use crate::progress::Bar;
-use crate::{ExitStatus, args, escape, numbers, run};
+use crate::exit_status::ExitStatus;
+use crate::flags::{self, numbers};
+use crate::run;
+use crate::show::progress::Bar;
+use crate::show::{escape, exports, output};
 
 #[derive(Debug, Args)]
 #[command(after_help = "Examples:
@@ -39,18 +39,18 @@ pub struct Arguments {
     #[arg(long, value_name = "FILE|DIR")]
     pub out: PathBuf,
     /// Failure mode, from 1, whose representative is exported [default: 1]
-    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = numbers::integer::<u32>(args::NUMBERS))]
+    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = numbers::integer::<u32>(flags::NUMBERS))]
     #[arg(conflicts_with_all = ["all", "trial", "simulation"])]
     pub mode: Option<u32>,
     /// Export the representatives of all failure modes
     #[arg(long, conflicts_with_all = ["trial", "simulation"])]
     pub all: bool,
     /// Number of the trial, from 1, of the exported simulation
-    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = numbers::integer::<u32>(args::NUMBERS))]
+    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = numbers::integer::<u32>(flags::NUMBERS))]
     #[arg(requires = "simulation")]
     pub trial: Option<u32>,
     /// Number of the exported simulation within its trial, from 1
-    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = numbers::integer::<u32>(args::NUMBERS))]
+    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = numbers::integer::<u32>(flags::NUMBERS))]
     pub simulation: Option<u32>,
     /// Move the scenario toward the nominal one while it still fails
     #[arg(long)]
@@ -69,7 +69,7 @@ pub struct Arguments {
     #[arg(long)]
     pub skip_check: bool,
     /// Number of threads; does not affect the result [default: number of cores]
-    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = numbers::integer::<usize>(args::THREADS))]
+    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = numbers::integer::<usize>(flags::THREADS))]
     pub threads: Option<usize>,
     /// Print one JSON document to stdout
     #[arg(long)]
@@ -93,7 +93,7 @@ struct Shrunk {
     space: Space,
     /// Whether the decisive predicate is the recorded one.
     has_same_predicate: bool,
-    repeats: Option<RepeatReport>,
+    repeats: Option<Repeats>,
     /// Whether a signal ended it early.
     is_interrupted: bool,
 }
@@ -130,7 +130,7 @@ impl Written {
 pub fn run(command: &Arguments) -> Result<ExitStatus> {
     run::set_threads(command.threads)?;
     ensure!(
-        command.all || is_file(&command.out),
+        command.all || flags::is_file(&command.out),
         "--out is {}; it must end with .json, by which `replay` recognizes a counterexample",
         command.out.display()
     );
@@ -160,8 +160,7 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
     let mut simulations = 0;
     let mut written: Vec<Written> = Vec::new();
     let mut files: Vec<(PathBuf, String)> = Vec::new();
-    let mut texts = Vec::new();
-    let mut documents = Vec::new();
+    let mut exported = Vec::new();
     for Chosen { path, mode, trial, simulation } in chosen {
         let mut counterexample = Counterexample::from_run(&file, trial, simulation)?;
         let shrunk = match &resolved {
@@ -184,11 +183,7 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
         if same_as.is_none() {
             files.push((path.clone(), counterexample.to_json()));
         }
-        if command.json {
-            documents.push(document(&path, same_as.as_deref(), mode, &counterexample, shrunk.as_ref()));
-        } else {
-            texts.push(text(&path, same_as.as_deref(), mode, &counterexample, shrunk.as_ref()));
-        }
+        exported.push(result(&path, same_as.as_deref(), mode, &counterexample, shrunk.as_ref()));
         if same_as.is_none() {
             written.push(Written {
                 path,
@@ -199,17 +194,20 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
     }
     bar.clear();
     write_all(command, &files)?;
-    if !command.json {
-        output::line(&texts.join("\n"))?;
+    let found = Exports {
+        run: command.file.to_string_lossy().into_owned(),
+        files: exported,
+        space_axes: mishandle::run::recorded_axes(&file.header().axes),
+    };
+    match command.json {
+        true => output::json(&found)?,
+        false => output::line(&exports::text(&found))?,
     }
     if let Some(name) = written.first().and_then(|written| written.controller.strip_prefix("./")) {
         output::message(&format!(
             "the controller is not shipped: copy {} to the folder of the counterexamples, or give --controller FILE",
             escape::name(name)
         ));
-    }
-    if command.json {
-        output::json(json!({ "run": command.file.to_string_lossy(), "files": documents }))?;
     }
     // The only counterexample; a suite is not written then.
     if run::control_flow().is_break() {
@@ -310,112 +308,41 @@ fn shrink(
     Ok(Shrunk { minimized, space: resolved.space.clone(), has_same_predicate, repeats, is_interrupted })
 }
 
-fn document(
+fn result(
     path: &Path,
     same_as: Option<&Path>,
     mode: Option<usize>,
     known: &Counterexample,
     shrunk: Option<&Shrunk>,
-) -> Value {
-    let scenario = known.scenario.iter().map(|axis| (axis.axis.clone(), json!(axis.value)));
-    json!({
-        "file": same_as.is_none().then(|| path.to_string_lossy()),
-        "same_as": same_as.map(Path::to_string_lossy),
-        "mode": mode,
-        "trial": known.trial,
-        "simulation": known.simulation,
-        "seed": known.seed.to_string(),
-        "scenario": scenario.collect::<Value>(),
-        "robustness": number(known.expected.robustness),
-        "predicate": known.decisive.as_ref().map(|decisive| &decisive.predicate),
-        "minimized": shrunk.map(|Shrunk { minimized, space, has_same_predicate, repeats, .. }| json!({
-            "scenario": run::scenario(space.axes(), minimized.original.request.scenario.values()),
-            "robustness": minimized.original.robustness().map(number),
-            "axes_off_nominal": [
-                axes_off_nominal(space, &minimized.original.request.scenario),
-                axes_off_nominal(space, &minimized.episode.request.scenario),
-            ],
-            "simulations": minimized.simulations,
-            "complete": minimized.is_complete,
-            "fewest_axes": minimized.has_fewest_axes,
-            "same_predicate": has_same_predicate,
-            "repeats": repeats.as_ref().map(simulate::repeats_document),
-        })),
-    })
+) -> ExportedCounterexample {
+    let text = |path: &Path| path.to_string_lossy().into_owned();
+    ExportedCounterexample {
+        file: same_as.is_none().then(|| text(path)),
+        same_as: same_as.map(text),
+        mode: mode.map(|mode| mode as u64),
+        trial: known.trial,
+        simulation: known.simulation,
+        seed: results::Seed(known.seed),
+        scenario: known.scenario.iter().map(|axis| (axis.axis.clone(), axis.value)).collect(),
+        robustness: known.expected.robustness.into(),
+        predicate: known.decisive.as_ref().map(|decisive| decisive.predicate.clone()),
+        minimized: shrunk.map(minimized_result),
+    }
 }
 
-fn text(
-    path: &Path,
-    same_as: Option<&Path>,
-    mode: Option<usize>,
-    known: &Counterexample,
-    shrunk: Option<&Shrunk>,
-) -> String {
-    let mode = mode.map_or(String::new(), |mode| format!("mode {mode}, "));
-    let found = format!("{mode}trial {}, simulation {}", known.trial, known.simulation);
-    let name = |path: &Path| escape::name(&path.to_string_lossy());
-    if let Some(same) = same_as {
-        return format!("{found}: not written, its minimized scenario is within 1 % of {}", name(same));
-    }
-    let mut lines = vec![format!("{}: {found}", name(path))];
-    let Some(Shrunk { minimized, space, has_same_predicate, repeats, is_interrupted }) = shrunk else {
-        let values = scenario_text(known);
-        lines.push(format!("  {values}: robustness {}", decimal(known.expected.robustness, 4)));
-        return lines.join("\n");
-    };
-    let off = |scenario: &Scenario| run::axes(axes_off_nominal(space, scenario));
+fn minimized_result(shrunk: &Shrunk) -> results::Minimized {
+    let Shrunk { minimized, space, has_same_predicate, repeats, is_interrupted } = shrunk;
     let recorded = &minimized.original.request.scenario;
-    lines.push(format!(
-        "  recorded   {}: robustness {}, {} off nominal",
-        run::scenario_summary(space.axes(), recorded.values()),
-        decimal(minimized.original.robustness().unwrap_or(f64::NAN), 4),
-        off(recorded),
-    ));
-    lines.push(format!(
-        "  minimized  {}: robustness {}, {} off nominal",
-        scenario_text(known),
-        decimal(known.expected.robustness, 4),
-        off(&minimized.episode.request.scenario),
-    ));
-    lines.push(format!("  {}", result_text(minimized, *is_interrupted)));
-    if let (false, Some(decisive)) = (has_same_predicate, &known.decisive) {
-        lines.push(format!("  its decisive predicate is another one: {}", escape::name(&decisive.predicate)));
-    }
-    if let Some(repeats) = repeats {
-        lines.push(format!("  with other seeds it {}", simulate::failure_text(repeats)));
-    }
-    lines.join("\n")
-}
-
-/// Formats the values that are not nominal.
-fn scenario_text(known: &Counterexample) -> String {
-    let is_off = |axis: &&AxisValue| axis.value != axis.nominal;
-    let value = |axis: &AxisValue| {
-        let value = axis.value.map_or("random".to_string(), |value| match value.fract() == 0.0 {
-            true if value.abs() < 1e9 => value.to_string(),
-            _ => decimal(value, 4),
-        });
-        run::axis_value(&escape::name(&axis.axis), &value, &escape::name(&axis.unit))
-    };
-    let values: Vec<String> = known.scenario.iter().filter(is_off).map(value).collect();
-    match (values.len(), known.scenario.len() - values.len()) {
-        (0, _) => "the nominal scenario".to_string(),
-        (_, 0) => values.join(", "),
-        (_, 1) => format!("{}, the other axis nominal", values.join(", ")),
-        (_, others) => format!("{}, the other {others} axes nominal", values.join(", ")),
-    }
-}
-
-/// Describes how far a minimization came.
-fn result_text(minimized: &Minimized, is_interrupted: bool) -> String {
-    let simulations = plural(minimized.simulations, "simulation");
-    let axes = match minimized.has_fewest_axes {
-        true => "no smaller set of axes fails at the recorded values",
-        false => "no single axis can go to nominal; smaller sets were not all tried",
-    };
-    match minimized.is_complete {
-        true => format!("{simulations}: {axes}; no axis can move by 1 % of its width toward nominal"),
-        false if is_interrupted => format!("{simulations}: interrupted before the end of the minimization"),
-        false => format!("{simulations}: the budget ended before the minimization; give a larger --budget"),
+    let off = |scenario: &Scenario| axes_off_nominal(space, scenario) as u64;
+    results::Minimized {
+        scenario: named_scenario(space.axes(), recorded.values()),
+        robustness: minimized.original.robustness().map(Into::into),
+        axes_off_nominal: [off(recorded), off(&minimized.episode.request.scenario)],
+        simulations: minimized.simulations,
+        complete: minimized.is_complete,
+        interrupted: *is_interrupted,
+        fewest_axes: minimized.has_fewest_axes,
+        same_predicate: *has_same_predicate,
+        repeats: repeats.clone(),
     }
 }

@@ -1,7 +1,7 @@
 //! JUnit XML, which continuous integration shows as tests.
 
 use super::{FAILS, Outcome, Test, count, reason};
-use crate::escape;
+use crate::show::escape;
 
 /// Returns the report of a folder.
 pub(super) fn report(folder: &str, tests: &[Test]) -> String {

@@ -7,7 +7,7 @@ use mishandle::tasks::{
     TARGET_STEP, Topic,
 };
 
-use crate::output::{folded, indented, table_in, wrapped};
+use crate::show::output::{folded, indented, table_in, wrapped};
 
 /// Indentation of the lines of a section, in columns.
 const INDENT: usize = 2;

@@ -1,0 +1,31 @@
+//! What is typed: groups of flags that commands share, and the parsing of their values.
+
+pub mod numbers;
+mod plan;
+mod recorded;
+mod run;
+mod screening;
+mod subject;
+
+use std::ops::RangeInclusive;
+
+pub use plan::plan;
+pub use recorded::{Recorded, TraceFile, check_flags, is_file};
+pub use run::{OpenRun, Run};
+pub use screening::{Backend, Screen};
+pub use subject::Subject;
+
+/// Random seeds.
+pub const SEEDS: RangeInclusive<u64> = 0..=u64::MAX;
+
+/// Numbers of threads: more than any machine has cores.
+pub const THREADS: RangeInclusive<u64> = 1..=1024;
+
+/// Numbers of trials and simulations in a run file.
+pub const NUMBERS: RangeInclusive<u64> = 1..=u32::MAX as u64;
+
+/// Numbers of repeated simulations of a scenario.
+pub const REPEATS: RangeInclusive<u64> = 1..=10_000_000;
+
+/// Numbers of random scenarios that measure noise.
+pub const SCENARIOS: RangeInclusive<u64> = 0..=1_000_000;

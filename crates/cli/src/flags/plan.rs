@@ -1,0 +1,48 @@
+//! The plan that flags describe.
+
+use std::collections::BTreeMap;
+
+use anyhow::{Context, Result, bail, ensure};
+use mishandle::Plan;
+use mishandle::files::{limits, read_text_bounded};
+use mishandle::plan::AxisSetting;
+
+use super::{Run, Subject};
+
+/// Returns the plan that the flags describe: the plan of `--plan` or a new plan, with the values of the flags.
+pub fn plan(subject: &Subject, run: &Run) -> Result<Plan> {
+    let mut plan = match (&subject.plan, &subject.target) {
+        (Some(path), _) => {
+            let text = read_text_bounded(path, limits::PLAN).with_context(|| path.display().to_string())?;
+            Plan::from_toml(&text).with_context(|| path.display().to_string())?
+        }
+        (None, Some(target)) => Plan::new(target, ""),
+        (None, None) => bail!("there is no target: name one, or give --plan FILE"),
+    };
+    let edit = |field: &mut String, flag: &Option<String>| {
+        if let Some(value) = flag {
+            field.clone_from(value);
+        }
+    };
+    edit(&mut plan.target, &subject.target);
+    edit(&mut plan.space, &subject.space);
+    edit(&mut plan.controller, &subject.controller);
+    edit(&mut plan.preset, &subject.preset);
+    plan.axes.extend(settings(subject)?);
+    plan.action_noise = subject.action_noise.unwrap_or(plan.action_noise);
+    plan.observation_noise = subject.observation_noise.unwrap_or(plan.observation_noise);
+    plan.stochastic |= subject.stochastic;
+    plan.seed = run.seed.unwrap_or(plan.seed);
+    ensure!(!plan.target.is_empty(), "there is no target: name one in the plan or as an argument");
+    Ok(plan)
+}
+
+/// Returns the settings of axes, each of which may be given once.
+fn settings(subject: &Subject) -> Result<BTreeMap<String, AxisSetting>> {
+    let mut settings = BTreeMap::new();
+    for (name, setting) in subject.axis.iter().chain(&subject.set) {
+        let earlier = settings.insert(name.clone(), setting.clone());
+        ensure!(earlier.is_none(), "the axis {name} is set twice by --axis and --set");
+    }
+    Ok(settings)
+}

@@ -1,0 +1,81 @@
+//! The target of a command and its scenarios.
+
+use std::path::PathBuf;
+
+use clap::Args;
+use mishandle::Plan;
+use mishandle::plan::AxisSetting;
+use mishandle::rollout::Noise;
+
+use super::numbers::{integer, number};
+
+/// Standard deviations of noise.
+const NOISE: &str = "a number from 0 to 10, such as 0.5";
+
+fn is_noise(std: f64) -> bool {
+    (0.0..=Noise::MAX_STD).contains(&std)
+}
+
+/// Flags that define the target and its scenarios.
+#[derive(Debug, Args)]
+pub struct Subject {
+    /// Name of a target: a task, or toy/NAME; `mishandle targets` lists them
+    pub target: Option<String>,
+    /// Controller of a task: the path of a .safetensors or .onnx file, or the name of a shipped controller such as ppo or
+    /// expert
+    #[arg(long, value_name = "C")]
+    pub controller: Option<String>,
+    /// Scenario space of the target, or several joined by + [default: starts; of margin: disturbance]
+    #[arg(long, value_name = "NAME")]
+    pub space: Option<String>,
+    /// Vary this axis only from LOW to HIGH; repeat the flag for several axes. An axis outside of the space is added to it
+    #[arg(long, value_name = "NAME=LOW:HIGH", allow_hyphen_values = true, value_parser = axis_range)]
+    pub axis: Vec<(String, AxisSetting)>,
+    /// Fix this axis at a value, or at a category; repeat the flag for several axes. It may be outside of the space
+    #[arg(long, value_name = "NAME=VALUE", allow_hyphen_values = true, value_parser = axis_value)]
+    pub set: Vec<(String, AxisSetting)>,
+    /// Batch size: number of simulations run at once [default: 64]
+    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = integer::<u32>(Plan::BATCH))]
+    pub batch: Option<u32>,
+    /// Task preset: initial box and formulas of the benchmark's `paper` or of its `code` [default: paper]
+    #[arg(long)]
+    pub preset: Option<String>,
+    /// Standard deviation of the Gaussian noise on each action, added after clipping to [-1, 1]; from 0 to 10 [default: 0]
+    #[arg(long, value_name = "STD", allow_negative_numbers = true, value_parser = number(NOISE, is_noise))]
+    pub action_noise: Option<f64>,
+    /// Standard deviation of the Gaussian noise on each observation, from 0 to 10 [default: 0]
+    #[arg(long, value_name = "STD", allow_negative_numbers = true, value_parser = number(NOISE, is_noise))]
+    pub observation_noise: Option<f64>,
+    /// Sample actions from the policy instead of taking the mean action
+    #[arg(long)]
+    pub stochastic: bool,
+    /// Read a plan (TOML); other flags override it
+    #[arg(long, value_name = "FILE")]
+    pub plan: Option<PathBuf>,
+}
+
+/// Parses `NAME=LOW:HIGH`.
+fn axis_range(text: &str) -> Result<(String, AxisSetting), String> {
+    let parsed = text.split_once('=').and_then(|(name, range)| {
+        let (low, high) = range.split_once(':')?;
+        Some((name.to_string(), AxisSetting::Range([low.parse().ok()?, high.parse().ok()?])))
+    });
+    let expected = "expected the name of an axis and two numbers with decimal points, such as ball_x=0.2:0.3";
+    parsed.ok_or_else(|| expected.to_string())
+}
+
+/// Parses `NAME=VALUE`.
+fn axis_value(text: &str) -> Result<(String, AxisSetting), String> {
+    let (name, value) = text
+        .split_once('=')
+        .filter(|(_, value)| !value.is_empty())
+        .ok_or("expected the name of an axis and a value, such as action_delay=2")?;
+    if let Some((low, high)) = value.split_once(':')
+        && low.parse::<f64>().is_ok()
+        && high.parse::<f64>().is_ok()
+    {
+        return Err(format!("expected one value, found a range; give --axis {name}={value}"));
+    }
+    let setting = value.parse().map_or_else(|_| AxisSetting::Category(value.to_string()), AxisSetting::Value);
+    Ok((name.to_string(), setting))
+}

@@ -1,0 +1,107 @@
+//! Runs all runs of a campaign.
+
+use std::ops::ControlFlow;
+use std::sync::Mutex;
+use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
+
+use anyhow::{Context, Result};
+use mishandle::results::CampaignRun;
+use mishandle::run::{CampaignRun as PlannedRun, Device, Engine};
+
+use super::file::report_build_differences;
+use crate::interrupt;
+use crate::show::progress::Bar;
+
+/// Runs or completes all runs in order, `jobs` at a time. Returns the finished ones, which are fewer if a signal interrupts them.
+pub fn run_all(
+    runs: &[PlannedRun],
+    bar: &Bar,
+    is_durable: bool,
+    jobs: usize,
+    gpu: Option<&Device>,
+) -> Result<Vec<CampaignRun>> {
+    let progress = Progress::new(runs, bar);
+    let (next, failed) = (AtomicUsize::new(0), AtomicBool::new(false));
+    let work = || {
+        let mut finished = Vec::new();
+        while !failed.load(Ordering::Relaxed) && !interrupt::requested() {
+            let index = next.fetch_add(1, Ordering::Relaxed);
+            let Some(run) = runs.get(index) else { break };
+            let watch = |done, planned| {
+                progress.report(index, done, planned);
+                // A failure ends the other jobs like a signal: what they have done is stored.
+                if failed.load(Ordering::Relaxed) {
+                    ControlFlow::Break(())
+                } else {
+                    interrupt::control_flow()
+                }
+            };
+            let result = run_one(run, is_durable, gpu, watch).with_context(|| format!("run {}", run.name));
+            failed.fetch_or(result.is_err(), Ordering::Relaxed);
+            finished.extend(result.transpose().map(|result| (index, result)));
+        }
+        finished
+    };
+    let mut finished = match jobs.min(runs.len()) {
+        0 | 1 => work(),
+        jobs => std::thread::scope(|scope| {
+            let workers: Vec<_> = (0..jobs).map(|_| scope.spawn(work)).collect();
+            let joined = workers.into_iter().flat_map(|worker| match worker.join() {
+                Ok(finished) => finished,
+                Err(panic) => std::panic::resume_unwind(panic),
+            });
+            joined.collect()
+        }),
+    };
+    finished.sort_by_key(|(index, _)| *index);
+    finished.into_iter().map(|(_, result)| result).collect()
+}
+
+/// Progress of all runs, on one bar.
+struct Progress<'a> {
+    runs: &'a [PlannedRun],
+    bar: &'a Bar,
+    /// Number of finished simulations of each run, and of those that its plan asks for.
+    counts: Mutex<Vec<(u64, u64)>>,
+}
+
+impl Progress<'_> {
+    fn new<'a>(runs: &'a [PlannedRun], bar: &'a Bar) -> Progress<'a> {
+        Progress { runs, bar, counts: Mutex::new(vec![(0, 0); runs.len()]) }
+    }
+
+    fn report(&self, index: usize, done: u64, planned: u64) {
+        let Ok(mut counts) = self.counts.lock() else { return };
+        counts[index] = (done, planned);
+        self.bar.set_length(counts.iter().map(|(_, planned)| planned).sum());
+        self.bar.set_position(counts.iter().map(|(done, _)| done).sum());
+        self.bar.set_note(format!("run {} of {}: {}", index + 1, self.runs.len(), self.runs[index].name));
+    }
+}
+
+/// Runs or completes one run. Returns `None` if it was interrupted.
+fn run_one(
+    run: &PlannedRun,
+    is_durable: bool,
+    gpu: Option<&Device>,
+    watch: impl Fn(u64, u64) -> ControlFlow<()> + Sync,
+) -> Result<Option<CampaignRun>> {
+    let (mut file, resolved) = run.resume()?;
+    if is_durable {
+        file.set_durable()?;
+    }
+    let differences = mishandle::replay::build_differences(file.file().header(), &resolved);
+    report_build_differences("started", &differences);
+    let engine = gpu.map_or(Engine::Direct, |gpu| Engine::Screening(&*gpu.worlds));
+    let answer = mishandle::run::ask(&resolved, file, engine, &mut |progress| {
+        watch(progress.simulations, progress.max_simulations)
+    })?;
+    if !answer.is_complete() {
+        return Ok(None);
+    }
+    Ok(Some(CampaignRun {
+        name: run.name.clone(),
+        kind: resolved.plan.kind().name().to_string(),
+        result: answer.result(&resolved, &run.path)?,
+    }))
+}

@@ -1,0 +1,82 @@
+//! What the commands share that ask a question: `evaluate`, `falsify`, `margin` and `risk`.
+
+use std::path::PathBuf;
+use std::time::Instant;
+
+use anyhow::{Context, Result};
+use mishandle::results::Screening;
+use mishandle::run::{Answer, Device, Engine};
+use mishandle::store::RunKind;
+use mishandle::{Plan, ResolvedPlan};
+use mishandle_text::plural;
+
+use super::{ExitStatus, control_flow, name, open, report_interruption, stop_on_signals};
+use crate::flags;
+use crate::show::output;
+use crate::show::progress::Bar;
+
+/// A question that was asked, and its answer.
+pub struct Asked {
+    pub resolved: ResolvedPlan,
+    pub answer: Answer,
+    /// Path of the run file, and the same quoted for a shell.
+    pub path: PathBuf,
+    pub name: String,
+    kind: RunKind,
+    simulations: u64,
+    seconds: f64,
+}
+
+/// Opens or creates the run file of a question, and asks it. `subject` has the new path of the controller of a resumed run.
+pub fn ask(
+    kind: RunKind,
+    subject: &flags::Subject,
+    file: &flags::OpenRun,
+    gpu: Option<&Device>,
+    plan: impl FnOnce() -> Result<Plan>,
+) -> Result<Asked> {
+    let bar = Bar::new(0, "simulations");
+    stop_on_signals(&bar)?;
+    let (resolved, file) = open(file, kind, subject.controller.as_deref(), plan)?;
+    output::warn_of_chained_comparisons(&resolved.specification.requirement);
+    let (path, name) = (file.file().path().to_path_buf(), name(file.file()));
+    let start = Instant::now();
+    let mut simulations = 0;
+    let engine = gpu.map_or(Engine::Direct, |gpu| Engine::Screening(&*gpu.worlds));
+    let answer = mishandle::run::ask(&resolved, file, engine, &mut |progress| {
+        simulations = progress.simulations;
+        bar.set_length(progress.max_simulations);
+        bar.set_position(progress.simulations);
+        if kind == RunKind::Falsify {
+            let ended = plural(progress.ended, "trial");
+            bar.set_note(format!("{ended} finished, {} falsified", progress.falsified));
+        }
+        control_flow()
+    });
+    bar.clear();
+    let answer = answer.with_context(|| format!("run file {name}"))?;
+    let seconds = start.elapsed().as_secs_f64();
+    Ok(Asked { resolved, answer, path, name, kind, simulations, seconds })
+}
+
+impl Asked {
+    /// Reports how long a screening took.
+    pub fn report_screening(&self, counts: &Screening) {
+        output::message(&format!(
+            "{} screened in {:.1} s; only the {} that MuJoCo C confirmed are evidence",
+            plural(counts.simulations, "simulation"),
+            self.seconds,
+            counts.flagged + counts.audit_sample
+        ));
+    }
+
+    /// Reports the run file, and how to resume an interrupted question. Returns `Interrupted` then.
+    pub fn report_file(&self) -> Option<ExitStatus> {
+        if self.answer.is_complete() {
+            output::message(&format!("Run file: {}", self.name));
+            return None;
+        }
+        report_interruption(self.kind, self.simulations, &self.name);
+        Some(ExitStatus::Interrupted)
+    }
+}

@@ -1,0 +1,65 @@
+//! The paper's tables of campaigns and results.
+
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context, Result};
+use mishandle_experiments::{CampaignResults, ExperimentError, NamedPage, Results, ZooFolder, pages};
+use mishandle_text::shell_quote;
+
+use crate::show::output;
+
+/// Reads campaigns and results.
+pub fn load(folders: &[PathBuf]) -> Result<Results> {
+    let mut all = Results::default();
+    for folder in folders {
+        if Results::is_in(folder) {
+            let Results { date, machine, campaigns } = Results::read(folder).map_err(converted)?;
+            all.date = date;
+            add_machine(&mut all.machine, &machine);
+            all.campaigns.extend(campaigns);
+        } else {
+            let zoo = ZooFolder::new(&mishandle::shipped::home().unwrap_or_default());
+            all.campaigns.push(CampaignResults::read(folder, &zoo).map_err(converted)?);
+        }
+    }
+    Ok(all)
+}
+
+/// Writes the pages with the tables of a campaign to a folder. Returns the names and titles of the HTML pages.
+pub fn write(campaign: &Path, folder: &Path) -> Result<Vec<(String, String)>> {
+    let pages = pages(&load(&[campaign.to_path_buf()])?);
+    write_pages(&pages, folder)?;
+    Ok(pages.into_iter().map(|(name, page)| (format!("{name}.html"), page.title)).collect())
+}
+
+/// Writes each page as Markdown and as HTML. Existing pages are replaced, because they contain nothing but results.
+pub fn write_pages(pages: &[NamedPage], folder: &Path) -> Result<()> {
+    std::fs::create_dir_all(folder).with_context(|| folder.display().to_string())?;
+    for (name, page) in pages {
+        for (ending, text) in [("md", page.markdown()), ("html", page.html())] {
+            let path = folder.join(format!("{name}.{ending}"));
+            output::write_atomically(&path, true, text.as_bytes())?;
+            output::message(&format!("Page: {}", shell_quote(&path.to_string_lossy())));
+        }
+    }
+    Ok(())
+}
+
+/// Adds a machine to a list, once.
+pub fn add_machine(list: &mut String, machine: &str) {
+    if list.split("; ").any(|known| known == machine) {
+        return;
+    }
+    if !list.is_empty() {
+        list.push_str("; ");
+    }
+    list.push_str(machine);
+}
+
+/// The hints of the program are for its own errors.
+pub fn converted(error: ExperimentError) -> anyhow::Error {
+    match error {
+        ExperimentError::Mishandle(error) => (*error).into(),
+        error => error.into(),
+    }
+}

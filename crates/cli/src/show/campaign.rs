@@ -1,0 +1,114 @@
+//! The results of a campaign, as text: a table for each kind of question.
+
+use mishandle::results::{Answer, Campaign, Corners, Estimate, Evaluation, Falsification, Margin, Risk};
+use mishandle_text::{decimal, probability_text};
+
+use super::output;
+
+/// Returns a table for each kind of question.
+pub fn text(found: &Campaign) -> String {
+    let headers: [&[&str]; 4] = [
+        &["run", "falsified", "rate", "95 % interval", "mean simulations", "min robustness", "no verdict"],
+        &[
+            "run",
+            "success rate",
+            "95 % interval",
+            "strict",
+            "dangerous",
+            "failing corners",
+            "n",
+            "no verdict",
+        ],
+        &["run", "smallest amplitude", "axes", "robustness", "fails in repeats", "simulations"],
+        &["run", "failure probability", "95 % interval", "from", "simulations"],
+    ];
+    let mut tables = headers.map(|header| vec![header.iter().map(ToString::to_string).collect::<Vec<_>>()]);
+    for run in &found.runs {
+        let (table, cells) = match &run.result {
+            Answer::Falsification(found) => (0, falsification_cells(found)),
+            Answer::Evaluation(found) => (1, evaluation_cells(found)),
+            Answer::Margin(found) => (2, margin_cells(found)),
+            Answer::Risk(found) => (3, risk_cells(found)),
+        };
+        tables[table].push(std::iter::once(run.name.clone()).chain(cells).collect());
+    }
+    let filled: Vec<String> =
+        tables.iter().filter(|rows| rows.len() > 1).map(|rows| output::table(rows)).collect();
+    filled.join("\n\n")
+}
+
+fn margin_cells(found: &Margin) -> Vec<String> {
+    let witness = found.witness.as_ref();
+    let number = |value: Option<f64>| value.map_or("-".to_string(), |value| decimal(value, 4));
+    let repeats = witness.and_then(|witness| witness.repeats.as_ref());
+    vec![
+        number(witness.map(|witness| witness.norms.amplitude)),
+        witness.map_or("-".to_string(), |witness| witness.axes.to_string()),
+        number(witness.and_then(|witness| witness.robustness).map(|rho| rho.0)),
+        repeats.map_or("-".to_string(), |found| format!("{} of {}", found.failures, found.failure_rate.n)),
+        found.simulations.to_string(),
+    ]
+}
+
+fn risk_cells(found: &Risk) -> Vec<String> {
+    let text = |value: Option<f64>| value.map_or("-".to_string(), probability_text);
+    let answer = found.probability.as_ref();
+    let ends = answer.and_then(|answer| answer.low.zip(answer.high));
+    let source = match &found.screening {
+        Some(_) => "screening",
+        None => answer.map_or("-", |answer| answer.source.as_str()),
+    };
+    vec![
+        text(answer.and_then(|answer| answer.value)),
+        ends.map_or("-".to_string(), |(low, high)| format!("[{}, {}]", text(Some(low)), text(Some(high)))),
+        source.to_string(),
+        found.simulations.to_string(),
+    ]
+}
+
+fn falsification_cells(found: &Falsification) -> Vec<String> {
+    let minima = found.trials.iter().filter_map(|trial| trial.minimum_robustness).map(|minimum| minimum.0);
+    let minimum = minima.reduce(f64::min);
+    let counts =
+        found.trials.iter().map(|trial| trial.diverged + trial.invalid + trial.failed + trial.undecided);
+    vec![
+        format!("{} of {}", found.falsified_trials, found.falsification_rate.n),
+        percent(&found.falsification_rate),
+        interval(&found.falsification_rate),
+        found.mean_simulations.map_or("-".to_string(), |mean| format!("{mean:.1}")),
+        minimum.map_or("-".to_string(), |minimum| decimal(minimum, 4)),
+        counts.map(u64::from).sum::<u64>().to_string(),
+    ]
+}
+
+fn evaluation_cells(found: &Evaluation) -> Vec<String> {
+    let report = &found.metrics;
+    let optional = |rate: &Option<Estimate>| rate.as_ref().map_or("-".to_string(), percent);
+    let without = match &found.screening {
+        Some(counts) => counts.confirmed_without_verdict,
+        None => report.diverged + report.invalid + report.failed + report.undecided,
+    };
+    vec![
+        percent(&report.success_rate),
+        interval(&report.success_rate),
+        optional(&report.strict_success_rate),
+        optional(&report.dangerous_behavior_rate),
+        found.corners.as_ref().map_or("-".to_string(), failing_corners),
+        report.success_rate.n.to_string(),
+        without.to_string(),
+    ]
+}
+
+fn failing_corners(corners: &Corners) -> String {
+    let failing = corners.points.iter().filter(|point| point.successes < point.n).count();
+    format!("{failing} of {}", corners.points.len())
+}
+
+fn percent(rate: &Estimate) -> String {
+    rate.value.map_or("-".to_string(), |rate| format!("{:.2} %", 100.0 * rate))
+}
+
+fn interval(rate: &Estimate) -> String {
+    let ends = rate.low.zip(rate.high);
+    ends.map_or("-".to_string(), |(low, high)| format!("[{:.2}, {:.2}]", 100.0 * low, 100.0 * high))
+}

@@ -1,0 +1,124 @@
+//! The comparison of two evaluations, as text.
+
+use mishandle::evaluation::Corners;
+use mishandle::results::{ComparedPair, ComparedRun, Comparison, Estimate, Number, PairedRates};
+use mishandle_text::{decimal, p_value_text, plural};
+
+use super::{escape, output, scenario};
+
+/// Largest number of new or fixed failures in the text. The JSON document lists all.
+const MAX_LISTED: usize = 20;
+
+/// Largest number of axes whose values the text shows.
+const MAX_VALUES: usize = 6;
+
+/// Returns the rates and means of both runs, and the failures.
+pub fn text(found: &Comparison) -> String {
+    let name = |run: &ComparedRun| {
+        let controller =
+            run.controller.as_deref().map_or(String::new(), |name| format!("{}, ", escape::name(name)));
+        format!("{controller}{}", escape::name(&run.run))
+    };
+    let mut parts = vec![format!(
+        "{}: {} on the same scenarios and seeds\nA: {}\nB: {}",
+        escape::name(&found.target),
+        plural(found.pairs, "pair"),
+        name(&found.first),
+        name(&found.second),
+    )];
+    if found.first.controller_hash == found.second.controller_hash
+        && found.first.target_hash == found.second.target_hash
+    {
+        parts.push("A and B have the same controller and target".to_string());
+    }
+    if !found.differences.is_empty() {
+        let listed: Vec<String> =
+            found.differences.iter().map(|difference| escape::name(difference)).collect();
+        parts.push(format!("A and B also differ in:\n  {}", listed.join("\n  ")));
+    }
+    parts.push(output::table(&table(found)));
+    parts.push(format!("{} The other p-values are of exact sign tests.", found.verdict));
+    let lists = [
+        ("New failures: A succeeds, B fails", &found.new_failures),
+        ("Fixed failures: A fails, B succeeds", &found.fixed_failures),
+    ];
+    parts.extend(
+        lists
+            .into_iter()
+            .filter(|(_, pairs)| !pairs.is_empty())
+            .map(|(title, pairs)| list(found, title, pairs)),
+    );
+    parts.join("\n\n")
+}
+
+fn table(found: &Comparison) -> Vec<Vec<String>> {
+    let mut rows = vec![["", "A", "B", "B - A", "95 % interval", "p", "n"].map(String::from).to_vec()];
+    let percent = |value: Option<f64>| value.map_or("-".to_string(), |rate| format!("{:.2} %", 100.0 * rate));
+    let rates =
+        [("success rate", Some(&found.success)), ("strict success rate", found.strict_success.as_ref())];
+    for (name, rates) in rates.into_iter().filter_map(|(name, rates)| Some((name, rates?))) {
+        let PairedRates { first, second, difference, p_value, .. } = rates;
+        let points = |value: f64| format!("{:+.2}", 100.0 * value);
+        rows.push(vec![
+            name.to_string(),
+            percent(first.value),
+            percent(second.value),
+            difference.value.map_or("-".to_string(), points),
+            interval(difference, &points),
+            p_value_text(*p_value),
+            difference.n.to_string(),
+        ]);
+    }
+    let means = [
+        ("robustness", 4, Some(&found.robustness)),
+        ("dangerous control steps", 2, found.dangerous_steps.as_ref()),
+        ("completion step, if both succeed", 2, found.completion_step.as_ref()),
+    ];
+    for (name, decimals, means) in means.into_iter().filter_map(|(name, n, means)| Some((name, n, means?))) {
+        let mean = |value: Option<f64>| value.map_or("-".to_string(), |mean| decimal(mean, decimals));
+        let signed = |value: f64| {
+            let sign = if value.is_sign_negative() { "" } else { "+" };
+            format!("{sign}{}", decimal(value, decimals))
+        };
+        rows.push(vec![
+            name.to_string(),
+            mean(means.first),
+            mean(means.second),
+            means.difference.value.map_or("-".to_string(), signed),
+            interval(&means.difference, &signed),
+            p_value_text(means.p_value),
+            means.difference.n.to_string(),
+        ]);
+    }
+    rows
+}
+
+fn interval(estimate: &Estimate, show: &dyn Fn(f64) -> String) -> String {
+    let ends = estimate.low.zip(estimate.high);
+    ends.map_or("-".to_string(), |(low, high)| format!("[{}, {}]", show(low), show(high)))
+}
+
+fn list(found: &Comparison, title: &str, pairs: &[ComparedPair]) -> String {
+    let mut rows = vec![
+        ["trial", "simulation", "seed", "scenario", "robustness A", "robustness B"]
+            .map(String::from)
+            .to_vec(),
+    ];
+    let robustness = |value: Option<Number>| value.map_or("no verdict".to_string(), |rho| decimal(rho.0, 4));
+    for pair in pairs.iter().take(MAX_LISTED) {
+        rows.push(vec![
+            pair.trial.to_string(),
+            pair.simulation.to_string(),
+            pair.seed.0.to_string(),
+            scenario::first_text(&found.space_axes, &pair.scenario, MAX_VALUES),
+            robustness(pair.first_robustness),
+            robustness(pair.second_robustness),
+        ]);
+    }
+    let more = pairs.len().saturating_sub(MAX_LISTED);
+    let more = if more > 0 { format!("\n… and {more} more: --json lists all") } else { String::new() };
+    let example = pairs.first().map_or(String::new(), |pair| pair.replay.clone());
+    let has_corners = pairs.iter().any(|pair| pair.trial == Corners::TRIAL);
+    let corners = if has_corners { "; trial 2: corners and center of the initial box" } else { "" };
+    format!("{title} ({}){corners}\n{}{more}\nReplay the first: {example}", pairs.len(), output::table(&rows))
+}

@@ -1,0 +1,221 @@
+//! Output of the results at the corners of the initial box.
+
+use mishandle::results::{AxisFacts, CornerPoint, Corners};
+use mishandle_text::plural;
+
+use super::{output, simulation};
+
+/// Kind of the axes of the initial state, and kind of a point that is a corner.
+const START: &str = "start";
+const CORNER: &str = "corner";
+
+/// Number of failing points that a line lists.
+const LISTED: usize = 2;
+
+/// Returns the results as lines of text: success, strict success, and the points that do not count.
+pub fn text(axes: &[AxisFacts], report: &Corners) -> String {
+    let mut rows = vec![row("corners", axes, report, &|point| Some(point.successes))];
+    if report.points.iter().any(|point| point.strict_successes.is_some()) {
+        rows.push(row("strict", axes, report, &|point| point.strict_successes));
+    }
+    rows.extend(without_verdict(axes, report).into_iter().map(|text| vec![String::new(), text]));
+    let left_out: Vec<String> =
+        report.points.iter().filter(|point| !point.counts).map(|point| coordinates(axes, point)).collect();
+    if !left_out.is_empty() {
+        let cells = [String::new(), format!("unreachable, not counted: {}", listed(&left_out))];
+        rows.push(cells.to_vec());
+    }
+    rows.push(vec![String::new(), legend(axes)]);
+    output::table(&rows)
+}
+
+/// Returns the points of a kind that count.
+fn counted<'a>(report: &'a Corners, kind: &'a str) -> impl Iterator<Item = &'a CornerPoint> {
+    report.points.iter().filter(move |point| point.kind == kind && point.counts)
+}
+
+/// Returns the center if it counts.
+fn center(report: &Corners) -> Option<&CornerPoint> {
+    report.points.iter().find(|point| point.kind != CORNER && point.counts)
+}
+
+/// Describes the failed simulations at points that count whose failure is no violation of the formula.
+fn without_verdict(axes: &[AxisFacts], report: &Corners) -> Vec<String> {
+    type Count = fn(&CornerPoint) -> u32;
+    let reasons: [(Count, &str); 4] = [
+        (|point| point.diverged, simulation::DIVERGED),
+        (|point| point.invalid, simulation::INVALID),
+        (|point| point.failed, simulation::FAILED),
+        (|point| point.undecided, simulation::UNDECIDED),
+    ];
+    let describe = |(count, reason): (Count, &str)| {
+        let points: Vec<&CornerPoint> =
+            counted(report, CORNER).chain(center(report)).filter(|point| count(point) > 0).collect();
+        let places: Vec<String> = points.iter().map(|point| coordinates(axes, point)).collect();
+        let total: u32 = points.into_iter().map(count).sum();
+        (total > 0).then(|| format!("{} {reason} at {}", plural(total, "simulation"), listed(&places)))
+    };
+    reasons.into_iter().filter_map(describe).collect()
+}
+
+/// Names the coordinates of the points.
+fn legend(axes: &[AxisFacts]) -> String {
+    let name = |axis: &AxisFacts| format!("{} ({})", axis.name, axis.unit).replace(" ()", "");
+    let starts: Vec<String> = axes.iter().filter(|axis| axis.kind == START).map(name).collect();
+    let others = if starts.len() < axes.len() { "; other axes have their nominal values" } else { "" };
+    format!("coordinates: {}{others}; --json lists all points", starts.join(", "))
+}
+
+/// Returns the cells of a line: how many corners succeed, whether the center does, and where simulations fail.
+fn row(
+    name: &str,
+    axes: &[AxisFacts],
+    report: &Corners,
+    successes: &dyn Fn(&CornerPoint) -> Option<u32>,
+) -> Vec<String> {
+    let failures = |point: &CornerPoint| point.n - successes(point).unwrap_or_default();
+    let with_seeds = |point: &CornerPoint| match point.n {
+        0 | 1 => String::new(),
+        n => format!(" with {} of {n} seeds", failures(point)),
+    };
+    let (done, total) = (
+        counted(report, CORNER).filter(|point| failures(point) == 0).count(),
+        counted(report, CORNER).count(),
+    );
+    let verb = if done == 1 { "succeeds" } else { "succeed" };
+    let mut text = format!("{done} of {total} {verb}");
+    if report.seeds > 1 {
+        text += &format!(" with all of {} seeds", report.seeds);
+    }
+    if let Some(center) = center(report) {
+        text += &match failures(center) {
+            0 => ", the center succeeds".to_string(),
+            _ => format!(", the center fails{}", with_seeds(center)),
+        };
+    }
+    let mut failing: Vec<&CornerPoint> =
+        counted(report, CORNER).filter(|point| failures(point) > 0).collect();
+    failing.sort_by_key(|point| std::cmp::Reverse(failures(point)));
+    if !failing.is_empty() {
+        let places: Vec<String> =
+            failing.iter().map(|point| coordinates(axes, point) + &with_seeds(point)).collect();
+        text += &format!("; corners that fail: {}", listed(&places));
+    }
+    vec![name.to_string(), text]
+}
+
+/// Joins the first texts and counts the rest.
+fn listed(texts: &[String]) -> String {
+    let shown = texts.iter().take(LISTED).cloned().collect::<Vec<_>>().join(", ");
+    match texts.len().saturating_sub(LISTED) {
+        0 => shown,
+        more => format!("{shown}, and {more} more"),
+    }
+}
+
+/// Formats the initial state of a point: `(0.85, 0.1)`.
+fn coordinates(axes: &[AxisFacts], point: &CornerPoint) -> String {
+    let values = axes.iter().zip(point.scenario.values());
+    let starts = values.filter(|(axis, _)| axis.kind == START);
+    // Six decimals hide rounding errors of the center.
+    let rounded = |value: f64| (value * 1e6).round() / 1e6;
+    let texts: Vec<String> = starts.filter_map(|(_, value)| value.map(|v| rounded(v).to_string())).collect();
+    format!("({})", texts.join(", "))
+}
+
+#[cfg(test)]
+mod tests {
+    use mishandle::resolve::axis_facts;
+    use mishandle::rollout::Axis;
+
+    use super::*;
+
+    fn axes() -> Vec<AxisFacts> {
+        [Axis::start("x", "m", 0.75, 0.85), Axis::start("y", "m", -0.1, 0.1)].iter().map(axis_facts).collect()
+    }
+
+    /// Two seeds per point. All simulations succeed except those of the points in `failures`, with this many failures.
+    fn report(failures: &[(usize, u32)], unreachable: Option<[f64; 2]>) -> Corners {
+        let places = [[0.75, -0.1], [0.75, 0.1], [0.85, -0.1], [0.85, 0.1], [0.8, 0.0]];
+        let point = |(index, [x, y]): (usize, [f64; 2])| {
+            let failed = failures.iter().find(|(at, _)| *at == index).map_or(0, |(_, count)| *count);
+            let is_reachable = unreachable != Some([x, y]);
+            CornerPoint {
+                kind: if index < 4 { CORNER } else { "center" }.to_string(),
+                scenario: [("x", Some(x)), ("y", Some(y))].into_iter().collect(),
+                reachable: Some(is_reachable),
+                counts: is_reachable,
+                n: 2,
+                successes: 2 - failed,
+                strict_successes: Some(2 - failed),
+                diverged: 0,
+                invalid: 0,
+                failed: 0,
+                undecided: 0,
+            }
+        };
+        Corners {
+            seeds: 2,
+            n: 4 - u64::from(unreachable.is_some()),
+            succeeding: 0,
+            strictly_succeeding: None,
+            center_succeeds: None,
+            center_strictly_succeeds: None,
+            points: places.into_iter().enumerate().map(point).collect(),
+        }
+    }
+
+    #[test]
+    fn failing_corners_are_listed_with_the_number_of_failing_seeds() {
+        assert_eq!(
+            text(&axes(), &report(&[(3, 2)], None)),
+            "corners  3 of 4 succeed with all of 2 seeds, the center succeeds; corners that fail: (0.85, 0.1) with 2 of 2 \
+             seeds\n\
+             strict   3 of 4 succeed with all of 2 seeds, the center succeeds; corners that fail: (0.85, 0.1) with 2 of 2 \
+             seeds\n         coordinates: x (m), y (m); --json lists all points"
+        );
+        // The corner with the most failures is first.
+        let all = report(&[(0, 1), (1, 1), (2, 2), (3, 1), (4, 1)], None);
+        let line = text(&axes(), &all).lines().next().unwrap().to_string();
+        assert!(
+            line.contains(
+                "0 of 4 succeed with all of 2 seeds, the center fails with 1 of 2 seeds; corners that fail"
+            ),
+            "{line}"
+        );
+        assert!(
+            line.ends_with(
+                "fail: (0.85, -0.1) with 2 of 2 seeds, (0.75, -0.1) with 1 of 2 seeds, and 2 more"
+            ),
+            "{line}"
+        );
+    }
+
+    #[test]
+    fn simulations_without_a_verdict_are_named_apart_from_failures() {
+        let mut report = report(&[(0, 1), (3, 2), (4, 1)], None);
+        report.points[0].diverged = 1;
+        report.points[3].diverged = 1;
+        report.points[3].invalid = 1;
+        report.points[4].undecided = 1;
+        let lines = text(&axes(), &report);
+        for line in [
+            "\n         2 simulations diverged at (0.75, -0.1), (0.85, 0.1)\n",
+            "\n         1 simulation ended in a value that is not finite at (0.85, 0.1)\n",
+            "\n         1 simulation left the formula undecided at (0.8, 0)\n",
+        ] {
+            assert!(lines.contains(line), "{lines}");
+        }
+    }
+
+    #[test]
+    fn unreachable_corners_are_named_and_do_not_count() {
+        let report = report(&[(3, 2)], Some([0.85, 0.1]));
+        let lines = text(&axes(), &report);
+        assert!(
+            lines.starts_with("corners  3 of 3 succeed with all of 2 seeds, the center succeeds\n"),
+            "{lines}"
+        );
+        assert!(lines.contains("unreachable, not counted: (0.85, 0.1)\n"), "{lines}");
+    }
+}

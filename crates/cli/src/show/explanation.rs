@@ -1,0 +1,70 @@
+//! The explanation of a simulation, as text.
+
+use mishandle::results::{Explanation, SignalTable};
+use mishandle_text::{decimal, instant};
+
+use super::{escape, output, scenario};
+
+/// Returns the explanation, which starts with the scenario.
+pub fn text(found: &Explanation) -> String {
+    let scenario = scenario::first_text(&found.space_axes, &found.scenario, usize::MAX);
+    let verdict = match found.robustness.0 {
+        rho if rho < 0.0 => "violated",
+        rho if rho > 0.0 => "satisfied",
+        _ => "on the border between satisfied and violated",
+    };
+    let mut parts = vec![format!(
+        "{}, seed {}\nformula {}\n{verdict}: robustness {}",
+        scenario,
+        found.seed.0,
+        escape::name(&found.formula),
+        decimal(found.robustness.0, 4),
+    )];
+    let sentences: Vec<String> = found.sentences.iter().map(|sentence| escape::name(sentence)).collect();
+    if !sentences.is_empty() {
+        parts.push(sentences.join("\n"));
+    }
+    let at = |sample: u64| instant(sample as usize, found.control_dt);
+    parts.push(output::table(&path_table(found, &at)));
+    if found.conjuncts.len() > 1 {
+        let columns = ["conjunct on its own", "robustness", "decided at"];
+        let mut rows = vec![columns.map(String::from).to_vec()];
+        rows.extend(found.conjuncts.iter().map(|conjunct| {
+            vec![
+                escape::name(&conjunct.formula),
+                decimal(conjunct.robustness.0, 4),
+                conjunct.decided.map_or("-".to_string(), |decided| at(decided.sample)),
+            ]
+        }));
+        parts.push(output::table(&rows));
+    }
+    parts.extend(found.signals.as_ref().map(|signals| output::table(&signal_table(signals, &at))));
+    parts.join("\n\n")
+}
+
+/// Returns the table of the chain from the formula to the predicate.
+fn path_table(found: &Explanation, at: &dyn Fn(u64) -> String) -> Vec<Vec<String>> {
+    let columns = ["decisive sub-formula", "at", "window", "robustness"];
+    let mut rows = vec![columns.map(String::from).to_vec()];
+    let path = &found.path;
+    let is_and = |index: usize| path[index].operator.as_deref() == Some("and");
+    // Of a chain of `and`, only the first is shown: the others are parts of its text.
+    let shown = (0..path.len()).filter(|index| *index == 0 || !is_and(*index) || !is_and(index - 1));
+    rows.extend(shown.map(|index| &path[index]).map(|step| {
+        let window = step.window.map_or("-".to_string(), |[first, last]| format!("{first} to {last}"));
+        vec![escape::name(&step.formula), at(step.at.sample), window, decimal(step.robustness.0, 4)]
+    }));
+    rows
+}
+
+/// Returns the table of the formula's signals.
+fn signal_table(signals: &SignalTable, at: &dyn Fn(u64) -> String) -> Vec<Vec<String>> {
+    let name = |name: &str, unit: &str| format!("{} {unit}", escape::name(name)).trim_end().to_string();
+    let columns = signals.columns.iter().map(|signal| name(&signal.name, &signal.unit));
+    let mut rows = vec![std::iter::once("at".to_string()).chain(columns).collect::<Vec<_>>()];
+    rows.extend(signals.rows.iter().map(|row| {
+        let values = row.values.iter().map(|value| value.map_or(String::new(), |x| decimal(x.0, 4)));
+        std::iter::once(at(row.sample)).chain(values).collect()
+    }));
+    rows
+}

@@ -1,0 +1,193 @@
+//! The result of a falsification, as text.
+
+use mishandle::results::{Falsification, Repeats, SearchValue, SmoothRegion, Trial};
+use mishandle::search::OptionValue;
+use mishandle_text::{decimal, plural};
+
+use super::{output, scenario, screening, simulation, subject};
+
+/// Returns the trials, what they say together, and the part of the space that cannot fail.
+pub fn text(found: &Falsification) -> String {
+    let region = found.smooth_region.as_ref().map_or(String::new(), region_text);
+    format!("{}{region}{}", trials_text(found), screening::falsification_text(found))
+}
+
+fn region_text(region: &SmoothRegion) -> String {
+    match (region.slope, region.covered) {
+        (Some(_), Some(covered)) if covered < 0.01 => {
+            "\nno statement about the space between the samples: they are too far apart for such steep changes of the robustness".into()
+        }
+        (Some(slope), Some(covered)) => format!(
+            "\nif the samples missed no cliff, the robustness changes by at most {} per width of the space (estimate, 95 % confidence); then \
+             no scenario in {:.0} % of the space fails",
+            decimal(slope, 4),
+            // A share that was measured at random points is never 100 %.
+            (100.0 * covered).floor().min(99.0)
+        ),
+        _ => format!(
+            "\nno statement about the space between the samples: {}",
+            region.refusal.as_deref().unwrap_or_default()
+        ),
+    }
+}
+
+/// Returns the options that the plan sets, in parentheses.
+fn options_text(found: &Falsification) -> String {
+    let value = |value: &SearchValue| match value.clone() {
+        SearchValue::Float(value) => OptionValue::Float(value.0),
+        SearchValue::Integer(value) => OptionValue::Integer(value),
+        SearchValue::Boolean(value) => OptionValue::Boolean(value),
+        SearchValue::Text(value) => OptionValue::Text(value),
+        SearchValue::Point(value) => OptionValue::Point(value),
+        SearchValue::Points(value) => OptionValue::Points(value),
+    };
+    let options: Vec<String> =
+        found.search_options.0.iter().map(|(name, option)| format!("{name} = {}", value(option))).collect();
+    if options.is_empty() { String::new() } else { format!(" ({})", options.join(", ")) }
+}
+
+/// Warns about simulations that have no verdict because a value is not finite: the first one of up to `SHOWN` trials.
+pub fn report_unevaluated(found: &Falsification) {
+    const SHOWN: usize = 3;
+    let first =
+        found.trials.iter().filter_map(|trial| Some((trial.trial, trial.first_unevaluated.as_ref()?)));
+    let mut shown = 0;
+    for (trial, first) in first.take(SHOWN) {
+        shown += 1;
+        output::message(&format!(
+            "warning: simulation {} of trial {trial} ({}, seed {}) has no verdict: {}",
+            first.simulation,
+            scenario::summary(&found.subject.space_axes, &first.scenario),
+            first.seed.0,
+            first.end,
+        ));
+    }
+    let affected = total(found, |trial| trial.undefined + trial.invalid + trial.failed);
+    if affected > shown {
+        let more = plural(affected - shown, "more simulation");
+        output::message(&format!("warning: no verdict either: {more}"));
+    }
+}
+
+/// Adds a number of all trials.
+fn total(found: &Falsification, count: fn(&Trial) -> u32) -> u64 {
+    found.trials.iter().map(|trial| u64::from(count(trial))).sum()
+}
+
+fn trials_text(found: &Falsification) -> String {
+    let axes = &found.subject.space_axes;
+    let has_repeats = found.trials.iter().any(|trial| trial.repeats.is_some());
+    let mut header = vec!["trial", "result", "simulations", "min robustness", "scenario"];
+    if has_repeats {
+        header.insert(4, "fails in repeats");
+    }
+    let mut rows = vec![header.into_iter().map(String::from).collect::<Vec<_>>()];
+    for trial in &found.trials {
+        let at = trial.scenario.as_ref();
+        let mut row = vec![
+            trial.trial.to_string(),
+            trial.end.clone().unwrap_or("interrupted".to_string()),
+            trial.simulations.to_string(),
+            trial.minimum_robustness.map_or("-".to_string(), |minimum| decimal(minimum.0, 4)),
+            at.map_or(String::new(), |at| scenario::summary(axes, at)),
+        ];
+        if has_repeats {
+            let repeats = trial.repeats.as_ref();
+            row.insert(
+                4,
+                repeats.map_or("-".to_string(), |found| {
+                    format!("{} of {}", found.failures, found.failure_rate.n)
+                }),
+            );
+        }
+        rows.push(row);
+    }
+    let mut text = format!(
+        "{}\nsearch {}{}, at most {} per trial, seed {}\nformula {}\n\n{}\n\n{}",
+        subject::heading(&found.subject),
+        found.search,
+        options_text(found),
+        plural(found.budget, "simulation"),
+        found.subject.seed.0,
+        found.formula,
+        output::table(&rows),
+        summary(found),
+    );
+    if found.early_stopping && found.simulations > 0 && found.screening.is_none() {
+        let whole = found.simulations * found.subject.episode_steps;
+        text.push_str(&format!(
+            "\nearly stopping: {:.0} % of {whole} control steps saved; robustness values of simulations that ended early are lower bounds",
+            100.0 * (1.0 - found.control_steps as f64 / whole as f64)
+        ));
+    }
+    if let Some(bound) = found.failure_rate_bound {
+        text.push_str(&format!(
+            "\nno violation in {} of the space: failure rate below {} (95 % confidence)",
+            plural(found.simulations, "uniform random sample"),
+            percent(bound)
+        ));
+    }
+    text.push_str(&counterexample_text(found));
+    if has_repeats {
+        let repeats = || found.trials.iter().filter_map(|trial| trial.repeats.as_ref());
+        let sum = |of: fn(&Repeats) -> u64| repeats().map(of).sum::<u64>();
+        let (failures, n) = (sum(|found| found.failures), sum(|found| found.failure_rate.n));
+        text.push_str(&format!(
+            "\nwith other seeds, the counterexamples fail in {failures} of {}",
+            plural(n, "repeat")
+        ));
+    }
+    let counts = simulation::without_verdict(
+        total(found, |trial| trial.diverged),
+        total(found, |trial| trial.invalid),
+        total(found, |trial| trial.failed),
+        total(found, |trial| trial.undecided),
+    );
+    if let Some(counts) = counts {
+        text.push_str(&format!("\n{counts}; they do not count as counterexamples"));
+    }
+    text
+}
+
+/// Describes the counterexample of the first falsified trial.
+fn counterexample_text(found: &Falsification) -> String {
+    let mut falsified = found.trials.iter().filter(|trial| trial.falsified);
+    let first = falsified.find_map(|trial| {
+        let Trial { scenario, seed, simulation, minimum_robustness, .. } = trial;
+        Some((trial.trial, scenario.as_ref()?, (*seed)?, (*simulation)?, (*minimum_robustness)?))
+    });
+    first.map_or(String::new(), |(trial, at, seed, simulation, robustness)| {
+        let values = found.subject.space_axes.iter().zip(at.values().copied());
+        format!(
+            "\ncounterexample: {}, seed {} (trial {trial}, simulation {simulation}): robustness {}",
+            scenario::text(values),
+            seed.0,
+            decimal(robustness.0, 4)
+        )
+    })
+}
+
+/// Formats a small rate in percent, rounded up to two digits.
+fn percent(rate: f64) -> String {
+    let percent = 100.0 * rate;
+    let decimals = (1.0 - percent.log10().floor()).clamp(0.0, 12.0) as usize;
+    let scale = 10_f64.powi(decimals as i32);
+    format!("{:.decimals$} %", (percent * scale).ceil() / scale)
+}
+
+/// Returns the number of falsified trials, and the simulations up to the counterexample.
+fn summary(found: &Falsification) -> String {
+    let ended = found.falsification_rate.n;
+    let mut text = format!("falsified {} of {}", found.falsified_trials, plural(ended, "trial"));
+    if let Some(mean) = found.mean_simulations {
+        text.push_str(&format!("; simulations to a counterexample: mean {mean:.1} over falsified trials"));
+    }
+    match found.median_simulations {
+        Some(median) => text.push_str(&format!(", median {median} over all trials")),
+        None if found.falsified_trials > 0 && found.trials.iter().all(|trial| trial.end.is_some()) => {
+            text.push_str(", median over all trials not reached within the budget");
+        }
+        None => {}
+    }
+    text
+}

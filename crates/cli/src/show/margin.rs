@@ -1,0 +1,104 @@
+//! The smallest disturbance, as text.
+
+use mishandle::results::{AxisFacts, Level, Margin, Scenario, Witness};
+use mishandle_text::{decimal, plural};
+
+use super::{output, scenario, subject};
+
+/// Returns the amplitudes that were tried, and the witness.
+pub fn text(found: &Margin) -> String {
+    let header = ["amplitude", "simulations", "lowest robustness", "result"].map(String::from).to_vec();
+    let row = |level: &Level| {
+        vec![
+            decimal(level.amplitude, 4),
+            level.simulations.to_string(),
+            level.minimum_robustness.map_or("-".to_string(), |rho| decimal(rho, 4)),
+            result(level),
+        ]
+    };
+    let rows: Vec<Vec<String>> = std::iter::once(header).chain(found.levels.iter().map(row)).collect();
+    let conclusion = match (&found.witness, found.passed()) {
+        (Some(witness), _) => witness_text(found, witness),
+        (None, Some(level)) => {
+            format!("no violation in {}, up to the largest disturbance of the space", evidence(level))
+        }
+        (None, None) if found.is_complete => "no violation, but most simulations have no verdict".to_string(),
+        (None, None) => "no violation so far, but the search is not finished".to_string(),
+    };
+    format!(
+        "{}\nformula {}\n\n{}\n\n{conclusion}",
+        subject::heading(&found.subject),
+        found.formula,
+        output::table(&rows)
+    )
+}
+
+fn result(level: &Level) -> String {
+    let result = match level {
+        Level { is_violated: true, .. } => "violated",
+        Level { is_complete: false, .. } => "interrupted",
+        Level { minimum_robustness: None, .. } => "no verdict",
+        _ => "no violation",
+    };
+    match level.without_verdict {
+        0 => result.to_string(),
+        n => format!("{result}, {n} without a verdict"),
+    }
+}
+
+/// Describes the simulations on which a claim that nothing fails rests.
+fn evidence(level: &Level) -> String {
+    let all = if level.is_exhaustive { ", which are all scenarios" } else { "" };
+    format!("{}{all}", plural(level.verdicts(), "simulation"))
+}
+
+fn witness_text(found: &Margin, witness: &Witness) -> String {
+    let Witness { norms, repeats, .. } = witness;
+    let size = match witness.axes {
+        0 => "the controller fails without a disturbance".to_string(),
+        axes => format!(
+            "smallest disturbance found: amplitude {} (L2 {}, L1 {}) on {}",
+            decimal(norms.amplitude, 4),
+            decimal(norms.l2, 4),
+            decimal(norms.l1, 4),
+            scenario::axes(axes as usize),
+        ),
+    };
+    let doubt = match repeats {
+        Some(repeats) if !repeats.fails_in_most() => ", but not with most other seeds",
+        _ => "",
+    };
+    let mut text = format!(
+        "{size}{doubt}, after {}\nwitness: {}, seed {}: robustness {}",
+        plural(found.simulations, "simulation"),
+        disturbed_text(&found.subject.space_axes, &witness.scenario),
+        witness.seed.0,
+        decimal(witness.robustness.map_or(f64::NAN, |rho| rho.0), 4),
+    );
+    if let Some(repeats) = repeats {
+        text.push_str(&format!(
+            "\nwith other seeds, the witness fails in {} of {}",
+            repeats.failures,
+            plural(repeats.simulations, "repeat")
+        ));
+        if !repeats.fails_in_most() {
+            text.push_str(": the failure is the luck of its seed");
+        }
+    }
+    if let Some(level) = found.passed() {
+        text.push_str(&format!(
+            "\nup to amplitude {}, no violation in {}",
+            decimal(level.amplitude, 4),
+            evidence(level)
+        ));
+    }
+    text
+}
+
+/// Formats the initial state and the disturbed axes.
+fn disturbed_text(axes: &[AxisFacts], scenario: &Scenario) -> String {
+    let is_shown = |(axis, value): &(&AxisFacts, Option<f64>)| axis.kind == "start" || *value != axis.nominal;
+    let shown: Vec<(&AxisFacts, Option<f64>)> =
+        axes.iter().zip(scenario.values().copied()).filter(is_shown).collect();
+    if shown.is_empty() { "the nominal scenario".to_string() } else { scenario::text(shown) }
+}

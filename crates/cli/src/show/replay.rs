@@ -1,0 +1,42 @@
+//! A replay, as text.
+
+use mishandle::results::{AxisFacts, Replay};
+use mishandle_text::plural;
+
+use super::{escape, scenario, simulation};
+
+/// Returns the replay of a simulation of a run file.
+pub fn text(found: &Replay) -> String {
+    let value = |(axis, value): (&AxisFacts, &Option<f64>)| {
+        let value = match value {
+            // All digits.
+            Some(value) if !axis.is_discrete() => value.to_string(),
+            value => scenario::value_text(axis, *value),
+        };
+        scenario::axis_value(&escape::name(&axis.name), &value, &escape::name(&axis.unit))
+    };
+    let values = found.space_axes.iter().zip(&found.initial_configuration).map(value);
+    let name = simulation::name(found.trial, found.point.as_deref(), found.simulation);
+    lines(found, &name, values)
+}
+
+/// Returns the replay of an exported counterexample, with the values of its file.
+pub fn counterexample_text(found: &Replay) -> String {
+    let value = |(axis, value): (&AxisFacts, &Option<f64>)| {
+        let value = value.map_or("random".to_string(), |value| value.to_string());
+        scenario::axis_value(&axis.name, &value, &axis.unit)
+    };
+    let values = found.space_axes.iter().zip(&found.initial_configuration).map(value);
+    lines(found, &found.target, values)
+}
+
+fn lines(found: &Replay, name: &str, values: impl Iterator<Item = String>) -> String {
+    format!(
+        "{name}, {}, seed {}\nformula {}\nrobustness {} after {}",
+        values.collect::<Vec<_>>().join(", "),
+        found.seed.0,
+        escape::name(&found.formula),
+        found.robustness.map_or("undecided".to_string(), |rho| rho.0.to_string()),
+        plural(found.steps, "control step"),
+    )
+}

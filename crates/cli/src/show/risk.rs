@@ -1,0 +1,195 @@
+//! The failure probability, as text.
+
+use mishandle::results::{
+    AxisDistribution, Estimate, Importance, Probability, Risk, RiskFailure, Screening, Splitting,
+};
+use mishandle::risk::{FREQUENT, Method};
+use mishandle_text::{decimal, plural, probability_text as probability};
+
+use super::{escape, output, scenario, screening, simulation, subject};
+
+/// Largest number of axes with one distribution whose names are printed.
+const NAMED: usize = 3;
+
+/// Returns the answer, its parts and the failures; after a screening the disagreements of the two engines.
+pub fn text(found: &Risk) -> String {
+    match &found.screening {
+        Some(counts) => screened_text(found, counts),
+        None => direct_text(found),
+    }
+}
+
+/// Returns the lines above the answer.
+fn heading(found: &Risk) -> String {
+    format!(
+        "{}\nformula {}\n{}\n\n{}",
+        subject::heading(&found.subject),
+        escape::name(&found.formula),
+        distribution(found),
+        if found.is_complete { "" } else { "interrupted: the answer is that of the simulations so far\n\n" },
+    )
+}
+
+fn direct_text(found: &Risk) -> String {
+    let refusals: String =
+        found.refusals.iter().map(|refusal| format!("no estimate: {refusal}\n\n")).collect();
+    // The chosen method was not run: the answer is that of another one.
+    let is_leading =
+        found.method == Method::Splitting.name() && found.splitting_refusal.as_deref() == Some("budget");
+    let (before, after) = if is_leading { (refusals.as_str(), "") } else { ("", refusals.as_str()) };
+    let mut text = format!(
+        "{}{before}{}\n\n{}\n\n{after}",
+        heading(found),
+        answer(found),
+        output::table(&parts(found)),
+    );
+    text.truncate(text.trim_end().len());
+    let undecided = found.monte_carlo.without_verdict;
+    if undecided > 0 {
+        text.push_str(&format!(
+            "\n\n{} of Monte Carlo have no verdict and count as passed; if they fail, the probability is at most {} (97.5 %)",
+            plural(undecided, "simulation"),
+            probability(found.monte_carlo.bound_with_undecided.map_or(1.0, |bound| bound.0)),
+        ));
+    }
+    text.push_str(&failures_text(found));
+    text
+}
+
+fn screened_text(found: &Risk, counts: &Screening) -> String {
+    let estimate = found.monte_carlo.failure_rate;
+    let bound = |bound: Option<f64>| bound.map_or("-".to_string(), probability);
+    let mut text = format!(
+        "{}failure probability: {} [{}, {}] (95 %, from simulations of MuJoCo C; assumes nothing of MuJoCo Warp)\n\n{}",
+        heading(found),
+        bound(estimate.value),
+        bound(estimate.low),
+        bound(estimate.high),
+        screening::engines(counts, &[("failure", "failures there")], ["violated or no verdict", "satisfied"]),
+    );
+    text.push_str(&simulation::without_gpu_verdict(counts.without_verdict, counts.overflows));
+    if counts.confirmed_without_verdict > 0 {
+        let undecided = plural(counts.confirmed_without_verdict, "simulation");
+        text.push_str(&format!("\n\n{undecided} of MuJoCo C without a verdict count as passed"));
+    }
+    text.push_str(&failures_text(found));
+    text
+}
+
+fn failures_text(found: &Risk) -> String {
+    if found.failures.is_empty() {
+        return String::new();
+    }
+    let failure = |RiskFailure { scenario, seed, robustness, .. }: &RiskFailure| {
+        format!(
+            "\n  {}, seed {}: robustness {}",
+            scenario::summary(&found.subject.space_axes, scenario),
+            seed.0,
+            decimal(robustness.0, 4),
+        )
+    };
+    format!(
+        "\n\nfailures, those nearest to the center of the distribution first:{}",
+        found.failures.iter().map(failure).collect::<String>()
+    )
+}
+
+/// Returns one line per distribution, with the axes that have it.
+fn distribution(found: &Risk) -> String {
+    let mut groups: Vec<(String, Vec<&AxisDistribution>)> = Vec::new();
+    for axis in found.distribution.iter().filter(|axis| axis.low != axis.high) {
+        let unit = if axis.unit.is_empty() { String::new() } else { format!(" {}", axis.unit) };
+        let text = format!("{} from {} to {}{unit}", axis.distribution, axis.low, axis.high);
+        match groups.iter_mut().find(|(other, _)| *other == text) {
+            Some((_, axes)) => axes.push(axis),
+            None => groups.push((text, vec![axis])),
+        }
+    }
+    let line = |(text, axes): &(String, Vec<&AxisDistribution>)| {
+        let named: Vec<String> = axes.iter().take(NAMED).map(|axis| escape::name(&axis.axis)).collect();
+        let more = match axes.len().saturating_sub(NAMED) {
+            0 => String::new(),
+            more => format!(" and {more} more"),
+        };
+        format!("distribution of {}{more}: {text}", named.join(", "))
+    };
+    let mut lines: Vec<String> = groups.iter().map(line).collect();
+    if found.seed_is_random {
+        lines.push("the seed of each simulation is random, too".to_string());
+    }
+    lines.join("\n")
+}
+
+fn answer(found: &Risk) -> String {
+    let [low, high] = found.bounds;
+    let bounds = format!("from {} to {}", probability(low), probability(high));
+    let Some(Probability { value, low, high, assumption, .. }) = &found.probability else {
+        return format!(
+            "probability of a violation: no estimate; {bounds} with 95 % confidence, which assumes nothing"
+        );
+    };
+    let value = format!(
+        "probability of a violation: {}, 95 % interval {}",
+        probability(value.unwrap_or(f64::NAN)),
+        interval(*low, *high)
+    );
+    match assumption {
+        None => format!("{value}, which assumes nothing"),
+        Some(assumption) => format!("{value}, if {assumption}\nwithout that assumption: {bounds} (95 %)"),
+    }
+}
+
+/// Returns the parts of the estimation as a table.
+fn parts(found: &Risk) -> Vec<Vec<String>> {
+    let row = |name: &str, n: u64, estimate: Option<Estimate>, notes: String| {
+        let value = estimate.and_then(|estimate| estimate.value).map_or("-".to_string(), probability);
+        let interval = estimate.map_or("-".to_string(), |Estimate { low, high, .. }| interval(low, high));
+        vec![name.to_string(), n.to_string(), value, interval, notes]
+    };
+    let monte_carlo = &found.monte_carlo;
+    let failures = |n: u64| plural(n, "failure");
+    let mut rows =
+        vec![["part", "simulations", "probability", "95 % interval", ""].map(String::from).to_vec()];
+    let note = match monte_carlo.failures >= FREQUENT {
+        true => format!("{}; enough for an answer", failures(monte_carlo.failures)),
+        false => failures(monte_carlo.failures),
+    };
+    rows.push(row("Monte Carlo", monte_carlo.simulations, Some(monte_carlo.failure_rate), note));
+    if found.exploration.simulations > 0 {
+        rows.push(row("search for failures", found.exploration.simulations, None, String::new()));
+    }
+    if let Some(splitting) = &found.splitting {
+        let estimate = splitting.estimate.filter(|_| found.splitting_refusal.is_none());
+        rows.push(row("multilevel splitting", splitting.simulations, estimate, splitting_note(splitting)));
+    }
+    if let Some(importance) = &found.importance {
+        let Importance { fitting_simulations, simulations, components, monte_carlo_outside, .. } = importance;
+        let regions = plural(*components, "region");
+        rows.push(row("fit of regions", *fitting_simulations, None, String::new()));
+        let note = format!(
+            "failures in {regions}; Monte Carlo: {}, {monte_carlo_outside} outside",
+            failures(monte_carlo.failures)
+        );
+        rows.push(row("importance sampling", *simulations, Some(importance.regions), note));
+    }
+    rows
+}
+
+fn splitting_note(splitting: &Splitting) -> String {
+    let chains: Vec<String> = splitting
+        .chains
+        .iter()
+        .map(|chain| match chain.is_complete || chain.probability == 0.0 {
+            true => probability(chain.probability),
+            false => "unfinished".to_string(),
+        })
+        .collect();
+    let acceptance: f64 = splitting.chains.iter().map(|chain| chain.acceptance).sum();
+    let mean = 100.0 * acceptance / splitting.chains.len().max(1) as f64;
+    format!("chains: {}; {mean:.0} % of moves accepted", chains.join(", "))
+}
+
+fn interval(low: Option<f64>, high: Option<f64>) -> String {
+    let end = |value: Option<f64>| value.map_or("-".to_string(), probability);
+    format!("[{}, {}]", end(low), end(high))
+}

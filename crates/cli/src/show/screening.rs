@@ -1,0 +1,89 @@
+//! Screened results, as text: what the other engine flagged, and what MuJoCo C found.
+
+use mishandle::results::{Confirmed, Estimate, Evaluation, Falsification, Finding, Screening};
+use mishandle_text::plural;
+
+use super::{corners, output, simulation};
+
+/// Returns the rates of a screened evaluation, the disagreements of the two engines, and the corners.
+pub fn evaluation_text(found: &Evaluation, counts: &Screening) -> String {
+    let report = &found.metrics;
+    let percent = |rate: Option<f64>| rate.map_or("-".to_string(), |rate| format!("{:.2}", 100.0 * rate));
+    let row = |name: &str, rate: &Estimate| {
+        let interval = format!("[{}, {}]", percent(rate.low), percent(rate.high));
+        vec![name.to_string(), format!("{} %", percent(rate.value)), interval, rate.n.to_string()]
+    };
+    let mut rates = vec![["", "value", "95 % interval", "n"].map(String::from).to_vec()];
+    rates.push(row("success rate", &report.success_rate));
+    rates.extend(report.strict_success_rate.iter().map(|rate| row("strict success rate", rate)));
+    rates.extend(report.dangerous_episode_rate.iter().map(|rate| row("episodes with any danger", rate)));
+    let columns =
+        [("failure", "failures there"), ("strict_failure", "strict failures"), ("dangerous", "dangerous")];
+    let mut text = format!(
+        "{}{}\n\nThe rates are from simulations of MuJoCo C and assume nothing of MuJoCo Warp.\n\n{}",
+        if found.is_complete { "" } else { "interrupted: the answer is that of the simulations so far\n\n" },
+        output::table(&rates),
+        engines(counts, &columns, ["any violation or no verdict", "no violation"]),
+    );
+    if let Some(report) = &found.corners {
+        text.push_str(&format!("\n\n{}", corners::text(&found.subject.space_axes, report)));
+    }
+    text.push_str(&simulation::without_gpu_verdict(counts.without_verdict, counts.overflows));
+    if counts.confirmed_without_verdict > 0 {
+        let undecided = plural(counts.confirmed_without_verdict, "simulation");
+        text.push_str(&format!("\n\n{undecided} of MuJoCo C without a verdict do not count as successes"));
+    }
+    text
+}
+
+/// Returns a table of what MuJoCo C found in the simulations that it repeated. `columns` are kinds of findings with their titles,
+/// `kinds` describe the flagged simulations and the others.
+pub fn engines(counts: &Screening, columns: &[(&str, &str)], kinds: [&str; 2]) -> String {
+    let findings = |name: &str| counts.findings.as_ref().and_then(|findings| findings.get(name));
+    let columns: Vec<(&str, &Finding)> =
+        columns.iter().filter_map(|(name, title)| Some((*title, findings(name)?))).collect();
+    let row = |name: &str, screened: u64, repeated: u64, found: fn(&Finding) -> u64| {
+        let mut cells = vec![name.to_string(), screened.to_string(), repeated.to_string()];
+        cells.extend(columns.iter().map(|(_, finding)| found(finding).to_string()));
+        cells
+    };
+    let mut header: Vec<String> =
+        ["screened by MuJoCo Warp", "simulations", "repeated by MuJoCo C"].map(String::from).to_vec();
+    header.extend(columns.iter().map(|(title, _)| (*title).to_string()));
+    let Screening { simulations, flagged, audit_sample, .. } = *counts;
+    output::table(&[
+        header,
+        row(kinds[0], flagged, flagged, |finding| finding.flagged),
+        row(kinds[1], simulations - flagged, audit_sample, |finding| finding.audit_sample),
+    ])
+}
+
+/// Returns the paragraphs about the engines of a screened falsification.
+pub fn falsification_text(found: &Falsification) -> String {
+    let Some(counts) = &found.screening else { return String::new() };
+    let confirmed = |name: &str| {
+        let reasons = counts.reasons.as_ref();
+        reasons.and_then(|reasons| reasons.get(name)).copied().unwrap_or_default()
+    };
+    let row = |name: &str, simulations: u64, repeated: Confirmed| {
+        [
+            name.to_string(),
+            simulations.to_string(),
+            repeated.simulations.to_string(),
+            repeated.violations.to_string(),
+        ]
+        .to_vec()
+    };
+    let all = |name: &str, repeated: Confirmed| row(name, repeated.simulations, repeated);
+    let table = output::table(&[
+        ["screened by MuJoCo Warp", "simulations", "repeated by MuJoCo C", "violations there"]
+            .map(String::from)
+            .to_vec(),
+        all("violated", confirmed("violated")),
+        all("no verdict", confirmed("without_verdict")),
+        all("lowest of its trial so far", confirmed("lowest")),
+        row("others", counts.simulations - counts.flagged, confirmed("audit_sample")),
+    ]);
+    let without = simulation::without_gpu_verdict(counts.without_verdict, counts.overflows);
+    format!("\n\n{table}{without}")
+}

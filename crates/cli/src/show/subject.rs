@@ -1,0 +1,37 @@
+//! Target and settings of a question.
+
+use mishandle::results::Subject;
+
+use super::escape;
+use super::scenario::{axes, axis_text};
+
+/// Returns a one-line description of target and settings.
+pub fn heading(subject: &Subject) -> String {
+    let mut text = subject.target.clone();
+    if let (Some(controller), Some(preset)) = (&subject.controller_given, &subject.preset) {
+        text.push_str(&format!(", controller {}, task preset {preset}", escape::name(controller)));
+    }
+    if subject.space != "starts" {
+        let free = subject.space_axes.iter().filter(|axis| !axis.is_fixed()).count();
+        text.push_str(&format!(", space {} ({})", subject.space, axes(free)));
+    }
+    for axis in subject.space_axes.iter().filter(|axis| subject.set_axes.contains(&axis.name)) {
+        text.push_str(&match axis.is_fixed() {
+            true => format!(", {}", axis_text(axis, Some(axis.low))),
+            false => {
+                let unit = if axis.unit.is_empty() { String::new() } else { format!(" {}", axis.unit) };
+                format!(", {} from {} to {}{unit}", axis.name, axis.low, axis.high)
+            }
+        });
+    }
+    if subject.action_noise > 0.0 {
+        text.push_str(&format!(", action noise {}", subject.action_noise));
+    }
+    if subject.observation_noise > 0.0 {
+        text.push_str(&format!(", observation noise {}", subject.observation_noise));
+    }
+    if subject.stochastic {
+        text.push_str(", sampled actions");
+    }
+    text
+}

@@ -1,0 +1,41 @@
+use schemars::JsonSchema;
+use serde::Serialize;
+
+use crate::{Evaluation, Falsification, Margin, Risk};
+
+/// A grid of runs.
+#[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
+pub struct Campaign {
+    /// Path of the folder.
+    pub folder: String,
+    /// Whether all runs are complete; `false` after an interruption, exit code 130.
+    pub is_complete: bool,
+    /// The finished runs.
+    pub runs: Vec<CampaignRun>,
+}
+
+/// A finished run of a campaign.
+#[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
+pub struct CampaignRun {
+    /// Name of the run, and of its file without extension.
+    pub name: String,
+    /// Kind of the run: `evaluate`, `falsify`, `margin` or `risk`.
+    pub kind: String,
+    /// The document of that command, without `schema`.
+    pub result: Answer,
+}
+
+/// The result of a run.
+#[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
+#[serde(untagged)]
+#[schemars(inline)]
+pub enum Answer {
+    /// That of `evaluate`.
+    Evaluation(Box<Evaluation>),
+    /// That of `falsify`.
+    Falsification(Box<Falsification>),
+    /// That of `margin`.
+    Margin(Box<Margin>),
+    /// That of `risk`.
+    Risk(Box<Risk>),
+}

@@ -1,0 +1,116 @@
+use schemars::JsonSchema;
+use serde::Serialize;
+
+use crate::{AxisFacts, Estimate, Number, Scenario, Seed, optional_number};
+
+/// Two evaluations on the same scenarios and seeds, A and B, compared pair by pair.
+///
+/// The rates and means cover the random simulations. The corners and the center of the initial box are no random sample, so they
+/// appear among the new and the fixed failures only.
+#[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
+pub struct Comparison {
+    /// Name of the target.
+    pub target: String,
+    /// Kind of the target: `task`, `toy` or `python`.
+    pub target_kind: String,
+    /// Formula of success.
+    pub formula: String,
+    /// The run A.
+    pub first: ComparedRun,
+    /// The run B.
+    pub second: ComparedRun,
+    /// Facts that differ and can cause differences, as text.
+    pub differences: Vec<String>,
+    /// Number of random simulations of each.
+    pub pairs: u64,
+    /// Success rate.
+    pub success: PairedRates,
+    /// Strict success rate; `null` if the target has no such formula.
+    pub strict_success: Option<PairedRates>,
+    /// Robustness, over pairs with two finite values.
+    pub robustness: PairedMeans,
+    /// Number of dangerous control steps; `null` if the target has no such formula.
+    pub dangerous_steps: Option<PairedMeans>,
+    /// Control step of completion, over pairs in which both succeed; `null` if the target has no such formula.
+    pub completion_step: Option<PairedMeans>,
+    /// What the success rates say, in a sentence.
+    pub verdict: String,
+    /// Simulations in which A succeeds and B does not; exit code 1 if there are any.
+    pub new_failures: Vec<ComparedPair>,
+    /// Simulations in which B succeeds and A does not.
+    pub fixed_failures: Vec<ComparedPair>,
+    /// The axes of the scenarios.
+    pub space_axes: Vec<AxisFacts>,
+}
+
+/// A run of a comparison.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, JsonSchema)]
+pub struct ComparedRun {
+    /// Path of the run file.
+    pub run: String,
+    /// Name or path of the controller; `null` without one.
+    pub controller: Option<String>,
+    /// Hash of what the controller does; `null` without one.
+    pub controller_hash: Option<String>,
+    /// Hash of the target.
+    pub target_hash: String,
+    /// Git commit of the program that made the run.
+    pub commit: String,
+}
+
+/// A rate of both runs.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, JsonSchema)]
+pub struct PairedRates {
+    /// Rate of A, with its Wilson interval.
+    pub first: Estimate,
+    /// Rate of B, with its Wilson interval.
+    pub second: Estimate,
+    /// B minus A, with Newcombe's interval for pairs.
+    pub difference: Estimate,
+    /// Number of pairs in which only A succeeds.
+    pub first_only: u64,
+    /// Number of pairs in which only B succeeds.
+    pub second_only: u64,
+    /// Two-sided p-value of the exact McNemar test.
+    pub p_value: f64,
+}
+
+/// A mean of both runs.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, JsonSchema)]
+pub struct PairedMeans {
+    /// Mean of A; `null` without pairs.
+    #[serde(serialize_with = "optional_number")]
+    #[schemars(with = "Option<Number>")]
+    pub first: Option<f64>,
+    /// Mean of B; `null` without pairs.
+    #[serde(serialize_with = "optional_number")]
+    #[schemars(with = "Option<Number>")]
+    pub second: Option<f64>,
+    /// B minus A, with its bootstrap interval over the pairs.
+    pub difference: Estimate,
+    /// Number of pairs in which B's value is smaller.
+    pub smaller: u64,
+    /// Number of pairs in which B's value is larger.
+    pub larger: u64,
+    /// Two-sided p-value of the exact sign test.
+    pub p_value: f64,
+}
+
+/// A simulation of both runs.
+#[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
+pub struct ComparedPair {
+    /// Number of the trial; trial 2 has the corners and the center of the initial box.
+    pub trial: u32,
+    /// Number of the simulation within the trial.
+    pub simulation: u32,
+    /// Random seed of the simulation.
+    pub seed: Seed,
+    /// Scenario by axis; a value that is drawn at random is `null`.
+    pub scenario: Scenario,
+    /// Robustness in A; `null` without a verdict.
+    pub first_robustness: Option<Number>,
+    /// Robustness in B; `null` without a verdict.
+    pub second_robustness: Option<Number>,
+    /// Command that replays the failure.
+    pub replay: String,
+}

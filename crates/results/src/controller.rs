@@ -1,0 +1,96 @@
+use schemars::JsonSchema;
+use serde::Serialize;
+
+use crate::{Number, Seed};
+
+/// A controller file.
+#[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
+pub struct Controller {
+    /// Task.
+    pub task: String,
+    /// Training algorithm.
+    pub algorithm: String,
+    /// Task preset.
+    pub preset: String,
+    /// Reward.
+    pub reward: String,
+    /// Seed of the training run.
+    pub seed: Seed,
+    /// Number of control steps of the training run until this policy.
+    pub environment_steps: u64,
+    /// Wall-clock time of the training run, s.
+    pub wall_clock_secs: Number,
+    /// Git commit of the program; empty if it is unknown.
+    pub git_commit: String,
+    /// Command of the training run; empty if it is unknown.
+    pub command: String,
+    /// Validation of the policy during training; `null` without one.
+    pub validation: Option<Validation>,
+    /// Kind of policy.
+    pub policy: String,
+    /// Layer sizes.
+    pub sizes: Vec<u64>,
+    /// Hash of what the controller does.
+    pub controller_hash: String,
+    /// Hash of the task.
+    pub task_hash: String,
+    /// Hash of the layout of observations and actions.
+    pub layout_hash: String,
+    /// The training settings, as TOML.
+    pub settings: String,
+    /// Known weaknesses of a shipped controller `TASK/NAME`, from the notes on its task.
+    pub weaknesses: Vec<String>,
+}
+
+/// Validation of a policy during training.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, JsonSchema)]
+pub struct Validation {
+    /// Number of episodes.
+    pub episodes: u64,
+    /// Success rate.
+    pub success_rate: Number,
+    /// Strict success rate.
+    pub strict_success_rate: Number,
+}
+
+/// An exported controller.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, JsonSchema)]
+pub struct ControllerExport {
+    /// The ONNX file.
+    pub file: String,
+    /// Task.
+    pub task: String,
+    /// Training algorithm.
+    pub algorithm: String,
+    /// Hash of the controller.
+    pub controller_hash: String,
+    /// Number of values of an observation.
+    pub observation_size: u64,
+    /// Number of values of an action.
+    pub action_size: u64,
+}
+
+/// A controller made from the weights of another tool.
+#[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
+pub struct ControllerImport {
+    /// The controller file.
+    pub file: String,
+    /// Its task.
+    pub task: String,
+    /// The imported file and the library that wrote it.
+    pub source: String,
+    /// Layer sizes.
+    pub sizes: Vec<u64>,
+    /// Activation of the hidden layers.
+    pub hidden_activation: String,
+    /// Activation of the last layer.
+    pub output_activation: String,
+    /// Whether it has layer normalization.
+    pub layer_norm: bool,
+    /// Whether it normalizes observations.
+    pub normalized: bool,
+    /// Limit of normalized observations; `null` without one.
+    pub observation_clip: Option<f64>,
+    /// Hash of the controller.
+    pub controller_hash: String,
+}

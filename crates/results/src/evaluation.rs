@@ -1,0 +1,134 @@
+use schemars::JsonSchema;
+use serde::Serialize;
+
+use crate::{Estimate, Number, Scenario, Screening, Seed, Subject};
+
+/// Success rate, dangerous behavior rate and completion time of a controller.
+#[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
+pub struct Evaluation {
+    /// Path of the run file; missing if none is written.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub run: Option<String>,
+    /// What was evaluated.
+    #[serde(flatten)]
+    pub subject: Subject,
+    /// Region of the initial states: `whole` or `reachable`.
+    #[serde(rename = "box")]
+    pub starts: String,
+    /// Whether any initial state was rejected as unreachable and drawn again.
+    pub leaves_out_starts: bool,
+    /// Whether all simulations of the plan are finished; `false` after an interruption, exit code 130.
+    pub is_complete: bool,
+    /// The metrics.
+    #[serde(flatten)]
+    pub metrics: Metrics,
+    /// Results at the corners and the center of the initial box; `null` if the space has no numeric axis of kind `start`.
+    pub corners: Option<Corners>,
+    /// Counts of the screening; missing without it. The rates are then those of a two-phase sample: see `gpu.md`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub screening: Option<Screening>,
+    /// With screening, up to 100 simulations of MuJoCo C without success; missing without it.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub failures: Option<Vec<ScreenedFailure>>,
+}
+
+/// A simulation without success.
+#[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
+pub struct ScreenedFailure {
+    /// Number of the simulation.
+    pub number: u32,
+    /// Scenario by axis; a value that is drawn at random is `null`.
+    pub scenario: Scenario,
+    /// Random seed.
+    pub seed: Seed,
+    /// Robustness of the success formula; `null` without a verdict.
+    pub robustness: Option<Number>,
+}
+
+/// Metrics of a controller over the simulations from random scenarios, without the corners.
+///
+/// Diverged, invalid and undecided simulations count as failures in both success rates, because excluding them would
+/// reward a controller that breaks the physics. They do not count as falsified. A diverged or invalid simulation is
+/// excluded from the dangerous behavior rate and the task completion time.
+///
+/// A scenario from which the target cannot start says nothing about the controller, so no rate includes it; `failed` does.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, JsonSchema)]
+pub struct Metrics {
+    /// Number of simulations from random scenarios, without the corners.
+    pub simulations: u64,
+    /// Number of these that diverged. With screening, this and the next three keys count simulations of MuJoCo C.
+    pub diverged: u64,
+    /// Number of these that ended because the controller or the environment returned a value that is not finite.
+    pub invalid: u64,
+    /// Number of these that could not start, crashed or took too long.
+    pub failed: u64,
+    /// Number of others that left success undecided.
+    pub undecided: u64,
+    /// Number of others that left strict success undecided.
+    pub strict_undecided: u64,
+    /// Fraction of the started simulations that satisfy the success formula, with its Wilson interval.
+    pub success_rate: Estimate,
+    /// Fraction of the started simulations that satisfy the success formula and the strict formula, with its Wilson interval;
+    /// missing if the target has no such formula.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub strict_success_rate: Option<Estimate>,
+    /// Mean fraction of control steps that violate the formula `safe`, over the simulations that neither diverged nor were
+    /// invalid, with a betting interval; missing if the target has no such formula.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub dangerous_behavior_rate: Option<Estimate>,
+    /// Fraction of the same simulations in which any control step violates the formula `safe`, with its Wilson interval; missing
+    /// if the target has no such formula.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub dangerous_episode_rate: Option<Estimate>,
+    /// Mean number of control steps until the formula `completion` first holds with its whole window inside the episode, over
+    /// the successful simulations that complete, with a bootstrap interval; its bounds are `null` for fewer than 10 values or if
+    /// all values are equal. Missing if the target has no such formula.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub task_completion_time: Option<Estimate>,
+}
+
+/// Results at the corners and the center of the initial box. They are counts of chosen points, so they have no intervals.
+#[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
+pub struct Corners {
+    /// Number of simulations per point.
+    pub seeds: u32,
+    /// Number of corners that count: all, or the reachable ones with `--box reachable`.
+    pub n: u64,
+    /// Number of these at which all simulations succeed.
+    pub succeeding: u64,
+    /// Number of these at which all simulations succeed strictly; `null` without a strict formula.
+    pub strictly_succeeding: Option<u64>,
+    /// Whether all simulations at the center succeed; `null` if it does not count.
+    pub center_succeeds: Option<bool>,
+    /// Whether all simulations at the center succeed strictly; `null` if it does not count, and without a strict formula.
+    pub center_strictly_succeeds: Option<bool>,
+    /// The corners, then the center.
+    pub points: Vec<CornerPoint>,
+}
+
+/// The simulations of a corner or of the center.
+#[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
+pub struct CornerPoint {
+    /// `corner` or `center`.
+    pub kind: String,
+    /// Value by axis name.
+    pub scenario: Scenario,
+    /// Whether success is possible from there; `null` if this is unknown.
+    pub reachable: Option<bool>,
+    /// Whether the point counts.
+    pub counts: bool,
+    /// Number of simulations.
+    pub n: u32,
+    /// Number of these that succeed.
+    pub successes: u32,
+    /// Number of these that succeed strictly; `null` without a strict formula.
+    pub strict_successes: Option<u32>,
+    /// Number of simulations that diverged. Like the next three, they are no success.
+    pub diverged: u32,
+    /// Number of simulations that ended in a value that is not finite.
+    pub invalid: u32,
+    /// Number of simulations that could not start, crashed or took too long.
+    pub failed: u32,
+    /// Number of other simulations that left success undecided.
+    pub undecided: u32,
+}

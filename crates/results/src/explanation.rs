@@ -1,0 +1,171 @@
+use schemars::JsonSchema;
+use serde::Serialize;
+
+use crate::{AxisFacts, Number, Scenario, Seed, Signal};
+
+/// When, where and by which predicate a simulation violates or satisfies the requirement. Samples count from 0.
+#[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
+pub struct Explanation {
+    /// Path of the run file; missing within the document of `simulate`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub run: Option<String>,
+    /// Target of the run.
+    pub target: String,
+    /// Number of the trial.
+    pub trial: u32,
+    /// Number of the simulation within the trial.
+    pub simulation: u32,
+    /// Scenario by axis; a value that is drawn at random is `null`.
+    pub scenario: Scenario,
+    /// Random seed of the simulation.
+    pub seed: Seed,
+    /// Requirement.
+    pub formula: String,
+    /// Robustness of the requirement.
+    pub robustness: Number,
+    /// First sample after which nothing can change whether the requirement is satisfied; `null` if the trace does not decide it,
+    /// or the robustness is 0.
+    pub decided: Option<Instant>,
+    /// Decisive predicate; `null` if an operator has an empty window or depends on two operands (`iff`, `xor`).
+    pub predicate: Option<Predicate>,
+    /// Samples at which the operator above evaluates the predicate; `null` without a predicate.
+    pub window: Option<Window>,
+    /// Sub-formulas from the requirement to the predicate.
+    pub path: Vec<PathStep>,
+    /// Conjuncts of the requirement.
+    pub conjuncts: Vec<Conjunct>,
+    /// `corner` or `center` for a simulation at the corners of the initial box, trial 2 of an evaluation; otherwise `null`.
+    pub point: Option<String>,
+    /// The axes of the scenario space.
+    pub space_axes: Vec<AxisFacts>,
+    /// Time between two samples, s.
+    pub control_dt: f64,
+    /// The explanation in sentences.
+    pub sentences: Vec<String>,
+    /// Signals of the requirement at some samples; `null` without a predicate.
+    pub signals: Option<SignalTable>,
+}
+
+/// A sample and its time.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, JsonSchema)]
+pub struct Instant {
+    /// Sample, from 0.
+    pub sample: u64,
+    /// Its time, s.
+    pub time: f64,
+}
+
+/// A decisive predicate at its sample.
+#[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
+pub struct Predicate {
+    /// Text.
+    pub formula: String,
+    /// Decisive sample and its time.
+    #[serde(flatten)]
+    pub at: Instant,
+    /// `<=`, `>=`, `<`, `>`, `==` or `!==`.
+    pub comparison: String,
+    /// Texts of its two sides.
+    pub sides: [String; 2],
+    /// Their values at the sample.
+    pub values: [Number; 2],
+    /// Robustness of the predicate at the sample.
+    pub robustness: Number,
+    /// Whether the formula requires the predicate to be false.
+    pub negated: bool,
+}
+
+/// The samples at which an operator evaluates a predicate.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, JsonSchema)]
+pub struct Window {
+    /// First and last of them.
+    pub samples: [u64; 2],
+    /// Number of them that violate the predicate.
+    pub violated: u64,
+    /// First of these; `null` if there are none.
+    pub first_violated: Option<u64>,
+    /// Last of these; `null` if there are none.
+    pub last_violated: Option<u64>,
+}
+
+/// A sub-formula on the path to the decisive predicate.
+#[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
+pub struct PathStep {
+    /// Text.
+    pub formula: String,
+    /// Operator; `null` for a signal or a number.
+    pub operator: Option<String>,
+    /// Sample at which it is evaluated, and its time.
+    #[serde(flatten)]
+    pub at: Instant,
+    /// First and last sample of its window; `null` without one.
+    pub window: Option<[u64; 2]>,
+    /// Robustness at the sample.
+    pub robustness: Number,
+}
+
+/// A conjunct of a requirement.
+#[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
+pub struct Conjunct {
+    /// Text.
+    pub formula: String,
+    /// Robustness of the requirement with this conjunct as the only operand of each `and` above it.
+    pub robustness: Number,
+    /// As `decided` of the explanation, for this conjunct.
+    pub decided: Option<Instant>,
+}
+
+/// Values of signals at some samples: up to the decisive one, at the instant that decides the requirement, and at the end.
+#[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
+pub struct SignalTable {
+    /// The signals: up to four of those that the requirement reads, those of the predicate first.
+    pub columns: Vec<Signal>,
+    /// The samples.
+    pub rows: Vec<SignalRow>,
+}
+
+/// Values of signals at a sample.
+#[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
+pub struct SignalRow {
+    /// Sample, from 0.
+    pub sample: u64,
+    /// One value per column; `null` if the trace does not have it.
+    pub values: Vec<Option<Number>>,
+}
+
+/// Which conjuncts of a requirement set the robustness of a run and which ones fail.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, JsonSchema)]
+pub struct Masking {
+    /// Path of the run file.
+    pub run: String,
+    /// Requirement.
+    pub formula: String,
+    /// Simulations that satisfy the requirement. None are evaluated if the target cannot be simulated.
+    pub satisfied: EvaluatedCount,
+    /// Simulations that violate the requirement.
+    pub violated: EvaluatedCount,
+    /// Conjuncts of the requirement.
+    pub conjuncts: Vec<MaskedConjunct>,
+}
+
+/// How many simulations were evaluated.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, JsonSchema)]
+pub struct EvaluatedCount {
+    /// Number of evaluated simulations.
+    pub evaluated: u64,
+    /// Number of simulations of the run.
+    pub total: u64,
+}
+
+/// A conjunct over the simulations of a run.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, JsonSchema)]
+pub struct MaskedConjunct {
+    /// Text.
+    pub formula: String,
+    /// Number of satisfied simulations whose robustness it sets.
+    pub sets_satisfied: u64,
+    /// Number of violated simulations whose robustness it sets.
+    pub sets_violated: u64,
+    /// Number of simulations that violate the requirement with this conjunct as the only operand of each `and` above it.
+    pub fails: u64,
+}

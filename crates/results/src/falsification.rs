@@ -1,0 +1,145 @@
+use schemars::JsonSchema;
+use serde::Serialize;
+
+use crate::{Estimate, Modes, Named, Number, Repeats, Scenario, Screening, Seed, Subject};
+
+/// Counterexamples that the trials of a search found.
+#[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
+pub struct Falsification {
+    /// Path of the run file; missing if none is written.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub run: Option<String>,
+    /// What was searched.
+    #[serde(flatten)]
+    pub subject: Subject,
+    /// Whether all trials have ended; `false` after an interruption, exit code 130.
+    pub is_complete: bool,
+    /// Name of the search.
+    pub search: String,
+    /// Search options that the plan sets.
+    pub search_options: Named<SearchValue>,
+    /// The requirement.
+    pub formula: String,
+    /// Largest number of simulations per trial.
+    pub budget: u32,
+    /// Number of simulations run at once.
+    pub batch: u32,
+    /// Whether simulations end as soon as the search does not need the rest.
+    pub early_stopping: bool,
+    /// Number of simulations of all trials.
+    pub simulations: u64,
+    /// Number of control steps of all simulations; with screening of those of MuJoCo C.
+    pub control_steps: u64,
+    /// Number of simulations that belong to no trial: in their batch they follow the end of their trial or its search.
+    pub surplus: u64,
+    /// Number of trials that found a counterexample.
+    pub falsified_trials: u32,
+    /// Fraction of the ended trials that found a counterexample, with its Wilson interval.
+    pub falsification_rate: Estimate,
+    /// Mean number of simulations up to the counterexample, over the falsified trials only; `null` without one.
+    pub mean_simulations: Option<f64>,
+    /// Number of simulations after which half of all trials are falsified; `null` if fewer than half are falsified within the
+    /// budget, or if a trial was interrupted.
+    pub median_simulations: Option<u32>,
+    /// Mean number of simulations over all trials; a trial without a counterexample counts as the budget. `null` if a trial was
+    /// interrupted.
+    pub restricted_mean_simulations: Option<f64>,
+    /// The part of the space that cannot fail if the robustness is smooth; `null` where `failure_rate_bound` is.
+    pub smooth_region: Option<SmoothRegion>,
+    /// One-sided 95 % upper bound of the failure rate if no simulation of uniform random samples (`random`) fails; `null`
+    /// otherwise.
+    pub failure_rate_bound: Option<f64>,
+    /// The trials.
+    pub trials: Vec<Trial>,
+    /// Failure modes, with `--keep-going`.
+    #[serde(flatten)]
+    pub modes: Option<Modes>,
+    /// Counts of the screening; missing without it.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub screening: Option<Screening>,
+}
+
+/// A trial: one search with its own random seed.
+#[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
+pub struct Trial {
+    /// Number of the trial, from 1.
+    pub trial: u32,
+    /// Whether the trial found a counterexample.
+    pub falsified: bool,
+    /// Number of simulations.
+    pub simulations: u32,
+    /// Number of the first simulation with a counterexample; `null` without one.
+    pub first_violation: Option<u32>,
+    /// Minimum robustness; `null` if no simulation has one.
+    pub minimum_robustness: Option<Number>,
+    /// The values of `scenario` in the order of `axes`.
+    pub initial_configuration: Option<Vec<Option<f64>>>,
+    /// Scenario of the simulation with the minimum robustness by axis; a value that is drawn at random is `null`.
+    pub scenario: Option<Scenario>,
+    /// Number of that simulation.
+    pub simulation: Option<u32>,
+    /// Random seed of that simulation.
+    pub seed: Option<Seed>,
+    /// `falsified`, `budget spent`, `search ended` or, with `--keep-going`, `modes dried up`; `null` if the run was interrupted
+    /// before.
+    pub end: Option<String>,
+    /// Number of simulations that diverged.
+    pub diverged: u32,
+    /// Number of simulations that ended in a value that is not finite.
+    pub invalid: u32,
+    /// Number of simulations that could not start, crashed or took too long.
+    pub failed: u32,
+    /// Number of other simulations that left the formula undecided.
+    pub undecided: u32,
+    /// Number of undecided simulations without a finite value of the formula.
+    pub undefined: u32,
+    /// The first simulation that is invalid, failed or undefined; `null` without one.
+    pub first_unevaluated: Option<Unevaluated>,
+    /// Simulations of the counterexample with other seeds; `null` without a counterexample, without randomness, and in a campaign.
+    pub repeats: Option<Repeats>,
+}
+
+/// A simulation without a verdict.
+#[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
+pub struct Unevaluated {
+    /// Number of the simulation in its trial, from 1.
+    pub simulation: u32,
+    /// Scenario by axis; a value that is drawn at random is `null`.
+    pub scenario: Scenario,
+    /// Random seed.
+    pub seed: Seed,
+    /// How the simulation ended, in words.
+    pub end: String,
+}
+
+/// The part of a space that cannot fail if the robustness is as smooth there as at its samples.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, JsonSchema)]
+pub struct SmoothRegion {
+    /// Estimated 95 % upper bound of the change of the robustness per width of the space; `null` if refused.
+    pub slope: Option<f64>,
+    /// Largest slope between adjacent samples; `null` if refused.
+    pub largest_slope: Option<f64>,
+    /// Fraction of the space within robustness / slope of a sample; `null` if refused.
+    pub covered: Option<f64>,
+    /// Why there is no region; `null` with one.
+    pub refusal: Option<String>,
+}
+
+/// The value of a search option.
+#[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
+#[serde(untagged)]
+#[schemars(inline)]
+pub enum SearchValue {
+    /// A number.
+    Float(Number),
+    /// An integer.
+    Integer(i64),
+    /// A switch.
+    Boolean(bool),
+    /// A word.
+    Text(String),
+    /// A point of the unit cube.
+    Point(Vec<f64>),
+    /// Points of the unit cube.
+    Points(Vec<Vec<f64>>),
+}

@@ -1,0 +1,80 @@
+//! The results that Mishandle prints and returns: one type per document.
+//!
+//! Each result is defined here and nowhere else. From these types come the output of `--json`, the text output, the classes of
+//! the Python package, the reference page of the documents and their JSON Schemas. The doc comment of a field is its
+//! description on that page.
+//!
+//! - [`Subject`]: what was asked about: target, controller, noise, space. Most documents start with it.
+//! - [`Evaluation`], [`Falsification`], [`Margin`], [`Risk`], [`Simulation`]: the answers to questions.
+//! - [`Explanation`], [`Masking`], [`Replay`], [`Counterexamples`], [`Regression`], [`Comparison`]: about recorded simulations.
+//! - [`Campaign`], [`RunSummary`], [`Tables`]: about several runs.
+//! - [`Training`], [`TrainingPlan`], [`Curve`], [`Controller`]: about controllers.
+//! - [`Task`], [`Targets`], [`Target`], [`Search`]: what can be named.
+//! - [`Number`], [`Seed`], [`Named`]: values that JSON cannot hold as they are.
+//!
+//! [`Document`] lists the documents with their schemas. This crate contains no physics, reads no files and formats no text.
+//!
+//! # Example
+//! ```
+//! use mishandle_results::{Document, Estimate};
+//! let rate = Estimate { value: Some(0.5), low: Some(0.1), high: Some(f64::INFINITY), n: 4 };
+//! assert_eq!(serde_json::to_string(&rate).unwrap(), r#"{"value":0.5,"low":0.1,"high":"inf","n":4}"#);
+//! assert!(Document::all().iter().any(|document| document.command == "evaluate"));
+//! ```
+
+mod campaign;
+mod catalog;
+mod comparison;
+mod controller;
+mod counterexamples;
+mod document;
+mod estimate;
+mod evaluation;
+mod explanation;
+mod falsification;
+mod margin;
+mod modes;
+mod monitor;
+mod regression;
+mod replay;
+mod risk;
+mod runs;
+mod screening;
+mod simulation;
+mod subject;
+mod tables;
+mod training;
+mod values;
+
+pub use campaign::{Answer, Campaign, CampaignRun};
+pub use catalog::{
+    Axis, Formula, InitialAxis, Note, Search, SearchOption, Signal, Space, Target, Targets, Task,
+};
+pub use comparison::{ComparedPair, ComparedRun, Comparison, PairedMeans, PairedRates};
+pub use controller::{Controller, ControllerExport, ControllerImport, Validation};
+pub use counterexamples::{Counterexamples, ExportedCounterexample, Exports, Minimized};
+pub use document::{Document, SCHEMA, Versioned};
+pub use estimate::{Estimate, QUANTILES, Quantile, Repeats};
+pub use evaluation::{CornerPoint, Corners, Evaluation, Metrics, ScreenedFailure};
+pub use explanation::{
+    Conjunct, EvaluatedCount, Explanation, Instant, MaskedConjunct, Masking, PathStep, Predicate, SignalRow,
+    SignalTable, Window,
+};
+pub use falsification::{Falsification, SearchValue, SmoothRegion, Trial, Unevaluated};
+pub use margin::{Level, Margin, Norms, Witness};
+pub use modes::{Coverage, FailureMode, FirstInMode, FoundMode, Modes, UnseenModes};
+pub use monitor::Monitor;
+pub use regression::{BaselineTest, Regression, RegressionTest};
+pub use replay::Replay;
+pub use risk::{
+    AxisDistribution, Chain, Exploration, Importance, MonteCarlo, Probability, Risk, RiskFailure, Splitting,
+};
+pub use runs::{RunFacts, RunSummary};
+pub use screening::{Confirmed, Finding, Screening};
+pub use simulation::{Noise, Simulation};
+pub use subject::{AxisFacts, AxisValues, Subject};
+pub use tables::{Table, TablePage, Tables};
+pub use training::{Curve, Training, TrainingPlan, TrainingTime};
+pub use values::{Named, Number, Scenario, Seed};
+
+pub(crate) use values::{number, optional_number};

@@ -1,0 +1,119 @@
+use schemars::JsonSchema;
+use serde::Serialize;
+
+use crate::{Number, Repeats, Scenario, Seed, Subject, optional_number};
+
+/// The smallest disturbance that violates a requirement.
+#[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
+pub struct Margin {
+    /// Path of the run file; missing if none is written.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub run: Option<String>,
+    /// What was disturbed.
+    #[serde(flatten)]
+    pub subject: Subject,
+    /// The requirement.
+    pub formula: String,
+    /// Number of simulations.
+    pub simulations: u64,
+    /// Whether the search was not interrupted.
+    pub is_complete: bool,
+    /// The amplitudes in the order in which they were tried.
+    pub levels: Vec<Level>,
+    /// Largest amplitude below that of the witness at which a finished search found no violation and most simulations have a
+    /// verdict; `null` without one.
+    pub no_violation_up_to: Option<f64>,
+    /// Number of simulations with a verdict on which `no_violation_up_to` rests; `null` without one.
+    pub no_violation_simulations: Option<u64>,
+    /// The violation with the smallest disturbance; `null` without one.
+    pub witness: Option<Witness>,
+}
+
+impl Margin {
+    /// Returns whether a simulation has a verdict. Without one, the system was not tested.
+    pub fn has_verdict(&self) -> bool {
+        self.levels.iter().any(|level| level.minimum_robustness.is_some())
+    }
+
+    /// Returns the level on which `no_violation_up_to` rests.
+    pub fn passed(&self) -> Option<&Level> {
+        let amplitude = self.no_violation_up_to?;
+        // Of equal amplitudes, the last one counts.
+        self.levels.iter().rfind(|level| level.amplitude == amplitude)
+    }
+}
+
+/// The simulations with disturbances up to an amplitude.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, JsonSchema)]
+pub struct Level {
+    /// Largest offset of a disturbed axis, as a fraction of the distance from its nominal value to its bound.
+    pub amplitude: f64,
+    /// Number of simulations.
+    pub simulations: u64,
+    /// Number of these without a verdict.
+    pub without_verdict: u64,
+    /// Minimum robustness; `null` if no simulation has one.
+    #[serde(serialize_with = "optional_number")]
+    #[schemars(with = "Option<Number>")]
+    pub minimum_robustness: Option<f64>,
+    /// Whether a simulation violates the requirement.
+    pub is_violated: bool,
+    /// Whether the search at this amplitude was not interrupted.
+    pub is_complete: bool,
+    /// Whether all scenarios up to the amplitude were simulated and have a verdict, which is possible if all axes are discrete.
+    pub is_exhaustive: bool,
+}
+
+impl Level {
+    /// Makes the level of an amplitude without simulations.
+    pub fn new(amplitude: f64) -> Level {
+        Level {
+            amplitude,
+            simulations: 0,
+            without_verdict: 0,
+            minimum_robustness: None,
+            is_violated: false,
+            is_complete: false,
+            is_exhaustive: false,
+        }
+    }
+
+    /// Returns the number of simulations with a verdict.
+    pub fn verdicts(&self) -> u64 {
+        self.simulations - self.without_verdict
+    }
+}
+
+/// A violation and the size of its disturbance.
+#[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
+pub struct Witness {
+    /// The norms of its disturbance.
+    #[serde(flatten)]
+    pub norms: Norms,
+    /// Number of disturbed axes.
+    pub axes: u64,
+    /// Number of its simulation in the run.
+    pub simulation: u32,
+    /// Scenario by axis; a value that is drawn at random is `null`.
+    pub scenario: Scenario,
+    /// Random seed.
+    pub seed: Seed,
+    /// Robustness.
+    pub robustness: Option<Number>,
+    /// Repeats of the witness with other seeds; `null` if the seed has no effect.
+    pub repeats: Option<Repeats>,
+    /// Whether more than half of the repeats violate the requirement; `null` without repeats.
+    pub fails_in_most_repeats: Option<bool>,
+}
+
+/// Norms of a disturbance. The offset of an axis from its nominal value is in units of the distance from the nominal value to the
+/// bound on the same side, so that 1 is the largest offset.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, JsonSchema)]
+pub struct Norms {
+    /// Largest offset (L∞): the amplitude.
+    pub amplitude: f64,
+    /// Root of the sum of the squares of the offsets (L2).
+    pub l2: f64,
+    /// Sum of the offsets (L1).
+    pub l1: f64,
+}

@@ -1,0 +1,17 @@
+use schemars::JsonSchema;
+use serde::Serialize;
+
+use crate::Number;
+
+/// Robustness of a formula on a recorded trace.
+#[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
+pub struct Monitor {
+    /// Robustness at time 0.
+    pub robustness: Number,
+    /// `cut`: windows are cut at the end of the trace, as in RTAMT; `whole` with `--strict-horizon`.
+    pub windows: String,
+    /// Whether `robustness` depends on a window that is cut.
+    pub cuts_windows: bool,
+    /// Robustness at each sample; with `--strict-horizon` at the first samples, those whose windows are inside the trace.
+    pub robustness_signal: Vec<Number>,
+}

@@ -1,0 +1,45 @@
+use schemars::JsonSchema;
+use serde::Serialize;
+
+use crate::{AxisFacts, Number, Scenario, Seed};
+
+/// A recorded simulation, simulated again.
+#[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
+pub struct Replay {
+    /// Path of the run file, or of the exported counterexample.
+    pub run: String,
+    /// Target.
+    pub target: String,
+    /// Scenario space.
+    pub space: String,
+    /// Names of the axes, the order of `initial_configuration`.
+    pub axes: Vec<String>,
+    /// Number of the trial.
+    pub trial: u32,
+    /// Number of the simulation within the trial.
+    pub simulation: u32,
+    /// `corner` or `center` for a simulation at the corners of the initial box, trial 2 of an evaluation; otherwise `null`.
+    pub point: Option<String>,
+    /// The values of `scenario` in the order of `axes`.
+    pub initial_configuration: Vec<Option<f64>>,
+    /// Scenario by axis; a value that is drawn at random is `null`.
+    pub scenario: Scenario,
+    /// Random seed of the simulation.
+    pub seed: Seed,
+    /// How the simulation ended, in words.
+    pub end: String,
+    /// Number of control steps.
+    pub steps: u64,
+    /// Robustness of the requirement; `null` without a verdict.
+    pub robustness: Option<Number>,
+    /// Whether everything recorded of the simulation agrees with the plan of the run and with the replay, bit for bit.
+    pub same: bool,
+    /// Each difference as text: name, recorded value, expected or replayed value.
+    pub differences: Vec<String>,
+    /// The requirement.
+    pub formula: String,
+    /// Whether the end of the simulation allows a verdict.
+    pub has_verdict: bool,
+    /// The axes of the scenario space.
+    pub space_axes: Vec<AxisFacts>,
+}

@@ -1,0 +1,167 @@
+use schemars::JsonSchema;
+use serde::Serialize;
+
+use crate::{Estimate, Number, Scenario, Screening, Seed, Subject, number};
+
+/// The probability of a violation under a distribution of scenarios.
+#[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
+pub struct Risk {
+    /// Path of the run file; missing if none is written.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub run: Option<String>,
+    /// What was simulated.
+    #[serde(flatten)]
+    pub subject: Subject,
+    /// The requirement.
+    pub formula: String,
+    /// `auto`, `monte-carlo`, `importance` or `splitting`.
+    pub method: String,
+    /// The distribution of the scenarios.
+    pub distribution: Vec<AxisDistribution>,
+    /// Whether the seed of each simulation is random, too.
+    pub seed_is_random: bool,
+    /// Number of all simulations.
+    pub simulations: u64,
+    /// Whether the estimation was not interrupted; otherwise the answer is that of the finished parts.
+    pub is_complete: bool,
+    /// The answer; `null` without an estimate.
+    pub probability: Option<Probability>,
+    /// Lower and upper bound (95 %) without an assumption.
+    pub bounds: [f64; 2],
+    /// Why parts have no estimate, in words; a budget that is too small for multilevel splitting is one of them.
+    pub refusals: Vec<String>,
+    /// Why multilevel splitting has no estimate: `budget`, `chains`, `monte-carlo`, `below-importance` or `above-importance`;
+    /// `null` if it has one, or was not needed.
+    pub splitting_refusal: Option<String>,
+    /// Plain Monte Carlo.
+    pub monte_carlo: MonteCarlo,
+    /// The search for failures.
+    pub exploration: Exploration,
+    /// Importance sampling; `null` if it was not run.
+    pub importance: Option<Importance>,
+    /// Multilevel splitting; `null` if it was not run.
+    pub splitting: Option<Splitting>,
+    /// Up to three failures, those nearest to the center of the distribution first.
+    pub failures: Vec<RiskFailure>,
+    /// Counts of the screening; missing without it. The estimate of Monte Carlo is then that of a two-phase sample: see `gpu.md`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub screening: Option<Screening>,
+}
+
+/// The distribution of an axis.
+#[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
+pub struct AxisDistribution {
+    /// Name of the axis.
+    pub axis: String,
+    /// Its distribution; `fixed` for an axis with one value.
+    pub distribution: String,
+    /// Lower bound of the axis, where the distribution is truncated.
+    pub low: f64,
+    /// Upper bound of the axis, where the distribution is truncated.
+    pub high: f64,
+    /// Unit of the axis.
+    pub unit: String,
+}
+
+/// A probability of a violation with its 95 % interval.
+#[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
+pub struct Probability {
+    /// Estimate.
+    pub value: Option<f64>,
+    /// Lower bound.
+    pub low: Option<f64>,
+    /// Upper bound.
+    pub high: Option<f64>,
+    /// Part that it is from: `monte-carlo`, `importance` or `splitting`.
+    pub source: String,
+    /// What the interval assumes; `null` if nothing.
+    pub assumption: Option<String>,
+}
+
+/// Independent simulations under the distribution itself.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, JsonSchema)]
+pub struct MonteCarlo {
+    /// Number of simulations.
+    pub simulations: u64,
+    /// Number of these that violate the requirement.
+    pub failures: u64,
+    /// Number of these without a verdict, which count as passed.
+    pub without_verdict: u64,
+    /// Upper bound of the probability (97.5 %) if the simulations without a verdict are failures.
+    pub bound_with_undecided: Option<Number>,
+    /// Failure rate, with its exact 95 % interval (Clopper and Pearson, with the decision that ends Monte Carlo).
+    pub failure_rate: Estimate,
+}
+
+/// The search for failures.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, JsonSchema)]
+pub struct Exploration {
+    /// Number of simulations.
+    pub simulations: u64,
+}
+
+/// Simulations under a distribution that is fitted to the failures, with weights.
+#[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
+pub struct Importance {
+    /// Number of simulations that fitted the regions.
+    pub fitting_simulations: u64,
+    /// Number of simulations of the estimate.
+    pub simulations: u64,
+    /// Number of failures in the regions.
+    pub failures: u64,
+    /// Number of equally weighted failures with the same precision.
+    pub effective_failures: f64,
+    /// Number of regions.
+    pub components: u64,
+    /// Probability of a failure in the regions, with a 95 % betting interval.
+    pub regions: Estimate,
+    /// Estimate of the probability of failures outside of the regions from the few draws there, without an interval.
+    pub outside: f64,
+    /// Number of failures of Monte Carlo in the regions.
+    pub monte_carlo_inside: u64,
+    /// Number of failures of Monte Carlo outside of them.
+    pub monte_carlo_outside: u64,
+}
+
+/// Adaptive multilevel splitting with independent chains.
+#[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
+pub struct Splitting {
+    /// Number of simulations.
+    pub simulations: u64,
+    /// Number of particles of a chain.
+    pub population: u64,
+    /// Mean of the chains; `null` if they disagree or are too small.
+    pub estimate: Option<Estimate>,
+    /// The chains.
+    pub chains: Vec<Chain>,
+}
+
+/// A chain of multilevel splitting.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, JsonSchema)]
+pub struct Chain {
+    /// Estimate of the probability of a robustness below the level.
+    pub probability: f64,
+    /// 0 if the chain reached the failures, otherwise the robustness that it reached.
+    #[serde(serialize_with = "number")]
+    #[schemars(with = "Number")]
+    pub level: f64,
+    /// Whether it reached the failures.
+    pub is_complete: bool,
+    /// Number of levels.
+    pub levels: u32,
+    /// Fraction of accepted moves.
+    pub acceptance: f64,
+}
+
+/// A failure.
+#[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
+pub struct RiskFailure {
+    /// Scenario by axis; a value that is drawn at random is `null`.
+    pub scenario: Scenario,
+    /// Number of the simulation in the run.
+    pub simulation: u32,
+    /// Random seed.
+    pub seed: Seed,
+    /// Robustness.
+    pub robustness: Number,
+}

@@ -1,0 +1,51 @@
+use schemars::JsonSchema;
+use serde::Serialize;
+
+use crate::{Number, Seed};
+
+/// A run file. One that cannot be read has the keys `run` and `error` only.
+#[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
+pub struct RunSummary {
+    /// Path of the run file.
+    pub run: String,
+    /// Why the file cannot be read; `null` if it can.
+    pub error: Option<String>,
+    /// What the file holds.
+    #[serde(flatten)]
+    pub facts: Option<RunFacts>,
+}
+
+/// What a run file holds.
+#[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
+pub struct RunFacts {
+    /// Kind of the run: `evaluate`, `falsify`, `margin` or `risk`.
+    pub kind: String,
+    /// Name of the target.
+    pub target: String,
+    /// Kind of the target.
+    pub target_kind: String,
+    /// Name of the controller; empty without one.
+    pub controller: String,
+    /// Scenario space.
+    pub space: String,
+    /// Requirement.
+    pub formula: String,
+    /// Search; empty for `evaluate`.
+    pub search: String,
+    /// Seed of the run.
+    pub seed: Seed,
+    /// Number of simulations.
+    pub simulations: u64,
+    /// Number of these that violate the requirement.
+    pub failures: u64,
+    /// Number of started trials.
+    pub trials: u64,
+    /// Number of these that found a counterexample.
+    pub falsified_trials: u64,
+    /// Whether all trials have ended.
+    pub is_complete: bool,
+    /// Minimum robustness; `null` if no simulation has one.
+    pub minimum_robustness: Option<Number>,
+    /// Git commit of the program that made the run.
+    pub commit: String,
+}

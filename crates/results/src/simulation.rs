@@ -1,0 +1,41 @@
+use schemars::JsonSchema;
+use serde::Serialize;
+
+use crate::{Explanation, Number, Repeats, Scenario, Subject};
+
+/// Simulations of one chosen scenario.
+#[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
+pub struct Simulation {
+    /// What was simulated.
+    #[serde(flatten)]
+    pub subject: Subject,
+    /// Scenario by axis; a value that is drawn at random is `null`.
+    pub scenario: Scenario,
+    /// The requirement.
+    pub formula: String,
+    /// How the simulation ended, in words; `null` with `--repeat`, as the next three keys.
+    pub end: Option<String>,
+    /// Number of control steps.
+    pub steps: Option<u64>,
+    /// Robustness of the requirement.
+    pub robustness: Option<Number>,
+    /// The document of `explain`, without `schema` and `run`.
+    pub explanation: Option<Explanation>,
+    /// Repeated simulations; `null` without `--repeat`.
+    pub repeats: Option<Repeats>,
+    /// Split of the variance of the robustness; `null` without `--repeat` or randomness.
+    pub noise: Option<Noise>,
+}
+
+/// The share of the variance of the robustness that comes from the scenario; the rest comes from noise.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, JsonSchema)]
+pub struct Noise {
+    /// Share that comes from the scenario, from 0 to 1; `null` if the robustness is constant, infinite or undecided.
+    pub scenario_share: Option<f64>,
+    /// Lower and upper bound of its 95 % interval.
+    pub scenario_share_interval: Option<[f64; 2]>,
+    /// Number of random scenarios.
+    pub scenarios: u64,
+    /// Number of simulations of each.
+    pub repeats: u64,
+}

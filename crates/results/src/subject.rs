@@ -1,0 +1,91 @@
+use schemars::JsonSchema;
+use serde::Serialize;
+
+use crate::Seed;
+
+/// What a question is about: target, controller, noise and scenario space.
+#[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
+pub struct Subject {
+    /// Name of the target.
+    pub target: String,
+    /// The same; the older name of `target`.
+    pub task: String,
+    /// Kind of the target: `task`, `toy` or `python`.
+    pub target_kind: String,
+    /// Hash of the target.
+    pub target_hash: String,
+    /// Task preset; `null` if the target is not a task.
+    pub preset: Option<String>,
+    /// Name of the controller; `null` without one.
+    pub controller: Option<String>,
+    /// The controller as the plan names it, by its name or its path; `null` without one.
+    pub controller_given: Option<String>,
+    /// Hash of what the controller does; `null` without one.
+    pub controller_hash: Option<String>,
+    /// Whether actions are sampled from the policy's distribution.
+    pub stochastic: bool,
+    /// Standard deviation of the noise that is added to actions.
+    pub action_noise: f64,
+    /// Standard deviation of the noise that is added to observations.
+    pub observation_noise: f64,
+    /// Seed of the plan, from which the seeds of simulations are derived. For `simulate` and `margin` it is the seed of the
+    /// simulations themselves; only those of repeats are derived from it.
+    pub seed: Seed,
+    /// Name of the scenario space.
+    pub space: String,
+    /// Names of its axes, the order of `initial_configuration`.
+    pub axes: Vec<String>,
+    /// The axes of the space in the same order.
+    pub space_axes: Vec<AxisFacts>,
+    /// Names of the axes whose range the plan sets.
+    pub set_axes: Vec<String>,
+    /// Duration of a control step, s.
+    pub control_dt: f64,
+    /// Number of control steps of a whole episode.
+    pub episode_steps: u64,
+}
+
+/// An axis of a scenario space.
+#[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
+pub struct AxisFacts {
+    /// Name.
+    pub name: String,
+    /// Kind of quantity: `start`, `model`, `event`, `input` or `noise`.
+    pub kind: String,
+    /// Unit; empty without one.
+    pub unit: String,
+    /// Lower bound.
+    pub low: f64,
+    /// Upper bound.
+    pub high: f64,
+    /// Value in the undisturbed episode; `null`: drawn at random.
+    pub nominal: Option<f64>,
+    /// `continuous`, `logarithmic`, `integer`, or the names of the categories, whose values count from 0.
+    pub values: AxisValues,
+}
+
+/// The values that an axis can take between its bounds.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, JsonSchema)]
+#[serde(untagged)]
+#[schemars(inline)]
+pub enum AxisValues {
+    /// `continuous`, `logarithmic` or `integer`.
+    Kind(String),
+    /// Names of the categories, whose values count from 0.
+    Categories(Vec<String>),
+}
+
+impl AxisFacts {
+    /// Returns whether the axis has whole numbers or categories.
+    pub fn is_discrete(&self) -> bool {
+        match &self.values {
+            AxisValues::Kind(kind) => kind == "integer",
+            AxisValues::Categories(_) => true,
+        }
+    }
+
+    /// Returns whether the axis has one value only.
+    pub fn is_fixed(&self) -> bool {
+        self.low == self.high
+    }
+}

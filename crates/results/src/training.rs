@@ -1,0 +1,100 @@
+use schemars::JsonSchema;
+use serde::Serialize;
+
+use crate::{Named, Number, Seed};
+
+/// A finished training run.
+#[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
+pub struct Training {
+    /// Task.
+    pub task: String,
+    /// Training algorithm.
+    pub algorithm: String,
+    /// Physics engine of the training episodes: `cpu` or `gpu`.
+    pub backend: String,
+    /// Seed of the training run.
+    pub seed: Seed,
+    /// Number of parallel environments.
+    pub environments: u64,
+    /// Number of control steps over all environments.
+    pub environment_steps: u64,
+    /// Number of these until the best policy.
+    pub best_environment_steps: u64,
+    /// Wall-clock time, s.
+    pub wall_clock_secs: Number,
+    /// Whether the validation criterion stopped the training run early.
+    pub stopped_early: bool,
+    /// That criterion in words; `null` if it did not stop the training run.
+    pub stop_condition: Option<String>,
+    /// Time until the return converged; `null` if it did not converge, or without `--csv`.
+    pub training_time: Option<TrainingTime>,
+    /// Why there is no training time; `null` with one.
+    pub no_training_time: Option<String>,
+    /// Success rate of the best policy in validation; `null` without validation.
+    pub success_rate: Option<Number>,
+    /// Strict success rate of the best policy in validation; `null` without validation.
+    pub strict_success_rate: Option<Number>,
+    /// Hash of the best policy.
+    pub controller_hash: String,
+    /// Path of the best controller.
+    pub best: String,
+    /// Path of the last controller.
+    pub last: String,
+    /// Path of the learning curve; `null` without `--csv`.
+    pub csv: Option<String>,
+    /// Path of the folder for TensorBoard; `null` without `--tensorboard`.
+    pub tensorboard: Option<String>,
+}
+
+/// Time until the return of a training run converged.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, JsonSchema)]
+pub struct TrainingTime {
+    /// Number of control steps over all environments.
+    pub environment_steps: u64,
+    /// Number of control steps per environment; `null` if the number of environments is unknown.
+    pub control_steps: Option<u64>,
+    /// Wall-clock time, s.
+    pub secs: Number,
+}
+
+/// A checked plan of a training run, which was not started.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, JsonSchema)]
+pub struct TrainingPlan {
+    /// Task.
+    pub task: String,
+    /// Training algorithm.
+    pub algorithm: String,
+    /// Reward.
+    pub reward: String,
+    /// Physics engine of the training episodes: `cpu` or `gpu`.
+    pub backend: String,
+    /// Seed of the training run.
+    pub seed: Seed,
+    /// Number of control steps over all environments, rounded up to whole iterations.
+    pub environment_steps: u64,
+    /// Command of the training run.
+    pub command: String,
+    /// All settings, as TOML.
+    pub settings: String,
+    /// Hash of the task.
+    pub task_hash: String,
+    /// Hash of its layout of observations and actions.
+    pub layout_hash: String,
+    /// Format version of controller files by kind of policy.
+    pub formats: Named<u64>,
+}
+
+/// The learning curve of a training run.
+#[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
+pub struct Curve {
+    /// Number of iterations.
+    pub iterations: u64,
+    /// Number of control steps over all environments; `null` without iterations.
+    pub environment_steps: Option<u64>,
+    /// Wall-clock time, s; `null` without iterations.
+    pub wall_clock_secs: Option<Number>,
+    /// Time until the return converged; `null` if it did not converge.
+    pub training_time: Option<TrainingTime>,
+    /// Why there is no training time; `null` with one.
+    pub no_training_time: Option<String>,
+}

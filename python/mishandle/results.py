@@ -1,0 +1,1995 @@
+"""The results of all questions, as the command line prints them with ``--json``.
+
+Written by ``cargo xtask results``; change the Rust types instead.
+``build`` makes a result from a parsed document.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import types
+import typing
+from collections.abc import Mapping, Sequence
+from typing import Any, TypeVar, cast
+
+_T = TypeVar("_T")
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class InitialAxis:
+    """An axis of an initial box."""
+
+    name: str
+    """Name."""
+    unit: str
+    """Unit."""
+    low: float
+    """Lower bound."""
+    high: float
+    """Upper bound."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Note:
+    """A note on a task."""
+
+    topic: str
+    """``paper`` (differences from the paper), ``physics`` (that the MJCF does not show),
+    ``success`` (what it does not say) or ``weaknesses`` (of the shipped controllers)."""
+    every_task: bool
+    """Whether the note applies to every task."""
+    subject: str
+    """Subject; for ``weaknesses`` the controllers."""
+    paper: str | None = None
+    """For ``paper``: what the paper prints."""
+    here: str | None = None
+    """For ``paper``: what this program uses."""
+    why: str | None = None
+    """For ``paper``: why it differs."""
+    fact: str | None = None
+    """For the other topics: the fact."""
+    measured: str | None = None
+    """For the other topics: how it was measured."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Task:
+    """A task."""
+
+    name: str
+    """Name of the task."""
+    variant_of: str | None
+    """Base task of a variant; ``None`` for other tasks."""
+    success: str
+    """Formula of success."""
+    strict: str
+    """Formula of strict success."""
+    safe: str
+    """Formula that every safe sample satisfies."""
+    completion: str
+    """Formula that holds when the task is complete."""
+    signals: tuple[str, ...]
+    """Names of the signals."""
+    initial_box: tuple[InitialAxis, ...]
+    """The axes of the initial box."""
+    controllers: tuple[str, ...]
+    """Names of the shipped controllers."""
+    notes: tuple[Note, ...]
+    """Notes on the task."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Targets:
+    """The names of all targets."""
+
+    targets: tuple[str, ...]
+    """Names of all targets."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Formula:
+    """A named formula."""
+
+    name: str
+    """Name."""
+    text: str
+    """Text."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Signal:
+    """A signal."""
+
+    name: str
+    """Name."""
+    unit: str
+    """Unit; empty without one."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Space:
+    """A scenario space."""
+
+    name: str
+    """Name."""
+    axes: tuple[Axis, ...]
+    """Its axes."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Axis:
+    """An axis of a scenario space, with its distribution and meaning."""
+
+    name: str
+    """Name."""
+    kind: str
+    """Kind of quantity: ``start``, ``model``, ``event``, ``input`` or ``noise``."""
+    unit: str
+    """Unit; empty without one."""
+    low: float
+    """Lower bound."""
+    high: float
+    """Upper bound."""
+    nominal: float | None
+    """Value in the undisturbed episode; ``None``: drawn at random."""
+    values: str | tuple[str, ...]
+    """``continuous``, ``logarithmic``, ``integer``, or the names of the categories, whose values
+    count from 0."""
+    distribution: str
+    """Distribution of drawn values: ``uniform`` (of the logarithm for ``logarithmic``) or
+    ``normal``."""
+    meaning: str
+    """What the axis sets."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Target:
+    """A target."""
+
+    name: str
+    """Name."""
+    kind: str
+    """Kind: ``task`` or ``toy``."""
+    deterministic: bool
+    """Whether the same scenario and seed give the same episode."""
+    control_dt: float
+    """Duration of a control step, s."""
+    episode_steps: int
+    """Number of control steps of an episode."""
+    formulas: tuple[Formula, ...]
+    """Named formulas, the default requirement first."""
+    signals: tuple[Signal, ...]
+    """Signals."""
+    spaces: tuple[Space, ...]
+    """Named scenario spaces, the default first."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class SearchOption:
+    """An option of a search."""
+
+    name: str
+    """Name."""
+    type: str
+    """Type of the value."""
+    default: str
+    """Default."""
+    range: str
+    """Allowed values; empty if the type says all."""
+    meaning: str
+    """Meaning."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Search:
+    """A search."""
+
+    name: str
+    """Name."""
+    summary: str
+    """Summary in one line."""
+    reference: str
+    """Paper."""
+    options: tuple[SearchOption, ...]
+    """Options."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Monitor:
+    """Robustness of a formula on a recorded trace."""
+
+    robustness: float
+    """Robustness at time 0."""
+    windows: str
+    """``cut``: windows are cut at the end of the trace, as in RTAMT; ``whole`` with
+    ``--strict-horizon``."""
+    cuts_windows: bool
+    """Whether ``robustness`` depends on a window that is cut."""
+    robustness_signal: tuple[float, ...]
+    """Robustness at each sample; with ``--strict-horizon`` at the first samples, those whose
+    windows are inside the trace."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class AxisFacts:
+    """An axis of a scenario space."""
+
+    name: str
+    """Name."""
+    kind: str
+    """Kind of quantity: ``start``, ``model``, ``event``, ``input`` or ``noise``."""
+    unit: str
+    """Unit; empty without one."""
+    low: float
+    """Lower bound."""
+    high: float
+    """Upper bound."""
+    nominal: float | None
+    """Value in the undisturbed episode; ``None``: drawn at random."""
+    values: str | tuple[str, ...]
+    """``continuous``, ``logarithmic``, ``integer``, or the names of the categories, whose values
+    count from 0."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Estimate:
+    """A rate or mean over ``n`` simulations with its 95 % confidence interval."""
+
+    value: float | None
+    """Estimate; ``None`` if ``n`` is 0."""
+    low: float | None
+    """Lower bound of the interval; ``None`` for a degenerate sample."""
+    high: float | None
+    """Upper bound of the interval; ``None`` for a degenerate sample."""
+    n: int
+    """Number of simulations in the estimate."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Corners:
+    """Results at the corners and the center of the initial box. They are counts of chosen
+    points, so they have no intervals."""
+
+    seeds: int
+    """Number of simulations per point."""
+    n: int
+    """Number of corners that count: all, or the reachable ones with ``--box reachable``."""
+    succeeding: int
+    """Number of these at which all simulations succeed."""
+    strictly_succeeding: int | None
+    """Number of these at which all simulations succeed strictly; ``None`` without a strict
+    formula."""
+    center_succeeds: bool | None
+    """Whether all simulations at the center succeed; ``None`` if it does not count."""
+    center_strictly_succeeds: bool | None
+    """Whether all simulations at the center succeed strictly; ``None`` if it does not count, and
+    without a strict formula."""
+    points: tuple[CornerPoint, ...]
+    """The corners, then the center."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class CornerPoint:
+    """The simulations of a corner or of the center."""
+
+    kind: str
+    """``corner`` or ``center``."""
+    scenario: dict[str, float | None]
+    """Value by axis name."""
+    reachable: bool | None
+    """Whether success is possible from there; ``None`` if this is unknown."""
+    counts: bool
+    """Whether the point counts."""
+    n: int
+    """Number of simulations."""
+    successes: int
+    """Number of these that succeed."""
+    strict_successes: int | None
+    """Number of these that succeed strictly; ``None`` without a strict formula."""
+    diverged: int
+    """Number of simulations that diverged. Like the next three, they are no success."""
+    invalid: int
+    """Number of simulations that ended in a value that is not finite."""
+    failed: int
+    """Number of simulations that could not start, crashed or took too long."""
+    undecided: int
+    """Number of other simulations that left success undecided."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Screening:
+    """Counts of a screening: another engine simulates everything, MuJoCo C confirms what it
+    flags and an audit sample of the rest."""
+
+    device: str
+    """Device of the other engine: ``gpu``."""
+    simulations: int
+    """Number of screened simulations."""
+    flagged: int
+    """Number of these that were flagged: with a violation or without a verdict there, for a
+    falsification also those with a lower robustness than all earlier ones of their trial. MuJoCo
+    C repeated all of them."""
+    audit_sample: int
+    """Number of others that MuJoCo C repeated: a random sample."""
+    without_verdict: int
+    """Number of screened simulations without a verdict."""
+    overflows: int
+    """Number of these for lack of memory for contacts or constraints."""
+    confirmed_without_verdict: int
+    """Number of simulations of MuJoCo C without a verdict."""
+    findings: dict[str, Finding] | None = None
+    """What MuJoCo C found, by kind: ``failure``, and for an evaluation ``strict_failure`` and
+    ``dangerous`` if the target has these formulas; missing for a falsification."""
+    reasons: dict[str, Confirmed] | None = None
+    """Of a falsification, the simulations of MuJoCo C by their reason: ``violated``,
+    ``without_verdict``, ``lowest`` (lower than all earlier ones of the trial) and
+    ``audit_sample``; missing for other questions."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Finding:
+    """Number of simulations in which MuJoCo C found something."""
+
+    flagged: int
+    """Number among the flagged simulations."""
+    audit_sample: int
+    """Number in the audit sample."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Confirmed:
+    """Simulations that MuJoCo C repeated for one reason."""
+
+    simulations: int
+    """Number of simulations."""
+    violations: int
+    """Number of these that violate the requirement."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class ScreenedFailure:
+    """A simulation without success."""
+
+    number: int
+    """Number of the simulation."""
+    scenario: dict[str, float | None]
+    """Scenario by axis; a value that is drawn at random is ``None``."""
+    seed: int
+    """Random seed."""
+    robustness: float | None
+    """Robustness of the success formula; ``None`` without a verdict."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Evaluation:
+    """Success rate, dangerous behavior rate and completion time of a controller."""
+
+    run: str | None = None
+    """Path of the run file; missing if none is written."""
+    target: str
+    """Name of the target."""
+    task: str
+    """The same; the older name of ``target``."""
+    target_kind: str
+    """Kind of the target: ``task``, ``toy`` or ``python``."""
+    target_hash: str
+    """Hash of the target."""
+    preset: str | None
+    """Task preset; ``None`` if the target is not a task."""
+    controller: str | None
+    """Name or path of the controller; ``None`` without one."""
+    controller_hash: str | None
+    """Hash of what the controller does; ``None`` without one."""
+    stochastic: bool
+    """Whether actions are sampled from the policy's distribution."""
+    action_noise: float
+    """Standard deviation of the noise that is added to actions."""
+    observation_noise: float
+    """Standard deviation of the noise that is added to observations."""
+    seed: int
+    """Seed of the plan, from which the seeds of simulations are derived. For ``simulate`` and
+    ``margin`` it is the seed of the simulations themselves; only those of repeats are derived
+    from it."""
+    space: str
+    """Name of the scenario space."""
+    axes: tuple[str, ...]
+    """Names of its axes, the order of ``initial_configuration``."""
+    space_axes: tuple[AxisFacts, ...]
+    """The axes of the space in the same order."""
+    set_axes: tuple[str, ...]
+    """Names of the axes whose range the plan sets."""
+    control_dt: float
+    """Duration of a control step, s."""
+    episode_steps: int
+    """Number of control steps of a whole episode."""
+    box: str
+    """Region of the initial states: ``whole`` or ``reachable``."""
+    leaves_out_starts: bool
+    """Whether any initial state was rejected as unreachable and drawn again."""
+    is_complete: bool
+    """Whether all simulations of the plan are finished; ``false`` after an interruption, exit
+    code 130."""
+    simulations: int
+    """Number of simulations from random scenarios, without the corners."""
+    diverged: int
+    """Number of these that diverged. With screening, this and the next three keys count
+    simulations of MuJoCo C."""
+    invalid: int
+    """Number of these that ended because the controller or the environment returned a value that
+    is not finite."""
+    failed: int
+    """Number of these that could not start, crashed or took too long."""
+    undecided: int
+    """Number of others that left success undecided."""
+    strict_undecided: int
+    """Number of others that left strict success undecided."""
+    success_rate: Estimate
+    """Fraction of the started simulations that satisfy the success formula, with its Wilson
+    interval."""
+    strict_success_rate: Estimate | None = None
+    """Fraction of the started simulations that satisfy the success formula and the strict
+    formula, with its Wilson interval; missing if the target has no such formula."""
+    dangerous_behavior_rate: Estimate | None = None
+    """Mean fraction of control steps that violate the formula ``safe``, over the simulations
+    that neither diverged nor were invalid, with a betting interval; missing if the target has no
+    such formula."""
+    dangerous_episode_rate: Estimate | None = None
+    """Fraction of the same simulations in which any control step violates the formula ``safe``,
+    with its Wilson interval; missing if the target has no such formula."""
+    task_completion_time: Estimate | None = None
+    """Mean number of control steps until the formula ``completion`` first holds with its whole
+    window inside the episode, over the successful simulations that complete, with a bootstrap
+    interval; its bounds are ``None`` for fewer than 10 values or if all values are equal.
+    Missing if the target has no such formula."""
+    corners: Corners | None
+    """Results at the corners and the center of the initial box; ``None`` if the space has no
+    numeric axis of kind ``start``."""
+    screening: Screening | None = None
+    """Counts of the screening; missing without it. The rates are then those of a two-phase
+    sample: see ``gpu.md``."""
+    failures: tuple[ScreenedFailure, ...] | None = None
+    """With screening, up to 100 simulations of MuJoCo C without success; missing without it."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class SmoothRegion:
+    """The part of a space that cannot fail if the robustness is as smooth there as at its
+    samples."""
+
+    slope: float | None
+    """Estimated 95 % upper bound of the change of the robustness per width of the space;
+    ``None`` if refused."""
+    largest_slope: float | None
+    """Largest slope between adjacent samples; ``None`` if refused."""
+    covered: float | None
+    """Fraction of the space within robustness / slope of a sample; ``None`` if refused."""
+    refusal: str | None
+    """Why there is no region; ``None`` with one."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Trial:
+    """A trial: one search with its own random seed."""
+
+    trial: int
+    """Number of the trial, from 1."""
+    falsified: bool
+    """Whether the trial found a counterexample."""
+    simulations: int
+    """Number of simulations."""
+    first_violation: int | None
+    """Number of the first simulation with a counterexample; ``None`` without one."""
+    minimum_robustness: float | None
+    """Minimum robustness; ``None`` if no simulation has one."""
+    initial_configuration: tuple[float | None, ...] | None
+    """The values of ``scenario`` in the order of ``axes``."""
+    scenario: dict[str, float | None] | None
+    """Scenario of the simulation with the minimum robustness by axis; a value that is drawn at
+    random is ``None``."""
+    simulation: int | None
+    """Number of that simulation."""
+    seed: int | None
+    """Random seed of that simulation."""
+    end: str | None
+    """``falsified``, ``budget spent``, ``search ended`` or, with ``--keep-going``, ``modes dried
+    up``; ``None`` if the run was interrupted before."""
+    diverged: int
+    """Number of simulations that diverged."""
+    invalid: int
+    """Number of simulations that ended in a value that is not finite."""
+    failed: int
+    """Number of simulations that could not start, crashed or took too long."""
+    undecided: int
+    """Number of other simulations that left the formula undecided."""
+    undefined: int
+    """Number of undecided simulations without a finite value of the formula."""
+    first_unevaluated: Unevaluated | None
+    """The first simulation that is invalid, failed or undefined; ``None`` without one."""
+    repeats: Repeats | None
+    """Simulations of the counterexample with other seeds; ``None`` without a counterexample,
+    without randomness, and in a campaign."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Unevaluated:
+    """A simulation without a verdict."""
+
+    simulation: int
+    """Number of the simulation in its trial, from 1."""
+    scenario: dict[str, float | None]
+    """Scenario by axis; a value that is drawn at random is ``None``."""
+    seed: int
+    """Random seed."""
+    end: str
+    """How the simulation ended, in words."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Repeats:
+    """Simulations of one scenario with other random seeds."""
+
+    simulations: int
+    """Number of simulations, with or without a verdict."""
+    failures: int
+    """Number of these that violate the requirement."""
+    failure_rate: Estimate
+    """Failure rate of the simulations with a verdict, with its Wilson interval."""
+    quantiles: tuple[Quantile, ...] | None
+    """Quantiles of the robustness at the probabilities 0, 0.05, 0.5, 0.95 and 1, linearly
+    interpolated; ``None`` without a verdict."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Quantile:
+    """A quantile of the robustness."""
+
+    p: float
+    """Probability."""
+    robustness: float
+    """Robustness that this fraction of the simulations does not exceed."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class FoundMode:
+    """A failure mode and the trials that found it."""
+
+    mode: int
+    """Number of the mode, from 1."""
+    failures: int
+    """Number of its failures."""
+    predicate: str
+    """Their decisive predicate; empty if the formula has none."""
+    samples: tuple[int, int]
+    """First and last sample at which the violation of a failure is final."""
+    times: tuple[float, float]
+    """Times of these samples, s."""
+    axes: tuple[str, ...]
+    """Names of the axes that matter: those by which failures with this predicate were grouped."""
+    region: dict[str, tuple[float, float] | None]
+    """Smallest and largest value by axis; ``None``: drawn at random."""
+    trial: int
+    """Number of the trial of the representative, the failure nearest to the nominal scenario."""
+    simulation: int
+    """Number of the representative within its trial."""
+    seed: int
+    """Its random seed."""
+    scenario: dict[str, float | None]
+    """Its scenario by axis; a value that is drawn at random is ``None``."""
+    robustness: float
+    """Its robustness."""
+    distance_from_nominal: float
+    """Root mean square of its offsets from nominal over the axes, as fractions of their widths."""
+    found: tuple[FirstInMode, ...]
+    """The trials that found it."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class FirstInMode:
+    """The first simulation of a trial in a mode."""
+
+    trial: int
+    """Number of the trial."""
+    simulation: int
+    """Number of its first simulation in the mode."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class UnseenModes:
+    """Estimates of the failure modes that no trial found, from the numbers of trials that found
+    each mode.
+
+    The trials of a run have independent seeds, so these estimates hold for searches that
+    choose their points by earlier results. Those from the number of failures of each mode, as in
+    Good and Turing, would need independent simulations.
+    """
+
+    trials: int
+    """Number of trials."""
+    found_once: int
+    """Number of modes that exactly one trial found."""
+    expected_new: float
+    """Expected number of new modes of another trial."""
+    total: float
+    """Lower estimate of the number of modes that such trials can find (Chao2)."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Coverage:
+    """Pairwise coverage of a space by simulations, with 10 bins for each axis, or its levels if
+    they are fewer.
+
+    The cells are those of every pair of axes (of the axis, if the space has one): pairwise or
+    2-way coverage, as in Kuhn, Kacker and Lei, "Introduction to combinatorial testing", 2013.
+    Cells of all axes together would be too many to visit.
+
+    A visited cell has at least one simulation. It says nothing about the rest of the cell,
+    and nothing about combinations of three or more axes.
+    """
+
+    pairs: int
+    """Number of pairs of axes with more than one value; 1 for a space with one such axis."""
+    cells: int
+    """Number of cells of all pairs."""
+    visited: int
+    """Number of cells with a simulation."""
+    failing: int
+    """Number of cells with a failing simulation."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Falsification:
+    """Counterexamples that the trials of a search found."""
+
+    run: str | None = None
+    """Path of the run file; missing if none is written."""
+    target: str
+    """Name of the target."""
+    task: str
+    """The same; the older name of ``target``."""
+    target_kind: str
+    """Kind of the target: ``task``, ``toy`` or ``python``."""
+    target_hash: str
+    """Hash of the target."""
+    preset: str | None
+    """Task preset; ``None`` if the target is not a task."""
+    controller: str | None
+    """Name or path of the controller; ``None`` without one."""
+    controller_hash: str | None
+    """Hash of what the controller does; ``None`` without one."""
+    stochastic: bool
+    """Whether actions are sampled from the policy's distribution."""
+    action_noise: float
+    """Standard deviation of the noise that is added to actions."""
+    observation_noise: float
+    """Standard deviation of the noise that is added to observations."""
+    seed: int
+    """Seed of the plan, from which the seeds of simulations are derived. For ``simulate`` and
+    ``margin`` it is the seed of the simulations themselves; only those of repeats are derived
+    from it."""
+    space: str
+    """Name of the scenario space."""
+    axes: tuple[str, ...]
+    """Names of its axes, the order of ``initial_configuration``."""
+    space_axes: tuple[AxisFacts, ...]
+    """The axes of the space in the same order."""
+    set_axes: tuple[str, ...]
+    """Names of the axes whose range the plan sets."""
+    control_dt: float
+    """Duration of a control step, s."""
+    episode_steps: int
+    """Number of control steps of a whole episode."""
+    is_complete: bool
+    """Whether all trials have ended; ``false`` after an interruption, exit code 130."""
+    search: str
+    """Name of the search."""
+    search_options: dict[str, float | int | bool | str | tuple[float, ...] | tuple[tuple[float, ...], ...]]
+    """Search options that the plan sets."""
+    formula: str
+    """The requirement."""
+    budget: int
+    """Largest number of simulations per trial."""
+    batch: int
+    """Number of simulations run at once."""
+    early_stopping: bool
+    """Whether simulations end as soon as the search does not need the rest."""
+    simulations: int
+    """Number of simulations of all trials."""
+    control_steps: int
+    """Number of control steps of all simulations; with screening of those of MuJoCo C."""
+    surplus: int
+    """Number of simulations that belong to no trial: in their batch they follow the end of their
+    trial or its search."""
+    falsified_trials: int
+    """Number of trials that found a counterexample."""
+    falsification_rate: Estimate
+    """Fraction of the ended trials that found a counterexample, with its Wilson interval."""
+    mean_simulations: float | None
+    """Mean number of simulations up to the counterexample, over the falsified trials only;
+    ``None`` without one."""
+    median_simulations: int | None
+    """Number of simulations after which half of all trials are falsified; ``None`` if fewer than
+    half are falsified within the budget, or if a trial was interrupted."""
+    restricted_mean_simulations: float | None
+    """Mean number of simulations over all trials; a trial without a counterexample counts as the
+    budget. ``None`` if a trial was interrupted."""
+    smooth_region: SmoothRegion | None
+    """The part of the space that cannot fail if the robustness is smooth; ``None`` where
+    ``failure_rate_bound`` is."""
+    failure_rate_bound: float | None
+    """One-sided 95 % upper bound of the failure rate if no simulation of uniform random samples
+    (``random``) fails; ``None`` otherwise."""
+    trials: tuple[Trial, ...]
+    """The trials."""
+    failures: int | None = None
+    """Number of simulations that violate the requirement, over all trials. This key and the next
+    four exist with ``--keep-going`` only."""
+    not_grouped: int | None = None
+    """Number of these that are in no mode: without a recorded trace, or beyond 5,000."""
+    modes: tuple[FoundMode, ...] | None = None
+    """Failure modes, the one with the most failures first."""
+    unseen_modes: UnseenModes | None = None
+    """Estimates of the modes that no trial found; ``None`` for fewer than two trials."""
+    coverage: Coverage | None = None
+    """Pairwise coverage of the space by the simulations."""
+    screening: Screening | None = None
+    """Counts of the screening; missing without it."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Level:
+    """The simulations with disturbances up to an amplitude."""
+
+    amplitude: float
+    """Largest offset of a disturbed axis, as a fraction of the distance from its nominal value
+    to its bound."""
+    simulations: int
+    """Number of simulations."""
+    without_verdict: int
+    """Number of these without a verdict."""
+    minimum_robustness: float | None
+    """Minimum robustness; ``None`` if no simulation has one."""
+    is_violated: bool
+    """Whether a simulation violates the requirement."""
+    is_complete: bool
+    """Whether the search at this amplitude was not interrupted."""
+    is_exhaustive: bool
+    """Whether all scenarios up to the amplitude were simulated and have a verdict, which is
+    possible if all axes are discrete."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Witness:
+    """A violation and the size of its disturbance."""
+
+    amplitude: float
+    """Largest offset (L∞): the amplitude."""
+    l2: float
+    """Root of the sum of the squares of the offsets (L2)."""
+    l1: float
+    """Sum of the offsets (L1)."""
+    axes: int
+    """Number of disturbed axes."""
+    simulation: int
+    """Number of its simulation in the run."""
+    scenario: dict[str, float | None]
+    """Scenario by axis; a value that is drawn at random is ``None``."""
+    seed: int
+    """Random seed."""
+    robustness: float | None
+    """Robustness."""
+    repeats: Repeats | None
+    """Repeats of the witness with other seeds; ``None`` if the seed has no effect."""
+    fails_in_most_repeats: bool | None
+    """Whether more than half of the repeats violate the requirement; ``None`` without repeats."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Margin:
+    """The smallest disturbance that violates a requirement."""
+
+    run: str | None = None
+    """Path of the run file; missing if none is written."""
+    target: str
+    """Name of the target."""
+    task: str
+    """The same; the older name of ``target``."""
+    target_kind: str
+    """Kind of the target: ``task``, ``toy`` or ``python``."""
+    target_hash: str
+    """Hash of the target."""
+    preset: str | None
+    """Task preset; ``None`` if the target is not a task."""
+    controller: str | None
+    """Name or path of the controller; ``None`` without one."""
+    controller_hash: str | None
+    """Hash of what the controller does; ``None`` without one."""
+    stochastic: bool
+    """Whether actions are sampled from the policy's distribution."""
+    action_noise: float
+    """Standard deviation of the noise that is added to actions."""
+    observation_noise: float
+    """Standard deviation of the noise that is added to observations."""
+    seed: int
+    """Seed of the plan, from which the seeds of simulations are derived. For ``simulate`` and
+    ``margin`` it is the seed of the simulations themselves; only those of repeats are derived
+    from it."""
+    space: str
+    """Name of the scenario space."""
+    axes: tuple[str, ...]
+    """Names of its axes, the order of ``initial_configuration``."""
+    space_axes: tuple[AxisFacts, ...]
+    """The axes of the space in the same order."""
+    set_axes: tuple[str, ...]
+    """Names of the axes whose range the plan sets."""
+    control_dt: float
+    """Duration of a control step, s."""
+    episode_steps: int
+    """Number of control steps of a whole episode."""
+    formula: str
+    """The requirement."""
+    simulations: int
+    """Number of simulations."""
+    is_complete: bool
+    """Whether the search was not interrupted."""
+    levels: tuple[Level, ...]
+    """The amplitudes in the order in which they were tried."""
+    no_violation_up_to: float | None
+    """Largest amplitude below that of the witness at which a finished search found no violation
+    and most simulations have a verdict; ``None`` without one."""
+    no_violation_simulations: int | None
+    """Number of simulations with a verdict on which ``no_violation_up_to`` rests; ``None``
+    without one."""
+    witness: Witness | None
+    """The violation with the smallest disturbance; ``None`` without one."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class AxisDistribution:
+    """The distribution of an axis."""
+
+    axis: str
+    """Name of the axis."""
+    distribution: str
+    """Its distribution; ``fixed`` for an axis with one value."""
+    low: float
+    """Lower bound of the axis, where the distribution is truncated."""
+    high: float
+    """Upper bound of the axis, where the distribution is truncated."""
+    unit: str
+    """Unit of the axis."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Probability:
+    """A probability of a violation with its 95 % interval."""
+
+    value: float | None
+    """Estimate."""
+    low: float | None
+    """Lower bound."""
+    high: float | None
+    """Upper bound."""
+    source: str
+    """Part that it is from: ``monte-carlo``, ``importance`` or ``splitting``."""
+    assumption: str | None
+    """What the interval assumes; ``None`` if nothing."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class MonteCarlo:
+    """Independent simulations under the distribution itself."""
+
+    simulations: int
+    """Number of simulations."""
+    failures: int
+    """Number of these that violate the requirement."""
+    without_verdict: int
+    """Number of these without a verdict, which count as passed."""
+    bound_with_undecided: float | None
+    """Upper bound of the probability (97.5 %) if the simulations without a verdict are failures."""
+    failure_rate: Estimate
+    """Failure rate, with its exact 95 % interval (Clopper and Pearson, with the decision that
+    ends Monte Carlo)."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Exploration:
+    """The search for failures."""
+
+    simulations: int
+    """Number of simulations."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Importance:
+    """Simulations under a distribution that is fitted to the failures, with weights."""
+
+    fitting_simulations: int
+    """Number of simulations that fitted the regions."""
+    simulations: int
+    """Number of simulations of the estimate."""
+    failures: int
+    """Number of failures in the regions."""
+    effective_failures: float
+    """Number of equally weighted failures with the same precision."""
+    components: int
+    """Number of regions."""
+    regions: Estimate
+    """Probability of a failure in the regions, with a 95 % betting interval."""
+    outside: float
+    """Estimate of the probability of failures outside of the regions from the few draws there,
+    without an interval."""
+    monte_carlo_inside: int
+    """Number of failures of Monte Carlo in the regions."""
+    monte_carlo_outside: int
+    """Number of failures of Monte Carlo outside of them."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Splitting:
+    """Adaptive multilevel splitting with independent chains."""
+
+    simulations: int
+    """Number of simulations."""
+    population: int
+    """Number of particles of a chain."""
+    estimate: Estimate | None
+    """Mean of the chains; ``None`` if they disagree or are too small."""
+    chains: tuple[Chain, ...]
+    """The chains."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Chain:
+    """A chain of multilevel splitting."""
+
+    probability: float
+    """Estimate of the probability of a robustness below the level."""
+    level: float
+    """0 if the chain reached the failures, otherwise the robustness that it reached."""
+    is_complete: bool
+    """Whether it reached the failures."""
+    levels: int
+    """Number of levels."""
+    acceptance: float
+    """Fraction of accepted moves."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class RiskFailure:
+    """A failure."""
+
+    scenario: dict[str, float | None]
+    """Scenario by axis; a value that is drawn at random is ``None``."""
+    simulation: int
+    """Number of the simulation in the run."""
+    seed: int
+    """Random seed."""
+    robustness: float
+    """Robustness."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Risk:
+    """The probability of a violation under a distribution of scenarios."""
+
+    run: str | None = None
+    """Path of the run file; missing if none is written."""
+    target: str
+    """Name of the target."""
+    task: str
+    """The same; the older name of ``target``."""
+    target_kind: str
+    """Kind of the target: ``task``, ``toy`` or ``python``."""
+    target_hash: str
+    """Hash of the target."""
+    preset: str | None
+    """Task preset; ``None`` if the target is not a task."""
+    controller: str | None
+    """Name or path of the controller; ``None`` without one."""
+    controller_hash: str | None
+    """Hash of what the controller does; ``None`` without one."""
+    stochastic: bool
+    """Whether actions are sampled from the policy's distribution."""
+    action_noise: float
+    """Standard deviation of the noise that is added to actions."""
+    observation_noise: float
+    """Standard deviation of the noise that is added to observations."""
+    seed: int
+    """Seed of the plan, from which the seeds of simulations are derived. For ``simulate`` and
+    ``margin`` it is the seed of the simulations themselves; only those of repeats are derived
+    from it."""
+    space: str
+    """Name of the scenario space."""
+    axes: tuple[str, ...]
+    """Names of its axes, the order of ``initial_configuration``."""
+    space_axes: tuple[AxisFacts, ...]
+    """The axes of the space in the same order."""
+    set_axes: tuple[str, ...]
+    """Names of the axes whose range the plan sets."""
+    control_dt: float
+    """Duration of a control step, s."""
+    episode_steps: int
+    """Number of control steps of a whole episode."""
+    formula: str
+    """The requirement."""
+    method: str
+    """``auto``, ``monte-carlo``, ``importance`` or ``splitting``."""
+    distribution: tuple[AxisDistribution, ...]
+    """The distribution of the scenarios."""
+    seed_is_random: bool
+    """Whether the seed of each simulation is random, too."""
+    simulations: int
+    """Number of all simulations."""
+    is_complete: bool
+    """Whether the estimation was not interrupted; otherwise the answer is that of the finished
+    parts."""
+    probability: Probability | None
+    """The answer; ``None`` without an estimate."""
+    bounds: tuple[float, float]
+    """Lower and upper bound (95 %) without an assumption."""
+    refusals: tuple[str, ...]
+    """Why parts have no estimate, in words; a budget that is too small for multilevel splitting
+    is one of them."""
+    splitting_refusal: str | None
+    """Why multilevel splitting has no estimate: ``budget``, ``chains``, ``monte-carlo``,
+    ``below-importance`` or ``above-importance``; ``None`` if it has one, or was not needed."""
+    monte_carlo: MonteCarlo
+    """Plain Monte Carlo."""
+    exploration: Exploration
+    """The search for failures."""
+    importance: Importance | None
+    """Importance sampling; ``None`` if it was not run."""
+    splitting: Splitting | None
+    """Multilevel splitting; ``None`` if it was not run."""
+    failures: tuple[RiskFailure, ...]
+    """Up to three failures, those nearest to the center of the distribution first."""
+    screening: Screening | None = None
+    """Counts of the screening; missing without it. The estimate of Monte Carlo is then that of a
+    two-phase sample: see ``gpu.md``."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Explanation:
+    """When, where and by which predicate a simulation violates or satisfies the requirement.
+    Samples count from 0."""
+
+    run: str | None = None
+    """Path of the run file; missing within the document of ``simulate``."""
+    target: str
+    """Target of the run."""
+    trial: int
+    """Number of the trial."""
+    simulation: int
+    """Number of the simulation within the trial."""
+    scenario: dict[str, float | None]
+    """Scenario by axis; a value that is drawn at random is ``None``."""
+    seed: int
+    """Random seed of the simulation."""
+    formula: str
+    """Requirement."""
+    robustness: float
+    """Robustness of the requirement."""
+    decided: Instant | None
+    """First sample after which nothing can change whether the requirement is satisfied; ``None``
+    if the trace does not decide it, or the robustness is 0."""
+    predicate: Predicate | None
+    """Decisive predicate; ``None`` if an operator has an empty window or depends on two operands
+    (``iff``, ``xor``)."""
+    window: Window | None
+    """Samples at which the operator above evaluates the predicate; ``None`` without a predicate."""
+    path: tuple[PathStep, ...]
+    """Sub-formulas from the requirement to the predicate."""
+    conjuncts: tuple[Conjunct, ...]
+    """Conjuncts of the requirement."""
+    point: str | None
+    """``corner`` or ``center`` for a simulation at the corners of the initial box, trial 2 of an
+    evaluation; otherwise ``None``."""
+    space_axes: tuple[AxisFacts, ...]
+    """The axes of the scenario space."""
+    control_dt: float
+    """Time between two samples, s."""
+    sentences: tuple[str, ...]
+    """The explanation in sentences."""
+    signals: SignalTable | None
+    """Signals of the requirement at some samples; ``None`` without a predicate."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Instant:
+    """A sample and its time."""
+
+    sample: int
+    """Sample, from 0."""
+    time: float
+    """Its time, s."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Predicate:
+    """A decisive predicate at its sample."""
+
+    formula: str
+    """Text."""
+    sample: int
+    """Sample, from 0."""
+    time: float
+    """Its time, s."""
+    comparison: str
+    """``<=``, ``>=``, ``<``, ``>``, ``==`` or ``!==``."""
+    sides: tuple[str, str]
+    """Texts of its two sides."""
+    values: tuple[float, float]
+    """Their values at the sample."""
+    robustness: float
+    """Robustness of the predicate at the sample."""
+    negated: bool
+    """Whether the formula requires the predicate to be false."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Window:
+    """The samples at which an operator evaluates a predicate."""
+
+    samples: tuple[int, int]
+    """First and last of them."""
+    violated: int
+    """Number of them that violate the predicate."""
+    first_violated: int | None
+    """First of these; ``None`` if there are none."""
+    last_violated: int | None
+    """Last of these; ``None`` if there are none."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class PathStep:
+    """A sub-formula on the path to the decisive predicate."""
+
+    formula: str
+    """Text."""
+    operator: str | None
+    """Operator; ``None`` for a signal or a number."""
+    sample: int
+    """Sample, from 0."""
+    time: float
+    """Its time, s."""
+    window: tuple[int, int] | None
+    """First and last sample of its window; ``None`` without one."""
+    robustness: float
+    """Robustness at the sample."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Conjunct:
+    """A conjunct of a requirement."""
+
+    formula: str
+    """Text."""
+    robustness: float
+    """Robustness of the requirement with this conjunct as the only operand of each ``and`` above
+    it."""
+    decided: Instant | None
+    """As ``decided`` of the explanation, for this conjunct."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class SignalTable:
+    """Values of signals at some samples: up to the decisive one, at the instant that decides the
+    requirement, and at the end."""
+
+    columns: tuple[Signal, ...]
+    """The signals: up to four of those that the requirement reads, those of the predicate first."""
+    rows: tuple[SignalRow, ...]
+    """The samples."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class SignalRow:
+    """Values of signals at a sample."""
+
+    sample: int
+    """Sample, from 0."""
+    values: tuple[float | None, ...]
+    """One value per column; ``None`` if the trace does not have it."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Noise:
+    """The share of the variance of the robustness that comes from the scenario; the rest comes
+    from noise."""
+
+    scenario_share: float | None
+    """Share that comes from the scenario, from 0 to 1; ``None`` if the robustness is constant,
+    infinite or undecided."""
+    scenario_share_interval: tuple[float, float] | None
+    """Lower and upper bound of its 95 % interval."""
+    scenarios: int
+    """Number of random scenarios."""
+    repeats: int
+    """Number of simulations of each."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Simulation:
+    """Simulations of one chosen scenario."""
+
+    target: str
+    """Name of the target."""
+    task: str
+    """The same; the older name of ``target``."""
+    target_kind: str
+    """Kind of the target: ``task``, ``toy`` or ``python``."""
+    target_hash: str
+    """Hash of the target."""
+    preset: str | None
+    """Task preset; ``None`` if the target is not a task."""
+    controller: str | None
+    """Name or path of the controller; ``None`` without one."""
+    controller_hash: str | None
+    """Hash of what the controller does; ``None`` without one."""
+    stochastic: bool
+    """Whether actions are sampled from the policy's distribution."""
+    action_noise: float
+    """Standard deviation of the noise that is added to actions."""
+    observation_noise: float
+    """Standard deviation of the noise that is added to observations."""
+    seed: int
+    """Seed of the plan, from which the seeds of simulations are derived. For ``simulate`` and
+    ``margin`` it is the seed of the simulations themselves; only those of repeats are derived
+    from it."""
+    space: str
+    """Name of the scenario space."""
+    axes: tuple[str, ...]
+    """Names of its axes, the order of ``initial_configuration``."""
+    space_axes: tuple[AxisFacts, ...]
+    """The axes of the space in the same order."""
+    set_axes: tuple[str, ...]
+    """Names of the axes whose range the plan sets."""
+    control_dt: float
+    """Duration of a control step, s."""
+    episode_steps: int
+    """Number of control steps of a whole episode."""
+    scenario: dict[str, float | None]
+    """Scenario by axis; a value that is drawn at random is ``None``."""
+    formula: str
+    """The requirement."""
+    end: str | None
+    """How the simulation ended, in words; ``None`` with ``--repeat``, as the next three keys."""
+    steps: int | None
+    """Number of control steps."""
+    robustness: float | None
+    """Robustness of the requirement."""
+    explanation: Explanation | None
+    """The document of ``explain``, without ``schema`` and ``run``."""
+    repeats: Repeats | None
+    """Repeated simulations; ``None`` without ``--repeat``."""
+    noise: Noise | None
+    """Split of the variance of the robustness; ``None`` without ``--repeat`` or randomness."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class CampaignRun:
+    """A finished run of a campaign."""
+
+    name: str
+    """Name of the run, and of its file without extension."""
+    kind: str
+    """Kind of the run: ``evaluate``, ``falsify``, ``margin`` or ``risk``."""
+    result: Evaluation | Falsification | Margin | Risk
+    """The document of that command, without ``schema``."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Campaign:
+    """A grid of runs."""
+
+    folder: str
+    """Path of the folder."""
+    is_complete: bool
+    """Whether all runs are complete; ``false`` after an interruption, exit code 130."""
+    runs: tuple[CampaignRun, ...]
+    """The finished runs."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class ComparedRun:
+    """A run of a comparison."""
+
+    run: str
+    """Path of the run file."""
+    controller: str | None
+    """Name or path of the controller; ``None`` without one."""
+    controller_hash: str | None
+    """Hash of what the controller does; ``None`` without one."""
+    target_hash: str
+    """Hash of the target."""
+    commit: str
+    """Git commit of the program that made the run."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class PairedRates:
+    """A rate of both runs."""
+
+    first: Estimate
+    """Rate of A, with its Wilson interval."""
+    second: Estimate
+    """Rate of B, with its Wilson interval."""
+    difference: Estimate
+    """B minus A, with Newcombe's interval for pairs."""
+    first_only: int
+    """Number of pairs in which only A succeeds."""
+    second_only: int
+    """Number of pairs in which only B succeeds."""
+    p_value: float
+    """Two-sided p-value of the exact McNemar test."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class PairedMeans:
+    """A mean of both runs."""
+
+    first: float | None
+    """Mean of A; ``None`` without pairs."""
+    second: float | None
+    """Mean of B; ``None`` without pairs."""
+    difference: Estimate
+    """B minus A, with its bootstrap interval over the pairs."""
+    smaller: int
+    """Number of pairs in which B's value is smaller."""
+    larger: int
+    """Number of pairs in which B's value is larger."""
+    p_value: float
+    """Two-sided p-value of the exact sign test."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class ComparedPair:
+    """A simulation of both runs."""
+
+    trial: int
+    """Number of the trial; trial 2 has the corners and the center of the initial box."""
+    simulation: int
+    """Number of the simulation within the trial."""
+    seed: int
+    """Random seed of the simulation."""
+    scenario: dict[str, float | None]
+    """Scenario by axis; a value that is drawn at random is ``None``."""
+    first_robustness: float | None
+    """Robustness in A; ``None`` without a verdict."""
+    second_robustness: float | None
+    """Robustness in B; ``None`` without a verdict."""
+    replay: str
+    """Command that replays the failure."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Comparison:
+    """Two evaluations on the same scenarios and seeds, A and B, compared pair by pair.
+
+    The rates and means cover the random simulations. The corners and the center of the
+    initial box are no random sample, so they appear among the new and the fixed failures only.
+    """
+
+    target: str
+    """Name of the target."""
+    target_kind: str
+    """Kind of the target: ``task``, ``toy`` or ``python``."""
+    formula: str
+    """Formula of success."""
+    first: ComparedRun
+    """The run A."""
+    second: ComparedRun
+    """The run B."""
+    differences: tuple[str, ...]
+    """Facts that differ and can cause differences, as text."""
+    pairs: int
+    """Number of random simulations of each."""
+    success: PairedRates
+    """Success rate."""
+    strict_success: PairedRates | None
+    """Strict success rate; ``None`` if the target has no such formula."""
+    robustness: PairedMeans
+    """Robustness, over pairs with two finite values."""
+    dangerous_steps: PairedMeans | None
+    """Number of dangerous control steps; ``None`` if the target has no such formula."""
+    completion_step: PairedMeans | None
+    """Control step of completion, over pairs in which both succeed; ``None`` if the target has
+    no such formula."""
+    verdict: str
+    """What the success rates say, in a sentence."""
+    new_failures: tuple[ComparedPair, ...]
+    """Simulations in which A succeeds and B does not; exit code 1 if there are any."""
+    fixed_failures: tuple[ComparedPair, ...]
+    """Simulations in which B succeeds and A does not."""
+    space_axes: tuple[AxisFacts, ...]
+    """The axes of the scenarios."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class TablePage:
+    """A page of tables."""
+
+    name: str
+    """Name of the file without ending."""
+    title: str
+    """Title."""
+    tables: tuple[Table, ...]
+    """The tables of the page."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Table:
+    """A table."""
+
+    caption: str
+    """Caption."""
+    columns: tuple[str, ...]
+    """Names of the columns."""
+    rows: tuple[tuple[str, ...], ...]
+    """Rows of cells, as text; names are between backticks."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Tables:
+    """Tables of campaigns. ``reproduce performance``, ``reproduce falsification`` and
+    ``reproduce tables`` print the same document."""
+
+    pages: tuple[TablePage, ...]
+    """The pages."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class RunSummary:
+    """A run file. One that cannot be read has the keys ``run`` and ``error`` only."""
+
+    run: str
+    """Path of the run file."""
+    error: str | None
+    """Why the file cannot be read; ``None`` if it can."""
+    kind: str | None = None
+    """Kind of the run: ``evaluate``, ``falsify``, ``margin`` or ``risk``."""
+    target: str | None = None
+    """Name of the target."""
+    target_kind: str | None = None
+    """Kind of the target."""
+    controller: str | None = None
+    """Name of the controller; empty without one."""
+    space: str | None = None
+    """Scenario space."""
+    formula: str | None = None
+    """Requirement."""
+    search: str | None = None
+    """Search; empty for ``evaluate``."""
+    seed: int | None = None
+    """Seed of the run."""
+    simulations: int | None = None
+    """Number of simulations."""
+    failures: int | None = None
+    """Number of these that violate the requirement."""
+    trials: int | None = None
+    """Number of started trials."""
+    falsified_trials: int | None = None
+    """Number of these that found a counterexample."""
+    is_complete: bool | None = None
+    """Whether all trials have ended."""
+    minimum_robustness: float | None = None
+    """Minimum robustness; ``None`` if no simulation has one."""
+    commit: str | None = None
+    """Git commit of the program that made the run."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Replay:
+    """A recorded simulation, simulated again."""
+
+    run: str
+    """Path of the run file, or of the exported counterexample."""
+    target: str
+    """Target."""
+    space: str
+    """Scenario space."""
+    axes: tuple[str, ...]
+    """Names of the axes, the order of ``initial_configuration``."""
+    trial: int
+    """Number of the trial."""
+    simulation: int
+    """Number of the simulation within the trial."""
+    point: str | None
+    """``corner`` or ``center`` for a simulation at the corners of the initial box, trial 2 of an
+    evaluation; otherwise ``None``."""
+    initial_configuration: tuple[float | None, ...]
+    """The values of ``scenario`` in the order of ``axes``."""
+    scenario: dict[str, float | None]
+    """Scenario by axis; a value that is drawn at random is ``None``."""
+    seed: int
+    """Random seed of the simulation."""
+    end: str
+    """How the simulation ended, in words."""
+    steps: int
+    """Number of control steps."""
+    robustness: float | None
+    """Robustness of the requirement; ``None`` without a verdict."""
+    same: bool
+    """Whether everything recorded of the simulation agrees with the plan of the run and with the
+    replay, bit for bit."""
+    differences: tuple[str, ...]
+    """Each difference as text: name, recorded value, expected or replayed value."""
+    formula: str
+    """The requirement."""
+    has_verdict: bool
+    """Whether the end of the simulation allows a verdict."""
+    space_axes: tuple[AxisFacts, ...]
+    """The axes of the scenario space."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class EvaluatedCount:
+    """How many simulations were evaluated."""
+
+    evaluated: int
+    """Number of evaluated simulations."""
+    total: int
+    """Number of simulations of the run."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class MaskedConjunct:
+    """A conjunct over the simulations of a run."""
+
+    formula: str
+    """Text."""
+    sets_satisfied: int
+    """Number of satisfied simulations whose robustness it sets."""
+    sets_violated: int
+    """Number of violated simulations whose robustness it sets."""
+    fails: int
+    """Number of simulations that violate the requirement with this conjunct as the only operand
+    of each ``and`` above it."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Masking:
+    """Which conjuncts of a requirement set the robustness of a run and which ones fail."""
+
+    run: str
+    """Path of the run file."""
+    formula: str
+    """Requirement."""
+    satisfied: EvaluatedCount
+    """Simulations that satisfy the requirement. None are evaluated if the target cannot be
+    simulated."""
+    violated: EvaluatedCount
+    """Simulations that violate the requirement."""
+    conjuncts: tuple[MaskedConjunct, ...]
+    """Conjuncts of the requirement."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class FailureMode:
+    """Failures with the same decisive predicate, similar scenarios and similar times."""
+
+    mode: int
+    """Number of the mode, from 1."""
+    failures: int
+    """Number of its failures."""
+    predicate: str
+    """Their decisive predicate; empty if the formula has none."""
+    samples: tuple[int, int]
+    """First and last sample at which the violation of a failure is final."""
+    times: tuple[float, float]
+    """Times of these samples, s."""
+    axes: tuple[str, ...]
+    """Names of the axes that matter: those by which failures with this predicate were grouped."""
+    region: dict[str, tuple[float, float] | None]
+    """Smallest and largest value by axis; ``None``: drawn at random."""
+    trial: int
+    """Number of the trial of the representative, the failure nearest to the nominal scenario."""
+    simulation: int
+    """Number of the representative within its trial."""
+    seed: int
+    """Its random seed."""
+    scenario: dict[str, float | None]
+    """Its scenario by axis; a value that is drawn at random is ``None``."""
+    robustness: float
+    """Its robustness."""
+    distance_from_nominal: float
+    """Root mean square of its offsets from nominal over the axes, as fractions of their widths."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Counterexamples:
+    """The failure modes of a run."""
+
+    run: str
+    """Path of the run file."""
+    target: str
+    """Target of the run."""
+    formula: str
+    """Requirement of the run."""
+    failures: int
+    """Number of simulations that violate the requirement."""
+    not_grouped: int
+    """Number of these that are in no mode: without a recorded trace, or beyond 5,000."""
+    modes: tuple[FailureMode, ...]
+    """Failure modes, the one with the most failures first."""
+    space_axes: tuple[AxisFacts, ...]
+    """The axes of the scenario space."""
+    control_dt: float
+    """Duration of a control step, s."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class ExportedCounterexample:
+    """An exported counterexample."""
+
+    file: str | None
+    """Path of the file; ``None`` if it was not written."""
+    same_as: str | None
+    """Path of a file whose minimized scenario differs by at most 1 % of the width of each axis,
+    so that this one was not written; ``None`` if it was."""
+    mode: int | None
+    """Failure mode; ``None`` with ``--simulation``."""
+    trial: int
+    """Number of the trial."""
+    simulation: int
+    """Number of the simulation within the trial."""
+    seed: int
+    """Random seed of the simulation."""
+    scenario: dict[str, float | None]
+    """Scenario by axis; a value that is drawn at random is ``None``."""
+    robustness: float
+    """Robustness of the requirement."""
+    predicate: str | None
+    """Decisive predicate; ``None`` without one."""
+    minimized: Minimized | None
+    """The minimization; ``None`` without ``--minimize``."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Minimized:
+    """How a counterexample was minimized."""
+
+    scenario: dict[str, float | None]
+    """Recorded scenario by axis."""
+    robustness: float | None
+    """Its robustness."""
+    axes_off_nominal: tuple[int, int]
+    """Number of axes off nominal, recorded and minimized."""
+    simulations: int
+    """Number of simulations."""
+    complete: bool
+    """Whether the budget was enough."""
+    interrupted: bool
+    """Whether a signal ended the minimization or its repeats early."""
+    fewest_axes: bool
+    """Whether every smaller set of axes passes, with these axes at their recorded values and the
+    others at nominal."""
+    same_predicate: bool
+    """Whether the decisive predicate is the recorded one."""
+    repeats: Repeats | None
+    """Simulations of the minimized scenario with other seeds; ``None`` without randomness."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Exports:
+    """Exported counterexamples."""
+
+    run: str
+    """Path of the run file."""
+    files: tuple[ExportedCounterexample, ...]
+    """The files."""
+    space_axes: tuple[AxisFacts, ...]
+    """The axes of the scenario space."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class RegressionTest:
+    """A counterexample, simulated again."""
+
+    file: str
+    """Name of the file."""
+    target: str | None
+    """Target; ``None`` if the file is not a counterexample."""
+    result: str
+    """``passes``, ``still fails`` or ``error``; with ``--baseline`` also ``new failure`` and
+    ``fixed``."""
+    recorded_robustness: float | None
+    """Robustness in the file."""
+    robustness: float | None
+    """Robustness now, with the recorded seed."""
+    predicate: str | None
+    """Decisive predicate now."""
+    sample: int | None
+    """Its sample, from 0."""
+    values: tuple[float, float] | None
+    """Values of its two sides."""
+    same_target: bool | None
+    """Whether the target has the recorded hash; ``None`` after an error, and if the recorded
+    controller cannot be loaded."""
+    repeats: Repeats | None
+    """Simulations with other seeds; ``None`` without ``--repeat``, without randomness and after
+    an error."""
+    reason: str | None
+    """Why the test fails or could not run; ``None`` if it passes."""
+    baseline: BaselineTest | None
+    """The same simulations with the baseline; ``None`` without ``--baseline``."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class BaselineTest:
+    """Simulations of a counterexample with the baseline."""
+
+    robustness: float | None
+    """Robustness with the recorded seed; ``None`` after an error."""
+    repeats: Repeats | None
+    """Simulations with other seeds; ``None`` where those of the controller are."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Regression:
+    """Counterexamples of a folder, simulated again. The document is printed also if a test could
+    not run (exit code 2)."""
+
+    folder: str
+    """The folder."""
+    controller: str | None
+    """The controller; ``None``: that of each counterexample."""
+    baseline: str | None
+    """The controller of ``--baseline``; ``None`` without it."""
+    passes: int
+    """Number of tests that pass, with the controller alone."""
+    fails: int
+    """Number of tests that fail, with the controller alone."""
+    errors: int
+    """Number of tests that could not run."""
+    new_failures: int | None
+    """Number of tests that fail but pass with the baseline; ``None`` without ``--baseline``."""
+    fixed: int | None
+    """Number of tests that pass but fail with the baseline; ``None`` without ``--baseline``."""
+    is_complete: bool
+    """Whether all tests are finished; ``false`` after an interruption, exit code 130: the others
+    are missing."""
+    tests: tuple[RegressionTest, ...]
+    """The tests, in the order of the file names."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class TrainingTime:
+    """Time until the return of a training run converged."""
+
+    environment_steps: int
+    """Number of control steps over all environments."""
+    control_steps: int | None
+    """Number of control steps per environment; ``None`` if the number of environments is
+    unknown."""
+    secs: float
+    """Wall-clock time, s."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Training:
+    """A finished training run."""
+
+    task: str
+    """Task."""
+    algorithm: str
+    """Training algorithm."""
+    backend: str
+    """Physics engine of the training episodes: ``cpu`` or ``gpu``."""
+    seed: int
+    """Seed of the training run."""
+    environments: int
+    """Number of parallel environments."""
+    environment_steps: int
+    """Number of control steps over all environments."""
+    best_environment_steps: int
+    """Number of these until the best policy."""
+    wall_clock_secs: float
+    """Wall-clock time, s."""
+    stopped_early: bool
+    """Whether the validation criterion stopped the training run early."""
+    training_time: TrainingTime | None
+    """Time until the return converged; ``None`` if it did not converge, or without ``--csv``."""
+    no_training_time: str | None
+    """Why there is no training time; ``None`` with one."""
+    success_rate: float | None
+    """Success rate of the best policy in validation; ``None`` without validation."""
+    strict_success_rate: float | None
+    """Strict success rate of the best policy in validation; ``None`` without validation."""
+    controller_hash: str
+    """Hash of the best policy."""
+    best: str
+    """Path of the best controller."""
+    last: str
+    """Path of the last controller."""
+    csv: str | None
+    """Path of the learning curve; ``None`` without ``--csv``."""
+    tensorboard: str | None
+    """Path of the folder for TensorBoard; ``None`` without ``--tensorboard``."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class TrainingPlan:
+    """A checked plan of a training run, which was not started."""
+
+    task: str
+    """Task."""
+    algorithm: str
+    """Training algorithm."""
+    reward: str
+    """Reward."""
+    backend: str
+    """Physics engine of the training episodes: ``cpu`` or ``gpu``."""
+    seed: int
+    """Seed of the training run."""
+    environment_steps: int
+    """Number of control steps over all environments, rounded up to whole iterations."""
+    command: str
+    """Command of the training run."""
+    settings: str
+    """All settings, as TOML."""
+    task_hash: str
+    """Hash of the task."""
+    layout_hash: str
+    """Hash of its layout of observations and actions."""
+    formats: dict[str, int]
+    """Format version of controller files by kind of policy."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Curve:
+    """The learning curve of a training run."""
+
+    iterations: int
+    """Number of iterations."""
+    environment_steps: int | None
+    """Number of control steps over all environments; ``None`` without iterations."""
+    wall_clock_secs: float | None
+    """Wall-clock time, s; ``None`` without iterations."""
+    training_time: TrainingTime | None
+    """Time until the return converged; ``None`` if it did not converge."""
+    no_training_time: str | None
+    """Why there is no training time; ``None`` with one."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Validation:
+    """Validation of a policy during training."""
+
+    episodes: int
+    """Number of episodes."""
+    success_rate: float
+    """Success rate."""
+    strict_success_rate: float
+    """Strict success rate."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Controller:
+    """A controller file."""
+
+    task: str
+    """Task."""
+    algorithm: str
+    """Training algorithm."""
+    preset: str
+    """Task preset."""
+    reward: str
+    """Reward."""
+    seed: int
+    """Seed of the training run."""
+    environment_steps: int
+    """Number of control steps of the training run until this policy."""
+    wall_clock_secs: float
+    """Wall-clock time of the training run, s."""
+    git_commit: str
+    """Git commit of the program; empty if it is unknown."""
+    command: str
+    """Command of the training run; empty if it is unknown."""
+    validation: Validation | None
+    """Validation of the policy during training; ``None`` without one."""
+    policy: str
+    """Kind of policy."""
+    sizes: tuple[int, ...]
+    """Layer sizes."""
+    controller_hash: str
+    """Hash of what the controller does."""
+    task_hash: str
+    """Hash of the task."""
+    layout_hash: str
+    """Hash of the layout of observations and actions."""
+    settings: str
+    """The training settings, as TOML."""
+    weaknesses: tuple[str, ...]
+    """Known weaknesses of a shipped controller ``TASK/NAME``, from the notes on its task."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class ControllerExport:
+    """An exported controller."""
+
+    file: str
+    """The ONNX file."""
+    task: str
+    """Task."""
+    algorithm: str
+    """Training algorithm."""
+    controller_hash: str
+    """Hash of the controller."""
+    observation_size: int
+    """Number of values of an observation."""
+    action_size: int
+    """Number of values of an action."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class ControllerImport:
+    """A controller made from the weights of another tool."""
+
+    file: str
+    """The controller file."""
+    task: str
+    """Its task."""
+    source: str
+    """The imported file and the library that wrote it."""
+    sizes: tuple[int, ...]
+    """Layer sizes."""
+    hidden_activation: str
+    """Activation of the hidden layers."""
+    output_activation: str
+    """Activation of the last layer."""
+    layer_norm: bool
+    """Whether it has layer normalization."""
+    normalized: bool
+    """Whether it normalizes observations."""
+    observation_clip: float | None
+    """Limit of normalized observations; ``None`` without one."""
+    controller_hash: str
+    """Hash of the controller."""
+
+
+def build(kind: type[_T], document: Mapping[str, Any]) -> _T:
+    """Makes a result of a type from a parsed document.
+
+    Seeds become integers, infinities numbers, arrays tuples. Keys that the type does not have are ignored: a later version
+    of the program may have added them.
+    """
+    hints = typing.get_type_hints(kind)
+    fields = dataclasses.fields(cast("Any", kind))
+    known = [field.name for field in fields if field.name in document]
+    return kind(**{name: _value(hints[name], document[name]) for name in known})
+
+
+def _value(hint: Any, value: Any) -> Any:
+    origin, arguments = typing.get_origin(hint), typing.get_args(hint)
+    if value is None:
+        return None
+    if origin is typing.Union or origin is types.UnionType:
+        return _alternative([kind for kind in arguments if kind is not type(None)], value)
+    if origin is tuple:
+        items = arguments[:1] * len(value) if Ellipsis in arguments else arguments
+        return tuple(_value(kind, item) for kind, item in zip(items, value, strict=True))
+    if origin is dict:
+        return {name: _value(arguments[1], item) for name, item in value.items()}
+    if dataclasses.is_dataclass(hint):
+        return build(cast("type[Any]", hint), value)
+    # Seeds and infinities are strings.
+    return hint(value) if hint in (int, float) else value
+
+
+def _alternative(kinds: Sequence[Any], value: Any) -> Any:
+    if len(kinds) == 1:
+        return _value(kinds[0], value)
+    if isinstance(value, Mapping):
+        return build(next(kind for kind in kinds if _has_keys(kind, cast("Mapping[str, Any]", value))), value)
+    return _frozen(value)
+
+
+def _has_keys(kind: Any, document: Mapping[str, Any]) -> bool:
+    required = [field.name for field in dataclasses.fields(kind) if field.default is dataclasses.MISSING]
+    return all(name in document for name in required)
+
+
+def _frozen(value: Any) -> Any:
+    return tuple(_frozen(item) for item in value) if isinstance(value, list) else value

@@ -1,0 +1,35 @@
+use std::path::Path;
+
+use mishandle_results::{Replay, Seed};
+
+use crate::counterexample::{Counterexample, CounterexampleReplay};
+use crate::run::{end_text, recorded_axes};
+
+impl CounterexampleReplay {
+    /// Returns the replay of a counterexample as a result. `path` is that of its file.
+    pub fn result(&self, recorded: &Counterexample, path: &Path) -> Replay {
+        let CounterexampleReplay { header, episode, differences, .. } = self;
+        let signals: Vec<&str> = header.signals.iter().map(|signal| signal.name.as_str()).collect();
+        let scenario = || recorded.scenario.iter();
+        Replay {
+            run: path.to_string_lossy().into_owned(),
+            target: recorded.target.name.clone(),
+            space: recorded.plan.space.clone(),
+            axes: scenario().map(|axis| axis.axis.clone()).collect(),
+            trial: recorded.trial,
+            simulation: recorded.simulation,
+            point: None,
+            initial_configuration: scenario().map(|axis| axis.value).collect(),
+            scenario: scenario().map(|axis| (axis.axis.clone(), axis.value)).collect(),
+            seed: Seed(recorded.seed),
+            end: end_text(episode.end, &signals),
+            steps: episode.steps as u64,
+            robustness: episode.robustness().map(Into::into),
+            same: differences.is_empty(),
+            differences: differences.clone(),
+            formula: header.formula.clone(),
+            has_verdict: episode.end.has_verdict(),
+            space_axes: recorded_axes(&header.axes),
+        }
+    }
+}

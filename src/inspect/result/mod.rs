@@ -1,0 +1,9 @@
+//! What the simulations of a run say, as results.
+
+mod comparison;
+mod explanation;
+mod modes;
+mod summary;
+
+pub use modes::counterexamples_result;
+pub use summary::run_facts;

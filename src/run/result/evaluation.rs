@@ -1,0 +1,119 @@
+use std::path::Path;
+
+use mishandle_evaluation::{CornerReport, CornerResult, TwoPhase};
+use mishandle_results::{
+    CornerPoint, Corners, Evaluation, Finding, Metrics, Named, ScreenedFailure, Screening, Seed,
+};
+use mishandle_rollout::Axis;
+
+use crate::plan::StartRegion;
+use crate::resolve::{ResolvedPlan, named_scenario};
+use crate::run::{EvaluationOutcome, ScreenedEvaluationOutcome, rejects_scenarios};
+
+/// Returns the result of an evaluation. `run` is the path of its run file.
+pub fn evaluation_result(resolved: &ResolvedPlan, found: &EvaluationOutcome, run: &Path) -> Evaluation {
+    Evaluation {
+        metrics: found.report.clone(),
+        corners: found.corners.as_ref().map(|report| corners(resolved.space.axes(), report)),
+        ..empty(resolved, run, found.is_complete)
+    }
+}
+
+/// Returns the result of a screened evaluation. `run` is the path of its run file.
+pub fn screened_evaluation_result(
+    resolved: &ResolvedPlan,
+    found: &ScreenedEvaluationOutcome,
+    run: &Path,
+) -> Evaluation {
+    let report = &found.report;
+    let finding =
+        |counts: TwoPhase| Finding { flagged: counts.flagged_events, audit_sample: counts.sampled_events };
+    let findings = [
+        ("failure", Some(report.failures)),
+        ("strict_failure", report.strict_failures),
+        ("dangerous", report.dangerous),
+    ];
+    let findings = findings.into_iter().filter_map(|(name, counts)| Some((name, finding(counts?))));
+    let failures = report.first_failures.iter().map(|failure| ScreenedFailure {
+        number: failure.request.number,
+        scenario: named_scenario(resolved.space.axes(), failure.request.scenario.values()),
+        seed: Seed(failure.request.seed.0),
+        robustness: failure.robustness.map(Into::into),
+    });
+    Evaluation {
+        metrics: Metrics {
+            simulations: report.failures.trials,
+            diverged: report.ends.diverged,
+            invalid: report.ends.invalid,
+            failed: report.ends.failed,
+            undecided: report.ends.undecided,
+            strict_undecided: 0,
+            success_rate: report.success_rate(),
+            strict_success_rate: report.strict_success_rate(),
+            dangerous_behavior_rate: None,
+            dangerous_episode_rate: report.dangerous_episode_rate(),
+            task_completion_time: None,
+        },
+        corners: found.corners.as_ref().map(|report| corners(resolved.space.axes(), report)),
+        screening: Some(Screening {
+            confirmed_without_verdict: report.without_verdict,
+            findings: Some(findings.collect::<Named<_>>()),
+            ..super::risk::screening(
+                &report.failures,
+                report.screened_without_verdict,
+                report.overflows,
+                resolved,
+            )
+        }),
+        failures: Some(failures.collect()),
+        ..empty(resolved, run, report.is_complete)
+    }
+}
+
+fn empty(resolved: &ResolvedPlan, run: &Path, is_complete: bool) -> Evaluation {
+    let starts = resolved.plan.evaluate.as_ref().map(|evaluate| evaluate.starts).unwrap_or_default();
+    let starts = match starts {
+        StartRegion::Whole => "whole",
+        StartRegion::Reachable => "reachable",
+    };
+    Evaluation {
+        run: Some(run.to_string_lossy().into_owned()),
+        subject: resolved.subject(),
+        starts: starts.to_string(),
+        leaves_out_starts: rejects_scenarios(resolved),
+        is_complete,
+        metrics: Metrics::default(),
+        corners: None,
+        screening: None,
+        failures: None,
+    }
+}
+
+fn corners(axes: &[Axis], report: &CornerReport) -> Corners {
+    let last = report.points.len().saturating_sub(1);
+    let point = |(index, point): (usize, &CornerResult)| CornerPoint {
+        kind: if index == last { "center" } else { "corner" }.to_string(),
+        scenario: named_scenario(axes, point.scenario.values()),
+        reachable: point.is_reachable,
+        counts: report.counts(point),
+        n: point.n,
+        successes: point.successes,
+        strict_successes: point.strict_successes,
+        diverged: point.diverged,
+        invalid: point.invalid,
+        failed: point.failed,
+        undecided: point.undecided,
+    };
+    let count =
+        |holds: fn(&CornerResult) -> bool| report.corners().filter(|point| holds(point)).count() as u64;
+    let has_strict = report.points.iter().any(|point| point.strict_successes.is_some());
+    Corners {
+        seeds: report.seeds,
+        n: report.corners().count() as u64,
+        succeeding: count(CornerResult::succeeds),
+        strictly_succeeding: has_strict.then(|| count(|point| point.succeeds_strictly() == Some(true))),
+        center_succeeds: report.center().map(CornerResult::succeeds),
+        center_strictly_succeeds: report.center().and_then(CornerResult::succeeds_strictly),
+        points: report.points.iter().enumerate().map(point).collect(),
+    }
+}

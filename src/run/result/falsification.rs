@@ -1,0 +1,121 @@
+use std::path::Path;
+
+use mishandle_falsification::{CampaignOutcome, ScreenedCounts, TrialEnd, TrialOutcome, Unevaluated};
+use mishandle_results as results;
+use mishandle_results::{Falsification, Named, Screening, SearchValue, Seed, Trial};
+use mishandle_search::OptionValue;
+
+use crate::plan::FalsifyPlan;
+use crate::resolve::{ResolvedPlan, named_scenario};
+use crate::run::{end_text, failure_rate_bound};
+
+/// Returns the result of a falsification, without the repeats of its counterexamples, the smooth region and the failure modes.
+/// `counts` are those of its screening, `run` is the path of its run file.
+pub fn falsification_result(
+    resolved: &ResolvedPlan,
+    found: &CampaignOutcome,
+    counts: Option<&ScreenedCounts>,
+    run: &Path,
+) -> Falsification {
+    let falsify = resolved.plan.falsify.clone().unwrap_or_default();
+    Falsification {
+        run: Some(run.to_string_lossy().into_owned()),
+        subject: resolved.subject(),
+        is_complete: found.trials.iter().filter(|trial| trial.end.is_some()).count()
+            == falsify.trials as usize,
+        search_options: search_options(&falsify),
+        formula: resolved.specification.requirement.to_string(),
+        budget: falsify.budget,
+        batch: falsify.batch,
+        early_stopping: falsify.early_stopping,
+        search: falsify.search,
+        simulations: found.simulations,
+        control_steps: found.control_steps,
+        surplus: found.surplus,
+        falsified_trials: found.falsified_trials,
+        falsification_rate: found.falsification_rate,
+        mean_simulations: found.mean_simulations,
+        median_simulations: found.median_simulations,
+        restricted_mean_simulations: found.restricted_mean_simulations,
+        smooth_region: None,
+        failure_rate_bound: failure_rate_bound(resolved, found),
+        trials: found.trials.iter().map(|found| trial(resolved, found)).collect(),
+        modes: None,
+        screening: counts.map(|counts| screening(resolved, found, counts)),
+    }
+}
+
+fn trial(resolved: &ResolvedPlan, found: &TrialOutcome) -> Trial {
+    let minimum = found.minimum.as_ref();
+    let axes = resolved.space.axes();
+    let signals: Vec<&str> = resolved.target.signals.iter().map(|signal| signal.name.as_str()).collect();
+    let unevaluated = |found: &Unevaluated| results::Unevaluated {
+        simulation: found.number,
+        scenario: named_scenario(axes, found.scenario.values()),
+        seed: Seed(found.seed.0),
+        end: end_text(found.end, &signals),
+    };
+    Trial {
+        trial: found.trial,
+        falsified: found.falsified(),
+        simulations: found.simulations,
+        first_violation: found.first_violation,
+        minimum_robustness: minimum.map(|minimum| minimum.robustness.into()),
+        initial_configuration: minimum.map(|minimum| minimum.scenario.values().to_vec()),
+        scenario: minimum.map(|minimum| named_scenario(axes, minimum.scenario.values())),
+        simulation: minimum.map(|minimum| minimum.number),
+        seed: minimum.map(|minimum| Seed(minimum.seed.0)),
+        end: found.end.map(|end| end_name(end).to_string()),
+        diverged: found.diverged,
+        invalid: found.invalid,
+        failed: found.failed,
+        undecided: found.undecided,
+        undefined: found.undefined,
+        first_unevaluated: found.first_unevaluated.as_ref().map(unevaluated),
+        repeats: None,
+    }
+}
+
+/// Returns the name of a trial's end.
+fn end_name(end: TrialEnd) -> &'static str {
+    match end {
+        TrialEnd::Falsified => "falsified",
+        TrialEnd::BudgetSpent => "budget spent",
+        TrialEnd::ModesDriedUp => "modes dried up",
+        TrialEnd::SearchEnded(_) => "search ended",
+    }
+}
+
+/// Returns the options that the plan sets.
+fn search_options(falsify: &FalsifyPlan) -> Named<SearchValue> {
+    let value = |value: &OptionValue| match value {
+        OptionValue::Float(value) => SearchValue::Float((*value).into()),
+        OptionValue::Integer(value) => SearchValue::Integer(*value),
+        OptionValue::Boolean(value) => SearchValue::Boolean(*value),
+        OptionValue::Text(value) => SearchValue::Text(value.clone()),
+        OptionValue::Point(value) => SearchValue::Point(value.clone()),
+        OptionValue::Points(value) => SearchValue::Points(value.clone()),
+    };
+    falsify.options.iter().map(|(name, option)| (name, value(option))).collect()
+}
+
+fn screening(resolved: &ResolvedPlan, found: &CampaignOutcome, counts: &ScreenedCounts) -> Screening {
+    let reasons = [
+        ("violated", counts.violated),
+        ("without_verdict", counts.without_verdict),
+        ("lowest", counts.minima),
+        ("audit_sample", counts.sampled),
+    ];
+    let without_verdict = found.diverged + found.invalid + found.failed + found.undecided;
+    Screening {
+        device: resolved.plan.screening.as_ref().map_or(String::new(), |screening| screening.device.clone()),
+        simulations: found.simulations,
+        flagged: counts.violated.simulations + counts.without_verdict.simulations + counts.minima.simulations,
+        audit_sample: counts.sampled.simulations,
+        without_verdict: counts.without_verdict.simulations,
+        overflows: counts.overflows,
+        confirmed_without_verdict: without_verdict,
+        findings: None,
+        reasons: Some(reasons.into_iter().collect()),
+    }
+}

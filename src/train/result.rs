@@ -1,0 +1,131 @@
+use std::path::Path;
+
+use mishandle_controllers::ControllerFile;
+use mishandle_results as results;
+use mishandle_results::{Controller, Seed, Training, TrainingPlan, TrainingTime, Validation};
+use mishandle_training::RunSettings;
+
+use crate::train::{Curve, CurveRow, NoTrainingTime, TrainPlan, TrainReport, TrainingFacts};
+
+impl TrainReport {
+    /// Returns the report of a finished training run as a result.
+    pub fn result(&self, plan: &TrainPlan) -> Training {
+        let TrainReport { result, settings, training_time, .. } = self;
+        let path = |path: &Path| path.to_string_lossy().into_owned();
+        let environments = settings.episodes().environments;
+        let validation = result.best_validation;
+        let time = training_time.as_ref().map_err(|reason| *reason);
+        let (training_time, no_training_time) = self::training_time(time, Some(environments));
+        Training {
+            task: plan.task.clone(),
+            algorithm: plan.algorithm.clone(),
+            backend: plan.backend.clone(),
+            seed: Seed(plan.seed),
+            environments: environments as u64,
+            environment_steps: result.environment_steps,
+            best_environment_steps: result.best_environment_steps,
+            wall_clock_secs: result.wall_clock_secs.into(),
+            stopped_early: self.stopped_early(),
+            stop_condition: self.stopped_early().then(|| stop_condition(settings.run())),
+            training_time,
+            no_training_time,
+            success_rate: validation.map(|validation| validation.success_rate.into()),
+            strict_success_rate: validation.map(|validation| validation.strict_success_rate.into()),
+            controller_hash: result.best.hash(),
+            best: path(&plan.out),
+            last: path(&plan.last()),
+            csv: plan.csv.as_deref().map(path),
+            tensorboard: plan.tensorboard.as_deref().map(path),
+        }
+    }
+}
+
+/// Describes the condition of early stopping.
+fn stop_condition(run: &RunSettings) -> String {
+    let target =
+        |name: &str, rate: Option<f64>| rate.map(|rate| format!("{name} at least {} %", 100.0 * rate));
+    let rates = [target("success", run.stop_success), target("strict success", run.stop_strict)];
+    let rates: Vec<String> = rates.into_iter().flatten().collect();
+    format!("{} in {} consecutive validations", rates.join(" and "), run.stop_validations)
+}
+
+impl TrainingFacts {
+    /// Returns the facts of a plan as a result.
+    pub fn result(&self, plan: &TrainPlan) -> TrainingPlan {
+        TrainingPlan {
+            task: plan.task.clone(),
+            algorithm: plan.algorithm.clone(),
+            reward: plan.reward.clone(),
+            backend: plan.backend.clone(),
+            seed: Seed(plan.seed),
+            environment_steps: self.settings.run().total_steps,
+            command: plan.command(),
+            settings: self.settings.to_toml(),
+            task_hash: self.task_hash.clone(),
+            layout_hash: self.layout_hash.clone(),
+            formats: self.formats.iter().copied().collect(),
+        }
+    }
+}
+
+impl Curve {
+    /// Returns the curve of a training run as a result; with control steps per environment if the number of environments is known.
+    pub fn result(&self, environments: Option<usize>) -> results::Curve {
+        let last = self.rows.last();
+        let (training_time, no_training_time) = training_time(self.training_time(), environments);
+        results::Curve {
+            iterations: self.rows.len() as u64,
+            environment_steps: last.map(|row| row.environment_steps),
+            wall_clock_secs: last.map(|row| row.wall_clock_secs.into()),
+            training_time,
+            no_training_time,
+        }
+    }
+}
+
+/// Returns the training time, or why there is none.
+fn training_time(
+    time: Result<&CurveRow, NoTrainingTime>,
+    environments: Option<usize>,
+) -> (Option<TrainingTime>, Option<String>) {
+    match time {
+        Err(reason) => (None, Some(reason.to_string())),
+        Ok(row) => {
+            let control_steps = environments.map(|environments| row.control_steps(environments));
+            let time = TrainingTime {
+                environment_steps: row.environment_steps,
+                control_steps,
+                secs: row.wall_clock_secs.into(),
+            };
+            (Some(time), None)
+        }
+    }
+}
+
+/// Describes a controller file. `weaknesses` are those that are known of it.
+pub fn controller_result(file: &ControllerFile, weaknesses: &[&str]) -> Controller {
+    let (header, training) = (&file.header, &file.header.training);
+    Controller {
+        task: header.task.clone(),
+        algorithm: header.algorithm.clone(),
+        preset: header.preset.clone(),
+        reward: header.reward.clone(),
+        seed: Seed(training.seed),
+        environment_steps: training.environment_steps,
+        wall_clock_secs: training.wall_clock_secs.into(),
+        git_commit: training.git_commit.clone(),
+        command: training.command.clone(),
+        validation: training.validation.map(|found| Validation {
+            episodes: found.episodes as u64,
+            success_rate: found.success_rate.into(),
+            strict_success_rate: found.strict_success_rate.into(),
+        }),
+        policy: file.policy.kind().to_string(),
+        sizes: file.policy.network().sizes().iter().map(|size| *size as u64).collect(),
+        controller_hash: file.policy.hash(),
+        task_hash: header.task_hash.clone(),
+        layout_hash: header.layout.hash(),
+        settings: training.settings.clone(),
+        weaknesses: weaknesses.iter().map(ToString::to_string).collect(),
+    }
+}
