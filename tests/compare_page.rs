@@ -197,7 +197,7 @@ fn every_command_of_the_page_exists() {
         .collect();
     assert!(commands.contains("falsify"), "found only {commands:?}");
     for command in commands {
-        let code = mishandle_cli::exit_code_of(["mishandle", command, "--help"].map(Into::into));
+        let code = mishandle_cli::exit_code_of(["mishandle", command, "--help"].map(Into::into), None);
         assert_eq!(code, 0, "COMPARE.md names `mishandle {command}`");
     }
 }

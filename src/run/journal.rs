@@ -2,7 +2,7 @@
 //!
 //! A question asks its simulations one after the other, and what it asks next depends only on the answers. So a run is
 //! continued by asking again from the beginning: [`JournalSystem`] and [`JournalScreening`] answer at once as long as the
-//! answers are recorded. A record that is not the one asked for is an error, never an answer.
+//! answers are recorded. A record that is not the requested one is an error, never an answer.
 
 use std::cell::{Cell, RefCell};
 use std::collections::BTreeSet;
@@ -32,7 +32,7 @@ pub(crate) struct Journal<'a> {
     traces: Cell<usize>,
     chunks: Cell<u32>,
     /// Trial and number of the simulation that is looked for, and its request once it is asked.
-    wanted: Option<(u32, u32)>,
+    sought: Option<(u32, u32)>,
     found: RefCell<Option<Request>>,
     /// Why the question ended, if it is an error of this journal.
     error: RefCell<Option<MishandleError>>,
@@ -47,8 +47,8 @@ impl<'a> Journal<'a> {
     }
 
     /// Asks the question of a run again, without simulating anything, up to simulation `number` of `trial`.
-    pub(crate) fn until(resolved: &'a ResolvedPlan, run: &'a RunFile, wanted: (u32, u32)) -> Journal<'a> {
-        Journal { wanted: Some(wanted), ..Journal::of(resolved, File::Read(run), BTreeSet::new()) }
+    pub(crate) fn until(resolved: &'a ResolvedPlan, run: &'a RunFile, sought: (u32, u32)) -> Journal<'a> {
+        Journal { sought: Some(sought), ..Journal::of(resolved, File::Read(run), BTreeSet::new()) }
     }
 
     fn of(resolved: &'a ResolvedPlan, file: File<'a>, started: BTreeSet<u32>) -> Journal<'a> {
@@ -58,7 +58,7 @@ impl<'a> Journal<'a> {
             started: started.into(),
             traces: Cell::new(0),
             chunks: Cell::new(0),
-            wanted: None,
+            sought: None,
             found: RefCell::new(None),
             error: RefCell::new(None),
         }
@@ -202,8 +202,8 @@ impl System for JournalSystem<'_> {
     fn rollout(&mut self, requests: &[Request]) -> Result<Vec<Episode>, RolloutError> {
         let journal = self.journal;
         let requests: Vec<Request> = requests.iter().map(|request| self.numbered(request)).collect();
-        if let Some(wanted) = journal.wanted {
-            let found = requests.iter().find(|request| (request.trial, request.number) == wanted);
+        if let Some(sought) = journal.sought {
+            let found = requests.iter().find(|request| (request.trial, request.number) == sought);
             if let Some(request) = found {
                 *journal.found.borrow_mut() = Some(request.clone());
                 return Err(RolloutError::System("the simulation is found".to_string()));

@@ -262,9 +262,9 @@ fn ended(answer: &Answer) -> Vec<(u32, TrialStatus)> {
 pub(crate) fn asked(
     resolved: &ResolvedPlan,
     run: &RunFile,
-    wanted: (u32, u32),
+    sought: (u32, u32),
 ) -> Result<Option<Request>, MishandleError> {
-    let journal = Journal::until(resolved, run, wanted);
+    let journal = Journal::until(resolved, run, sought);
     let mut watch = |_: &Progress| ControlFlow::Continue(());
     let end = match &resolved.plan.screening {
         Some(plan) => screened(&journal, plan, journal.screening(None), &mut watch),

@@ -83,7 +83,7 @@ impl Curve {
     }
 }
 
-/// Returns the training time, or why there is none.
+/// Returns the training time, or why it is missing.
 fn training_time(
     time: Result<&CurveRow, NoTrainingTime>,
     environments: Option<usize>,

@@ -12,7 +12,7 @@ const CAR: &str = "margin toy/car-following --space dynamics+events --budget 600
 #[test]
 fn the_witness_is_the_result_and_replays_to_the_same_bits() {
     let bench = Bench::new();
-    let found = bench.json(&format!("{CAR} --out witness.json --json"), 1);
+    let found = bench.json(&format!("{CAR} --out run.sqlite --json"), 1);
     let witness = &found["witness"];
     let amplitude = witness["amplitude"].as_f64().unwrap();
     assert!(witness["robustness"].as_f64().unwrap() < 0.0);
@@ -23,8 +23,13 @@ fn the_witness_is_the_result_and_replays_to_the_same_bits() {
         let is_violated = level["is_violated"].as_bool().unwrap();
         assert!(is_violated || level["amplitude"].as_f64().unwrap() < amplitude, "{level}");
     }
-    let replayed = bench.json("replay witness.json --json", 0);
+    let replay = format!("replay run.sqlite --simulation {} --json", witness["simulation"]);
+    let replayed = bench.json(&replay, 0);
     assert_eq!(replayed["robustness"], witness["robustness"]);
+    assert_eq!(replayed["scenario"], witness["scenario"]);
+    // The run is complete: resuming it gives the same result at once.
+    let again = bench.json("margin --resume run.sqlite --json", 1);
+    assert_eq!(again, found);
     // The offsets of the scenario are those of the norm.
     let scenario = witness["scenario"].as_object().unwrap();
     let target = bench.json("targets toy/car-following --json", 0);
@@ -47,7 +52,9 @@ fn the_witness_is_the_result_and_replays_to_the_same_bits() {
         }
     }
     assert!((largest - amplitude).abs() < 1e-9, "{largest} and {amplitude}");
-    bench.refuses(&format!("{CAR} --out witness.json"), &["witness.json exists already"]);
+    bench.refuses(&format!("{CAR} --out run.sqlite"), &["run.sqlite", "exists already"]);
+    let command = "evaluate --resume run.sqlite";
+    bench.refuses(command, &["is a run of `margin`", "mishandle margin --resume run.sqlite"]);
 }
 
 #[test]
@@ -60,7 +67,7 @@ fn a_safe_system_has_no_witness_and_impossible_requests_are_errors() {
     assert_eq!(claim.map(|key| found[key].as_f64().unwrap()), [1.0, 600.0, 600.0]);
     bench.refuses("margin toy/car-following --space starts", &["number of disturbed axes is 0"]);
     bench.refuses("margin toy/sphere-2d", &["no space `disturbance`"]);
-    bench.refuses(&format!("{CAR} --out witness.txt"), &["it must end with .json"]);
+    bench.refuses(&format!("{CAR} --out witness.json"), &["a run file is SQLite"]);
 }
 
 /// The delay has 10 steps from 0 to its bound. With k of them there are k + 1 scenarios.

@@ -10,6 +10,7 @@ use crate::schema::APPLICATION_ID;
 
 mod v1;
 mod v2;
+mod v3;
 
 /// Converts the tables and rows of one version to those of the current version.
 pub(crate) type Step = fn(&Connection, &Path) -> Result<()>;
@@ -17,7 +18,7 @@ pub(crate) type Step = fn(&Connection, &Path) -> Result<()>;
 /// `STEPS[v - 1]` upgrades version v to the current version. A fixture of version v, with values stated by hand, tests it.
 ///
 /// A step reads with its own copy of what has changed since its version, and writes with the code of the current version.
-pub(crate) const STEPS: &[Step] = &[v1::step, v2::step];
+pub(crate) const STEPS: &[Step] = &[v1::step, v2::step, v3::step];
 
 /// Returns the format version of a run file. A version that `steps` cannot upgrade is an error.
 pub(crate) fn version(connection: &Connection, path: &Path, steps: &[Step]) -> Result<i64> {

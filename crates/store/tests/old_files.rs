@@ -244,7 +244,7 @@ fn version_2() {
 
 #[test]
 fn version_3() {
-    let run = RunFile::open("tests/fixtures/v3.sqlite").unwrap();
+    let (_folder, run) = open_copy(3);
     run.check().unwrap();
     check_header(&run);
     check_trials(&run);

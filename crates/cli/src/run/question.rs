@@ -3,11 +3,12 @@
 use std::path::PathBuf;
 use std::time::Instant;
 
-use anyhow::{Context, Result};
+use anyhow::Result;
+use mishandle::plan::ScreeningPlan;
 use mishandle::results::Screening;
 use mishandle::run::{Answer, Device, Engine};
 use mishandle::store::RunKind;
-use mishandle::{Plan, ResolvedPlan};
+use mishandle::{MishandleError, Plan, ResolvedPlan};
 use mishandle_text::plural;
 
 use super::{ExitStatus, control_flow, name, open, report_interruption, stop_on_signals};
@@ -37,7 +38,14 @@ pub fn ask(
 ) -> Result<Asked> {
     let bar = Bar::new(0, "simulations");
     stop_on_signals(&bar)?;
-    let (resolved, file) = open(file, kind, subject.controller.as_deref(), plan)?;
+    // Before there is a run file.
+    let checked = || match plan()? {
+        Plan { screening: Some(ScreeningPlan { device, .. }), .. } if gpu.is_none() => {
+            Err(MishandleError::NoDevice { device }.into())
+        }
+        plan => Ok(plan),
+    };
+    let (resolved, file) = open(file, kind, subject.controller.as_deref(), checked)?;
     output::warn_of_chained_comparisons(&resolved.specification.requirement);
     let (path, name) = (file.file().path().to_path_buf(), name(file.file()));
     let start = Instant::now();
@@ -54,7 +62,7 @@ pub fn ask(
         control_flow()
     });
     bar.clear();
-    let answer = answer.with_context(|| format!("run file {name}"))?;
+    let answer = answer?;
     let seconds = start.elapsed().as_secs_f64();
     Ok(Asked { resolved, answer, path, name, kind, simulations, seconds })
 }
