@@ -22,7 +22,7 @@ use crate::run::evaluate::{corner_report, with_requests};
 pub struct Device {
     /// Worlds that propose simulations, and in which policies train.
     pub worlds: Arc<dyn Backend>,
-    /// Networks for the learner of [`train`](crate::train()). Without them, the CPU computes the networks.
+    /// Networks for the learner of [`train`](crate::train::train()). Without them, the CPU computes the networks.
     pub networks: Option<Arc<dyn NetworkDevice>>,
 }
 

@@ -27,7 +27,7 @@ pub struct TrainingFacts {
 /// files.
 ///
 /// # Errors
-/// The errors of [`train`](crate::train()) before its first step.
+/// The errors of [`train`](crate::train::train()) before its first step.
 pub fn training_facts(plan: &TrainPlan, gpu: Option<&Device>) -> Result<TrainingFacts, MishandleError> {
     let task = task(&plan.task)?;
     let settings = settings(plan)?;

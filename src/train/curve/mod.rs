@@ -27,7 +27,7 @@ pub(crate) use writer::CurveWriter;
 ///                inference_share,learning_share,reward_distance";
 /// let row = "1,8192,0.412,,,,,,,0.01,4.1,0.001,0.6,0.1,0.3,-0.25";
 /// std::fs::write(&path, format!("{columns}\n{row}\n"))?;
-/// let curve = mishandle::train::train::Curve::load(&path)?;
+/// let curve = mishandle::train::Curve::load(&path)?;
 /// assert_eq!(curve.reward_terms, ["distance"]);
 /// assert_eq!((curve.rows[0].mean_return, curve.rows[0].control_steps(512)), (None, 16));
 /// # Ok::<(), Box<dyn std::error::Error>>(())
