@@ -110,10 +110,11 @@ fn a_run_of_another_question_is_refused() {
     let ask = |plan: &Plan| {
         let resolved = ResolvedPlan::new(plan).unwrap();
         let run = RunWriter::resume(&path).unwrap();
-        mishandle::run::ask(&resolved, run, Engine::Direct, &mut |_| ControlFlow::Break(())).map(drop)
+        let asked = mishandle::run::ask(&resolved, run, Engine::Direct, &mut |_| ControlFlow::Break(()));
+        asked.map(drop).map_err(Box::new)
     };
     let other = Plan { margin: Some(MarginPlan { budget: 99, ..MarginPlan::default() }), ..margin.clone() };
-    assert!(matches!(ask(&other), Err(MishandleError::OtherSettings { .. })));
+    assert!(matches!(*ask(&other).unwrap_err(), MishandleError::OtherSettings { .. }));
     assert!(ask(risk).is_err());
     ask(margin).unwrap();
 }

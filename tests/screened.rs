@@ -246,6 +246,15 @@ fn an_interrupted_screened_evaluation_counts_no_part_of_a_chunk() {
 }
 
 #[test]
+fn a_screening_that_keeps_going_is_an_error_of_the_plan() {
+    let falsify = FalsifyPlan { keep_going: true, ..FalsifyPlan::default() };
+    let plan =
+        Plan { falsify: Some(falsify), screening: Some(ScreeningPlan::default()), ..evaluation().plan };
+    let error = ResolvedPlan::new(&plan).unwrap_err().to_string();
+    assert!(error.contains("keeps going"), "{error}");
+}
+
+#[test]
 fn a_screened_plan_without_its_device_is_an_error() {
     let error = ask(&screening(resolved(), 0.2), Engine::Direct).unwrap_err();
     assert!(matches!(&error, MishandleError::NoDevice { device } if device == "gpu"), "{error}");

@@ -377,7 +377,7 @@ class Evaluation:
     preset: str | None
     """Task preset; ``None`` if the target is not a task."""
     controller: str | None
-    """Name or path of the controller; ``None`` without one."""
+    """Name of the controller; ``None`` without one."""
     controller_hash: str | None
     """Hash of what the controller does; ``None`` without one."""
     stochastic: bool
@@ -653,7 +653,7 @@ class Falsification:
     preset: str | None
     """Task preset; ``None`` if the target is not a task."""
     controller: str | None
-    """Name or path of the controller; ``None`` without one."""
+    """Name of the controller; ``None`` without one."""
     controller_hash: str | None
     """Hash of what the controller does; ``None`` without one."""
     stochastic: bool
@@ -696,9 +696,6 @@ class Falsification:
     """Number of simulations of all trials."""
     control_steps: int
     """Number of control steps of all simulations; with screening of those of MuJoCo C."""
-    surplus: int
-    """Number of simulations that belong to no trial: in their batch they follow the end of their
-    trial or its search."""
     falsified_trials: int
     """Number of trials that found a counterexample."""
     falsification_rate: Estimate
@@ -800,7 +797,7 @@ class Margin:
     preset: str | None
     """Task preset; ``None`` if the target is not a task."""
     controller: str | None
-    """Name or path of the controller; ``None`` without one."""
+    """Name of the controller; ``None`` without one."""
     controller_hash: str | None
     """Hash of what the controller does; ``None`` without one."""
     stochastic: bool
@@ -986,7 +983,7 @@ class Risk:
     preset: str | None
     """Task preset; ``None`` if the target is not a task."""
     controller: str | None
-    """Name or path of the controller; ``None`` without one."""
+    """Name of the controller; ``None`` without one."""
     controller_hash: str | None
     """Hash of what the controller does; ``None`` without one."""
     stochastic: bool
@@ -1224,7 +1221,7 @@ class Simulation:
     preset: str | None
     """Task preset; ``None`` if the target is not a task."""
     controller: str | None
-    """Name or path of the controller; ``None`` without one."""
+    """Name of the controller; ``None`` without one."""
     controller_hash: str | None
     """Hash of what the controller does; ``None`` without one."""
     stochastic: bool
@@ -1789,6 +1786,8 @@ class Training:
     """Wall-clock time, s."""
     stopped_early: bool
     """Whether the validation criterion stopped the training run early."""
+    stop_condition: str | None
+    """That criterion in words; ``None`` if it did not stop the training run."""
     training_time: TrainingTime | None
     """Time until the return converged; ``None`` if it did not converge, or without ``--csv``."""
     no_training_time: str | None

@@ -21,7 +21,7 @@ const TRACES: usize = 1000;
 /// A run file that is read, or read and continued.
 enum File<'a> {
     Read(&'a RunFile),
-    Write(RefCell<RunWriter>),
+    Write(Box<RefCell<RunWriter>>),
 }
 
 /// The record of a question that is asked.
@@ -43,7 +43,10 @@ impl<'a> Journal<'a> {
     pub(crate) fn new(resolved: &'a ResolvedPlan, run: RunWriter) -> Result<Journal<'a>, MishandleError> {
         let started = run.file().trials()?.iter().map(|trial| trial.trial.number).collect();
         let traces = run.file().stored_traces()?.len();
-        Ok(Journal { traces: Cell::new(traces), ..Journal::of(resolved, File::Write(run.into()), started) })
+        Ok(Journal {
+            traces: Cell::new(traces),
+            ..Journal::of(resolved, File::Write(Box::new(run.into())), started)
+        })
     }
 
     /// Asks the question of a run again, without simulating anything, up to simulation `number` of `trial`.

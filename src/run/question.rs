@@ -203,7 +203,7 @@ fn screened(
                     simulations: outcome.simulations,
                     max_simulations,
                     ended: outcome.trials.iter().filter(|trial| trial.end.is_some()).count() as u32,
-                    falsified: outcome.falsified_trials as u32,
+                    falsified: outcome.falsified_trials,
                 })
             });
             let (outcome, counts) = journal.result(found)?;

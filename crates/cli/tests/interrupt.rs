@@ -28,14 +28,14 @@ fn interrupted(bench: &Bench, arguments: &str) -> (String, String) {
 #[test]
 fn risk_keeps_the_simulations_of_monte_carlo() {
     let bench = Bench::new();
-    let command = "risk toy/sphere-2d --simulations 1e9 --json --out failure.json";
+    let command = "risk toy/sphere-2d --simulations 1e9 --json --out run.sqlite";
     let (out, said) = interrupted(&bench, command);
     let report: Value = serde_json::from_str(&out).unwrap();
     let n = report["simulations"].as_u64().unwrap();
     assert_eq!((&report["is_complete"], n > 0), (&Value::Bool(false), true));
     assert_eq!(report["monte_carlo"]["simulations"], n);
-    assert!(said.contains("the answer is that of"), "{said}");
-    bench.check("replay failure.json", 0);
+    assert!(said.contains("Resume with: mishandle risk --resume run.sqlite"), "{said}");
+    bench.check("replay run.sqlite", 0);
     assert_eq!(bench.json("risk toy/sphere-2d --simulations 1000 --json", 1)["is_complete"], true);
 }
 
@@ -43,20 +43,21 @@ fn risk_keeps_the_simulations_of_monte_carlo() {
 fn margin_keeps_the_witness_so_far() {
     let bench = Bench::new();
     let task = "margin ball-balancing --controller td3 --budget 1000000 --json --space starts+disturbance";
-    let (out, said) = interrupted(&bench, &format!("{task} --out witness.json"));
+    let (out, said) = interrupted(&bench, &format!("{task} --out run.sqlite"));
     let found: Value = serde_json::from_str(&out).unwrap();
     assert_eq!(found["is_complete"], false);
-    assert!(said.contains("the witness so far is kept"), "{said}");
-    let replayed = bench.json("replay witness.json --json", 0);
+    assert!(said.contains("Resume with: mishandle margin --resume run.sqlite"), "{said}");
+    let replay = format!("replay run.sqlite --simulation {} --json", found["witness"]["simulation"]);
+    let replayed = bench.json(&replay, 0);
     assert_eq!(replayed["robustness"], found["witness"]["robustness"]);
-    let (out, said) = interrupted(&bench, &format!("{task} --formula ball_speed>=-1 --out none.json"));
+    let (out, said) = interrupted(&bench, &format!("{task} --formula ball_speed>=-1 --out none.sqlite"));
     let found: Value = serde_json::from_str(&out).unwrap();
-    assert_eq!((&found["witness"], bench.path("none.json").exists()), (&Value::Null, false));
+    assert_eq!(found["witness"], Value::Null);
     assert_eq!(
         (&found["levels"][0]["is_complete"], &found["no_violation_up_to"]),
         (&false.into(), &Value::Null)
     );
-    assert!(said.contains("the search is lost"), "{said}");
+    assert!(said.contains("Resume with: mishandle margin --resume none.sqlite"), "{said}");
 }
 
 #[test]

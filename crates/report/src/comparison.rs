@@ -112,9 +112,9 @@ fn name(run: &ComparedRun) -> String {
         Some(controller) => format!(
             "the controller <code>{}</code> (<code>{}</code>)",
             text(&short(words::file_name(controller), 60)),
-            text(&short(&path, 80))
+            text(&short(path, 80))
         ),
-        None => format!("<code>{}</code>", text(&short(&path, 80))),
+        None => format!("<code>{}</code>", text(&short(path, 80))),
     }
 }
 

@@ -60,7 +60,7 @@ fn unseen_text(unseen: &UnseenModes) -> String {
     format!(
         "Of {}, {} found by one trial only. So another trial would find about <b>{} new</b> on average, and such trials can find at \
          least about {} in all (Chao2 estimate).",
-        mishandle_text::plural(unseen.trials as u64, "trial"),
+        mishandle_text::plural(unseen.trials, "trial"),
         match unseen.found_once {
             1 => "1 mode was".to_string(),
             n => format!("{n} modes were"),

@@ -31,6 +31,8 @@ pub struct Falsification {
     /// Number of control steps of all simulations; with screening of those of MuJoCo C.
     pub control_steps: u64,
     /// Number of simulations that belong to no trial: in their batch they follow the end of their trial or its search.
+    #[serde(skip)]
+    #[schemars(skip)]
     pub surplus: u64,
     /// Number of trials that found a counterexample.
     pub falsified_trials: u32,

@@ -19,6 +19,8 @@ pub struct Subject {
     /// Name of the controller; `null` without one.
     pub controller: Option<String>,
     /// The controller as the plan names it, by its name or its path; `null` without one.
+    #[serde(skip)]
+    #[schemars(skip)]
     pub controller_given: Option<String>,
     /// Hash of what the controller does; `null` without one.
     pub controller_hash: Option<String>,

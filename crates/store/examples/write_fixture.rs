@@ -1,5 +1,5 @@
 //! Writes the run file that later versions must be able to read:
-//! `cargo run -p mishandle-store --example write_fixture -- crates/store/tests/fixtures/v3.sqlite`.
+//! `cargo run -p mishandle-store --example write_fixture -- crates/store/tests/fixtures/v4.sqlite`.
 //!
 //! Run once per format version, when it is released. `tests/old_files.rs` states the values by hand.
 

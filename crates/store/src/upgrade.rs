@@ -63,11 +63,12 @@ mod tests {
     use super::*;
     use crate::{RunFile, RunWriter};
 
-    /// The steps of a future version 4, whose header contains another value.
+    /// The steps of a future version 5, whose header contains another value.
     const FUTURE: &[Step] = &[
         |connection, path| v1::step(connection, path).and_then(|()| add_note(connection, path, 1)),
         |connection, path| v2::step(connection, path).and_then(|()| add_note(connection, path, 2)),
-        |connection, path| add_note(connection, path, 3),
+        |connection, path| v3::step(connection, path).and_then(|()| add_note(connection, path, 3)),
+        |connection, path| add_note(connection, path, 4),
     ];
 
     fn add_note(connection: &Connection, path: &Path, version: u32) -> Result<()> {
@@ -93,7 +94,7 @@ mod tests {
 
     #[test]
     fn opening_an_older_file_applies_the_step_of_its_version_once() {
-        for version in [1, 2, 3] {
+        for version in [1, 2, 3, 4] {
             let (_folder, path) = copy_of_version(version);
             let upgraded = RunFile::open_with(&path, FUTURE).unwrap();
             let (_other_folder, other_path) = copy_of_version(version);
@@ -114,12 +115,13 @@ mod tests {
         let failing: &[Step] = &[
             |connection, path| v1::step(connection, path).and_then(|()| fail(path)),
             |connection, path| v2::step(connection, path).and_then(|()| fail(path)),
+            |connection, path| v3::step(connection, path).and_then(|()| fail(path)),
             |_, path| fail(path),
         ];
         fn fail(path: &Path) -> Result<()> {
             Err(StoreError::damaged(path, "a step failed"))
         }
-        for version in [1, 2, 3] {
+        for version in [1, 2, 3, 4] {
             let (_folder, path) = copy_of_version(version);
             let before = std::fs::read(&path).unwrap();
             assert!(RunFile::open_with(&path, failing).is_err());
@@ -137,6 +139,6 @@ mod tests {
         let (_folder, path) = copy_of_version(2);
         RunWriter::resume_with(&path, FUTURE, false).unwrap().close().unwrap();
         let error = RunFile::open(&path).unwrap_err();
-        assert!(matches!(error, StoreError::NewerVersion { found: 4, supported: 3, .. }), "{error}");
+        assert!(matches!(error, StoreError::NewerVersion { found: 5, supported: 4, .. }), "{error}");
     }
 }

@@ -244,10 +244,18 @@ fn version_2() {
 
 #[test]
 fn version_3() {
-    let (_folder, run) = open_copy(3);
+    check_all_ends(&open_copy(3).1);
+}
+
+#[test]
+fn version_4() {
+    check_all_ends(&RunFile::open("tests/fixtures/v4.sqlite").unwrap());
+}
+
+fn check_all_ends(run: &RunFile) {
     run.check().unwrap();
-    check_header(&run);
-    check_trials(&run);
+    check_header(run);
+    check_trials(run);
     let counts = Counts { simulations: 14, falsified: 2, undecided: 9, diverged: 1, invalid: 4 };
     assert_eq!(run.counts().unwrap(), counts);
     let simulations: Vec<_> = run.simulations().map(Result::unwrap).collect();
@@ -262,5 +270,5 @@ fn version_3() {
             (12, SimulationEnd::InvalidSignal { step: 12, index: u32::MAX }),
         ]
     );
-    check_traces(&run);
+    check_traces(run);
 }

@@ -35,9 +35,9 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
             let plan = plan(name, command.preset.as_deref());
             let target = mishandle::resolve::target(&plan)?;
             if is_json {
-                output::json(&mishandle::resolve::target_result(&target))?
+                output::json(&mishandle::resolve::target_result(&target))?;
             } else {
-                output::line(&page(&target, &plan))?
+                output::line(&page(&target, &plan))?;
             }
         }
     }

@@ -46,8 +46,11 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
         }
     }
     if command.json {
-        let described = selected.iter().map(|task| mishandle::resolve::task_result(*task, preset));
-        output::json_array(&described.collect::<Result<Vec<_>, _>>()?)?;
+        let mut described = Vec::with_capacity(selected.len());
+        for task in &selected {
+            described.push(mishandle::resolve::task_result(*task, preset)?);
+        }
+        output::json_array(&described)?;
     } else if let (Some(_), [task]) = (&command.task, selected.as_slice()) {
         output::line(&page::page(task.definition(), &notes(*task)?, preset, output::width())?)?;
     } else {

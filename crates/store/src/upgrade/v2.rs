@@ -57,7 +57,8 @@ const COPY: &str = "INSERT INTO simulation
 
 /// Upgrades the file in the open transaction. Foreign keys must be off.
 pub(super) fn step(connection: &Connection, path: &Path) -> Result<()> {
-    let is_other = |sql: &&&str| !sql.starts_with("CREATE TABLE simulation ");
+    let differs = ["CREATE TABLE simulation ", "CREATE TABLE screened "];
+    let is_other = |sql: &&&str| differs.iter().all(|start| !sql.starts_with(start));
     let tables: Vec<&str> =
         schema::TABLES.iter().filter(is_other).copied().chain(std::iter::once(SIMULATION)).collect();
     let old = Schema { tables: &tables, simulation_columns: &SIMULATION_COLUMNS, counts: COUNTS };
