@@ -30,10 +30,10 @@ fn screening(resolved: ResolvedPlan, confirm: f64) -> ResolvedPlan {
 }
 
 /// Asks the question of a plan in a new run file.
-fn ask(resolved: &ResolvedPlan, engine: Engine<'_>) -> Result<Answer, MishandleError> {
+fn ask(resolved: &ResolvedPlan, engine: Engine<'_>) -> Result<Answer, Box<MishandleError>> {
     let folder = tempfile::tempdir().unwrap();
     let run = mishandle::run::create_run(resolved, Some(&folder.path().join("run.sqlite"))).unwrap();
-    mishandle::run::ask(resolved, run, engine, &mut |_| ControlFlow::Continue(()))
+    mishandle::run::ask(resolved, run, engine, &mut |_| ControlFlow::Continue(())).map_err(Box::new)
 }
 
 fn screened(backend: &dyn Backend, sample_rate: f64) -> mishandle::risk::ScreenedReport {
@@ -257,7 +257,7 @@ fn a_screening_that_keeps_going_is_an_error_of_the_plan() {
 #[test]
 fn a_screened_plan_without_its_device_is_an_error() {
     let error = ask(&screening(resolved(), 0.2), Engine::Direct).unwrap_err();
-    assert!(matches!(&error, MishandleError::NoDevice { device } if device == "gpu"), "{error}");
+    assert!(matches!(&*error, MishandleError::NoDevice { device } if device == "gpu"), "{error}");
 }
 
 /// Trials of which some are falsified soon, some late, and some not.

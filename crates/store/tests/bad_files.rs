@@ -221,7 +221,7 @@ fn a_newer_format_is_an_error_that_names_both_versions() {
     let (_folder, path) = small_run();
     rusqlite::Connection::open(&path).unwrap().pragma_update(None, "user_version", 9).unwrap();
     let message =
-        "the run file has format version 9, this program reads versions up to 3; use a newer program";
+        "the run file has format version 9, this program reads versions up to 4; use a newer program";
     check_message(RunFile::open(&path), message, &path);
     check_message(RunWriter::resume(&path), message, &path);
     RunWriter::create(&path, &header(), IfExists::Replace).unwrap();

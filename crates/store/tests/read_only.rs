@@ -46,7 +46,7 @@ fn as_an_ordinary_user() {
     assert_eq!(
         error.to_string(),
         format!(
-            "the run file has format version 1 and must be upgraded to 3, but the file or its folder is read-only; \
+            "the run file has format version 1 and must be upgraded to 4, but the file or its folder is read-only; \
              copy it to a writable folder: {}",
             old.display()
         )
