@@ -402,7 +402,7 @@ pub enum MishandleError {
     /// The target of a run is not part of this program.
     #[error(
         "the target `{name}` of the run is not part of this program; a run that was made in Python is replayed and resumed in \
-         Python, by `mishandle.replay` and `mishandle.falsify` (docs/python.md)"
+         Python, by `mishandle.replay` and `mishandle.falsify` (docs/guide/python.md)"
     )]
     ForeignTarget {
         /// Name of the target.

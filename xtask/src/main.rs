@@ -67,7 +67,7 @@ const CHORES: &[Chore] = &[
     Chore {
         name: "external",
         arguments: "",
-        about: "build and run the crate of docs/library.md outside the repository",
+        about: "build and run the crate of docs/guide/library.md outside the repository",
         run: |root, _| external::check(root),
     },
     Chore {
@@ -79,7 +79,7 @@ const CHORES: &[Chore] = &[
     Chore {
         name: "falsifier-bench",
         arguments: "[--quick] [--estimate] [--large] ...",
-        about: "compare our searches with those of other libraries (docs/falsifiers.md); --quick: minutes",
+        about: "compare our searches with those of other libraries (docs/notebook/2026-11-23-falsifiers.md); --quick: minutes",
         run: falsifier_bench::bench,
     },
     Chore {
@@ -109,13 +109,13 @@ const CHORES: &[Chore] = &[
     Chore {
         name: "settings",
         arguments: "",
-        about: "write docs/algorithms/settings.md, the reference of all training settings",
+        about: "write docs/reference/algorithms/settings.md, the reference of all training settings",
         run: |root, _| settings::write(root),
     },
     Chore {
         name: "pictures",
         arguments: "",
-        about: "draw every task to docs/tasks",
+        about: "draw every task to picture.png in its folder",
         run: |root, _| pictures::draw(root),
     },
 ];

@@ -1,4 +1,4 @@
-//! docs/json.md documents exactly the keys of the JSON documents.
+//! docs/reference/json.md documents exactly the keys of the JSON documents.
 
 #![allow(clippy::unwrap_used)]
 
@@ -13,7 +13,7 @@ use serde_json::Value;
 fn documented() -> BTreeMap<String, BTreeMap<String, String>> {
     let mut sections: BTreeMap<String, BTreeMap<String, String>> = BTreeMap::new();
     let mut section = String::new();
-    for line in include_str!("../../../docs/json.md").lines() {
+    for line in include_str!("../../../docs/reference/json.md").lines() {
         if let Some(title) = line.strip_prefix("## ") {
             section = title.trim_matches('`').to_string();
         }

@@ -12,7 +12,7 @@ use bench::{Bench, SMALL, signal, text};
 /// A repository whose PPO training run on one task takes long.
 fn repository() -> Bench {
     let bench = Bench::new();
-    for folder in ["controllers", "docs", "experiments/training/point-reaching"] {
+    for folder in ["controllers", "docs/reference", "experiments/training/point-reaching"] {
         std::fs::create_dir_all(bench.path(folder)).unwrap();
     }
     let settings = SMALL.replace("total_steps = 2048", "total_steps = 100_000_000");
@@ -21,7 +21,7 @@ fn repository() -> Bench {
         names.iter().map(|name| format!("<!-- figures: {name} -->\n<!-- end of figures -->\n")).collect()
     };
     bench.write("README.md", &page(&["pictures"]));
-    bench.write("docs/tasks.md", &page(&["tasks"]));
+    bench.write("docs/reference/tasks.md", &page(&["tasks"]));
     let tables = ["summary", "controllers", "noise", "training", "seeds", "further-seeds", "curves"];
     bench.write("controllers/README.md", &page(&tables));
     bench
@@ -54,7 +54,11 @@ fn an_interrupted_training_run_leaves_a_checkpoint_and_exits_with_130() {
     let entry = &document[0];
     assert_eq!((&entry["state"], &entry["reason"]), (&"interrupted".into(), &"no controller".into()));
     assert!(entry["checkpoint_environment_steps"].as_u64().unwrap() >= 256, "{entry}");
-    assert!(std::fs::read_to_string(bench.path("docs/tasks.md")).unwrap().contains("| `point-reaching` |"));
+    assert!(
+        std::fs::read_to_string(bench.path("docs/reference/tasks.md"))
+            .unwrap()
+            .contains("| `point-reaching` |")
+    );
 }
 
 #[test]

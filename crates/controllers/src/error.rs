@@ -102,7 +102,7 @@ pub enum FileProblem {
     /// The file is a pickle.
     #[error(
         "this is a pickle, which can run any code when it is loaded, so this program does not read it; load it in Python if you \
-         trust it, and save the policy with `model.save`, `torch.save` or `torch.onnx.export` (docs/onnx.md)"
+         trust it, and save the policy with `model.save`, `torch.save` or `torch.onnx.export` (docs/guide/onnx.md)"
     )]
     Pickle,
     /// The file was truncated or extended.

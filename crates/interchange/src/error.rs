@@ -29,7 +29,7 @@ pub enum InterchangeError {
         path: PathBuf,
     },
     /// The statistics of the normalizer are invalid.
-    #[error("the normalizer is invalid, {reason}; docs/import.md shows how to write it: {}", path.display())]
+    #[error("the normalizer is invalid, {reason}; docs/guide/import.md shows how to write it: {}", path.display())]
     Normalizer {
         /// What is wrong with it.
         reason: String,
@@ -78,7 +78,9 @@ pub enum TorchProblem {
         name: String,
     },
     /// The tensors are not those of a multi-layer perceptron.
-    #[error("the policy is not a multi-layer perceptron: {reason}; export it as ONNX instead (docs/onnx.md)")]
+    #[error(
+        "the policy is not a multi-layer perceptron: {reason}; export it as ONNX instead (docs/guide/onnx.md)"
+    )]
     Layers {
         /// What does not fit.
         reason: String,

@@ -24,7 +24,7 @@ use crate::{ExitStatus, args, interrupt, numbers, output, run};
   mishandle campaign --resume runs/controllers
   mishandle campaign campaign.toml --ray auto         on this machine's Ray cluster
 
-The campaign file is a plan in which keys may have lists of values: see docs/campaigns.md. Each
+The campaign file is a plan in which keys may have lists of values: see docs/guide/campaigns.md. Each
 combination is a run with a run file in the folder. Exit code 1 means that a counterexample was
 found.")]
 pub struct Arguments {

@@ -18,7 +18,7 @@ use crate::{ExitStatus, args, numbers, output, run};
   mishandle report runs/campaign-1 --out pages          index and a page for each run of a campaign
   mishandle report runs/RUN.sqlite --no-simulations --out report.html
 
-The page is one HTML file that loads nothing and runs no script. docs/report.md explains its
+The page is one HTML file that loads nothing and runs no script. docs/guide/report.md explains its
 charts. If the target of a run is available, scenarios around each failure mode are simulated,
 corners, and repeats with other seeds. Otherwise the page has what the run file contains.")]
 pub struct Arguments {

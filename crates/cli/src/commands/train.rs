@@ -39,7 +39,7 @@ as those of an uninterrupted run, bit for bit; with --backend gpu they are not.
 If a file cannot be written, as on a full disk, training warns, continues and tries again; it stops
 if it cannot write the first checkpoint. The settings run.stop_success, run.stop_strict and
 run.stop_validations enable early stopping.
-Columns of the CSV file: docs/algorithms/README.md. All settings: docs/algorithms/settings.md.")]
+Columns of the CSV file: docs/guide/training.md. All settings: docs/reference/algorithms/settings.md.")]
 pub struct Arguments {
     /// Name of a task
     pub task: String,
@@ -84,7 +84,7 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
     let plan = plan(command);
     if mishandle::uses_default_settings(&plan)? {
         output::message(&format!(
-            "note: no settings are shipped for {} with {}; using the defaults in docs/algorithms/settings.md",
+            "note: no settings are shipped for {} with {}; using the defaults in docs/reference/algorithms/settings.md",
             plan.task, plan.algorithm
         ));
     }
