@@ -2,6 +2,7 @@
 //!
 //! Uses no other crate of this repository and not MuJoCo, because fetching MuJoCo is one of the chores.
 
+mod book;
 mod check;
 mod demo;
 mod deny;
@@ -10,6 +11,7 @@ mod external;
 mod falsifier_bench;
 mod fuzz;
 mod golden;
+mod markdown;
 mod mujoco;
 mod pictures;
 mod process;
@@ -105,6 +107,12 @@ const CHORES: &[Chore] = &[
         arguments: "[NAME...]",
         about: "regenerate the golden files of the tests with the reference programs",
         run: golden::remake,
+    },
+    Chore {
+        name: "book",
+        arguments: "",
+        about: "build the documentation as HTML with search in target/book (mdBook) and check its links",
+        run: |root, _| book::build(root),
     },
     Chore {
         name: "settings",
