@@ -25,8 +25,8 @@ Whole numbers are written out, as 20_000_000. A missing key has the default belo
 contains `preset = \"skrl-0.10\"` ([settings presets](../presets.md)).
 
 `mishandle train TASK --algorithm NAME --dry-run` prints all settings of a training run. The settings of the shipped
-controllers are in [experiments/training](../../../experiments/training). [Training algorithms](../../guide/training.md) explains the
-formulas. A former name is still read, also in controller files and checkpoints.
+controllers are in [experiments/training](../../../experiments/training). [Train a controller](../../guide/training.md) explains what
+the algorithms share. A former name is still read, also in controller files and checkpoints.
 
 `cargo xtask settings` generates this page from the declarations in [crates/training](../../../crates/training/src).";
 
