@@ -29,7 +29,7 @@ pub struct EvaluationReport {
     /// Success rate: fraction of the started simulations with a success robustness above 0, with its Wilson interval.
     pub success_rate: Estimate,
     /// Strict success rate: fraction of simulations with a strict robustness above 0 among the started ones, with its
-    /// Wilson interval. A simulation that satisfies the strict formula but not the success formula is no strict success.
+    /// Wilson interval. A simulation that satisfies the strict formula but not the success formula is not a strict success.
     /// `None` without this formula.
     pub strict_success_rate: Option<Estimate>,
     /// Dangerous behavior rate: mean over the simulations that neither diverged nor were invalid of the fraction of

@@ -1,4 +1,4 @@
-//! What trials that keep going found: modes against simulations, estimates of unseen modes, coverage of the space.
+//! Findings of trials that keep going: modes against simulations, estimates of unseen modes, coverage of the space.
 
 use mishandle::{ModeSurvey, SpaceCoverage, UnseenModes};
 use mishandle_charts::{Chart, Mark, Panel, Series};

@@ -121,7 +121,7 @@ const SIMULATION_COLUMNS: [&str; 12] = [
 /// JSON.
 const MAX_COLUMNS: usize = 1900;
 
-/// What differs between the tables and views of two format versions with the same header.
+/// Differences between the tables and views of two format versions with the same header.
 pub(crate) struct Schema<'a> {
     /// The statements that create the tables.
     pub(crate) tables: &'a [&'a str],

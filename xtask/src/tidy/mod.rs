@@ -2,6 +2,7 @@
 
 mod crates;
 mod links;
+mod plain;
 mod prose;
 mod rules;
 
@@ -80,11 +81,16 @@ pub fn check(root: &Path) -> Result<()> {
     let tree = Tree::read(root)?;
     let metadata = output(&mut cargo(root, &["metadata", "--no-deps", "--format-version=1"]))?;
     let packages = crates::packages(&metadata)?;
-    let problems =
-        [crates::check(&tree, &packages), rules::check(&tree), links::check(&tree), prose::check(&tree)]
-            .into_iter()
-            .flatten()
-            .collect::<Vec<_>>();
+    let problems = [
+        crates::check(&tree, &packages),
+        rules::check(&tree),
+        links::check(&tree),
+        prose::check(&tree),
+        plain::check(&tree),
+    ]
+    .into_iter()
+    .flatten()
+    .collect::<Vec<_>>();
     for problem in &problems {
         eprintln!("{problem}");
     }
