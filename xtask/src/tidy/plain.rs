@@ -42,7 +42,8 @@ fn problems(text: &str) -> Vec<String> {
     let text = text.to_lowercase();
     let words: Vec<&str> = text.split_whitespace().collect();
     for (at, pair) in words.windows(2).enumerate() {
-        let after_there = at > 0 && words[at - 1].trim_start_matches(['(', '"', '*']) == "there";
+        // The first word of a line may follow a `there` on the line before.
+        let after_there = at == 0 || words[at - 1].trim_start_matches(['(', '"', '*']) == "there";
         let is_right =
             words.get(at + 2).is_some_and(|word| RIGHT.contains(&word.trim_matches([',', '.', ':'])));
         if matches!(pair, ["is" | "are", "no"]) && !after_there && !is_right {
