@@ -42,7 +42,7 @@ pub fn resolve(page: &str, link: &str) -> Option<String> {
 }
 
 /// Returns the lines of a page with their numbers, and whether they belong to a code block.
-fn lines(text: &str) -> impl Iterator<Item = (usize, &str, bool)> {
+pub fn lines(text: &str) -> impl Iterator<Item = (usize, &str, bool)> {
     let mut in_code = false;
     (1..).zip(text.lines()).map(move |(number, line)| {
         let is_fence = line.trim_start().starts_with("```");

@@ -5,6 +5,7 @@ mod links;
 mod plain;
 mod prose;
 mod rules;
+mod width;
 
 use std::fmt;
 use std::path::Path;
@@ -87,6 +88,7 @@ pub fn check(root: &Path) -> Result<()> {
         links::check(&tree),
         prose::check(&tree),
         plain::check(&tree),
+        width::check(&tree),
     ]
     .into_iter()
     .flatten()
