@@ -25,8 +25,8 @@ pub struct GridRun {
     pub plan: Plan,
 }
 
-/// Reads a campaign file: a plan in which any key but `format`, `falsify.initial-simplex` and `falsify.options` may have a
-/// list of values. Returns a run for each combination of the values, the last key of the file format varying fastest.
+/// Reads a campaign file: a plan in which any key but `format` and `falsify.options` may have a list of values.
+/// Returns a run for each combination of the values, the last key of the file format varying fastest.
 ///
 /// A file with both tables `[evaluate]` and `[falsify]` gives two runs per combination of the other values. A search gets
 /// those options of `[falsify.options]` that it has.
