@@ -89,7 +89,7 @@ pub enum MishandleError {
     },
     /// The plan has an older format.
     #[error(
-        "the plan has format {found}, this program reads format {known}: write it anew with the keys of docs/plans.md"
+        "the plan has format {found}, this program reads format {known}: write it again with the keys of docs/plans.md"
     )]
     OlderPlan {
         /// Format of the plan.

@@ -319,7 +319,7 @@ mod tests {
         assert_eq!(error(99), "the plan has format 99, this program reads format 2: use a newer Mishandle");
         assert_eq!(
             error(1),
-            "the plan has format 1, this program reads format 2: write it anew with the keys of docs/plans.md"
+            "the plan has format 1, this program reads format 2: write it again with the keys of docs/plans.md"
         );
         assert!(error(0).contains("`format` is 0"), "{}", error(0));
         assert!(error(FORMAT).contains("new_key"), "{}", error(FORMAT));

@@ -137,8 +137,7 @@ fn views(header: &RunHeader) -> [String; 2] {
     for name in &header.verdicts {
         let value = extract("verdicts", name);
         // As a string, an infinity would compare greater than every number.
-        let value =
-            format!("CASE {value} WHEN 'inf' THEN 9e999 WHEN '-inf' THEN -9e999 ELSE {value} END");
+        let value = format!("CASE {value} WHEN 'inf' THEN 9e999 WHEN '-inf' THEN -9e999 ELSE {value} END");
         columns.push(format!("{value} AS {}", identifier(&free_name("verdict", name, &mut taken))));
     }
     // SQLite ends a statement at a NUL.

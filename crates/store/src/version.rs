@@ -33,9 +33,7 @@ pub(crate) fn check(connection: &Connection, path: &Path) -> Result<()> {
     }
     match found {
         FORMAT_VERSION => Ok(()),
-        ..1 => {
-            Err(StoreError::damaged(path, format!("its format version is {found}; versions start at 1")))
-        }
+        ..1 => Err(StoreError::damaged(path, format!("its format version is {found}; versions start at 1"))),
         1..FORMAT_VERSION => Err(StoreError::OlderVersion { found, path: path.into() }),
         _ => Err(StoreError::NewerVersion { found, path: path.into() }),
     }

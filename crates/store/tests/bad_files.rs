@@ -220,8 +220,7 @@ fn a_locked_run_is_an_error_that_names_the_file() {
 fn a_newer_format_is_an_error_that_names_both_versions() {
     let (_folder, path) = small_run();
     rusqlite::Connection::open(&path).unwrap().pragma_update(None, "user_version", 9).unwrap();
-    let message =
-        "the run file has format version 9, this program reads version 3; use a newer program";
+    let message = "the run file has format version 9, this program reads version 3; use a newer program";
     check_message(RunFile::open(&path), message, &path);
     check_message(RunWriter::resume(&path), message, &path);
     RunWriter::create(&path, &header(), IfExists::Replace).unwrap();

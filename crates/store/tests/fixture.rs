@@ -3,8 +3,8 @@
 #![allow(clippy::unwrap_used)] // clippy does not count helper functions as tests
 
 use mishandle_store::{
-    AxisRecord, ComponentRecord, Counts, FormulaRecord, RunFile, RunKind, SignalRecord, Simulation,
-    SimulationEnd, TargetRecord, TrialStatus,
+    ComponentRecord, Counts, FormulaRecord, RunFile, RunKind, SignalRecord, Simulation, SimulationEnd,
+    TargetRecord, TrialStatus,
 };
 
 fn target(kind: &str, hash: &str, is_deterministic: bool) -> TargetRecord {
