@@ -6,9 +6,7 @@ use anyhow::{Context, Result, ensure};
 use clap::{Args, Subcommand};
 use mishandle::files::{limits, read_text_bounded};
 use mishandle::{plural, shell_quote};
-use mishandle_experiments::{
-    Block, CampaignResults, ExperimentError, NamedPage, Results, RunResults, Table, ZooFolder, pages,
-};
+use mishandle_paper::{Block, CampaignResults, NamedPage, PaperError, Results, RunResults, Table, pages};
 use serde_json::{Value, json};
 
 use super::campaign;
@@ -174,8 +172,8 @@ fn load(folders: &[PathBuf]) -> Result<Results> {
             add_machine(&mut all.machine, &machine);
             all.campaigns.extend(campaigns);
         } else {
-            let zoo = ZooFolder::new(&mishandle::home().unwrap_or_default());
-            all.campaigns.push(CampaignResults::read(folder, &zoo).map_err(converted)?);
+            let root = mishandle::home().unwrap_or_default();
+            all.campaigns.push(CampaignResults::read(folder, &root).map_err(converted)?);
         }
     }
     Ok(all)
@@ -294,9 +292,9 @@ fn machine() -> String {
 }
 
 /// The hints of the program are for its own errors.
-fn converted(error: ExperimentError) -> anyhow::Error {
+fn converted(error: PaperError) -> anyhow::Error {
     match error {
-        ExperimentError::Mishandle(error) => (*error).into(),
+        PaperError::Mishandle(error) => (*error).into(),
         error => error.into(),
     }
 }

@@ -9,8 +9,8 @@ use anyhow::{Chain, Context, Result, bail};
 use clap::{Args, Subcommand};
 use mishandle::MishandleError;
 use mishandle::training::TrainingProgress;
-use mishandle_experiments::{
-    ExperimentError, LocalRunner, PlanEntry, Selection, TrainingState, Zoo, ZooFolder, ZooObserver,
+use mishandle_zoo::{
+    LocalRunner, PlanEntry, Selection, TrainingState, Zoo, ZooError, ZooFolder, ZooObserver,
 };
 use serde_json::{Value, json};
 
@@ -183,15 +183,15 @@ fn import(zoo: &Zoo<'_>, folder: &Path) -> Result<ExitStatus> {
 }
 
 /// Turns an interruption into an exit status.
-fn finish(result: Result<(), ExperimentError>) -> Result<ExitStatus> {
+fn finish(result: Result<(), ZooError>) -> Result<ExitStatus> {
     match result {
         Ok(()) => Ok(ExitStatus::Done),
-        Err(error @ (ExperimentError::Interrupted | ExperimentError::InterruptedWith { .. })) => {
+        Err(error @ (ZooError::Interrupted | ZooError::InterruptedWith { .. })) => {
             output::message(&error.to_string());
             Ok(ExitStatus::Interrupted)
         }
         // The hints of the program are for its own errors.
-        Err(ExperimentError::Mishandle(error)) => Err((*error).into()),
+        Err(ZooError::Mishandle(error)) => Err((*error).into()),
         Err(error) => Err(error.into()),
     }
 }
@@ -303,7 +303,7 @@ impl ZooObserver for Reporter {
         output::message(&format!("{name}: {words}"));
     }
 
-    fn ended(&self, name: &str, result: &Result<(), ExperimentError>) {
+    fn ended(&self, name: &str, result: &Result<(), ZooError>) {
         match result {
             Ok(()) => self.say(name, "done"),
             Err(error) => self.say(name, &format!("failed: {}", output::with_causes(Chain::new(error)))),
