@@ -12,7 +12,7 @@ use mishandle::{AxisSetting, Plan};
 use crate::commands::{
     campaign, compare, completions, controller, counterexamples, curve, evaluate, explain, export, falsify,
     man, margin, monitor, regress, render, replay, report, reproduce, risk, runs, searches, simulate,
-    targets, tasks, train, zoo,
+    targets, tasks, train,
 };
 use crate::numbers::{integer, number};
 
@@ -93,7 +93,6 @@ pub enum Command {
     Regress(regress::Arguments),
     Render(render::Arguments),
     Report(report::Arguments),
-    Zoo(zoo::Arguments),
     Completions(completions::Arguments),
     Man(man::Arguments),
 }

@@ -25,4 +25,3 @@ pub mod simulate;
 pub mod targets;
 pub mod tasks;
 pub mod train;
-pub mod zoo;

@@ -91,7 +91,6 @@ pub fn exit_code_of(arguments: impl IntoIterator<Item = OsString>) -> u8 {
         Command::Regress(command) => commands::regress::run(command),
         Command::Render(command) => commands::render::run(command),
         Command::Report(command) => commands::report::run(command),
-        Command::Zoo(command) => commands::zoo::run(command),
         Command::Completions(command) => commands::completions::run(command),
         Command::Man(command) => commands::man::run(command),
     };

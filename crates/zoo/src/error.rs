@@ -81,12 +81,10 @@ pub enum ZooError {
         controllers: Vec<String>,
     },
     /// No training run matches the selection.
-    #[error(
-        "no training run of the plan has these --seeds; `mishandle zoo list` without --seeds shows the plan"
-    )]
+    #[error("no training run of the plan has these --seeds; `zoo list` without --seeds shows the plan")]
     NothingSelected,
     /// Another process works on the same zoo.
-    #[error("another `mishandle zoo` is running in this repository; wait until it ends")]
+    #[error("another `zoo` is running in this repository; wait until it ends")]
     Busy,
     /// A thread pool cannot be created.
     #[error("cannot start a thread for a job")]

@@ -5,7 +5,7 @@
 //! - A [`Zoo`] trains, measures, imports and writes the Markdown tables and the learning curves.
 //! - A [`Record`] holds everything known about one controller: `controllers/figures/TASK/CONTROLLER.json`.
 //!
-//! The command `mishandle zoo` is a thin layer above.
+//! The program `zoo` of this crate is a thin layer above.
 
 mod curve_charts;
 mod error;
