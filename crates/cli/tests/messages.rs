@@ -55,7 +55,6 @@ fn a_wrong_number_on_the_command_line_is_repeated_with_the_allowed_numbers() {
         ),
         ("monitor --formula d>0 a.csv", "--period", "expected a number of seconds above 0".to_string()),
         ("train point-reaching", "--steps", integer(1, 1_000_000_000_000)),
-        ("curve a.csv", "--environments", integer(1, 1_000_000)),
         ("zoo measure", "--jobs", integer(1, 1024)),
         ("zoo list", "--seeds", integer(0, u64::MAX)),
     ] {
@@ -166,7 +165,7 @@ fn a_socket_in_place_of_a_file_is_named() {
     for command in [
         "evaluate --plan s.toml",
         "train point-reaching --dry-run --settings s.toml",
-        "curve s.csv",
+        "report s.csv --out a.html",
         "controller ./s.safetensors",
         "evaluate point-reaching --controller ./s.safetensors",
     ] {
