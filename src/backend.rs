@@ -55,7 +55,7 @@ pub fn screening(
 ) -> Result<Screening, MishandleError> {
     if resolved.target.identity.kind != "task" {
         let target = resolved.plan.target.clone();
-        return Err(MishandleError::UnsupportedOption { target, option: "another backend than cpu" });
+        return Err(MishandleError::UnsupportedOption { target, option: "--screening" });
     }
     let target = task_target(&resolved.plan)?;
     let environment = target.environment(&resolved.space)?;

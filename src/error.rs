@@ -18,7 +18,7 @@ pub enum MishandleError {
     },
     /// The program has no backend for a GPU.
     #[error(
-        "--backend gpu needs the Python package with its extra: pip install 'mishandle[gpu]', and run its command `mishandle`"
+        "the device gpu needs the Python package with its extra: pip install 'mishandle[gpu]', and run its command `mishandle`"
     )]
     NoGpuBackend,
     /// A task needs a controller, and the plan names none.

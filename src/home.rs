@@ -211,9 +211,9 @@ pub fn controller_name(controller: &str) -> String {
     Path::new(controller).file_stem().unwrap_or_default().to_string_lossy().into_owned()
 }
 
-/// Returns the shipped training settings of an algorithm for a task on a backend (`cpu` or `gpu`), if they exist.
-pub fn shipped_settings(definition: &Definition, algorithm: &str, backend: &str) -> Option<ShippedFile> {
-    let suffix = if backend == "cpu" { String::new() } else { format!("-{backend}") };
+/// Returns the shipped training settings of an algorithm for a task on a device (`cpu` or `gpu`), if they exist.
+pub fn shipped_settings(definition: &Definition, algorithm: &str, device: &str) -> Option<ShippedFile> {
+    let suffix = if device == "cpu" { String::new() } else { format!("-{device}") };
     ShippedFile::find(&format!("experiments/training/{}/{algorithm}{suffix}.toml", base(definition)))
 }
 

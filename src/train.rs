@@ -91,7 +91,7 @@ pub fn train(plan: &TrainPlan, observer: &mut dyn TrainObserver) -> Result<Train
         TrainingRecorder::new(plan, environment.clone(), specification, resumed.as_ref(), observer)?;
     let batches = batches(plan, environment)?;
     let (seed, resumed) = (Seed(plan.seed), resumed.as_ref());
-    let trained = match gpu_networks().filter(|_| plan.backend == "gpu") {
+    let trained = match gpu_networks().filter(|_| plan.device == "gpu") {
         Some(networks) => settings.train_on(&*batches, networks, seed, resumed, &mut recorder),
         None => settings.train(&*batches, seed, resumed, &mut recorder),
     };
@@ -152,8 +152,8 @@ pub(crate) fn batches(
     plan: &TrainPlan,
     environment: Arc<TaskEnvironment>,
 ) -> Result<Box<dyn BatchFactory>, MishandleError> {
-    known("backend", &plan.backend, &["cpu", "gpu"])?;
-    Ok(match plan.backend == "gpu" {
+    known("device", &plan.device, &["cpu", "gpu"])?;
+    Ok(match plan.device == "gpu" {
         true => Box::new(TaskBatches::new(environment, gpu_backend()?)),
         false => Box::new(environment),
     })
@@ -191,7 +191,7 @@ fn given_settings(path: &Path) -> Result<String, MishandleError> {
 fn shipped(plan: &TrainPlan) -> Result<Option<(PathBuf, String)>, MishandleError> {
     let definition = task(&plan.task)?.definition();
     check_home("experiments/training")?;
-    let Some(file) = shipped_settings(definition, &plan.algorithm, &plan.backend) else { return Ok(None) };
+    let Some(file) = shipped_settings(definition, &plan.algorithm, &plan.device) else { return Ok(None) };
     let text = String::from_utf8_lossy(&file.bytes()?).into_owned();
     Ok(Some((file.path().to_path_buf(), text)))
 }

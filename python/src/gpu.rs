@@ -1,4 +1,4 @@
-//! The backend `gpu`: worlds that MuJoCo Warp steps, through the Python module `mishandle.gpu`, and networks, through
+//! The device `gpu`: worlds that MuJoCo Warp steps, through the Python module `mishandle.gpu`, and networks, through
 //! `mishandle.gpu_networks`.
 
 use std::collections::HashMap;
@@ -12,7 +12,7 @@ use pyo3::prelude::*;
 /// Makes batches of `mishandle.gpu.WarpBatch`.
 struct WarpBackend;
 
-/// Makes the backend `gpu` available to the commands of this process.
+/// Makes the device `gpu` available to the commands of this process.
 pub fn install() {
     mishandle::install_gpu_backend(Arc::new(WarpBackend), Some(Arc::new(WarpDevice)));
 }

@@ -135,23 +135,23 @@ fn a_normal_distribution_whose_mean_is_outside_of_the_bounds_is_warned_of() {
 }
 
 #[test]
-fn the_backend_gpu_of_the_plain_program_says_what_to_install() {
+fn screening_with_the_plain_program_says_what_to_install() {
     for command in ["risk", "evaluate", "falsify"] {
-        let command = format!("{command} point-reaching --controller ppo --backend gpu");
+        let command = format!("{command} point-reaching --controller ppo --screening gpu");
         Bench::new().refuses(&command, &["pip install 'mishandle[gpu]'"]);
     }
     for command in ["evaluate", "falsify"] {
         let run_file = format!("{command} point-reaching --controller ppo --out run.json");
         Bench::new().refuses(&run_file, &["--out ends with .json", "run.sqlite"]);
     }
-    let with_file = "evaluate point-reaching --controller ppo --backend gpu --out run.sqlite";
+    let with_file = "evaluate point-reaching --controller ppo --screening gpu --out run.sqlite";
     Bench::new().refuses(with_file, &["writes no run file"]);
-    let with_file = "falsify point-reaching --controller ppo --backend gpu --out run.sqlite";
+    let with_file = "falsify point-reaching --controller ppo --screening gpu --out run.sqlite";
     Bench::new().refuses(with_file, &["it must end with .json"]);
     for command in ["risk", "evaluate", "falsify"] {
-        let on_cpu = format!("{command} point-reaching --controller ppo --backend cpu --rows 64");
-        Bench::new().refuses(&on_cpu, &["--rows and --confirm need --backend gpu"]);
+        let on_cpu = format!("{command} point-reaching --controller ppo --screening none --rows 64");
+        Bench::new().refuses(&on_cpu, &["--rows and --confirm need --screening gpu"]);
     }
-    let with_modes = "falsify point-reaching --controller ppo --backend gpu --keep-going";
+    let with_modes = "falsify point-reaching --controller ppo --screening gpu --keep-going";
     Bench::new().refuses(with_modes, &["leave out --keep-going"]);
 }

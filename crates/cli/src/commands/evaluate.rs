@@ -29,7 +29,7 @@ pub struct Arguments {
     #[arg(long = "box", value_name = "PART", conflicts_with = "resume")]
     pub starts: Option<String>,
     #[command(flatten)]
-    pub screen: flags::Screen,
+    pub screening: flags::Screening,
     #[command(flatten)]
     pub file: flags::OpenRun,
     #[command(flatten)]
@@ -37,12 +37,12 @@ pub struct Arguments {
 }
 
 pub fn run(command: &Arguments) -> Result<ExitStatus> {
-    command.screen.check()?;
+    command.screening.check()?;
     run::set_threads(command.run.threads)?;
     let bar = Bar::new(0, "simulations");
     run::stop_on_signals(&bar)?;
-    if command.screen.is_gpu() {
-        return on_gpu(command, &bar);
+    if command.screening.is_gpu() {
+        return screened(command, &bar);
     }
     let moved = command.subject.controller.as_deref();
     let (resolved, file) = run::open(&command.file, RunKind::Evaluate, moved, || plan(command))?;
@@ -86,18 +86,18 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
 }
 
 /// Evaluates the controller by screening on the GPU.
-fn on_gpu(command: &Arguments, bar: &Bar) -> Result<ExitStatus> {
+fn screened(command: &Arguments, bar: &Bar) -> Result<ExitStatus> {
     let flags::OpenRun { out, resume, durable, .. } = &command.file;
     ensure!(
         out.is_none() && resume.is_none() && !durable,
-        "--backend gpu writes no run file, so it does not work with --out, --resume and --durable"
+        "--screening gpu writes no run file, so it does not work with --out, --resume and --durable"
     );
     let resolved = ResolvedPlan::new(&plan(command)?)?;
-    let backend = mishandle::gpu_backend()?;
-    let mut screening = mishandle::screening(&resolved, &*backend, command.screen.rows() as usize)?;
+    let gpu = mishandle::gpu_backend()?;
+    let mut screening = mishandle::screening(&resolved, &*gpu, command.screening.rows() as usize)?;
     bar.set_length(resolved.plan.evaluate.as_ref().map_or(0, |evaluate| evaluate.episodes));
     let start = Instant::now();
-    let confirm = command.screen.confirm();
+    let confirm = command.screening.confirm();
     let outcome = mishandle::evaluate_on_backend(&resolved, &mut screening, confirm, &mut |progress| {
         bar.set_position(progress.screened);
         run::control_flow()

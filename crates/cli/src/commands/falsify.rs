@@ -1,4 +1,4 @@
-mod screened;
+mod screening;
 
 use std::path::Path;
 
@@ -67,7 +67,7 @@ pub struct Arguments {
     #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = numbers::integer::<u32>(0..=10_000_000))]
     pub repeats: Option<u32>,
     #[command(flatten)]
-    pub screen: flags::Screen,
+    pub screening: flags::Screening,
     #[command(flatten)]
     pub file: flags::OpenRun,
     #[command(flatten)]
@@ -85,12 +85,12 @@ fn name_and_value(text: &str) -> Result<(String, String), String> {
 }
 
 pub fn run(command: &Arguments) -> Result<ExitStatus> {
-    command.screen.check()?;
+    command.screening.check()?;
     run::set_threads(command.run.threads)?;
     let bar = Bar::new(0, "simulations");
     run::stop_on_signals(&bar)?;
-    if command.screen.is_gpu() {
-        return screened::run(command, &bar);
+    if command.screening.is_gpu() {
+        return screening::run(command, &bar);
     }
     let moved = command.subject.controller.as_deref();
     let (resolved, file) = run::open(&command.file, RunKind::Falsify, moved, || plan(command))?;
@@ -231,8 +231,8 @@ fn plan(command: &Arguments) -> Result<Plan> {
     falsify.formula = command.formula.clone().or(falsify.formula);
     falsify.trials = command.trials.unwrap_or(falsify.trials);
     falsify.budget = command.budget.unwrap_or(falsify.budget);
-    falsify.batch = command.subject.batch.unwrap_or(match command.screen.is_gpu() {
-        true => command.screen.rows().min(*Plan::BATCH.end() as u32),
+    falsify.batch = command.subject.batch.unwrap_or(match command.screening.is_gpu() {
+        true => command.screening.rows().min(*Plan::BATCH.end() as u32),
         false => falsify.batch,
     });
     falsify.early_stopping |= command.early_stopping;

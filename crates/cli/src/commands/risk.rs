@@ -46,7 +46,7 @@ pub struct Arguments {
     #[arg(long, value_name = "METHOD")]
     pub method: Option<String>,
     #[command(flatten)]
-    pub screen: flags::Screen,
+    pub screening: flags::Screening,
     /// Write the first of the shown failures to this .json file, which `mishandle replay` runs again
     #[arg(long, value_name = "FILE")]
     pub out: Option<PathBuf>,
@@ -66,7 +66,7 @@ fn distribution(text: &str) -> Result<(String, String), String> {
 }
 
 pub fn run(command: &Arguments) -> Result<ExitStatus> {
-    command.screen.check()?;
+    command.screening.check()?;
     run::set_threads(command.run.threads)?;
     let bar = Bar::new(0, "simulations");
     run::stop_on_signals(&bar)?;
@@ -79,8 +79,8 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
     }
     let planned = resolved.plan.risk.as_ref().map_or(0, |risk| risk.simulations);
     bar.set_length(planned);
-    if command.screen.is_gpu() {
-        return on_gpu(command, &resolved, &scenarios, &bar);
+    if command.screening.is_gpu() {
+        return screened(command, &resolved, &scenarios, &bar);
     }
     let report = mishandle::risk(&resolved, |done| {
         bar.set_position(done);
@@ -125,7 +125,7 @@ fn write_failure(
 }
 
 /// Estimates the probability by screening on the GPU.
-fn on_gpu(
+fn screened(
     command: &Arguments,
     resolved: &ResolvedPlan,
     scenarios: &Scenarios,
@@ -134,16 +134,16 @@ fn on_gpu(
     let method = resolved.plan.risk.as_ref().map_or("auto", |risk| &risk.method);
     ensure!(
         matches!(method, "auto" | "monte-carlo"),
-        "--backend gpu runs Monte Carlo; it cannot run --method {method}"
+        "--screening gpu runs Monte Carlo; it cannot run --method {method}"
     );
-    let backend = mishandle::gpu_backend()?;
-    let mut screening = mishandle::screening(resolved, &*backend, command.screen.rows() as usize)?;
+    let gpu = mishandle::gpu_backend()?;
+    let mut screening = mishandle::screening(resolved, &*gpu, command.screening.rows() as usize)?;
     let start = Instant::now();
     let report = mishandle::risk_on_backend(
         resolved,
         scenarios,
         &mut screening,
-        command.screen.confirm(),
+        command.screening.confirm(),
         &mut |progress| {
             bar.set_position(progress.screened);
             run::control_flow()
@@ -268,15 +268,14 @@ fn screened_document(resolved: &ResolvedPlan, scenarios: &Scenarios, report: &Sc
     let counts = report.counts;
     let own = json!({
         "formula": resolved.specification.requirement.to_string(),
-        "backend": "gpu",
         "distribution": distributions(scenarios),
         "is_complete": report.is_complete,
         "failure_rate": output::estimate(&report.estimate()),
         "screening": screening::screening(&counts, report.screened_without_verdict, report.overflows),
         "confirmation": {
             "flagged_failures": counts.flagged_events,
-            "sampled": counts.sampled,
-            "sampled_failures": counts.sampled_events,
+            "audit_sample": counts.sampled,
+            "audit_sample_failures": counts.sampled_events,
             "without_verdict": report.without_verdict,
         },
         "failures": failures(resolved, scenarios, &report.failures),

@@ -34,12 +34,12 @@ static ALGORITHM_HELP: LazyLock<String> = LazyLock::new(|| {
   mishandle train ball-balancing --algorithm ppo --out my_controller.safetensors --resume
   mishandle train ball-balancing --algorithm sac --csv curve.csv --tensorboard board
   mishandle train ball-balancing --algorithm sac --dry-run      check and print all settings
-  mishandle train cube-stacking --algorithm ppo --backend gpu   thousands of worlds on a GPU
+  mishandle train cube-stacking --algorithm ppo --device gpu    thousands of worlds on a GPU
 
 The best controller by validation is written to --out, the last one beside it: FILE.safetensors and
 FILE.last.safetensors. Training also writes a checkpoint there. --resume continues from the
 checkpoint and continues the files of --csv and --tensorboard. On the CPU, the results are the same
-as those of an uninterrupted run, bit for bit; with --backend gpu they are not.
+as those of an uninterrupted run, bit for bit; with --device gpu they are not.
 If a file cannot be written, as on a full disk, training warns, continues and tries again; it stops
 if it cannot write the first checkpoint. The settings run.stop_success, run.stop_strict and
 run.stop_validations enable early stopping.
@@ -56,10 +56,10 @@ pub struct Arguments {
     /// Reward: shaped or original
     #[arg(long, default_value = "shaped")]
     pub reward: String,
-    /// Physics engine of the training episodes: cpu (MuJoCo C) or gpu (MuJoCo Warp) [default: cpu]. Validations always use
-    /// MuJoCo C. The setting episodes.environments is the number of worlds
+    /// Device of the physics of the training episodes: cpu (MuJoCo C) or gpu (MuJoCo Warp) [default: cpu]. Validations always
+    /// use MuJoCo C. The setting episodes.environments is the number of worlds
     #[arg(long, value_name = "NAME")]
-    pub backend: Option<flags::Backend>,
+    pub device: Option<Device>,
     /// File of the best controller [default: runs/TASK-ALGORITHM-sSEED.safetensors]
     #[arg(long, value_name = "FILE")]
     pub out: Option<PathBuf>,
@@ -81,6 +81,15 @@ pub struct Arguments {
     pub dry_run: bool,
     #[command(flatten)]
     pub run: flags::Run,
+}
+
+/// Device of the physics of the training episodes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
+pub enum Device {
+    /// MuJoCo C
+    Cpu,
+    /// MuJoCo Warp
+    Gpu,
 }
 
 pub fn run(command: &Arguments) -> Result<ExitStatus> {
@@ -178,7 +187,7 @@ fn dry_run(plan: &TrainPlan, as_json: bool) -> Result<ExitStatus> {
         "task": plan.task,
         "algorithm": plan.algorithm,
         "reward": plan.reward,
-        "backend": plan.backend,
+        "backend": plan.device,
         "seed": plan.seed.to_string(),
         "environment_steps": total_steps,
         "command": plan.command(),
@@ -196,9 +205,9 @@ fn plan(command: &Arguments) -> TrainPlan {
         task: command.task.clone(),
         algorithm: command.algorithm.clone(),
         reward: command.reward.clone(),
-        backend: match command.backend {
-            Some(flags::Backend::Gpu) => "gpu".to_string(),
-            Some(flags::Backend::Cpu) | None => "cpu".to_string(),
+        device: match command.device {
+            Some(Device::Gpu) => "gpu".to_string(),
+            Some(Device::Cpu) | None => "cpu".to_string(),
         },
         settings: command.settings.clone(),
         steps: command.steps,
@@ -257,7 +266,7 @@ fn document(plan: &TrainPlan, report: &TrainReport) -> Value {
     json!({
         "task": plan.task,
         "algorithm": plan.algorithm,
-        "backend": plan.backend,
+        "backend": plan.device,
         "seed": plan.seed.to_string(),
         "environments": environments,
         "environment_steps": result.environment_steps,

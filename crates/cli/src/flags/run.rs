@@ -24,7 +24,7 @@ pub struct Run {
 /// Flags that create or open the run file of a command that runs simulations.
 #[derive(Debug, Args)]
 pub struct OpenRun {
-    /// Run file to create (SQLite) [default: a new file in runs/]. --backend gpu creates none: there, evaluate has no --out,
+    /// Run file to create (SQLite) [default: a new file in runs/]. --screening gpu creates none: there, evaluate has no --out,
     /// and that of falsify is the .json file of its first counterexample
     #[arg(long, value_name = "FILE")]
     pub out: Option<PathBuf>,

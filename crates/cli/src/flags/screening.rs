@@ -1,30 +1,30 @@
-//! Where simulations are screened.
+//! Whether a device screens the simulations.
 
 use anyhow::{Result, ensure};
 use clap::Args;
 
 use super::numbers::integer;
 
-/// Where simulations are screened.
+/// Flags of screening.
 #[derive(Debug, Args)]
-pub struct Screen {
-    /// Physics engine of the simulations: cpu (MuJoCo C), or gpu (MuJoCo Warp; MuJoCo C repeats every violation and a random
-    /// sample of the others, and only these count) [default: cpu]
-    #[arg(long, value_name = "NAME")]
-    pub backend: Option<Backend>,
-    /// With --backend gpu: number of worlds on the GPU [default: 16384]
+pub struct Screening {
+    /// Screen the simulations first: gpu (thousands of worlds of MuJoCo Warp on a GPU; MuJoCo C repeats the flagged
+    /// simulations and an audit sample of the others, and only these count), or none [default: none]
+    #[arg(long, value_name = "DEVICE")]
+    pub screening: Option<Screener>,
+    /// With --screening gpu: number of worlds on the GPU [default: 16384]
     #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = integer::<u32>(1..=1_048_576))]
     pub rows: Option<u32>,
-    /// With --backend gpu: share of the simulations without a violation that MuJoCo C repeats, above 0 and up to 1
+    /// With --screening gpu: share of the simulations that are not flagged in the audit sample, above 0 and up to 1
     /// [default: 0.1]
     #[arg(long, value_name = "SHARE", allow_negative_numbers = true, value_parser = share)]
     pub confirm: Option<f64>,
 }
 
-impl Screen {
+impl Screening {
     /// Returns whether a GPU screens the simulations.
     pub fn is_gpu(&self) -> bool {
-        self.backend == Some(Backend::Gpu)
+        self.screening == Some(Screener::Gpu)
     }
 
     /// Returns the number of worlds.
@@ -32,7 +32,7 @@ impl Screen {
         self.rows.unwrap_or(16_384)
     }
 
-    /// Returns the share of the simulations without a violation that MuJoCo C repeats.
+    /// Returns the share of the audit sample.
     pub fn confirm(&self) -> f64 {
         self.confirm.unwrap_or(0.1)
     }
@@ -41,18 +41,18 @@ impl Screen {
     pub fn check(&self) -> Result<()> {
         ensure!(
             self.is_gpu() || (self.rows.is_none() && self.confirm.is_none()),
-            "--rows and --confirm need --backend gpu"
+            "--rows and --confirm need --screening gpu"
         );
         Ok(())
     }
 }
 
-/// Physics engine of the simulations.
+/// What screens the simulations.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
-pub enum Backend {
-    /// MuJoCo C
-    Cpu,
-    /// MuJoCo Warp
+pub enum Screener {
+    /// Nothing: MuJoCo C runs each simulation
+    None,
+    /// MuJoCo Warp on an NVIDIA GPU
     Gpu,
 }
 

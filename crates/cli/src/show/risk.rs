@@ -52,11 +52,16 @@ pub fn screened_text(resolved: &ResolvedPlan, scenarios: &Scenarios, report: &Sc
         [name.to_string(), screened.to_string(), repeated.to_string(), failures.to_string()].to_vec()
     };
     let rows = [
-        ["screened by MuJoCo Warp", "simulations", "repeated by MuJoCo C", "failures there"]
+        ["screening by MuJoCo Warp", "simulations", "repeated by MuJoCo C", "confirmed failures"]
             .map(String::from)
             .to_vec(),
-        repeated("violated or no verdict", counts.flagged, counts.flagged, counts.flagged_events),
-        repeated("satisfied", counts.trials - counts.flagged, counts.sampled, counts.sampled_events),
+        repeated("flagged (violated or no verdict)", counts.flagged, counts.flagged, counts.flagged_events),
+        repeated(
+            "not flagged (audit sample)",
+            counts.trials - counts.flagged,
+            counts.sampled,
+            counts.sampled_events,
+        ),
     ];
     let mut text = format!(
         "{}\nformula {}\n{}\n\n{}failure probability: {} [{}, {}] (95 %, from simulations of MuJoCo C; assumes nothing of \

@@ -40,7 +40,7 @@ pub fn text(axes: &[Axis], outcome: &ScreenedEvaluationOutcome) -> String {
 fn engines(outcome: &ScreenedEvaluationOutcome) -> Vec<Vec<String>> {
     let report = &outcome.report;
     let columns = [
-        ("failures there", Some(report.failures)),
+        ("confirmed failures", Some(report.failures)),
         ("strict failures", report.strict_failures),
         ("dangerous", report.dangerous),
     ];
@@ -53,18 +53,23 @@ fn engines(outcome: &ScreenedEvaluationOutcome) -> Vec<Vec<String>> {
         cells
     };
     let mut header: Vec<String> =
-        ["screened by MuJoCo Warp", "simulations", "repeated by MuJoCo C"].map(String::from).to_vec();
+        ["screening by MuJoCo Warp", "simulations", "repeated by MuJoCo C"].map(String::from).to_vec();
     header.extend(columns.iter().map(|(name, _)| (*name).to_string()));
     vec![
         header,
-        row("any violation or no verdict", counts.flagged, counts.flagged, |counts| counts.flagged_events),
-        row("no violation", counts.trials - counts.flagged, counts.sampled, |counts| counts.sampled_events),
+        row("flagged (any violation or no verdict)", counts.flagged, counts.flagged, |counts| {
+            counts.flagged_events
+        }),
+        row("not flagged (audit sample)", counts.trials - counts.flagged, counts.sampled, |counts| {
+            counts.sampled_events
+        }),
     ]
 }
 
 /// Returns the JSON of the simulations of MuJoCo Warp.
 pub fn screening(counts: &TwoPhase, without_verdict: u64, overflows: u64) -> Value {
     json!({
+        "device": "gpu",
         "simulations": counts.trials,
         "flagged": counts.flagged,
         "without_verdict": without_verdict,
@@ -76,7 +81,7 @@ pub fn screening(counts: &TwoPhase, without_verdict: u64, overflows: u64) -> Val
 pub fn document(resolved: &ResolvedPlan, outcome: &ScreenedEvaluationOutcome) -> Value {
     let report = &outcome.report;
     let counts = report.failures;
-    let confirmed = |counts: &TwoPhase| json!({ "flagged_events": counts.flagged_events, "sampled_events": counts.sampled_events });
+    let confirmed = |counts: &TwoPhase| json!({ "flagged_events": counts.flagged_events, "audit_sample_events": counts.sampled_events });
     let failures = report.first_failures.iter().map(|failure| {
         json!({
             "number": failure.request.number,
@@ -86,7 +91,6 @@ pub fn document(resolved: &ResolvedPlan, outcome: &ScreenedEvaluationOutcome) ->
         })
     });
     json!({
-        "backend": "gpu",
         "is_complete": report.is_complete,
         "success_rate": output::estimate(&report.success_rate()),
         "strict_success_rate": report.strict_success_rate().as_ref().map(output::estimate),
@@ -94,7 +98,7 @@ pub fn document(resolved: &ResolvedPlan, outcome: &ScreenedEvaluationOutcome) ->
         "screening": screening(&counts, report.screened_without_verdict, report.overflows),
         "confirmation": {
             "flagged": counts.flagged,
-            "sampled": counts.sampled,
+            "audit_sample": counts.sampled,
             "success": confirmed(&report.failures),
             "strict": report.strict_failures.as_ref().map(confirmed),
             "dangerous": report.dangerous.as_ref().map(confirmed),

@@ -20,13 +20,13 @@ pub fn run(command: &Arguments, bar: &Bar) -> Result<ExitStatus> {
     let flags::OpenRun { out, resume, durable, .. } = &command.file;
     ensure!(
         resume.is_none() && !durable,
-        "--backend gpu writes no run file, so it does not work with --resume and --durable"
+        "--screening gpu writes no run file, so it does not work with --resume and --durable"
     );
     let plan = super::plan(command)?;
     let falsify = plan.falsify.clone().unwrap_or_default();
     ensure!(
         !falsify.keep_going,
-        "--backend gpu cannot tell failure modes apart; leave out --keep-going or use --backend cpu"
+        "--screening gpu cannot tell failure modes apart; leave out --keep-going or --screening gpu"
     );
     let resolved = ResolvedPlan::new(&plan)?;
     output::warn_of_chained_comparisons(&resolved.specification.requirement);
@@ -35,11 +35,11 @@ pub fn run(command: &Arguments, bar: &Bar) -> Result<ExitStatus> {
         ensure!(out.symlink_metadata().is_err(), "{} already exists; choose another --out", out.display());
     }
     counterexample::check_out(out.as_deref(), &resolved, false)?;
-    let backend = mishandle::gpu_backend()?;
-    let mut screening = mishandle::screening(&resolved, &*backend, command.screen.rows() as usize)?;
+    let gpu = mishandle::gpu_backend()?;
+    let mut screening = mishandle::screening(&resolved, &*gpu, command.screening.rows() as usize)?;
     bar.set_length(u64::from(falsify.trials) * u64::from(falsify.budget));
     let start = Instant::now();
-    let confirm = command.screen.confirm();
+    let confirm = command.screening.confirm();
     let (found, counts) =
         mishandle::falsify_on_backend(&resolved, &mut screening, confirm, &mut |outcome| {
             bar.set_position(outcome.simulations);
@@ -129,13 +129,13 @@ fn engines(counts: &ScreenedCounts) -> Vec<Vec<String>> {
     };
     let all = |name: &str, repeated: RepeatedCount| row(name, repeated.simulations, repeated);
     vec![
-        ["screened by MuJoCo Warp", "simulations", "repeated by MuJoCo C", "violations there"]
+        ["screening by MuJoCo Warp", "simulations", "repeated by MuJoCo C", "confirmed violations"]
             .map(String::from)
             .to_vec(),
-        all("violated", counts.violated),
-        all("no verdict", counts.without_verdict),
-        all("lowest of its trial so far", counts.minima),
-        row("others", counts.sampled.simulations + counts.not_repeated, counts.sampled),
+        all("flagged: violated", counts.violated),
+        all("flagged: no verdict", counts.without_verdict),
+        all("flagged: lowest of its trial so far", counts.minima),
+        row("not flagged (audit sample)", counts.sampled.simulations + counts.not_repeated, counts.sampled),
     ]
 }
 
@@ -148,13 +148,12 @@ fn document(
     let repeated =
         |count: RepeatedCount| json!({ "simulations": count.simulations, "violations": count.violations });
     let own = json!({
-        "backend": "gpu",
-        "screening": { "simulations": found.simulations, "overflows": counts.overflows },
+        "screening": { "device": "gpu", "simulations": found.simulations, "overflows": counts.overflows },
         "confirmation": {
             "violated": repeated(counts.violated),
             "without_verdict": repeated(counts.without_verdict),
             "minima": repeated(counts.minima),
-            "sampled": repeated(counts.sampled),
+            "audit_sample": repeated(counts.sampled),
         },
     });
     let results = falsification::results(resolved, found, repeats);

@@ -330,7 +330,7 @@ fn a_lost_device_ends_a_campaign_with_its_error() {
     let error = mishandle::falsify_on_backend(&resolved, &mut screening, 0.1, watch).unwrap_err();
     let text = error.to_string();
     assert!(
-        text.contains("the physics engine of the backend failed") && text.contains("the device is lost"),
+        text.contains("the physics engine of the worlds failed") && text.contains("the device is lost"),
         "{text}"
     );
 }
