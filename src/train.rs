@@ -13,7 +13,7 @@ use mishandle_files::{FileLock, NewFolders, limits, read_text_bounded};
 use mishandle_rollout::{BatchFactory, Seed};
 use mishandle_tasks::{Preset, Reward, Task, TaskBatches, TaskEnvironment, task_hash};
 use mishandle_training::{
-    ALGORITHMS, AlgorithmSettings, BEST, Checkpoint, PRESETS, TrainingControl, TrainingProgress,
+    ALGORITHMS, AlgorithmSettings, BASES, BEST, Checkpoint, TrainingControl, TrainingProgress,
     TrainingResult, Validation,
 };
 
@@ -174,14 +174,14 @@ pub(crate) fn settings(plan: &TrainPlan) -> Result<AlgorithmSettings, MishandleE
     Ok(settings)
 }
 
-/// Returns the text of the settings file or settings preset that the user named.
+/// Returns the text of the settings file or settings base that the user named.
 fn given_settings(path: &Path) -> Result<String, MishandleError> {
-    // An argument that is no file and does not look like one is the name of a settings preset.
+    // An argument that is no file and does not look like one is the name of a settings base.
     if !path.exists() && path.components().count() == 1 && path.extension().is_none_or(|end| end != "toml") {
-        known("settings preset", &path.to_string_lossy(), &PRESETS)?;
+        known("settings base", &path.to_string_lossy(), &BASES)?;
     }
-    match PRESETS.iter().find(|preset| path == Path::new(preset)) {
-        Some(preset) => Ok(format!("preset = \"{preset}\"")),
+    match BASES.iter().find(|base| path == Path::new(base)) {
+        Some(base) => Ok(format!("base = \"{base}\"")),
         None => read_text_bounded(path, limits::SETTINGS)
             .map_err(|source| MishandleError::File { path: path.to_path_buf(), source }),
     }

@@ -16,7 +16,7 @@ pub struct TrainPlan {
     pub reward: String,
     /// Name of the physics engine of the training episodes: `cpu` (MuJoCo C) or `gpu`. Validations always use MuJoCo C.
     pub device: String,
-    /// Settings file, or name of a settings preset. `None` and `best` mean the shipped settings of task and algorithm, or the
+    /// Settings file, or name of a settings base. `None` and `best` mean the shipped settings of task and algorithm, or the
     /// algorithm's defaults if none are shipped.
     pub settings: Option<PathBuf>,
     /// Total number of environment steps; overrides the settings.

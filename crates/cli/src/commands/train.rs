@@ -69,7 +69,7 @@ pub struct Arguments {
     /// Write TensorBoard event files to this folder
     #[arg(long, value_name = "DIR")]
     pub tensorboard: Option<PathBuf>,
-    /// Settings file (TOML), or name of a settings preset: skrl-0.10 or best
+    /// Settings file (TOML), or name of a settings base: skrl-0.10 or best
     /// [default: the shipped settings of the task, or the algorithm's defaults if none are shipped]
     #[arg(long, value_name = "FILE")]
     pub settings: Option<PathBuf>,
