@@ -115,6 +115,8 @@ class RiskFailure:
     """A simulation that violates the formula."""
 
     scenario: Scenario
+    simulation: int
+    """Its number in the run file."""
     seed: int
     robustness: float
 
@@ -282,7 +284,7 @@ def risk(
         exploration=Exploration(found.pop("exploration")),
         importance=_importance(found.pop("importance")),
         splitting=_splitting(found.pop("splitting")),
-        failures=[RiskFailure(scenario, seed, robustness) for scenario, seed, robustness, _ in failures],
+        failures=[RiskFailure(*failure[:4]) for failure in failures],
         largest_difference=made.largest_difference,
         exceptions=made.system.exceptions,
         **found,

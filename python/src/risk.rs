@@ -75,7 +75,8 @@ pub fn risk<'py>(
     for failure in &found.failures {
         let values = scenarios.scenario(&failure.draw.latent);
         let named = scenario(py, &target.space, values.values())?;
-        failures.append((named, failure.draw.seed.0, failure.robustness, values.values().to_vec()))?;
+        let seed = failure.draw.seed.0;
+        failures.append((named, failure.number, seed, failure.robustness, values.values().to_vec()))?;
     }
     dict.set_item("failures", failures)?;
     set_parts(&dict, &found)?;
