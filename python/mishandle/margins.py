@@ -62,8 +62,8 @@ class Witness:
 class Margin:
     """The smallest disturbance that was found, and what was tried."""
 
-    path: pathlib.Path
-    """Its run file."""
+    path: pathlib.Path = field(compare=False)
+    """Its run file. Two results are equal if all else is."""
     formula: str
     simulations: int
     levels: list[MarginLevel]

@@ -125,8 +125,8 @@ class RiskFailure:
 class Risk(Remembering):
     """The probability that a simulation violates the formula. A simulation is a scenario of the distribution and a random seed."""
 
-    path: pathlib.Path
-    """Its run file."""
+    path: pathlib.Path = field(compare=False)
+    """Its run file. Two results are equal if all else is."""
     formula: str
     method: str
     distribution: list[AxisDistribution]
