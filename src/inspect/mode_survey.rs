@@ -30,7 +30,7 @@ pub struct ModeSurvey {
 ///
 /// # Example
 /// ```
-/// use mishandle::unseen_modes;
+/// use mishandle::inspect::unseen_modes;
 /// // 5 modes in 4 trials: S = 5, Q₁ = 3, Q₂ = 1. 5 + 3/4 · 3 · 2 / (2 · 2) = 6.125
 /// let unseen = unseen_modes(&[4, 2, 1, 1, 1], 4).unwrap();
 /// assert_eq!((unseen.expected_new, unseen.total), (0.75, 6.125));
