@@ -1,4 +1,4 @@
-//! The laws of the fuzz targets for the corpus in `fuzz/corpus` and for random changes of it. Nothing is instrumented
+//! The laws of the fuzz targets for the corpus in the archives of `fuzz/corpus` and for random changes of it. Nothing is instrumented
 //! here, so that this costs seconds; `cargo xtask fuzz` searches for inputs that reach new code.
 #![allow(clippy::unwrap_used)] // clippy does not count helper functions as tests
 
@@ -36,6 +36,7 @@ mod torch;
 mod trace_blob;
 
 use std::path::Path;
+use std::process::Command;
 use std::time::{Duration, Instant};
 
 use mishandle::random::Sequence;
@@ -75,8 +76,11 @@ fn check_input(target: &str, check: fn(&[u8]), bytes: &[u8]) {
 }
 
 fn check_target(target: &str, check: fn(&[u8]), seeds: fn() -> Vec<Vec<u8>>) {
-    let corpus = Path::new(env!("CARGO_MANIFEST_DIR")).join("fuzz/corpus").join(target);
-    let mut files: Vec<_> = std::fs::read_dir(corpus).unwrap().map(|file| file.unwrap().path()).collect();
+    let archive = Path::new(env!("CARGO_MANIFEST_DIR")).join(format!("fuzz/corpus/{target}.tar.gz"));
+    let folder = tempfile::tempdir().unwrap();
+    let unpacked = Command::new("tar").arg("-xzf").arg(&archive).arg("-C").arg(folder.path()).status();
+    assert!(unpacked.expect("the program `tar`").success(), "{}", archive.display());
+    let mut files: Vec<_> = std::fs::read_dir(&folder).unwrap().map(|file| file.unwrap().path()).collect();
     files.sort();
     assert!(!files.is_empty());
     let corpus = files.iter().map(|path| std::fs::read(path).unwrap());

@@ -8,7 +8,7 @@ preset `best`. A direction is an order of changes: `up` adds one after the other
 single one and the first (the first saves time), and `long` makes none, or all except the updates, and trains four times as
 long. Each training run is appended to records.jsonl when it ends. A run in that file is not repeated, so an interrupted call
 can be continued. `table` writes the tables of docs/why_off_policy_failed.md and rates.csv;
-`cargo run -p mishandle-experiments --example comparison_charts` draws the chart.
+`cargo run -p mishandle-zoo --example comparison_charts` draws the chart.
 """
 
 import argparse

@@ -1,6 +1,6 @@
 """Writes the learning curves with their bands as a tidy CSV file, from which the chart of docs/skrl.md is drawn.
 
-    cargo run -p mishandle-experiments --example comparison_charts
+    cargo run -p mishandle-zoo --example comparison_charts
 """
 
 import csv

@@ -141,6 +141,7 @@ def draws(axes: list[_native.AxisTuple], sample: Sample) -> list[tuple[list[floa
         batch=sample.simulations,
         distributions={},
         seed=sample.seed,
+        out=(None, False, False),
         progress=None,
     )
     return drawn

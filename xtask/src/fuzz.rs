@@ -9,11 +9,11 @@ use std::thread;
 
 use anyhow::{Context, Result, bail, ensure};
 
+use crate::corpus::{archive, pack, unpack};
 use crate::process::{as_typed, cargo, output, run};
 
-/// The package, its corpus, and its build folder, which `fuzz/.cargo/config.toml` sets.
+/// The package and its build folder, which `fuzz/.cargo/config.toml` sets.
 const PACKAGE: &str = "fuzz";
-const CORPUS: &str = "fuzz/corpus";
 const BUILD: &str = "target/fuzz";
 const PROGRAMS: &str = "target/fuzz/x86_64-unknown-linux-gnu/debug";
 
@@ -36,13 +36,15 @@ struct Options {
     minutes: Option<u64>,
     /// Whether inputs that reach new code are added to the corpus.
     keep: bool,
+    /// A file to add to the corpus of the one target that is named, instead of running targets.
+    add: Option<PathBuf>,
     /// Names of targets; empty for all.
     targets: Vec<String>,
 }
 
 impl Options {
     fn parse(arguments: &[String]) -> Result<Options> {
-        let mut options = Options { minutes: None, keep: false, targets: Vec::new() };
+        let mut options = Options { minutes: None, keep: false, add: None, targets: Vec::new() };
         let mut rest = arguments.iter();
         while let Some(argument) = rest.next() {
             match argument.as_str() {
@@ -54,8 +56,12 @@ impl Options {
                     options.minutes = Some(minutes);
                 }
                 "--keep" => options.keep = true,
+                "--add" => {
+                    let file = rest.next().context("--add needs the path of an input")?;
+                    options.add = Some(PathBuf::from(file));
+                }
                 flag if flag.starts_with('-') => {
-                    bail!("unknown flag `{flag}`; expected --minutes N or --keep")
+                    bail!("unknown flag `{flag}`; expected --minutes N, --keep or --add FILE")
                 }
                 target => options.targets.push(target.to_owned()),
             }
@@ -80,6 +86,10 @@ impl Options {
 pub fn fuzz(root: &Path, arguments: &[String]) -> Result<()> {
     let options = Options::parse(arguments)?;
     let targets = select(known_targets(root)?, &options.targets)?;
+    if let Some(file) = &options.add {
+        let [target] = &options.targets[..] else { bail!("--add needs the name of one target") };
+        return add(root, target, file);
+    }
     build(root)?;
     let workers = thread::available_parallelism().map_or(1, usize::from).min(targets.len());
     let seconds = options.seconds(targets.len(), workers);
@@ -183,14 +193,12 @@ fn program(root: &Path, target: &str) -> Command {
 
 fn fuzz_target(root: &Path, target: &str, seconds: u64) -> Result<Statistics> {
     let (found, crashes) = (format!("{BUILD}/corpus/{target}"), format!("{BUILD}/crashes/{target}"));
-    let kept = format!("{CORPUS}/{target}");
-    for folder in [&found, &crashes, &kept] {
-        fs::create_dir_all(root.join(folder)).with_context(|| folder.clone())?;
-    }
+    fs::create_dir_all(root.join(&crashes)).with_context(|| crashes.clone())?;
+    unpack(root, target, &root.join(&found))?;
     let mut command = program(root, target);
     command.args(["-close_fd_mask=3", "-print_final_stats=1"]);
     command.args([format!("-max_total_time={seconds}"), format!("-artifact_prefix={crashes}/")]);
-    command.args([&found, &kept]);
+    command.arg(&found);
     let output = command.output().with_context(|| format!("cannot run `{}`", as_typed(&command)))?;
     let text = String::from_utf8_lossy(&output.stderr);
     if output.status.success() {
@@ -233,12 +241,25 @@ fn tail(text: &str) -> String {
     lines[lines.len().saturating_sub(20)..].join("\n")
 }
 
+/// Adds an input to the corpus of a target: one that broke a law, after the fix.
+fn add(root: &Path, target: &str, file: &Path) -> Result<()> {
+    let folder = root.join(BUILD).join("added").join(target);
+    if folder.exists() {
+        fs::remove_dir_all(&folder).with_context(|| folder.display().to_string())?;
+    }
+    unpack(root, target, &folder)?;
+    let name = file.file_name().with_context(|| format!("{} is not a file", file.display()))?;
+    fs::copy(file, folder.join(name)).with_context(|| file.display().to_string())?;
+    let count = pack(root, target, &folder)?;
+    eprintln!("{target:<12} {count} inputs in {}", archive(target).display());
+    Ok(())
+}
+
 /// Replaces the corpus of a target by the smallest set of inputs that covers the code which seeds, corpus and new inputs
 /// cover.
 fn merge(root: &Path, target: &str) -> Result<()> {
     let folder = |name: &str| PathBuf::from(format!("{BUILD}/{name}/{target}"));
     let (seeds, found, merged) = (folder("seeds"), folder("corpus"), folder("merged"));
-    let kept = Path::new(CORPUS).join(target);
     for folder in [&seeds, &merged] {
         let folder = root.join(folder);
         if folder.exists() {
@@ -250,17 +271,15 @@ fn merge(root: &Path, target: &str) -> Result<()> {
     let mut command = program(root, target);
     // Edges without counts of their executions, so that tens of inputs suffice.
     command.args(["-set_cover_merge=1", "-use_counters=0", "-close_fd_mask=3"]);
-    command.arg(format!("-max_len={LARGEST_INPUT}")).arg(&merged).args([&seeds, &kept, &found]);
+    command.arg(format!("-max_len={LARGEST_INPUT}")).arg(&merged).args([&seeds, &found]);
     let merging = command.output().with_context(|| format!("cannot run `{}`", as_typed(&command)))?;
     ensure!(
         merging.status.success(),
         "cannot merge the corpus of {target}\n{}",
         tail(&String::from_utf8_lossy(&merging.stderr))
     );
-    let kept = root.join(kept);
-    fs::remove_dir_all(&kept).with_context(|| kept.display().to_string())?;
-    fs::rename(root.join(&merged), &kept).with_context(|| kept.display().to_string())?;
-    eprintln!("{target:<12} {} inputs in {CORPUS}/{target}", fs::read_dir(&kept)?.count());
+    let count = pack(root, target, &root.join(merged))?;
+    eprintln!("{target:<12} {count} inputs in {}", archive(target).display());
     Ok(())
 }
 
@@ -285,7 +304,10 @@ mod tests {
         let error = |text: &str| options(text).unwrap_err().to_string();
         assert_eq!(error("--minutes 0"), "--minutes is 0; expected a whole number from 1");
         assert_eq!(error("--minutes"), "--minutes is missing; expected a whole number from 1");
-        assert_eq!(error("--seconds 3"), "unknown flag `--seconds`; expected --minutes N or --keep");
+        assert_eq!(
+            error("--seconds 3"),
+            "unknown flag `--seconds`; expected --minutes N, --keep or --add FILE"
+        );
         let known = || vec!["plan".to_owned(), "csv".to_owned()];
         let unknown = select(known(), &["plans".to_owned()]).unwrap_err().to_string();
         assert_eq!(unknown, "unknown fuzz target `plans`; expected one of plan, csv");

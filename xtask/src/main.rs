@@ -3,6 +3,7 @@
 //! Uses no other crate of this repository and not MuJoCo, because fetching MuJoCo is one of the chores.
 
 mod check;
+mod corpus;
 mod demo;
 mod deny;
 mod examples;
@@ -85,8 +86,8 @@ const CHORES: &[Chore] = &[
     },
     Chore {
         name: "fuzz",
-        arguments: "[--minutes N] [--keep] [TARGET...]",
-        about: "run the fuzz targets on the corpus and on new inputs; --keep adds these to the corpus",
+        arguments: "[--minutes N] [--keep] [--add FILE] [TARGET...]",
+        about: "run the fuzz targets on the corpus and on new inputs; --keep and --add write inputs to the corpus",
         run: fuzz::fuzz,
     },
     Chore {

@@ -25,7 +25,6 @@ mod simulate;
 mod targets;
 mod tasks;
 mod train;
-mod zoo;
 
 use anyhow::Result;
 use clap::Subcommand;
@@ -58,7 +57,6 @@ pub enum Command {
     Regress(regress::Arguments),
     Render(render::Arguments),
     Report(report::Arguments),
-    Zoo(zoo::Arguments),
     Completions(completions::Arguments),
     Man(man::Arguments),
 }
@@ -89,7 +87,6 @@ pub fn run(command: &Command, gpu: Option<&Device>, program: fn() -> clap::Comma
         Command::Regress(arguments) => regress::run(arguments),
         Command::Render(arguments) => render::run(arguments),
         Command::Report(arguments) => report::run(arguments),
-        Command::Zoo(arguments) => zoo::run(arguments),
         Command::Completions(arguments) => completions::run(arguments, program),
         Command::Man(arguments) => man::run(arguments, program),
     }

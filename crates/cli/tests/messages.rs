@@ -56,8 +56,6 @@ fn a_wrong_number_on_the_command_line_is_repeated_with_the_allowed_numbers() {
         ("monitor --formula d>0 a.csv", "--period", "expected a number of seconds above 0".to_string()),
         ("train point-reaching", "--steps", integer(1, 1_000_000_000_000)),
         ("curve a.csv", "--environments", integer(1, 1_000_000)),
-        ("zoo measure", "--jobs", integer(1, 1024)),
-        ("zoo list", "--seeds", integer(0, u64::MAX)),
     ] {
         check(
             &bench,

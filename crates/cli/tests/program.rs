@@ -36,7 +36,6 @@ fn the_help_of_every_command_has_examples() {
         "reproduce",
         "replay",
         "render",
-        "zoo",
         "completions",
         "man",
     ] {

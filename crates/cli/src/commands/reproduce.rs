@@ -6,7 +6,7 @@ use anyhow::{Context, Result, ensure};
 use clap::{Args, Subcommand};
 use mishandle::files::{limits, read_text_bounded};
 use mishandle::results;
-use mishandle_experiments::{Block, NamedPage, Results, RunResults, Table, pages};
+use mishandle_paper::{Block, NamedPage, Results, RunResults, Table, pages};
 use mishandle_text::plural;
 use mishandle_text::shell_quote;
 

@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result};
-use mishandle_experiments::{CampaignResults, ExperimentError, NamedPage, Results, ZooFolder, pages};
+use mishandle_paper::{CampaignResults, NamedPage, PaperError, Results, pages};
 use mishandle_text::shell_quote;
 
 use crate::show::output;
@@ -18,8 +18,8 @@ pub fn load(folders: &[PathBuf]) -> Result<Results> {
             add_machine(&mut all.machine, &machine);
             all.campaigns.extend(campaigns);
         } else {
-            let zoo = ZooFolder::new(&mishandle::shipped::home().unwrap_or_default());
-            all.campaigns.push(CampaignResults::read(folder, &zoo).map_err(converted)?);
+            let root = mishandle::shipped::home().unwrap_or_default();
+            all.campaigns.push(CampaignResults::read(folder, &root).map_err(converted)?);
         }
     }
     Ok(all)
@@ -57,9 +57,9 @@ pub fn add_machine(list: &mut String, machine: &str) {
 }
 
 /// The hints of the program are for its own errors.
-pub fn converted(error: ExperimentError) -> anyhow::Error {
+pub fn converted(error: PaperError) -> anyhow::Error {
     match error {
-        ExperimentError::Mishandle(error) => (*error).into(),
+        PaperError::Mishandle(error) => (*error).into(),
         error => error.into(),
     }
 }

@@ -1,0 +1,83 @@
+//! The pages in `docs/paper` are those of the rows in `experiments/paper/results`.
+
+#![allow(clippy::unwrap_used)]
+
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use mishandle::store::TrialStatus;
+use mishandle_paper::{Block, Results, pages};
+
+fn root() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("../..")
+}
+
+/// Returns the kept generation of results; `None` before the first one.
+fn kept() -> Option<PathBuf> {
+    let folders = fs::read_dir(root().join("experiments/paper/results")).ok()?;
+    let mut folders: Vec<PathBuf> = folders.map(|entry| entry.unwrap().path()).collect();
+    folders.retain(|path| path.is_dir());
+    assert!(folders.len() <= 1, "one generation of results is kept: {folders:?}");
+    folders.pop()
+}
+
+#[test]
+fn the_pages_are_recomputed_from_the_rows() {
+    let Some(folder) = kept() else { return eprintln!("skipped: there are no results yet") };
+    for (name, page) in pages(&Results::read(&folder).unwrap()) {
+        for (ending, text) in [("md", page.markdown()), ("html", page.html())] {
+            let path = root().join(format!("docs/paper/{name}.{ending}"));
+            let kept = fs::read_to_string(&path).unwrap();
+            assert!(
+                kept == text,
+                "{}: run `mishandle reproduce tables {} --pages docs/paper`",
+                path.display(),
+                folder.display()
+            );
+        }
+    }
+}
+
+/// Counts violations in the rows themselves, without the code of the tables.
+#[test]
+fn the_falsified_trials_of_the_table_are_those_of_the_rows() {
+    let Some(folder) = kept() else { return eprintln!("skipped: there are no results yet") };
+    let results = Results::read(&folder).unwrap();
+    let mut counts = Vec::new();
+    for run in results.campaigns.iter().flat_map(|campaign| &campaign.runs) {
+        if run.plan.falsify.is_none() {
+            continue;
+        }
+        let violating: Vec<u32> = run
+            .simulations
+            .iter()
+            .filter(|row| row.robustness.is_some_and(|rho| rho < 0.0))
+            .map(|row| row.trial)
+            .collect();
+        let recorded = run.trials.iter().filter(|trial| trial.status == TrialStatus::Falsified);
+        assert!(recorded.map(|trial| trial.number).eq(violating.iter().copied()), "{}", run.facts.name);
+        counts.push(format!("{} of {}", violating.len(), run.trials.len()));
+    }
+    let all = pages(&results);
+    let tables = all.iter().flat_map(|(_, page)| &page.blocks).filter_map(|block| match block {
+        Block::Table(table) if table.caption.starts_with("Falsified trials") => Some(table),
+        _ => None,
+    });
+    let mut shown: Vec<String> =
+        tables.flat_map(|table| table.rows.iter().map(|row| row[3].clone())).collect();
+    shown.sort();
+    counts.sort();
+    assert_eq!(shown, counts);
+}
+
+#[test]
+fn the_results_are_small_enough_for_the_repository() {
+    fn size(path: &Path) -> u64 {
+        if !path.is_dir() {
+            return path.metadata().unwrap().len();
+        }
+        fs::read_dir(path).unwrap().map(|entry| size(&entry.unwrap().path())).sum()
+    }
+    let Some(folder) = kept() else { return eprintln!("skipped: there are no results yet") };
+    assert!(size(&folder) <= 20 << 20, "{} bytes", size(&folder));
+}
