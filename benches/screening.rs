@@ -1,4 +1,4 @@
-//! Cost of the CPU's part of a screening: observations, policy, noise, signals and formulas. The backend takes no physics
+//! Cost of the CPU's part of a screening: observations, policy, noise, signals and formulas. The device takes no physics
 //! steps.
 //!
 //! ```text
@@ -11,7 +11,7 @@ use std::time::Instant;
 
 use mishandle::plan::EvaluatePlan;
 use mishandle::rollout::{Request, Screen, Seed};
-use mishandle::world::{Backend, BatchBuffers, BatchSpec, CpuBackend, WorldBatch, WorldError};
+use mishandle::world::{BatchBuffers, BatchSpec, CpuDevice, WorldBatch, WorldDevice, WorldError};
 use mishandle::{Plan, ResolvedPlan};
 
 /// Keeps every world at its start.
@@ -19,13 +19,13 @@ struct Still;
 
 struct StillWorlds(Box<dyn WorldBatch>);
 
-impl Backend for Still {
+impl WorldDevice for Still {
     fn engine(&self) -> &'static str {
         "no physics"
     }
 
     fn batch(&self, spec: &BatchSpec) -> Result<Box<dyn WorldBatch>, WorldError> {
-        Ok(Box::new(StillWorlds(CpuBackend.batch(&BatchSpec { fields: Vec::new(), ..spec.clone() })?)))
+        Ok(Box::new(StillWorlds(CpuDevice.batch(&BatchSpec { fields: Vec::new(), ..spec.clone() })?)))
     }
 }
 

@@ -83,7 +83,7 @@ fn the_example_has_less_than_200_lines() {
 fn a_training_run_without_shipped_settings_uses_the_defaults() {
     add_task();
     let plan = |task: &str, settings: Option<&str>| TrainPlan {
-        backend: "cpu".to_string(),
+        device: "cpu".to_string(),
         task: task.to_string(),
         algorithm: "sac".to_string(),
         reward: "shaped".to_string(),

@@ -4,7 +4,7 @@
     python3 experiments/off_policy/ladder.py table
 
 Run it in the root of the repository, after `cargo build --release`. changes.toml lists the changes from paper/*.toml to the
-preset `best`. A direction is an order of changes: `up` adds one after the other, `without` makes all but one, `alone` makes a
+settings base `best`. A direction is an order of changes: `up` adds one after the other, `without` makes all but one, `alone` makes a
 single one and the first (the first saves time), and `long` makes none, or all except the updates, and trains four times as
 long. Each training run is appended to records.jsonl when it ends. A run in that file is not repeated, so an interrupted call
 can be continued. `table` writes the tables of docs/why_off_policy_failed.md and rates.csv;

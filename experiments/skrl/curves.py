@@ -9,7 +9,7 @@ and the mean return of the episodes that ended since the previous row. It needs 
 of docs/skrl.md; `cargo run -p mishandle-zoo --example comparison_charts` draws the chart.
 
 skrl's agents act in the task through the module. Both sides treat timeouts as terminations: skrl by itself, Mishandle by the
-preset `skrl-0.10`. Both sides read settings/ALGORITHM.toml.
+settings base `skrl-0.10`. Both sides read settings/ALGORITHM.toml.
 """
 
 import argparse

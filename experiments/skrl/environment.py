@@ -8,14 +8,14 @@ from skrl.envs.torch.wrappers import Wrapper
 
 
 class Environment(Wrapper):
-    """Rows of `VectorEnv`. Timeouts are terminations, as in skrl 0.10's wrappers of Isaac's gyms.
+    """Rows of `TrainingEpisodes`. Timeouts are terminations, as in skrl 0.10's wrappers of Isaac's gyms.
 
     `points` has the data that `mishandle train --csv` writes: after each `iteration_steps` control steps, the environment
     steps so far and the mean return of the episodes that ended in this iteration.
     """
 
     def __init__(self, task, settings, seed, threads, iteration_steps):
-        env = mishandle.VectorEnv(
+        env = mishandle.TrainingEpisodes(
             task,
             settings["episodes"]["environments"],
             seed=seed,

@@ -18,8 +18,8 @@ pub fn check(bytes: &[u8]) {
 pub fn seeds() -> Vec<Vec<u8>> {
     let mut seeds = Vec::new();
     for (index, entry) in (0_u8..).zip(ALGORITHMS) {
-        let presets = entry.presets.iter().map(|(name, _)| format!("preset = \"{name}\"\n"));
-        for text in presets.chain([(entry.default)().to_toml(), "run.total_steps = 5_000".to_string()]) {
+        let bases = entry.bases.iter().map(|(name, _)| format!("base = \"{name}\"\n"));
+        for text in bases.chain([(entry.default)().to_toml(), "run.total_steps = 5_000".to_string()]) {
             seeds.push([&[index], text.as_bytes()].concat());
         }
     }

@@ -7,7 +7,7 @@ Each line is a JSON object with these rates, in control steps per second:
 - ``bare_start``: the physics steps of MuJoCo Warp as a CUDA graph, again and again from the start states, with constant targets
 - ``bare``: the physics steps of MuJoCo Warp as a CUDA graph, over the same episodes as ``screened``, whose targets are in the GPU's memory
 - ``step``: as ``bare_start``, with servos, poses and copies from and to the host
-- ``screened``: ``mishandle risk --backend gpu``, without the time to compile kernels and to allocate memory, with ``--confirm 0.0001`` (more with few simulations)
+- ``screened``: ``mishandle risk --screening gpu``, without the time to compile kernels and to allocate memory, with ``--confirm 0.0001`` (more with few simulations)
 - ``C``: ``mishandle risk --method monte-carlo`` on all cores of the same host
 
 ``waited_s``: how long the CPU waited for the GPU. ``visited_s``: how long the CPU computed samples and actions; ``started_s``: the part of
@@ -109,7 +109,7 @@ def screen(task: str, rows: int, waves: int, space: str = "starts", records: boo
     common += ["--space", space]
     simulations = rows * waves
     share = max(1e-4, 5 / simulations)
-    options = ["--simulations", str(simulations), "--backend", "gpu", "--rows", str(rows), "--confirm", str(share)]
+    options = ["--simulations", str(simulations), "--screening", "gpu", "--rows", str(rows), "--confirm", str(share)]
     total = command(*common, *options)
     batches = list(made)
     return simulations * EPISODE_STEPS / (total - sum(batch.made_in for batch in batches)), batches

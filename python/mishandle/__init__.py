@@ -1,8 +1,18 @@
 """Finds scenarios in which a robot controller fails."""
 
-from mishandle._native import VectorEnv, __version__
+from mishandle._native import TrainingEpisodes, __version__
 from mishandle.axes import Attribute, Axis, ResetOption
-from mishandle.campaign import (
+from mishandle.controllers import Controller, load_controller
+from mishandle.errors import (
+    InvalidScenario,
+    InvalidStateError,
+    InvalidTypeError,
+    InvalidValueError,
+    MishandleError,
+    MissingPackageError,
+)
+from mishandle.explanations import ComparedPair, Comparison, Estimate, Explanation, FailureMode, compare
+from mishandle.falsification import (
     Corner,
     Evaluation,
     Falsification,
@@ -17,17 +27,6 @@ from mishandle.campaign import (
     replay,
     simulate,
 )
-from mishandle.controllers import Controller, load_controller
-from mishandle.envs import TaskEnv, TaskVectorEnv, register
-from mishandle.errors import (
-    InvalidScenario,
-    InvalidStateError,
-    InvalidTypeError,
-    InvalidValueError,
-    MishandleError,
-    MissingPackageError,
-)
-from mishandle.explanations import ComparedPair, Comparison, Estimate, Explanation, FailureMode, compare
 from mishandle.formulas import Formula, robustness
 from mishandle.margins import Margin, MarginLevel, Witness, margin
 from mishandle.objectives import Objective
@@ -46,8 +45,9 @@ from mishandle.risks import (
     risk,
 )
 from mishandle.runs import Run, open_run
-from mishandle.searches import Minimum, Search, minimize, search_names
+from mishandle.searches import Minimum, Search, find_minimum, search_names
 from mishandle.targets import Simulation
+from mishandle.task_environments import TaskEnv, TaskVectorEnv, register
 
 __all__ = [
     "Attribute",
@@ -91,16 +91,16 @@ __all__ = [
     "SplittingChain",
     "TaskEnv",
     "TaskVectorEnv",
+    "TrainingEpisodes",
     "Trial",
-    "VectorEnv",
     "Witness",
     "__version__",
     "compare",
     "evaluate",
     "falsify",
+    "find_minimum",
     "load_controller",
     "margin",
-    "minimize",
     "open_run",
     "plot_comparison",
     "plot_robustness_map",

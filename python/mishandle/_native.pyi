@@ -223,7 +223,7 @@ def risk(
 ) -> dict[str, Any]: ...
 def simulated_counterexample(target: Target, *, formula: str | None, values: list[float | None], seed: int) -> str: ...
 
-class VectorEnv:
+class TrainingEpisodes:
     def __new__(
         cls,
         task: str,
@@ -236,7 +236,7 @@ class VectorEnv:
         action_noise: float = 0.0,
         staggered: bool = False,
         threads: int | None = None,
-    ) -> VectorEnv: ...
+    ) -> TrainingEpisodes: ...
     @property
     def task(self) -> str: ...
     @property

@@ -1,4 +1,4 @@
-"""The command ``mishandle``, which the package installs: the program of the same name, with the backend ``gpu``."""
+"""The command ``mishandle``, which the package installs: the program of the same name, with simulations on a GPU."""
 
 from __future__ import annotations
 

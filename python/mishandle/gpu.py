@@ -1,4 +1,4 @@
-"""Thousands of MuJoCo worlds on an NVIDIA GPU, stepped by MuJoCo Warp. The backend ``gpu`` of the commands uses it.
+"""Thousands of MuJoCo worlds on an NVIDIA GPU, stepped by MuJoCo Warp. The commands use it for ``--screening gpu`` and ``train --device gpu``.
 
 Its results are close to those of MuJoCo C, but not the same bits. It proposes simulations; MuJoCo C repeats those that count.
 """
@@ -29,7 +29,7 @@ try:
     mjw: Any = importlib.import_module("mujoco_warp")
     kernels: Any = importlib.import_module("mishandle.gpu_kernels")
 except ImportError as error:
-    raise ImportError(f"the backend gpu needs an extra: pip install 'mishandle[gpu]' ({error})") from error
+    raise ImportError(f"the device gpu needs an extra: pip install 'mishandle[gpu]' ({error})") from error
 
 MUJOCO_VERSION = "3.17.0"
 """Version of MuJoCo, in C and Warp, that the tasks were made for."""
@@ -92,7 +92,7 @@ def compile_model(xml: str, timestep: float) -> Any:
             raise RuntimeError(f"expected the package {package} {MUJOCO_VERSION}, found {found}; pip install 'mishandle[gpu]'")
     model = mujoco.MjModel.from_xml_string(xml)
     if model.ntendon > 0 or model.opt.integrator != mujoco.mjtIntegrator.mjINT_IMPLICITFAST:
-        raise RuntimeError("the backend gpu needs a model without tendons and with the integrator implicitfast")
+        raise RuntimeError("the device gpu needs a model without tendons and with the integrator implicitfast")
     model.opt.timestep = timestep
     # Without this flag, MuJoCo Warp finds 4 instead of 8 contacts between two boxes.
     model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_NATIVECCD)
@@ -116,7 +116,7 @@ def find_device(name: str | None) -> Any:
     name = name or os.environ.get(DEVICE_VARIABLE)
     if not name:
         if not wp.is_cuda_available():
-            raise RuntimeError("found no NVIDIA GPU with a working driver; use --backend cpu")
+            raise RuntimeError("found no NVIDIA GPU with a working driver; use MuJoCo C")
         name = "cuda"
     try:
         return wp.get_device(name)
@@ -171,7 +171,7 @@ class WarpBatch:
         """Makes the model of MuJoCo Warp, whose varying fields have one row per world."""
         if "dof_damping" in fields and np.any(model.actuator_damping):
             # MuJoCo Warp adds it to the damping of the joints.
-            raise RuntimeError("cannot vary dof_damping of a model with damped actuators between worlds; use --backend cpu")
+            raise RuntimeError("cannot vary dof_damping of a model with damped actuators between worlds; use MuJoCo C")
         known = {field.name: field.type for field in dataclasses.fields(mjw.Model)}
         varying: dict[str, int] = {}
         self._fields_size = 0
@@ -180,7 +180,7 @@ class WarpBatch:
             if size > 0 and name not in UNUSED_FIELDS:
                 if name != GRAVITY and getattr(known.get(name), "shape", (0,))[0] != "*":
                     # With a cloth, masses change flexedge_invweight0, which MuJoCo Warp shares between worlds.
-                    raise RuntimeError(f"cannot vary {name} of this model between worlds; use --backend cpu")
+                    raise RuntimeError(f"cannot vary {name} of this model between worlds; use MuJoCo C")
                 varying[name] = self._fields_size
             self._fields_size += size
         rows = self._rows

@@ -213,10 +213,10 @@ def on_gpu(case: Case, sample: Sample) -> list[Row]:
 
 def _on_gpu(case: Case, sample: Sample, formula: str) -> Row:
     method = ("--formula", formula, "--method", "monte-carlo", "--simulations", sample.simulations, "--seed", sample.seed)
-    screen = ("--backend", "gpu", "--rows", sample.simulations, "--confirm", 1, "--threads", sample.threads)
+    screen = ("--screening", "gpu", "--rows", sample.simulations, "--confirm", 1, "--threads", sample.threads)
     found = json.loads(command("risk", *subject(case), *method, *screen, "--json"))
     screening, confirmation = found["screening"], found["confirmation"]
-    confirmed, missed = confirmation["flagged_failures"], confirmation["sampled_failures"]
+    confirmed, missed = confirmation["flagged_failures"], confirmation["audit_sample_failures"]
     return Row(
         case,
         formula,

@@ -8,7 +8,7 @@ import threading
 from collections.abc import Iterator
 from typing import Any, TypeVar
 
-from mishandle.campaign import Progress
+from mishandle.falsification import Progress
 
 Result = TypeVar("Result")
 

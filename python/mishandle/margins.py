@@ -13,8 +13,8 @@ from typing_extensions import Unpack
 from mishandle import _native
 from mishandle.arguments import check_number, check_out
 from mishandle.axes import Axis
-from mishandle.campaign import PathLike, Progress, Repeats
 from mishandle.errors import MishandleError
+from mishandle.falsification import PathLike, Progress, Repeats
 from mishandle.interruption import after_the_batch, deliver
 from mishandle.systems import Scenario
 from mishandle.targets import Formulas, Space, TargetOptions, make_target

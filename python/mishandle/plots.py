@@ -33,7 +33,7 @@ class HasPath(Protocol):
 
 
 AnyRun = Union[Run, HasPath, str, "os.PathLike[str]"]
-"""A run, the result of a campaign or evaluation, or the path of a run file."""
+"""A run, the result of a falsification or evaluation, or the path of a run file."""
 
 _VIOLATED, _SATISFIED, _OTHER = "#c0392b", "#2166ac", "0.6"
 
@@ -104,7 +104,7 @@ def plot_search_progress(run: AnyRun, *, ax: Axes | None = None) -> Axes:
     Parameters
     ----------
     run : Run, Falsification or path
-        The campaign.
+        The falsification.
     ax : matplotlib.axes.Axes, optional
         Where to plot.
     """

@@ -1757,9 +1757,8 @@ class TrainingTime:
 
     environment_steps: int
     """Number of control steps over all environments."""
-    control_steps: int | None
-    """Number of control steps per environment; ``None`` if the number of environments is
-    unknown."""
+    control_steps: int
+    """Number of control steps per environment."""
     secs: float
     """Wall-clock time, s."""
 
@@ -1772,8 +1771,8 @@ class Training:
     """Task."""
     algorithm: str
     """Training algorithm."""
-    backend: str
-    """Physics engine of the training episodes: ``cpu`` or ``gpu``."""
+    device: str
+    """Device of the physics of the training episodes: ``cpu`` or ``gpu``."""
     seed: int
     """Seed of the training run."""
     environments: int
@@ -1818,8 +1817,8 @@ class TrainingPlan:
     """Training algorithm."""
     reward: str
     """Reward."""
-    backend: str
-    """Physics engine of the training episodes: ``cpu`` or ``gpu``."""
+    device: str
+    """Device of the physics of the training episodes: ``cpu`` or ``gpu``."""
     seed: int
     """Seed of the training run."""
     environment_steps: int
@@ -1834,22 +1833,6 @@ class TrainingPlan:
     """Hash of its layout of observations and actions."""
     formats: dict[str, int]
     """Format version of controller files by kind of policy."""
-
-
-@dataclasses.dataclass(frozen=True, kw_only=True)
-class Curve:
-    """The learning curve of a training run."""
-
-    iterations: int
-    """Number of iterations."""
-    environment_steps: int | None
-    """Number of control steps over all environments; ``None`` without iterations."""
-    wall_clock_secs: float | None
-    """Wall-clock time, s; ``None`` without iterations."""
-    training_time: TrainingTime | None
-    """Time until the return converged; ``None`` if it did not converge."""
-    no_training_time: str | None
-    """Why there is no training time; ``None`` with one."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)

@@ -14,9 +14,9 @@ from typing_extensions import Unpack
 from mishandle import _native
 from mishandle.arguments import check_number, check_out
 from mishandle.axes import Axis
-from mishandle.campaign import PathLike, Progress, Remembering
 from mishandle.errors import InvalidTypeError, InvalidValueError, MishandleError
 from mishandle.explanations import Estimate
+from mishandle.falsification import PathLike, Progress, Remembering
 from mishandle.interruption import after_the_batch, deliver
 from mishandle.margins import untested, write_counterexample
 from mishandle.systems import Scenario

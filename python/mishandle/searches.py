@@ -108,14 +108,14 @@ def _levels(bounds: Sequence[tuple[float, float]], integrality: Sequence[bool] |
 
 @dataclass(frozen=True)
 class Minimum:
-    """Result of :func:`minimize`."""
+    """Result of :func:`find_minimum`."""
 
     x: Point
     fun: float
     evaluations: int
 
 
-def minimize(
+def find_minimum(
     function: Callable[[Point], float],
     bounds: Sequence[tuple[float, float]],
     *,
@@ -126,7 +126,7 @@ def minimize(
 ) -> Minimum:
     """Minimizes a function over a box.
 
-    >>> found = minimize(lambda x: float((x[0] - 1) ** 2), [(-3, 3)], search="nelder-mead", budget=200)
+    >>> found = find_minimum(lambda x: float((x[0] - 1) ** 2), [(-3, 3)], search="nelder-mead", budget=200)
     >>> abs(float(found.x[0]) - 1) < 1e-3
     True
     """

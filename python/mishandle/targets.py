@@ -1,4 +1,4 @@
-"""Systems as targets: what the arguments of a campaign describe, and its checks before the first simulation."""
+"""Systems as targets: what the arguments of a falsification describe, and its checks before the first simulation."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ from mishandle.limits import check_time_limit
 from mishandle.policies import policy_hash
 from mishandle.ray import RayExecutor
 from mishandle.systems import FunctionSystem, NativeSystem, Outcome, Scenario, Source, System, TaskSystem
-from mishandle.vectors import environment_system
+from mishandle.vector_environments import environment_system
 
 Formulas = Union[str, Formula, Mapping[str, Union[str, Formula]], None]
 """A requirement, or formulas by name, the requirement first. ``success``, ``strict``, ``safe`` and ``completion`` define

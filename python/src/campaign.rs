@@ -6,7 +6,7 @@ use std::sync::PoisonError;
 
 use mishandle::counterexample::Counterexample;
 use mishandle::evaluation::Estimate;
-use mishandle::falsification::{CampaignOutcome, TrialEnd, TrialOutcome};
+use mishandle::falsification::{FalsificationOutcome, TrialEnd, TrialOutcome};
 use mishandle::plan::{EvaluatePlan, FalsifyPlan};
 use mishandle::rollout::{Episode, EpisodeEnd, Request, Scenario, Seed, Space};
 use mishandle::search::{OptionValue, SearchOptions};
@@ -357,7 +357,11 @@ pub(crate) fn estimate(estimate: &Estimate) -> EstimateFields {
     (value, low, high, n)
 }
 
-fn campaign<'py>(py: Python<'py>, space: &Space, outcome: &CampaignOutcome) -> PyResult<Bound<'py, PyDict>> {
+fn campaign<'py>(
+    py: Python<'py>,
+    space: &Space,
+    outcome: &FalsificationOutcome,
+) -> PyResult<Bound<'py, PyDict>> {
     let dict = PyDict::new(py);
     let trials = PyList::empty(py);
     for found in &outcome.trials {

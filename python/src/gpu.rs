@@ -1,4 +1,4 @@
-//! The backend `gpu`: worlds that MuJoCo Warp steps, through the Python module `mishandle.gpu`, and networks, through
+//! The device `gpu`: worlds that MuJoCo Warp steps, through the Python module `mishandle.gpu`, and networks, through
 //! `mishandle.gpu_networks`.
 
 use std::collections::HashMap;
@@ -6,16 +6,16 @@ use std::sync::Arc;
 
 use mishandle::network::{Activation, DeviceBuffers, DeviceNetwork, Mlp, NetworkDevice, NetworkError};
 use mishandle::run::Device;
-use mishandle::world::{Backend, BatchBuffers, BatchSpec, Outputs, WorldBatch, WorldError};
+use mishandle::world::{BatchBuffers, BatchSpec, Outputs, WorldBatch, WorldDevice, WorldError};
 use numpy::{PyArray1, PyArrayMethods};
 use pyo3::prelude::*;
 
 /// Makes batches of `mishandle.gpu.WarpBatch`.
-struct WarpBackend;
+struct WarpWorldDevice;
 
 /// Returns the device `gpu` of this process.
 pub fn device() -> Device {
-    Device { worlds: Arc::new(WarpBackend), networks: Some(Arc::new(WarpDevice)) }
+    Device { worlds: Arc::new(WarpWorldDevice), networks: Some(Arc::new(WarpDevice)) }
 }
 
 /// Address and number of elements of a buffer that a Python object owns.
@@ -36,7 +36,7 @@ struct WarpWorlds {
 }
 
 fn failed(py: Python<'_>, error: &PyErr) -> WorldError {
-    WorldError::Backend(error.value(py).to_string())
+    WorldError::Device(error.value(py).to_string())
 }
 
 /// Returns the buffers of a Python object by name.
@@ -52,7 +52,7 @@ fn buffers(object: &Bound<'_, PyAny>) -> PyResult<impl Fn(&str, usize) -> PyResu
     })
 }
 
-impl Backend for WarpBackend {
+impl WorldDevice for WarpWorldDevice {
     fn engine(&self) -> &'static str {
         "MuJoCo Warp"
     }

@@ -21,7 +21,7 @@ mod run;
 mod search;
 mod simulator;
 mod target;
-mod vector_env;
+mod training_episodes;
 
 use std::error::Error as StdError;
 use std::iter::successors;
@@ -39,7 +39,7 @@ use run::PyRun;
 use search::PySearch;
 use simulator::Simulator;
 use target::PyTarget;
-use vector_env::VectorEnv;
+use training_episodes::TrainingEpisodes;
 
 pyo3::import_exception!(mishandle.errors, MishandleError);
 pyo3::import_exception!(mishandle.errors, InvalidValueError);
@@ -58,7 +58,7 @@ fn contents(module: &Bound<'_, PyModule>) -> PyResult<()> {
         )));
     }
     module.add("__version__", mishandle::build::VERSION)?;
-    module.add_class::<VectorEnv>()?;
+    module.add_class::<TrainingEpisodes>()?;
     module.add_class::<PyTarget>()?;
     module.add_class::<PyFormula>()?;
     module.add_class::<PySearch>()?;

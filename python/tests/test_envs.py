@@ -19,7 +19,7 @@ import numpy as np
 from gymnasium.utils.env_checker import check_env
 from gymnasium.vector import AutoresetMode
 from mishandle import MishandleError, TaskEnv, TaskVectorEnv, _native
-from mishandle.envs import TASKS
+from mishandle.task_environments import TASKS
 
 ROOT = pathlib.Path(__file__).parents[2]
 

@@ -1,4 +1,4 @@
-"""Tests of the backend ``gpu``, with the kernels of MuJoCo Warp on the CPU."""
+"""Tests of the device ``gpu``, with the kernels of MuJoCo Warp on the CPU."""
 
 import csv
 import ctypes
@@ -259,7 +259,7 @@ class Physics(unittest.TestCase):
         self.assertGreater(np.abs(expected - without).max(), 1e-2)
 
     def test_fields_that_worlds_share_are_an_error(self):
-        with self.assertRaisesRegex(RuntimeError, "cannot vary geom_type.*--backend cpu"):
+        with self.assertRaisesRegex(RuntimeError, "cannot vary geom_type.*use MuJoCo C"):
             gpu.WarpBatch(TWO_BOXES, 0.002, 2, 3, [], [], [], ["geom_type"], device="cpu")
 
 
@@ -412,9 +412,9 @@ class Training(unittest.TestCase):
     def test_a_training_run_is_close_to_that_of_the_cpu_and_can_be_resumed(self):
         with tempfile.TemporaryDirectory() as folder:
             _, expected = self.train(folder, "cpu", 512)
-            self.train(folder, "gpu", 256, "--backend", "gpu")
-            document, found = self.train(folder, "gpu", 512, "--backend", "gpu", "--resume")
-        self.assertEqual(document["backend"], "gpu")
+            self.train(folder, "gpu", 256, "--device", "gpu")
+            document, found = self.train(folder, "gpu", 512, "--device", "gpu", "--resume")
+        self.assertEqual(document["device"], "gpu")
         for column in ("kl", "entropy", "validation_return"):
             numbers = [float(rows[-1][column]) for rows in (found, expected)]
             np.testing.assert_allclose(*numbers, rtol=1e-2, err_msg=column)
@@ -427,11 +427,11 @@ class Commands(unittest.TestCase):
         return json.loads(gpu_verdicts.command(arguments[0], *subject, *arguments[1:]))
 
     def test_mujoco_c_has_the_robustness_of_each_counterexample_of_falsify(self):
-        options = "--search random --trials 3 --budget 8 --seed 3 --repeats 0 --backend gpu --rows 24 --confirm 0.1"
+        options = "--search random --trials 3 --budget 8 --seed 3 --repeats 0 --screening gpu --rows 24 --confirm 0.1"
         with tempfile.TemporaryDirectory() as folder:
             found = self.run_command("falsify", *options.split(), "--out", f"{folder}/counterexample.json")
             replayed = json.loads(gpu_verdicts.command("replay", f"{folder}/counterexample.json", "--json"))
-        self.assertEqual(found["backend"], "gpu")
+        self.assertEqual(found["screening"]["device"], "gpu")
         falsified = [trial for trial in found["trials"] if trial["falsified"]]
         self.assertGreater(len(falsified), 0)
         self.assertEqual(found["confirmation"]["violated"]["violations"], len(falsified))
@@ -445,18 +445,18 @@ class Commands(unittest.TestCase):
         options = "--space starts+dynamics+events --simulations 100 --method monte-carlo --seed 3 --formula"
         formula = "always[285:300](finger_target_distance <= 0.03)"
         found = self.run_command(
-            "risk", *options.split(), formula, "--backend", "gpu", "--rows", "100", "--confirm", "1"
+            "risk", *options.split(), formula, "--screening", "gpu", "--rows", "100", "--confirm", "1"
         )
         screening, confirmation = found["screening"], found["confirmation"]
         self.assertEqual((screening["simulations"], screening["without_verdict"]), (100, 0))
         self.assertGreater(screening["flagged"], 10)
-        self.assertGreater(confirmation["sampled"], 10)
+        self.assertGreater(confirmation["audit_sample"], 10)
         refuted = screening["flagged"] - confirmation["flagged_failures"]
-        self.assertLessEqual(refuted + confirmation["sampled_failures"], 3)
+        self.assertLessEqual(refuted + confirmation["audit_sample_failures"], 3)
 
     def test_evaluate_finds_the_same_success_rate_as_mujoco_c_if_that_repeats_everything(self):
         options = ["--episodes", "20", "--seed", "4"]
-        found = self.run_command("evaluate", *options, "--backend", "gpu", "--rows", "20", "--confirm", "1")
+        found = self.run_command("evaluate", *options, "--screening", "gpu", "--rows", "20", "--confirm", "1")
         with tempfile.TemporaryDirectory() as folder:
             expected = self.run_command("evaluate", *options, "--out", f"{folder}/run.sqlite")
         self.assertAlmostEqual(found["success_rate"]["value"], expected["success_rate"]["value"], places=12)

@@ -498,7 +498,7 @@ class Tools(unittest.TestCase):
 
     def test_searches_minimize_and_agree_with_the_function(self):
         for name in mishandle.search_names():
-            found = mishandle.minimize(lambda x: float((x**2).sum()), [(-1, 2), (-2, 1)], search=name, budget=400)
+            found = mishandle.find_minimum(lambda x: float((x**2).sum()), [(-1, 2), (-2, 1)], search=name, budget=400)
             self.assertEqual(found.fun, float((found.x**2).sum()), name)
             self.assertLess(found.fun, 0.1, name)
         search = mishandle.Search("random", [(0, 1)])

@@ -1,4 +1,4 @@
-"""Tests of `VectorEnv`, the episodes of `mishandle train`."""
+"""Tests of `TrainingEpisodes`, the episodes of `mishandle train`."""
 
 import gc
 import os
@@ -12,7 +12,7 @@ import unittest
 
 import mishandle
 import numpy as np
-from mishandle import MishandleError, VectorEnv
+from mishandle import MishandleError, TrainingEpisodes
 
 ROOT = pathlib.Path(__file__).parents[2]
 
@@ -38,23 +38,23 @@ class Bits(unittest.TestCase):
             numbers = dict(environments=5, seed=11, time_limit=40, steps=70)
             command = ["cargo", "run", "--quiet", "--example", "trainer_rows", "--", task, *map(str, numbers.values())]
             trainer = subprocess.run(command, cwd=ROOT, check=True, stdout=subprocess.PIPE).stdout
-            env = VectorEnv(task, 5, seed=11, time_limit=40, action_noise=0.25, staggered=True)
+            env = TrainingEpisodes(task, 5, seed=11, time_limit=40, action_noise=0.25, staggered=True)
             self.assertEqual(walk(env, 70), trainer, task)
 
     def test_results_depend_on_the_seed_and_not_on_the_threads(self):
-        make = lambda seed, threads: VectorEnv("ball-balancing", 9, seed=seed, threads=threads, time_limit=20)
+        make = lambda seed, threads: TrainingEpisodes("ball-balancing", 9, seed=seed, threads=threads, time_limit=20)
         first = walk(make(1, 1), 45)
         self.assertEqual(first, walk(make(1, 3), 45))
         self.assertNotEqual(first, walk(make(2, 1), 45))
 
     def test_a_reset_restarts_the_same_episodes(self):
-        env = VectorEnv("point-reaching", 3, seed=5, action_noise=0.1)
+        env = TrainingEpisodes("point-reaching", 3, seed=5, action_noise=0.1)
         self.assertEqual(walk(env, 10), walk(env, 10))
 
 
 class Episodes(unittest.TestCase):
     def test_shapes_types_and_names(self):
-        env = VectorEnv("ball-balancing", 4)
+        env = TrainingEpisodes("ball-balancing", 4)
         self.assertEqual((env.task, env.environments, env.action_size, env.episode_steps), ("ball-balancing", 4, 9, 300))
         self.assertEqual(env.control_dt, 1 / 60)
         self.assertEqual(len(env.observation_names), env.observation_size)
@@ -71,7 +71,7 @@ class Episodes(unittest.TestCase):
         self.assertEqual(info["final_observation"].shape, shape)
 
     def test_the_time_limit_truncates_and_the_next_episode_starts_in_the_same_step(self):
-        env = VectorEnv("point-reaching", 2, time_limit=3)
+        env = TrainingEpisodes("point-reaching", 2, time_limit=3)
         first = env.reset()
         for step in range(1, 7):
             before = observations if step > 1 else first
@@ -87,7 +87,7 @@ class Episodes(unittest.TestCase):
                 self.assertFalse(np.array_equal(observations[:, 18:21], first[:, 18:21]), "another target")
 
     def test_a_lost_ball_terminates_the_episode(self):
-        env = VectorEnv("ball-balancing", 2)
+        env = TrainingEpisodes("ball-balancing", 2)
         env.reset()
         tilt = np.tile(np.array([1, -1, 1, -1, 1, 1, 1, 0, 0], np.float32), (2, 1))
         ends = [env.step(tilt)[2:4] for _ in range(299)]
@@ -95,7 +95,7 @@ class Episodes(unittest.TestCase):
         self.assertFalse(any(truncated[0] for _, truncated in ends[:100]))
 
     def test_actions_are_clipped(self):
-        env = VectorEnv("point-reaching", 1)
+        env = TrainingEpisodes("point-reaching", 1)
         observations = []
         for size in [1.0, 5.0]:
             env.reset()
@@ -103,7 +103,7 @@ class Episodes(unittest.TestCase):
         self.assertTrue(np.array_equal(*observations))
 
     def test_other_python_threads_run_during_a_step(self):
-        env = VectorEnv("point-reaching", 2000, threads=1)
+        env = TrainingEpisodes("point-reaching", 2000, threads=1)
         env.reset()
         still = np.zeros((2000, 9), np.float32)
         stepping = threading.Thread(target=lambda: [env.step(still) for _ in range(3)])
@@ -124,20 +124,20 @@ class Errors(unittest.TestCase):
         self.assertNotIn("\n", str(raised.exception))
 
     def test_names_and_numbers(self):
-        self.check("did you mean `point-reaching`?", lambda: VectorEnv("point-reachin", 1))
-        self.check("no task preset `x`; choose from: paper, code", lambda: VectorEnv("point-reaching", 1, preset="x"))
-        self.check("no reward `x`; choose from: shaped", lambda: VectorEnv("point-reaching", 1, reward="x"))
-        self.check("`environments` must be a whole number from 1 to 10^6, found 0", lambda: VectorEnv("point-reaching", 0))
-        self.check("`time_limit` must be a whole number from 1 to 10^12", lambda: VectorEnv("point-reaching", 1, time_limit=0))
-        self.check("`action_noise` must be", lambda: VectorEnv("point-reaching", 1, action_noise=float("nan")))
+        self.check("did you mean `point-reaching`?", lambda: TrainingEpisodes("point-reachin", 1))
+        self.check("no task preset `x`; choose from: paper, code", lambda: TrainingEpisodes("point-reaching", 1, preset="x"))
+        self.check("no reward `x`; choose from: shaped", lambda: TrainingEpisodes("point-reaching", 1, reward="x"))
+        self.check("`environments` must be a whole number from 1 to 10^6, found 0", lambda: TrainingEpisodes("point-reaching", 0))
+        self.check("`time_limit` must be a whole number from 1 to 10^12", lambda: TrainingEpisodes("point-reaching", 1, time_limit=0))
+        self.check("`action_noise` must be", lambda: TrainingEpisodes("point-reaching", 1, action_noise=float("nan")))
         for threads in [0, 1025, 2**40]:
             message = f"`threads` must be a whole number from 1 to 1024, found {threads}"
-            self.check(message, lambda: VectorEnv("point-reaching", 1, threads=threads))
+            self.check(message, lambda: TrainingEpisodes("point-reaching", 1, threads=threads))
         with self.assertRaises(OverflowError):
-            VectorEnv("point-reaching", -1)
+            TrainingEpisodes("point-reaching", -1)
 
     def test_actions(self):
-        env = VectorEnv("point-reaching", 2)
+        env = TrainingEpisodes("point-reaching", 2)
         good = np.zeros((2, 9), np.float32)
         self.check("call `reset` before the first `step`", lambda: env.step(good))
         first = env.reset()
@@ -153,7 +153,7 @@ class Errors(unittest.TestCase):
         self.assertTrue(np.array_equal(env.step(np.asfortranarray(good))[0], self.after_one_step(first)))
 
     def test_actions_anywhere_in_memory(self):
-        env = VectorEnv("point-reaching", 2)
+        env = TrainingEpisodes("point-reaching", 2)
         good = np.linspace(-1, 1, 18, dtype=np.float32).reshape(2, 9)
 
         def step(actions):
@@ -180,7 +180,7 @@ class Errors(unittest.TestCase):
 
     @staticmethod
     def after_one_step(first):
-        env = VectorEnv("point-reaching", 2)
+        env = TrainingEpisodes("point-reaching", 2)
         assert np.array_equal(env.reset(), first)
         return env.step(np.zeros((2, 9), np.float32))[0]
 
@@ -209,7 +209,7 @@ class Fork(unittest.TestCase):
         self.fail("the child hangs")
 
     def test_a_child_cannot_use_the_environments_of_its_parent(self):
-        env = VectorEnv("point-reaching", 4, threads=2)
+        env = TrainingEpisodes("point-reaching", 4, threads=2)
         first = env.reset()
         still = np.zeros((4, env.action_size), np.float32)
 
@@ -228,17 +228,17 @@ class Fork(unittest.TestCase):
         env.step(still)
 
     def test_a_child_creates_its_own_environments(self):
-        make = lambda: walk(VectorEnv("ball-balancing", 4, seed=3, threads=2), 5)
+        make = lambda: walk(TrainingEpisodes("ball-balancing", 4, seed=3, threads=2), 5)
         expected = make()
         self.in_child(lambda: make() == expected)
 
     def test_a_child_drops_the_environments_of_its_parent(self):
-        held = [VectorEnv("point-reaching", 4, threads=4)]
+        held = [TrainingEpisodes("point-reaching", 4, threads=4)]
         held[0].reset()
         self.in_child(lambda: held.pop() is not None)
 
     def test_a_fork_during_a_step_of_another_thread(self):
-        env = VectorEnv("point-reaching", 2000, threads=2)
+        env = TrainingEpisodes("point-reaching", 2000, threads=2)
         env.reset()
         still = np.zeros((2000, 9), np.float32)
         running = threading.Event()
@@ -251,7 +251,7 @@ class Fork(unittest.TestCase):
         stepping.start()
         try:
             for _ in range(5):
-                self.in_child(lambda: walk(VectorEnv("point-reaching", 2, threads=1), 2) != b"")
+                self.in_child(lambda: walk(TrainingEpisodes("point-reaching", 2, threads=1), 2) != b"")
         finally:
             running.set()
             stepping.join()
@@ -259,7 +259,7 @@ class Fork(unittest.TestCase):
     def test_the_first_use_after_an_import_can_be_in_a_child(self):
         program = "import os, mishandle\n" \
             "if os.fork() == 0:\n" \
-            "    env = mishandle.VectorEnv('point-reaching', 2)\n" \
+            "    env = mishandle.TrainingEpisodes('point-reaching', 2)\n" \
             "    os._exit(0 if env.reset().shape[0] == 2 else 1)\n" \
             "assert os.wait()[1] == 0"
         subprocess.run([sys.executable, "-c", program], check=True, timeout=60)

@@ -1,7 +1,7 @@
 //! What a random search without a failure says about a smooth robustness.
 
 use mishandle_evaluation::{NotSmooth, smooth_region};
-use mishandle_falsification::{CampaignOutcome, unit_scenario};
+use mishandle_falsification::{FalsificationOutcome, unit_scenario};
 use mishandle_results::SmoothRegion;
 use mishandle_rollout::AxisValues;
 use mishandle_store::RunFile;
@@ -17,7 +17,7 @@ use crate::run::failure_rate_bound;
 /// If the run cannot be read.
 pub fn smooth_region_of(
     resolved: &ResolvedPlan,
-    outcome: &CampaignOutcome,
+    outcome: &FalsificationOutcome,
     run: &RunFile,
 ) -> Result<Option<SmoothRegion>, MishandleError> {
     if failure_rate_bound(resolved, outcome).is_none() {

@@ -15,7 +15,7 @@ pub(crate) mod search;
 mod subject;
 mod task;
 
-use mishandle_falsification::CampaignSettings;
+use mishandle_falsification::FalsificationSettings;
 use mishandle_random::Seed;
 use mishandle_rollout::{RolloutError, Space, Specification, SpecificationMonitor, System, Target};
 use mishandle_stl::{Clock, Formula, Monitor};
@@ -148,7 +148,7 @@ impl ResolvedPlan {
         match &self.plan.falsify {
             Some(_) => {
                 let seed = Seed(self.plan.seed);
-                CampaignSettings { seed, ..CampaignSettings::default() }.trial_seed(trial.max(1)).0
+                FalsificationSettings { seed, ..FalsificationSettings::default() }.trial_seed(trial.max(1)).0
             }
             None => self.plan.seed,
         }

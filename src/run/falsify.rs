@@ -2,7 +2,8 @@ use std::ops::ControlFlow;
 use std::rc::Rc;
 
 use mishandle_falsification::{
-    Campaign, CampaignOutcome, CampaignSettings, KeepGoing, ScreenedCounts, Trial, TrialEnd, TrialOutcome,
+    Falsification, FalsificationOutcome, FalsificationSettings, KeepGoing, ScreenedCounts, Trial, TrialEnd,
+    TrialOutcome,
 };
 use mishandle_rollout::{Screen, Seed, System};
 use mishandle_stl::Trace;
@@ -27,13 +28,13 @@ pub fn falsify(
     resolved: &ResolvedPlan,
     mut run: RunWriter,
     mut watch: impl FnMut(&Progress) -> ControlFlow<()>,
-) -> Result<CampaignOutcome, MishandleError> {
+) -> Result<FalsificationOutcome, MishandleError> {
     let ResolvedPlan { plan, space, .. } = resolved;
     let falsify = plan.falsify.as_ref().ok_or(MishandleError::MissingPlanTable { table: "falsify" })?;
     header::check(run.file().header(), resolved)?;
     let settings = settings(plan, falsify);
     let FalsifyPlan { trials, budget, .. } = *falsify;
-    let mut campaign = Campaign::new(settings, space, new_search(falsify, space))?;
+    let mut campaign = Falsification::new(settings, space, new_search(falsify, space))?;
     if let Some(settings) = keep_going(resolved) {
         campaign = campaign.keep_going(settings);
     }
@@ -89,29 +90,29 @@ pub fn falsify(
     Ok(outcome)
 }
 
-/// Searches for counterexamples by screening: see [`Campaign::run_screened`]. Counterexamples are from the target's own system.
+/// Searches for counterexamples by screening: see [`Falsification::run_screened`]. Counterexamples are from the target's own system.
 pub(crate) fn screened(
     resolved: &ResolvedPlan,
     (screening, system): (&mut dyn Screen, &mut dyn System),
     sample_rate: f64,
-    watch: &mut (dyn FnMut(&CampaignOutcome) -> ControlFlow<()> + Send),
-) -> Result<(CampaignOutcome, ScreenedCounts), MishandleError> {
+    watch: &mut (dyn FnMut(&FalsificationOutcome) -> ControlFlow<()> + Send),
+) -> Result<(FalsificationOutcome, ScreenedCounts), MishandleError> {
     let ResolvedPlan { plan, space, .. } = resolved;
     let falsify = plan.falsify.as_ref().ok_or(MishandleError::MissingPlanTable { table: "falsify" })?;
-    let mut campaign = Campaign::new(settings(plan, falsify), space, new_search(falsify, space))?;
+    let mut campaign = Falsification::new(settings(plan, falsify), space, new_search(falsify, space))?;
     Ok(campaign.run_screened(screening, system, sample_rate, watch)?)
 }
 
-fn settings(plan: &Plan, falsify: &FalsifyPlan) -> CampaignSettings {
+fn settings(plan: &Plan, falsify: &FalsifyPlan) -> FalsificationSettings {
     let FalsifyPlan { trials, budget, batch, early_stopping, .. } = *falsify;
-    CampaignSettings { trials, budget, seed: Seed(plan.seed), batch: batch as usize, early_stopping }
+    FalsificationSettings { trials, budget, seed: Seed(plan.seed), batch: batch as usize, early_stopping }
 }
 
 /// Checks seed and status of a recorded trial against the recorded simulations.
 fn check_trial(
     resolved: &ResolvedPlan,
     trial: &TrialRecord,
-    recorded: &CampaignOutcome,
+    recorded: &FalsificationOutcome,
 ) -> Result<(), MishandleError> {
     let mut differences: Vec<String> = seed_difference(resolved, trial).into_iter().collect();
     let outcome = recorded.trials.iter().find(|outcome| outcome.trial == trial.number);
@@ -139,7 +140,8 @@ fn check_trial(
 /// Describes the difference between the recorded seed of a trial and the seed that the plan gives it.
 pub(crate) fn seed_difference(resolved: &ResolvedPlan, trial: &TrialRecord) -> Option<String> {
     let TrialRecord { number, seed, .. } = *trial;
-    let settings = CampaignSettings { seed: Seed(resolved.plan.seed), ..CampaignSettings::default() };
+    let settings =
+        FalsificationSettings { seed: Seed(resolved.plan.seed), ..FalsificationSettings::default() };
     let Some(expected) = (number > 0).then(|| settings.trial_seed(number).0) else {
         return Some("trial 0: trials are numbered from 1".to_string());
     };
@@ -155,7 +157,7 @@ pub(crate) fn new_trial(
     let Some(falsify) = plan.falsify.as_ref().filter(|falsify| (1..=falsify.trials).contains(&number)) else {
         return Ok(None);
     };
-    let settings = CampaignSettings { seed: Seed(plan.seed), ..CampaignSettings::default() };
+    let settings = FalsificationSettings { seed: Seed(plan.seed), ..FalsificationSettings::default() };
     let seed = settings.trial_seed(number);
     let make = Rc::new(new_search(falsify, space));
     let trial = Trial::new(number, seed, falsify.budget, space.clone(), make)?;
@@ -192,9 +194,9 @@ pub(crate) fn with_needed_trace(
 }
 
 /// Returns an upper bound of the failure rate in the space if no simulation fails, with 95 % confidence: see
-/// [`CampaignOutcome::failure_rate_bound`]. `None` unless the search draws independent uniform samples, because the points of other
+/// [`FalsificationOutcome::failure_rate_bound`]. `None` unless the search draws independent uniform samples, because the points of other
 /// searches are no random sample.
-pub fn failure_rate_bound(resolved: &ResolvedPlan, outcome: &CampaignOutcome) -> Option<f64> {
+pub fn failure_rate_bound(resolved: &ResolvedPlan, outcome: &FalsificationOutcome) -> Option<f64> {
     let falsify = resolved.plan.falsify.as_ref()?;
     let search = new_search(falsify, &resolved.space)(0).ok()?;
     outcome.failure_rate_bound().filter(|_| search.samples_uniformly())

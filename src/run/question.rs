@@ -4,13 +4,13 @@ use std::ops::ControlFlow;
 
 use mishandle_evaluation::{Corners, Repeats, ScreenedProgress};
 use mishandle_falsification::{
-    CampaignOutcome, Margin, Repeated, ScreenedCounts, margin, repeat, repeat_seeds,
+    FalsificationOutcome, Margin, Repeated, ScreenedCounts, margin, repeat, repeat_seeds,
 };
 use mishandle_random::Seed;
 use mishandle_risk::{Report, ScreenedReport, ScreenedSettings, screened_risk};
 use mishandle_rollout::Request;
 use mishandle_store::{RunFile, RunKind, RunWriter, TrialStatus};
-use mishandle_world::Backend;
+use mishandle_world::WorldDevice;
 
 use crate::error::MishandleError;
 use crate::plan::ScreeningPlan;
@@ -31,7 +31,7 @@ pub enum Engine<'a> {
     /// The target's own system computes all of them.
     Direct,
     /// This device proposes, and the target's own system confirms: see [`ScreeningPlan`].
-    Screening(&'a dyn Backend),
+    Screening(&'a dyn WorldDevice),
 }
 
 /// Progress of a question.
@@ -55,7 +55,7 @@ pub enum Answer {
     /// Rates of a screened evaluation.
     ScreenedEvaluation(ScreenedEvaluationOutcome),
     /// Trials of a falsification, with the counts of its screening.
-    Falsification(CampaignOutcome, Option<ScreenedCounts>),
+    Falsification(FalsificationOutcome, Option<ScreenedCounts>),
     /// The smallest disturbance.
     Margin(MarginOutcome),
     /// The failure probability.

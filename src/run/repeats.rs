@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 use std::ops::ControlFlow;
 
 use mishandle_evaluation::Repeats;
-use mishandle_falsification::{CampaignOutcome, Minimum, Repeated, repeat, repeat_seeds};
+use mishandle_falsification::{FalsificationOutcome, Minimum, Repeated, repeat, repeat_seeds};
 
 use crate::error::MishandleError;
 use crate::resolve::{ResolvedPlan, depends_on_seed};
@@ -19,7 +19,7 @@ use crate::resolve::{ResolvedPlan, depends_on_seed};
 /// If a simulation cannot be run.
 pub fn counterexample_repeats(
     resolved: &ResolvedPlan,
-    found: &CampaignOutcome,
+    found: &FalsificationOutcome,
     requested: Option<u64>,
     mut watch: impl FnMut(u64, u64) -> ControlFlow<()>,
 ) -> Result<BTreeMap<u32, Repeats>, MishandleError> {

@@ -10,7 +10,7 @@ use mishandle_evaluation::{
 use mishandle_network::NetworkDevice;
 use mishandle_rollout::{RolloutError, ScenarioBatch, Screen, Screening, System};
 use mishandle_tasks::TaskBatch;
-use mishandle_world::Backend;
+use mishandle_world::WorldDevice;
 
 use crate::error::MishandleError;
 use crate::plan::Plan;
@@ -21,24 +21,24 @@ use crate::run::evaluate::{corner_report, with_requests};
 #[derive(Clone)]
 pub struct Device {
     /// Worlds that propose simulations, and in which policies train.
-    pub worlds: Arc<dyn Backend>,
+    pub worlds: Arc<dyn WorldDevice>,
     /// Networks for the learner of [`train`](crate::train::train()). Without them, the CPU computes the networks.
     pub networks: Option<Arc<dyn NetworkDevice>>,
 }
 
-/// Makes the screening of a plan's simulations on a backend, in two batches of half of `rows` worlds each: while the engine steps
+/// Makes the screening of a plan's simulations on a device, in two batches of half of `rows` worlds each: while the engine steps
 /// one of them, the CPU computes the samples and actions of the other.
 ///
 /// # Errors
-/// If the target is no task, or the backend cannot simulate it.
+/// If the target is no task, or the device cannot simulate it.
 pub fn screening(
     resolved: &ResolvedPlan,
-    backend: &dyn Backend,
+    device: &dyn WorldDevice,
     rows: usize,
 ) -> Result<Screening, MishandleError> {
     if !is_task(&resolved.target.identity.kind) {
         let target = resolved.plan.target.clone();
-        return Err(MishandleError::UnsupportedOption { target, option: "another backend than cpu" });
+        return Err(MishandleError::UnsupportedOption { target, option: "--screening" });
     }
     let target = task_target(&resolved.plan)?;
     let environment = target.environment(&resolved.space)?;
@@ -54,13 +54,13 @@ pub fn screening(
     let batches = halves
         .into_iter()
         .filter(|rows| *rows > 0)
-        .map(|rows| Ok(Box::new(TaskBatch::new(&environment, backend, rows)?) as Box<dyn ScenarioBatch>))
+        .map(|rows| Ok(Box::new(TaskBatch::new(&environment, device, rows)?) as Box<dyn ScenarioBatch>))
         .collect::<Result<Vec<_>, RolloutError>>()?;
     let rollout = target.system_in(Arc::new(environment), &resolved.space, &resolved.specification)?;
     Ok(Screening::new(rollout, batches))
 }
 
-/// Results of an evaluation on a backend.
+/// Results of an evaluation on a device.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ScreenedEvaluationOutcome {
     /// Results of the random simulations.

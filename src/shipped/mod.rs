@@ -154,9 +154,9 @@ pub fn shipped_controller(definition: &Definition, name: &str) -> Option<Shipped
     ShippedFile::find(&format!("{CONTROLLERS}/{}/{name}.safetensors", base(definition)))
 }
 
-/// Returns the shipped training settings of an algorithm for a task on a backend (`cpu` or `gpu`), if they exist.
-pub fn shipped_settings(definition: &Definition, algorithm: &str, backend: &str) -> Option<ShippedFile> {
-    let suffix = if backend == "cpu" { String::new() } else { format!("-{backend}") };
+/// Returns the shipped training settings of an algorithm for a task on a device (`cpu` or `gpu`), if they exist.
+pub fn shipped_settings(definition: &Definition, algorithm: &str, device: &str) -> Option<ShippedFile> {
+    let suffix = if device == "cpu" { String::new() } else { format!("-{device}") };
     ShippedFile::find(&format!("experiments/training/{}/{algorithm}{suffix}.toml", base(definition)))
 }
 

@@ -17,7 +17,7 @@ use mishandle_files::{FileLock, NewFolders, limits, read_text_bounded};
 use mishandle_rollout::{BatchFactory, Seed};
 use mishandle_tasks::{Preset, Reward, Task, TaskBatches, TaskEnvironment, task_hash};
 use mishandle_training::{
-    ALGORITHMS, AlgorithmSettings, BEST, Checkpoint, PRESETS, TrainingControl, TrainingProgress,
+    ALGORITHMS, AlgorithmSettings, BASES, BEST, Checkpoint, TrainingControl, TrainingProgress,
     TrainingResult, Validation,
 };
 
@@ -105,7 +105,7 @@ pub fn train(
     let batches = batches(plan, gpu, environment)?;
     let (seed, resumed) = (Seed(plan.seed), resumed.as_ref());
     let networks = gpu.and_then(|gpu| gpu.networks.as_deref());
-    let trained = match networks.filter(|_| plan.backend == "gpu") {
+    let trained = match networks.filter(|_| plan.device == "gpu") {
         Some(networks) => settings.train_on(&*batches, networks, seed, resumed, &mut recorder),
         None => settings.train(&*batches, seed, resumed, &mut recorder),
     };
@@ -167,10 +167,10 @@ pub(crate) fn batches(
     gpu: Option<&Device>,
     environment: Arc<TaskEnvironment>,
 ) -> Result<Box<dyn BatchFactory>, MishandleError> {
-    known("backend", &plan.backend, &["cpu", "gpu"])?;
-    Ok(match plan.backend == "gpu" {
+    known("device", &plan.device, &["cpu", "gpu"])?;
+    Ok(match plan.device == "gpu" {
         true => {
-            let gpu = gpu.ok_or_else(|| MishandleError::NoDevice { device: plan.backend.clone() })?;
+            let gpu = gpu.ok_or_else(|| MishandleError::NoDevice { device: plan.device.clone() })?;
             Box::new(TaskBatches::new(environment, gpu.worlds.clone()))
         }
         false => Box::new(environment),
@@ -192,14 +192,14 @@ pub(crate) fn settings(plan: &TrainPlan) -> Result<AlgorithmSettings, MishandleE
     Ok(settings)
 }
 
-/// Returns the text of the settings file or settings preset that the user named.
+/// Returns the text of the settings file or settings base that the user named.
 fn given_settings(path: &Path) -> Result<String, MishandleError> {
-    // An argument that is no file and does not look like one is the name of a settings preset.
+    // An argument that is no file and does not look like one is the name of a settings base.
     if !path.exists() && path.components().count() == 1 && path.extension().is_none_or(|end| end != "toml") {
-        known("settings preset", &path.to_string_lossy(), &PRESETS)?;
+        known("settings base", &path.to_string_lossy(), &BASES)?;
     }
-    match PRESETS.iter().find(|preset| path == Path::new(preset)) {
-        Some(preset) => Ok(format!("preset = \"{preset}\"")),
+    match BASES.iter().find(|base| path == Path::new(base)) {
+        Some(base) => Ok(format!("base = \"{base}\"")),
         None => read_text_bounded(path, limits::SETTINGS)
             .map_err(|source| MishandleError::File { path: path.to_path_buf(), source }),
     }
@@ -209,7 +209,7 @@ fn given_settings(path: &Path) -> Result<String, MishandleError> {
 fn shipped(plan: &TrainPlan) -> Result<Option<(PathBuf, String)>, MishandleError> {
     let definition = task(&plan.task)?.definition();
     check_home("experiments/training")?;
-    let Some(file) = shipped_settings(definition, &plan.algorithm, &plan.backend) else { return Ok(None) };
+    let Some(file) = shipped_settings(definition, &plan.algorithm, &plan.device) else { return Ok(None) };
     let text = String::from_utf8_lossy(&file.bytes()?).into_owned();
     Ok(Some((file.path().to_path_buf(), text)))
 }

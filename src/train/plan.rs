@@ -16,8 +16,8 @@ pub struct TrainPlan {
     /// Name of the reward: `original` or `shaped`.
     pub reward: String,
     /// Name of the physics engine of the training episodes: `cpu` (MuJoCo C) or `gpu`. Validations always use MuJoCo C.
-    pub backend: String,
-    /// Settings file, or name of a settings preset. `None` and `best` mean the shipped settings of task and algorithm, or the
+    pub device: String,
+    /// Settings file, or name of a settings base. `None` and `best` mean the shipped settings of task and algorithm, or the
     /// algorithm's defaults if none are shipped.
     pub settings: Option<PathBuf>,
     /// Total number of environment steps; overrides the settings.
@@ -57,8 +57,8 @@ impl TrainPlan {
         if self.reward != "shaped" {
             command += &format!(" --reward {}", self.reward);
         }
-        if self.backend != "cpu" {
-            command += &format!(" --backend {}", self.backend);
+        if self.device != "cpu" {
+            command += &format!(" --device {}", self.device);
         }
         if let Some(settings) = &self.settings {
             command += &format!(" --settings {}", shell_quote(&settings.to_string_lossy()));
@@ -164,7 +164,7 @@ mod tests {
             task: "point-reaching".to_string(),
             algorithm: "ppo".to_string(),
             reward: "shaped".to_string(),
-            backend: "cpu".to_string(),
+            device: "cpu".to_string(),
             settings: None,
             steps: None,
             seed: 3,

@@ -1,11 +1,10 @@
 use std::path::Path;
 
 use mishandle_controllers::ControllerFile;
-use mishandle_results as results;
 use mishandle_results::{Controller, Seed, Training, TrainingPlan, TrainingTime, Validation};
 use mishandle_training::RunSettings;
 
-use crate::train::{Curve, CurveRow, NoTrainingTime, TrainPlan, TrainReport, TrainingFacts};
+use crate::train::{CurveRow, NoTrainingTime, TrainPlan, TrainReport, TrainingFacts};
 
 impl TrainReport {
     /// Returns the report of a finished training run as a result.
@@ -15,11 +14,11 @@ impl TrainReport {
         let environments = settings.episodes().environments;
         let validation = result.best_validation;
         let time = training_time.as_ref().map_err(|reason| *reason);
-        let (training_time, no_training_time) = self::training_time(time, Some(environments));
+        let (training_time, no_training_time) = self::training_time(time, environments);
         Training {
             task: plan.task.clone(),
             algorithm: plan.algorithm.clone(),
-            backend: plan.backend.clone(),
+            device: plan.device.clone(),
             seed: Seed(plan.seed),
             environments: environments as u64,
             environment_steps: result.environment_steps,
@@ -56,7 +55,7 @@ impl TrainingFacts {
             task: plan.task.clone(),
             algorithm: plan.algorithm.clone(),
             reward: plan.reward.clone(),
-            backend: plan.backend.clone(),
+            device: plan.device.clone(),
             seed: Seed(plan.seed),
             environment_steps: self.settings.run().total_steps,
             command: plan.command(),
@@ -68,30 +67,15 @@ impl TrainingFacts {
     }
 }
 
-impl Curve {
-    /// Returns the curve of a training run as a result; with control steps per environment if the number of environments is known.
-    pub fn result(&self, environments: Option<usize>) -> results::Curve {
-        let last = self.rows.last();
-        let (training_time, no_training_time) = training_time(self.training_time(), environments);
-        results::Curve {
-            iterations: self.rows.len() as u64,
-            environment_steps: last.map(|row| row.environment_steps),
-            wall_clock_secs: last.map(|row| row.wall_clock_secs.into()),
-            training_time,
-            no_training_time,
-        }
-    }
-}
-
 /// Returns the training time, or why it is missing.
 fn training_time(
     time: Result<&CurveRow, NoTrainingTime>,
-    environments: Option<usize>,
+    environments: usize,
 ) -> (Option<TrainingTime>, Option<String>) {
     match time {
         Err(reason) => (None, Some(reason.to_string())),
         Ok(row) => {
-            let control_steps = environments.map(|environments| row.control_steps(environments));
+            let control_steps = row.control_steps(environments);
             let time = TrainingTime {
                 environment_steps: row.environment_steps,
                 control_steps,

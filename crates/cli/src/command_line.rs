@@ -3,9 +3,9 @@
 use std::ffi::OsString;
 use std::sync::LazyLock;
 
-use clap::Parser;
+use clap::{CommandFactory, FromArgMatches, Parser};
 
-use crate::commands::Command;
+use crate::commands::{Command, GROUPS};
 use crate::show::{escape, output};
 
 /// Version, and the paths of MuJoCo's library and of the shipped files, for questions about an installation.
@@ -38,11 +38,58 @@ pub struct CommandLine {
     pub command: Command,
 }
 
+impl CommandLine {
+    /// Parses the arguments of the program. The first one is its name.
+    pub fn parse_words(words: impl IntoIterator<Item = OsString>) -> Result<CommandLine, clap::Error> {
+        let mut program = declaration();
+        let matches = program.try_get_matches_from_mut(words)?;
+        CommandLine::from_arg_matches(&matches).map_err(|error| error.format(&mut program))
+    }
+}
+
+/// Returns the declaration of the program. Its help lists the commands by group, which the parser cannot do for subcommands.
+pub fn declaration() -> clap::Command {
+    let program = CommandLine::command();
+    let groups = groups(program.clone());
+    let header = program.get_styles().get_header();
+    let template = format!(
+        "{{about-with-newline}}\n{{usage-heading}} {{usage}}\n\n{groups}\n\n{header}Options:{header:#}\n{{options}}{{after-help}}"
+    );
+    program.help_template(template)
+}
+
+/// Returns the commands of each group with their descriptions, wrapped at the width of the terminal.
+fn groups(mut program: clap::Command) -> String {
+    // Adds the command `help`.
+    program.build();
+    let styles = program.get_styles();
+    let (header, literal) = (styles.get_header(), styles.get_literal());
+    let names = GROUPS.iter().flat_map(|(_, names)| names.iter());
+    let column = names.map(|name| name.len()).max().unwrap_or(0);
+    let line = |name: &str| {
+        let about = program.find_subcommand(name).and_then(clap::Command::get_about);
+        let about = about.map(ToString::to_string).unwrap_or_default();
+        let indent = column + 4;
+        let text = output::wrapped(&about, output::width().saturating_sub(indent));
+        format!(
+            "  {literal}{name}{literal:#}{:1$}  {2}",
+            "",
+            column - name.len(),
+            output::indented(&text, indent)
+        )
+    };
+    let group = |(title, names): &(&str, &[&str])| {
+        let lines: Vec<String> = names.iter().map(|name| line(name)).collect();
+        format!("{header}{title}:{header:#}\n{}", lines.join("\n"))
+    };
+    GROUPS.iter().map(group).collect::<Vec<_>>().join("\n\n")
+}
+
 /// Prints help, or an error in the arguments of the program.
 pub fn usage(error: &clap::Error, arguments: &[OsString]) {
     // The parser colors its errors, which quote arguments, so the arguments are escaped instead of the error.
     let escaped = arguments.iter().map(|argument| escape::name(&argument.to_string_lossy()));
-    match CommandLine::try_parse_from(escaped) {
+    match CommandLine::parse_words(escaped.map(OsString::from)) {
         // Help goes to stdout, which can be a closed pipe.
         Err(escaped) => drop(escaped.print()),
         // An argument was not UTF-8.
@@ -52,8 +99,6 @@ pub fn usage(error: &clap::Error, arguments: &[OsString]) {
 
 #[cfg(test)]
 mod tests {
-    use clap::CommandFactory;
-
     use super::*;
 
     /// Width at which clap wraps help.
@@ -69,6 +114,29 @@ mod tests {
 
     #[test]
     fn no_help_text_with_line_breaks_of_its_own_is_wrapped_again() {
-        check(&CommandLine::command());
+        check(&declaration());
+    }
+
+    #[test]
+    fn each_command_stands_in_one_group_in_the_order_of_the_help() {
+        let mut program = CommandLine::command();
+        program.build();
+        let commands: Vec<&str> = program.get_subcommands().map(clap::Command::get_name).collect();
+        let grouped: Vec<&str> = GROUPS.iter().flat_map(|(_, names)| names.iter().copied()).collect();
+        assert_eq!(grouped, commands);
+    }
+
+    #[test]
+    fn the_help_lists_each_command_below_its_group() {
+        let help = declaration().render_help().to_string();
+        let mut rest = help.as_str();
+        for (title, names) in GROUPS {
+            for line in std::iter::once(format!("\n{title}:\n"))
+                .chain(names.iter().map(|name| format!("\n  {name} ")))
+            {
+                rest = &rest[rest.find(&line).expect(&line) + line.len() - 1..];
+            }
+        }
+        assert!(rest.contains("\nOptions:\n") && rest.contains("\nExamples:\n"), "{help}");
     }
 }

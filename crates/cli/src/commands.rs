@@ -5,7 +5,6 @@ mod compare;
 mod completions;
 mod controller;
 mod counterexamples;
-mod curve;
 mod evaluate;
 mod explain;
 mod export;
@@ -32,31 +31,41 @@ use mishandle::run::Device;
 
 use crate::exit_status::ExitStatus;
 
+/// The commands by what a person wants to do, in the order of the help. `help` is the parser's own.
+pub const GROUPS: [(&str, &[&str]); 6] = [
+    ("Find failures", &["falsify", "margin", "campaign"]),
+    ("Measure", &["evaluate", "risk", "compare", "reproduce"]),
+    ("Understand", &["explain", "simulate", "replay", "render", "report", "monitor"]),
+    ("Keep", &["runs", "counterexamples", "regress", "export"]),
+    ("Train", &["train", "controller"]),
+    ("Look up", &["tasks", "targets", "searches", "completions", "man", "help"]),
+];
+
+/// The commands, in the order of [`GROUPS`].
 #[derive(Debug, Subcommand)]
 pub enum Command {
+    Falsify(falsify::Arguments),
+    Margin(margin::Arguments),
+    Campaign(campaign::Arguments),
+    Evaluate(evaluate::Arguments),
+    Risk(risk::Arguments),
+    Compare(compare::Arguments),
+    Reproduce(reproduce::Arguments),
+    Explain(explain::Arguments),
+    Simulate(simulate::Arguments),
+    Replay(replay::Arguments),
+    Render(render::Arguments),
+    Report(report::Arguments),
+    Monitor(monitor::Arguments),
+    Runs(runs::Arguments),
+    Counterexamples(counterexamples::Arguments),
+    Regress(regress::Arguments),
+    Export(export::Arguments),
+    Train(train::Arguments),
+    Controller(controller::Arguments),
     Tasks(tasks::Arguments),
     Targets(targets::Arguments),
     Searches(searches::Arguments),
-    Monitor(monitor::Arguments),
-    Train(train::Arguments),
-    Controller(controller::Arguments),
-    Curve(curve::Arguments),
-    Evaluate(evaluate::Arguments),
-    Falsify(falsify::Arguments),
-    Campaign(campaign::Arguments),
-    Reproduce(reproduce::Arguments),
-    Compare(compare::Arguments),
-    Margin(margin::Arguments),
-    Risk(risk::Arguments),
-    Simulate(simulate::Arguments),
-    Runs(runs::Arguments),
-    Export(export::Arguments),
-    Replay(replay::Arguments),
-    Explain(explain::Arguments),
-    Counterexamples(counterexamples::Arguments),
-    Regress(regress::Arguments),
-    Render(render::Arguments),
-    Report(report::Arguments),
     Completions(completions::Arguments),
     Man(man::Arguments),
 }
@@ -64,29 +73,28 @@ pub enum Command {
 /// Runs a command. `gpu` is the device `gpu` of this process, `program` returns the declaration of the whole program.
 pub fn run(command: &Command, gpu: Option<&Device>, program: fn() -> clap::Command) -> Result<ExitStatus> {
     match command {
+        Command::Falsify(arguments) => falsify::run(arguments, gpu),
+        Command::Margin(arguments) => margin::run(arguments),
+        Command::Campaign(arguments) => campaign::run(arguments, gpu),
+        Command::Evaluate(arguments) => evaluate::run(arguments, gpu),
+        Command::Risk(arguments) => risk::run(arguments, gpu),
+        Command::Compare(arguments) => compare::run(arguments),
+        Command::Reproduce(arguments) => reproduce::run(arguments),
+        Command::Explain(arguments) => explain::run(arguments),
+        Command::Simulate(arguments) => simulate::run(arguments),
+        Command::Replay(arguments) => replay::run(arguments),
+        Command::Render(arguments) => render::run(arguments),
+        Command::Report(arguments) => report::run(arguments),
+        Command::Monitor(arguments) => monitor::run(arguments),
+        Command::Runs(arguments) => runs::run(arguments),
+        Command::Counterexamples(arguments) => counterexamples::run(arguments),
+        Command::Regress(arguments) => regress::run(arguments),
+        Command::Export(arguments) => export::run(arguments),
+        Command::Train(arguments) => train::run(arguments, gpu),
+        Command::Controller(arguments) => controller::run(arguments),
         Command::Tasks(arguments) => tasks::run(arguments),
         Command::Targets(arguments) => targets::run(arguments),
         Command::Searches(arguments) => searches::run(arguments),
-        Command::Monitor(arguments) => monitor::run(arguments),
-        Command::Train(arguments) => train::run(arguments, gpu),
-        Command::Controller(arguments) => controller::run(arguments),
-        Command::Curve(arguments) => curve::run(arguments),
-        Command::Evaluate(arguments) => evaluate::run(arguments, gpu),
-        Command::Falsify(arguments) => falsify::run(arguments, gpu),
-        Command::Campaign(arguments) => campaign::run(arguments, gpu),
-        Command::Reproduce(arguments) => reproduce::run(arguments),
-        Command::Compare(arguments) => compare::run(arguments),
-        Command::Margin(arguments) => margin::run(arguments),
-        Command::Risk(arguments) => risk::run(arguments, gpu),
-        Command::Simulate(arguments) => simulate::run(arguments),
-        Command::Runs(arguments) => runs::run(arguments),
-        Command::Export(arguments) => export::run(arguments),
-        Command::Replay(arguments) => replay::run(arguments),
-        Command::Explain(arguments) => explain::run(arguments),
-        Command::Counterexamples(arguments) => counterexamples::run(arguments),
-        Command::Regress(arguments) => regress::run(arguments),
-        Command::Render(arguments) => render::run(arguments),
-        Command::Report(arguments) => report::run(arguments),
         Command::Completions(arguments) => completions::run(arguments, program),
         Command::Man(arguments) => man::run(arguments, program),
     }

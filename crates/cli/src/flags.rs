@@ -12,7 +12,7 @@ use std::ops::RangeInclusive;
 pub use plan::plan;
 pub use recorded::{Recorded, TraceFile, check_flags, is_file};
 pub use run::{OpenRun, Run};
-pub use screening::{Backend, Screen};
+pub use screening::Screening;
 pub use subject::Subject;
 
 /// Random seeds.

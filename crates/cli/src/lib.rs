@@ -13,7 +13,6 @@ mod show;
 use std::ffi::OsString;
 use std::process::ExitCode;
 
-use clap::{CommandFactory, Parser};
 use mishandle::run::Device;
 use mishandle::tasks::Task;
 
@@ -51,14 +50,14 @@ pub fn run_with(arguments: impl IntoIterator<Item = OsString>) -> ExitCode {
 pub fn exit_code_of(arguments: impl IntoIterator<Item = OsString>, gpu: Option<&Device>) -> u8 {
     interrupt::report_file_size_limits();
     let words: Vec<OsString> = arguments.into_iter().collect();
-    let arguments = match CommandLine::try_parse_from(&words) {
+    let arguments = match CommandLine::parse_words(words.clone()) {
         Ok(arguments) => arguments,
         Err(error) => {
             command_line::usage(&error, &words);
             return error.exit_code() as u8;
         }
     };
-    match commands::run(&arguments.command, gpu, CommandLine::command) {
+    match commands::run(&arguments.command, gpu, command_line::declaration) {
         Ok(ExitStatus::Done) => 0,
         Ok(ExitStatus::Violated) => 1,
         Ok(ExitStatus::Interrupted) => interrupt::EXIT_CODE,

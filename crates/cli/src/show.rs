@@ -24,5 +24,4 @@ pub mod screening;
 pub mod simulation;
 pub mod subject;
 pub mod train_reporter;
-pub mod training_time;
 pub mod video;

@@ -161,7 +161,6 @@ fn every_document_satisfies_its_schema() {
         ("regress", "regress noisy --controller expert --baseline expert", 0),
         ("train --dry-run", "train point-reaching --settings small.toml --out b.safetensors --dry-run", 0),
         ("train", "train point-reaching --settings small.toml --out a.safetensors --csv c.csv", 0),
-        ("curve", "curve c.csv", 0),
         ("controller", "controller a.safetensors", 0),
         ("controller export", "controller export a.safetensors --onnx a.onnx", 0),
         ("controller import", &import, 0),

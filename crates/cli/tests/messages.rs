@@ -164,7 +164,7 @@ fn a_socket_in_place_of_a_file_is_named() {
     for command in [
         "evaluate --plan s.toml",
         "train point-reaching --dry-run --settings s.toml",
-        "curve s.csv",
+        "report s.csv --out a.html",
         "controller ./s.safetensors",
         "evaluate point-reaching --controller ./s.safetensors",
     ] {

@@ -26,7 +26,6 @@ fn the_help_of_every_command_has_examples() {
         "targets",
         "monitor",
         "train",
-        "curve",
         "controller",
         "evaluate",
         "falsify",

@@ -141,9 +141,9 @@ fn a_normal_distribution_whose_mean_is_outside_of_the_bounds_is_warned_of() {
 }
 
 #[test]
-fn the_backend_gpu_of_the_plain_program_says_what_to_install() {
+fn screening_with_the_plain_program_says_what_to_install() {
     for command in ["risk", "evaluate", "falsify"] {
-        let command = format!("{command} point-reaching --controller ppo --backend gpu");
+        let command = format!("{command} point-reaching --controller ppo --screening gpu");
         let bench = Bench::new();
         bench.refuses(&command, &["pip install 'mishandle[gpu]'"]);
         assert!(!bench.path("runs").exists(), "an empty run file is left");
@@ -153,7 +153,7 @@ fn the_backend_gpu_of_the_plain_program_says_what_to_install() {
         Bench::new().refuses(&run_file, &["--out ends with .json", "run.sqlite"]);
     }
     for command in ["risk", "evaluate", "falsify"] {
-        let on_cpu = format!("{command} point-reaching --controller ppo --backend cpu --rows 64");
-        Bench::new().refuses(&on_cpu, &["--rows and --confirm need --backend gpu"]);
+        let on_cpu = format!("{command} point-reaching --controller ppo --screening none --rows 64");
+        Bench::new().refuses(&on_cpu, &["--rows and --confirm need --screening gpu"]);
     }
 }

@@ -28,7 +28,7 @@ fn errors_name_file_line_and_table_and_suggest_a_fix() {
     let bench = Bench::new();
     for (settings, expected) in [
         ("gama = 0.9", &["ppo has no setting `gama`", "hint: did you mean `gamma`?"][..]),
-        ("presset = \"best\"", &["ppo has no setting `presset`", "hint: did you mean `preset`?"]),
+        ("basse = \"best\"", &["ppo has no setting `basse`", "hint: did you mean `base`?"]),
         ("hidden = [8]", &["hint: did you mean `policy.hidden` or `critic.hidden`?"]),
         ("[run]\ntotal_step = 9", &["line 2: ", "`run.total_step`", "hint: did you mean `run.total_steps`?"]),
         (
@@ -39,7 +39,7 @@ fn errors_name_file_line_and_table_and_suggest_a_fix() {
             "[policy]\nhidden = 64",
             &["line 2: the setting `policy.hidden` must be a list of up to 100 whole numbers"],
         ),
-        ("preset = \"skrl\"", &["settings preset of ppo", "hint: did you mean `skrl-0.10`?"]),
+        ("base = \"skrl\"", &["settings base of ppo", "hint: did you mean `skrl-0.10`?"]),
     ] {
         bench.write("a.toml", settings);
         bench.refuses(

@@ -5,11 +5,17 @@
 mod bench;
 mod training;
 
-use bench::{SMALL, signal, text};
+use bench::{Bench, SMALL, signal, text};
 use mishandle::controllers::ControllerFile;
 use mishandle::train::{Curve, CurveRow};
 use serde_json::Value;
 use training::{ENDLESS, TRAIN, bench, count_lines, curve, start, wait_until};
+
+/// Writes the page of a curve and returns it.
+fn curve_page(bench: &Bench, curve: &str) -> String {
+    bench.check(&format!("report {curve} --out page.html --force"), 0);
+    std::fs::read_to_string(bench.path("page.html")).unwrap()
+}
 
 /// Returns the rows of a curve without times.
 fn without_times(curve: Curve) -> Vec<CurveRow> {
@@ -189,7 +195,7 @@ fn settings_and_names_are_checked_before_training() {
     bench.refuses("train point-reaching --settings missing.toml", &["missing.toml: No such file"]);
     bench.refuses(
         "train point-reaching --settings skrl-0.1",
-        &["no settings preset `skrl-0.1`", "did you mean `skrl-0.10`?"],
+        &["no settings base `skrl-0.1`", "did you mean `skrl-0.10`?"],
     );
     bench.refuses(
         "train point-reaching --algorithm pppo",
@@ -233,21 +239,19 @@ fn a_training_that_reaches_its_target_rates_stops_early() {
 }
 
 #[test]
-fn curve_and_train_report_the_same_training_time() {
+fn the_page_of_a_curve_says_the_same_training_time_as_train() {
     let bench = bench();
-    let train = |name: &str, flags: &str| {
-        bench.json(&format!("{TRAIN} --json --out {name}.safetensors --csv {name}.csv {flags}"), 0)
-    };
     // One run in which episodes end, and one that is too short.
     for (name, flags) in [("long", "--steps 10240"), ("short", "--steps 256")] {
-        let trained = train(name, flags);
-        let found = bench.json(&format!("curve {name}.csv --environments 16 --json"), 0);
-        assert_eq!(found["training_time"], trained["training_time"]);
+        let train = format!("{TRAIN} --out {name}.safetensors --csv {name}.csv {flags}");
+        let printed = bench.check(&train, 0);
+        let said = printed.lines().find(|line| line.contains("training time")).unwrap();
+        // The curve does not contain the number of environments.
+        let parts: Vec<&str> =
+            said.split(", ").filter(|part| !part.ends_with("control steps per environment")).collect();
+        let page = curve_page(&bench, &format!("{name}.csv"));
+        assert!(page.contains(&format!("<p>{}</p>", parts.join(", "))), "{said}: {page}");
     }
-    let short = bench.run("curve short.csv --json");
-    assert!(text(&short.stdout).contains("\"training_time\": null"), "{}", text(&short.stdout));
-    assert_eq!(text(&short.stderr), "no training time: no episode ended\n");
-    assert_eq!(bench.check("curve short.csv", 0).lines().nth(1), Some("no training time: no episode ended"));
     let out = bench.check(&format!("{TRAIN} --out none.safetensors"), 0);
     assert!(out.contains("no training time: it needs a curve; use --csv"), "{out}");
 }
@@ -264,17 +268,20 @@ fn a_curve_with_an_incomplete_last_line_is_read_without_it() {
     let empty_terms = header.split(',').count() - row(1).split(',').count();
     let rows: String = (1..=40).map(|i| format!("{}{}\n", row(i), ",0".repeat(empty_terms))).collect();
     bench.write("b.csv", &format!("{header}\n{rows}41,6560,41"));
-    let output = bench.run("curve b.csv --environments 16 --json");
-    assert_eq!(text(&output.stderr), "warning: the last line of b.csv is incomplete and was ignored\n");
-    let found: Value = serde_json::from_slice(&output.stdout).unwrap();
-    assert_eq!(found["iterations"], 40);
-    assert_eq!(
-        found["training_time"],
-        serde_json::json!({ "environment_steps": 1440, "control_steps": 90, "secs": 9.0 })
+    let output = bench.run("report b.csv --out b.html");
+    let err = text(&output.stderr);
+    assert!(
+        err.starts_with("warning: the last line of b.csv is incomplete and was ignored\nwrote b.html"),
+        "{err}"
     );
-    // The curve does not contain the number of environments.
-    assert!(bench.json("curve b.csv --json", 0)["training_time"]["control_steps"].is_null());
-    let out = bench.check("curve b.csv", 0);
-    assert!(out.contains("training time until the return converged: 1440 environment steps, 9 s"), "{out}");
-    bench.refuses("curve ppo.toml", &["ppo.toml", "column 1"]);
+    let page = std::fs::read_to_string(bench.path("b.html")).unwrap();
+    for said in [
+        "<p>40 iterations, 6400 environment steps in 40 s</p>",
+        "<p>training time until the return converged: 1440 environment steps, 9 s</p>",
+    ] {
+        assert!(page.contains(said), "{said}: {page}");
+    }
+    bench.write("c.csv", "a,b\n1,2\n");
+    bench.refuses("report c.csv --out c.html", &["c.csv", "column 1"]);
+    bench.refuses("report b.csv c.csv --out d.html", &["b.csv is a learning curve; name it alone"]);
 }

@@ -1,4 +1,4 @@
-//! Measures the overhead of a campaign per simulation, for every search, on a system in closed form.
+//! Measures the overhead of a falsification per simulation, for every search, on a system in closed form.
 //!
 //! `cargo bench -p mishandle-falsification [-- SIMULATIONS]` runs a million simulations by default. The memory column is
 //! the peak of the process so far.
@@ -8,7 +8,7 @@ use std::error::Error;
 use std::ops::ControlFlow;
 use std::time::Instant;
 
-use mishandle_falsification::{Campaign, CampaignSettings, FalsificationError};
+use mishandle_falsification::{Falsification, FalsificationError, FalsificationSettings};
 use mishandle_rollout::{Axis, DEFAULT_BATCH_SIZE, Request, Seed, Space, System};
 use mishandle_search::{Coordinate, SEARCHES, SearchOptions};
 use mishandle_toys::{FunctionSystem, SimulatedEnd};
@@ -33,13 +33,16 @@ fn main() -> Result<(), Box<dyn Error>> {
     println!("{:<16} {:>11} {:>14} {:>12}", "", "simulations", "us/simulation", "peak MiB");
     println!("{:<16} {simulations:>11} {bare:>14.3} {:>12}", "system alone", peak_memory());
     for search in SEARCHES {
-        let settings =
-            CampaignSettings { trials: simulations / BUDGET, budget: BUDGET, ..CampaignSettings::default() };
+        let settings = FalsificationSettings {
+            trials: simulations / BUDGET,
+            budget: BUDGET,
+            ..FalsificationSettings::default()
+        };
         let make = |seed| (search.make)(&[Coordinate::Continuous; AXES], seed, &SearchOptions::default());
-        let mut campaign = Campaign::new(settings, &space, make)?;
+        let mut falsification = Falsification::new(settings, &space, make)?;
         let start = Instant::now();
         let outcome =
-            campaign.run(&mut system(), |_| Ok::<_, FalsificationError>(ControlFlow::Continue(())))?;
+            falsification.run(&mut system(), |_| Ok::<_, FalsificationError>(ControlFlow::Continue(())))?;
         let each = 1e6 * start.elapsed().as_secs_f64() / outcome.simulations as f64;
         println!("{:<16} {:>11} {each:>14.3} {:>12}", search.name, outcome.simulations, peak_memory());
     }

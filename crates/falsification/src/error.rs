@@ -5,7 +5,7 @@ use mishandle_search::SearchError;
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum FalsificationError {
-    /// A campaign has no trials, or its trials have no simulations.
+    /// A falsification has no trials, or its trials have no simulations.
     #[error("the number of {what} is 0; expected at least 1")]
     Empty {
         /// `trials` or `simulations per trial`.
@@ -102,16 +102,16 @@ pub enum FalsificationError {
         "trials that keep going need the traces of the system, so another physics engine cannot run them"
     )]
     ScreenedModes,
-    /// A record belongs to a trial that the campaign does not have.
+    /// A record belongs to a trial that the falsification does not have.
     #[error(
-        "simulation {number} of trial {trial} is recorded, but the trials of the campaign are 1 to {trials}"
+        "simulation {number} of trial {trial} is recorded, but the trials of the falsification are 1 to {trials}"
     )]
     UnknownTrial {
         /// Number of the trial.
         trial: u32,
         /// Number of the simulation.
         number: u32,
-        /// Number of trials of the campaign.
+        /// Number of trials of the falsification.
         trials: u32,
     },
     /// A record is not the next simulation of its trial.

@@ -1,9 +1,9 @@
 //! Falsification: searches for scenarios with a negative robustness (counterexamples).
 //!
-//! A [`Trial`] is one seeded search with a budget of simulations. A [`Campaign`] runs many trials together: one batch of
+//! A [`Trial`] is one seeded search with a budget of simulations. A [`Falsification`] runs many trials together: one batch of
 //! the [`System`](mishandle_rollout::System) under test contains simulations of several trials. Each trial has the same
 //! simulations as if it ran alone, one simulation at a time. A callback receives every
-//! [`Episode`](mishandle_rollout::Episode) before the next batch starts. An interrupted campaign resumes from its records.
+//! [`Episode`](mishandle_rollout::Episode) before the next batch starts. An interrupted falsification resumes from its records.
 //! This crate uses neither files nor clocks.
 //!
 //! [`minimize`](minimize()) moves a counterexample toward the nominal scenario, [`repeat`](repeat()) simulates it with other seeds,
@@ -13,7 +13,7 @@
 //! A system in closed form whose requirement is violated where x > 0.9:
 //! ```
 //! use std::ops::ControlFlow;
-//! use mishandle_falsification::{Campaign, FalsificationError, CampaignSettings};
+//! use mishandle_falsification::{Falsification, FalsificationError, FalsificationSettings};
 //! use mishandle_rollout::{Axis, Seed, Space};
 //! use mishandle_search::{Coordinate, SearchOptions, by_name};
 //! use mishandle_toys::{SimulatedEnd, FunctionSystem};
@@ -23,10 +23,10 @@
 //!     SimulatedEnd::Robustness(0.9 - request.scenario.get(0).unwrap())
 //! });
 //!
-//! let settings = CampaignSettings { trials: 5, budget: 300, seed: Seed(7), ..CampaignSettings::default() };
+//! let settings = FalsificationSettings { trials: 5, budget: 300, seed: Seed(7), ..FalsificationSettings::default() };
 //! let make = |seed| by_name("random", &[Coordinate::Continuous], seed, &SearchOptions::default());
-//! let mut campaign = Campaign::new(settings, &space, make)?;
-//! let outcome = campaign.run(&mut system, |batch| {
+//! let mut falsification = Falsification::new(settings, &space, make)?;
+//! let outcome = falsification.run(&mut system, |batch| {
 //!     assert!(batch.episodes.iter().all(|episode| episode.request.number <= 300));
 //!     Ok::<_, FalsificationError>(ControlFlow::Continue(()))
 //! })?;
@@ -36,9 +36,9 @@
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
 
-mod campaign;
 mod coordinate;
 mod error;
+mod falsification;
 mod keep_going;
 mod margin;
 mod minimize;
@@ -48,9 +48,9 @@ mod repeat;
 mod screened;
 mod trial;
 
-pub use campaign::{Campaign, CampaignBatch, CampaignSettings};
 pub use coordinate::coordinate;
 pub use error::FalsificationError;
+pub use falsification::{Falsification, FalsificationBatch, FalsificationSettings};
 pub use keep_going::{KeepGoing, SignatureOf, simulations_without_mode};
 pub use margin::{Margin, Witness, check_margin, margin};
 pub use minimize::{Minimized, axes_off_nominal, is_close, minimize};
@@ -58,7 +58,7 @@ pub use modes::{
     FailurePoint, MAX_FAILURES, MAX_OTHERS, ModeMembers, Signature, UnitScenario, group_failures,
     unit_scenario,
 };
-pub use outcome::{CampaignOutcome, Minimum, TrialOutcome, Unevaluated};
+pub use outcome::{FalsificationOutcome, Minimum, TrialOutcome, Unevaluated};
 pub use repeat::{Repeated, measure_noise, repeat, repeat_seeds};
 pub use screened::ScreenedCounts;
 pub use trial::{SearchFactory, Trial, TrialEnd};

@@ -1,4 +1,4 @@
-//! Outcomes of trials and campaigns.
+//! Outcomes of trials and falsifications.
 
 use mishandle_evaluation::{Estimate, bound_without_failures, wilson};
 use mishandle_rollout::{Episode, EpisodeEnd, Scenario, Seed};
@@ -44,7 +44,7 @@ pub struct TrialOutcome {
     pub end: Option<TrialEnd>,
     /// Number of simulations. The falsifying one is the last, unless the trial keeps going.
     pub simulations: u32,
-    /// Number of these that only another physics engine ran: see [`Campaign::run_screened`](crate::Campaign::run_screened). They
+    /// Number of these that only another physics engine ran: see [`Falsification::run_screened`](crate::Falsification::run_screened). They
     /// decide where the search looks, and nothing else.
     pub screened: u32,
     /// Number of control steps of all other simulations.
@@ -135,9 +135,9 @@ impl TrialOutcome {
     }
 }
 
-/// Outcome of a campaign so far.
+/// Outcome of a falsification so far.
 #[derive(Clone, Debug, PartialEq)]
-pub struct CampaignOutcome {
+pub struct FalsificationOutcome {
     /// Outcomes of the started trials, in order.
     pub trials: Vec<TrialOutcome>,
     /// Number of falsified trials.
@@ -173,7 +173,7 @@ pub struct CampaignOutcome {
     pub surplus: u64,
 }
 
-impl CampaignOutcome {
+impl FalsificationOutcome {
     /// Returns the [`bound_without_failures`] of the failure rate. It holds if the simulations are independent random samples.
     /// `None` with a failure, with a simulation without a verdict or one that only another physics engine ran, or if a trial was
     /// interrupted.
@@ -186,7 +186,7 @@ impl CampaignOutcome {
     }
 
     /// Summarizes trials with this budget.
-    pub fn new(trials: Vec<TrialOutcome>, budget: u32) -> CampaignOutcome {
+    pub fn new(trials: Vec<TrialOutcome>, budget: u32) -> FalsificationOutcome {
         let ended = trials.iter().filter(|trial| trial.end.is_some()).count() as u64;
         let total =
             |count: fn(&TrialOutcome) -> u32| trials.iter().map(|trial| u64::from(count(trial))).sum();
@@ -197,7 +197,7 @@ impl CampaignOutcome {
         let is_complete = !trials.is_empty() && ended == trials.len() as u64;
         let unfalsified = trials.len() as u64 - u64::from(falsified_trials);
         let total_with_budget = spent + unfalsified * u64::from(budget);
-        CampaignOutcome {
+        FalsificationOutcome {
             falsified_trials,
             falsification_rate: wilson(falsified_trials.into(), ended),
             mean_simulations: (falsified_trials > 0).then(|| spent as f64 / f64::from(falsified_trials)),
@@ -249,7 +249,7 @@ mod tests {
 
     #[test]
     fn an_outcome_matches_a_hand_calculation() {
-        let outcome = CampaignOutcome::new(
+        let outcome = FalsificationOutcome::new(
             vec![
                 trial(20, Some(TrialEnd::Falsified)),
                 trial(40, Some(TrialEnd::Falsified)),
@@ -269,14 +269,15 @@ mod tests {
 
     #[test]
     fn without_a_violation_the_mean_is_none() {
-        let outcome = CampaignOutcome::new(vec![trial(300, Some(TrialEnd::BudgetSpent))], 300);
+        let outcome = FalsificationOutcome::new(vec![trial(300, Some(TrialEnd::BudgetSpent))], 300);
         assert_eq!((outcome.mean_simulations, outcome.median_simulations), (None, None));
         assert_eq!(outcome.restricted_mean_simulations, Some(300.0));
     }
 
     #[test]
     fn an_interrupted_trial_is_excluded_from_the_rate() {
-        let outcome = CampaignOutcome::new(vec![trial(20, Some(TrialEnd::Falsified)), trial(50, None)], 300);
+        let outcome =
+            FalsificationOutcome::new(vec![trial(20, Some(TrialEnd::Falsified)), trial(50, None)], 300);
         assert_eq!((outcome.falsification_rate.value, outcome.falsification_rate.n), (Some(1.0), 1));
         assert_eq!((outcome.median_simulations, outcome.restricted_mean_simulations), (None, None));
     }
@@ -287,7 +288,7 @@ mod tests {
     fn the_median_counts_trials_without_rounding_errors() {
         for trials in 1..=60 {
             let falsified = (1..=trials).map(|n| trial(n, Some(TrialEnd::Falsified))).collect();
-            let outcome = CampaignOutcome::new(falsified, 300);
+            let outcome = FalsificationOutcome::new(falsified, 300);
             assert_eq!(outcome.median_simulations, Some(trials.div_ceil(2)), "{trials} trials");
         }
     }
@@ -296,10 +297,10 @@ mod tests {
     fn a_median_requires_half_of_the_trials_to_be_falsified() {
         let spent = || trial(300, Some(TrialEnd::BudgetSpent));
         let found = |n| trial(n, Some(TrialEnd::Falsified));
-        let outcome = CampaignOutcome::new(vec![spent(), found(7), spent(), found(3)], 300);
+        let outcome = FalsificationOutcome::new(vec![spent(), found(7), spent(), found(3)], 300);
         assert_eq!(outcome.median_simulations, Some(7));
-        let outcome = CampaignOutcome::new(vec![spent(), found(7), spent(), found(3), spent()], 300);
+        let outcome = FalsificationOutcome::new(vec![spent(), found(7), spent(), found(3), spent()], 300);
         assert_eq!(outcome.median_simulations, None);
-        assert_eq!(CampaignOutcome::new(vec![], 300).median_simulations, None);
+        assert_eq!(FalsificationOutcome::new(vec![], 300).median_simulations, None);
     }
 }

@@ -9,14 +9,14 @@ use mishandle_rollout::{DEFAULT_BATCH_SIZE, Episode, Request, Screen, ScreenedEp
 use mishandle_search::Observation;
 use mishandle_stl::Trace;
 
-use crate::campaign::Simulated;
+use crate::falsification::Simulated;
 use crate::trial::observation;
-use crate::{Campaign, CampaignOutcome, FalsificationError, Trial};
+use crate::{Falsification, FalsificationError, FalsificationOutcome, Trial};
 
 /// Number of simulations that the system repeats at once.
 const REPEATED_AT_ONCE: usize = 16 * DEFAULT_BATCH_SIZE;
 
-/// Simulations of a screened campaign, by their result on the other engine.
+/// Simulations of a screened falsification, by their result on the other engine.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct ScreenedCounts {
     /// Violations on the other engine.
@@ -90,7 +90,7 @@ impl ScreenedCounts {
     }
 }
 
-impl Campaign<'_> {
+impl Falsification<'_> {
     /// Runs all trials to their ends as [`run`](Self::run), but on another physics engine.
     ///
     /// `system` repeats each simulation that violates the requirement there, has no verdict there, or has a lower robustness there
@@ -108,14 +108,14 @@ impl Campaign<'_> {
         screening: &mut dyn Screen,
         system: &mut dyn System,
         sample_rate: f64,
-        watch: &mut (dyn FnMut(&CampaignOutcome) -> ControlFlow<()> + Send),
-    ) -> Result<(CampaignOutcome, ScreenedCounts), FalsificationError> {
+        watch: &mut (dyn FnMut(&FalsificationOutcome) -> ControlFlow<()> + Send),
+    ) -> Result<(FalsificationOutcome, ScreenedCounts), FalsificationError> {
         if self.keep_going.is_some() {
             return Err(FalsificationError::ScreenedModes);
         }
         let watch = Mutex::new(watch);
         let call =
-            |outcome: &CampaignOutcome| watch.lock().is_ok_and(|mut watch| watch(outcome).is_continue());
+            |outcome: &FalsificationOutcome| watch.lock().is_ok_and(|mut watch| watch(outcome).is_continue());
         let mut counts = ScreenedCounts::default();
         // Minima of the trials on the other engine.
         let mut lowest = vec![f64::INFINITY; self.settings.trials as usize];

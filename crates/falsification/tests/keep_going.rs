@@ -6,8 +6,8 @@ use std::ops::ControlFlow;
 use std::rc::Rc;
 
 use mishandle_falsification::{
-    Campaign, CampaignOutcome, CampaignSettings, FalsificationError, KeepGoing, Signature, TrialEnd,
-    simulations_without_mode,
+    Falsification, FalsificationError, FalsificationOutcome, FalsificationSettings, KeepGoing, Signature,
+    TrialEnd, simulations_without_mode,
 };
 use mishandle_rollout::{Episode, Seed, Space, Specification, System};
 use mishandle_search::{Coordinate, SEARCHES, SearchOptions, by_name};
@@ -40,10 +40,14 @@ fn signature(trace: &Trace) -> Signature {
     Signature { predicate: trace.names()[signal].clone(), sample }
 }
 
-fn campaign(search: &'static str, setup: &Setup, settings: CampaignSettings) -> Campaign<'static> {
+fn falsification(
+    search: &'static str,
+    setup: &Setup,
+    settings: FalsificationSettings,
+) -> Falsification<'static> {
     let coordinates = vec![Coordinate::Continuous; setup.space.dimension()];
     let make = move |seed| by_name(search, &coordinates, seed, &SearchOptions::default());
-    Campaign::new(settings, &setup.space, make).unwrap()
+    Falsification::new(settings, &setup.space, make).unwrap()
 }
 
 fn keep_going(setup: &Setup, new_mode_rate: f64) -> KeepGoing<'static> {
@@ -56,32 +60,32 @@ fn keep_going(setup: &Setup, new_mode_rate: f64) -> KeepGoing<'static> {
 
 /// Runs until at least `limit` simulations are in `rows`.
 fn run(
-    campaign: &mut Campaign<'_>,
+    falsification: &mut Falsification<'_>,
     system: &mut dyn System,
     limit: usize,
     rows: &mut Vec<Episode>,
-) -> CampaignOutcome {
-    let outcome = campaign.run(system, |batch| {
+) -> FalsificationOutcome {
+    let outcome = falsification.run(system, |batch| {
         rows.extend(batch.episodes.iter().cloned());
         let flow = if rows.len() < limit { ControlFlow::Continue(()) } else { ControlFlow::Break(()) };
         Ok::<_, FalsificationError>(flow)
     });
-    CampaignOutcome { surplus: 0, ..outcome.unwrap() }
+    FalsificationOutcome { surplus: 0, ..outcome.unwrap() }
 }
 
-fn settings(trials: u32, budget: u32, seed: u64) -> CampaignSettings {
-    CampaignSettings { trials, budget, seed: Seed(seed), batch: 16, ..CampaignSettings::default() }
+fn settings(trials: u32, budget: u32, seed: u64) -> FalsificationSettings {
+    FalsificationSettings { trials, budget, seed: Seed(seed), batch: 16, ..FalsificationSettings::default() }
 }
 
 fn whole(
     search: &'static str,
     setup: &mut Setup,
-    settings: CampaignSettings,
+    settings: FalsificationSettings,
     rate: f64,
-) -> (CampaignOutcome, Vec<Episode>) {
+) -> (FalsificationOutcome, Vec<Episode>) {
     let mut rows = Vec::new();
-    let mut campaign = campaign(search, setup, settings).keep_going(keep_going(setup, rate));
-    let outcome = run(&mut campaign, &mut *setup.system, usize::MAX, &mut rows);
+    let mut falsification = falsification(search, setup, settings).keep_going(keep_going(setup, rate));
+    let outcome = run(&mut falsification, &mut *setup.system, usize::MAX, &mut rows);
     // Trials are interleaved.
     rows.sort_by_key(|episode| (episode.request.trial, episode.request.number));
     (outcome, rows)
@@ -110,7 +114,7 @@ fn the_simulations_up_to_the_first_violation_are_those_of_a_plain_trial() {
         let settings = settings(3, 150, 5);
         let mut plain = Vec::new();
         let expected =
-            run(&mut campaign(search, &setup, settings), &mut *setup.system, usize::MAX, &mut plain);
+            run(&mut falsification(search, &setup, settings), &mut *setup.system, usize::MAX, &mut plain);
         let (found, rows) = whole(search, &mut setup, settings, 0.0);
         for row in &plain {
             assert!(rows.contains(row), "{search}");
@@ -132,14 +136,15 @@ fn the_simulations_do_not_depend_on_the_batch_size_or_on_an_interruption() {
         let settings = settings(2, 260, 1);
         let (expected, rows) = whole(search, &mut setup, settings, 0.03);
         for batch in [1, 5, 64] {
-            let found = whole(search, &mut setup, CampaignSettings { batch, ..settings }, 0.03);
+            let found = whole(search, &mut setup, FalsificationSettings { batch, ..settings }, 0.03);
             assert_eq!(found, (expected.clone(), rows.clone()), "{search}, batch {batch}");
         }
         for limit in [1, 40, 290] {
             let mut first = Vec::new();
-            let mut interrupted = campaign(search, &setup, settings).keep_going(keep_going(&setup, 0.03));
+            let mut interrupted =
+                falsification(search, &setup, settings).keep_going(keep_going(&setup, 0.03));
             run(&mut interrupted, &mut *setup.system, limit, &mut first);
-            let mut resumed = campaign(search, &setup, settings).keep_going(keep_going(&setup, 0.03));
+            let mut resumed = falsification(search, &setup, settings).keep_going(keep_going(&setup, 0.03));
             first.iter().for_each(|row| resumed.replay(row).unwrap());
             assert_eq!(run(&mut resumed, &mut *setup.system, usize::MAX, &mut first), expected, "{search}");
             first.sort_by_key(|episode| (episode.request.trial, episode.request.number));
@@ -176,7 +181,7 @@ fn a_record_of_a_violation_without_a_trace_is_an_error() {
     let mut setup = setup("toy/pits");
     let settings = settings(1, 100, 0);
     let (_, rows) = whole("random", &mut setup, settings, 0.0);
-    let mut resumed = campaign("random", &setup, settings).keep_going(keep_going(&setup, 0.0));
+    let mut resumed = falsification("random", &setup, settings).keep_going(keep_going(&setup, 0.0));
     let stripped = |row: &Episode| Episode { trace: Trace::new([].into()), ..row.clone() };
     let error = rows.iter().find_map(|row| resumed.replay(&stripped(row)).err()).unwrap();
     assert!(error.to_string().contains("violates the requirement but has no recorded trace"), "{error}");

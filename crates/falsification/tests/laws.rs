@@ -1,10 +1,12 @@
-//! Invariants of campaigns: batches, interruptions and budgets do not change the simulations.
+//! Invariants of falsifications: batches, interruptions and budgets do not change the simulations.
 #![allow(clippy::unwrap_used, reason = "a test may panic")]
 
 use std::collections::BTreeMap;
 use std::ops::ControlFlow;
 
-use mishandle_falsification::{Campaign, CampaignOutcome, CampaignSettings, FalsificationError, TrialEnd};
+use mishandle_falsification::{
+    Falsification, FalsificationError, FalsificationOutcome, FalsificationSettings, TrialEnd,
+};
 use mishandle_rollout::{Axis, Episode, EpisodeEnd, Request, Seed, Space, Stream, System};
 use mishandle_search::{Coordinate, SEARCHES, SearchOptions, by_name};
 use mishandle_toys::{FunctionSystem, SimulatedEnd};
@@ -59,22 +61,23 @@ fn system() -> FunctionSystem {
     FunctionSystem::new(space(), simulated_end)
 }
 
-fn campaign(search: &'static str, trials: u32, budget: u32, batch: usize) -> Campaign<'static> {
-    let settings = CampaignSettings { trials, budget, seed: Seed(11), batch, ..CampaignSettings::default() };
+fn falsification(search: &'static str, trials: u32, budget: u32, batch: usize) -> Falsification<'static> {
+    let settings =
+        FalsificationSettings { trials, budget, seed: Seed(11), batch, ..FalsificationSettings::default() };
     let make = move |seed| by_name(search, &[Coordinate::Continuous; 2], seed, &SearchOptions::default());
-    Campaign::new(settings, &space(), make).unwrap()
+    Falsification::new(settings, &space(), make).unwrap()
 }
 
-/// Runs the campaign for at least `limit` simulations and adds them to `rows`. The returned outcome has no surplus, which
+/// Runs the falsification for at least `limit` simulations and adds them to `rows`. The returned outcome has no surplus, which
 /// depends on the batch size.
 fn run(
-    campaign: &mut Campaign<'_>,
+    falsification: &mut Falsification<'_>,
     system: &mut dyn System,
     limit: usize,
     rows: &mut Rows,
-) -> CampaignOutcome {
+) -> FalsificationOutcome {
     let mut count = 0;
-    let outcome = campaign.run(system, |batch| {
+    let outcome = falsification.run(system, |batch| {
         count += batch.episodes.len();
         for episode in batch.episodes {
             let Request { trial, number, seed, .. } = episode.request;
@@ -90,12 +93,13 @@ fn run(
             ControlFlow::Break(())
         })
     });
-    CampaignOutcome { surplus: 0, ..outcome.unwrap() }
+    FalsificationOutcome { surplus: 0, ..outcome.unwrap() }
 }
 
-fn whole(search: &'static str, trials: u32, budget: u32, batch: usize) -> (CampaignOutcome, Rows) {
+fn whole(search: &'static str, trials: u32, budget: u32, batch: usize) -> (FalsificationOutcome, Rows) {
     let mut rows = Rows::new();
-    let outcome = run(&mut campaign(search, trials, budget, batch), &mut system(), usize::MAX, &mut rows);
+    let outcome =
+        run(&mut falsification(search, trials, budget, batch), &mut system(), usize::MAX, &mut rows);
     (outcome, rows)
 }
 
@@ -146,8 +150,8 @@ fn a_resumed_campaign_has_the_same_result_as_an_uninterrupted_one() {
         let all: Vec<Row> = expected.1.values().flatten().cloned().collect();
         for cut in [1, 7, 23, 60, 120, 200, usize::MAX] {
             let mut rows = Rows::new();
-            run(&mut campaign(search, TRIALS, BUDGET, 6), &mut system(), cut, &mut rows);
-            let mut resumed = campaign(search, TRIALS, BUDGET, 5);
+            run(&mut falsification(search, TRIALS, BUDGET, 6), &mut system(), cut, &mut rows);
+            let mut resumed = falsification(search, TRIALS, BUDGET, 5);
             rows.values().flatten().for_each(|row| resumed.replay(&row.episode).unwrap());
             let outcome = run(&mut resumed, &mut system(), usize::MAX, &mut rows);
             assert_eq!((outcome, rows), expected, "{search}, cut after {cut}");
@@ -155,7 +159,7 @@ fn a_resumed_campaign_has_the_same_result_as_an_uninterrupted_one() {
         // A killed run may end in the middle of a batch, so any prefix of each trial must be valid.
         for keep in [3, 17, 40] {
             let mut rows = Rows::new();
-            let mut resumed = campaign(search, TRIALS, BUDGET, 6);
+            let mut resumed = falsification(search, TRIALS, BUDGET, 6);
             for row in all.iter().filter(|row| row.number() <= keep + 4 * row.trial()) {
                 resumed.replay(&row.episode).unwrap();
                 rows.entry(row.trial()).or_default().push(row.clone());
@@ -170,7 +174,8 @@ fn a_resumed_campaign_has_the_same_result_as_an_uninterrupted_one() {
 fn a_paused_campaign_continues_to_the_same_result() {
     for search in names() {
         let expected = whole(search, TRIALS, BUDGET, 4);
-        let (mut paused, mut system, mut rows) = (campaign(search, TRIALS, BUDGET, 4), system(), Rows::new());
+        let (mut paused, mut system, mut rows) =
+            (falsification(search, TRIALS, BUDGET, 4), system(), Rows::new());
         let mut outcome = run(&mut paused, &mut system, 1, &mut rows);
         for _ in 0..TRIALS * BUDGET {
             outcome = run(&mut paused, &mut system, 1, &mut rows);
@@ -223,8 +228,8 @@ fn the_minimum_is_the_smallest_recorded_robustness() {
 fn the_surplus_is_smaller_than_the_number_of_simulations() {
     for batch_size in [1, 8, 64] {
         let mut system = system();
-        let mut campaign = campaign("random", 1, 5000, batch_size);
-        let outcome = run(&mut campaign, &mut system, usize::MAX, &mut Rows::new());
+        let mut falsification = falsification("random", 1, 5000, batch_size);
+        let outcome = run(&mut falsification, &mut system, usize::MAX, &mut Rows::new());
         assert_eq!(outcome.falsified_trials, 1);
         let spent = outcome.simulations as usize;
         assert!(system.simulations() < 2 * spent, "{} simulations for {spent}", system.simulations());
@@ -235,7 +240,7 @@ fn the_surplus_is_smaller_than_the_number_of_simulations() {
 #[test]
 fn a_campaign_resumes_with_a_larger_budget() {
     let (_, rows) = whole("random", 4, 10, 4);
-    let mut longer = campaign("random", 4, 60, 4);
+    let mut longer = falsification("random", 4, 60, 4);
     rows.values().flatten().for_each(|row| longer.replay(&row.episode).unwrap());
     let mut rows = rows.into_iter().map(|(trial, rows)| (trial, strip_ends(rows))).collect();
     let outcome = run(&mut longer, &mut system(), usize::MAX, &mut rows);

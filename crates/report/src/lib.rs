@@ -3,7 +3,8 @@
 //! [`RunReport::load`] reads what the page shows from a run file, of any target. [`RunReport::measure`] adds what takes
 //! simulations: the size of the failing patches, repeats under noise, corners and pictures. [`page`] writes the HTML.
 //! [`campaign_page`] and [`run_page`] write those of a campaign,
-//! [`comparison_page`] writes the page of two evaluations on the same scenarios and seeds.
+//! [`comparison_page`] writes the page of two evaluations on the same scenarios and seeds, [`learning_curve_page`] that of a
+//! training run.
 //!
 //! - `load`, `measure`, `pictures`: the facts. `words`: verdict and meaning in sentences.
 //! - `space`, `map`, `curves`, `trace`: charts, drawn by the crate `charts`. A style sheet maps their colors to the theme.
@@ -16,6 +17,7 @@ mod commands;
 mod comparison;
 mod curves;
 mod html;
+mod learning_curve;
 mod load;
 mod map;
 mod measure;
@@ -34,6 +36,7 @@ mod words;
 pub use campaign::{RunSummary, campaign_page, run_page};
 pub use comparison::comparison_page;
 pub use html::text as escaped;
+pub use learning_curve::learning_curve_page;
 pub use load::RunReport;
 pub use measure::Measurement;
 pub use page::{Document, page};

@@ -5,7 +5,7 @@ use schemars::{JsonSchema, Schema};
 use serde::Serialize;
 
 use crate::{
-    Campaign, Comparison, Controller, ControllerExport, ControllerImport, Counterexamples, Curve, Evaluation,
+    Campaign, Comparison, Controller, ControllerExport, ControllerImport, Counterexamples, Evaluation,
     Explanation, Exports, Falsification, Margin, Masking, Monitor, Regression, Replay, Risk, RunSummary,
     Search, Simulation, Tables, Target, Targets, Task, Training, TrainingPlan,
 };
@@ -66,7 +66,6 @@ impl Document {
             Document::object::<Regression>("regress"),
             Document::object::<Training>("train"),
             Document::object::<TrainingPlan>("train --dry-run"),
-            Document::object::<Curve>("curve"),
             Document::object::<Controller>("controller"),
             Document::object::<ControllerExport>("controller export"),
             Document::object::<ControllerImport>("controller import"),

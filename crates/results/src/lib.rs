@@ -8,7 +8,7 @@
 //! - [`Evaluation`], [`Falsification`], [`Margin`], [`Risk`], [`Simulation`]: the answers to questions.
 //! - [`Explanation`], [`Masking`], [`Replay`], [`Counterexamples`], [`Regression`], [`Comparison`]: about recorded simulations.
 //! - [`Campaign`], [`RunSummary`], [`Tables`]: about several runs.
-//! - [`Training`], [`TrainingPlan`], [`Curve`], [`Controller`]: about controllers.
+//! - [`Training`], [`TrainingPlan`], [`Controller`]: about controllers.
 //! - [`Task`], [`Targets`], [`Target`], [`Search`]: what can be named.
 //! - [`Number`], [`Seed`], [`Named`]: values that JSON cannot hold as they are.
 //!
@@ -74,7 +74,7 @@ pub use screening::{Confirmed, Finding, Screening};
 pub use simulation::{Noise, Simulation};
 pub use subject::{AxisFacts, AxisValues, Subject};
 pub use tables::{Table, TablePage, Tables};
-pub use training::{Curve, Training, TrainingPlan, TrainingTime};
+pub use training::{Training, TrainingPlan, TrainingTime};
 pub use values::{Named, Number, Scenario, Seed};
 
 pub(crate) use values::{number, optional_number};

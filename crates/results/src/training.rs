@@ -10,8 +10,8 @@ pub struct Training {
     pub task: String,
     /// Training algorithm.
     pub algorithm: String,
-    /// Physics engine of the training episodes: `cpu` or `gpu`.
-    pub backend: String,
+    /// Device of the physics of the training episodes: `cpu` or `gpu`.
+    pub device: String,
     /// Seed of the training run.
     pub seed: Seed,
     /// Number of parallel environments.
@@ -51,8 +51,8 @@ pub struct Training {
 pub struct TrainingTime {
     /// Number of control steps over all environments.
     pub environment_steps: u64,
-    /// Number of control steps per environment; `null` if the number of environments is unknown.
-    pub control_steps: Option<u64>,
+    /// Number of control steps per environment.
+    pub control_steps: u64,
     /// Wall-clock time, s.
     pub secs: Number,
 }
@@ -66,8 +66,8 @@ pub struct TrainingPlan {
     pub algorithm: String,
     /// Reward.
     pub reward: String,
-    /// Physics engine of the training episodes: `cpu` or `gpu`.
-    pub backend: String,
+    /// Device of the physics of the training episodes: `cpu` or `gpu`.
+    pub device: String,
     /// Seed of the training run.
     pub seed: Seed,
     /// Number of control steps over all environments, rounded up to whole iterations.
@@ -82,19 +82,4 @@ pub struct TrainingPlan {
     pub layout_hash: String,
     /// Format version of controller files by kind of policy.
     pub formats: Named<u64>,
-}
-
-/// The learning curve of a training run.
-#[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
-pub struct Curve {
-    /// Number of iterations.
-    pub iterations: u64,
-    /// Number of control steps over all environments; `null` without iterations.
-    pub environment_steps: Option<u64>,
-    /// Wall-clock time, s; `null` without iterations.
-    pub wall_clock_secs: Option<Number>,
-    /// Time until the return converged; `null` if it did not converge.
-    pub training_time: Option<TrainingTime>,
-    /// Why there is no training time; `null` with one.
-    pub no_training_time: Option<String>,
 }

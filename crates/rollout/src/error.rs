@@ -123,7 +123,7 @@ pub enum RolloutError {
         source: mishandle_stl::MonitorError,
     },
     /// Another physics engine than that of the system failed.
-    #[error("the physics engine of the backend failed: {0}")]
+    #[error("the physics engine of the worlds failed: {0}")]
     Engine(String),
     /// A system outside this crate failed.
     #[error("the system under test failed: {0}")]

@@ -8,7 +8,7 @@ use mishandle_rollout::{
     ScenarioBatch, ScenarioRows, Seed, StepStatus,
 };
 use mishandle_world::{
-    Backend, BatchBuffers, BatchLayout, BatchSpec, Model, Outputs, RowStatus, WorldBatch, WorldError,
+    BatchBuffers, BatchLayout, BatchSpec, Model, Outputs, RowStatus, WorldBatch, WorldDevice, WorldError,
 };
 use rayon::prelude::*;
 
@@ -16,7 +16,7 @@ use crate::environment::{SceneFunctions, TaskEnvironment, TaskWorker};
 use crate::events::Events;
 use crate::robot::JOINTS;
 
-/// Many rows of a [`TaskEnvironment`] whose physics a [`Backend`] steps.
+/// Many rows of a [`TaskEnvironment`] whose physics a [`WorldDevice`] steps.
 pub struct TaskBatch {
     worlds: Box<dyn WorldBatch>,
     rows: usize,
@@ -95,10 +95,10 @@ impl TaskBatch {
     /// Makes a batch of `rows` rows. Every row must be started before its first step.
     ///
     /// # Errors
-    /// If `backend` cannot make the worlds.
+    /// If `device` cannot make the worlds.
     pub fn new(
         environment: &TaskEnvironment,
-        backend: &dyn Backend,
+        device: &dyn WorldDevice,
         rows: usize,
     ) -> Result<TaskBatch, RolloutError> {
         let model = environment.model().clone();
@@ -120,7 +120,7 @@ impl TaskBatch {
             mocap: 7 * layout.mocaps,
         };
         Ok(TaskBatch {
-            worlds: backend.batch(&spec).map_err(|error| engine_error(&error))?,
+            worlds: device.batch(&spec).map_err(|error| engine_error(&error))?,
             rows,
             tails: vec![0.0; rows * events.size],
             pending: (0..rows.div_ceil(GROUP_ROWS)).map(|_| Pending::default()).collect(),

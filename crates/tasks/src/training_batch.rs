@@ -6,24 +6,24 @@ use mishandle_rollout::{
     BatchFactory, BatchStatus, Environment, EnvironmentBatch, EnvironmentSpec, GROUP_ROWS, RolloutError,
     Sample, ScenarioBatch, ScenarioRows, Seed, StepStatus,
 };
-use mishandle_world::Backend;
+use mishandle_world::WorldDevice;
 
 use crate::batch::TaskRows;
 use crate::{TaskBatch, TaskEnvironment};
 
-/// Makes environment batches of a task whose physics a [`Backend`] steps.
+/// Makes environment batches of a task whose physics a [`WorldDevice`] steps.
 ///
 /// Initial states, observations and rewards are those of the [`TaskEnvironment`]. A row with too little memory for its contacts or
 /// constraints counts as diverged.
 pub struct TaskBatches {
     environment: Arc<TaskEnvironment>,
-    backend: Arc<dyn Backend>,
+    device: Arc<dyn WorldDevice>,
 }
 
 impl TaskBatches {
     /// Makes a factory.
-    pub fn new(environment: Arc<TaskEnvironment>, backend: Arc<dyn Backend>) -> TaskBatches {
-        TaskBatches { environment, backend }
+    pub fn new(environment: Arc<TaskEnvironment>, device: Arc<dyn WorldDevice>) -> TaskBatches {
+        TaskBatches { environment, device }
     }
 }
 
@@ -31,13 +31,13 @@ impl BatchFactory for TaskBatches {
     fn spec(&self) -> EnvironmentSpec {
         let spec = EnvironmentSpec::of(&*self.environment);
         // A checkpoint of one engine is not resumed on another.
-        EnvironmentSpec { name: format!("{} on {}", spec.name, self.backend.engine()), ..spec }
+        EnvironmentSpec { name: format!("{} on {}", spec.name, self.device.engine()), ..spec }
     }
 
     fn batch(&self, rows: usize) -> Result<Box<dyn EnvironmentBatch>, RolloutError> {
         let EnvironmentSpec { observation_size, reward_terms, .. } = EnvironmentSpec::of(&*self.environment);
         Ok(Box::new(TrainingBatch {
-            batch: TaskBatch::new(&self.environment, &*self.backend, rows)?,
+            batch: TaskBatch::new(&self.environment, &*self.device, rows)?,
             observations: vec![0.0; rows * observation_size],
             rewards: vec![0.0; rows * reward_terms.len()],
             statuses: vec![StepStatus::Running; rows],

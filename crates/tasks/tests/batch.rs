@@ -9,7 +9,7 @@ use mishandle_rollout::{
     Scenario, ScenarioBatch, Screen, Screening, Seed, Specification, StepStatus, Stream,
 };
 use mishandle_tasks::{Preset, Reward, TaskBatch, TaskBatches, TaskEnvironment, TaskTarget, tasks};
-use mishandle_world::{Backend, BatchSpec, CpuBackend, ModelField, Outputs, WorldBatch, WorldError};
+use mishandle_world::{BatchSpec, CpuDevice, ModelField, Outputs, WorldBatch, WorldDevice, WorldError};
 
 fn target(task: &str, noise: Noise) -> TaskTarget {
     let task = mishandle_tasks::task(task).unwrap();
@@ -30,14 +30,14 @@ fn screening(
     target: &TaskTarget,
     task: &str,
     space: &str,
-    backend: &dyn Backend,
+    device: &dyn WorldDevice,
     rows: &[usize],
 ) -> Screening {
     let space = target.target().unwrap().space(space).unwrap();
     let environment = target.environment(&space).unwrap();
     let batches = rows
         .iter()
-        .map(|rows| Box::new(TaskBatch::new(&environment, backend, *rows).unwrap()) as Box<dyn ScenarioBatch>)
+        .map(|rows| Box::new(TaskBatch::new(&environment, device, *rows).unwrap()) as Box<dyn ScenarioBatch>)
         .collect();
     let rollout = target.system_in(Arc::new(environment), &space, &specification(task)).unwrap();
     Screening::new(rollout, batches)
@@ -63,7 +63,7 @@ fn screened_episodes_on_the_cpu_have_the_bits_of_the_system() {
             .rollout(&requests)
             .unwrap();
         // Five and two rows for eleven episodes: rows are used again, and batches differ in size.
-        let mut screening = screening(&target, task, space, &CpuBackend, &[5, 2]);
+        let mut screening = screening(&target, task, space, &CpuDevice, &[5, 2]);
         let found = screening.run(&requests, &|_| true).unwrap();
         for (episode, screened) in expected.iter().zip(found) {
             let screened = screened.unwrap();
@@ -73,18 +73,18 @@ fn screened_episodes_on_the_cpu_have_the_bits_of_the_system() {
     }
 }
 
-/// A backend whose second row fails in its third step.
+/// A device whose second row fails in its third step.
 struct Faulty(f64);
 
 struct FaultyWorlds(Box<dyn WorldBatch>, usize, f64);
 
-impl Backend for Faulty {
+impl WorldDevice for Faulty {
     fn engine(&self) -> &'static str {
         "faulty"
     }
 
     fn batch(&self, spec: &BatchSpec) -> Result<Box<dyn WorldBatch>, WorldError> {
-        Ok(Box::new(FaultyWorlds(CpuBackend.batch(spec)?, 0, self.0)))
+        Ok(Box::new(FaultyWorlds(CpuDevice.batch(spec)?, 0, self.0)))
     }
 }
 
@@ -113,7 +113,7 @@ impl WorldBatch for FaultyWorlds {
         self.0.finish_step()?;
         self.1 += 1;
         if self.1 == 3 && self.2 > 2.0 {
-            return Err(WorldError::Backend("the device is lost".into()));
+            return Err(WorldError::Device("the device is lost".into()));
         }
         if let (Outputs::Double(outputs), 3) = (self.0.buffers().outputs, self.1)
             && let Some(status) = outputs.last_mut()
@@ -227,9 +227,9 @@ fn batch_rows(
     environment: &TaskEnvironment,
     scenarios: &[Scenario],
     steps: u64,
-    backend: &dyn Backend,
+    device: &dyn WorldDevice,
 ) -> Vec<Vec<Row>> {
-    let mut batch = TaskBatch::new(environment, backend, scenarios.len()).unwrap();
+    let mut batch = TaskBatch::new(environment, device, scenarios.len()).unwrap();
     let rows = Mutex::new(vec![Vec::new(); scenarios.len()]);
     for step in 0..=steps {
         // All rows are in one group.
@@ -263,7 +263,7 @@ fn rows_with_changed_constants_and_events_have_the_bits_of_the_environment() {
         for space in ["dynamics", "events", "starts+dynamics+events"] {
             let (environment, scenarios) = environment(task, space);
             let expected = plain_rows(&environment, &scenarios, 45);
-            let found = batch_rows(&environment, &scenarios, 45, &CpuBackend);
+            let found = batch_rows(&environment, &scenarios, 45, &CpuDevice);
             for (row, (found, expected)) in found.iter().zip(&expected).enumerate() {
                 let differing = found.iter().zip(expected).position(|(found, expected)| found != expected);
                 assert_eq!(differing, None, "{task}, {space}, row {row}: first control step that differs");
@@ -281,18 +281,18 @@ enum Input {
     Mocap,
 }
 
-/// A backend that ignores a part of its inputs.
+/// A device that ignores a part of its inputs.
 struct Ignoring(Input);
 
 struct IgnoringWorlds(Box<dyn WorldBatch>, Input, Vec<f64>);
 
-impl Backend for Ignoring {
+impl WorldDevice for Ignoring {
     fn engine(&self) -> &'static str {
         "ignoring"
     }
 
     fn batch(&self, spec: &BatchSpec) -> Result<Box<dyn WorldBatch>, WorldError> {
-        Ok(Box::new(IgnoringWorlds(CpuBackend.batch(spec)?, self.0, Vec::new())))
+        Ok(Box::new(IgnoringWorlds(CpuDevice.batch(spec)?, self.0, Vec::new())))
     }
 }
 
@@ -329,7 +329,7 @@ impl WorldBatch for IgnoringWorlds {
 }
 
 #[test]
-fn rows_of_a_backend_that_ignores_constants_slips_pushes_or_jumps_differ() {
+fn rows_of_a_device_that_ignores_constants_slips_pushes_or_jumps_differ() {
     for (task, space, input) in [
         ("ball-balancing", "dynamics", Input::Fields),
         ("cube-stacking", "events", Input::Fields),
@@ -346,13 +346,13 @@ fn rows_of_a_backend_that_ignores_constants_slips_pushes_or_jumps_differ() {
 fn only_axes_of_constants_and_events_vary_the_worlds() {
     let spec = |space: &str| {
         struct Recording(Mutex<Option<BatchSpec>>);
-        impl Backend for Recording {
+        impl WorldDevice for Recording {
             fn engine(&self) -> &'static str {
                 "recording"
             }
             fn batch(&self, spec: &BatchSpec) -> Result<Box<dyn WorldBatch>, WorldError> {
                 *self.0.lock().unwrap() = Some(spec.clone());
-                CpuBackend.batch(spec)
+                CpuDevice.batch(spec)
             }
         }
         let recording = Recording(Mutex::default());
@@ -378,7 +378,7 @@ fn screened_episodes_over_all_axes_have_the_verdicts_of_the_system() {
         let mut system = target.target().unwrap().system(&space, &specification(task)).unwrap();
         let expected = system.rollout(&requests).unwrap();
         // Rows are used again, with other constants.
-        let found = screening(&target, task, "all", &CpuBackend, &[3, 2]).run(&requests, &|_| true).unwrap();
+        let found = screening(&target, task, "all", &CpuDevice, &[3, 2]).run(&requests, &|_| true).unwrap();
         for (episode, screened) in expected.iter().zip(found) {
             let screened = screened.unwrap();
             assert_eq!((screened.end, &screened.verdict), (episode.end, &episode.verdict), "{task}");
@@ -407,7 +407,7 @@ fn training_environments_on_the_cpu_have_the_bits_of_the_environment() {
     let tasks = rigid_tasks().into_iter();
     for (task, space) in tasks.flat_map(|task| [(task, "starts"), (task, "dynamics+events")]) {
         let environment = Arc::new(environment(task, space).0);
-        let factory = TaskBatches::new(environment.clone(), Arc::new(CpuBackend));
+        let factory = TaskBatches::new(environment.clone(), Arc::new(CpuDevice));
         let starts: Vec<_> = (0..5).map(|row| (row, Seed(10 + row as u64))).collect();
         let mut expected = environment.batch(5).unwrap();
         let mut found = factory.batch(5).unwrap();
@@ -447,7 +447,7 @@ struct Counting(Arc<Mutex<Vec<usize>>>);
 
 struct CountingWorlds(Box<dyn WorldBatch>, Arc<Mutex<Vec<usize>>>, usize);
 
-impl Backend for Counting {
+impl WorldDevice for Counting {
     fn engine(&self) -> &'static str {
         "counting"
     }
@@ -455,7 +455,7 @@ impl Backend for Counting {
     fn batch(&self, spec: &BatchSpec) -> Result<Box<dyn WorldBatch>, WorldError> {
         let mut counts = self.0.lock().unwrap();
         counts.push(0);
-        Ok(Box::new(CountingWorlds(CpuBackend.batch(spec)?, self.0.clone(), counts.len() - 1)))
+        Ok(Box::new(CountingWorlds(CpuDevice.batch(spec)?, self.0.clone(), counts.len() - 1)))
     }
 }
 
@@ -491,7 +491,7 @@ fn a_screening_forgets_the_simulations_of_an_interrupted_run() {
     let target = target("point-reaching", Noise::default());
     let space = target.target().unwrap().space("starts").unwrap();
     let requests: Vec<Request> = (0..5).map(|i| Request::new(space.sample(Seed(3), i), Seed(i))).collect();
-    let new = || screening(&target, "point-reaching", "starts", &CpuBackend, &[2, 1]);
+    let new = || screening(&target, "point-reaching", "starts", &CpuDevice, &[2, 1]);
     let expected = new().run(&requests, &|_| true).unwrap();
     let mut screening = new();
     // The first three simulations have ended, and the others have started.

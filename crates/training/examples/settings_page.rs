@@ -21,8 +21,8 @@ stop_success = 0.98
 action_noise = 0.5
 ```
 
-Whole numbers are written out, as 20_000_000. A missing key has the default below, or the value of the preset if the file
-contains `preset = \"skrl-0.10\"` ([settings presets](../presets.md)).
+Whole numbers are written out, as 20_000_000. A missing key has the default below, or the value of the base if the file
+contains `base = \"skrl-0.10\"` ([settings bases](../presets.md)).
 
 `mishandle train TASK --algorithm NAME --dry-run` prints all settings of a training run. The settings of the shipped
 controllers are in [experiments/training](../../experiments/training). [Training algorithms](README.md) explains the

@@ -5,7 +5,7 @@
 //! - `on_policy`: [`ppo`] and [`trpo`], and what both use: [`RolloutBuffer`], [`gae`], [`Critic`], minibatches;
 //! - `off_policy`: [`sac`], [`td3`] and [`ddpg`], and what they use: [`replay_buffer`], action-value critics with target
 //!   networks, the [`deterministic`] policy;
-//! - `settings`: declaration, reading and presets of settings;
+//! - `settings`: declaration, reading and bases of settings;
 //! - `episodes`: parallel environments that restart their [`Episodes`] automatically;
 //! - `learner`: the training loop, progress reports to an [`Observer`], validation, and selection of the best policy;
 //! - `checkpoint`: the state of a training run as a file;
@@ -50,5 +50,5 @@ pub use on_policy::trpo::conjugate_gradient::conjugate_gradient;
 pub use on_policy::{gae, ppo, trpo};
 pub use registry::{ALGORITHMS, AlgorithmEntry};
 pub use settings::{
-    BEST, Choice, EpisodeSettings, PRESETS, RunSettings, Setting, TimeoutHandling, TomlSettings,
+    BASES, BEST, Choice, EpisodeSettings, RunSettings, Setting, TimeoutHandling, TomlSettings,
 };

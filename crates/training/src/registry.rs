@@ -15,8 +15,8 @@ pub struct AlgorithmEntry {
     pub name: &'static str,
     /// One-line summary.
     pub summary: &'static str,
-    /// Settings presets besides `best`: name, and the differences from the defaults as TOML.
-    pub presets: &'static [(&'static str, &'static str)],
+    /// Settings bases besides `best`: name, and the differences from the defaults as TOML.
+    pub bases: &'static [(&'static str, &'static str)],
     /// Returns the default settings.
     pub default: fn() -> AlgorithmSettings,
     /// Reads settings from TOML.
@@ -28,7 +28,7 @@ impl AlgorithmEntry {
         AlgorithmEntry {
             name: S::ALGORITHM,
             summary: S::SUMMARY,
-            presets: S::PRESETS,
+            bases: S::BASES,
             default: || S::default().into(),
             from_toml: |text| S::from_toml(text).map(AlgorithmSettings::from),
         }

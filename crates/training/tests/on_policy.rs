@@ -14,19 +14,16 @@ use mishandle_training::{AlgorithmSettings, TrainingError};
 
 const ALGORITHMS: [&str; 2] = ["ppo", "trpo"];
 
-/// Variants: linear learning rate schedule, subsampled Fisher matrix, and the skrl presets.
+/// Variants: linear learning rate schedule, subsampled Fisher matrix, and the skrl bases.
 const VARIANTS: [(&str, &str); 4] = [
     ("ppo", "learning_rate_schedule = \"linear\"\n"),
     ("trpo", "fisher_subsampling = 3\n"),
     (
         "ppo",
-        "preset = \"skrl-0.10\"\npolicy.normalize_observations = true\ncritic.normalize_values = true\n\
+        "base = \"skrl-0.10\"\npolicy.normalize_observations = true\ncritic.normalize_values = true\n\
          value_clip = 0.2\nkl_threshold = 0.05\n",
     ),
-    (
-        "trpo",
-        "preset = \"skrl-0.10\"\npolicy.normalize_observations = true\ncritic.normalize_values = true\n",
-    ),
+    ("trpo", "base = \"skrl-0.10\"\npolicy.normalize_observations = true\ncritic.normalize_values = true\n"),
 ];
 
 fn settings_of(algorithm: &str, text: &str) -> AlgorithmSettings {

@@ -20,7 +20,7 @@ impl Servo {
     }
 }
 
-/// What a backend must know to make a batch.
+/// What a device must know to make a batch.
 #[derive(Clone, Debug)]
 pub struct BatchSpec {
     /// Model of all worlds. Its constants equal those of its document, except the physics step.
@@ -38,7 +38,7 @@ pub struct BatchSpec {
 }
 
 /// Makes batches of worlds.
-pub trait Backend: Send + Sync {
+pub trait WorldDevice: Send + Sync {
     /// Returns the name of the physics engine.
     fn engine(&self) -> &'static str;
 
@@ -267,11 +267,11 @@ impl BatchLayout {
     }
 }
 
-/// The backend that steps worlds with MuJoCo on one thread. It gives the same bits as a [`World`].
+/// The device that steps worlds with MuJoCo on one thread. It gives the same bits as a [`World`].
 #[derive(Clone, Copy, Debug, Default)]
-pub struct CpuBackend;
+pub struct CpuDevice;
 
-impl Backend for CpuBackend {
+impl WorldDevice for CpuDevice {
     fn engine(&self) -> &'static str {
         "MuJoCo C"
     }
@@ -281,7 +281,7 @@ impl Backend for CpuBackend {
     }
 }
 
-/// The batch of [`CpuBackend`].
+/// The batch of [`CpuDevice`].
 #[derive(Debug)]
 pub struct CpuWorlds {
     layout: BatchLayout,

@@ -23,9 +23,9 @@ pub enum WorldError {
         "flex `{0}` must consist of consecutive top-level bodies, each with slide joints along x, y and z"
     )]
     UnsupportedFlex(String),
-    /// A [`Backend`](crate::Backend) cannot make or step a batch.
+    /// A [`WorldDevice`](crate::WorldDevice) cannot make or step a batch.
     #[error("{0}")]
-    Backend(String),
+    Device(String),
     /// OpenGL is not available.
     #[error(
         "cannot render without a display: {0} (rendering needs EGL and OpenGL; on Debian and Ubuntu: apt install libegl1 \

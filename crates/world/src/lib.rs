@@ -4,7 +4,7 @@
 //! physics steps and returns the new state. All worlds of a model give the same bits. Bodies, joints and other elements
 //! are looked up by name once, when a task is loaded, and are then plain indices.
 //!
-//! A [`WorldBatch`] steps many worlds together, one per row. A [`Backend`] makes it: [`CpuBackend`], or another physics engine that
+//! A [`WorldBatch`] steps many worlds together, one per row. A [`WorldDevice`] makes it: [`CpuDevice`], or another physics engine that
 //! reads the same MJCF document.
 //!
 //! Units are SI, quaternions are (w, x, y, z), vectors and rotations are in the world frame, whose origin is the base
@@ -25,8 +25,8 @@ mod rows;
 mod state;
 
 pub use batch::{
-    Backend, BatchBuffers, BatchLayout, BatchSpec, CpuBackend, CpuWorlds, Outputs, RowStatus, Servo,
-    WorldBatch,
+    BatchBuffers, BatchLayout, BatchSpec, CpuDevice, CpuWorlds, Outputs, RowStatus, Servo, WorldBatch,
+    WorldDevice,
 };
 pub use change::Change;
 pub use contacts::ContactParts;

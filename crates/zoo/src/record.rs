@@ -5,7 +5,7 @@
 
 use mishandle::ResolvedPlan;
 use mishandle::evaluation::{CornerReport, CornerResult, Estimate};
-use mishandle::falsification::{CampaignOutcome, TrialEnd, TrialOutcome};
+use mishandle::falsification::{FalsificationOutcome, TrialEnd, TrialOutcome};
 use mishandle::plan::StartRegion;
 use mishandle::run::{EvaluationOutcome, rejects_scenarios};
 use serde::de::Error as _;
@@ -301,7 +301,7 @@ pub struct FalsificationRecord {
 
 impl FalsificationRecord {
     /// Returns the record of a falsification.
-    pub fn new(resolved: &ResolvedPlan, outcome: &CampaignOutcome) -> FalsificationRecord {
+    pub fn new(resolved: &ResolvedPlan, outcome: &FalsificationOutcome) -> FalsificationRecord {
         let ResolvedPlan { plan, target, specification, .. } = resolved;
         let controller = target.components.first();
         let falsify = plan.falsify.clone().unwrap_or_default();

@@ -40,7 +40,7 @@ pub(crate) fn train(
         write(&file(STARTED), started_mark(&entry.expected).as_bytes())?;
     }
     let plan = TrainPlan {
-        backend: "cpu".to_string(),
+        device: "cpu".to_string(),
         task: training.task.clone(),
         algorithm: training.algorithm.clone(),
         reward: REWARD.to_string(),

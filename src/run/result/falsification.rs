@@ -1,6 +1,6 @@
 use std::path::Path;
 
-use mishandle_falsification::{CampaignOutcome, ScreenedCounts, TrialEnd, TrialOutcome, Unevaluated};
+use mishandle_falsification::{FalsificationOutcome, ScreenedCounts, TrialEnd, TrialOutcome, Unevaluated};
 use mishandle_results as results;
 use mishandle_results::{Falsification, Named, Screening, SearchValue, Seed, Trial};
 use mishandle_search::OptionValue;
@@ -13,7 +13,7 @@ use crate::run::{end_text, failure_rate_bound};
 /// `counts` are those of its screening, `run` is the path of its run file.
 pub fn falsification_result(
     resolved: &ResolvedPlan,
-    found: &CampaignOutcome,
+    found: &FalsificationOutcome,
     counts: Option<&ScreenedCounts>,
     run: &Path,
 ) -> Falsification {
@@ -99,7 +99,7 @@ fn search_options(falsify: &FalsifyPlan) -> Named<SearchValue> {
     falsify.options.iter().map(|(name, option)| (name, value(option))).collect()
 }
 
-fn screening(resolved: &ResolvedPlan, found: &CampaignOutcome, counts: &ScreenedCounts) -> Screening {
+fn screening(resolved: &ResolvedPlan, found: &FalsificationOutcome, counts: &ScreenedCounts) -> Screening {
     let reasons = [
         ("violated", counts.violated),
         ("without_verdict", counts.without_verdict),

@@ -29,7 +29,7 @@ pub struct Arguments {
     #[arg(long = "box", value_name = "PART", conflicts_with = "resume")]
     pub starts: Option<String>,
     #[command(flatten)]
-    pub screen: flags::Screen,
+    pub screening: flags::Screening,
     #[command(flatten)]
     pub file: flags::OpenRun,
     #[command(flatten)]
@@ -86,6 +86,6 @@ fn plan(command: &Arguments) -> Result<Plan> {
         };
     }
     plan.evaluate = Some(EvaluatePlan { ..evaluate });
-    plan.screening = command.screen.plan(plan.screening.take())?;
+    plan.screening = command.screening.plan(plan.screening.take())?;
     Ok(plan.only(RunKind::Evaluate))
 }

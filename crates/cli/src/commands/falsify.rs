@@ -63,7 +63,7 @@ pub struct Arguments {
     #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = numbers::integer::<u32>(0..=10_000_000))]
     pub repeats: Option<u32>,
     #[command(flatten)]
-    pub screen: flags::Screen,
+    pub screening: flags::Screening,
     #[command(flatten)]
     pub file: flags::OpenRun,
     #[command(flatten)]
@@ -165,7 +165,7 @@ fn plan(command: &Arguments) -> Result<Plan> {
     falsify.formula = command.formula.clone().or(falsify.formula);
     falsify.trials = command.trials.unwrap_or(falsify.trials);
     falsify.budget = command.budget.unwrap_or(falsify.budget);
-    plan.screening = command.screen.plan(plan.screening.take())?;
+    plan.screening = command.screening.plan(plan.screening.take())?;
     falsify.batch = command.subject.batch.unwrap_or(match &plan.screening {
         Some(screening) => screening.rows.min(*Plan::BATCH.end() as u32),
         None => falsify.batch,

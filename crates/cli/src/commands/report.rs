@@ -2,7 +2,8 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail};
 use clap::Args;
-use mishandle_report::page;
+use mishandle::train::Curve;
+use mishandle_report::{learning_curve_page, page};
 
 use crate::exit_status::ExitStatus;
 use crate::flags::{self, numbers};
@@ -10,19 +11,20 @@ use crate::run::{self, pages};
 use crate::show::output;
 use crate::show::progress::Bar;
 
-/// Write a page about runs: verdict, failure modes, robustness maps, traces, pictures
+/// Write a page about runs (verdict, failure modes, robustness maps, traces, pictures) or about a learning curve
 #[derive(Debug, Args)]
 #[command(after_help = "Examples:
   mishandle report runs/RUN.sqlite --out report.html
   mishandle report runs/A.sqlite runs/B.sqlite --out report.html     one section each, and a table
   mishandle report runs/campaign-1 --out pages          index and a page for each run of a campaign
   mishandle report runs/RUN.sqlite --no-simulations --out report.html
+  mishandle report curve.csv --out curve.html           the learning curve of `train --csv`
 
 The page is one HTML file that loads nothing and runs no script. docs/report.md explains its
 charts. If the target of a run is available, scenarios around each failure mode are simulated,
 corners, and repeats with other seeds. Otherwise the page has what the run file contains.")]
 pub struct Arguments {
-    /// Run files of `mishandle evaluate` or `mishandle falsify`, or the folder of a campaign
+    /// Run files of `mishandle evaluate` or `mishandle falsify`, the folder of a campaign, or the .csv file of `mishandle train --csv`
     #[arg(value_name = "RUN", required = true)]
     pub runs: Vec<PathBuf>,
     /// HTML file to create; for a campaign, a folder for the index and a page for each run
@@ -70,6 +72,14 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
     if let Some(folder) = command.runs.iter().find(|path| path.is_dir()) {
         bail!("{} is a folder; name run files, or one folder of a campaign alone", folder.display());
     }
+    if let [curve] = &command.runs[..]
+        && is_curve(curve)
+    {
+        return write_curve(curve, command);
+    }
+    if let Some(curve) = command.runs.iter().find(|path| is_curve(path)) {
+        bail!("{} is a learning curve; name it alone", curve.display());
+    }
     // Fails before the simulations if the output cannot be written.
     drop(output::create(&command.out, command.force)?);
     let mut reports = Vec::new();
@@ -87,7 +97,25 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
         reports.push(report);
     }
     bar.clear();
-    let page = page(&reports);
+    write(&page(&reports), command)
+}
+
+/// Returns whether a path names a learning curve rather than a run file.
+fn is_curve(path: &Path) -> bool {
+    path.extension().is_some_and(|found| found.eq_ignore_ascii_case("csv"))
+}
+
+/// Writes the page about a learning curve.
+fn write_curve(path: &Path, command: &Arguments) -> Result<ExitStatus> {
+    let curve = Curve::load(path)?;
+    if curve.is_truncated {
+        let file = path.display();
+        output::message(&format!("warning: the last line of {file} is incomplete and was ignored"));
+    }
+    write(&learning_curve_page(&curve, &path.to_string_lossy()), command)
+}
+
+fn write(page: &str, command: &Arguments) -> Result<ExitStatus> {
     output::write_atomically(&command.out, command.force, page.as_bytes())?;
     let size = page.len().div_ceil(1000);
     output::message(&format!("wrote {} ({size} kB)", command.out.display()));

@@ -43,7 +43,7 @@ pub struct Arguments {
     #[arg(long, value_name = "METHOD", conflicts_with = "resume")]
     pub method: Option<String>,
     #[command(flatten)]
-    pub screen: flags::Screen,
+    pub screening: flags::Screening,
     #[command(flatten)]
     pub file: flags::OpenRun,
     #[command(flatten)]
@@ -108,6 +108,6 @@ fn plan(command: &Arguments) -> Result<Plan> {
         risk.distributions.insert(name.clone(), distribution.clone());
     }
     plan.risk = Some(risk);
-    plan.screening = command.screen.plan(plan.screening.take())?;
+    plan.screening = command.screening.plan(plan.screening.take())?;
     Ok(plan.only(RunKind::Risk))
 }

@@ -16,7 +16,6 @@ use crate::interrupt;
 use crate::run;
 use crate::show::output;
 use crate::show::train_reporter::{TrainReporter, with_causes};
-use crate::show::training_time;
 
 /// Numbers of environment steps of a training run: those of the setting `run.total_steps`.
 const STEPS: RangeInclusive<u64> = 1..=1_000_000_000_000;
@@ -36,12 +35,12 @@ static ALGORITHM_HELP: LazyLock<String> = LazyLock::new(|| {
   mishandle train ball-balancing --algorithm ppo --out my_controller.safetensors --resume
   mishandle train ball-balancing --algorithm sac --csv curve.csv --tensorboard board
   mishandle train ball-balancing --algorithm sac --dry-run      check and print all settings
-  mishandle train cube-stacking --algorithm ppo --backend gpu   thousands of worlds on a GPU
+  mishandle train cube-stacking --algorithm ppo --device gpu    thousands of worlds on a GPU
 
 The best controller by validation is written to --out, the last one beside it: FILE.safetensors and
 FILE.last.safetensors. Training also writes a checkpoint there. --resume continues from the
 checkpoint and continues the files of --csv and --tensorboard. On the CPU, the results are the same
-as those of an uninterrupted run, bit for bit; with --backend gpu they are not.
+as those of an uninterrupted run, bit for bit; with --device gpu they are not.
 If a file cannot be written, as on a full disk, training warns, continues and tries again; it stops
 if it cannot write the first checkpoint. The settings run.stop_success, run.stop_strict and
 run.stop_validations enable early stopping.
@@ -58,10 +57,10 @@ pub struct Arguments {
     /// Reward: shaped or original
     #[arg(long, default_value = "shaped")]
     pub reward: String,
-    /// Physics engine of the training episodes: cpu (MuJoCo C) or gpu (MuJoCo Warp) [default: cpu]. Validations always use
-    /// MuJoCo C. The setting episodes.environments is the number of worlds
+    /// Device of the physics of the training episodes: cpu (MuJoCo C) or gpu (MuJoCo Warp) [default: cpu]. Validations always
+    /// use MuJoCo C. The setting episodes.environments is the number of worlds
     #[arg(long, value_name = "NAME")]
-    pub backend: Option<flags::Backend>,
+    pub device: Option<PhysicsDevice>,
     /// File of the best controller [default: runs/TASK-ALGORITHM-sSEED.safetensors]
     #[arg(long, value_name = "FILE")]
     pub out: Option<PathBuf>,
@@ -71,7 +70,7 @@ pub struct Arguments {
     /// Write TensorBoard event files to this folder
     #[arg(long, value_name = "DIR")]
     pub tensorboard: Option<PathBuf>,
-    /// Settings file (TOML), or name of a settings preset: skrl-0.10 or best
+    /// Settings file (TOML), or name of a settings base: skrl-0.10 or best
     /// [default: the shipped settings of the task, or the algorithm's defaults if none are shipped]
     #[arg(long, value_name = "FILE")]
     pub settings: Option<PathBuf>,
@@ -83,6 +82,15 @@ pub struct Arguments {
     pub dry_run: bool,
     #[command(flatten)]
     pub run: flags::Run,
+}
+
+/// Device of the physics of the training episodes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
+pub enum PhysicsDevice {
+    /// MuJoCo C
+    Cpu,
+    /// MuJoCo Warp
+    Gpu,
 }
 
 pub fn run(command: &Arguments, gpu: Option<&Device>) -> Result<ExitStatus> {
@@ -185,9 +193,9 @@ fn plan(command: &Arguments) -> TrainPlan {
         task: command.task.clone(),
         algorithm: command.algorithm.clone(),
         reward: command.reward.clone(),
-        backend: match command.backend {
-            Some(flags::Backend::Gpu) => "gpu".to_string(),
-            Some(flags::Backend::Cpu) | None => "cpu".to_string(),
+        device: match command.device {
+            Some(PhysicsDevice::Gpu) => "gpu".to_string(),
+            Some(PhysicsDevice::Cpu) | None => "cpu".to_string(),
         },
         settings: command.settings.clone(),
         steps: command.steps,
@@ -218,8 +226,17 @@ fn lines(found: &Training) -> Vec<String> {
     lines
 }
 
+/// Returns a line about the time until the return converged, or why it has none.
 fn training_time_line(found: &Training) -> String {
-    training_time::line(found.training_time.as_ref(), found.no_training_time.as_deref())
+    let Some(time) = &found.training_time else {
+        return format!("no training time: {}", found.no_training_time.as_deref().unwrap_or_default());
+    };
+    format!(
+        "training time until the return converged: {}, {} per environment, {:.0} s",
+        plural(time.environment_steps, "environment step"),
+        plural(time.control_steps, "control step"),
+        time.secs.0
+    )
 }
 
 fn say_outputs(plan: &TrainPlan) {

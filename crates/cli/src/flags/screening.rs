@@ -1,4 +1,4 @@
-//! Where simulations are screened.
+//! Whether a device screens the simulations.
 
 use anyhow::{Result, ensure};
 use clap::Args;
@@ -6,34 +6,34 @@ use mishandle::plan::ScreeningPlan;
 
 use super::numbers::integer;
 
-/// Where simulations are screened.
+/// Flags of screening.
 #[derive(Debug, Args)]
-pub struct Screen {
-    /// Physics engine of the simulations: cpu (MuJoCo C), or gpu (MuJoCo Warp; MuJoCo C repeats every violation and a random
-    /// sample of the others, and only these count) [default: cpu]
-    #[arg(long, value_name = "NAME", conflicts_with = "resume")]
-    pub backend: Option<Backend>,
-    /// With --backend gpu: number of worlds on the GPU [default: 16384]
+pub struct Screening {
+    /// Screen the simulations first: gpu (thousands of worlds of MuJoCo Warp on a GPU; MuJoCo C repeats the flagged
+    /// simulations and an audit sample of the others, and only these count), or none [default: none]
+    #[arg(long, value_name = "DEVICE", conflicts_with = "resume")]
+    pub screening: Option<Screener>,
+    /// With --screening gpu: number of worlds on the GPU [default: 16384]
     #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = integer::<u32>(1..=1_048_576))]
     #[arg(conflicts_with = "resume")]
     pub rows: Option<u32>,
-    /// With --backend gpu: share of the simulations without a violation that MuJoCo C repeats, above 0 and up to 1
+    /// With --screening gpu: share of the simulations that are not flagged in the audit sample, above 0 and up to 1
     /// [default: 0.1]
     #[arg(long, value_name = "SHARE", allow_negative_numbers = true, value_parser = share, conflicts_with = "resume")]
     pub confirm: Option<f64>,
 }
 
-impl Screen {
+impl Screening {
     /// Returns the screening of a plan with the values of the flags.
     pub fn plan(&self, planned: Option<ScreeningPlan>) -> Result<Option<ScreeningPlan>> {
-        let planned = match self.backend {
+        let planned = match self.screening {
             None => planned,
-            Some(Backend::Cpu) => None,
-            Some(Backend::Gpu) => Some(planned.unwrap_or_default()),
+            Some(Screener::None) => None,
+            Some(Screener::Gpu) => Some(planned.unwrap_or_default()),
         };
         ensure!(
             planned.is_some() || (self.rows.is_none() && self.confirm.is_none()),
-            "--rows and --confirm need --backend gpu"
+            "--rows and --confirm need --screening gpu"
         );
         Ok(planned.map(|planned| ScreeningPlan {
             rows: self.rows.unwrap_or(planned.rows),
@@ -43,12 +43,12 @@ impl Screen {
     }
 }
 
-/// Physics engine of the simulations.
+/// What screens the simulations.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
-pub enum Backend {
-    /// MuJoCo C
-    Cpu,
-    /// MuJoCo Warp
+pub enum Screener {
+    /// Nothing: MuJoCo C runs each simulation
+    None,
+    /// MuJoCo Warp on an NVIDIA GPU
     Gpu,
 }
 

@@ -1,7 +1,7 @@
 //! Declaration of the settings that all off-policy algorithms have.
 
 /// Declares the settings of an off-policy algorithm: the shared settings, with the algorithm's own ones between them. The
-/// file `skrl-0.10.toml` in the algorithm's folder is its settings preset.
+/// file `skrl-0.10.toml` in the algorithm's folder is its settings base.
 ///
 /// Serde's `flatten` would also combine two structures into one table, but it accepts unknown keys and loses the line
 /// numbers of errors.
@@ -39,8 +39,8 @@ macro_rules! off_policy_settings {
 
         impl $crate::TomlSettings for $settings {
             const ALGORITHM: &'static str = $algorithm;
-            const PRESETS: &'static [(&'static str, &'static str)] =
-                &[($crate::settings::presets::SKRL_0_10, include_str!("skrl-0.10.toml"))];
+            const BASES: &'static [(&'static str, &'static str)] =
+                &[($crate::settings::bases::SKRL_0_10, include_str!("skrl-0.10.toml"))];
 
             fn settings() -> Vec<$crate::Setting> {
                 Self::described()

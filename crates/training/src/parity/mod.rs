@@ -1,4 +1,4 @@
-//! Compares single updates with those of skrl 0.10.2, under the settings preset `skrl-0.10`.
+//! Compares single updates with those of skrl 0.10.2, under the settings base `skrl-0.10`.
 
 mod off_policy;
 mod on_policy;

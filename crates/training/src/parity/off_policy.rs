@@ -42,7 +42,7 @@ impl Case {
         number(&self.document, key)
     }
 
-    /// Returns the settings of the case (tuned or those of the preset) with the additional settings `own`.
+    /// Returns the settings of the case (tuned or those of the base) with the additional settings `own`.
     fn settings<S: TomlSettings>(&self, own: &str) -> S {
         let (hidden, rows) = (self.setting("hidden"), self.batch().rows());
         let sizes =
@@ -56,7 +56,7 @@ impl Case {
         );
         let text = match self.kind {
             TUNED => format!("{sizes}{rates}{own}"),
-            _ => format!("preset = \"skrl-0.10\"\n{sizes}{own}"),
+            _ => format!("base = \"skrl-0.10\"\n{sizes}{own}"),
         };
         S::from_toml(&text).unwrap()
     }
@@ -222,7 +222,7 @@ fn updates_of_squashed_sac_match_skrl() {
 }
 
 #[test]
-fn updates_of_sac_with_the_preset_match_skrl() {
+fn updates_of_sac_with_the_base_match_skrl() {
     check_sac(DEFAULT);
 }
 
@@ -232,9 +232,9 @@ fn updates_of_td3_match_skrl() {
 }
 
 #[test]
-fn updates_of_td3_with_the_preset_match_skrl() {
+fn updates_of_td3_with_the_base_match_skrl() {
     check_td3(DEFAULT, "td3_without_smoothing", "");
-    // With smoothing noise and the clip range of the preset.
+    // With smoothing noise and the clip range of the base.
     check_td3(DEFAULT, "td3", "smoothing_std = 0.5");
 }
 

@@ -162,11 +162,11 @@ fn step_tolerance(settings: &TrpoSettings) -> f64 {
 
 #[test]
 fn constants_outside_of_the_cases_match_skrl() {
-    let preset = "preset = \"skrl-0.10\"";
+    let base = "base = \"skrl-0.10\"";
     // KLAdaptiveRL's min_lr and max_lr.
-    assert_eq!(PpoSettings::from_toml(preset).unwrap().learning_rate_range, [1e-6, 1e-2]);
+    assert_eq!(PpoSettings::from_toml(base).unwrap().learning_rate_range, [1e-6, 1e-2]);
     // `accept_ratio` of TRPO_DEFAULT_CONFIG, and `residual_tolerance` of its conjugate gradients.
-    let trpo = TrpoSettings::from_toml(preset).unwrap();
+    let trpo = TrpoSettings::from_toml(base).unwrap();
     assert_eq!((trpo.accept_ratio, trpo.cg_tolerance), (0.5, 1e-10));
 }
 

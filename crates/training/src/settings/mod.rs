@@ -1,8 +1,8 @@
-//! Settings: the trait that algorithms implement, the tables that all of them share, reading, listing and presets.
+//! Settings: the trait that algorithms implement, the tables that all of them share, reading, listing and bases.
 
+pub(crate) mod bases;
 pub(crate) mod declare;
 mod listing;
-pub(crate) mod presets;
 mod read;
 pub(crate) mod setting;
 
@@ -13,19 +13,19 @@ use crate::TrainingError;
 use declare::{choice, settings};
 use setting::{ARRAY_SIZE, AT_LEAST_1, FRACTION, NOISE};
 
-pub use presets::{BEST, PRESETS};
+pub use bases::{BASES, BEST};
 pub use setting::{Choice, Setting};
 
 /// Settings of an algorithm, readable from TOML.
 ///
-/// Each field is a key of the same name. A missing key takes its value from the settings preset that the key `preset`
+/// Each field is a key of the same name. A missing key takes its value from the settings base that the key `base`
 /// names (default: `best`). An unknown key is an error.
 pub trait TomlSettings: Default + Serialize + DeserializeOwned {
     /// Name of the algorithm.
     const ALGORITHM: &'static str;
 
-    /// Settings presets besides `best`: name, and the differences from the defaults as TOML.
-    const PRESETS: &'static [(&'static str, &'static str)] = &[];
+    /// Settings bases besides `best`: name, and the differences from the defaults as TOML.
+    const BASES: &'static [(&'static str, &'static str)] = &[];
 
     /// Returns the facts about each setting, in order of declaration.
     fn settings() -> Vec<Setting>;

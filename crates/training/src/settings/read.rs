@@ -4,14 +4,14 @@ use serde::Deserialize;
 use toml::Spanned;
 use toml::de::{DeTable, DeValue};
 
-use super::presets::{BEST, overlay, preset, preset_names};
+use super::bases::{BEST, base, base_names, overlay};
 use super::setting::one_of;
 use crate::{Setting, TomlSettings, TrainingError};
 
-/// Key that names the settings preset.
-const PRESET: &str = "preset";
+/// Key that names the settings base.
+const BASE: &str = "base";
 
-/// Reads settings from TOML. A missing key, at any depth, takes its value from the preset that the text names.
+/// Reads settings from TOML. A missing key, at any depth, takes its value from the base that the text names.
 ///
 /// # Errors
 /// If the text is not TOML, contains an unknown setting, or assigns a value that is not allowed.
@@ -21,14 +21,13 @@ pub(crate) fn read<S: TomlSettings>(text: &str) -> Result<S, TrainingError> {
         message: error.message().replace('\n', ", "),
     };
     let mut stated = DeTable::parse(text).map_err(not_toml)?;
-    let preset_of_text = stated.get_mut().remove_entry(PRESET);
+    let base_of_text = stated.get_mut().remove_entry(BASE);
     let reader = Reader { algorithm: S::ALGORITHM, text, settings: S::settings() };
-    let name =
-        preset_of_text.map_or(Ok(BEST.to_string()), |(key, value)| reader.preset::<S>(&key, &value))?;
+    let name = base_of_text.map_or(Ok(BEST.to_string()), |(key, value)| reader.base::<S>(&key, &value))?;
     reader.replace_aliases(stated.get_mut())?;
     reader.check("", stated.get_ref())?;
     let positions = stated.clone();
-    let mut settings = preset::<S>(&name);
+    let mut settings = base::<S>(&name);
     overlay(&mut settings, toml::Table::deserialize(toml::Deserializer::from(stated)).map_err(not_toml)?);
     let settings: S = settings.try_into().map_err(not_toml)?;
     settings.check().map_err(|error| reader.with_line(error, positions.get_ref()))?;
@@ -84,7 +83,7 @@ impl Reader<'_> {
                     return Err(self.wrong(&name, line, &setting.allowed, value, known));
                 }
                 (None, _) if !self.settings.iter().any(|setting| setting.name.starts_with(&as_table)) => {
-                    let known = self.settings.iter().map(|setting| setting.name).chain([PRESET]).collect();
+                    let known = self.settings.iter().map(|setting| setting.name).chain([BASE]).collect();
                     return Err(TrainingError::UnknownSetting {
                         algorithm: self.algorithm,
                         line,
@@ -102,19 +101,19 @@ impl Reader<'_> {
         Ok(())
     }
 
-    /// Returns the preset that the text names.
-    fn preset<S: TomlSettings>(
+    /// Returns the base that the text names.
+    fn base<S: TomlSettings>(
         &self,
         key: &Spanned<impl Sized>,
         value: &Spanned<DeValue<'_>>,
     ) -> Result<String, TrainingError> {
-        let known = preset_names::<S>();
+        let known = base_names::<S>();
         match value.get_ref() {
             DeValue::String(name) if known.iter().any(|known| known == name) => Ok(name.to_string()),
             _ => {
-                let expected = format!("the name of a settings preset of {}: ", self.algorithm);
+                let expected = format!("the name of a settings base of {}: ", self.algorithm);
                 let expected = expected + &one_of(known.iter().copied());
-                Err(self.wrong(PRESET, self.line(key), &expected, value, known))
+                Err(self.wrong(BASE, self.line(key), &expected, value, known))
             }
         }
     }

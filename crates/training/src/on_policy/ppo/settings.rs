@@ -2,8 +2,8 @@ use super::Ppo;
 use crate::algorithm::Algorithm;
 use crate::on_policy::OnPolicy;
 use crate::on_policy::settings::on_policy_settings;
+use crate::settings::bases::SKRL_0_10;
 use crate::settings::declare::{choice, settings};
-use crate::settings::presets::SKRL_0_10;
 use crate::settings::setting::{
     ARRAY_SIZE, AT_LEAST_1, AT_LEAST_2, FINITE, FRACTION, POSITIVE, POSITIVE_RANGE, require,
 };
@@ -129,7 +129,7 @@ choice! {
 impl TomlSettings for PpoSettings {
     const ALGORITHM: &'static str = "ppo";
 
-    const PRESETS: &'static [(&'static str, &'static str)] = &[(SKRL_0_10, include_str!("skrl-0.10.toml"))];
+    const BASES: &'static [(&'static str, &'static str)] = &[(SKRL_0_10, include_str!("skrl-0.10.toml"))];
 
     fn settings() -> Vec<Setting> {
         Self::described()

@@ -2,8 +2,8 @@ use super::Trpo;
 use crate::algorithm::Algorithm;
 use crate::on_policy::OnPolicy;
 use crate::on_policy::settings::on_policy_settings;
+use crate::settings::bases::SKRL_0_10;
 use crate::settings::declare::{choice, settings};
-use crate::settings::presets::SKRL_0_10;
 use crate::settings::setting::{ARRAY_SIZE, AT_LEAST_1, AT_LEAST_2, FRACTION, NOT_NEGATIVE, POSITIVE};
 use crate::{
     CriticSettings, EpisodeSettings, MinibatchScheme, PolicySettings, RunSettings, Setting, TomlSettings,
@@ -100,7 +100,7 @@ choice! {
 impl TomlSettings for TrpoSettings {
     const ALGORITHM: &'static str = "trpo";
 
-    const PRESETS: &'static [(&'static str, &'static str)] = &[(SKRL_0_10, include_str!("skrl-0.10.toml"))];
+    const BASES: &'static [(&'static str, &'static str)] = &[(SKRL_0_10, include_str!("skrl-0.10.toml"))];
 
     fn settings() -> Vec<Setting> {
         Self::described()

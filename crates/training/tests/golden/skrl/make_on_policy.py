@@ -242,7 +242,7 @@ ADAPTIVE = {"learning_rate_scheduler": KLAdaptiveRL}
 def main():
     document = {
         "made_by": "skrl 0.10.2",
-        "common": f"""preset = "skrl-0.10"
+        "common": f"""base = "skrl-0.10"
 rollout_steps = {STEPS}
 episodes.environments = {ROWS}
 policy.hidden = [{HIDDEN}]

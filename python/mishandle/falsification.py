@@ -80,7 +80,7 @@ class _Result(Remembering):
 
 @dataclass(frozen=True)
 class Falsification(_Result):
-    """Outcome of a campaign."""
+    """Outcome of a falsification."""
 
     path: pathlib.Path
     trials: list[Trial]
@@ -213,7 +213,7 @@ def falsify(
         With ``keep_going``, a trial ends when less than this fraction of its simulations finds a new failure mode; 0 spends the
         budget.
     seed : int
-        Random seed of the campaign.
+        Random seed of the falsification.
     out : path, optional
         Run file; by default the first free name in the folder ``runs``.
     resume : bool

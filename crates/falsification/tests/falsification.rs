@@ -3,7 +3,9 @@
 
 use std::ops::ControlFlow;
 
-use mishandle_falsification::{Campaign, CampaignOutcome, CampaignSettings, FalsificationError, TrialEnd};
+use mishandle_falsification::{
+    Falsification, FalsificationError, FalsificationOutcome, FalsificationSettings, TrialEnd,
+};
 use mishandle_rollout::{
     Axis, Episode, EpisodeEnd, Request, RolloutError, Scenario, Seed, Space, System, Verdict,
 };
@@ -61,20 +63,24 @@ impl Search for Walk {
     }
 }
 
-fn walk(points: &[f64], trials: u32, budget: u32) -> Campaign<'_> {
+fn walk(points: &[f64], trials: u32, budget: u32) -> Falsification<'_> {
     walk_in_batches(points, trials, budget, 32)
 }
 
-fn walk_in_batches(points: &[f64], trials: u32, budget: u32, batch: usize) -> Campaign<'_> {
-    let settings = CampaignSettings { trials, budget, seed: Seed(3), batch, ..CampaignSettings::default() };
+fn walk_in_batches(points: &[f64], trials: u32, budget: u32, batch: usize) -> Falsification<'_> {
+    let settings =
+        FalsificationSettings { trials, budget, seed: Seed(3), batch, ..FalsificationSettings::default() };
     let make = move |_| {
         Ok(Box::new(Walk { points: points.to_vec(), proposed: 0, observed: vec![] }) as Box<dyn Search>)
     };
-    Campaign::new(settings, &space(), make).unwrap()
+    Falsification::new(settings, &space(), make).unwrap()
 }
 
-fn run(campaign: &mut Campaign<'_>, system: &mut dyn System) -> Result<CampaignOutcome, FalsificationError> {
-    campaign.run(system, |_| Ok(ControlFlow::Continue(())))
+fn run(
+    falsification: &mut Falsification<'_>,
+    system: &mut dyn System,
+) -> Result<FalsificationOutcome, FalsificationError> {
+    falsification.run(system, |_| Ok(ControlFlow::Continue(())))
 }
 
 /// The robustness is x - 2. The simulation diverges for x > 9 and is undecided for 8 < x <= 9.
@@ -91,8 +97,8 @@ fn shifted_line(request: &Request) -> SimulatedEnd {
 #[track_caller]
 fn check(points: &[f64], budget: u32, expected: (TrialEnd, u32, Option<f64>, u32, u32)) {
     for batch_size in [1, 2, 100] {
-        let mut campaign = walk_in_batches(points, 1, budget, batch_size);
-        let outcome = run(&mut campaign, &mut system(shifted_line)).unwrap();
+        let mut falsification = walk_in_batches(points, 1, budget, batch_size);
+        let outcome = run(&mut falsification, &mut system(shifted_line)).unwrap();
         let trial = &outcome.trials[0];
         let minimum = trial.minimum.as_ref().map(|minimum| minimum.robustness);
         let found = (trial.end.unwrap(), trial.simulations, minimum, trial.diverged, trial.undecided);
@@ -200,19 +206,19 @@ fn a_system_that_returns_too_few_episodes_is_an_error() {
 
 #[test]
 fn a_search_with_another_dimension_than_the_space_is_an_error() {
-    let settings = CampaignSettings { trials: 1, budget: 1, ..CampaignSettings::default() };
+    let settings = FalsificationSettings { trials: 1, budget: 1, ..FalsificationSettings::default() };
     let make = |seed| by_name("random", &[Coordinate::Continuous; 2], seed, &SearchOptions::default());
-    let mut campaign = Campaign::new(settings, &space(), make).unwrap();
-    let error = run(&mut campaign, &mut system(shifted_line)).unwrap_err();
+    let mut falsification = Falsification::new(settings, &space(), make).unwrap();
+    let error = run(&mut falsification, &mut system(shifted_line)).unwrap_err();
     assert!(matches!(error, FalsificationError::Dimension { found: 2, expected: 1, .. }), "{error}");
 }
 
 #[test]
 fn an_empty_campaign_is_an_error() {
     for (trials, budget) in [(0, 1), (1, 0)] {
-        let settings = CampaignSettings { trials, budget, ..CampaignSettings::default() };
+        let settings = FalsificationSettings { trials, budget, ..FalsificationSettings::default() };
         let make = |seed| by_name("random", &[Coordinate::Continuous], seed, &SearchOptions::default());
-        assert!(Campaign::new(settings, &space(), make).is_err());
+        assert!(Falsification::new(settings, &space(), make).is_err());
     }
 }
 

@@ -1,19 +1,18 @@
-//! docs/presets.md lists the presets.
+//! docs/presets.md lists the bases.
 
 #![allow(clippy::unwrap_used, reason = "helpers of tests")]
 
 use std::collections::BTreeMap;
 
-use mishandle_training::{ALGORITHMS, AlgorithmSettings, BEST, PRESETS};
+use mishandle_training::{ALGORITHMS, AlgorithmSettings, BASES, BEST};
 
 const PAGE: &str = include_str!("../../../docs/presets.md");
 
-/// Returns the settings of a preset by their full names; `None` if the algorithm does not have it.
-fn settings(algorithm: &str, preset: &str) -> Option<BTreeMap<String, String>> {
-    let of_preset =
-        AlgorithmSettings::from_toml(algorithm, &format!("preset = \"{preset}\"")).unwrap().ok()?;
+/// Returns the settings of a base by their full names; `None` if the algorithm does not have it.
+fn settings(algorithm: &str, base: &str) -> Option<BTreeMap<String, String>> {
+    let of_base = AlgorithmSettings::from_toml(algorithm, &format!("base = \"{base}\"")).unwrap().ok()?;
     let mut settings = BTreeMap::new();
-    flatten("", &of_preset.to_toml().parse().unwrap(), &mut settings);
+    flatten("", &of_base.to_toml().parse().unwrap(), &mut settings);
     Some(settings)
 }
 
@@ -29,12 +28,12 @@ fn flatten(within: &str, table: &toml::Table, settings: &mut BTreeMap<String, St
 }
 
 #[test]
-fn the_page_lists_the_differences_of_each_preset_from_best() {
-    for preset in PRESETS.into_iter().filter(|preset| *preset != BEST) {
+fn the_page_lists_the_differences_of_each_base_from_best() {
+    for base in BASES.into_iter().filter(|base| *base != BEST) {
         for algorithm in ALGORITHMS.iter().map(|entry| entry.name) {
-            let Some(own) = settings(algorithm, preset) else { continue };
+            let Some(own) = settings(algorithm, base) else { continue };
             let best = settings(algorithm, BEST).unwrap();
-            let mut table = format!("| `{algorithm}` | `{BEST}` | `{preset}` |\n|---|---|---|\n");
+            let mut table = format!("| `{algorithm}` | `{BEST}` | `{base}` |\n|---|---|---|\n");
             for (name, value) in own.iter().filter(|(name, value)| best.get(*name) != Some(value)) {
                 let best = best.get(name).map_or("", |value| value);
                 table += &format!("| `{name}` | {best} | {value} |\n");

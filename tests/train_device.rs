@@ -9,7 +9,7 @@ use mishandle::MishandleError;
 use mishandle::run::Device;
 use mishandle::train::{TrainObserver, TrainPlan, TrainReport};
 use mishandle::training::{TrainingControl, TrainingProgress};
-use mishandle::world::CpuBackend;
+use mishandle::world::CpuDevice;
 
 struct Silent;
 
@@ -31,18 +31,18 @@ run.validation_episodes = 4
 episodes.environments = 8
 ";
 
-fn plan(folder: &Path, backend: &str) -> TrainPlan {
+fn plan(folder: &Path, device: &str) -> TrainPlan {
     let settings = folder.join("settings.toml");
     std::fs::write(&settings, SETTINGS).unwrap();
     TrainPlan {
         task: "cube-stacking".to_string(),
         algorithm: "ppo".to_string(),
         reward: "shaped".to_string(),
-        backend: backend.to_string(),
+        device: device.to_string(),
         settings: Some(settings),
         steps: None,
         seed: 4,
-        out: folder.join(format!("{backend}.safetensors")),
+        out: folder.join(format!("{device}.safetensors")),
         csv: None,
         tensorboard: None,
         resume: false,
@@ -50,7 +50,7 @@ fn plan(folder: &Path, backend: &str) -> TrainPlan {
 }
 
 fn train(plan: &TrainPlan) -> Result<TrainReport, Box<MishandleError>> {
-    let device = Device { worlds: Arc::new(CpuBackend), networks: None };
+    let device = Device { worlds: Arc::new(CpuDevice), networks: None };
     mishandle::train::train(plan, Some(&device), &mut Silent).map_err(Box::new)
 }
 
@@ -64,12 +64,12 @@ fn the_bits_of_training_do_not_depend_on_the_interface_of_the_engines() {
     let resumed = train(&TrainPlan { resume: true, ..gpu.clone() }).unwrap();
     assert_eq!(resumed.result.last.hash(), cpu.result.last.hash());
     assert_eq!(resumed.result.last_validation, cpu.result.last_validation);
-    assert!(gpu.command().contains(" --backend gpu "), "{}", gpu.command());
+    assert!(gpu.command().contains(" --device gpu "), "{}", gpu.command());
 
     // A run of one engine is not resumed on another.
-    let other = TrainPlan { backend: "cpu".to_string(), resume: true, ..gpu };
+    let other = TrainPlan { device: "cpu".to_string(), resume: true, ..gpu };
     let error = train(&other).unwrap_err().to_string();
     assert!(error.contains("cube-stacking on MuJoCo C") && !error.contains('\n'), "{error}");
     let unknown = train(&plan(folder.path(), "tpu")).unwrap_err().to_string();
-    assert!(unknown.contains("backend") && unknown.contains("gpu"), "{unknown}");
+    assert!(unknown.contains("device") && unknown.contains("gpu"), "{unknown}");
 }

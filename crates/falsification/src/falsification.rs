@@ -6,16 +6,16 @@ use std::rc::Rc;
 use mishandle_rollout::{DEFAULT_BATCH_SIZE, Episode, Request, Seed, Space, System};
 use mishandle_search::{Search, SearchError};
 
-use crate::{CampaignOutcome, FalsificationError, KeepGoing, SearchFactory, Trial, TrialOutcome};
+use crate::{FalsificationError, FalsificationOutcome, KeepGoing, SearchFactory, Trial, TrialOutcome};
 
-/// Size and seed of a campaign.
+/// Size and seed of a falsification.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct CampaignSettings {
+pub struct FalsificationSettings {
     /// Number of trials, at least 1.
     pub trials: u32,
     /// Maximum number of simulations per trial, at least 1.
     pub budget: u32,
-    /// Random seed of the campaign.
+    /// Random seed of the falsification.
     pub seed: Seed,
     /// Number of simulations per batch. 0 counts as 1.
     pub batch: usize,
@@ -23,10 +23,10 @@ pub struct CampaignSettings {
     pub early_stopping: bool,
 }
 
-impl Default for CampaignSettings {
+impl Default for FalsificationSettings {
     /// Returns the settings of the paper: 30 trials with 300 simulations each.
     fn default() -> Self {
-        CampaignSettings {
+        FalsificationSettings {
             trials: 30,
             budget: 300,
             seed: Seed(0),
@@ -36,7 +36,7 @@ impl Default for CampaignSettings {
     }
 }
 
-impl CampaignSettings {
+impl FalsificationSettings {
     /// Returns the seed of trial `number`, counted from 1.
     pub fn trial_seed(&self, number: u32) -> Seed {
         self.seed.child(u64::from(number) - 1)
@@ -45,14 +45,14 @@ impl CampaignSettings {
 
 /// The results of one batch of simulations.
 #[derive(Clone, Copy, Debug)]
-pub struct CampaignBatch<'a> {
+pub struct FalsificationBatch<'a> {
     /// The episodes of the batch without surplus. The episodes of a trial are in order.
     pub episodes: &'a [Episode],
     /// Outcomes of the trials that ended in this batch.
     pub ended: &'a [TrialOutcome],
 }
 
-impl CampaignBatch<'_> {
+impl FalsificationBatch<'_> {
     /// Returns the number of unspent simulations of the trials that ended in this batch.
     pub fn unspent(&self, budget: u32) -> u64 {
         self.ended.iter().map(|trial| u64::from(budget - trial.simulations)).sum()
@@ -68,8 +68,8 @@ impl CampaignBatch<'_> {
 /// alone, for any batch size. Only the order of simulations of different trials depends on the batch size.
 ///
 /// Memory contains the outcome of every trial and the searches of the running trials, but no simulations.
-pub struct Campaign<'a> {
-    pub(crate) settings: CampaignSettings,
+pub struct Falsification<'a> {
+    pub(crate) settings: FalsificationSettings,
     space: Space,
     make: Rc<SearchFactory<'a>>,
     pub(crate) keep_going: Option<KeepGoing<'a>>,
@@ -103,22 +103,22 @@ enum Slot<'a> {
     Ended(TrialOutcome),
 }
 
-impl<'a> Campaign<'a> {
-    /// Makes a campaign over `space`. `make` makes the search of a trial from its seed.
+impl<'a> Falsification<'a> {
+    /// Makes a falsification over `space`. `make` makes the search of a trial from its seed.
     ///
     /// # Errors
     /// [`FalsificationError::Empty`] if the number of trials or the budget is 0.
     pub fn new(
-        settings: CampaignSettings,
+        settings: FalsificationSettings,
         space: &Space,
         make: impl Fn(u64) -> Result<Box<dyn Search>, SearchError> + 'a,
-    ) -> Result<Campaign<'a>, FalsificationError> {
+    ) -> Result<Falsification<'a>, FalsificationError> {
         for (what, number) in [("trials", settings.trials), ("simulations per trial", settings.budget)] {
             if number == 0 {
                 return Err(FalsificationError::Empty { what });
             }
         }
-        Ok(Campaign {
+        Ok(Falsification {
             settings,
             space: space.clone(),
             make: Rc::new(make),
@@ -130,23 +130,23 @@ impl<'a> Campaign<'a> {
     }
 
     /// Lets trials continue after their first violation: see [`Trial::keep_going`].
-    pub fn keep_going(mut self, settings: KeepGoing<'a>) -> Campaign<'a> {
+    pub fn keep_going(mut self, settings: KeepGoing<'a>) -> Falsification<'a> {
         self.keep_going = Some(settings);
         self
     }
 
-    /// Replays a recorded simulation before the campaign runs. The records of a trial must be in order; records of
+    /// Replays a recorded simulation before the falsification runs. The records of a trial must be in order; records of
     /// different trials may be interleaved.
     ///
     /// The search of the trial proposes the point and observes the result again, without a simulation. After replaying all
-    /// records, including those of ended trials, a campaign gives the same result as an uninterrupted one. With a larger
+    /// records, including those of ended trials, a falsification gives the same result as an uninterrupted one. With a larger
     /// budget, trials that had spent their budget continue.
     ///
     /// # Errors
     /// - [`FalsificationError::RecordMismatch`] if the point, scenario or seed differs in any bit from the request of the
     ///   trial.
     /// - [`FalsificationError::UnknownTrial`], [`FalsificationError::OutOfOrder`] or
-    ///   [`FalsificationError::AfterTrialEnd`] if the record does not belong to this campaign.
+    ///   [`FalsificationError::AfterTrialEnd`] if the record does not belong to this falsification.
     /// - [`FalsificationError::NoTrace`] if the trials [keep going](Self::keep_going) and the record of a violation has no trace.
     pub fn replay(&mut self, recorded: &Episode) -> Result<(), FalsificationError> {
         let Request { trial, number, .. } = recorded.request;
@@ -183,19 +183,19 @@ impl<'a> Campaign<'a> {
         self.tell(recorded).map(drop)
     }
 
-    /// Runs all trials to their ends against `system`, which must have the campaign's space.
+    /// Runs all trials to their ends against `system`, which must have the falsification's space.
     ///
     /// `on_batch` receives the simulations of each batch before the next batch starts, so that it can store them in one
-    /// transaction. If it breaks, the campaign pauses without losing a simulation, and another call continues it.
+    /// transaction. If it breaks, the falsification pauses without losing a simulation, and another call continues it.
     ///
     /// # Errors
     /// If the system, a search or `on_batch` fails, or a complete episode leaves the formula undecided. After an error the
-    /// campaign cannot continue; a new campaign can replay the records.
+    /// falsification cannot continue; a new falsification can replay the records.
     pub fn run<E: From<FalsificationError>>(
         &mut self,
         system: &mut dyn System,
-        mut on_batch: impl FnMut(&CampaignBatch<'_>) -> Result<ControlFlow<()>, E>,
-    ) -> Result<CampaignOutcome, E> {
+        mut on_batch: impl FnMut(&FalsificationBatch<'_>) -> Result<ControlFlow<()>, E>,
+    ) -> Result<FalsificationOutcome, E> {
         loop {
             let requests = self.next_batch(self.settings.batch.max(1))?;
             if requests.is_empty() {
@@ -208,7 +208,7 @@ impl<'a> Campaign<'a> {
             }
             let mut ended = Vec::new();
             let episodes = self.receive(episodes, &mut ended)?;
-            if on_batch(&CampaignBatch { episodes: &episodes, ended: &ended })?.is_break() {
+            if on_batch(&FalsificationBatch { episodes: &episodes, ended: &ended })?.is_break() {
                 break;
             }
         }
@@ -216,14 +216,17 @@ impl<'a> Campaign<'a> {
     }
 
     /// Returns the outcome so far.
-    pub fn outcome(&self) -> CampaignOutcome {
+    pub fn outcome(&self) -> FalsificationOutcome {
         let outcome = |slot: &Slot<'_>| match slot {
             Slot::NotStarted => None,
             Slot::Running(trial) => Some(trial.outcome().clone()),
             Slot::Ended(outcome) => Some(outcome.clone()),
         };
         let trials = self.slots.iter().filter_map(outcome).collect();
-        CampaignOutcome { surplus: self.surplus, ..CampaignOutcome::new(trials, self.settings.budget) }
+        FalsificationOutcome {
+            surplus: self.surplus,
+            ..FalsificationOutcome::new(trials, self.settings.budget)
+        }
     }
 
     /// Returns the next simulations, ordered by trial, at most `batch_size`. The list is empty if all trials have ended.
@@ -285,7 +288,7 @@ impl<'a> Campaign<'a> {
     }
 
     fn start_trial(&self, number: u32) -> Result<Trial<'a>, FalsificationError> {
-        let CampaignSettings { budget, early_stopping, .. } = self.settings;
+        let FalsificationSettings { budget, early_stopping, .. } = self.settings;
         let (seed, make) = (self.settings.trial_seed(number), Rc::clone(&self.make));
         let trial = Trial::new(number, seed, budget, self.space.clone(), make)?;
         let trial = trial.with_early_stopping(early_stopping);

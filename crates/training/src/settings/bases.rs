@@ -1,30 +1,30 @@
-//! Settings presets: values of the settings that a file leaves out.
+//! Settings bases: values of the settings that a file leaves out.
 //!
-//! A settings file may contain `preset = "skrl-0.10"`. The preset then supplies every missing value. A preset is TOML
+//! A settings file may contain `base = "skrl-0.10"`. The base then supplies every missing value. A base is TOML
 //! that states its differences from the defaults.
 
 use crate::TomlSettings;
 
-/// Names of the presets: `best`, the defaults, which apply if a file names no preset; and `skrl-0.10`, the skrl 0.10.2
-/// defaults. Not every algorithm has every preset.
-pub const PRESETS: [&str; 2] = [BEST, SKRL_0_10];
+/// Names of the bases: `best`, the defaults, which apply if a file names no base; and `skrl-0.10`, the skrl 0.10.2
+/// defaults. Not every algorithm has every base.
+pub const BASES: [&str; 2] = [BEST, SKRL_0_10];
 
-/// Name of the preset with the default settings.
+/// Name of the base with the default settings.
 pub const BEST: &str = "best";
 
-/// Name of the preset with the skrl 0.10.2 defaults.
+/// Name of the base with the skrl 0.10.2 defaults.
 pub(crate) const SKRL_0_10: &str = "skrl-0.10";
 
-/// Returns the names of the settings presets of an algorithm.
-pub(crate) fn preset_names<S: TomlSettings>() -> Vec<&'static str> {
-    std::iter::once(BEST).chain(S::PRESETS.iter().map(|(name, _)| *name)).collect()
+/// Returns the names of the settings bases of an algorithm.
+pub(crate) fn base_names<S: TomlSettings>() -> Vec<&'static str> {
+    std::iter::once(BEST).chain(S::BASES.iter().map(|(name, _)| *name)).collect()
 }
 
-/// Returns all settings of a preset that have a value; the defaults for an unknown name.
-pub(crate) fn preset<S: TomlSettings>(name: &str) -> toml::Table {
-    let parsed = |text: &str| text.parse::<toml::Table>().expect("settings and presets are TOML");
+/// Returns all settings of a base that have a value; the defaults for an unknown name.
+pub(crate) fn base<S: TomlSettings>(name: &str) -> toml::Table {
+    let parsed = |text: &str| text.parse::<toml::Table>().expect("settings and bases are TOML");
     let mut settings = parsed(&S::default().to_toml());
-    if let Some((_, stated)) = S::PRESETS.iter().find(|(known, _)| *known == name) {
+    if let Some((_, stated)) = S::BASES.iter().find(|(known, _)| *known == name) {
         overlay(&mut settings, parsed(stated));
     }
     settings
@@ -48,14 +48,14 @@ mod tests {
     use crate::ppo::PpoSettings;
     use crate::{ALGORITHMS, AlgorithmEntry};
 
-    /// Checks that each preset of an algorithm can be read and states no default.
+    /// Checks that each base of an algorithm can be read and states no default.
     fn check(entry: &AlgorithmEntry) {
         let read = |text: &str| (entry.from_toml)(text).unwrap();
         let default = (entry.default)();
         assert_eq!(read(""), default);
         assert_eq!(read(&default.to_toml()), default);
-        for (name, stated) in entry.presets {
-            let alone = read(&format!("preset = \"{name}\""));
+        for (name, stated) in entry.bases {
+            let alone = read(&format!("base = \"{name}\""));
             assert_eq!(read(&alone.to_toml()), alone, "to_toml writes all settings of {name}");
             check_differs(name, &stated.parse().unwrap(), &default.to_toml().parse().unwrap());
         }
@@ -75,22 +75,22 @@ mod tests {
     }
 
     #[test]
-    fn presets_round_trip_through_toml_and_state_only_differences_from_the_defaults() {
+    fn bases_round_trip_through_toml_and_state_only_differences_from_the_defaults() {
         ALGORITHMS.iter().for_each(check);
     }
 
     #[test]
     fn best_has_the_defaults() {
-        let best = PpoSettings::from_toml("preset = \"best\"\ngamma = 0.9").unwrap();
+        let best = PpoSettings::from_toml("base = \"best\"\ngamma = 0.9").unwrap();
         assert_eq!(best, PpoSettings { gamma: 0.9, ..PpoSettings::default() });
     }
 
     #[test]
-    fn an_unknown_preset_is_an_error() {
-        let error = PpoSettings::from_toml("preset = \"rllib\"").unwrap_err().to_string();
-        let expected = "the name of a settings preset of ppo: \"best\" or \"skrl-0.10\"";
-        assert_eq!(error, format!("line 1: the setting `preset` must be {expected}, found \"rllib\""));
-        let error = PpoSettings::from_toml("gamma = 0.9\npreset = 3").unwrap_err().to_string();
-        assert_eq!(error, format!("line 2: the setting `preset` must be {expected}, found 3"));
+    fn an_unknown_base_is_an_error() {
+        let error = PpoSettings::from_toml("base = \"rllib\"").unwrap_err().to_string();
+        let expected = "the name of a settings base of ppo: \"best\" or \"skrl-0.10\"";
+        assert_eq!(error, format!("line 1: the setting `base` must be {expected}, found \"rllib\""));
+        let error = PpoSettings::from_toml("gamma = 0.9\nbase = 3").unwrap_err().to_string();
+        assert_eq!(error, format!("line 2: the setting `base` must be {expected}, found 3"));
     }
 }

@@ -332,8 +332,8 @@ def register() -> None:
             continue
         gymnasium.register(
             name,
-            entry_point="mishandle.envs:TaskEnv",
-            vector_entry_point="mishandle.envs:TaskVectorEnv",
+            entry_point="mishandle.task_environments:TaskEnv",
+            vector_entry_point="mishandle.task_environments:TaskVectorEnv",
             max_episode_steps=300,
             kwargs={"task": task},
         )

@@ -35,7 +35,7 @@ use crate::{InvalidStateError, InvalidValueError, raised};
 /// A process made by fork cannot use the environments of its parent, because it has none of its threads: reset and step
 /// raise RuntimeError. It can create its own.
 #[pyclass(frozen, module = "mishandle")]
-pub struct VectorEnv {
+pub struct TrainingEpisodes {
     environment: Arc<TaskEnvironment>,
     settings: EpisodeSettings,
     seed: Seed,
@@ -61,7 +61,7 @@ type Step<'py> = (
 );
 
 #[pymethods]
-impl VectorEnv {
+impl TrainingEpisodes {
     #[new]
     #[pyo3(signature = (task, environments, *, preset = "paper", reward = "shaped", seed = 0, time_limit = None,
         action_noise = 0.0, staggered = false, threads = None))]
@@ -76,7 +76,7 @@ impl VectorEnv {
         action_noise: f64,
         staggered: bool,
         threads: Option<usize>,
-    ) -> PyResult<VectorEnv> {
+    ) -> PyResult<TrainingEpisodes> {
         let settings = EpisodeSettings {
             environments,
             time_limit,
@@ -90,7 +90,7 @@ impl VectorEnv {
         let reward = mishandle::train::reward(reward).map_err(raised)?;
         let environment = TaskEnvironment::new(task, preset, reward).map_err(raised)?;
         let pool = Pool::new(threads, || None)?;
-        Ok(VectorEnv { environment: Arc::new(environment), settings, seed: Seed(seed), pool })
+        Ok(TrainingEpisodes { environment: Arc::new(environment), settings, seed: Seed(seed), pool })
     }
 
     /// Starts the first episode of every environment. Every call starts the same episodes.
@@ -195,7 +195,7 @@ impl VectorEnv {
     }
 }
 
-impl VectorEnv {
+impl TrainingEpisodes {
     /// Returns an array with one row per environment.
     fn rows<'py>(&self, py: Python<'py>, numbers: Vec<f32>) -> PyResult<Bound<'py, PyArray2<f32>>> {
         numbers.into_pyarray(py).reshape([self.environments(), self.observation_size()])

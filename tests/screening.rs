@@ -4,11 +4,11 @@
 
 use std::ops::ControlFlow;
 
-use mishandle::falsification::{CampaignOutcome, ScreenedCounts, TrialOutcome};
+use mishandle::falsification::{FalsificationOutcome, ScreenedCounts, TrialOutcome};
 use mishandle::plan::{EvaluatePlan, FalsifyPlan, RiskPlan, ScreeningPlan};
 use mishandle::run::{Answer, Engine};
 use mishandle::store::{RunFile, RunWriter};
-use mishandle::world::{Backend, BatchBuffers, BatchSpec, CpuBackend, Outputs, WorldBatch, WorldError};
+use mishandle::world::{BatchBuffers, BatchSpec, CpuDevice, Outputs, WorldBatch, WorldDevice, WorldError};
 use mishandle::{MishandleError, Plan, ResolvedPlan};
 
 fn resolved() -> ResolvedPlan {
@@ -36,8 +36,8 @@ fn ask(resolved: &ResolvedPlan, engine: Engine<'_>) -> Result<Answer, Box<Mishan
     mishandle::run::ask(resolved, run, engine, &mut |_| ControlFlow::Continue(())).map_err(Box::new)
 }
 
-fn screened(backend: &dyn Backend, sample_rate: f64) -> mishandle::risk::ScreenedReport {
-    match ask(&screening(resolved(), sample_rate), Engine::Screening(backend)).unwrap() {
+fn screened(device: &dyn WorldDevice, sample_rate: f64) -> mishandle::risk::ScreenedReport {
+    match ask(&screening(resolved(), sample_rate), Engine::Screening(device)).unwrap() {
         Answer::ScreenedRisk(report) => report,
         answer => panic!("{answer:?}"),
     }
@@ -54,7 +54,7 @@ fn direct_failures() -> u64 {
 fn an_engine_with_the_bits_of_the_system_flags_exactly_the_failures() {
     let failures = direct_failures();
     assert!((5..95).contains(&failures), "{failures} failures: the test needs both outcomes");
-    let counts = screened(&CpuBackend, 0.3).counts;
+    let counts = screened(&CpuDevice, 0.3).counts;
     assert_eq!((counts.trials, counts.flagged, counts.flagged_events), (100, failures, failures));
     assert!(counts.sampled > 0);
     assert_eq!(counts.sampled_events, 0);
@@ -62,7 +62,7 @@ fn an_engine_with_the_bits_of_the_system_flags_exactly_the_failures() {
 
 #[test]
 fn a_tiny_sample_rate_still_repeats_twenty_of_the_others() {
-    let report = screened(&CpuBackend, 1e-9);
+    let report = screened(&CpuDevice, 1e-9);
     let others = report.counts.trials - report.counts.flagged;
     assert_eq!(report.counts.sampled, others.min(20));
     assert!(report.estimate().value.is_some());
@@ -73,13 +73,13 @@ struct Wrong(bool);
 
 struct WrongWorlds(Box<dyn WorldBatch>, bool);
 
-impl Backend for Wrong {
+impl WorldDevice for Wrong {
     fn engine(&self) -> &'static str {
         "wrong"
     }
 
     fn batch(&self, spec: &BatchSpec) -> Result<Box<dyn WorldBatch>, WorldError> {
-        Ok(Box::new(WrongWorlds(CpuBackend.batch(spec)?, self.0)))
+        Ok(Box::new(WrongWorlds(CpuDevice.batch(spec)?, self.0)))
     }
 }
 
@@ -136,8 +136,8 @@ fn evaluation() -> ResolvedPlan {
     ResolvedPlan::new(&plan).unwrap()
 }
 
-fn evaluated(backend: &dyn Backend, sample_rate: f64) -> mishandle::run::ScreenedEvaluationOutcome {
-    match ask(&screening(evaluation(), sample_rate), Engine::Screening(backend)).unwrap() {
+fn evaluated(device: &dyn WorldDevice, sample_rate: f64) -> mishandle::run::ScreenedEvaluationOutcome {
+    match ask(&screening(evaluation(), sample_rate), Engine::Screening(device)).unwrap() {
         Answer::ScreenedEvaluation(outcome) => outcome,
         answer => panic!("{answer:?}"),
     }
@@ -158,10 +158,10 @@ fn a_screened_evaluation_has_the_rates_of_the_plain_one_whatever_the_engine_does
         expected.iter().any(|rate| (0.05..0.95).contains(rate)),
         "{expected:?}: both outcomes are needed"
     );
-    for (backend, sample_rate) in
-        [(&CpuBackend as &dyn Backend, 0.2), (&Wrong(false), 1.0), (&Wrong(true), 1.0)]
+    for (device, sample_rate) in
+        [(&CpuDevice as &dyn WorldDevice, 0.2), (&Wrong(false), 1.0), (&Wrong(true), 1.0)]
     {
-        let outcome = evaluated(backend, sample_rate);
+        let outcome = evaluated(device, sample_rate);
         let report = &outcome.report;
         let found = [
             report.success_rate().value.unwrap(),
@@ -179,7 +179,7 @@ fn a_screened_evaluation_has_the_rates_of_the_plain_one_whatever_the_engine_does
 #[test]
 fn the_failures_of_a_screened_evaluation_are_those_of_the_system() {
     let resolved = evaluation();
-    let report = evaluated(&CpuBackend, 0.2).report;
+    let report = evaluated(&CpuDevice, 0.2).report;
     let requests: Vec<_> = report.first_failures.iter().map(|failure| failure.request.clone()).collect();
     let episodes = resolved.system().unwrap().rollout(&requests).unwrap();
     assert!(requests.len() > 2);
@@ -222,7 +222,7 @@ fn in_pieces(resolved: &ResolvedPlan, engine: Engine<'_>, calls: u32) -> (Answer
 fn a_screened_question_in_pieces_has_the_answer_and_the_rows_of_one_in_one_go() {
     for plan in [resolved(), evaluation(), falsification(8)] {
         let resolved = screening(plan, 0.2);
-        let engine = Engine::Screening(&CpuBackend);
+        let engine = Engine::Screening(&CpuDevice);
         let (whole, digest, _) = in_pieces(&resolved, engine, u32::MAX);
         let (pieces, digest_of_pieces, count) = in_pieces(&resolved, engine, 100);
         assert_eq!(format!("{whole:?}"), format!("{pieces:?}"));
@@ -236,7 +236,7 @@ fn an_interrupted_screened_evaluation_counts_no_part_of_a_chunk() {
     let folder = tempfile::tempdir().unwrap();
     let run = mishandle::run::create_run(&resolved, Some(&folder.path().join("run.sqlite"))).unwrap();
     let mut calls = 0;
-    let answer = mishandle::run::ask(&resolved, run, Engine::Screening(&CpuBackend), &mut |_| {
+    let answer = mishandle::run::ask(&resolved, run, Engine::Screening(&CpuDevice), &mut |_| {
         calls += 1;
         if calls < 2 { ControlFlow::Continue(()) } else { ControlFlow::Break(()) }
     });
@@ -275,18 +275,22 @@ fn falsification(batch: u32) -> ResolvedPlan {
     ResolvedPlan::new(&plan).unwrap()
 }
 
-fn falsified(backend: &dyn Backend, sample_rate: f64, batch: u32) -> (CampaignOutcome, ScreenedCounts) {
-    falsified_by(&screening(falsification(batch), sample_rate), backend)
+fn falsified(
+    device: &dyn WorldDevice,
+    sample_rate: f64,
+    batch: u32,
+) -> (FalsificationOutcome, ScreenedCounts) {
+    falsified_by(&screening(falsification(batch), sample_rate), device)
 }
 
-fn falsified_by(resolved: &ResolvedPlan, backend: &dyn Backend) -> (CampaignOutcome, ScreenedCounts) {
-    match ask(resolved, Engine::Screening(backend)).unwrap() {
+fn falsified_by(resolved: &ResolvedPlan, device: &dyn WorldDevice) -> (FalsificationOutcome, ScreenedCounts) {
+    match ask(resolved, Engine::Screening(device)).unwrap() {
         Answer::Falsification(outcome, Some(counts)) => (outcome, counts),
         answer => panic!("{answer:?}"),
     }
 }
 
-fn plain_falsification() -> CampaignOutcome {
+fn plain_falsification() -> FalsificationOutcome {
     let folder = tempfile::tempdir().unwrap();
     let resolved = falsification(24);
     let run = mishandle::run::create_run(&resolved, Some(&folder.path().join("run.sqlite"))).unwrap();
@@ -308,7 +312,7 @@ fn evidence(trial: &TrialOutcome) -> impl PartialEq + std::fmt::Debug {
 fn an_engine_with_the_bits_of_the_system_finds_the_same_counterexamples_and_minima() {
     let plain = plain_falsification();
     for batch in [1, 24, 64] {
-        let (found, counts) = falsified(&CpuBackend, 0.1, batch);
+        let (found, counts) = falsified(&CpuDevice, 0.1, batch);
         assert!(found.trials.iter().map(evidence).eq(plain.trials.iter().map(evidence)), "batch {batch}");
         let falsified = u64::from(plain.falsified_trials);
         assert_eq!((counts.violated.simulations, counts.violated.violations), (falsified, falsified));
@@ -353,7 +357,7 @@ fn changed_constants_and_events_have_the_counterexamples_of_the_system() {
     let folder = tempfile::tempdir().unwrap();
     let run = mishandle::run::create_run(&resolved, Some(&folder.path().join("run.sqlite"))).unwrap();
     let plain = mishandle::falsify(&resolved, run, |_| ControlFlow::Continue(())).unwrap();
-    let (found, counts) = falsified_by(&screening(resolved, 0.1), &CpuBackend);
+    let (found, counts) = falsified_by(&screening(resolved, 0.1), &CpuDevice);
     assert!(found.trials.iter().map(evidence).eq(plain.trials.iter().map(evidence)));
     assert_eq!(counts.sampled.violations, 0);
 }
@@ -363,13 +367,13 @@ struct Lost;
 
 struct LostWorlds(Box<dyn WorldBatch>);
 
-impl Backend for Lost {
+impl WorldDevice for Lost {
     fn engine(&self) -> &'static str {
         "lost"
     }
 
     fn batch(&self, spec: &BatchSpec) -> Result<Box<dyn WorldBatch>, WorldError> {
-        Ok(Box::new(LostWorlds(CpuBackend.batch(spec)?)))
+        Ok(Box::new(LostWorlds(CpuDevice.batch(spec)?)))
     }
 }
 
@@ -395,7 +399,7 @@ impl WorldBatch for LostWorlds {
     }
 
     fn finish_step(&mut self) -> Result<(), WorldError> {
-        Err(WorldError::Backend("the device is lost".to_string()))
+        Err(WorldError::Device("the device is lost".to_string()))
     }
 }
 
@@ -404,7 +408,7 @@ fn a_lost_device_ends_a_campaign_with_its_error() {
     let error = ask(&screening(falsification(24), 0.1), Engine::Screening(&Lost)).unwrap_err();
     let text = error.to_string();
     assert!(
-        text.contains("the physics engine of the backend failed") && text.contains("the device is lost"),
+        text.contains("the physics engine of the worlds failed") && text.contains("the device is lost"),
         "{text}"
     );
 }
