@@ -81,11 +81,21 @@ pub enum MishandleError {
         expected: String,
     },
     /// The plan has a newer format.
-    #[error("the plan has format {found}, this program reads formats up to {known}: use a newer Mishandle")]
+    #[error("the plan has format {found}, this program reads format {known}: use a newer Mishandle")]
     NewerPlan {
         /// Format of the plan.
         found: u32,
-        /// Newest format that this program reads.
+        /// Format that this program reads.
+        known: u32,
+    },
+    /// The plan has an older format.
+    #[error(
+        "the plan has format {found}, this program reads format {known}: write it again with the keys of docs/plans.md"
+    )]
+    OlderPlan {
+        /// Format of the plan.
+        found: u32,
+        /// Format that this program reads.
         known: u32,
     },
     /// A run of a campaign has an invalid plan.

@@ -69,7 +69,7 @@ def mishandle(program, environments, threads, steps):
 def scaling(program, threads, steps):
     """Under the shipped settings, without validations."""
     text = SHIPPED.read_text()
-    return program_run(program, f"run.validation_every = 1_000_000\nrun.validation_episodes = 1\n{text}", threads, steps)
+    return program_run(program, f"run.validation_interval = 1_000_000\nrun.validation_episodes = 1\n{text}", threads, steps)
 
 
 def skrl(environments, threads, steps):

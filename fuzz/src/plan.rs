@@ -22,10 +22,10 @@ pub fn check(bytes: &[u8]) {
 pub fn seeds() -> Vec<Vec<u8>> {
     let page = include_str!("../../docs/plans.md");
     let documented = page.split("```toml\n").skip(1).filter_map(|rest| rest.split("```").next());
-    let older =
-        "format = 1\ntask = \"ball-balancing\"\ncontroller = \"ppo\"\n[evaluate]\nstarts = \"reachable\"\n";
+    let evaluation =
+        "format = 2\ntarget = \"ball-balancing\"\ncontroller = \"ppo\"\n[evaluate]\nbox = \"reachable\"\n";
     let options = "target = \"toy/sphere-2d\"\nseed = \"18446744073709551615\"\n[falsify]\nsearch = \"nelder-mead\"\n\
                    [falsify.options]\nxatol = 1e-3\nadaptive = true\nstart = [0.5, 1]\n\
                    initial-simplex = [[0, 1], [0.5, 1], [1, 1]]\n";
-    documented.chain([older, options]).map(|text| text.as_bytes().to_vec()).collect()
+    documented.chain([evaluation, options]).map(|text| text.as_bytes().to_vec()).collect()
 }

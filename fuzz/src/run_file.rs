@@ -23,9 +23,8 @@ struct Original {
     simulations: Vec<Simulation>,
 }
 
-/// A closed run, a run whose writer was killed, and runs of formats 1 and 2. A run of an older format is upgraded when it
-/// is opened.
-static ORIGINALS: LazyLock<[Original; 4]> = LazyLock::new(|| {
+/// A closed run, and a run whose writer was killed.
+static ORIGINALS: LazyLock<[Original; 2]> = LazyLock::new(|| {
     let scratch = Scratch::new();
     let closed = scratch.path("closed.sqlite");
     run::write(&closed).close().expect("a complete run");
@@ -34,8 +33,6 @@ static ORIGINALS: LazyLock<[Original; 4]> = LazyLock::new(|| {
     let originals = [
         Original::of(&scratch, &read(&closed), &[]),
         Original::of(&scratch, &read(&open), &read(&scratch.path("open.sqlite-wal"))),
-        Original::of(&scratch, include_bytes!("../../crates/store/tests/fixtures/v1.sqlite"), &[]),
-        Original::of(&scratch, include_bytes!("../../crates/store/tests/fixtures/v2.sqlite"), &[]),
     ];
     drop(writer);
     originals
@@ -193,7 +190,7 @@ fn change(files: &mut Vec<u8>, bytes: &mut Bytes<'_>) {
 }
 
 pub fn seeds() -> Vec<Vec<u8>> {
-    let mut seeds: Vec<Vec<u8>> = (0..4).map(|which| vec![which]).collect();
+    let mut seeds: Vec<Vec<u8>> = (0..2).map(|which| vec![which]).collect();
     for (which, original) in (0_u8..).zip(&*ORIGINALS) {
         let [_, high, middle, low] = ((original.files.len() / 2) as u32).to_be_bytes();
         seeds.push(vec![which, 2, high, middle, low, 5]); // one bit

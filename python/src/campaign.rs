@@ -117,7 +117,6 @@ pub fn falsify<'py>(
         early_stopping,
         keep_going,
         new_mode_rate,
-        initial_simplex: None,
         options: search_options(options),
     };
     let plan = Plan { falsify: Some(falsify), ..plan(target, seed) };

@@ -26,8 +26,8 @@ pub struct GridRun {
     pub plan: Plan,
 }
 
-/// Reads a campaign file: a plan in which any key but `format`, `falsify.initial-simplex` and `falsify.options` may have a
-/// list of values. Returns a run for each combination of the values, the last key of the file format varying fastest.
+/// Reads a campaign file: a plan in which any key but `format` and `falsify.options` may have a list of values.
+/// Returns a run for each combination of the values, the last key of the file format varying fastest.
 ///
 /// A file with the tables of several questions (`[evaluate]`, `[falsify]`, `[margin]`, `[risk]`) gives a run of each per
 /// combination of the other values. A search gets

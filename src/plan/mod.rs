@@ -43,8 +43,8 @@ pub struct Plan {
     /// Version of the format.
     #[serde(default = "format")]
     pub format: u32,
-    /// Name of the target: a task or `toy/NAME`. Empty if an argument names it. The key of format 1 is `task`.
-    #[serde(default, alias = "task")]
+    /// Name of the target: a task or `toy/NAME`. Empty if an argument names it.
+    #[serde(default)]
     pub target: String,
     /// Name of the scenario space, or several names joined by `+`.
     #[serde(default = "starts")]
@@ -140,8 +140,8 @@ pub enum StartRegion {
 pub struct EvaluatePlan {
     /// Number of simulations.
     pub episodes: u64,
-    /// Region of the initial states: `box = "whole"` or `"reachable"`. The key of older plans is `starts`.
-    #[serde(rename = "box", alias = "starts")]
+    /// Region of the initial states: `box = "whole"` or `"reachable"`.
+    #[serde(rename = "box")]
     pub starts: StartRegion,
     /// Batch size: number of simulations run at once. Results do not depend on it.
     pub batch: u32,
@@ -176,10 +176,6 @@ pub struct FalsifyPlan {
     /// With `keep_going`, a trial ends when less than this fraction of its simulations finds a new failure mode, from 0 to less
     /// than 1. With 0, it spends its budget.
     pub new_mode_rate: f64,
-    /// Alias of the option `initial-simplex` of `nelder-mead`, for plans from before searches had options. Other
-    /// searches ignore it, and `options` overrides it.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub initial_simplex: Option<Vec<Vec<f64>>>,
     /// Options of the search by name: the table `[falsify.options]`. `mishandle searches SEARCH` lists them.
     #[serde(with = "crate::plan::search_options", skip_serializing_if = "SearchOptions::is_empty")]
     pub options: SearchOptions,
@@ -196,7 +192,6 @@ impl Default for FalsifyPlan {
             early_stopping: false,
             keep_going: false,
             new_mode_rate: 0.01,
-            initial_simplex: None,
             options: SearchOptions::new(),
         }
     }
@@ -311,7 +306,7 @@ impl Plan {
     /// Parses a plan. Keys that are left out have their defaults.
     ///
     /// # Errors
-    /// If the text is not TOML, contains an unknown key or an invalid value, or has a newer format.
+    /// If the text is not TOML, contains an unknown key or an invalid value, or has another format.
     pub fn from_toml(text: &str) -> Result<Plan, MishandleError> {
         read::read(text)
     }
@@ -369,7 +364,7 @@ mod tests {
     }
 
     fn options_of(falsify: &str) -> Result<FalsifyPlan, MishandleError> {
-        let plan = format!("task = \"a\"\ncontroller = \"b\"\n[falsify]\n{falsify}");
+        let plan = format!("target = \"a\"\ncontroller = \"b\"\n[falsify]\n{falsify}");
         Plan::from_toml(&plan).map(|plan| plan.falsify.unwrap())
     }
 
@@ -399,25 +394,16 @@ mod tests {
     }
 
     #[test]
-    fn a_plan_of_format_1_is_read_and_written_in_the_current_format() {
-        let old =
-            "format = 1\ntask = \"ball-balancing\"\ncontroller = \"ppo\"\n[falsify]\nformula = \"success\"\n";
-        let plan = Plan::from_toml(old).unwrap();
-        assert_eq!((plan.format, plan.target.as_str()), (FORMAT, "ball-balancing"));
-        assert_eq!(plan.falsify.as_ref().unwrap().formula.as_deref(), Some("success"));
-        assert_eq!(Plan::from_toml(&plan.to_toml()).unwrap(), plan);
-    }
-
-    #[test]
-    fn a_plan_of_an_unknown_format_is_an_error_that_names_the_format() {
+    fn a_plan_of_another_format_is_an_error_that_names_both_formats() {
         let error = |format: u32| {
             let plan = format!("format = {format}\ntarget = \"a\"\nnew_key = 1\n");
             Plan::from_toml(&plan).unwrap_err().to_string()
         };
-        assert!(matches!(
-            Plan::from_toml("format = 99\nnew_key = 1\n"),
-            Err(MishandleError::NewerPlan { found: 99, .. })
-        ));
+        assert_eq!(error(99), "the plan has format 99, this program reads format 2: use a newer Mishandle");
+        assert_eq!(
+            error(1),
+            "the plan has format 1, this program reads format 2: write it again with the keys of docs/plans.md"
+        );
         assert!(error(0).contains("`format` is 0"), "{}", error(0));
         assert!(error(FORMAT).contains("new_key"), "{}", error(FORMAT));
     }
@@ -428,11 +414,5 @@ mod tests {
             let plan = Plan { seed, ..Plan::new("a", "b") };
             assert_eq!(Plan::from_toml(&plan.to_toml()).unwrap().seed, seed);
         }
-    }
-
-    #[test]
-    fn the_older_key_starts_is_read_as_box() {
-        let plan = |key| format!("task = \"a\"\ncontroller = \"b\"\n[evaluate]\n{key} = \"reachable\"\n");
-        assert_eq!(Plan::from_toml(&plan("starts")).unwrap(), Plan::from_toml(&plan("box")).unwrap());
     }
 }

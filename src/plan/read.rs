@@ -33,30 +33,21 @@ const AXIS: &str = "a number, a list of two numbers, or the name of a category i
 struct Key {
     /// Table and key.
     name: &'static str,
-    /// Table and former key, which is still read.
-    alias: Option<&'static str>,
     /// Allowed values, in words.
     allowed: &'static str,
     /// Returns whether a value has the right type. Ranges are checked later, since flags override a plan.
     reads: fn(&Spanned<DeValue<'_>>) -> bool,
 }
 
-impl Key {
-    /// Returns the key without its table.
-    fn last_part(&self) -> &'static str {
-        self.name.rsplit_once('.').map_or(self.name, |(_, key)| key)
-    }
-}
-
 const fn key<T: DeserializeOwned>(name: &'static str, allowed: &'static str) -> Key {
-    Key { name, alias: None, allowed, reads: reads::<T> }
+    Key { name, allowed, reads: reads::<T> }
 }
 
-const KEYS: [Key; 33] = [
-    key::<u32>("format", "an integer from 1 to 2"),
-    Key { alias: Some("task"), ..key::<String>("target", "a string, such as \"ball-balancing\"") },
+const KEYS: [Key; 32] = [
+    key::<u32>("format", "2"),
+    key::<String>("target", "a string, such as \"ball-balancing\""),
     key::<String>("space", "a string, such as \"starts\""),
-    Key { alias: None, name: AXES, allowed: "a table of axes, as [axes]", reads: is_table },
+    Key { name: AXES, allowed: "a table of axes, as [axes]", reads: is_table },
     key::<String>("preset", "\"paper\" or \"code\""),
     key::<String>("controller", "a string, such as \"ppo\""),
     key::<bool>("stochastic", "true or false"),
@@ -64,10 +55,7 @@ const KEYS: [Key; 33] = [
     key::<f64>("observation-noise", "a number from 0 to 10"),
     key::<SeedValue>("seed", "an integer from 0 to 18446744073709551615; above 2^63 - 1 as a string"),
     key::<u64>("evaluate.episodes", "an integer from 1 to 1000000000"),
-    Key {
-        alias: Some("evaluate.starts"),
-        ..key::<StartRegion>("evaluate.box", "\"whole\" or \"reachable\"")
-    },
+    key::<StartRegion>("evaluate.box", "\"whole\" or \"reachable\""),
     key::<u32>("evaluate.batch", "an integer from 1 to 65536"),
     key::<String>("falsify.formula", "a string, such as \"strict\""),
     key::<String>("falsify.search", "a string, such as \"nelder-mead\""),
@@ -77,8 +65,7 @@ const KEYS: [Key; 33] = [
     key::<bool>("falsify.early-stopping", "true or false"),
     key::<bool>("falsify.keep-going", "true or false"),
     key::<f64>("falsify.new-mode-rate", "a number from 0 to less than 1"),
-    key::<Vec<Vec<f64>>>("falsify.initial-simplex", "a list of lists of numbers, as [[0, 1], [0.5, 1]]"),
-    Key { alias: None, name: OPTIONS, allowed: "a table, as [falsify.options]", reads: is_table },
+    Key { name: OPTIONS, allowed: "a table, as [falsify.options]", reads: is_table },
     key::<String>("margin.formula", "a string, such as \"strict\""),
     key::<u64>("margin.budget", "an integer from 1 to 1000000"),
     key::<String>("risk.formula", "a string, such as \"strict\""),
@@ -105,13 +92,10 @@ fn is_table(value: &Spanned<DeValue<'_>>) -> bool {
     matches!(value.get_ref(), DeValue::Table(_))
 }
 
-/// Reads a plan. Keys of older formats are translated.
+/// Reads a plan.
 pub(super) fn read(text: &str) -> Result<Plan, MishandleError> {
     let stated = parse(text, Values::One)?;
-    let mut plan =
-        Plan::deserialize(toml::Deserializer::from(stated)).map_err(|error| not_toml(text, &error))?;
-    plan.format = FORMAT;
-    Ok(plan)
+    Plan::deserialize(toml::Deserializer::from(stated)).map_err(|error| not_toml(text, &error))
 }
 
 /// Reads a campaign: a plan in which most keys may have a list of values.
@@ -122,13 +106,13 @@ pub(super) fn read_lists(text: &str) -> Result<toml::Table, MishandleError> {
 
 /// Returns whether a key of a plan may have a list of values in a campaign.
 pub(super) fn may_be_list(name: &str) -> bool {
-    // The other values are lists or tables already.
-    !["format", "falsify.initial-simplex", "screening.device", AXES, OPTIONS, DISTRIBUTIONS].contains(&name)
+    // The other values are tables already.
+    !["format", "screening.device", AXES, OPTIONS, DISTRIBUTIONS].contains(&name)
 }
 
-/// Returns the names of all keys with their tables, former names included.
+/// Returns the names of all keys with their tables.
 pub(super) fn key_names() -> impl Iterator<Item = &'static str> {
-    KEYS.iter().flat_map(|key| [Some(key.name), key.alias]).flatten()
+    KEYS.iter().map(|key| key.name)
 }
 
 /// Whether a key has one value, or may have a list of values.
@@ -153,11 +137,12 @@ fn parse(text: &str, values: Values) -> Result<Spanned<DeTable<'_>>, MishandleEr
     }
     let stated = DeTable::parse(text).map_err(|error| not_toml(text, &error))?;
     let reader = Reader { text, values };
-    // Checked first: a newer format can have unknown keys, and the format is the more useful error.
+    // Checked first: another format can have unknown keys, and the format is the more useful error.
     if let Some((key, value)) = stated.get_ref().get_key_value("format") {
         match u32::deserialize(ValueDeserializer::from(value.clone())) {
             Ok(found) if found > FORMAT => return Err(MishandleError::NewerPlan { found, known: FORMAT }),
-            Ok(1..) => {}
+            Ok(FORMAT) => {}
+            Ok(found @ 1..) => return Err(MishandleError::OlderPlan { found, known: FORMAT }),
             _ => return Err(reader.wrong("format", key, value, KEYS[0].allowed)),
         }
     }
@@ -176,13 +161,8 @@ impl Reader<'_> {
         for (key, value) in table {
             let name = format!("{within}{}", key.get_ref());
             let as_table = format!("{name}.");
-            let known = KEYS.iter().find(|known| known.name == name || known.alias == Some(&name));
+            let known = KEYS.iter().find(|known| known.name == name);
             match (known, value.get_ref()) {
-                (Some(known), _) if known.name != name && table.contains_key(known.last_part()) => {
-                    let expected =
-                        format!("left out: it is the former name of `{}`, which is set too", known.name);
-                    return Err(self.wrong(&name, key, value, &expected));
-                }
                 (Some(known), DeValue::Table(options)) if known.name == OPTIONS => {
                     self.check_options(options)?;
                 }
@@ -311,13 +291,12 @@ mod tests {
     fn a_value_of_the_wrong_type_is_an_error_with_its_line_and_what_is_allowed() {
         for (line, found, key, expected) in [
             ("target = 1", "1", "target", "a string, such as \"ball-balancing\""),
-            ("task = 1", "1", "task", "a string, such as \"ball-balancing\""),
             ("stochastic = \"yes\"", "\"yes\"", "stochastic", "true or false"),
             ("action-noise = \"x\"", "\"x\"", "action-noise", "a number from 0 to 10"),
             ("evaluate = 5", "5", "evaluate", "a table, as [evaluate]"),
             ("space = { a = 1 }", "a table", "space", "a string, such as \"starts\""),
-            ("format = -1", "-1", "format", "an integer from 1 to 2"),
-            ("format = 0", "0", "format", "an integer from 1 to 2"),
+            ("format = -1", "-1", "format", "2"),
+            ("format = 0", "0", "format", "2"),
             ("[evaluate]\nepisodes = \"x\"", "\"x\"", "evaluate.episodes", "an integer from 1 to 1000000000"),
             ("[evaluate]\nepisodes = -1", "-1", "evaluate.episodes", "an integer from 1 to 1000000000"),
             ("[evaluate]\nbox = \"all\"", "\"all\"", "evaluate.box", "\"whole\" or \"reachable\""),
@@ -359,8 +338,6 @@ mod tests {
                 "did you mean `action-noise`?",
             ),
             ("\n[evalute]\n", "evalute", "evaluate, falsify", "did you mean `evaluate`?"),
-            // The former name of a key in another table.
-            ("\nstarts = 1", "starts", "target, space", ""),
         ] {
             let error = Plan::from_toml(text).unwrap_err();
             let message = error.to_string();
@@ -372,13 +349,6 @@ mod tests {
             assert!(message.contains(known), "{message}");
             assert_eq!(error.hint().unwrap_or_default(), hint, "{text}");
         }
-    }
-
-    #[test]
-    fn a_key_beside_its_former_name_is_an_error() {
-        let message = "line 1 of the plan: the key `task` is \"a\"; it must be left out: it is the former name of \
-                       `target`, which is set too";
-        check("task = \"a\"\ntarget = \"b\"", message);
     }
 
     #[test]
@@ -399,7 +369,6 @@ mod tests {
     #[test]
     fn the_messages_name_the_ranges_that_are_checked() {
         for (name, range) in [
-            ("format", 1..=u64::from(FORMAT)),
             ("evaluate.episodes", Plan::EPISODES),
             ("evaluate.batch", Plan::BATCH),
             ("falsify.trials", Plan::TRIALS),

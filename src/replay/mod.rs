@@ -133,12 +133,7 @@ pub fn select_simulation(
 
 /// Lists the differences between the build that made a run and the present one.
 pub fn build_differences(header: &RunHeader, resolved: &ResolvedPlan) -> Vec<String> {
-    let mut differences = differences_of_builds(&header.build, &header.versions, resolved);
-    if header::is_from_version_1(header) {
-        let now = &resolved.target.identity.hash;
-        differences.push(format!("recorded hash of the target unknown, now {now}"));
-    }
-    differences
+    differences_of_builds(&header.build, &header.versions, resolved)
 }
 
 /// Lists the differences between a recorded build and the present one, with the versions of the target's software.

@@ -30,16 +30,8 @@ fn coordinates(space: &Space) -> Vec<Coordinate> {
 fn search_options(falsify: &FalsifyPlan) -> SearchOptions {
     let mut options = falsify.options.clone();
     let specs = find_search(&falsify.search).map(|entry| (entry.options)()).unwrap_or_default();
-    let is_unset = |name: &str, options: &SearchOptions| {
-        specs.iter().any(|spec| spec.name == name) && options.get(name).is_none()
-    };
-    if let Some(simplex) = &falsify.initial_simplex
-        && is_unset("initial-simplex", &options)
-    {
-        options.set("initial-simplex", simplex.clone());
-    }
     // As in SciPy, a maximum number of evaluations is then the only limit.
-    if is_unset("max-evaluations", &options) {
+    if specs.iter().any(|spec| spec.name == "max-evaluations") && options.get("max-evaluations").is_none() {
         options.set("max-evaluations", falsify.budget);
     }
     options
@@ -65,10 +57,6 @@ mod tests {
         Space::new("starts", vec![Axis::start("x", "m", 0.0, 1.0), Axis::start("y", "m", 0.0, 1.0)]).unwrap()
     }
 
-    fn simplex(corner: f64) -> Vec<Vec<f64>> {
-        vec![vec![corner, 0.1], vec![0.2, 0.1], vec![0.1, 0.2]]
-    }
-
     #[test]
     fn the_budget_limits_evaluations_unless_the_plan_sets_a_limit() {
         let plan = |search: &str| FalsifyPlan { search: search.to_string(), ..FalsifyPlan::default() };
@@ -78,22 +66,6 @@ mod tests {
         for search in ["random", "dual-annealing"] {
             assert!(search_options(&plan(search)).is_empty(), "{search}");
         }
-    }
-
-    #[test]
-    fn only_nelder_mead_reads_the_alias_of_the_initial_simplex_and_the_option_overrides_it() {
-        let plan = |search: &str, options| FalsifyPlan {
-            search: search.to_string(),
-            initial_simplex: Some(simplex(0.1)),
-            options,
-            ..FalsifyPlan::default()
-        };
-        let of = |search, options| search_options(&plan(search, options)).get("initial-simplex").cloned();
-        assert_eq!(of("nelder-mead", SearchOptions::new()), Some(simplex(0.1).into()));
-        let own = SearchOptions::new().with("initial-simplex", simplex(0.9));
-        assert_eq!(of("nelder-mead", own), Some(simplex(0.9).into()));
-        assert_eq!(of("random", SearchOptions::new()), None);
-        assert!(check_falsify(&plan("random", SearchOptions::new()), &plane()).is_ok());
     }
 
     #[test]

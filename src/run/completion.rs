@@ -9,7 +9,7 @@ use mishandle_text::plural;
 
 /// Describes what a run lacks that its plan asks for, such as `40 of 100 simulations`; `None` if it is complete.
 ///
-/// It needs only the run file, not the target. An evaluation of an older version has no corners and is complete without them.
+/// It needs only the run file, not the target.
 ///
 /// # Errors
 /// If the run file cannot be read.

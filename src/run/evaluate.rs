@@ -133,7 +133,7 @@ fn run_requests(
         is_complete: done == total,
     };
 
-    // Runs of older versions have no trial of the corners; it is added.
+    // A process that was killed here can have started the first of the two alone.
     let trials = [Some(TRIAL), requests.corners.as_ref().map(|_| Corners::TRIAL)];
     let recorded: Vec<u32> = run.file().trials()?.iter().map(|trial| trial.trial.number).collect();
     for trial in trials.into_iter().flatten().filter(|trial| !recorded.contains(trial)) {
@@ -331,17 +331,11 @@ mod tests {
     }
 
     #[test]
-    fn a_run_without_corners_gets_them_when_it_is_resumed() {
+    fn a_run_that_was_killed_before_it_started_the_corners_gets_them_when_it_is_resumed() {
         let folder = tempfile::tempdir().unwrap();
-        let path = folder.path().join("run.sqlite");
         let resolved = toy("toy/sphere-2d", 3);
-        let mut run = create_run(&resolved, Some(&path)).unwrap();
+        let mut run = create_run(&resolved, Some(&folder.path().join("run.sqlite"))).unwrap();
         run.start_trial(TRIAL, 0).unwrap();
-        let requests: Vec<Request> =
-            (1..4).map(|number| evaluation_request(&resolved, 1, number).unwrap().unwrap()).collect();
-        let episodes = resolved.system().unwrap().rollout(&requests).unwrap();
-        run.record(&episodes.iter().map(|episode| record::record(episode, 0)).collect::<Vec<_>>()).unwrap();
-        run.end_trial(TRIAL, TrialStatus::BudgetSpent).unwrap();
         let outcome = evaluate(&resolved, run, |_| ControlFlow::Continue(())).unwrap();
         assert_eq!((outcome.report.simulations, outcome.corners.unwrap().simulations()), (3, 5));
         assert!(outcome.is_complete);

@@ -68,7 +68,7 @@ pub(crate) fn differences(
     recorded: &RunHeader,
     resolved: &ResolvedPlan,
 ) -> Result<Vec<String>, MishandleError> {
-    let planned = &planned(recorded, resolved);
+    let planned = &record::header(resolved);
     let mut found = Found::default();
     found.compare("kind of run", &recorded.kind, &planned.kind);
     found.compare("kind of target", &recorded.target.kind, &planned.target.kind);
@@ -109,23 +109,6 @@ const LISTS: &[List] = &[
     ("axis", axes),
     ("verdict", |header| header.verdicts.clone()),
 ];
-
-/// Returns the header that the plan gives now. For a run of format version 1, it lacks what that version did not store.
-fn planned(recorded: &RunHeader, resolved: &ResolvedPlan) -> RunHeader {
-    let mut planned = record::header(resolved);
-    if is_from_version_1(recorded) {
-        planned.target.hash.clear();
-        planned.formulas.clear();
-        planned.signals.iter_mut().for_each(|signal| signal.unit.clear());
-        planned.axes.iter_mut().for_each(|axis| axis.meaning.clear());
-    }
-    planned
-}
-
-/// Returns whether the run was upgraded from format version 1, which did not store the hash of the target.
-pub(crate) fn is_from_version_1(header: &RunHeader) -> bool {
-    header.target.hash.is_empty()
-}
 
 /// Returns all facts of each axis. Floats have all their digits.
 fn axes(header: &RunHeader) -> Vec<String> {

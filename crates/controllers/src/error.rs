@@ -131,6 +131,17 @@ pub enum FileProblem {
         /// The newest supported version.
         supported: u64,
     },
+    /// The file has a format that this program no longer supports.
+    #[error(
+        "the controller has format version {found}, but this program supports versions from {supported} on; train or convert \
+     it again"
+    )]
+    OlderVersion {
+        /// The version of the file.
+        found: u64,
+        /// The oldest supported version.
+        supported: u64,
+    },
     /// The tensors do not form a policy.
     #[error("the controller is damaged: {source}")]
     Policy {

@@ -19,9 +19,12 @@ use crate::layout::hexadecimal;
 use crate::policy::{DEFAULT_CLIP, GAUSSIAN, SQUASHED};
 use crate::{ControllerError, FileProblem, Layout, Policy, parse_tensors};
 
-/// The newest supported format version. Version 1 had no checksum, version 2 no squashed policies, version 3 no layer
-/// normalization, no clip of observations but 5, and of activations only elu, tanh, relu and identity.
+/// The newest supported format version. Version 2 has no squashed policies, version 3 no layer normalization, no clip of
+/// observations but 5, and of activations only elu, tanh, relu and identity.
 pub const FORMAT_VERSION: u64 = 4;
+
+/// The oldest supported format version.
+const OLDEST_VERSION: u64 = 2;
 
 /// The key of the header in the file's metadata.
 const HEADER_KEY: &str = "mishandle";
@@ -39,8 +42,7 @@ pub struct Header {
     pub reward: String,
     /// The layout of observations and actions.
     pub layout: Layout,
-    /// The hash of everything that affects training: physics, initial states, observations, reward. Empty in old files.
-    #[serde(default)]
+    /// The hash of everything that affects training: physics, initial states, observations, reward. Empty if unknown.
     pub task_hash: String,
     /// The training record.
     pub training: TrainingRecord,
@@ -92,7 +94,6 @@ pub struct ControllerFile {
 struct StoredHeader {
     format_version: u64,
     /// The checksum of the file; see [`write_checksum`].
-    #[serde(default)]
     sha256: String,
     #[serde(flatten)]
     header: Header,
@@ -177,7 +178,8 @@ impl ControllerFile {
     /// Reads a controller file, a regular file of at most [`limits::CONTROLLER`] bytes.
     ///
     /// # Errors
-    /// If the file cannot be read or is larger, is not a controller, is damaged, contains NaN, or was written by a newer program.
+    /// If the file cannot be read or is larger, is not a controller, is damaged, contains NaN, or has a format version
+    /// that this program does not support.
     pub fn load(path: &Path) -> Result<ControllerFile, ControllerError> {
         let bytes = read_bounded(path, limits::CONTROLLER)
             .map_err(|source| ControllerError::Read { source, path: path.to_path_buf() })?;
@@ -259,7 +261,8 @@ impl ControllerFile {
     /// Parses the bytes of a controller file.
     ///
     /// # Errors
-    /// If they are not a controller, are damaged, contain NaN, or were written by a newer program.
+    /// If they are not a controller, are damaged, contain NaN, or have a format version that this program does not
+    /// support.
     pub fn from_bytes(bytes: &[u8]) -> Result<ControllerFile, FileProblem> {
         if let Some(problem) = foreign_format(bytes) {
             return Err(problem);
@@ -350,7 +353,10 @@ fn read_header(json: &str, bytes: &[u8]) -> Result<StoredHeader, FileProblem> {
     if found > FORMAT_VERSION {
         return Err(FileProblem::NewerVersion { found, supported: FORMAT_VERSION });
     }
-    if (found != 1 || value.get("sha256").is_some()) && !has_valid_checksum(bytes) {
+    if found < OLDEST_VERSION {
+        return Err(FileProblem::OlderVersion { found, supported: OLDEST_VERSION });
+    }
+    if !has_valid_checksum(bytes) {
         return Err(FileProblem::ChecksumMismatch);
     }
     let stored: StoredHeader = serde_json::from_value(value).map_err(|error| invalid(error.to_string()))?;
@@ -585,26 +591,16 @@ mod tests {
     }
 
     #[test]
-    fn a_file_of_version_1_without_a_checksum_is_read() {
-        // Replace the field, which version 1 lacks, by spaces.
-        let hash = format!("\\\"sha256\\\":\\\"{}\\\",", "0".repeat(64));
-        let text = example().to_bytes();
-        let at = text.windows(9).position(|window| window == b"\\\"sha256\\").unwrap();
-        let mut bytes = [&text[..at], " ".repeat(hash.len()).as_bytes(), &text[at + hash.len()..]].concat();
-        let version = bytes.windows(9).position(|window| window == b"version\\\"").unwrap() + 10;
-        bytes[version] = b'1';
-        let read = ControllerFile::from_bytes(&bytes).unwrap();
-        assert_eq!(read.policy.hash(), example().policy.hash());
-        assert_eq!(read.to_bytes(), example().to_bytes());
-    }
-
-    #[test]
-    fn an_invalid_or_newer_header_is_an_error() {
+    fn an_invalid_header_or_one_of_another_version_is_an_error() {
         let version = "format_version\\\":";
         assert_eq!(
             error_message(&with_header(&format!("{version}2"), &format!("{version}5"))),
             "the controller has format version 5, but this program supports versions up to 4; use a newer version of the \
              program"
+        );
+        assert_eq!(
+            error_message(&with_header(&format!("{version}2"), &format!("{version}1"))),
+            "the controller has format version 1, but this program supports versions from 2 on; train or convert it again"
         );
         for (from, to, expected) in [
             ("ball\\\",", "bull\\\",", "its layout does not match its `layout_hash`"),

@@ -106,8 +106,7 @@ impl RunReport {
         watch: impl FnMut(u64, u64) -> ControlFlow<()>,
     ) -> Result<Measurement, MishandleError> {
         let (then, now) = (&run.header().target, &resolved.target.identity);
-        // A file of format version 1 has no hash.
-        if then.kind != now.kind || (then.hash != now.hash && !then.hash.is_empty()) {
+        if then.kind != now.kind || then.hash != now.hash {
             let reason = format!("the target {} is not the one of the run any more", then.name);
             return Ok(Measurement::Skipped { reason });
         }

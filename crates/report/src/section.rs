@@ -114,10 +114,8 @@ fn facts(report: &RunReport) -> String {
     let mut facts: Vec<(String, String)> = vec![
         ("run file".into(), code(&report.path)),
         ("target".into(), format!("{} ({})", code(&header.target.name), text(&header.target.kind))),
+        ("hash of the target".into(), code(&header.target.hash)),
     ];
-    if !header.target.hash.is_empty() {
-        facts.push(("hash of the target".into(), code(&header.target.hash)));
-    }
     for component in &header.components {
         let role = text(&short(&component.role, 30));
         facts.push((role.clone(), code(&component.name)));

@@ -1,7 +1,7 @@
-//! Writes the run file that later versions must be able to read:
+//! Writes the run file that later programs of the same format version must be able to read:
 //! `cargo run -p mishandle-store --example write_fixture -- crates/store/tests/fixtures/v4.sqlite`.
 //!
-//! Run once per format version, when it is released. `tests/old_files.rs` states the values by hand.
+//! Run once per format version. `tests/fixture.rs` states the values by hand.
 
 use mishandle_store::{
     AxisRecord, BuildRecord, ComponentRecord, FormulaRecord, IfExists, Result, RunHeader, RunKind, RunWriter,

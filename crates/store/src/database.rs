@@ -54,7 +54,7 @@ impl Database {
         let database = Self::connect(path, OpenFlags::SQLITE_OPEN_READ_ONLY)?;
         let read = |database: &Self| database.sql().pragma_query_value(None, "application_id", |_| Ok(()));
         match read(&database).map_err(|error| error.sqlite_error().map(|failure| failure.extended_code)) {
-            // A process was killed while it closed or upgraded the run, and left a rollback journal. Only a connection
+            // A process was killed while it closed the run, and left a rollback journal. Only a connection
             // with write access can apply it.
             Err(Some(rusqlite::ffi::SQLITE_READONLY_ROLLBACK)) => {
                 let writer = Self::connect(path, OpenFlags::SQLITE_OPEN_READ_WRITE)?;

@@ -5,6 +5,8 @@ use std::path::{Path, PathBuf};
 
 use rusqlite::ErrorCode;
 
+use crate::version::FORMAT_VERSION;
+
 /// An error while reading or writing a run file.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
@@ -104,27 +106,23 @@ pub enum StoreError {
     },
     /// The file has a newer format.
     #[error(
-        "the run file has format version {found}, this program reads versions up to {supported}; \
+        "the run file has format version {found}, this program reads version {FORMAT_VERSION}; \
          use a newer program: {}", path.display()
     )]
     NewerVersion {
         /// Format version of the file.
         found: i64,
-        /// Latest version that this program reads.
-        supported: i64,
         /// Path of the file.
         path: PathBuf,
     },
-    /// The file has an older format and cannot be upgraded, because it or its folder is read-only.
+    /// The file has an older format.
     #[error(
-        "the run file has format version {found} and must be upgraded to {current}, but the file or its folder is \
-         read-only; copy it to a writable folder: {}", path.display()
+        "the run file has format version {found}, this program reads version {FORMAT_VERSION}; \
+         run its plan again, or use the program that wrote the file: {}", path.display()
     )]
-    CannotUpgrade {
+    OlderVersion {
         /// Format version of the file.
         found: i64,
-        /// Version that this program writes.
-        current: i64,
         /// Path of the file.
         path: PathBuf,
     },

@@ -270,8 +270,8 @@ fn check_keys(connection: &Connection, path: &Path) -> Result<()> {
     }
 }
 
-/// Returns the value of a key. All versions of the format have the table `header`.
-pub(crate) fn value<T: FromSql>(connection: &Connection, path: &Path, key: &str) -> Result<T> {
+/// Returns the value of a key.
+fn value<T: FromSql>(connection: &Connection, path: &Path, key: &str) -> Result<T> {
     // A larger value becomes NULL, which has no type.
     let sql = format!(
         "SELECT CASE WHEN octet_length(value) <= {MAX_TEXT_BYTES} THEN value END FROM header WHERE key = ?1"
@@ -288,7 +288,7 @@ pub(crate) fn value<T: FromSql>(connection: &Connection, path: &Path, key: &str)
     })
 }
 
-/// Reads a table of [`LISTS`].
+/// Reads a table of [`LISTS`], which has the column `name`. Checks its size before it reads a row.
 fn list<T>(
     connection: &Connection,
     path: &Path,
@@ -296,17 +296,6 @@ fn list<T>(
     read: impl FnMut(&Row<'_>) -> rusqlite::Result<T>,
 ) -> Result<Vec<T>> {
     let columns = LISTS.iter().find(|(known, _)| *known == table).map_or("", |(_, columns)| columns);
-    select_list(connection, path, table, columns, read)
-}
-
-/// Reads a table with the column `name`. Checks its size before it reads a row.
-pub(crate) fn select_list<T>(
-    connection: &Connection,
-    path: &Path,
-    table: &str,
-    columns: &str,
-    read: impl FnMut(&Row<'_>) -> rusqlite::Result<T>,
-) -> Result<Vec<T>> {
     let lengths: Vec<String> =
         columns.split(", ").map(|column| format!("ifnull(octet_length({column}), 0)")).collect();
     let sql = format!(

@@ -24,7 +24,7 @@
 //!   shared by readers and writer.
 //! - The same records give the same [`RunFile::content_digest`]. The bytes of two SQLite files can differ, because they
 //!   depend on the order and size of the transactions.
-//! - A file of an older format is upgraded in place when it is opened. A file of a newer format is an error.
+//! - A file of another format version is an error that names both versions.
 //! - A file contains the tables and views that this program creates and nothing else. A file with other views or
 //!   triggers, which could change the meaning of SQL statements, is reported as damaged. Sizes of values and times of
 //!   statements are limited.
@@ -121,7 +121,7 @@ mod run_writer;
 mod schema;
 mod screened;
 mod trace_blob;
-mod upgrade;
+mod version;
 
 pub use csv::{TraceColumn, export_csv, export_trace_csv};
 pub use error::StoreError;
@@ -132,9 +132,9 @@ pub use parquet::export_parquet;
 pub use record::{Counts, Simulation, SimulationEnd, TrialRecord, TrialStatus, TrialSummary};
 pub use run_file::{RunFile, Simulations};
 pub use run_writer::{IfExists, RunWriter};
-pub use schema::FORMAT_VERSION;
 pub use screened::{ScreenedChunk, requests_digest};
 pub use trace_blob::{StoredTrace, trace_digest};
+pub use version::FORMAT_VERSION;
 
 /// A result of this crate.
 pub type Result<T, E = StoreError> = std::result::Result<T, E>;

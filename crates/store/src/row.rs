@@ -111,7 +111,7 @@ pub(crate) fn feed(digest: &mut Digest, simulation: &Simulation, trace_digest: O
     let trace_digest = trace_digest.unwrap_or(0);
     digest.integer(trace_digest as u64);
     digest.integer((trace_digest >> 64) as u64);
-    // An index of 0 is not fed, so that rows of format version 2, which has no index, keep their hashes.
+    // An index of 0 is not fed. This is part of the format.
     if let Some(index) = end_index.filter(|&index| index > 0) {
         digest.integer(u64::from(index));
     }

@@ -7,11 +7,9 @@ use rusqlite::{OptionalExtension, Row, params};
 use crate::database::Database;
 use crate::digest::Digest;
 use crate::error::{InFile, StoreError};
-use crate::run_writer::RunWriter;
-use crate::upgrade::{STEPS, Step};
 use crate::{
     Counts, Result, RunHeader, ScreenedChunk, Simulation, StoredTrace, TrialRecord, TrialSummary, row,
-    schema, screened, trace_blob, upgrade,
+    schema, screened, trace_blob, version,
 };
 
 /// Largest number of simulations that [`Simulations`] reads at once.
@@ -35,17 +33,15 @@ pub struct RunFile {
 }
 
 impl RunFile {
-    /// Opens a run for reading, and checks the structure of the file and the hashes of all trials and simulations. A file
-    /// of an older format is first upgraded in place.
+    /// Opens a run for reading, and checks the structure of the file and the hashes of all trials and simulations.
     ///
     /// The check reads the whole file except for the traces: about 1 s for 100,000 simulations of two axes.
     ///
     /// # Errors
     /// - [`Missing`](StoreError::Missing), [`NotARun`](StoreError::NotARun),
-    ///   [`NewerVersion`](StoreError::NewerVersion) or [`Damaged`](StoreError::Damaged);
-    /// - [`NotClosed`](StoreError::NotClosed) if the run was not closed and the folder is read-only;
-    /// - [`CannotUpgrade`](StoreError::CannotUpgrade) if the file has an older format and the folder is read-only;
-    /// - the errors of [`RunWriter::resume`] if the file has an older format.
+    ///   [`NewerVersion`](StoreError::NewerVersion), [`OlderVersion`](StoreError::OlderVersion) or
+    ///   [`Damaged`](StoreError::Damaged);
+    /// - [`NotClosed`](StoreError::NotClosed) if the run was not closed and the folder is read-only.
     pub fn open(path: impl AsRef<Path>) -> Result<Self> {
         let run = Self::open_unchecked(path)?;
         run.check_opened()?;
@@ -57,25 +53,10 @@ impl RunFile {
     /// # Errors
     /// The errors of [`open`](Self::open).
     pub fn open_unchecked(path: impl AsRef<Path>) -> Result<Self> {
-        Self::open_with(path.as_ref(), STEPS)
-    }
-
-    /// Opens a run as a program with these upgrade steps would.
-    pub(crate) fn open_with(path: &Path, steps: &[Step]) -> Result<Self> {
+        let path = path.as_ref();
         let database = Database::connect_for_reading(path)?;
-        let version = upgrade::version(database.sql(), path, steps).map_err(not_closed)?;
-        if version > steps.len() as i64 {
-            return Self::of(database, path);
-        }
-        drop(database);
-        let writer = RunWriter::resume_with(path, steps, false).map_err(|error| match error {
-            StoreError::ReadOnly { path } | StoreError::CannotOpen { path } => {
-                StoreError::CannotUpgrade { found: version, current: steps.len() as i64 + 1, path }
-            }
-            error => error,
-        })?;
-        writer.close()?;
-        Self::of(Database::connect_for_reading(path)?, path)
+        version::check(database.sql(), path).map_err(not_closed)?;
+        Self::of(database, path)
     }
 
     /// Returns the run of a connection. The caller has checked the format version.

@@ -10,11 +10,10 @@ use rusqlite::{Connection, OpenFlags, ffi, params};
 use crate::database::Database;
 use crate::error::{InFile, StoreError};
 use crate::run_file::RunFile;
-use crate::schema::{APPLICATION_ID, FORMAT_VERSION};
-use crate::upgrade::{STEPS, Step};
+use crate::version::{APPLICATION_ID, FORMAT_VERSION};
 use crate::{
     Result, RunHeader, ScreenedChunk, Simulation, TrialRecord, TrialStatus, header_table, row, schema,
-    screened, trace_blob, upgrade,
+    screened, trace_blob, version,
 };
 
 /// Behavior of [`RunWriter::create`] if the file exists.
@@ -77,14 +76,13 @@ impl RunWriter {
         })
     }
 
-    /// Opens a run to add records, and checks it as [`RunFile::open`] does. A file of an older format is first upgraded in
-    /// place.
+    /// Opens a run to add records, and checks it as [`RunFile::open`] does.
     ///
     /// # Errors
     /// [`Locked`](StoreError::Locked) if another process is writing the run, [`ReadOnly`](StoreError::ReadOnly), or an
     /// error of [`RunFile::open`].
     pub fn resume(path: impl AsRef<Path>) -> Result<Self> {
-        Self::resume_with(path.as_ref(), STEPS, true)
+        Self::open(path.as_ref(), true)
     }
 
     /// Opens a run as [`resume`](Self::resume) does, without the check.
@@ -92,26 +90,22 @@ impl RunWriter {
     /// # Errors
     /// The errors of [`resume`](Self::resume).
     pub fn resume_unchecked(path: impl AsRef<Path>) -> Result<Self> {
-        Self::resume_with(path.as_ref(), STEPS, false)
+        Self::open(path.as_ref(), false)
     }
 
-    /// Resumes a run as a program with these upgrade steps would, and checks it if `check` is true.
-    pub(crate) fn resume_with(path: &Path, steps: &[Step], check: bool) -> Result<Self> {
+    /// Opens a run to add records, and checks it if `check` is true.
+    fn open(path: &Path, check: bool) -> Result<Self> {
         let database = Database::connect(path, OpenFlags::SQLITE_OPEN_READ_WRITE)?;
-        upgrade::version(database.sql(), path, steps)?;
+        version::check(database.sql(), path)?;
         let writer_lock = lock(path)?;
         if database.sql().is_readonly("main").in_file(path)? {
             return Err(StoreError::ReadOnly { path: path.into() });
         }
-        // An upgrade replaces tables that other tables refer to.
-        database.sql().pragma_update(None, "foreign_keys", false).in_file(path)?;
         begin(database.sql()).in_file(path)?;
         // Checked again: now no other process can change it.
-        let found = upgrade::version(database.sql(), path, steps)?;
-        let is_upgraded = upgrade::upgrade(database.sql(), path, found, steps)?;
+        version::check(database.sql(), path)?;
         let file = RunFile::of(database, path)?;
-        // Before the commit, so that a damaged file stays as it is.
-        if is_upgraded || check {
+        if check {
             file.check_opened()?;
         }
         file.database.sql().execute_batch("COMMIT").in_file(path)?;
@@ -360,8 +354,8 @@ fn remove(path: &Path) -> Result<()> {
     if !is_unfinished(path) {
         let database = Database::connect(path, OpenFlags::SQLITE_OPEN_READ_WRITE)?;
         // Runs of newer and older formats can be removed, too.
-        match upgrade::version(database.sql(), path, STEPS) {
-            Ok(_) | Err(StoreError::NewerVersion { .. }) => {}
+        match version::check(database.sql(), path) {
+            Ok(()) | Err(StoreError::NewerVersion { .. } | StoreError::OlderVersion { .. }) => {}
             Err(error) => return Err(error),
         }
         begin(database.sql()).in_file(path)?;
@@ -372,8 +366,8 @@ fn remove(path: &Path) -> Result<()> {
 /// Returns whether the file is empty or a database without tables: the creation of a run was interrupted.
 fn is_unfinished(path: &Path) -> bool {
     let is_file = std::fs::symlink_metadata(path).is_ok_and(|found| found.is_file());
-    let version = Database::connect_for_reading(path)
-        .and_then(|database| upgrade::version(database.sql(), path, STEPS));
+    let version =
+        Database::connect_for_reading(path).and_then(|database| version::check(database.sql(), path));
     is_file && matches!(version, Err(StoreError::Unfinished { .. }))
 }
 

@@ -14,18 +14,11 @@ use rusqlite::Connection;
 
 use crate::error::{InFile, StoreError};
 use crate::row::COUNTS;
-use crate::upgrade::STEPS;
 use crate::{Result, RunHeader, header_table};
-
-/// Format version that this program writes, and the latest that it reads.
-pub const FORMAT_VERSION: i64 = STEPS.len() as i64 + 1;
-
-/// Application ID of run files: `MHdl` in ASCII.
-pub(crate) const APPLICATION_ID: i64 = 0x4d48_646c;
 
 /// The statements that create the tables. SQLite stores their text, and opening a file compares it, so every character
 /// is part of the format.
-pub(crate) const TABLES: &[&str] = &[
+const TABLES: &[&str] = &[
     "CREATE TABLE header (
     key TEXT PRIMARY KEY,
     value ANY NOT NULL
@@ -130,85 +123,51 @@ const SIMULATION_COLUMNS: [&str; 12] = [
 /// JSON.
 const MAX_COLUMNS: usize = 1900;
 
-/// What differs between the tables and views of two format versions with the same header.
-pub(crate) struct Schema<'a> {
-    /// The statements that create the tables.
-    pub(crate) tables: &'a [&'a str],
-    /// Columns of the table `simulation` that the view `simulations` contains unchanged.
-    pub(crate) simulation_columns: &'a [&'a str],
-    /// [`COUNTS`] of the version.
-    pub(crate) counts: &'a str,
+/// Checks that the file contains the tables and views of this version and nothing else, and returns its header.
+///
+/// A malicious file can contain triggers, or views in place of the tables.
+pub(crate) fn read_header(connection: &Connection, path: &Path) -> Result<RunHeader> {
+    let found = statements(connection).in_file(path)?;
+    let others = without(found, path, TABLES.iter().copied())?;
+    let header = header_table::read(connection, path)?;
+    check_empty(&without(others, path, views(&header).iter().map(String::as_str))?, path)?;
+    Ok(header)
 }
 
-/// The tables and views of this version.
-const CURRENT: Schema<'_> =
-    Schema { tables: TABLES, simulation_columns: &SIMULATION_COLUMNS, counts: COUNTS };
-
-impl Schema<'_> {
-    /// Checks that the file contains these tables and views and nothing else, and returns its header.
-    ///
-    /// A malicious file can contain triggers, or views in place of the tables.
-    pub(crate) fn read_header(&self, connection: &Connection, path: &Path) -> Result<RunHeader> {
-        let found = statements(connection).in_file(path)?;
-        let others = without(found, path, self.tables.iter().copied())?;
-        let header = header_table::read(connection, path)?;
-        check_empty(&without(others, path, self.views(&header).iter().map(String::as_str))?, path)?;
-        Ok(header)
+/// Returns the statements that create the views. They depend on the header: one column per axis and verdict. Their text
+/// is part of the format.
+fn views(header: &RunHeader) -> [String; 2] {
+    let mut taken: BTreeSet<String> = SIMULATION_COLUMNS.iter().map(ToString::to_string).collect();
+    let mut columns: Vec<String> = SIMULATION_COLUMNS.iter().map(ToString::to_string).collect();
+    for axis in &header.axes {
+        let value = extract("scenario", &axis.name);
+        columns.push(format!("{value} AS {}", identifier(&free_name("axis", &axis.name, &mut taken))));
     }
-
-    /// Returns the statements that create the views. They depend on the header: one column per axis and verdict. Their text
-    /// is part of the format.
-    fn views(&self, header: &RunHeader) -> [String; 2] {
-        let counts = self.counts;
-        let mut taken: BTreeSet<String> = self.simulation_columns.iter().map(ToString::to_string).collect();
-        let mut columns: Vec<String> = self.simulation_columns.iter().map(ToString::to_string).collect();
-        for axis in &header.axes {
-            let value = extract("scenario", &axis.name);
-            columns.push(format!("{value} AS {}", identifier(&free_name("axis", &axis.name, &mut taken))));
-        }
-        for name in &header.verdicts {
-            let value = extract("verdicts", name);
-            // As a string, an infinity would compare greater than every number.
-            let value =
-                format!("CASE {value} WHEN 'inf' THEN 9e999 WHEN '-inf' THEN -9e999 ELSE {value} END");
-            columns.push(format!("{value} AS {}", identifier(&free_name("verdict", name, &mut taken))));
-        }
-        // SQLite ends a statement at a NUL.
-        columns.retain(|column| !column.contains('\0'));
-        columns.truncate(MAX_COLUMNS);
-        [
-            format!("CREATE VIEW simulations AS SELECT\n    {}\nFROM simulation", columns.join(",\n    ")),
-            format!(
-                "CREATE VIEW trials AS SELECT trial.number AS number, trial.seed AS seed, trial.status AS status,
-    {counts}, min(robustness) AS minimum_robustness
+    for name in &header.verdicts {
+        let value = extract("verdicts", name);
+        // As a string, an infinity would compare greater than every number.
+        let value = format!("CASE {value} WHEN 'inf' THEN 9e999 WHEN '-inf' THEN -9e999 ELSE {value} END");
+        columns.push(format!("{value} AS {}", identifier(&free_name("verdict", name, &mut taken))));
+    }
+    // SQLite ends a statement at a NUL.
+    columns.retain(|column| !column.contains('\0'));
+    columns.truncate(MAX_COLUMNS);
+    [
+        format!("CREATE VIEW simulations AS SELECT\n    {}\nFROM simulation", columns.join(",\n    ")),
+        format!(
+            "CREATE VIEW trials AS SELECT trial.number AS number, trial.seed AS seed, trial.status AS status,
+    {COUNTS}, min(robustness) AS minimum_robustness
 FROM trial LEFT JOIN simulation ON simulation.trial = trial.number
 GROUP BY trial.number"
-            ),
-        ]
-    }
+        ),
+    ]
 }
 
-/// Creates the tables and views of this version that the file lacks.
+/// Creates the tables and views.
 pub(crate) fn create(connection: &Connection, header: &RunHeader) -> rusqlite::Result<()> {
-    let found = statements(connection)?;
-    let views = CURRENT.views(header);
-    let mut missing = TABLES
-        .iter()
-        .copied()
-        .chain(views.iter().map(String::as_str))
-        .filter(|sql| !found.contains_key(*sql));
-    missing.try_for_each(|sql| connection.execute(sql, []).map(drop))
-}
-
-/// Checks that the file contains the tables and views of this version and nothing else, and returns its header.
-pub(crate) fn read_header(connection: &Connection, path: &Path) -> Result<RunHeader> {
-    CURRENT.read_header(connection, path)
-}
-
-/// Checks that the file contains these tables and nothing else.
-pub(crate) fn check(connection: &Connection, path: &Path, tables: &[&str]) -> Result<()> {
-    let found = statements(connection).in_file(path)?;
-    check_empty(&without(found, path, tables.iter().copied())?, path)
+    let views = views(header);
+    let mut statements = TABLES.iter().copied().chain(views.iter().map(String::as_str));
+    statements.try_for_each(|sql| connection.execute(sql, []).map(drop))
 }
 
 /// Kind and name of each table, view, index and trigger, by the statement that created it.

@@ -9,10 +9,9 @@ mod sample;
 
 use std::collections::BTreeMap;
 use std::ffi::c_int;
-use std::path::Path;
 
 use faults::failing::{FailingRun, Reaction};
-use faults::life::{Session, campaign, continuation};
+use faults::life::{Session, campaign};
 use faults::vfs::{self, Call, Fault};
 use mishandle_store::{RunFile, StoreError};
 use rusqlite::ffi;
@@ -37,14 +36,13 @@ const FAULTS: [(Call, c_int); 13] = [
 const REACTIONS: [(bool, Reaction); 4] =
     [(false, Reaction::Retry), (true, Reaction::Resume), (true, Reaction::Retry), (false, Reaction::Resume)];
 
-/// Lets each call of the run to which `chosen` applies fail. Returns the number of failed steps by call and code.
-fn fail_everywhere(run: &FailingRun, chosen: impl Fn(Call) -> bool) -> BTreeMap<(String, c_int), usize> {
+/// Lets each call of the run fail. Returns the number of failed steps by call and code.
+fn fail_everywhere(run: &FailingRun) -> BTreeMap<(String, c_int), usize> {
     let mut totals = [0; FAULTS.len()];
     vfs::set_fault(None);
     run.perform(|_| totals = FAULTS.map(|(call, _)| vfs::calls(call)));
     let mut failed = BTreeMap::new();
-    let faults = (0..).zip(FAULTS.into_iter().zip(totals)).filter(|(_, ((call, _), _))| chosen(*call));
-    for (index, ((call, code), total)) in faults {
+    for (index, ((call, code), total)) in (0..).zip(FAULTS.into_iter().zip(totals)) {
         for nth in 1..=total {
             // A call that fails in two ways meets another reaction in each.
             let one = (nth as usize + index) % 2;
@@ -70,11 +68,11 @@ fn fail_everywhere(run: &FailingRun, chosen: impl Fn(Call) -> bool) -> BTreeMap<
 
 /// Checks that the error names the problem.
 fn check_message(fault: Fault, error: &StoreError) {
-    use StoreError::{CannotOpen, CannotUpgrade, DiskFull, Io, NoRoom, NotClosed};
+    use StoreError::{CannotOpen, DiskFull, Io, NoRoom, NotClosed};
     let is_right = match fault.code {
         ffi::SQLITE_FULL | ffi::SQLITE_IOERR_SHMSIZE => matches!(error, DiskFull { .. } | NoRoom { .. }),
         ffi::SQLITE_CANTOPEN => {
-            matches!(error, CannotOpen { .. } | CannotUpgrade { .. } | NotClosed { .. })
+            matches!(error, CannotOpen { .. } | NotClosed { .. })
         }
         _ => matches!(error, Io { .. }),
     };
@@ -83,19 +81,11 @@ fn check_message(fault: Fault, error: &StoreError) {
 
 #[test]
 fn no_failed_call_loses_a_record() {
-    let failed = fail_everywhere(&FailingRun::new(campaign(), None), |_| true);
+    let failed = fail_everywhere(&FailingRun::new(campaign(), None));
     // Failures of each kind reach the caller.
     assert_eq!(failed.len(), FAULTS.len(), "{failed:?}");
     let writes = failed[&("Write".to_owned(), ffi::SQLITE_FULL)];
     assert!(writes > 80, "{failed:?}");
-}
-
-#[test]
-fn no_failed_call_during_an_upgrade_loses_a_record() {
-    let changes = [Call::Write, Call::Sync, Call::Truncate, Call::Delete];
-    let run = FailingRun::new(continuation(77), Some(Path::new("tests/fixtures/v1.sqlite")));
-    let failed = fail_everywhere(&run, |call| faults::all() || changes.contains(&call));
-    assert!(failed.len() > changes.len(), "{failed:?}");
 }
 
 /// The integrity check of SQLite reports a page that it cannot read in the words of a damaged one.

@@ -11,7 +11,7 @@ use std::collections::HashSet;
 use std::path::{Path, PathBuf};
 
 use faults::disk::{self, Disk, Image, Kept, State};
-use faults::life::{Content, Session, Step, campaign, continuation};
+use faults::life::{Content, Session, Step, campaign};
 use faults::vfs;
 use mishandle_store::{IfExists, RunFile, RunWriter, StoreError};
 use sample::header;
@@ -31,8 +31,8 @@ struct Life {
 }
 
 impl Life {
-    fn new(initial: Content, steps: Vec<Step>, is_durable: bool) -> Life {
-        Life { contents: initial.after_each(&steps), steps, is_durable, earlier: 0 }
+    fn new(steps: Vec<Step>, is_durable: bool) -> Life {
+        Life { contents: Content::default().after_each(&steps), steps, is_durable, earlier: 0 }
     }
 
     /// Performs all steps and returns what they wrote.
@@ -141,7 +141,7 @@ fn random_subsets() -> u64 {
 #[test]
 fn a_power_cut_leaves_a_prefix_and_loses_at_most_the_steps_since_the_last_sync() {
     let (_folder, path) = new_path();
-    let life = Life::new(Content::default(), campaign(), false);
+    let life = Life::new(campaign(), false);
     let disk = life.record(&path);
     let images = life.check_each_cut(&disk, &path, random_subsets());
     assert!(images > 150, "{images}");
@@ -150,32 +150,17 @@ fn a_power_cut_leaves_a_prefix_and_loses_at_most_the_steps_since_the_last_sync()
 #[test]
 fn a_power_cut_loses_nothing_of_a_durable_run() {
     let (_folder, path) = new_path();
-    let life = Life::new(Content::default(), campaign(), true);
+    let life = Life::new(campaign(), true);
     let disk = life.record(&path);
     let images = life.check_each_cut(&disk, &path, random_subsets());
     assert!(images > 150, "{images}");
-}
-
-#[test]
-fn a_power_cut_during_an_upgrade_loses_nothing() {
-    for version in [1, 2] {
-        let (_folder, path) = new_path();
-        std::fs::copy(format!("tests/fixtures/v{version}.sqlite"), &path).unwrap();
-        let (_copy_folder, copy) = new_path();
-        std::fs::copy(&path, &copy).unwrap();
-        let before = Content::read(&copy).unwrap();
-        let life = Life::new(before, continuation(77), false);
-        let disk = life.record(&path);
-        let images = life.check_each_cut(&disk, &path, random_subsets());
-        assert!(images > 40, "{images}");
-    }
 }
 
 /// A process that is killed while it closes a run leaves a rollback journal.
 #[test]
 fn a_run_with_a_rollback_journal_can_be_read() {
     let (_folder, path) = new_path();
-    let life = Life::new(Content::default(), campaign(), false);
+    let life = Life::new(campaign(), false);
     let disk = life.record(&path);
     let mut journals = 0;
     life.each_cut(&disk, 0, |state, image, kept| {
@@ -193,7 +178,7 @@ fn a_run_with_a_rollback_journal_can_be_read() {
 #[test]
 fn a_second_power_cut_leaves_a_prefix() {
     let (_folder, path) = new_path();
-    let life = Life::new(Content::default(), campaign(), false);
+    let life = Life::new(campaign(), false);
     let disk = life.record(&path);
     let mut images = 0;
     let mut second_images = 0;
@@ -224,7 +209,7 @@ fn a_second_power_cut_leaves_a_prefix() {
 #[test]
 fn the_model_finds_the_losses_of_a_run_that_is_not_durable() {
     let (_folder, path) = new_path();
-    let life = Life::new(Content::default(), campaign(), false);
+    let life = Life::new(campaign(), false);
     let disk = life.record(&path);
     let mut lost = HashSet::new();
     life.each_cut(&disk, 0, |state, image, _| {

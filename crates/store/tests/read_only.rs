@@ -30,7 +30,6 @@ fn as_an_ordinary_user() {
     let closed = folder.join("closed/run.sqlite");
     let killed = folder.join("killed/run.sqlite");
     let secret = folder.join("secret.sqlite");
-    let old = folder.join("closed/old.sqlite");
 
     assert_eq!(RunFile::open(&closed).unwrap().last_simulation_number(1).unwrap(), 1);
     let error = RunWriter::resume(&closed).unwrap_err();
@@ -42,15 +41,6 @@ fn as_an_ordinary_user() {
 
     let error = RunFile::open(&killed).unwrap_err();
     assert!(matches!(error, StoreError::NotClosed { .. }), "{error}");
-    let error = RunFile::open(&old).unwrap_err();
-    assert_eq!(
-        error.to_string(),
-        format!(
-            "the run file has format version 1 and must be upgraded to 4, but the file or its folder is read-only; \
-             copy it to a writable folder: {}",
-            old.display()
-        )
-    );
     let error = RunFile::open(&secret).unwrap_err();
     assert!(matches!(error, StoreError::CannotOpen { .. }), "{error}");
     println!("all checked");
@@ -70,14 +60,13 @@ fn runs_in_a_read_only_folder_are_readable_and_not_writable() {
     copy(place("closed/run.sqlite-wal"), place("killed/run.sqlite-wal")).unwrap();
     writer.close().unwrap();
     copy(place("closed/run.sqlite"), place("secret.sqlite")).unwrap();
-    copy("tests/fixtures/v1.sqlite", place("closed/old.sqlite")).unwrap();
 
     let program = place("program");
     copy(std::env::current_exe().unwrap(), &program).unwrap();
     allow(&program, 0o755);
     allow(folder.path(), 0o755);
     allow(&place("secret.sqlite"), 0o000);
-    for file in ["closed/run.sqlite", "closed/old.sqlite", "killed/run.sqlite", "killed/run.sqlite-wal"] {
+    for file in ["closed/run.sqlite", "killed/run.sqlite", "killed/run.sqlite-wal"] {
         allow(&place(file), 0o444);
     }
     for name in ["closed", "killed"] {

@@ -26,7 +26,7 @@ contains `base = \"skrl-0.10\"` ([settings bases](../presets.md)).
 
 `mishandle train TASK --algorithm NAME --dry-run` prints all settings of a training run. The settings of the shipped
 controllers are in [experiments/training](../../experiments/training). [Training algorithms](README.md) explains the
-formulas. A former name is still read, also in controller files and checkpoints.
+formulas.
 
 `cargo xtask settings` generates this page from the declarations in [crates/training](../../crates/training/src).";
 
@@ -63,8 +63,7 @@ fn row(setting: &Setting, default: Option<&str>) -> String {
     let choices: Vec<String> =
         choices.map(|choice| format!("`\"{}\"`: {}", choice.name, cell(choice.description))).collect();
     let allowed = if choices.is_empty() { cell(&setting.allowed) } else { choices.join("<br>") };
-    let former = setting.alias.map_or(String::new(), |alias| format!(" Former name: `{alias}`."));
-    format!("| `{key}` | {default} | {}{former} | {allowed} |", cell(setting.description))
+    format!("| `{key}` | {default} | {} | {allowed} |", cell(setting.description))
 }
 
 fn main() {

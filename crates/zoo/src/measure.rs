@@ -100,8 +100,7 @@ impl Bench<'_> {
             NOISE_LEVELS.into_iter().map(at).collect::<Result<Vec<_>, _>>()
         };
         let evaluations = evaluate(StartRegion::Reachable)?;
-        let leaves_out_starts =
-            evaluations.first().is_some_and(|evaluation| evaluation.leaves_out_starts == Some(true));
+        let leaves_out_starts = evaluations.first().is_some_and(|evaluation| evaluation.leaves_out_starts);
         let whole_box = if leaves_out_starts { Some(evaluate(StartRegion::Whole)?) } else { None };
         let falsification = match falsifies {
             true => Some(self.runner.falsify(subject, NOISE_LEVELS[1], self.stop)?),

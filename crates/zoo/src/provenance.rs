@@ -47,7 +47,7 @@ pub struct TrainingSummary {
     pub preset: String,
     /// Name of the reward.
     pub reward: String,
-    /// Hash of the task; empty in files that are older than this field.
+    /// Hash of the task.
     pub task_hash: String,
     /// Hash of the layout of observations and actions.
     pub layout_hash: String,
@@ -55,7 +55,7 @@ pub struct TrainingSummary {
     pub format_version: u64,
     /// Kind of the policy: `gaussian` or `squashed-gaussian`.
     pub kind: String,
-    /// Whether the controller counts as trained on the present task although its file names another or none.
+    /// Whether the controller counts as trained on the present task although its file names another.
     #[serde(default, skip_serializing_if = "is_false")]
     pub adopted: bool,
     /// When the return became flat; `None` if the curve does not show it.
@@ -181,14 +181,8 @@ impl TrainingSummary {
         AlgorithmSettings::from_toml(&self.algorithm, &self.settings)?.ok()
     }
 
-    /// Returns whether the file says which task it was trained on; older files do not.
-    pub fn names_task(&self) -> bool {
-        !self.task_hash.is_empty()
-    }
-
-    /// Compares the summary with what the training run would give now, adds the defaults of settings that its program did not
-    /// know, and adopts a controller whose file names no task if nothing else differs. With `adopt`, a controller that
-    /// differs in its task alone is adopted too.
+    /// Compares the summary with what the training run would give now, and adds the defaults of settings that its program did
+    /// not know. With `adopt`, a controller that differs in its task alone is adopted.
     pub fn reconcile(
         &mut self,
         training: &Training,
@@ -201,11 +195,7 @@ impl TrainingSummary {
             self.settings = config.to_toml();
         }
         let found = self.differences(training, expected);
-        let is_adopted = match found.as_slice() {
-            [] => !self.names_task(),
-            found => adopt && found == [Difference::Task],
-        };
-        if is_adopted {
+        if adopt && found == [Difference::Task] {
             self.task_hash.clone_from(&expected.task_hash);
             self.adopted = true;
             return Vec::new();
@@ -230,7 +220,7 @@ impl TrainingSummary {
         }
         if self.layout_hash != expected.layout_hash {
             differences.push(Difference::Layout);
-        } else if self.names_task() && self.task_hash != expected.task_hash {
+        } else if self.task_hash != expected.task_hash {
             differences.push(Difference::Task);
         }
         let keys = differing_keys(&self.settings, expected.settings.as_deref().unwrap_or_default());
@@ -339,8 +329,6 @@ mod tests {
         check(|summary| summary.kind = "squashed-gaussian".into(), &["older file format"]);
         let settings = "gamma = 0.99\nepochs = 5\n\n[run]\ntotal_steps = 4096\n";
         check(|summary| summary.settings = settings.into(), &["settings changed: epochs, run.total_steps"]);
-        // Files that are older than the task hash cannot differ in it.
-        check(|summary| summary.task_hash = String::new(), &[]);
     }
 
     #[test]
@@ -365,7 +353,6 @@ mod tests {
         let other_task = |summary: &mut TrainingSummary| summary.task_hash = "ab".into();
         assert_eq!(adopted(&other_task, false), (false, 1));
         assert_eq!(adopted(&other_task, true), (true, 0));
-        assert_eq!(adopted(&|summary| summary.task_hash = String::new(), false), (true, 0));
         let other_seed = |summary: &mut TrainingSummary| (summary.task_hash, summary.seed) = ("ab".into(), 1);
         assert_eq!(adopted(&other_seed, true), (false, 2));
     }

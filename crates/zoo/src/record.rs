@@ -9,7 +9,7 @@ use mishandle::falsification::{FalsificationOutcome, TrialEnd, TrialOutcome};
 use mishandle::plan::StartRegion;
 use mishandle::run::{EvaluationOutcome, rejects_scenarios};
 use serde::de::Error as _;
-use serde::{Deserialize, Deserializer, Serialize};
+use serde::{Deserialize, Serialize};
 
 use crate::folder::{ZooFolder, read, write};
 use crate::{NOISE_LEVELS, TrainingSummary, ZooError};
@@ -26,14 +26,12 @@ pub struct Record {
     pub controller: String,
     /// Commit of the program that measured.
     pub commit: String,
-    /// What the measurement depends on; `None` in records that are older than this field.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub conditions: Option<Conditions>,
+    /// What the measurement depends on.
+    pub conditions: Conditions,
     /// One evaluation per noise level, of starts from which the task can be done.
     pub evaluations: Vec<EvaluationRecord>,
-    /// The same over the whole box if that has more starts; `None` in records that are older than this field.
-    #[serde(default, deserialize_with = "nullable", skip_serializing_if = "Option::is_none")]
-    pub whole_box: Option<Option<Vec<EvaluationRecord>>>,
+    /// The same over the whole box, if that has more starts.
+    pub whole_box: Option<Vec<EvaluationRecord>>,
     /// The falsification; `None` if there was none.
     pub falsification: Option<FalsificationRecord>,
     /// Commit of the program that falsified, if it differs from `commit`.
@@ -45,13 +43,6 @@ pub struct Record {
     /// SHA-256 of the controller's file; `None` for an expert.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub file_hash: Option<String>,
-}
-
-/// Reads `null` as `Some(None)`; only a missing field is `None`.
-fn nullable<'de, D: Deserializer<'de>, T: Deserialize<'de>>(
-    deserializer: D,
-) -> Result<Option<Option<T>>, D::Error> {
-    Option::deserialize(deserializer).map(Some)
 }
 
 /// What a measurement depends on besides the controller. Under the same conditions it need not be repeated.
@@ -68,7 +59,7 @@ pub struct Conditions {
     pub seed: u64,
     /// Standard deviations of the action noise.
     pub noise: [f64; 2],
-    /// Whether corners of the initial box were evaluated; `false` in records that are older than this field.
+    /// Whether corners of the initial box were evaluated; a record without the field states that they were not.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub corners: bool,
 }
@@ -114,12 +105,11 @@ pub struct EvaluationRecord {
     /// Random seed.
     #[serde(with = "decimal_text")]
     pub seed: u64,
-    /// Part of the box that starts were drawn from; `None` in records that are older than this field.
-    #[serde(default, rename = "box", skip_serializing_if = "Option::is_none")]
-    pub starts: Option<StartRegion>,
-    /// Whether some starts of the box were left out; `None` in records that are older than this field.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub leaves_out_starts: Option<bool>,
+    /// Part of the box that starts were drawn from.
+    #[serde(rename = "box")]
+    pub starts: StartRegion,
+    /// Whether some starts of the box were left out.
+    pub leaves_out_starts: bool,
     /// Number of simulations.
     pub simulations: u64,
     /// Simulations whose numbers stopped being finite.
@@ -132,12 +122,12 @@ pub struct EvaluationRecord {
     pub strict_success_rate: EstimateRecord,
     /// Dangerous behavior rate.
     pub dangerous_behavior_rate: EstimateRecord,
-    /// Fraction of simulations with any dangerous control step; `None` in records that are older than this field.
+    /// Fraction of simulations with any dangerous control step; `None` if it was not measured.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub dangerous_episode_rate: Option<EstimateRecord>,
     /// Task completion time, control steps.
     pub task_completion_time: EstimateRecord,
-    /// Results at the corners and the center of the initial box; `None` in records that are older than this field.
+    /// Results at the corners and the center of the initial box; `None` if they were not measured.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub corners: Option<CornersRecord>,
 }
@@ -159,8 +149,8 @@ impl EvaluationRecord {
             action_noise: plan.action_noise,
             observation_noise: plan.observation_noise,
             seed: plan.seed,
-            starts: plan.evaluate.as_ref().map(|evaluate| evaluate.starts),
-            leaves_out_starts: Some(rejects_scenarios(resolved)),
+            starts: plan.evaluate.as_ref().map(|evaluate| evaluate.starts).unwrap_or_default(),
+            leaves_out_starts: rejects_scenarios(resolved),
             simulations: report.simulations,
             diverged: report.diverged,
             undecided: report.undecided,
@@ -457,9 +447,9 @@ impl Record {
             task: task.to_string(),
             controller: controller.to_string(),
             commit,
-            conditions: Some(conditions),
+            conditions,
             evaluations,
-            whole_box: Some(whole_box),
+            whole_box,
             falsification,
             falsification_commit: None,
             training: None,
@@ -510,16 +500,12 @@ impl Record {
 
     /// Returns whether the controller was measured under these conditions.
     pub fn is_of(&self, conditions: &Conditions) -> bool {
-        self.conditions.as_ref() == Some(conditions)
+        self.conditions == *conditions
     }
 
     /// Describes how the conditions of the measurement differ from these.
     pub(crate) fn differences(&self, conditions: &Conditions) -> Vec<String> {
-        let Some(own) = &self.conditions else {
-            return vec![
-                "the record does not state the formulas and the task of its measurement".to_string(),
-            ];
-        };
+        let own = &self.conditions;
         let changed: Vec<&str> =
             (Conditions::FORMULAS.into_iter().zip(&own.formulas).zip(&conditions.formulas))
                 .filter(|((_, own), now)| own != now)
@@ -544,8 +530,7 @@ impl Record {
     /// Returns whether the controller was measured under these conditions, with or without corners. A controller that was
     /// not kept cannot be measured again.
     pub fn is_of_except_corners(&self, conditions: &Conditions) -> bool {
-        let own = self.conditions.as_ref();
-        own.is_some_and(|own| Conditions { corners: conditions.corners, ..own.clone() } == *conditions)
+        Conditions { corners: conditions.corners, ..self.conditions.clone() } == *conditions
     }
 
     /// Returns the evaluation at a noise level, counted from 0.
@@ -555,7 +540,7 @@ impl Record {
 
     /// Returns the evaluation over the whole box at a noise level, if there is one.
     pub fn whole_box_evaluation(&self, noise: usize) -> Option<&EvaluationRecord> {
-        self.whole_box.as_ref()?.as_ref()?.get(noise)
+        self.whole_box.as_ref()?.get(noise)
     }
 }
 

@@ -282,11 +282,11 @@ fn measurements_are_repeated_only_on_request() {
 }
 
 #[test]
-fn a_controller_that_names_no_task_is_adopted_and_marked() {
+fn a_controller_of_another_task_is_adopted_on_request_and_marked() {
     let mut repository = Repository::new();
-    repository.write_controller(SHIPPED, |header| header.task_hash = String::new());
-    assert_eq!(repository.states(&[0]), ["needs measurement: not measured"]);
-    repository.train(&[0]);
+    repository.write_controller(SHIPPED, |header| header.task_hash = "dd".to_string());
+    assert_eq!(repository.states(&[0]), ["needs training: task changed"]);
+    repository.call_adopting(ppo(&[0]), true, |zoo| zoo.train()).0.unwrap();
     assert_eq!(repository.runner.count("train"), 0);
     assert!(repository.page().contains("c0ffee, adopted |"));
     // It belongs to that task from then on.
@@ -303,9 +303,6 @@ fn a_controller_that_names_no_task_is_adopted_and_marked() {
     repository.train(&[0]);
     assert_eq!(repository.states(&[0]), ["done"]);
     assert!(!repository.path(KEPT_CURVE).exists());
-    // A controller that names another task is not adopted.
-    repository.write_controller(SHIPPED, |header| header.task_hash = "dd".to_string());
-    assert_eq!(repository.states(&[0]), ["needs training: task changed"]);
 }
 
 #[test]

@@ -125,12 +125,13 @@ pub fn is_out_of_memory(error: &StoreError) -> bool {
 
 /// Returns whether an error says that the file or the records are wrong, which no failure of a disk may cause.
 fn accuses_the_file(error: &StoreError) -> bool {
-    use StoreError::{AlreadyRecorded, Damaged, Locked, NewerVersion, NotARun, UnknownTrial};
+    use StoreError::{AlreadyRecorded, Damaged, Locked, NewerVersion, NotARun, OlderVersion, UnknownTrial};
     matches!(
         error,
         Damaged { .. }
             | NotARun { .. }
             | NewerVersion { .. }
+            | OlderVersion { .. }
             | AlreadyRecorded { .. }
             | UnknownTrial { .. }
             | Locked { .. }

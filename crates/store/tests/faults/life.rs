@@ -23,7 +23,7 @@ pub enum Step {
     },
     Close,
     Resume,
-    /// Opens the file for reading, which upgrades an older one, and reads and checks all of it.
+    /// Opens the file for reading, and reads and checks all of it.
     Read,
 }
 
@@ -46,14 +46,14 @@ pub fn campaign() -> Vec<Step> {
     ]
 }
 
-/// A run that was created and closed before, perhaps by an older program, is read and continued.
-pub fn continuation(trial: u32) -> Vec<Step> {
+/// A run with one trial, which was created and closed before, is read and continued.
+pub fn continuation() -> Vec<Step> {
     vec![
         Step::Read,
         Step::Resume,
-        Step::Start { trial },
-        Step::Record { trial, first: 1, last: 5 },
-        Step::End { trial, status: TrialStatus::Converged },
+        Step::Start { trial: 2 },
+        Step::Record { trial: 2, first: 1, last: 5 },
+        Step::End { trial: 2, status: TrialStatus::Converged },
         Step::Close,
     ]
 }

@@ -1,8 +1,6 @@
 //! A run for tests.
 #![allow(dead_code)] // each test file uses another part
 
-pub mod version_1;
-
 use mishandle_store::{
     AxisRecord, BuildRecord, ComponentRecord, FormulaRecord, RunHeader, RunKind, SignalRecord, Simulation,
     SimulationEnd, StoredTrace, TargetRecord,

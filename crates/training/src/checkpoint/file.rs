@@ -11,7 +11,7 @@ use safetensors::tensor::{Dtype, TensorView};
 use super::{Checkpoint, CheckpointArray, Header};
 use crate::TrainingError;
 
-/// Version 1 files do not contain their hash.
+/// The format version of checkpoints that this program reads and writes.
 pub(super) const FORMAT_VERSION: u64 = 2;
 const HEADER_KEY: &str = "mishandle-checkpoint";
 
@@ -34,7 +34,7 @@ impl Checkpoint {
     /// Reads a checkpoint, a regular file of at most [`limits::CHECKPOINT`] bytes.
     ///
     /// # Errors
-    /// If the file cannot be read or is larger, is not a checkpoint, is damaged, or was written by a newer program.
+    /// If the file cannot be read or is larger, is not a checkpoint, is damaged, or has another format version.
     pub fn load(path: &Path) -> Result<Checkpoint, TrainingError> {
         let bytes = read_bounded(path, limits::CHECKPOINT).map_err(|source| TrainingError::File {
             verb: "read",
@@ -77,21 +77,20 @@ impl Checkpoint {
         let json = json.ok_or_else(|| format!("the header `{HEADER_KEY}` is missing"))?;
         let value: serde_json::Value = serde_json::from_str(&json).map_err(|error| error.to_string())?;
         match value.get("format_version").and_then(serde_json::Value::as_u64) {
-            Some(1) if value.get("sha256").is_none() => {}
-            Some(0..=FORMAT_VERSION) if has_valid_checksum(bytes) => {}
-            Some(0..=FORMAT_VERSION) => {
+            Some(FORMAT_VERSION) if has_valid_checksum(bytes) => {}
+            Some(FORMAT_VERSION) => {
                 return Err("the file is damaged: its hash does not match its content".to_string());
             }
-            Some(newer) => {
+            Some(other) => {
+                let age = if other > FORMAT_VERSION { "newer" } else { "older" };
                 return Err(format!(
-                    "format version {newer} is newer than {FORMAT_VERSION}, the newest that this program reads"
+                    "format version {other} is {age} than {FORMAT_VERSION}, the version that this program reads"
                 ));
             }
             None => return Err("the header has no `format_version`".to_string()),
         }
         let found: Header = serde_json::from_value(value).map_err(|error| error.to_string())?;
-        // A checkpoint that is saved again has the current format.
-        let header = Header { format_version: FORMAT_VERSION, sha256: EMPTY_CHECKSUM.to_string(), ..found };
+        let header = Header { sha256: EMPTY_CHECKSUM.to_string(), ..found };
         let mut arrays = BTreeMap::new();
         for (name, view) in file.tensors() {
             let array = match view.dtype() {
@@ -164,14 +163,18 @@ mod tests {
     }
 
     #[test]
-    fn damaged_and_newer_files_are_errors() {
+    fn damaged_files_and_those_of_other_versions_are_errors() {
         let bytes = example().to_bytes();
         for length in 0..bytes.len() {
             assert!(Checkpoint::from_bytes(&bytes[..length]).is_err(), "truncated to {length} bytes");
         }
-        let mut newer = example();
-        newer.header.format_version = 3;
-        let error = Checkpoint::from_bytes(&newer.to_bytes()).unwrap_err();
-        assert_eq!(error, "format version 3 is newer than 2, the newest that this program reads");
+        for (version, age) in [(1, "older"), (3, "newer")] {
+            let mut other = example();
+            other.header.format_version = version;
+            let error = Checkpoint::from_bytes(&other.to_bytes()).unwrap_err();
+            let expected =
+                format!("format version {version} is {age} than 2, the version that this program reads");
+            assert_eq!(error, expected);
+        }
     }
 }

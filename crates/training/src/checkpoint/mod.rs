@@ -64,7 +64,6 @@ pub struct Checkpoint {
 struct Header {
     format_version: u64,
     /// Hash of the file; see [`write_checksum`](mishandle_controllers::write_checksum).
-    #[serde(default)]
     sha256: String,
     algorithm: String,
     environment: String,

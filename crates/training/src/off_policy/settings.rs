@@ -28,7 +28,6 @@ settings! {
         /// Number n of steps in the n-step return of the critic's target.
         pub n_steps: usize = 3, AT_LEAST_1;
         /// Batch size; without `replacement` at most the number of environments.
-        #[alias = "batch_rows"]
         pub batch_size: usize = 256, ARRAY_SIZE;
         /// Whether batches are sampled with replacement.
         pub replacement: bool = true;
@@ -37,7 +36,6 @@ settings! {
         /// Number of updates per step after the warm-up; 1/32 is four per control step of 128 environments.
         pub updates_per_step: f64 = 1.0 / 32.0, NOT_NEGATIVE;
         /// Unit of the steps in `updates_per_step`.
-        #[alias = "updates_count"]
         pub updates_unit: UpdateUnit = UpdateUnit::EnvironmentSteps;
         /// Factor on the rewards that the critic sees.
         pub reward_scale: f64 = 0.1, POSITIVE;

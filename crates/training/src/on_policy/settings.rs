@@ -120,7 +120,6 @@ settings! {
         /// Learning rate of Adam.
         pub learning_rate: f64 = 1e-3, POSITIVE;
         /// Coefficient of the mean squared error.
-        #[alias = "loss_scale"]
         pub loss_coef: f64 = 0.5, POSITIVE;
         /// Whether value targets are normalized by running moments.
         pub normalize_values: bool = true;

@@ -4,7 +4,7 @@
 /// tables.
 ///
 /// Generates the structure, its `Default`, a list of [`Setting`](crate::Setting)s with full names, and a check of all
-/// constraints. `#[alias = "old_key"]` before a field keeps a former key readable.
+/// constraints.
 macro_rules! settings {
     (
         $(#[$about:meta])*
@@ -12,7 +12,6 @@ macro_rules! settings {
             $(
                 $(#[doc = $doc:literal])*
                 $(#[serde($($serde:tt)*)])?
-                $(#[alias = $alias:literal])?
                 pub $key:ident: $kind:ty = $default:expr $(, $constraint:expr)?;
             )*
         }
@@ -51,10 +50,8 @@ macro_rules! settings {
                     vec![$({
                         let constraint: Option<&$crate::settings::setting::Constraint> = None;
                         $(let constraint = constraint.or(Some(&$constraint));)?
-                        let alias: Option<&'static str> = None;
-                        $(let alias = alias.or(Some($alias));)?
                         let name = concat!($prefix, stringify!($key));
-                        $crate::Setting::new::<$kind>(name, alias, concat!($($doc, "\n"),*), constraint)
+                        $crate::Setting::new::<$kind>(name, concat!($($doc, "\n"),*), constraint)
                     }),*],
                     $($(<$of>::described(),)*)?
                 ]

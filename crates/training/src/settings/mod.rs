@@ -61,7 +61,6 @@ settings! {
         /// Total number of environment steps (control steps times environments).
         pub total_steps: u64 = 20_000_000, AT_LEAST_1;
         /// Number of iterations between two validations.
-        #[alias = "validation_every"]
         pub validation_interval: u64 = 20, AT_LEAST_1;
         /// Number of episodes of a validation.
         pub validation_episodes: usize = 200, ARRAY_SIZE;
@@ -72,7 +71,6 @@ settings! {
         /// Number of consecutive validations that must reach both rates before training stops early.
         pub stop_validations: u64 = 3, AT_LEAST_1;
         /// Number of iterations between two checkpoints.
-        #[alias = "checkpoint_every"]
         pub checkpoint_interval: u64 = 50, AT_LEAST_1;
     }
 }
@@ -85,7 +83,6 @@ settings! {
         /// Time limit of a training episode in control steps; the task's episode length if not set.
         pub time_limit: Option<usize> = None, AT_LEAST_1;
         /// Treatment of an episode that reaches the time limit.
-        #[alias = "time_limits"]
         pub timeouts: TimeoutHandling = TimeoutHandling::Bootstrap;
         /// Whether each environment's first episode has a random length, so that the environments are not in phase.
         pub staggered: bool = true;

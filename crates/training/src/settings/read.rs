@@ -24,7 +24,6 @@ pub(crate) fn read<S: TomlSettings>(text: &str) -> Result<S, TrainingError> {
     let base_of_text = stated.get_mut().remove_entry(BASE);
     let reader = Reader { algorithm: S::ALGORITHM, text, settings: S::settings() };
     let name = base_of_text.map_or(Ok(BEST.to_string()), |(key, value)| reader.base::<S>(&key, &value))?;
-    reader.replace_aliases(stated.get_mut())?;
     reader.check("", stated.get_ref())?;
     let positions = stated.clone();
     let mut settings = base::<S>(&name);
@@ -41,33 +40,6 @@ struct Reader<'t> {
 }
 
 impl Reader<'_> {
-    /// Replaces former keys by the present ones, so that old settings files, controllers and checkpoints stay readable.
-    ///
-    /// # Errors
-    /// If a table contains both the former and the present key.
-    fn replace_aliases(&self, stated: &mut DeTable<'_>) -> Result<(), TrainingError> {
-        for setting in &self.settings {
-            let Some(alias) = setting.alias else { continue };
-            let (within, key) = setting.table_and_key();
-            let table = if within.is_empty() {
-                &mut *stated
-            } else {
-                match stated.get_mut(within).map(Spanned::get_mut) {
-                    Some(DeValue::Table(table)) => table,
-                    _ => continue,
-                }
-            };
-            let Some((former, value)) = table.remove_entry(alias) else { continue };
-            if table.contains_key(key) {
-                let expected = format!("left out: it is the former name of `{key}`, which is set too");
-                let name = setting.name.replace(key, alias);
-                return Err(self.wrong(&name, self.line(&former), &expected, &value, Vec::new()));
-            }
-            table.insert(Spanned::new(former.span(), key.into()), value);
-        }
-        Ok(())
-    }
-
     /// Checks that each key of a table is known and has a value of the right type; `within` is the name of the table
     /// with a period at its end.
     fn check(&self, within: &str, table: &DeTable<'_>) -> Result<(), TrainingError> {
@@ -167,50 +139,4 @@ impl Reader<'_> {
 /// Returns the line of a byte offset, counted from 1.
 fn line_at(text: &str, offset: usize) -> usize {
     1 + text.as_bytes()[..offset.min(text.len())].iter().filter(|byte| **byte == b'\n').count()
-}
-
-#[cfg(test)]
-mod tests {
-    use crate::ppo::PpoSettings;
-    use crate::sac::SacSettings;
-    use crate::{ALGORITHMS, TomlSettings};
-
-    #[test]
-    fn former_keys_are_read_as_the_present_ones() {
-        let settings = PpoSettings::from_toml("minibatch_rows = 64\nrun.validation_every = 7").unwrap();
-        assert_eq!((settings.minibatch_size, settings.run.validation_interval), (64, 7));
-        let settings = SacSettings::from_toml("[replay]\nbatch_rows = 64").unwrap();
-        assert_eq!(settings.replay.batch_size, 64);
-        let written = settings.to_toml();
-        assert!(written.contains("batch_size = 64") && !written.contains("batch_rows"), "{written}");
-    }
-
-    #[test]
-    fn a_wrong_value_of_a_former_key_is_reported_under_the_present_key() {
-        let error = PpoSettings::from_toml("gamma = 0.9\nminibatch_rows = 1").unwrap_err().to_string();
-        let expected = "line 2: the setting `minibatch_size` must be a whole number from 2 to 10^12, found 1";
-        assert_eq!(error, expected);
-    }
-
-    #[test]
-    fn a_former_key_beside_the_present_one_is_an_error() {
-        let error =
-            SacSettings::from_toml("[replay]\nbatch_size = 9\nbatch_rows = 8").unwrap_err().to_string();
-        assert_eq!(
-            error,
-            "line 3: the setting `replay.batch_rows` must be left out: it is the former name of `batch_size`, which is set too, found 8"
-        );
-    }
-
-    #[test]
-    fn no_alias_is_the_key_of_another_setting() {
-        for entry in ALGORITHMS {
-            let settings = (entry.default)().settings();
-            for setting in &settings {
-                let Some(alias) = setting.alias else { continue };
-                let (within, _) = setting.table_and_key();
-                assert!(settings.iter().all(|other| other.table_and_key() != (within, alias)), "{alias}");
-            }
-        }
-    }
 }

@@ -14,8 +14,6 @@ use crate::TrainingError;
 pub struct Setting {
     /// Table and key: `run.total_steps`, or the key alone for a setting outside of tables.
     pub name: &'static str,
-    /// Former key in the same table, which is still read.
-    pub alias: Option<&'static str>,
     /// Description, as Markdown.
     pub description: &'static str,
     /// Allowed values, in words.
@@ -37,12 +35,11 @@ pub struct Choice {
 impl Setting {
     pub(crate) fn new<K: SettingKind>(
         name: &'static str,
-        alias: Option<&'static str>,
         description: &'static str,
         constraint: Option<&Constraint>,
     ) -> Setting {
         let allowed = constraint.map_or_else(K::allowed, |constraint| constraint.allowed.to_string());
-        Setting { name, alias, description, allowed, choices: K::choices(), reads: K::reads }
+        Setting { name, description, allowed, choices: K::choices(), reads: K::reads }
     }
 
     /// Returns the table, empty for a setting outside of tables, and the key.

@@ -238,7 +238,7 @@ fn figures(evaluation: Option<&EvaluationRecord>) -> String {
         shown_estimate(evaluation.map(|evaluation| *of(evaluation)).unwrap_or_default(), show)
     };
     let dangerous = evaluation.and_then(|evaluation| evaluation.dangerous_episode_rate.as_ref());
-    // Older records have a bootstrap interval, which does not hold for rare danger.
+    // Without the rate of episodes, the interval is from a bootstrap, which does not hold for rare danger.
     let danger: Rate = |evaluation| &evaluation.dangerous_behavior_rate;
     let danger = match (evaluation, dangerous) {
         (Some(evaluation), None) => percent(danger(evaluation).value, 2),
@@ -255,14 +255,9 @@ fn figures(evaluation: Option<&EvaluationRecord>) -> String {
     .join(" | ")
 }
 
-/// Returns the thresholds that an expert misses, and whether its measurement is out of date.
+/// Returns the thresholds that an expert misses.
 fn expert_remarks(task: &str, record: &Record) -> String {
-    let mut remarks = missed_thresholds(task, "expert", rates(record, corner_threshold(record, true)));
-    // Older records do not contain the formulas that they were measured with.
-    if record.conditions.is_none() {
-        remarks.push(MEASUREMENT_OUT_OF_DATE.to_string());
-    }
-    remarks.join("; ")
+    missed_thresholds(task, "expert", rates(record, corner_threshold(record, true))).join("; ")
 }
 
 /// Remark on a controller that was measured under other conditions, such as another formula.
@@ -305,9 +300,7 @@ fn corner_threshold(record: &Record, is_kept: bool) -> CornerThreshold {
         Some(true) => CornerThreshold::Met,
         Some(false) => CornerThreshold::Missed,
         // An evaluation of a space without corners has none to measure.
-        None if record.conditions.as_ref().is_some_and(|conditions| conditions.corners) => {
-            CornerThreshold::Met
-        }
+        None if record.conditions.corners => CornerThreshold::Met,
         None if is_kept => CornerThreshold::NotMeasured,
         None => CornerThreshold::NotMeasurable,
     }

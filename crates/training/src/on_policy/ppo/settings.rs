@@ -31,18 +31,15 @@ settings! {
         /// Division of a rollout into minibatches.
         pub minibatches: MinibatchScheme = MinibatchScheme::Shuffled;
         /// Number of rows of a shuffled minibatch; the last one of an epoch contains the remaining rows.
-        #[alias = "minibatch_rows"]
         pub minibatch_size: usize = 4096, AT_LEAST_2;
         /// Number of slices, at most half the number of rows of a rollout. Each slice has (rows / `minibatch_count`) rows,
         /// rounded down.
-        #[alias = "slices"]
         pub minibatch_count: usize = 2, AT_LEAST_1;
         /// Discount factor γ per control step.
         pub gamma: f64 = 0.99, FRACTION;
         /// λ of generalized advantage estimation.
         pub gae_lambda: f64 = 0.95, FRACTION;
         /// Rows over which advantages are normalized to mean 0 and standard deviation 1.
-        #[alias = "advantages"]
         pub advantage_normalization: AdvantageNormalization = AdvantageNormalization::Minibatch;
         /// PPO clip range ε.
         pub clip_epsilon: f64 = 0.2, POSITIVE;
@@ -52,12 +49,10 @@ settings! {
         /// Coefficient of the entropy bonus.
         pub entropy_coef: f64 = 0.0, FINITE;
         /// Reduction of the entropy over action dimensions.
-        #[alias = "entropy"]
         pub entropy_reduction: EntropyReduction = EntropyReduction::Sum;
         /// Maximum gradient norm.
         pub max_grad_norm: f64 = 1.0, POSITIVE;
         /// Gradients that are clipped together.
-        #[alias = "grad_norm"]
         pub grad_clipping: GradientClipping = GradientClipping::Separate;
         /// Initial learning rate of the policy; with the adaptive schedule within `learning_rate_range`.
         pub learning_rate: f64 = 1e-3, POSITIVE;

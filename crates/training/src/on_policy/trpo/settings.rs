@@ -31,22 +31,18 @@ settings! {
         /// Trust region δ: maximum mean KL divergence of the new policy from the old one.
         pub max_kl: f64 = 0.01, POSITIVE;
         /// Damping of conjugate gradients: added to the diagonal of the Fisher information matrix.
-        #[alias = "damping"]
         pub cg_damping: f64 = 0.1, NOT_NEGATIVE;
         /// Maximum number of conjugate gradient iterations.
         pub cg_iterations: usize = 10, AT_LEAST_1;
         /// Squared residual norm that ends the conjugate gradient iterations.
         pub cg_tolerance: f64 = 1e-10, NOT_NEGATIVE;
         /// Subsampling factor n of the Fisher information matrix: it uses every n-th row of the rollout.
-        #[alias = "fisher_every"]
         pub fisher_subsampling: usize = 1, AT_LEAST_1;
         /// Maximum number of line search steps; each step is half as long as the previous one.
-        #[alias = "backtracks"]
         pub line_search_steps: usize = 10, AT_LEAST_1;
         /// Minimum ratio of actual to expected improvement that the line search accepts.
         pub accept_ratio: f64 = 0.5, FRACTION;
         /// KL divergence that the line search compares with `max_kl`.
-        #[alias = "distance"]
         pub line_search_kl: LineSearchKl = LineSearchKl::Exact;
         /// Expected improvement of a shortened step.
         pub expected_improvement: ExpectedImprovement = ExpectedImprovement::Proportional;
@@ -55,11 +51,9 @@ settings! {
         /// Division of a rollout into the critic's minibatches.
         pub minibatches: MinibatchScheme = MinibatchScheme::Shuffled;
         /// Number of rows of a shuffled minibatch; the last one of an epoch contains the remaining rows.
-        #[alias = "minibatch_rows"]
         pub minibatch_size: usize = 4096, AT_LEAST_2;
         /// Number of slices, at most half the number of rows of a rollout. Each slice has (rows / `minibatch_count`) rows,
         /// rounded down.
-        #[alias = "slices"]
         pub minibatch_count: usize = 2, AT_LEAST_1;
         /// Maximum norm of the critic's gradient.
         pub max_grad_norm: f64 = 1.0, POSITIVE;

@@ -252,7 +252,7 @@ critic.hidden = [{HIDDEN}]
             "defaults": case(PPO, "", {}),
             "clips and entropy": case(
                 PPO,
-                "value_clip = 0.2\nentropy_coef = 0.05\ncritic.loss_scale = 2.0\nlearning_rate = 0.01\n"
+                "value_clip = 0.2\nentropy_coef = 0.05\ncritic.loss_coef = 2.0\nlearning_rate = 0.01\n"
                 'learning_rate_schedule = "adaptive"\n',
                 {
                     "clip_predicted_values": True,
@@ -265,7 +265,7 @@ critic.hidden = [{HIDDEN}]
             ),
             "divergence ends epochs": case(
                 PPO,
-                "kl_threshold = 0.02\nlearning_rate = 0.003\nlearning_rate_schedule = \"adaptive\"\ntarget_kl = 0.02\nslices = 5\n",
+                "kl_threshold = 0.02\nlearning_rate = 0.003\nlearning_rate_schedule = \"adaptive\"\ntarget_kl = 0.02\nminibatch_count = 5\n",
                 {
                     "kl_threshold": 0.02,
                     "learning_rate": 0.003,
@@ -276,8 +276,8 @@ critic.hidden = [{HIDDEN}]
             ),
             "the paper's": case(
                 PPO,
-                SCALED + "epochs = 16\nslices = 8\nlearning_rate = 0.0005\nlearning_rate_schedule = \"adaptive\"\ntarget_kl = 0.02\n"
-                "max_grad_norm = 1.0\nvalue_clip = 0.2\ncritic.loss_scale = 2.0\n",
+                SCALED + "epochs = 16\nminibatch_count = 8\nlearning_rate = 0.0005\nlearning_rate_schedule = \"adaptive\"\ntarget_kl = 0.02\n"
+                "max_grad_norm = 1.0\nvalue_clip = 0.2\ncritic.loss_coef = 2.0\n",
                 {
                     "scaled": True,
                     "learning_epochs": 16,
@@ -299,11 +299,11 @@ critic.hidden = [{HIDDEN}]
             # Shares of the expected improvement that only the compounded expectation lets pass.
             "compounds": case(TRPO, FEW + "accept_ratio = 0.999\n", {**few, "accept_ratio": 0.999}),
             "fails": case(
-                TRPO, FEW + "max_kl = 2.0\nbacktracks = 1\n", {**few, "max_kl_divergence": 2.0, "max_backtrack_steps": 1}
+                TRPO, FEW + "max_kl = 2.0\nline_search_steps = 1\n", {**few, "max_kl_divergence": 2.0, "max_backtrack_steps": 1}
             ),
             "the paper's": case(
                 TRPO,
-                FEW + SCALED + "epochs = 16\nslices = 8\nmax_grad_norm = 1.0\ncritic.loss_scale = 2.0\n",
+                FEW + SCALED + "epochs = 16\nminibatch_count = 8\nmax_grad_norm = 1.0\ncritic.loss_coef = 2.0\n",
                 {**few, "scaled": True, "learning_epochs": 16, "mini_batches": 8, "grad_norm_clip": 1.0, "value_loss_scale": 2.0},
             ),
             # Moved scales, so that the old policy's own surrogate is not 0: what a step has to improve on decides here.
