@@ -78,7 +78,7 @@ fn warn_of_features() {
     if env::var("CARGO_CFG_TARGET_ARCH").is_ok_and(|arch| arch == "x86_64") && !(has("avx2") && has("fma")) {
         println!(
             "cargo::warning=Mishandle is built without `-C target-cpu=x86-64-v3`, so networks run many times slower; \
-             docs/library.md explains how to set it"
+             docs/guide/library.md explains how to set it"
         );
     }
 }

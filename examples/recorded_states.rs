@@ -6,7 +6,7 @@
 //! ```
 //!
 //! The output consists of 64-bit floating-point numbers, little-endian: 301 states per simulation, each with MuJoCo's
-//! integration state and the targets of the nine joints. `docs/tasks/physics.py` reads it.
+//! integration state and the targets of the nine joints. `experiments/tasks/physics.py` reads it.
 
 use std::io::Write;
 

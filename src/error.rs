@@ -90,7 +90,7 @@ pub enum MishandleError {
     },
     /// The plan has an older format.
     #[error(
-        "the plan has format {found}, this program reads format {known}: write it again with the keys of docs/plans.md"
+        "the plan has format {found}, this program reads format {known}: write it again with the keys of docs/reference/plans.md"
     )]
     OlderPlan {
         /// Format of the plan.
@@ -425,7 +425,7 @@ pub enum MishandleError {
     /// The target of a run is not part of this program.
     #[error(
         "the target `{name}` of the run is not part of this program; a run that was made in Python is replayed and resumed in \
-         Python, by `mishandle.replay` and `mishandle.falsify` (docs/python.md)"
+         Python, by `mishandle.replay` and `mishandle.falsify` (docs/guide/python.md)"
     )]
     ForeignTarget {
         /// Name of the target.

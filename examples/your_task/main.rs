@@ -1,4 +1,4 @@
-//! The whole command line with your own task. See docs/your_task.md.
+//! The whole command line with your own task. See docs/guide/your_task.md.
 
 mod cube_flipping;
 

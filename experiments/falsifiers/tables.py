@@ -1,4 +1,4 @@
-"""Computes the tables and the verdict of docs/falsifiers.md from the recorded trials.
+"""Computes the tables and the verdict of docs/notebook/2026-11-23-falsifiers.md from the recorded trials.
 
     python experiments/falsifiers/tables.py            # prints them
     python experiments/falsifiers/tables.py --update   # and writes them to the page
@@ -32,7 +32,7 @@ import systems
 from bench import BUDGET, HERE, QUICK_RESULTS, SEEDS
 from numpy.typing import NDArray
 
-PAGE = HERE.parent.parent / "docs/falsifiers.md"
+PAGE = HERE.parent.parent / "docs/notebook/2026-11-23-falsifiers.md"
 OURS, RANDOM, ANNEALING = "portfolio", "random", "scipy-dual-annealing"
 LEVEL, FEWEST_SEEDS = 0.05, 5
 
@@ -321,7 +321,7 @@ def insert(page: str, name: str, text: str) -> str:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description="computes the tables of docs/falsifiers.md")
+    parser = argparse.ArgumentParser(description="computes the tables of docs/notebook/2026-11-23-falsifiers.md")
     parser.add_argument("--results", type=pathlib.Path, default=HERE / "results")
     parser.add_argument("--update", action="store_true", help="write the tables to the page")
     parser.add_argument("--quick", action="store_true", help="of the trials of bench.py --quick")

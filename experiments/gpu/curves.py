@@ -1,4 +1,4 @@
-"""Draws docs/gpu_training.svg: validation of controllers that were trained on a GPU, from the learning curves in this folder.
+"""Draws docs/notebook/2026-11-25-gpu-training.svg: validation of controllers that were trained on a GPU, from the learning curves in this folder.
 
     python experiments/gpu/curves.py
 """
@@ -15,7 +15,7 @@ matplotlib.rcParams["svg.hashsalt"] = "mishandle"
 import matplotlib.pyplot as plt
 
 HERE = Path(__file__).resolve().parent
-PICTURE = HERE.parent.parent / "docs/gpu_training.svg"
+PICTURE = HERE.parent.parent / "docs/notebook/2026-11-25-gpu-training.svg"
 TASKS = ("point-reaching", "ball-balancing", "cube-stacking", "ball-catching", "ball-pushing", "door-opening", "peg-in-hole")
 
 

@@ -7,7 +7,7 @@ Run it in the root of the repository, after `cargo build --release`. changes.tom
 settings base `best`. A direction is an order of changes: `up` adds one after the other, `without` makes all but one, `alone` makes a
 single one and the first (the first saves time), and `long` makes none, or all except the updates, and trains four times as
 long. Each training run is appended to records.jsonl when it ends. A run in that file is not repeated, so an interrupted call
-can be continued. `table` writes the tables of docs/why_off_policy_failed.md and rates.csv;
+can be continued. `table` writes the tables of docs/notebook/2026-11-22-why-off-policy-failed.md and rates.csv;
 `cargo run -p mishandle-zoo --example comparison_charts` draws the chart.
 """
 
@@ -24,7 +24,7 @@ import tomllib
 
 HERE = pathlib.Path(__file__).parent
 RECORDS = HERE / "records.jsonl"
-PAGE = HERE.parent.parent / "docs" / "why_off_policy_failed.md"
+PAGE = HERE.parent.parent / "docs/notebook/2026-11-22-why-off-policy-failed.md"
 RATES = HERE / "rates.csv"
 RATE_KEYS = ["success_rate", "strict_success_rate"]
 ALGORITHMS = ["sac", "td3", "ddpg"]

@@ -3,7 +3,7 @@
     pip install scipy==1.17.1 lifelines==0.30.3
     python experiments/paper/recompute.py experiments/paper/results/DATE
 
-The last columns of its first table are those of docs/paper/falsification.md.
+The last columns of its first table are those of docs/notebook/2026-11-23-paper/falsification.md.
 """
 
 import csv

@@ -1,4 +1,4 @@
-"""Writes the learning curves with their bands as a tidy CSV file, from which the chart of docs/skrl.md is drawn.
+"""Writes the learning curves with their bands as a tidy CSV file, from which the chart of docs/notebook/2026-11-22-skrl.md is drawn.
 
     cargo run -p mishandle-zoo --example comparison_charts
 """

@@ -6,7 +6,7 @@
 `run` trains every pair without a file in curves/: a CSV for each task, algorithm, side and seed, with the environment steps
 and the mean return of the episodes that ended since the previous row. It needs requirements.txt, the Python module
 (`pip install ./python`) and the program. `report` needs only NumPy. It writes curves/summary.json, bands.csv, and the table
-of docs/skrl.md; `cargo run -p mishandle-zoo --example comparison_charts` draws the chart.
+of docs/notebook/2026-11-22-skrl.md; `cargo run -p mishandle-zoo --example comparison_charts` draws the chart.
 
 skrl's agents act in the task through the module. Both sides treat timeouts as terminations: skrl by itself, Mishandle by the
 settings base `skrl-0.10`. Both sides read settings/ALGORITHM.toml.

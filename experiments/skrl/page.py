@@ -1,8 +1,8 @@
-"""The tables of docs/skrl.md."""
+"""The tables of docs/notebook/2026-11-22-skrl.md."""
 
 import pathlib
 
-PAGE = pathlib.Path(__file__).parents[2] / "docs" / "skrl.md"
+PAGE = pathlib.Path(__file__).parents[2] / "docs/notebook/2026-11-22-skrl.md"
 
 
 def insert(name, text):

@@ -1,4 +1,4 @@
-"""Summarizes the curves of curves.py: interquartile means with bootstrap bands, their overlap, a table for docs/skrl.md."""
+"""Summarizes the curves of curves.py: interquartile means with bootstrap bands, their overlap, a table for docs/notebook/2026-11-22-skrl.md."""
 
 import csv
 import json

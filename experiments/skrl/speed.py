@@ -189,7 +189,7 @@ def main():
     parser.add_argument("--steps", type=int, default=131_072, help="environment steps of a run")
     parser.add_argument("--environments", type=int, nargs="+", default=[16, 64, 512])
     parser.add_argument("--program", default=str(ROOT / "target/release/mishandle"))
-    parser.add_argument("--out", type=pathlib.Path, help="where the record goes (JSON); docs/skrl.md has its table then")
+    parser.add_argument("--out", type=pathlib.Path, help="where the record goes (JSON); docs/notebook/2026-11-22-skrl.md has its table then")
     parser.add_argument("--inside", type=int, nargs=3, help=argparse.SUPPRESS)
     arguments = parser.parse_args()
     if arguments.inside:

@@ -3,7 +3,7 @@
     python experiments/structure/ablation.py run        # all missing trials of results/trials.csv
     python experiments/structure/ablation.py confirm    # fresh seeds for some systems: results/confirmation.csv
     python experiments/structure/ablation.py models     # leave-one-out figures of the models: results/models.csv
-    python experiments/structure/ablation.py tables     # the tables of docs/searches.md
+    python experiments/structure/ablation.py tables     # the tables of docs/notebook/2026-11-23-searches.md
 
 The Python package, NumPy and SciPy must be installed. One thread simulates; with one core everything takes about 30 minutes.
 """

@@ -20,7 +20,7 @@ pub fn check(bytes: &[u8]) {
 }
 
 pub fn seeds() -> Vec<Vec<u8>> {
-    let page = include_str!("../../docs/plans.md");
+    let page = include_str!("../../docs/reference/plans.md");
     let documented = page.split("```toml\n").skip(1).filter_map(|rest| rest.split("```").next());
     let evaluation =
         "format = 2\ntarget = \"ball-balancing\"\ncontroller = \"ppo\"\n[evaluate]\nbox = \"reachable\"\n";

@@ -16,7 +16,7 @@ POLICIES = FOLDER / "policies"
 """Folder of trained policies; `--train` trains them again."""
 BUILD = FOLDER.parents[1] / "target/examples"
 """Folder of run files."""
-PAGE = FOLDER.parents[1] / "docs/examples.md"
+PAGE = FOLDER.parents[1] / "docs/guide/examples.md"
 
 
 def fresh(name):

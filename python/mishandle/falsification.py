@@ -49,7 +49,7 @@ class Remembering:
         return {name: value for name, value in self.__dict__.items() if not name.startswith("_")}
 
     def _remember(self, target: _native.Target) -> None:
-        # The dataclasses are frozen, and the system is no field: it cannot be compared or copied.
+        # The dataclasses are frozen, and the system is not a field: it cannot be compared or copied.
         self.__dict__["_target"] = target
 
 
@@ -288,7 +288,7 @@ def falsify(
     if untested > outcome["simulations"] / 2:
         warnings.warn(
             f"{untested} of {outcome['simulations']} simulations crashed, diverged or have invalid signals: they have no verdict, so they "
-            "are no counterexamples and no evidence of safety",
+            "are neither counterexamples nor evidence of safety",
             stacklevel=2,
         )
     result = Falsification(

@@ -116,7 +116,7 @@ def margin(
 
     The disturbed axes are those of the space with a nominal value, except for initial states (``kind="start"``) and categories.
     Initial states vary in their whole range. The result is an upper bound with a witness: a smaller disturbance that violates the
-    formula may exist. ``docs/margin.md`` explains the search.
+    formula may exist. ``docs/guide/margin.md`` explains the search.
 
     Parameters
     ----------

@@ -139,7 +139,7 @@ class Axis:
     """Distribution of drawn values: ``uniform`` (of the logarithm for ``logarithmic``) or
     ``normal``."""
     meaning: str
-    """What the axis sets."""
+    """Quantity that the axis sets."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -287,7 +287,7 @@ class CornerPoint:
     strict_successes: int | None
     """Number of these that succeed strictly; ``None`` without a strict formula."""
     diverged: int
-    """Number of simulations that diverged. Like the next three, they are no success."""
+    """Number of simulations that diverged. Like the next three, none of them is a success."""
     invalid: int
     """Number of simulations that ended in a value that is not finite."""
     failed: int
@@ -318,7 +318,7 @@ class Screening:
     confirmed_without_verdict: int
     """Number of simulations of MuJoCo C without a verdict."""
     findings: dict[str, Finding] | None = None
-    """What MuJoCo C found, by kind: ``failure``, and for an evaluation ``strict_failure`` and
+    """Findings of MuJoCo C, by kind: ``failure``, and for an evaluation ``strict_failure`` and
     ``dangerous`` if the target has these formulas; missing for a falsification."""
     reasons: dict[str, Confirmed] | None = None
     """Of a falsification, the simulations of MuJoCo C by their reason: ``violated``,
@@ -869,7 +869,7 @@ class Probability:
     source: str
     """Part that it is from: ``monte-carlo``, ``importance`` or ``splitting``."""
     assumption: str | None
-    """What the interval assumes; ``None`` if nothing."""
+    """Assumption of the interval; ``None`` if it has none."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -1365,7 +1365,8 @@ class Comparison:
     """Two evaluations on the same scenarios and seeds, A and B, compared pair by pair.
 
     The rates and means cover the random simulations. The corners and the center of the
-    initial box are no random sample, so they appear among the new and the fixed failures only.
+    initial box are not a random sample, so they appear among the new and the fixed failures
+    only.
     """
 
     target: str
@@ -1394,7 +1395,7 @@ class Comparison:
     """Control step of completion, over pairs in which both succeed; ``None`` if the target has
     no such formula."""
     verdict: str
-    """What the success rates say, in a sentence."""
+    """Conclusion from the success rates, in a sentence."""
     new_failures: tuple[ComparedPair, ...]
     """Simulations in which A succeeds and B does not; exit code 1 if there are any."""
     fixed_failures: tuple[ComparedPair, ...]

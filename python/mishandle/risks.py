@@ -188,7 +188,7 @@ def risk(
 ) -> Risk:
     """Estimates the probability that a simulation of a system violates a formula.
 
-    ``docs/risk.md`` explains the parts of the estimation and what their intervals assume.
+    ``docs/guide/risk.md`` explains the parts of the estimation and what their intervals assume.
 
     Parameters
     ----------

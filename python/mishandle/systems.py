@@ -122,7 +122,7 @@ def _numbers(values: Any) -> NDArray[np.float64]:
     if array.dtype.kind not in "biufO":
         raise TypeError(f"its elements have the type {array.dtype}")
     if array.dtype.kind == "O" and any(isinstance(value, (str, bytes, complex)) for value in array.flat):
-        raise TypeError("some of its elements are no real numbers")
+        raise TypeError("some of its elements are not real numbers")
     numbers: NDArray[np.float64] = np.ma.filled(array.astype(np.float64), np.nan)
     return numbers
 

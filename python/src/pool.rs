@@ -19,7 +19,7 @@ pub(crate) struct Pool<T> {
     process: u32,
 }
 
-/// What a process made by fork must not touch: threads that it does not have, and a state in the middle of a change.
+/// State that a process made by fork must not touch: threads that it does not have, and a state in the middle of a change.
 struct Parts<T> {
     threads: ThreadPool,
     /// Only threads that have released the interpreter lock it, which prevents deadlocks.

@@ -37,7 +37,7 @@ pub struct Simulator {
     pool: Pool<Stage>,
 }
 
-/// What the threads change.
+/// State that the threads change.
 struct Stage {
     batch: CpuBatch<TaskEnvironment>,
     /// Created by the first picture.

@@ -24,7 +24,7 @@ pub(crate) const SPACE: &str = "scenarios";
 /// An exception that must end the run, kept while errors of Rust pass it.
 pub(crate) type Pending = Arc<Mutex<Option<PyErr>>>;
 
-/// What an argument sets for an axis.
+/// Effect of an argument on an axis.
 #[derive(FromPyObject)]
 pub(crate) enum SettingArgument {
     Value(f64),
@@ -234,7 +234,7 @@ fn axis((kind, name, unit, low, high, nominal, values, meaning): AxisTuple) -> P
     Ok(Axis::new(kind, &name, &unit, [low, high], nominal).with_values(values).meaning(&meaning))
 }
 
-/// What all systems of a target share.
+/// Facts that all systems of a target share.
 struct Shared {
     simulate: Py<PyAny>,
     termination: Termination,

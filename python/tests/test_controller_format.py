@@ -1,4 +1,4 @@
-"""Runs docs/controller_format.md: its reader and writer against our own."""
+"""Runs docs/reference/controller_format.md: its reader and writer against our own."""
 
 import pathlib
 import re
@@ -13,11 +13,11 @@ ROOT = pathlib.Path(__file__).parents[2]
 
 def page():
     """Returns the blocks of code of the page, and the names that they define."""
-    text = (ROOT / "docs/controller_format.md").read_text()
+    text = (ROOT / "docs/reference/controller_format.md").read_text()
     blocks = re.findall(r"```python\n(.*?)```", text, flags=re.DOTALL)
     names = {}
     for block in blocks:
-        exec(compile(block, "docs/controller_format.md", "exec"), names)
+        exec(compile(block, "docs/reference/controller_format.md", "exec"), names)
     return blocks, names
 
 

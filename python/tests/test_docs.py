@@ -1,4 +1,4 @@
-"""Runs the examples of the docstrings and of docs/python.md."""
+"""Runs the examples of the docstrings and of docs/guide/python.md."""
 
 import doctest
 import importlib
@@ -27,7 +27,7 @@ class Examples(unittest.TestCase):
         self.assertGreater(examples, 20)
 
     def test_the_page_runs_from_top_to_bottom(self):
-        text = (ROOT / "docs/python.md").read_text()
+        text = (ROOT / "docs/guide/python.md").read_text()
         blocks = re.findall(r"```python\n(.*?)```", text, flags=re.DOTALL)
         self.assertGreaterEqual(len(blocks), 4)
         before = os.getcwd()
@@ -36,7 +36,7 @@ class Examples(unittest.TestCase):
             try:
                 names = {}
                 for block in blocks:
-                    exec(compile(block, "docs/python.md", "exec"), names)
+                    exec(compile(block, "docs/guide/python.md", "exec"), names)
             finally:
                 os.chdir(before)
         self.assertEqual(names["again"].differences, [])
@@ -44,7 +44,7 @@ class Examples(unittest.TestCase):
     def test_the_table_of_the_examples_is_that_of_their_results(self):
         sys.path.insert(0, str(ROOT / "python/examples"))
         self.addCleanup(sys.path.pop, 0)
-        page = (ROOT / "docs/examples.md").read_text()
+        page = (ROOT / "docs/guide/examples.md").read_text()
         with_table = importlib.import_module("recording").with_table
         self.assertEqual(with_table(page), page)
         self.assertNotEqual(with_table(page.replace("same bits", "other bits")), page.replace("same bits", "other bits"))

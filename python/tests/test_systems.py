@@ -425,7 +425,7 @@ class Environments(Folder):
             )
             self.assertEqual([one.end for one in found], ["invalid action 1 in control step 1"], repr(action))
         self.assertEqual(Recording.actions, [])
-        # Finite actions, also those whose squares overflow, and those that are no numbers.
+        # Finite actions, also those whose squares overflow, and those that are not numbers.
         for action in [np.array([1e30, -1e30], np.float32), np.array([1e300, 0.0]), 3, np.int64(3), 10**400, {"gear": 1}, "left"]:
             Recording.actions.clear()
             [found] = mishandle.simulate(

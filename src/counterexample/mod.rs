@@ -185,7 +185,7 @@ impl Counterexample {
     /// Reads a counterexample file.
     ///
     /// # Errors
-    /// If the file cannot be read, is larger than [`limits::COUNTEREXAMPLE`](mishandle_files::limits::COUNTEREXAMPLE), or is no
+    /// If the file cannot be read, is larger than [`limits::COUNTEREXAMPLE`](mishandle_files::limits::COUNTEREXAMPLE), or is not a
     /// counterexample.
     pub fn read(path: &Path) -> Result<Counterexample, MishandleError> {
         let bytes = mishandle_files::read_bounded(path, mishandle_files::limits::COUNTEREXAMPLE)

@@ -16,7 +16,7 @@ const RANDOM_TRIAL: u32 = 1;
 
 /// Two evaluations, compared pair by pair: simulation i of both has the same scenario and seed.
 ///
-/// The rates and means cover the random simulations. The corners and the center of the initial box are no random sample, so
+/// The rates and means cover the random simulations. The corners and the center of the initial box are not a random sample, so
 /// they appear among the new and the fixed failures only.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Comparison {
@@ -137,7 +137,7 @@ pub struct ComparedPair {
 /// Compares two evaluations with the same target, space, formula, noise, scenarios and seeds.
 ///
 /// # Errors
-/// [`NotComparable`](MishandleError::NotComparable) if a run is no evaluation or not complete, or the runs differ in anything
+/// [`NotComparable`](MishandleError::NotComparable) if a run is not an evaluation or not complete, or the runs differ in anything
 /// but the controller, the build and the hash of the target; an error of a run file.
 pub fn compare(first: &RunFile, second: &RunFile) -> Result<Comparison, MishandleError> {
     let (a, b) = (first.header(), second.header());

@@ -12,11 +12,11 @@ pub struct Event {
     pub sample: usize,
     /// The first sample of the window that violates the predicate, if the event is a violation that starts earlier.
     pub start: Option<usize>,
-    /// What happens.
+    /// Kind of the event.
     pub kind: EventKind,
 }
 
-/// What happens at an [`Event`].
+/// Kind of an [`Event`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum EventKind {
     /// The decisive predicate is violated most.

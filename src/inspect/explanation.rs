@@ -13,7 +13,7 @@ use crate::run::violation::{MAX_SUBFORMULAS, decided};
 /// Largest number of conjuncts that are evaluated alone, and of predicates that are listed.
 const MAX_PARTS: usize = 100;
 
-/// What determines the robustness of a trace.
+/// The cause of the robustness of a trace.
 #[derive(Clone, Debug)]
 pub struct Explanation {
     /// The chain from the formula to the decisive predicate.
@@ -28,7 +28,7 @@ pub struct Explanation {
     pub conjuncts: Vec<Conjunct>,
     /// Texts of all predicates, in the order of the formula.
     pub predicates: Vec<String>,
-    /// What the operators on the chain require, in sentences: see [`Explanation::sentences`].
+    /// Requirements of the operators on the chain, in sentences: see [`Explanation::sentences`].
     pub(crate) events: Vec<OperatorEvent>,
 }
 
@@ -61,7 +61,7 @@ pub struct Conjunct {
     pub decided: Option<usize>,
 }
 
-/// What an operator on the chain of a violated formula requires, and what the trace has instead.
+/// The requirement of an operator on the chain of a violated formula, and the values that the trace has instead.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) enum OperatorEvent {
     /// `eventually` or `once`: no sample of the window satisfies the operand; `nearest` comes nearest.
@@ -196,7 +196,7 @@ pub struct ExplainedSimulation {
     pub recorded: Simulation,
     /// The recorded trace, or that of a replay.
     pub trace: Trace,
-    /// What determines its robustness.
+    /// Explanation of its robustness.
     pub explanation: Explanation,
 }
 

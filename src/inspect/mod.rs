@@ -1,4 +1,4 @@
-//! What the simulations of a run say: why a simulation fails, which failures belong together, what was covered, and how two
+//! Findings about the simulations of a run: why a simulation fails, which failures belong together, what was covered, and how two
 //! runs differ.
 
 mod comparison;

@@ -1,4 +1,4 @@
-//! What the trials of a run found: failure modes, when each appeared, how many are unseen, and coverage of the space.
+//! Findings of the trials of a run: failure modes, when each appeared, how many are unseen, and coverage of the space.
 
 use std::collections::BTreeMap;
 

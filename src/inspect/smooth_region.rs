@@ -1,4 +1,4 @@
-//! What a random search without a failure says about a smooth robustness.
+//! Conclusions from a random search without a failure about a smooth robustness.
 
 use mishandle_evaluation::{NotSmooth, smooth_region};
 use mishandle_falsification::{FalsificationOutcome, unit_scenario};

@@ -11,7 +11,7 @@ const HOLD: f64 = 1.0;
 /// Longest episode that a film shows as a whole by default, in seconds.
 const WHOLE: f64 = 10.0;
 
-/// What a film or filmstrip shows of an episode.
+/// Parts of an episode that a film or filmstrip shows.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Film {
     /// First and last sample.

@@ -156,7 +156,7 @@ pub fn scene_mjcf(task: &dyn Task) -> Result<String, MishandleError> {
     })
 }
 
-/// What a [`RecordingEnvironment`] records.
+/// Data that a [`RecordingEnvironment`] records.
 #[derive(Debug, Default)]
 pub(crate) struct Recording {
     /// State rows, from the initial state on.

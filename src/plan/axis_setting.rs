@@ -1,8 +1,8 @@
-//! What a plan sets for a single axis.
+//! The setting of a single axis in a plan.
 
 use serde::{Deserialize, Serialize};
 
-/// What a plan sets for an axis: the table `[axes]`, and the flags `--axis` and `--set`.
+/// The setting of an axis in a plan: the table `[axes]`, and the flags `--axis` and `--set`.
 ///
 /// # Example
 /// ```

@@ -322,7 +322,7 @@ impl Plan {
 mod tests {
     use super::*;
 
-    /// Returns the example of docs/plans.md.
+    /// Returns the example of docs/reference/plans.md.
     fn documented_plan() -> &'static str {
         let page = include_str!("../../docs/plans.md");
         page.split("```toml\n").nth(1).and_then(|rest| rest.split("```").next()).unwrap()
@@ -402,7 +402,7 @@ mod tests {
         assert_eq!(error(99), "the plan has format 99, this program reads format 2: use a newer Mishandle");
         assert_eq!(
             error(1),
-            "the plan has format 1, this program reads format 2: write it again with the keys of docs/plans.md"
+            "the plan has format 1, this program reads format 2: write it again with the keys of docs/reference/plans.md"
         );
         assert!(error(0).contains("`format` is 0"), "{}", error(0));
         assert!(error(FORMAT).contains("new_key"), "{}", error(FORMAT));

@@ -1,4 +1,4 @@
-//! What can be named, as results: tasks, targets and searches.
+//! Names that plans can contain, as results: tasks, targets and searches.
 
 use mishandle_results as results;
 use mishandle_results::{InitialAxis, SearchOption};

@@ -84,7 +84,7 @@ pub fn onnx_policy(path: &Path, task_name: Option<&str>) -> Result<OnnxPolicy, M
         return Err(MishandleError::InvalidValue {
             what: "the task of the ONNX model",
             value: "not named in it".to_string(),
-            expected: "given with `task`, or named by `mishandle.task` in the metadata (docs/onnx.md)",
+            expected: "given with `task`, or named by `mishandle.task` in the metadata (docs/guide/onnx.md)",
         });
     };
     onnx_policy_of(path, task(name)?.definition())

@@ -1,4 +1,4 @@
-//! What a result says about its plan: target, controller, noise and scenario space.
+//! The subject of a plan as a result: target, controller, noise and scenario space.
 
 use mishandle_results::{AxisFacts, AxisValues, Named, Scenario, Seed, Subject};
 use mishandle_rollout as rollout;

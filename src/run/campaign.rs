@@ -34,7 +34,7 @@ impl CampaignRun {
             name: self.name.clone(),
             problem: problem.to_string(),
         };
-        // The folder may come from a stranger, and the link may point to a run file of the user.
+        // The folder may be untrusted, and the link may point to a run file of the user.
         if self.path.is_symlink() {
             return Err(differs("it is a symbolic link"));
         }
@@ -114,7 +114,7 @@ pub fn campaign_runs(folder: &Path) -> Result<Vec<CampaignRun>, MishandleError> 
     runs.collect()
 }
 
-/// Checks that the file of a campaign is no symbolic link. A folder of a stranger could have one to any file, whose first line
+/// Checks that the file of a campaign is not a symbolic link. An untrusted folder could have one to any file, whose first line
 /// would be printed as a wrong plan.
 fn no_link(path: &Path) -> std::io::Result<()> {
     if path.symlink_metadata()?.is_symlink() {

@@ -21,7 +21,7 @@ pub fn unfinished(run: &RunFile) -> Result<Option<String>, MishandleError> {
     };
     let screened = plan.as_ref().is_some_and(|plan| plan.screening.is_some());
     let missing = match run.header().kind {
-        // A device proposes simulations that are no rows.
+        // A device proposes simulations that are not rows.
         RunKind::Evaluate | RunKind::Risk | RunKind::Margin if screened => {
             trials.is_empty().then(|| "it has no simulation".to_string())
         }

@@ -195,7 +195,7 @@ pub(crate) fn with_needed_trace(
 
 /// Returns an upper bound of the failure rate in the space if no simulation fails, with 95 % confidence: see
 /// [`FalsificationOutcome::failure_rate_bound`]. `None` unless the search draws independent uniform samples, because the points of other
-/// searches are no random sample.
+/// searches are not a random sample.
 pub fn failure_rate_bound(resolved: &ResolvedPlan, outcome: &FalsificationOutcome) -> Option<f64> {
     let falsify = resolved.plan.falsify.as_ref()?;
     let search = new_search(falsify, &resolved.space)(0).ok()?;

@@ -123,7 +123,7 @@ fn axes(header: &RunHeader) -> Vec<String> {
 
 struct Found {
     differences: Vec<String>,
-    /// What the second value of a difference is called.
+    /// Name of the second value of a difference.
     planned: &'static str,
 }
 

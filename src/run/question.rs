@@ -25,7 +25,7 @@ use crate::run::{header, risk};
 const TRIAL: u32 = 1;
 const REPEATS: u32 = 2;
 
-/// What computes the simulations of a question.
+/// The engine that computes the simulations of a question.
 #[derive(Clone, Copy)]
 pub enum Engine<'a> {
     /// The target's own system computes all of them.

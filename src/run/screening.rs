@@ -30,7 +30,7 @@ pub struct Device {
 /// one of them, the CPU computes the samples and actions of the other.
 ///
 /// # Errors
-/// If the target is no task, or the device cannot simulate it.
+/// If the target is not a task, or the device cannot simulate it.
 pub fn screening(
     resolved: &ResolvedPlan,
     device: &dyn WorldDevice,

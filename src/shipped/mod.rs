@@ -137,7 +137,7 @@ fn base(definition: &Definition) -> &'static str {
 
 /// Returns the path of a task's picture, if [`home`] contains it.
 pub fn picture_path(task: &str) -> Option<PathBuf> {
-    let path = home()?.join("docs").join("tasks").join(format!("{task}.png"));
+    let path = home()?.join(mishandle_tasks::folder(task)).join("picture.png");
     path.is_file().then_some(path)
 }
 

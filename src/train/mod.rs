@@ -194,7 +194,7 @@ pub(crate) fn settings(plan: &TrainPlan) -> Result<AlgorithmSettings, MishandleE
 
 /// Returns the text of the settings file or settings base that the user named.
 fn given_settings(path: &Path) -> Result<String, MishandleError> {
-    // An argument that is no file and does not look like one is the name of a settings base.
+    // An argument that is not a file and does not look like one is the name of a settings base.
     if !path.exists() && path.components().count() == 1 && path.extension().is_none_or(|end| end != "toml") {
         known("settings base", &path.to_string_lossy(), &BASES)?;
     }

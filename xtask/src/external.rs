@@ -1,4 +1,4 @@
-//! `cargo xtask external`: builds and runs the crate of docs/library.md outside the repository.
+//! `cargo xtask external`: builds and runs the crate of docs/guide/library.md outside the repository.
 
 use std::fs;
 use std::path::Path;
@@ -8,7 +8,7 @@ use anyhow::{Context, Result, ensure};
 
 use crate::process::{cargo, output};
 
-const PAGE: &str = "docs/library.md";
+const PAGE: &str = "docs/guide/library.md";
 
 /// Follows the page in a temporary folder, and checks that the program prints the output on the page and starts without
 /// cargo. The first run compiles Mishandle, which takes minutes.

@@ -148,7 +148,7 @@ fn build(root: &Path) -> Result<()> {
     run(cargo(root, &["build", "--bins"]).current_dir(root.join(PACKAGE)), &[0])
 }
 
-/// What libFuzzer reports at its end.
+/// Report of libFuzzer at its end.
 #[derive(Debug, Default, PartialEq)]
 struct Statistics {
     executions: u64,

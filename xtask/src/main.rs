@@ -2,6 +2,7 @@
 //!
 //! Uses no other crate of this repository and not MuJoCo, because fetching MuJoCo is one of the chores.
 
+mod book;
 mod check;
 mod corpus;
 mod demo;
@@ -11,6 +12,7 @@ mod external;
 mod falsifier_bench;
 mod fuzz;
 mod golden;
+mod markdown;
 mod mujoco;
 mod pictures;
 mod process;
@@ -69,7 +71,7 @@ const CHORES: &[Chore] = &[
     Chore {
         name: "external",
         arguments: "",
-        about: "build and run the crate of docs/library.md outside the repository",
+        about: "build and run the crate of docs/guide/library.md outside the repository",
         run: |root, _| external::check(root),
     },
     Chore {
@@ -81,7 +83,7 @@ const CHORES: &[Chore] = &[
     Chore {
         name: "falsifier-bench",
         arguments: "[--quick] [--estimate] [--large] ...",
-        about: "compare our searches with those of other libraries (docs/falsifiers.md); --quick: minutes",
+        about: "compare our searches with those of other libraries (docs/notebook/2026-11-23-falsifiers.md); --quick: minutes",
         run: falsifier_bench::bench,
     },
     Chore {
@@ -109,9 +111,15 @@ const CHORES: &[Chore] = &[
         run: golden::remake,
     },
     Chore {
+        name: "book",
+        arguments: "",
+        about: "build the documentation as HTML with search in target/book (mdBook) and check its links",
+        run: |root, _| book::build(root),
+    },
+    Chore {
         name: "settings",
         arguments: "",
-        about: "write docs/algorithms/settings.md, the reference of all training settings",
+        about: "write docs/reference/algorithms/settings.md, the reference of all training settings",
         run: |root, _| settings::write(root),
     },
     Chore {
@@ -123,7 +131,7 @@ const CHORES: &[Chore] = &[
     Chore {
         name: "pictures",
         arguments: "",
-        about: "draw every task to docs/tasks",
+        about: "draw every task to picture.png in its folder",
         run: |root, _| pictures::draw(root),
     },
 ];

@@ -18,12 +18,12 @@ use crate::process::{cargo, run};
 
 const PAGES: [&str; 7] = [
     "README.md",
-    "docs/tour.md",
-    "docs/scenarios.md",
-    "docs/explain.md",
-    "docs/margin.md",
-    "docs/keep_going.md",
-    "docs/risk.md",
+    "docs/guide/tour.md",
+    "docs/reference/scenarios.md",
+    "docs/guide/explain.md",
+    "docs/guide/margin.md",
+    "docs/guide/keep_going.md",
+    "docs/guide/risk.md",
 ];
 /// Time limit for one command, s.
 const LIMIT_SECS: u32 = 180;

@@ -7,7 +7,7 @@ use anyhow::{Context, Result, ensure};
 
 use crate::process::{cargo, output};
 
-const PAGE: &str = "docs/algorithms/settings.md";
+const PAGE: &str = "docs/reference/algorithms/settings.md";
 const PRINT: &[&str] = &["run", "--quiet", "-p", "mishandle-training", "--example", "settings_page"];
 
 /// Writes the page.

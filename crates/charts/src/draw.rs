@@ -69,7 +69,7 @@ impl Chart {
             .get(..start)
             .and_then(|tag| tag.split_once("height=\"")?.1.split_once('"')?.0.parse().ok())
             .unwrap_or(height * rows);
-        // With links inside, the element is no image but a group of things to read.
+        // With links inside, the element is not an image but a group of things to read.
         let role = if self.panels.iter().all(|panel| panel.marks.is_empty()) { "img" } else { "group" };
         format!(
             "<svg class=\"chart\" viewBox=\"0 0 {width} {height}\" width=\"{width}\" height=\"{height}\" role=\"{role}\" \

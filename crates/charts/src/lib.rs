@@ -43,7 +43,7 @@ pub struct Chart {
     pub title: String,
     /// Says what a line and its band are; empty for none.
     pub caption: String,
-    /// What the colors mean.
+    /// Meaning of the colors.
     pub legend: Vec<LegendEntry>,
     /// Panels in a row, at least 1.
     pub columns: usize,

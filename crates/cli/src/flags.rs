@@ -1,4 +1,4 @@
-//! What is typed: groups of flags that commands share, and the parsing of their values.
+//! Flags: groups that commands share, and the parsing of their values.
 
 pub mod numbers;
 mod plan;

@@ -1,4 +1,4 @@
-//! What runs a command: its threads and signals, the files that it opens, and what several commands run.
+//! Parts of running a command that several commands share: threads and signals, the files that it opens, questions.
 
 pub mod counterexample;
 mod file;

@@ -1,4 +1,4 @@
-//! What people and programs read: results on stdout, as text and as JSON, and messages on stderr.
+//! Output for people and programs: results on stdout, as text and as JSON, and messages on stderr.
 
 pub mod campaign;
 pub mod comparison;

@@ -136,7 +136,7 @@ fn junit_reports_passes_failures_and_errors_for_any_names() {
     assert!(failure.contains("distance >= 0.1 at step 0: distance is 0.0"), "{failure}");
     std::fs::remove_file(bench.path("suite/run-mode-1.json")).unwrap();
     bench.check("regress suite", 0);
-    // Names and contents that are no XML.
+    // Names and contents that are not XML.
     let name = "suite/<a>&\"b'\u{1b}[2J\u{202e}\n.json";
     bench.write(name, "{\"counterexample_format\": 1, \"\\u001b]]><\": 1}");
     let output = bench.run("regress suite --junit report.xml");
@@ -243,7 +243,7 @@ fn modes_with_the_same_minimized_scenario_are_one_test() {
         let off = usize::from(delay("action_delay") > 0.0) + usize::from(delay("observation_delay") > 0.0);
         assert_eq!(file["minimized"]["axes_off_nominal"][1], off);
     }
-    // Another controller is no change of the target.
+    // Another controller is not a change of the target.
     let tests = bench.json("regress suite --controller sac --json", 1);
     assert_eq!(tests["tests"][0]["same_target"], true);
 }

@@ -469,7 +469,10 @@ fn a_plan_and_the_equivalent_flags_give_the_same_result() {
     bench.write("newer.toml", "format = 9\ntarget = \"point-reaching\"\ncontroller = \"expert\"\n");
     bench.refuses("evaluate --plan newer.toml", &["format 9", "newer Mishandle"]);
     bench.write("older.toml", "format = 1\ntask = \"point-reaching\"\ncontroller = \"expert\"\n");
-    bench.refuses("evaluate --plan older.toml", &["format 1, this program reads format 2", "docs/plans.md"]);
+    bench.refuses(
+        "evaluate --plan older.toml",
+        &["format 1, this program reads format 2", "docs/reference/plans.md"],
+    );
 }
 
 #[test]
@@ -882,7 +885,7 @@ fn tasks_describes_a_task_from_its_definition() {
 #[test]
 fn notes_on_a_task_are_in_its_page_in_json_and_in_the_documentation() {
     let bench = Bench::new();
-    let documentation = include_str!("../../../docs/tasks/ball-balancing.md");
+    let documentation = include_str!("../../tasks/src/ball_balancing/page.md");
     let page = bench.check("tasks ball-balancing", 0).split_whitespace().collect::<Vec<_>>().join(" ");
     let tasks = bench.json("tasks ball-balancing --json", 0);
     let notes = tasks[0]["notes"].as_array().unwrap();
@@ -951,7 +954,7 @@ fn policies_of_other_tools_run_and_replay() {
     bench.write("stats.json", r#"{"mean": [0], "variance": [1, 2]}"#);
     bench.refuses(
         &format!("{import} --normalizer stats.json"),
-        &["1 means and 2 variances", "docs/import.md"],
+        &["1 means and 2 variances", "docs/guide/import.md"],
     );
 }
 

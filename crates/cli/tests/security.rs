@@ -1,4 +1,4 @@
-//! The attacks of docs/security.md on the command line: files that are not files, names with escape sequences, planted links
+//! The attacks of docs/reference/security.md on the command line: files that are not files, names with escape sequences, planted links
 //! and planted folders.
 
 #![allow(clippy::unwrap_used)]

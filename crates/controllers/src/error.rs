@@ -9,7 +9,7 @@ pub enum ControllerError {
     /// The file is not a valid controller.
     #[error("{problem}: {}", path.display())]
     File {
-        /// What is wrong with the file.
+        /// Problem of the file.
         problem: FileProblem,
         /// The file.
         path: PathBuf,
@@ -102,7 +102,7 @@ pub enum FileProblem {
     /// The file is a pickle.
     #[error(
         "this is a pickle, which can run any code when it is loaded, so this program does not read it; load it in Python if you \
-         trust it, and save the policy with `model.save`, `torch.save` or `torch.onnx.export` (docs/onnx.md)"
+         trust it, and save the policy with `model.save`, `torch.save` or `torch.onnx.export` (docs/guide/onnx.md)"
     )]
     Pickle,
     /// The file was truncated or extended.
@@ -117,7 +117,7 @@ pub enum FileProblem {
     /// The header is invalid although its format version is supported.
     #[error("the controller's header is invalid: {reason}")]
     Header {
-        /// What is wrong with the header.
+        /// Problem of the header.
         reason: String,
     },
     /// The file was written by a newer version of the program.
@@ -145,7 +145,7 @@ pub enum FileProblem {
     /// The tensors do not form a policy.
     #[error("the controller is damaged: {source}")]
     Policy {
-        /// What is wrong with the tensors.
+        /// Problem of the tensors.
         source: Box<ControllerError>,
     },
 }

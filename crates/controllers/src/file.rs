@@ -3,7 +3,7 @@
 //! The tensors are `normalizer.mean` and `normalizer.variance` (`F64`), `policy.log_std` (`F32`, not in a squashed
 //! policy) and `policy.layers.0.weight`, `policy.layers.0.bias`, … (`F32`, in PyTorch's layout). The header is JSON
 //! text under the key `mishandle` of the file's metadata. A file is written in the oldest version that supports its policy:
-//! docs/controller_format.md describes all of them.
+//! docs/reference/controller_format.md describes all of them.
 
 use std::path::Path;
 

@@ -1,4 +1,4 @@
-//! Parses safetensors files of strangers.
+//! Parses untrusted safetensors files.
 
 use mishandle_files::limits::TENSOR_HEADER;
 use safetensors::tensor::{SafeTensorError, SafeTensors};

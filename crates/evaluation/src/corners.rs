@@ -166,7 +166,7 @@ pub struct CornerResult {
     pub successes: u32,
     /// Number of simulations with success and strict success; `None` without a strict formula.
     pub strict_successes: Option<u32>,
-    /// Number of simulations that diverged. Like the next two, they are no successes.
+    /// Number of simulations that diverged. Like the next two, they are not successes.
     pub diverged: u32,
     /// Number of simulations that ended because the controller or the environment returned a value that is not finite.
     pub invalid: u32,

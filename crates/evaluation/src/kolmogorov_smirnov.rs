@@ -2,7 +2,7 @@
 const TERMS: i32 = 100;
 
 /// Returns the two-sided p-value of the two-sample Kolmogorov-Smirnov test that two samples have the same distribution; 1 if one
-/// of them is empty. Values that are no numbers must not occur.
+/// of them is empty. Values that are not numbers must not occur.
 ///
 /// The p-value is Stephens's approximation, which is accurate from about four values in each sample. Ties make it larger than
 /// it is.

@@ -33,7 +33,7 @@ pub struct ScreenedProgress {
 pub struct Selection {
     /// Indices of the requests that are flagged. All of them are repeated.
     pub flagged: Vec<usize>,
-    /// Indices of the random sample of the others.
+    /// Indices of the random sample of the requests that are not flagged.
     pub sampled: Vec<usize>,
     /// Number of simulations without a verdict on the other engine. They are flagged.
     pub without_verdict: u64,
@@ -42,7 +42,7 @@ pub struct Selection {
 }
 
 /// Screens all requests and selects those to repeat: the ones without a verdict, those for which `is_flagged` is true, and each other
-/// one with the probability `sample_rate`, by the draws of `sample`, but at least 20 of the others, or all.
+/// one with the probability `sample_rate`, by the draws of `sample`, but at least 20 of the requests that are not flagged, or all of them.
 ///
 /// `watch` gets the number of finished simulations now and then. If it returns `false`, the result is `None`.
 ///
@@ -127,7 +127,7 @@ pub struct ScreenedEvaluation {
     pub screened_without_verdict: u64,
     /// Number of these in which the other engine had too little memory for contacts or constraints.
     pub overflows: u64,
-    /// Number of simulations of the system without a verdict. They are no successes.
+    /// Number of simulations of the system without a verdict. They are not successes.
     pub without_verdict: u64,
     /// Why simulations of the system have no verdict.
     pub ends: EndCounts,

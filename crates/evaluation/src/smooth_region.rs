@@ -19,7 +19,7 @@ const CONFIDENCE: f64 = 0.98;
 /// for a cliff.
 const SMOOTH: f64 = 0.5;
 
-/// What follows from the samples of a smooth robustness.
+/// Conclusion from the samples of a smooth robustness.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SmoothRegion {
     /// Estimated upper bound (95 %) of the slope: change of the robustness per width of the space.

@@ -5,7 +5,7 @@ use crate::{Estimate, clopper_pearson};
 /// Share of the probability of a miss for each of the three intervals that [`TwoPhase::estimate`] combines.
 const SHARES: [f64; 3] = [0.5, 0.4, 0.1];
 
-/// Size of a sample of the others that is reached even if chance selects fewer: without any there is no estimate.
+/// Size of a sample of the trials that are not flagged that is reached even if chance selects fewer: without any there is no estimate.
 const FEWEST_SAMPLED: usize = 20;
 
 /// Random sample of the trials that are not flagged. The first ones that chance leaves out make up for a sample of fewer than 20. As
@@ -36,7 +36,7 @@ impl<T> OthersSample<T> {
 }
 
 /// Counts of a two-phase sample. The first phase applies a cheap indicator to independent trials. The second phase observes the event
-/// itself in every trial that the indicator flags, and in a random sample of the others.
+/// itself in every trial that the indicator flags, and in a random sample of the trials that are not flagged.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct TwoPhase {
     /// Number of trials of the first phase.
@@ -45,7 +45,7 @@ pub struct TwoPhase {
     pub flagged: u64,
     /// Number of flagged trials with the event.
     pub flagged_events: u64,
-    /// Number of trials in the sample of the others.
+    /// Number of trials in the sample of those that are not flagged.
     pub sampled: u64,
     /// Number of sampled trials with the event: the indicator missed them.
     pub sampled_events: u64,
@@ -56,8 +56,8 @@ impl TwoPhase {
     ///
     /// The estimate, flagged events / n + (1 - flagged / n) * sampled events / sampled, is unbiased whatever the indicator is worth. A
     /// useless indicator makes the interval wide, not wrong. The interval adds exact intervals of the rate of flagged events and of the
-    /// event among the others, each with a share of the probability of a miss. It does not assume that any count is large. Without
-    /// events in the sample, that of the others adds about 4.6 / sampled to the upper bound. If the sample contains all others, it is the exact
+    /// event among the trials that are not flagged, each with a share of the probability of a miss. It does not assume that any count is large. Without
+    /// events in the sample, that of the trials that are not flagged adds about 4.6 / sampled to the upper bound. If the sample contains all of these, it is the exact
     /// interval of all trials.
     ///
     /// The estimate is `None` if there are other trials and no sample of them.

@@ -83,7 +83,7 @@ pub fn simulations_without_mode(modes: usize, rate: f64) -> Option<u32> {
     (rate > 0.0).then(|| ((ERROR / (k * (k + 1.0))).ln() / (-rate).ln_1p()).ceil() as u32)
 }
 
-/// What a trial knows about the failures of its target.
+/// The failures of the target that a trial knows.
 pub(crate) struct Archive<'a> {
     settings: KeepGoing<'a>,
     space: Space,

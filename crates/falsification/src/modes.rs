@@ -37,7 +37,7 @@ pub fn unit_scenario(axes: &[Axis], values: &[Option<f64>]) -> UnitScenario {
     axes.iter().zip(values).map(|(axis, value)| value.map(|value| axis.unit_coordinate(value))).collect()
 }
 
-/// What groups violations, besides their scenarios.
+/// Criteria that group violations, besides their scenarios.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Signature {
     /// Text of the decisive predicate; empty if the formula has none.

@@ -27,7 +27,7 @@ pub struct ScreenedCounts {
     pub overflows: u64,
     /// Simulations without a violation, but with a lower robustness there than all earlier ones of the trial.
     pub minima: Confirmed,
-    /// Random sample of the others.
+    /// Audit sample.
     pub sampled: Confirmed,
     /// Number of simulations that the system did not repeat.
     pub not_repeated: u64,
@@ -152,7 +152,7 @@ fn reasons(
 ) -> Vec<Option<Reason>> {
     let reason = |(request, outcome): (&Request, &ScreenedEpisode)| {
         let lowest = &mut lowest[request.trial as usize - 1];
-        // NaN is no verdict.
+        // NaN is not a verdict.
         let Some(robustness) = outcome.robustness().filter(|rho| !rho.is_nan()) else {
             return Some(Reason::NoVerdict { has_overflowed: outcome.has_overflowed });
         };

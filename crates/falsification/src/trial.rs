@@ -173,7 +173,7 @@ impl<'a> Trial<'a> {
     }
 
     /// Adds the result of another physics engine for the first request without an episode: a robustness of at least 0. The search
-    /// observes it, but it is no evidence: it cannot become the minimum of the trial.
+    /// observes it, but it is not evidence: it cannot become the minimum of the trial.
     ///
     /// # Errors
     /// [`FalsificationError::Search`] if the search rejects the observation.

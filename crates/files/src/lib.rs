@@ -1,4 +1,4 @@
-//! Files that survive a crash: complete or absent, locked by one process, or growing by whole records. Files of strangers:
+//! Files that survive a crash: complete or absent, locked by one process, or growing by whole records. Untrusted files:
 //! regular and of bounded size.
 //!
 //! - [`read_bounded`] and [`read_text_bounded`]: read a regular file up to one of the [`limits`].

@@ -15,7 +15,7 @@ pub enum InterchangeError {
     /// The ONNX model cannot be used.
     #[error("{problem}: {}", path.display())]
     Onnx {
-        /// What is wrong with the model.
+        /// Problem of the model.
         problem: OnnxProblem,
         /// The file.
         path: PathBuf,
@@ -23,15 +23,15 @@ pub enum InterchangeError {
     /// The checkpoint cannot be imported.
     #[error("{problem}: {}", path.display())]
     Torch {
-        /// What is wrong with the checkpoint.
+        /// Problem of the checkpoint.
         problem: TorchProblem,
         /// The file.
         path: PathBuf,
     },
     /// The statistics of the normalizer are invalid.
-    #[error("the normalizer is invalid, {reason}; docs/import.md shows how to write it: {}", path.display())]
+    #[error("the normalizer is invalid, {reason}; docs/guide/import.md shows how to write it: {}", path.display())]
     Normalizer {
-        /// What is wrong with it.
+        /// Problem of the file.
         reason: String,
         /// The file.
         path: PathBuf,
@@ -45,13 +45,13 @@ pub enum TorchProblem {
     /// The archive is damaged, or is none.
     #[error("not an archive of PyTorch or Stable-Baselines3: {reason}")]
     Archive {
-        /// What is wrong with it.
+        /// Problem of the file.
         reason: String,
     },
     /// The pickle in the archive is damaged or too large.
     #[error("the pickle in the archive cannot be read as data: {reason}")]
     Pickle {
-        /// What is wrong with it.
+        /// Problem of the file.
         reason: String,
     },
     /// The pickle in the archive contains more than tensors.
@@ -78,15 +78,17 @@ pub enum TorchProblem {
         name: String,
     },
     /// The tensors are not those of a multi-layer perceptron.
-    #[error("the policy is not a multi-layer perceptron: {reason}; export it as ONNX instead (docs/onnx.md)")]
+    #[error(
+        "the policy is not a multi-layer perceptron: {reason}; export it as ONNX instead (docs/guide/onnx.md)"
+    )]
     Layers {
-        /// What does not fit.
+        /// The part that does not fit.
         reason: String,
     },
     /// The file does not say which activation the policy has.
     #[error("the file does not say which {what} the policy has; give --{flag} NAME: {}", known.join(", "))]
     Unknown {
-        /// What is missing.
+        /// The missing part.
         what: &'static str,
         /// The flag that gives it.
         flag: &'static str,
@@ -117,7 +119,7 @@ pub enum OnnxProblem {
     /// The bytes are not an ONNX model, or a damaged one.
     #[error("not a valid ONNX model: {reason}")]
     Format {
-        /// What is wrong with the bytes.
+        /// Problem of the bytes.
         reason: String,
     },
     /// The model has something that is not supported.
@@ -125,7 +127,7 @@ pub enum OnnxProblem {
     Unsupported {
         /// The unsupported part.
         found: String,
-        /// What to do.
+        /// Advice to the user.
         hint: String,
     },
     /// The model would need too much memory or time.
@@ -145,7 +147,7 @@ pub enum OnnxProblem {
     Interface {
         /// The side file or the metadata.
         place: String,
-        /// What is wrong with it.
+        /// Problem of the file.
         reason: String,
     },
     /// The model is for another task.

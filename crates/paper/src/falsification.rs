@@ -342,7 +342,7 @@ struct Falsified<'a> {
 }
 
 impl Falsified<'_> {
-    /// Returns the trials of a run; `None` if it is no falsification.
+    /// Returns the trials of a run; `None` if it is not a falsification.
     fn new<'a>(run: &'a RunResults, notes: &Notes) -> Option<Falsified<'a>> {
         let falsify = run.plan.falsify.as_ref()?;
         let lifetimes = run.ended().map(|trial| match trial.status {

@@ -37,7 +37,7 @@ pub struct CampaignResults {
 /// Results of a run.
 #[derive(Clone, Debug, PartialEq)]
 pub struct RunResults {
-    /// What was run.
+    /// Plan and command of the run.
     pub facts: RunFacts,
     /// The plan among the facts.
     pub plan: Plan,
@@ -48,7 +48,7 @@ pub struct RunResults {
     pub simulations: Vec<Simulation>,
 }
 
-/// What a run is a result of.
+/// Subject of a run.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct RunFacts {

@@ -8,7 +8,7 @@ use crate::load::RunReport;
 use crate::page::Document;
 use crate::{section, words};
 
-/// What the index says about a run.
+/// Entry of the index for a run.
 #[derive(Clone, Debug)]
 pub struct RunSummary {
     name: String,

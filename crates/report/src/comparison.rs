@@ -36,7 +36,7 @@ pub fn comparison_page(found: &Comparison, runs: [&RunFile; 2]) -> String {
     html(found, runs.map(RunFile::header))
 }
 
-/// What happened in a pair.
+/// Outcome of a pair.
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum Outcome {
     BothSucceed,

@@ -1,4 +1,4 @@
-//! What a run file says about its run.
+//! Reads the facts of a run from its file.
 
 use mishandle::evaluation::{Corners, FormulaRoles, Lifetime, MetricCounter, Metrics};
 use mishandle::inspect::{
@@ -47,7 +47,7 @@ pub struct RunReport {
     /// The representatives of the first modes, explained.
     pub(crate) representatives: Vec<ExplainedSimulation>,
     pub(crate) measured: Option<Measured>,
-    /// What the page lacks and why.
+    /// Parts that the page lacks, with the reason.
     pub(crate) notes: Vec<String>,
 }
 

@@ -154,7 +154,7 @@ fn value(point: &Point, axis: usize) -> Option<f64> {
     point.scenario.get(axis).copied().flatten().filter(|value| value.is_finite())
 }
 
-/// What the maps of a run share.
+/// State that the maps of a run share.
 struct Drawing<'a> {
     report: &'a RunReport,
     id: usize,

@@ -1,4 +1,4 @@
-//! What takes simulations: failing patches, repeats under noise, corners and pictures.
+//! Measurements that take simulations: failing patches, repeats under noise, corners and pictures.
 
 use std::cell::Cell;
 use std::ops::ControlFlow;
@@ -83,7 +83,7 @@ impl RunReport {
         }
     }
 
-    /// Like [`measure`](Self::measure), with a target that is no part of this program, such as a Python system.
+    /// Like [`measure`](Self::measure), with a target that is not part of this program, such as a Python system.
     ///
     /// # Errors
     /// If a simulation cannot be run.

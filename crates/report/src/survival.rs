@@ -10,7 +10,7 @@ use crate::space::linear;
 /// Trials that are shown as one curve.
 #[derive(Clone, Debug)]
 pub struct SurvivalLine<'a> {
-    /// What the trials have in common, such as the name of the search; may be empty if there is one curve.
+    /// Common property of the trials, such as the name of the search; may be empty if there is one curve.
     pub name: &'a str,
     /// When each trial failed or ended.
     pub lifetimes: Vec<Lifetime>,

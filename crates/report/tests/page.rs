@@ -1,4 +1,4 @@
-//! The page of a run that a stranger wrote: its numbers, and hostile names.
+//! The page of an untrusted run file: its numbers, and hostile names.
 
 #![allow(clippy::unwrap_used)]
 

@@ -1,4 +1,4 @@
-//! What can be named: tasks, targets and searches.
+//! Things that can be named: tasks, targets and searches.
 
 use schemars::JsonSchema;
 use serde::Serialize;
@@ -133,7 +133,7 @@ pub struct Axis {
     pub facts: AxisFacts,
     /// Distribution of drawn values: `uniform` (of the logarithm for `logarithmic`) or `normal`.
     pub distribution: String,
-    /// What the axis sets.
+    /// Quantity that the axis sets.
     pub meaning: String,
 }
 

@@ -5,7 +5,7 @@ use crate::{AxisFacts, Estimate, Number, Scenario, Seed, optional_number};
 
 /// Two evaluations on the same scenarios and seeds, A and B, compared pair by pair.
 ///
-/// The rates and means cover the random simulations. The corners and the center of the initial box are no random sample, so they
+/// The rates and means cover the random simulations. The corners and the center of the initial box are not a random sample, so they
 /// appear among the new and the fixed failures only.
 #[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
 pub struct Comparison {
@@ -33,7 +33,7 @@ pub struct Comparison {
     pub dangerous_steps: Option<PairedMeans>,
     /// Control step of completion, over pairs in which both succeed; `null` if the target has no such formula.
     pub completion_step: Option<PairedMeans>,
-    /// What the success rates say, in a sentence.
+    /// Conclusion from the success rates, in a sentence.
     pub verdict: String,
     /// Simulations in which A succeeds and B does not; exit code 1 if there are any.
     pub new_failures: Vec<ComparedPair>,

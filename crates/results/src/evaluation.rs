@@ -9,7 +9,7 @@ pub struct Evaluation {
     /// Path of the run file; missing if none is written.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub run: Option<String>,
-    /// What was evaluated.
+    /// Target, controller, noise and space of the evaluation.
     #[serde(flatten)]
     pub subject: Subject,
     /// Region of the initial states: `whole` or `reachable`.
@@ -123,7 +123,7 @@ pub struct CornerPoint {
     pub successes: u32,
     /// Number of these that succeed strictly; `null` without a strict formula.
     pub strict_successes: Option<u32>,
-    /// Number of simulations that diverged. Like the next three, they are no success.
+    /// Number of simulations that diverged. Like the next three, none of them is a success.
     pub diverged: u32,
     /// Number of simulations that ended in a value that is not finite.
     pub invalid: u32,

@@ -9,7 +9,7 @@ pub struct Falsification {
     /// Path of the run file; missing if none is written.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub run: Option<String>,
-    /// What was searched.
+    /// Target, controller, noise and space of the search.
     #[serde(flatten)]
     pub subject: Subject,
     /// Whether all trials have ended; `false` after an interruption, exit code 130.

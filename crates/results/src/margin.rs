@@ -9,7 +9,7 @@ pub struct Margin {
     /// Path of the run file; missing if none is written.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub run: Option<String>,
-    /// What was disturbed.
+    /// Target, controller, noise and space of the disturbances.
     #[serde(flatten)]
     pub subject: Subject,
     /// The requirement.

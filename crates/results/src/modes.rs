@@ -3,7 +3,7 @@ use serde::Serialize;
 
 use crate::{Named, Number, Scenario, Seed};
 
-/// What trials that keep going found: failure modes, estimates of the unseen ones, coverage of the space.
+/// Findings of trials that keep going: failure modes, estimates of the unseen ones, coverage of the space.
 #[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
 pub struct Modes {
     /// Number of simulations that violate the requirement, over all trials. This key and the next four exist with `--keep-going`

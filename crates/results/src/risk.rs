@@ -9,7 +9,7 @@ pub struct Risk {
     /// Path of the run file; missing if none is written.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub run: Option<String>,
-    /// What was simulated.
+    /// Target, controller, noise and space of the simulations.
     #[serde(flatten)]
     pub subject: Subject,
     /// The requirement.
@@ -74,7 +74,7 @@ pub struct Probability {
     pub high: Option<f64>,
     /// Part that it is from: `monte-carlo`, `importance` or `splitting`.
     pub source: String,
-    /// What the interval assumes; `null` if nothing.
+    /// Assumption of the interval; `null` if it has none.
     pub assumption: Option<String>,
 }
 

@@ -10,12 +10,12 @@ pub struct RunSummary {
     pub run: String,
     /// Why the file cannot be read; `null` if it can.
     pub error: Option<String>,
-    /// What the file holds.
+    /// Contents of the file.
     #[serde(flatten)]
     pub facts: Option<RunFacts>,
 }
 
-/// What a run file holds.
+/// Contents of a run file.
 #[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
 pub struct RunFacts {
     /// Kind of the run: `evaluate`, `falsify`, `margin` or `risk`.

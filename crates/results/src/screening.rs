@@ -21,7 +21,7 @@ pub struct Screening {
     pub overflows: u64,
     /// Number of simulations of MuJoCo C without a verdict.
     pub confirmed_without_verdict: u64,
-    /// What MuJoCo C found, by kind: `failure`, and for an evaluation `strict_failure` and `dangerous` if the target has these
+    /// Findings of MuJoCo C, by kind: `failure`, and for an evaluation `strict_failure` and `dangerous` if the target has these
     /// formulas; missing for a falsification.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub findings: Option<Named<Finding>>,

@@ -6,7 +6,7 @@ use crate::{Explanation, Number, Repeats, Scenario, Subject};
 /// Simulations of one chosen scenario.
 #[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
 pub struct Simulation {
-    /// What was simulated.
+    /// Target, controller, noise and space of the simulation.
     #[serde(flatten)]
     pub subject: Subject,
     /// Scenario by axis; a value that is drawn at random is `null`.

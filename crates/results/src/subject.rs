@@ -3,7 +3,7 @@ use serde::Serialize;
 
 use crate::Seed;
 
-/// What a question is about: target, controller, noise and scenario space.
+/// Subject of a question: target, controller, noise and scenario space.
 #[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
 pub struct Subject {
     /// Name of the target.

@@ -9,7 +9,7 @@ use crate::{CONFIDENCE, FREQUENT, Method, MonteCarlo};
 /// Confidence of the intervals that are compared. Two correct ones are apart with a probability of at most 2 %.
 const CHECK: f64 = 0.99;
 
-/// An interval of importance sampling that spans more than this factor is no estimate.
+/// An interval of importance sampling that spans more than this factor is not an estimate.
 const USEFUL_RATIO: f64 = 10.0;
 
 /// Bounds that span at most this factor are the interval of the answer: it then needs no assumption.

@@ -13,7 +13,7 @@ const ROUNDS: u64 = 3;
 /// The regions contain the points with weights up to this multiple of the largest weight of a failure in the last round.
 const REACH: f64 = 20.0;
 
-/// Importance sampling with fewer equally weighted failures is no estimate: a draw with a large weight may be missing.
+/// Importance sampling with fewer equally weighted failures is not an estimate: a draw with a large weight may be missing.
 const FEWEST_EFFECTIVE: f64 = 20.0;
 
 /// Largest probability outside of the regions, as a fraction of that inside, with which the regions are an estimate.

@@ -61,7 +61,7 @@ pub struct Report {
 /// 3. Adaptive multilevel splitting with independent chains.
 /// 4. Importance sampling with a mixture that is fitted to the failures of 2 and 3, but not to those of 1, which test it.
 ///
-/// What a part does not spend goes to the later ones, and to Monte Carlo if no failure was found. The number of simulations is exactly that of
+/// Simulations that a part does not spend go to the later ones, and to Monte Carlo if no failure was found. The number of simulations is exactly that of
 /// the settings. `watch` gets it after each batch, and can interrupt the estimation. Then the answer is that of the finished parts and of the
 /// simulations of Monte Carlo so far, and a part that is not finished is lost.
 ///

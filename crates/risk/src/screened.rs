@@ -55,8 +55,8 @@ impl ScreenedReport {
 }
 
 /// Estimates the probability that a simulation of `system` violates the requirement. `screening` simulates all draws; `system`
-/// repeats those that it reports as violated or gives no verdict, and a random sample of the others. Only repeated simulations are
-/// evidence; the others only decide what is repeated.
+/// repeats those that it reports as violated or gives no verdict, and a random sample of the draws that are not flagged. Only repeated simulations are
+/// evidence; the screened ones only decide what is repeated.
 ///
 /// `watch` gets the progress now and then, and can interrupt the estimation.
 ///

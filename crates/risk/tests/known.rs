@@ -1,4 +1,4 @@
-//! Estimates for systems with known failure probabilities. The full table is in docs/risk.md.
+//! Estimates for systems with known failure probabilities. The full table is in docs/notebook/2026-11-23-risk.md.
 
 #![allow(clippy::unwrap_used, reason = "a test may panic")]
 

@@ -15,7 +15,7 @@
 //! results do not depend on the number of threads. This crate contains no physics.
 //!
 //! A [`Screening`] runs simulations on a [`ScenarioBatch`], which another physics engine steps. Its outcomes propose scenarios; they
-//! are no [`Episode`]s and no evidence.
+//! are neither [`Episode`]s nor evidence.
 //!
 //! Training steps an [`EnvironmentBatch`], which a [`BatchFactory`] makes. [`CpuBatch`] runs on the CPU. Other
 //! implementations may run on a GPU or in another process.

@@ -1,4 +1,4 @@
-//! Episodes that another physics engine simulates, many at a time. They propose; they are no evidence.
+//! Episodes that another physics engine simulates, many at a time. They propose; they are not evidence.
 
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::sync::{Mutex, MutexGuard, PoisonError};
@@ -62,7 +62,7 @@ pub enum BatchStatus {
 
 /// The outcome of one simulation by another physics engine.
 ///
-/// It has no trace and is no [`Episode`](crate::Episode), so it can enter neither a run file nor a verdict. The same request, simulated by the
+/// It has no trace and is not an [`Episode`](crate::Episode), so it can enter neither a run file nor a verdict. The same request, simulated by the
 /// target's system, gives the episode that counts.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ScreenedEpisode {
@@ -162,7 +162,7 @@ fn fly(
     Ok(())
 }
 
-/// What all threads of a screening share.
+/// State that all threads of a screening share.
 struct Shared<'a> {
     rollout: &'a Rollout,
     requests: &'a [Request],

@@ -34,7 +34,7 @@ options! {
         pub population: usize = 40, in FROM_2;
         /// Fraction of the samples that the next distribution is fitted to. Ties with the worst of them are included.
         pub elite_fraction: f64 = 0.2, in FRACTION;
-        /// Weight of the fitted distribution; the previous one has the rest. 1 is no smoothing.
+        /// Weight of the fitted distribution; the previous one has the rest. 1 means no smoothing.
         pub smoothing: f64 = 0.7, in FRACTION;
         /// Standard deviation of the first generation, and after a restart.
         pub initial_deviation: f64 = 0.3, in POSITIVE;

@@ -86,7 +86,7 @@ options! {
 /// # Units
 /// All lengths are fractions of the box: the `xatol` of 1e-4 and the first simplex, which raises a coordinate u by 5 % of its
 /// distance from `simplex-origin`, by default the lower bound. SciPy 1.17.1 has the same numbers in the units of its bounds, where the first simplex
-/// raises a coordinate x by 5 % of x. So both agree for the bounds 0 and 1. `docs/plans.md` compares all parameters.
+/// raises a coordinate x by 5 % of x. So both agree for the bounds 0 and 1. `docs/reference/plans.md` compares all parameters.
 ///
 /// # Reference
 /// Nelder and Mead, "A simplex method for function minimization", The Computer Journal 7, 1965. Gao and Han,

@@ -27,7 +27,7 @@ pub enum ParseError {
     Unexpected {
         /// The position of the token.
         at: Position,
-        /// What is allowed there.
+        /// The allowed text there.
         expected: String,
         /// The token in quotes, or "the end of the formula".
         found: String,
@@ -41,7 +41,7 @@ pub enum ParseError {
         at: Position,
         /// The number as written.
         text: String,
-        /// What is allowed there.
+        /// The allowed text there.
         expected: String,
     },
     /// An interval whose begin is later than its end.

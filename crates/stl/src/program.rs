@@ -24,7 +24,7 @@ pub(crate) enum Source {
 pub(crate) enum Action {
     /// Evaluates a state formula, by its index.
     State(usize),
-    /// A pointwise operator with an operand that is no state formula. A unary one has its operand twice.
+    /// A pointwise operator with an operand that is not a state formula. A unary one has its operand twice.
     Pointwise(Operator, [Source; 2]),
     /// A unary temporal operator.
     TemporalUnary(Operator, Window),

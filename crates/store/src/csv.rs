@@ -15,7 +15,7 @@ use crate::{Result, RunFile, RunHeader, StoreError, StoredTrace};
 /// and missing values are empty.
 ///
 /// Control characters in names become escapes such as `\n`. Names that start with `=`, `+`, `-` or `@` are written as they are,
-/// because programs find columns by their names; import the file of a stranger into a spreadsheet as text.
+/// because programs find columns by their names; import an untrusted file into a spreadsheet as text.
 ///
 /// # Errors
 /// [`Io`](StoreError::Io) if `writer` fails, or an error of the run file.

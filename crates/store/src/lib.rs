@@ -29,7 +29,7 @@
 //!   triggers, which could change the meaning of SQL statements, is reported as damaged. Sizes of values and times of
 //!   statements are limited.
 //!
-//! The file can be read with plain `sqlite3`: `docs/run_file.md` lists its tables, views and columns.
+//! The file can be read with plain `sqlite3`: `docs/reference/run_file.md` lists its tables, views and columns.
 //!
 //! # Example
 //! ```

@@ -297,7 +297,7 @@ pub(crate) fn read(row: &Row<'_>, path: &Path, header: &RunHeader) -> Result<Sim
     if hash(&simulation, simulation.trace_digest) != row.get::<_, i64>(15).in_file(path)? {
         return Err(damaged("it does not match its hash"));
     }
-    // The hash is no secret, so the values of a forged row can be out of their ranges.
+    // The hash is not a secret, so the values of a forged row can be out of their ranges.
     guard(&simulation, header).map_err(|error| damaged(&error.to_string()))?;
     // The hash covers the values. Another text of the same value means that a cell was changed.
     let written =

@@ -1,6 +1,6 @@
 //! The tables and views of a run file.
 //!
-//! `docs/run_file.md` explains the columns to readers with plain `sqlite3`. Columns of floats have the type `ANY`,
+//! `docs/reference/run_file.md` explains the columns to readers with plain `sqlite3`. Columns of floats have the type `ANY`,
 //! because a column of type `REAL` turns −0.0 into 0. Seeds are decimal text, because SQLite's integers are signed.
 //! Hashes of rows are the first 64 bits of a SHA-256.
 //!

@@ -1,4 +1,4 @@
-//! Outcomes of another physics engine. They propose simulations; they are no simulations themselves.
+//! Outcomes of another physics engine. They propose simulations; they are not simulations themselves.
 //!
 //! A chunk holds the outcomes of the requests that were screened together. A run that continues takes them from the file
 //! instead of screening again. `requests` is a digest of the requests, so that outcomes never answer other ones.

@@ -66,7 +66,7 @@ fn the_documented_queries_return_what_the_page_states() {
     let (_folder, path) =
         run_of(&header(), &[inside, outside, Simulation { robustness: None, ..record(1, 3) }]);
 
-    let page = std::fs::read_to_string("../../docs/run_file.md").unwrap();
+    let page = std::fs::read_to_string("../../docs/reference/run_file.md").unwrap();
     let queries: Vec<&str> =
         page.split("```sql\n").skip(1).map(|rest| rest.split("```").next().unwrap()).collect();
     let [worst, results, scenarios] = queries[..] else { panic!("{} queries", queries.len()) };

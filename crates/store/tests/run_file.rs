@@ -489,7 +489,7 @@ fn a_run_whose_lock_file_cannot_be_locked_is_not_written() {
     let path = folder.path().join("run.sqlite");
     RunWriter::create(&path, &header(), IfExists::Refuse).unwrap().close().unwrap();
     let before = std::fs::read(&path).unwrap();
-    // Something that is no file has the name of the lock.
+    // Something that is not a file has the name of the lock.
     std::fs::create_dir(folder.path().join("run.sqlite.lock")).unwrap();
     for existing in [IfExists::Refuse, IfExists::Replace] {
         assert!(RunWriter::create(&path, &header(), existing).is_err());

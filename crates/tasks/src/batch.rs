@@ -27,7 +27,7 @@ pub struct TaskBatch {
     pending: Vec<Pending>,
 }
 
-/// What all threads share.
+/// State that all threads share.
 struct Shared {
     model: Model,
     layout: BatchLayout,

@@ -5,7 +5,7 @@ use mishandle_world::{Body, Change, Mocap, ModelField};
 use crate::axes::{self, JUMP_SIZE, PUSH_SIZE, Parameter, Push, SLIP_SIZE};
 use crate::environment::TaskEnvironment;
 
-/// What the axes of a space can change in a control step. A tail has the control step, the constants, the push, the jump and the slip of
+/// Changes that the axes of a space can make in a control step. A tail has the control step, the constants, the push, the jump and the slip of
 /// its row. A space without such axes has none.
 pub(crate) struct Events {
     /// Length of a tail, 0 if no axis of the space affects steps after the start.

@@ -92,6 +92,17 @@ pub fn tasks() -> Vec<&'static dyn Task> {
     TASKS.iter().chain(added.iter()).copied().collect()
 }
 
+/// Returns the folder of a task of the benchmark in the repository. It contains the task's code, its scene, its page
+/// `page.md` and its picture `picture.png`.
+///
+/// # Example
+/// ```
+/// assert_eq!(mishandle_tasks::folder("ball-balancing"), "crates/tasks/src/ball_balancing");
+/// ```
+pub fn folder(name: &str) -> String {
+    format!("crates/tasks/src/{}", name.replace('-', "_"))
+}
+
 /// Returns the task with this name, if it exists.
 ///
 /// # Example

@@ -7,7 +7,7 @@ use crate::definition::Task;
 use crate::environment::TaskError;
 
 /// Notes on all tasks of the benchmark.
-const EVERY_TASK: &str = include_str!("../../../docs/tasks/README.md");
+const EVERY_TASK: &str = include_str!("every_task.md");
 
 /// Name of the page [`EVERY_TASK`] in error messages.
 const EVERY_TASK_NAME: &str = "every task";

@@ -410,3 +410,14 @@ fn every_reward_is_higher_for_the_expert_than_for_zero_actions() {
         }
     }
 }
+
+#[test]
+fn the_folder_of_a_task_has_its_page_and_its_picture() {
+    let root = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../..");
+    for task in TASKS.iter().filter(|task| task.definition().variant_of.is_none()) {
+        let name = task.definition().name;
+        let folder = root.join(mishandle_tasks::folder(name));
+        assert_eq!(std::fs::read_to_string(folder.join("page.md")).unwrap(), task.notes(), "{name}");
+        assert!(folder.join("picture.png").is_file(), "{name}");
+    }
+}

@@ -1,4 +1,4 @@
-//! Prints the reference of all settings; `cargo xtask settings` writes it to `docs/algorithms/settings.md`.
+//! Prints the reference of all settings; `cargo xtask settings` writes it to `docs/reference/algorithms/settings.md`.
 
 #![allow(clippy::print_stdout, reason = "the page is the output")]
 
@@ -25,10 +25,10 @@ Whole numbers are written out, as 20_000_000. A missing key has the default belo
 contains `base = \"skrl-0.10\"` ([settings bases](../presets.md)).
 
 `mishandle train TASK --algorithm NAME --dry-run` prints all settings of a training run. The settings of the shipped
-controllers are in [experiments/training](../../experiments/training). [Training algorithms](README.md) explains the
-formulas.
+controllers are in [experiments/training](../../../experiments/training). [Train a controller](../../guide/training.md) explains what
+the algorithms share.
 
-`cargo xtask settings` generates this page from the declarations in [crates/training](../../crates/training/src).";
+`cargo xtask settings` generates this page from the declarations in [crates/training](../../../crates/training/src).";
 
 /// Returns the heading of a table.
 fn heading(algorithm: &str, table: &str) -> String {

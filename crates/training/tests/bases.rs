@@ -1,4 +1,4 @@
-//! docs/presets.md lists the bases.
+//! docs/reference/presets.md lists the bases.
 
 #![allow(clippy::unwrap_used, reason = "helpers of tests")]
 
@@ -6,7 +6,7 @@ use std::collections::BTreeMap;
 
 use mishandle_training::{ALGORITHMS, AlgorithmSettings, BASES, BEST};
 
-const PAGE: &str = include_str!("../../../docs/presets.md");
+const PAGE: &str = include_str!("../../../docs/reference/presets.md");
 
 /// Returns the settings of a base by their full names; `None` if the algorithm does not have it.
 fn settings(algorithm: &str, base: &str) -> Option<BTreeMap<String, String>> {
@@ -38,7 +38,10 @@ fn the_page_lists_the_differences_of_each_base_from_best() {
                 let best = best.get(name).map_or("", |value| value);
                 table += &format!("| `{name}` | {best} | {value} |\n");
             }
-            assert!(PAGE.contains(&format!("{table}\n")), "docs/presets.md lacks this table:\n\n{table}");
+            assert!(
+                PAGE.contains(&format!("{table}\n")),
+                "docs/reference/presets.md lacks this table:\n\n{table}"
+            );
         }
     }
 }

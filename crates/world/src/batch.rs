@@ -20,7 +20,7 @@ impl Servo {
     }
 }
 
-/// What a device must know to make a batch.
+/// Facts that a device needs to make a batch.
 #[derive(Clone, Debug)]
 pub struct BatchSpec {
     /// Model of all worlds. Its constants equal those of its document, except the physics step.

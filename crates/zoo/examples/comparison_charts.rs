@@ -1,7 +1,7 @@
 //! Draws the charts of the comparisons from the CSV files that their Python scripts write.
 //!
-//! `cargo run -p mishandle-zoo --example comparison_charts` in the root of the repository writes `docs/skrl.svg` and
-//! `docs/why_off_policy_failed.svg`.
+//! `cargo run -p mishandle-zoo --example comparison_charts` in the root of the repository writes `docs/notebook/2026-11-22-skrl.svg` and
+//! `docs/notebook/2026-11-22-why-off-policy-failed.svg`.
 
 use std::error::Error;
 use std::path::Path;
@@ -39,9 +39,12 @@ const STRICT: &str = "#0072b2";
 fn main() -> Result<(), Box<dyn Error>> {
     let root = Path::new(".");
     let bands = rows(&root.join("experiments/skrl/bands.csv"))?;
-    std::fs::write(root.join("docs/skrl.svg"), skrl(&bands).svg())?;
+    std::fs::write(root.join("docs/notebook/2026-11-22-skrl.svg"), skrl(&bands).svg())?;
     let rates = rows(&root.join("experiments/off_policy/rates.csv"))?;
-    std::fs::write(root.join("docs/why_off_policy_failed.svg"), off_policy(&rates).svg())?;
+    std::fs::write(
+        root.join("docs/notebook/2026-11-22-why-off-policy-failed.svg"),
+        off_policy(&rates).svg(),
+    )?;
     Ok(())
 }
 

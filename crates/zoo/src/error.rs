@@ -144,7 +144,7 @@ impl ZooError {
     }
 }
 
-/// What is wrong with the file of a learning curve.
+/// Fault of the file of a learning curve.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum CurveFileProblem {
@@ -176,7 +176,7 @@ pub enum CurveFileProblem {
     },
 }
 
-/// What is wrong with a Markdown page.
+/// Fault of a Markdown page.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum PageProblem {

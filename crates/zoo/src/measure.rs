@@ -37,7 +37,7 @@ impl Conditions {
     }
 }
 
-/// What a measurement needs besides the controller.
+/// Inputs of a measurement besides the controller.
 #[derive(Clone, Copy)]
 pub(crate) struct Bench<'a> {
     pub folder: &'a ZooFolder,

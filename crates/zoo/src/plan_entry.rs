@@ -105,7 +105,7 @@ pub struct PlanEntry {
     pub training: Training,
     /// Number of its group in the plan, from 0.
     pub group: usize,
-    /// What it depends on now.
+    /// Present versions of everything that it depends on.
     pub expected: TrainingInputs,
     /// Its state.
     pub state: TrainingState,

@@ -83,7 +83,7 @@ pub struct TrainingTime {
     pub secs: f64,
 }
 
-/// What a training run depends on now.
+/// Present versions of everything that a training run depends on.
 #[derive(Clone, Debug, PartialEq)]
 pub struct TrainingInputs {
     /// All settings, as TOML; `None` if the repository has no settings file for this task and algorithm.

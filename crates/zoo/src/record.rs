@@ -26,7 +26,7 @@ pub struct Record {
     pub controller: String,
     /// Commit of the program that measured.
     pub commit: String,
-    /// What the measurement depends on.
+    /// Conditions of the measurement.
     pub conditions: Conditions,
     /// One evaluation per noise level, of starts from which the task can be done.
     pub evaluations: Vec<EvaluationRecord>,
@@ -45,7 +45,7 @@ pub struct Record {
     pub file_hash: Option<String>,
 }
 
-/// What a measurement depends on besides the controller. Under the same conditions it need not be repeated.
+/// Conditions of a measurement besides the controller. Under the same conditions it need not be repeated.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Conditions {
@@ -69,12 +69,12 @@ impl Conditions {
     const FORMULAS: [&str; 4] = ["success", "strict", "safe", "completion"];
 }
 
-/// What was measured of one controller.
+/// Measurements of one controller.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Measurement {
     /// Commit of the program that measured.
     pub commit: String,
-    /// What the measurement depends on.
+    /// Conditions of the measurement.
     pub conditions: Conditions,
     /// One evaluation per noise level.
     pub evaluations: Vec<EvaluationRecord>,

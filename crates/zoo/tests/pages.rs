@@ -5,7 +5,7 @@
 use std::fs;
 use std::path::{Path, PathBuf};
 
-/// What was found in a page.
+/// Content found in a page.
 #[derive(Debug, Default, PartialEq)]
 struct Found {
     /// Number of pairs of a success rate and a strict success rate.

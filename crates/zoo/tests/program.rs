@@ -62,7 +62,7 @@ fn repository(folder: &Path) -> Program {
         names.iter().map(|name| format!("<!-- figures: {name} -->\n<!-- end of figures -->\n")).collect()
     };
     write("README.md", page(&["pictures"]));
-    write("docs/tasks.md", page(&["tasks"]));
+    write("docs/reference/tasks.md", page(&["tasks"]));
     let tables = ["summary", "controllers", "noise", "training", "seeds", "further-seeds", "curves"];
     write("controllers/README.md", page(&tables));
     Program { repository: folder.to_path_buf() }
@@ -93,7 +93,7 @@ fn an_interrupted_training_run_leaves_a_checkpoint_and_exits_with_130() {
     assert_eq!((&entry["state"], &entry["reason"]), (&"interrupted".into(), &"no controller".into()));
     assert!(entry["checkpoint_environment_steps"].as_u64().unwrap() >= 256, "{entry}");
     assert!(
-        std::fs::read_to_string(folder.path().join("docs/tasks.md"))
+        std::fs::read_to_string(folder.path().join("docs/reference/tasks.md"))
             .unwrap()
             .contains("| `point-reaching` |")
     );

@@ -58,7 +58,7 @@ impl Repository {
             names.iter().map(|name| format!("<!-- figures: {name} -->\n<!-- end of figures -->\n")).collect()
         };
         repository.write("README.md", &page(&["pictures"]));
-        repository.write("docs/tasks.md", &page(&["tasks"]));
+        repository.write("docs/reference/tasks.md", &page(&["tasks"]));
         let tables = ["summary", "controllers", "noise", "training", "seeds", "further-seeds", "curves"];
         repository.write("controllers/README.md", &page(&tables));
         repository
@@ -158,8 +158,8 @@ fn a_missing_controller_is_trained_measured_and_shown_once() {
     assert!(rows[3].ends_with("|  | 1, 2, 3, 4 |"), "{}", rows[3]);
     assert!(page.contains("| `point-reaching` | `ddpg` | not run |"));
     let readme = repository.read("README.md");
-    assert!(readme.contains("<img src=\"docs/tasks/point-reaching.png\""), "{readme}");
-    let tasks = repository.read("docs/tasks.md");
+    assert!(readme.contains("<img src=\"crates/tasks/src/point_reaching/picture.png\""), "{readme}");
+    let tasks = repository.read("docs/reference/tasks.md");
     let corners = "4/4; strict 4/4";
     let row = format!(
         "| `point-reaching` | `a` | - | - | - | 97.0 | 97.0 | 97.0 | {corners} | {corners} | 1 of 2 |"
@@ -208,7 +208,7 @@ fn a_controller_that_fails_at_a_corner_misses_a_threshold_beside_its_success_rat
     assert!(page.contains("Below a threshold:\n\n- `point-reaching`: `ppo` (corners)\n"), "{page}");
     let row = lines_of(&page, "| `point-reaching` | `ppo` |").remove(0);
     assert!(row.contains("| **3/4**; strict **3/4** |") && row.contains("| corners | c0ffee |"), "{row}");
-    assert!(repository.read("docs/tasks.md").contains("| **3/4**; strict **3/4** |"));
+    assert!(repository.read("docs/reference/tasks.md").contains("| **3/4**; strict **3/4** |"));
     // A failing center counts too.
     repository.runner.set_corners(Some(CornersRecord { center_succeeds: Some(false), ..corners(4) }));
     repository.call(ppo(&[0]), |zoo| zoo.measure(true)).0.unwrap();
@@ -260,7 +260,7 @@ fn only_a_missing_falsification_is_run() {
     repository.call(Selection::default(), |zoo| zoo.write_pages()).0.unwrap();
     let rows = lines_of(&repository.page(), "| `point-reaching` | `ppo` |");
     assert!(rows[1].contains("| not run | c0ffee |"), "{}", rows[1]);
-    assert!(repository.read("docs/tasks.md").contains("| not run |"));
+    assert!(repository.read("docs/reference/tasks.md").contains("| not run |"));
     let evaluated = repository.runner.count("evaluate");
     repository.call(ppo(&[0]), |zoo| zoo.measure(false)).0.unwrap();
     assert_eq!(repository.states(&[0]), ["done"]);

@@ -1,4 +1,4 @@
-//! What the simulations of a run say, as results.
+//! Findings about the simulations of a run, as results.
 
 mod comparison;
 mod explanation;

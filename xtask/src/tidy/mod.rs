@@ -3,6 +3,7 @@
 mod crates;
 mod imports;
 mod links;
+mod plain;
 mod prose;
 mod rooms;
 mod rules;
@@ -88,6 +89,7 @@ pub fn check(root: &Path) -> Result<()> {
         rules::check(&tree),
         links::check(&tree),
         prose::check(&tree),
+        plain::check(&tree),
     ];
     let problems = found.into_iter().flatten().collect::<Vec<_>>();
     for problem in &problems {

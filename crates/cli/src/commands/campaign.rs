@@ -22,7 +22,7 @@ use crate::show::{campaign, output};
   mishandle campaign --resume runs/controllers
   mishandle campaign campaign.toml --ray auto         on this machine's Ray cluster
 
-The campaign file is a plan in which keys may have lists of values: see docs/campaigns.md. Each
+The campaign file is a plan in which keys may have lists of values: see docs/guide/campaigns.md. Each
 combination is a run with a run file in the folder. Exit code 1 means that a counterexample was
 found.")]
 pub struct Arguments {

@@ -105,7 +105,7 @@ impl Arguments {
     }
 }
 
-/// What pictures of a simulation center on.
+/// Center of pictures of a simulation.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ValueEnum)]
 pub enum CenterEvent {
     /// The violation, closest approach or smallest margin

@@ -20,7 +20,7 @@ use crate::show::progress::Bar;
   mishandle report runs/RUN.sqlite --no-simulations --out report.html
   mishandle report curve.csv --out curve.html           the learning curve of `train --csv`
 
-The page is one HTML file that loads nothing and runs no script. docs/report.md explains its
+The page is one HTML file that loads nothing and runs no script. docs/guide/report.md explains its
 charts. If the target of a run is available, scenarios around each failure mode are simulated,
 corners, and repeats with other seeds. Otherwise the page has what the run file contains.")]
 pub struct Arguments {

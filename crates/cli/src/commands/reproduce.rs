@@ -24,7 +24,7 @@ use crate::show::progress::Bar;
   mishandle reproduce performance --out runs/performance
   mishandle reproduce tables runs/performance runs/falsification --pages pages
 
-docs/reproduce.md explains the tables and how to read them.")]
+docs/guide/reproduce.md explains the tables and how to read them.")]
 pub struct Arguments {
     #[command(subcommand)]
     pub command: ReproduceCommand,
@@ -39,7 +39,7 @@ pub enum ReproduceCommand {
     /// Show the tables of existing campaigns or results, without simulations
     #[command(after_help = "Examples:
   mishandle reproduce tables runs/falsification
-  mishandle reproduce tables experiments/paper/results/DATE --pages docs/paper
+  mishandle reproduce tables experiments/paper/results/DATE --pages docs/notebook/2026-11-23-paper
 
 A campaign may be incomplete; its rows then say how far they are. Campaigns of `mishandle campaign`
 get the same tables.")]

@@ -44,7 +44,7 @@ as those of an uninterrupted run, bit for bit; with --device gpu they are not.
 If a file cannot be written, as on a full disk, training warns, continues and tries again; it stops
 if it cannot write the first checkpoint. The settings run.stop_success, run.stop_strict and
 run.stop_validations enable early stopping.
-Columns of the CSV file: docs/algorithms/README.md. All settings: docs/algorithms/settings.md.")]
+Columns of the CSV file: docs/guide/training.md. All settings: docs/reference/algorithms/settings.md.")]
 pub struct Arguments {
     /// Name of a task
     pub task: String,
@@ -98,7 +98,7 @@ pub fn run(command: &Arguments, gpu: Option<&Device>) -> Result<ExitStatus> {
     let plan = plan(command);
     if mishandle::train::uses_default_settings(&plan)? {
         output::message(&format!(
-            "note: no settings are shipped for {} with {}; using the defaults in docs/algorithms/settings.md",
+            "note: no settings are shipped for {} with {}; using the defaults in docs/reference/algorithms/settings.md",
             plan.task, plan.algorithm
         ));
     }

@@ -10,7 +10,7 @@ use super::numbers::integer;
 #[derive(Debug, Args)]
 pub struct Screening {
     /// Screen the simulations first: gpu (thousands of worlds of MuJoCo Warp on a GPU; MuJoCo C repeats the flagged
-    /// simulations and an audit sample of the others, and only these count), or none [default: none]
+    /// simulations and an audit sample of the rest, and only these count), or none [default: none]
     #[arg(long, value_name = "DEVICE", conflicts_with = "resume")]
     pub screening: Option<Screener>,
     /// With --screening gpu: number of worlds on the GPU [default: 16384]
@@ -43,7 +43,7 @@ impl Screening {
     }
 }
 
-/// What screens the simulations.
+/// Device that screens the simulations.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
 pub enum Screener {
     /// Nothing: MuJoCo C runs each simulation

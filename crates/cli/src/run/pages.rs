@@ -20,7 +20,7 @@ const INDEX: &str = "index.html";
 /// Folder of the pages of the runs, in that of a campaign's pages.
 const RUNS: &str = "runs";
 
-/// What pages contain.
+/// Contents of pages.
 pub struct Options<'a> {
     /// Random scenarios around each failure mode, and the progress bar; `None` to simulate nothing.
     pub simulations: Option<(u32, &'a Bar)>,

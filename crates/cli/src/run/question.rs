@@ -1,4 +1,4 @@
-//! What the commands share that ask a question: `evaluate`, `falsify`, `margin` and `risk`.
+//! The part that the commands `evaluate`, `falsify`, `margin` and `risk` share: they ask a question.
 
 use std::path::PathBuf;
 use std::time::Instant;

@@ -39,7 +39,7 @@ fn center(report: &Corners) -> Option<&CornerPoint> {
     report.points.iter().find(|point| point.kind != CORNER && point.counts)
 }
 
-/// Describes the failed simulations at points that count whose failure is no violation of the formula.
+/// Describes the failed simulations at points that count whose failure is not a violation of the formula.
 fn without_verdict(axes: &[AxisFacts], report: &Corners) -> Vec<String> {
     type Count = fn(&CornerPoint) -> u32;
     let reasons: [(Count, &str); 4] = [

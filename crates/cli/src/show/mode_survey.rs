@@ -1,4 +1,4 @@
-//! What trials that keep going found, as text: failure modes, when they appeared, coverage of the space, estimates of the unseen.
+//! Findings of trials that keep going, as text: failure modes, when they appeared, coverage of the space, estimates of the unseen.
 
 use std::collections::BTreeMap;
 

@@ -56,7 +56,7 @@ fn integer(name: &str, low: f64, high: f64) -> Axis {
     Axis::new(AxisKind::Model, name, "control steps", [low, high], Some(0.0)).with_values(AxisValues::Integer)
 }
 
-/// Delays of 2 and 3 steps fail. Offsets are thirds of the range: 1/3 passes, 2/3 and 1 fail, and between 1/3 and 2/3 is no delay.
+/// Delays of 2 and 3 steps fail. Offsets are thirds of the range: 1/3 passes, 2/3 and 1 fail, and no delay is between 1/3 and 2/3.
 #[test]
 fn integers_are_bisected_by_whole_steps_and_each_scenario_is_simulated_once() {
     let (margin, _) = found(vec![integer("delay", 0.0, 3.0)], |x| 1.5 - x[0]);

@@ -122,7 +122,7 @@ fn check_graph(graph: &GraphProto) -> Result<(), OnnxProblem> {
             let domain = domain.map(|domain| format!(" of the domain `{domain}`")).unwrap_or_default();
             return Err(OnnxProblem::Unsupported {
                 found: format!("the operator `{operator}`{domain}"),
-                hint: "docs/onnx.md lists the supported operators".to_string(),
+                hint: "docs/guide/onnx.md lists the supported operators".to_string(),
             });
         }
         node.attribute.iter().filter_map(|attribute| attribute.t.as_ref()).try_for_each(check_tensor)?;

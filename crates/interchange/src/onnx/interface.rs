@@ -30,9 +30,9 @@ pub(super) const PROVENANCE: [&str; 3] = ["algorithm", "controller_hash", "versi
 pub struct Interface {
     /// The name of the task; without it, the model is accepted for every task that its shapes fit.
     pub task: Option<String>,
-    /// The input for the observation; the first input that is no state by default.
+    /// The input for the observation; the first input that is not a state by default.
     pub observation: Option<String>,
-    /// The output with the action; the first output that is no state by default.
+    /// The output with the action; the first output that is not a state by default.
     pub action: Option<String>,
     /// Pairs of an input and the output that replaces it in the next control step. The initial value is 0.
     #[serde(default)]

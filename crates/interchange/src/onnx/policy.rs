@@ -235,7 +235,7 @@ impl Names {
         if let Some(unused) = inputs.iter().find(|name| !read.contains(name)) {
             return Err(invalid(format!(
                 "nothing says what the input `{unused}` is; name the observation, and the pairs of inputs and outputs of the \
-                 state, in the metadata or in a side file (docs/onnx.md)"
+                 state, in the metadata or in a side file (docs/guide/onnx.md)"
             )));
         }
         if read.iter().collect::<HashSet<_>>().len() != read.len() {

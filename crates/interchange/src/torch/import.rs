@@ -9,7 +9,7 @@ use super::tensor::{Checkpoint, NamedTensor};
 use super::zip::Archive;
 use crate::TorchProblem;
 
-/// What a checkpoint does not say.
+/// Facts that a checkpoint does not contain.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct ImportOptions {
     /// The activation of the hidden layers; by default that of the file, if it says so.
@@ -25,7 +25,7 @@ pub struct ImportOptions {
 pub struct Imported {
     /// The policy.
     pub policy: Policy,
-    /// What wrote the file, such as `Stable-Baselines3 PPO or A2C`.
+    /// Program that wrote the file, such as `Stable-Baselines3 PPO or A2C`.
     pub source: &'static str,
 }
 

@@ -15,7 +15,7 @@ use serde_json::{Value, json};
 use crate::shape::Types;
 
 /// The reference page.
-const PAGE: &str = "docs/json.md";
+const PAGE: &str = "docs/reference/json.md";
 
 /// Folder of the JSON Schemas, one for each document.
 const SCHEMAS: &str = "docs/reference/schemas";

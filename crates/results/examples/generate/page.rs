@@ -44,7 +44,7 @@ schemas and the classes are written by `COMMAND`.
 "#;
 
 /// Link from the page to the folder of the schemas.
-const SCHEMAS: &str = "reference/schemas";
+const SCHEMAS: &str = "schemas";
 
 /// Returns the page. `command` is the command that writes it.
 pub fn page(documents: &[Document], types: &Types, command: &str) -> String {

@@ -80,7 +80,7 @@ options! {
 /// # Units
 /// Jumps, the step of the finite differences (1e-8) and the gradient of the local search (`gtol` 1e-5) are in fractions of the
 /// box. SciPy 1.17.1 has the same numbers in the units of its bounds, so both agree for the bounds 0 and 1. Temperatures and
-/// the acceptance parameter have no unit of length. `docs/plans.md` compares all parameters.
+/// the acceptance parameter have no unit of length. `docs/reference/plans.md` compares all parameters.
 ///
 /// # Reference
 /// Xiang, Sun, Fan and Gong, "Generalized simulated annealing algorithm and its application to the Thomson model",

@@ -52,7 +52,7 @@ const USEFUL: f64 = 0.3;
 /// per coordinate.
 const PATIENCE: (f64, f64) = (4.0, 2.0);
 
-/// What decides about the share of the model.
+/// Evidence that decides about the share of the model.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Evidence {
     /// The leave-one-out rank correlation of the model.

@@ -128,7 +128,7 @@ pub struct State {
     pub durable_marks: usize,
 }
 
-/// What a power cut keeps of the changes that were not synced.
+/// The part of the unsynced changes that a power cut keeps.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Kept {
     Nothing,

@@ -133,7 +133,7 @@ impl Task for BallBalancing {
     }
 
     fn notes(&self) -> &'static str {
-        include_str!("../../../../docs/tasks/ball-balancing.md")
+        include_str!("page.md")
     }
 
     fn bind(&self, model: &Model, _panda: &Panda) -> Result<Box<dyn Scene>, WorldError> {

@@ -149,7 +149,7 @@ impl Task for BallCatching {
     }
 
     fn notes(&self) -> &'static str {
-        include_str!("../../../../docs/tasks/ball-catching.md")
+        include_str!("page.md")
     }
 
     fn bind(&self, model: &Model, _panda: &Panda) -> Result<Box<dyn Scene>, WorldError> {

@@ -127,7 +127,7 @@ impl Task for BallPushing {
     }
 
     fn notes(&self) -> &'static str {
-        include_str!("../../../../docs/tasks/ball-pushing.md")
+        include_str!("page.md")
     }
 
     fn bind(&self, model: &Model, panda: &Panda) -> Result<Box<dyn Scene>, WorldError> {

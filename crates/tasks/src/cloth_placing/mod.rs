@@ -212,7 +212,7 @@ impl Task for ClothPlacing {
     }
 
     fn notes(&self) -> &'static str {
-        include_str!("../../../../docs/tasks/cloth-placing.md")
+        include_str!("page.md")
     }
 
     fn bind(&self, model: &Model, panda: &Panda) -> Result<Box<dyn Scene>, WorldError> {

@@ -12,7 +12,7 @@
 //! success outcome is the same for 100.0 % of the initial states and the strict outcome for 90.8 %, close to the value for
 //! independent failures. So 7 x 7 is for experiments; train and evaluate on 11 x 11.
 //!
-//! The table compares alternatives (measured by `docs/cloth.py`): one scripted placement at 11 x 11, including the arm.
+//! The table compares alternatives (measured by `experiments/tasks/cloth.py`): one scripted placement at 11 x 11, including the arm.
 //! `us` is the CPU time of a physics step with the cloth at rest on the table, on a machine with two loaded cores (the arm
 //! alone took 8 us there, and 6 to 8 us on an idle core). `steps/s` is the number of control steps per second at this cost.
 //!

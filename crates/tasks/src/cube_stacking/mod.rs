@@ -160,7 +160,7 @@ impl Task for CubeStacking {
     }
 
     fn notes(&self) -> &'static str {
-        include_str!("../../../../docs/tasks/cube-stacking.md")
+        include_str!("page.md")
     }
 
     fn bind(&self, model: &Model, panda: &Panda) -> Result<Box<dyn Scene>, WorldError> {

@@ -167,7 +167,7 @@ impl Task for DoorOpening {
     }
 
     fn notes(&self) -> &'static str {
-        include_str!("../../../../docs/tasks/door-opening.md")
+        include_str!("page.md")
     }
 
     fn bind(&self, model: &Model, panda: &Panda) -> Result<Box<dyn Scene>, WorldError> {

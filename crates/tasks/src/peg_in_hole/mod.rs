@@ -152,7 +152,7 @@ impl Task for PegInHole {
     }
 
     fn notes(&self) -> &'static str {
-        include_str!("../../../../docs/tasks/peg-in-hole.md")
+        include_str!("page.md")
     }
 
     fn bind(&self, model: &Model, _panda: &Panda) -> Result<Box<dyn Scene>, WorldError> {

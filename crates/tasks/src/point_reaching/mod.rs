@@ -103,7 +103,7 @@ impl Task for PointReaching {
     }
 
     fn notes(&self) -> &'static str {
-        include_str!("../../../../docs/tasks/point-reaching.md")
+        include_str!("page.md")
     }
 
     fn bind(&self, model: &Model, panda: &Panda) -> Result<Box<dyn Scene>, WorldError> {

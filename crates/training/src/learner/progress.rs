@@ -127,7 +127,7 @@ pub struct Validation {
     pub mean_return: f64,
 }
 
-/// What the training loop does after an iteration.
+/// Decision of the training loop after an iteration.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum TrainingControl {
     /// Continue with the next iteration.

@@ -1,4 +1,4 @@
-//! The tables of README.md, docs/tasks.md and controllers/README.md, from the records.
+//! The tables of README.md, docs/reference/tasks.md and controllers/README.md, from the records.
 
 mod seeds;
 mod summary;
@@ -65,7 +65,7 @@ impl Shown<'_> {
 /// If a page cannot be read or written, or has no place for a table.
 pub(crate) fn write(shown: &Shown<'_>, drawn: &[String]) -> Result<(), ZooError> {
     replace(&shown.folder.path("README.md"), "pictures", &pictures(shown))?;
-    replace(&shown.folder.path("docs/tasks.md"), "tasks", &tasks(shown))?;
+    replace(&shown.folder.path("docs/reference/tasks.md"), "tasks", &tasks(shown))?;
     for (name, text) in [
         ("summary", summary::table(shown)),
         ("controllers", performance(shown, 0)),
@@ -83,7 +83,8 @@ pub(crate) fn write(shown: &Shown<'_>, drawn: &[String]) -> Result<(), ZooError>
 /// The pictures of the tasks, which `cargo xtask pictures` draws.
 fn pictures(shown: &Shown<'_>) -> String {
     let picture = |name: &str| {
-        format!("<img src=\"docs/tasks/{name}.png\" width=\"{PICTURE_WIDTH}\" alt=\"{name}\">\n")
+        let folder = mishandle::tasks::folder(name);
+        format!("<img src=\"{folder}/picture.png\" width=\"{PICTURE_WIDTH}\" alt=\"{name}\">\n")
     };
     shown.names().map(picture).collect()
 }

@@ -20,7 +20,7 @@ use crate::show::output;
 FILE is a model of Stable-Baselines3 (PPO, A2C, SAC, TD3, DDPG), a checkpoint of skrl, or a state
 dictionary written by `torch.save(model.state_dict(), FILE)`. Its policy must be a multi-layer
 perceptron; other policies run as ONNX. Only weights are read: nothing in the file is unpickled or
-executed. docs/import.md shows how to write the statistics of a VecNormalize.")]
+executed. docs/guide/import.md shows how to write the statistics of a VecNormalize.")]
 pub struct Arguments {
     /// Model or checkpoint: .zip, .pt or .pth
     pub file: PathBuf,

@@ -30,7 +30,7 @@ use crate::show::{escape, exports, output};
 
 --minimize moves the scenario toward the nominal one while it still fails: as few axes as possible
 off nominal, with offsets that cannot shrink by 1 % of the width of an axis. The random seed stays.
-docs/counterexamples.md describes the file.")]
+docs/guide/counterexamples.md describes the file.")]
 pub struct Arguments {
     /// Run file of `mishandle evaluate` or `mishandle falsify`
     #[arg(value_name = "RUN")]

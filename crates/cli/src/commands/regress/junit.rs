@@ -32,7 +32,7 @@ fn case(test: &Test) -> String {
     );
     let element = match test.outcome {
         Outcome::Passes | Outcome::Fixed => return open + "/>\n",
-        // It fails with the baseline, too, so it is no failure of the new controller.
+        // It fails with the baseline, too, so it is not a failure of the new controller.
         Outcome::Fails if test.baseline.is_some() => "skipped",
         Outcome::Fails | Outcome::NewFailure => "failure",
         Outcome::Error => "error",

@@ -32,7 +32,8 @@ impl TargetSmoothing {
     }
 }
 
-/// Critic loss: mean (Q₁(s, a) - y)² + mean (Q₂(s, a) - y)²,  y = returns + discounts · min(Q₁'(s', a'), Q₂'(s', a'))
+/// Critic loss: mean (Q₁(s, a) - y)² + mean (Q₂(s, a) - y)²,
+/// y = returns + discounts · min(Q₁'(s', a'), Q₂'(s', a'))
 pub struct CriticLoss<'a, T> {
     /// The transitions.
     pub batch: &'a TransitionBatch<T>,

@@ -15,7 +15,7 @@
 //! - Minibatches are shuffled in each epoch.
 //! - The observation normalizer is frozen during a rollout and its updates, so the initial ratios are exactly 1.
 //!
-//! The base `skrl-0.10` reproduces the PPO of skrl 0.10.2, which differs in most of these points; see `docs/presets.md`.
+//! The base `skrl-0.10` reproduces the PPO of skrl 0.10.2, which differs in most of these points; see `docs/reference/presets.md`.
 //!
 //! # Reference
 //! Schulman, Wolski, Dhariwal, Radford and Klimov, "Proximal Policy Optimization Algorithms", 2017.

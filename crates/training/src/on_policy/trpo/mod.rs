@@ -16,7 +16,7 @@
 //! Advantages, critic and observation normalizer are those of [`ppo`](crate::ppo), except that advantages are normalized
 //! over the whole rollout, which is one batch. The critic is trained on shuffled minibatches after each policy step.
 //!
-//! The base `skrl-0.10` reproduces the TRPO of skrl 0.10.2; see `docs/presets.md`.
+//! The base `skrl-0.10` reproduces the TRPO of skrl 0.10.2; see `docs/reference/presets.md`.
 //!
 //! # Reference
 //! Schulman, Levine, Moritz, Jordan and Abbeel, "Trust Region Policy Optimization", ICML 2015, with its appendix C.
