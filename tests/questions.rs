@@ -3,6 +3,7 @@
 #![allow(clippy::unwrap_used)]
 
 use std::ops::ControlFlow;
+use std::path::Path;
 
 use mishandle::plan::{EvaluatePlan, FalsifyPlan, MarginPlan, RiskPlan};
 use mishandle::run::{Answer, Engine};
@@ -45,6 +46,7 @@ fn in_pieces(plan: &Plan, calls: u64) -> (String, u128, u64) {
             if left > 0 { ControlFlow::Continue(()) } else { ControlFlow::Break(()) }
         })
         .unwrap();
+        check_recorded(&resolved, &path, &answer);
         if answer.is_complete() {
             let run = RunFile::open(&path).unwrap();
             assert_eq!(mishandle::run::unfinished(&run).unwrap(), None);
@@ -55,6 +57,16 @@ fn in_pieces(plan: &Plan, calls: u64) -> (String, u128, u64) {
         run = RunWriter::resume(&path).unwrap();
     }
     unreachable!()
+}
+
+/// Checks that the answer follows from the run file alone, also that of an interrupted run.
+fn check_recorded(resolved: &ResolvedPlan, path: &Path, answer: &Answer) {
+    let run = RunFile::open(path).unwrap();
+    if !matches!(answer, Answer::Margin(_) | Answer::Risk(_)) || run.counts().unwrap().simulations == 0 {
+        return;
+    }
+    let recorded = mishandle::run::recorded_answer(resolved, &run).unwrap();
+    assert_eq!(format!("{recorded:?}"), format!("{answer:?}"));
 }
 
 /// Replays the first, the last and the first failing simulation.

@@ -26,6 +26,7 @@ pub fn report(py: Python<'_>, target: &PyTarget, path: PathBuf, probes: u32) -> 
         found.is_deterministic = run.header().target.is_deterministic;
         let resolved = ResolvedPlan::with_target(&Plan::from_toml(&run.header().plan)?, found)?;
         let mut report = RunReport::load(&run, &path.to_string_lossy())?;
+        report.add_answer_of(&run, &resolved)?;
         let measured = report.measure_with(&run, &resolved, probes, |_, _| ControlFlow::Continue(()))?;
         if let Measurement::Skipped { reason } = &measured {
             report.note_no_simulations(reason);

@@ -6,6 +6,8 @@
 
 use std::cell::{Cell, RefCell};
 use std::collections::BTreeSet;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
 
 use mishandle_rollout::{Episode, Request, RolloutError, Screen, ScreenedEpisode, Space, System};
 use mishandle_store::{RunFile, RunWriter, ScreenedChunk, Simulation, TrialStatus, requests_digest};
@@ -31,6 +33,9 @@ pub(crate) struct Journal<'a> {
     started: RefCell<BTreeSet<u32>>,
     traces: Cell<usize>,
     chunks: Cell<u32>,
+    /// Number of simulations and chunks that the run file answered.
+    answered: Arc<AtomicU64>,
+    missing: Cell<bool>,
     /// Trial and number of the simulation that is looked for, and its request once it is asked.
     sought: Option<(u32, u32)>,
     found: RefCell<Option<Request>>,
@@ -51,7 +56,12 @@ impl<'a> Journal<'a> {
 
     /// Asks the question of a run again, without simulating anything, up to simulation `number` of `trial`.
     pub(crate) fn until(resolved: &'a ResolvedPlan, run: &'a RunFile, sought: (u32, u32)) -> Journal<'a> {
-        Journal { sought: Some(sought), ..Journal::of(resolved, File::Read(run), BTreeSet::new()) }
+        Journal { sought: Some(sought), ..Journal::again(resolved, run) }
+    }
+
+    /// Asks the question of a run again, without simulating anything.
+    pub(crate) fn again(resolved: &'a ResolvedPlan, run: &'a RunFile) -> Journal<'a> {
+        Journal::of(resolved, File::Read(run), BTreeSet::new())
     }
 
     fn of(resolved: &'a ResolvedPlan, file: File<'a>, started: BTreeSet<u32>) -> Journal<'a> {
@@ -61,6 +71,8 @@ impl<'a> Journal<'a> {
             started: started.into(),
             traces: Cell::new(0),
             chunks: Cell::new(0),
+            answered: Arc::default(),
+            missing: Cell::new(false),
             sought: None,
             found: RefCell::new(None),
             error: RefCell::new(None),
@@ -117,6 +129,22 @@ impl<'a> Journal<'a> {
         Ok(run.close()?)
     }
 
+    /// Returns the number of simulations and chunks that the run file answered, which grows.
+    pub(crate) fn answered(&self) -> Arc<AtomicU64> {
+        Arc::clone(&self.answered)
+    }
+
+    /// Returns whether the question asked something that is not recorded, and this journal simulates nothing.
+    pub(crate) fn is_missing(&self) -> bool {
+        self.missing.get()
+    }
+
+    /// Returns the error of a question whose answer is not recorded.
+    fn not_recorded(&self) -> RolloutError {
+        self.missing.set(true);
+        RolloutError::System("the run file does not have this simulation".to_string())
+    }
+
     /// Returns the plan of the question.
     pub(crate) fn resolved(&self) -> &'a ResolvedPlan {
         self.resolved
@@ -149,6 +177,7 @@ impl<'a> Journal<'a> {
             && recorded.scenario.is_same(&request.scenario)
             && recorded.stop_threshold.map(f64::to_bits) == request.stop_threshold.map(f64::to_bits)
             && bits(&recorded.unit_point) == bits(&request.unit_point);
+        self.answered.fetch_add(u64::from(is_same), Ordering::Relaxed);
         match is_same {
             true => Ok(Some(Episode { request: request.clone(), ..episode })),
             false => Err(MishandleError::SimulationMismatch { number: request.number }),
@@ -225,7 +254,7 @@ impl System for JournalSystem<'_> {
         let mut simulated = Vec::new().into_iter();
         if !new.is_empty() {
             let Some(system) = &mut self.system else {
-                return Err(RolloutError::System("the run has no such simulation".to_string()));
+                return Err(journal.not_recorded());
             };
             let episodes = system.rollout(&new)?;
             simulated = journal.record(&episodes).map_err(|error| journal.fail(error))?.into_iter();
@@ -267,10 +296,11 @@ impl Screen for JournalScreening<'_, '_> {
             if chunk.requests != digest || outcomes.len() != requests.len() {
                 return Err(journal.fail(MishandleError::ScreeningMismatch { number }));
             }
+            journal.answered.fetch_add(1, Ordering::Relaxed);
             return Ok(outcomes.into_iter().map(Some).collect());
         }
         let Some(engine) = &mut self.engine else {
-            return Err(RolloutError::System("the run has no such simulations".to_string()));
+            return Err(journal.not_recorded());
         };
         let found = engine.run(requests, watch)?;
         let File::Write(run) = &journal.file else { return Ok(found) };

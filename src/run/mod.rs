@@ -29,7 +29,7 @@ pub use evaluate::{
 };
 pub use falsify::{failure_rate_bound, falsify};
 pub(crate) use question::asked;
-pub use question::{Answer, Engine, MarginOutcome, Progress, Watch, ask};
+pub use question::{Answer, Engine, MarginOutcome, Progress, Watch, ask, recorded_answer};
 pub use record::{create_run, recorded_axis, recorded_episode};
 pub(crate) use recorded::recorded_named;
 pub use recorded::{box_point, recorded_axes, recorded_scenario};

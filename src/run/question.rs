@@ -1,6 +1,7 @@
 //! Asking the question of a plan: one function runs all of them, with every engine, and writes every simulation to a run file.
 
 use std::ops::ControlFlow;
+use std::sync::atomic::Ordering;
 
 use mishandle_evaluation::{Corners, Repeats, ScreenedProgress};
 use mishandle_falsification::{
@@ -254,6 +255,36 @@ fn ended(answer: &Answer) -> Vec<(u32, TrialStatus)> {
     }
 }
 
+/// Returns the answer of a run from its records alone: that of the recorded simulations if the run was interrupted.
+///
+/// # Errors
+/// If the run is an evaluation or falsification without screening, is of another plan, has no simulations, or has others than
+/// its question asks.
+pub fn recorded_answer(resolved: &ResolvedPlan, run: &RunFile) -> Result<Answer, MishandleError> {
+    header::check(run.header(), resolved)?;
+    let journal = Journal::again(resolved, run);
+    match ask_again(&journal, &mut |_| ControlFlow::Continue(())) {
+        Err(_) if journal.is_missing() => {
+            let end = journal.answered().load(Ordering::Relaxed);
+            let journal = Journal::again(resolved, run);
+            let answered = journal.answered();
+            ask_again(&journal, &mut |_| match answered.load(Ordering::Relaxed) == end {
+                true => ControlFlow::Break(()),
+                false => ControlFlow::Continue(()),
+            })
+        }
+        answer => answer,
+    }
+}
+
+/// Asks the question of a journal that simulates nothing.
+fn ask_again(journal: &Journal<'_>, watch: Watch<'_>) -> Result<Answer, MishandleError> {
+    match &journal.resolved().plan.screening {
+        Some(plan) => screened(journal, plan, journal.screening(None), watch),
+        None => recorded(journal, watch),
+    }
+}
+
 /// Returns the request that the question of a run asks as simulation `number` of `trial`, from the recorded answers of the earlier
 /// ones; `None` if it does not ask it.
 ///
@@ -266,10 +297,7 @@ pub(crate) fn asked(
 ) -> Result<Option<Request>, MishandleError> {
     let journal = Journal::until(resolved, run, sought);
     let mut watch = |_: &Progress| ControlFlow::Continue(());
-    let end = match &resolved.plan.screening {
-        Some(plan) => screened(&journal, plan, journal.screening(None), &mut watch),
-        None => recorded(&journal, &mut watch),
-    };
+    let end = ask_again(&journal, &mut watch);
     match journal.found() {
         Some(request) => Ok(Some(request)),
         // The question came to its end, or to a simulation that is not recorded.

@@ -52,7 +52,7 @@ pub use coordinate::coordinate;
 pub use error::FalsificationError;
 pub use falsification::{Falsification, FalsificationBatch, FalsificationSettings};
 pub use keep_going::{KeepGoing, SignatureOf, simulations_without_mode};
-pub use margin::{Margin, Witness, check_margin, margin};
+pub use margin::{Margin, Witness, check_margin, margin, norms};
 pub use minimize::{Minimized, axes_off_nominal, is_close, minimize};
 pub use modes::{
     FailurePoint, MAX_FAILURES, MAX_OTHERS, ModeMembers, Signature, UnitScenario, group_failures,

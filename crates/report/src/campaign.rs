@@ -1,7 +1,9 @@
 //! Pages of a campaign: one page per run, and an index that leads to them.
 
 use mishandle::evaluation::wilson;
-use mishandle::store::TrialStatus;
+use mishandle::results::Answer;
+use mishandle::store::{RunKind, TrialStatus};
+use mishandle_text::probability_text;
 
 use crate::html::{number, percent, text};
 use crate::load::RunReport;
@@ -17,9 +19,7 @@ pub struct RunSummary {
     subject: String,
     search: String,
     space: String,
-    is_evaluation: bool,
-    /// Numbers of failing and of all trials, or of failing and of decided random simulations of an evaluation.
-    failures: (u64, u64),
+    verdict: Verdict,
     is_complete: bool,
     median: Option<u32>,
     modes: usize,
@@ -27,28 +27,85 @@ pub struct RunSummary {
     simulations: u64,
 }
 
+/// The verdict of a run in the index.
+#[derive(Clone, Debug)]
+struct Verdict {
+    /// HTML after the mark of a run with or without failures.
+    text: String,
+    /// 95 % interval.
+    interval: Option<[String; 2]>,
+    /// Share of failures from 0 to 1, by which runs are sorted; `None` if the run has not started.
+    share: Option<f64>,
+}
+
+impl Verdict {
+    fn new(report: &RunReport) -> Verdict {
+        match &report.answer {
+            Some(Answer::Margin(found)) => {
+                let amplitude = found.witness.as_ref().map(|witness| witness.norms.amplitude);
+                Verdict {
+                    text: amplitude.map_or("no violation".to_string(), |amplitude| {
+                        format!("fails from amplitude {} on", number(amplitude))
+                    }),
+                    interval: None,
+                    share: Some(amplitude.map_or(0.0, |amplitude| 1.0 - 0.99 * amplitude)),
+                }
+            }
+            Some(Answer::Risk(found)) => {
+                let value = found.probability.as_ref().and_then(|answer| answer.value);
+                let text = match value {
+                    Some(value) => format!("probability {}", probability_text(value)),
+                    None => "no estimate".to_string(),
+                };
+                let ends = found.probability.as_ref().and_then(|answer| Some([answer.low?, answer.high?]));
+                Verdict {
+                    text,
+                    interval: Some(ends.unwrap_or(found.bounds).map(probability_text)),
+                    share: Some(value.unwrap_or(0.0)),
+                }
+            }
+            _ if report.has_answer() => {
+                Verdict { text: "no answer".to_string(), interval: None, share: Some(0.0) }
+            }
+            _ => Verdict::of_counts(report),
+        }
+    }
+
+    /// Returns the verdict of an evaluation or falsification.
+    fn of_counts(report: &RunReport) -> Verdict {
+        let ((failing, all), name) = match report.is_evaluation() {
+            true => (words::evaluated(report), "scenarios fail"),
+            false => {
+                let (failing, all) = words::falsified(report);
+                ((failing as u64, all as u64), "trials falsified")
+            }
+        };
+        let rate = wilson(failing, all);
+        Verdict {
+            text: format!("{failing} of {all} {name}"),
+            interval: rate.low.zip(rate.high).map(|(low, high)| [percent(low), percent(high)]),
+            share: rate.value,
+        }
+    }
+}
+
 impl RunSummary {
     /// Summarizes a run whose page or section is at `href`. `name` is its name in the campaign.
     pub fn new(report: &RunReport, name: &str, href: &str) -> RunSummary {
-        let is_evaluation = report.is_evaluation();
-        let falsified = words::falsified(report);
         let planned =
             report.plan.as_ref().and_then(|plan| plan.falsify.as_ref()).map_or(1, |plan| plan.trials);
         let has_ended = |trial: &&crate::load::Trial| trial.summary.trial.status != TrialStatus::Running;
         let ended = report.trials.iter().filter(has_ended).count();
+        let is_falsification = report.header.kind == RunKind::Falsify;
         RunSummary {
             name: name.to_string(),
             href: href.to_string(),
             subject: words::subject(report),
             search: report.header.search.clone(),
             space: report.header.space.clone(),
-            is_evaluation,
-            failures: match is_evaluation {
-                true => words::evaluated(report),
-                false => (falsified.0 as u64, falsified.1 as u64),
-            },
+            verdict: Verdict::new(report),
             is_complete: ended == report.trials.len() && ended as u64 >= u64::from(planned),
-            median: words::median(report).filter(|_| !is_evaluation),
+            median: words::median(report).filter(|_| is_falsification),
             modes: report.modes.modes.len(),
             worst: words::worst(report),
             simulations: report.counts.simulations,
@@ -56,26 +113,20 @@ impl RunSummary {
     }
 
     fn share(&self) -> f64 {
-        let (failing, all) = self.failures;
-        failing as f64 / (all as f64).max(1.0)
+        self.verdict.share.unwrap_or(0.0)
     }
 
     fn cells(&self) -> Vec<String> {
-        let (failing, all) = self.failures;
-        let what = if self.is_evaluation { "scenarios fail" } else { "trials falsified" };
-        let rate = wilson(failing, all);
-        let interval = match (rate.low, rate.high) {
-            (Some(low), Some(high)) => {
-                format!("<span class=\"whole\">{} to {}</span>", percent(low), percent(high))
-            }
-            _ => "–".to_string(),
+        let Verdict { text: found, interval, share } = &self.verdict;
+        let interval = interval
+            .as_ref()
+            .map_or("–".to_string(), |[low, high]| format!("<span class=\"whole\">{low} to {high}</span>"));
+        let mark = match share {
+            None => "not started".to_string(),
+            Some(0.0) => format!("<b class=\"pass\">•</b> {found}"),
+            Some(_) => format!("<b class=\"fail\">✕</b> {found}"),
         };
-        let mark = match (all, failing) {
-            (0, _) => "not started".to_string(),
-            (_, 0) => format!("<b class=\"pass\">•</b> 0 of {all} {what}"),
-            _ => format!("<b class=\"fail\">✕</b> {failing} of {all} {what}"),
-        };
-        let unfinished = if self.is_complete || all == 0 { "" } else { ", not finished" };
+        let unfinished = if self.is_complete || share.is_none() { "" } else { ", not finished" };
         vec![
             format!("<a class=\"whole\" href=\"{}\">{}</a>", text(&self.href), text(&self.name)),
             format!(
@@ -88,7 +139,7 @@ impl RunSummary {
             self.worst.map_or("–".to_string(), number),
             self.simulations.to_string(),
             self.subject.clone(),
-            if self.is_evaluation { "–".to_string() } else { text(&self.search) },
+            if self.search.is_empty() { "–".to_string() } else { text(&self.search) },
             text(&self.space),
         ]
     }
@@ -143,7 +194,7 @@ pub fn table(runs: &[RunSummary], names_say_it: bool) -> String {
 
 /// Returns the index of a campaign. `tables` are other pages: their addresses and titles.
 pub fn campaign_page(name: &str, runs: &[RunSummary], tables: &[(String, String)]) -> String {
-    let failing = runs.iter().filter(|run| run.failures.0 > 0).count();
+    let failing = runs.iter().filter(|run| run.share() > 0.0).count();
     let title = match failing {
         0 => format!("None of {} has a failure.", mishandle_text::plural(runs.len() as u64, "run")),
         _ => format!(
@@ -162,7 +213,7 @@ pub fn campaign_page(name: &str, runs: &[RunSummary], tables: &[(String, String)
     }
     out.push_str(
         "<p>Each run has its page, with failure modes, robustness maps and the commands that run each failure again. An interval \
-         is that of the share of falsified trials or failing scenarios.</p>\n",
+         is that of the share of falsified trials or failing scenarios, or of the failure probability.</p>\n",
     );
     if !tables.is_empty() {
         let link = |(href, title): &(String, String)| {

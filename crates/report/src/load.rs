@@ -4,10 +4,11 @@ use mishandle::evaluation::{Corners, FormulaRoles, Lifetime, MetricCounter, Metr
 use mishandle::inspect::{
     ExplainedSimulation, FailureModes, ModeSurvey, explain, failure_modes, mode_survey,
 };
+use mishandle::results::Answer;
 use mishandle::rollout::{Axis, Seed};
-use mishandle::run::recorded_axis;
+use mishandle::run::{recorded_answer, recorded_axis};
 use mishandle::store::{Counts, RunFile, RunHeader, RunKind, Simulation, TrialStatus, TrialSummary};
-use mishandle::{MishandleError, Plan};
+use mishandle::{MishandleError, Plan, ResolvedPlan};
 
 use crate::measure::Measured;
 
@@ -20,6 +21,9 @@ const MAX_FAILURES: usize = 1000;
 /// Largest numbers of failing and of other simulations that are links to a row of the table.
 const LINKED_FAILURES: usize = 150;
 const LINKED_OTHERS: usize = 100;
+
+/// Trial of a margin in which its witness is found.
+const WITNESS_TRIAL: u32 = 1;
 
 /// Largest number of failure modes that are described.
 pub const MAX_MODES: usize = 6;
@@ -46,6 +50,10 @@ pub struct RunReport {
     pub(crate) survey: Option<ModeSurvey>,
     /// The representatives of the first modes, explained.
     pub(crate) representatives: Vec<ExplainedSimulation>,
+    /// Of a margin or a failure probability: the answer.
+    pub(crate) answer: Option<Answer>,
+    /// Of a margin: the simulation with the smallest disturbance that was found, explained.
+    pub(crate) witness: Option<ExplainedSimulation>,
     pub(crate) measured: Option<Measured>,
     /// Parts that the page lacks, with the reason.
     pub(crate) notes: Vec<String>,
@@ -191,9 +199,53 @@ impl RunReport {
             modes,
             survey,
             representatives,
+            answer: None,
+            witness: None,
             measured: None,
             notes: Vec::new(),
         })
+    }
+
+    /// Adds the answer of a margin or a failure probability, which follows from the recorded simulations and the target.
+    /// `controller` is the present path of the run's controller, if the file was moved. If the target of the run is not
+    /// available, the page says so.
+    ///
+    /// # Errors
+    /// If the simulations are not those that the question asks.
+    pub fn add_answer(&mut self, run: &RunFile, controller: Option<&str>) -> Result<(), MishandleError> {
+        if !self.has_answer() {
+            return Ok(());
+        }
+        match mishandle::resolve::recorded_plan(run.header(), controller) {
+            Ok(resolved) => self.add_answer_of(run, &resolved),
+            Err(error) => {
+                self.add_note(format!("The answer is missing, because it takes the target: {error}."));
+                Ok(())
+            }
+        }
+    }
+
+    /// Like [`add_answer`](Self::add_answer), with a target that is not part of this program, such as a Python system.
+    ///
+    /// # Errors
+    /// If the simulations are not those that the question asks.
+    pub fn add_answer_of(&mut self, run: &RunFile, resolved: &ResolvedPlan) -> Result<(), MishandleError> {
+        if !self.has_answer() || self.counts.simulations == 0 {
+            return Ok(());
+        }
+        let answer = recorded_answer(resolved, run)?.result(resolved, run.path())?;
+        if let Answer::Margin(found) = &answer
+            && let Some(witness) = &found.witness
+        {
+            self.witness = Some(explain(run, WITNESS_TRIAL, witness.simulation, None)?);
+        }
+        self.answer = Some(answer);
+        Ok(())
+    }
+
+    /// Returns whether the run is a margin or a failure probability.
+    pub(crate) fn has_answer(&self) -> bool {
+        matches!(self.header.kind, RunKind::Margin | RunKind::Risk)
     }
 
     /// Says on the page that nothing was simulated, and why.

@@ -30,6 +30,8 @@ pub struct Measured {
     pub patches: Vec<Option<Patch>>,
     pub repeats: Vec<Option<Repeats>>,
     pub strips: Vec<Pictures>,
+    /// Pictures of the witness of a margin.
+    pub witness: Option<Pictures>,
     pub noise: Option<Noise>,
     /// Corners and center of the initial box. For an evaluation, they are in the run file.
     pub corners: Vec<Point>,
@@ -185,8 +187,13 @@ impl RunReport {
         if is_interrupted.get() {
             return Ok(Measurement::Interrupted);
         }
-        match pictures::strips(run, &self.representatives, controller) {
-            Ok(strips) => measured.strips = strips,
+        let witness = self.witness.as_slice();
+        let strips = pictures::strips(run, &self.representatives, controller);
+        match strips.and_then(|strips| Ok((strips, pictures::strips(run, witness, controller)?))) {
+            Ok((strips, witness)) => {
+                measured.strips = strips;
+                measured.witness = witness.into_iter().next();
+            }
             Err(error) => self.notes.push(format!("There are no pictures of the failures: {error}.")),
         }
         self.measured = Some(measured);

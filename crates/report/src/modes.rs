@@ -5,8 +5,8 @@ use mishandle::inspect::{ExplainedSimulation, FailureMode};
 
 use crate::html::{base64, percent, short, table, text, with_code, with_unit};
 use crate::load::RunReport;
-use crate::measure::{Measured, Patch};
-use crate::pictures::{Film, Frame};
+use crate::measure::Patch;
+use crate::pictures::{Film, Frame, Pictures};
 use crate::space::value_text;
 use crate::{commands, tables, trace};
 
@@ -108,7 +108,8 @@ fn card(
     }
     let mut figures = trace::figures(header, explained).into_iter();
     out.push_str(&format!("</ul>\n</div>\n<div>{}</div>\n</div>\n", figures.next().unwrap_or_default()));
-    out.push_str(&frames(report, measured, index, explained));
+    let pictures = measured.and_then(|measured| measured.strips.get(index));
+    out.push_str(&pictures.map_or(String::new(), |pictures| frames(report, pictures, explained)));
     let others: String = figures.collect();
     if !others.is_empty() {
         out.push_str(&format!("<div class=\"grid\">{others}</div>\n"));
@@ -211,16 +212,8 @@ fn region_table(report: &RunReport, mode: &FailureMode) -> String {
         + &notes
 }
 
-/// Returns the pictures of a representative.
-fn frames(
-    report: &RunReport,
-    measured: Option<&Measured>,
-    index: usize,
-    explained: &ExplainedSimulation,
-) -> String {
-    let Some(pictures) = measured.and_then(|measured| measured.strips.get(index)) else {
-        return String::new();
-    };
+/// Returns the pictures of a simulation as HTML.
+pub fn frames(report: &RunReport, pictures: &Pictures, explained: &ExplainedSimulation) -> String {
     let decisive = explained.explanation.diagnosis.path.last().map(|found| found.sample);
     let frame = |frame: &Frame| {
         let time = format!("{:.2} s", frame.sample as f64 * report.header.control_dt);

@@ -1,12 +1,12 @@
 //! The section of one run.
 
-use mishandle::results::Noise;
+use mishandle::results::{Answer, Noise};
 use mishandle::stl::{Clock, EvaluationTime, Formula};
-use mishandle::store::RunHeader;
+use mishandle::store::{RunHeader, RunKind};
 
 use crate::html::{number, percent, short, text};
 use crate::load::RunReport;
-use crate::{curves, map, modes, survey, tables, words};
+use crate::{curves, map, margin, modes, risk, survey, tables, words};
 
 /// Returns the section of a run. `id` is its number on the page, from 1.
 pub fn section(report: &RunReport, id: usize) -> String {
@@ -21,6 +21,11 @@ pub fn section(report: &RunReport, id: usize) -> String {
         let notes: String = report.notes.iter().map(|note| format!("<li>{}</li>", text(note))).collect();
         out.push_str(&format!("<ul class=\"notes\">{notes}</ul>\n"));
     }
+    out.push_str(&match &report.answer {
+        Some(Answer::Margin(found)) => margin::section(report, found, id),
+        Some(Answer::Risk(found)) => risk::section(found, id),
+        _ => String::new(),
+    });
     if report.modes.failures > 0 {
         out.push_str(&format!("<h3 id=\"r{id}-modes\">What fails</h3>\n{}", modes::section(report, id)));
     }
@@ -32,9 +37,11 @@ pub fn section(report: &RunReport, id: usize) -> String {
     if let Some(noise) = report.measured.as_ref().and_then(|measured| measured.noise) {
         out.push_str(&format!("<h3>Noise</h3>\n<p>{}</p>\n", noise_text(&noise)));
     }
-    let heading = if report.is_evaluation() { "How robust it is" } else { "How the search went" };
-    out.push_str(&format!("<h3 id=\"r{id}-search\">{heading}</h3>\n{}", curves::figures(report)));
-    if !report.is_evaluation() {
+    if !report.has_answer() {
+        let heading = if report.is_evaluation() { "How robust it is" } else { "How the search went" };
+        out.push_str(&format!("<h3 id=\"r{id}-search\">{heading}</h3>\n{}", curves::figures(report)));
+    }
+    if report.header.kind == RunKind::Falsify {
         out.push_str(&survey::section(report));
         out.push_str(&tables::trials(report, id));
     }
@@ -67,25 +74,39 @@ pub fn requirement(header: &RunHeader) -> String {
 
 /// Returns the key numbers.
 fn tiles(report: &RunReport) -> String {
-    let mut tiles: Vec<(String, String)> = Vec::new();
-    if report.is_evaluation() {
-        let (failing, decided) = words::evaluated(report);
-        tiles.push((format!("{failing} of {decided}"), "random scenarios fail".to_string()));
-    } else {
-        let (found, trials) = words::falsified(report);
-        tiles.push((format!("{found} of {trials}"), "trials falsified".to_string()));
-        let median = words::median(report).map_or("–".to_string(), |median| median.to_string());
-        tiles.push((median, "simulations to a failure (median)".to_string()));
-    }
+    let mut tiles = match &report.answer {
+        Some(Answer::Margin(found)) => margin::tiles(found),
+        Some(Answer::Risk(found)) => risk::tiles(found),
+        _ => simulation_tiles(report),
+    };
     let modes = report.modes.modes.len();
     tiles.push((modes.to_string(), if modes == 1 { "failure mode" } else { "failure modes" }.to_string()));
     tiles.push((words::worst(report).map_or("–".to_string(), number), "lowest robustness".to_string()));
-    tiles.push((report.counts.simulations.to_string(), "simulations".to_string()));
+    if report.answer.is_none() {
+        tiles.push((report.counts.simulations.to_string(), "simulations".to_string()));
+    }
     let share =
         report.measured.as_ref().and_then(|measured| measured.noise).and_then(|noise| noise.scenario_share);
     tiles.extend(share.map(|share| (percent(1.0 - share), "of the variance is noise".to_string())));
     let tile = |(value, name): &(String, String)| format!("<div><dd>{value}</dd><dt>{name}</dt></div>");
     format!("<dl class=\"tiles\">{}</dl>\n", tiles.iter().map(tile).collect::<String>())
+}
+
+/// Returns the key numbers of an evaluation or falsification.
+fn simulation_tiles(report: &RunReport) -> Vec<(String, String)> {
+    if report.is_evaluation() {
+        let (failing, decided) = words::evaluated(report);
+        return vec![(format!("{failing} of {decided}"), "random scenarios fail".to_string())];
+    }
+    if report.has_answer() {
+        return Vec::new();
+    }
+    let (found, trials) = words::falsified(report);
+    let median = words::median(report).map_or("–".to_string(), |median| median.to_string());
+    vec![
+        (format!("{found} of {trials}"), "trials falsified".to_string()),
+        (median, "simulations to a failure (median)".to_string()),
+    ]
 }
 
 fn noise_text(noise: &Noise) -> String {

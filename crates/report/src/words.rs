@@ -1,10 +1,12 @@
 //! The verdict in sentences.
 
 use mishandle::evaluation::{SurvivalCurve, wilson};
+use mishandle::results::Answer;
 use mishandle::store::TrialStatus;
 
 use crate::html::{number, percent, short, text};
 use crate::load::{RunReport, Trial};
+use crate::{margin, risk};
 
 /// Names of tasks and controllers are cut to this length.
 const NAME: usize = 60;
@@ -52,6 +54,12 @@ pub fn median(report: &RunReport) -> Option<u32> {
 
 /// Returns the verdict: one or two sentences of HTML.
 pub fn headline(report: &RunReport) -> String {
+    match &report.answer {
+        Some(Answer::Margin(found)) => return margin::headline(report, found),
+        Some(Answer::Risk(found)) => return risk::headline(report, found),
+        _ if report.has_answer() => return format!("{}: the answer is missing.", subject(report)),
+        _ => {}
+    }
     let subject = subject(report);
     if report.is_evaluation() {
         let (failing, decided) = evaluated(report);
@@ -154,6 +162,12 @@ fn random_rate(report: &RunReport) -> Option<String> {
 
 /// Returns what the verdict means, as sentences of HTML.
 pub fn meaning(report: &RunReport) -> Vec<String> {
+    match &report.answer {
+        Some(Answer::Margin(found)) => return margin::meaning(found),
+        Some(Answer::Risk(found)) => return risk::meaning(found),
+        _ if report.has_answer() => return Vec::new(),
+        _ => {}
+    }
     let mut sentences: Vec<String> = progress(report).into_iter().collect();
     let worst = worst(report);
     let (found, trials) = falsified(report);

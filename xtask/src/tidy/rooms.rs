@@ -282,15 +282,6 @@ mod tests {
     }
 
     #[test]
-    fn a_crate_that_is_not_divided_yet_is_not_checked() {
-        let files = [
-            ("crates/cli/src/commands/a.rs", "use super::b;\n"),
-            ("crates/cli/src/commands/b.rs", "use super::a;\n"),
-        ];
-        check_tree(CLI, &files, &[]);
-    }
-
-    #[test]
     fn a_page_without_the_table_or_with_a_broken_row_says_so() {
         let no_table = check(&Tree::of(&[]));
         assert_eq!(no_table[0].what, "no table with the columns folder, room, holds, uses");

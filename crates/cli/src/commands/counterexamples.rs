@@ -23,7 +23,7 @@ similar times. Its representative is the failure nearest to the nominal scenario
 pub struct Arguments {
     #[command(subcommand)]
     pub command: Option<CounterexamplesCommand>,
-    /// Run file of `mishandle evaluate` or `mishandle falsify`
+    /// Run file
     #[arg(value_name = "RUN", required = true)]
     pub file: Option<PathBuf>,
     /// Do not check the whole run file before reading it; a record is still checked when it is read

@@ -16,10 +16,11 @@ use crate::show::output;
   mishandle export runs/RUN.sqlite --out simulations.csv
   mishandle export runs/RUN.sqlite --out simulations.parquet
 
-One row per simulation: trial, number, seed, robustness, end, scenario, verdicts. docs/reference/run_file.md
-describes the columns. `mishandle replay RUN --trace FILE` exports the trace of one simulation.")]
+One row per simulation: trial, number, seed, robustness, end, scenario, verdicts.
+docs/reference/run_file.md describes the columns. `mishandle replay RUN --trace FILE` exports the
+trace of one simulation.")]
 pub struct Arguments {
-    /// Run file of `mishandle evaluate` or `mishandle falsify`
+    /// Run file
     #[arg(value_name = "RUN")]
     pub file: PathBuf,
     /// File to create; it must end in .csv or .parquet

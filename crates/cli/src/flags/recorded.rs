@@ -11,7 +11,7 @@ use super::numbers::integer;
 /// Flags that choose a simulation of a run file, or an exported counterexample.
 #[derive(Debug, Args)]
 pub struct Recorded {
-    /// Run file of `mishandle evaluate` or `mishandle falsify`, or a .json file of `mishandle counterexamples export`
+    /// Run file, or a .json file of `mishandle counterexamples export`
     #[arg(value_name = "RUN|FILE.json")]
     pub file: PathBuf,
     /// Number of the trial, from 1 [default: 1 with --simulation, otherwise any]

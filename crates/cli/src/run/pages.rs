@@ -92,6 +92,7 @@ pub fn write_campaign(campaign: &Path, out: &Path, options: &Options<'_>) -> Res
 /// Returns the report of a run; `None` after an interruption.
 pub fn report(file: &RunFile, path: &Path, options: &Options<'_>) -> Result<Option<RunReport>> {
     let mut report = RunReport::load(file, &path.to_string_lossy())?;
+    report.add_answer(file, options.controller)?;
     let Some((probes, bar)) = options.simulations else {
         report.note_no_simulations(NO_SIMULATIONS);
         return Ok(Some(report));

@@ -26,8 +26,9 @@ pub(super) fn is_time(axis: &Axis) -> bool {
     axis.kind == AxisKind::Event && axis.unit == "s"
 }
 
-/// Returns the norms of the disturbance of a scenario.
-pub(super) fn norms(space: &Space, scenario: &Scenario) -> Norms {
+/// Returns the norms of the disturbance of a scenario: those of the offsets of the axes that
+/// [`margin`](super::margin) disturbs.
+pub fn norms(space: &Space, scenario: &Scenario) -> Norms {
     offsets(space, scenario).fold(Norms::default(), |norms, offset| Norms {
         amplitude: norms.amplitude.max(offset),
         l2: norms.l2.hypot(offset),

@@ -13,7 +13,8 @@ use mishandle_search::{Coordinate, OptionValue, SearchOptions, by_name};
 
 use crate::repeat::BATCH;
 use crate::{FalsificationError, coordinate, minimize};
-use amplitude::{all_scenarios, between, is_disturbed, is_time, norms, offsets, scaled, scenario_at};
+pub use amplitude::norms;
+use amplitude::{all_scenarios, between, is_disturbed, is_time, offsets, scaled, scenario_at};
 
 /// Largest number of amplitudes that a bisection down to the resolution tries.
 const LEVELS: u64 = 8;

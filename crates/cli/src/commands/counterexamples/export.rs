@@ -32,7 +32,7 @@ use crate::show::{escape, exports, output};
 off nominal, with offsets that cannot shrink by 1 % of the width of an axis. The random seed stays.
 docs/guide/counterexamples.md describes the file.")]
 pub struct Arguments {
-    /// Run file of `mishandle evaluate` or `mishandle falsify`
+    /// Run file
     #[arg(value_name = "RUN")]
     pub file: PathBuf,
     /// File to create; with --all a folder for one file per mode
