@@ -1,4 +1,4 @@
-"""Runs the benchmark and appends each trial to results/rows/SEARCH-BATCH.csv. A second run continues: it skips recorded trials.
+"""Runs the benchmark and appends each trial to results/rows/SEARCH-BATCH.csv.gz. A second run continues: it skips recorded trials.
 
     python experiments/falsifiers/bench.py                       # all searches of this environment
     python experiments/falsifiers/bench.py --searches portfolio random --systems ball-balancing --seeds 10
@@ -11,6 +11,7 @@ of each run, and each row the number of its run.
 
 import argparse
 import csv
+import gzip
 import importlib.metadata
 import json
 import multiprocessing
@@ -59,14 +60,14 @@ def evenly(items: list[Any], count: int) -> list[Any]:
 
 
 def path(results: pathlib.Path, search: str, batch: int) -> pathlib.Path:
-    return results / "rows" / f"{search}-{batch}.csv"
+    return results / "rows" / f"{search}-{batch}.csv.gz"
 
 
 def recorded(results: pathlib.Path, search: str, batch: int) -> set[tuple[str, int]]:
     file = path(results, search, batch)
     if not file.exists():
         return set()
-    with open(file, newline="", encoding="utf-8") as lines:
+    with gzip.open(file, "rt", newline="", encoding="utf-8") as lines:
         return {(row["system"], int(row["seed"])) for row in csv.DictReader(lines)}
 
 
@@ -122,7 +123,7 @@ def simulate(job: Job) -> tuple[Job, list[dict[str, Any]]]:
 def append(file: pathlib.Path, rows: list[dict[str, Any]]) -> None:
     file.parent.mkdir(parents=True, exist_ok=True)
     is_new = not file.exists()
-    with open(file, "a", newline="", encoding="utf-8") as lines:
+    with gzip.open(file, "at", newline="", encoding="utf-8") as lines:
         writer = csv.DictWriter(lines, COLUMNS, lineterminator="\n")
         if is_new:
             writer.writeheader()
@@ -161,7 +162,7 @@ def estimate(todo: list[Job], chosen: list[systems.System], results: pathlib.Pat
     total = 0.0
     for search, batch in sorted({(job.search, job.batch) for job in todo}):
         file = path(results, search, batch)
-        rows = list(csv.DictReader(open(file, newline="", encoding="utf-8"))) if file.exists() else []
+        rows = list(csv.DictReader(gzip.open(file, "rt", newline="", encoding="utf-8"))) if file.exists() else []
         proposals = sum(float(row["proposal_ms"]) for row in rows) / len(rows) if rows else 1e5 if search in slow else 100.0
         for job in (job for job in todo if (job.search, job.batch) == (search, batch)):
             own = [int(row["simulations"]) for row in rows if row["system"] == job.system] or [job.budget // 2]

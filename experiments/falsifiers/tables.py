@@ -18,6 +18,7 @@ in the third bar if all searches but the slow ones have five seeds in common, wh
 
 import argparse
 import csv
+import gzip
 import pathlib
 import statistics
 from collections import defaultdict
@@ -84,10 +85,10 @@ class Results:
 
 def read(results: pathlib.Path) -> Results:
     trials: dict[Key, dict[str, dict[int, Row]]] = {}
-    for file in sorted((results / "rows").glob("*.csv")):
-        name, batch = file.stem.rsplit("-", 1)
+    for file in sorted((results / "rows").glob("*.csv.gz")):
+        name, batch = file.name.removesuffix(".csv.gz").rsplit("-", 1)
         of: dict[str, dict[int, Row]] = defaultdict(dict)
-        with open(file, newline="", encoding="utf-8") as lines:
+        with gzip.open(file, "rt", newline="", encoding="utf-8") as lines:
             for row in csv.DictReader(lines):
                 of[row["system"]][int(row["seed"])] = Row(int(row["simulations"]), row["violated"] == "1", float(row["proposal_ms"]))
         trials[name, int(batch)] = of

@@ -3,7 +3,8 @@
 Usage: python3 experiments/margins/margins.py MISHANDLE FOLDER
 
 Runs `mishandle margin TASK --controller NAME --space starts+disturbance` for all tasks and controllers. FOLDER gets the JSON document and
-the witness of each, which `mishandle replay` runs again. Finished ones are not run again.
+the witness of each, which `mishandle replay` runs again. Finished ones are not run again: `tar -xzf experiments/margins/results.tar.gz`
+makes the folder `results` of the table in docs/notebook/2026-11-23-margins.md.
 """
 
 import json

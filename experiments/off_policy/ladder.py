@@ -6,12 +6,13 @@
 Run it in the root of the repository, after `cargo build --release`. changes.toml lists the changes from paper/*.toml to the
 settings base `best`. A direction is an order of changes: `up` adds one after the other, `without` makes all but one, `alone` makes a
 single one and the first (the first saves time), and `long` makes none, or all except the updates, and trains four times as
-long. Each training run is appended to records.jsonl when it ends. A run in that file is not repeated, so an interrupted call
+long. Each training run is appended to records.jsonl.gz when it ends. A run in that file is not repeated, so an interrupted call
 can be continued. `table` writes the tables of docs/notebook/2026-11-22-why-off-policy-failed.md and rates.csv;
 `cargo run -p mishandle-zoo --example comparison_charts` draws the chart.
 """
 
 import argparse
+import gzip
 import csv
 import json
 import os
@@ -23,8 +24,8 @@ import time
 import tomllib
 
 HERE = pathlib.Path(__file__).parent
-RECORDS = HERE / "records.jsonl"
-PAGE = HERE.parent.parent / "docs/notebook/2026-11-22-why-off-policy-failed.md"
+RECORDS = HERE / "records.jsonl.gz"
+PAGE = HERE.parent.parent / "docs" / "why_off_policy_failed.md"
 RATES = HERE / "rates.csv"
 RATE_KEYS = ["success_rate", "strict_success_rate"]
 ALGORITHMS = ["sac", "td3", "ddpg"]
@@ -118,7 +119,7 @@ def train(program, definition, seed):
 def records():
     if not RECORDS.exists():
         return []
-    return [json.loads(line) for line in RECORDS.read_text().splitlines()]
+    return [json.loads(line) for line in gzip.open(RECORDS, "rt")]
 
 
 def is_of(record, definition):
@@ -140,7 +141,7 @@ def run(arguments):
                     if time.monotonic() - started > 60 * arguments.minutes:
                         return
                     record = train(arguments.program, definition, seed)
-                    with RECORDS.open("a") as file:
+                    with gzip.open(RECORDS, "at") as file:
                         file.write(json.dumps(record) + "\n")
                     rates = record.get("success_rate"), record.get("strict_success_rate")
                     print(direction, algorithm, seed, *rates, names[-1:], flush=True)

@@ -1438,6 +1438,47 @@ class Tables:
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
+class VerifiedUnit:
+    """A unit that was run again: a trial of a falsification, or a hundred simulations of an
+    evaluation."""
+
+    campaign: str
+    """Name of the campaign."""
+    run: str
+    """Name of the run."""
+    trial: int
+    """Number of the trial."""
+    first: int
+    """Number of the first simulation."""
+    simulations: int
+    """Number of simulations, as recorded."""
+    agrees: bool
+    """Whether the rows have the recorded digest, and all counts are the same."""
+    differences: tuple[str, ...]
+    """Each difference as text: name, recorded value, value of the new simulations."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Verification:
+    """Units of collected results, run again."""
+
+    commit: str | None
+    """Commit at which the digests hold, from the manifest; ``None`` if it names none."""
+    program: str
+    """Commit of this program."""
+    share: float
+    """Share of the units."""
+    seed: int
+    """Seed that chose the units."""
+    all_units: int
+    """Number of units of the results."""
+    agreeing: int
+    """Number of units that agree."""
+    units: tuple[VerifiedUnit, ...]
+    """The units that were run again."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
 class RunSummary:
     """A run file. One that cannot be read has the keys ``run`` and ``error`` only."""
 

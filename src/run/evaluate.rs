@@ -39,7 +39,7 @@ pub(crate) struct Requests<'a> {
 
 impl Requests<'_> {
     /// Returns the request of a simulation; `None` if the plan has no such simulation.
-    fn request(&self, trial: u32, number: u32) -> Result<Option<Request>, MishandleError> {
+    pub(crate) fn request(&self, trial: u32, number: u32) -> Result<Option<Request>, MishandleError> {
         if trial == Corners::TRIAL {
             return Ok(self.corners.as_ref().and_then(|corners| corners.request(number)));
         }

@@ -4,6 +4,7 @@
 //! probability. It writes every simulation to a run file as soon as it ends, and continues a run that was interrupted. With
 //! [`Engine::Screening`], another physics engine proposes thousands of simulations; MuJoCo C gives every verdict.
 
+mod again;
 mod campaign;
 mod completion;
 mod end_text;
@@ -21,6 +22,7 @@ mod risk;
 pub(crate) mod screening;
 pub(crate) mod violation;
 
+pub use again::{run_simulations, run_trial};
 pub use campaign::{CampaignRun, campaign_runs, create_campaign, free_campaign_folder};
 pub use completion::unfinished;
 pub use end_text::end_text;

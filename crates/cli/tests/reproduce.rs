@@ -81,14 +81,12 @@ fn collected_results_give_the_tables_of_the_run_files() {
     let html = std::fs::read_to_string(bench.path("pages/falsification.html")).unwrap();
     let needs = ["http:", "https:", "<script", "src=", "@import"];
     assert!(needs.iter().all(|part| !html.contains(part)), "the page needs the network");
-    // A missing row is found.
-    let path = bench.path("results/2026-11-22/f/trials.csv");
-    let trials = std::fs::read_to_string(&path).unwrap();
-    let first = trials.lines().nth(1).unwrap();
-    let (start, count) = first.rsplit_once(',').unwrap();
-    let more = count.parse::<u32>().unwrap() + 1;
-    std::fs::write(&path, trials.replacen(first, &format!("{start},{more}"), 1)).unwrap();
-    bench.refuses("reproduce tables results/2026-11-22", &[&format!("trials.csv says {more}")]);
+    // A missing unit is found.
+    let path = bench.path("results/2026-11-22/f/random.csv");
+    let units = std::fs::read_to_string(&path).unwrap();
+    std::fs::write(&path, units.replacen("\n1,1,", "\n1,2,", 1)).unwrap();
+    let expected = ["random.csv", "line 2: expected simulation 1 of trial 1, found 2"];
+    bench.refuses("reproduce tables results/2026-11-22", &expected);
     bench.refuses("reproduce collect runs/f --out results/now", &["named by its date"]);
 }
 
@@ -135,6 +133,88 @@ fn a_table_collected_in_parts_is_the_table_of_the_whole_campaign() {
     bench.check("reproduce falsification --plan other.toml --out other/f", 0);
     let different = "reproduce collect merged/2026-11-22 other/f --out different/2026-11-23";
     bench.refuses(different, &["two folders have different results of the run random of f"]);
+}
+
+/// Returns the manifest of results, with another commit.
+fn set_commit(bench: &Bench, folder: &str, commit: &str) {
+    let path = bench.path(&format!("{folder}/manifest.json"));
+    let mut manifest: Value = serde_json::from_str(&std::fs::read_to_string(&path).unwrap()).unwrap();
+    manifest["commit"] = commit.into();
+    std::fs::write(path, manifest.to_string()).unwrap();
+}
+
+#[test]
+fn verify_agrees_with_the_runs_and_finds_a_changed_digest() {
+    let bench = bench();
+    bench.check("reproduce falsification --plan f.toml --out runs/f", 0);
+    bench.check("reproduce performance --plan p.toml --out runs/p", 0);
+    bench.check("reproduce collect runs/p runs/f --out results/2026-11-22", 0);
+    set_commit(&bench, "results/2026-11-22", &mishandle::build::build().git_commit);
+    let all = bench.json("reproduce verify results/2026-11-22 --share 1 --json", 0);
+    // Two runs of three trials; four evaluations with episodes and corners, which are 180
+    // simulations with noise.
+    assert_eq!((&all["agreeing"], &all["all_units"]), (&16.into(), &16.into()));
+    let few = bench.json("reproduce verify results/2026-11-22 --seed 3 --json", 0);
+    let campaigns = few["units"].as_array().unwrap().iter().map(|unit| unit["campaign"].as_str().unwrap());
+    assert_eq!(campaigns.collect::<Vec<_>>(), ["p", "f"], "{few}");
+    let text = bench.check("reproduce verify results/2026-11-22", 0);
+    assert!(
+        text.contains("2 of 2 units (")
+            && text.contains("agree to the bit. Seed 0 chose them from 16 units."),
+        "{text}"
+    );
+
+    let path = bench.path("results/2026-11-22/f/nelder-mead.csv");
+    let units = std::fs::read_to_string(&path).unwrap();
+    let digest = units.lines().nth(2).unwrap().rsplit(',').next().unwrap();
+    let other = digest.chars().rev().collect::<String>();
+    std::fs::write(&path, units.replace(digest, &other)).unwrap();
+    let output = bench.run("reproduce verify results/2026-11-22 --share 1");
+    let (out, err) = (bench::text(&output.stdout), bench::text(&output.stderr));
+    assert_eq!(output.status.code(), Some(2), "{out}\n{err}");
+    assert!(err.contains("1 of 16 units differ from the results"), "{err}");
+    let found = bench.json("reproduce verify results/2026-11-22 --share 1 --json", 2);
+    let differing: Vec<&Value> =
+        found["units"].as_array().unwrap().iter().filter(|unit| unit["agrees"] == false).collect();
+    assert_eq!(differing.len(), 1);
+    assert_eq!((&differing[0]["run"], &differing[0]["trial"]), (&"nelder-mead".into(), &2.into()));
+    let difference = format!("SHA-256: recorded {other}, now {digest}");
+    assert_eq!(differing[0]["differences"], serde_json::json!([difference]));
+}
+
+#[test]
+fn verify_refuses_another_commit_and_names_it() {
+    let bench = bench();
+    bench.check("reproduce falsification --plan f.toml --out runs/f", 0);
+    bench.check("reproduce collect runs/f --out results/2026-11-22", 0);
+    set_commit(&bench, "results/2026-11-22", "c0ffee012345");
+    let program = mishandle::build::build().git_commit;
+    let refused =
+        ["the digests hold at commit c0ffee012345", &format!("this program is of commit {program}")];
+    bench.refuses("reproduce verify results/2026-11-22", &refused);
+    let output = bench.run("reproduce verify results/2026-11-22 --any-commit");
+    assert_eq!(output.status.code(), Some(0));
+    assert!(bench::text(&output.stderr).contains("commit c0ffee012345"));
+    // A program of changed sources has no commit to name.
+    let record = "reproduce verify results/2026-11-22 --any-commit --record";
+    match program.ends_with("-changed") {
+        true => bench.refuses(record, &["does not name its sources"]),
+        false => {
+            bench.check(record, 0);
+            bench.check("reproduce verify results/2026-11-22", 0);
+        }
+    }
+    // Results of other physics are refused at the same commit, too.
+    set_commit(&bench, "results/2026-11-22", &program);
+    let path = bench.path("results/2026-11-22/manifest.json");
+    let manifest = std::fs::read_to_string(&path).unwrap().replace("3.17.0", "3.16.0");
+    std::fs::write(&path, manifest).unwrap();
+    bench.refuses(
+        "reproduce verify results/2026-11-22",
+        &["versions: recorded MuJoCo 3.16.0, now MuJoCo 3.17.0"],
+    );
+    bench.refuses("reproduce verify runs/f", &["has no manifest.json"]);
+    bench.refuses("reproduce verify results/2026-11-22 --share 0", &["a number above 0, up to 1"]);
 }
 
 #[test]

@@ -71,6 +71,27 @@ impl MetricCounter {
         self.simulations
     }
 
+    /// Returns the number of simulations whose scenario is valid: those that the success rate
+    /// counts.
+    pub fn started(&self) -> u64 {
+        self.simulations - self.invalid_scenarios
+    }
+
+    /// Returns the number of successes.
+    pub fn successes(&self) -> u64 {
+        self.successes
+    }
+
+    /// Returns the fraction of dangerous steps of each simulation that has one.
+    pub fn dangerous_fractions(&self) -> &[f64] {
+        &self.dangerous_fractions
+    }
+
+    /// Returns the completion step of each simulation that the completion time counts.
+    pub fn completion_steps(&self) -> &[f64] {
+        &self.completion_steps
+    }
+
     /// Adds a simulation. It may come from a record.
     pub fn add(&mut self, episode: &Episode) {
         let verdict = &episode.verdict;
@@ -107,7 +128,7 @@ impl MetricCounter {
 
     /// Returns the metrics of all simulations. `seed` is the seed of the evaluation; the bootstrap draws depend on it.
     pub fn report(&self, seed: Seed) -> Metrics {
-        let started = self.simulations - self.invalid_scenarios;
+        let started = self.started();
         Metrics {
             simulations: self.simulations,
             diverged: self.diverged,

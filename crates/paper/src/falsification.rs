@@ -4,7 +4,7 @@ use mishandle::Plan;
 use mishandle::evaluation::{
     Estimate, Lifetime, SurvivalCurve, fisher_test, holm, log_rank, vargha_delaney, wilson,
 };
-use mishandle::store::{SimulationEnd, TrialStatus};
+use mishandle::store::TrialStatus;
 use mishandle_report::{SurvivalLine, survival_figure};
 use mishandle_text::{p_value_text as p_text, plural};
 
@@ -278,21 +278,17 @@ fn differing(results: &Results, group: &[&Falsified<'_>]) -> Vec<String> {
 
 /// Returns how many simulations violate the formula, or how close they come to it.
 fn violations(group: &[&Falsified<'_>]) -> String {
-    let rows = || group.iter().flat_map(|run| &run.run.simulations);
-    let n = rows().count();
-    match rows().filter_map(|row| row.robustness).filter(|rho| *rho < 0.0).count() {
+    let units = || group.iter().flat_map(|run| &run.run.units);
+    let n: usize = group.iter().map(|run| run.run.simulations()).sum();
+    match group.iter().map(|run| run.run.violations()).sum() {
         0 => {}
         1 => return format!("One of our {} violates the formula.", plural(n, "simulation")),
         violations => return format!("{violations} of our {} violate the formula.", plural(n, "simulation")),
     }
-    // The robustness of a simulation that early stopping ended is a bound.
-    let is_stopped = |end| matches!(end, SimulationEnd::Stopped { .. });
-    let (low, high) = rows()
-        .filter(|row| !is_stopped(row.end))
-        .filter_map(|row| row.robustness)
-        .fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), rho| (low.min(rho), high.max(rho)));
+    let low = units().filter_map(|unit| unit.lowest).fold(f64::INFINITY, f64::min);
+    let high = units().filter_map(|unit| unit.highest).fold(f64::NEG_INFINITY, f64::max);
     let none = format!("None of our {} violates the formula", plural(n, "simulation"));
-    match rows().filter(|row| is_stopped(row.end)).count() {
+    match units().map(|unit| unit.stopped as usize).sum::<usize>() {
         0 => format!("{none}: their robustness is between {low:.4} and {high:.4}."),
         stopped if stopped == n => format!("{none}."),
         stopped => format!(
@@ -303,10 +299,10 @@ fn violations(group: &[&Falsified<'_>]) -> String {
 
 /// Returns how often our controller and the paper's fail in random simulations: the main reason for different rows.
 fn failure_rates(group: &[&Falsified<'_>]) -> Option<String> {
-    let random = group.iter().find(|run| run.search == "random" && !run.run.simulations.is_empty())?;
+    let random = group.iter().find(|run| run.search == "random" && run.run.simulations() > 0)?;
     let plan = &random.run.plan;
-    let n = random.run.simulations.len();
-    let failures = random.violations();
+    let n = random.run.simulations();
+    let failures = random.run.violations();
     let paper = 100.0 - paper_performance(&plan.target, &plan.controller)?[0].success;
     Some(format!(
         "Our controller fails in {failures} of {} ({:.2} %), the paper's in {paper:.0} % of its starts.",
@@ -346,7 +342,7 @@ impl Falsified<'_> {
     fn new<'a>(run: &'a RunResults, notes: &Notes) -> Option<Falsified<'a>> {
         let falsify = run.plan.falsify.as_ref()?;
         let lifetimes = run.ended().map(|trial| match trial.status {
-            TrialStatus::Falsified => Lifetime::failed(run.simulations_of(trial.number).count() as u32),
+            TrialStatus::Falsified => Lifetime::failed(trial.simulations),
             _ => Lifetime::censored(falsify.budget),
         });
         Some(Falsified {
@@ -379,10 +375,6 @@ impl Falsified<'_> {
         of(&self.run.plan) == of(other) && self.run.plan.action_noise == other.action_noise
     }
 
-    fn violations(&self) -> usize {
-        self.run.simulations.iter().filter(|row| row.robustness.is_some_and(|rho| rho < 0.0)).count()
-    }
-
     fn rate(&self) -> Estimate {
         wilson(self.falsified(), self.lifetimes.len() as u64)
     }
@@ -409,7 +401,7 @@ impl Falsified<'_> {
         let plan = &self.run.plan;
         let one = |value: f64| format!("{value:.1}");
         let falsified = match self.lifetimes.len() {
-            0 if self.run.simulations.is_empty() => "not run".to_string(),
+            0 if self.run.simulations() == 0 => "not run".to_string(),
             0 => format!("none of {} trials ended", self.planned),
             n if n < self.planned => {
                 format!("{} of {n}; {n} of {} trials ended", self.falsified(), self.planned)
@@ -431,7 +423,7 @@ impl Falsified<'_> {
                 .map_or(NOTHING.to_string(), |mean| format!("{mean:.2}")),
             restricted.map_or(NOTHING.to_string(), |mean| with_interval(&mean, &one)),
             self.ended_early.to_string(),
-            self.run.simulations.len().to_string(),
+            self.run.simulations().to_string(),
         ]
     }
 
@@ -441,13 +433,13 @@ impl Falsified<'_> {
             return None;
         }
         let plan = &self.run.plan;
-        let n = self.run.simulations.len() as u64;
+        let n = self.run.simulations() as u64;
         let performance =
             paper_performance(&plan.target, &plan.controller).map(|found| 100.0 - found[0].success);
         Some(vec![
             target_cell(plan),
             code(&plan.controller),
-            percent_with_interval(&wilson(self.violations() as u64, n), 2),
+            percent_with_interval(&wilson(self.run.violations() as u64, n), 2),
             n.to_string(),
             self.paper.map_or(NOTHING.to_string(), |paper| {
                 format!("{:.2}", 100.0 * paper.violations_per_simulation())

@@ -1,7 +1,8 @@
 //! The paper's tables of performance and falsification: published values, results of campaigns, and the pages that compare
 //! them. The command `mishandle reproduce` is a thin layer above.
 //!
-//! - [`Results`] are those of campaigns, read from their run files or from compressed rows.
+//! - [`Results`] are those of campaigns, read from their run files or from collected summaries.
+//! - [`Unit`] is a part of a run that can be run again, with its digest.
 //! - [`pages()`](pages()) compares them with the values that the paper of the benchmark prints.
 
 mod error;
@@ -11,9 +12,11 @@ mod page;
 mod pages;
 mod performance;
 mod published;
-mod raw_rows;
 mod results;
+mod summaries;
 mod training_time;
+mod unit;
+mod verification;
 
 pub use error::PaperError;
 pub use page::{Block, Page, Table};
@@ -22,5 +25,7 @@ pub use published::{
     PAPER_BUDGET, PAPER_STARTS, PAPER_TRIALS, PaperFalsification, PaperPerformance, paper_falsification,
     paper_performance, paper_training_time,
 };
-pub use results::{CampaignResults, Results, RunFacts, RunResults};
+pub use results::{CampaignResults, EvaluationSummary, Results, RunFacts, RunResults};
 pub use training_time::training_steps;
+pub use unit::{Evaluated, Unit};
+pub use verification::SampledUnit;

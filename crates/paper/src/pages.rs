@@ -45,7 +45,7 @@ pub(crate) fn provenance<'a>(
             .flat_map(|run| &run.facts.versions)
             .map(|(name, version)| value(&format!("{name} {version}"))),
     );
-    let simulations: usize = runs.clone().map(|run| run.simulations.len()).sum();
+    let simulations: usize = runs.clone().map(RunResults::simulations).sum();
     let is_shown = |campaign: &&CampaignResults| {
         runs.clone().any(|shown| campaign.runs.iter().any(|run| std::ptr::eq(run, shown)))
     };

@@ -1,7 +1,6 @@
 //! The table of performance: success rate, dangerous behavior rate, task completion time and training time.
 
-use mishandle::evaluation::{Estimate, Metrics, fisher_test};
-use mishandle::store::Simulation;
+use mishandle::evaluation::{Estimate, fisher_test, wilson};
 use mishandle_text::p_value_text as p_text;
 
 use crate::notes::{Notes, Row};
@@ -12,6 +11,7 @@ use crate::pages::{
 };
 use crate::published::{PAPER_STARTS, PaperPerformance, paper_performance, paper_training_time};
 use crate::results::{Results, RunResults};
+use crate::unit::{Evaluated, UNIT_OF_EVALUATION, Unit};
 
 /// Returns the page; `None` without evaluations.
 pub(crate) fn page(results: &Results, notes: &Notes) -> Option<Page> {
@@ -93,8 +93,12 @@ pub(crate) fn page(results: &Results, notes: &Notes) -> Option<Page> {
 /// The values of a row.
 struct Measured<'a> {
     run: &'a RunResults,
-    first: Metrics,
-    all: Metrics,
+    /// Success rate of the first simulations, as many as the paper has.
+    first: Estimate,
+    success_rate: Estimate,
+    simulations: u64,
+    dangerous_behavior_rate: Option<Estimate>,
+    task_completion_time: Option<Estimate>,
     paper: Option<PaperPerformance>,
 }
 
@@ -107,17 +111,22 @@ impl Measured<'_> {
             paper_performance(&plan.target, &plan.controller).filter(|_| is_of_paper(plan)).zip(noise);
         Measured {
             run,
-            first: run.metrics(PAPER_STARTS as usize),
-            all: run.metrics(usize::MAX),
+            first: success_rate(
+                run.random_units().take((PAPER_STARTS / u64::from(UNIT_OF_EVALUATION)) as usize),
+            ),
+            success_rate: success_rate(run.random_units()),
+            simulations: run.random_units().map(|(unit, _)| u64::from(unit.simulations)).sum(),
+            dangerous_behavior_rate: run.evaluation.and_then(|summary| summary.dangerous_behavior_rate),
+            task_completion_time: run.evaluation.and_then(|summary| summary.task_completion_time),
             paper: paper.map(|(found, noise)| found[noise]),
         }
     }
 
     fn cells(&self) -> Vec<String> {
-        let Measured { run, first, all, paper } = self;
+        let Measured { run, paper, .. } = self;
         let plan = &run.plan;
         let planned = plan.evaluate.as_ref().map_or(0, |evaluate| evaluate.episodes);
-        let n = match all.simulations {
+        let n = match self.simulations {
             0 => "not run".to_string(),
             n if n < planned => format!("{n} of {planned}"),
             n => n.to_string(),
@@ -132,14 +141,14 @@ impl Measured<'_> {
         vec![
             target_cell(plan),
             code(&plan.controller),
-            first.success_rate.value.map_or(NOTHING.to_string(), |rate| format!("{:.0}", 100.0 * rate)),
-            percent_with_interval(&all.success_rate, 1),
+            self.first.value.map_or(NOTHING.to_string(), |rate| format!("{:.0}", 100.0 * rate)),
+            percent_with_interval(&self.success_rate, 1),
             n,
             of_paper(|paper| paper.success, 0),
             self.p_value().map_or(NOTHING.to_string(), p_text),
-            optional(&all.dangerous_behavior_rate, &|rate| percent_with_interval(rate, 2)),
+            optional(&self.dangerous_behavior_rate, &|rate| percent_with_interval(rate, 2)),
             of_paper(|paper| paper.danger, 2),
-            optional(&all.task_completion_time, &|time| with_interval(time, &steps)),
+            optional(&self.task_completion_time, &|time| with_interval(time, &steps)),
             of_paper(|paper| paper.completion, 1),
             run.facts.training_steps.map_or(NOTHING.to_string(), |steps| steps.to_string()),
             paper_training_time(&plan.target, &plan.controller)
@@ -149,7 +158,7 @@ impl Measured<'_> {
     }
 
     fn p_value(&self) -> Option<f64> {
-        let rate = &self.all.success_rate;
+        let rate = &self.success_rate;
         let successes = (rate.value? * rate.n as f64).round() as u64;
         let of_paper = (self.paper?.success / 100.0 * PAPER_STARTS as f64).round() as u64;
         Some(fisher_test((successes, rate.n), (of_paper, PAPER_STARTS)))
@@ -169,12 +178,12 @@ impl Measured<'_> {
             sentences([self.differences()].into_iter().flatten().chain(notes.on(&row).map(str::to_string)));
         let noise = if plan.action_noise == 0.0 { "" } else { ", with noise" };
         let name = format!("{} {}{noise}: ", code(&plan.target), code(&plan.controller));
-        (!found.is_empty() && self.all.simulations > 0).then_some(name + &found)
+        (!found.is_empty() && self.simulations > 0).then_some(name + &found)
     }
 
     fn differences(&self) -> Option<String> {
-        let (paper, all) = (self.paper?, &self.all);
-        let rate = all.success_rate.value?;
+        let paper = self.paper?;
+        let rate = self.success_rate.value?;
         let mut parts = Vec::new();
         if let Some(p) = self.p_value().filter(|p| *p < SIGNIFICANT) {
             let more = if 100.0 * rate > paper.success { "more often" } else { "less often" };
@@ -192,7 +201,7 @@ impl Measured<'_> {
             let Estimate { value: found, low, high, .. } = (*estimate)?;
             (value < low? || value > high?).then_some(found?)
         };
-        if let Some(danger) = outside(&all.dangerous_behavior_rate, paper.danger / 100.0) {
+        if let Some(danger) = outside(&self.dangerous_behavior_rate, paper.danger / 100.0) {
             let word = if 100.0 * danger < paper.danger { "less" } else { "more" };
             parts.push(format!(
                 "ours is {word} often in danger ({:.2} % against {:.2} %)",
@@ -200,7 +209,7 @@ impl Measured<'_> {
                 paper.danger
             ));
         }
-        if let Some(steps) = outside(&all.task_completion_time, paper.completion) {
+        if let Some(steps) = outside(&self.task_completion_time, paper.completion) {
             let word = if steps < paper.completion { "faster" } else { "slower" };
             parts.push(format!("ours is {word} ({steps:.1} against {:.1} control steps)", paper.completion));
         }
@@ -213,16 +222,16 @@ impl Measured<'_> {
     }
 }
 
+/// Returns the success rate of units of an evaluation.
+fn success_rate<'a>(units: impl Iterator<Item = (&'a Unit, &'a Evaluated)>) -> Estimate {
+    let (successes, started) = units.fold((0, 0), |(successes, started), (_, found)| {
+        (successes + found.successes, started + found.started)
+    });
+    wilson(successes, started)
+}
+
 /// Returns the number of corners of the initial box with a failing simulation, and the number of corners and centers.
-pub(crate) fn failing_corners(run: &RunResults) -> Option<(usize, usize)> {
-    let mut points: Vec<(&[Option<f64>], bool)> = Vec::new();
-    for Simulation { scenario, robustness, .. } in run.simulations_of(2) {
-        let is_success = robustness.is_some_and(|rho| rho > 0.0);
-        match points.iter_mut().find(|(known, _)| *known == &scenario[..]) {
-            Some((_, succeeds)) => *succeeds &= is_success,
-            None => points.push((scenario, is_success)),
-        }
-    }
-    let failing = points.iter().filter(|(_, succeeds)| !succeeds).count();
-    (!points.is_empty()).then_some((failing, points.len()))
+pub(crate) fn failing_corners(run: &RunResults) -> Option<(u32, u32)> {
+    let summary = run.evaluation?;
+    (summary.corners > 0).then_some((summary.failing_corners, summary.corners))
 }

@@ -1,15 +1,16 @@
-//! Results of campaigns: the facts of each run, its trials and all its simulations.
+//! Results of campaigns: the facts of each run, and the summaries of its parts.
 
 use std::path::Path;
 
 use mishandle::Plan;
-use mishandle::evaluation::{FormulaRoles, MetricCounter, Metrics};
+use mishandle::evaluation::{Corners, Estimate, FormulaRoles};
 use mishandle::rollout::Seed;
-use mishandle::run::{campaign_runs, recorded_episode};
-use mishandle::store::{RunFile, RunKind, Simulation, TrialRecord, TrialStatus};
+use mishandle::run::campaign_runs;
+use mishandle::store::{RunFile, Simulation, TrialRecord, TrialStatus};
 use mishandle_text::shell_quote;
 use serde::{Deserialize, Serialize};
 
+use crate::unit::{Evaluated, Unit, counter};
 use crate::{PaperError, training_steps};
 
 /// Results of several campaigns, and where they come from.
@@ -19,6 +20,8 @@ pub struct Results {
     pub date: String,
     /// The machine.
     pub machine: String,
+    /// The commit at which the units can be run again; `None` if they are from several commits.
+    pub commit: Option<String>,
     /// The campaigns.
     pub campaigns: Vec<CampaignResults>,
 }
@@ -41,15 +44,27 @@ pub struct RunResults {
     pub facts: RunFacts,
     /// The plan among the facts.
     pub plan: Plan,
-    /// The started trials.
-    pub trials: Vec<TrialRecord>,
-    /// The simulations, by trial and number. Unit points, bounds of the robustness, trace
-    /// digests and traces are left out; the robustness of a simulation that did not complete its episode is a bound.
-    pub simulations: Vec<Simulation>,
+    /// The parts of the run, by trial and first simulation. Each started trial has at least one.
+    pub units: Vec<Unit>,
+    /// Facts that the units of an evaluation do not add up to; `None` for another run.
+    pub evaluation: Option<EvaluationSummary>,
+}
+
+/// Figures of an evaluation that depend on the order of its simulations, or on more than one unit.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct EvaluationSummary {
+    /// Mean fraction of dangerous steps, with its interval; `None` without a formula for it.
+    pub dangerous_behavior_rate: Option<Estimate>,
+    /// Mean completion step, with its interval; `None` without a formula for it.
+    pub task_completion_time: Option<Estimate>,
+    /// Number of corners and centers of the initial box with a failing simulation.
+    pub failing_corners: u32,
+    /// Number of corners and centers.
+    pub corners: u32,
 }
 
 /// Subject of a run.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct RunFacts {
     /// Name of the run in its campaign.
@@ -78,10 +93,10 @@ pub struct RunFacts {
 
 impl Results {
     /// Merges campaigns of the same name, so that parts of a campaign that ran at different times become one. The runs keep
-    /// their order. A run that two parts have with the same rows is kept once.
+    /// their order. A run that two parts have with the same units is kept once.
     ///
     /// # Errors
-    /// Two parts contain a run of the same name with different rows or facts.
+    /// Two parts contain a run of the same name with different units or facts.
     pub fn merge_campaigns(&mut self) -> Result<(), PaperError> {
         let mut merged: Vec<CampaignResults> = Vec::new();
         for campaign in std::mem::take(&mut self.campaigns) {
@@ -148,55 +163,91 @@ fn read_run(name: &str, path: &Path, root: &Path) -> Result<RunResults, PaperErr
         versions: header.versions.clone(),
         training_steps: training_steps(root, &plan.target, &plan.controller)?,
     };
-    let is_falsification = header.kind == RunKind::Falsify;
-    let row = |row: mishandle::store::Result<Simulation>| {
-        row.map(|row| Simulation {
-            unit_point: Vec::new(),
-            robustness_low: None,
-            robustness_high: None,
-            stop_threshold: None,
-            trace_digest: None,
-            // The verdict of a falsification is its robustness.
-            verdicts: if is_falsification { Vec::new() } else { row.verdicts },
-            ..row
-        })
-    };
-    let trials = file.trials().map_err(store)?.into_iter().map(|trial| trial.trial).collect();
-    let simulations = file.simulations().map(row).collect::<Result<_, _>>().map_err(store)?;
-    Ok(RunResults { facts, plan, trials, simulations })
+    let mut trials = Vec::new();
+    for trial in file.trials().map_err(store)? {
+        let rows: Vec<Simulation> =
+            file.trial_simulations(trial.trial.number).collect::<Result<_, _>>().map_err(store)?;
+        trials.push((trial.trial, rows));
+    }
+    Ok(RunResults::of(facts, plan, &trials))
 }
 
 impl RunResults {
+    /// Summarizes the trials of a run, each with all its simulations.
+    pub fn of(facts: RunFacts, plan: Plan, trials: &[(TrialRecord, Vec<Simulation>)]) -> RunResults {
+        let units = trials.iter().flat_map(|(trial, rows)| Unit::of_trial(&plan, trial, rows)).collect();
+        let rows = |number: u32| {
+            let found = trials.iter().find(|(trial, _)| trial.number == number);
+            found.map_or(&[][..], |(_, rows)| rows)
+        };
+        let summary = || EvaluationSummary::of(&facts, &plan, rows(1), rows(Corners::TRIAL));
+        let evaluation = plan.evaluate.is_some().then(summary);
+        RunResults { facts, plan, units, evaluation }
+    }
+
     /// Returns whether all trials of the plan have ended.
     pub fn is_complete(&self) -> bool {
         let trials = self.plan.falsify.as_ref().map_or(1, |falsify| falsify.trials as usize);
-        self.ended().count() == self.trials.len() && self.trials.len() >= trials
+        self.ended().count() == self.trials().count() && self.trials().count() >= trials
     }
 
-    /// Returns the trials that have ended.
-    pub fn ended(&self) -> impl Iterator<Item = &TrialRecord> {
-        self.trials.iter().filter(|trial| trial.status != TrialStatus::Running)
+    /// Returns the first unit of each trial.
+    pub fn trials(&self) -> impl Iterator<Item = &Unit> {
+        self.units.iter().filter(|unit| unit.first == 1)
     }
 
-    /// Returns the simulations of a trial.
-    pub fn simulations_of(&self, trial: u32) -> impl Iterator<Item = &Simulation> {
-        self.simulations.iter().filter(move |simulation| simulation.trial == trial)
+    /// Returns the first unit of each trial that has ended.
+    pub fn ended(&self) -> impl Iterator<Item = &Unit> {
+        self.trials().filter(|unit| unit.status != TrialStatus::Running)
     }
 
-    /// Returns the metrics of the first `n` random simulations of an evaluation.
-    pub fn metrics(&self, n: usize) -> Metrics {
-        let has = |name: &str| self.facts.formulas.iter().any(|formula| formula == name);
-        let roles = FormulaRoles { strict: has("strict"), safe: has("safe"), completion: has("completion") };
-        let counts_failures = self.plan.preset == "code";
-        let mut metrics = MetricCounter::new(roles).with_completion_times_of_failures(counts_failures);
-        self.simulations_of(1).take(n).for_each(|simulation| metrics.add(&recorded_episode(simulation)));
-        metrics.report(Seed(self.plan.seed))
+    /// Returns the number of simulations of all trials.
+    pub fn simulations(&self) -> usize {
+        self.units.iter().map(|unit| unit.simulations as usize).sum()
     }
 
-    /// Returns the seed that the plan gives a simulation of trial `trial` with the seed `seed`.
-    pub(crate) fn planned_seed(&self, trial: &TrialRecord, number: u32) -> u64 {
-        // Simulation m of a search has child m, because child 0 is the seed of the search; an evaluation has no search.
-        let child = if self.plan.falsify.is_some() { number } else { number.wrapping_sub(1) };
-        Seed(trial.seed).child(child.into()).0
+    /// Returns the number of violations of all trials.
+    pub fn violations(&self) -> usize {
+        self.units.iter().map(|unit| unit.violations as usize).sum()
+    }
+
+    /// Returns the units of the random simulations of an evaluation.
+    pub fn random_units(&self) -> impl Iterator<Item = (&Unit, &Evaluated)> {
+        self.units
+            .iter()
+            .filter(|unit| unit.trial == 1)
+            .filter_map(|unit| Some((unit, unit.evaluated.as_ref()?)))
+    }
+}
+
+impl EvaluationSummary {
+    fn of(facts: &RunFacts, plan: &Plan, random: &[Simulation], corners: &[Simulation]) -> EvaluationSummary {
+        let roles = FormulaRoles {
+            strict: facts.has_formula("strict"),
+            safe: facts.has_formula("safe"),
+            completion: facts.has_formula("completion"),
+        };
+        let metrics = counter(plan, roles, random).report(Seed(plan.seed));
+        let mut points: Vec<(&[Option<f64>], bool)> = Vec::new();
+        for Simulation { scenario, robustness, .. } in corners {
+            let is_success = robustness.is_some_and(|rho| rho > 0.0);
+            match points.iter_mut().find(|(known, _)| *known == &scenario[..]) {
+                Some((_, succeeds)) => *succeeds &= is_success,
+                None => points.push((scenario, is_success)),
+            }
+        }
+        EvaluationSummary {
+            dangerous_behavior_rate: metrics.dangerous_behavior_rate,
+            task_completion_time: metrics.task_completion_time,
+            failing_corners: points.iter().filter(|(_, succeeds)| !succeeds).count() as u32,
+            corners: points.len() as u32,
+        }
+    }
+}
+
+impl RunFacts {
+    /// Returns whether the target has a formula of this name.
+    pub(crate) fn has_formula(&self, name: &str) -> bool {
+        self.formulas.iter().any(|formula| formula == name)
     }
 }

@@ -7,7 +7,7 @@ use serde::Serialize;
 use crate::{
     Campaign, Comparison, Controller, ControllerExport, ControllerImport, Counterexamples, Evaluation,
     Explanation, Exports, Falsification, Margin, Masking, Monitor, Regression, Replay, Risk, RunSummary,
-    Search, Simulation, Tables, Target, Targets, Task, Training, TrainingPlan,
+    Search, Simulation, Tables, Target, Targets, Task, Training, TrainingPlan, Verification,
 };
 
 /// Version of the documents. Within a version, keys are only added.
@@ -57,6 +57,7 @@ impl Document {
             Document::object::<Campaign>("campaign"),
             Document::object::<Comparison>("compare"),
             Document::object::<Tables>("reproduce"),
+            Document::object::<Verification>("reproduce verify"),
             Document::array::<RunSummary>("runs"),
             Document::object::<Replay>("replay"),
             Document::object::<Explanation>("explain"),

@@ -7,7 +7,7 @@
 //! - [`Subject`]: what was asked about: target, controller, noise, space. Most documents start with it.
 //! - [`Evaluation`], [`Falsification`], [`Margin`], [`Risk`], [`Simulation`]: the answers to questions.
 //! - [`Explanation`], [`Masking`], [`Replay`], [`Counterexamples`], [`Regression`], [`Comparison`]: about recorded simulations.
-//! - [`Campaign`], [`RunSummary`], [`Tables`]: about several runs.
+//! - [`Campaign`], [`RunSummary`], [`Tables`], [`Verification`]: about several runs.
 //! - [`Training`], [`TrainingPlan`], [`Controller`]: about controllers.
 //! - [`Task`], [`Targets`], [`Target`], [`Search`]: what can be named.
 //! - [`Number`], [`Seed`], [`Named`]: values that JSON cannot hold as they are.
@@ -45,6 +45,7 @@ mod subject;
 mod tables;
 mod training;
 mod values;
+mod verification;
 
 pub use campaign::{Answer, Campaign, CampaignRun};
 pub use catalog::{
@@ -76,5 +77,6 @@ pub use subject::{AxisFacts, AxisValues, Subject};
 pub use tables::{Table, TablePage, Tables};
 pub use training::{Training, TrainingPlan, TrainingTime};
 pub use values::{Named, Number, Scenario, Seed};
+pub use verification::{Verification, VerifiedUnit};
 
 pub(crate) use values::{number, optional_number};

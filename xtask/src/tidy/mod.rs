@@ -7,6 +7,7 @@ mod plain;
 mod prose;
 mod rooms;
 mod rules;
+mod sizes;
 
 use std::fmt;
 use std::path::Path;
@@ -27,6 +28,8 @@ struct File {
     path: String,
     /// Empty for a file that is not text.
     text: String,
+    /// Bytes.
+    size: usize,
 }
 
 #[derive(Debug, PartialEq)]
@@ -51,8 +54,10 @@ impl Tree {
             .split_terminator('\0')
             .filter(|name| root.join(name).is_file()) // git lists a deleted file until the deletion is staged
             .map(|name| {
-                let text = String::from_utf8(std::fs::read(root.join(name))?).unwrap_or_default();
-                Ok(File { path: name.to_owned(), text })
+                let bytes = std::fs::read(root.join(name))?;
+                let size = bytes.len();
+                let text = String::from_utf8(bytes).unwrap_or_default();
+                Ok(File { path: name.to_owned(), text, size })
             })
             .collect::<Result<_>>()?;
         files.sort_by(|a, b| a.path.cmp(&b.path));
@@ -70,7 +75,11 @@ impl Tree {
     /// For tests: a tree of these files.
     #[cfg(test)]
     fn of(files: &[(&str, &str)]) -> Tree {
-        let file = |(path, text): &(&str, &str)| File { path: (*path).into(), text: (*text).into() };
+        let file = |(path, text): &(&str, &str)| File {
+            path: (*path).into(),
+            text: (*text).into(),
+            size: text.len(),
+        };
         Tree { files: files.iter().map(file).collect() }
     }
 }
@@ -90,6 +99,7 @@ pub fn check(root: &Path) -> Result<()> {
         links::check(&tree),
         prose::check(&tree),
         plain::check(&tree),
+        sizes::check(&tree),
     ];
     let problems = found.into_iter().flatten().collect::<Vec<_>>();
     for problem in &problems {

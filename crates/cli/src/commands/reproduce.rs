@@ -1,5 +1,7 @@
 //! The paper's tables: runs their plans, and shows the results beside the published values.
 
+mod verify;
+
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, ensure};
@@ -23,6 +25,7 @@ use crate::show::progress::Bar;
   mishandle reproduce falsification --out runs/falsification
   mishandle reproduce performance --out runs/performance
   mishandle reproduce tables runs/performance runs/falsification --pages pages
+  mishandle reproduce verify experiments/paper/results/DATE
 
 docs/guide/reproduce.md explains the tables and how to read them.")]
 pub struct Arguments {
@@ -54,12 +57,13 @@ get the same tables.")]
         #[arg(long)]
         json: bool,
     },
-    /// Store the rows of complete runs as compressed CSV files with a manifest
+    /// Store summaries and digests of complete runs as CSV files with a manifest
     #[command(after_help = "Examples:
   mishandle reproduce collect runs/performance runs/falsification --out results/2026-11-22
   mishandle reproduce collect results/2026-11-22 more/falsification --out results/2026-11-24
 
-Incomplete runs are left out. Campaigns of the same name are merged, so a table can be run in parts.")]
+Incomplete runs are left out. Campaigns of the same name are merged, so a table can be run in parts.
+Rows are not stored: the digest of each trial and of each hundred evaluated episodes stands for them.")]
     Collect {
         /// Folders of campaigns or of collected results
         #[arg(value_name = "DIR", required = true)]
@@ -68,6 +72,14 @@ Incomplete runs are left out. Campaigns of the same name are merged, so a table 
         #[arg(long, value_name = "DIR")]
         out: PathBuf,
     },
+    /// Run a random share of collected results again, and compare them to the bit
+    #[command(after_help = "Examples:
+  mishandle reproduce verify experiments/paper/results/DATE
+  mishandle reproduce verify experiments/paper/results/DATE --share 0.05 --seed 1 --any-commit
+
+A unit is a trial of a falsification or a hundred episodes of an evaluation. Exit code 0 means that
+all chosen units agree; 2 that one differs, or that this program is of another commit.")]
+    Verify(verify::Verify),
 }
 
 /// Flags of the commands that run the plan of a table.
@@ -108,6 +120,7 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
             output::message(&format!("Results: {}", shell_quote(&out.to_string_lossy())));
             Ok(ExitStatus::Done)
         }
+        ReproduceCommand::Verify(command) => verify::run(command),
     }
 }
 

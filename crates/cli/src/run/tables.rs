@@ -11,18 +11,29 @@ use crate::show::output;
 /// Reads campaigns and results.
 pub fn load(folders: &[PathBuf]) -> Result<Results> {
     let mut all = Results::default();
+    let mut commits = Vec::new();
     for folder in folders {
         if Results::is_in(folder) {
-            let Results { date, machine, campaigns } = Results::read(folder).map_err(converted)?;
+            let Results { date, machine, commit, campaigns } = Results::read(folder).map_err(converted)?;
+            commits.push(commit);
             all.date = date;
             add_machine(&mut all.machine, &machine);
             all.campaigns.extend(campaigns);
         } else {
             let root = mishandle::shipped::home().unwrap_or_default();
-            all.campaigns.push(CampaignResults::read(folder, &root).map_err(converted)?);
+            let campaign = CampaignResults::read(folder, &root).map_err(converted)?;
+            commits.extend(campaign.runs.iter().map(|run| named_commit(&run.facts.commit)));
+            all.campaigns.push(campaign);
         }
     }
+    commits.dedup();
+    all.commit = commits.pop().flatten().filter(|_| commits.is_empty());
     Ok(all)
+}
+
+/// Returns a commit if it names the sources of a program.
+pub fn named_commit(commit: &str) -> Option<String> {
+    (commit != "unknown" && !commit.ends_with("-changed")).then(|| commit.to_string())
 }
 
 /// Writes the pages with the tables of a campaign to a folder. Returns the names and titles of the HTML pages.

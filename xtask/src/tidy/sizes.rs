@@ -1,0 +1,53 @@
+//! Sizes of files: whoever clones the repository downloads each version of each file.
+
+use super::{File, Problem, Tree};
+
+/// Largest size of a file, bytes.
+const LARGEST: usize = 256 << 10;
+
+pub fn check(tree: &Tree) -> Vec<Problem> {
+    let large = tree.files.iter().filter(|file| file.size > LARGEST && !may_be_large(&file.path));
+    large.map(problem).collect()
+}
+
+/// Returns whether a file may be larger: weights of controllers, and what tests compare with.
+fn may_be_large(path: &str) -> bool {
+    path.starts_with("controllers/") || path.split('/').any(|folder| folder == "tests")
+}
+
+fn problem(file: &File) -> Problem {
+    let what = format!(
+        "has {} KB, more than {}; store what pages and scripts compute from, or a digest",
+        file.size.div_ceil(1 << 10),
+        LARGEST >> 10
+    );
+    Problem { path: file.path.clone(), line: 1, what }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_large_file_is_found_outside_controllers_and_tests() {
+        let (allowed, large) = ("a".repeat(LARGEST), "a".repeat(LARGEST + 1));
+        let tree = Tree::of(&[
+            ("experiments/paper/allowed.csv", &allowed),
+            ("experiments/paper/rows.csv", &large),
+            ("controllers/cube-stacking/ppo.safetensors", &large),
+            ("crates/stl/tests/golden/values.json", &large),
+            ("tests/golden/bits.json", &large),
+            ("docs/attests.html", &large),
+        ]);
+        let found: Vec<String> = check(&tree).iter().map(ToString::to_string).collect();
+        let what = "has 257 KB, more than 256; store what pages and scripts compute from, or a digest";
+        let paths = ["experiments/paper/rows.csv", "docs/attests.html"];
+        assert_eq!(found, paths.map(|path| format!("{path}:1: {what}")));
+    }
+
+    #[test]
+    fn the_size_of_a_binary_file_counts() {
+        let picture = File { path: "docs/a.png".into(), text: String::new(), size: LARGEST + 1 };
+        assert_eq!(check(&Tree { files: vec![picture] }).len(), 1);
+    }
+}
