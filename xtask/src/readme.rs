@@ -3,7 +3,7 @@
 //!
 //! In a code block marked `console`, a line that starts with `$ ` is a command (`\` at its end continues it on the next
 //! line), and the lines below are its output. The blocks of a page run in order, each command in its own shell, in an
-//! empty folder, with the release build on the path. A command must exit with 0, unless a comment directly above the block
+//! empty folder, with the build of the tests on the path. A command must exit with 0, unless a comment directly above the block
 //! gives the code of each of its commands: `<!-- exit: 0 1 -->`. The command must print every output line that the page
 //! shows, to stdout or stderr. Numbers and the width of gaps are not compared; a page may leave lines out.
 
@@ -73,8 +73,9 @@ pub fn check_or_update(root: &Path, arguments: &[String]) -> Result<()> {
     }
 }
 
+/// Builds the program as the tests do, so that nothing is compiled again after them.
 fn build(root: &Path) -> Result<()> {
-    run(&mut cargo(root, &["build", "--release"]), &[0])
+    run(&mut cargo(root, &["build", "--workspace", "--bins"]), &[0])
 }
 
 fn update_page(root: &Path, page: &str) -> Result<()> {
@@ -181,7 +182,7 @@ fn commands_of_block(number: usize, block: &[(usize, &str)], above: &str) -> Res
 fn try_out(root: &Path, folder: &Path, shown: &Shown) -> Result<Vec<(usize, String)>> {
     let old = std::env::var_os("PATH").unwrap_or_default();
     let path =
-        std::env::join_paths([root.join("target/release")].into_iter().chain(std::env::split_paths(&old)))?;
+        std::env::join_paths([root.join("target/debug")].into_iter().chain(std::env::split_paths(&old)))?;
     let output = Command::new("timeout")
         .args(["--kill-after=5", &LIMIT_SECS.to_string(), "bash", "-c", &shown.command])
         .current_dir(folder)
