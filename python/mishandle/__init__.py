@@ -11,15 +11,12 @@ from mishandle.errors import (
     MishandleError,
     MissingPackageError,
 )
-from mishandle.explanations import ComparedPair, Comparison, Estimate, Explanation, FailureMode, compare
+from mishandle.explanations import Comparison, Explanation, compare
 from mishandle.falsification import (
-    Corner,
     Evaluation,
+    Exports,
     Falsification,
-    Regression,
-    Repeats,
     Replay,
-    Trial,
     evaluate,
     falsify,
     regress,
@@ -28,22 +25,12 @@ from mishandle.falsification import (
     simulate,
 )
 from mishandle.formulas import Formula, robustness
-from mishandle.margins import Margin, MarginLevel, Witness, margin
+from mishandle.margins import Margin, margin
 from mishandle.objectives import Objective
 from mishandle.plots import plot_comparison, plot_robustness_map, plot_search_progress, plot_survival, plot_trace
 from mishandle.ray import RayExecutor
-from mishandle.risks import (
-    AxisDistribution,
-    Exploration,
-    Importance,
-    MonteCarlo,
-    Probability,
-    Risk,
-    RiskFailure,
-    Splitting,
-    SplittingChain,
-    risk,
-)
+from mishandle.results import ComparedPair, Estimate, FailureMode, Regression, Repeats, Trial, Witness
+from mishandle.risks import Risk, risk
 from mishandle.runs import Run, open_run
 from mishandle.searches import Minimum, Search, find_minimum, search_names
 from mishandle.targets import Simulation
@@ -52,43 +39,34 @@ from mishandle.task_environments import TaskEnv, TaskVectorEnv, register
 __all__ = [
     "Attribute",
     "Axis",
-    "AxisDistribution",
     "ComparedPair",
     "Comparison",
     "Controller",
-    "Corner",
     "Estimate",
     "Evaluation",
     "Explanation",
-    "Exploration",
+    "Exports",
     "FailureMode",
     "Falsification",
     "Formula",
-    "Importance",
     "InvalidScenario",
     "InvalidStateError",
     "InvalidTypeError",
     "InvalidValueError",
     "Margin",
-    "MarginLevel",
     "Minimum",
     "MishandleError",
     "MissingPackageError",
-    "MonteCarlo",
     "Objective",
-    "Probability",
     "RayExecutor",
     "Regression",
     "Repeats",
     "Replay",
     "ResetOption",
     "Risk",
-    "RiskFailure",
     "Run",
     "Search",
     "Simulation",
-    "Splitting",
-    "SplittingChain",
     "TaskEnv",
     "TaskVectorEnv",
     "TrainingEpisodes",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import pathlib
 import warnings
@@ -12,7 +13,7 @@ from typing import Any, SupportsFloat, TypedDict, Union
 import numpy as np
 from numpy.typing import NDArray
 
-from mishandle import _native
+from mishandle import _native, results
 from mishandle.arguments import (
     check_applicable,
     check_options,
@@ -55,6 +56,8 @@ class Simulation:
     trace: dict[str, NDArray[np.float64]]
     exceptions: list[str] = field(default_factory=list)
     """Tracebacks of the exceptions of the call that simulated it, if it crashed."""
+    document: results.Simulation | None = field(default=None, repr=False)
+    """The result of ``mishandle simulate``, with the explanation; ``None`` for a replay."""
 
 
 @dataclass
@@ -75,7 +78,8 @@ class Target:
         trace = {name: found["samples"][:, column] for column, name in enumerate(names)}
         keys = ("scenario", "seed", "end", "steps", "robustness", "total_reward")
         exceptions = self.system.exceptions if found["end"].startswith("crashed") else []
-        return Simulation(trace=trace, exceptions=list(exceptions), **{key: found[key] for key in keys})
+        document = results.build(results.Simulation, json.loads(found["document"])) if "document" in found else None
+        return Simulation(trace=trace, exceptions=list(exceptions), document=document, **{key: found[key] for key in keys})
 
 
 class TargetOptions(TypedDict, total=False):
