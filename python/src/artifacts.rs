@@ -96,7 +96,8 @@ pub fn regress(
     let tested = Tested::Target(&target.target);
     let suite = Suite { folder: &folder, tested, repeats, max_failure_rate };
     let found = detached(py, target, || {
-        let tests = suite.files()?.into_iter();
+        let read = |source| Error::File { path: folder.clone(), source };
+        let tests = suite.files().map_err(read)?.into_iter();
         let tests = tests.map(|file| suite.test(&file, |_| work::report(target, None, 0, 0))).collect();
         Ok(suite.result(tests, true))
     })?;

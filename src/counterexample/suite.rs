@@ -59,11 +59,10 @@ impl Suite<'_> {
     ///
     /// # Errors
     /// If the folder cannot be read.
-    pub fn files(&self) -> Result<Vec<PathBuf>, MishandleError> {
-        let error = |source| MishandleError::File { path: self.folder.to_path_buf(), source };
+    pub fn files(&self) -> std::io::Result<Vec<PathBuf>> {
         let mut files = Vec::new();
-        for entry in std::fs::read_dir(self.folder).map_err(error)? {
-            let path = entry.map_err(error)?.path();
+        for entry in std::fs::read_dir(self.folder)? {
+            let path = entry?.path();
             let is_json = path.extension().is_some_and(|found| found.eq_ignore_ascii_case("json"));
             let describes_onnx = path.file_stem().is_some_and(|stem| is_onnx(Path::new(stem)));
             if is_json && !describes_onnx {
