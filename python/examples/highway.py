@@ -93,7 +93,7 @@ def main():
     seconds, replay = time.time() - started, None
     if found.counterexamples:
         worst = found.counterexamples[0]
-        replay = mishandle.replay(run, env, FORMULAS, SPACE, trial=worst.trial, number=worst.number, **target)
+        replay = mishandle.replay(run, env, FORMULAS, SPACE, trial=worst.trial, number=worst.simulation, **target)
         for name, values in replay.simulation.trace.items():
             print(name, np.round(values, 1).tolist())
     facts = {
