@@ -12,18 +12,7 @@ from mishandle.errors import (
     MissingPackageError,
 )
 from mishandle.explanations import Comparison, Explanation, compare
-from mishandle.falsification import (
-    Evaluation,
-    Exports,
-    Falsification,
-    Replay,
-    evaluate,
-    falsify,
-    regress,
-    repeat,
-    replay,
-    simulate,
-)
+from mishandle.falsification import Evaluation, Exports, Falsification, evaluate, falsify
 from mishandle.formulas import Formula, robustness
 from mishandle.margins import Margin, margin
 from mishandle.objectives import Objective
@@ -33,6 +22,7 @@ from mishandle.results import ComparedPair, Estimate, FailureMode, Regression, R
 from mishandle.risks import Risk, risk
 from mishandle.runs import Run, open_run
 from mishandle.searches import Minimum, Search, find_minimum, search_names
+from mishandle.simulations import Replay, regress, repeat, replay, simulate
 from mishandle.targets import Simulation
 from mishandle.task_environments import TaskEnv, TaskVectorEnv, register
 

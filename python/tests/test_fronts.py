@@ -54,9 +54,9 @@ QUESTIONS = {
     ),
     "falsify a random toy": Question(
         results.Falsification,
-        ["falsify", "toy/noisy", *RANDOM, "--repeats", "30"],
+        ["falsify", "toy/noisy", *RANDOM, "--repeats", "10"],
         f'target = "toy/noisy"\nseed = 3\n[falsify]\n{RANDOM_PLAN}',
-        lambda out: falsify(out, "toy/noisy", repeats=30),
+        lambda out: falsify(out, "toy/noisy", repeats=10),
     ),
     "falsify a safe toy": Question(
         results.Falsification,
@@ -158,7 +158,7 @@ class Fronts(unittest.TestCase):
             with self.subTest(name):
                 flags, plan, python = (self.folder / f"{number}-{front}" for front in ("flags", "plan", "python"))
                 expected = bits(question.kind, self.command(*question.arguments, "--out", flags))
-                repeats = ["--repeats", "30"] if "--repeats" in question.arguments else []
+                repeats = ["--repeats", "10"] if "--repeats" in question.arguments else []
                 planned = self.command(question.arguments[0], "--plan", self.plan(question), "--out", plan, *repeats)
                 self.assertEqual(bits(question.kind, planned), expected)
                 found = question.ask(python)
@@ -169,7 +169,7 @@ class Fronts(unittest.TestCase):
                 answers[name] = found
         # The questions have something to compare.
         trials = answers["falsify a random toy"].trials
-        self.assertEqual([trial.repeats.simulations for trial in trials if trial.falsified], [30, 30])
+        self.assertEqual([trial.repeats.simulations for trial in trials if trial.falsified], [10, 10])
         self.assertGreater(answers["falsify a safe toy"].smooth_region.slope, 0)
         self.assertGreater(len(answers["falsify and keep going"].modes), 1)
         self.assertTrue(any(trial.repeats for trial in answers["falsify a task"].trials))

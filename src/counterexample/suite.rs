@@ -51,7 +51,7 @@ pub struct Suite<'a> {
     pub max_failure_rate: f64,
 }
 
-/// A simulation of a test, or why there is none.
+/// A simulation of a test, or the reason that it does not exist.
 type Simulated = Result<Regression, String>;
 
 impl Suite<'_> {

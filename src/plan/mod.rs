@@ -324,7 +324,7 @@ mod tests {
 
     /// Returns the example of docs/reference/plans.md.
     fn documented_plan() -> &'static str {
-        let page = include_str!("../../docs/plans.md");
+        let page = include_str!("../../docs/reference/plans.md");
         page.split("```toml\n").nth(1).and_then(|rest| rest.split("```").next()).unwrap()
     }
 

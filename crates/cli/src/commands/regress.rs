@@ -124,7 +124,7 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
     }
     let errors = found.errors;
     ensure!(errors == 0, "{errors} of {} could not run", plural(found.tests.len(), "test"));
-    // With a baseline, a test that fails with both controllers is no failure of the new one.
+    // With a baseline, a test that fails with both controllers is not a failure of the new one.
     let fails = found.new_failures.unwrap_or(found.fails) > 0;
     Ok(if fails { ExitStatus::Violated } else { ExitStatus::Done })
 }
