@@ -94,7 +94,7 @@ def main():
     if found.counterexamples:
         worst = found.counterexamples[0]
         replay = mishandle.replay(run, env, FORMULAS, SPACE, trial=worst.trial, number=worst.simulation, **target)
-        for name, values in replay.simulation.trace.items():
+        for name, values in replay.repetition.trace.items():
             print(name, np.round(values, 1).tolist())
     facts = {
         "environment": "highway-fast-v0",

@@ -18,16 +18,16 @@ from mishandle.results import Regression
 from mishandle.targets import Formulas, Simulation, Space, TargetOptions, make_target, scenario_numbers
 
 
-@dataclass(frozen=True)
-class Replay:
+@dataclass(frozen=True, kw_only=True)
+class Replay(results.Replay):
     """A recorded simulation and its repetition. Without differences, everything recorded has the same bits."""
 
-    trial: int
-    number: int
+    repetition: Simulation
+    """The repeated simulation with its trace."""
     recorded_robustness: float | None
-    simulation: Simulation
-    differences: list[str]
-    build_differences: list[str]
+    """Robustness in the file."""
+    build_differences: tuple[str, ...]
+    """Differences between the program that made the file and this one."""
 
 
 def simulate(
@@ -179,5 +179,10 @@ def replay(
         again = _native.replay_counterexample(found.native, os.fspath(path))
     else:
         again = _native.replay(found.native, path=os.fspath(path), trial=trial, number=number)
-    keys = ("trial", "number", "recorded_robustness", "differences", "build_differences")
-    return Replay(simulation=found.simulation(again), **{key: again[key] for key in keys})
+    text, simulation, robustness, build_differences = again
+    return Replay(
+        **vars(read(results.Replay, text)),
+        repetition=found.simulation(simulation),
+        recorded_robustness=robustness,
+        build_differences=tuple(build_differences),
+    )

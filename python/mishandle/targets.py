@@ -57,7 +57,7 @@ class Simulation:
     exceptions: list[str] = field(default_factory=list)
     """Tracebacks of the exceptions of the call that simulated it, if it crashed."""
     document: results.Simulation | None = field(default=None, repr=False)
-    """The result of ``mishandle simulate``, with the explanation; ``None`` for a replay."""
+    """The result of ``mishandle simulate``, with the explanation; ``None`` in a replay."""
 
 
 @dataclass

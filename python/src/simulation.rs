@@ -76,6 +76,9 @@ pub fn repeat(
     json(&found.result)
 }
 
+/// A replay: document, simulation, recorded robustness, and differences of the builds.
+type Replayed<'py> = (String, Bound<'py, PyDict>, Option<f64>, Vec<String>);
+
 /// Replays a recorded simulation; by default the first counterexample, or else the simulation with the minimum robustness.
 #[pyfunction]
 #[pyo3(signature = (target, *, path, trial, number))]
@@ -85,27 +88,23 @@ pub fn replay<'py>(
     path: PathBuf,
     trial: Option<u32>,
     number: Option<u32>,
-) -> PyResult<Bound<'py, PyDict>> {
-    let replayed = detached(py, target, || {
+) -> PyResult<Replayed<'py>> {
+    let found = detached(py, target, || {
         let run = RunFile::open(&path)?;
         let Some((trial, number)) = mishandle::replay::select_simulation(&run, trial, number)? else {
             return Ok(None);
         };
         let resolved = recorded(target, &run)?;
-        mishandle::replay::replay_with(&run, trial, number, &resolved).map(Some)
+        let replayed = mishandle::replay::replay_with(&run, trial, number, &resolved)?;
+        Ok(Some((replayed.result(&run), replayed)))
     })?;
-    let Some(replayed) = replayed else {
+    let Some((result, replayed)) = found else {
         return Err(InvalidValueError::new_err(
             "no simulation of the run has a robustness; name a trial and a simulation",
         ));
     };
-    let dict = episode(py, &target.space, &replayed.episode)?;
-    dict.set_item("trial", replayed.recorded.trial)?;
-    dict.set_item("number", replayed.recorded.number)?;
-    dict.set_item("recorded_robustness", replayed.recorded.robustness)?;
-    dict.set_item("differences", replayed.differences)?;
-    dict.set_item("build_differences", replayed.build_differences)?;
-    Ok(dict)
+    let found = episode(py, &target.space, &replayed.episode)?;
+    Ok((json(&result)?, found, replayed.recorded.robustness, replayed.build_differences))
 }
 
 /// Replays a counterexample file.
@@ -114,20 +113,16 @@ pub fn replay_counterexample<'py>(
     py: Python<'py>,
     target: &PyTarget,
     path: PathBuf,
-) -> PyResult<Bound<'py, PyDict>> {
+) -> PyResult<Replayed<'py>> {
     let (recorded, replayed) = detached(py, target, || {
         let recorded = Counterexample::read(&path)?;
         let resolved = ResolvedPlan::with_target(&recorded.plan, target.target.clone())?;
         let replayed = recorded.replay(&resolved)?;
         Ok((recorded, replayed))
     })?;
-    let dict = episode(py, &target.space, &replayed.episode)?;
-    dict.set_item("trial", recorded.trial)?;
-    dict.set_item("number", recorded.simulation)?;
-    dict.set_item("recorded_robustness", recorded.expected.robustness)?;
-    dict.set_item("differences", replayed.differences)?;
-    dict.set_item("build_differences", replayed.build_differences)?;
-    Ok(dict)
+    let found = episode(py, &target.space, &replayed.episode)?;
+    let robustness = Some(recorded.expected.robustness);
+    Ok((json(&replayed.result(&recorded, &path))?, found, robustness, replayed.build_differences))
 }
 
 fn episode<'py>(py: Python<'py>, space: &Space, episode: &Episode) -> PyResult<Bound<'py, PyDict>> {

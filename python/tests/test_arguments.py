@@ -189,7 +189,7 @@ class Arguments(unittest.TestCase):
         self.assertIn("0.03", mishandle.open_run(plain.path).formula)
         self.assertEqual(mishandle.open_run(plain.path).formula, mishandle.open_run(named.path).formula)
         self.assertEqual(plain.trials, named.trials)
-        self.assertEqual(mishandle.replay(named.path, task, "strict", "starts", policy="ppo").differences, [])
+        self.assertEqual(mishandle.replay(named.path, task, "strict", "starts", policy="ppo").differences, ())
         [one] = mishandle.simulate(task, "strict", "starts", policy="ppo")
         [other] = mishandle.simulate(task, "strict", policy="ppo")
         self.assertEqual((one.robustness, one.scenario), (other.robustness, other.scenario))

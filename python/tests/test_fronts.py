@@ -251,6 +251,16 @@ class Fronts(unittest.TestCase):
         expected = results.build(results.Explanation, self.command("explain", self.folder / "run"))
         self.assertEqual(repr(plain(found.explain())), repr(plain(expected)))
 
+    def test_a_replay_is_the_same(self) -> None:
+        options: dict[str, Any] = {"formula": "strict", "space": "starts+sensing", "policy": "ppo"}
+        found = falsify(self.folder / "run", "point-reaching", **options)
+        [file, *_] = found.export(self.folder / "suite").paths
+        for path in (self.folder / "run", file):
+            expected = results.build(results.Replay, self.command("replay", path))
+            again = mishandle.replay(path, "point-reaching", **options)
+            self.assertEqual(repr(plain(results.Replay(**{key: getattr(again, key) for key in vars(expected)}))), repr(plain(expected)))
+            self.assertTrue(again.same)
+
     def test_a_comparison_is_the_same(self) -> None:
         paths = [self.folder / "ppo", self.folder / "sac"]
         for path in paths:

@@ -64,9 +64,9 @@ class Margins(unittest.TestCase):
         with tempfile.TemporaryDirectory() as folder:
             file = pickle.loads(pickle.dumps(found)).export(os.path.join(folder, "witness.json"))
             again = mishandle.replay(file, half_space, "always(y >= 0)", INPUTS, name="half")
-            self.assertEqual((again.differences, again.build_differences), ([], []))
+            self.assertEqual((again.differences, again.build_differences), ((), ()))
             assert found.witness is not None
-            self.assertEqual(again.simulation.scenario, found.witness.scenario)
+            self.assertEqual(again.repetition.scenario, found.witness.scenario)
             self.assertEqual(again.recorded_robustness, found.witness.robustness)
             test = mishandle.regress(folder, lambda scenario: {"y": [1.0] * 2}, "always(y >= 0)", INPUTS, name="half")
             self.assertEqual((test.passes, test.fails), (1, 0))

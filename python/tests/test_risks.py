@@ -79,7 +79,7 @@ class Risks(unittest.TestCase):
         with tempfile.TemporaryDirectory() as folder:
             file = found.export(os.path.join(folder, "failure.json"))
             again = mishandle.replay(file, gap, "always(gap >= 2)", SPEED, name="car")
-            self.assertEqual((again.differences, again.simulation.scenario), ([], found.failures[0].scenario))
+            self.assertEqual((again.differences, again.repetition.scenario), ((), found.failures[0].scenario))
             with self.assertRaisesRegex(mishandle.InvalidValueError, "failure is 9"):
                 found.export(file, failure=9)
             copied = pickle.loads(pickle.dumps(found)).export(os.path.join(folder, "copied.json"))

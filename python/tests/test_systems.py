@@ -46,8 +46,8 @@ class Functions(Folder):
         again = mishandle.replay(
             run, distance, "always(distance >= 0.1)", SQUARE, trial=worst.trial, number=worst.simulation
         )
-        self.assertEqual((again.differences, again.build_differences), ([], []))
-        self.assertEqual(again.simulation.robustness, exact)
+        self.assertEqual((again.differences, again.build_differences), ((), ()))
+        self.assertEqual(again.repetition.robustness, exact)
 
     def test_a_replay_of_another_system_is_reported(self):
         run = self.path / "run.sqlite"
@@ -164,7 +164,7 @@ class Functions(Folder):
         campaign = mishandle.falsify(system, "always[0:5](x <= 2)", space, search="random", trials=1, budget=50, out=run)
         self.assertEqual(campaign.falsified_trials, 1)
         again = mishandle.replay(run, system, "always[0:5](x <= 2)", space)
-        self.assertEqual(again.differences, [])
+        self.assertEqual(again.differences, ())
         self.assertLess(again.recorded_robustness, 0)
 
     def test_samples_after_the_last_control_step_are_left_out(self):
