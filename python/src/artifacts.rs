@@ -29,7 +29,8 @@ pub fn report(py: Python<'_>, target: &PyTarget, path: PathBuf, probes: u32) -> 
     })
 }
 
-/// Steps of a survival curve, numbers of simulations at which trials were censored, and number of trials.
+/// Steps of a survival curve, numbers of simulations at which trials were censored, and number of
+/// trials.
 type Survival = (Vec<(u32, f64)>, Vec<u32>, usize);
 
 /// Returns the survival curve of the trials of a run.
@@ -55,7 +56,8 @@ pub fn counterexample(py: Python<'_>, path: PathBuf, trial: u32, number: u32) ->
 /// A document, and path and text of each file to write.
 type Exported = (String, Vec<(PathBuf, String)>);
 
-/// Returns the representatives of the failure modes of a run as counterexamples in `folder`. With a target, they are minimized.
+/// Returns the representatives of the failure modes of a run as counterexamples in `folder`. With a
+/// target, they are minimized.
 #[pyfunction]
 #[pyo3(signature = (path, folder, *, target, budget))]
 pub fn export(
@@ -83,7 +85,8 @@ pub fn export(
     Ok((json(&found.result)?, found.files.into_iter().map(text).collect()))
 }
 
-/// Simulates the counterexamples of a folder with a target, each `repeats` times with other seeds. Returns the document.
+/// Simulates the counterexamples of a folder with a target, each `repeats` times with other seeds.
+/// Returns the document.
 #[pyfunction]
 #[pyo3(signature = (target, folder, *, repeats, max_failure_rate))]
 pub fn regress(

@@ -38,7 +38,8 @@ impl From<SearchOption> for OptionValue {
     }
 }
 
-/// Checks the settings of a falsification in the space of these axes, before the system is simulated.
+/// Checks the settings of a falsification in the space of these axes, before the system is
+/// simulated.
 #[pyfunction]
 #[pyo3(signature = (axes, *, search, options, trials, budget, batch, new_mode_rate))]
 pub fn check_falsify(

@@ -25,7 +25,8 @@ fn simulation_plan(target: &PyTarget, formula: Option<String>, seed: u64) -> Pla
     Plan { falsify: Some(falsify), ..plan(target, seed) }
 }
 
-/// Simulates a scenario with `seed`, or several times with seeds that are derived from it. Returns one dictionary per simulation.
+/// Simulates a scenario with `seed`, or several times with seeds that are derived from it. Returns
+/// one dictionary per simulation.
 #[pyfunction]
 #[pyo3(signature = (target, *, formula, values, repeat, seed))]
 pub fn simulate<'py>(
@@ -54,7 +55,8 @@ pub fn simulate<'py>(
     Ok(list)
 }
 
-/// Simulates a scenario with derived seeds, and random scenarios to measure the noise. Returns the document.
+/// Simulates a scenario with derived seeds, and random scenarios to measure the noise. Returns the
+/// document.
 #[pyfunction]
 #[pyo3(signature = (target, *, formula, values, repeats, scenarios, seed))]
 pub fn repeat(
@@ -79,7 +81,8 @@ pub fn repeat(
 /// A replay: document, simulation, recorded robustness, and differences of the builds.
 type Replayed<'py> = (String, Bound<'py, PyDict>, Option<f64>, Vec<String>);
 
-/// Replays a recorded simulation; by default the first counterexample, or else the simulation with the minimum robustness.
+/// Replays a recorded simulation; by default the first counterexample, or else the simulation with
+/// the minimum robustness.
 #[pyfunction]
 #[pyo3(signature = (target, *, path, trial, number))]
 pub fn replay<'py>(

@@ -1,4 +1,5 @@
-//! Work of the library for a Python target: without the interpreter lock, with the exceptions that Python raises meanwhile.
+//! Work of the library for a Python target: without the interpreter lock, with the exceptions that
+//! Python raises meanwhile.
 
 use std::ops::ControlFlow;
 use std::path::PathBuf;
@@ -20,8 +21,8 @@ pub(crate) fn plan(target: &PyTarget, seed: u64) -> Plan {
     Plan { seed, ..target.plan.clone() }
 }
 
-/// Does `work` in a run. Returns its result also if an exception that Python raised meanwhile ended it early, with that
-/// exception.
+/// Does `work` in a run. Returns its result also if an exception that Python raised meanwhile ended
+/// it early, with that exception.
 pub(crate) fn in_run<T: Send>(
     py: Python<'_>,
     target: &PyTarget,
@@ -57,7 +58,8 @@ pub(crate) fn recorded(target: &PyTarget, run: &RunFile) -> Result<ResolvedPlan,
     ResolvedPlan::with_target(&Plan::from_toml(&run.header().plan)?, found)
 }
 
-/// Calls `work` without the interpreter lock. An exception that Python raised meanwhile is raised again.
+/// Calls `work` without the interpreter lock. An exception that Python raised meanwhile is raised
+/// again.
 pub(crate) fn detached<T: Send>(
     py: Python<'_>,
     target: &PyTarget,
@@ -69,8 +71,8 @@ pub(crate) fn detached<T: Send>(
     }
 }
 
-/// Calls `work` without the interpreter lock. Returns its result also if an exception that Python raised meanwhile ended it early,
-/// with that exception.
+/// Calls `work` without the interpreter lock. Returns its result also if an exception that Python
+/// raised meanwhile ended it early, with that exception.
 pub(crate) fn detached_until<T: Send>(
     py: Python<'_>,
     target: &PyTarget,

@@ -53,8 +53,8 @@ pub struct Exported {
     pub files: Vec<(PathBuf, Counterexample)>,
     /// Number of simulations.
     pub simulations: u64,
-    /// Whether the minimization was ended early. The last counterexample fails, but can be nearer to nominal; the ones after it are
-    /// missing.
+    /// Whether the minimization was ended early. The last counterexample fails, but can be nearer
+    /// to nominal; the ones after it are missing.
     pub is_interrupted: bool,
 }
 
@@ -73,8 +73,8 @@ pub fn representatives(run: &RunFile, folder: &Path) -> Result<Vec<Chosen>, Mish
     Ok((1..).zip(&failure_modes(run)?.modes).map(chosen).collect())
 }
 
-/// Makes counterexamples of simulations of a run. Several failure modes can have the same minimized scenario, which is in the files
-/// once.
+/// Makes counterexamples of simulations of a run. Several failure modes can have the same minimized
+/// scenario, which is in the files once.
 ///
 /// `watch` gets the number of simulations of a minimization after each batch, and can end it.
 ///

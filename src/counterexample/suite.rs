@@ -55,7 +55,8 @@ pub struct Suite<'a> {
 type Simulated = Result<Regression, String>;
 
 impl Suite<'_> {
-    /// Returns the files `*.json` of the folder, sorted by name, except for descriptions of ONNX models (`NAME.onnx.json`).
+    /// Returns the files `*.json` of the folder, sorted by name, except for descriptions of ONNX
+    /// models (`NAME.onnx.json`).
     ///
     /// # Errors
     /// If the folder cannot be read.
@@ -78,7 +79,8 @@ impl Suite<'_> {
         (1 + self.repeats) * if self.baseline().is_some() { 2 } else { 1 }
     }
 
-    /// Simulates a file. `watch` is called after each repeat, and can end them. Mistakes in the file are the result of its test.
+    /// Simulates a file. `watch` is called after each repeat, and can end them. Mistakes in the
+    /// file are the result of its test.
     pub fn test(&self, path: &Path, mut watch: impl FnMut(&Episode) -> ControlFlow<()>) -> RegressionTest {
         let recorded = Counterexample::read(path).map_err(|error| match error {
             // Names the path itself.
@@ -175,8 +177,9 @@ impl Suite<'_> {
         }
     }
 
-    /// Returns whether a test fails: by the failure rate with other seeds, or without repeats by the robustness with the recorded
-    /// seed. `None` if a simulation has no verdict, because a rate of the others would say nothing about it.
+    /// Returns whether a test fails: by the failure rate with other seeds, or without repeats by
+    /// the robustness with the recorded seed. `None` if a simulation has no verdict, because a rate
+    /// of the others would say nothing about it.
     fn fails(&self, found: &Simulated) -> Option<bool> {
         let found = found.as_ref().ok()?;
         match &found.repeats {
@@ -187,7 +190,8 @@ impl Suite<'_> {
     }
 }
 
-/// Describes why a test fails or could not run: the decisive predicate with its values, the failure rate, or the error.
+/// Describes why a test fails or could not run: the decisive predicate with its values, the failure
+/// rate, or the error.
 fn reason(found: &Simulated, baseline: Option<&Simulated>) -> String {
     let of_baseline = || baseline.and_then(problem).map(|problem| format!("with the baseline: {problem}"));
     if let Some(problem) = problem(found).or_else(of_baseline) {
@@ -218,7 +222,8 @@ fn problem(found: &Simulated) -> Option<String> {
     }
 }
 
-/// Formats the causes of an error, the outermost first. A cause that the text contains already is left out.
+/// Formats the causes of an error, the outermost first. A cause that the text contains already is
+/// left out.
 fn with_causes(error: &MishandleError) -> String {
     let causes = successors(Some(error as &dyn Error), |error| (*error).source());
     causes.map(ToString::to_string).fold(String::new(), |text, cause| match text.as_str() {

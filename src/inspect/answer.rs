@@ -11,10 +11,12 @@ use crate::inspect::{mode_survey, smooth_region_of};
 use crate::resolve::ResolvedPlan;
 use crate::run::{Answer, counterexample_repeats};
 
-/// Returns the answer of a question as a result, with all that the question asks for: a falsification that keeps going has its
-/// failure modes, and a complete one the repeats of its counterexamples and the smooth region.
+/// Returns the answer of a question as a result, with all that the question asks for: a
+/// falsification that keeps going has its failure modes, and a complete one the repeats of its
+/// counterexamples and the smooth region.
 ///
-/// `run` is the path of the run file, which must be closed. `repeats` and `watch` are those of [`counterexample_repeats`].
+/// `run` is the path of the run file, which must be closed. `repeats` and `watch` are those of
+/// [`counterexample_repeats`].
 ///
 /// # Errors
 /// If a simulation cannot be run, or the run file cannot be read.

@@ -12,8 +12,10 @@ use crate::error::MishandleError;
 use crate::resolve::{ResolvedPlan, space_depends_on_seed};
 use crate::run::failure_rate_bound;
 
-/// Returns the part of the space in which no scenario fails if the robustness is as smooth as its samples, or why that cannot be said: see
-/// [`smooth_region()`](mishandle_evaluation::smooth_region()). `None` if a simulation failed, or the search does not draw uniform samples. `run` is the path of the run file.
+/// Returns the part of the space in which no scenario fails if the robustness is as smooth as its
+/// samples, or why that cannot be said: see
+/// [`smooth_region()`](mishandle_evaluation::smooth_region()). `None` if a simulation failed, or
+/// the search does not draw uniform samples. `run` is the path of the run file.
 ///
 /// # Errors
 /// If the run cannot be read.

@@ -1,4 +1,5 @@
-//! Scenarios that are simulated with other seeds: the counterexamples of a falsification, or a chosen one.
+//! Scenarios that are simulated with other seeds: the counterexamples of a falsification, or a
+//! chosen one.
 
 use std::collections::BTreeMap;
 use std::ops::ControlFlow;
@@ -14,9 +15,9 @@ use crate::error::MishandleError;
 use crate::resolve::{ResolvedPlan, depends_on_seed};
 use crate::run::result::repeated_result;
 
-/// Simulates each counterexample with other seeds, as often as [`Repeated::each_counterexample`] says; `requested` replaces the
-/// default of [`Repeated::Counterexample`]. Returns the reports by trial: none for a target without randomness, whose
-/// counterexamples always fail.
+/// Simulates each counterexample with other seeds, as often as [`Repeated::each_counterexample`]
+/// says; `requested` replaces the default of [`Repeated::Counterexample`]. Returns the reports by
+/// trial: none for a target without randomness, whose counterexamples always fail.
 ///
 /// `watch` gets the number of finished simulations and of all, and can end the repeats.
 ///
@@ -71,9 +72,9 @@ pub struct RepeatedScenario {
     pub planned: (u64, u64),
 }
 
-/// Simulates a scenario `repeats` times with other seeds than that of the plan, and `scenarios` random scenarios to measure how
-/// much of the variance of the robustness is noise. The defaults are those of [`Repeated`]. If nothing is random, the scenario is
-/// simulated once.
+/// Simulates a scenario `repeats` times with other seeds than that of the plan, and `scenarios`
+/// random scenarios to measure how much of the variance of the robustness is noise. The defaults
+/// are those of [`Repeated`]. If nothing is random, the scenario is simulated once.
 ///
 /// `watch` gets the number of finished simulations and of all, and can end the repeats.
 ///
@@ -112,7 +113,8 @@ pub fn repeat_scenario(
     Ok(RepeatedScenario { result, simulations, planned: (repeats, total) })
 }
 
-/// Describes how often repeated simulations fail, such as `fails in 188 of 2,000 repeats: 9.4 % [8.2, 10.8]`.
+/// Describes how often repeated simulations fail, such as `fails in 188 of 2,000 repeats: 9.4 %
+/// [8.2, 10.8]`.
 pub fn failure_text(report: &Repeats) -> String {
     let Estimate { value, low, high, n } = report.failure_rate;
     let percent = |value: Option<f64>| 100.0 * value.unwrap_or(f64::NAN);
