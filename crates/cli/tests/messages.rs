@@ -55,7 +55,6 @@ fn a_wrong_number_on_the_command_line_is_repeated_with_the_allowed_numbers() {
         ),
         ("monitor --formula d>0 a.csv", "--period", "expected a number of seconds above 0".to_string()),
         ("train point-reaching", "--steps", integer(1, 1_000_000_000_000)),
-        ("curve a.csv", "--environments", integer(1, 1_000_000)),
     ] {
         check(
             &bench,

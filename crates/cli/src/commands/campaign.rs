@@ -22,9 +22,9 @@ use crate::show::{campaign, output};
   mishandle campaign --resume runs/controllers
   mishandle campaign campaign.toml --ray auto         on this machine's Ray cluster
 
-The campaign file is a plan in which keys may have lists of values: see docs/guide/campaigns.md. Each
-combination is a run with a run file in the folder. Exit code 1 means that a counterexample was
-found.")]
+The campaign file is a plan in which keys may have lists of values: see docs/guide/campaigns.md.
+Each combination is a run with a run file in the folder. Exit code 1 means that a counterexample
+was found.")]
 pub struct Arguments {
     /// Campaign file (TOML)
     #[arg(value_name = "FILE", required_unless_present = "resume")]
