@@ -131,7 +131,12 @@ class Target:
     ) -> Target: ...
     @staticmethod
     def of_task(
-        task: str, controller: str, preset: str, space: str, axes: Mapping[str, float | tuple[float, float] | str]
+        task: str,
+        controller: str,
+        preset: str,
+        space: str,
+        axes: Mapping[str, float | tuple[float, float] | str],
+        noise: tuple[bool, float, float],
     ) -> Target: ...
     @property
     def axes(self) -> list[AxisTuple]: ...

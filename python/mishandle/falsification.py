@@ -152,7 +152,8 @@ def falsify(
     **target
         Arguments that describe the system, the same for all functions: ``policy``, ``batched_policy``, ``signals``, ``units``
         (of the signals of a function), ``steps`` (control steps of an episode), ``control_dt`` (seconds), ``termination``,
-        ``time_limit`` (seconds), ``preset``, ``axes`` and ``rows`` (of a task), ``name`` and ``executor``. See
+        ``time_limit`` (seconds), ``preset``, ``axes``, ``stochastic``, ``action_noise``, ``observation_noise`` and ``rows`` (of a task),
+        ``name`` and ``executor``. See
         :class:`mishandle.targets.TargetOptions`.
 
     Returns

@@ -110,6 +110,12 @@ class TargetOptions(TypedDict, total=False):
     axes: Mapping[str, float | tuple[float, float] | str]
     """Axes of a task with one of our controllers that have a narrower range ``(low, high)``, a fixed value or a fixed category, by
     name. Axes that the space lacks are added to it."""
+    stochastic: bool
+    """Whether actions of one of our controllers are sampled from its distribution."""
+    action_noise: float
+    """Standard deviation of the noise that is added to the actions of one of our controllers."""
+    observation_noise: float
+    """Standard deviation of the noise that is added to the observations of one of our controllers."""
     rows: int
     """Number of simulations of a task that are stepped together."""
     name: str
@@ -176,7 +182,7 @@ def make_target(
         return _task_in_space(system, formula, space or "starts", {"policy": "", **options}, check)
     if isinstance(system, str) and policy is None:
         raise InvalidValueError(f"the task {system} needs a policy")
-    if isinstance(system, str) and options.get("axes") and space is None:
+    if isinstance(system, str) and space is None and any(options.get(name) for name in NATIVE_OPTIONS):
         space = "starts"
     if isinstance(system, str) and isinstance(space, str):
         return _task_in_space(system, formula, space, options, check)
@@ -246,14 +252,15 @@ def _task_in_space(
     task: str, formula: Formulas, space: str, options: TargetOptions, check: Callable[[Sequence[Axis]], object]
 ) -> Target:
     """Returns a task with one of our controllers, which the Rust core simulates: only it has the axes of all spaces."""
-    check_applicable(options, ("policy", "preset", "axes"), f"a task in the space {space!r}")
+    check_applicable(options, ("policy", "preset", *NATIVE_OPTIONS), f"a task in the space {space!r}")
     policy = options.get("policy")
     if not isinstance(policy, (str, os.PathLike)):
         raise InvalidTypeError(
             f"the space {space!r} of a task needs the name or path of a controller, not a {type(policy).__name__}; leave out the "
             "space to test another policy from the initial states"
         )
-    native = _native.Target.of_task(task, os.fspath(policy), options.get("preset", "paper"), space, _settings(options))
+    noise = (options.get("stochastic", False), options.get("action_noise", 0.0), options.get("observation_noise", 0.0))
+    native = _native.Target.of_task(task, os.fspath(policy), options.get("preset", "paper"), space, _settings(options), noise)
     if formula is not None and not isinstance(formula, (str, Formula)):
         raise InvalidTypeError(f"formulas by name are not possible in the space {space!r} of a task; pass one formula")
     requirement = None if formula is None else str(formula)
@@ -303,6 +310,7 @@ def _system(system: Any, space: Sequence[Axis], policy: Any, options: TargetOpti
     )
 
 
+NATIVE_OPTIONS = ("axes", "stochastic", "action_noise", "observation_noise")
 COMMON_OPTIONS = ("time_limit", "termination", "name", "executor")
 FUNCTION_OPTIONS = ("control_dt", "steps", "units", *COMMON_OPTIONS)
 ENVIRONMENT_OPTIONS = ("policy", "batched_policy", "signals", "steps", "control_dt", *COMMON_OPTIONS)

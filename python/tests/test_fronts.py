@@ -77,6 +77,12 @@ QUESTIONS = {
         f'[falsify]\nformula = "strict"\n{RANDOM_PLAN}',
         lambda out: falsify(out, "point-reaching", formula="strict", space="starts+sensing", policy="ppo"),
     ),
+    "falsify a task with noise": Question(
+        results.Falsification,
+        ["falsify", "ball-balancing", "--controller", "ppo", "--action-noise", "0.5", *RANDOM, "--repeats", "10"],
+        f'target = "ball-balancing"\ncontroller = "ppo"\naction-noise = 0.5\nseed = 3\n[falsify]\n{RANDOM_PLAN}',
+        lambda out: falsify(out, "ball-balancing", policy="ppo", action_noise=0.5, repeats=10),
+    ),
     "margin of a toy": Question(
         results.Margin,
         ["margin", *CAR, "--budget", "300", "--seed", "3"],
