@@ -16,8 +16,9 @@ use crate::show::output;
   mishandle export runs/RUN.sqlite --out simulations.csv
   mishandle export runs/RUN.sqlite --out simulations.parquet
 
-One row per simulation: trial, number, seed, robustness, end, scenario, verdicts. docs/reference/run_file.md
-describes the columns. `mishandle replay RUN --trace FILE` exports the trace of one simulation.")]
+One row per simulation: trial, number, seed, robustness, end, scenario, verdicts.
+docs/reference/run_file.md describes the columns. `mishandle replay RUN --trace FILE` exports
+the trace of one simulation.")]
 pub struct Arguments {
     /// Run file of `mishandle evaluate` or `mishandle falsify`
     #[arg(value_name = "RUN")]

@@ -44,7 +44,8 @@ as those of an uninterrupted run, bit for bit; with --device gpu they are not.
 If a file cannot be written, as on a full disk, training warns, continues and tries again; it stops
 if it cannot write the first checkpoint. The settings run.stop_success, run.stop_strict and
 run.stop_validations enable early stopping.
-Columns of the CSV file: docs/guide/training.md. All settings: docs/reference/algorithms/settings.md.")]
+Columns of the CSV file: docs/guide/training.md.
+All settings: docs/reference/algorithms/settings.md.")]
 pub struct Arguments {
     /// Name of a task
     pub task: String,
