@@ -97,8 +97,8 @@ def main():
     seconds, replay = time.time() - started, None
     if found.counterexamples:
         worst = found.counterexamples[0]
-        replay = mishandle.replay(run, ENV, FORMULA, SPACE, trial=worst.trial, number=worst.number, **target)
-        trace = replay.simulation.trace
+        replay = mishandle.replay(run, ENV, FORMULA, SPACE, trial=worst.trial, number=worst.simulation, **target)
+        trace = replay.repetition.trace
         print("distance of object and goal:", np.round(trace["distance"][::10], 3), "m")
         print("height of the object:", np.round(trace["height"][::10], 3), "m")
     facts = {

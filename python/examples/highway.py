@@ -93,8 +93,8 @@ def main():
     seconds, replay = time.time() - started, None
     if found.counterexamples:
         worst = found.counterexamples[0]
-        replay = mishandle.replay(run, env, FORMULAS, SPACE, trial=worst.trial, number=worst.number, **target)
-        for name, values in replay.simulation.trace.items():
+        replay = mishandle.replay(run, env, FORMULAS, SPACE, trial=worst.trial, number=worst.simulation, **target)
+        for name, values in replay.repetition.trace.items():
             print(name, np.round(values, 1).tolist())
     facts = {
         "environment": "highway-fast-v0",

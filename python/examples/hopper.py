@@ -82,8 +82,8 @@ def main():
     replay = None
     if found.counterexamples:
         worst = found.counterexamples[0]
-        replay = mishandle.replay(run, env, FORMULAS, SPACE, trial=worst.trial, number=worst.number, **target)
-        trace = replay.simulation.trace
+        replay = mishandle.replay(run, env, FORMULAS, SPACE, trial=worst.trial, number=worst.simulation, **target)
+        trace = replay.repetition.trace
         fell = int(np.argmax(trace["height"] < 0.7)) * env.unwrapped.dt
         print(f"falls at {fell:.2f} s" if trace["height"].min() < 0.7 else "does not fall", f"at x = {trace['x'][-1]:.2f} m")
     [nominal] = mishandle.simulate(env, FORMULAS, SPACE, **target)

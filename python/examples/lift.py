@@ -116,8 +116,8 @@ def main():
     seconds, replay = time.time() - started, None
     if found.counterexamples:
         worst = found.counterexamples[0]
-        replay = mishandle.replay(run, ENV, FORMULA, SPACE, trial=worst.trial, number=worst.number, **target)
-        print("height of the cube:", np.round(replay.simulation.trace["height"][::5], 3), "m")
+        replay = mishandle.replay(run, ENV, FORMULA, SPACE, trial=worst.trial, number=worst.simulation, **target)
+        print("height of the cube:", np.round(replay.repetition.trace["height"][::5], 3), "m")
     facts = {
         "environment": "Lift",
         "policy": "scripted: grasp and lift",

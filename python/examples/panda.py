@@ -94,8 +94,8 @@ def main():
     seconds, replay = time.time() - started, None
     if found.counterexamples:
         worst = found.counterexamples[0]
-        replay = mishandle.replay(run, env, FORMULA, SPACE, trial=worst.trial, number=worst.number, **target)
-        trace = replay.simulation.trace
+        replay = mishandle.replay(run, env, FORMULA, SPACE, trial=worst.trial, number=worst.simulation, **target)
+        trace = replay.repetition.trace
         print("distance of cube and target:", np.round(trace["distance"][::10], 3), "m")
         print("height of the cube:", np.round(trace["height"][::10], 3), "m")
     facts = {

@@ -45,22 +45,23 @@ def facts_of(found, evaluation, replay, seconds):
     facts = {"seconds_falsification": seconds}
     if evaluation is not None:
         facts["success_rate"] = estimate(evaluation.success_rate)
-        facts["corners"] = [sum(c.successes for c in evaluation.corners), sum(c.simulations for c in evaluation.corners)]
-    robustness = [trial.robustness for trial in found.trials if trial.robustness is not None]
+        points = evaluation.corners.points if evaluation.corners is not None else ()
+        facts["corners"] = [sum(c.successes for c in points), sum(c.n for c in points)]
+    robustness = [trial.minimum_robustness for trial in found.trials if trial.minimum_robustness is not None]
     facts |= {
         "trials": len(found.trials),
         "falsified_trials": found.falsified_trials,
         "mean_simulations": found.mean_simulations,
         "simulations": found.simulations,
         "smallest_robustness": min(robustness, default=None),
-        "undecided": found.undecided,
-        "failed": found.failed,
+        "undecided": sum(trial.undecided for trial in found.trials),
+        "failed": sum(trial.failed for trial in found.trials),
         "largest_difference": found.largest_difference,
     }
     if replay is not None:
         worst = found.counterexamples[0]
         facts["counterexample"] = worst.scenario
-        facts["counterexample_robustness"] = worst.robustness
+        facts["counterexample_robustness"] = worst.minimum_robustness
         facts["replay_differences"] = replay.differences
     return facts
 
@@ -73,7 +74,7 @@ def facts_of_task(task, name, policy):
     seconds, replay = time.time() - started, None
     if found.counterexamples:
         worst = found.counterexamples[0]
-        replay = mishandle.replay(run, task, policy=policy, trial=worst.trial, number=worst.number)
+        replay = mishandle.replay(run, task, policy=policy, trial=worst.trial, number=worst.simulation)
     strict = {"strict_success_rate": estimate(evaluation.strict_success_rate)}
     return {"task": task, **facts_of(found, evaluation, replay, seconds), **strict}
 

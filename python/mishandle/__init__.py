@@ -11,84 +11,52 @@ from mishandle.errors import (
     MishandleError,
     MissingPackageError,
 )
-from mishandle.explanations import ComparedPair, Comparison, Estimate, Explanation, FailureMode, compare
-from mishandle.falsification import (
-    Corner,
-    Evaluation,
-    Falsification,
-    Regression,
-    Repeats,
-    Replay,
-    Trial,
-    evaluate,
-    falsify,
-    regress,
-    repeat,
-    replay,
-    simulate,
-)
+from mishandle.explanations import Comparison, Explanation, compare
+from mishandle.falsification import Evaluation, Exports, Falsification, evaluate, falsify
 from mishandle.formulas import Formula, robustness
-from mishandle.margins import Margin, MarginLevel, Witness, margin
+from mishandle.margins import Margin, margin
 from mishandle.objectives import Objective
 from mishandle.plots import plot_comparison, plot_robustness_map, plot_search_progress, plot_survival, plot_trace
 from mishandle.ray import RayExecutor
-from mishandle.risks import (
-    AxisDistribution,
-    Exploration,
-    Importance,
-    MonteCarlo,
-    Probability,
-    Risk,
-    RiskFailure,
-    Splitting,
-    SplittingChain,
-    risk,
-)
+from mishandle.results import ComparedPair, Estimate, FailureMode, Regression, Repeats, Trial, Witness
+from mishandle.risks import Risk, risk
 from mishandle.runs import Run, open_run
 from mishandle.searches import Minimum, Search, find_minimum, search_names
+from mishandle.simulations import Replay, regress, repeat, replay, simulate
 from mishandle.targets import Simulation
 from mishandle.task_environments import TaskEnv, TaskVectorEnv, register
 
 __all__ = [
     "Attribute",
     "Axis",
-    "AxisDistribution",
     "ComparedPair",
     "Comparison",
     "Controller",
-    "Corner",
     "Estimate",
     "Evaluation",
     "Explanation",
-    "Exploration",
+    "Exports",
     "FailureMode",
     "Falsification",
     "Formula",
-    "Importance",
     "InvalidScenario",
     "InvalidStateError",
     "InvalidTypeError",
     "InvalidValueError",
     "Margin",
-    "MarginLevel",
     "Minimum",
     "MishandleError",
     "MissingPackageError",
-    "MonteCarlo",
     "Objective",
-    "Probability",
     "RayExecutor",
     "Regression",
     "Repeats",
     "Replay",
     "ResetOption",
     "Risk",
-    "RiskFailure",
     "Run",
     "Search",
     "Simulation",
-    "Splitting",
-    "SplittingChain",
     "TaskEnv",
     "TaskVectorEnv",
     "TrainingEpisodes",

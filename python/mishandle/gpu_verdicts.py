@@ -188,7 +188,7 @@ def violations(
 
 def in_c(case: Case, sample: Sample) -> list[Row]:
     """Measures the columns of MuJoCo C."""
-    axes = _native.Target.of_task(case.task, case.controller, "paper", "starts", {}).axes
+    axes = _native.Target.of_task(case.task, case.controller, "paper", "starts", {}, (False, 0.0, 0.0)).axes
     scenarios, seeds = map(list, zip(*draws(axes, sample)))
     simulator = worker(case, sample.threads)
     plain = violations(simulator, scenarios, seeds)

@@ -5,10 +5,10 @@ from __future__ import annotations
 import contextlib
 import signal
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import Any, TypeVar
 
-from mishandle.falsification import Progress
+Progress = Callable[[int, int], None]
 
 Result = TypeVar("Result")
 

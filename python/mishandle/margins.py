@@ -10,75 +10,23 @@ from typing import Any
 
 from typing_extensions import Unpack
 
-from mishandle import _native
+from mishandle import _native, results
 from mishandle.arguments import check_number, check_out
 from mishandle.axes import Axis
+from mishandle.documents import PathLike, RunResult, read, write_counterexample
 from mishandle.errors import MishandleError
-from mishandle.falsification import PathLike, Progress, Repeats
-from mishandle.interruption import after_the_batch, deliver
-from mishandle.systems import Scenario
+from mishandle.interruption import Progress, after_the_batch, deliver
 from mishandle.targets import Formulas, Space, TargetOptions, make_target
 
 
-@dataclass(frozen=True)
-class MarginLevel:
-    """The simulations with disturbances up to an amplitude."""
+@dataclass(frozen=True, kw_only=True)
+class Margin(RunResult, results.Margin):
+    """The smallest disturbance that violates a requirement."""
 
-    amplitude: float
-    """Largest offset of an axis, as a fraction of the distance from its nominal value to its bound."""
-    simulations: int
-    without_verdict: int
-    """Number of simulations without a verdict."""
-    minimum_robustness: float | None
-    is_violated: bool
-    is_complete: bool
-    """Whether the search at this amplitude was not interrupted."""
-    is_exhaustive: bool
-    """Whether all scenarios up to the amplitude were simulated and have a verdict."""
-
-
-@dataclass(frozen=True)
-class Witness:
-    """A violation and the size of its disturbance."""
-
-    amplitude: float
-    """Largest offset of an axis (L∞); 1 at its bound."""
-    l2: float
-    l1: float
-    axes: int
-    """Number of disturbed axes."""
-    scenario: Scenario
-    seed: int
-    robustness: float
-    repeats: Repeats | None
-    """Simulations with other seeds; ``None`` if the seed has no effect, or after an interruption."""
-    fails_in_most_repeats: bool | None
-    """Whether more than half of the repeats fail. Otherwise the failure is the luck of its seed."""
-    counterexample: str = field(repr=False)
-    """Text of its counterexample file."""
-
-
-@dataclass(frozen=True)
-class Margin:
-    """The smallest disturbance that was found, and what was tried."""
-
-    path: pathlib.Path = field(compare=False)
-    """Its run file. Two results are equal if all else is."""
-    formula: str
-    simulations: int
-    levels: list[MarginLevel]
-    """The amplitudes in the order in which they were tried."""
-    no_violation_up_to: float | None
-    """Largest amplitude below that of the witness at which a finished search found no violation and most simulations have a
-    verdict: evidence, not a proof."""
-    no_violation_simulations: int | None
-    """Number of simulations with a verdict on which ``no_violation_up_to`` rests."""
-    witness: Witness | None
-    """``None`` if no simulation violates the formula."""
-    is_complete: bool
-    """Whether the search was not interrupted."""
     largest_difference: float = 0.0
+    """Largest difference between two simulations of the nominal scenario with the same seed."""
     exceptions: list[str] = field(default_factory=list)
+    """Tracebacks of exceptions of the system."""
 
     def export(self, path: PathLike) -> pathlib.Path:
         """Writes the witness as a counterexample file (``.json``), for :func:`replay` and :func:`regress`.
@@ -87,16 +35,7 @@ class Margin:
         """
         if self.witness is None:
             raise MishandleError("there is no witness to export: no simulation violates the formula")
-        return write_counterexample(path, self.witness.counterexample)
-
-
-def write_counterexample(path: PathLike, text: str) -> pathlib.Path:
-    """Writes a counterexample file. Its name must end with ``.json``."""
-    file = pathlib.Path(path)
-    if file.suffix.lower() != ".json":
-        raise MishandleError(f"the counterexample file is {os.fspath(path)}; its name must end with .json")
-    file.write_text(text, encoding="utf-8")
-    return file
+        return write_counterexample(self.path, 1, self.witness.simulation, path)
 
 
 def margin(
@@ -171,23 +110,13 @@ def margin(
     made = make_target(system, formula, space, target, check)
     run = (None if out is None else os.fspath(out), resume, durable)
     with after_the_batch(progress) as report:
-        found = _native.margin(made.native, formula=made.formula, budget=budget, seed=seed, out=run, progress=report)
-    interruption = found.pop("interruption")
-    levels = [MarginLevel(*level) for level in found.pop("levels")]
-    if interruption is None and all(level.minimum_robustness is None for level in levels):
+        numbers = {"budget": budget, "seed": seed}
+        text, interruption, _ = _native.margin(made.native, formula=made.formula, out=run, progress=report, **numbers)
+    others = {"largest_difference": made.largest_difference, "exceptions": made.system.exceptions}
+    result = read(Margin, text, **others)
+    result.remember(made.native)
+    if interruption is None and all(level.minimum_robustness is None for level in result.levels):
         raise untested(made.system.exceptions)
-    witness = found.pop("witness")
-    if witness is not None:
-        repeats = witness.pop("repeats")
-        witness = Witness(repeats=None if repeats is None else Repeats.of(repeats), **witness)
-    result = Margin(
-        path=pathlib.Path(found.pop("path")),
-        levels=levels,
-        witness=witness,
-        largest_difference=made.largest_difference,
-        exceptions=made.system.exceptions,
-        **found,
-    )
     return deliver(result, interruption)
 
 

@@ -7,10 +7,14 @@ Written by ``cargo xtask results``; change the Rust types instead.
 from __future__ import annotations
 
 import dataclasses
+import functools
 import types
 import typing
 from collections.abc import Mapping, Sequence
 from typing import Any, TypeVar, cast
+
+Value = float | int | str
+"""Value of an axis: a number, a whole number of an integer axis, or the name of a category."""
 
 _T = TypeVar("_T")
 
@@ -274,7 +278,7 @@ class CornerPoint:
 
     kind: str
     """``corner`` or ``center``."""
-    scenario: dict[str, float | None]
+    scenario: dict[str, Value]
     """Value by axis name."""
     reachable: bool | None
     """Whether success is possible from there; ``None`` if this is unknown."""
@@ -352,8 +356,8 @@ class ScreenedFailure:
 
     number: int
     """Number of the simulation."""
-    scenario: dict[str, float | None]
-    """Scenario by axis; a value that is drawn at random is ``None``."""
+    scenario: dict[str, Value]
+    """Scenario by axis; a value that is drawn at random is missing."""
     seed: int
     """Random seed."""
     robustness: float | None
@@ -483,9 +487,9 @@ class Trial:
     """Minimum robustness; ``None`` if no simulation has one."""
     initial_configuration: tuple[float | None, ...] | None
     """The values of ``scenario`` in the order of ``axes``."""
-    scenario: dict[str, float | None] | None
+    scenario: dict[str, Value] | None
     """Scenario of the simulation with the minimum robustness by axis; a value that is drawn at
-    random is ``None``."""
+    random is missing."""
     simulation: int | None
     """Number of that simulation."""
     seed: int | None
@@ -516,8 +520,8 @@ class Unevaluated:
 
     simulation: int
     """Number of the simulation in its trial, from 1."""
-    scenario: dict[str, float | None]
-    """Scenario by axis; a value that is drawn at random is ``None``."""
+    scenario: dict[str, Value]
+    """Scenario by axis; a value that is drawn at random is missing."""
     seed: int
     """Random seed."""
     end: str
@@ -565,7 +569,7 @@ class FoundMode:
     """Times of these samples, s."""
     axes: tuple[str, ...]
     """Names of the axes that matter: those by which failures with this predicate were grouped."""
-    region: dict[str, tuple[float, float] | None]
+    region: dict[str, tuple[Value, Value] | None]
     """Smallest and largest value by axis; ``None``: drawn at random."""
     trial: int
     """Number of the trial of the representative, the failure nearest to the nominal scenario."""
@@ -573,8 +577,8 @@ class FoundMode:
     """Number of the representative within its trial."""
     seed: int
     """Its random seed."""
-    scenario: dict[str, float | None]
-    """Its scenario by axis; a value that is drawn at random is ``None``."""
+    scenario: dict[str, Value]
+    """Its scenario by axis; a value that is drawn at random is missing."""
     robustness: float
     """Its robustness."""
     distance_from_nominal: float
@@ -768,8 +772,8 @@ class Witness:
     """Number of disturbed axes."""
     simulation: int
     """Number of its simulation in the run."""
-    scenario: dict[str, float | None]
-    """Scenario by axis; a value that is drawn at random is ``None``."""
+    scenario: dict[str, Value]
+    """Scenario by axis; a value that is drawn at random is missing."""
     seed: int
     """Random seed."""
     robustness: float | None
@@ -956,8 +960,8 @@ class Chain:
 class RiskFailure:
     """A failure."""
 
-    scenario: dict[str, float | None]
-    """Scenario by axis; a value that is drawn at random is ``None``."""
+    scenario: dict[str, Value]
+    """Scenario by axis; a value that is drawn at random is missing."""
     simulation: int
     """Number of the simulation in the run."""
     seed: int
@@ -1059,8 +1063,8 @@ class Explanation:
     """Number of the trial."""
     simulation: int
     """Number of the simulation within the trial."""
-    scenario: dict[str, float | None]
-    """Scenario by axis; a value that is drawn at random is ``None``."""
+    scenario: dict[str, Value]
+    """Scenario by axis; a value that is drawn at random is missing."""
     seed: int
     """Random seed of the simulation."""
     formula: str
@@ -1246,8 +1250,8 @@ class Simulation:
     """Duration of a control step, s."""
     episode_steps: int
     """Number of control steps of a whole episode."""
-    scenario: dict[str, float | None]
-    """Scenario by axis; a value that is drawn at random is ``None``."""
+    scenario: dict[str, Value]
+    """Scenario by axis; a value that is drawn at random is missing."""
     formula: str
     """The requirement."""
     end: str | None
@@ -1350,8 +1354,8 @@ class ComparedPair:
     """Number of the simulation within the trial."""
     seed: int
     """Random seed of the simulation."""
-    scenario: dict[str, float | None]
-    """Scenario by axis; a value that is drawn at random is ``None``."""
+    scenario: dict[str, Value]
+    """Scenario by axis; a value that is drawn at random is missing."""
     first_robustness: float | None
     """Robustness in A; ``None`` without a verdict."""
     second_robustness: float | None
@@ -1539,8 +1543,8 @@ class Replay:
     evaluation; otherwise ``None``."""
     initial_configuration: tuple[float | None, ...]
     """The values of ``scenario`` in the order of ``axes``."""
-    scenario: dict[str, float | None]
-    """Scenario by axis; a value that is drawn at random is ``None``."""
+    scenario: dict[str, Value]
+    """Scenario by axis; a value that is drawn at random is missing."""
     seed: int
     """Random seed of the simulation."""
     end: str
@@ -1620,7 +1624,7 @@ class FailureMode:
     """Times of these samples, s."""
     axes: tuple[str, ...]
     """Names of the axes that matter: those by which failures with this predicate were grouped."""
-    region: dict[str, tuple[float, float] | None]
+    region: dict[str, tuple[Value, Value] | None]
     """Smallest and largest value by axis; ``None``: drawn at random."""
     trial: int
     """Number of the trial of the representative, the failure nearest to the nominal scenario."""
@@ -1628,8 +1632,8 @@ class FailureMode:
     """Number of the representative within its trial."""
     seed: int
     """Its random seed."""
-    scenario: dict[str, float | None]
-    """Its scenario by axis; a value that is drawn at random is ``None``."""
+    scenario: dict[str, Value]
+    """Its scenario by axis; a value that is drawn at random is missing."""
     robustness: float
     """Its robustness."""
     distance_from_nominal: float
@@ -1675,8 +1679,8 @@ class ExportedCounterexample:
     """Number of the simulation within the trial."""
     seed: int
     """Random seed of the simulation."""
-    scenario: dict[str, float | None]
-    """Scenario by axis; a value that is drawn at random is ``None``."""
+    scenario: dict[str, Value]
+    """Scenario by axis; a value that is drawn at random is missing."""
     robustness: float
     """Robustness of the requirement."""
     predicate: str | None
@@ -1689,7 +1693,7 @@ class ExportedCounterexample:
 class Minimized:
     """How a counterexample was minimized."""
 
-    scenario: dict[str, float | None]
+    scenario: dict[str, Value]
     """Recorded scenario by axis."""
     robustness: float | None
     """Its robustness."""
@@ -1976,13 +1980,46 @@ class ControllerImport:
 def build(kind: type[_T], document: Mapping[str, Any]) -> _T:
     """Makes a result of a type from a parsed document.
 
-    Seeds become integers, infinities numbers, arrays tuples. Keys that the type does not have are ignored: a later version
+    Seeds become integers, infinities numbers, arrays tuples. A scenario has the names of categories, and leaves out values that are
+    drawn at random. Keys that the type does not have are ignored: a later version
     of the program may have added them.
     """
-    hints = typing.get_type_hints(kind)
-    fields = dataclasses.fields(cast("Any", kind))
+    return _build(kind, _named(document, {}))
+
+
+def _build(kind: type[_T], document: Mapping[str, Any]) -> _T:
+    fields, hints = dataclasses.fields(cast("Any", kind)), _hints(cast("Any", kind))
     known = [field.name for field in fields if field.name in document]
     return kind(**{name: _value(hints[name], document[name]) for name in known})
+
+
+@functools.lru_cache(maxsize=None)
+def _hints(kind: Any) -> dict[str, Any]:
+    return typing.get_type_hints(kind)
+
+
+def _named(value: Any, axes: Mapping[str, Any]) -> Any:
+    """Returns a part of a document with the values of axes as Python has them. ``axes`` are the values that each axis can take."""
+    if isinstance(value, list):
+        return [_named(item, axes) for item in value]
+    if not isinstance(value, Mapping):
+        return value
+    if "space_axes" in value:
+        axes = {axis["name"]: axis["values"] for axis in value["space_axes"]}
+    named = {key: _named(item, axes) for key, item in value.items()}
+    if isinstance(named.get("scenario"), dict):
+        drawn = named["scenario"].items()
+        named["scenario"] = {axis: _axis_value(axes.get(axis), number) for axis, number in drawn if number is not None}
+    if isinstance(named.get("region"), dict):
+        regions = named["region"].items()
+        named["region"] = {axis: ends and [_axis_value(axes.get(axis), end) for end in ends] for axis, ends in regions}
+    return named
+
+
+def _axis_value(values: Any, number: float) -> Value:
+    if isinstance(values, list):
+        return cast("str", values[int(number)])
+    return int(number) if values == "integer" else number
 
 
 def _value(hint: Any, value: Any) -> Any:
@@ -1997,7 +2034,7 @@ def _value(hint: Any, value: Any) -> Any:
     if origin is dict:
         return {name: _value(arguments[1], item) for name, item in value.items()}
     if dataclasses.is_dataclass(hint):
-        return build(cast("type[Any]", hint), value)
+        return _build(cast("type[Any]", hint), value)
     # Seeds and infinities are strings.
     return hint(value) if hint in (int, float) else value
 
@@ -2006,7 +2043,7 @@ def _alternative(kinds: Sequence[Any], value: Any) -> Any:
     if len(kinds) == 1:
         return _value(kinds[0], value)
     if isinstance(value, Mapping):
-        return build(next(kind for kind in kinds if _has_keys(kind, cast("Mapping[str, Any]", value))), value)
+        return _build(next(kind for kind in kinds if _has_keys(kind, cast("Mapping[str, Any]", value))), value)
     return _frozen(value)
 
 

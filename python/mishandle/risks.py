@@ -11,145 +11,27 @@ from typing import Any
 
 from typing_extensions import Unpack
 
-from mishandle import _native
+from mishandle import _native, results
 from mishandle.arguments import check_number, check_out
 from mishandle.axes import Axis
-from mishandle.errors import InvalidTypeError, InvalidValueError, MishandleError
-from mishandle.explanations import Estimate
-from mishandle.falsification import PathLike, Progress, Remembering
-from mishandle.interruption import after_the_batch, deliver
-from mishandle.margins import untested, write_counterexample
-from mishandle.systems import Scenario
+from mishandle.documents import PathLike, RunResult, read, write_counterexample
+from mishandle.errors import InvalidTypeError, InvalidValueError
+from mishandle.interruption import Progress, after_the_batch, deliver
+from mishandle.margins import untested
 from mishandle.targets import Formulas, Space, TargetOptions, make_target
 
 
-@dataclass(frozen=True)
-class Probability:
-    """The probability of a violation with its 95 % interval."""
-
-    value: float
-    low: float
-    high: float
-    source: str
-    """Part that it is from: ``"monte-carlo"``, ``"importance"`` or ``"splitting"``."""
-    assumption: str | None
-    """What the interval assumes; ``None`` if nothing."""
-
-
-@dataclass(frozen=True)
-class AxisDistribution:
-    """The distribution of an axis, truncated to its bounds."""
-
-    axis: str
-    distribution: str
-    """``"fixed"`` for an axis with one value."""
-    low: float
-    high: float
-    unit: str
-
-
-@dataclass(frozen=True)
-class MonteCarlo:
-    """Independent simulations under the distribution."""
-
-    simulations: int
-    failures: int
-    without_verdict: int
-    """Number of simulations without a verdict, which count as passed."""
-    failure_rate: Estimate
-    bound_with_undecided: float | None
-    """Upper bound of the probability (97.5 %) if the simulations without a verdict are failures."""
-
-
-@dataclass(frozen=True)
-class Exploration:
-    """The search for failures."""
-
-    simulations: int
-
-
-@dataclass(frozen=True)
-class Importance:
-    """Importance sampling around the failures found."""
-
-    fitting_simulations: int
-    simulations: int
-    failures: int
-    effective_failures: float
-    """Number of equally weighted failures with the same precision."""
-    components: int
-    """Number of regions."""
-    regions: Estimate
-    """Probability of a failure in the regions."""
-    outside: float
-    """Estimate of the probability of failures outside of the regions, without an interval."""
-    monte_carlo_inside: int
-    monte_carlo_outside: int
-
-
-@dataclass(frozen=True)
-class SplittingChain:
-    """One chain of multilevel splitting."""
-
-    probability: float
-    """Estimate of the probability of a robustness below the level."""
-    level: float
-    is_complete: bool
-    levels: int
-    acceptance: float
-
-
-@dataclass(frozen=True)
-class Splitting:
-    """Multilevel splitting."""
-
-    simulations: int
-    population: int
-    estimate: Estimate | None
-    """Mean of the chains; ``None`` if they disagree or are too small."""
-    chains: list[SplittingChain]
-
-
-@dataclass(frozen=True)
-class RiskFailure:
-    """A simulation that violates the formula."""
-
-    scenario: Scenario
-    simulation: int
-    """Its number in the run file."""
-    seed: int
-    robustness: float
-
-
-@dataclass(frozen=True)
-class Risk(Remembering):
+@dataclass(frozen=True, kw_only=True)
+class Risk(RunResult, results.Risk):
     """The probability that a simulation violates the formula. A simulation is a scenario of the distribution and a random seed."""
 
-    path: pathlib.Path = field(compare=False)
-    """Its run file. Two results are equal if all else is."""
-    formula: str
-    method: str
-    distribution: list[AxisDistribution]
-    simulations: int
-    probability: Probability | None
-    """``None`` without an estimate."""
-    bounds: tuple[float, float]
-    """Bounds (95 %) that assume nothing."""
-    refusals: list[str]
-    """Why parts have no estimate."""
-    monte_carlo: MonteCarlo
-    exploration: Exploration
-    importance: Importance | None
-    splitting: Splitting | None
-    failures: list[RiskFailure]
-    """Up to three failures, those nearest to the center of the distribution first."""
-    is_complete: bool
-    """Whether the estimation was not interrupted; otherwise the answer is that of the finished parts."""
     largest_difference: float = 0.0
+    """Largest difference between two simulations of the nominal scenario with the same seed."""
     exceptions: list[str] = field(default_factory=list)
+    """Tracebacks of exceptions of the system."""
 
     def export(self, path: PathLike, failure: int = 0) -> pathlib.Path:
-        """Simulates a failure again and writes it as a counterexample file (``.json``), for :func:`replay` and :func:`regress`.
+        """Writes a failure as a counterexample file (``.json``), for :func:`replay` and :func:`regress`.
 
         Parameters
         ----------
@@ -158,16 +40,9 @@ class Risk(Remembering):
         failure : int
             Index in ``failures``.
         """
-        target: _native.Target | None = self.__dict__.get("_target")
-        if target is None:
-            raise MishandleError("a copy of a result does not know its system; export the failure of the result itself")
         if not 0 <= failure < len(self.failures):
             raise InvalidValueError(f"failure is {failure}; the result has {len(self.failures)} failures")
-        values = self.__dict__["_values"][failure]
-        text = _native.simulated_counterexample(
-            target, formula=self.formula, values=values, seed=self.failures[failure].seed
-        )
-        return write_counterexample(path, text)
+        return write_counterexample(self.path, 1, self.failures[failure].simulation, path)
 
 
 def risk(
@@ -256,7 +131,7 @@ def risk(
 
     made = make_target(system, formula, space, target, check)
     with after_the_batch(progress) as report:
-        found = _native.risk(
+        text, interruption, notes = _native.risk(
             made.native,
             formula=made.formula,
             simulations=simulations,
@@ -267,44 +142,11 @@ def risk(
             out=(None if out is None else os.fspath(out), resume, durable),
             progress=report,
         )
-    for text in found.pop("warnings"):
-        warnings.warn(text, stacklevel=2)
-    interruption = found.pop("interruption")
-    (number, failed, without_verdict), rate, bound = found.pop("monte_carlo")
-    monte_carlo = MonteCarlo(number, failed, without_verdict, Estimate(*rate), bound)
-    if interruption is None and monte_carlo.without_verdict == monte_carlo.simulations:
+    for note in notes:
+        warnings.warn(note, stacklevel=2)
+    others = {"largest_difference": made.largest_difference, "exceptions": made.system.exceptions}
+    result = read(Risk, text, **others)
+    result.remember(made.native)
+    if interruption is None and result.monte_carlo.without_verdict == result.monte_carlo.simulations:
         raise untested(made.system.exceptions)
-    probability, failures = found.pop("probability"), found.pop("failures")
-    result = Risk(
-        path=pathlib.Path(found.pop("path")),
-        method=method,
-        distribution=[AxisDistribution(*axis) for axis in found.pop("distribution")],
-        probability=None if probability is None else Probability(*probability[0], *probability[1:]),
-        monte_carlo=monte_carlo,
-        exploration=Exploration(found.pop("exploration")),
-        importance=_importance(found.pop("importance")),
-        splitting=_splitting(found.pop("splitting")),
-        failures=[RiskFailure(*failure[:4]) for failure in failures],
-        largest_difference=made.largest_difference,
-        exceptions=made.system.exceptions,
-        **found,
-    )
-    result._remember(made.native)
-    # One number for each axis: a scenario by name leaves random draws out.
-    result.__dict__["_values"] = [values for *_, values in failures]
     return deliver(result, interruption)
-
-
-def _importance(found: tuple[Any, ...] | None) -> Importance | None:
-    if found is None:
-        return None
-    (fitting, simulations, failures, effective, components), regions, outside, (inside, others) = found
-    return Importance(fitting, simulations, failures, effective, components, Estimate(*regions), outside, inside, others)
-
-
-def _splitting(found: tuple[Any, ...] | None) -> Splitting | None:
-    if found is None:
-        return None
-    simulations, population, mean, chains = found
-    estimate = None if mean is None else Estimate(*mean)
-    return Splitting(simulations, population, estimate, [SplittingChain(*chain) for chain in chains])

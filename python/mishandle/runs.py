@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import pathlib
 from dataclasses import dataclass
@@ -15,7 +16,8 @@ from typing_extensions import Unpack
 from mishandle import _native
 from mishandle.axes import Value
 from mishandle.errors import MissingPackageError
-from mishandle.explanations import Explanation, FailureMode, explanation
+from mishandle.explanations import Explanation
+from mishandle.results import Counterexamples, FailureMode, build
 from mishandle.targets import Formulas, Space, TargetOptions, make_target
 
 if TYPE_CHECKING:
@@ -119,7 +121,7 @@ class Run:
         A counterexample is explained from its stored trace. A simulation without one is simulated again, which works for runs
         of Mishandle's own tasks only.
         """
-        return explanation(self._native.explain(trial, number), self.control_dt)
+        return build(Explanation, json.loads(self._native.explain(trial, number)))
 
     def report(
         self,
@@ -153,18 +155,9 @@ class Run:
             html = _native.report(made.native, os.fspath(self.path), probes)
         pathlib.Path(path).write_text(html, encoding="utf-8")
 
-    def failure_modes(self) -> list[FailureMode]:
+    def failure_modes(self) -> tuple[FailureMode, ...]:
         """Groups the failures by decisive predicate, region and time, the largest group first."""
-        names = [axis.name for axis in self.axes]
-
-        def values(region: list[tuple[float, float] | None]) -> dict[str, tuple[Value, Value] | None]:
-            ends = [None if ends is None else (axis.value(ends[0]), axis.value(ends[1])) for axis, ends in zip(self.axes, region)]
-            return dict(zip(names, ends))
-
-        return [
-            FailureMode(predicate, samples, values(region), [names[axis] for axis in axes], failures)
-            for predicate, samples, region, axes, failures in self._native.failure_modes()
-        ]
+        return build(Counterexamples, json.loads(self._native.failure_modes())).modes
 
 
 def _axis(name: str, unit: str, low: float, high: float, values: str) -> RunAxis:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import pathlib
 import warnings
@@ -12,7 +13,7 @@ from typing import Any, SupportsFloat, TypedDict, Union
 import numpy as np
 from numpy.typing import NDArray
 
-from mishandle import _native
+from mishandle import _native, results
 from mishandle.arguments import (
     check_applicable,
     check_options,
@@ -55,6 +56,8 @@ class Simulation:
     trace: dict[str, NDArray[np.float64]]
     exceptions: list[str] = field(default_factory=list)
     """Tracebacks of the exceptions of the call that simulated it, if it crashed."""
+    document: results.Simulation | None = field(default=None, repr=False)
+    """The result of ``mishandle simulate``, with the explanation; ``None`` in a replay."""
 
 
 @dataclass
@@ -75,7 +78,8 @@ class Target:
         trace = {name: found["samples"][:, column] for column, name in enumerate(names)}
         keys = ("scenario", "seed", "end", "steps", "robustness", "total_reward")
         exceptions = self.system.exceptions if found["end"].startswith("crashed") else []
-        return Simulation(trace=trace, exceptions=list(exceptions), **{key: found[key] for key in keys})
+        document = results.build(results.Simulation, json.loads(found["document"])) if "document" in found else None
+        return Simulation(trace=trace, exceptions=list(exceptions), document=document, **{key: found[key] for key in keys})
 
 
 class TargetOptions(TypedDict, total=False):
@@ -106,6 +110,12 @@ class TargetOptions(TypedDict, total=False):
     axes: Mapping[str, float | tuple[float, float] | str]
     """Axes of a task with one of our controllers that have a narrower range ``(low, high)``, a fixed value or a fixed category, by
     name. Axes that the space lacks are added to it."""
+    stochastic: bool
+    """Whether actions of one of our controllers are sampled from its distribution."""
+    action_noise: float
+    """Standard deviation of the noise that is added to the actions of one of our controllers."""
+    observation_noise: float
+    """Standard deviation of the noise that is added to the observations of one of our controllers."""
     rows: int
     """Number of simulations of a task that are stepped together."""
     name: str
@@ -172,7 +182,7 @@ def make_target(
         return _task_in_space(system, formula, space or "starts", {"policy": "", **options}, check)
     if isinstance(system, str) and policy is None:
         raise InvalidValueError(f"the task {system} needs a policy")
-    if isinstance(system, str) and options.get("axes") and space is None:
+    if isinstance(system, str) and space is None and any(options.get(name) for name in NATIVE_OPTIONS):
         space = "starts"
     if isinstance(system, str) and isinstance(space, str):
         return _task_in_space(system, formula, space, options, check)
@@ -242,14 +252,15 @@ def _task_in_space(
     task: str, formula: Formulas, space: str, options: TargetOptions, check: Callable[[Sequence[Axis]], object]
 ) -> Target:
     """Returns a task with one of our controllers, which the Rust core simulates: only it has the axes of all spaces."""
-    check_applicable(options, ("policy", "preset", "axes"), f"a task in the space {space!r}")
+    check_applicable(options, ("policy", "preset", *NATIVE_OPTIONS), f"a task in the space {space!r}")
     policy = options.get("policy")
     if not isinstance(policy, (str, os.PathLike)):
         raise InvalidTypeError(
             f"the space {space!r} of a task needs the name or path of a controller, not a {type(policy).__name__}; leave out the "
             "space to test another policy from the initial states"
         )
-    native = _native.Target.of_task(task, os.fspath(policy), options.get("preset", "paper"), space, _settings(options))
+    noise = (options.get("stochastic", False), options.get("action_noise", 0.0), options.get("observation_noise", 0.0))
+    native = _native.Target.of_task(task, os.fspath(policy), options.get("preset", "paper"), space, _settings(options), noise)
     if formula is not None and not isinstance(formula, (str, Formula)):
         raise InvalidTypeError(f"formulas by name are not possible in the space {space!r} of a task; pass one formula")
     requirement = None if formula is None else str(formula)
@@ -299,6 +310,7 @@ def _system(system: Any, space: Sequence[Axis], policy: Any, options: TargetOpti
     )
 
 
+NATIVE_OPTIONS = ("axes", "stochastic", "action_noise", "observation_noise")
 COMMON_OPTIONS = ("time_limit", "termination", "name", "executor")
 FUNCTION_OPTIONS = ("control_dt", "steps", "units", *COMMON_OPTIONS)
 ENVIRONMENT_OPTIONS = ("policy", "batched_policy", "signals", "steps", "control_dt", *COMMON_OPTIONS)

@@ -3,28 +3,23 @@
 use std::ops::ControlFlow;
 use std::path::PathBuf;
 
-use mishandle::counterexample::Counterexample;
-use mishandle::evaluation::{Lifetime, Repeats, SurvivalCurve};
-use mishandle::results::Quantile;
-use mishandle::rollout::{Scenario, Seed, Space};
+use mishandle::counterexample::{Counterexample, Minimization, Suite, Tested};
+use mishandle::evaluation::{Lifetime, SurvivalCurve};
 use mishandle::store::RunFile;
-use mishandle::{MishandleError as Error, Plan, ResolvedPlan};
+use mishandle::{MishandleError as Error, ResolvedPlan};
 use mishandle_report::{Measurement, RunReport, page};
 use pyo3::prelude::*;
-use pyo3::types::PyDict;
 
-use crate::campaign::{EstimateFields, detached, estimate};
 use crate::raised;
 use crate::target::PyTarget;
+use crate::work::{self, detached, json, recorded};
 
 /// Returns a report of a run as HTML, measured with the target.
 #[pyfunction]
 pub fn report(py: Python<'_>, target: &PyTarget, path: PathBuf, probes: u32) -> PyResult<String> {
     detached(py, target, || {
         let run = RunFile::open(&path)?;
-        let mut found = target.target.clone();
-        found.is_deterministic = run.header().target.is_deterministic;
-        let resolved = ResolvedPlan::with_target(&Plan::from_toml(&run.header().plan)?, found)?;
+        let resolved = recorded(target, &run)?;
         let mut report = RunReport::load(&run, &path.to_string_lossy())?;
         report.add_answer_of(&run, &resolved)?;
         let measured = report.measure_with(&run, &resolved, probes, |_, _| ControlFlow::Continue(()))?;
@@ -35,20 +30,8 @@ pub fn report(py: Python<'_>, target: &PyTarget, path: PathBuf, probes: u32) -> 
     })
 }
 
-/// Summarizes robustness values of one scenario: numbers of simulations and failures, failure rate and quantiles.
-#[pyfunction]
-pub fn repeat_report(robustness: Vec<Option<f64>>) -> (u64, u64, EstimateFields, Option<Vec<f64>>) {
-    let Repeats { simulations, failures, failure_rate, quantiles } =
-        mishandle::evaluation::repeats(&robustness);
-    (simulations, failures, estimate(&failure_rate), quantiles.map(robustness_of))
-}
-
-/// Returns the values of quantiles.
-pub(crate) fn robustness_of(quantiles: Vec<Quantile>) -> Vec<f64> {
-    quantiles.into_iter().map(|quantile| quantile.robustness.0).collect()
-}
-
-/// Steps of a survival curve, numbers of simulations at which trials were censored, and number of trials.
+/// Steps of a survival curve, numbers of simulations at which trials were censored, and number of
+/// trials.
 type Survival = (Vec<(u32, f64)>, Vec<u32>, usize);
 
 /// Returns the survival curve of the trials of a run.
@@ -71,36 +54,56 @@ pub fn counterexample(py: Python<'_>, path: PathBuf, trial: u32, number: u32) ->
     py.detach(read).map_err(|error: Error| raised(error))
 }
 
-/// Simulates a counterexample file with a target, and `repeats` times with other seeds.
+/// A document, and path and text of each file to write.
+type Exported = (String, Vec<(PathBuf, String)>);
+
+/// Returns the representatives of the failure modes of a run as counterexamples in `folder`. With a
+/// target, they are minimized.
 #[pyfunction]
-pub fn regress<'py>(
-    py: Python<'py>,
-    target: &PyTarget,
+#[pyo3(signature = (path, folder, *, target, budget))]
+pub fn export(
+    py: Python<'_>,
     path: PathBuf,
-    repeats: u64,
-) -> PyResult<Bound<'py, PyDict>> {
-    let (recorded, found) = detached(py, target, || {
-        let recorded = Counterexample::read(&path)?;
-        let plan = Plan { seed: 0, ..recorded.plan.clone() };
-        let resolved = ResolvedPlan::with_target(&plan, target.target.clone())?;
-        let found = mishandle::counterexample::regress_with(&recorded, &resolved, repeats, |_| {
-            ControlFlow::Continue(())
-        })?;
-        Ok((recorded, found))
-    })?;
-    let dict = PyDict::new(py);
-    dict.set_item("recorded_robustness", recorded.expected.robustness)?;
-    dict.set_item("robustness", found.episode.robustness())?;
-    dict.set_item("sentences", found.explained.explanation.sentences(found.header.control_dt))?;
-    dict.set_item("same_target", found.has_other_target == Some(false))?;
-    dict.set_item("failure_rate", found.repeats.as_ref().map(|repeats| estimate(&repeats.failure_rate)))?;
-    let scenario = crate::target::scenario(py, &target.space, &values(&recorded, &target.space)?)?;
-    dict.set_item("scenario", scenario)?;
-    dict.set_item("seed", Seed(recorded.seed).0)?;
-    Ok(dict)
+    folder: PathBuf,
+    target: Option<&PyTarget>,
+    budget: Option<u64>,
+) -> PyResult<Exported> {
+    let exported = |resolved: Option<&ResolvedPlan>, watch: &dyn Fn() -> ControlFlow<()>| {
+        let run = RunFile::open(&path)?;
+        let chosen = mishandle::counterexample::representatives(&run, &folder)?;
+        let budget = budget.unwrap_or(Minimization::BUDGET);
+        let minimization = resolved.map(|resolved| Minimization { resolved, budget });
+        mishandle::counterexample::export(&run, chosen, minimization, |_| watch())
+    };
+    let found = match target {
+        Some(target) => detached(py, target, || {
+            let resolved = recorded(target, &RunFile::open(&path)?)?;
+            exported(Some(&resolved), &|| work::report(target, None, 0, 0))
+        })?,
+        None => py.detach(|| exported(None, &|| ControlFlow::Continue(()))).map_err(raised)?,
+    };
+    let text = |(path, found): (PathBuf, Counterexample)| (path, found.to_json());
+    Ok((json(&found.result)?, found.files.into_iter().map(text).collect()))
 }
 
-/// Returns the scenario of a counterexample in the order of the axes.
-fn values(recorded: &Counterexample, space: &Space) -> PyResult<Vec<Option<f64>>> {
-    recorded.scenario_in(space).map(|scenario: Scenario| scenario.values().to_vec()).map_err(raised)
+/// Simulates the counterexamples of a folder with a target, each `repeats` times with other seeds.
+/// Returns the document.
+#[pyfunction]
+#[pyo3(signature = (target, folder, *, repeats, max_failure_rate))]
+pub fn regress(
+    py: Python<'_>,
+    target: &PyTarget,
+    folder: PathBuf,
+    repeats: u64,
+    max_failure_rate: f64,
+) -> PyResult<String> {
+    let tested = Tested::Target(&target.target);
+    let suite = Suite { folder: &folder, tested, repeats, max_failure_rate };
+    let found = detached(py, target, || {
+        let read = |source| Error::File { path: folder.clone(), source };
+        let tests = suite.files().map_err(read)?.into_iter();
+        let tests = tests.map(|file| suite.test(&file, |_| work::report(target, None, 0, 0))).collect();
+        Ok(suite.result(tests, true))
+    })?;
+    json(&found)
 }

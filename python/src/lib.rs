@@ -7,21 +7,21 @@
 
 mod artifacts;
 mod camera;
-mod campaign;
+mod comparison;
 mod controller;
-mod explanation;
 mod formula;
 mod gpu;
-mod margin;
 mod objective;
 mod pool;
+mod question;
 mod remote;
-mod risk;
 mod run;
 mod search;
+mod simulation;
 mod simulator;
 mod target;
 mod training_episodes;
+mod work;
 
 use std::error::Error as StdError;
 use std::iter::successors;
@@ -72,25 +72,25 @@ fn contents(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_function(wrap_pyfunction!(remote::campaign_runs, module)?)?;
     module.add_function(wrap_pyfunction!(remote::recorded_plan, module)?)?;
     module.add_function(wrap_pyfunction!(search::search_names, module)?)?;
-    module.add_function(wrap_pyfunction!(explanation::compare, module)?)?;
-    module.add_function(wrap_pyfunction!(explanation::comparison_page, module)?)?;
+    module.add_function(wrap_pyfunction!(comparison::compare, module)?)?;
+    module.add_function(wrap_pyfunction!(comparison::comparison_page, module)?)?;
     module.add_function(wrap_pyfunction!(artifacts::report, module)?)?;
-    module.add_function(wrap_pyfunction!(artifacts::repeat_report, module)?)?;
     module.add_function(wrap_pyfunction!(artifacts::survival, module)?)?;
     module.add_function(wrap_pyfunction!(artifacts::counterexample, module)?)?;
+    module.add_function(wrap_pyfunction!(artifacts::export, module)?)?;
     module.add_function(wrap_pyfunction!(artifacts::regress, module)?)?;
-    module.add_function(wrap_pyfunction!(margin::check_margin, module)?)?;
-    module.add_function(wrap_pyfunction!(margin::margin, module)?)?;
-    module.add_function(wrap_pyfunction!(risk::check_risk, module)?)?;
-    module.add_function(wrap_pyfunction!(risk::risk, module)?)?;
-    module.add_function(wrap_pyfunction!(risk::simulated_counterexample, module)?)?;
-    module.add_function(wrap_pyfunction!(campaign::check_falsify, module)?)?;
-    module.add_function(wrap_pyfunction!(campaign::check_evaluate, module)?)?;
-    module.add_function(wrap_pyfunction!(campaign::falsify, module)?)?;
-    module.add_function(wrap_pyfunction!(campaign::evaluate, module)?)?;
-    module.add_function(wrap_pyfunction!(campaign::simulate, module)?)?;
-    module.add_function(wrap_pyfunction!(campaign::replay_counterexample, module)?)?;
-    module.add_function(wrap_pyfunction!(campaign::replay, module)?)?;
+    module.add_function(wrap_pyfunction!(question::check_margin, module)?)?;
+    module.add_function(wrap_pyfunction!(question::margin, module)?)?;
+    module.add_function(wrap_pyfunction!(question::check_risk, module)?)?;
+    module.add_function(wrap_pyfunction!(question::risk, module)?)?;
+    module.add_function(wrap_pyfunction!(question::check_falsify, module)?)?;
+    module.add_function(wrap_pyfunction!(question::check_evaluate, module)?)?;
+    module.add_function(wrap_pyfunction!(question::falsify, module)?)?;
+    module.add_function(wrap_pyfunction!(question::evaluate, module)?)?;
+    module.add_function(wrap_pyfunction!(simulation::simulate, module)?)?;
+    module.add_function(wrap_pyfunction!(simulation::repeat, module)?)?;
+    module.add_function(wrap_pyfunction!(simulation::replay_counterexample, module)?)?;
+    module.add_function(wrap_pyfunction!(simulation::replay, module)?)?;
     module.add_function(wrap_pyfunction!(run_command, module)?)
 }
 

@@ -6,9 +6,9 @@ use mishandle::{Plan, ResolvedPlan};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
-use crate::campaign::detached;
 use crate::raised;
 use crate::target::{PyTarget, scenario};
+use crate::work::detached;
 
 /// A target with its requirement.
 #[pyclass(frozen, module = "mishandle._native", name = "Objective")]

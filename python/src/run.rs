@@ -12,8 +12,8 @@ use numpy::ndarray::Array2;
 use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyList};
 
-use crate::explanation::{explanation, mode};
 use crate::raised;
+use crate::work::json;
 
 /// A run file opened for reading.
 #[pyclass(frozen, module = "mishandle._native", name = "Run")]
@@ -101,23 +101,25 @@ impl PyRun {
         Ok(Some(PyArray2::from_owned_array(py, samples)))
     }
 
-    /// Explains a simulation. One without a stored trace is simulated again, which only works for systems that this program
+    /// Returns the document of an explanation. A simulation without a stored trace is simulated again, which only works for systems that this program
     /// knows.
-    fn explain<'py>(&self, py: Python<'py>, trial: u32, number: u32) -> PyResult<Bound<'py, PyDict>> {
-        let (header, explained) = py
-            .detach(|| {
-                let run = self.run.lock().unwrap_or_else(PoisonError::into_inner);
-                Ok((run.header().clone(), mishandle::inspect::explain(&run, trial, number, None)?))
-            })
-            .map_err(|error: MishandleError| raised(error))?;
-        explanation(py, &header, &explained)
+    fn explain(&self, py: Python<'_>, trial: u32, number: u32) -> PyResult<String> {
+        let explained = py.detach(|| {
+            let run = self.run.lock().unwrap_or_else(PoisonError::into_inner);
+            let explained = mishandle::inspect::explain(&run, trial, number, None)?;
+            Ok(explained.result(run.header(), Some(&run.path().to_string_lossy())))
+        });
+        json(&explained.map_err(|error: MishandleError| raised(error))?)
     }
 
-    /// Returns the failure modes.
-    fn failure_modes<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyList>> {
-        let run = || self.run.lock().unwrap_or_else(PoisonError::into_inner);
-        let found = py.detach(|| mishandle::inspect::failure_modes(&run())).map_err(raised)?;
-        PyList::new(py, found.modes.into_iter().map(mode))
+    /// Returns the document of the failure modes.
+    fn failure_modes(&self, py: Python<'_>) -> PyResult<String> {
+        let found = py.detach(|| {
+            let run = self.run.lock().unwrap_or_else(PoisonError::into_inner);
+            let modes = mishandle::inspect::failure_modes(&run)?;
+            Ok(mishandle::inspect::counterexamples_result(&run, &modes))
+        });
+        json(&found.map_err(|error: MishandleError| raised(error))?)
     }
 
     /// Returns a report as HTML.

@@ -5,8 +5,8 @@ use std::sync::{Mutex, MutexGuard, PoisonError};
 use mishandle::search::{Coordinate, Observation, SEARCHES, Search, SearchOptions, by_name};
 use pyo3::prelude::*;
 
-use crate::campaign::SearchOption;
 use crate::plain;
+use crate::question::SearchOption;
 
 /// A search on \[0, 1\]^d.
 #[pyclass(frozen, module = "mishandle._native", name = "Search")]

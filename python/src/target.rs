@@ -147,7 +147,9 @@ impl PyTarget {
         Ok(PyTarget { target, plan, space, pending, process: std::process::id() })
     }
 
-    /// Returns a task with one of our controllers in a space of the task, as the command line simulates it.
+    /// Returns a task with one of our controllers in a space of the task, as the command line
+    /// simulates it. The last argument says whether actions are sampled, and the standard deviations
+    /// of the noise of actions and observations.
     #[staticmethod]
     fn of_task(
         py: Python<'_>,
@@ -156,10 +158,15 @@ impl PyTarget {
         preset: &str,
         space: &str,
         axes: BTreeMap<String, SettingArgument>,
+        noise: (bool, f64, f64),
     ) -> PyResult<Self> {
+        let (stochastic, action_noise, observation_noise) = noise;
         let plan = Plan {
             preset: preset.to_string(),
             space: space.to_string(),
+            stochastic,
+            action_noise,
+            observation_noise,
             axes: axes.into_iter().map(|(name, setting)| (name, setting.into())).collect(),
             ..Plan::new(task, controller)
         };

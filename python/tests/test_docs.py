@@ -39,7 +39,7 @@ class Examples(unittest.TestCase):
                     exec(compile(block, "docs/guide/python.md", "exec"), names)
             finally:
                 os.chdir(before)
-        self.assertEqual(names["again"].differences, [])
+        self.assertEqual(names["again"].differences, ())
 
     def test_the_table_of_the_examples_is_that_of_their_results(self):
         sys.path.insert(0, str(ROOT / "python/examples"))

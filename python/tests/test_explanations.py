@@ -41,12 +41,12 @@ class Explanations(unittest.TestCase):
         trace = oscillator(worst.scenario)
         # By hand: the energy is at most 4, so the minimum of x + 0.8 decides.
         sample = int(np.argmin(trace["x"]))
-        self.assertEqual(found.robustness, worst.robustness)
-        self.assertEqual((found.predicate.text, found.predicate.sample), ("x >= -0.8", sample))
+        self.assertEqual(found.robustness, worst.minimum_robustness)
+        self.assertEqual((found.predicate.formula, found.predicate.sample), ("x >= -0.8", sample))
         self.assertAlmostEqual(found.predicate.time, TIME[sample])
         self.assertEqual(found.predicate.values, (trace["x"][sample], -0.8))
-        self.assertEqual(found.violated_samples, int(np.sum(trace["x"] < -0.8)))
-        self.assertEqual(found.conjuncts["energy <= 9"], 9 - max(trace["energy"]))
+        self.assertEqual(found.window.violated, int(np.sum(trace["x"] < -0.8)))
+        self.assertEqual({part.formula: part.robustness for part in found.conjuncts}["energy <= 9"], 9 - max(trace["energy"]))
         self.assertIn("x >= -0.8", str(found))
         with self.assertRaisesRegex(mishandle.InvalidValueError, "trial 9"):
             result.explain(9)
@@ -64,9 +64,10 @@ class Explanations(unittest.TestCase):
     def test_failures_are_grouped_and_reported(self) -> None:
         result = self.falsify()
         modes = mishandle.open_run(result.path).failure_modes()
-        failures = sorted(failure for mode in modes for failure in mode.failures)
-        self.assertEqual(failures, sorted((trial.trial, trial.number) for trial in result.counterexamples))
+        self.assertEqual(sum(mode.failures for mode in modes), len(result.counterexamples))
+        failures = [(trial.trial, trial.simulation) for trial in result.counterexamples]
         for mode in modes:
+            self.assertIn((mode.trial, mode.simulation), failures)
             self.assertEqual(mode.predicate, "x >= -0.8")
             self.assertEqual(set(mode.region), {"amplitude", "damping"})
         result.report(self.folder / "report.html")
@@ -89,21 +90,22 @@ class Explanations(unittest.TestCase):
 
     def test_exported_counterexamples_are_a_regression_suite(self) -> None:
         result = self.falsify()
-        files = result.export(self.folder / "suite")
-        self.assertEqual(len(files), len(mishandle.open_run(result.path).failure_modes()))
+        exports = result.export(self.folder / "suite")
+        self.assertEqual(len(exports.paths), len(mishandle.open_run(result.path).failure_modes()))
         arguments = {"control_dt": 0.1, "name": "oscillator"}
-        tests = mishandle.regress(self.folder / "suite", oscillator, FORMULA, SPACE, **arguments)
-        self.assertTrue(all(test.fails for test in tests))
-        for test in tests:
-            self.assertEqual(test.robustness, test.recorded_robustness)
-            self.assertEqual(test.robustness, min(oscillator(test.scenario)["x"]) + 0.8)
+        found = mishandle.regress(self.folder / "suite", oscillator, FORMULA, SPACE, **arguments)
+        self.assertEqual((found.fails, found.passes, found.errors), (len(exports.files), 0, 0))
+        for test, exported in zip(found.tests, exports.files):
+            self.assertEqual((test.robustness, test.same_target), (test.recorded_robustness, True))
+            self.assertEqual(test.robustness, min(oscillator(exported.scenario)["x"]) + 0.8)
+            self.assertIn("x >= -0.8", test.reason)
 
         def damped(scenario):
             return oscillator({**scenario, "amplitude": 0.1 * scenario["amplitude"]})
 
-        tests = mishandle.regress(self.folder / "suite", damped, FORMULA, SPACE, **arguments)
-        self.assertFalse(any(test.fails for test in tests))
-        with self.assertRaises(mishandle.InvalidValueError):
+        found = mishandle.regress(self.folder / "suite", damped, FORMULA, SPACE, **arguments)
+        self.assertEqual((found.passes, found.fails), (len(exports.files), 0))
+        with self.assertRaises(mishandle.MishandleError):
             mishandle.regress(self.folder / "nothing", oscillator, FORMULA, SPACE, **arguments)
 
     def test_two_evaluations_are_compared_pair_by_pair(self) -> None:
@@ -116,7 +118,7 @@ class Explanations(unittest.TestCase):
         found = mishandle.compare(*paths)
         self.assertEqual(found.pairs, 80)
         # Less damping can only make the minimum smaller, so nothing is fixed.
-        self.assertEqual(found.fixed_failures, [])
+        self.assertEqual(found.fixed_failures, ())
         self.assertGreater(len(found.new_failures), 0)
         pair = found.new_failures[0]
         self.assertGreater(pair.first_robustness, 0)
@@ -128,8 +130,8 @@ class Explanations(unittest.TestCase):
         self.assertLess(found.robustness.difference.high, 0)
         self.assertGreaterEqual(len(found.compared), found.pairs)
         self.assertEqual(
-            [(one.trial, one.number) for one in found.compared if one.first_succeeds and not one.second_succeeds],
-            [(one.trial, one.number) for one in found.new_failures],
+            [(one.first_robustness, one.second_robustness) for one in found.compared if one.first_succeeds > one.second_succeeds],
+            [(one.first_robustness, one.second_robustness) for one in found.new_failures],
         )
         found.report(self.folder / "compare.html")
         page = (self.folder / "compare.html").read_text()

@@ -72,7 +72,7 @@ class Plots(unittest.TestCase):
         lines = [line for line in ax.lines if line.get_marker() == "None" and len(line.get_xdata()) > 0][:3]
         by_trial = {trial.trial: trial for trial in self.found.trials}
         found = [line.get_ydata()[-1] for line in ax.lines if line.get_drawstyle() == "steps-post"]
-        self.assertEqual(found, [by_trial[trial].robustness for trial in (1, 2, 3)])
+        self.assertEqual(found, [by_trial[trial].minimum_robustness for trial in (1, 2, 3)])
         self.assertTrue(lines)
         self.assertIn(f"{self.found.falsified_trials} of 3 trials falsified", ax.get_title())
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import os
 import pickle
 import random
@@ -11,7 +12,7 @@ from typing import Any
 
 import mishandle
 from mishandle import Axis
-from test_margins import Push, command
+from test_margins import Push
 
 SPEED = [Axis("speed", 0, 10, "m/s")]
 
@@ -50,39 +51,6 @@ class Risks(unittest.TestCase):
         self.assertTrue(any("at least 208286 simulations" in refusal for refusal in found.refusals), found.refusals)
         self.assertGreater(found.failures[0].scenario["speed"], 9.9)
 
-    def test_the_figures_are_those_of_the_program(self) -> None:
-        for name, arguments, options in [
-            ("toy/hidden-corner", "--simulations 20000 --method splitting --seed 4", {"method": "splitting", "seed": 4}),
-            ("toy/sphere-2d", "--simulations 20000 --distribution y=normal:-0.4:0.05", {"distribution": {"y": "normal:-0.4:0.05"}}),
-            ("ball-balancing", "--controller ppo --simulations 100 --space starts", {"policy": "ppo", "space": "starts"}),
-        ]:
-            expected = command(f"risk {name} {arguments}")
-            simulations = 20000 if name.startswith("toy") else 100
-            found = mishandle.risk(name, simulations=simulations, **options)  # type: ignore[arg-type]
-            with self.subTest(name):
-                for key in ("formula", "method", "simulations", "refusals"):
-                    self.assertEqual(getattr(found, key), expected[key], key)
-                self.assertEqual(list(found.bounds), expected["bounds"])
-                self.assertEqual(found.probability and vars(found.probability), expected["probability"])
-                self.assertEqual([vars(axis) for axis in found.distribution], expected["distribution"])
-                self.assertEqual(found.exploration.simulations, expected["exploration"]["simulations"])
-                for key in ("simulations", "failures", "without_verdict"):
-                    self.assertEqual(getattr(found.monte_carlo, key), expected["monte_carlo"][key])
-                self.assertEqual(vars(found.monte_carlo.failure_rate), expected["monte_carlo"]["failure_rate"])
-                self.assertEqual(found.splitting is None, expected["splitting"] is None)
-                if found.splitting is not None:
-                    chains = [vars(chain) for chain in found.splitting.chains]
-                    self.assertEqual(chains, expected["splitting"]["chains"])
-                    self.assertEqual(found.splitting.population, expected["splitting"]["population"])
-                failures = [{**vars(failure), "seed": str(failure.seed)} for failure in found.failures]
-                self.assertEqual(failures, expected["failures"])
-
-    def test_importance_sampling_has_the_figures_of_the_program(self) -> None:
-        expected = command("risk toy/hidden-corner --simulations 20000 --method importance")["importance"]
-        found = mishandle.risk("toy/hidden-corner", simulations=20000, method="importance").importance
-        assert found is not None
-        self.assertEqual({**vars(found), "regions": vars(found.regions)}, expected)
-
     def test_noise_of_the_seed_is_part_of_the_probability(self) -> None:
         def system(scenario: dict[str, Any], seed: int) -> dict[str, list[float]]:
             return {"y": [random.Random(seed).random() - 0.1] * 2}
@@ -111,17 +79,17 @@ class Risks(unittest.TestCase):
         with tempfile.TemporaryDirectory() as folder:
             file = found.export(os.path.join(folder, "failure.json"))
             again = mishandle.replay(file, gap, "always(gap >= 2)", SPEED, name="car")
-            self.assertEqual((again.differences, again.simulation.scenario), ([], found.failures[0].scenario))
+            self.assertEqual((again.differences, again.repetition.scenario), ((), found.failures[0].scenario))
             with self.assertRaisesRegex(mishandle.InvalidValueError, "failure is 9"):
                 found.export(file, failure=9)
-            with self.assertRaisesRegex(mishandle.MishandleError, "does not know its system"):
-                pickle.loads(pickle.dumps(found)).export(file)
+            copied = pickle.loads(pickle.dumps(found)).export(os.path.join(folder, "copied.json"))
+            self.assertEqual(copied.read_bytes(), file.read_bytes())
 
     def test_batches_do_not_matter_and_the_progress_is_reported(self) -> None:
         done: list[tuple[int, int]] = []
         report = lambda *numbers: done.append(numbers)
         of = lambda batch: mishandle.risk(gap, "always(gap >= 0.05)", SPEED, simulations=500, batch=batch, progress=report)
-        self.assertEqual(of(64), of(7))
+        self.assertEqual(dataclasses.replace(of(64), run=None), dataclasses.replace(of(7), run=None))
         self.assertEqual(done[-1], (500, 500))
 
     def test_impossible_requests_are_errors_before_the_first_simulation(self) -> None:

@@ -42,12 +42,12 @@ class Functions(Folder):
         self.assertEqual(found.falsified_trials, len(found.counterexamples))
         worst = found.counterexamples[0]
         exact = np.hypot(worst.scenario["x"] - 0.3, worst.scenario["y"] + 0.4) - 0.1
-        self.assertEqual(worst.robustness, exact)
+        self.assertEqual(worst.minimum_robustness, exact)
         again = mishandle.replay(
-            run, distance, "always(distance >= 0.1)", SQUARE, trial=worst.trial, number=worst.number
+            run, distance, "always(distance >= 0.1)", SQUARE, trial=worst.trial, number=worst.simulation
         )
-        self.assertEqual((again.differences, again.build_differences), ([], []))
-        self.assertEqual(again.simulation.robustness, exact)
+        self.assertEqual((again.differences, again.build_differences), ((), ()))
+        self.assertEqual(again.repetition.robustness, exact)
 
     def test_a_replay_of_another_system_is_reported(self):
         run = self.path / "run.sqlite"
@@ -110,7 +110,8 @@ class Functions(Folder):
             system, "always(d >= 0)", space, search="random", trials=1, budget=60, time_limit=0.05, out=self.path / "f.sqlite"
         )
         self.assertEqual(run.falsified_trials, 0)
-        self.assertTrue(run.failed > 0 and run.invalid > 0)
+        [trial] = run.trials
+        self.assertTrue(trial.failed > 0 and trial.invalid > 0)
         self.assertTrue(any("broken pipe" in text for text in run.exceptions))
         ends = set(mishandle.open_run(run.path).columns()["end"])
         self.assertTrue({"completed", "crashed", "invalid scenario", "invalid signal", "timed out"} >= ends >= {"crashed"})
@@ -163,7 +164,7 @@ class Functions(Folder):
         campaign = mishandle.falsify(system, "always[0:5](x <= 2)", space, search="random", trials=1, budget=50, out=run)
         self.assertEqual(campaign.falsified_trials, 1)
         again = mishandle.replay(run, system, "always[0:5](x <= 2)", space)
-        self.assertEqual(again.differences, [])
+        self.assertEqual(again.differences, ())
         self.assertLess(again.recorded_robustness, 0)
 
     def test_samples_after_the_last_control_step_are_left_out(self):
@@ -171,7 +172,8 @@ class Functions(Folder):
         run = self.path / "run.sqlite"
         with self.assertWarnsRegex(UserWarning, "has 5 samples, but an episode has 2 control steps"):
             found = mishandle.falsify(system, "always[0:2](x <= 2)", SQUARE, search="random", trials=1, budget=20, out=run)
-        self.assertEqual((found.simulations, found.undecided, found.failed), (20, 0, 0))
+        [trial] = found.trials
+        self.assertEqual((trial.simulations, trial.undecided, trial.failed), (20, 0, 0))
         self.assertEqual(set(mishandle.open_run(run).columns()["steps"]), {2})
         with warnings.catch_warnings():
             warnings.simplefilter("error")
@@ -199,8 +201,8 @@ class Functions(Folder):
         self.assertEqual(found.success_rate.n, 200)
         # The circle of violations has 0.8 % of the square.
         self.assertTrue(found.success_rate.low < 0.992 < found.success_rate.high)
-        self.assertEqual(len(found.corners), 5)
-        self.assertTrue(all(corner.successes == 1 for corner in found.corners))
+        self.assertEqual(len(found.corners.points), 5)
+        self.assertTrue(all(corner.successes == 1 for corner in found.corners.points))
         self.assertIsNone(found.task_completion_time)
 
     def test_a_killed_run_continues_to_the_same_rows(self):

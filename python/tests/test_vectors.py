@@ -75,7 +75,7 @@ class Vectors(unittest.TestCase):
             path = self.path / f"{number}.sqlite"
             found = mishandle.falsify(env, "always(x <= 4)", SPACE, out=path, **options, **KINDS)
             run = mishandle.open_run(path)
-            traces = [run.trace(one.trial, one.number) for one in found.counterexamples]
+            traces = [run.trace(one.trial, one.simulation) for one in found.counterexamples]
             runs.append((run.columns(), [{name: column.tolist() for name, column in trace.items()} for trace in traces]))
         columns, traces = runs[0]
         self.assertTrue({"invalid scenario", "crashed", "terminated"} <= set(columns["end"]), set(columns["end"]))

@@ -1,9 +1,10 @@
 //! Counterexamples as values of their own: one failing scenario with all that a replay needs.
 
+mod export;
 mod file;
 mod regress;
 mod result;
-mod risk;
+mod suite;
 
 use std::fmt::Debug;
 use std::path::Path;
@@ -21,8 +22,9 @@ use crate::replay::differences_of_builds;
 use crate::resolve::{ResolvedPlan, controller_name, is_path, resolve_recorded};
 use crate::shipped::shipped_controller;
 
+pub use export::{Chosen, Exported, Minimization, export, representatives};
 pub use regress::{Regression, regress, regress_with};
-pub use risk::risk_counterexample;
+pub use suite::{Suite, Tested};
 
 /// Prefix of a controller whose file is expected beside the counterexample.
 const BESIDE: &str = "./";
@@ -336,6 +338,7 @@ fn describe(header: &RunHeader, explained: &ExplainedSimulation) -> Result<Count
         evaluate: None,
         falsify: Some(falsify),
         risk: None,
+        margin: None,
         ..recorded_plan
     };
     let value = |(axis, value): (&AxisRecord, &Option<f64>)| AxisValue {

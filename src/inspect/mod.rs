@@ -1,6 +1,7 @@
 //! Findings about the simulations of a run: why a simulation fails, which failures belong together, what was covered, and how two
 //! runs differ.
 
+mod answer;
 mod comparison;
 mod event;
 mod explanation;
@@ -9,9 +10,11 @@ mod failure_modes;
 mod masking;
 mod mode_survey;
 mod result;
+mod simulation;
 mod smooth_region;
 mod space_coverage;
 
+pub use answer::whole_result;
 pub use comparison::{ComparedPair, Comparison, compare};
 pub use event::{Event, EventKind, release};
 pub use explanation::{
@@ -23,5 +26,6 @@ pub use failure_modes::{Failure, FailureMode, FailureModes, failure_modes};
 pub use masking::masking;
 pub use mode_survey::{ModeSurvey, mode_survey, unseen_modes};
 pub use result::{counterexamples_result, run_facts};
+pub use simulation::{Simulated, simulate, simulated};
 pub use smooth_region::smooth_region_of;
 pub use space_coverage::space_coverage;

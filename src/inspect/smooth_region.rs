@@ -1,5 +1,7 @@
 //! Conclusions from a random search without a failure about a smooth robustness.
 
+use std::path::Path;
+
 use mishandle_evaluation::{NotSmooth, smooth_region};
 use mishandle_falsification::{FalsificationOutcome, unit_scenario};
 use mishandle_results::SmoothRegion;
@@ -10,15 +12,17 @@ use crate::error::MishandleError;
 use crate::resolve::{ResolvedPlan, space_depends_on_seed};
 use crate::run::failure_rate_bound;
 
-/// Returns the part of the space in which no scenario fails if the robustness is as smooth as its samples, or why that cannot be said: see
-/// [`smooth_region()`](mishandle_evaluation::smooth_region()). `None` if a simulation failed, or the search does not draw uniform samples.
+/// Returns the part of the space in which no scenario fails if the robustness is as smooth as its
+/// samples, or why that cannot be said: see
+/// [`smooth_region()`](mishandle_evaluation::smooth_region()). `None` if a simulation failed, or
+/// the search does not draw uniform samples. `run` is the path of the run file.
 ///
 /// # Errors
 /// If the run cannot be read.
 pub fn smooth_region_of(
     resolved: &ResolvedPlan,
     outcome: &FalsificationOutcome,
-    run: &RunFile,
+    run: &Path,
 ) -> Result<Option<SmoothRegion>, MishandleError> {
     if failure_rate_bound(resolved, outcome).is_none() {
         return Ok(None);
@@ -28,6 +32,7 @@ pub fn smooth_region_of(
     }
     let axes = resolved.space.axes();
     let (mut points, mut values) = (Vec::new(), Vec::new());
+    let run = RunFile::open(run)?;
     for simulation in run.simulations() {
         let simulation = simulation?;
         let Some(robustness) = simulation.robustness.filter(|rho| rho.is_finite()) else { continue };

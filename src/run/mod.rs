@@ -35,10 +35,10 @@ pub use question::{Answer, Engine, MarginOutcome, Progress, Watch, ask, recorded
 pub use record::{create_run, recorded_axis, recorded_episode};
 pub(crate) use recorded::recorded_named;
 pub use recorded::{box_point, recorded_axes, recorded_scenario};
-pub use repeats::counterexample_repeats;
+pub use repeats::{RepeatedScenario, counterexample_repeats, failure_text, repeat_scenario};
 pub use result::{
-    evaluation_result, falsification_result, margin_result, repeated_result, risk_result,
-    screened_evaluation_result, screened_risk_result, simulation_result,
+    evaluation_result, falsification_result, margin_result, risk_result, screened_evaluation_result,
+    screened_risk_result, simulation_result,
 };
 pub use risk::{risk_assumption, risk_refusals, risk_scenarios};
 pub use screening::{Device, ScreenedEvaluationOutcome, screening};

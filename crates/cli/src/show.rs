@@ -16,7 +16,6 @@ pub mod modes;
 pub mod output;
 pub mod progress;
 pub mod regression;
-pub mod repeats;
 pub mod replay;
 pub mod risk;
 pub mod scenario;

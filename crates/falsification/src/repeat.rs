@@ -29,6 +29,9 @@ impl Repeated {
     /// a probability of 36 % if 5 % do.
     pub const FEWEST: u64 = 20;
 
+    /// Default number of random scenarios that measure how much of the variance is noise.
+    pub const NOISE_SCENARIOS: u64 = 20;
+
     /// Returns the default number of simulations.
     pub const fn simulations(self) -> u64 {
         match self {

@@ -26,7 +26,7 @@ pub struct Estimate {
 pub const QUANTILES: [f64; 5] = [0.0, 0.05, 0.5, 0.95, 1.0];
 
 /// Simulations of one scenario with other random seeds.
-#[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, JsonSchema)]
 pub struct Repeats {
     /// Number of simulations, with or without a verdict.
     pub simulations: u64,

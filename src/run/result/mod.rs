@@ -18,7 +18,8 @@ pub use evaluation::{evaluation_result, screened_evaluation_result};
 pub use falsification::falsification_result;
 pub use margin::margin_result;
 pub use risk::{risk_result, screened_risk_result};
-pub use simulation::{repeated_result, simulation_result};
+pub(crate) use simulation::repeated_result;
+pub use simulation::simulation_result;
 
 impl Answer {
     /// Returns the answer as a result. `run` is the path of its run file. A falsification is that of [`falsification_result`].

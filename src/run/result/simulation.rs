@@ -4,20 +4,24 @@ use mishandle_rollout::{Episode, Scenario};
 use crate::resolve::{ResolvedPlan, named_scenario};
 use crate::run::end_text;
 
-/// Returns the result of one simulation of a scenario, with its explanation.
-pub fn simulation_result(resolved: &ResolvedPlan, episode: &Episode, explanation: Explanation) -> Simulation {
+/// Returns the result of one simulation of a scenario, with its explanation if it has a verdict.
+pub fn simulation_result(
+    resolved: &ResolvedPlan,
+    episode: &Episode,
+    explanation: Option<Explanation>,
+) -> Simulation {
     let signals: Vec<&str> = resolved.target.signals.iter().map(|signal| signal.name.as_str()).collect();
     Simulation {
         end: Some(end_text(episode.end, &signals)),
         steps: Some(episode.steps as u64),
         robustness: episode.robustness().map(Into::into),
-        explanation: Some(explanation),
+        explanation,
         ..empty(resolved, &episode.request.scenario)
     }
 }
 
 /// Returns the result of repeated simulations of a scenario.
-pub fn repeated_result(
+pub(crate) fn repeated_result(
     resolved: &ResolvedPlan,
     scenario: &Scenario,
     repeats: Repeats,

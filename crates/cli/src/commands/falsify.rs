@@ -1,10 +1,10 @@
 use anyhow::{Result, bail, ensure};
 use clap::Args;
+use mishandle::Plan;
 use mishandle::plan::FalsifyPlan;
-use mishandle::results::Falsification;
-use mishandle::run::{Answer, Device};
-use mishandle::store::{RunFile, RunKind};
-use mishandle::{MishandleError, Plan};
+use mishandle::results::{Answer, Falsification};
+use mishandle::run::Device;
+use mishandle::store::RunKind;
 use mishandle_text::plural;
 
 use crate::exit_status::ExitStatus;
@@ -117,36 +117,21 @@ pub fn run(command: &Arguments, gpu: Option<&Device>) -> Result<ExitStatus> {
     Ok(ExitStatus::Violated)
 }
 
-/// Returns the result. That of a complete run has the repeats of the counterexamples and the smooth region, too.
+/// Returns the result, with a progress bar for the repeats of its counterexamples.
 fn result(asked: &question::Asked, repeats: Option<u32>) -> Result<Falsification> {
-    let question::Asked { resolved, path, .. } = asked;
-    let Answer::Falsification(outcome, counts) = &asked.answer else {
-        bail!("the answer is that of another question");
-    };
-    let mut found = mishandle::run::falsification_result(resolved, outcome, counts.as_ref(), path);
-    if resolved.plan.falsify.as_ref().is_some_and(|falsify| falsify.keep_going) {
-        let run = RunFile::open_unchecked(path)?;
-        found.modes = Some(mishandle::inspect::mode_survey(&run)?.result(run.header()));
-    }
-    if !asked.answer.is_complete() {
-        return Ok(found);
-    }
+    let question::Asked { resolved, answer, path, .. } = asked;
     let bar = Bar::new(0, "repeats");
-    let mut repeated =
-        mishandle::run::counterexample_repeats(resolved, outcome, repeats.map(u64::from), |done, all| {
+    let result =
+        mishandle::inspect::whole_result(resolved, answer, path, repeats.map(u64::from), |done, all| {
             bar.set_length(all);
             bar.set_position(done);
             run::control_flow()
         })?;
     bar.clear();
-    for trial in &mut found.trials {
-        trial.repeats = repeated.remove(&trial.trial);
+    match result {
+        Answer::Falsification(found) => Ok(*found),
+        _ => bail!("the answer is that of another question"),
     }
-    if counts.is_none() {
-        let run = RunFile::open(path).map_err(MishandleError::from)?;
-        found.smooth_region = mishandle::inspect::smooth_region_of(resolved, outcome, &run)?;
-    }
-    Ok(found)
 }
 
 fn plan(command: &Arguments) -> Result<Plan> {

@@ -1,9 +1,9 @@
 use anyhow::{Context, Result, bail, ensure};
 use clap::Args;
 use mishandle::ResolvedPlan;
-use mishandle::falsification::{Repeated, measure_noise, repeat_seeds};
+use mishandle::inspect::Simulated;
 use mishandle::plan::FalsifyPlan;
-use mishandle::rollout::{Axis, AxisValues, Request, Scenario, Seed, Space};
+use mishandle::rollout::{Axis, AxisValues, Scenario, Seed, Space};
 use mishandle::store::RunKind;
 use mishandle_text::plural;
 
@@ -44,9 +44,6 @@ pub struct Arguments {
     #[command(flatten)]
     pub run: flags::Run,
 }
-
-/// Default number of random scenarios that measure the share of noise.
-const NOISE_SCENARIOS: u32 = 20;
 
 pub fn run(command: &Arguments) -> Result<ExitStatus> {
     run::set_threads(command.run.threads)?;
@@ -141,14 +138,11 @@ fn unit(axis: &Axis) -> &str {
 
 /// Simulates the scenario once, with the seed of the command, and explains the result.
 fn once(command: &Arguments, resolved: &ResolvedPlan, scenario: &Scenario) -> Result<ExitStatus> {
-    let request = Request::new(scenario.clone(), Seed(resolved.plan.seed));
-    let mut episodes = resolved.system()?.rollout(&[request])?;
-    let episode = episodes.pop().context("the target returned no episode")?;
+    let mut simulated = mishandle::inspect::simulate(resolved, scenario, [Seed(resolved.plan.seed)])?;
+    let Simulated { header, episode, result } = simulated.pop().context("the target returned no episode")?;
     let Some(robustness) = episode.robustness() else {
-        let names: Vec<&str> = resolved.target.signals.iter().map(|signal| signal.name.as_str()).collect();
-        bail!("the simulation has no verdict: {}", mishandle::run::end_text(episode.end, &names));
+        bail!("the simulation has no verdict: {}", result.end.unwrap_or_default());
     };
-    let (header, explained) = mishandle::inspect::explain_episode(resolved, &episode)?;
     if let Some(path) = &command.trace.trace {
         let more = match command.trace.is_full() {
             true => mishandle::picture::full_trace(resolved, &episode)?,
@@ -156,11 +150,9 @@ fn once(command: &Arguments, resolved: &ResolvedPlan, scenario: &Scenario) -> Re
         };
         simulation::write_trace(path, &header, &episode.trace, &more)?;
     }
-    let explanation = explained.result(&header, None);
-    let found = mishandle::run::simulation_result(resolved, &episode, explanation);
     match command.run.json {
-        true => output::json(&found)?,
-        false => output::line(&simulation::text(&found))?,
+        true => output::json(&result)?,
+        false => output::line(&simulation::text(&result))?,
     }
     Ok(if robustness < 0.0 { ExitStatus::Violated } else { ExitStatus::Done })
 }
@@ -172,49 +164,39 @@ fn repeated(
     scenario: &Scenario,
     repeat: u32,
 ) -> Result<ExitStatus> {
-    let depends_on_seed = mishandle::resolve::depends_on_seed(resolved, scenario);
-    let (repeat, scenarios) = if depends_on_seed {
-        (u64::from(repeat), u64::from(command.scenarios.unwrap_or(NOISE_SCENARIOS)))
-    } else {
+    if !mishandle::resolve::depends_on_seed(resolved, scenario) {
         output::message("nothing is random in this target and plan, so the scenario is simulated once");
-        (1, 0)
-    };
-    let noise_repeats = Repeated::Noise.simulations();
-    let total = repeat + scenarios * noise_repeats;
-    let bar = Bar::new(total, "simulations");
-    run::stop_on_signals(&bar)?;
-    let mut done = 0;
-    let mut count = |_: &_| {
-        done += 1;
-        bar.set_position(done);
-        run::control_flow()
-    };
-    let mut system = resolved.system()?;
-    let seed = Seed(resolved.plan.seed);
-    let seeds = repeat_seeds(seed, repeat);
-    let report = mishandle::falsification::repeat(&mut *system, scenario, seeds, &mut count)?;
-    let noise = match scenarios {
-        0 => None,
-        _ if run::control_flow().is_break() => None,
-        _ => measure_noise(&mut *system, seed, scenarios, noise_repeats, &mut count)?,
-    };
-    bar.clear();
-    let (simulations, failures) = (report.simulations, report.failures);
-    let has_verdict = report.failure_rate.n > 0;
-    let found = mishandle::run::repeated_result(resolved, scenario, report, noise);
-    match command.run.json {
-        true => output::json(&found)?,
-        false => output::line(&simulation::text(&found))?,
     }
-    if done < total {
-        let repeats = match simulations {
-            n if n < repeat => format!("the result is that of {n} of {}", plural(repeat, "repeat")),
+    let bar = Bar::new(0, "simulations");
+    run::stop_on_signals(&bar)?;
+    let scenarios = command.scenarios.map(u64::from);
+    let found = mishandle::run::repeat_scenario(
+        resolved,
+        scenario,
+        Some(u64::from(repeat)),
+        scenarios,
+        |done, total| {
+            bar.set_length(total);
+            bar.set_position(done);
+            run::control_flow()
+        },
+    )?;
+    bar.clear();
+    match command.run.json {
+        true => output::json(&found.result)?,
+        false => output::line(&simulation::text(&found.result))?,
+    }
+    let (repeats, total) = found.planned;
+    let report = found.result.repeats.unwrap_or_default();
+    if found.simulations < total {
+        let kept = match report.simulations {
+            n if n < repeats => format!("the result is that of {n} of {}", plural(repeats, "repeat")),
             _ => "all repeats are done".to_string(),
         };
-        let lost = if scenarios > 0 { ", the noise was not measured" } else { "" };
-        run::report_loss(done, &format!("{repeats}{lost}"));
+        let lost = if total > repeats { ", the noise was not measured" } else { "" };
+        run::report_loss(found.simulations, &format!("{kept}{lost}"));
         return Ok(ExitStatus::Interrupted);
     }
-    ensure!(has_verdict, "no simulation has a verdict, so the scenario was not tested");
-    Ok(if failures > 0 { ExitStatus::Violated } else { ExitStatus::Done })
+    ensure!(report.failure_rate.n > 0, "no simulation has a verdict, so the scenario was not tested");
+    Ok(if report.failures > 0 { ExitStatus::Violated } else { ExitStatus::Done })
 }

@@ -19,7 +19,7 @@ pub fn replay(path: &Path, controller: Option<&str>) -> Result<(Counterexample, 
 }
 
 /// Reads an exported counterexample. Errors name its path.
-pub fn read(path: &Path) -> Result<Counterexample> {
+fn read(path: &Path) -> Result<Counterexample> {
     match Counterexample::read(path) {
         // Names the path itself.
         Err(error @ mishandle::MishandleError::File { .. }) => Err(error.into()),

@@ -3,7 +3,7 @@
 use mishandle::results::{AxisFacts, ExportedCounterexample, Exports, Minimized};
 use mishandle_text::{decimal, plural};
 
-use super::{escape, repeats, scenario};
+use super::{escape, scenario};
 
 /// Returns a paragraph for each file.
 pub fn text(found: &Exports) -> String {
@@ -40,7 +40,7 @@ fn file_text(axes: &[AxisFacts], file: &ExportedCounterexample) -> String {
         lines.push(format!("  its decisive predicate is another one: {}", escape::name(predicate)));
     }
     if let Some(repeats) = &minimized.repeats {
-        lines.push(format!("  with other seeds it {}", repeats::failure_text(repeats)));
+        lines.push(format!("  with other seeds it {}", mishandle::run::failure_text(repeats)));
     }
     lines.join("\n")
 }

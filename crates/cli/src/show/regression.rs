@@ -60,7 +60,13 @@ pub fn text(found: &Regression) -> String {
     }
     let failing = tests.iter().filter(|test| [FAILS, NEW_FAILURE].contains(&test.result.as_str()));
     let reasons: String = failing
-        .map(|test| format!("\n{}: {}", escape::name(&test.file), test.reason.as_deref().unwrap_or_default()))
+        .map(|test| {
+            format!(
+                "\n{}: {}",
+                escape::name(&test.file),
+                escape::name(test.reason.as_deref().unwrap_or_default())
+            )
+        })
         .collect();
     let gap = if reasons.is_empty() { "" } else { "\n" };
     format!("{}\n\n{}{gap}{reasons}", output::table(&rows), summary(tests, has_baseline))

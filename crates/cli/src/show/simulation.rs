@@ -8,7 +8,7 @@ use mishandle::stl::Trace;
 use mishandle::store::{self, RunHeader, StoredTrace, TraceColumn};
 use mishandle_text::{decimal, plural};
 
-use super::{escape, explanation, output, repeats, scenario, subject};
+use super::{escape, explanation, output, scenario, subject};
 
 /// Describes a recorded simulation by its numbers: `trial 2 (corner), simulation 5`.
 pub fn name(trial: u32, point: Option<&str>, simulation: u32) -> String {
@@ -31,7 +31,7 @@ fn repeated_text(found: &Simulation, repeats: &Repeats) -> String {
         "{}\nformula {}\n\n{}",
         scenario::text(found.subject.space_axes.iter().zip(found.scenario.values().copied())),
         escape::name(&found.formula),
-        repeats::failure_text(repeats),
+        mishandle::run::failure_text(repeats),
     );
     if let Some(quantiles) = &repeats.quantiles {
         let mut rows = vec![vec!["robustness".to_string()]];

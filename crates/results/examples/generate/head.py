@@ -7,9 +7,13 @@ Written by ``cargo xtask results``; change the Rust types instead.
 from __future__ import annotations
 
 import dataclasses
+import functools
 import types
 import typing
 from collections.abc import Mapping, Sequence
 from typing import Any, TypeVar, cast
+
+Value = float | int | str
+"""Value of an axis: a number, a whole number of an integer axis, or the name of a category."""
 
 _T = TypeVar("_T")

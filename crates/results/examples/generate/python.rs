@@ -46,13 +46,27 @@ fn kind(shape: &Shape) -> String {
         Shape::Fixed(item, length) => {
             format!("tuple[{}]", vec![kind(item); *length as usize].join(", "))
         }
-        Shape::Map(item) => format!("dict[str, {}]", kind(item)),
+        Shape::Map(item) => format!("dict[str, {}]", axis_value(item).unwrap_or_else(|| kind(item))),
         Shape::OneOf(shapes) => shapes.iter().map(kind).collect::<Vec<_>>().join(" | "),
+    }
+}
+
+/// Returns the Python type of values by axis, which have the names of categories. A scenario leaves out values that are drawn at
+/// random.
+fn axis_value(shape: &Shape) -> Option<String> {
+    let Shape::OneOf(shapes) = shape else { return None };
+    match shapes.as_slice() {
+        [Shape::Number, Shape::Null] => Some("Value".to_string()),
+        [Shape::Fixed(item, 2), Shape::Null] if **item == Shape::Number => {
+            Some("tuple[Value, Value] | None".to_string())
+        }
+        _ => None,
     }
 }
 
 /// Returns a text as a docstring within a class.
 fn docstring(text: &str) -> String {
+    let text = text.replace("drawn at random is `null`", "drawn at random is missing");
     let text = text.replace("`null`", "`None`").replace('`', "``").replace('\\', "\\\\");
     let paragraphs: Vec<String> = text.split("\n\n").map(wrapped).collect();
     let body = paragraphs.join("\n\n    ");

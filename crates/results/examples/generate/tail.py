@@ -1,13 +1,46 @@
 def build(kind: type[_T], document: Mapping[str, Any]) -> _T:
     """Makes a result of a type from a parsed document.
 
-    Seeds become integers, infinities numbers, arrays tuples. Keys that the type does not have are ignored: a later version
+    Seeds become integers, infinities numbers, arrays tuples. A scenario has the names of categories, and leaves out values that are
+    drawn at random. Keys that the type does not have are ignored: a later version
     of the program may have added them.
     """
-    hints = typing.get_type_hints(kind)
-    fields = dataclasses.fields(cast("Any", kind))
+    return _build(kind, _named(document, {}))
+
+
+def _build(kind: type[_T], document: Mapping[str, Any]) -> _T:
+    fields, hints = dataclasses.fields(cast("Any", kind)), _hints(cast("Any", kind))
     known = [field.name for field in fields if field.name in document]
     return kind(**{name: _value(hints[name], document[name]) for name in known})
+
+
+@functools.lru_cache(maxsize=None)
+def _hints(kind: Any) -> dict[str, Any]:
+    return typing.get_type_hints(kind)
+
+
+def _named(value: Any, axes: Mapping[str, Any]) -> Any:
+    """Returns a part of a document with the values of axes as Python has them. ``axes`` are the values that each axis can take."""
+    if isinstance(value, list):
+        return [_named(item, axes) for item in value]
+    if not isinstance(value, Mapping):
+        return value
+    if "space_axes" in value:
+        axes = {axis["name"]: axis["values"] for axis in value["space_axes"]}
+    named = {key: _named(item, axes) for key, item in value.items()}
+    if isinstance(named.get("scenario"), dict):
+        drawn = named["scenario"].items()
+        named["scenario"] = {axis: _axis_value(axes.get(axis), number) for axis, number in drawn if number is not None}
+    if isinstance(named.get("region"), dict):
+        regions = named["region"].items()
+        named["region"] = {axis: ends and [_axis_value(axes.get(axis), end) for end in ends] for axis, ends in regions}
+    return named
+
+
+def _axis_value(values: Any, number: float) -> Value:
+    if isinstance(values, list):
+        return cast("str", values[int(number)])
+    return int(number) if values == "integer" else number
 
 
 def _value(hint: Any, value: Any) -> Any:
@@ -22,7 +55,7 @@ def _value(hint: Any, value: Any) -> Any:
     if origin is dict:
         return {name: _value(arguments[1], item) for name, item in value.items()}
     if dataclasses.is_dataclass(hint):
-        return build(cast("type[Any]", hint), value)
+        return _build(cast("type[Any]", hint), value)
     # Seeds and infinities are strings.
     return hint(value) if hint in (int, float) else value
 
@@ -31,7 +64,7 @@ def _alternative(kinds: Sequence[Any], value: Any) -> Any:
     if len(kinds) == 1:
         return _value(kinds[0], value)
     if isinstance(value, Mapping):
-        return build(next(kind for kind in kinds if _has_keys(kind, cast("Mapping[str, Any]", value))), value)
+        return _build(next(kind for kind in kinds if _has_keys(kind, cast("Mapping[str, Any]", value))), value)
     return _frozen(value)
 
 

@@ -3,16 +3,10 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail, ensure};
 use clap::Args;
-use mishandle::counterexample::{Counterexample, MinimizedFrom};
-use mishandle::falsification::{
-    Minimized, Repeated, axes_off_nominal, is_close, minimize, repeat, repeat_seeds,
-};
+use mishandle::Plan;
+use mishandle::counterexample::{Chosen, Counterexample, Minimization};
 use mishandle::files::NewFolders;
-use mishandle::resolve::named_scenario;
-use mishandle::results::{self, ExportedCounterexample, Exports, Repeats};
-use mishandle::rollout::{Scenario, Seed, Space};
 use mishandle::store::RunFile;
-use mishandle::{Plan, ResolvedPlan};
 use mishandle_text::plural;
 
 use crate::exit_status::ExitStatus;
@@ -76,57 +70,6 @@ pub struct Arguments {
     pub json: bool,
 }
 
-/// Default number of simulations of a minimization.
-const BUDGET: u64 = 300;
-
-/// A counterexample to write.
-struct Chosen {
-    path: PathBuf,
-    mode: Option<usize>,
-    trial: u32,
-    simulation: u32,
-}
-
-/// A minimized counterexample and its space.
-struct Shrunk {
-    minimized: Minimized,
-    space: Space,
-    /// Whether the decisive predicate is the recorded one.
-    has_same_predicate: bool,
-    repeats: Option<Repeats>,
-    /// Whether a signal ended it early.
-    is_interrupted: bool,
-}
-
-impl Shrunk {
-    /// Returns the number of simulations.
-    fn simulations(&self) -> u64 {
-        self.minimized.simulations + self.repeats.as_ref().map_or(0, |repeats| repeats.simulations)
-    }
-
-    /// Returns the minimized scenario; `None` if its failure depends on the seed.
-    fn scenario(&self) -> Option<&Scenario> {
-        self.repeats.is_none().then_some(&self.minimized.episode.request.scenario)
-    }
-}
-
-/// A written file.
-struct Written {
-    path: PathBuf,
-    scenario: Option<Scenario>,
-    controller: String,
-}
-
-impl Written {
-    /// Returns whether the file has the same minimized scenario, up to the resolution of minimizations.
-    fn is_same(&self, scenario: Option<&Scenario>, resolved: Option<&ResolvedPlan>) -> bool {
-        match (&self.scenario, scenario, resolved) {
-            (Some(own), Some(other), Some(resolved)) => is_close(&resolved.space, own, other),
-            _ => false,
-        }
-    }
-}
-
 pub fn run(command: &Arguments) -> Result<ExitStatus> {
     run::set_threads(command.threads)?;
     ensure!(
@@ -157,62 +100,37 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
     if command.minimize {
         run::stop_on_signals(&bar)?;
     }
-    let mut simulations = 0;
-    let mut written: Vec<Written> = Vec::new();
-    let mut files: Vec<(PathBuf, String)> = Vec::new();
-    let mut exported = Vec::new();
-    for Chosen { path, mode, trial, simulation } in chosen {
-        let mut counterexample = Counterexample::from_run(&file, trial, simulation)?;
-        let shrunk = match &resolved {
-            Some(resolved) => Some(shrink(command, resolved, &bar, &mut counterexample)?),
-            None => None,
-        };
-        simulations += shrunk.as_ref().map_or(0, Shrunk::simulations);
-        let is_interrupted = shrunk.as_ref().is_some_and(|shrunk| shrunk.is_interrupted);
-        if is_interrupted && command.all {
-            run::report_loss(
-                simulations,
-                "no file is written, because a part of a suite would look complete",
-            );
-            return Ok(ExitStatus::Interrupted);
-        }
-        // Several modes can have the same minimized scenario.
-        let scenario = shrunk.as_ref().and_then(Shrunk::scenario);
-        let same_as = written.iter().find(|other| other.is_same(scenario, resolved.as_ref()));
-        let same_as = same_as.map(|other| other.path.clone());
-        if same_as.is_none() {
-            files.push((path.clone(), counterexample.to_json()));
-        }
-        exported.push(result(&path, same_as.as_deref(), mode, &counterexample, shrunk.as_ref()));
-        if same_as.is_none() {
-            written.push(Written {
-                path,
-                scenario: scenario.cloned(),
-                controller: counterexample.plan.controller,
-            });
-        }
-    }
+    let budget = command.budget.unwrap_or(Minimization::BUDGET);
+    bar.set_length(budget);
+    let minimization = resolved.as_ref().map(|resolved| Minimization { resolved, budget });
+    let found = mishandle::counterexample::export(&file, chosen, minimization, |done| {
+        bar.set_position(done);
+        run::control_flow()
+    })?;
     bar.clear();
-    write_all(command, &files)?;
-    let found = Exports {
-        run: command.file.to_string_lossy().into_owned(),
-        files: exported,
-        space_axes: mishandle::run::recorded_axes(&file.header().axes),
-    };
-    match command.json {
-        true => output::json(&found)?,
-        false => output::line(&exports::text(&found))?,
+    if found.is_interrupted && command.all {
+        run::report_loss(
+            found.simulations,
+            "no file is written, because a part of a suite would look complete",
+        );
+        return Ok(ExitStatus::Interrupted);
     }
-    if let Some(name) = written.first().and_then(|written| written.controller.strip_prefix("./")) {
+    write_all(command, &found.files)?;
+    match command.json {
+        true => output::json(&found.result)?,
+        false => output::line(&exports::text(&found.result))?,
+    }
+    let controller = found.files.first().map(|(_, counterexample)| &counterexample.plan.controller);
+    if let Some(name) = controller.and_then(|controller| controller.strip_prefix("./")) {
         output::message(&format!(
             "the controller is not shipped: copy {} to the folder of the counterexamples, or give --controller FILE",
             escape::name(name)
         ));
     }
     // The only counterexample; a suite is not written then.
-    if run::control_flow().is_break() {
+    if found.is_interrupted {
         run::report_loss(
-            simulations,
+            found.simulations,
             "the scenario so far is written, which fails, but can be nearer to nominal",
         );
         return Ok(ExitStatus::Interrupted);
@@ -221,7 +139,7 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
 }
 
 /// Writes the files when all are known: an interruption never leaves a part of a suite, which would look complete.
-fn write_all(command: &Arguments, files: &[(PathBuf, String)]) -> Result<()> {
+fn write_all(command: &Arguments, files: &[(PathBuf, Counterexample)]) -> Result<()> {
     // Removes them again if nothing is written.
     let mut folders = NewFolders::default();
     let folder = if command.all { Some(command.out.as_path()) } else { command.out.parent() };
@@ -229,9 +147,10 @@ fn write_all(command: &Arguments, files: &[(PathBuf, String)]) -> Result<()> {
         folders.create(folder).with_context(|| format!("cannot create the folder {}", folder.display()))?;
     }
     let mut complete = Vec::new();
-    for (path, text) in files {
+    for (path, counterexample) in files {
         let mut file = output::create(path, command.force)?;
-        file.write_all(text.as_bytes()).with_context(|| format!("cannot write {}", path.display()))?;
+        file.write_all(counterexample.to_json().as_bytes())
+            .with_context(|| format!("cannot write {}", path.display()))?;
         complete.push((path, file));
     }
     for (path, file) in complete {
@@ -246,103 +165,21 @@ fn choose(command: &Arguments, file: &RunFile) -> Result<Vec<Chosen>> {
         let path = command.out.clone();
         return Ok(vec![Chosen { path, mode: None, trial: command.trial.unwrap_or(1), simulation }]);
     }
-    let modes = mishandle::inspect::failure_modes(file)?.modes;
-    if modes.is_empty() {
+    let folder = if command.all { command.out.as_path() } else { Path::new("") };
+    let mut chosen = mishandle::counterexample::representatives(file, folder)?;
+    if chosen.is_empty() {
         bail!("{} has no counterexample with a recorded trace", command.file.display());
     }
-    let chosen = |index: usize, path: PathBuf| {
-        let failure = modes[index].representative();
-        Chosen { path, mode: Some(index + 1), trial: failure.trial, simulation: failure.number }
-    };
     if command.all {
-        let stem = command.file.file_stem().unwrap_or_default().to_string_lossy();
-        let path = |index: usize| command.out.join(format!("{stem}-mode-{}.json", index + 1));
-        return Ok((0..modes.len()).map(|index| chosen(index, path(index))).collect());
+        return Ok(chosen);
     }
     let mode = command.mode.map_or(1, |mode| mode as usize);
-    if mode > modes.len() {
+    if mode > chosen.len() {
         bail!(
             "there is no failure mode {mode}; {} has {}",
             command.file.display(),
-            plural(modes.len(), "failure mode")
+            plural(chosen.len(), "failure mode")
         );
     }
-    Ok(vec![chosen(mode - 1, command.out.clone())])
-}
-
-/// Minimizes a counterexample, and measures how often its scenario fails with other seeds.
-fn shrink(
-    command: &Arguments,
-    resolved: &ResolvedPlan,
-    bar: &Bar,
-    counterexample: &mut Counterexample,
-) -> Result<Shrunk> {
-    let budget = command.budget.unwrap_or(BUDGET);
-    let mut system = resolved.system()?;
-    let request = counterexample.request(&resolved.space)?;
-    bar.set_length(budget);
-    let minimized = minimize(&mut *system, &request, budget, |done| {
-        bar.set_position(done);
-        run::control_flow()
-    })?;
-    let scenario = &minimized.episode.request.scenario;
-    let repeats = match mishandle::resolve::depends_on_seed(resolved, scenario) {
-        true if run::control_flow().is_continue() => {
-            let seeds = repeat_seeds(Seed(counterexample.seed), Repeated::Counterexample.simulations());
-            Some(repeat(&mut *system, scenario, seeds, |_| run::control_flow())?)
-        }
-        _ => None,
-    };
-    let origin = MinimizedFrom {
-        scenario: request.scenario.values().to_vec(),
-        robustness: counterexample.expected.robustness,
-        simulations: minimized.simulations,
-        is_complete: minimized.is_complete,
-    };
-    let predicate = |known: &Counterexample| known.decisive.as_ref().map(|known| known.predicate.clone());
-    let recorded = predicate(counterexample);
-    *counterexample = Counterexample::from_episode(resolved, &minimized.episode)?;
-    counterexample.minimized_from = Some(origin);
-    let has_same_predicate = predicate(counterexample) == recorded;
-    let is_interrupted = run::control_flow().is_break();
-    Ok(Shrunk { minimized, space: resolved.space.clone(), has_same_predicate, repeats, is_interrupted })
-}
-
-fn result(
-    path: &Path,
-    same_as: Option<&Path>,
-    mode: Option<usize>,
-    known: &Counterexample,
-    shrunk: Option<&Shrunk>,
-) -> ExportedCounterexample {
-    let text = |path: &Path| path.to_string_lossy().into_owned();
-    ExportedCounterexample {
-        file: same_as.is_none().then(|| text(path)),
-        same_as: same_as.map(text),
-        mode: mode.map(|mode| mode as u64),
-        trial: known.trial,
-        simulation: known.simulation,
-        seed: results::Seed(known.seed),
-        scenario: known.scenario.iter().map(|axis| (axis.axis.clone(), axis.value)).collect(),
-        robustness: known.expected.robustness.into(),
-        predicate: known.decisive.as_ref().map(|decisive| decisive.predicate.clone()),
-        minimized: shrunk.map(minimized_result),
-    }
-}
-
-fn minimized_result(shrunk: &Shrunk) -> results::Minimized {
-    let Shrunk { minimized, space, has_same_predicate, repeats, is_interrupted } = shrunk;
-    let recorded = &minimized.original.request.scenario;
-    let off = |scenario: &Scenario| axes_off_nominal(space, scenario) as u64;
-    results::Minimized {
-        scenario: named_scenario(space.axes(), recorded.values()),
-        robustness: minimized.original.robustness().map(Into::into),
-        axes_off_nominal: [off(recorded), off(&minimized.episode.request.scenario)],
-        simulations: minimized.simulations,
-        complete: minimized.is_complete,
-        interrupted: *is_interrupted,
-        fewest_axes: minimized.has_fewest_axes,
-        same_predicate: *has_same_predicate,
-        repeats: repeats.clone(),
-    }
+    Ok(vec![Chosen { path: command.out.clone(), ..chosen.swap_remove(mode - 1) }])
 }

@@ -1,45 +1,48 @@
 //! JUnit XML, which continuous integration shows as tests.
 
-use super::{FAILS, Outcome, Test, count, reason};
+use std::path::Path;
+use std::time::Duration;
+
+use mishandle::results::{Regression, RegressionTest};
+
 use crate::show::escape;
 
-/// Returns the report of a folder.
-pub(super) fn report(folder: &str, tests: &[Test]) -> String {
-    let seconds: f64 = tests.iter().map(|test| test.time.as_secs_f64()).sum();
-    let has_baseline = tests.iter().any(|test| test.baseline.is_some());
-    let failures = tests.iter().filter(|test| test.outcome.is_failure(has_baseline)).count();
+/// Returns the report of a folder. `times` are those of the tests.
+pub(super) fn report(found: &Regression, times: &[Duration]) -> String {
+    let seconds: f64 = times.iter().map(Duration::as_secs_f64).sum();
+    let failures = found.new_failures.unwrap_or(found.fails);
     let counts = format!(
         "tests=\"{}\" failures=\"{failures}\" errors=\"{}\" skipped=\"{}\" time=\"{seconds:.3}\"",
-        tests.len(),
-        count(tests, &[Outcome::Error]),
-        count(tests, &FAILS) - failures,
+        found.tests.len(),
+        found.errors,
+        found.fails - failures,
     );
-    let cases: String = tests.iter().map(case).collect();
+    let cases: String = found.tests.iter().zip(times).map(|(test, time)| case(test, *time)).collect();
     format!(
         "<?xml version=\"1.0\" encoding=\"UTF-8\"?>\n<testsuites {counts}>\n  <testsuite name=\"{}\" {counts}>\n{cases}  \
          </testsuite>\n</testsuites>\n",
-        escaped(folder)
+        escaped(&found.folder)
     )
 }
 
-fn case(test: &Test) -> String {
-    let target = test.recorded.as_ref().map_or("unknown", |recorded| recorded.target.name.as_str());
+fn case(test: &RegressionTest, time: Duration) -> String {
+    let name = Path::new(&test.file).file_stem().unwrap_or_default().to_string_lossy();
     let open = format!(
         "    <testcase classname=\"{}\" name=\"{}\" time=\"{:.3}\"",
-        escaped(target),
-        escaped(&test.name),
-        test.time.as_secs_f64()
+        escaped(test.target.as_deref().unwrap_or("unknown")),
+        escaped(&name),
+        time.as_secs_f64()
     );
-    let element = match test.outcome {
-        Outcome::Passes | Outcome::Fixed => return open + "/>\n",
+    let Some(reason) = &test.reason else { return open + "/>\n" };
+    let element = match test.result.as_str() {
+        "error" => "error",
         // It fails with the baseline, too, so it is not a failure of the new controller.
-        Outcome::Fails if test.baseline.is_some() => "skipped",
-        Outcome::Fails | Outcome::NewFailure => "failure",
-        Outcome::Error => "error",
+        "still fails" if test.baseline.is_some() => "skipped",
+        _ => "failure",
     };
     let message = match &test.baseline {
-        Some(_) => escaped(&format!("{}: {}", test.outcome.name(), reason(test))),
-        None => escaped(&reason(test)),
+        Some(_) => escaped(&format!("{}: {reason}", test.result)),
+        None => escaped(reason),
     };
     format!("{open}>\n      <{element} message=\"{message}\">{message}</{element}>\n    </testcase>\n")
 }

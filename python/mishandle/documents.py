@@ -1,0 +1,69 @@
+"""Results from the documents of the extension module."""
+
+from __future__ import annotations
+
+import json
+import os
+import pathlib
+from typing import Any, TypeVar, Union
+
+from mishandle import _native, results
+from mishandle.errors import MishandleError
+from mishandle.runs import open_run
+
+Result = TypeVar("Result")
+PathLike = Union[str, "os.PathLike[str]"]
+
+
+def read(kind: type[Result], text: str, **others: Any) -> Result:
+    """Returns the result in the text of a document. ``others`` are fields that only Python has."""
+    return results.build(kind, {**json.loads(text), **others})
+
+
+def write_counterexample(run: PathLike, trial: int, simulation: int, path: PathLike) -> pathlib.Path:
+    """Writes a failing simulation of a run as a counterexample file. Returns the path."""
+    file = pathlib.Path(path)
+    if file.suffix.lower() != ".json":
+        raise MishandleError(f"the counterexample file is {os.fspath(path)}; its name must end with .json")
+    file.write_text(_native.counterexample(os.fspath(run), trial, simulation), encoding="utf-8")
+    return file
+
+
+class RunResult:
+    """A result with a run file. It remembers its system, so that it can simulate more; a copy from pickle has forgotten it."""
+
+    run: str | None
+
+    @property
+    def path(self) -> pathlib.Path:
+        """The run file."""
+        return pathlib.Path(self.run or "")
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {name: value for name, value in self.__dict__.items() if not name.startswith("_")}
+
+    def remember(self, target: _native.Target) -> None:
+        # The dataclasses are frozen, and the system is not a field: it cannot be compared or copied.
+        self.__dict__["_target"] = target
+
+    @property
+    def remembered(self) -> _native.Target | None:
+        return self.__dict__.get("_target")
+
+    def report(self, path: PathLike, *, simulate: bool = True, probes: int = 64) -> None:
+        """Writes a page about the run: one HTML file that loads nothing, for a browser or to send.
+
+        Parameters
+        ----------
+        path : path
+            File to write; an existing file is replaced.
+        simulate : bool
+            Whether to measure with the system of this result: sizes of failing patches, repeats with other seeds, noise, corners.
+        probes : int
+            Number of random scenarios that estimate the size of a failing patch.
+        """
+        if self.remembered is None or not simulate:
+            open_run(self.path).report(path, simulate=simulate, probes=probes)
+            return
+        html = _native.report(self.remembered, os.fspath(self.path), probes)
+        pathlib.Path(path).write_text(html, encoding="utf-8")

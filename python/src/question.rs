@@ -1,0 +1,224 @@
+//! The questions about a Python target: evaluation, falsification, margin and failure probability.
+
+use std::collections::BTreeMap;
+use std::ops::ControlFlow;
+
+use mishandle::plan::{EvaluatePlan, FalsifyPlan, MarginPlan, RiskPlan};
+use mishandle::run::Engine;
+use mishandle::search::{OptionValue, SearchOptions};
+use mishandle::store::RunWriter;
+use mishandle::{Plan, ResolvedPlan};
+use pyo3::prelude::*;
+
+use crate::raised;
+use crate::target::{AxisTuple, PyTarget, space};
+use crate::work::{Out, in_run, json, plan, report};
+
+/// Value of an option of a search.
+#[derive(FromPyObject)]
+pub enum SearchOption {
+    Boolean(bool),
+    Integer(i64),
+    Float(f64),
+    Text(String),
+    Point(Vec<f64>),
+    Points(Vec<Vec<f64>>),
+}
+
+impl From<SearchOption> for OptionValue {
+    fn from(value: SearchOption) -> OptionValue {
+        match value {
+            SearchOption::Boolean(value) => OptionValue::Boolean(value),
+            SearchOption::Integer(value) => OptionValue::Integer(value),
+            SearchOption::Float(value) => OptionValue::Float(value),
+            SearchOption::Text(value) => OptionValue::Text(value),
+            SearchOption::Point(value) => OptionValue::Point(value),
+            SearchOption::Points(value) => OptionValue::Points(value),
+        }
+    }
+}
+
+/// Checks the settings of a falsification in the space of these axes, before the system is
+/// simulated.
+#[pyfunction]
+#[pyo3(signature = (axes, *, search, options, trials, budget, batch, new_mode_rate))]
+pub fn check_falsify(
+    axes: Vec<AxisTuple>,
+    search: String,
+    options: Vec<(String, SearchOption)>,
+    trials: u64,
+    budget: u64,
+    batch: u64,
+    new_mode_rate: f64,
+) -> PyResult<()> {
+    let space = space(axes)?;
+    // A number that does not fit is out of the range, too.
+    let [trials, budget, batch] =
+        [trials, budget, batch].map(|number| u32::try_from(number).unwrap_or(u32::MAX));
+    let options = search_options(options);
+    let falsify = FalsifyPlan { search, trials, budget, batch, new_mode_rate, options, ..Default::default() };
+    mishandle::resolve::check_falsify(&falsify, &space).map(drop).map_err(raised)
+}
+
+/// Checks the settings of an evaluation in the space of these axes, before the system is simulated.
+#[pyfunction]
+#[pyo3(signature = (axes, *, episodes, batch))]
+pub fn check_evaluate(axes: Vec<AxisTuple>, episodes: u64, batch: u64) -> PyResult<()> {
+    space(axes)?;
+    let batch = u32::try_from(batch).unwrap_or(u32::MAX);
+    mishandle::resolve::check_evaluate(&EvaluatePlan { episodes, batch, ..Default::default() })
+        .map_err(raised)
+}
+
+fn search_options(given: Vec<(String, SearchOption)>) -> SearchOptions {
+    let mut options = SearchOptions::new();
+    for (name, value) in given {
+        options.set(&name, value);
+    }
+    options
+}
+
+/// Checks the settings of a margin in the space of these axes, before the system is simulated.
+#[pyfunction]
+#[pyo3(signature = (axes, *, budget))]
+pub fn check_margin(axes: Vec<AxisTuple>, budget: u64) -> PyResult<()> {
+    mishandle::falsification::check_margin(budget, &space(axes)?).map_err(raised)
+}
+
+/// Checks the settings of an estimation in the space of these axes, before the system is simulated.
+#[pyfunction]
+#[pyo3(signature = (axes, *, simulations, method, batch, distributions))]
+pub fn check_risk(
+    axes: Vec<AxisTuple>,
+    simulations: u64,
+    method: String,
+    batch: u64,
+    distributions: BTreeMap<String, String>,
+) -> PyResult<()> {
+    let batch = u32::try_from(batch).unwrap_or(u32::MAX);
+    let risk = RiskPlan { formula: None, simulations, method, batch, distributions };
+    mishandle::resolve::check_risk(&risk, &space(axes)?).map_err(raised)
+}
+
+/// The document of an answer, the exception that ended the question early, and warnings.
+type Answered = (String, Option<PyErr>, Vec<String>);
+
+/// Searches for counterexamples.
+#[pyfunction]
+#[expect(clippy::too_many_arguments, reason = "the arguments are keywords in Python")]
+#[pyo3(signature = (
+    target, *, formula, search, options, trials, budget, batch, early_stopping, keep_going, new_mode_rate, repeats, seed, out,
+    progress
+))]
+pub fn falsify(
+    py: Python<'_>,
+    target: &PyTarget,
+    formula: Option<String>,
+    search: String,
+    options: Vec<(String, SearchOption)>,
+    trials: u32,
+    budget: u32,
+    batch: u32,
+    early_stopping: bool,
+    keep_going: bool,
+    new_mode_rate: f64,
+    repeats: Option<u64>,
+    seed: u64,
+    out: Out,
+    progress: Option<Py<PyAny>>,
+) -> PyResult<Answered> {
+    let falsify = FalsifyPlan {
+        formula,
+        search,
+        trials,
+        budget,
+        batch,
+        early_stopping,
+        keep_going,
+        new_mode_rate,
+        options: search_options(options),
+    };
+    let plan = Plan { falsify: Some(falsify), ..plan(target, seed) };
+    ask(py, target, &plan, out, repeats, progress)
+}
+
+/// Simulates random scenarios and the corners of the space.
+#[pyfunction]
+#[pyo3(signature = (target, *, episodes, batch, seed, out, progress))]
+pub fn evaluate(
+    py: Python<'_>,
+    target: &PyTarget,
+    episodes: u64,
+    batch: u32,
+    seed: u64,
+    out: Out,
+    progress: Option<Py<PyAny>>,
+) -> PyResult<Answered> {
+    let evaluate = EvaluatePlan { episodes, batch, ..EvaluatePlan::default() };
+    let plan = Plan { evaluate: Some(evaluate), ..plan(target, seed) };
+    ask(py, target, &plan, out, None, progress)
+}
+
+/// Searches for the smallest disturbance that violates the requirement.
+#[pyfunction]
+#[pyo3(signature = (target, *, formula, budget, seed, out, progress))]
+pub fn margin(
+    py: Python<'_>,
+    target: &PyTarget,
+    formula: Option<String>,
+    budget: u64,
+    seed: u64,
+    out: Out,
+    progress: Option<Py<PyAny>>,
+) -> PyResult<Answered> {
+    let plan = Plan { margin: Some(MarginPlan { formula, budget }), ..plan(target, seed) };
+    ask(py, target, &plan, out, None, progress)
+}
+
+/// Estimates the probability of a violation.
+#[pyfunction]
+#[expect(clippy::too_many_arguments, reason = "the arguments are keywords in Python")]
+#[pyo3(signature = (target, *, formula, simulations, method, batch, distributions, seed, out, progress))]
+pub fn risk(
+    py: Python<'_>,
+    target: &PyTarget,
+    formula: Option<String>,
+    simulations: u64,
+    method: String,
+    batch: u32,
+    distributions: BTreeMap<String, String>,
+    seed: u64,
+    out: Out,
+    progress: Option<Py<PyAny>>,
+) -> PyResult<Answered> {
+    let risk = RiskPlan { formula, simulations, method, batch, distributions };
+    let plan = Plan { risk: Some(risk), ..plan(target, seed) };
+    ask(py, target, &plan, out, None, progress)
+}
+
+/// Asks the question of a plan. `repeats` are those of the counterexamples of a falsification.
+fn ask(
+    py: Python<'_>,
+    target: &PyTarget,
+    plan: &Plan,
+    out: Out,
+    repeats: Option<u64>,
+    progress: Option<Py<PyAny>>,
+) -> PyResult<Answered> {
+    let work = |resolved: &ResolvedPlan, run: RunWriter| {
+        let path = run.file().path().to_path_buf();
+        let warnings = match &plan.risk {
+            Some(_) => mishandle::run::risk_scenarios(resolved)?.warnings(),
+            None => Vec::new(),
+        };
+        let answer = mishandle::run::ask(resolved, run, Engine::Direct, &mut |done| {
+            report(target, progress.as_ref(), done.simulations, done.max_simulations)
+        })?;
+        // The progress is that of the question; its repeats can be interrupted, too.
+        let watch = |_, _| -> ControlFlow<()> { report(target, None, 0, 0) };
+        let result = mishandle::inspect::whole_result(resolved, &answer, &path, repeats, watch)?;
+        Ok((result, warnings))
+    };
+    let ((result, warnings), exception) = in_run(py, target, plan, out, work)?;
+    Ok((json(&result)?, exception, warnings))
+}

@@ -1,0 +1,234 @@
+//! A folder of counterexamples as a suite of tests.
+
+use std::error::Error;
+use std::iter::successors;
+use std::ops::ControlFlow;
+use std::path::{Path, PathBuf};
+
+use mishandle_results as results;
+use mishandle_results::{BaselineTest, Number, RegressionTest, Repeats};
+use mishandle_rollout::{Episode, Target};
+use mishandle_text::{decimal, plural};
+
+use crate::counterexample::{Counterexample, Regression, regress, regress_with};
+use crate::error::MishandleError;
+use crate::inspect::compared_values;
+use crate::plan::Plan;
+use crate::resolve::{ResolvedPlan, is_onnx};
+use crate::run::failure_text;
+
+/// Results of tests.
+const PASSES: &str = "passes";
+const FIXED: &str = "fixed";
+const FAILS: &str = "still fails";
+const NEW_FAILURE: &str = "new failure";
+const ERROR: &str = "error";
+
+/// The system that a suite tests.
+#[derive(Clone, Copy)]
+pub enum Tested<'a> {
+    /// Systems of this program with this controller, or the one of each counterexample.
+    Controllers {
+        /// Name or path.
+        controller: Option<&'a str>,
+        /// A controller to compare with.
+        baseline: Option<&'a str>,
+    },
+    /// A target that need not be part of this program.
+    Target(&'a Target),
+}
+
+/// A folder of counterexamples and how they are tested.
+#[derive(Clone, Copy)]
+pub struct Suite<'a> {
+    /// The folder.
+    pub folder: &'a Path,
+    /// The system.
+    pub tested: Tested<'a>,
+    /// Number of simulations with other seeds; if it is 0, the recorded seed decides a test.
+    pub repeats: u64,
+    /// With repeats: largest failure rate of a test that passes.
+    pub max_failure_rate: f64,
+}
+
+/// A simulation of a test, or the reason that it does not exist.
+type Simulated = Result<Regression, String>;
+
+impl Suite<'_> {
+    /// Returns the files `*.json` of the folder, sorted by name, except for descriptions of ONNX
+    /// models (`NAME.onnx.json`).
+    ///
+    /// # Errors
+    /// If the folder cannot be read.
+    pub fn files(&self) -> std::io::Result<Vec<PathBuf>> {
+        let mut files = Vec::new();
+        for entry in std::fs::read_dir(self.folder)? {
+            let path = entry?.path();
+            let is_json = path.extension().is_some_and(|found| found.eq_ignore_ascii_case("json"));
+            let describes_onnx = path.file_stem().is_some_and(|stem| is_onnx(Path::new(stem)));
+            if is_json && !describes_onnx {
+                files.push(path);
+            }
+        }
+        files.sort();
+        Ok(files)
+    }
+
+    /// Returns the number of simulations of a test.
+    pub fn simulations(&self) -> u64 {
+        (1 + self.repeats) * if self.baseline().is_some() { 2 } else { 1 }
+    }
+
+    /// Simulates a file. `watch` is called after each repeat, and can end them. Mistakes in the
+    /// file are the result of its test.
+    pub fn test(&self, path: &Path, mut watch: impl FnMut(&Episode) -> ControlFlow<()>) -> RegressionTest {
+        let recorded = Counterexample::read(path).map_err(|error| match error {
+            // Names the path itself.
+            MishandleError::File { .. } => with_causes(&error),
+            error => format!("{}: {}", path.display(), with_causes(&error)),
+        });
+        let mut simulated = |controller| {
+            let recorded = recorded.as_ref().map_err(Clone::clone)?;
+            self.simulate(recorded, controller, &mut watch).map_err(|error| with_causes(&error))
+        };
+        let controller = match self.tested {
+            Tested::Controllers { controller, .. } => controller,
+            Tested::Target(_) => None,
+        };
+        let found: Simulated = simulated(controller);
+        let baseline: Option<Simulated> = self.baseline().map(|baseline| simulated(Some(baseline)));
+        let outcome = match (self.fails(&found), baseline.as_ref().map(|baseline| self.fails(baseline))) {
+            (None, _) | (_, Some(None)) => ERROR,
+            (Some(false), Some(Some(true))) => FIXED,
+            (Some(false), _) => PASSES,
+            (Some(true), Some(Some(false))) => NEW_FAILURE,
+            (Some(true), _) => FAILS,
+        };
+        let recorded = recorded.ok();
+        let reason = || reason(&found, baseline.as_ref());
+        let robustness = |found: &Simulated| -> Option<Number> {
+            found.as_ref().ok()?.episode.robustness().map(Into::into)
+        };
+        let repeats = |found: &Simulated| found.as_ref().ok()?.repeats.clone();
+        let predicate =
+            found.as_ref().ok().and_then(|found| found.explained.explanation.diagnosis.predicate.as_ref());
+        RegressionTest {
+            file: path.file_name().unwrap_or_default().to_string_lossy().into_owned(),
+            target: recorded.as_ref().map(|recorded| recorded.target.name.clone()),
+            result: outcome.to_string(),
+            recorded_robustness: recorded.map(|recorded| recorded.expected.robustness.into()),
+            robustness: robustness(&found),
+            predicate: predicate.map(|predicate| predicate.text.clone()),
+            sample: predicate.map(|predicate| predicate.sample as u64),
+            values: predicate.map(|predicate| predicate.values.map(Into::into)),
+            same_target: found.as_ref().ok().and_then(|found| Some(!found.has_other_target?)),
+            repeats: repeats(&found),
+            reason: (![PASSES, FIXED].contains(&outcome)).then(reason),
+            baseline: baseline
+                .as_ref()
+                .map(|found| BaselineTest { robustness: robustness(found), repeats: repeats(found) }),
+        }
+    }
+
+    /// Returns the result of all tests.
+    pub fn result(&self, tests: Vec<RegressionTest>, is_complete: bool) -> results::Regression {
+        let number = |results: &[&str]| {
+            tests.iter().filter(|test| results.contains(&test.result.as_str())).count() as u64
+        };
+        let with_baseline = |result| self.baseline().map(|_| number(&[result]));
+        let controller = match self.tested {
+            Tested::Controllers { controller, .. } => controller.map(str::to_string),
+            Tested::Target(_) => None,
+        };
+        results::Regression {
+            folder: self.folder.to_string_lossy().into_owned(),
+            controller,
+            baseline: self.baseline().map(str::to_string),
+            passes: number(&[PASSES, FIXED]),
+            fails: number(&[FAILS, NEW_FAILURE]),
+            errors: number(&[ERROR]),
+            new_failures: with_baseline(NEW_FAILURE),
+            fixed: with_baseline(FIXED),
+            is_complete,
+            tests,
+        }
+    }
+
+    fn baseline(&self) -> Option<&str> {
+        match self.tested {
+            Tested::Controllers { baseline, .. } => baseline,
+            Tested::Target(_) => None,
+        }
+    }
+
+    fn simulate(
+        &self,
+        recorded: &Counterexample,
+        controller: Option<&str>,
+        watch: &mut dyn FnMut(&Episode) -> ControlFlow<()>,
+    ) -> Result<Regression, MishandleError> {
+        match self.tested {
+            Tested::Controllers { .. } => regress(recorded, self.folder, controller, self.repeats, watch),
+            Tested::Target(target) => {
+                let plan = Plan { seed: 0, ..recorded.plan.clone() };
+                let resolved = ResolvedPlan::with_target(&plan, target.clone())?;
+                regress_with(recorded, &resolved, self.repeats, watch)
+            }
+        }
+    }
+
+    /// Returns whether a test fails: by the failure rate with other seeds, or without repeats by
+    /// the robustness with the recorded seed. `None` if a simulation has no verdict, because a rate
+    /// of the others would say nothing about it.
+    fn fails(&self, found: &Simulated) -> Option<bool> {
+        let found = found.as_ref().ok()?;
+        match &found.repeats {
+            None => found.episode.robustness().map(|rho| rho < 0.0),
+            Some(repeats) if repeats.failure_rate.n < repeats.simulations => None,
+            Some(repeats) => repeats.failure_rate.value.map(|rate| rate > self.max_failure_rate),
+        }
+    }
+}
+
+/// Describes why a test fails or could not run: the decisive predicate with its values, the failure
+/// rate, or the error.
+fn reason(found: &Simulated, baseline: Option<&Simulated>) -> String {
+    let of_baseline = || baseline.and_then(problem).map(|problem| format!("with the baseline: {problem}"));
+    if let Some(problem) = problem(found).or_else(of_baseline) {
+        return problem;
+    }
+    let Ok(found) = found else { return String::new() };
+    let robustness = found.episode.robustness().unwrap_or(f64::NAN);
+    let decisive = found.explained.explanation.diagnosis.predicate.as_ref().map(|predicate| {
+        let at = mishandle_text::instant(predicate.sample, found.header.control_dt);
+        format!("{} at {at}: {}", predicate.text, compared_values(predicate))
+    });
+    let rate = found.repeats.as_ref().map(failure_text);
+    let parts = [rate, Some(format!("robustness {}", decimal(robustness, 4))), decisive];
+    parts.into_iter().flatten().collect::<Vec<_>>().join("; ")
+}
+
+/// Describes why simulations give no outcome; `None` if they do.
+fn problem(found: &Simulated) -> Option<String> {
+    match found {
+        Err(problem) => Some(problem.clone()),
+        Ok(Regression { repeats: Some(Repeats { simulations, failure_rate, .. }), .. })
+            if failure_rate.n < *simulations =>
+        {
+            let without = simulations - failure_rate.n;
+            Some(format!("{without} of {} without a verdict", plural(*simulations, "repeat")))
+        }
+        Ok(_) => None,
+    }
+}
+
+/// Formats the causes of an error, the outermost first. A cause that the text contains already is
+/// left out.
+fn with_causes(error: &MishandleError) -> String {
+    let causes = successors(Some(error as &dyn Error), |error| (*error).source());
+    causes.map(ToString::to_string).fold(String::new(), |text, cause| match text.as_str() {
+        "" => cause,
+        known if known.ends_with(&cause) => text,
+        known => format!("{known}: {cause}"),
+    })
+}

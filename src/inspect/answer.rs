@@ -1,0 +1,50 @@
+//! The answer of a question with what its simulations say besides.
+
+use std::ops::ControlFlow;
+use std::path::Path;
+
+use mishandle_results as results;
+use mishandle_store::RunFile;
+
+use crate::error::MishandleError;
+use crate::inspect::{mode_survey, smooth_region_of};
+use crate::resolve::ResolvedPlan;
+use crate::run::{Answer, counterexample_repeats};
+
+/// Returns the answer of a question as a result, with all that the question asks for: a
+/// falsification that keeps going has its failure modes, and a complete one the repeats of its
+/// counterexamples and the smooth region.
+///
+/// `run` is the path of the run file, which must be closed. `repeats` and `watch` are those of
+/// [`counterexample_repeats`].
+///
+/// # Errors
+/// If a simulation cannot be run, or the run file cannot be read.
+pub fn whole_result(
+    resolved: &ResolvedPlan,
+    answer: &Answer,
+    run: &Path,
+    repeats: Option<u64>,
+    watch: impl FnMut(u64, u64) -> ControlFlow<()>,
+) -> Result<results::Answer, MishandleError> {
+    let mut result = answer.result(resolved, run)?;
+    let (Answer::Falsification(outcome, counts), results::Answer::Falsification(found)) =
+        (answer, &mut result)
+    else {
+        return Ok(result);
+    };
+    if resolved.plan.falsify.as_ref().is_some_and(|falsify| falsify.keep_going) {
+        let run = RunFile::open_unchecked(run)?;
+        found.modes = Some(mode_survey(&run)?.result(run.header()));
+    }
+    if answer.is_complete() {
+        let mut repeated = counterexample_repeats(resolved, outcome, repeats, watch)?;
+        for trial in &mut found.trials {
+            trial.repeats = repeated.remove(&trial.trial);
+        }
+        if counts.is_none() {
+            found.smooth_region = smooth_region_of(resolved, outcome, run)?;
+        }
+    }
+    Ok(result)
+}
