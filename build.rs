@@ -1,11 +1,13 @@
-//! Passes commit, target triple and compiler to the program, which stores them in run files and controllers. Embeds the
-//! shipped controllers and training settings, so that an installed program needs no clone.
+//! Passes commit, target triple and compiler to the program, which stores them in run files and
+//! controllers. Embeds the shipped controllers and training settings, so that an installed program
+//! needs no clone.
 
 use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::{env, fs, io};
 
-/// Sources of the program. A change in another file, such as a documentation page, does not mark the commit as changed.
+/// Sources of the program. A change in another file, such as a documentation page, does not mark
+/// the commit as changed.
 const SOURCES: [&str; 5] = ["build.rs", "Cargo.toml", "Cargo.lock", "src", "crates"];
 
 /// Folders with a subfolder for each task, and the extension of the files that are embedded.
@@ -32,7 +34,8 @@ fn main() -> io::Result<()> {
     Ok(())
 }
 
-/// Writes the list of embedded files as Rust source: paths relative to the repository, sorted, each with its content.
+/// Writes the list of embedded files as Rust source: paths relative to the repository, sorted, each
+/// with its content.
 fn embed() -> io::Result<()> {
     let root = PathBuf::from(env::var_os("CARGO_MANIFEST_DIR").unwrap_or_default());
     let mut files = Vec::new();
@@ -59,7 +62,8 @@ fn embed() -> io::Result<()> {
     )
 }
 
-/// Returns the entries of a folder in alphabetical order. Returns no entries if the folder does not exist.
+/// Returns the entries of a folder in alphabetical order. Returns no entries if the folder does not
+/// exist.
 fn entries(folder: &Path) -> io::Result<Vec<PathBuf>> {
     if !folder.is_dir() {
         return Ok(Vec::new());
@@ -70,8 +74,8 @@ fn entries(folder: &Path) -> io::Result<Vec<PathBuf>> {
     Ok(paths)
 }
 
-/// Warns if `.cargo/config.toml` was not read, as in a crate outside the workspace. The results have the same bits, but
-/// the matrix kernels run without vector instructions.
+/// Warns if `.cargo/config.toml` was not read, as in a crate outside the workspace. The results
+/// have the same bits, but the matrix kernels run without vector instructions.
 fn warn_of_features() {
     let features = env::var("CARGO_CFG_TARGET_FEATURE").unwrap_or_default();
     let has = |name| features.split(',').any(|feature| feature == name);

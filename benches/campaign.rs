@@ -1,7 +1,8 @@
-//! Measures the overhead of falsification over stepping and inference, and the speedup of a second core.
+//! Measures the overhead of falsification over stepping and inference, and the speedup of a second
+//! core.
 //!
-//! Run it with `cargo bench -p mishandle --bench campaign`. Each number is the minimum of several interleaved repetitions.
-//! The ratios are more reliable than the times.
+//! Run it with `cargo bench -p mishandle --bench campaign`. Each number is the minimum of several
+//! interleaved repetitions. The ratios are more reliable than the times.
 
 #![allow(clippy::print_stdout)]
 

@@ -1,5 +1,5 @@
-//! Cost of the CPU's part of a screening: observations, policy, noise, signals and formulas. The device takes no physics
-//! steps.
+//! Cost of the CPU's part of a screening: observations, policy, noise, signals and formulas. The
+//! device takes no physics steps.
 //!
 //! ```text
 //! cargo bench --bench screening -- TASK [ROWS] [EPISODES PER ROW] [SPACE]

@@ -1,4 +1,5 @@
-//! Runs one episode step by step and prints the joint positions (qpos) of every control step as CSV, for display in MuJoCo.
+//! Runs one episode step by step and prints the joint positions (qpos) of every control step as
+//! CSV, for display in MuJoCo.
 //!
 //! ```text
 //! cargo run --release --example one_episode -- ball-balancing ppo 0.45 0.1 > positions.csv
@@ -21,7 +22,8 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let scenario = Scenario::from(x0);
     environment.space().check(&scenario)?;
 
-    // The state of a simulation is a row of numbers. `worker` steps it, and `controller` computes its actions.
+    // The state of a simulation is a row of numbers. `worker` steps it, and `controller` computes
+    // its actions.
     let (mut worker, mut controller) = (environment.worker(), target.controller().worker());
     let mut state = vec![0.0; environment.state_size()];
     let mut memory = vec![0.0; target.controller().state_size()];

@@ -1,12 +1,14 @@
-//! Replays the first simulations of a run file and writes their states to stdout, for a simulation in MuJoCo's Python.
+//! Replays the first simulations of a run file and writes their states to stdout, for a simulation
+//! in MuJoCo's Python.
 //!
 //! ```text
 //! mishandle evaluate peg-in-hole --controller ppo --episodes 20 --seed 1 --out run.sqlite
 //! cargo run --release --example recorded_states -- run.sqlite 20 > states.f64
 //! ```
 //!
-//! The output consists of 64-bit floating-point numbers, little-endian: 301 states per simulation, each with MuJoCo's
-//! integration state and the targets of the nine joints. `experiments/tasks/physics.py` reads it.
+//! The output consists of 64-bit floating-point numbers, little-endian: 301 states per simulation,
+//! each with MuJoCo's integration state and the targets of the nine joints.
+//! `experiments/tasks/physics.py` reads it.
 
 use std::io::Write;
 

@@ -1,4 +1,5 @@
-//! Sets the search path of the module to the folder into which `cargo xtask mujoco` puts MuJoCo's library.
+//! Sets the search path of the module to the folder into which `cargo xtask mujoco` puts MuJoCo's
+//! library.
 
 use std::path::Path;
 

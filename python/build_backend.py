@@ -20,7 +20,8 @@ OVERRIDES = ["RUSTFLAGS", "CARGO_ENCODED_RUSTFLAGS", "CARGO_TARGET_DIR"]
 
 def build_wheel(directory: str, settings: Any = None, metadata: str | None = None) -> str:
     prepare()
-    # maturin renames MuJoCo's library in cargo's own output, and fails on a renamed one. Without this file, cargo links again.
+    # maturin renames MuJoCo's library in cargo's own output, and fails on a renamed one. Without
+    # this file, cargo links again.
     for linked in (ROOT / "target/release/deps").glob("libmishandle_python*.so"):
         linked.unlink()
     return maturin.build_wheel(directory, settings, metadata)
@@ -36,7 +37,8 @@ def build_sdist(directory: str, settings: Any = None) -> str:
 
 
 def prepare() -> None:
-    # With the tag of this machine's C library, maturin copies MuJoCo's library into the wheel, under another name.
+    # With the tag of this machine's C library, maturin copies MuJoCo's library into the wheel,
+    # under another name.
     major, minor = platform.libc_ver()[1].split(".")[:2]
     os.environ.setdefault("MATURIN_PEP517_ARGS", f"--compatibility manylinux_{major}_{minor}")
     for name in OVERRIDES:

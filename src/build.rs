@@ -15,7 +15,8 @@ const ARCHITECTURE: &str =
         false => std::env::consts::ARCH,
     };
 
-/// Returns version, commit, compiler and platform of this program. A bit-identical replay needs the same build.
+/// Returns version, commit, compiler and platform of this program. A bit-identical replay needs the
+/// same build.
 pub fn build() -> BuildRecord {
     BuildRecord {
         program_version: VERSION.to_string(),

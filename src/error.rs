@@ -204,7 +204,8 @@ pub enum MishandleError {
         /// Name of the device.
         device: String,
     },
-    /// A run cannot be continued with other settings, because the scenarios that its search proposed depend on them.
+    /// A run cannot be continued with other settings, because the scenarios that its search
+    /// proposed depend on them.
     #[error(
         "the run was made with other settings: {}; a run continues with its own settings only: pass those, or make a new run file",
         differences.join("; ")
@@ -512,7 +513,8 @@ fn names(known: &[String]) -> String {
     }
 }
 
-/// Lists the known keys in the table of an unknown key. The keys outside of tables include the names of the tables.
+/// Lists the known keys in the table of an unknown key. The keys outside of tables include the
+/// names of the tables.
 fn keys_beside(key: &str, known: &[&'static str]) -> String {
     let table = key.rsplit_once('.').map_or(String::new(), |(table, _)| format!("{table}."));
     let beside = known.iter().filter_map(|known| known.strip_prefix(table.as_str()));

@@ -1,12 +1,13 @@
 //! Trains, evaluates and falsifies AI controllers.
 //!
-//! A controller acts in a simulated scenario, and the episode gives a trace. A formula in signal temporal logic maps
-//! the trace to its robustness. A search proposes scenarios until the robustness is negative: that scenario is a
-//! counterexample.
+//! A controller acts in a simulated scenario, and the episode gives a trace. A formula in signal
+//! temporal logic maps the trace to its robustness. A search proposes scenarios until the
+//! robustness is negative: that scenario is a counterexample.
 //!
-//! This crate connects the parts, and re-exports the crates below it. A [`Plan`] names target, scenario space, formula and search. [`ResolvedPlan`] looks
-//! these names up and checks them. [`evaluate`](evaluate()), [`falsify`](falsify()) and [`train`](train::train()) execute the
-//! plan and write every simulation to a run file as soon as it ends.
+//! This crate connects the parts, and re-exports the crates below it. A [`Plan`] names target,
+//! scenario space, formula and search. [`ResolvedPlan`] looks these names up and checks them.
+//! [`evaluate`](evaluate()), [`falsify`](falsify()) and [`train`](train::train()) execute the plan
+//! and write every simulation to a run file as soon as it ends.
 //!
 //! # Example
 //! The expert balances the ball from the center of the tray:

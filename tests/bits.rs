@@ -1,5 +1,6 @@
-//! Simulations keep their bits between versions: points, scenarios, seeds, robustness and traces of seven tasks and three
-//! searches match those of an earlier commit. The golden file contains the commit and the command that generated it.
+//! Simulations keep their bits between versions: points, scenarios, seeds, robustness and traces of
+//! seven tasks and three searches match those of an earlier commit. The golden file contains the
+//! commit and the command that generated it.
 //!
 //! An intended change of physics, of a search or of a controller requires a new golden file.
 
@@ -12,7 +13,8 @@ use mishandle::store::RunFile;
 use mishandle::{Plan, ResolvedPlan};
 use serde_json::Value;
 
-/// Returns the strict formula of a task when the golden file was made: its name, or its text if it changed since.
+/// Returns the strict formula of a task when the golden file was made: its name, or its text if it
+/// changed since.
 fn strict(task: &str) -> &'static str {
     match task {
         "ball-pushing" => {
@@ -33,7 +35,8 @@ fn simulations_are_bit_identical_to_an_earlier_commit() {
             formula: Some(strict(task).to_string()),
             search: search.to_string(),
             trials: 1,
-            // The budget limits the evaluations of nelder-mead, so it must be the budget of the command.
+            // The budget limits the evaluations of nelder-mead, so it must be the budget of the
+            // command.
             budget: 14,
             ..FalsifyPlan::default()
         };

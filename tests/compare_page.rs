@@ -203,7 +203,8 @@ fn every_command_of_the_page_exists() {
     }
 }
 
-/// Features that need the Python package are named by the names that it exports and the packages that its extras install.
+/// Features that need the Python package are named by the names that it exports and the packages
+/// that its extras install.
 #[test]
 fn the_python_package_has_what_the_page_names() {
     let exports = include_str!("../python/mishandle/__init__.py");

@@ -32,7 +32,8 @@ fn simulations(folder: &TempDir, task: &str, search: &str, early_stopping: bool)
     found
 }
 
-/// The formula of ball balancing ends at step 200 of 300, that of ball pushing holds once the ball is near the hole.
+/// The formula of ball balancing ends at step 200 of 300, that of ball pushing holds once the ball
+/// is near the hole.
 #[test]
 fn every_search_proposes_the_same_points_and_robustness_is_bounded() {
     let folder = tempfile::tempdir().unwrap();

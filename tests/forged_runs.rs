@@ -1,4 +1,5 @@
-//! A run file whose rows were changed and whose hashes were computed again is reported, with the name of what differs.
+//! A run file whose rows were changed and whose hashes were computed again is reported, with the
+//! name of what differs.
 
 #![allow(clippy::unwrap_used)] // clippy does not count helper functions as tests
 

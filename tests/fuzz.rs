@@ -1,5 +1,6 @@
-//! The laws of the fuzz targets for the corpus in the archives of `fuzz/corpus` and for random changes of it. Nothing is instrumented
-//! here, so that this costs seconds; `cargo xtask fuzz` searches for inputs that reach new code.
+//! The laws of the fuzz targets for the corpus in the archives of `fuzz/corpus` and for random
+//! changes of it. Nothing is instrumented here, so that this costs seconds; `cargo xtask fuzz`
+//! searches for inputs that reach new code.
 #![allow(clippy::unwrap_used)] // clippy does not count helper functions as tests
 
 #[path = "../fuzz/src/bytes.rs"]

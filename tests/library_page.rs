@@ -1,4 +1,5 @@
-//! The output in docs/guide/library.md matches the output of its program. `cargo xtask external` runs the commands of the page.
+//! The output in docs/guide/library.md matches the output of its program. `cargo xtask external`
+//! runs the commands of the page.
 
 #![allow(clippy::unwrap_used)]
 

@@ -32,8 +32,8 @@ fn plans() -> Vec<Plan> {
     ]
 }
 
-/// Asks the question of a plan, each time up to `calls` more calls of `watch`. Returns the answer, the digest of the rows, and the
-/// number of pieces.
+/// Asks the question of a plan, each time up to `calls` more calls of `watch`. Returns the answer,
+/// the digest of the rows, and the number of pieces.
 fn in_pieces(plan: &Plan, calls: u64) -> (String, u128, u64) {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("run.sqlite");

@@ -1,4 +1,5 @@
-//! A rate from screened simulations is that of the system's own simulations, if the engines agree or every simulation is repeated.
+//! A rate from screened simulations is that of the system's own simulations, if the engines agree
+//! or every simulation is repeated.
 
 #![allow(clippy::unwrap_used)]
 
@@ -190,8 +191,8 @@ fn the_failures_of_a_screened_evaluation_are_those_of_the_system() {
     }
 }
 
-/// Asks a question in pieces, each of which has twice as many calls of `watch` as the one before, and returns the answer with the
-/// run's digest and the number of pieces.
+/// Asks a question in pieces, each of which has twice as many calls of `watch` as the one before,
+/// and returns the answer with the run's digest and the number of pieces.
 fn in_pieces(resolved: &ResolvedPlan, engine: Engine<'_>, calls: u32) -> (Answer, u128, u32) {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("run.sqlite");
@@ -345,7 +346,8 @@ fn a_wrong_engine_cannot_falsify_a_trial_and_with_all_repeated_it_changes_nothin
         let without_verdict = counts.without_verdict.simulations;
         assert_eq!(without_verdict == found.simulations, is_diverging);
     }
-    // The hand stays far from its target on this engine, so it reports violations that the system refutes.
+    // The hand stays far from its target on this engine, so it reports violations that the system
+    // refutes.
     let counts = falsified(&Wrong(false), 0.01, 24).1;
     assert!(counts.violated.simulations > counts.violated.violations, "{counts:?}");
 }

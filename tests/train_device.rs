@@ -1,4 +1,5 @@
-//! Training in worlds of another physics engine. Here that engine is MuJoCo C behind the interface of the engines.
+//! Training in worlds of another physics engine. Here that engine is MuJoCo C behind the interface
+//! of the engines.
 
 #![allow(clippy::unwrap_used, reason = "a test")]
 

@@ -12,7 +12,8 @@ use mishandle::tasks::{Preset, Reward, TaskEnvironment, tasks};
 use mishandle::world::Model;
 use mishandle::{Plan, ResolvedPlan};
 
-/// The environment removes visual elements from the scene. Its states must still fit the scene with visual elements.
+/// The environment removes visual elements from the scene. Its states must still fit the scene with
+/// visual elements.
 #[test]
 fn the_states_of_every_task_fit_its_scene_with_visual_elements() {
     for task in tasks() {
@@ -61,7 +62,8 @@ fn a_replayed_trajectory_has_one_state_per_sample_of_the_trace() {
     assert_eq!(last.1, first.1);
 }
 
-/// The expert of cube stacking lowers the held cube until it touches the target, or drops it from just above.
+/// The expert of cube stacking lowers the held cube until it touches the target, or drops it from
+/// just above.
 #[test]
 fn the_first_contact_and_the_release_are_those_of_the_trace() {
     let folder = tempfile::tempdir().unwrap();

@@ -75,7 +75,8 @@ fn only_unreachable_initial_states_are_excluded() {
         let plan = Plan { evaluate: Some(evaluate), ..Plan::new(task, "expert") };
         mishandle::run::rejects_scenarios(&ResolvedPlan::new(&plan).unwrap())
     };
-    // Half of the variant's box is reachable. The probability that all 20 initial states are reachable is 1e-6.
+    // Half of the variant's box is reachable. The probability that all 20 initial states are
+    // reachable is 1e-6.
     assert!(excludes(DEFINITION.name, StartRegion::Reachable));
     assert!(!excludes(DEFINITION.name, StartRegion::Whole));
     assert!(!excludes(BASE, StartRegion::Reachable));

@@ -20,8 +20,8 @@ fn add_task() {
     ADDED.call_once(|| mishandle::tasks::add(&cube_flipping::CubeFlipping).unwrap());
 }
 
-/// Runs the program with the registered task. `HERE` in the arguments is replaced by `folder`, and text in single quotes is
-/// one argument.
+/// Runs the program with the registered task. `HERE` in the arguments is replaced by `folder`, and
+/// text in single quotes is one argument.
 fn run(folder: &Path, arguments: &str) -> ExitCode {
     let folder = folder.to_str().unwrap();
     let words = arguments.split('\'').enumerate().flat_map(|(i, part)| match i % 2 {

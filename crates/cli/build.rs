@@ -1,5 +1,5 @@
-//! Sets the search paths with which an installed program finds MuJoCo's library. Programs in `target` find it through
-//! the rpaths of `.cargo/config.toml`.
+//! Sets the search paths with which an installed program finds MuJoCo's library. Programs in
+//! `target` find it through the rpaths of `.cargo/config.toml`.
 
 use std::env;
 use std::path::{Path, PathBuf};
@@ -7,8 +7,8 @@ use std::path::{Path, PathBuf};
 /// Set by `.cargo/config.toml`, or by a user with another copy of MuJoCo.
 const LINK_DIR: &str = "MUJOCO_DYNAMIC_LINK_DIR";
 
-/// Folder of the copy by `cargo xtask mujoco`, relative to the user's data folder. Must equal the path in
-/// xtask/src/mujoco.rs.
+/// Folder of the copy by `cargo xtask mujoco`, relative to the user's data folder. Must equal the
+/// path in xtask/src/mujoco.rs.
 const KEPT: &str = "mishandle/mujoco-3.17.0";
 
 fn main() {

@@ -20,7 +20,8 @@ from numpy.typing import NDArray
 Points = NDArray[np.float64]
 COUNT_POINTS, COUNT_SEED = 4_000_000, 1
 PLACE_SEED = 2026
-# Draws of a place. With the first one, these functions fail in the center of the box, where some searches start.
+# Draws of a place. With the first one, these functions fail in the center of the box, where some
+# searches start.
 DRAWS = {"levy-5": 2, "griewank-8": 2}
 
 

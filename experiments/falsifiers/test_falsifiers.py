@@ -41,7 +41,8 @@ class Measures(unittest.TestCase):
             np.testing.assert_allclose(found, (low, high), atol=6e-5)
 
     def test_intervals_of_a_ratio_of_constants_have_no_width_over_seeds(self):
-        # Ratios of 1/2 and 3/4: (1 + 3) / (2 + 4) of both systems, and at most 3/4 of two of the same.
+        # Ratios of 1/2 and 3/4: (1 + 3) / (2 + 4) of both systems, and at most 3/4 of two of the
+        # same.
         pairs = [(np.full(5, 1.0), np.full(5, 2.0)), (np.full(5, 3.0), np.full(5, 4.0))]
         seeds, like_these = measures.ratio_intervals(pairs)
         np.testing.assert_allclose(seeds, (2 / 3, 2 / 3))
@@ -58,7 +59,8 @@ class Measures(unittest.TestCase):
         self.assertEqual(measures.holm([0.9, 0.8]), [1.0, 1.0])
 
     def test_paired_p_by_the_normal_approximation(self):
-        # Ten differences of one sign: rank sum 0 with mean 10 · 11 / 4 and variance 10 · 11 · 21 / 24.
+        # Ten differences of one sign: rank sum 0 with mean 10 · 11 / 4 and variance 10 · 11 · 21
+        # / 24.
         first = np.arange(10.0)
         z = 27.5 / math.sqrt(96.25)
         second = first + np.arange(1, 11)
@@ -96,8 +98,8 @@ class Functions(unittest.TestCase):
         self.assertAlmostEqual(functions.uniform_sum_tail(4, 2.0), 0.5)
 
     def test_usual_functions_have_their_published_minima(self):
-        # Surjanovic and Bingham, Virtual Library of Simulation Experiments. It rounds Styblinski and Tang's to -39.16599, which is
-        # not below the bound -39.16616 of other sources.
+        # Surjanovic and Bingham, Virtual Library of Simulation Experiments. It rounds Styblinski
+        # and Tang's to -39.16599, which is not below the bound -39.16616 of other sources.
         cases = [
             (functions.ackley, [0.0] * 10, 0.0),
             (functions.branin, [math.pi, 2.275], 0.397887),

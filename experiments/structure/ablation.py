@@ -32,7 +32,8 @@ RUN = [
     "whole-probability", "conjuncts-probability", "windows-probability", "decisive-probability",
     "whole-bound+whole-probability", "whole-bound+conjuncts-probability", "whole-bound+decisive-probability",
 ]  # fmt: skip
-# The systems with the largest differences in both directions are tried again with fresh seeds, which chose nothing.
+# The systems with the largest differences in both directions are tried again with fresh seeds,
+# which chose nothing.
 CONFIRMED = ["ball-balancing", "ball-pushing/ppo/dynamics"]
 CONFIRMING = ["whole-bound", "whole-probability", "conjuncts-probability"]
 FRESH = range(SEEDS, SEEDS + 20)
@@ -103,7 +104,8 @@ def main() -> None:
     parser.add_argument("--systems", nargs="+", metavar="TEXT", default=[""], help="systems whose name contains one of these texts")
     parser.add_argument("--variants", nargs="+", metavar="NAME", default=RUN, help="variants of the trials")
     options = parser.parse_args()
-    # Few points of a design fail in the narrowed spaces of the trials, so that the models are judged in the whole ones.
+    # Few points of a design fail in the narrowed spaces of the trials, so that the models are
+    # judged in the whole ones.
     known = load(1.0 if options.what == "models" else None)
     systems = [system for system in known if any(text in system.name for text in options.systems)]
     if options.what == "run":

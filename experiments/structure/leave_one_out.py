@@ -13,7 +13,8 @@ from variants import VARIANTS, composed_bound, log_probability
 
 POINTS = 100
 KINDS = ["whole", "conjuncts", "conjuncts-whole", "decisive", "windows", "untied"]
-# A probability this close to 0 or 1 counts as this one, so that one wrong certainty does not decide a mean logarithm.
+# A probability this close to 0 or 1 counts as this one, so that one wrong certainty does not decide
+# a mean logarithm.
 CERTAIN = 1e-3
 
 
@@ -68,7 +69,8 @@ def write(systems: list[System], path: pathlib.Path) -> None:
             points = design(system)
             found = [system.simulate(point) for point in points]
             decided = np.stack([one.decisive for one in found])
-            # The share of the points at which the most frequent conjunct sets the robustness, and at which it is negative itself.
+            # The share of the points at which the most frequent conjunct sets the robustness, and
+            # at which it is negative itself.
             sets = np.bincount(decided.argmin(1), minlength=decided.shape[1])
             facts = {"sets": sets.max() / POINTS, "sets_and_fails": float((decided[:, sets.argmax()] < 0).mean())}
             for kind in KINDS:

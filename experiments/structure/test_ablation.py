@@ -24,7 +24,8 @@ class Formulas(unittest.TestCase):
     def test_parts_of_nested_formula(self) -> None:
         [term] = parse("eventually[0:1](always[0:1](a <= 1 and b > 0))")
         found = parts([term], {"a": np.array([3.0, 0.5, 0.0]), "b": np.array([1.0, 0.2, 0.1])}, 2)
-        # At sample 0: a gives min(-2, 0.5), b min(1, 0.2); at sample 1: a min(0.5, 1), b min(0.2, 0.1).
+        # At sample 0: a gives min(-2, 0.5), b min(1, 0.2); at sample 1: a min(0.5, 1), b min(0.2,
+        # 0.1).
         self.assertEqual(found.robustness, 0.1)
         self.assertEqual(found.alone.tolist(), [0.5, 0.2])
         self.assertEqual(found.decisive.tolist(), [0.5, 0.1])
@@ -55,7 +56,8 @@ class Model(unittest.TestCase):
         np.testing.assert_allclose(process._density(at, squares, targets)[1], numeric, rtol=1e-4, atol=1e-5)
 
     def test_leave_one_out_means(self) -> None:
-        # With the mean of the whole fit, as in the closed form, leaving out is solving without a row and column.
+        # With the mean of the whole fit, as in the closed form, leaving out is solving without a
+        # row and column.
         points, targets = data(12, 2)
         process = Process(2)
         process.condition(points, targets)

@@ -5,8 +5,8 @@ use mishandle::training::Checkpoint;
 
 use crate::scratch::Scratch;
 
-/// Checks that a checkpoint that is read and written reads as the same checkpoint, bit for bit. Each input is read as
-/// it is, and with its checksum corrected.
+/// Checks that a checkpoint that is read and written reads as the same checkpoint, bit for bit.
+/// Each input is read as it is, and with its checksum corrected.
 pub fn check(bytes: &[u8]) {
     let scratch = Scratch::new();
     check_file(&scratch, bytes);

@@ -5,8 +5,9 @@ use mishandle::controllers::{
 };
 use mishandle_network::{Activation, Mlp};
 
-/// Checks that a file that is read and written is the same controller: the written bytes read as a controller that is
-/// written as the same bytes, with the same header. Each input is read as it is, and with its checksum corrected.
+/// Checks that a file that is read and written is the same controller: the written bytes read as a
+/// controller that is written as the same bytes, with the same header. Each input is read as it is,
+/// and with its checksum corrected.
 pub fn check(bytes: &[u8]) {
     check_file(bytes);
     let mut corrected = bytes.to_vec();

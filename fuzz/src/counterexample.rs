@@ -9,7 +9,8 @@ use mishandle::{Plan, ResolvedPlan};
 
 /// Checks the laws:
 /// - a counterexample that is read and written reads as the same counterexample;
-/// - the scenario of a toy either runs or is an error. A file of a task can name a controller, so it is not resolved here.
+/// - the scenario of a toy either runs or is an error. A file of a task can name a controller, so
+///   it is not resolved here.
 pub fn check(bytes: &[u8]) {
     let Ok(text) = std::str::from_utf8(bytes) else { return };
     let Ok(counterexample) = Counterexample::from_json(text) else { return };

@@ -9,8 +9,8 @@ const PERIOD: &str = "0.1";
 
 /// Checks the laws:
 /// - every log ends with one of the documented exit codes;
-/// - a log without quotes and without a column `time`, of finite numbers only, gets the verdict that a parser of three
-///   lines gives it.
+/// - a log without quotes and without a column `time`, of finite numbers only, gets the verdict
+///   that a parser of three lines gives it.
 pub fn check(bytes: &[u8]) {
     let scratch = Scratch::new();
     let path = scratch.file("log.csv", bytes);

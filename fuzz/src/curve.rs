@@ -4,8 +4,8 @@ use mishandle::train::Curve;
 
 use crate::scratch::Scratch;
 
-/// Checks that the iterations of every curve that is read are consecutive, that its environment steps increase, and
-/// that every row has one number per reward term.
+/// Checks that the iterations of every curve that is read are consecutive, that its environment
+/// steps increase, and that every row has one number per reward term.
 pub fn check(bytes: &[u8]) {
     let scratch = Scratch::new();
     let Ok(curve) = Curve::load(&scratch.file("curve.csv", bytes)) else { return };

@@ -8,9 +8,10 @@ use crate::bytes::Bytes;
 
 /// Checks the laws:
 /// - the position of an error is in the text;
-/// - a printed formula parses to the same formula and prints the same text. Named sub-formulas are expanded, so the
-///   printed text can exceed a limit that the input does not;
-/// - robustness is never NaN, and the robustness at time 0 is the first value of the robustness signal;
+/// - a printed formula parses to the same formula and prints the same text. Named sub-formulas are
+///   expanded, so the printed text can exceed a limit that the input does not;
+/// - robustness is never NaN, and the robustness at time 0 is the first value of the robustness
+///   signal;
 /// - every sub-formula has a minimum, or the decided robustness signal has an error, too.
 pub fn check(bytes: &[u8]) {
     let Ok(text) = std::str::from_utf8(bytes) else { return };

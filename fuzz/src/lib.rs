@@ -1,6 +1,6 @@
-//! Laws that hold for all bytes. Each module checks one reader; the programs in `fuzz_targets` call it with the inputs
-//! of libFuzzer. A broken law is a panic. libFuzzer itself finds crashes, inputs that take longer than a second, and
-//! memory above its limit.
+//! Laws that hold for all bytes. Each module checks one reader; the programs in `fuzz_targets` call
+//! it with the inputs of libFuzzer. A broken law is a panic. libFuzzer itself finds crashes, inputs
+//! that take longer than a second, and memory above its limit.
 //!
 //! A module also returns seeds: valid inputs from which the corpus was grown.
 

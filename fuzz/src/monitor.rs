@@ -18,8 +18,9 @@ const SAMPLES: usize = 40;
 /// Deepest formula; it has at most 2⁶ operands.
 const DEPTH: usize = 6;
 
-/// Checks that the robustness signal of a formula equals that of the reference evaluator, also after the formula was
-/// printed and parsed, or the trace was recorded, and that the robustness at time 0 is its first value.
+/// Checks that the robustness signal of a formula equals that of the reference evaluator, also
+/// after the formula was printed and parsed, or the trace was recorded, and that the robustness at
+/// time 0 is its first value.
 pub fn check(bytes: &[u8]) {
     let mut bytes = Bytes(bytes);
     let samples = 1 + bytes.below(SAMPLES);

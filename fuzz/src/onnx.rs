@@ -5,8 +5,9 @@ use mishandle::interchange::{OnnxPolicy, onnx_bytes};
 use mishandle::rollout::{Controller, Seed};
 use mishandle_network::{Activation, Mlp};
 
-/// Checks that a model which is loaded computes actions: the same for the same observations and state, whatever the other
-/// rows are. A number that is not finite is allowed, because it ends a simulation.
+/// Checks that a model which is loaded computes actions: the same for the same observations and
+/// state, whatever the other rows are. A number that is not finite is allowed, because it ends a
+/// simulation.
 pub fn check(bytes: &[u8]) {
     let Ok(policy) = OnnxPolicy::from_bytes(bytes, None, &["toy"], &layout()) else { return };
     let observations = [0.5, -2.0, 1.5, 0.25];

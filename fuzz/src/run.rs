@@ -69,8 +69,8 @@ pub fn simulation(trial: u32, number: u32, trace: Option<StoredTrace>) -> Simula
     }
 }
 
-/// Writes two trials of three simulations each and returns the writer, which is still open. The second simulation of
-/// a trial has a trace.
+/// Writes two trials of three simulations each and returns the writer, which is still open. The
+/// second simulation of a trial has a trace.
 pub fn write(path: &Path) -> RunWriter {
     let mut writer = RunWriter::create(path, &header(2), IfExists::Refuse).expect("a new file");
     for trial in [1, 2] {

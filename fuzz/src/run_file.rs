@@ -67,13 +67,13 @@ impl Original {
     }
 }
 
-/// Checks what a reader gets from a run whose bytes were changed at random. The first byte selects the run, the rest
-/// are changes:
+/// Checks what a reader gets from a run whose bytes were changed at random. The first byte selects
+/// the run, the rest are changes:
 /// - the file is an error, or has the original header;
-/// - every trial, simulation and trace that is read without an error has the bits of the original with its numbers.
-///   Records can be missing;
-/// - if [`RunFile::check`] accepts the file, no record is missing, except that a run that was not closed can lose its
-///   last records.
+/// - every trial, simulation and trace that is read without an error has the bits of the original
+///   with its numbers. Records can be missing;
+/// - if [`RunFile::check`] accepts the file, no record is missing, except that a run that was not
+///   closed can lose its last records.
 pub fn check(bytes: &[u8]) {
     let mut bytes = Bytes(bytes);
     let which = bytes.below(ORIGINALS.len());

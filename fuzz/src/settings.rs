@@ -2,7 +2,8 @@
 
 use mishandle::training::ALGORITHMS;
 
-/// Checks that settings that are read and written read as the same settings. The first byte selects the algorithm.
+/// Checks that settings that are read and written read as the same settings. The first byte selects
+/// the algorithm.
 pub fn check(bytes: &[u8]) {
     let Some((algorithm, text)) = bytes.split_first() else { return };
     let Ok(text) = std::str::from_utf8(text) else { return };

@@ -4,8 +4,8 @@ use mishandle::interchange::{ImportOptions, import};
 use mishandle::rollout::Controller;
 use mishandle_network::Activation;
 
-/// Checks that an imported policy has finite weights and computes an action. Each input is read as an archive, and as the
-/// pickle in an archive with correct checksums.
+/// Checks that an imported policy has finite weights and computes an action. Each input is read as
+/// an archive, and as the pickle in an archive with correct checksums.
 pub fn check(bytes: &[u8]) {
     check_archive(bytes);
     let weights: Vec<u8> = (0..64).flat_map(|number| (number as f32 * 0.125 - 4.0).to_le_bytes()).collect();

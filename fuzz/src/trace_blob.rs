@@ -14,7 +14,8 @@ const LARGEST: usize = 1 << 16;
 /// Largest number of columns of a trace that is written again.
 const COLUMNS: usize = 8;
 
-/// Checks the laws, with the blob beside a row whose trace digest is that of the reference decoder's result:
+/// Checks the laws, with the blob beside a row whose trace digest is that of the reference
+/// decoder's result:
 /// - a blob that the reference decoder rejects is an error;
 /// - a blob that is read has the bits of the reference decoder;
 /// - a trace that is read and written reads as the same trace, also by the reference decoder.
@@ -70,7 +71,8 @@ fn bits(columns: &[Vec<f64>]) -> Vec<Vec<u64>> {
     columns.iter().map(|column| column.iter().map(|value| value.to_bits()).collect()).collect()
 }
 
-/// The reference decoder, written from the description of the format and not from the code of `store`.
+/// The reference decoder, written from the description of the format and not from the code of
+/// `store`.
 fn decode(blob: &[u8]) -> Option<Vec<Vec<f64>>> {
     let number = |at: usize| Some(u32::from_le_bytes(blob.get(at..at + 4)?.try_into().ok()?) as usize);
     let (samples, columns) = (number(1)?, number(5)?);

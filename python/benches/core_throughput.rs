@@ -1,5 +1,5 @@
-//! Prints the control steps per second of the Rust core, for comparison with the Python package: environments stepped together
-//! under zero actions, for two seconds after a first step.
+//! Prints the control steps per second of the Rust core, for comparison with the Python package:
+//! environments stepped together under zero actions, for two seconds after a first step.
 //!
 //! `core_throughput TASK ROWS THREADS`
 

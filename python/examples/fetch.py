@@ -44,7 +44,8 @@ def set_object(axis):
         pose[axis] = inner.initial_gripper_xpos[axis] + value
         inner._utils.set_joint_qpos(inner.model, inner.data, "object0:joint", pose)
         inner._mujoco.mj_forward(inner.model, inner.data)
-        # The environment, too, starts with the object at least 0.1 m from the gripper's axis. The y axis is set last.
+        # The environment, too, starts with the object at least 0.1 m from the gripper's axis. The y
+        # axis is set last.
         if axis == 1 and np.linalg.norm(pose[:2] - inner.initial_gripper_xpos[:2]) < 0.1:
             raise mishandle.InvalidScenario
         return inner._get_obs()
@@ -62,7 +63,8 @@ def set_goal(axis):
 
 
 def set_friction(env, value):
-    # A contact has the larger friction of its two geoms, so both the object's and the table's are set.
+    # A contact has the larger friction of its two geoms, so both the object's and the table's are
+    # set.
     model = env.unwrapped.model
     for geom in (OBJECT, model.body("table0").geomadr[0]):
         model.geom_friction[geom, 0] = value

@@ -84,8 +84,8 @@ def main():
     observation = {"type": "Kinematics", "normalize": False, "absolute": False, "vehicles_count": 8, "see_behind": True}
     config = {"observation": observation, "lanes_count": LANES, "policy_frequency": 2, "duration": 1000}
     env = gymnasium.make("highway-fast-v0", config=config)
-    # 30 steps are 15 s. The environment states twice its control frequency as `render_fps`, so the step is given here.
-    # It terminates at a collision; the last sample is held until the end.
+    # 30 steps are 15 s. The environment states twice its control frequency as `render_fps`, so the
+    # step is given here. It terminates at a collision; the last sample is held until the end.
     target = dict(policy=drive, signals=SIGNALS, steps=30, control_dt=0.5, termination="hold")
     evaluation = mishandle.evaluate(env, FORMULAS, SPACE, episodes=40, out=fresh("highway_evaluation"), **target)
     run, started = fresh("highway"), time.time()

@@ -34,7 +34,8 @@ def train():
 
 
 def set_friction(env, value):
-    # A contact has the larger friction of its two geoms, so both the foot's and the floor's are set.
+    # A contact has the larger friction of its two geoms, so both the foot's and the floor's are
+    # set.
     for geom in ("floor", "foot_geom"):
         env.unwrapped.model.geom(geom).friction[0] = value
 
@@ -67,11 +68,13 @@ def main():
         train()
     moments = VecNormalize.load(str(MOMENTS), make_vec_env("Hopper-v5", n_envs=1, seed=1000))
     moments.training = moments.norm_reward = False
-    # With its environment, the model knows its normalizer of observations, and Mishandle applies it.
+    # With its environment, the model knows its normalizer of observations, and Mishandle applies
+    # it.
     model = PPO.load(MODEL, env=moments, device="cpu")
     mean, deviation = evaluate_policy(model, moments, n_eval_episodes=20)
 
-    # 500 steps are 4 s. The robot may fall: the episode continues, so that formulas have all samples.
+    # 500 steps are 4 s. The robot may fall: the episode continues, so that formulas have all
+    # samples.
     env = gymnasium.make("Hopper-v5", terminate_when_unhealthy=False)
     target = dict(policy=model, signals=SIGNALS, steps=500)
     evaluation = mishandle.evaluate(env, FORMULAS, SPACE, episodes=100, out=fresh("hopper_evaluation"), **target)

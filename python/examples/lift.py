@@ -38,7 +38,8 @@ class Lift(gymnasium.Env):
 
     def reset(self, *, seed=None, options=None):
         super().reset(seed=seed)
-        # Without it, the placement and the noise of the arm's initial joints depend on earlier resets.
+        # Without it, the placement and the noise of the arm's initial joints depend on earlier
+        # resets.
         self.sim_env.rng = np.random.default_rng(seed)
         self.sim_env.placement_initializer.rng = self.sim_env.rng
         for robot in self.sim_env.robots:

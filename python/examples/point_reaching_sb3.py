@@ -41,7 +41,8 @@ def train():
 def main():
     if "--train" in sys.argv:
         train()
-    # With its environment, the model knows its normalizer of observations, and Mishandle applies it.
+    # With its environment, the model knows its normalizer of observations, and Mishandle applies
+    # it.
     model = PPO.load(MODEL, env=VecNormalize.load(str(MOMENTS), environments(1)), device="cpu")
     facts = facts_of_task("point-reaching", "point_reaching_sb3", model)
     record("point_reaching_sb3", {"training": read_training("point_reaching_sb3"), **facts}, PACKAGES)

@@ -50,7 +50,8 @@ class Value(DeterministicMixin, Model):
 
 
 def make_agent(environments):
-    # The default autoreset mode, NEXT_STEP: the last observation of an episode is in its transition, as skrl expects.
+    # The default autoreset mode, NEXT_STEP: the last observation of an episode is in its
+    # transition, as skrl expects.
     env = wrap_env(gymnasium.make_vec("mishandle/PointReaching-v0", num_envs=environments), wrapper="gymnasium")
     spaces = {"observation_space": env.observation_space, "action_space": env.action_space}
     scaler = {"device": "cpu"}

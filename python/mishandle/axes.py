@@ -206,7 +206,8 @@ def set_path(start: Any, path: str, value: Any) -> None:
         start = start[parent] if isinstance(start, Mapping) else getattr(start, parent)
         for index in parent_indexes:
             start = start[index]
-    # Also raises if there is no such attribute: setting a new one would have no effect on the environment.
+    # Also raises if there is no such attribute: setting a new one would have no effect on the
+    # environment.
     found = start[name] if isinstance(start, Mapping) else getattr(start, name)
     if not indexes:
         if isinstance(start, MutableMapping):

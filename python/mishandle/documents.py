@@ -43,7 +43,8 @@ class RunResult:
         return {name: value for name, value in self.__dict__.items() if not name.startswith("_")}
 
     def remember(self, target: _native.Target) -> None:
-        # The dataclasses are frozen, and the system is not a field: it cannot be compared or copied.
+        # The dataclasses are frozen, and the system is not a field: it cannot be compared or
+        # copied.
         self.__dict__["_target"] = target
 
     @property

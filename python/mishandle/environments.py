@@ -128,7 +128,8 @@ class EnvironmentSystem(PolicySystem):
         super().__init__(first, policy, space, **options)
 
     def __getstate__(self) -> dict[str, Any]:
-        # Simulators outside of Python cannot be copied, so an environment that Gymnasium made is made again.
+        # Simulators outside of Python cannot be copied, so an environment that Gymnasium made is
+        # made again.
         environments = [each if each.spec is None else each.spec for each in self._environments]
         return {**self.__dict__, "_environments": environments, "_environment": None}
 
@@ -154,8 +155,8 @@ class EnvironmentSystem(PolicySystem):
             running = [row for row in rows if row.outcome is None]
             if not running:
                 break
-            # Ended rows keep their last observation, so that the rows of a recurrent policy stay in place. A row without one
-            # did not start.
+            # Ended rows keep their last observation, so that the rows of a recurrent policy stay in
+            # place. A row without one did not start.
             observations = [running[0].observation if row.observation is None else row.observation for row in rows]
             end, actions = self.act(observations, [] if self.time_limit is None else [row.time for row in running])
             if end is not None:

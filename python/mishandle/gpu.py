@@ -179,7 +179,8 @@ class WarpBatch:
             size = int(np.size(attribute(model, name)))
             if size > 0 and name not in UNUSED_FIELDS:
                 if name != GRAVITY and getattr(known.get(name), "shape", (0,))[0] != "*":
-                    # With a cloth, masses change flexedge_invweight0, which MuJoCo Warp shares between worlds.
+                    # With a cloth, masses change flexedge_invweight0, which MuJoCo Warp shares
+                    # between worlds.
                     raise RuntimeError(f"cannot vary {name} of this model between worlds; use MuJoCo C")
                 varying[name] = self._fields_size
             self._fields_size += size
@@ -416,7 +417,8 @@ class WarpBatch:
         """Waits for the end of the control step, without the interpreter lock."""
         if self._graph is not None:
             wp.synchronize_stream(self._stream)
-        # Warp reports no error of a lost device here, and the outputs would be those of the step before.
+        # Warp reports no error of a lost device here, and the outputs would be those of the step
+        # before.
         if self._host["outputs"].numpy()[0, -1] == UNFINISHED:
             raise RuntimeError("the device did not finish a control step")
 

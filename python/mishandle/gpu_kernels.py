@@ -10,7 +10,8 @@ import warp as wp
 MAX_VALUE = wp.constant(1e10)
 """MuJoCo's ``mjMAXVAL``: a larger number means that the simulation has diverged."""
 
-# Too little memory. The other bits report solver iterations, which MuJoCo C does not treat as an error either.
+# Too little memory. The other bits report solver iterations, which MuJoCo C does not treat as an
+# error either.
 _OVERFLOWS = (
     mjw.OverflowType.NEFC
     | mjw.OverflowType.NJMAX_NNZ
@@ -110,7 +111,8 @@ def watch(
     status: wp.array(dtype=int),
 ) -> None:
     row = wp.tid()
-    # An overflow explains a divergence, so it has priority, and it lasts until the end of the control step.
+    # An overflow explains a divergence, so it has priority, and it lasts until the end of the
+    # control step.
     if overflow[row] & OVERFLOWS:
         status[row] = 2
     if status[row] == 0:

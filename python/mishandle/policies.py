@@ -88,7 +88,8 @@ def _own_source(code: Any) -> str:
     kind = code if isinstance(code, type) or hasattr(code, "__code__") else type(code)
     if BytecodeOnly.depth == 0:
         try:
-            # Of the code, because `inspect` would return the source of the function that a decorator wraps.
+            # Of the code, because `inspect` would return the source of the function that a
+            # decorator wraps.
             return inspect.getsource(getattr(kind, "__code__", kind))
         except (OSError, TypeError):
             pass
@@ -160,7 +161,8 @@ def _weights(value: Any) -> Iterator[tuple[str, NDArray[Any]]]:
     """Yields the named weights of a PyTorch module, and of a model of Stable-Baselines3 or skrl."""
     if isinstance(value, type):
         return
-    # Both libraries keep the module in the attribute `policy`; skrl keeps the normalizer of observations beside it.
+    # Both libraries keep the module in the attribute `policy`; skrl keeps the normalizer of
+    # observations beside it.
     modules: list[Any] = [value, getattr(value, "policy", None), getattr(value, "_observation_preprocessor", None)]
     for module in modules:
         if _is_torch(module):

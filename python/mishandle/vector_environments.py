@@ -41,7 +41,8 @@ class VectorSystem(PolicySystem):
         super().__init__(environment, policy, space, **options)
         self._rows: int = environment.num_envs
         self._mode = AutoresetMode(environment.metadata.get("autoreset_mode", AutoresetMode.NEXT_STEP))
-        # A row that ended in the last step would restart in the next one, also after a reset in some versions of Gymnasium.
+        # A row that ended in the last step would restart in the next one, also after a reset in
+        # some versions of Gymnasium.
         self._restarts = False
         # A row that was never reset has no observation for a masked reset of another row.
         self._is_new = True

@@ -24,7 +24,8 @@ def violation(nodes: Sequence[_native.Node], values: Sequence[NDArray[np.float64
     """
     samples = len(values[0])
     result = np.zeros(samples, dtype=bool)
-    # For each node, the samples at which its value is a cause, and whether the cause is that it holds.
+    # For each node, the samples at which its value is a cause, and whether the cause is that it
+    # holds.
     pending: list[tuple[Mask, bool] | None] = [None] * len(nodes)
     first = np.zeros(samples, dtype=bool)
     first[:1] = values[0][:1] < 0
@@ -36,7 +37,8 @@ def violation(nodes: Sequence[_native.Node], values: Sequence[NDArray[np.float64
         if operator == "not":
             pending[operands[0]] = (at, not holds)
         elif operator in ("and", "or"):
-            # All operands of a conjunction that holds are causes, and those operands of one that fails which fail.
+            # All operands of a conjunction that holds are causes, and those operands of one that
+            # fails which fail.
             for operand in operands:
                 pending[operand] = (at & _agreeing(values[operand], holds), holds)
         elif operator in ("always", "eventually", "historically", "once") and window is not None:

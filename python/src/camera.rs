@@ -10,7 +10,8 @@ use mishandle::world::{CAMERAS, Quality, Renderer, Size};
 /// States to draw, and where to send the pixels or an error.
 type Order = (Vec<Vec<f64>>, Sender<Result<Vec<u8>, String>>);
 
-/// Draws states of one scene on a thread of its own, because OpenGL binds a renderer to the thread that created it.
+/// Draws states of one scene on a thread of its own, because OpenGL binds a renderer to the thread
+/// that created it.
 pub(crate) struct Camera {
     size: Size,
     /// `None` while the camera is dropped.
@@ -76,8 +77,8 @@ fn draw_orders(document: &str, size: Size, framed: &[Vec<f64>], orders: &Receive
 /// Control steps of the motions that the camera must show.
 const MOTION_STEPS: usize = 30;
 
-/// Returns states for placing a camera: the initial states at the center and at both ends of each axis of the initial box, and
-/// those after half a second at full speed in both directions.
+/// Returns states for placing a camera: the initial states at the center and at both ends of each
+/// axis of the initial box, and those after half a second at full speed in both directions.
 pub(crate) fn framed_states(environment: &TaskEnvironment) -> Vec<Vec<f64>> {
     let nominal = environment.space().nominal();
     let mut scenarios = vec![nominal.clone()];

@@ -9,7 +9,8 @@ use pyo3::prelude::*;
 
 use crate::{InvalidValueError, plain};
 
-/// A node of the syntax tree: operator, window in samples, positions of the operands, and sides of a comparison.
+/// A node of the syntax tree: operator, window in samples, positions of the operands, and sides of
+/// a comparison.
 type Node = (Option<&'static str>, Option<(usize, Option<usize>)>, Vec<usize>, Option<[String; 2]>);
 
 /// A parsed formula.
@@ -73,8 +74,8 @@ impl PyFormula {
         Ok(found.map_err(plain)?.into_pyarray(py))
     }
 
-    /// Returns the least and the greatest robustness at the first sample over all continuations of a trace that decide the
-    /// formula.
+    /// Returns the least and the greatest robustness at the first sample over all continuations of
+    /// a trace that decide the formula.
     fn robustness_bounds(
         &self,
         py: Python<'_>,

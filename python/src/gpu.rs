@@ -1,5 +1,5 @@
-//! The device `gpu`: worlds that MuJoCo Warp steps, through the Python module `mishandle.gpu`, and networks, through
-//! `mishandle.gpu_networks`.
+//! The device `gpu`: worlds that MuJoCo Warp steps, through the Python module `mishandle.gpu`, and
+//! networks, through `mishandle.gpu_networks`.
 
 use std::collections::HashMap;
 use std::sync::Arc;
@@ -87,7 +87,8 @@ fn make(py: Python<'_>, spec: &BatchSpec) -> PyResult<WarpWorlds> {
 /// Returns a buffer as a slice.
 ///
 /// # Safety
-/// The buffer must hold `length` values of `T`, be aligned, outlive `'a`, and have no other reader or writer.
+/// The buffer must hold `length` values of `T`, be aligned, outlive `'a`, and have no other reader
+/// or writer.
 #[allow(unsafe_code)]
 unsafe fn slice<'a, T>(buffer: Buffer) -> &'a mut [T] {
     if buffer.length == 0 {
@@ -144,10 +145,10 @@ impl WorldBatch for WarpWorlds {
     }
 
     fn buffers(&mut self) -> BatchBuffers<'_> {
-        // SAFETY: the object lives as long as `self`; its buffers have these types and lengths (`make` checked the lengths) and are
-        // used by Python and the GPU only from `start_step` to `finish_step` and in `write_states` and `write_fields`, which borrow
-        // `self` exclusively. `active` holds what this side writes,
-        // 0 or 1, and starts as zeros.
+        // SAFETY: the object lives as long as `self`; its buffers have these types and lengths
+        // (`make` checked the lengths) and are used by Python and the GPU only from `start_step` to
+        // `finish_step` and in `write_states` and `write_fields`, which borrow `self` exclusively.
+        // `active` holds what this side writes, 0 or 1, and starts as zeros.
         #[allow(unsafe_code)]
         unsafe {
             BatchBuffers {
@@ -222,8 +223,9 @@ impl WarpNetwork {
 
 impl DeviceNetwork for WarpNetwork {
     fn buffers(&mut self) -> DeviceBuffers<'_> {
-        // SAFETY: the object lives as long as `self`; its buffers hold 32-bit floats, have these lengths (`make_network` checked them), and
-        // are used by Python only in `forward` and `backward`, which borrow `self` exclusively.
+        // SAFETY: the object lives as long as `self`; its buffers hold 32-bit floats, have these
+        // lengths (`make_network` checked them), and are used by Python only in `forward` and
+        // `backward`, which borrow `self` exclusively.
         #[allow(unsafe_code)]
         unsafe {
             DeviceBuffers {

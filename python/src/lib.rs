@@ -1,6 +1,7 @@
 //! The extension module of the Python package `mishandle`.
 //!
-//! The package's Python modules are its public interface; `_native.pyi` contains the types of this module.
+//! The package's Python modules are its public interface; `_native.pyi` contains the types of this
+//! module.
 
 #![allow(clippy::needless_pass_by_value, reason = "PyO3 passes arguments by value")]
 #![allow(clippy::result_large_err, reason = "closures return the error of the library")]
@@ -94,7 +95,8 @@ fn contents(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_function(wrap_pyfunction!(run_command, module)?)
 }
 
-/// Runs the command line with these arguments, of which the first is the name of the program, and returns its exit code.
+/// Runs the command line with these arguments, of which the first is the name of the program, and
+/// returns its exit code.
 #[pyfunction]
 fn run_command(py: Python<'_>, arguments: Vec<std::ffi::OsString>) -> u8 {
     py.detach(|| mishandle_cli::exit_code_of(arguments, Some(&gpu::device())))
@@ -106,7 +108,8 @@ fn plain(error: impl StdError) -> PyErr {
     InvalidValueError::new_err(causes.map(ToString::to_string).collect::<Vec<_>>().join(": "))
 }
 
-/// Checks that the calling process is `process`. A process made by `fork` shares no threads and locks with its parent.
+/// Checks that the calling process is `process`. A process made by `fork` shares no threads and
+/// locks with its parent.
 fn in_this_process(process: u32) -> PyResult<()> {
     if process == std::process::id() {
         return Ok(());
@@ -118,8 +121,8 @@ fn in_this_process(process: u32) -> PyResult<()> {
     )))
 }
 
-/// Converts an error to a Python exception: its causes, the outermost first, and a hint if there is one. An error in what the
-/// caller passed is also a `ValueError`.
+/// Converts an error to a Python exception: its causes, the outermost first, and a hint if there is
+/// one. An error in what the caller passed is also a `ValueError`.
 fn raised(error: impl Into<Error>) -> PyErr {
     let error = error.into();
     let hint = error.hint().map_or(String::new(), |hint| format!("; {hint}"));

@@ -28,8 +28,9 @@ impl Objective {
         Ok(Objective { target, resolved })
     }
 
-    /// Returns the robustness at each point; `None` without a verdict. A simulation ends as soon as its robustness is certain, or
-    /// certain to be above `threshold`; then a lower bound above it is returned.
+    /// Returns the robustness at each point; `None` without a verdict. A simulation ends as soon as
+    /// its robustness is certain, or certain to be above `threshold`; then a lower bound above it
+    /// is returned.
     fn robustness(
         &self,
         py: Python<'_>,

@@ -19,7 +19,8 @@ pub(crate) struct Pool<T> {
     process: u32,
 }
 
-/// State that a process made by fork must not touch: threads that it does not have, and a state in the middle of a change.
+/// State that a process made by fork must not touch: threads that it does not have, and a state in
+/// the middle of a change.
 struct Parts<T> {
     threads: ThreadPool,
     /// Only threads that have released the interpreter lock it, which prevents deadlocks.
@@ -47,7 +48,8 @@ impl<T: Send> Pool<T> {
         Ok(Pool { parts: Arc::new(Parts { threads, state }), process: std::process::id() })
     }
 
-    /// Calls `work` on the threads, without the interpreter lock. Concurrent calls are executed one after the other.
+    /// Calls `work` on the threads, without the interpreter lock. Concurrent calls are executed one
+    /// after the other.
     pub(crate) fn with<R: Send>(&self, py: Python<'_>, work: impl FnOnce(&mut T) -> R + Send) -> PyResult<R> {
         in_this_process(self.process)?;
         let Parts { threads, state } = &*self.parts;
@@ -84,7 +86,8 @@ pub(crate) fn actions(given: &Bound<'_, PyAny>, [rows, columns]: [usize; 2]) -> 
             actions.shape()
         )));
     }
-    // A view of numbers at odd addresses would be undefined behavior, and the library checks it in debug builds only.
+    // A view of numbers at odd addresses would be undefined behavior, and the library checks it in
+    // debug builds only.
     if !actions.is_aligned() {
         return Err(InvalidValueError::new_err(
             "`actions` is not aligned in memory, as a field of a packed array; pass `actions.copy()`",

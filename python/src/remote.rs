@@ -1,4 +1,5 @@
-//! Simulation of recorded plans by other processes: requests go out and episodes come back through a Python function.
+//! Simulation of recorded plans by other processes: requests go out and episodes come back through
+//! a Python function.
 
 use std::ops::ControlFlow;
 use std::path::PathBuf;
@@ -23,12 +24,12 @@ use crate::{InvalidStateError, raised};
 /// A simulation to run: scenario, seed, and whether the minima of sub-formulas are needed.
 type RequestTuple = (Vec<Option<f64>>, u64, bool, Option<f64>);
 
-/// Robustness of requirement, success and strict success, dangerous steps, completion step, and minimum and sample of each
-/// sub-formula.
+/// Robustness of requirement, success and strict success, dangerous steps, completion step, and
+/// minimum and sample of each sub-formula.
 type VerdictTuple = (Option<f64>, Option<f64>, Option<f64>, Option<usize>, Option<usize>, Vec<(f64, usize)>);
 
-/// An episode: end, step, index, number of control steps, verdict, sum of the rewards, digest of the trace, and the samples of a
-/// counterexample.
+/// An episode: end, step, index, number of control steps, verdict, sum of the rewards, digest of
+/// the trace, and the samples of a counterexample.
 type EpisodeTuple<S> = (String, usize, usize, usize, VerdictTuple, f64, u128, Option<S>);
 
 /// Simulates requests of a plan in this process.
@@ -221,7 +222,8 @@ pub fn complete_run(
     }
 }
 
-/// Reports the progress after a batch. The function returns whether to continue; an exception ends the run as well.
+/// Reports the progress after a batch. The function returns whether to continue; an exception ends
+/// the run as well.
 fn report(pending: &Pending, progress: &Py<PyAny>, done: u64, total: u64) -> ControlFlow<()> {
     let continues = Python::attach(|py| {
         py.check_signals()?;
@@ -237,7 +239,8 @@ fn report(pending: &Pending, progress: &Py<PyAny>, done: u64, total: u64) -> Con
     }
 }
 
-/// Creates the folder of a campaign from the text of its file. Returns name and run file of each run.
+/// Creates the folder of a campaign from the text of its file. Returns name and run file of each
+/// run.
 #[pyfunction]
 pub fn create_campaign(py: Python<'_>, text: &str, folder: PathBuf) -> PyResult<Vec<(String, PathBuf)>> {
     named(py.detach(|| mishandle::run::create_campaign(text, &folder)))

@@ -101,8 +101,8 @@ impl PyRun {
         Ok(Some(PyArray2::from_owned_array(py, samples)))
     }
 
-    /// Returns the document of an explanation. A simulation without a stored trace is simulated again, which only works for systems that this program
-    /// knows.
+    /// Returns the document of an explanation. A simulation without a stored trace is simulated
+    /// again, which only works for systems that this program knows.
     fn explain(&self, py: Python<'_>, trial: u32, number: u32) -> PyResult<String> {
         let explained = py.detach(|| {
             let run = self.run.lock().unwrap_or_else(PoisonError::into_inner);

@@ -16,7 +16,8 @@ pub struct PySearch {
 
 #[pymethods]
 impl PySearch {
-    /// Makes a search. `levels` has an entry for each coordinate: the number of levels of an integer, `None` for a real number.
+    /// Makes a search. `levels` has an entry for each coordinate: the number of levels of an
+    /// integer, `None` for a real number.
     #[new]
     fn new(
         name: &str,

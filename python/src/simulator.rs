@@ -59,8 +59,8 @@ impl Simulator {
         Ok(Simulator { environment, preset, rows, pool })
     }
 
-    /// Returns new arrays for the results of `reset` and `step`, all zero: observations, reward terms, signals, terminated and
-    /// diverged.
+    /// Returns new arrays for the results of `reset` and `step`, all zero: observations, reward
+    /// terms, signals, terminated and diverged.
     fn arrays<'py>(&self, py: Python<'py>) -> Arrays<'py> {
         let (rows, environment) = (self.rows, &self.environment);
         (
@@ -72,10 +72,12 @@ impl Simulator {
         )
     }
 
-    /// Starts a new simulation in each row of `mask`. A value of NaN in `scenarios` is drawn with the seed of its row.
+    /// Starts a new simulation in each row of `mask`. A value of NaN in `scenarios` is drawn with
+    /// the seed of its row.
     ///
-    /// Writes observations, reward terms (0 after a reset) and signals of these rows into the arrays of `out`, and terminated
-    /// and diverged of all rows. Without `out`, makes new arrays. Returns the arrays.
+    /// Writes observations, reward terms (0 after a reset) and signals of these rows into the
+    /// arrays of `out`, and terminated and diverged of all rows. Without `out`, makes new arrays.
+    /// Returns the arrays.
     #[pyo3(signature = (mask, seeds, scenarios, out = None))]
     fn reset<'py>(
         &self,
@@ -107,8 +109,8 @@ impl Simulator {
 
     /// Advances all rows by one control step. Actions are clipped to \[-1, 1\].
     ///
-    /// Writes the results into the arrays of `out`, or into new ones, and returns them. Observation and signals of a row that
-    /// diverged keep their contents; its reward terms are 0.
+    /// Writes the results into the arrays of `out`, or into new ones, and returns them. Observation
+    /// and signals of a row that diverged keep their contents; its reward terms are 0.
     #[pyo3(signature = (actions, out = None))]
     fn step<'py>(
         &self,
@@ -123,7 +125,8 @@ impl Simulator {
         self.update(py, out, |batch, samples| batch.step_into(&actions, samples))
     }
 
-    /// Draws the current state of some rows: an array of bytes of the shape (rows, height, width, 3).
+    /// Draws the current state of some rows: an array of bytes of the shape (rows, height, width,
+    /// 3).
     ///
     /// The camera does not move.
     fn render<'py>(
@@ -220,7 +223,8 @@ impl Simulator {
     }
 }
 
-/// Returns the name of each number of an observation, with an index for quantities of several numbers.
+/// Returns the name of each number of an observation, with an index for quantities of several
+/// numbers.
 pub(crate) fn observation_names(environment: &TaskEnvironment) -> Vec<String> {
     let parts = environment.definition().whole_observation();
     let names = parts.iter().flat_map(|part| {
@@ -272,7 +276,8 @@ impl Simulator {
         shape: &[usize],
     ) -> PyResult<&'a mut [T]> {
         self.check_shape("out", array.shape(), shape)?;
-        // Numbers at odd addresses would be undefined behavior, and the library checks it in debug builds only.
+        // Numbers at odd addresses would be undefined behavior, and the library checks it in debug
+        // builds only.
         if !array.is_aligned() {
             return Err(InvalidValueError::new_err(
                 "`out` is not aligned in memory; use the arrays of `arrays()`",

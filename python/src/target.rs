@@ -148,8 +148,8 @@ impl PyTarget {
     }
 
     /// Returns a task with one of our controllers in a space of the task, as the command line
-    /// simulates it. The last argument says whether actions are sampled, and the standard deviations
-    /// of the noise of actions and observations.
+    /// simulates it. The last argument says whether actions are sampled, and the standard
+    /// deviations of the noise of actions and observations.
     #[staticmethod]
     fn of_task(
         py: Python<'_>,
@@ -257,8 +257,8 @@ struct PythonSystem {
     shared: Arc<Shared>,
 }
 
-/// A simulation as Python returns it: end, step, index, trace of samples by signals, number of control steps, and sum of the
-/// rewards.
+/// A simulation as Python returns it: end, step, index, trace of samples by signals, number of
+/// control steps, and sum of the rewards.
 type Outcome<'py> = (String, usize, usize, PyReadonlyArray2<'py, f64>, usize, f64);
 
 impl System for PythonSystem {
@@ -332,7 +332,8 @@ impl PythonSystem {
     }
 }
 
-/// Returns a scenario as a dictionary: a float, an integer or a name for each axis. A draw without a value is absent.
+/// Returns a scenario as a dictionary: a float, an integer or a name for each axis. A draw without
+/// a value is absent.
 pub(crate) fn scenario<'py>(
     py: Python<'py>,
     space: &Space,
@@ -357,7 +358,8 @@ pub(crate) fn keep(pending: &Pending, exception: PyErr) -> RolloutError {
     RolloutError::System(message)
 }
 
-/// Returns the name of an end, its control step or sample, and its index. [`end_of`] is the inverse.
+/// Returns the name of an end, its control step or sample, and its index. [`end_of`] is the
+/// inverse.
 pub(crate) fn end_parts(end: EpisodeEnd) -> (&'static str, usize, usize) {
     match end {
         EpisodeEnd::Completed => ("completed", 0, 0),

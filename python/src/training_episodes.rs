@@ -13,9 +13,10 @@ use crate::{InvalidStateError, InvalidValueError, raised};
 
 /// Parallel environments of one task. An environment whose episode ends is reset in the same step.
 ///
-/// The episodes are bit-identical to those of `mishandle train` with the same arguments, for every number of threads.
-/// Row i of each array belongs to environment i. `observation_names` describes the numbers of an observation. An action
-/// changes the targets of seven arm joints and two fingers; its numbers range from -1 to 1.
+/// The episodes are bit-identical to those of `mishandle train` with the same arguments, for every
+/// number of threads. Row i of each array belongs to environment i. `observation_names` describes
+/// the numbers of an observation. An action changes the targets of seven arm joints and two
+/// fingers; its numbers range from -1 to 1.
 ///
 /// Arguments:
 ///     task: name of a task, such as "point-reaching".
@@ -25,15 +26,17 @@ use crate::{InvalidStateError, InvalidValueError, raised};
 ///     seed: random seed. Episode k of an environment does not depend on the other environments.
 ///     time_limit: control steps until truncation; by default the task's episode length.
 ///     action_noise: standard deviation of the noise on each clipped action.
-///     staggered: whether the first episode of each environment has a random length, so that resets are spread out.
-///     threads: number of threads, from 1 to 1024; by default the number of cores. It does not affect the results.
+///     staggered: whether the first episode of each environment has a random length, so that resets
+///         are spread out.
+///     threads: number of threads, from 1 to 1024; by default the number of cores. It does not
+///         affect the results.
 ///
 /// Raises MishandleError if a name is unknown or a value is out of its range.
 ///
 /// Other Python threads can run during a step. Concurrent calls are executed one after the other.
 ///
-/// A process made by fork cannot use the environments of its parent, because it has none of its threads: reset and step
-/// raise RuntimeError. It can create its own.
+/// A process made by fork cannot use the environments of its parent, because it has none of its
+/// threads: reset and step raise RuntimeError. It can create its own.
 #[pyclass(frozen, module = "mishandle")]
 pub struct TrainingEpisodes {
     environment: Arc<TaskEnvironment>,
@@ -95,8 +98,8 @@ impl TrainingEpisodes {
 
     /// Starts the first episode of every environment. Every call starts the same episodes.
     ///
-    /// Returns the observations, float32 of shape (environments, observation_size). Raises RuntimeError in a process made by
-    /// fork after the environments were created.
+    /// Returns the observations, float32 of shape (environments, observation_size). Raises
+    /// RuntimeError in a process made by fork after the environments were created.
     fn reset<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f32>>> {
         let observations = self.pool.with(py, |current| -> Result<_, RolloutError> {
             let episodes = Episodes::of_training(&self.environment, &self.settings, self.seed)?;
@@ -109,22 +112,25 @@ impl TrainingEpisodes {
 
     /// Advances every environment by one control step of `control_dt` seconds.
     ///
-    /// `actions` is float32 of shape (environments, action_size). Actions are clipped to [-1, 1]; then the action noise
-    /// is added without further clipping.
+    /// `actions` is float32 of shape (environments, action_size). Actions are clipped to [-1, 1];
+    /// then the action noise is added without further clipping.
     ///
     /// An environment whose episode ends is reset in the same step. Returns
-    ///     observations: float32 (environments, observation_size); after the end of an episode, the first observation of
-    ///         the next episode;
+    ///     observations: float32 (environments, observation_size); after the end of an episode, the
+    ///         first observation of the next episode;
     ///     rewards: float64 (environments,), the sum of the task's reward terms in this step;
-    ///     terminated: bool (environments,), whether the task terminated the episode: the task failed, or the simulation
-    ///         diverged;
-    ///     truncated: bool (environments,), whether the time limit ended the episode; never together with terminated;
-    ///     info: a dict with "final_observation", float32 (environments, observation_size): the observation after this
-    ///         step and before any reset, for bootstrapping the value at the time limit. If the simulation diverged, it
-    ///         is the observation before the step, and the reward is 0.
+    ///     terminated: bool (environments,), whether the task terminated the episode: the task
+    ///         failed, or the simulation diverged;
+    ///     truncated: bool (environments,), whether the time limit ended the episode; never
+    ///         together with terminated;
+    ///     info: a dict with "final_observation", float32 (environments, observation_size): the
+    ///         observation after this step and before any reset, for bootstrapping the value at the
+    ///         time limit. If the simulation diverged, it is the observation before the step, and
+    ///         the reward is 0.
     ///
-    /// Raises MishandleError before the first reset, or if the actions have another type or shape, are not finite or are not
-    /// aligned in memory. Raises RuntimeError in a process made by fork after the environments were created.
+    /// Raises MishandleError before the first reset, or if the actions have another type or shape,
+    /// are not finite or are not aligned in memory. Raises RuntimeError in a process made by fork
+    /// after the environments were created.
     fn step<'py>(&self, py: Python<'py>, given: &Bound<'py, PyAny>) -> PyResult<Step<'py>> {
         let actions = actions(given, [self.environments(), self.action_size()])?;
         let result = self.pool.with(py, |episodes| {
@@ -202,7 +208,8 @@ impl TrainingEpisodes {
     }
 }
 
-/// Converts an error of a training setting: in Python the setting is a keyword argument without a table.
+/// Converts an error of a training setting: in Python the setting is a keyword argument without a
+/// table.
 fn keyword_error(error: TrainingError) -> PyErr {
     match error {
         TrainingError::Setting { name, expected, found, .. } => {

@@ -1,5 +1,5 @@
-//! Writes the results of simulations under fixed actions, for comparison with the Python package: observations, reward
-//! terms and signals after the reset and after every control step, as bytes.
+//! Writes the results of simulations under fixed actions, for comparison with the Python package:
+//! observations, reward terms and signals after the reset and after every control step, as bytes.
 //!
 //! `simulator_rows TASK ROWS SEED STEPS`
 
@@ -29,7 +29,8 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     });
     write(&batch);
     for step in 0..steps {
-        // From -1.25 to 1.25 in steps of an eighth, which is exact; the environment gets actions from -1 to 1.
+        // From -1.25 to 1.25 in steps of an eighth, which is exact; the environment gets actions
+        // from -1 to 1.
         let action = |i: usize| (((step * 5 + i * 7) % 21) as f64 / 8.0 - 1.25).clamp(-1.0, 1.0);
         batch.step(&(0..rows * size).map(action).collect::<Vec<f64>>());
         write(&batch);

@@ -121,7 +121,8 @@ class Pictures(unittest.TestCase):
         first = env.render()
         self.assertEqual((first.shape, first.dtype), ((240, 320, 3), np.uint8))
         np.testing.assert_array_equal(env.render(), first)
-        # The target is the only red thing; a target further to the left of the robot is elsewhere in the picture.
+        # The target is the only red thing; a target further to the left of the robot is elsewhere
+        # in the picture.
         columns = []
         for y in (-0.3, 0.3):
             env.reset(seed=0, options={"scenario": [0.5, y, 0.4]})
@@ -159,7 +160,8 @@ class Pictures(unittest.TestCase):
             TaskEnv("point-reaching", render_mode="rgb_array", width=161, height=120).render()
 
     def test_without_egl_the_package_works_and_a_picture_is_an_error(self):
-        # Both libraries are loaded by name when a picture is drawn; an empty file under these names cannot be loaded.
+        # Both libraries are loaded by name when a picture is drawn; an empty file under these names
+        # cannot be loaded.
         program = (
             "import mishandle\n"
             "env = mishandle.TaskEnv('point-reaching', render_mode='rgb_array')\n"

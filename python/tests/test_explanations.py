@@ -73,7 +73,8 @@ class Explanations(unittest.TestCase):
         result.report(self.folder / "report.html")
         page = (self.folder / "report.html").read_text()
         self.assertIn("x &gt;= -0.8", page)
-        # The result knows its system, so the page has the size of the failing patch and the corners.
+        # The result knows its system, so the page has the size of the failing patch and the
+        # corners.
         self.assertIn("random scenarios in a box around these failures", page)
         self.assertIn("corners of the initial box", page)
         # A function in Python cannot be simulated from the file alone, and the page says so.

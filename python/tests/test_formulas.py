@@ -62,7 +62,8 @@ class Violation(unittest.TestCase):
         # The second conjunct holds, and so does the left side of the implication at sample 4.
         self.check("always[4:4](x <= 1) and eventually(x >= 2)", [4], x=x)
         self.check("always(x > 2 implies y > 0.5)", [4], x=x, y=[1, 0, 0, 0, 0, 1])
-        # At sample 5, neither x <= 2 holds there nor x <= 0 at samples 3 and 4. At sample 0, the second window is empty.
+        # At sample 5, neither x <= 2 holds there nor x <= 0 at samples 3 and 4. At sample 0, the
+        # second window is empty.
         self.check("always[0:5](once[1:2](x <= 0) or x <= 2)", [0, 3, 4, 5], x=[3, 0, 2, 3, 1, 3])
         # Operators that are not looked into.
         self.check("always[2:5](x > 0.5 since y > 0.5)", [3], x=[1, 1, 1, 0, 1, 1], y=[0, 1, 0, 0, 1, 0])

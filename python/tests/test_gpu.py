@@ -278,8 +278,9 @@ print(json.dumps({task: [result.states, result.overflows, result.differences] fo
 class OneStep(unittest.TestCase):
     """One physics step of MuJoCo Warp against one of MuJoCo C, from states of episodes."""
 
-    # Bounds of the 99 % quantile and of the maximum of the largest difference of a position, and the same of a velocity. They are about
-    # five times those of 1,000 states. 32-bit numbers have 6e-8.
+    # Bounds of the 99 % quantile and of the maximum of the largest difference of a position, and
+    # the same of a velocity. They are about five times those of 1,000 states. 32-bit numbers have
+    # 6e-8.
     BOUNDS = {
         "point-reaching": ((1.1e-6, 1.2e-6), (5e-6, 9e-6)),
         "cube-stacking": ((3.3e-5, 1.3e-4), (1.7e-2, 6e-2)),
@@ -287,15 +288,17 @@ class OneStep(unittest.TestCase):
         "ball-catching": ((2.9e-5, 1e-4), (2.8e-2, 1e-1)),
         "ball-pushing": ((1.1e-6, 1.1e-5), (1.3e-4, 5e-3)),
         "door-opening": ((1.7e-6, 2.2e-6), (3.8e-4, 5e-4)),
-        # A bound of the maximum would say nothing: in some states the colliders of the engines find other contacts between cylinder and
-        # box, and then a velocity differs by up to 5 m/s. So the peg's are those of the 80 % quantile.
+        # A bound of the maximum would say nothing: in some states the colliders of the engines find
+        # other contacts between cylinder and box, and then a velocity differs by up to 5 m/s. So
+        # the peg's are those of the 80 % quantile.
         "peg-in-hole": ((1.9e-5, None), (1.3e-2, None)),
         "cloth-placing": ((2.9e-5, 5e-5), (7e-3, 1.2e-2)),
     }
 
     @classmethod
     def setUpClass(cls):
-        # Several processes, because most of the time is compilation, on one core. A step of the cloth is slow, so it has fewer states.
+        # Several processes, because most of the time is compilation, on one core. A step of the
+        # cloth is slow, so it has fewer states.
         rigid = [task for task in cls.BOUNDS if task != "cloth-placing"]
         cls.processes = [cls.start("starts", rigid, 200, 10), cls.start("starts", ["cloth-placing"], 20, 2)]
         cls.changed = cls.start("starts+dynamics+events", ["ball-balancing", "cube-stacking"], 100, 10)

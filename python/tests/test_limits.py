@@ -89,7 +89,8 @@ class Systems(unittest.TestCase):
 
     def test_an_environment_is_limited_in_every_thread(self):
         kinds = dict(system=Slow(), policy=lambda o: np.zeros(1, np.float32), signals={"d": "reward"}, steps=20)
-        # Seven steps of 0.05 s are longer than 0.3 s; in another thread the limit is checked after a step.
+        # Seven steps of 0.05 s are longer than 0.3 s; in another thread the limit is checked after
+        # a step.
         ends = {f"timed out in control step {step}" for step in (4, 5, 6, 7)}
         self.assertIn(self.end(0.05, **kinds), ends)
         self.assertIn(in_thread(lambda: self.end(0.05, **kinds)), ends)

@@ -76,7 +76,8 @@ class Margins(unittest.TestCase):
                 found.export(os.path.join(folder, "witness.txt"))
 
     def test_a_policy_in_an_environment_has_the_margin_of_its_actuator(self) -> None:
-        # The policy cancels a push of up to 1; x exceeds 1 after 10 steps if the rest is more than 0.1: 1.1 of 2 is 0.55.
+        # The policy cancels a push of up to 1; x exceeds 1 after 10 steps if the rest is more than
+        # 0.1: 1.1 of 2 is 0.55.
         space = [Axis("push", -2, 2, kind="event")]
         policy = lambda observation: -observation
         found = mishandle.margin(
@@ -92,7 +93,8 @@ class Margins(unittest.TestCase):
         found = mishandle.margin(system, "always(y >= 0)", INPUTS[:1], budget=300)
         assert found.witness is not None and found.witness.repeats is not None
         self.assertEqual(found.witness.repeats.simulations, 100)
-        # Bisected to where seed 0 fails: y < 0 if a > 0.5 + noise. A draw below that of seed 0 fails, too.
+        # Bisected to where seed 0 fails: y < 0 if a > 0.5 + noise. A draw below that of seed 0
+        # fails, too.
         noise = random.Random(0).uniform(-0.1, 0.1)
         self.assertTrue(0.5 + noise <= found.witness.amplitude < 0.512 + noise, found.witness)
         self.assertEqual(found.witness.fails_in_most_repeats, found.witness.repeats.failures > 50)

@@ -52,7 +52,8 @@ class Export(unittest.TestCase):
                 file.write_bytes(data)
                 ours = mishandle.load_controller(str(file))
                 self.assertEqual(ours.task, path.parent.name)
-                # The weights of TD3 and DDPG amplify the rounding of 32-bit numbers: 1.1e-5 was the largest difference.
+                # The weights of TD3 and DDPG amplify the rounding of 32-bit numbers: 1.1e-5 was the
+                # largest difference.
                 bound = 2e-5 if path.stem in ("td3", "ddpg") else TOLERANCE
                 np.testing.assert_allclose(ours(observations), clipped, atol=bound, rtol=0, err_msg=name)
 

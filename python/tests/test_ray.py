@@ -25,7 +25,8 @@ from test_fronts import tables
 ROOT = pathlib.Path(__file__).resolve().parents[2]
 
 os.environ["RAY_AUTH_MODE"] = "disabled"
-# A shell starts jobs in the background with SIGINT ignored, which the programs of these tests would inherit.
+# A shell starts jobs in the background with SIGINT ignored, which the programs of these tests would
+# inherit.
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)
 
@@ -133,8 +134,9 @@ class RayTest(unittest.TestCase):
         calls = sum(file.stat().st_size for file in log.iterdir())
         local = mishandle.falsify(slow, FORMULA, SPACE, out=self.folder / "local", **options)
         self.assertEqual(tables(self.folder / "local"), tables(self.folder / "ray"))
-        # The system and the comparisons of the nominal scenario call the function 5 times, and the surplus of a batch is
-        # simulated but not recorded. The lost node had one task of 2 simulations in hand, and perhaps a second one queued.
+        # The system and the comparisons of the nominal scenario call the function 5 times, and the
+        # surplus of a batch is simulated but not recorded. The lost node had one task of 2
+        # simulations in hand, and perhaps a second one queued.
         surplus = calls - 5 - found.simulations
         again = sum(file.stat().st_size for file in log.iterdir()) - calls - 3 - local.simulations
         self.assertLessEqual(surplus - again, 4)

@@ -62,7 +62,8 @@ class Risks(unittest.TestCase):
         self.assertEqual(failure.robustness, random.Random(failure.seed).random() - 0.1)
 
     def test_a_policy_in_an_environment(self) -> None:
-        # The policy cancels pushes of up to 1: |push| > 1.1 of a uniform push from -2 to 2 fails, 45 %.
+        # The policy cancels pushes of up to 1: |push| > 1.1 of a uniform push from -2 to 2 fails,
+        # 45 %.
         found = mishandle.risk(
             Push(),
             "always(abs(x) <= 1)",

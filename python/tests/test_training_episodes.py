@@ -79,7 +79,8 @@ class Episodes(unittest.TestCase):
             self.assertFalse(terminated.any())
             self.assertEqual(truncated.all(), step % 3 == 0)
             final = info["final_observation"]
-            # The arm moves in the step that ends an episode, so the final observation is not a first observation.
+            # The arm moves in the step that ends an episode, so the final observation is not a
+            # first observation.
             self.assertFalse(np.array_equal(final, before))
             self.assertEqual(np.array_equal(final, observations), step % 3 != 0)
             if step == 3:

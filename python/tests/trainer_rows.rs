@@ -1,5 +1,6 @@
-//! Writes the results of training episodes under fixed actions, for comparison with the Python module: the first
-//! observations, then rewards, episode ends, final observations and observations of every control step, as bytes.
+//! Writes the results of training episodes under fixed actions, for comparison with the Python
+//! module: the first observations, then rewards, episode ends, final observations and observations
+//! of every control step, as bytes.
 //!
 //! `trainer_rows TASK ENVIRONMENTS SEED TIME_LIMIT STEPS`
 

@@ -312,8 +312,8 @@ impl From<Value> for AxisValue {
     }
 }
 
-/// Checks that the controller is the name of a shipped one, or `./FILE` for a file beside the counterexample, which cannot name
-/// another file of the machine.
+/// Checks that the controller is the name of a shipped one, or `./FILE` for a file beside the
+/// counterexample, which cannot name another file of the machine.
 fn check_controller(controller: &str) -> Result<(), MishandleError> {
     let is_allowed = match controller.strip_prefix(BESIDE) {
         Some(file) => !file.contains(['/', '\0']) && !["", ".", ".."].contains(&file),

@@ -31,8 +31,8 @@ const BESIDE: &str = "./";
 
 /// A failing simulation: setup, scenario, seed and the expected result.
 ///
-/// Unlike a run file it is small, and it contains no path of the machine that made it: a shipped controller has its name, any
-/// other its file name, which is looked up beside the counterexample.
+/// Unlike a run file it is small, and it contains no path of the machine that made it: a shipped
+/// controller has its name, any other its file name, which is looked up beside the counterexample.
 ///
 /// # Example
 /// ```
@@ -145,17 +145,21 @@ pub struct CounterexampleReplay {
     pub header: RunHeader,
     /// The episode.
     pub episode: Episode,
-    /// Differences between the file and what the target and the replay give. Empty if everything has the same bits.
+    /// Differences between the file and what the target and the replay give. Empty if everything
+    /// has the same bits.
     pub differences: Vec<String>,
-    /// Differences between the recorded build and the present one. Results can differ between builds.
+    /// Differences between the recorded build and the present one. Results can differ between
+    /// builds.
     pub build_differences: Vec<String>,
 }
 
 impl Counterexample {
-    /// Returns simulation `number` of trial `trial` of a run as a counterexample. The target need not be part of this program.
+    /// Returns simulation `number` of trial `trial` of a run as a counterexample. The target need
+    /// not be part of this program.
     ///
     /// # Errors
-    /// If the run has no such simulation, its robustness is not negative, or it has no recorded trace and cannot be replayed.
+    /// If the run has no such simulation, its robustness is not negative, or it has no recorded
+    /// trace and cannot be replayed.
     pub fn from_run(run: &RunFile, trial: u32, number: u32) -> Result<Counterexample, MishandleError> {
         let recorded = run.simulation(trial, number)?;
         check_failing(recorded.robustness)?;
@@ -187,7 +191,8 @@ impl Counterexample {
     /// Reads a counterexample file.
     ///
     /// # Errors
-    /// If the file cannot be read, is larger than [`limits::COUNTEREXAMPLE`](mishandle_files::limits::COUNTEREXAMPLE), or is not a
+    /// If the file cannot be read, is larger than
+    /// [`limits::COUNTEREXAMPLE`](mishandle_files::limits::COUNTEREXAMPLE), or is not a
     /// counterexample.
     pub fn read(path: &Path) -> Result<Counterexample, MishandleError> {
         let bytes = mishandle_files::read_bounded(path, mishandle_files::limits::COUNTEREXAMPLE)
@@ -201,7 +206,8 @@ impl Counterexample {
     /// Parses a counterexample. Every number has the bits with which it was written.
     ///
     /// # Errors
-    /// If the text is not JSON, has an unknown or a missing key or an invalid value, or has a newer format.
+    /// If the text is not JSON, has an unknown or a missing key or an invalid value, or has a newer
+    /// format.
     pub fn from_json(text: &str) -> Result<Counterexample, MishandleError> {
         file::read(text)
     }
@@ -213,11 +219,12 @@ impl Counterexample {
 
     /// Looks up the target and checks that its components are the recorded ones.
     ///
-    /// `folder` is the folder of the file. `controller` is the present path of the controller, if it is neither shipped nor in
-    /// that folder.
+    /// `folder` is the folder of the file. `controller` is the present path of the controller, if
+    /// it is neither shipped nor in that folder.
     ///
     /// # Errors
-    /// If the target is not part of this program, or a controller cannot be loaded or has another hash.
+    /// If the target is not part of this program, or a controller cannot be loaded or has another
+    /// hash.
     pub fn resolve(&self, folder: &Path, controller: Option<&str>) -> Result<ResolvedPlan, MishandleError> {
         resolve_recorded(self.plan_in(folder), &self.components, controller)
     }
@@ -285,7 +292,8 @@ impl Counterexample {
     /// Simulates the scenario again and compares the result, bit for bit.
     ///
     /// # Errors
-    /// If the space has other axes, the target cannot run the scenario, or the simulation has no robustness.
+    /// If the space has other axes, the target cannot run the scenario, or the simulation has no
+    /// robustness.
     pub fn replay(&self, resolved: &ResolvedPlan) -> Result<CounterexampleReplay, MishandleError> {
         let request = self.request(&resolved.space)?;
         let episode = resolved.system()?.rollout(&[request])?.pop().ok_or(MishandleError::NoEpisode)?;
@@ -371,7 +379,8 @@ fn describe(header: &RunHeader, explained: &ExplainedSimulation) -> Result<Count
     })
 }
 
-/// Returns the name of a shipped controller, or `./FILE` for any other. The plan of a run has an absolute path.
+/// Returns the name of a shipped controller, or `./FILE` for any other. The plan of a run has an
+/// absolute path.
 fn portable_controller(plan: &Plan, components: &[ComponentRecord]) -> String {
     if !is_path(&plan.controller) {
         return plan.controller.clone();

@@ -24,19 +24,20 @@ pub struct Regression {
     pub episode: Episode,
     /// Simulations with other seeds; `None` if `repeats` is 0, or if nothing is random.
     pub repeats: Option<Repeats>,
-    /// Whether the target is not the recorded one, so that its scenarios may have another meaning. The hash of a target covers
-    /// its controller, so this is `None` if the recorded controller cannot be loaded.
+    /// Whether the target is not the recorded one, so that its scenarios may have another meaning.
+    /// The hash of a target covers its controller, so this is `None` if the recorded controller
+    /// cannot be loaded.
     pub has_other_target: Option<bool>,
 }
 
 /// Simulates a counterexample with another controller, and `repeats` times with other random seeds.
 ///
-/// `folder` is the folder of the counterexample. Without `controller`, the recorded one is used. `watch` is called after each
-/// simulation.
+/// `folder` is the folder of the counterexample. Without `controller`, the recorded one is used.
+/// `watch` is called after each simulation.
 ///
 /// # Errors
-/// If the target is not part of this program, a controller cannot be loaded, the space has other axes, or the simulation has no
-/// robustness.
+/// If the target is not part of this program, a controller cannot be loaded, the space has other
+/// axes, or the simulation has no robustness.
 pub fn regress(
     counterexample: &Counterexample,
     folder: &Path,
@@ -57,11 +58,12 @@ pub fn regress(
     Ok(Regression { has_other_target, ..found })
 }
 
-/// Simulates a counterexample with a target that need not be part of this program, and `repeats` times with other random seeds.
-/// `watch` is called after each simulation.
+/// Simulates a counterexample with a target that need not be part of this program, and `repeats`
+/// times with other random seeds. `watch` is called after each simulation.
 ///
 /// # Errors
-/// If the space has other axes, the target cannot run the scenario, or the simulation has no robustness.
+/// If the space has other axes, the target cannot run the scenario, or the simulation has no
+/// robustness.
 pub fn regress_with(
     counterexample: &Counterexample,
     resolved: &ResolvedPlan,

@@ -16,15 +16,16 @@ const RANDOM_TRIAL: u32 = 1;
 
 /// Two evaluations, compared pair by pair: simulation i of both has the same scenario and seed.
 ///
-/// The rates and means cover the random simulations. The corners and the center of the initial box are not a random sample, so
-/// they appear among the new and the fixed failures only.
+/// The rates and means cover the random simulations. The corners and the center of the initial box
+/// are not a random sample, so they appear among the new and the fixed failures only.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Comparison {
     /// The first run, A.
     pub first: ComparedRun,
     /// The second run, B.
     pub second: ComparedRun,
-    /// Facts in which the runs differ apart from the controller, such as the build. They can cause differences, too.
+    /// Facts in which the runs differ apart from the controller, such as the build. They can cause
+    /// differences, too.
     pub differences: Vec<String>,
     /// Name of the target.
     pub target: String,
@@ -44,8 +45,8 @@ pub struct Comparison {
     pub robustness: PairedMeans,
     /// Number of dangerous control steps; `None` if the target has no such formula.
     pub dangerous_steps: Option<PairedMeans>,
-    /// Control step of completion, over the pairs in which both succeed and complete; `None` if the target has no such
-    /// formula.
+    /// Control step of completion, over the pairs in which both succeed and complete; `None` if the
+    /// target has no such formula.
     pub completion_step: Option<PairedMeans>,
     /// Pairs in which A succeeds and B does not.
     pub new_failures: Vec<ComparedPair>,
@@ -137,8 +138,9 @@ pub struct ComparedPair {
 /// Compares two evaluations with the same target, space, formula, noise, scenarios and seeds.
 ///
 /// # Errors
-/// [`NotComparable`](MishandleError::NotComparable) if a run is not an evaluation or not complete, or the runs differ in anything
-/// but the controller, the build and the hash of the target; an error of a run file.
+/// [`NotComparable`](MishandleError::NotComparable) if a run is not an evaluation or not complete,
+/// or the runs differ in anything but the controller, the build and the hash of the target; an
+/// error of a run file.
 pub fn compare(first: &RunFile, second: &RunFile) -> Result<Comparison, MishandleError> {
     let (a, b) = (first.header(), second.header());
     if let Some(problem) = problem(a, b) {
@@ -228,8 +230,8 @@ fn random_rows(
     Ok(a.into_iter().zip(b))
 }
 
-/// Returns the pairs of the corners and the center; `None` if the runs simulate them differently, such as once without noise
-/// and with several seeds under noise.
+/// Returns the pairs of the corners and the center; `None` if the runs simulate them differently,
+/// such as once without noise and with several seeds under noise.
 fn corner_pairs(first: &RunFile, second: &RunFile) -> Result<Option<Vec<Pair>>, MishandleError> {
     let rows = |run: &RunFile| run.trial_simulations(Corners::TRIAL).collect::<Result<Vec<_>, _>>();
     let (a, b) = (rows(first)?, rows(second)?);

@@ -10,7 +10,8 @@ use mishandle_text::instant;
 pub struct Event {
     /// The sample of the event.
     pub sample: usize,
-    /// The first sample of the window that violates the predicate, if the event is a violation that starts earlier.
+    /// The first sample of the window that violates the predicate, if the event is a violation that
+    /// starts earlier.
     pub start: Option<usize>,
     /// Kind of the event.
     pub kind: EventKind,
@@ -21,7 +22,8 @@ pub struct Event {
 pub enum EventKind {
     /// The decisive predicate is violated most.
     Violation,
-    /// The decisive predicate is closest to being satisfied, or satisfied most clearly, of all samples that count.
+    /// The decisive predicate is closest to being satisfied, or satisfied most clearly, of all
+    /// samples that count.
     ClosestApproach,
     /// The formula is satisfied, and here it is closest to a violation.
     SmallestMargin,
@@ -64,15 +66,17 @@ impl Event {
         start.into_iter().chain([(self.sample, name)]).collect()
     }
 
-    /// Says on what the pictures center and why. `control_dt` is the time between two samples, in seconds.
+    /// Says on what the pictures center and why. `control_dt` is the time between two samples, in
+    /// seconds.
     pub fn sentence(&self, control_dt: f64) -> String {
         let (name, reason) = (self.kind.name(), self.kind.reason());
         format!("the pictures center on the {name} at {}: {reason}", instant(self.sample, control_dt))
     }
 }
 
-/// Returns the release of the held object: the first sample at which a signal `…_held` falls below 0.5, or a signal `…_released`
-/// reaches 0.5. `None` without such a signal, or if the object is not released.
+/// Returns the release of the held object: the first sample at which a signal `…_held` falls below
+/// 0.5, or a signal `…_released` reaches 0.5. `None` without such a signal, or if the object is not
+/// released.
 ///
 /// # Example
 /// ```

@@ -1,4 +1,5 @@
-//! Explanations of recorded simulations: when and where a formula is violated, and by which predicate.
+//! Explanations of recorded simulations: when and where a formula is violated, and by which
+//! predicate.
 
 use mishandle_rollout::{Episode, EpisodeEnd, Request, RolloutError};
 use mishandle_stl::{Clock, Diagnosis, Formula, Monitor, Trace};
@@ -20,11 +21,11 @@ pub struct Explanation {
     pub diagnosis: Diagnosis,
     /// How the decisive predicate develops; `None` without one.
     pub history: Option<PredicateHistory>,
-    /// First sample after which nothing can change whether the trace satisfies the formula; `None` if the trace does not decide
-    /// the formula, or the robustness is 0.
+    /// First sample after which nothing can change whether the trace satisfies the formula; `None`
+    /// if the trace does not decide the formula, or the robustness is 0.
     pub decided: Option<usize>,
-    /// Each conjunct alone, in the order of the formula. An operand of `and` with a larger robustness is masked by one with a
-    /// smaller.
+    /// Each conjunct alone, in the order of the formula. An operand of `and` with a larger
+    /// robustness is masked by one with a smaller.
     pub conjuncts: Vec<Conjunct>,
     /// Texts of all predicates, in the order of the formula.
     pub predicates: Vec<String>,
@@ -41,8 +42,8 @@ pub struct PredicateHistory {
     pub violated: usize,
     /// First and last of these samples; `None` if there are none.
     pub first_and_last: Option<(usize, usize)>,
-    /// Robustness of the predicate at each sample of the trace. If the formula requires the predicate to be false, the
-    /// opposite.
+    /// Robustness of the predicate at each sample of the trace. If the formula requires the
+    /// predicate to be false, the opposite.
     pub robustness: Vec<f64>,
     /// Values of its two sides at each sample of the trace.
     pub sides: [Vec<f64>; 2],
@@ -57,14 +58,17 @@ pub struct Conjunct {
     pub text: String,
     /// Robustness of the formula without the other operands of each `and` above the conjunct.
     pub robustness: f64,
-    /// First sample after which nothing can change whether the trace satisfies this formula; `None` as for the whole formula.
+    /// First sample after which nothing can change whether the trace satisfies this formula; `None`
+    /// as for the whole formula.
     pub decided: Option<usize>,
 }
 
-/// The requirement of an operator on the chain of a violated formula, and the values that the trace has instead.
+/// The requirement of an operator on the chain of a violated formula, and the values that the trace
+/// has instead.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) enum OperatorEvent {
-    /// `eventually` or `once`: no sample of the window satisfies the operand; `nearest` comes nearest.
+    /// `eventually` or `once`: no sample of the window satisfies the operand; `nearest` comes
+    /// nearest.
     NoSample { operator: &'static str, operand: String, nearest: usize },
     /// `until`: first samples at which the left operand fails and the right operand holds.
     Until {
@@ -80,7 +84,8 @@ pub(crate) enum OperatorEvent {
 /// Explains the robustness of `trace`.
 ///
 /// # Errors
-/// If the trace lacks a signal of the formula, the formula has no finite value on it, or it has more than 1,000 sub-formulas.
+/// If the trace lacks a signal of the formula, the formula has no finite value on it, or it has
+/// more than 1,000 sub-formulas.
 pub fn explain_trace(
     formula: &Formula,
     trace: &Trace,
@@ -200,11 +205,12 @@ pub struct ExplainedSimulation {
     pub explanation: Explanation,
 }
 
-/// Explains simulation `number` of trial `trial` of a run. A simulation without a recorded trace is replayed; then
-/// `controller` is the present path of the run's controller, if the file was moved.
+/// Explains simulation `number` of trial `trial` of a run. A simulation without a recorded trace is
+/// replayed; then `controller` is the present path of the run's controller, if the file was moved.
 ///
 /// # Errors
-/// If the run has no such simulation, the simulation has no robustness, or a replay is needed and impossible or different.
+/// If the run has no such simulation, the simulation has no robustness, or a replay is needed and
+/// impossible or different.
 pub fn explain(
     run: &RunFile,
     trial: u32,
@@ -245,7 +251,8 @@ pub fn explain_recorded(
     Ok(ExplainedSimulation { recorded, trace, explanation })
 }
 
-/// Explains an episode that is in no run file. The header describes its target, space and formula as that of a run.
+/// Explains an episode that is in no run file. The header describes its target, space and formula
+/// as that of a run.
 ///
 /// # Errors
 /// If the formula has no finite value on the trace.
@@ -264,8 +271,8 @@ pub(crate) fn trace(header: &RunHeader, stored: &StoredTrace) -> Trace {
     record::trace(header.signals.iter().map(|signal| signal.name.clone()).collect(), stored)
 }
 
-/// Simulates a recorded simulation again and returns its trace, which must be the recorded one, or the whole episode if the
-/// simulation was stopped early.
+/// Simulates a recorded simulation again and returns its trace, which must be the recorded one, or
+/// the whole episode if the simulation was stopped early.
 fn replayed_trace(recorded: &Simulation, resolved: &ResolvedPlan) -> Result<Trace, MishandleError> {
     let request: Request = record::request(recorded, resolved.stored_subformulas > 0);
     let mut system = resolved.system()?;

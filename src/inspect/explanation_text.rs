@@ -10,12 +10,12 @@ use mishandle_text::{decimal, instant, plural};
 const MAX_OPERAND: usize = 80;
 
 impl Explanation {
-    /// Describes what decides the formula, one sentence per item: the instant after which nothing can change the verdict, the
-    /// values of the decisive predicate, the samples of its window at which it fails, and what the operators above it require.
-    /// Empty without a decisive predicate.
+    /// Describes what decides the formula, one sentence per item: the instant after which nothing
+    /// can change the verdict, the values of the decisive predicate, the samples of its window at
+    /// which it fails, and what the operators above it require. Empty without a decisive predicate.
     ///
-    /// `control_dt` is the time between two samples, in seconds. Names and formulas are as in the run file: escape them before
-    /// you print them. Formulas are between backticks.
+    /// `control_dt` is the time between two samples, in seconds. Names and formulas are as in the
+    /// run file: escape them before you print them. Formulas are between backticks.
     pub fn sentences(&self, control_dt: f64) -> Vec<String> {
         let at = |sample: usize| instant(sample, control_dt);
         let verdict = match self.diagnosis.robustness() < 0.0 {
@@ -33,7 +33,8 @@ impl Explanation {
         sentences
     }
 
-    /// Returns whether the formula is satisfied and the operator above the decisive predicate needs one sample only.
+    /// Returns whether the formula is satisfied and the operator above the decisive predicate needs
+    /// one sample only.
     fn one_is_enough(&self) -> bool {
         let above = self.diagnosis.path.iter().rev().find(|found| found.window.is_some());
         let is_existential = |operator| matches!(operator, "eventually" | "once");
@@ -45,7 +46,8 @@ impl Explanation {
     }
 }
 
-/// Describes the values of the two sides of a predicate, such as `gap is 1.2000, the threshold 2.0000`.
+/// Describes the values of the two sides of a predicate, such as
+/// `gap is 1.2000, the threshold 2.0000`.
 pub fn compared_values(predicate: &DecisivePredicate) -> String {
     let [left, right] = predicate.values.map(|value| decimal(value, 4));
     let [left_text, right_text] = &predicate.sides;

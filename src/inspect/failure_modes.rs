@@ -1,4 +1,5 @@
-//! Failure modes: the failures of a run, grouped by decisive predicate, region of the space and time.
+//! Failure modes: the failures of a run, grouped by decisive predicate, region of the space and
+//! time.
 
 use mishandle_falsification::{
     FailurePoint, MAX_FAILURES, MAX_OTHERS, Signature, group_failures, unit_scenario,
@@ -26,14 +27,16 @@ pub struct Failure {
     pub robustness: f64,
     /// Text of the decisive predicate; empty if the formula has none.
     pub predicate: String,
-    /// First sample after which nothing can satisfy the formula; the decisive one if the trace does not decide the formula.
+    /// First sample after which nothing can satisfy the formula; the decisive one if the trace does
+    /// not decide the formula.
     pub sample: usize,
-    /// Distance of the scenario from the nominal one: the root mean square over the axes with a nominal value, as a fraction of
-    /// their widths.
+    /// Distance of the scenario from the nominal one: the root mean square over the axes with a
+    /// nominal value, as a fraction of their widths.
     pub distance_from_nominal: f64,
 }
 
-/// Failures with the same decisive predicate that are connected by neighbors in the space and in time: see [`group_failures`].
+/// Failures with the same decisive predicate that are connected by neighbors in the space and in
+/// time: see [`group_failures`].
 #[derive(Clone, Debug, PartialEq)]
 pub struct FailureMode {
     /// The failures, the representative first, in order of their distance from nominal.
@@ -42,8 +45,9 @@ pub struct FailureMode {
     pub region: Vec<Option<(f64, f64)>>,
     /// Smallest and largest [`Failure::sample`].
     pub samples: (usize, usize),
-    /// Indices of the axes by which failures with this predicate were grouped. In a space of more than two axes, these are the
-    /// axes along which they are distributed differently from the other simulations; there may be none.
+    /// Indices of the axes by which failures with this predicate were grouped. In a space of more
+    /// than two axes, these are the axes along which they are distributed differently from the
+    /// other simulations; there may be none.
     pub axes: Vec<usize>,
 }
 
@@ -61,7 +65,8 @@ pub struct FailureModes {
     pub modes: Vec<FailureMode>,
     /// Number of failures in the run.
     pub failures: usize,
-    /// Number of failures that are in no mode: without a recorded trace, or above the limit of 5,000.
+    /// Number of failures that are in no mode: without a recorded trace, or above the limit of
+    /// 5,000.
     pub not_grouped: usize,
 }
 

@@ -16,13 +16,16 @@ use crate::run::record;
 /// Number of simulations per batch.
 const BATCH: usize = 64;
 
-/// Counts which conjuncts set the robustness of a run and which ones fail, over at most `limit` of its simulations: all violated
-/// ones, or that many evenly chosen, and satisfied ones, evenly chosen, up to the limit. They are simulated again with `resolved`;
-/// without it, only the simulations with a recorded trace are evaluated, which are violated ones. `watch` gets the number of
-/// evaluated simulations and the number of all that will be evaluated; it can end the count, which then has nothing to say: `None`.
+/// Counts which conjuncts set the robustness of a run and which ones fail, over at most `limit` of
+/// its simulations: all violated ones, or that many evenly chosen, and satisfied ones, evenly
+/// chosen, up to the limit. They are simulated again with `resolved`; without it, only the
+/// simulations with a recorded trace are evaluated, which are violated ones. `watch` gets the
+/// number of evaluated simulations and the number of all that will be evaluated; it can end the
+/// count, which then has nothing to say: `None`.
 ///
 /// # Errors
-/// If the run cannot be read, a simulation cannot be run, or the formula has no finite value on a trace.
+/// If the run cannot be read, a simulation cannot be run, or the formula has no finite value on a
+/// trace.
 pub fn masking(
     run: &RunFile,
     resolved: Option<&ResolvedPlan>,
@@ -89,8 +92,9 @@ pub fn masking(
 
 /// The conjuncts of a formula over some simulations.
 ///
-/// The robustness of `and` is that of its weakest operand. So a predicate with small numbers can set the robustness of almost
-/// all simulations, and hide from a search how far the others are from failing.
+/// The robustness of `and` is that of its weakest operand. So a predicate with small numbers can
+/// set the robustness of almost all simulations, and hide from a search how far the others are from
+/// failing.
 struct Counter<'a> {
     formula: &'a Formula,
     /// Position of each conjunct in the list of [`Formula::subformulas`].

@@ -1,5 +1,5 @@
-//! Findings about the simulations of a run: why a simulation fails, which failures belong together, what was covered, and how two
-//! runs differ.
+//! Findings about the simulations of a run: why a simulation fails, which failures belong together,
+//! what was covered, and how two runs differ.
 
 mod answer;
 mod comparison;

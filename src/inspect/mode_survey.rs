@@ -1,4 +1,5 @@
-//! Findings of the trials of a run: failure modes, when each appeared, how many are unseen, and coverage of the space.
+//! Findings of the trials of a run: failure modes, when each appeared, how many are unseen, and
+//! coverage of the space.
 
 use std::collections::BTreeMap;
 
@@ -21,12 +22,15 @@ pub struct ModeSurvey {
     pub coverage: Coverage,
 }
 
-/// Returns the estimates from the number of trials that found each mode; `None` for fewer than two trials.
+/// Returns the estimates from the number of trials that found each mode; `None` for fewer than two
+/// trials.
 ///
-/// The number of new modes of another trial is estimated by the modes that exactly one trial found, over the trials. It is unbiased
-/// for the last trial given the others, since the trials are exchangeable. The total is the bias-corrected Chao2 estimate
-/// S + (T - 1) / T · Q₁ (Q₁ - 1) / (2 (Q₂ + 1)) for S modes, T trials, and Q₁ and Q₂ modes that one and two trials found.
-/// Chao, "Estimating the population size for capture-recapture data with unequal catchability", Biometrics 43(4), 1987.
+/// The number of new modes of another trial is estimated by the modes that exactly one trial found,
+/// over the trials. It is unbiased for the last trial given the others, since the trials are
+/// exchangeable. The total is the bias-corrected Chao2 estimate S + (T - 1) / T · Q₁ (Q₁ - 1) / (2
+/// (Q₂ + 1)) for S modes, T trials, and Q₁ and Q₂ modes that one and two trials found. Chao,
+/// "Estimating the population size for capture-recapture data with unequal catchability",
+/// Biometrics 43(4), 1987.
 ///
 /// # Example
 /// ```
@@ -48,8 +52,8 @@ pub fn unseen_modes(counts: &[usize], trials: usize) -> Option<UnseenModes> {
 }
 
 impl ModeSurvey {
-    /// Returns the simulations of a trial at which it found a mode that it had not found before, in order: its curve of modes
-    /// against simulations.
+    /// Returns the simulations of a trial at which it found a mode that it had not found before, in
+    /// order: its curve of modes against simulations.
     pub fn curve(&self, trial: u32) -> Vec<u32> {
         let mut numbers: Vec<u32> =
             self.first.iter().filter_map(|first| first.get(&trial).copied()).collect();

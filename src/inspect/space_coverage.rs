@@ -8,10 +8,12 @@ use mishandle_store::RunFile;
 use crate::error::MishandleError;
 use crate::run::recorded_axis;
 
-/// Largest number of bins of an axis. A pair of axes has at most 100 cells, which fit into the bits of a `u128`.
+/// Largest number of bins of an axis. A pair of axes has at most 100 cells, which fit into the bits
+/// of a `u128`.
 const BINS: usize = 10;
 
-/// Returns the pairwise coverage of the space of a run by its simulations. Axes without a value in a scenario count as not visited.
+/// Returns the pairwise coverage of the space of a run by its simulations. Axes without a value in
+/// a scenario count as not visited.
 ///
 /// # Errors
 /// If the run cannot be read.

@@ -2,7 +2,8 @@
 
 use crate::inspect::Event;
 
-/// Approximate frame rate, in frames per second. Consecutive frames are a whole number of samples apart.
+/// Approximate frame rate, in frames per second. Consecutive frames are a whole number of samples
+/// apart.
 const FRAME_RATE: f64 = 30.0;
 
 /// Time for which a film holds a marked frame, in seconds of the film.
@@ -25,9 +26,10 @@ pub struct Film {
 impl Film {
     /// Plans a film of an episode with samples 0 to `last`, `control_dt` seconds apart.
     ///
-    /// The film shows the samples up to `around` seconds before and after the event. By default, it shows an episode of up to
-    /// 10 s as a whole, and 5 s on each side of the event otherwise. Without an event, the last sample takes its place. The
-    /// film holds each mark of the event for 1 s. `speed` is the speed of the film relative to the simulation.
+    /// The film shows the samples up to `around` seconds before and after the event. By default, it
+    /// shows an episode of up to 10 s as a whole, and 5 s on each side of the event otherwise.
+    /// Without an event, the last sample takes its place. The film holds each mark of the event for
+    /// 1 s. `speed` is the speed of the film relative to the simulation.
     ///
     /// # Example
     /// ```

@@ -1,4 +1,5 @@
-//! Frames of filmstrips and films: the scene, and a caption with the time and the decisive predicate.
+//! Frames of filmstrips and films: the scene, and a caption with the time and the decisive
+//! predicate.
 
 use mishandle_stl::Formula;
 use mishandle_store::SignalRecord;
@@ -41,8 +42,9 @@ struct CaptionPredicate {
 }
 
 impl FrameCaptions {
-    /// Makes the captions of a simulation with samples 0 to `last`, `control_dt` seconds apart. Without an explanation they
-    /// show the time only. `signals` gives the units, and `event` is marked.
+    /// Makes the captions of a simulation with samples 0 to `last`, `control_dt` seconds apart.
+    /// Without an explanation they show the time only. `signals` gives the units, and `event` is
+    /// marked.
     pub fn new(
         control_dt: f64,
         signals: &[SignalRecord],
@@ -148,7 +150,8 @@ fn padded(mut texts: Vec<String>) -> Vec<String> {
     texts
 }
 
-/// Returns the unit of a term with a space before it, if all of its signals have the same one; otherwise an empty text.
+/// Returns the unit of a term with a space before it, if all of its signals have the same one;
+/// otherwise an empty text.
 fn unit(signals: &[SignalRecord], term: &str) -> String {
     let Ok(formula) = Formula::parse(term) else { return String::new() };
     let of = |name: &str| signals.iter().find(|signal| signal.name == name).map(|signal| &signal.unit);
@@ -173,7 +176,8 @@ fn spans(history: &PredicateHistory, last: usize) -> Vec<([f64; 2], Color)> {
     spans
 }
 
-/// Draws the frames of one simulation: the views of all cameras side by side, and below them the caption.
+/// Draws the frames of one simulation: the views of all cameras side by side, and below them the
+/// caption.
 #[derive(Debug)]
 pub struct FrameRenderer {
     views: Vec<Renderer>,
@@ -184,8 +188,8 @@ pub struct FrameRenderer {
 
 impl FrameRenderer {
     /// Makes a renderer with one view of this width for each of `cameras`, which are names from
-    /// [`CAMERAS`](mishandle_world::CAMERAS) or of the scene. `size` has the height of the whole frame. Without captions, or if the
-    /// frame is too small for them, the views fill it.
+    /// [`CAMERAS`](mishandle_world::CAMERAS) or of the scene. `size` has the height of the whole
+    /// frame. Without captions, or if the frame is too small for them, the views fill it.
     ///
     /// # Errors
     /// If MuJoCo rejects the document, there is no such camera, or OpenGL is not available.

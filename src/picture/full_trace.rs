@@ -1,4 +1,5 @@
-//! Full traces: joint positions and velocities, actions and contact forces, in addition to the signals.
+//! Full traces: joint positions and velocities, actions and contact forces, in addition to the
+//! signals.
 
 use std::sync::Arc;
 
@@ -10,13 +11,15 @@ use crate::error::MishandleError;
 use crate::picture::trajectory::{Recording, RecordingEnvironment};
 use crate::resolve::{ResolvedPlan, task_target};
 
-/// Simulates an episode of a task again and returns what its trace does not contain, one value per sample.
+/// Simulates an episode of a task again and returns what its trace does not contain, one value per
+/// sample.
 ///
-/// The columns are `q_NAME` and `dq_NAME` (position and velocity of each joint; of a free body, position and linear velocity in
-/// world axes, the quaternion, and the angular velocity in body axes), `action_NAME` (the action of each joint as it was applied
-/// in the control step from this sample to the next, after noise and disturbances; missing at the last sample), `contact_A_B`
-/// (norm of the net contact force between two parts of the scene, N) and `contact_largest` (largest force at a single contact
-/// point, N).
+/// The columns are `q_NAME` and `dq_NAME` (position and velocity of each joint; of a free body,
+/// position and linear velocity in world axes, the quaternion, and the angular velocity in body
+/// axes), `action_NAME` (the action of each joint as it was applied in the control step from this
+/// sample to the next, after noise and disturbances; missing at the last sample), `contact_A_B`
+/// (norm of the net contact force between two parts of the scene, N) and `contact_largest` (largest
+/// force at a single contact point, N).
 ///
 /// # Errors
 /// If the target is not a task, or the simulation gives other signals than `episode` has.

@@ -24,9 +24,9 @@ pub struct StateTrajectory {
 }
 
 impl StateTrajectory {
-    /// Returns the first contact between two parts of the scene that do not touch in the first 0.1 s, in which objects settle, and
-    /// its name, which is that of the column `contact_A_B` of a full trace. `None` without one. A contact between two control
-    /// steps is not seen.
+    /// Returns the first contact between two parts of the scene that do not touch in the first 0.1
+    /// s, in which objects settle, and its name, which is that of the column `contact_A_B` of a
+    /// full trace. `None` without one. A contact between two control steps is not seen.
     ///
     /// # Errors
     /// If the scene cannot be built.
@@ -55,12 +55,12 @@ impl StateTrajectory {
 
 /// Returns the initial state of a task, as a trajectory with one state.
 ///
-/// `x0` has one value per axis of the initial box, in the unit of the axis. `None` selects the center of the box of
-/// task preset `paper`.
+/// `x0` has one value per axis of the initial box, in the unit of the axis. `None` selects the
+/// center of the box of task preset `paper`.
 ///
 /// # Errors
-/// If `x0` does not have one finite number per axis or is outside the initial boxes of all task presets, or the task
-/// cannot be built.
+/// If `x0` does not have one finite number per axis or is outside the initial boxes of all task
+/// presets, or the task cannot be built.
 pub fn initial_state(task: &dyn Task, x0: Option<&[f64]>) -> Result<StateTrajectory, MishandleError> {
     let environment = TaskEnvironment::new(task, Preset::Paper, Reward::Original)?;
     let scenario = x0.map_or_else(|| environment.space().nominal(), Scenario::from);
@@ -76,8 +76,9 @@ pub fn initial_state(task: &dyn Task, x0: Option<&[f64]>) -> Result<StateTraject
     Ok(StateTrajectory { states: vec![state], control_dt, environment: Arc::new(environment) })
 }
 
-/// Returns the samples of a filmstrip of the samples `first` to `last`: both ends, the decisive sample, and samples between them.
-/// If a violation starts earlier than the decisive sample, its `start` is one of them.
+/// Returns the samples of a filmstrip of the samples `first` to `last`: both ends, the decisive
+/// sample, and samples between them. If a violation starts earlier than the decisive sample, its
+/// `start` is one of them.
 ///
 /// # Example
 /// ```
@@ -109,7 +110,8 @@ pub fn strip_samples(start: Option<usize>, decisive: usize, (first, last): (usiz
     samples
 }
 
-/// Checks that an initial state is in the box of a task preset. The error names the bounds of task preset `paper`.
+/// Checks that an initial state is in the box of a task preset. The error names the bounds of task
+/// preset `paper`.
 fn check_in_box(definition: &Definition, x0: &[f64]) -> Result<(), MishandleError> {
     let outside = |preset| {
         definition.initial_box.iter().zip(x0).find(move |(axis, value)| {
@@ -126,7 +128,8 @@ fn check_in_box(definition: &Definition, x0: &[f64]) -> Result<(), MishandleErro
     }
 }
 
-/// Replays a simulation as [`replay`](crate::replay::replay()) does, and returns its states as well.
+/// Replays a simulation as [`replay`](crate::replay::replay()) does, and returns its states as
+/// well.
 ///
 /// # Errors
 /// The errors of [`replay`](crate::replay::replay()), or if the run's target is not a task.

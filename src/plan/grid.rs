@@ -26,16 +26,17 @@ pub struct GridRun {
     pub plan: Plan,
 }
 
-/// Reads a campaign file: a plan in which any key but `format` and `falsify.options` may have a list of values.
-/// Returns a run for each combination of the values, the last key of the file format varying fastest.
+/// Reads a campaign file: a plan in which any key but `format` and `falsify.options` may have a
+/// list of values. Returns a run for each combination of the values, the last key of the file
+/// format varying fastest.
 ///
-/// A file with the tables of several questions (`[evaluate]`, `[falsify]`, `[margin]`, `[risk]`) gives a run of each per
-/// combination of the other values. A search gets
-/// those options of `[falsify.options]` that it has.
+/// A file with the tables of several questions (`[evaluate]`, `[falsify]`, `[margin]`, `[risk]`)
+/// gives a run of each per combination of the other values. A search gets those options of
+/// `[falsify.options]` that it has.
 ///
 /// # Errors
-/// The errors of [`Plan::from_toml`]; if there is no target, no question, an option that no search has, or more than 10,000
-/// runs.
+/// The errors of [`Plan::from_toml`]; if there is no target, no question, an option that no search
+/// has, or more than 10,000 runs.
 ///
 /// # Example
 /// ```
@@ -116,8 +117,9 @@ fn entry<'t>(table: &'t mut Table, name: &str) -> Option<&'t mut Value> {
     }
 }
 
-/// Returns the part of a name for one value: its text, if it is short and has only characters of names; otherwise these
-/// characters and the start of a hash, so that different values have different names.
+/// Returns the part of a name for one value: its text, if it is short and has only characters of
+/// names; otherwise these characters and the start of a hash, so that different values have
+/// different names.
 fn part(value: &Value) -> String {
     let text = value.as_str().map_or_else(|| value.to_string(), String::from);
     let is_plain = |c: char| c.is_ascii_alphanumeric() || "-.+".contains(c);

@@ -26,9 +26,11 @@ pub use search_options::search_option_value;
 /// Version of the plan format.
 const FORMAT: u32 = 2;
 
-/// An evaluation, a falsification or an estimation of the failure probability: read from TOML, edited by flags, and stored with the results.
+/// An evaluation, a falsification or an estimation of the failure probability: read from TOML,
+/// edited by flags, and stored with the results.
 ///
-/// A plan contains names only. [`ResolvedPlan::new`](crate::resolve::ResolvedPlan::new) looks them up and checks them.
+/// A plan contains names only. [`ResolvedPlan::new`](crate::resolve::ResolvedPlan::new) looks them
+/// up and checks them.
 ///
 /// # Example
 /// ```
@@ -49,7 +51,8 @@ pub struct Plan {
     /// Name of the scenario space, or several names joined by `+`.
     #[serde(default = "starts")]
     pub space: String,
-    /// Axes with a narrower range or a fixed value, by name. Axes that the space lacks are added to it.
+    /// Axes with a narrower range or a fixed value, by name. Axes that the space lacks are added to
+    /// it.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     pub axes: BTreeMap<String, AxisSetting>,
     /// Task preset: the initial boxes and formulas of the benchmark's `paper` or of its `code`.
@@ -61,13 +64,16 @@ pub struct Plan {
     /// Sample the policy's actions instead of taking their mean.
     #[serde(default)]
     pub stochastic: bool,
-    /// Standard deviation of the Gaussian noise on each action, from 0 to 10. Actions range from -1 to 1.
+    /// Standard deviation of the Gaussian noise on each action, from 0 to 10. Actions range from -1
+    /// to 1.
     #[serde(default)]
     pub action_noise: f64,
-    /// Standard deviation of the Gaussian noise on each observation, from 0 to 10, in units of the observation.
+    /// Standard deviation of the Gaussian noise on each observation, from 0 to 10, in units of the
+    /// observation.
     #[serde(default)]
     pub observation_noise: f64,
-    /// Random seed of the run. Seeds above 2⁶³ - 1, the largest TOML integer, are written as strings.
+    /// Random seed of the run. Seeds above 2⁶³ - 1, the largest TOML integer, are written as
+    /// strings.
     #[serde(default, with = "seed")]
     pub seed: u64,
     /// Settings of an evaluation.
@@ -82,8 +88,8 @@ pub struct Plan {
     /// Settings of an estimation of the failure probability.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub risk: Option<RiskPlan>,
-    /// Settings of a screening: another device proposes simulations, and the target's system confirms them. `None`: the
-    /// system computes all simulations.
+    /// Settings of a screening: another device proposes simulations, and the target's system
+    /// confirms them. `None`: the system computes all simulations.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub screening: Option<ScreeningPlan>,
 }
@@ -92,7 +98,8 @@ pub struct Plan {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default, rename_all = "kebab-case")]
 pub struct MarginPlan {
-    /// Requirement: the name of a formula of the target, or the text of a formula. `None` selects the target's first formula.
+    /// Requirement: the name of a formula of the target, or the text of a formula. `None` selects
+    /// the target's first formula.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub formula: Option<String>,
     /// Largest number of simulations, without the repeats of the witness.
@@ -113,7 +120,8 @@ pub struct ScreeningPlan {
     pub device: String,
     /// Number of worlds that the device steps together.
     pub rows: u32,
-    /// Probability, from 0 to 1, with which a simulation that is not flagged is confirmed: the audit sample.
+    /// Probability, from 0 to 1, with which a simulation that is not flagged is confirmed: the
+    /// audit sample.
     pub confirm: f64,
 }
 
@@ -157,8 +165,8 @@ impl Default for EvaluatePlan {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default, rename_all = "kebab-case")]
 pub struct FalsifyPlan {
-    /// Requirement to violate: the name of a formula of the target, or the text of a formula. `None` selects the
-    /// target's first formula, which is `success` for a task.
+    /// Requirement to violate: the name of a formula of the target, or the text of a formula.
+    /// `None` selects the target's first formula, which is `success` for a task.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub formula: Option<String>,
     /// Name of the search.
@@ -173,10 +181,11 @@ pub struct FalsifyPlan {
     pub early_stopping: bool,
     /// Continue a trial after its first violation, to find other failure modes.
     pub keep_going: bool,
-    /// With `keep_going`, a trial ends when less than this fraction of its simulations finds a new failure mode, from 0 to less
-    /// than 1. With 0, it spends its budget.
+    /// With `keep_going`, a trial ends when less than this fraction of its simulations finds a new
+    /// failure mode, from 0 to less than 1. With 0, it spends its budget.
     pub new_mode_rate: f64,
-    /// Options of the search by name: the table `[falsify.options]`. `mishandle searches SEARCH` lists them.
+    /// Options of the search by name: the table `[falsify.options]`. `mishandle searches SEARCH`
+    /// lists them.
     #[serde(with = "crate::plan::search_options", skip_serializing_if = "SearchOptions::is_empty")]
     pub options: SearchOptions,
 }

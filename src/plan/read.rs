@@ -35,7 +35,8 @@ struct Key {
     name: &'static str,
     /// Allowed values, in words.
     allowed: &'static str,
-    /// Returns whether a value has the right type. Ranges are checked later, since flags override a plan.
+    /// Returns whether a value has the right type. Ranges are checked later, since flags override a
+    /// plan.
     reads: fn(&Spanned<DeValue<'_>>) -> bool,
 }
 
@@ -156,7 +157,8 @@ struct Reader<'t> {
 }
 
 impl Reader<'_> {
-    /// Checks the keys of a table and the types of their values; `within` is the name of the table with a period at its end.
+    /// Checks the keys of a table and the types of their values; `within` is the name of the table
+    /// with a period at its end.
     fn check(&self, within: &str, table: &DeTable<'_>) -> Result<(), MishandleError> {
         for (key, value) in table {
             let name = format!("{within}{}", key.get_ref());

@@ -12,7 +12,8 @@ use crate::error::MishandleError;
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default, rename_all = "kebab-case")]
 pub struct RiskPlan {
-    /// Requirement: the name of a formula of the target, or the text of a formula. `None` selects the target's first formula.
+    /// Requirement: the name of a formula of the target, or the text of a formula. `None` selects
+    /// the target's first formula.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub formula: Option<String>,
     /// Number of simulations.
@@ -21,7 +22,8 @@ pub struct RiskPlan {
     pub method: String,
     /// Batch size: number of simulations run at once. Results do not depend on it.
     pub batch: u32,
-    /// Distributions of axes by name, such as `normal:1:0.1`. The other axes have the distributions that they declare.
+    /// Distributions of axes by name, such as `normal:1:0.1`. The other axes have the distributions
+    /// that they declare.
     #[serde(skip_serializing_if = "BTreeMap::is_empty")]
     pub distributions: BTreeMap<String, String>,
 }

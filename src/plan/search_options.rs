@@ -61,10 +61,12 @@ pub(crate) fn deserialize<'de, D: Deserializer<'de>>(deserializer: D) -> Result<
     Ok(options)
 }
 
-/// Parses the value of a search option from a flag, such as `1e-6`, `true` or `[[0.1, 0.2], [0.3, 0.4]]`.
+/// Parses the value of a search option from a flag, such as `1e-6`, `true` or
+/// `[[0.1, 0.2], [0.3, 0.4]]`.
 ///
-/// Values have TOML syntax, as in a plan, but strings need no quotes. [`ResolvedPlan::new`](crate::resolve::ResolvedPlan::new)
-/// checks whether `search` has the option and accepts the value.
+/// Values have TOML syntax, as in a plan, but strings need no quotes.
+/// [`ResolvedPlan::new`](crate::resolve::ResolvedPlan::new) checks whether `search` has the option
+/// and accepts the value.
 ///
 /// # Example
 /// ```

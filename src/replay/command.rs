@@ -4,8 +4,8 @@ use mishandle_text::shell_quote;
 
 use crate::resolve::is_python;
 
-/// Returns the command that replays a simulation of the run file at `path`, or for a system that is written in Python the call in
-/// Python, with the system, the formula and the space of the run.
+/// Returns the command that replays a simulation of the run file at `path`, or for a system that is
+/// written in Python the call in Python, with the system, the formula and the space of the run.
 ///
 /// # Example
 /// ```

@@ -21,24 +21,27 @@ pub struct ReplayResult {
     pub recorded: Simulation,
     /// The replayed episode.
     pub episode: Episode,
-    /// Differences between the run file and what its plan and the replay give. Empty if everything recorded of the
-    /// simulation has the same bits.
+    /// Differences between the run file and what its plan and the replay give. Empty if everything
+    /// recorded of the simulation has the same bits.
     pub differences: Vec<String>,
-    /// Differences between the recorded build and the present one. Results can differ between builds.
+    /// Differences between the recorded build and the present one. Results can differ between
+    /// builds.
     pub build_differences: Vec<String>,
 }
 
-/// Replays simulation `number` of trial `trial` and compares everything recorded of it, bit for bit.
+/// Replays simulation `number` of trial `trial` and compares everything recorded of it, bit for
+/// bit.
 ///
-/// A hash in the run file detects accidental damage, but anybody can compute it. So the replay derives what it compares:
-/// the header from the plan, seed and scenario from the seed of the run, and the results from the simulation. For a
-/// falsification it also derives the other points of the trial, from the recorded results of the earlier simulations.
+/// A hash in the run file detects accidental damage, but anybody can compute it. So the replay
+/// derives what it compares: the header from the plan, seed and scenario from the seed of the run,
+/// and the results from the simulation. For a falsification it also derives the other points of the
+/// trial, from the recorded results of the earlier simulations.
 ///
 /// `controller` is the present path of the run's controller, if the file was moved.
 ///
 /// # Errors
-/// If the run has no such simulation, its plan cannot be resolved any more, the controller differs from the run's, or the
-/// target cannot run the recorded scenario.
+/// If the run has no such simulation, its plan cannot be resolved any more, the controller differs
+/// from the run's, or the target cannot run the recorded scenario.
 pub fn replay(
     run: &RunFile,
     trial: u32,
@@ -97,9 +100,11 @@ pub(crate) fn replay_in(
     })
 }
 
-/// Selects a simulation to replay: the first counterexample, or else the simulation with the minimum robustness.
+/// Selects a simulation to replay: the first counterexample, or else the simulation with the
+/// minimum robustness.
 ///
-/// `trial` and `number` restrict the choice. Returns trial and number, or `None` if no simulation has a robustness.
+/// `trial` and `number` restrict the choice. Returns trial and number, or `None` if no simulation
+/// has a robustness.
 ///
 /// # Errors
 /// If the run has no such trial, or cannot be read.
@@ -136,7 +141,8 @@ pub fn build_differences(header: &RunHeader, resolved: &ResolvedPlan) -> Vec<Str
     differences_of_builds(&header.build, &header.versions, resolved)
 }
 
-/// Lists the differences between a recorded build and the present one, with the versions of the target's software.
+/// Lists the differences between a recorded build and the present one, with the versions of the
+/// target's software.
 pub(crate) fn differences_of_builds(
     then: &BuildRecord,
     versions: &[(String, String)],

@@ -2,8 +2,8 @@
 
 use mishandle_store::Simulation;
 
-/// Lists all differences between a recorded simulation and its replay. `recorded_names` and `names` are the names of
-/// their verdicts.
+/// Lists all differences between a recorded simulation and its replay. `recorded_names` and `names`
+/// are the names of their verdicts.
 pub(super) fn differences(
     recorded: &Simulation,
     recorded_names: &[String],

@@ -1,4 +1,5 @@
-//! Derives seed and scenario of a recorded simulation from the seed of its run, and the status of its trial from its rows.
+//! Derives seed and scenario of a recorded simulation from the seed of its run, and the status of
+//! its trial from its rows.
 
 use mishandle_falsification::{FalsificationError, Trial};
 use mishandle_rollout::Request;
@@ -8,9 +9,11 @@ use crate::error::MishandleError;
 use crate::resolve::ResolvedPlan;
 use crate::run::{asked, evaluate, falsify, record};
 
-/// Lists the differences between the rows of the simulation's trial and those that the plan implies.
+/// Lists the differences between the rows of the simulation's trial and those that the plan
+/// implies.
 ///
-/// For a falsification, the search proposes the points of the trial again and observes the recorded results.
+/// For a falsification, the search proposes the points of the trial again and observes the recorded
+/// results.
 pub(super) fn differences(
     run: &RunFile,
     recorded: &Simulation,
@@ -121,7 +124,8 @@ fn of_falsification(
     Ok(found)
 }
 
-/// Compares the status of a trial with its rows. A trial can have been killed before its end was recorded.
+/// Compares the status of a trial with its rows. A trial can have been killed before its end was
+/// recorded.
 fn status_difference(
     trial: &mut Trial<'_>,
     recorded: &TrialRecord,

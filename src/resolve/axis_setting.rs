@@ -8,11 +8,12 @@ use mishandle_rollout::{Axis, AxisKind, AxisValues, RolloutError, Space};
 
 /// Returns a space with these settings. A set axis that the space lacks is added.
 ///
-/// The nominal value of an axis remains if it is within the new bounds. Otherwise it is the midpoint for the initial state, and the
-/// nearest bound for other kinds.
+/// The nominal value of an axis remains if it is within the new bounds. Otherwise it is the
+/// midpoint for the initial state, and the nearest bound for other kinds.
 ///
 /// # Errors
-/// If no axis of `known` has a name, or a setting is outside of the bounds of its axis. The initial state may be set outside.
+/// If no axis of `known` has a name, or a setting is outside of the bounds of its axis. The initial
+/// state may be set outside.
 pub(crate) fn with_settings(
     space: Space,
     settings: &BTreeMap<String, AxisSetting>,

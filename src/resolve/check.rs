@@ -56,8 +56,8 @@ fn check_batch(batch: u32) -> Result<(), MishandleError> {
     Err(MishandleError::InvalidValue { what, value: batch.to_string(), expected })
 }
 
-/// Checks the falsification settings of a plan against its space, and returns whether the search needs the minima of
-/// sub-formulas.
+/// Checks the falsification settings of a plan against its space, and returns whether the search
+/// needs the minima of sub-formulas.
 ///
 /// # Errors
 /// If a number is out of its range, or the search or one of its options is unknown or invalid.

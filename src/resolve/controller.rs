@@ -8,15 +8,16 @@ use crate::error::MishandleError;
 use crate::resolve::task;
 use crate::shipped::{CONTROLLERS, EXPERT, ShippedFile, check_home, shipped_controller, shipped_controllers};
 
-/// Returns whether `controller` is a path rather than the name of a shipped controller, `NAME` or `TASK/NAME`.
+/// Returns whether `controller` is a path rather than the name of a shipped controller, `NAME` or
+/// `TASK/NAME`.
 pub(crate) fn is_path(controller: &str) -> bool {
     let looks_like_path =
         controller.contains(std::path::MAIN_SEPARATOR) || Path::new(controller).extension().is_some();
     looks_like_path && split_task(controller).is_none()
 }
 
-/// Splits `TASK/NAME`, the name of a shipped controller with its task. Whether a file has this path does not matter, so
-/// that the working directory cannot replace a shipped controller.
+/// Splits `TASK/NAME`, the name of a shipped controller with its task. Whether a file has this path
+/// does not matter, so that the working directory cannot replace a shipped controller.
 pub(crate) fn split_task(controller: &str) -> Option<(&'static Definition, &str)> {
     let (task, name) = controller.split_once('/')?;
     let is_name = !name.contains('/') && Path::new(name).extension().is_none();
@@ -40,8 +41,8 @@ pub(crate) fn controller_of(definition: &Definition, name: &str) -> Result<Shipp
     })
 }
 
-/// Returns the file of a controller. `name` is a path, or `TASK/NAME` for a shipped controller, whether or not the working
-/// directory has a file at that path. `./TASK/NAME` names that file.
+/// Returns the file of a controller. `name` is a path, or `TASK/NAME` for a shipped controller,
+/// whether or not the working directory has a file at that path. `./TASK/NAME` names that file.
 ///
 /// # Errors
 /// If `name` is neither a path nor a shipped controller.

@@ -58,7 +58,8 @@ fn suggest<'a>(name: &str, known: impl IntoIterator<Item = &'a str>) -> Option<S
     nearest(name, known).map(|near| format!("did you mean `{near}`?"))
 }
 
-/// Suggests the settings with the same key in other tables, or else the most similar name of a setting or a table.
+/// Suggests the settings with the same key in other tables, or else the most similar name of a
+/// setting or a table.
 fn suggest_setting(name: &str, known: &[&str]) -> Option<String> {
     let key = |name: &str| name.rsplit('.').next().unwrap_or_default().to_string();
     let elsewhere: Vec<&str> = known.iter().copied().filter(|known| key(known) == key(name)).collect();

@@ -18,7 +18,8 @@ use crate::resolve::task;
 /// The header's algorithm is `imported`, and its command says where the policy is from.
 ///
 /// # Errors
-/// If the task is unknown, the file cannot be read or imported, or the policy's sizes are not those of the task.
+/// If the task is unknown, the file cannot be read or imported, or the policy's sizes are not those
+/// of the task.
 pub fn import_controller(
     path: &Path,
     task_name: &str,

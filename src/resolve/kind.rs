@@ -6,12 +6,14 @@ const TASK: &str = "task";
 /// Kind of the targets that are written in Python.
 const PYTHON: &str = "python";
 
-/// Returns whether targets of this kind are tasks: they have a scene, joints and pictures, and other engines can simulate them.
+/// Returns whether targets of this kind are tasks: they have a scene, joints and pictures, and
+/// other engines can simulate them.
 pub fn is_task(kind: &str) -> bool {
     kind == TASK
 }
 
-/// Returns whether targets of this kind are written in Python, so that this program cannot simulate them without the system.
+/// Returns whether targets of this kind are written in Python, so that this program cannot simulate
+/// them without the system.
 pub fn is_python(kind: &str) -> bool {
     kind == PYTHON
 }

@@ -1,6 +1,7 @@
 //! Resolved plans: names become targets, controllers, spaces, formulas and searches.
 //!
-//! Every mistake in a plan is found here, before the first simulation. Only this room knows the kinds of targets.
+//! Every mistake in a plan is found here, before the first simulation. Only this room knows the
+//! kinds of targets.
 
 mod axis_setting;
 mod catalog;
@@ -41,7 +42,8 @@ pub use task::{preset, task, task_target};
 /// Returns the target of a plan.
 ///
 /// # Errors
-/// If a name is unknown, a file cannot be read or is for another task, or a number is out of its range.
+/// If a name is unknown, a file cannot be read or is for another task, or a number is out of its
+/// range.
 pub fn target(plan: &Plan) -> Result<Target, MishandleError> {
     if let Some(toy) = mishandle_toys::target(&plan.target) {
         check_no_task_options(plan)?;
@@ -86,8 +88,8 @@ pub struct ResolvedPlan {
     pub space: Space,
     /// The formulas. A falsification tries to violate the requirement.
     pub specification: Specification,
-    /// Number of sub-formulas of the requirement whose minima are stored. Some searches need these minima; a resumed
-    /// run reads them from the run file. Zero for the other searches.
+    /// Number of sub-formulas of the requirement whose minima are stored. Some searches need these
+    /// minima; a resumed run reads them from the run file. Zero for the other searches.
     pub stored_subformulas: usize,
 }
 
@@ -95,13 +97,14 @@ impl ResolvedPlan {
     /// Looks up and checks the names and values of `plan`.
     ///
     /// # Errors
-    /// If a name is unknown, a file cannot be read or is for another task, a formula is invalid or reaches past the end
-    /// of an episode, or a number is out of its range.
+    /// If a name is unknown, a file cannot be read or is for another task, a formula is invalid or
+    /// reaches past the end of an episode, or a number is out of its range.
     pub fn new(plan: &Plan) -> Result<ResolvedPlan, MishandleError> {
         ResolvedPlan::with_target(plan, target(plan)?)
     }
 
-    /// Checks a plan for a target that this program cannot look up, for instance one that a user wrote in Python.
+    /// Checks a plan for a target that this program cannot look up, for instance one that a user
+    /// wrote in Python.
     ///
     /// # Errors
     /// The errors of [`new`](Self::new), except that the name of the target is not looked up.
@@ -185,7 +188,8 @@ fn check_screening(screening: &ScreeningPlan, plan: &Plan) -> Result<(), Mishand
     Err(MishandleError::InvalidValue { what, value, expected })
 }
 
-/// Parses a formula that is given by its name or its text. A single word is the name of a formula or of a signal.
+/// Parses a formula that is given by its name or its text. A single word is the name of a formula
+/// or of a signal.
 fn requirement(text: &str, target: &Target) -> Result<Formula, MishandleError> {
     let named = target.formulas.iter().find(|formula| formula.name == text);
     let source = named.map_or(text, |formula| &formula.text);

@@ -16,7 +16,8 @@ pub fn depends_on_seed(resolved: &ResolvedPlan, scenario: &Scenario) -> bool {
         || random_values(resolved).any(|(place, nominal)| scenario.get(place) != nominal)
 }
 
-/// Returns whether two simulations of a scenario of the plan's space with different seeds can differ.
+/// Returns whether two simulations of a scenario of the plan's space with different seeds can
+/// differ.
 pub fn space_depends_on_seed(resolved: &ResolvedPlan) -> bool {
     depends_on_seed(resolved, &resolved.space.nominal()) || random_values(resolved).next().is_some()
 }

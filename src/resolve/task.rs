@@ -49,7 +49,8 @@ pub fn preset(name: &str) -> Result<Preset, MishandleError> {
 /// Looks up and checks task, controller and noise of `plan`.
 ///
 /// # Errors
-/// If a name is unknown, a file cannot be read or is for another task, or a number is out of its range.
+/// If a name is unknown, a file cannot be read or is for another task, or a number is out of its
+/// range.
 pub fn task_target(plan: &Plan) -> Result<TaskTarget, MishandleError> {
     let task = task(&plan.target)?;
     let preset = preset(&plan.preset)?;
@@ -65,7 +66,8 @@ pub fn task_target(plan: &Plan) -> Result<TaskTarget, MishandleError> {
     Ok(TaskTarget::new(task, preset, controller, noise)?)
 }
 
-/// Loads a controller: the expert, a shipped controller by name, a file of ours or an ONNX model by path.
+/// Loads a controller: the expert, a shipped controller by name, a file of ours or an ONNX model by
+/// path.
 fn load_controller(
     task: &dyn Task,
     name: &str,

@@ -27,7 +27,8 @@ impl CampaignRun {
     /// Opens the run file for writing and resolves its plan.
     ///
     /// # Errors
-    /// If the run file is a symbolic link, cannot be opened, or has another plan than the campaign file.
+    /// If the run file is a symbolic link, cannot be opened, or has another plan than the campaign
+    /// file.
     pub fn resume(&self) -> Result<(RunWriter, ResolvedPlan), MishandleError> {
         let differs = |problem: &str| MishandleError::CampaignMismatch {
             path: self.path.clone(),
@@ -50,7 +51,8 @@ impl CampaignRun {
     }
 }
 
-/// Returns whether a recorded plan is a plan of the campaign file. The record has the absolute path of a controller.
+/// Returns whether a recorded plan is a plan of the campaign file. The record has the absolute path
+/// of a controller.
 fn is_same_plan(recorded: &Plan, planned: &Plan) -> bool {
     let is_same_file = is_path(&planned.controller)
         && Path::new(&recorded.controller).file_name() == Path::new(&planned.controller).file_name();
@@ -58,10 +60,11 @@ fn is_same_plan(recorded: &Plan, planned: &Plan) -> bool {
     *recorded == Plan { controller, ..planned.clone() }
 }
 
-/// Creates the folder of a campaign, with a run file for each run. `text` is the campaign file: see [`read_grid`].
+/// Creates the folder of a campaign, with a run file for each run. `text` is the campaign file: see
+/// [`read_grid`].
 ///
-/// No run file contains a simulation yet. All plans are resolved before the folder is created, and the folder appears when it is
-/// complete.
+/// No run file contains a simulation yet. All plans are resolved before the folder is created, and
+/// the folder appears when it is complete.
 ///
 /// # Errors
 /// If the text or one of its plans is invalid, the folder exists, or a file cannot be written.
@@ -76,7 +79,8 @@ pub fn create_campaign(text: &str, folder: &Path) -> Result<Vec<CampaignRun>, Mi
     if let Some(parent) = folder.parent().filter(|parent| !parent.as_os_str().is_empty()) {
         folders.create(parent).map_err(write)?;
     }
-    // Thousands of runs take a while: a process that is killed meanwhile must not leave a folder that cannot be resumed.
+    // Thousands of runs take a while: a process that is killed meanwhile must not leave a folder
+    // that cannot be resumed.
     let created = AtomicFolder::create_new(folder).map_err(write)?;
     for run in &runs {
         let run_file = create_run(&resolve(run)?, Some(&run_path(created.path(), &run.name)))?;
@@ -114,8 +118,8 @@ pub fn campaign_runs(folder: &Path) -> Result<Vec<CampaignRun>, MishandleError> 
     runs.collect()
 }
 
-/// Checks that the file of a campaign is not a symbolic link. An untrusted folder could have one to any file, whose first line
-/// would be printed as a wrong plan.
+/// Checks that the file of a campaign is not a symbolic link. An untrusted folder could have one to
+/// any file, whose first line would be printed as a wrong plan.
 fn no_link(path: &Path) -> std::io::Result<()> {
     if path.symlink_metadata()?.is_symlink() {
         let message = "expected a regular file, but it is a symbolic link; copy the file into the folder of the campaign";

@@ -7,7 +7,8 @@ use crate::plan::Plan;
 use crate::run::evaluate::TRIAL;
 use mishandle_text::plural;
 
-/// Describes what a run lacks that its plan asks for, such as `40 of 100 simulations`; `None` if it is complete.
+/// Describes what a run lacks that its plan asks for, such as `40 of 100 simulations`; `None` if it
+/// is complete.
 ///
 /// It needs only the run file, not the target.
 ///

@@ -16,7 +16,8 @@ use mishandle_text::plural;
 /// Number of the trial of the random simulations. [`Corners::TRIAL`] is the other one.
 pub(crate) const TRIAL: u32 = 1;
 
-/// The task preset whose completion times include failed episodes, as in the code of the original benchmark.
+/// The task preset whose completion times include failed episodes, as in the code of the original
+/// benchmark.
 const COUNTS_FAILURES: &str = "code";
 
 /// Results of an evaluation.
@@ -24,7 +25,8 @@ const COUNTS_FAILURES: &str = "code";
 pub struct EvaluationOutcome {
     /// Metrics of the random simulations.
     pub report: Metrics,
-    /// Results at the corners and the center of the initial box; `None` if the space has no numeric axis of kind `start`.
+    /// Results at the corners and the center of the initial box; `None` if the space has no numeric
+    /// axis of kind `start`.
     pub corners: Option<CornerReport>,
     /// Whether all simulations of the plan are finished.
     pub is_complete: bool,
@@ -69,12 +71,14 @@ fn corners(resolved: &ResolvedPlan) -> Option<Corners> {
     Corners::new(&resolved.space, crate::resolve::space_depends_on_seed(resolved), Seed(resolved.plan.seed))
 }
 
-/// Returns the number of simulations of an evaluation: the random ones, and those of the corners and the center.
+/// Returns the number of simulations of an evaluation: the random ones, and those of the corners
+/// and the center.
 pub fn evaluation_simulations(resolved: &ResolvedPlan) -> u64 {
     [TRIAL, Corners::TRIAL].into_iter().filter_map(|trial| planned_simulations(resolved, trial)).sum()
 }
 
-/// Returns the number of simulations of a trial of an evaluation; `None` if its plan has no such trial.
+/// Returns the number of simulations of a trial of an evaluation; `None` if its plan has no such
+/// trial.
 fn planned_simulations(resolved: &ResolvedPlan, trial: u32) -> Option<u64> {
     match trial {
         TRIAL => Some(resolved.plan.evaluate.as_ref().map_or(0, |evaluate| evaluate.episodes)),
@@ -83,7 +87,8 @@ fn planned_simulations(resolved: &ResolvedPlan, trial: u32) -> Option<u64> {
     }
 }
 
-/// Returns the request that the plan of an evaluation derives for a simulation; `None` if it has no such simulation.
+/// Returns the request that the plan of an evaluation derives for a simulation; `None` if it has no
+/// such simulation.
 ///
 /// A recorded simulation with another scenario or seed does not belong to the plan.
 ///
@@ -97,15 +102,16 @@ pub fn evaluation_request(
     with_requests(resolved, |requests| requests.request(trial, number))
 }
 
-/// Evaluates a target and stores every simulation in `run`: the random ones as trial 1, those of the corners as trial 2.
+/// Evaluates a target and stores every simulation in `run`: the random ones as trial 1, those of
+/// the corners as trial 2.
 ///
-/// `run` is an open run file of the same plan. The simulations that it already contains are counted, not repeated.
-/// `watch` gets the number of finished simulations after each batch and can stop the evaluation; the report then
-/// covers the finished simulations.
+/// `run` is an open run file of the same plan. The simulations that it already contains are
+/// counted, not repeated. `watch` gets the number of finished simulations after each batch and can
+/// stop the evaluation; the report then covers the finished simulations.
 ///
 /// # Errors
-/// If the plan has no table `[evaluate]`, `run` contains other simulations than the plan, or a simulation cannot be
-/// run or stored.
+/// If the plan has no table `[evaluate]`, `run` contains other simulations than the plan, or a
+/// simulation cannot be run or stored.
 pub fn evaluate(
     resolved: &ResolvedPlan,
     run: RunWriter,
@@ -208,8 +214,8 @@ fn check_trials(resolved: &ResolvedPlan, run: &RunFile) -> Result<(), MishandleE
     if differences.is_empty() { Ok(()) } else { Err(MishandleError::RunMismatch { differences }) }
 }
 
-/// Describes the difference between a recorded trial with this number of simulations, the last of which has the number
-/// `last`, and the trial that the plan of an evaluation implies.
+/// Describes the difference between a recorded trial with this number of simulations, the last of
+/// which has the number `last`, and the trial that the plan of an evaluation implies.
 pub(crate) fn trial_difference(
     resolved: &ResolvedPlan,
     trial: &TrialRecord,

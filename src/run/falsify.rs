@@ -18,12 +18,13 @@ use crate::run::{Progress, header, record};
 
 /// Searches for counterexamples and stores every simulation in `run`.
 ///
-/// `run` is an open run file of the same plan. The simulations that it already contains are not repeated: the searches
-/// get their recorded results. `watch` gets the progress after each batch and can stop the campaign.
+/// `run` is an open run file of the same plan. The simulations that it already contains are not
+/// repeated: the searches get their recorded results. `watch` gets the progress after each batch
+/// and can stop the campaign.
 ///
 /// # Errors
-/// If the plan has no table `[falsify]`, `run` contains other simulations than the plan, or a simulation cannot be run
-/// or stored.
+/// If the plan has no table `[falsify]`, `run` contains other simulations than the plan, or a
+/// simulation cannot be run or stored.
 pub fn falsify(
     resolved: &ResolvedPlan,
     mut run: RunWriter,
@@ -78,8 +79,8 @@ pub fn falsify(
         progress.max_simulations -= batch.unspent(budget);
         Ok::<_, MishandleError>(watch(&progress))
     })?;
-    // A search can end without another simulation, and a run can be killed between the last simulation of a trial and
-    // the record of its end.
+    // A search can end without another simulation, and a run can be killed between the last
+    // simulation of a trial and the record of its end.
     for trial in &outcome.trials {
         let must_end = trial.end.is_some() && started[trial.trial as usize - 1];
         if must_end && run.file().trial(trial.trial)?.status == TrialStatus::Running {
@@ -90,7 +91,8 @@ pub fn falsify(
     Ok(outcome)
 }
 
-/// Searches for counterexamples by screening: see [`Falsification::run_screened`]. Counterexamples are from the target's own system.
+/// Searches for counterexamples by screening: see [`Falsification::run_screened`]. Counterexamples
+/// are from the target's own system.
 pub(crate) fn screened(
     resolved: &ResolvedPlan,
     (screening, system): (&mut dyn Screen, &mut dyn System),
@@ -117,7 +119,8 @@ fn check_trial(
     let mut differences: Vec<String> = seed_difference(resolved, trial).into_iter().collect();
     let outcome = recorded.trials.iter().find(|outcome| outcome.trial == trial.number);
     let expected = outcome.map_or(TrialStatus::Running, status);
-    // The process can have been killed before it recorded the end, and a search can end without another simulation.
+    // The process can have been killed before it recorded the end, and a search can end without
+    // another simulation.
     let ended_between = |status: TrialStatus| match status {
         TrialStatus::Converged => true,
         TrialStatus::Falsified => outcome.is_some_and(TrialOutcome::falsified),
@@ -137,7 +140,8 @@ fn check_trial(
     if differences.is_empty() { Ok(()) } else { Err(MishandleError::RunMismatch { differences }) }
 }
 
-/// Describes the difference between the recorded seed of a trial and the seed that the plan gives it.
+/// Describes the difference between the recorded seed of a trial and the seed that the plan gives
+/// it.
 pub(crate) fn seed_difference(resolved: &ResolvedPlan, trial: &TrialRecord) -> Option<String> {
     let TrialRecord { number, seed, .. } = *trial;
     let settings =
@@ -148,7 +152,8 @@ pub(crate) fn seed_difference(resolved: &ResolvedPlan, trial: &TrialRecord) -> O
     (seed != expected).then(|| format!("seed of trial {number}: recorded {seed}, expected {expected}"))
 }
 
-/// Returns trial `number` of the plan before its first simulation; `None` if the plan has no such trial.
+/// Returns trial `number` of the plan before its first simulation; `None` if the plan has no such
+/// trial.
 pub(crate) fn new_trial(
     resolved: &ResolvedPlan,
     number: u32,
@@ -193,9 +198,9 @@ pub(crate) fn with_needed_trace(
     Ok(recorded)
 }
 
-/// Returns an upper bound of the failure rate in the space if no simulation fails, with 95 % confidence: see
-/// [`FalsificationOutcome::failure_rate_bound`]. `None` unless the search draws independent uniform samples, because the points of other
-/// searches are not a random sample.
+/// Returns an upper bound of the failure rate in the space if no simulation fails, with 95 %
+/// confidence: see [`FalsificationOutcome::failure_rate_bound`]. `None` unless the search draws
+/// independent uniform samples, because the points of other searches are not a random sample.
 pub fn failure_rate_bound(resolved: &ResolvedPlan, outcome: &FalsificationOutcome) -> Option<f64> {
     let falsify = resolved.plan.falsify.as_ref()?;
     let search = new_search(falsify, &resolved.space)(0).ok()?;

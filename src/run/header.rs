@@ -14,7 +14,8 @@ use crate::run::record;
 ///
 /// # Errors
 /// [`RunMismatch`](MishandleError::RunMismatch) with all differences, or
-/// [`OtherSettings`](MishandleError::OtherSettings) with those of the settings on which the proposed scenarios depend.
+/// [`OtherSettings`](MishandleError::OtherSettings) with those of the settings on which the
+/// proposed scenarios depend.
 pub(crate) fn check(recorded: &RunHeader, resolved: &ResolvedPlan) -> Result<(), MishandleError> {
     let settings = settings(&Plan::from_toml(&recorded.plan)?, &resolved.plan);
     if !settings.is_empty() {
@@ -26,8 +27,8 @@ pub(crate) fn check(recorded: &RunHeader, resolved: &ResolvedPlan) -> Result<(),
     }
 }
 
-/// Lists the settings that differ between the plan of a run and the plan to continue it with. Results do not depend on the
-/// batch size.
+/// Lists the settings that differ between the plan of a run and the plan to continue it with.
+/// Results do not depend on the batch size.
 fn settings(recorded: &Plan, given: &Plan) -> Vec<String> {
     let mut found = Found { planned: "given", ..Found::default() };
     found.compare("seed", &recorded.seed, &given.seed);

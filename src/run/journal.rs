@@ -1,8 +1,10 @@
-//! The simulations of a run as a system: recorded ones are answered from the run file, new ones are simulated and recorded.
+//! The simulations of a run as a system: recorded ones are answered from the run file, new ones are
+//! simulated and recorded.
 //!
-//! A question asks its simulations one after the other, and what it asks next depends only on the answers. So a run is
-//! continued by asking again from the beginning: [`JournalSystem`] and [`JournalScreening`] answer at once as long as the
-//! answers are recorded. A record that is not the requested one is an error, never an answer.
+//! A question asks its simulations one after the other, and what it asks next depends only on the
+//! answers. So a run is continued by asking again from the beginning: [`JournalSystem`] and
+//! [`JournalScreening`] answer at once as long as the answers are recorded. A record that is not
+//! the requested one is an error, never an answer.
 
 use std::cell::{Cell, RefCell};
 use std::collections::BTreeSet;
@@ -16,8 +18,8 @@ use crate::error::MishandleError;
 use crate::resolve::ResolvedPlan;
 use crate::run::{outcomes, record};
 
-/// Largest number of traces that a run keeps besides those of a falsification. More traces would fill the disk: a million
-/// screened simulations have 10,000 failures if one of a hundred fails.
+/// Largest number of traces that a run keeps besides those of a falsification. More traces would
+/// fill the disk: a million screened simulations have 10,000 failures if one of a hundred fails.
 const TRACES: usize = 1000;
 
 /// A run file that is read, or read and continued.
@@ -54,7 +56,8 @@ impl<'a> Journal<'a> {
         })
     }
 
-    /// Asks the question of a run again, without simulating anything, up to simulation `number` of `trial`.
+    /// Asks the question of a run again, without simulating anything, up to simulation `number` of
+    /// `trial`.
     pub(crate) fn until(resolved: &'a ResolvedPlan, run: &'a RunFile, sought: (u32, u32)) -> Journal<'a> {
         Journal { sought: Some(sought), ..Journal::again(resolved, run) }
     }
@@ -79,8 +82,8 @@ impl<'a> Journal<'a> {
         }
     }
 
-    /// Returns the system whose simulations are recorded. With `numbering`, they are numbered in the order in which they are
-    /// asked; otherwise a request has its own numbers.
+    /// Returns the system whose simulations are recorded. With `numbering`, they are numbered in
+    /// the order in which they are asked; otherwise a request has its own numbers.
     pub(crate) fn system(&self, numbering: Option<Numbering>) -> Result<JournalSystem<'_>, MishandleError> {
         let system = match self.file {
             File::Read(_) => None,
@@ -89,7 +92,8 @@ impl<'a> Journal<'a> {
         Ok(JournalSystem { journal: self, system, numbering })
     }
 
-    /// Returns a screening whose outcomes are recorded. Without an engine it answers recorded requests only.
+    /// Returns a screening whose outcomes are recorded. Without an engine it answers recorded
+    /// requests only.
     pub(crate) fn screening(&self, engine: Option<Box<dyn Screen + 'a>>) -> JournalScreening<'_, 'a> {
         JournalScreening { journal: self, engine }
     }
@@ -110,8 +114,8 @@ impl<'a> Journal<'a> {
         self.found.take()
     }
 
-    /// Sets the status of trials that have ended, and closes the file. A trial none of whose simulations had to be confirmed is
-    /// recorded without one.
+    /// Sets the status of trials that have ended, and closes the file. A trial none of whose
+    /// simulations had to be confirmed is recorded without one.
     pub(crate) fn close(
         self,
         ended: impl IntoIterator<Item = (u32, TrialStatus)>,
@@ -134,7 +138,8 @@ impl<'a> Journal<'a> {
         Arc::clone(&self.answered)
     }
 
-    /// Returns whether the question asked something that is not recorded, and this journal simulates nothing.
+    /// Returns whether the question asked something that is not recorded, and this journal
+    /// simulates nothing.
     pub(crate) fn is_missing(&self) -> bool {
         self.missing.get()
     }
@@ -184,7 +189,8 @@ impl<'a> Journal<'a> {
         }
     }
 
-    /// Records new simulations in one transaction, and returns them as they are read again: without their traces.
+    /// Records new simulations in one transaction, and returns them as they are read again: without
+    /// their traces.
     fn record(&self, episodes: &[Episode]) -> Result<Vec<Episode>, MishandleError> {
         let File::Write(run) = &self.file else { return Ok(Vec::new()) };
         let mut run = run.borrow_mut();
@@ -304,7 +310,8 @@ impl Screen for JournalScreening<'_, '_> {
         };
         let found = engine.run(requests, watch)?;
         let File::Write(run) = &journal.file else { return Ok(found) };
-        // An interrupted chunk is not recorded, because a part of it would be biased towards short simulations.
+        // An interrupted chunk is not recorded, because a part of it would be biased towards short
+        // simulations.
         if let Some(complete) = found.iter().cloned().collect::<Option<Vec<ScreenedEpisode>>>() {
             let count = |is: fn(Option<f64>) -> bool| {
                 complete.iter().filter(|outcome| is(outcome.robustness())).count() as u64

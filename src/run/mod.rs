@@ -1,8 +1,9 @@
 //! Runs: questions that simulations answer.
 //!
-//! [`ask`] asks the question of a plan: it evaluates, falsifies, searches for the smallest disturbance, or estimates the failure
-//! probability. It writes every simulation to a run file as soon as it ends, and continues a run that was interrupted. With
-//! [`Engine::Screening`], another physics engine proposes thousands of simulations; MuJoCo C gives every verdict.
+//! [`ask`] asks the question of a plan: it evaluates, falsifies, searches for the smallest
+//! disturbance, or estimates the failure probability. It writes every simulation to a run file as
+//! soon as it ends, and continues a run that was interrupted. With [`Engine::Screening`], another
+//! physics engine proposes thousands of simulations; MuJoCo C gives every verdict.
 
 mod again;
 mod campaign;

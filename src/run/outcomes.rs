@@ -4,7 +4,8 @@ use mishandle_rollout::{EpisodeEnd, ScreenedEpisode, Verdict};
 use mishandle_stl::SubformulaMinimum;
 use mishandle_store::StoredTrace;
 
-/// Columns of every outcome: code, step and index of its end, four values of formulas, dangerous steps, completion, overflow.
+/// Columns of every outcome: code, step and index of its end, four values of formulas, dangerous
+/// steps, completion, overflow.
 const FIXED: usize = 9;
 
 /// Returns the number of columns of outcomes with the minima of this many sub-formulas.

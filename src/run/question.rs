@@ -1,4 +1,5 @@
-//! Asking the question of a plan: one function runs all of them, with every engine, and writes every simulation to a run file.
+//! Asking the question of a plan: one function runs all of them, with every engine, and writes
+//! every simulation to a run file.
 
 use std::ops::ControlFlow;
 use std::sync::atomic::Ordering;
@@ -22,7 +23,8 @@ use crate::run::journal::{Journal, JournalScreening, Numbering};
 use crate::run::screening::{self, ScreenedEvaluationOutcome};
 use crate::run::{header, risk};
 
-/// Trial of the simulations of a question that has no trials of its own, and of the repeats of a witness.
+/// Trial of the simulations of a question that has no trials of its own, and of the repeats of a
+/// witness.
 const TRIAL: u32 = 1;
 const REPEATS: u32 = 2;
 
@@ -84,7 +86,8 @@ impl Answer {
 pub struct MarginOutcome {
     /// The search.
     pub margin: Margin,
-    /// Simulations of the witness with other seeds; `None` without a witness, or if the seed has no effect.
+    /// Simulations of the witness with other seeds; `None` without a witness, or if the seed has no
+    /// effect.
     pub repeats: Option<Repeats>,
     /// Whether search and repeats are finished.
     pub is_complete: bool,
@@ -93,12 +96,12 @@ pub struct MarginOutcome {
 /// Gets the progress now and then, and can end the question, which a later call continues.
 pub type Watch<'w> = &'w mut (dyn FnMut(&Progress) -> ControlFlow<()> + Send);
 
-/// Asks the question of a plan and stores every simulation in `run`, an open run file of the same plan. The simulations that it
-/// already contains are not repeated.
+/// Asks the question of a plan and stores every simulation in `run`, an open run file of the same
+/// plan. The simulations that it already contains are not repeated.
 ///
 /// # Errors
-/// If the run is of another plan or contains other simulations, the engine is not that of the plan, or a simulation cannot be run
-/// or stored.
+/// If the run is of another plan or contains other simulations, the engine is not that of the plan,
+/// or a simulation cannot be run or stored.
 pub fn ask(
     resolved: &ResolvedPlan,
     run: RunWriter,
@@ -255,11 +258,12 @@ fn ended(answer: &Answer) -> Vec<(u32, TrialStatus)> {
     }
 }
 
-/// Returns the answer of a run from its records alone: that of the recorded simulations if the run was interrupted.
+/// Returns the answer of a run from its records alone: that of the recorded simulations if the run
+/// was interrupted.
 ///
 /// # Errors
-/// If the run is an evaluation or falsification without screening, is of another plan, has no simulations, or has others than
-/// its question asks.
+/// If the run is an evaluation or falsification without screening, is of another plan, has no
+/// simulations, or has others than its question asks.
 pub fn recorded_answer(resolved: &ResolvedPlan, run: &RunFile) -> Result<Answer, MishandleError> {
     header::check(run.header(), resolved)?;
     let journal = Journal::again(resolved, run);
@@ -285,8 +289,8 @@ fn ask_again(journal: &Journal<'_>, watch: Watch<'_>) -> Result<Answer, Mishandl
     }
 }
 
-/// Returns the request that the question of a run asks as simulation `number` of `trial`, from the recorded answers of the earlier
-/// ones; `None` if it does not ask it.
+/// Returns the request that the question of a run asks as simulation `number` of `trial`, from the
+/// recorded answers of the earlier ones; `None` if it does not ask it.
 ///
 /// # Errors
 /// If an earlier record is not what the question asks.

@@ -16,8 +16,9 @@ use crate::error::MishandleError;
 use crate::plan::Plan;
 use crate::resolve::{ResolvedPlan, controller_name, is_path};
 
-/// Names of the verdicts that are stored in addition to the robustness. If the search needs sub-formulas, two verdicts
-/// per sub-formula of the requirement follow: its minimum and the sample of the minimum.
+/// Names of the verdicts that are stored in addition to the robustness. If the search needs
+/// sub-formulas, two verdicts per sub-formula of the requirement follow: its minimum and the sample
+/// of the minimum.
 const VERDICTS: [&str; 5] = ["success", "strict", "dangerous_steps", "completion_step", "total_reward"];
 
 /// Returns the names of all verdicts of a run that stores the minima of `subformulas` sub-formulas.
@@ -91,7 +92,8 @@ fn axis(axis: &Axis) -> AxisRecord {
     }
 }
 
-/// Returns the axis that a run file describes. Its kind matters for sampling and checks only, which a description does not need.
+/// Returns the axis that a run file describes. Its kind matters for sampling and checks only, which
+/// a description does not need.
 pub fn recorded_axis(record: &AxisRecord) -> Axis {
     let values = match record.values.split_once(": ") {
         Some(("categorical", names)) => {
@@ -105,7 +107,8 @@ pub fn recorded_axis(record: &AxisRecord) -> Axis {
     Axis::new(AxisKind::Start, &record.name, &record.unit, bounds, record.nominal).with_values(values)
 }
 
-/// Creates the run file of a plan at `path`, with its folder. Without a path, chooses the first free name in the folder `runs`.
+/// Creates the run file of a plan at `path`, with its folder. Without a path, chooses the first
+/// free name in the folder `runs`.
 ///
 /// # Errors
 /// If the file exists already or cannot be written.
@@ -152,8 +155,8 @@ fn free_path(plan: &Plan) -> Result<PathBuf, MishandleError> {
     Ok(free.unwrap_or_default())
 }
 
-/// Converts an episode to a stored simulation with the minima of `subformulas` sub-formulas. Only a counterexample
-/// keeps its trace.
+/// Converts an episode to a stored simulation with the minima of `subformulas` sub-formulas. Only a
+/// counterexample keeps its trace.
 pub(crate) fn record(episode: &Episode, subformulas: usize) -> Simulation {
     let columns = (0..episode.trace.names().len()).map(|i| episode.trace.column(i).to_vec()).collect();
     let trace = store::StoredTrace { columns };
@@ -332,7 +335,8 @@ pub fn recorded_episode(simulation: &Simulation) -> Episode {
     }
 }
 
-/// Describes how the end of a stored simulation contradicts its other values; `None` if it does not.
+/// Describes how the end of a stored simulation contradicts its other values; `None` if it does
+/// not.
 fn contradiction(simulation: &Simulation, episode_steps: usize) -> Option<&'static str> {
     use store::SimulationEnd as End;
     let Simulation { end, steps, robustness, robustness_low, robustness_high, .. } = *simulation;

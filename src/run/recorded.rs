@@ -24,8 +24,8 @@ pub(crate) fn recorded_named<T>(axes: &[AxisRecord], values: impl Iterator<Item 
     axes.iter().map(|axis| axis.name.clone()).zip(values).collect()
 }
 
-/// Returns `corner` or `center` for a simulation at the corners of the initial box, which an evaluation runs in a trial of its
-/// own.
+/// Returns `corner` or `center` for a simulation at the corners of the initial box, which an
+/// evaluation runs in a trial of its own.
 pub fn box_point(header: &RunHeader, trial: u32, scenario: &[Option<f64>]) -> Option<&'static str> {
     if header.kind != RunKind::Evaluate || trial != Corners::TRIAL {
         return None;

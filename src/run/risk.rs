@@ -20,7 +20,8 @@ pub fn risk_scenarios(resolved: &ResolvedPlan) -> Result<Scenarios, MishandleErr
     Ok(Scenarios::new(space, &table(resolved)?.marginals()?, depends_on_seed(resolved, &center))?)
 }
 
-/// Estimates the probability that a simulation violates the requirement of a plan: see [`mishandle_risk::risk()`](mishandle_risk::risk()).
+/// Estimates the probability that a simulation violates the requirement of a plan: see
+/// [`mishandle_risk::risk()`](mishandle_risk::risk()).
 ///
 /// `watch` gets the number of simulations after each batch, and can interrupt the estimation.
 ///

@@ -22,12 +22,13 @@ use crate::run::evaluate::{corner_report, with_requests};
 pub struct Device {
     /// Worlds that propose simulations, and in which policies train.
     pub worlds: Arc<dyn WorldDevice>,
-    /// Networks for the learner of [`train`](crate::train::train()). Without them, the CPU computes the networks.
+    /// Networks for the learner of [`train`](crate::train::train()). Without them, the CPU computes
+    /// the networks.
     pub networks: Option<Arc<dyn NetworkDevice>>,
 }
 
-/// Makes the screening of a plan's simulations on a device, in two batches of half of `rows` worlds each: while the engine steps
-/// one of them, the CPU computes the samples and actions of the other.
+/// Makes the screening of a plan's simulations on a device, in two batches of half of `rows` worlds
+/// each: while the engine steps one of them, the CPU computes the samples and actions of the other.
 ///
 /// # Errors
 /// If the target is not a task, or the device cannot simulate it.
@@ -65,12 +66,13 @@ pub fn screening(
 pub struct ScreenedEvaluationOutcome {
     /// Results of the random simulations.
     pub report: ScreenedEvaluation,
-    /// Results at the corners and the center of the initial box, all from the target's system; `None` if the space has no numeric axis
-    /// of kind `start`, or the evaluation was interrupted.
+    /// Results at the corners and the center of the initial box, all from the target's system;
+    /// `None` if the space has no numeric axis of kind `start`, or the evaluation was interrupted.
     pub corners: Option<CornerReport>,
 }
 
-/// Evaluates a plan by screening: see [`evaluate_screened`](mishandle_evaluation::evaluate_screened()).
+/// Evaluates a plan by screening: see
+/// [`evaluate_screened`](mishandle_evaluation::evaluate_screened()).
 pub(crate) fn evaluate(
     resolved: &ResolvedPlan,
     (screening, system): (&mut dyn Screen, &mut dyn System),

@@ -7,8 +7,8 @@ use mishandle_rollout::RolloutError;
 use mishandle_stl::{Clock, Formula, Monitor, Trace};
 use mishandle_store::RunHeader;
 
-/// Largest number of sub-formulas of a formula that is explained: the text of each is written, and the first ones contain most of the
-/// others.
+/// Largest number of sub-formulas of a formula that is explained: the text of each is written, and
+/// the first ones contain most of the others.
 pub(crate) const MAX_SUBFORMULAS: usize = 1000;
 
 /// Largest number of samples of a trace whose continuations are bounded.
@@ -55,7 +55,8 @@ pub(crate) fn violation_of(
     Ok(Violation { robustness, signature: Signature { predicate, sample } })
 }
 
-/// Returns the first sample after which no continuation of the trace changes the sign of the robustness.
+/// Returns the first sample after which no continuation of the trace changes the sign of the
+/// robustness.
 pub(crate) fn decided(
     formula: &Formula,
     trace: &Trace,

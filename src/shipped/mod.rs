@@ -10,7 +10,8 @@ use mishandle_tasks::Definition;
 
 use crate::error::MishandleError;
 
-/// The files in `controllers/` and `experiments/training/` at build time: path and content, sorted by path.
+/// The files in `controllers/` and `experiments/training/` at build time: path and content, sorted
+/// by path.
 static EMBEDDED: &[(&str, &[u8])] = include!(concat!(env!("OUT_DIR"), "/embedded.rs"));
 
 /// Folder of the shipped controllers.
@@ -24,11 +25,13 @@ const HOME: &str = "MISHANDLE_HOME";
 
 /// Returns the folder of the shipped controllers and training settings.
 ///
-/// It is `MISHANDLE_HOME` if that is set, otherwise the clone of the repository whose folder `target` contains the program.
-/// `None` means that the program uses the files that it was built with.
+/// It is `MISHANDLE_HOME` if that is set, otherwise the clone of the repository whose folder
+/// `target` contains the program. `None` means that the program uses the files that it was built
+/// with.
 ///
-/// The folder does not depend on the working directory, so a command gives the same result in every folder. Folders beside
-/// or above an installed program do not count: anyone may have put them there.
+/// The folder does not depend on the working directory, so a command gives the same result in every
+/// folder. Folders beside or above an installed program do not count: anyone may have put them
+/// there.
 pub fn home() -> Option<PathBuf> {
     if let Some(home) = home_from_environment() {
         return Some(home);
@@ -51,12 +54,14 @@ fn is_home(folder: &Path) -> bool {
     folder.join(CONTROLLERS).is_dir() && folder.join("experiments/training").is_dir()
 }
 
-/// Describes the source of the shipped files, for messages: `in FOLDER` or `built into the program`.
+/// Describes the source of the shipped files, for messages: `in FOLDER` or
+/// `built into the program`.
 pub fn home_description() -> String {
     home().map_or("built into the program".to_string(), |home| format!("in {}", home.display()))
 }
 
-/// Describes the source of the shipped controllers: `in FOLDER/controllers` or `built into the program`.
+/// Describes the source of the shipped controllers: `in FOLDER/controllers` or
+/// `built into the program`.
 pub(crate) fn controllers_description() -> String {
     let folder = home().map(|home| home.join(CONTROLLERS));
     folder.map_or("built into the program".to_string(), |folder| format!("in {}", folder.display()))
@@ -92,7 +97,8 @@ impl ShippedFile {
         }
     }
 
-    /// Reads the content of the file, which must be a regular file of at most [`limits::CONTROLLER`] bytes.
+    /// Reads the content of the file, which must be a regular file of at most
+    /// [`limits::CONTROLLER`] bytes.
     ///
     /// # Errors
     /// If the file cannot be read.
@@ -129,8 +135,8 @@ impl ShippedFile {
     }
 }
 
-/// Returns the name of the task whose controllers and settings apply: the base task of a variant, otherwise the task
-/// itself.
+/// Returns the name of the task whose controllers and settings apply: the base task of a variant,
+/// otherwise the task itself.
 fn base(definition: &Definition) -> &'static str {
     definition.variant_of.unwrap_or(definition.name)
 }
@@ -154,7 +160,8 @@ pub fn shipped_controller(definition: &Definition, name: &str) -> Option<Shipped
     ShippedFile::find(&format!("{CONTROLLERS}/{}/{name}.safetensors", base(definition)))
 }
 
-/// Returns the shipped training settings of an algorithm for a task on a device (`cpu` or `gpu`), if they exist.
+/// Returns the shipped training settings of an algorithm for a task on a device (`cpu` or `gpu`),
+/// if they exist.
 pub fn shipped_settings(definition: &Definition, algorithm: &str, device: &str) -> Option<ShippedFile> {
     let suffix = if device == "cpu" { String::new() } else { format!("-{device}") };
     ShippedFile::find(&format!("experiments/training/{}/{algorithm}{suffix}.toml", base(definition)))

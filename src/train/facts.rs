@@ -23,8 +23,8 @@ pub struct TrainingFacts {
     pub formats: &'static [(&'static str, u64)],
 }
 
-/// Runs all checks that [`train`](crate::train::train()) runs before its first step, except for locks of other processes. Creates no
-/// files.
+/// Runs all checks that [`train`](crate::train::train()) runs before its first step, except for
+/// locks of other processes. Creates no files.
 ///
 /// # Errors
 /// The errors of [`train`](crate::train::train()) before its first step.

@@ -38,14 +38,15 @@ pub use result::controller_result;
 
 /// Receives the progress of a training run.
 pub trait TrainObserver {
-    /// Called before the first iteration, after all checks, with the environment steps so far and in total.
+    /// Called before the first iteration, after all checks, with the environment steps so far and
+    /// in total.
     fn training_started(&mut self, _done: u64, _total: u64) {}
 
     /// Called after each iteration. After [`TrainingControl::Stop`] all output files are written.
     fn iteration_finished(&mut self, progress: &TrainingProgress) -> TrainingControl;
 
-    /// Called when a file cannot be written; once until a later attempt succeeds. The next attempt follows after the next
-    /// iteration, for a checkpoint after a minute.
+    /// Called when a file cannot be written; once until a later attempt succeeds. The next attempt
+    /// follows after the next iteration, for a checkpoint after a minute.
     fn write_failed(&mut self, error: &MishandleError);
 }
 
@@ -58,7 +59,8 @@ pub struct TrainReport {
     pub settings: AlgorithmSettings,
     /// Row of the curve where the return converged; see [`Curve::training_time`].
     pub training_time: Result<CurveRow, NoTrainingTime>,
-    /// Errors of the files that could not be written: controllers, last checkpoint, curve, event file.
+    /// Errors of the files that could not be written: controllers, last checkpoint, curve, event
+    /// file.
     pub write_failures: Vec<MishandleError>,
 }
 
@@ -68,22 +70,25 @@ impl TrainReport {
         self.result.reached_target || self.result.environment_steps >= self.settings.run().total_steps
     }
 
-    /// Returns whether training stopped before its last step because validations reached the target rates.
+    /// Returns whether training stopped before its last step because validations reached the target
+    /// rates.
     pub fn stopped_early(&self) -> bool {
         self.result.reached_target && self.result.environment_steps < self.settings.run().total_steps
     }
 }
 
-/// Trains a controller and writes the best one by validation to the plan's file, and the last one beside it. `observer`
-/// receives the progress and can stop the run. `gpu` is the device of a plan that trains on it.
+/// Trains a controller and writes the best one by validation to the plan's file, and the last one
+/// beside it. `observer` receives the progress and can stop the run. `gpu` is the device of a plan
+/// that trains on it.
 ///
-/// The first checkpoint is written after the first iteration. After that, a file that cannot be written does not end the
-/// run; writing is tried again, and the report contains the errors that remain at the end.
+/// The first checkpoint is written after the first iteration. After that, a file that cannot be
+/// written does not end the run; writing is tried again, and the report contains the errors that
+/// remain at the end.
 ///
 /// # Errors
-/// If a name is unknown, a setting has a value that is not allowed, the checkpoint or the curve belongs to another training
-/// run, an output file exists, or the first checkpoint or the start of an output file cannot be written. The files that
-/// this run created are then deleted.
+/// If a name is unknown, a setting has a value that is not allowed, the checkpoint or the curve
+/// belongs to another training run, an output file exists, or the first checkpoint or the start of
+/// an output file cannot be written. The files that this run created are then deleted.
 pub fn train(
     plan: &TrainPlan,
     gpu: Option<&Device>,
@@ -214,8 +219,8 @@ fn shipped(plan: &TrainPlan) -> Result<Option<(PathBuf, String)>, MishandleError
     Ok(Some((file.path().to_path_buf(), text)))
 }
 
-/// Returns whether training uses the default settings of its algorithm, because the plan names no settings and none are
-/// shipped for its task.
+/// Returns whether training uses the default settings of its algorithm, because the plan names no
+/// settings and none are shipped for its task.
 ///
 /// # Errors
 /// If a name is unknown, or shipped settings cannot be read.

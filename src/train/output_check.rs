@@ -9,7 +9,8 @@ use crate::error::MishandleError;
 use crate::train::curve::CurveWriter;
 use crate::train::tensorboard::EventFile;
 
-/// Checks that all output files of a plan can be written; `resumed` is the checkpoint to resume from.
+/// Checks that all output files of a plan can be written; `resumed` is the checkpoint to resume
+/// from.
 ///
 /// # Errors
 /// The errors with which training would fail before its first step.

@@ -15,10 +15,11 @@ pub struct TrainPlan {
     pub algorithm: String,
     /// Name of the reward: `original` or `shaped`.
     pub reward: String,
-    /// Name of the physics engine of the training episodes: `cpu` (MuJoCo C) or `gpu`. Validations always use MuJoCo C.
+    /// Name of the physics engine of the training episodes: `cpu` (MuJoCo C) or `gpu`. Validations
+    /// always use MuJoCo C.
     pub device: String,
-    /// Settings file, or name of a settings base. `None` and `best` mean the shipped settings of task and algorithm, or the
-    /// algorithm's defaults if none are shipped.
+    /// Settings file, or name of a settings base. `None` and `best` mean the shipped settings of
+    /// task and algorithm, or the algorithm's defaults if none are shipped.
     pub settings: Option<PathBuf>,
     /// Total number of environment steps; overrides the settings.
     pub steps: Option<u64>,
@@ -35,7 +36,8 @@ pub struct TrainPlan {
 }
 
 impl TrainPlan {
-    /// Returns the file of the last controller: that of the best one, with `.last` before its extension.
+    /// Returns the file of the last controller: that of the best one, with `.last` before its
+    /// extension.
     pub fn last(&self) -> PathBuf {
         let mut name = self.out.file_stem().unwrap_or_default().to_os_string();
         name.push(".last");
@@ -95,7 +97,8 @@ impl TrainPlan {
         own.into_iter().chain(csv).chain(events).collect()
     }
 
-    /// Checks that the controller gets the extension by which other commands and tools recognize it.
+    /// Checks that the controller gets the extension by which other commands and tools recognize
+    /// it.
     pub(super) fn check_extension(&self) -> Result<(), MishandleError> {
         match self.out.extension().is_some_and(|extension| extension == EXTENSION) {
             true => Ok(()),
@@ -119,8 +122,8 @@ impl TrainPlan {
         Ok(())
     }
 
-    /// Checks that no output file exists, or that the checkpoint to resume from exists. The folder of event files may exist;
-    /// the event file has its own check.
+    /// Checks that no output file exists, or that the checkpoint to resume from exists. The folder
+    /// of event files may exist; the event file has its own check.
     pub(super) fn check_existing_files(&self) -> Result<(), MishandleError> {
         if self.resume {
             let path = self.checkpoint();

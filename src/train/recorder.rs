@@ -19,23 +19,25 @@ const VALIDATION_SEED: Seed = Seed(0x7661_6c69_6461_7465);
 /// Maximum time between checkpoints, so that a crash loses at most this much work.
 const CHECKPOINT_INTERVAL: Duration = Duration::from_secs(60);
 
-/// Observer of a training run: validates on the task's formulas, writes curve, event file and checkpoint, and forwards the
-/// progress to the user's observer.
+/// Observer of a training run: validates on the task's formulas, writes curve, event file and
+/// checkpoint, and forwards the progress to the user's observer.
 pub(super) struct TrainingRecorder<'a> {
     environment: Arc<TaskEnvironment>,
     specification: Specification,
     checkpoint: PathBuf,
     records: Records,
     observer: &'a mut dyn TrainObserver,
-    /// Error that ends the training run: a failed validation, or the first checkpoint cannot be written.
+    /// Error that ends the training run: a failed validation, or the first checkpoint cannot be
+    /// written.
     error: Option<MishandleError>,
     write_failures: WriteFailures,
-    /// Time of the last attempt to write a checkpoint after the first success; `None` before. A failure to write the first
-    /// checkpoint ends the run, later failures do not.
+    /// Time of the last attempt to write a checkpoint after the first success; `None` before. A
+    /// failure to write the first checkpoint ends the run, later failures do not.
     checkpoint_time: Option<Instant>,
 }
 
-/// Curve and event file, written after each iteration. A failed write is repeated after the next iteration.
+/// Curve and event file, written after each iteration. A failed write is repeated after the next
+/// iteration.
 struct Records {
     curve: Option<CurveWriter>,
     events: Option<EventFile>,
@@ -101,8 +103,8 @@ impl<'a> TrainingRecorder<'a> {
         self.error.take()
     }
 
-    /// Cleans up after a failed run: without a checkpoint that belongs to them, curve and event file are deleted, because
-    /// they would block the next run.
+    /// Cleans up after a failed run: without a checkpoint that belongs to them, curve and event
+    /// file are deleted, because they would block the next run.
     pub(super) fn abandon(self) {
         if self.checkpoint_time.is_none() {
             self.records.discard();

@@ -1,7 +1,7 @@
 //! The corpus of a fuzz target: one archive in Git, unpacked to a folder for libFuzzer.
 //!
-//! The archives are read and written by the programs `tar` and `gzip`, which every machine that builds this repository has;
-//! crates for both would be the largest dependencies of xtask.
+//! The archives are read and written by the programs `tar` and `gzip`, which every machine that
+//! builds this repository has; crates for both would be the largest dependencies of xtask.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -19,7 +19,8 @@ pub fn archive(target: &str) -> PathBuf {
     Path::new(CORPUS).join(format!("{target}.tar.gz"))
 }
 
-/// Unpacks the archive of a target to a folder, which keeps its other files. A target without an archive has no corpus yet.
+/// Unpacks the archive of a target to a folder, which keeps its other files. A target without an
+/// archive has no corpus yet.
 ///
 /// # Errors
 /// If `tar` does not run, or the archive is damaged.
@@ -32,8 +33,8 @@ pub fn unpack(root: &Path, target: &str, folder: &Path) -> Result<()> {
     run(Command::new("tar").arg("-xzf").arg(archive).arg("-C").arg(folder), &[0])
 }
 
-/// Packs the files of a folder to the archive of a target. The same files give the same archive: it has sorted names and no
-/// times or owners.
+/// Packs the files of a folder to the archive of a target. The same files give the same archive: it
+/// has sorted names and no times or owners.
 ///
 /// # Errors
 /// If the folder is empty, or `tar` is not GNU tar.

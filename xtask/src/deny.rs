@@ -1,4 +1,5 @@
-//! `cargo xtask deny`: checks advisories, licenses, duplicates and sources of all dependencies with cargo-deny.
+//! `cargo xtask deny`: checks advisories, licenses, duplicates and sources of all dependencies with
+//! cargo-deny.
 
 use std::path::{Path, PathBuf};
 use std::process::Command;

@@ -1,7 +1,7 @@
 //! `cargo xtask examples`: runs the Python examples, which need PyTorch and other large packages.
 //!
-//! Each file of requirements in `python/examples` has a virtual environment under `target`. An example that no other file
-//! is named after uses `requirements.txt`.
+//! Each file of requirements in `python/examples` has a virtual environment under `target`. An
+//! example that no other file is named after uses `requirements.txt`.
 
 use std::fs;
 use std::path::Path;
@@ -19,7 +19,8 @@ const OTHER_REQUIREMENTS: &[(&str, &str)] =
 /// Modules that the examples import.
 const NO_EXAMPLES: &[&str] = &["recording"];
 
-/// Runs the named examples (all without a name) with the remaining arguments, those that start with `--`.
+/// Runs the named examples (all without a name) with the remaining arguments, those that start with
+/// `--`.
 ///
 /// # Errors
 /// If a name is unknown, or a command fails.

@@ -1,4 +1,5 @@
-//! `cargo xtask external`: builds and runs the crate of docs/guide/library.md outside the repository.
+//! `cargo xtask external`: builds and runs the crate of docs/guide/library.md outside the
+//! repository.
 
 use std::fs;
 use std::path::Path;
@@ -10,8 +11,8 @@ use crate::process::{cargo, output};
 
 const PAGE: &str = "docs/guide/library.md";
 
-/// Follows the page in a temporary folder, and checks that the program prints the output on the page and starts without
-/// cargo. The first run compiles Mishandle, which takes minutes.
+/// Follows the page in a temporary folder, and checks that the program prints the output on the
+/// page and starts without cargo. The first run compiles Mishandle, which takes minutes.
 ///
 /// # Errors
 /// If the page has no program, or the program prints something else.

@@ -1,7 +1,7 @@
 //! `cargo xtask falsifier-bench`: runs the benchmark of falsifiers in `experiments/falsifiers`.
 //!
-//! Each file of requirements there has a virtual environment under `target`, because the outside searches need other versions of the
-//! same packages, and some of them gigabytes.
+//! Each file of requirements there has a virtual environment under `target`, because the outside
+//! searches need other versions of the same packages, and some of them gigabytes.
 
 use std::path::Path;
 use std::process::Command;
@@ -17,8 +17,9 @@ const FIRST: &str = "requirements";
 /// Files of searches that need gigabytes of packages.
 const LARGE: [&str; 2] = ["requirements-botorch", "requirements-stgem"];
 
-/// Tests the statistics, runs the missing trials with these arguments, and prints the tables. `--large` includes the searches with
-/// large packages; one that cannot be installed is reported and left out.
+/// Tests the statistics, runs the missing trials with these arguments, and prints the tables.
+/// `--large` includes the searches with large packages; one that cannot be installed is reported
+/// and left out.
 ///
 /// # Errors
 /// If the first environment cannot be made, or a run fails.

@@ -20,7 +20,8 @@ const PROGRAMS: &str = "target/fuzz/x86_64-unknown-linux-gnu/debug";
 /// Duration per target without `--minutes`, s.
 const SHORT_RUN: u64 = 5;
 
-/// Limits of one input: libFuzzer reports an input that takes longer, s, or a process that uses more memory, MiB.
+/// Limits of one input: libFuzzer reports an input that takes longer, s, or a process that uses
+/// more memory, MiB.
 const LIMITS: [&str; 2] = ["-timeout=1", "-rss_limit_mb=512"];
 
 /// Largest input of the corpus, bytes.
@@ -81,8 +82,8 @@ impl Options {
 /// Runs the corpus and then new inputs through each target, in parallel on all cores.
 ///
 /// # Errors
-/// If a target does not build, or an input breaks a law; the message contains the input's path and a command that
-/// repeats the failure.
+/// If a target does not build, or an input breaks a law; the message contains the input's path and
+/// a command that repeats the failure.
 pub fn fuzz(root: &Path, arguments: &[String]) -> Result<()> {
     let options = Options::parse(arguments)?;
     let targets = select(known_targets(root)?, &options.targets)?;
@@ -255,8 +256,8 @@ fn add(root: &Path, target: &str, file: &Path) -> Result<()> {
     Ok(())
 }
 
-/// Replaces the corpus of a target by the smallest set of inputs that covers the code which seeds, corpus and new inputs
-/// cover.
+/// Replaces the corpus of a target by the smallest set of inputs that covers the code which seeds,
+/// corpus and new inputs cover.
 fn merge(root: &Path, target: &str) -> Result<()> {
     let folder = |name: &str| PathBuf::from(format!("{BUILD}/{name}/{target}"));
     let (seeds, found, merged) = (folder("seeds"), folder("corpus"), folder("merged"));

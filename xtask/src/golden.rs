@@ -1,7 +1,9 @@
-//! `cargo xtask golden`: regenerates the golden files, which hold results of reference programs (RTAMT, SciPy, PyTorch).
+//! `cargo xtask golden`: regenerates the golden files, which hold results of reference programs
+//! (RTAMT, SciPy, PyTorch).
 //!
-//! A folder `crates/<crate>/tests/golden/<name>` contains a `make.py`, its `requirements.txt`, and the files that it writes:
-//! the same bytes each time. It runs in its own virtual environment under `target`.
+//! A folder `crates/<crate>/tests/golden/<name>` contains a `make.py`, its `requirements.txt`, and
+//! the files that it writes: the same bytes each time. It runs in its own virtual environment under
+//! `target`.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -19,7 +21,8 @@ struct Golden {
     folder: PathBuf,
 }
 
-/// Runs `make.py` in the folders with one of the given names (in all folders if there is no name), and shows the changes.
+/// Runs `make.py` in the folders with one of the given names (in all folders if there is no name),
+/// and shows the changes.
 ///
 /// # Errors
 /// If no folder has one of the names, or a command fails.
@@ -83,7 +86,8 @@ fn file_name(path: &Path) -> String {
     path.file_name().unwrap_or_default().to_string_lossy().into_owned()
 }
 
-/// Returns the Python of the folder's virtual environment, and creates the environment if its requirements changed.
+/// Returns the Python of the folder's virtual environment, and creates the environment if its
+/// requirements changed.
 fn environment(root: &Path, golden: &Golden) -> Result<PathBuf> {
     let venv = root.join("target/golden-venv").join(&golden.id);
     let python = venv.join("bin/python");

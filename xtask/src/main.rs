@@ -1,6 +1,7 @@
 //! Chores around the build, in Rust so that they need only the toolchain. `cargo xtask` lists them.
 //!
-//! Uses no other crate of this repository and not MuJoCo, because fetching MuJoCo is one of the chores.
+//! Uses no other crate of this repository and not MuJoCo, because fetching MuJoCo is one of the
+//! chores.
 
 mod book;
 mod check;
@@ -174,7 +175,8 @@ fn list() -> Result<()> {
     Ok(())
 }
 
-/// Returns the repository's root. Cargo knows where this package is now, even if the tree was moved after the build.
+/// Returns the repository's root. Cargo knows where this package is now, even if the tree was moved
+/// after the build.
 fn root() -> PathBuf {
     let package = std::env::var_os("CARGO_MANIFEST_DIR").unwrap_or_else(|| env!("CARGO_MANIFEST_DIR").into());
     PathBuf::from(package).join("..").canonicalize().unwrap_or_else(|_| PathBuf::from("."))

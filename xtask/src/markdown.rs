@@ -27,7 +27,8 @@ pub fn rewrite(text: &str, mut new: impl FnMut(&str) -> Option<String>) -> Strin
     rewritten
 }
 
-/// Returns the path of a link from the root, where a leading `/` also starts; `None` if it leaves the repository.
+/// Returns the path of a link from the root, where a leading `/` also starts; `None` if it leaves
+/// the repository.
 pub fn resolve(page: &str, link: &str) -> Option<String> {
     let folder = page.rsplit_once('/').filter(|_| !link.starts_with('/')).map_or("", |(folder, _)| folder);
     let mut parts: Vec<&str> = Vec::new();
@@ -42,7 +43,7 @@ pub fn resolve(page: &str, link: &str) -> Option<String> {
 }
 
 /// Returns the lines of a page with their numbers, and whether they belong to a code block.
-fn lines(text: &str) -> impl Iterator<Item = (usize, &str, bool)> {
+pub fn lines(text: &str) -> impl Iterator<Item = (usize, &str, bool)> {
     let mut in_code = false;
     (1..).zip(text.lines()).map(move |(number, line)| {
         let is_fence = line.trim_start().starts_with("```");
@@ -57,7 +58,8 @@ fn places(line: &str) -> impl Iterator<Item = (usize, &str)> {
     targets(line).map(|target| (target.as_ptr() as usize - line.as_ptr() as usize, target))
 }
 
-/// Returns the link targets of a line: inline (`[a](b)`), definitions (`[a]: b`) and HTML (`src="b"`, `href="b"`).
+/// Returns the link targets of a line: inline (`[a](b)`), definitions (`[a]: b`) and HTML
+/// (`src="b"`, `href="b"`).
 fn targets(line: &str) -> impl Iterator<Item = &str> {
     // Odd pieces between backticks are code.
     let prose = line.split('`').step_by(2);

@@ -1,4 +1,5 @@
-//! Fetches MuJoCo's shared library: downloads its wheel from PyPI, checks the library and puts it where the build looks.
+//! Fetches MuJoCo's shared library: downloads its wheel from PyPI, checks the library and puts it
+//! where the build looks.
 
 use std::ffi::OsStr;
 use std::fs;
@@ -17,12 +18,14 @@ const LINK: &str = "libmujoco.so";
 /// SHA-256 of `LIBRARY`; every wheel of this version for this platform contains the same bytes.
 const SHA256: &str = "23496b023ee80fb61ab71167e94bc649f9941710fde96b18bb8204fb332523ad";
 const LICENSES: [&str; 2] = ["LICENSE", "LICENSES_THIRD_PARTY.md"];
-/// Environment variable with the folder that `mujoco-rs` links from; users may set it to their own MuJoCo.
+/// Environment variable with the folder that `mujoco-rs` links from; users may set it to their own
+/// MuJoCo.
 const LINK_DIR: &str = "MUJOCO_DYNAMIC_LINK_DIR";
 /// Its value in `.cargo/config.toml`: a folder that leads the linker to `target/mujoco/lib`.
 const LINK_DIR_DEFAULT: &str = "crates/world/link";
 
-/// Folder of the copy for installed programs, in the user's data folder; crates/cli/build.rs has the same path.
+/// Folder of the copy for installed programs, in the user's data folder; crates/cli/build.rs has
+/// the same path.
 const KEPT: &str = "mishandle/mujoco-3.17.0";
 
 /// Selects one wheel, whichever Python runs pip: the library inside is the same in all of them.
@@ -43,7 +46,8 @@ const PIP: &[&str] = &[
     "--progress-bar=off",
 ];
 
-/// Unpacks the library and the licenses of the only wheel in a folder into that folder, without their paths.
+/// Unpacks the library and the licenses of the only wheel in a folder into that folder, without
+/// their paths.
 const UNPACK: &str = "
 import glob, os, sys, zipfile
 folder, names = sys.argv[1], sys.argv[2:]
@@ -55,8 +59,9 @@ with zipfile.ZipFile(glob.glob(os.path.join(folder, '*.whl'))[0]) as wheel:
                 out.write(wheel.read(member))
 ";
 
-/// Puts MuJoCo's library into `target/mujoco/lib`, unless it exists or the user has their own. Keeps a copy in the user's
-/// data folder, where a program from `cargo install` finds it without this clone.
+/// Puts MuJoCo's library into `target/mujoco/lib`, unless it exists or the user has their own.
+/// Keeps a copy in the user's data folder, where a program from `cargo install` finds it without
+/// this clone.
 pub fn fetch(root: &Path) -> Result<()> {
     ensure!(
         cfg!(all(target_os = "linux", target_arch = "x86_64")),
@@ -91,7 +96,8 @@ pub fn fetch(root: &Path) -> Result<()> {
     Ok(())
 }
 
-/// Copies the library into the user's data folder. Only installed programs need it, so a failure is a note.
+/// Copies the library into the user's data folder. Only installed programs need it, so a failure is
+/// a note.
 fn keep(folder: &Path) {
     let Some(kept) = data_folder().map(|data| data.join(KEPT)) else {
         eprintln!("note: no copy for installed programs, because neither XDG_DATA_HOME nor HOME is set");
@@ -106,7 +112,8 @@ fn keep(folder: &Path) {
     }
 }
 
-/// Copies library and licenses, with renames, so that a program that starts meanwhile finds a complete library.
+/// Copies library and licenses, with renames, so that a program that starts meanwhile finds a
+/// complete library.
 fn copy(from: &Path, to: &Path) -> Result<()> {
     let scratch = to.with_file_name(format!("fetch-{}", std::process::id()));
     fs::create_dir_all(&scratch)
@@ -193,7 +200,8 @@ fn last_line(text: &str) -> &str {
     text.lines().map(str::trim).rfind(|line| !line.is_empty()).unwrap_or("(nothing)")
 }
 
-/// Moves the unpacked files into `folder`, with renames, so that another build finds a complete library or no library.
+/// Moves the unpacked files into `folder`, with renames, so that another build finds a complete
+/// library or no library.
 fn place(scratch: &Path, folder: &Path) -> Result<()> {
     let library = scratch.join(LIBRARY);
     let bytes = fs::read(&library)

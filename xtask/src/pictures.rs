@@ -1,6 +1,8 @@
-//! `cargo xtask pictures`: draws the start of every task of the benchmark to `picture.png` in its folder.
+//! `cargo xtask pictures`: draws the start of every task of the benchmark to `picture.png` in its
+//! folder.
 //!
-//! The pixels depend on the OpenGL driver, so people look at the pictures and no test compares them.
+//! The pixels depend on the OpenGL driver, so people look at the pictures and no test compares
+//! them.
 
 use std::path::Path;
 

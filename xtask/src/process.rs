@@ -6,11 +6,12 @@ use std::process::Command;
 
 use anyhow::{Context, Result, ensure};
 
-/// Environment variables that would override `.cargo/config.toml`, which pins the instruction set and the path of MuJoCo's
-/// library.
+/// Environment variables that would override `.cargo/config.toml`, which pins the instruction set
+/// and the path of MuJoCo's library.
 const OVERRIDES: [&str; 4] = ["RUSTFLAGS", "CARGO_ENCODED_RUSTFLAGS", "RUSTDOCFLAGS", "CARGO_TARGET_DIR"];
 
-/// Returns `cargo` with these arguments in the repository's root: the same cargo that started xtask.
+/// Returns `cargo` with these arguments in the repository's root: the same cargo that started
+/// xtask.
 pub fn cargo(root: &Path, arguments: &[&str]) -> Command {
     let mut command = Command::new(std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into()));
     command.args(arguments).current_dir(root);

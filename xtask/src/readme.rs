@@ -1,11 +1,14 @@
-//! `cargo xtask readme`: runs the commands shown in the README and in pages of `docs`, and checks their output. With `--update`,
-//! it writes the printed lines to the pages in place of the shown ones, which brings their numbers up to date.
+//! `cargo xtask readme`: runs the commands shown in the README and in pages of `docs`, and checks
+//! their output. With `--update`, it writes the printed lines to the pages in place of the shown
+//! ones, which brings their numbers up to date.
 //!
-//! In a code block marked `console`, a line that starts with `$ ` is a command (`\` at its end continues it on the next
-//! line), and the lines below are its output. The blocks of a page run in order, each command in its own shell, in an
-//! empty folder, with the build of the tests on the path. A command must exit with 0, unless a comment directly above the block
-//! gives the code of each of its commands: `<!-- exit: 0 1 -->`. The command must print every output line that the page
-//! shows, to stdout or stderr. Numbers and the width of gaps are not compared; a page may leave lines out.
+//! In a code block marked `console`, a line that starts with `$ ` is a command (`\` at its end
+//! continues it on the next line), and the lines below are its output. The blocks of a page run in
+//! order, each command in its own shell, in an empty folder, with the build of the tests on the
+//! path. A command must exit with 0, unless a comment directly above the block gives the code of
+//! each of its commands: `<!-- exit: 0 1 -->`. The command must print every output line that the
+//! page shows, to stdout or stderr. Numbers and the width of gaps are not compared; a page may
+//! leave lines out.
 
 use std::fs;
 use std::path::Path;
@@ -94,7 +97,8 @@ fn replace_lines(text: &str, new: &[(usize, String)]) -> String {
     lines.join("\n") + "\n"
 }
 
-/// Runs the commands of a page. Returns what they printed in place of each shown line, with its line of the page.
+/// Runs the commands of a page. Returns what they printed in place of each shown line, with its
+/// line of the page.
 fn check_page(root: &Path, page: &str) -> Result<Vec<(usize, String)>> {
     let text = fs::read_to_string(root.join(page)).with_context(|| format!("cannot read {page}"))?;
     let shown = commands(&text).with_context(|| page.to_string())?;
@@ -177,8 +181,8 @@ fn commands_of_block(number: usize, block: &[(usize, &str)], above: &str) -> Res
     Ok(found)
 }
 
-/// Runs a command in `folder`, with the repository's programs, controllers and settings. Returns what it printed in place of each
-/// shown line, with its line of the page.
+/// Runs a command in `folder`, with the repository's programs, controllers and settings. Returns
+/// what it printed in place of each shown line, with its line of the page.
 fn try_out(root: &Path, folder: &Path, shown: &Shown) -> Result<Vec<(usize, String)>> {
     let old = std::env::var_os("PATH").unwrap_or_default();
     let path =

@@ -1,4 +1,5 @@
-//! `cargo xtask results`: writes what is made from the result types: the reference page, the JSON Schemas, the Python classes.
+//! `cargo xtask results`: writes what is made from the result types: the reference page, the JSON
+//! Schemas, the Python classes.
 
 use std::path::Path;
 

@@ -1,4 +1,5 @@
-//! `cargo xtask sanitize`: runs the tests of the crates that contain `unsafe` code or C with AddressSanitizer.
+//! `cargo xtask sanitize`: runs the tests of the crates that contain `unsafe` code or C with
+//! AddressSanitizer.
 
 use std::path::Path;
 use std::process::Command;
@@ -7,8 +8,9 @@ use anyhow::{Result, ensure};
 
 use crate::process::run;
 
-/// `store` contains SQLite, which is instrumented, and faults that its tests inject. `world` calls MuJoCo, which is not: errors
-/// in it are found if they are in memory of the heap that a function of the C library touches.
+/// `store` contains SQLite, which is instrumented, and faults that its tests inject. `world` calls
+/// MuJoCo, which is not: errors in it are found if they are in memory of the heap that a function
+/// of the C library touches.
 const PACKAGES: [&str; 2] = ["mishandle-store", "mishandle-world"];
 
 const TARGET: &str = "x86_64-unknown-linux-gnu";
@@ -20,14 +22,16 @@ const ENVIRONMENT: [(&str, &str); 3] = [
     // These flags replace those of .cargo/config.toml.
     ("RUSTFLAGS", "-Zsanitizer=address -Ctarget-cpu=x86-64-v3"),
     ("CFLAGS_x86_64_unknown_linux_gnu", "-fsanitize=address"),
-    // The runtime is LLVM's. It takes each static variable that GCC instruments for a second definition of itself.
+    // The runtime is LLVM's. It takes each static variable that GCC instruments for a second
+    // definition of itself.
     ("ASAN_OPTIONS", "detect_odr_violation=0"),
 ];
 
 /// Runs the tests, all of them although one fails.
 ///
 /// # Errors
-/// If there is no nightly toolchain, or a test fails, or AddressSanitizer or LeakSanitizer reports an error.
+/// If there is no nightly toolchain, or a test fails, or AddressSanitizer or LeakSanitizer reports
+/// an error.
 pub fn sanitize(root: &Path, arguments: &[String]) -> Result<()> {
     let mut version = rustup(&["rustc", "--version"]);
     ensure!(

@@ -1,4 +1,5 @@
-//! `cargo xtask settings`: writes the page of all training settings, which an example of the training crate prints.
+//! `cargo xtask settings`: writes the page of all training settings, which an example of the
+//! training crate prints.
 
 use std::fs;
 use std::path::Path;

@@ -8,8 +8,8 @@ use anyhow::{Context, Result};
 
 use crate::process::run;
 
-/// Returns the Python of the virtual environment in `folder` for a file of requirements, with this checkout's package in it. Creates
-/// the environment if the file changed.
+/// Returns the Python of the virtual environment in `folder` for a file of requirements, with this
+/// checkout's package in it. Creates the environment if the file changed.
 ///
 /// # Errors
 /// If the file cannot be read, or an installation fails.

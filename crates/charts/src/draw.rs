@@ -51,11 +51,11 @@ impl Chart {
         svg
     }
 
-    /// Returns the chart as an element of an HTML page, with `label` as its text for screen readers. It is of class `chart` and
-    /// shrinks to the width of the page.
+    /// Returns the chart as an element of an HTML page, with `label` as its text for screen
+    /// readers. It is of class `chart` and shrinks to the width of the page.
     ///
-    /// Colors are the attributes `fill` and `stroke` with values such as `#D55E00`, in upper case, which a style sheet can match:
-    /// `[fill="#D55E00"] { fill: orange }`.
+    /// Colors are the attributes `fill` and `stroke` with values such as `#D55E00`, in upper case,
+    /// which a style sheet can match: `[fill="#D55E00"] { fill: orange }`.
     ///
     /// # Panics
     /// Never.

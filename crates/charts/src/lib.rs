@@ -1,8 +1,10 @@
-//! Charts as SVG text: lines with bands, steps, bars, dots and filled areas, in panels that share a title and a legend.
+//! Charts as SVG text: lines with bands, steps, bars, dots and filled areas, in panels that share a
+//! title and a legend.
 //!
-//! `plotters` draws them with its SVG backend alone, which loads no fonts, so the same chart gives the same bytes on every
-//! machine. The background is opaque: a chart looks the same on a light and on a dark page. [`Chart::figure`] returns the same
-//! drawing as an element of an HTML page, whose style sheet can replace each color.
+//! `plotters` draws them with its SVG backend alone, which loads no fonts, so the same chart gives
+//! the same bytes on every machine. The background is opaque: a chart looks the same on a light and
+//! on a dark page. [`Chart::figure`] returns the same drawing as an element of an HTML page, whose
+//! style sheet can replace each color.
 //!
 //! # Example
 //! ```

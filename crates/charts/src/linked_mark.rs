@@ -109,7 +109,8 @@ mod tests {
             "{svg}"
         );
         assert!(svg.contains("<g><title>") && !svg.contains("#no"), "{svg}");
-        // The left mark is where the area begins, and the right mark is twice as far from there as its end.
+        // The left mark is where the area begins, and the right mark is twice as far from there as
+        // its end.
         let after = |text: &str, key: &str| -> f64 {
             let rest = text.split_once(key).unwrap().1;
             rest.split(['"', ' ']).next().unwrap().parse().unwrap()

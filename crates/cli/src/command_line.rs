@@ -8,7 +8,8 @@ use clap::{CommandFactory, FromArgMatches, Parser};
 use crate::commands::{Command, GROUPS};
 use crate::show::{escape, output};
 
-/// Version, and the paths of MuJoCo's library and of the shipped files, for questions about an installation.
+/// Version, and the paths of MuJoCo's library and of the shipped files, for questions about an
+/// installation.
 static LONG_VERSION: LazyLock<String> = LazyLock::new(|| {
     let library = std::fs::read_to_string("/proc/self/maps").unwrap_or_default();
     let library = library.lines().find(|line| line.contains("libmujoco.so"));
@@ -47,7 +48,8 @@ impl CommandLine {
     }
 }
 
-/// Returns the declaration of the program. Its help lists the commands by group, which the parser cannot do for subcommands.
+/// Returns the declaration of the program. Its help lists the commands by group, which the parser
+/// cannot do for subcommands.
 pub fn declaration() -> clap::Command {
     let program = CommandLine::command();
     let groups = groups(program.clone());
@@ -58,7 +60,8 @@ pub fn declaration() -> clap::Command {
     program.help_template(template)
 }
 
-/// Returns the commands of each group with their descriptions, wrapped at the width of the terminal.
+/// Returns the commands of each group with their descriptions, wrapped at the width of the
+/// terminal.
 fn groups(mut program: clap::Command) -> String {
     // Adds the command `help`.
     program.build();
@@ -87,7 +90,8 @@ fn groups(mut program: clap::Command) -> String {
 
 /// Prints help, or an error in the arguments of the program.
 pub fn usage(error: &clap::Error, arguments: &[OsString]) {
-    // The parser colors its errors, which quote arguments, so the arguments are escaped instead of the error.
+    // The parser colors its errors, which quote arguments, so the arguments are escaped instead of
+    // the error.
     let escaped = arguments.iter().map(|argument| escape::name(&argument.to_string_lossy()));
     match CommandLine::parse_words(escaped.map(OsString::from)) {
         // Help goes to stdout, which can be a closed pipe.

@@ -70,7 +70,8 @@ pub enum Command {
     Man(man::Arguments),
 }
 
-/// Runs a command. `gpu` is the device `gpu` of this process, `program` returns the declaration of the whole program.
+/// Runs a command. `gpu` is the device `gpu` of this process, `program` returns the declaration of
+/// the whole program.
 pub fn run(command: &Command, gpu: Option<&Device>, program: fn() -> clap::Command) -> Result<ExitStatus> {
     match command {
         Command::Falsify(arguments) => falsify::run(arguments, gpu),

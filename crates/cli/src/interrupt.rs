@@ -14,7 +14,8 @@ pub const EXIT_CODE: u8 = 130;
 
 static REQUESTED: AtomicBool = AtomicBool::new(false);
 
-/// Makes a write beyond the limit of `ulimit -f` an error. By default, the signal SIGXFSZ ends the program without a message.
+/// Makes a write beyond the limit of `ulimit -f` an error. By default, the signal SIGXFSZ ends the
+/// program without a message.
 pub fn report_file_size_limits() {
     // Without the handler, the program ends as by default.
     let _ = signal_hook::flag::register(SIGXFSZ, Arc::new(AtomicBool::new(false)));
@@ -22,9 +23,9 @@ pub fn report_file_size_limits() {
 
 /// Installs the signal handlers.
 ///
-/// The first signal calls `announce` and makes [`requested`] return true; the command must check that. A second signal
-/// calls `clear` and ends the program immediately. A second SIGHUP is ignored, because the shell and the system often
-/// both send one.
+/// The first signal calls `announce` and makes [`requested`] return true; the command must check
+/// that. A second signal calls `clear` and ends the program immediately. A second SIGHUP is
+/// ignored, because the shell and the system often both send one.
 pub fn listen(announce: impl Fn() + Send + 'static, clear: impl Fn() + Send + 'static) -> Result<()> {
     let mut signals = Signals::new([SIGINT, SIGTERM])?;
     if !ignores_sighup() {
@@ -39,7 +40,8 @@ pub fn listen(announce: impl Fn() + Send + 'static, clear: impl Fn() + Send + 's
                     exit(EXIT_CODE.into());
                 }
                 (false, _) => {
-                    // In this order, so that the announcement precedes the command's final messages.
+                    // In this order, so that the announcement precedes the command's final
+                    // messages.
                     announce();
                     REQUESTED.store(true, Ordering::Relaxed);
                 }
@@ -49,7 +51,8 @@ pub fn listen(announce: impl Fn() + Send + 'static, clear: impl Fn() + Send + 's
     Ok(())
 }
 
-/// Returns whether SIGHUP is ignored, as under `nohup`. Works on Linux only; elsewhere it returns false.
+/// Returns whether SIGHUP is ignored, as under `nohup`. Works on Linux only; elsewhere it returns
+/// false.
 fn ignores_sighup() -> bool {
     let status = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
     let ignored = status.lines().find_map(|line| line.strip_prefix("SigIgn:"));

@@ -1,6 +1,7 @@
 //! The command line of Mishandle.
 //!
-//! Results go to stdout, messages to stderr. Exit codes: 0 success, 1 falsified or violated, 2 error, 130 interrupted.
+//! Results go to stdout, messages to stderr. Exit codes: 0 success, 1 falsified or violated, 2
+//! error, 130 interrupted.
 
 mod command_line;
 mod commands;
@@ -28,7 +29,8 @@ pub fn main() -> ExitCode {
     main_with_tasks(&[])
 }
 
-/// Runs the program with the arguments of the process and with your own tasks in addition to the benchmark's.
+/// Runs the program with the arguments of the process and with your own tasks in addition to the
+/// benchmark's.
 ///
 /// If the definition of a task is invalid, the program prints the error and returns exit code 2.
 pub fn main_with_tasks(tasks: &[&'static dyn Task]) -> ExitCode {
@@ -46,7 +48,8 @@ pub fn run_with(arguments: impl IntoIterator<Item = OsString>) -> ExitCode {
     ExitCode::from(exit_code_of(arguments, None))
 }
 
-/// As [`run_with`], but returns the exit code as a number. `gpu` is the device `gpu` of this process, if it has one.
+/// As [`run_with`], but returns the exit code as a number. `gpu` is the device `gpu` of this
+/// process, if it has one.
 pub fn exit_code_of(arguments: impl IntoIterator<Item = OsString>, gpu: Option<&Device>) -> u8 {
     interrupt::report_file_size_limits();
     let words: Vec<OsString> = arguments.into_iter().collect();

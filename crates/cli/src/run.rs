@@ -1,4 +1,5 @@
-//! Parts of running a command that several commands share: threads and signals, the files that it opens, questions.
+//! Parts of running a command that several commands share: threads and signals, the files that it
+//! opens, questions.
 
 pub mod counterexample;
 mod file;
@@ -30,7 +31,8 @@ pub fn report_loss(simulations: u64, kept_and_lost: &str) {
     output::message(&format!("interrupted after {}: {kept_and_lost}", plural(simulations, "simulation")));
 }
 
-/// Makes signals end the run after the current batch. The first signal prints a message immediately.
+/// Makes signals end the run after the current batch. The first signal prints a message
+/// immediately.
 pub fn stop_on_signals(bar: &Bar) -> Result<()> {
     let (announced, cleared) = (bar.line(), bar.line());
     let announce = move || {

@@ -9,7 +9,8 @@ use mishandle::store::RunFile;
 
 const EXPERT: &str = "evaluate point-reaching --controller expert --seed 3";
 
-/// Makes the run of the expert and one of an expert that a defect makes worse: noise in its actions.
+/// Makes the run of the expert and one of an expert that a defect makes worse: noise in its
+/// actions.
 fn bench() -> Bench {
     let bench = Bench::new();
     bench.check(&format!("{EXPERT} --episodes 40 --out good.sqlite"), 0);

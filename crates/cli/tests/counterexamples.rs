@@ -1,4 +1,5 @@
-//! `mishandle counterexamples` and `regress`: failure modes, exported counterexamples and regression suites.
+//! `mishandle counterexamples` and `regress`: failure modes, exported counterexamples and
+//! regression suites.
 
 #![allow(clippy::unwrap_used)]
 
@@ -294,7 +295,8 @@ fn a_shipped_controller_given_by_path_has_its_name_in_the_file() {
 #[test]
 fn a_repeat_without_a_verdict_makes_the_test_an_error() {
     let bench = Bench::new();
-    // The formula has a value only if the height is not negative. At x = 0.8 that is so for 84 % of the seeds.
+    // The formula has a value only if the height is not negative. At x = 0.8 that is so for 84 % of
+    // the seeds.
     let falsify = "falsify toy/noisy --trials 1 --budget 200 --seed 1 --repeats 0 --formula";
     let output =
         bench.command(falsify).arg("sqrt(height) >= 10").args(["--out", "run.sqlite"]).output().unwrap();
@@ -353,7 +355,8 @@ fn a_baseline_tells_new_failures_from_old_ones() {
         table.contains("lower than with the baseline in") && !table.contains("in 0, higher in 0"),
         "{table}"
     );
-    // The shipped controller passes, so it fixes the old one, and the worse one has new failures against it.
+    // The shipped controller passes, so it fixes the old one, and the worse one has new failures
+    // against it.
     let (found, _) = regress("ppo", "./old.safetensors", 0);
     assert_eq!((&found["fixed"], &found["passes"]), (&n.into(), &n.into()));
     assert_eq!(found["tests"][0]["result"], "fixed");

@@ -1,4 +1,5 @@
-//! Ctrl-C in commands that write no run file: they finish the running simulations and say what is kept and what is lost.
+//! Ctrl-C in commands that write no run file: they finish the running simulations and say what is
+//! kept and what is lost.
 
 #![allow(clippy::unwrap_used)]
 

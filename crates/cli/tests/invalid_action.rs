@@ -13,8 +13,8 @@ use serde_json::Value;
 /// Index of the target's y coordinate in the observation of point-reaching.
 const TARGET_Y: usize = 19;
 
-/// Writes a controller of point-reaching whose first action is infinite if the target's y coordinate is more than 0.05 m
-/// above `center`, and otherwise finite.
+/// Writes a controller of point-reaching whose first action is infinite if the target's y
+/// coordinate is more than 0.05 m above `center`, and otherwise finite.
 fn write_controller(path: &Path, center: f64) {
     let shipped = concat!(env!("CARGO_MANIFEST_DIR"), "/../../controllers/point-reaching/ppo.safetensors");
     let mut file = ControllerFile::load(Path::new(shipped)).unwrap();
@@ -23,8 +23,9 @@ fn write_controller(path: &Path, center: f64) {
     let sizes = network.sizes().to_vec();
     network.update(|parameters| {
         parameters.fill(0.0);
-        // One neuron per layer passes x = (y - center) / 0.01, clipped to [-5, 5], on to the first output. The output is
-        // 0.8e38 x for positive x and at least -0.8e38 otherwise, so it overflows for x > 4.25.
+        // One neuron per layer passes x = (y - center) / 0.01, clipped to [-5, 5], on to the first
+        // output. The output is 0.8e38 x for positive x and at least -0.8e38 otherwise, so it
+        // overflows for x > 4.25.
         let mut layer_start = 0;
         for (layer, size) in sizes.windows(2).enumerate() {
             let input = if layer == 0 { TARGET_Y } else { 0 };

@@ -110,7 +110,8 @@ fn a_failure_without_a_disturbance_is_called_so() {
     );
 }
 
-/// The error of the measured gap is the noise of the car: whether the car comes too near depends on the seed.
+/// The error of the measured gap is the noise of the car: whether the car comes too near depends on
+/// the seed.
 #[test]
 fn a_witness_that_fails_with_few_other_seeds_is_called_luck() {
     let bench = Bench::new();

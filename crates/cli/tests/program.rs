@@ -186,7 +186,8 @@ fn without_a_failure_a_random_sample_bounds_the_failure_rate() {
     assert!(found["failure_rate_bound"].is_null() && found["smooth_region"].is_null());
 }
 
-/// The robustness of the sphere is 1 plus a distance, in a square of 2 m: it changes by at most 2 per width of the space.
+/// The robustness of the sphere is 1 plus a distance, in a square of 2 m: it changes by at most 2
+/// per width of the space.
 #[test]
 fn without_a_failure_a_smooth_robustness_excludes_failures_between_the_samples() {
     let bench = Bench::new();
@@ -617,7 +618,8 @@ fn a_second_signal_stops_a_long_batch_immediately() {
         assert!(start.elapsed() < Duration::from_secs(60));
         std::thread::sleep(Duration::from_millis(5));
     }
-    // The batch starts soon after the file exists. A signal before it would end the program in an orderly way.
+    // The batch starts soon after the file exists. A signal before it would end the program in an
+    // orderly way.
     let ticks = processor_ticks(&child);
     while processor_ticks(&child) < ticks + 100 {
         assert!(start.elapsed() < Duration::from_secs(60));
@@ -958,7 +960,8 @@ fn policies_of_other_tools_run_and_replay() {
     );
 }
 
-/// The exit code of a run that finds a counterexample is 1, or 141 if the reader of stdout is gone: never 0, which would say that nothing failed.
+/// The exit code of a run that finds a counterexample is 1, or 141 if the reader of stdout is gone:
+/// never 0, which would say that nothing failed.
 #[test]
 fn a_closed_pipe_does_not_end_with_success() {
     let bench = Bench::new();

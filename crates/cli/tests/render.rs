@@ -8,7 +8,8 @@ use std::path::{Path, PathBuf};
 use std::process::{Command, Output, Stdio};
 use std::time::{Duration, Instant};
 
-/// A fake encoder that stores 180 frames of 32 x 24 pixels as the data of an MP4 file. Their box has 414,728 bytes.
+/// A fake encoder that stores 180 frames of 32 x 24 pixels as the data of an MP4 file. Their box
+/// has 414,728 bytes.
 const STORES: &str = "#!/bin/sh
 [ \"$1\" = -version ] && exit
 for last; do :; done
@@ -49,7 +50,8 @@ impl Bench {
         assert!(output.status.success(), "{arguments}: {}", stderr(&output));
     }
 
-    /// Runs the program, which must fail with a message that contains `parts`, and create no file. Returns the message.
+    /// Runs the program, which must fail with a message that contains `parts`, and create no file.
+    /// Returns the message.
     #[track_caller]
     fn refuses(&self, command: &mut Command, parts: &[&str]) -> String {
         let before = self.files();
@@ -73,7 +75,8 @@ impl Bench {
         files
     }
 
-    /// Returns whether this machine can render. If it cannot, the program must name the missing packages.
+    /// Returns whether this machine can render. If it cannot, the program must name the missing
+    /// packages.
     fn can_render(&self) -> bool {
         let output = self.command("render point-reaching --size 16x16 --out probe.png").output().unwrap();
         assert!(output.status.success() || stderr(&output).contains("libegl1"), "{}", stderr(&output));
@@ -165,8 +168,8 @@ fn an_episode_is_rendered_as_a_video_or_a_filmstrip() {
     let stores = bench.encoder("stores", STORES);
     let output = render().env("PATH", format!("{}:/usr/bin:/bin", stores.display())).output().unwrap();
     assert!(output.status.success(), "{}", stderr(&output));
-    // Samples 0, 2, 4 ... 300 with three bytes per pixel, after the headers of three boxes. The even decisive sample is held
-    // for 29 frames more.
+    // Samples 0, 2, 4 ... 300 with three bytes per pixel, after the headers of three boxes. The
+    // even decisive sample is held for 29 frames more.
     assert_eq!(std::fs::metadata(bench.path("video.mp4")).unwrap().len(), 24 + 180 * 32 * 24 * 3);
 }
 

@@ -1,4 +1,5 @@
-//! Opens reports in headless Chromium: both themes, wide and narrow. Without Chromium, the test says so and ends.
+//! Opens reports in headless Chromium: both themes, wide and narrow. Without Chromium, the test
+//! says so and ends.
 //!
 //! The screenshots are in `target/tmp/report`, to look at.
 
@@ -40,7 +41,8 @@ impl Browser {
         let name = NAMES.iter().find(is_installed)?;
         let (commands, answers) = (bench.path("commands"), bench.path("answers"));
         assert!(Command::new("mkfifo").args([&commands, &answers]).status().unwrap().success());
-        // The browser reads commands from descriptor 3 and writes answers to descriptor 4. `timeout` ends one that hangs.
+        // The browser reads commands from descriptor 3 and writes answers to descriptor 4.
+        // `timeout` ends one that hangs.
         let script = "exec timeout 1200 \"$0\" --headless=new --no-sandbox --disable-gpu --hide-scrollbars \
              --no-first-run --disable-dev-shm-usage --user-data-dir=\"$3\" --remote-debugging-pipe 3<\"$1\" 4>\"$2\"";
         let child = Command::new("sh")

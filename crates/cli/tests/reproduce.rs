@@ -48,7 +48,8 @@ fn a_table_of_falsification_matches_a_count_of_the_rows() {
             (&early.to_string(), &run.counts().unwrap().simulations.to_string())
         );
     }
-    // The paper's values are for another formula. Those for its formula are shown, but not tested against another budget.
+    // The paper's values are for another formula. Those for its formula are shown, but not tested
+    // against another budget.
     assert_eq!((&table[0][5], &table[0][6]), (&"-".to_string(), &"-".to_string()));
     bench.write(
         "s.toml",

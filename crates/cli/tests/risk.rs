@@ -45,7 +45,8 @@ fn a_frequent_failure_is_answered_by_monte_carlo_alone() {
 #[test]
 fn the_declared_distribution_changes_the_probability_and_is_printed() {
     let bench = Bench::new();
-    // At x = 0.3 and y around -0.4 with a standard deviation of 0.05, half a width of 0.1 fails: 95.45 %.
+    // At x = 0.3 and y around -0.4 with a standard deviation of 0.05, half a width of 0.1 fails:
+    // 95.45 %.
     let command = "risk toy/sphere-2d --set x=0.3 --distribution y=normal:-0.4:0.05 --simulations 4000";
     let report = bench.json(&format!("{command} --json"), 1);
     let value = report["probability"]["value"].as_f64().unwrap();

@@ -1,5 +1,5 @@
-//! The attacks of docs/reference/security.md on the command line: files that are not files, names with escape sequences, planted links
-//! and planted folders.
+//! The attacks of docs/reference/security.md on the command line: files that are not files, names
+//! with escape sequences, planted links and planted folders.
 
 #![allow(clippy::unwrap_used)]
 
@@ -13,10 +13,12 @@ use std::time::{Duration, Instant};
 use bench::{Bench, SMALL, text};
 use mishandle::controllers::ControllerFile;
 
-/// Sets the title of the window, clears the screen, and reverses the order of the characters that follow.
+/// Sets the title of the window, clears the screen, and reverses the order of the characters that
+/// follow.
 const HOSTILE: &str = "\u{1b}]0;owned\u{7}\u{9b}2J\u{202e}";
 
-/// Runs the program for at most two minutes, since the machine may be busy, and returns stdout and stderr together.
+/// Runs the program for at most two minutes, since the machine may be busy, and returns stdout and
+/// stderr together.
 #[track_caller]
 fn run(command: &mut Command, code: i32) -> String {
     let start = Instant::now();

@@ -60,7 +60,8 @@ fn repeats_have_other_seeds_than_the_counterexample_and_depend_on_the_seed_only(
     assert!(trial["repeats"]["failures"].as_u64().unwrap() < n, "{trial}");
 }
 
-/// In total at most as many as the run has simulations, but at least 20 for each counterexample: an early find is repeated, too.
+/// In total at most as many as the run has simulations, but at least 20 for each counterexample: an
+/// early find is repeated, too.
 #[test]
 fn repeats_are_limited_by_the_simulations_of_the_run_and_not_fewer_than_20() {
     let bench = Bench::new();

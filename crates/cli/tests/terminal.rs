@@ -1,4 +1,5 @@
-//! The progress bar in a terminal: it fits the width, and it is cleared at every end of the command.
+//! The progress bar in a terminal: it fits the width, and it is cleared at every end of the
+//! command.
 
 #![allow(clippy::unwrap_used)]
 

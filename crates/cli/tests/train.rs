@@ -47,7 +47,8 @@ fn an_interrupted_training_can_be_resumed_and_its_files_are_locked() {
     assert!(resume.ends_with(&format!("--seed 7 {outputs} --resume")), "{resume}");
     assert!(bench.path("a.safetensors.checkpoint").exists() && !bench.path("a.safetensors.lock").exists());
     assert!(!bench.path("a.csv.lock").exists());
-    // Fewer steps than completed are an error; an iteration has 256 steps, and --steps is rounded up to whole iterations.
+    // Fewer steps than completed are an error; an iteration has 256 steps, and --steps is rounded
+    // up to whole iterations.
     let done = 256 * (count_lines(&bench.path("a.csv")) - 1);
     let to = |steps: usize| bench.run(&resume.replace(ENDLESS, &format!("--steps {steps}")));
     let err = text(&to(done - 256).stderr);
@@ -207,7 +208,8 @@ fn settings_and_names_are_checked_before_training() {
 #[test]
 fn a_training_that_reaches_its_target_rates_stops_early() {
     let bench = bench();
-    // Every validation reaches the target rates; there is one after every four iterations of 256 steps.
+    // Every validation reaches the target rates; there is one after every four iterations of 256
+    // steps.
     let settings =
         format!("{SMALL}run.stop_success = 0.0\nrun.stop_strict = 0.0\nrun.stop_validations = 3\n");
     bench.write("ppo.toml", &settings);
@@ -261,8 +263,8 @@ fn a_curve_with_an_incomplete_last_line_is_read_without_it() {
     let bench = bench();
     bench.check(&format!("{TRAIN} --steps 256 --out a.safetensors --csv a.csv"), 0);
     let text_of = std::fs::read_to_string(bench.path("a.csv")).unwrap();
-    // The return rises from 1 to 8. Smoothed over three rows (two at the ends) it starts at 1.5, so the tolerance is 0.325:
-    // row 8 has 23 / 3 = 7.67, row 9 has 8.
+    // The return rises from 1 to 8. Smoothed over three rows (two at the ends) it starts at 1.5, so
+    // the tolerance is 0.325: row 8 has 23 / 3 = 7.67, row 9 has 8.
     let row = |i: u64| format!("{i},{},{i},{},,,,,,,,0.001,0,0,1,0,0", 160 * i, i.min(8));
     let header = text_of.lines().next().unwrap();
     let empty_terms = header.split(',').count() - row(1).split(',').count();

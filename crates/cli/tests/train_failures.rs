@@ -11,7 +11,8 @@ use bench::{Bench, SMALL, signal, text};
 use mishandle::controllers::ControllerFile;
 use training::{ENDLESS, TRAIN, bench, count_lines, curve, start, wait_until};
 
-/// Runs the program in a shell that limits files to `blocks` blocks of 512 bytes; larger writes are errors.
+/// Runs the program in a shell that limits files to `blocks` blocks of 512 bytes; larger writes are
+/// errors.
 fn with_small_files(bench: &Bench, blocks: u32, arguments: &str) -> Output {
     let program = env!("CARGO_BIN_EXE_mishandle");
     let limited = format!("ulimit -f {blocks}; exec {program} {arguments}");
@@ -78,7 +79,8 @@ fn a_training_that_cannot_write_its_first_checkpoint_ends_and_leaves_no_files() 
     }
 }
 
-/// Starts the program with SIGXFSZ ignored, so that a write beyond a later file size limit is an error.
+/// Starts the program with SIGXFSZ ignored, so that a write beyond a later file size limit is an
+/// error.
 fn start_limitable(bench: &Bench, arguments: &str) -> Child {
     let command = format!("trap '' XFSZ; exec {} {arguments}", env!("CARGO_BIN_EXE_mishandle"));
     let mut shell = Command::new("sh");

@@ -1,7 +1,7 @@
 //! The checksum in a file's header, which detects every changed bit.
 //!
-//! The JSON header of a file, a string in the safetensors metadata, has a field `sha256`: the SHA-256 of the whole file
-//! in hexadecimal, computed while the field contains 64 zeros.
+//! The JSON header of a file, a string in the safetensors metadata, has a field `sha256`: the
+//! SHA-256 of the whole file in hexadecimal, computed while the field contains 64 zeros.
 
 use sha2::{Digest, Sha256};
 
@@ -13,7 +13,8 @@ pub const EMPTY_CHECKSUM: &str = "0000000000000000000000000000000000000000000000
 /// The bytes before the checksum in the file.
 const KEY: &[u8] = br#"sha256\":\""#;
 
-/// Writes the checksum of a file's bytes into its header. Does nothing if the header has no field `sha256`.
+/// Writes the checksum of a file's bytes into its header. Does nothing if the header has no field
+/// `sha256`.
 pub fn write_checksum(bytes: &mut [u8]) {
     if let Some(offset) = checksum_offset(bytes) {
         bytes[offset..][..EMPTY_CHECKSUM.len()].copy_from_slice(EMPTY_CHECKSUM.as_bytes());

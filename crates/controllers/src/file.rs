@@ -1,8 +1,9 @@
 //! Controller files: safetensors with a JSON header.
 //!
-//! The tensors are `normalizer.mean` and `normalizer.variance` (`F64`), `policy.log_std` (`F32`, not in a squashed
-//! policy) and `policy.layers.0.weight`, `policy.layers.0.bias`, … (`F32`, in PyTorch's layout). The header is JSON
-//! text under the key `mishandle` of the file's metadata. A file is written in the oldest version that supports its policy:
+//! The tensors are `normalizer.mean` and `normalizer.variance` (`F64`), `policy.log_std` (`F32`,
+//! not in a squashed policy) and `policy.layers.0.weight`, `policy.layers.0.bias`, … (`F32`, in
+//! PyTorch's layout). The header is JSON text under the key `mishandle` of the file's metadata. A
+//! file is written in the oldest version that supports its policy:
 //! docs/reference/controller_format.md describes all of them.
 
 use std::path::Path;
@@ -19,8 +20,9 @@ use crate::layout::hexadecimal;
 use crate::policy::{DEFAULT_CLIP, GAUSSIAN, SQUASHED};
 use crate::{ControllerError, FileProblem, Layout, Policy, parse_tensors};
 
-/// The newest supported format version. Version 2 has no squashed policies, version 3 no layer normalization, no clip of
-/// observations but 5, and of activations only elu, tanh, relu and identity.
+/// The newest supported format version. Version 2 has no squashed policies, version 3 no layer
+/// normalization, no clip of observations but 5, and of activations only elu, tanh, relu and
+/// identity.
 pub const FORMAT_VERSION: u64 = 4;
 
 /// The oldest supported format version.
@@ -42,7 +44,8 @@ pub struct Header {
     pub reward: String,
     /// The layout of observations and actions.
     pub layout: Layout,
-    /// The hash of everything that affects training: physics, initial states, observations, reward. Empty if unknown.
+    /// The hash of everything that affects training: physics, initial states, observations, reward.
+    /// Empty if unknown.
     pub task_hash: String,
     /// The training record.
     pub training: TrainingRecord,
@@ -108,7 +111,8 @@ struct StoredPolicy {
     sizes: Vec<usize>,
     hidden_activation: String,
     output_activation: String,
-    /// Layer normalization of the hidden layers: `plain`, or `affine` with a gain and a shift per output.
+    /// Layer normalization of the hidden layers: `plain`, or `affine` with a gain and a shift per
+    /// output.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     layer_norm: Option<String>,
     /// The limit of normalized observations; `null` if they are not clipped.
@@ -128,7 +132,8 @@ fn is_default_clip(clip: &Option<f64>) -> bool {
 const PLAIN: &str = "plain";
 const AFFINE: &str = "affine";
 
-/// The kinds of policies, and the format version written for each: the oldest version that supports it.
+/// The kinds of policies, and the format version written for each: the oldest version that supports
+/// it.
 pub const WRITTEN_VERSIONS: [(&str, u64); 2] = [(GAUSSIAN, 2), (SQUASHED, 3)];
 
 /// Returns the format version for a kind of policy; `None` if there is no such kind.
@@ -152,8 +157,8 @@ fn written_version(policy: &Policy) -> u64 {
 /// Largest number of layers. Training settings allow 100 hidden layers.
 const MAX_LAYERS: usize = 101;
 
-/// Largest number of inputs of a network. Layers are padded to whole vectors in memory, which multiplies the size of layers
-/// that are long and thin.
+/// Largest number of inputs of a network. Layers are padded to whole vectors in memory, which
+/// multiplies the size of layers that are long and thin.
 const MAX_INPUTS: usize = 1_000_000;
 
 /// Largest number of outputs of a layer, as in training settings.
@@ -166,7 +171,8 @@ impl StoredPolicy {
         self.sizes.len() <= MAX_LAYERS + 1 && self.sizes.iter().enumerate().all(is_allowed)
     }
 
-    /// Returns the number of parameters; `None` on overflow. Checked before memory is allocated for them.
+    /// Returns the number of parameters; `None` on overflow. Checked before memory is allocated for
+    /// them.
     fn parameter_count(&self) -> Option<usize> {
         self.sizes.windows(2).try_fold(0_usize, |count, layer| {
             layer[0].checked_add(1)?.checked_mul(layer[1])?.checked_add(count)
@@ -178,8 +184,8 @@ impl ControllerFile {
     /// Reads a controller file, a regular file of at most [`limits::CONTROLLER`] bytes.
     ///
     /// # Errors
-    /// If the file cannot be read or is larger, is not a controller, is damaged, contains NaN, or has a format version
-    /// that this program does not support.
+    /// If the file cannot be read or is larger, is not a controller, is damaged, contains NaN, or
+    /// has a format version that this program does not support.
     pub fn load(path: &Path) -> Result<ControllerFile, ControllerError> {
         let bytes = read_bounded(path, limits::CONTROLLER)
             .map_err(|source| ControllerError::Read { source, path: path.to_path_buf() })?;
@@ -196,10 +202,12 @@ impl ControllerFile {
             .map_err(|source| ControllerError::Write { source, path: path.to_path_buf() })
     }
 
-    /// Checks that the controller was trained for `task` with this `layout` of observations and actions.
+    /// Checks that the controller was trained for `task` with this `layout` of observations and
+    /// actions.
     ///
     /// # Errors
-    /// If it was trained for another task, or with another layout; the message lists the differences.
+    /// If it was trained for another task, or with another layout; the message lists the
+    /// differences.
     pub fn check(&self, task: &str, layout: &Layout) -> Result<(), ControllerError> {
         if self.header.task != task {
             return Err(ControllerError::Task {
@@ -261,8 +269,8 @@ impl ControllerFile {
     /// Parses the bytes of a controller file.
     ///
     /// # Errors
-    /// If they are not a controller, are damaged, contain NaN, or have a format version that this program does not
-    /// support.
+    /// If they are not a controller, are damaged, contain NaN, or have a format version that this
+    /// program does not support.
     pub fn from_bytes(bytes: &[u8]) -> Result<ControllerFile, FileProblem> {
         if let Some(problem) = foreign_format(bytes) {
             return Err(problem);
@@ -320,8 +328,8 @@ fn stored_f32(name: &str, shape: Vec<usize>, values: &[f32]) -> StoredTensor {
 
 /// Recognizes the formats of other tools by their first bytes.
 fn foreign_format(bytes: &[u8]) -> Option<FileProblem> {
-    // The first field of an ONNX model is its version, below 64; that of a safetensors file is the length of its header,
-    // and its ninth byte is a brace.
+    // The first field of an ONNX model is its version, below 64; that of a safetensors file is the
+    // length of its header, and its ninth byte is a brace.
     let is_onnx = matches!(bytes, [8, 1..64, 0x12 | 0x1A | 0x3A | 0x42, ..]) && bytes.get(8) != Some(&b'{');
     match bytes {
         [b'P', b'K', 3, 4, ..] => Some(FileProblem::Archive),
@@ -331,7 +339,8 @@ fn foreign_format(bytes: &[u8]) -> Option<FileProblem> {
     }
 }
 
-/// Converts an error of the safetensors parser. A file that starts like a safetensors file is reported as damaged.
+/// Converts an error of the safetensors parser. A file that starts like a safetensors file is
+/// reported as damaged.
 fn file_problem(error: &SafeTensorError, bytes: &[u8]) -> FileProblem {
     let starts_like_safetensors = bytes.get(8) == Some(&b'{');
     match error {
@@ -411,7 +420,8 @@ fn read_policy(stored: &StoredPolicy, file: &SafeTensors<'_>) -> Result<Policy, 
     policy?.with_observation_clip(stored.observation_clip)
 }
 
-/// Returns the numbers of a tensor; an empty vector if its type differs, which later fails the check of its length.
+/// Returns the numbers of a tensor; an empty vector if its type differs, which later fails the
+/// check of its length.
 fn f64s(view: &TensorView<'_>) -> Vec<f64> {
     let (numbers, _) = view.data().as_chunks();
     if view.dtype() == Dtype::F64 { numbers.iter().map(|x| f64::from_le_bytes(*x)).collect() } else { vec![] }
@@ -455,7 +465,8 @@ mod tests {
         ControllerFile::from_bytes(bytes).unwrap_err().to_string()
     }
 
-    /// Returns the example's bytes with `from` replaced by `to`, of the same length, in the header, and a new checksum.
+    /// Returns the example's bytes with `from` replaced by `to`, of the same length, in the header,
+    /// and a new checksum.
     fn with_header(from: &str, to: &str) -> Vec<u8> {
         assert_eq!(from.len(), to.len());
         let mut bytes = example().to_bytes();

@@ -60,8 +60,8 @@ impl Layout {
         hexadecimal(&digest.finalize()[..16])
     }
 
-    /// Returns the differences between this layout of an environment and the layout `found` of a controller, one
-    /// sentence per part that differs.
+    /// Returns the differences between this layout of an environment and the layout `found` of a
+    /// controller, one sentence per part that differs.
     pub fn differences(&self, found: &Layout) -> Vec<String> {
         let sides = [
             ("observation", "expects", &self.observation, &found.observation),

@@ -1,9 +1,10 @@
 //! Trained controllers: neural-network policies and their file format.
 //!
-//! A [`Policy`] normalizes an observation, evaluates a multi-layer perceptron and returns the action: the mean of a
-//! Gaussian, or of a Gaussian squashed by tanh. It is a [`Controller`](mishandle_rollout::Controller), so it can be
-//! evaluated and falsified like any other. A [`ControllerFile`] stores a policy in a safetensors file. Its [`Header`]
-//! contains the task, the [`Layout`] of observations and actions, and the training record.
+//! A [`Policy`] normalizes an observation, evaluates a multi-layer perceptron and returns the
+//! action: the mean of a Gaussian, or of a Gaussian squashed by tanh. It is a
+//! [`Controller`](mishandle_rollout::Controller), so it can be evaluated and falsified like any
+//! other. A [`ControllerFile`] stores a policy in a safetensors file. Its [`Header`] contains the
+//! task, the [`Layout`] of observations and actions, and the training record.
 
 mod checksum;
 mod error;

@@ -18,14 +18,15 @@ use crate::{ControllerError, squashed};
 /// squashed Gaussian:   (μ, h) = network(x),          a = tanh(u), u ~ N(μ, diag(σ(h))²)
 /// ```
 ///
-/// By default the policy is deterministic: as a [`Controller`] it returns μ or tanh μ. [`sampling`](Self::sampling)
-/// makes it stochastic, with random numbers from [`Stream::Policy`] of each simulation's seed. Actions are not
-/// clipped. σ(h) is defined in [`squashed`]. A deterministic policy (DDPG, TD3) is stored as a Gaussian whose network
-/// ends in tanh and whose standard deviation is its exploration noise.
+/// By default the policy is deterministic: as a [`Controller`] it returns μ or tanh μ.
+/// [`sampling`](Self::sampling) makes it stochastic, with random numbers from [`Stream::Policy`] of
+/// each simulation's seed. Actions are not clipped. σ(h) is defined in [`squashed`]. A
+/// deterministic policy (DDPG, TD3) is stored as a Gaussian whose network ends in tanh and whose
+/// standard deviation is its exploration noise.
 ///
 /// # Reference
-/// Squashed Gaussian: Haarnoja, Zhou, Abbeel and Levine, "Soft Actor-Critic: Off-Policy Maximum Entropy Deep
-/// Reinforcement Learning with a Stochastic Actor", ICML 2018.
+/// Squashed Gaussian: Haarnoja, Zhou, Abbeel and Levine, "Soft Actor-Critic: Off-Policy Maximum
+/// Entropy Deep Reinforcement Learning with a Stochastic Actor", ICML 2018.
 ///
 /// # Example
 /// ```
@@ -72,8 +73,9 @@ enum Kind {
 }
 
 impl Policy {
-    /// Creates a Gaussian policy. `mean` and `variance` normalize observations, with one number per network input.
-    /// Actions have the standard deviations e^`log_std`, with one number per network output.
+    /// Creates a Gaussian policy. `mean` and `variance` normalize observations, with one number per
+    /// network input. Actions have the standard deviations e^`log_std`, with one number per network
+    /// output.
     ///
     /// # Errors
     /// If a length does not match the network, a number is not finite, or a variance is negative.
@@ -98,12 +100,12 @@ impl Policy {
         Self::of_kind(mean, variance, network, log_std, kind)
     }
 
-    /// Creates a squashed Gaussian policy. `mean` and `variance` normalize observations. The network outputs μ of all
-    /// actions, then h of all actions.
+    /// Creates a squashed Gaussian policy. `mean` and `variance` normalize observations. The
+    /// network outputs μ of all actions, then h of all actions.
     ///
     /// # Errors
-    /// If a length does not match the network, the number of outputs is odd, a number is not finite, or a variance is
-    /// negative.
+    /// If a length does not match the network, the number of outputs is odd, a number is not
+    /// finite, or a variance is negative.
     ///
     /// # Example
     /// ```
@@ -149,14 +151,16 @@ impl Policy {
         Ok(Policy { mean, variance, log_std, clip: DEFAULT_CLIP, core, samples: false })
     }
 
-    /// Returns the policy with stochastic actions if `samples` is true, otherwise with deterministic actions.
+    /// Returns the policy with stochastic actions if `samples` is true, otherwise with
+    /// deterministic actions.
     #[must_use]
     pub fn sampling(mut self, samples: bool) -> Policy {
         self.samples = samples;
         self
     }
 
-    /// Returns the policy with normalized observations clipped to ±`clip` instead of ±5, or not clipped.
+    /// Returns the policy with normalized observations clipped to ±`clip` instead of ±5, or not
+    /// clipped.
     ///
     /// # Errors
     /// If `clip` is not a positive number.
@@ -190,8 +194,8 @@ impl Policy {
         &self.core.network
     }
 
-    /// Returns the logarithms of the actions' standard deviations; empty for a squashed policy, whose network outputs
-    /// them.
+    /// Returns the logarithms of the actions' standard deviations; empty for a squashed policy,
+    /// whose network outputs them.
     pub fn log_std(&self) -> &[f32] {
         &self.log_std
     }
@@ -206,7 +210,8 @@ impl Policy {
         if self.is_squashed() { SQUASHED } else { GAUSSIAN }
     }
 
-    /// Returns a hash of everything that determines the actions: the first 16 bytes of a SHA-256, in hexadecimal.
+    /// Returns a hash of everything that determines the actions: the first 16 bytes of a SHA-256,
+    /// in hexadecimal.
     ///
     /// It does not depend on the training record.
     pub fn hash(&self) -> String {
@@ -244,7 +249,8 @@ impl Policy {
 pub(crate) const GAUSSIAN: &str = "gaussian";
 pub(crate) const SQUASHED: &str = "squashed-gaussian";
 
-/// The state of a stochastic policy: two halves of the seed, each exact in an `f64`, and the control step.
+/// The state of a stochastic policy: two halves of the seed, each exact in an `f64`, and the
+/// control step.
 const STATE_SIZE: usize = 3;
 
 impl Controller for Policy {

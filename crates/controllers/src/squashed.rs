@@ -1,12 +1,14 @@
 //! The standard deviation of a squashed Gaussian policy, smoothly bounded.
 //!
-//! h is the network's output for an action. Formula and bounds are those of CleanRL's soft actor-critic.
+//! h is the network's output for an action. Formula and bounds are those of CleanRL's soft
+//! actor-critic.
 //!
 //! ```text
 //! log σ(h) = -5 + 3.5 (1 + tanh h),   h = 0: σ = 0.22
 //! ```
 
-/// Bounds of log σ: σ from 0.0067, with almost no exploration, to 7.4, with which tanh is almost always near ±1.
+/// Bounds of log σ: σ from 0.0067, with almost no exploration, to 7.4, with which tanh is almost
+/// always near ±1.
 pub const LOG_STD_RANGE: (f64, f64) = (-5.0, 2.0);
 
 /// Returns log σ for a network output h.

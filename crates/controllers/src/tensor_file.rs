@@ -9,8 +9,8 @@ const LENGTH_BYTES: usize = 8;
 
 /// Parses a safetensors file; returns its tensors and the text under `key` in its metadata.
 ///
-/// The header may have at most [`TENSOR_HEADER`] bytes. Each tensor must lie inside the file, after the tensor before it, and
-/// have the length of its shape, all without overflow.
+/// The header may have at most [`TENSOR_HEADER`] bytes. Each tensor must lie inside the file, after
+/// the tensor before it, and have the length of its shape, all without overflow.
 ///
 /// # Errors
 /// If the bytes are not such a file.
@@ -24,8 +24,9 @@ pub fn parse_tensors<'b>(
     Ok((tensors, metadata.metadata().as_ref().and_then(|metadata| metadata.get(key).cloned())))
 }
 
-/// Checks the length of the header and that all offsets are inside the file. The library adds the last offset to the length of
-/// the header before it compares them with the file; that sum can overflow, which panics in builds with overflow checks.
+/// Checks the length of the header and that all offsets are inside the file. The library adds the
+/// last offset to the length of the header before it compares them with the file; that sum can
+/// overflow, which panics in builds with overflow checks.
 fn check_offsets(bytes: &[u8]) -> Result<(), SafeTensorError> {
     let (length, rest) = bytes.split_first_chunk::<LENGTH_BYTES>().ok_or(SafeTensorError::HeaderTooSmall)?;
     let length = u64::from_le_bytes(*length);

@@ -1,4 +1,5 @@
-//! Confidence interval of the mean of numbers in [0, 1], valid for every distribution and every sample size.
+//! Confidence interval of the mean of numbers in [0, 1], valid for every distribution and every
+//! sample size.
 
 use crate::Estimate;
 
@@ -11,15 +12,17 @@ const LARGEST_BET: f64 = 0.75;
 /// Number of bisections of each bound; their error is at most 2^-40.
 const BISECTIONS: u32 = 40;
 
-/// Returns the mean of `fractions`, numbers in [0, 1], with its betting interval (hedged capital) of 95 %.
+/// Returns the mean of `fractions`, numbers in [0, 1], with its betting interval (hedged capital)
+/// of 95 %.
 ///
-/// The interval contains the mean of the distribution with a probability of at least 0.95 for **every** distribution on
-/// [0, 1] and every n, because it follows from Ville's inequality and not from an approximation. In particular it holds
-/// if all values are 0, and if few simulations contain all dangerous steps, where the percentile bootstrap fails: its
-/// interval has width 0 or ends at the largest resample of what was seen.
+/// The interval contains the mean of the distribution with a probability of at least 0.95
+/// for **every** distribution on [0, 1] and every n, because it follows from Ville's inequality and
+/// not from an approximation. In particular it holds if all values are 0, and if few simulations
+/// contain all dangerous steps, where the percentile bootstrap fails: its interval has width 0 or
+/// ends at the largest resample of what was seen.
 ///
-/// For each candidate mean m, two players bet against m with capital 1/2 each. One wins if the mean is above m, the
-/// other if it is below:
+/// For each candidate mean m, two players bet against m with capital 1/2 each. One wins if the mean
+/// is above m, the other if it is below:
 ///
 /// ```text
 /// K⁺ₜ(m) = Π (1 + min(λᵢ, c / m) (xᵢ - m)),   K⁻ₜ(m) = Π (1 - min(λᵢ, c / (1 - m)) (xᵢ - m)),   i = 1 ... t
@@ -27,12 +30,13 @@ const BISECTIONS: u32 = 40;
 /// σ²ᵢ    = (1/4 + Σ (xⱼ - μⱼ)²) / (i + 1),     μᵢ = (1/2 + Σ xⱼ) / (i + 1)
 /// ```
 ///
-/// If m is the mean, each capital is a nonnegative martingale, so it exceeds 2 / α at any time t with a probability of
-/// at most α / 2. The interval consists of the m against which neither capital ever exceeds 2 / α. K⁺ falls and K⁻ rises
-/// with m, so bisection finds both bounds.
+/// If m is the mean, each capital is a nonnegative martingale, so it exceeds 2 / α at any time t
+/// with a probability of at most α / 2. The interval consists of the m against which neither
+/// capital ever exceeds 2 / α. K⁺ falls and K⁻ rises with m, so bisection finds both bounds.
 ///
-/// The values are bets in the order of the slice, so the interval depends on the order (in an evaluation, that of the
-/// simulations). It needs no random numbers. 10,000 values take a few milliseconds.
+/// The values are bets in the order of the slice, so the interval depends on the order (in an
+/// evaluation, that of the simulations). It needs no random numbers. 10,000 values take a few
+/// milliseconds.
 ///
 /// # Example
 /// ```
@@ -44,13 +48,15 @@ const BISECTIONS: u32 = 40;
 /// ```
 ///
 /// # Reference
-/// Waudby-Smith and Ramdas, "Estimating means of bounded random variables by betting", Journal of the Royal Statistical
-/// Society B 86, 2024: hedged capital with the predictable plug-in bets for a fixed n.
+/// Waudby-Smith and Ramdas, "Estimating means of bounded random variables by betting", Journal of
+/// the Royal Statistical Society B 86, 2024: hedged capital with the predictable plug-in bets for a
+/// fixed n.
 pub fn betting_mean(fractions: &[f64]) -> Estimate {
     betting_mean_at(fractions, 1.0 - ALPHA)
 }
 
-/// Returns the mean of `fractions` with its betting interval of another confidence: see [`betting_mean`].
+/// Returns the mean of `fractions` with its betting interval of another confidence: see
+/// [`betting_mean`].
 pub fn betting_mean_at(fractions: &[f64], confidence: f64) -> Estimate {
     let log_threshold = (2.0 / (1.0 - confidence)).ln();
     let n = fractions.len() as u64;
@@ -84,8 +90,8 @@ fn bets(fractions: &[f64], log_threshold: f64) -> Vec<f64> {
 
 /// Returns the largest m against which the capital K⁺ exceeds 2 / α at some time, or 0.
 ///
-/// The upper bound of a mean is 1 minus the lower bound of the mirrored values 1 - x, because K⁻ of x at m is K⁺ of
-/// 1 - x at 1 - m, and both have the same bets.
+/// The upper bound of a mean is 1 minus the lower bound of the mirrored values 1 - x, because K⁻ of
+/// x at m is K⁺ of 1 - x at 1 - m, and both have the same bets.
 fn lower_bound(fractions: &[f64], bets: &[f64], log_threshold: f64) -> f64 {
     let is_excluded = |m: f64| {
         let mut log_capital = 0.0;
@@ -115,8 +121,8 @@ mod tests {
 
     #[test]
     fn the_interval_of_few_equal_values_matches_a_hand_calculation() {
-        // Four zeros: the first bet sqrt(2 ln 40 / (4 / 4)) = 2.7 exceeds 3/4 / (1 - m) for m < 0.72, later ones too. So
-        // (1 + 3/4 m / (1 - m))^4 = 40.
+        // Four zeros: the first bet sqrt(2 ln 40 / (4 / 4)) = 2.7 exceeds 3/4 / (1 - m) for m <
+        // 0.72, later ones too. So (1 + 3/4 m / (1 - m))^4 = 40.
         let odds = (40.0_f64.powf(0.25) - 1.0) / 0.75;
         let high = odds / (1.0 + odds);
         check(&[0.0; 4], 0.0, high);
@@ -125,8 +131,8 @@ mod tests {
         check(&[0.0], 0.0, 1.0);
     }
 
-    /// The bounds come from a program in Python that multiplies the capitals on a grid of 20,000 means, without
-    /// logarithms, mirrored values or bisection.
+    /// The bounds come from a program in Python that multiplies the capitals on a grid of 20,000
+    /// means, without logarithms, mirrored values or bisection.
     #[test]
     fn the_interval_matches_a_grid_search() {
         let grid = |values: &[f64], [low, high]: [f64; 2]| {
@@ -146,8 +152,8 @@ mod tests {
     #[test]
     fn the_interval_of_zeros_is_close_to_the_exact_bound() {
         for n in [100, 1000, 10_000] {
-            // No interval can end below 1 - 0.025^(1/n), about ln(40) / n. Bets of at most 3/4 reach 4/3 of it, and early
-            // bets are smaller.
+            // No interval can end below 1 - 0.025^(1/n), about ln(40) / n. Bets of at most 3/4
+            // reach 4/3 of it, and early bets are smaller.
             let exact = 1.0 - 0.025_f64.powf(1.0 / f64::from(n));
             let high = betting_mean(&vec![0.0; n as usize]).high.unwrap();
             assert!((1.0..1.4).contains(&(high / exact)), "{n}: {high}");

@@ -7,8 +7,9 @@ const MAX_TERMS: usize = 10_000;
 
 /// Returns the probability that a chi-squared variable with `degrees_of_freedom` exceeds `x`.
 ///
-/// This is the regularized upper incomplete gamma function Q(k / 2, x / 2), from its power series below the mean and from
-/// its continued fraction above it (Abramowitz and Stegun, "Handbook of Mathematical Functions", 6.5.29 and 6.5.31).
+/// This is the regularized upper incomplete gamma function Q(k / 2, x / 2), from its power series
+/// below the mean and from its continued fraction above it (Abramowitz and Stegun, "Handbook of
+/// Mathematical Functions", 6.5.29 and 6.5.31).
 ///
 /// # Example
 /// ```
@@ -47,7 +48,8 @@ fn lower_series(a: f64, x: f64) -> f64 {
     sum
 }
 
-/// Returns 1 / (x + 1 - a - 1 (1 - a) / (x + 3 - a - 2 (2 - a) / (x + 5 - a - …))), evaluated from the front by Lentz's method.
+/// Returns 1 / (x + 1 - a - 1 (1 - a) / (x + 3 - a - 2 (2 - a) / (x + 5 - a - …))), evaluated from
+/// the front by Lentz's method.
 fn upper_fraction(a: f64, x: f64) -> f64 {
     let mut b = x + 1.0 - a;
     let mut d = 1.0 / b;

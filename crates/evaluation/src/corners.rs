@@ -1,4 +1,5 @@
-//! The corners and the center of the initial box: a deterministic supplement to random initial states.
+//! The corners and the center of the initial box: a deterministic supplement to random initial
+//! states.
 
 use std::ops::ControlFlow;
 
@@ -18,13 +19,14 @@ const CHOSEN_CORNERS: u32 = 16;
 /// Seeds per point if an episode depends on its seed.
 const SEEDS: u32 = 20;
 
-/// Digits of the Sobol sequence that choose corners. Point i is in the upper half of a coordinate if an odd number of the
-/// selected digits of the Gray code of i is 1. The first 16 points have only eight such patterns: those of the
-/// dimensions 1, 2, 3, 4, 5, 8, 10 and 13. Axes beyond the eighth repeat them.
+/// Digits of the Sobol sequence that choose corners. Point i is in the upper half of a coordinate
+/// if an odd number of the selected digits of the Gray code of i is 1. The first 16 points have
+/// only eight such patterns: those of the dimensions 1, 2, 3, 4, 5, 8, 10 and 13. Axes beyond the
+/// eighth repeat them.
 ///
 /// # Reference
-/// Joe and Kuo, "Constructing Sobol sequences with better two-dimensional projections", SIAM Journal on Scientific
-/// Computing 30, 2008.
+/// Joe and Kuo, "Constructing Sobol sequences with better two-dimensional projections", SIAM
+/// Journal on Scientific Computing 30, 2008.
 const SOBOL_DIGITS: [u32; 8] = [0b0001, 0b1111, 0b1011, 0b0011, 0b1001, 0b0101, 0b1101, 0b0111];
 
 /// Index of the child seed of the corners. No random simulation of an evaluation has it.
@@ -32,9 +34,10 @@ const CHILD: u64 = u64::MAX;
 
 /// The corner simulations of an evaluation.
 ///
-/// The points are all corners of the numeric axes of kind `start` and the center, in this order; other axes have their
-/// nominal values. If there are more than four such axes, 16 corners are chosen by the Sobol sequence: point i of the
-/// sequence is rounded to the nearest corner. Simulation i, counted from 1, runs point (i - 1) / `seeds`.
+/// The points are all corners of the numeric axes of kind `start` and the center, in this order;
+/// other axes have their nominal values. If there are more than four such axes, 16 corners are
+/// chosen by the Sobol sequence: point i of the sequence is rounded to the nearest corner.
+/// Simulation i, counted from 1, runs point (i - 1) / `seeds`.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Corners {
     points: Vec<Scenario>,
@@ -43,7 +46,8 @@ pub struct Corners {
 }
 
 impl Corners {
-    /// Number of the trial in which run files hold the corner simulations; trial 1 holds the random ones.
+    /// Number of the trial in which run files hold the corner simulations; trial 1 holds the random
+    /// ones.
     pub const TRIAL: u32 = 2;
 
     /// Returns the corner simulations of `space`; `None` if it has no numeric axis of kind `start`.
@@ -87,7 +91,8 @@ impl Corners {
         self.points.len() as u32 * self.seeds
     }
 
-    /// Returns the request of simulation `number`, counted from 1; `None` if there is no such simulation.
+    /// Returns the request of simulation `number`, counted from 1; `None` if there is no such
+    /// simulation.
     pub fn request(&self, number: u32) -> Option<Request> {
         let index = number.checked_sub(1)?;
         let scenario = self.points.get((index / self.seeds) as usize)?.clone();
@@ -95,8 +100,8 @@ impl Corners {
         Some(Request { trial: Corners::TRIAL, number, ..Request::new(scenario, seed) })
     }
 
-    /// Returns the report before the first simulation. `is_reachable` returns whether success is possible from a point,
-    /// `None` if this is unknown.
+    /// Returns the report before the first simulation. `is_reachable` returns whether success is
+    /// possible from a point, `None` if this is unknown.
     pub fn report(
         &self,
         has_strict: bool,
@@ -119,9 +124,11 @@ impl Corners {
     }
 }
 
-/// Runs the simulations of `corners` that `report` does not contain, in batches of `batch`, and adds them to `report`.
+/// Runs the simulations of `corners` that `report` does not contain, in batches of `batch`, and
+/// adds them to `report`.
 ///
-/// `on_batch` receives the episodes of each batch, in order. If it breaks, the report covers the simulations so far.
+/// `on_batch` receives the episodes of each batch, in order. If it breaks, the report covers the
+/// simulations so far.
 ///
 /// # Errors
 /// As [`evaluate`](crate::evaluate).
@@ -168,7 +175,8 @@ pub struct CornerResult {
     pub strict_successes: Option<u32>,
     /// Number of simulations that diverged. Like the next two, they are not successes.
     pub diverged: u32,
-    /// Number of simulations that ended because the controller or the environment returned a value that is not finite.
+    /// Number of simulations that ended because the controller or the environment returned a value
+    /// that is not finite.
     pub invalid: u32,
     /// Number of simulations that could not start, crashed or took too long.
     pub failed: u32,
@@ -188,7 +196,8 @@ impl CornerResult {
     }
 }
 
-/// Results of the corners and the center. They are counts of chosen points, not estimates, so they have no intervals.
+/// Results of the corners and the center. They are counts of chosen points, not estimates, so they
+/// have no intervals.
 #[derive(Clone, Debug, PartialEq)]
 pub struct CornerReport {
     /// The corners and, as the last point, the center.
@@ -269,8 +278,8 @@ mod tests {
         assert_eq!(Corners::new(&space(4), false, Seed(0)).unwrap().simulations(), 17);
     }
 
-    /// The patterns are those of `scipy.stats.qmc.Sobol(13, scramble=False).random(16) >= 0.5` (SciPy 1.17.1), columns
-    /// 0, 1, 2, 3, 4, 7, 9 and 12.
+    /// The patterns are those of `scipy.stats.qmc.Sobol(13, scramble=False).random(16) >= 0.5`
+    /// (SciPy 1.17.1), columns 0, 1, 2, 3, 4, 7, 9 and 12.
     #[test]
     fn more_than_four_axes_have_the_16_corners_of_the_sobol_sequence() {
         let expected = [

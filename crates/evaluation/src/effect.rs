@@ -6,12 +6,13 @@ use crate::interval::Z;
 /// Halvings of an interval inside [0, 1]: its ends are then neighboring numbers.
 const HALVINGS: usize = 60;
 
-/// Returns Vargha and Delaney's effect size A: the probability that a value of `first` is larger than a value of `second`,
-/// where ties count as one half. 0.5 means no difference. The interval is Newcombe's (method 5).
+/// Returns Vargha and Delaney's effect size A: the probability that a value of `first` is larger
+/// than a value of `second`, where ties count as one half. 0.5 means no difference. The interval is
+/// Newcombe's (method 5).
 ///
-/// A counts which trial needs more simulations, not how many more, so trials without a failure may have the value of the
-/// budget. `n` is the number of values in both samples. The interval assumes few ties; with many it is too wide, not too
-/// narrow.
+/// A counts which trial needs more simulations, not how many more, so trials without a failure may
+/// have the value of the budget. `n` is the number of values in both samples. The interval assumes
+/// few ties; with many it is too wide, not too narrow.
 ///
 /// # Example
 /// ```
@@ -23,9 +24,10 @@ const HALVINGS: usize = 60;
 /// ```
 ///
 /// # Reference
-/// Vargha and Delaney, "A critique and improvement of the CL common language effect size statistics of McGraw and Wong", Journal
-/// of Educational and Behavioral Statistics 25, 2000. Newcombe, "Confidence intervals for an effect size measure based on the
-/// Mann-Whitney statistic, part 2", Statistics in Medicine 25, 2006.
+/// Vargha and Delaney, "A critique and improvement of the CL common language effect size statistics
+/// of McGraw and Wong", Journal of Educational and Behavioral Statistics 25, 2000. Newcombe,
+/// "Confidence intervals for an effect size measure based on the Mann-Whitney statistic, part 2",
+/// Statistics in Medicine 25, 2006.
 pub fn vargha_delaney(first: &[f64], second: &[f64]) -> Estimate {
     let (m, n) = (first.len() as f64, second.len() as f64);
     if first.is_empty() || second.is_empty() {
@@ -69,7 +71,8 @@ fn bisect(mut low: f64, mut high: f64, is_left: impl Fn(f64) -> bool) -> f64 {
 mod tests {
     use super::*;
 
-    /// SciPy: `mannwhitneyu` and `brentq` on Newcombe's equation, in `tests/reference/statistics.py`.
+    /// SciPy: `mannwhitneyu` and `brentq` on Newcombe's equation, in
+    /// `tests/reference/statistics.py`.
     #[test]
     fn effect_sizes_match_scipy() {
         let found = vargha_delaney(&[1.0, 4.0, 7.0, 9.0, 9.0, 12.0], &[2.0, 4.0, 5.0, 6.0]);

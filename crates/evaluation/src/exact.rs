@@ -1,12 +1,15 @@
-//! Exact tests of counts: the sign test of pairs (exact McNemar test), and Fisher's test of two rates.
+//! Exact tests of counts: the sign test of pairs (exact McNemar test), and Fisher's test of two
+//! rates.
 
 /// Relative difference below which two probabilities count as equal. It is the one of R and SciPy.
 const EQUAL: f64 = 1e-7;
 
-/// Returns the two-sided p-value of the exact sign test, which on pairs of successes is the exact McNemar test.
+/// Returns the two-sided p-value of the exact sign test, which on pairs of successes is the exact
+/// McNemar test.
 ///
-/// `first` and `second` are the numbers of pairs in which only the first, or only the second, has a property. If neither is
-/// favored, `first` has a binomial distribution with probability one half. Pairs without a difference do not matter.
+/// `first` and `second` are the numbers of pairs in which only the first, or only the second, has a
+/// property. If neither is favored, `first` has a binomial distribution with probability one half.
+/// Pairs without a difference do not matter.
 ///
 /// # Example
 /// ```
@@ -16,7 +19,8 @@ const EQUAL: f64 = 1e-7;
 /// ```
 ///
 /// # Reference
-/// McNemar, "Note on the sampling error of the difference between correlated proportions or percentages", Psychometrika 12, 1947.
+/// McNemar, "Note on the sampling error of the difference between correlated proportions or
+/// percentages", Psychometrika 12, 1947.
 pub fn sign_test(first: u64, second: u64) -> f64 {
     let (n, fewer) = (first + second, first.min(second));
     let logs = ln_factorials(n);
@@ -25,9 +29,11 @@ pub fn sign_test(first: u64, second: u64) -> f64 {
     (2.0 * tail).min(1.0)
 }
 
-/// Returns the two-sided p-value of Fisher's exact test that two independent rates, `successes` of `n` each, are equal.
+/// Returns the two-sided p-value of Fisher's exact test that two independent rates, `successes` of
+/// `n` each, are equal.
 ///
-/// It sums the probabilities of all tables with the same margins that are at most as probable as this one.
+/// It sums the probabilities of all tables with the same margins that are at most as probable as
+/// this one.
 ///
 /// # Example
 /// ```

@@ -8,14 +8,16 @@ const MAX_STEPS: usize = 10_000;
 /// Bisections, each of which halves the error.
 const BISECTIONS: usize = 200;
 
-/// Returns the value that an F variable with these degrees of freedom, at least 1 each, exceeds with probability `tail`.
+/// Returns the value that an F variable with these degrees of freedom, at least 1 each, exceeds
+/// with probability `tail`.
 pub(crate) fn f_upper_quantile(tail: f64, (first, second): (u32, u32)) -> f64 {
     // x / (1 - x) = first / second F has a beta distribution.
     let x = beta_quantile(1.0 - tail, (first, second));
     f64::from(second) / f64::from(first) * x / (1.0 - x)
 }
 
-/// Returns the value below which a beta variable with the parameters first / 2 and second / 2 is with this probability.
+/// Returns the value below which a beta variable with the parameters first / 2 and second / 2 is
+/// with this probability.
 pub(crate) fn beta_quantile(probability: f64, (first, second): (u32, u32)) -> f64 {
     let ln_beta = ln_beta((first, second));
     let (mut low, mut high) = (0.0_f64, 1.0_f64);
@@ -35,8 +37,9 @@ pub(crate) fn ln_beta((first, second): (u32, u32)) -> f64 {
     ln_gamma_of_half(first) + ln_gamma_of_half(second) - ln_gamma_of_half(first + second)
 }
 
-/// Returns the regularized incomplete beta function I_x(first / 2, second / 2) (Abramowitz and Stegun, "Handbook of
-/// Mathematical Functions", 26.5.8). `ln_beta` is the logarithm of the complete one.
+/// Returns the regularized incomplete beta function I_x(first / 2, second / 2) (Abramowitz and
+/// Stegun, "Handbook of Mathematical Functions", 26.5.8). `ln_beta` is the logarithm of the
+/// complete one.
 pub(crate) fn incomplete_beta(x: f64, (first, second): (u32, u32), ln_beta: f64) -> f64 {
     if x <= 0.0 || x >= 1.0 {
         return x.clamp(0.0, 1.0);

@@ -1,7 +1,7 @@
 /// Returns the p-values adjusted for several tests by Holm's method, in the order of `p_values`.
 ///
-/// Rejecting every hypothesis with an adjusted p-value below 0.05 makes any wrong rejection among all of them at most 5 %
-/// probable, whatever the dependence of the tests.
+/// Rejecting every hypothesis with an adjusted p-value below 0.05 makes any wrong rejection among
+/// all of them at most 5 % probable, whatever the dependence of the tests.
 ///
 /// # Example
 /// ```
@@ -14,7 +14,8 @@
 /// ```
 ///
 /// # Reference
-/// Holm, "A simple sequentially rejective multiple test procedure", Scandinavian Journal of Statistics 6, 1979.
+/// Holm, "A simple sequentially rejective multiple test procedure", Scandinavian Journal of
+/// Statistics 6, 1979.
 pub fn holm(p_values: &[f64]) -> Vec<f64> {
     let mut order: Vec<usize> = (0..p_values.len()).collect();
     order.sort_by(|a, b| p_values[*a].total_cmp(&p_values[*b]));

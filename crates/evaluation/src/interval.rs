@@ -8,14 +8,15 @@ use crate::f_distribution::beta_quantile;
 /// The 0.975 quantile of the standard normal distribution.
 pub(crate) const Z: f64 = 1.959_963_984_540_054;
 
-/// Number of bootstrap resamples. The bounds of an interval are then accurate to about 3 % of its width.
+/// Number of bootstrap resamples. The bounds of an interval are then accurate to about 3 % of its
+/// width.
 const RESAMPLES: u64 = 2000;
 
 /// Smallest sample size with a bootstrap interval; see [`bootstrap_mean`].
 const SMALLEST_SAMPLE: usize = 10;
 
-/// Returns the one-sided 95 % upper bound of a failure rate after `n` independent simulations without a failure: 1 - 0.05^(1/n).
-/// It is 1 for `n` = 0, and about 3/n for large `n`.
+/// Returns the one-sided 95 % upper bound of a failure rate after `n` independent simulations
+/// without a failure: 1 - 0.05^(1/n). It is 1 for `n` = 0, and about 3/n for large `n`.
 ///
 /// # Example
 /// ```
@@ -27,7 +28,8 @@ const SMALLEST_SAMPLE: usize = 10;
 /// ```
 ///
 /// # Reference
-/// Clopper and Pearson, "The use of confidence or fiducial limits illustrated in the case of the binomial", Biometrika 26, 1934.
+/// Clopper and Pearson, "The use of confidence or fiducial limits illustrated in the case of the
+/// binomial", Biometrika 26, 1934.
 pub fn bound_without_failures(n: u64) -> f64 {
     // `exp_m1` is exact where the power is close to 1.
     -(0.05_f64.ln() / n as f64).exp_m1()
@@ -40,9 +42,9 @@ pub fn bound_without_failures(n: u64) -> f64 {
 /// half-width = z sqrt(p (1 - p) / n + z²/4n²) / (1 + z²/n),   z = 1.96
 /// ```
 ///
-/// The interval is a part of [0, 1] and has a positive width even for 0 or `n` successes. For `n` = 0 every value is
-/// `None`. `successes` must be at most `n`. Its coverage is 95 % on average over p and at least 83 %, close to
-/// p = 0.18 / n and 1 - 0.18 / n (exact, in `tests/coverage.rs`).
+/// The interval is a part of [0, 1] and has a positive width even for 0 or `n` successes. For `n` =
+/// 0 every value is `None`. `successes` must be at most `n`. Its coverage is 95 % on average over p
+/// and at least 83 %, close to p = 0.18 / n and 1 - 0.18 / n (exact, in `tests/coverage.rs`).
 ///
 /// # Example
 /// ```
@@ -70,8 +72,9 @@ pub fn wilson(successes: u64, n: u64) -> Estimate {
     Estimate { value: Some(p), low: Some(low), high: Some(high), n }
 }
 
-/// Returns the rate `successes` / `n` with its exact interval, which contains the true rate with a probability of at least
-/// `confidence` for every rate and every n. For `n` = 0 every value is `None`. `successes` must be at most `n`, and `n` at most 10⁹.
+/// Returns the rate `successes` / `n` with its exact interval, which contains the true rate with a
+/// probability of at least `confidence` for every rate and every n. For `n` = 0 every value is
+/// `None`. `successes` must be at most `n`, and `n` at most 10⁹.
 ///
 /// The bounds are quantiles of beta distributions, which are found by bisection.
 ///
@@ -84,7 +87,8 @@ pub fn wilson(successes: u64, n: u64) -> Estimate {
 /// ```
 ///
 /// # Reference
-/// Clopper and Pearson, "The use of confidence or fiducial limits illustrated in the case of the binomial", Biometrika 26, 1934.
+/// Clopper and Pearson, "The use of confidence or fiducial limits illustrated in the case of the
+/// binomial", Biometrika 26, 1934.
 pub fn clopper_pearson(successes: u64, n: u64, confidence: f64) -> Estimate {
     if n == 0 {
         return Estimate::default();
@@ -103,22 +107,24 @@ pub fn clopper_pearson(successes: u64, n: u64, confidence: f64) -> Estimate {
 
 /// Returns the mean of `values` with its percentile bootstrap interval.
 ///
-/// Resamples the values with replacement 2000 times. The bounds of the interval are the 2.5 % and 97.5 % quantiles of
-/// the means, with linear interpolation. The resamples depend on `seed` only, so the order of the values does not change
-/// the interval. The time is 2000 draws per value: about 0.3 s for 10,000 values, and about
-/// 3 minutes for a million, which do not fit into the cache.
+/// Resamples the values with replacement 2000 times. The bounds of the interval are the 2.5 % and
+/// 97.5 % quantiles of the means, with linear interpolation. The resamples depend on `seed` only,
+/// so the order of the values does not change the interval. The time is 2000 draws per value: about
+/// 0.3 s for 10,000 values, and about 3 minutes for a million, which do not fit into the cache.
 ///
-/// The coverage depends on the distribution (simulated, in `tests/coverage.rs`): for n = 100 it is 94 % for uniform and
-/// exponential values, for n = 10 it is 90 % and 86 %. The interval knows nothing of values that it did not see: if one
-/// of 100 simulations takes much longer than the others, it covers the mean in 63 % of all samples with n = 100. For
-/// numbers in [0, 1], [`betting_mean`](crate::betting_mean) has no such gap.
+/// The coverage depends on the distribution (simulated, in `tests/coverage.rs`): for n = 100 it is
+/// 94 % for uniform and exponential values, for n = 10 it is 90 % and 86 %. The interval knows
+/// nothing of values that it did not see: if one of 100 simulations takes much longer than the
+/// others, it covers the mean in 63 % of all samples with n = 100. For numbers in [0, 1],
+/// [`betting_mean`](crate::betting_mean) has no such gap.
 ///
 /// A degenerate sample has no interval, because the bootstrap would overstate its precision:
 ///
-/// - **Fewer than 10 values.** The nominal 95 % interval is too narrow. For normal values its coverage is 0.50 for
-///   n = 2, 0.74 for n = 3, 0.83 for n = 5 and 0.90 for n = 10 (simulated; n = 2 is exact, because the interval extends
-///   from the smaller to the larger value).
-/// - **All values equal.** Every resample has the same mean, so the interval would have width 0 for every n.
+/// - **Fewer than 10 values.** The nominal 95 % interval is too narrow. For normal values its
+///   coverage is 0.50 for n = 2, 0.74 for n = 3, 0.83 for n = 5 and 0.90 for n = 10 (simulated; n =
+///   2 is exact, because the interval extends from the smaller to the larger value).
+/// - **All values equal.** Every resample has the same mean, so the interval would have width 0 for
+///   every n.
 ///
 /// # Example
 /// ```
@@ -133,8 +139,8 @@ pub fn clopper_pearson(successes: u64, n: u64, confidence: f64) -> Estimate {
 /// ```
 ///
 /// # Reference
-/// Efron and Tibshirani, "An Introduction to the Bootstrap", 1993, chapter 13. Small samples: Hesterberg, "What
-/// teachers should know about the bootstrap", The American Statistician 69, 2015.
+/// Efron and Tibshirani, "An Introduction to the Bootstrap", 1993, chapter 13. Small samples:
+/// Hesterberg, "What teachers should know about the bootstrap", The American Statistician 69, 2015.
 pub fn bootstrap_mean(values: &[f64], seed: Seed) -> Estimate {
     let n = values.len() as u64;
     if n == 0 {
@@ -161,8 +167,9 @@ fn are_equal(values: &[f64]) -> bool {
     values.windows(2).all(|pair| pair[0] == pair[1])
 }
 
-/// Returns the `p` quantile of sorted numbers, with linear interpolation between the order statistics around p (n - 1)
-/// (type 7 of Hyndman and Fan, "Sample Quantiles in Statistical Packages", The American Statistician 50, 1996).
+/// Returns the `p` quantile of sorted numbers, with linear interpolation between the order
+/// statistics around p (n - 1) (type 7 of Hyndman and Fan, "Sample Quantiles in Statistical
+/// Packages", The American Statistician 50, 1996).
 fn quantile(sorted: &[f64], p: f64) -> f64 {
     let position = p * (sorted.len() - 1) as f64;
     let (below, above) = (position.floor() as usize, position.ceil() as usize);
@@ -191,7 +198,8 @@ mod tests {
         check_wilson(100, 100, 0.963, 1.0, 0.0005);
         check_wilson(950, 1000, 0.935, 0.962, 0.0005);
         check_wilson(1000, 1000, 0.996, 1.0, 0.0005);
-        // Newcombe, "Two-sided confidence intervals for the single proportion", Stat. Med. 17, 1998, table I, method 3.
+        // Newcombe, "Two-sided confidence intervals for the single proportion", Stat. Med. 17,
+        // 1998, table I, method 3.
         check_wilson(81, 263, 0.2553, 0.3662, 0.00005);
         check_wilson(15, 148, 0.0624, 0.1605, 0.00005);
         check_wilson(0, 20, 0.0, 0.1611, 0.00005);
@@ -218,9 +226,9 @@ mod tests {
 
     #[test]
     fn the_bootstrap_interval_of_a_rate_matches_the_binomial_quantiles() {
-        // Means of n draws from zeros and ones have the distribution Binomial(n, p) / n. Its 2.5 % and 97.5 % quantiles
-        // for n = 100 are 40 and 60 at p = 0.5, and 5 and 16 (4 at 0.0237) at p = 0.1. The tolerance of one count allows
-        // for the finite number of resamples.
+        // Means of n draws from zeros and ones have the distribution Binomial(n, p) / n. Its 2.5 %
+        // and 97.5 % quantiles for n = 100 are 40 and 60 at p = 0.5, and 5 and 16 (4 at 0.0237) at
+        // p = 0.1. The tolerance of one count allows for the finite number of resamples.
         for (ones, low, high) in [(50, 40.0, 60.0), (10, 5.0, 16.0)] {
             let values: Vec<f64> = (0..100).map(|i| f64::from(u8::from(i < ones))).collect();
             for seed in 0..5 {
@@ -256,7 +264,8 @@ mod tests {
         assert!(bootstrap_mean(&rising, Seed(0)).low.is_some());
     }
 
-    /// SciPy 1.17.1, with t = (1 - c) / 2: `beta.ppf(t, k, n - k + 1)` and `beta.ppf(1 - t, k + 1, n - k)`.
+    /// SciPy 1.17.1, with t = (1 - c) / 2: `beta.ppf(t, k, n - k + 1)` and
+    /// `beta.ppf(1 - t, k + 1, n - k)`.
     #[test]
     fn exact_intervals_match_scipy() {
         for (k, n, confidence, low, high) in [

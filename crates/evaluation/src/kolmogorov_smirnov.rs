@@ -1,11 +1,12 @@
-/// Terms of the series of the Kolmogorov distribution; the next one is below 1e-200 where the series is used.
+/// Terms of the series of the Kolmogorov distribution; the next one is below 1e-200 where the
+/// series is used.
 const TERMS: i32 = 100;
 
-/// Returns the two-sided p-value of the two-sample Kolmogorov-Smirnov test that two samples have the same distribution; 1 if one
-/// of them is empty. Values that are not numbers must not occur.
+/// Returns the two-sided p-value of the two-sample Kolmogorov-Smirnov test that two samples have
+/// the same distribution; 1 if one of them is empty. Values that are not numbers must not occur.
 ///
-/// The p-value is Stephens's approximation, which is accurate from about four values in each sample. Ties make it larger than
-/// it is.
+/// The p-value is Stephens's approximation, which is accurate from about four values in each
+/// sample. Ties make it larger than it is.
 ///
 /// # Example
 /// ```
@@ -17,8 +18,8 @@ const TERMS: i32 = 100;
 /// ```
 ///
 /// # Reference
-/// Stephens, "Use of the Kolmogorov-Smirnov, Cramer-Von Mises and related statistics without extensive tables", Journal of the
-/// Royal Statistical Society B 32, 1970.
+/// Stephens, "Use of the Kolmogorov-Smirnov, Cramer-Von Mises and related statistics without
+/// extensive tables", Journal of the Royal Statistical Society B 32, 1970.
 pub fn kolmogorov_smirnov(first: &[f64], second: &[f64]) -> f64 {
     let (n, m) = (first.len() as f64, second.len() as f64);
     if first.is_empty() || second.is_empty() {
@@ -77,7 +78,8 @@ mod tests {
 
     #[test]
     fn the_distance_is_that_of_a_worked_example() {
-        // F jumps at 1, 2, 3, 4 and G at 3, 4, 5, 6, 7: at 2 they differ by 2/4 - 0, at 4 by 4/4 - 2/5.
+        // F jumps at 1, 2, 3, 4 and G at 3, 4, 5, 6, 7: at 2 they differ by 2/4 - 0, at 4 by 4/4 -
+        // 2/5.
         assert!((distance(&[4.0, 1.0, 3.0, 2.0], &[3.0, 4.0, 5.0, 6.0, 7.0]) - 0.6).abs() < 1e-12);
         // Ties jump together.
         assert_eq!(distance(&[1.0, 1.0, 2.0], &[1.0, 1.0, 2.0]), 0.0);

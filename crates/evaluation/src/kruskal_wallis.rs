@@ -7,19 +7,22 @@ use crate::chi_squared_tail;
 pub struct KruskalWallis {
     /// The statistic H, corrected for ties.
     pub statistic: f64,
-    /// Probability of an H at least this large if all groups have the same distribution. It is that of the chi-squared
-    /// distribution with k - 1 degrees of freedom, which is accurate from about five values in each of the k groups.
+    /// Probability of an H at least this large if all groups have the same distribution. It is that
+    /// of the chi-squared distribution with k - 1 degrees of freedom, which is accurate from about
+    /// five values in each of the k groups.
     pub p_value: f64,
-    /// Share of the variance of the ranks that the groups explain, from 0 to 1: (H - k + 1) / (n - k), where n is the number of
-    /// values. Its mean is about 0 if the groups have the same distribution.
+    /// Share of the variance of the ranks that the groups explain, from 0 to 1: (H - k + 1) / (n -
+    /// k), where n is the number of values. Its mean is about 0 if the groups have the same
+    /// distribution.
     pub share: f64,
 }
 
-/// Tests whether several groups of values have the same distribution; `None` if fewer than two groups have values, if each has
-/// one value, or if all values are equal. Values must not be NaN.
+/// Tests whether several groups of values have the same distribution; `None` if fewer than two
+/// groups have values, if each has one value, or if all values are equal. Values must not be NaN.
 ///
-/// The test sees any change of the location between the groups. If the groups are intervals of a variable, it sees effects of
-/// that variable that are not monotone, which a rank correlation misses.
+/// The test sees any change of the location between the groups. If the groups are intervals of a
+/// variable, it sees effects of that variable that are not monotone, which a rank correlation
+/// misses.
 ///
 /// # Example
 /// ```
@@ -31,8 +34,10 @@ pub struct KruskalWallis {
 /// ```
 ///
 /// # Reference
-/// Kruskal and Wallis, "Use of ranks in one-criterion variance analysis", Journal of the American Statistical Association 47,
-/// 1952. The share: Tomczak and Tomczak, "The need to report effect size estimates revisited", Trends in Sport Sciences 21, 2014.
+/// Kruskal and Wallis, "Use of ranks in one-criterion variance analysis", Journal of the American
+/// Statistical Association 47,
+/// 1952. The share: Tomczak and Tomczak, "The need to report effect size estimates revisited",
+///       Trends in Sport Sciences 21, 2014.
 pub fn kruskal_wallis(groups: &[Vec<f64>]) -> Option<KruskalWallis> {
     let groups: Vec<&Vec<f64>> = groups.iter().filter(|group| !group.is_empty()).collect();
     let values: Vec<f64> = groups.iter().flat_map(|group| group.iter().copied()).collect();

@@ -1,16 +1,19 @@
-//! Measures the success rate, dangerous behavior rate and task completion time of a controller, with confidence intervals.
+//! Measures the success rate, dangerous behavior rate and task completion time of a controller,
+//! with confidence intervals.
 //!
-//! [`evaluate`] runs simulations from random initial states. They depend only on the seed and the number of the
-//! simulation, so two controllers that are evaluated with the same seed have the same initial states and the same noise.
-//! [`MetricCounter`] reduces the verdicts to [`Metrics`]. [`wilson`], [`betting_mean`] and [`bootstrap_mean`]
-//! compute the confidence intervals; `tests/coverage.rs` measures how often they contain the true value.
+//! [`evaluate`] runs simulations from random initial states. They depend only on the seed and the
+//! number of the simulation, so two controllers that are evaluated with the same seed have the same
+//! initial states and the same noise. [`MetricCounter`] reduces the verdicts to [`Metrics`].
+//! [`wilson`], [`betting_mean`] and [`bootstrap_mean`] compute the confidence intervals;
+//! `tests/coverage.rs` measures how often they contain the true value.
 //!
-//! Random initial states hardly ever meet a corner of the initial box. [`Corners`] are its corners and its center, which
-//! [`evaluate_corners`] simulates separately.
+//! Random initial states hardly ever meet a corner of the initial box. [`Corners`] are its corners
+//! and its center, which [`evaluate_corners`] simulates separately.
 //!
-//! Two controllers on the same scenarios are compared by [`PairedCounts`], [`sign_test`] and [`paired_mean_difference`]. The
-//! numbers of simulations to a failure are analyzed by [`SurvivalCurve`], [`log_rank`] and [`vargha_delaney`], and several
-//! tests are corrected by [`holm()`](holm()). [`kolmogorov_smirnov()`](kolmogorov_smirnov()) compares two distributions,
+//! Two controllers on the same scenarios are compared by [`PairedCounts`], [`sign_test`] and
+//! [`paired_mean_difference`]. The numbers of simulations to a failure are analyzed by
+//! [`SurvivalCurve`], [`log_rank`] and [`vargha_delaney`], and several tests are corrected by
+//! [`holm()`](holm()). [`kolmogorov_smirnov()`](kolmogorov_smirnov()) compares two distributions,
 //! [`kruskal_wallis()`](kruskal_wallis()) several.
 //!
 //! # Example

@@ -60,8 +60,8 @@ impl MetricCounter {
         MetricCounter { roles, ..MetricCounter::default() }
     }
 
-    /// Includes completion times of failed simulations if `counts_failures` is `true`, like the code of the original
-    /// benchmark.
+    /// Includes completion times of failed simulations if `counts_failures` is `true`, like the
+    /// code of the original benchmark.
     pub fn with_completion_times_of_failures(self, counts_failures: bool) -> MetricCounter {
         MetricCounter { counts_failures, ..self }
     }
@@ -126,7 +126,8 @@ impl MetricCounter {
         }
     }
 
-    /// Returns the metrics of all simulations. `seed` is the seed of the evaluation; the bootstrap draws depend on it.
+    /// Returns the metrics of all simulations. `seed` is the seed of the evaluation; the bootstrap
+    /// draws depend on it.
     pub fn report(&self, seed: Seed) -> Metrics {
         let started = self.started();
         Metrics {

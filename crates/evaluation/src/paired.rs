@@ -41,8 +41,8 @@ impl PairedCounts {
         [self.first_only, self.second_only].map(|only| wilson(self.both + only, self.n()))
     }
 
-    /// Returns the difference of the rates, second minus first, with Newcombe's interval for pairs (method 10): the Wilson
-    /// intervals of both rates, combined by the correlation of the pairs.
+    /// Returns the difference of the rates, second minus first, with Newcombe's interval for pairs
+    /// (method 10): the Wilson intervals of both rates, combined by the correlation of the pairs.
     ///
     /// # Example
     /// ```
@@ -54,8 +54,8 @@ impl PairedCounts {
     /// ```
     ///
     /// # Reference
-    /// Newcombe, "Improved confidence intervals for the difference between binomial proportions based on paired data",
-    /// Statistics in Medicine 17, 1998.
+    /// Newcombe, "Improved confidence intervals for the difference between binomial proportions
+    /// based on paired data", Statistics in Medicine 17, 1998.
     pub fn difference(&self) -> Estimate {
         let [first, second] = self.rates();
         let bounds = |rate: Estimate| Some((rate.value?, rate.low?, rate.high?));
@@ -72,7 +72,8 @@ impl PairedCounts {
         }
     }
 
-    /// Returns the correlation of the pairs with Newcombe's continuity correction, or 0 if a rate is 0 or 1.
+    /// Returns the correlation of the pairs with Newcombe's continuity correction, or 0 if a rate
+    /// is 0 or 1.
     fn correlation(&self) -> f64 {
         let [e, f, g, h] =
             [self.both, self.first_only, self.second_only, self.neither].map(|count| count as f64);
@@ -86,10 +87,12 @@ impl PairedCounts {
     }
 }
 
-/// Returns the mean difference of pairs, second minus first, with its percentile bootstrap interval over the pairs.
+/// Returns the mean difference of pairs, second minus first, with its percentile bootstrap interval
+/// over the pairs.
 ///
-/// Resampling pairs keeps what both have in common, such as a difficult scenario, so the interval is narrower than that of
-/// two independent samples. See [`bootstrap_mean`] for its coverage and its degenerate cases.
+/// Resampling pairs keeps what both have in common, such as a difficult scenario, so the interval
+/// is narrower than that of two independent samples. See [`bootstrap_mean`] for its coverage and
+/// its degenerate cases.
 ///
 /// # Example
 /// ```
@@ -104,8 +107,9 @@ impl PairedCounts {
 /// ```
 pub fn paired_mean_difference(first: &[f64], second: &[f64], seed: Seed) -> Estimate {
     let differences: Vec<f64> = first.iter().zip(second).map(|(first, second)| second - first).collect();
-    // The resamples pick sorted values, so those of the negated sample would be others. The bootstrap gets the same sample for
-    // both directions: of the sorted differences and their negatives, the one that is larger in lexicographic order.
+    // The resamples pick sorted values, so those of the negated sample would be others. The
+    // bootstrap gets the same sample for both directions: of the sorted differences and their
+    // negatives, the one that is larger in lexicographic order.
     let sorted = |sign: f64| {
         // Adding 0 makes -0 positive.
         let mut values: Vec<f64> = differences.iter().map(|difference| sign * difference + 0.0).collect();
@@ -139,8 +143,8 @@ fn mirrored(found: Estimate) -> Estimate {
 mod tests {
     use super::*;
 
-    /// Newcombe, Statistics in Medicine 17, 1998, p. 2635: 36, 12, 2 and 0 of 50 pairs give 0.0569 to 0.3404 by method 10,
-    /// as first minus second.
+    /// Newcombe, Statistics in Medicine 17, 1998, p. 2635: 36, 12, 2 and 0 of 50 pairs give 0.0569
+    /// to 0.3404 by method 10, as first minus second.
     #[test]
     fn the_interval_matches_newcombes_example() {
         let counts = PairedCounts { both: 36, first_only: 12, second_only: 2, neither: 0 };
@@ -191,7 +195,8 @@ mod tests {
             let mut sequence = Sequence::new(Seed(*sample).0, 0);
             let mut counts = PairedCounts::default();
             for _ in 0..100 {
-                // Both 0.85, first only 0.08, second only 0.03, neither 0.04: a difference of -0.05.
+                // Both 0.85, first only 0.08, second only 0.03, neither 0.04: a difference
+                // of -0.05.
                 match sequence.below(100) {
                     0..85 => counts.add(true, true),
                     85..93 => counts.add(true, false),

@@ -1,11 +1,13 @@
-//! Repeated simulations of one scenario with other random seeds: failure probability, quantiles and shares of variance.
+//! Repeated simulations of one scenario with other random seeds: failure probability, quantiles and
+//! shares of variance.
 
 use mishandle_results::{Estimate, QUANTILES, Quantile, Repeats};
 
 use crate::f_distribution::f_upper_quantile;
 use crate::wilson;
 
-/// Returns the results of simulations with these robustness values; `None` is a simulation without a verdict.
+/// Returns the results of simulations with these robustness values; `None` is a simulation without
+/// a verdict.
 ///
 /// # Example
 /// ```
@@ -34,16 +36,17 @@ fn quantile(sorted: &[f64], p: f64) -> f64 {
     if below == above { below } else { below + (above - below) * position.fract() }
 }
 
-/// Returns the share of the variance of the robustness that comes from the scenario; the rest comes from the noise of repeated
-/// simulations. Each group holds the robustness of one scenario.
+/// Returns the share of the variance of the robustness that comes from the scenario; the rest comes
+/// from the noise of repeated simulations. Each group holds the robustness of one scenario.
 ///
 /// ```text
 /// share = max(0, (M_b - M_w) / (M_b + (n - 1) M_w))
 /// ```
 ///
-/// with the mean squares M_b between and M_w within k groups of n values: the intraclass correlation of a one-way analysis of
-/// variance with random effects. The 95 % interval follows from the F distribution of M_b / M_w, so it assumes normal values;
-/// its bounds are at least 0, too. There is no value unless there are at least two groups, of equal size of at least two, with
+/// with the mean squares M_b between and M_w within k groups of n values: the intraclass
+/// correlation of a one-way analysis of variance with random effects. The 95 % interval follows
+/// from the F distribution of M_b / M_w, so it assumes normal values; its bounds are at least 0,
+/// too. There is no value unless there are at least two groups, of equal size of at least two, with
 /// finite values that are not all equal. `n` of the estimate is the number of groups.
 ///
 /// # Example
@@ -56,8 +59,8 @@ fn quantile(sorted: &[f64], p: f64) -> f64 {
 /// ```
 ///
 /// # Reference
-/// Shrout and Fleiss, "Intraclass correlations: uses in assessing rater reliability", Psychological Bulletin 86, 1979:
-/// ICC(1,1) and its interval.
+/// Shrout and Fleiss, "Intraclass correlations: uses in assessing rater reliability", Psychological
+/// Bulletin 86, 1979: ICC(1,1) and its interval.
 pub fn variance_share(groups: &[Vec<f64>]) -> Estimate {
     let unknown = Estimate { n: groups.len() as u64, ..Estimate::default() };
     let n = groups.first().map_or(0, Vec::len);
@@ -75,7 +78,8 @@ pub fn variance_share(groups: &[Vec<f64>]) -> Estimate {
     if between + (n - 1.0) * within <= 0.0 {
         return unknown;
     }
-    // (M_b - M_w) / (M_b + (n - 1) M_w), with M_b and M_w multiplied by the quantiles of their ratio.
+    // (M_b - M_w) / (M_b + (n - 1) M_w), with M_b and M_w multiplied by the quantiles of their
+    // ratio.
     let share = |between: f64, within: f64| ((between - within) / (between + (n - 1.0) * within)).max(0.0);
     let (first, second) = degrees;
     Estimate {
@@ -106,17 +110,19 @@ mod tests {
         ];
         let share = variance_share(&ratings.map(Vec::from));
         assert!((share.value.unwrap() - 0.17).abs() < 0.005, "{share:?}");
-        // By hand: M_b / M_w = 11.2417 / 6.2639 = 1.7947. The upper 2.5 % points of F are 3.3820 for (5, 18) and 6.3619 for
-        // (18, 5) degrees of freedom, so the bounds are (0.5307 - 1) / (0.5307 + 3) = -0.133, which is cut at 0, and
-        // (11.418 - 1) / (11.418 + 3) = 0.723. The R package psych prints -0.133 and 0.72 for these data.
+        // By hand: M_b / M_w = 11.2417 / 6.2639 = 1.7947. The upper 2.5 % points of F are 3.3820
+        // for (5, 18) and 6.3619 for (18, 5) degrees of freedom, so the bounds are (0.5307 - 1) /
+        // (0.5307 + 3) = -0.133, which is cut at 0, and (11.418 - 1) / (11.418 + 3) = 0.723. The R
+        // package psych prints -0.133 and 0.72 for these data.
         assert_eq!(share.low, Some(0.0));
         assert!((share.high.unwrap() - 0.723).abs() < 0.001, "{share:?}");
     }
 
     #[test]
     fn the_interval_of_a_large_share_is_that_of_a_hand_calculation() {
-        // Three groups of two: M_b = 2 * 100 = 200, M_w = (0.5 + 0.5 + 0.5) / 3 = 0.5, ratio 400; F is 16.044 for (2, 3) and
-        // 39.165 for (3, 2) degrees of freedom: (24.93 - 1) / (24.93 + 1) and (15666 - 1) / (15666 + 1).
+        // Three groups of two: M_b = 2 * 100 = 200, M_w = (0.5 + 0.5 + 0.5) / 3 = 0.5, ratio 400; F
+        // is 16.044 for (2, 3) and 39.165 for (3, 2) degrees of freedom: (24.93 - 1) / (24.93 + 1)
+        // and (15666 - 1) / (15666 + 1).
         let share = variance_share(&[vec![9.5, 10.5], vec![-0.5, 0.5], vec![-10.5, -9.5]]);
         assert!((share.value.unwrap() - 399.0 / 401.0).abs() < 1e-12);
         assert!((share.low.unwrap() - 0.9229).abs() < 2e-4, "{share:?}");

@@ -6,7 +6,8 @@ use mishandle_rollout::{DEFAULT_BATCH_SIZE, Episode, Request, Scenario, Seed, Sp
 
 use crate::{EvaluationError, MetricCounter, Metrics};
 
-/// Number of random scenarios per simulation after which an evaluation fails because the filter rejects all of them.
+/// Number of random scenarios per simulation after which an evaluation fails because the filter
+/// rejects all of them.
 const DRAWS: u64 = 100_000;
 
 /// Returns whether an evaluation may use a scenario.
@@ -14,9 +15,10 @@ pub type ScenarioFilter<'a> = dyn Fn(&Scenario) -> bool + 'a;
 
 /// Settings of an evaluation: number of simulations, seed, batch size and scenario filter.
 ///
-/// Simulation i, counted from 1, has the seed `seed.child(i - 1)` and the scenario `space.sample(seed, i - 1)`. If the
-/// filter rejects the scenario, it has the first accepted one of `space.sample(seed.child(i - 1), 1)`, `(…, 2)`, ….
-/// So a simulation does not depend on the system, the number of simulations or the batches.
+/// Simulation i, counted from 1, has the seed `seed.child(i - 1)` and the scenario
+/// `space.sample(seed, i - 1)`. If the filter rejects the scenario, it has the first accepted one
+/// of `space.sample(seed.child(i - 1), 1)`, `(…, 2)`, …. So a simulation does not depend on the
+/// system, the number of simulations or the batches.
 #[derive(Clone, Copy)]
 pub struct Evaluation<'a> {
     /// Number of simulations.
@@ -35,7 +37,8 @@ impl Evaluation<'_> {
         Evaluation { episodes, seed, batch: DEFAULT_BATCH_SIZE, filter: None }
     }
 
-    /// Returns the request for simulation `number`, counted from 1. All requests have trial number 1.
+    /// Returns the request for simulation `number`, counted from 1. All requests have trial
+    /// number 1.
     ///
     /// # Errors
     /// [`EvaluationError::NoAcceptedScenario`] if the filter rejects 100,000 random scenarios.
@@ -52,11 +55,13 @@ impl Evaluation<'_> {
     }
 }
 
-/// Runs the simulations of `evaluation` that `metrics` does not contain, and returns a report on all simulations.
+/// Runs the simulations of `evaluation` that `metrics` does not contain, and returns a report on
+/// all simulations.
 ///
-/// The first simulation has the number `metrics.simulations() + 1`. To resume an interrupted evaluation, add its recorded
-/// episodes to `metrics` first. `on_batch` receives the episodes of each batch, in order, before the next batch starts. If
-/// it breaks, the evaluation ends, and the report covers the simulations so far.
+/// The first simulation has the number `metrics.simulations() + 1`. To resume an interrupted
+/// evaluation, add its recorded episodes to `metrics` first. `on_batch` receives the episodes of
+/// each batch, in order, before the next batch starts. If it breaks, the evaluation ends, and the
+/// report covers the simulations so far.
 ///
 /// # Errors
 /// - [`EvaluationError::Rollout`] if the system fails.

@@ -1,4 +1,5 @@
-//! Simulations that another physics engine screens: the target's own system repeats those that count.
+//! Simulations that another physics engine screens: the target's own system repeats those that
+//! count.
 
 use std::ops::ControlFlow;
 use std::sync::Mutex;
@@ -41,10 +42,12 @@ pub struct Selection {
     pub overflows: u64,
 }
 
-/// Screens all requests and selects those to repeat: the ones without a verdict, those for which `is_flagged` is true, and each other
-/// one with the probability `sample_rate`, by the draws of `sample`, but at least 20 of the requests that are not flagged, or all of them.
+/// Screens all requests and selects those to repeat: the ones without a verdict, those for which
+/// `is_flagged` is true, and each other one with the probability `sample_rate`, by the draws of
+/// `sample`, but at least 20 of the requests that are not flagged, or all of them.
 ///
-/// `watch` gets the number of finished simulations now and then. If it returns `false`, the result is `None`.
+/// `watch` gets the number of finished simulations now and then. If it returns `false`, the result
+/// is `None`.
 ///
 /// # Errors
 /// If a scenario does not belong to the space, or the other engine fails.
@@ -121,7 +124,8 @@ pub struct ScreenedEvaluation {
     pub failures: TwoPhase,
     /// Simulations, and those without strict success; `None` without this formula.
     pub strict_failures: Option<TwoPhase>,
-    /// Simulations, and those with a sample that violates the safe condition; `None` without this condition.
+    /// Simulations, and those with a sample that violates the safe condition; `None` without this
+    /// condition.
     pub dangerous: Option<TwoPhase>,
     /// Number of simulations without a verdict on the other engine.
     pub screened_without_verdict: u64,
@@ -148,7 +152,8 @@ impl ScreenedEvaluation {
         Some(complement(self.strict_failures?.estimate(CONFIDENCE)))
     }
 
-    /// Returns the rate of simulations with a sample that violates the safe condition; `None` without this condition.
+    /// Returns the rate of simulations with a sample that violates the safe condition; `None`
+    /// without this condition.
     pub fn dangerous_episode_rate(&self) -> Option<Estimate> {
         Some(self.dangerous?.estimate(CONFIDENCE))
     }
@@ -158,7 +163,8 @@ impl ScreenedEvaluation {
         self.failures.flagged + self.failures.sampled
     }
 
-    /// Adds the simulations of a chunk, of which the system repeated the flagged and the sampled ones.
+    /// Adds the simulations of a chunk, of which the system repeated the flagged and the sampled
+    /// ones.
     fn add(&mut self, trials: u64, selection: &Selection, flagged: Repeated, sampled: Repeated) {
         let counts = [Some(&mut self.failures), self.strict_failures.as_mut(), self.dangerous.as_mut()];
         for (index, counts) in counts.into_iter().enumerate() {
@@ -220,9 +226,10 @@ fn complement(estimate: Estimate) -> Estimate {
     }
 }
 
-/// Evaluates `system` on the simulations of `evaluation`. `screening` simulates all of them; `system` repeats those that the other
-/// engine reports as unsuccessful, not strictly successful, dangerous or without a verdict, and each other one with the probability
-/// `sample_rate`. Only repeated simulations are evidence.
+/// Evaluates `system` on the simulations of `evaluation`. `screening` simulates all of them;
+/// `system` repeats those that the other engine reports as unsuccessful, not strictly successful,
+/// dangerous or without a verdict, and each other one with the probability `sample_rate`. Only
+/// repeated simulations are evidence.
 ///
 /// `watch` gets the progress now and then, and can interrupt the evaluation.
 ///

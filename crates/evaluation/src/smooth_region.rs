@@ -11,12 +11,12 @@ const MOST: usize = 5000;
 /// Number of random points that measure the covered volume.
 const POINTS: usize = 4000;
 
-/// Confidence of de Haan's interval. It is asymptotic: with 0.95 it covered 89 % of two-dimensional waves in 300 samples, and with 0.98
-/// at least 95 % of all functions that were tried.
+/// Confidence of de Haan's interval. It is asymptotic: with 0.95 it covered 89 % of two-dimensional
+/// waves in 300 samples, and with 0.98 at least 95 % of all functions that were tried.
 const CONFIDENCE: f64 = 0.98;
 
-/// Smallest exponent with which the largest difference of two values must grow with their distance. It is 1 for a smooth function and 0
-/// for a cliff.
+/// Smallest exponent with which the largest difference of two values must grow with their distance.
+/// It is 1 for a smooth function and 0 for a cliff.
 const SMOOTH: f64 = 0.5;
 
 /// Conclusion from the samples of a smooth robustness.
@@ -53,15 +53,18 @@ pub enum NotSmooth {
     Bounds,
 }
 
-/// Returns the region that follows from uniform samples of the unit cube, each with its robustness, which must be finite and positive.
-/// `seed` draws the points at which the volume is measured.
+/// Returns the region that follows from uniform samples of the unit cube, each with its robustness,
+/// which must be finite and positive. `seed` draws the points at which the volume is measured.
 ///
-/// The slopes are those between adjacent samples, the edges of the minimum spanning tree. It connects all samples, so a cliff that
-/// separates some of them is crossed by a short edge. De Haan's interval for the end of a distribution, applied to the two largest
-/// slopes, gives the bound. Its index is that of the steepest point in a corner, (3 d - 1) / 2 in d dimensions, which is the widest.
+/// The slopes are those between adjacent samples, the edges of the minimum spanning tree. It
+/// connects all samples, so a cliff that separates some of them is crossed by a short edge. De
+/// Haan's interval for the end of a distribution, applied to the two largest slopes, gives the
+/// bound. Its index is that of the steepest point in a corner, (3 d - 1) / 2 in d dimensions, which
+/// is the widest.
 ///
 /// # Errors
-/// If the samples do not look smooth. A cliff that no sample shows is not noticed: the result is an estimate and no proof.
+/// If the samples do not look smooth. A cliff that no sample shows is not noticed: the result is an
+/// estimate and no proof.
 ///
 /// # Example
 /// ```
@@ -79,7 +82,8 @@ pub enum NotSmooth {
 /// ```
 ///
 /// # Reference
-/// De Haan, "Estimation of the minimum of a function using order statistics", Journal of the American Statistical Association 76, 1981.
+/// De Haan, "Estimation of the minimum of a function using order statistics", Journal of the
+/// American Statistical Association 76, 1981.
 pub fn smooth_region(points: &[Vec<f64>], robustness: &[f64], seed: u64) -> Result<SmoothRegion, NotSmooth> {
     let n = points.len().min(robustness.len()).min(MOST);
     if n < FEWEST {
@@ -190,7 +194,8 @@ mod tests {
         assert_eq!(spanning_tree(&points), [(0, 1), (1, 2), (2, 3)]);
     }
 
-    /// Functions with known largest slopes: 2 · 0.7 · √d for the bowl, 0.9 e^(-1/2) / 0.1 for the pit, 2 for the tent.
+    /// Functions with known largest slopes: 2 · 0.7 · √d for the bowl, 0.9 e^(-1/2) / 0.1 for the
+    /// pit, 2 for the tent.
     #[test]
     fn the_bound_contains_the_true_slope_of_smooth_functions() {
         let bowl = |u: &[f64]| 1.0 + u.iter().map(|x| (x - 0.3) * (x - 0.3)).sum::<f64>();
@@ -240,7 +245,8 @@ mod tests {
         let points = uniform(400, 1, 3);
         let near_zero = region(&points, |u| 1e-4 + u[0]).unwrap();
         assert!((near_zero.slope - 1.0).abs() < 1e-6 && near_zero.covered > 0.99, "{near_zero:?}");
-        // With a slope of 10, the values of 0.001 to 0.006 in the lower half cover at most 0.0012 each, so 200 samples cover at most 0.24.
+        // With a slope of 10, the values of 0.001 to 0.006 in the lower half cover at most 0.0012
+        // each, so 200 samples cover at most 0.24.
         let shallow =
             region(&points, |u| 0.001 + if u[0] < 0.5 { 0.01 * u[0] } else { 0.005 + 10.0 * (u[0] - 0.5) });
         let SmoothRegion { slope, covered, .. } = shallow.unwrap();

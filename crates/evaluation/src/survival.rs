@@ -1,4 +1,5 @@
-//! Survival analysis: Kaplan-Meier curve, restricted mean and log-rank test of simulations to failure.
+//! Survival analysis: Kaplan-Meier curve, restricted mean and log-rank test of simulations to
+//! failure.
 
 use crate::interval::Z;
 use crate::{Estimate, chi_squared_tail};
@@ -8,7 +9,8 @@ use crate::{Estimate, chi_squared_tail};
 pub struct Lifetime {
     /// Number of simulations, including the failing one.
     pub simulations: u32,
-    /// Whether the last simulation failed. Otherwise the lifetime is censored: the first failure would come later.
+    /// Whether the last simulation failed. Otherwise the lifetime is censored: the first failure
+    /// would come later.
     pub failed: bool,
 }
 
@@ -20,9 +22,10 @@ impl Lifetime {
 
     /// Returns the lifetime of a trial without a failure in `simulations`.
     ///
-    /// Censoring must not depend on what the trial would have found. A budget meets this; a search that gives up does not,
-    /// because it gives up where it expects no failure. To ask for the simulations that a user waits for within a budget,
-    /// censor such a trial at the budget: it finds nothing until then.
+    /// Censoring must not depend on what the trial would have found. A budget meets this; a search
+    /// that gives up does not, because it gives up where it expects no failure. To ask for the
+    /// simulations that a user waits for within a budget, censor such a trial at the budget: it
+    /// finds nothing until then.
     pub fn censored(simulations: u32) -> Lifetime {
         Lifetime { simulations, failed: false }
     }
@@ -37,11 +40,13 @@ pub struct SurvivalStep {
     pub at_risk: u64,
     /// Number of trials whose first failure is this simulation.
     pub failures: u64,
-    /// Estimated probability of no failure up to and including this simulation, with its log-log interval. No bounds at 0.
+    /// Estimated probability of no failure up to and including this simulation, with its log-log
+    /// interval. No bounds at 0.
     pub survival: Estimate,
 }
 
-/// Kaplan-Meier estimate of the probability that a trial has no failure within a number of simulations.
+/// Kaplan-Meier estimate of the probability that a trial has no failure within a number of
+/// simulations.
 ///
 /// # Example
 /// ```
@@ -54,8 +59,9 @@ pub struct SurvivalStep {
 /// ```
 ///
 /// # Reference
-/// Kaplan and Meier, "Nonparametric estimation from incomplete observations", JASA 53, 1958. Intervals: Kalbfleisch and
-/// Prentice, "The Statistical Analysis of Failure Time Data", 2002, section 1.4.
+/// Kaplan and Meier, "Nonparametric estimation from incomplete observations", JASA 53, 1958.
+/// Intervals: Kalbfleisch and Prentice, "The Statistical Analysis of Failure Time Data", 2002,
+/// section 1.4.
 #[derive(Clone, Debug, PartialEq)]
 pub struct SurvivalCurve {
     /// Number of trials.
@@ -99,19 +105,21 @@ impl SurvivalCurve {
         passed.last().and_then(|step| step.survival.value).unwrap_or(1.0)
     }
 
-    /// Returns the smallest number of simulations within which at least half of the trials fail; `None` if fewer do.
+    /// Returns the smallest number of simulations within which at least half of the trials fail;
+    /// `None` if fewer do.
     pub fn median(&self) -> Option<u32> {
         // A product of fractions can miss one half by its rounding errors.
         let is_passed = |step: &&SurvivalStep| step.survival.value.is_some_and(|value| value <= 0.5 + 1e-12);
         self.steps.iter().find(is_passed).map(|step| step.simulations)
     }
 
-    /// Returns the restricted mean: the mean of min(simulations to failure, `horizon`), which is the area under the curve up
-    /// to `horizon`, with its normal interval from Greenwood's variance. `None` without trials, or if the curve is unknown
-    /// at the horizon.
+    /// Returns the restricted mean: the mean of min(simulations to failure, `horizon`), which is
+    /// the area under the curve up to `horizon`, with its normal interval from Greenwood's
+    /// variance. `None` without trials, or if the curve is unknown at the horizon.
     ///
-    /// The interval is cut at 0 and `horizon`. Without a failure before the horizon it has no bounds, because the variance
-    /// is then 0 whatever the number of trials; the interval of the failure rate says what is known.
+    /// The interval is cut at 0 and `horizon`. Without a failure before the horizon it has no
+    /// bounds, because the variance is then 0 whatever the number of trials; the interval of the
+    /// failure rate says what is known.
     ///
     /// # Reference
     /// Klein and Moeschberger, "Survival Analysis", 2003, section 4.5.
@@ -147,8 +155,8 @@ fn failure_times<'a>(trials: impl Iterator<Item = &'a Lifetime>) -> Vec<u32> {
     times
 }
 
-/// Returns the number of trials at risk before a simulation, and of those that fail in it. A trial that is censored at
-/// the same simulation is still at risk.
+/// Returns the number of trials at risk before a simulation, and of those that fail in it. A trial
+/// that is censored at the same simulation is still at risk.
 fn counts(trials: &[Lifetime], time: u32) -> (u64, u64) {
     let at_risk = trials.iter().filter(|trial| trial.simulations >= time).count();
     let failures = trials.iter().filter(|trial| trial.failed && trial.simulations == time).count();
@@ -162,13 +170,13 @@ pub struct LogRank {
     pub chi_squared: f64,
     /// Degrees of freedom: number of groups minus 1.
     pub degrees_of_freedom: u32,
-    /// Probability of at least this statistic if all groups have the same curve. The approximation needs a few failures in
-    /// each group.
+    /// Probability of at least this statistic if all groups have the same curve. The approximation
+    /// needs a few failures in each group.
     pub p_value: f64,
 }
 
-/// Tests whether groups of trials have the same survival curve. Returns `None` with fewer than two groups, an empty group,
-/// or without failures at which several groups are at risk.
+/// Tests whether groups of trials have the same survival curve. Returns `None` with fewer than two
+/// groups, an empty group, or without failures at which several groups are at risk.
 ///
 /// # Example
 /// ```
@@ -181,8 +189,9 @@ pub struct LogRank {
 /// ```
 ///
 /// # Reference
-/// Mantel, "Evaluation of survival data and two new rank order statistics arising in its consideration", Cancer Chemotherapy
-/// Reports 50, 1966. Several groups: Klein and Moeschberger, "Survival Analysis", 2003, section 7.3.
+/// Mantel, "Evaluation of survival data and two new rank order statistics arising in its
+/// consideration", Cancer Chemotherapy Reports 50, 1966. Several groups: Klein and Moeschberger,
+/// "Survival Analysis", 2003, section 7.3.
 pub fn log_rank(groups: &[&[Lifetime]]) -> Option<LogRank> {
     if groups.len() < 2 || groups.iter().any(|group| group.is_empty()) {
         return None;
@@ -255,7 +264,8 @@ mod tests {
             .collect()
     }
 
-    /// Weeks of remission of leukemia patients with 6-mercaptopurine: Freireich et al., Blood 21, 1963.
+    /// Weeks of remission of leukemia patients with 6-mercaptopurine: Freireich et al., Blood
+    /// 21, 1963.
     fn treated() -> Vec<Lifetime> {
         lifetimes(
             &[6, 6, 6, 6, 7, 9, 10, 10, 11, 13, 16, 17, 19, 20, 22, 23, 25, 32, 32, 34, 35],
@@ -325,7 +335,8 @@ mod tests {
         assert_eq!(SurvivalCurve::new(&[]).restricted_mean(300), None);
     }
 
-    /// lifelines; the first value, 16.79, is also in Kleinbaum and Klein, "Survival Analysis", chapter 2.
+    /// lifelines; the first value, 16.79, is also in Kleinbaum and Klein, "Survival Analysis",
+    /// chapter 2.
     #[test]
     fn log_rank_tests_match_lifelines() {
         let (a, b, c) = (treated(), placebo(), with_budget());

@@ -1,15 +1,19 @@
-//! Rate of an event whose cheap indicator is known for every trial, and which is observed for some of them.
+//! Rate of an event whose cheap indicator is known for every trial, and which is observed for some
+//! of them.
 
 use crate::{Estimate, clopper_pearson};
 
-/// Share of the probability of a miss for each of the three intervals that [`TwoPhase::estimate`] combines.
+/// Share of the probability of a miss for each of the three intervals that [`TwoPhase::estimate`]
+/// combines.
 const SHARES: [f64; 3] = [0.5, 0.4, 0.1];
 
-/// Size of a sample of the trials that are not flagged that is reached even if chance selects fewer: without any there is no estimate.
+/// Size of a sample of the trials that are not flagged that is reached even if chance selects
+/// fewer: without any there is no estimate.
 const FEWEST_SAMPLED: usize = 20;
 
-/// Random sample of the trials that are not flagged. The first ones that chance leaves out make up for a sample of fewer than 20. As
-/// these trials are alike, the share of events in the sample stays unbiased.
+/// Random sample of the trials that are not flagged. The first ones that chance leaves out make up
+/// for a sample of fewer than 20. As these trials are alike, the share of events in the sample
+/// stays unbiased.
 #[derive(Default)]
 pub(crate) struct OthersSample<T> {
     sampled: Vec<T>,
@@ -35,8 +39,9 @@ impl<T> OthersSample<T> {
     }
 }
 
-/// Counts of a two-phase sample. The first phase applies a cheap indicator to independent trials. The second phase observes the event
-/// itself in every trial that the indicator flags, and in a random sample of the trials that are not flagged.
+/// Counts of a two-phase sample. The first phase applies a cheap indicator to independent trials.
+/// The second phase observes the event itself in every trial that the indicator flags, and in a
+/// random sample of the trials that are not flagged.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct TwoPhase {
     /// Number of trials of the first phase.
@@ -52,13 +57,16 @@ pub struct TwoPhase {
 }
 
 impl TwoPhase {
-    /// Returns the rate of the event with an interval that contains the true rate with a probability of at least `confidence`.
+    /// Returns the rate of the event with an interval that contains the true rate with a
+    /// probability of at least `confidence`.
     ///
-    /// The estimate, flagged events / n + (1 - flagged / n) * sampled events / sampled, is unbiased whatever the indicator is worth. A
-    /// useless indicator makes the interval wide, not wrong. The interval adds exact intervals of the rate of flagged events and of the
-    /// event among the trials that are not flagged, each with a share of the probability of a miss. It does not assume that any count is large. Without
-    /// events in the sample, that of the trials that are not flagged adds about 4.6 / sampled to the upper bound. If the sample contains all of these, it is the exact
-    /// interval of all trials.
+    /// The estimate, flagged events / n + (1 - flagged / n) * sampled events / sampled, is unbiased
+    /// whatever the indicator is worth. A useless indicator makes the interval wide, not wrong. The
+    /// interval adds exact intervals of the rate of flagged events and of the event among the
+    /// trials that are not flagged, each with a share of the probability of a miss. It does not
+    /// assume that any count is large. Without events in the sample, that of the trials that are
+    /// not flagged adds about 4.6 / sampled to the upper bound. If the sample contains all of
+    /// these, it is the exact interval of all trials.
     ///
     /// The estimate is `None` if there are other trials and no sample of them.
     ///
@@ -74,8 +82,8 @@ impl TwoPhase {
     /// ```
     ///
     /// # Reference
-    /// Neyman, "Contribution to the Theory of Sampling Human Populations", Journal of the American Statistical Association 33, 1938
-    /// (double sampling).
+    /// Neyman, "Contribution to the Theory of Sampling Human Populations", Journal of the American
+    /// Statistical Association 33, 1938 (double sampling).
     pub fn estimate(&self, confidence: f64) -> Estimate {
         let TwoPhase { trials, flagged, flagged_events, sampled, sampled_events } = *self;
         let others = trials - flagged;
@@ -110,8 +118,8 @@ mod tests {
 
     use super::*;
 
-    /// Draws counts: an event has probability `rate`. The indicator flags an event with probability `power`, and another trial with
-    /// probability `false_rate`.
+    /// Draws counts: an event has probability `rate`. The indicator flags an event with probability
+    /// `power`, and another trial with probability `false_rate`.
     fn draw(random: &mut Sequence, trials: u64, [rate, power, false_rate, sample]: [f64; 4]) -> TwoPhase {
         let (mut counts, mut others) = (TwoPhase { trials, ..TwoPhase::default() }, OthersSample::default());
         for _ in 0..trials {

@@ -6,8 +6,8 @@ use crate::{Estimate, clopper_pearson};
 /// Bisections, each of which halves the error of a bound.
 const BISECTIONS: usize = 100;
 
-/// The decision of a measurement with two stages: with at least `threshold` successes in the first `first` trials, it continues with more
-/// trials than without.
+/// The decision of a measurement with two stages: with at least `threshold` successes in the first
+/// `first` trials, it continues with more trials than without.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct TwoStage {
     /// Number of trials of the first stage.
@@ -18,14 +18,17 @@ pub struct TwoStage {
     pub is_reached: bool,
 }
 
-/// Returns the rate `successes` / `n` of a measurement with two stages, with an interval that contains the true rate with a probability
-/// of at least `confidence`, whatever the decision was. `n` counts the trials of both stages; it must not depend on them otherwise.
+/// Returns the rate `successes` / `n` of a measurement with two stages, with an interval that
+/// contains the true rate with a probability of at least `confidence`, whatever the decision was.
+/// `n` counts the trials of both stages; it must not depend on them otherwise.
 ///
-/// [`clopper_pearson`] assumes that n was fixed before. Here it misses too often around threshold / first: an n that is large after many
-/// successes misses above, and one that is small after few misses below. This interval orders all outcomes, those without the
-/// threshold before those with it, and each group by its successes. Its bounds are the rates at which the outcomes up to the observed
-/// one, or from it on, have the probability (1 - `confidence`) / 2. With the threshold, only the upper bound differs from Clopper and
-/// Pearson's, and without it only the lower one, if n is larger than the first stage.
+/// [`clopper_pearson`] assumes that n was fixed before. Here it misses too often around threshold /
+/// first: an n that is large after many successes misses above, and one that is small after few
+/// misses below. This interval orders all outcomes, those without the threshold before those with
+/// it, and each group by its successes. Its bounds are the rates at which the outcomes up to the
+/// observed one, or from it on, have the probability (1 - `confidence`) / 2. With the threshold,
+/// only the upper bound differs from Clopper and Pearson's, and without it only the lower one, if n
+/// is larger than the first stage.
 ///
 /// # Example
 /// ```
@@ -40,7 +43,8 @@ pub struct TwoStage {
 /// ```
 ///
 /// # Reference
-/// Jennison and Turnbull, "Group Sequential Methods with Applications to Clinical Trials", 2000, section 12.1 (stage-wise ordering).
+/// Jennison and Turnbull, "Group Sequential Methods with Applications to Clinical Trials", 2000,
+/// section 12.1 (stage-wise ordering).
 pub fn two_stage(successes: u64, n: u64, stages: TwoStage, confidence: f64) -> Estimate {
     let fixed = clopper_pearson(successes, n, confidence);
     let (Some(low), Some(high)) = (fixed.low, fixed.high) else { return fixed };
@@ -122,7 +126,8 @@ impl Joint {
         (self.both.at_most(p) - self.below_threshold_and_at_most(p)).max(0.0)
     }
 
-    /// Returns the probabilities of 0 successes in the first stage, of 1, and so on up to the threshold.
+    /// Returns the probabilities of 0 successes in the first stage, of 1, and so on up to the
+    /// threshold.
     fn first(&self, p: f64) -> impl Iterator<Item = f64> {
         let TwoStage { first: n, threshold, .. } = self.stages;
         let odds = p / (1.0 - p);
@@ -178,8 +183,10 @@ mod tests {
 
     const STAGES: TwoStage = TwoStage { first: 12_500, threshold: 20, is_reached: true };
 
-    /// SciPy 1.17.1: `brentq` of `binom.cdf(f, n, p) + sum(binom.pmf(k, first, p) * binom.sf(f - k, n - first, p) for k in range(20)) - 0.025`
-    /// for the upper bounds, and of `binom.sf(19, first, p) + sum(binom.pmf(k, first, p) * binom.sf(f - 1 - k, n - first, p) for k in range(20)) - 0.025`
+    /// SciPy 1.17.1: `brentq` of
+    /// `binom.cdf(f, n, p) + sum(binom.pmf(k, first, p) * binom.sf(f - k, n - first, p) for k in range(20)) - 0.025`
+    /// for the upper bounds, and of
+    /// `binom.sf(19, first, p) + sum(binom.pmf(k, first, p) * binom.sf(f - 1 - k, n - first, p) for k in range(20)) - 0.025`
     /// for the lower ones.
     #[test]
     fn bounds_are_those_of_scipy() {
@@ -239,7 +246,8 @@ mod tests {
         }
     }
 
-    /// 20 failures in 25 % of 1000 simulations decide that the others are run. Without them, these numbers are run.
+    /// 20 failures in 25 % of 1000 simulations decide that the others are run. Without them, these
+    /// numbers are run.
     const FIRST: u64 = 250;
     const THRESHOLD: u64 = 20;
     const WHOLE: u64 = 1000;

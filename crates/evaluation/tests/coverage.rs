@@ -1,7 +1,8 @@
-//! Coverage of the confidence intervals: the probability that a nominal 95 % interval contains the true value.
+//! Coverage of the confidence intervals: the probability that a nominal 95 % interval contains the
+//! true value.
 //!
-//! Rates are computed exactly from the binomial distribution. Means are simulated, with a tolerance of five standard
-//! errors.
+//! Rates are computed exactly from the binomial distribution. Means are simulated, with a tolerance
+//! of five standard errors.
 #![allow(clippy::unwrap_used, reason = "a test may panic")]
 
 use mishandle_evaluation::{Estimate, betting_mean, bootstrap_mean, wilson};
@@ -36,7 +37,8 @@ fn rare(p: f64, value: f64) -> impl Fn(&mut Sequence) -> f64 {
     move |sequence| if sequence.uniform() < p { value } else { 0.0 }
 }
 
-/// An exponential distribution with this mean, cut off at 1. Its true mean is `mean (1 - exp(-1 / mean))`.
+/// An exponential distribution with this mean, cut off at 1. Its true mean is
+/// `mean (1 - exp(-1 / mean))`.
 fn skewed(mean: f64) -> impl Fn(&mut Sequence) -> f64 {
     move |sequence| (-mean * (1.0 - sequence.uniform()).ln()).min(1.0)
 }
@@ -72,7 +74,8 @@ fn the_betting_interval_covers_rare_clustered_and_skewed_danger() {
 
 #[test]
 fn the_bootstrap_misses_rare_danger_that_the_betting_interval_covers() {
-    // At most 1 - 0.9985^100 = 13.9 % of all samples contain the event, and no other sample has an interval that does.
+    // At most 1 - 0.9985^100 = 13.9 % of all samples contain the event, and no other sample has an
+    // interval that does.
     let rare = rare(0.0015, 1.0);
     let bootstrap = |values: &[f64], seed: u64| bootstrap_mean(values, Seed(seed));
     let found = coverage(&rare, 0.0015, 100, 500, &bootstrap);
@@ -116,7 +119,8 @@ fn binomial(n: u64, p: f64) -> Vec<f64> {
     (0..=n).map(probability).collect()
 }
 
-/// Returns the exact coverage of the Wilson interval of n simulations at each of these success probabilities.
+/// Returns the exact coverage of the Wilson interval of n simulations at each of these success
+/// probabilities.
 fn wilson_coverage(n: u64, rates: impl Iterator<Item = f64>) -> Vec<f64> {
     let intervals: Vec<Estimate> = (0..=n).map(|k| wilson(k, n)).collect();
     let covered = |p: f64| {
@@ -140,8 +144,8 @@ fn the_wilson_interval_has_a_mean_coverage_of_95_percent_and_at_least_83() {
         let outside = (1..=n).map(|k| wilson(k, n).low.unwrap() - 1e-12);
         let least = wilson_coverage(n, outside).into_iter().fold(1.0, f64::min);
         assert!((mean - 0.95).abs() < 0.005, "n = {n}: mean coverage {mean}");
-        // The least coverage is near p = 0.18 / n: Brown, Cai and DasGupta, "Interval estimation for a binomial
-        // proportion", Statistical Science 16, 2001, section 4.1.1.
+        // The least coverage is near p = 0.18 / n: Brown, Cai and DasGupta, "Interval estimation
+        // for a binomial proportion", Statistical Science 16, 2001, section 4.1.1.
         assert!((0.83..0.86).contains(&least), "n = {n}: least coverage {least}");
     }
 }
@@ -163,7 +167,8 @@ fn clopper_pearson(k: u64, n: u64) -> [f64; 2] {
 
 #[test]
 fn the_betting_interval_of_a_rate_is_at_most_half_wider_than_the_exact_one() {
-    // Agresti and Coull, "Approximate is better than exact", The American Statistician 52, 1998: 0 of 10 and 5 of 10.
+    // Agresti and Coull, "Approximate is better than exact", The American Statistician 52, 1998: 0
+    // of 10 and 5 of 10.
     let close = |found: [f64; 2], expected: [f64; 2]| {
         assert!(
             found.iter().zip(expected).all(|(a, b)| (a - b).abs() < 5e-4),

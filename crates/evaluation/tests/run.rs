@@ -1,4 +1,5 @@
-//! Tests evaluations of a system in closed form: their simulations, and their independence of batches.
+//! Tests evaluations of a system in closed form: their simulations, and their independence of
+//! batches.
 #![allow(clippy::unwrap_used, reason = "a test may panic")]
 
 use std::ops::ControlFlow;
@@ -12,7 +13,8 @@ use mishandle_stl::Trace;
 
 const ALL: FormulaRoles = FormulaRoles { strict: true, safe: true, completion: true };
 
-/// Succeeds if x is above `threshold`. The integer part of y is the number of steps until completion.
+/// Succeeds if x is above `threshold`. The integer part of y is the number of steps until
+/// completion.
 struct ClosedForm {
     space: Space,
     threshold: f64,
@@ -110,7 +112,8 @@ fn two_controllers_have_the_same_initial_states_and_seeds() {
 #[test]
 fn the_success_rate_is_the_successful_fraction_of_the_box() {
     let (report, _) = run(&mut ClosedForm::new(0.3), &Evaluation::new(4000, Seed(1)));
-    // Five standard errors of a rate of 0.7 in 4000 simulations are 0.036. Steps 0 to 8 are equally likely.
+    // Five standard errors of a rate of 0.7 in 4000 simulations are 0.036. Steps 0 to 8 are equally
+    // likely.
     assert!((report.success_rate.value.unwrap() - 0.7).abs() < 0.036, "{report:?}");
     assert!((report.task_completion_time.unwrap().value.unwrap() - 4.0).abs() < 0.25, "{report:?}");
     assert!((report.dangerous_behavior_rate.unwrap().value.unwrap() - 0.4).abs() < 0.025, "{report:?}");

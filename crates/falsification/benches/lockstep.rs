@@ -1,7 +1,8 @@
-//! Measures the overhead of a falsification per simulation, for every search, on a system in closed form.
+//! Measures the overhead of a falsification per simulation, for every search, on a system in closed
+//! form.
 //!
-//! `cargo bench -p mishandle-falsification [-- SIMULATIONS]` runs a million simulations by default. The memory column is
-//! the peak of the process so far.
+//! `cargo bench -p mishandle-falsification [-- SIMULATIONS]` runs a million simulations by default.
+//! The memory column is the peak of the process so far.
 #![allow(clippy::print_stdout, reason = "a benchmark prints")]
 
 use std::error::Error;
@@ -60,7 +61,8 @@ fn bare(system: &mut FunctionSystem, simulations: u32) -> Result<f64, Box<dyn Er
     Ok(1e6 * start.elapsed().as_secs_f64() / f64::from(simulations))
 }
 
-/// Returns the peak memory of the process in MiB, or `unknown` if the operating system does not report it.
+/// Returns the peak memory of the process in MiB, or `unknown` if the operating system does not
+/// report it.
 fn peak_memory() -> String {
     let status = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
     let line = status.lines().find_map(|line| line.strip_prefix("VmHWM:"));

@@ -61,13 +61,16 @@ impl FalsificationBatch<'_> {
 
 /// Trials of one search against one system.
 ///
-/// The trials run in lockstep. A batch contains the next simulation of every running trial. If there are more trials than
-/// simulations in a batch, it contains the trials with the lowest numbers. If there are fewer, it contains several
-/// simulations of each trial, as far as the search can propose them in advance. Simulations that follow the end of
-/// their trial in the same batch, or of its search, are counted as surplus and dropped. So each trial has the same simulations as if it ran
-/// alone, for any batch size. Only the order of simulations of different trials depends on the batch size.
+/// The trials run in lockstep. A batch contains the next simulation of every running trial. If
+/// there are more trials than simulations in a batch, it contains the trials with the lowest
+/// numbers. If there are fewer, it contains several simulations of each trial, as far as the search
+/// can propose them in advance. Simulations that follow the end of their trial in the same batch,
+/// or of its search, are counted as surplus and dropped. So each trial has the same simulations as
+/// if it ran alone, for any batch size. Only the order of simulations of different trials depends
+/// on the batch size.
 ///
-/// Memory contains the outcome of every trial and the searches of the running trials, but no simulations.
+/// Memory contains the outcome of every trial and the searches of the running trials, but no
+/// simulations.
 pub struct Falsification<'a> {
     pub(crate) settings: FalsificationSettings,
     space: Space,
@@ -135,19 +138,21 @@ impl<'a> Falsification<'a> {
         self
     }
 
-    /// Replays a recorded simulation before the falsification runs. The records of a trial must be in order; records of
-    /// different trials may be interleaved.
+    /// Replays a recorded simulation before the falsification runs. The records of a trial must be
+    /// in order; records of different trials may be interleaved.
     ///
-    /// The search of the trial proposes the point and observes the result again, without a simulation. After replaying all
-    /// records, including those of ended trials, a falsification gives the same result as an uninterrupted one. With a larger
-    /// budget, trials that had spent their budget continue.
+    /// The search of the trial proposes the point and observes the result again, without a
+    /// simulation. After replaying all records, including those of ended trials, a falsification
+    /// gives the same result as an uninterrupted one. With a larger budget, trials that had spent
+    /// their budget continue.
     ///
     /// # Errors
-    /// - [`FalsificationError::RecordMismatch`] if the point, scenario or seed differs in any bit from the request of the
-    ///   trial.
+    /// - [`FalsificationError::RecordMismatch`] if the point, scenario or seed differs in any bit
+    ///   from the request of the trial.
     /// - [`FalsificationError::UnknownTrial`], [`FalsificationError::OutOfOrder`] or
     ///   [`FalsificationError::AfterTrialEnd`] if the record does not belong to this falsification.
-    /// - [`FalsificationError::NoTrace`] if the trials [keep going](Self::keep_going) and the record of a violation has no trace.
+    /// - [`FalsificationError::NoTrace`] if the trials [keep going](Self::keep_going) and the
+    ///   record of a violation has no trace.
     pub fn replay(&mut self, recorded: &Episode) -> Result<(), FalsificationError> {
         let Request { trial, number, .. } = recorded.request;
         if !(1..=self.settings.trials).contains(&trial) {
@@ -185,12 +190,14 @@ impl<'a> Falsification<'a> {
 
     /// Runs all trials to their ends against `system`, which must have the falsification's space.
     ///
-    /// `on_batch` receives the simulations of each batch before the next batch starts, so that it can store them in one
-    /// transaction. If it breaks, the falsification pauses without losing a simulation, and another call continues it.
+    /// `on_batch` receives the simulations of each batch before the next batch starts, so that it
+    /// can store them in one transaction. If it breaks, the falsification pauses without losing a
+    /// simulation, and another call continues it.
     ///
     /// # Errors
-    /// If the system, a search or `on_batch` fails, or a complete episode leaves the formula undecided. After an error the
-    /// falsification cannot continue; a new falsification can replay the records.
+    /// If the system, a search or `on_batch` fails, or a complete episode leaves the formula
+    /// undecided. After an error the falsification cannot continue; a new falsification can replay
+    /// the records.
     pub fn run<E: From<FalsificationError>>(
         &mut self,
         system: &mut dyn System,
@@ -229,7 +236,8 @@ impl<'a> Falsification<'a> {
         }
     }
 
-    /// Returns the next simulations, ordered by trial, at most `batch_size`. The list is empty if all trials have ended.
+    /// Returns the next simulations, ordered by trial, at most `batch_size`. The list is empty if
+    /// all trials have ended.
     pub(crate) fn next_batch(&mut self, batch_size: usize) -> Result<Vec<Request>, FalsificationError> {
         let mut batch = Vec::with_capacity(batch_size);
         while batch.is_empty() {
@@ -252,7 +260,8 @@ impl<'a> Falsification<'a> {
         (self.first_running..self.slots.len()).filter(|&index| !ended(&self.slots[index])).take(n).collect()
     }
 
-    /// Reports the simulations to the searches, drops the surplus, and adds the trials that end to `ended`.
+    /// Reports the simulations to the searches, drops the surplus, and adds the trials that end to
+    /// `ended`.
     pub(crate) fn receive<S: Simulated>(
         &mut self,
         simulations: Vec<S>,
@@ -298,7 +307,8 @@ impl<'a> Falsification<'a> {
         })
     }
 
-    /// Reports a simulation to its running trial and returns the outcome of the trial if this simulation ended it.
+    /// Reports a simulation to its running trial and returns the outcome of the trial if this
+    /// simulation ended it.
     fn tell(&mut self, simulation: &impl Simulated) -> Result<Option<TrialOutcome>, FalsificationError> {
         let index = simulation.request().trial as usize - 1;
         if let Slot::Running(trial) = &mut self.slots[index] {

@@ -1,25 +1,29 @@
 //! Trials that continue after their first violation and collect failure modes.
 //!
-//! Such a trial is a sequence of searches. A local search ends at a failure, as in a plain trial, and is steered away from the failures of
-//! those before it, so that the trial does not stay in the first failing patch. It works for every search, because only the
-//! reported values change:
+//! Such a trial is a sequence of searches. A local search ends at a failure, as in a plain trial,
+//! and is steered away from the failures of those before it, so that the trial does not stay in the
+//! first failing patch. It works for every search, because only the reported values change:
 //!
-//! - Near a known failure a search observes at least m (2 - d / r), with the median m of |ρ| in the trial so far, the distance d
-//!   to the failure and the radius r. The known wells of the landscape are filled, with a slope away from them.
-//! - A search without a failure is replaced after 50 simulations times the next number of Luby's sequence 1, 1, 2, 1, 1, 2, 4,
-//!   ..., which starts again at each failure at a new place.
-//! - A search that keeps exploring the whole box, such as `random` or `portfolio`, is not replaced, neither after a failure nor
-//!   later. It keeps what it knows.
+//! - Near a known failure a search observes at least m (2 - d / r), with the median m of |ρ| in the
+//!   trial so far, the distance d to the failure and the radius r. The known wells of the landscape
+//!   are filled, with a slope away from them.
+//! - A search without a failure is replaced after 50 simulations times the next number of Luby's
+//!   sequence 1, 1, 2, 1, 1, 2, 4, ..., which starts again at each failure at a new place.
+//! - A search that keeps exploring the whole box, such as `random` or `portfolio`, is not replaced,
+//!   neither after a failure nor later. It keeps what it knows.
 //!
-//! This is the sequential niche technique of Beasley, Bull and Martin, "A sequential niche technique for multimodal function
-//! optimization", Evolutionary Computation 1(2), 1993, with the restarts of Luby, Sinclair and Zuckerman, "Optimal speedup of Las
-//! Vegas algorithms", Information Processing Letters 47(4), 1993. The failures at new places are an unstructured archive as in
-//! quality-diversity search: Lehman and Stanley, "Abandoning objectives", Evolutionary Computation 19(2), 2011; Cully and
-//! Demiris, "Quality and diversity optimization: a unifying modular framework", IEEE Transactions on Evolutionary
-//! Computation 22(2), 2018. The grid of MAP-Elites (Mouret and Clune, "Illuminating search spaces by mapping elites", 2015)
-//! would cut a failing patch into cells and count each of them.
+//! This is the sequential niche technique of Beasley, Bull and Martin, "A sequential niche
+//! technique for multimodal function optimization", Evolutionary Computation 1(2), 1993, with the
+//! restarts of Luby, Sinclair and Zuckerman, "Optimal speedup of Las Vegas algorithms", Information
+//! Processing Letters 47(4), 1993. The failures at new places are an unstructured archive as in
+//! quality-diversity search: Lehman and Stanley, "Abandoning objectives", Evolutionary Computation
+//! 19(2), 2011; Cully and Demiris, "Quality and diversity optimization: a unifying modular
+//! framework", IEEE Transactions on Evolutionary Computation 22(2), 2018. The grid of MAP-Elites
+//! (Mouret and Clune, "Illuminating search spaces by mapping elites", 2015) would cut a failing
+//! patch into cells and count each of them.
 //!
-//! The values before the first violation are the true ones. So the simulations up to it are those of a trial that ends there.
+//! The values before the first violation are the true ones. So the simulations up to it are those
+//! of a trial that ends there.
 
 use std::collections::BTreeMap;
 use std::rc::Rc;
@@ -35,11 +39,13 @@ use crate::{
     unit_scenario,
 };
 
-/// Root mean square distance r from a known failure within which values are raised: half of the distance within which two
-/// failures belong to one mode, so that a patch is covered before the search leaves it.
+/// Root mean square distance r from a known failure within which values are raised: half of the
+/// distance within which two failures belong to one mode, so that a patch is covered before the
+/// search leaves it.
 const RADIUS: f64 = 0.075;
 
-/// Number of simulations of a search without a failure at a new place, times a number of Luby's sequence.
+/// Number of simulations of a search without a failure at a new place, times a number of Luby's
+/// sequence.
 const RESTART_AFTER: u32 = 50;
 
 /// Number of values that count for the median; later ones do not.
@@ -58,18 +64,21 @@ pub struct KeepGoing<'a> {
     pub signature: Rc<SignatureOf<'a>>,
     /// Number of control steps of an episode.
     pub episode_steps: usize,
-    /// A trial ends when less than this fraction of its simulations finds a new mode: see [`simulations_without_mode`]. With 0,
-    /// it spends its budget.
+    /// A trial ends when less than this fraction of its simulations finds a new mode: see
+    /// [`simulations_without_mode`]. With 0, it spends its budget.
     pub new_mode_rate: f64,
 }
 
-/// Returns the number of simulations without a new mode after which a trial with `modes` modes ends: the smallest m with
-/// (1 - p)^m ≤ 0.05 / (k (k + 1)), for the rate p and k modes; `None` if p is 0.
+/// Returns the number of simulations without a new mode after which a trial with `modes` modes
+/// ends: the smallest m with (1 - p)^m ≤ 0.05 / (k (k + 1)), for the rate p and k modes; `None` if
+/// p is 0.
 ///
-/// If each simulation finds a new mode with a probability of at least p, whatever happened before, then m simulations without
-/// one have a probability of at most 0.05 / (k (k + 1)). These sum to 0.05 over all k. So a trial stops while new modes are that
-/// frequent with a probability of at most 5 %. The search may choose its points in any way. Estimates of Good and Turing, which
-/// fuzzers use (Böhme, "STADS: software testing as species discovery", ACM TOSEM 27(2), 2018), need independent samples.
+/// If each simulation finds a new mode with a probability of at least p, whatever happened before,
+/// then m simulations without one have a probability of at most 0.05 / (k (k + 1)). These sum to
+/// 0.05 over all k. So a trial stops while new modes are that frequent with a probability of at
+/// most 5 %. The search may choose its points in any way. Estimates of Good and Turing, which
+/// fuzzers use (Böhme, "STADS: software testing as species discovery", ACM TOSEM 27(2), 2018), need
+/// independent samples.
 ///
 /// # Example
 /// ```
@@ -106,7 +115,8 @@ pub(crate) struct Archive<'a> {
     next_check: u32,
 }
 
-/// The known failures of one predicate, at a distance of more than [`RADIUS`] from each other or at different times.
+/// The known failures of one predicate, at a distance of more than [`RADIUS`] from each other or at
+/// different times.
 #[derive(Default)]
 struct Well {
     known: Vec<(UnitScenario, usize)>,
@@ -176,7 +186,8 @@ impl<'a> Archive<'a> {
         self.has_failed
     }
 
-    /// Returns the number of simulations after which another search must continue; `None` before the first violation.
+    /// Returns the number of simulations after which another search must continue; `None` before
+    /// the first violation.
     pub(crate) fn search_limit(&self) -> Option<u32> {
         self.has_failures().then(|| RESTART_AFTER.saturating_mul(luby(self.searches)))
     }
@@ -218,7 +229,8 @@ impl<'a> Archive<'a> {
         Ok(())
     }
 
-    /// Returns the least value that a search observes at a scenario; -∞ far from all known failures.
+    /// Returns the least value that a search observes at a scenario; -∞ far from all known
+    /// failures.
     fn level(&self, point: &UnitScenario) -> f64 {
         let axes = self.space.axes();
         let to = |well: &Well, known: &UnitScenario| distance(axes, &well.axes, known, point);

@@ -1,13 +1,15 @@
 //! Falsification: searches for scenarios with a negative robustness (counterexamples).
 //!
-//! A [`Trial`] is one seeded search with a budget of simulations. A [`Falsification`] runs many trials together: one batch of
-//! the [`System`](mishandle_rollout::System) under test contains simulations of several trials. Each trial has the same
-//! simulations as if it ran alone, one simulation at a time. A callback receives every
-//! [`Episode`](mishandle_rollout::Episode) before the next batch starts. An interrupted falsification resumes from its records.
-//! This crate uses neither files nor clocks.
+//! A [`Trial`] is one seeded search with a budget of simulations. A [`Falsification`] runs many
+//! trials together: one batch of the [`System`](mishandle_rollout::System) under test contains
+//! simulations of several trials. Each trial has the same simulations as if it ran alone, one
+//! simulation at a time. A callback receives every [`Episode`](mishandle_rollout::Episode) before
+//! the next batch starts. An interrupted falsification resumes from its records. This crate uses
+//! neither files nor clocks.
 //!
-//! [`minimize`](minimize()) moves a counterexample toward the nominal scenario, [`repeat`](repeat()) simulates it with other seeds,
-//! and [`Repeated`] says how often. [`margin`](margin()) searches for the smallest disturbance that violates the requirement.
+//! [`minimize`](minimize()) moves a counterexample toward the nominal scenario,
+//! [`repeat`](repeat()) simulates it with other seeds, and [`Repeated`] says how often.
+//! [`margin`](margin()) searches for the smallest disturbance that violates the requirement.
 //!
 //! # Example
 //! A system in closed form whose requirement is violated where x > 0.9:

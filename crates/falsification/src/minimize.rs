@@ -7,7 +7,8 @@ use mishandle_rollout::{Axis, AxisValues, Episode, Request, Scenario, Space, Sys
 use crate::FalsificationError;
 use crate::repeat::BATCH;
 
-/// A minimized scenario passes if one of its axes moves toward nominal by this fraction of its width.
+/// A minimized scenario passes if one of its axes moves toward nominal by this fraction of its
+/// width.
 const RESOLUTION: f64 = 0.01;
 
 /// A counterexample that was moved toward the nominal scenario.
@@ -19,22 +20,26 @@ pub struct Minimized {
     pub original: Episode,
     /// Number of simulations.
     pub simulations: u64,
-    /// Whether the minimization came to its end: no axis can go to nominal alone, and none can move by more than 1 % of its width.
+    /// Whether the minimization came to its end: no axis can go to nominal alone, and none can move
+    /// by more than 1 % of its width.
     pub is_complete: bool,
-    /// Whether all smaller sets of axes were tried: with the other axes at nominal and these at their original values, every
-    /// simulation passes.
+    /// Whether all smaller sets of axes were tried: with the other axes at nominal and these at
+    /// their original values, every simulation passes.
     pub has_fewest_axes: bool,
 }
 
-/// Moves the scenario of a failing request toward the nominal scenario while the simulation still fails (robustness below 0).
-/// The seed stays.
+/// Moves the scenario of a failing request toward the nominal scenario while the simulation still
+/// fails (robustness below 0). The seed stays.
 ///
-/// First it sets as many axes as possible to nominal: it tries all sets of axes by increasing size while half of the budget
-/// allows that, and otherwise removes groups of axes, the ones with the smallest offsets first. Then it moves the remaining axes
-/// toward nominal by bisection, jointly and one at a time, until none can move by more than 1 % of its width (an integer axis: by
-/// one). Random draws, which have no nominal value, stay. Any violation counts, also of another predicate.
+/// First it sets as many axes as possible to nominal: it tries all sets of axes by increasing size
+/// while half of the budget allows that, and otherwise removes groups of axes, the ones with the
+/// smallest offsets first. Then it moves the remaining axes toward nominal by bisection, jointly
+/// and one at a time, until none can move by more than 1 % of its width (an integer axis: by one).
+/// Random draws, which have no nominal value, stay. Any violation counts, also of another
+/// predicate.
 ///
-/// `watch` gets the number of simulations after each batch. It can end the minimization, which then returns the failure so far.
+/// `watch` gets the number of simulations after each batch. It can end the minimization, which then
+/// returns the failure so far.
 ///
 /// # Errors
 /// If the request does not fail, or a simulation cannot be run.
@@ -83,7 +88,8 @@ fn off_nominal(space: &Space, scenario: &Scenario) -> Vec<usize> {
     named.filter(|(_, pair)| is_off(*pair)).map(|(index, _)| index).collect()
 }
 
-/// Returns whether two scenarios of a space differ on no axis by more than the resolution of a minimization, 1 % of its width.
+/// Returns whether two scenarios of a space differ on no axis by more than the resolution of a
+/// minimization, 1 % of its width.
 pub fn is_close(space: &Space, a: &Scenario, b: &Scenario) -> bool {
     let is_close = |(axis, (a, b)): (&Axis, (&Option<f64>, &Option<f64>))| match (*a, *b) {
         (Some(a), Some(b)) => (axis.unit_coordinate(a) - axis.unit_coordinate(b)).abs() <= RESOLUTION,
@@ -153,7 +159,8 @@ impl<W: FnMut(u64) -> ControlFlow<()>> Search<'_, W> {
         self.with(indices.iter().map(|index| (*index, self.nominal(*index))))
     }
 
-    /// Simulates the scenarios. If any fails, the one with the lowest robustness becomes the present one.
+    /// Simulates the scenarios. If any fails, the one with the lowest robustness becomes the
+    /// present one.
     fn try_any(&mut self, scenarios: &[Scenario]) -> Result<bool, Stop> {
         if self.simulations + scenarios.len() as u64 > self.budget {
             return Err(Stop::Budget);
@@ -187,8 +194,8 @@ impl<W: FnMut(u64) -> ControlFlow<()>> Search<'_, W> {
         self.try_any(&[scenario])
     }
 
-    /// Tries all sets of axes by increasing size, the others at nominal, while half of the budget allows that. Returns the size
-    /// up to which all smaller sets pass.
+    /// Tries all sets of axes by increasing size, the others at nominal, while half of the budget
+    /// allows that. Returns the size up to which all smaller sets pass.
     fn smallest_set(&mut self) -> Result<usize, Stop> {
         let off = self.off_axes();
         for size in 0..off.len() {
@@ -207,7 +214,8 @@ impl<W: FnMut(u64) -> ControlFlow<()>> Search<'_, W> {
         Ok(off.len())
     }
 
-    /// Sets groups of axes to nominal, first halves, last single axes, until no single axis can go to nominal.
+    /// Sets groups of axes to nominal, first halves, last single axes, until no single axis can go
+    /// to nominal.
     fn remove_groups(&mut self) -> Result<(), Stop> {
         let mut off = self.off_axes();
         off.sort_by(|a, b| self.offset(*a).total_cmp(&self.offset(*b)));
@@ -290,7 +298,8 @@ impl<W: FnMut(u64) -> ControlFlow<()>> Search<'_, W> {
         }
     }
 
-    /// Returns the value between nominal (fraction 0) and that of `from` (fraction 1); both ends are exact.
+    /// Returns the value between nominal (fraction 0) and that of `from` (fraction 1); both ends
+    /// are exact.
     fn between(&self, index: usize, from: &Scenario, fraction: f64) -> f64 {
         let (value, nominal) = (from.get(index).unwrap_or_default(), self.nominal(index));
         match self.space.axes()[index].values {
@@ -304,7 +313,8 @@ impl<W: FnMut(u64) -> ControlFlow<()>> Search<'_, W> {
         }
     }
 
-    /// Bisects between nominal (fraction 0) and the present scenario (fraction 1) down to fractions that differ by `resolution`.
+    /// Bisects between nominal (fraction 0) and the present scenario (fraction 1) down to fractions
+    /// that differ by `resolution`.
     fn bisect(&mut self, resolution: f64, at: impl Fn(&Self, f64) -> Scenario) -> Result<(), Stop> {
         if self.try_one(at(self, 0.0))? {
             return Ok(());
@@ -321,7 +331,8 @@ impl<W: FnMut(u64) -> ControlFlow<()>> Search<'_, W> {
     }
 }
 
-/// Returns the number of subsets with `size` of `n` elements; `u64::MAX` if a product on the way is larger.
+/// Returns the number of subsets with `size` of `n` elements; `u64::MAX` if a product on the way is
+/// larger.
 fn binomial(n: usize, size: usize) -> u64 {
     let product = |product: u64, i: u64| Some(product.checked_mul(n as u64 - i)? / (i + 1));
     (0..size as u64).try_fold(1, product).unwrap_or(u64::MAX)
@@ -416,7 +427,8 @@ mod tests {
 
     #[test]
     fn groups_of_many_axes_are_removed_if_their_sets_are_too_many() {
-        // Fails where x7 > 0.3, x19 > 0.3 and x30 > 0.3; the 780 sets of two axes are too many to exclude all of them.
+        // Fails where x7 > 0.3, x19 > 0.3 and x30 > 0.3; the 780 sets of two axes are too many to
+        // exclude all of them.
         let robustness = |x: &[f64]| (0.3 - x[7]).max(0.3 - x[19]).max(0.3 - x[30]);
         let (found, minimized) = minimized(axes(40), &[0.9; 40], 300, robustness);
         assert!(minimized.is_complete && !minimized.has_fewest_axes);
@@ -490,7 +502,8 @@ mod tests {
 
     #[test]
     fn a_set_is_the_smallest_if_all_smaller_ones_were_tried() {
-        // Fails where three of twelve axes are above 0.3; there are 79 smaller sets, and 220 of this size.
+        // Fails where three of twelve axes are above 0.3; there are 79 smaller sets, and 220 of
+        // this size.
         let robustness = |x: &[f64]| (0.3 - x[2]).max(0.3 - x[5]).max(0.3 - x[11]);
         let (found, minimized) = minimized(axes(12), &[0.9; 12], 300, robustness);
         assert_eq!(found.iter().filter(|value| **value != 0.0).count(), 3);

@@ -3,21 +3,23 @@
 use mishandle_evaluation::{holm, kolmogorov_smirnov};
 use mishandle_rollout::{Axis, AxisValues};
 
-/// Two failures with the same decisive predicate are neighbors if the instants at which the violation is final differ by at most
-/// this fraction of an episode.
+/// Two failures with the same decisive predicate are neighbors if the instants at which the
+/// violation is final differ by at most this fraction of an episode.
 const TIME: f64 = 0.15;
 
-/// And if their scenarios differ by at most this: the root mean square over the axes that matter, as a fraction of their widths.
+/// And if their scenarios differ by at most this: the root mean square over the axes that matter,
+/// as a fraction of their widths.
 const REGION: f64 = 0.15;
 
-/// With few failures, the distance may be as large as that to the nearest of n random scenarios in k axes, which is about this
-/// times n^(-1/k).
+/// With few failures, the distance may be as large as that to the nearest of n random scenarios in
+/// k axes, which is about this times n^(-1/k).
 const SPARSE: f64 = 0.35;
 
 /// Rounding errors of a distance.
 const ROUNDING: f64 = 1e-9;
 
-/// In a space with more axes than this, only axes matter that tell the failures from the other simulations.
+/// In a space with more axes than this, only axes matter that tell the failures from the other
+/// simulations.
 const FEW_AXES: usize = 2;
 
 /// Largest p-value of an axis that matters, after Holm's correction for all axes.
@@ -42,7 +44,8 @@ pub fn unit_scenario(axes: &[Axis], values: &[Option<f64>]) -> UnitScenario {
 pub struct Signature {
     /// Text of the decisive predicate; empty if the formula has none.
     pub predicate: String,
-    /// First sample after which nothing can satisfy the formula; the decisive one if the trace does not decide the formula.
+    /// First sample after which nothing can satisfy the formula; the decisive one if the trace does
+    /// not decide the formula.
     pub sample: usize,
 }
 
@@ -60,19 +63,22 @@ pub struct FailurePoint {
 pub struct ModeMembers {
     /// Indices of the failures, in order.
     pub failures: Vec<usize>,
-    /// Indices of the axes by which failures with this predicate were grouped. In a space of more than two axes, these are the
-    /// axes along which they are distributed differently from the other simulations; there may be none.
+    /// Indices of the axes by which failures with this predicate were grouped. In a space of more
+    /// than two axes, these are the axes along which they are distributed differently from the
+    /// other simulations; there may be none.
     pub axes: Vec<usize>,
 }
 
-/// Groups failures: single-linkage clusters of the same predicate, in the order of the first failure of each predicate.
+/// Groups failures: single-linkage clusters of the same predicate, in the order of the first
+/// failure of each predicate.
 ///
-/// Two failures with the same predicate are neighbors if the instants at which they become final differ by at most 15 % of an
-/// episode, and their scenarios by at most r: the root mean square over the axes that matter, as a fraction of their widths; two
-/// successive integers count as equal. r is the larger of 0.15 and 0.35 n^(-1/k) for n failures with this predicate and k axes. In
-/// a space of more than two axes, an axis matters if the failures are distributed differently along it than `others`, the
-/// simulations that do not fail: two-sample Kolmogorov-Smirnov test, p < 0.05 after Holm's correction. If no axis matters,
-/// predicate and time alone decide.
+/// Two failures with the same predicate are neighbors if the instants at which they become final
+/// differ by at most 15 % of an episode, and their scenarios by at most r: the root mean square
+/// over the axes that matter, as a fraction of their widths; two successive integers count as
+/// equal. r is the larger of 0.15 and 0.35 n^(-1/k) for n failures with this predicate and k axes.
+/// In a space of more than two axes, an axis matters if the failures are distributed differently
+/// along it than `others`, the simulations that do not fail: two-sample Kolmogorov-Smirnov test, p
+/// < 0.05 after Holm's correction. If no axis matters, predicate and time alone decide.
 pub fn group_failures(
     failures: &[FailurePoint],
     others: &[UnitScenario],
@@ -112,7 +118,8 @@ pub(crate) fn is_same_time(a: usize, b: usize, episode_steps: usize) -> bool {
     a.abs_diff(b) as f64 <= TIME * (episode_steps as f64).max(1.0)
 }
 
-/// Returns the root mean square of the differences along these axes. Two successive integers have the distance 0.
+/// Returns the root mean square of the differences along these axes. Two successive integers have
+/// the distance 0.
 pub(crate) fn distance(axes: &[Axis], chosen: &[usize], a: &UnitScenario, b: &UnitScenario) -> f64 {
     let difference = |axis: &usize| {
         let apart = ((a[*axis])? - (b[*axis])?).abs();
@@ -133,7 +140,8 @@ pub(crate) fn reach(n: usize, k: usize) -> f64 {
     }
 }
 
-/// Returns the axes along which the failures are distributed differently from the other simulations; all axes if they are few.
+/// Returns the axes along which the failures are distributed differently from the other
+/// simulations; all axes if they are few.
 pub(crate) fn axes_that_matter(
     failing: &[&UnitScenario],
     others: &[UnitScenario],
@@ -150,7 +158,8 @@ pub(crate) fn axes_that_matter(
     (0..axes).filter(|axis| adjusted[*axis] < SIGNIFICANT).collect()
 }
 
-/// Returns the connected components of `n` vertices, each sorted, in the order of their first vertex.
+/// Returns the connected components of `n` vertices, each sorted, in the order of their first
+/// vertex.
 fn connected(n: usize, are_neighbors: impl Fn(usize, usize) -> bool) -> Vec<Vec<usize>> {
     let mut component = vec![None; n];
     let mut components: Vec<Vec<usize>> = Vec::new();

@@ -5,8 +5,8 @@ use mishandle_rollout::{Episode, EpisodeEnd, Scenario, Seed};
 
 use crate::TrialEnd;
 
-/// The simulation of a trial with the minimum robustness, the earliest of equals. It is a counterexample if the trial was
-/// falsified.
+/// The simulation of a trial with the minimum robustness, the earliest of equals. It is a
+/// counterexample if the trial was falsified.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Minimum {
     /// Robustness.
@@ -19,8 +19,8 @@ pub struct Minimum {
     pub number: u32,
 }
 
-/// A simulation without a verdict, because it failed, or the formula, the controller or the environment returned a value
-/// that is not finite.
+/// A simulation without a verdict, because it failed, or the formula, the controller or the
+/// environment returned a value that is not finite.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Unevaluated {
     /// Number of the simulation in the trial, from 1.
@@ -44,8 +44,9 @@ pub struct TrialOutcome {
     pub end: Option<TrialEnd>,
     /// Number of simulations. The falsifying one is the last, unless the trial keeps going.
     pub simulations: u32,
-    /// Number of these that only another physics engine ran: see [`Falsification::run_screened`](crate::Falsification::run_screened). They
-    /// decide where the search looks, and nothing else.
+    /// Number of these that only another physics engine ran: see
+    /// [`Falsification::run_screened`](crate::Falsification::run_screened). They decide where the
+    /// search looks, and nothing else.
     pub screened: u32,
     /// Number of control steps of all other simulations.
     pub control_steps: u64,
@@ -53,7 +54,8 @@ pub struct TrialOutcome {
     pub first_violation: Option<u32>,
     /// Number of diverged simulations.
     pub diverged: u32,
-    /// Number of simulations that ended because the controller or the environment returned a value that is not finite.
+    /// Number of simulations that ended because the controller or the environment returned a value
+    /// that is not finite.
     pub invalid: u32,
     /// Number of simulations that could not start, crashed or took too long.
     pub failed: u32,
@@ -142,16 +144,20 @@ pub struct FalsificationOutcome {
     pub trials: Vec<TrialOutcome>,
     /// Number of falsified trials.
     pub falsified_trials: u32,
-    /// Falsification rate: fraction of falsified trials among the ended trials, with its Wilson interval.
+    /// Falsification rate: fraction of falsified trials among the ended trials, with its Wilson
+    /// interval.
     pub falsification_rate: Estimate,
-    /// Mean number of simulations over the falsified trials; `None` without falsified trials. It does not depend on the
-    /// number of trials without a violation, unlike the median and the restricted mean.
+    /// Mean number of simulations over the falsified trials; `None` without falsified trials. It
+    /// does not depend on the number of trials without a violation, unlike the median and the
+    /// restricted mean.
     pub mean_simulations: Option<f64>,
-    /// Median number of simulations to the first violation: the smallest number by which at least half of the trials have
-    /// found one. `None` if fewer than half did, or if a trial was interrupted.
+    /// Median number of simulations to the first violation: the smallest number by which at least
+    /// half of the trials have found one. `None` if fewer than half did, or if a trial was
+    /// interrupted.
     pub median_simulations: Option<u32>,
-    /// Restricted mean number of simulations to the first violation: a trial without one counts as the whole budget, also
-    /// if its search ended by its own criterion. `None` if a trial was interrupted.
+    /// Restricted mean number of simulations to the first violation: a trial without one counts as
+    /// the whole budget, also if its search ended by its own criterion. `None` if a trial was
+    /// interrupted.
     pub restricted_mean_simulations: Option<f64>,
     /// Number of simulations of all trials.
     pub simulations: u64,
@@ -161,7 +167,8 @@ pub struct FalsificationOutcome {
     pub control_steps: u64,
     /// Number of diverged simulations.
     pub diverged: u64,
-    /// Number of simulations that ended because the controller or the environment returned a value that is not finite.
+    /// Number of simulations that ended because the controller or the environment returned a value
+    /// that is not finite.
     pub invalid: u64,
     /// Number of simulations that could not start, crashed or took too long.
     pub failed: u64,
@@ -169,14 +176,15 @@ pub struct FalsificationOutcome {
     pub undecided: u64,
     /// Number of undecided simulations without a finite value of the formula.
     pub undefined: u64,
-    /// Number of surplus simulations, which belong to no trial: in their batch they follow the end of their trial or its search.
+    /// Number of surplus simulations, which belong to no trial: in their batch they follow the end
+    /// of their trial or its search.
     pub surplus: u64,
 }
 
 impl FalsificationOutcome {
-    /// Returns the [`bound_without_failures`] of the failure rate. It holds if the simulations are independent random samples.
-    /// `None` with a failure, with a simulation without a verdict or one that only another physics engine ran, or if a trial was
-    /// interrupted.
+    /// Returns the [`bound_without_failures`] of the failure rate. It holds if the simulations are
+    /// independent random samples. `None` with a failure, with a simulation without a verdict or
+    /// one that only another physics engine ran, or if a trial was interrupted.
     pub fn failure_rate_bound(&self) -> Option<f64> {
         let without_verdict = self.screened + self.diverged + self.invalid + self.failed + self.undecided;
         let is_complete = self.trials.iter().all(|trial| trial.end.is_some());
@@ -190,7 +198,8 @@ impl FalsificationOutcome {
         let ended = trials.iter().filter(|trial| trial.end.is_some()).count() as u64;
         let total =
             |count: fn(&TrialOutcome) -> u32| trials.iter().map(|trial| u64::from(count(trial))).sum();
-        // A trial that keeps going is interrupted after its first violation; it does not count before it ends.
+        // A trial that keeps going is interrupted after its first violation; it does not count
+        // before it ends.
         let falsified = || trials.iter().filter(|trial| trial.end.is_some() && trial.falsified());
         let falsified_trials = falsified().count() as u32;
         let spent: u64 = falsified().filter_map(|trial| trial.first_violation).map(u64::from).sum();
@@ -219,10 +228,11 @@ impl FalsificationOutcome {
     }
 }
 
-/// Returns the smallest number of simulations by which at least half of `trials` trials are falsified.
+/// Returns the smallest number of simulations by which at least half of `trials` trials are
+/// falsified.
 ///
-/// `simulations` contains the numbers of the falsified trials. The function counts trials, because a Kaplan-Meier product
-/// of fractions has rounding errors at one half.
+/// `simulations` contains the numbers of the falsified trials. The function counts trials, because
+/// a Kaplan-Meier product of fractions has rounding errors at one half.
 fn median(simulations: impl Iterator<Item = u32>, trials: usize) -> Option<u32> {
     let mut simulations: Vec<u32> = simulations.collect();
     simulations.sort_unstable();
@@ -282,8 +292,9 @@ mod tests {
         assert_eq!((outcome.median_simulations, outcome.restricted_mean_simulations), (None, None));
     }
 
-    /// Of 30 trials that are falsified after 1 to 30 simulations, half are falsified by simulation 15. The product of the
-    /// rounded fractions 29/30 * 28/29 * ... is above one half there.
+    /// Of 30 trials that are falsified after 1 to 30 simulations, half are falsified by
+    /// simulation 15. The product of the rounded fractions 29/30 * 28/29 * ... is above one half
+    /// there.
     #[test]
     fn the_median_counts_trials_without_rounding_errors() {
         for trials in 1..=60 {

@@ -11,7 +11,8 @@ use crate::FalsificationError;
 /// Number of simulations per batch of repeats, of a minimization and of a margin.
 pub(crate) const BATCH: usize = 64;
 
-/// A scenario that is simulated with other random seeds. It decides how often that is done by default, everywhere.
+/// A scenario that is simulated with other random seeds. It decides how often that is done by
+/// default, everywhere.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Repeated {
     /// A counterexample of a search, a minimized one, or the witness of a margin.
@@ -25,8 +26,8 @@ pub enum Repeated {
 }
 
 impl Repeated {
-    /// Fewest simulations of a counterexample with other seeds, unless fewer are requested. Fewer say little: of 20, none fails with
-    /// a probability of 36 % if 5 % do.
+    /// Fewest simulations of a counterexample with other seeds, unless fewer are requested. Fewer
+    /// say little: of 20, none fails with a probability of 36 % if 5 % do.
     pub const FEWEST: u64 = 20;
 
     /// Default number of random scenarios that measure how much of the variance is noise.
@@ -42,8 +43,9 @@ impl Repeated {
         }
     }
 
-    /// Returns the number of simulations of each of several counterexamples of a run: `requested`, but in total at most as often as
-    /// the run has simulations, and each at least [`FEWEST`](Self::FEWEST) times.
+    /// Returns the number of simulations of each of several counterexamples of a run: `requested`,
+    /// but in total at most as often as the run has simulations, and each at least
+    /// [`FEWEST`](Self::FEWEST) times.
     ///
     /// # Example
     /// ```
@@ -58,14 +60,14 @@ impl Repeated {
     }
 }
 
-/// Returns `n` seeds for repeated simulations: children of `seed`. `seed` itself is not among them, so the counterexample of a
-/// search, whose seed was selected, is not one of its own repeats.
+/// Returns `n` seeds for repeated simulations: children of `seed`. `seed` itself is not among them,
+/// so the counterexample of a search, whose seed was selected, is not one of its own repeats.
 pub fn repeat_seeds(seed: Seed, n: u64) -> impl Iterator<Item = Seed> {
     (0..n).map(move |index| seed.child(index))
 }
 
-/// Simulates `scenario` once per seed and calls `watch` with each episode. It can end the repeats: the report then has those of the
-/// batches so far.
+/// Simulates `scenario` once per seed and calls `watch` with each episode. It can end the repeats:
+/// the report then has those of the batches so far.
 ///
 /// # Errors
 /// If the scenario is not in the space of the system, or a simulation cannot be run.
@@ -91,8 +93,9 @@ pub fn repeat(
     }
 }
 
-/// Measures how much of the variance of the robustness comes from the scenario and how much from noise: simulates random
-/// scenarios of the space, each of them `repeats` times. Returns `None` if `watch` ends the measurement.
+/// Measures how much of the variance of the robustness comes from the scenario and how much from
+/// noise: simulates random scenarios of the space, each of them `repeats` times. Returns `None` if
+/// `watch` ends the measurement.
 ///
 /// # Errors
 /// If a simulation cannot be run.

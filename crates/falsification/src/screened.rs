@@ -1,4 +1,5 @@
-//! Campaigns whose simulations another physics engine runs first. The system repeats those that count.
+//! Campaigns whose simulations another physics engine runs first. The system repeats those that
+//! count.
 
 use std::ops::ControlFlow;
 use std::sync::Mutex;
@@ -25,7 +26,8 @@ pub struct ScreenedCounts {
     pub without_verdict: Confirmed,
     /// Number of these in which the other engine had too little memory for contacts or constraints.
     pub overflows: u64,
-    /// Simulations without a violation, but with a lower robustness there than all earlier ones of the trial.
+    /// Simulations without a violation, but with a lower robustness there than all earlier ones of
+    /// the trial.
     pub minima: Confirmed,
     /// Audit sample.
     pub sampled: Confirmed,
@@ -93,16 +95,18 @@ impl ScreenedCounts {
 impl Falsification<'_> {
     /// Runs all trials to their ends as [`run`](Self::run), but on another physics engine.
     ///
-    /// `system` repeats each simulation that violates the requirement there, has no verdict there, or has a lower robustness there
-    /// than all earlier ones of its trial, and each other one with the probability `sample_rate`. A search observes the result of
-    /// the system where there is one, and otherwise that of the other engine. Only the system's simulations end a trial or become
-    /// its minimum.
+    /// `system` repeats each simulation that violates the requirement there, has no verdict there,
+    /// or has a lower robustness there than all earlier ones of its trial, and each other one with
+    /// the probability `sample_rate`. A search observes the result of the system where there is
+    /// one, and otherwise that of the other engine. Only the system's simulations end a trial or
+    /// become its minimum.
     ///
-    /// `watch` gets the outcome so far now and then. If it breaks, the simulations of the present batch are lost.
+    /// `watch` gets the outcome so far now and then. If it breaks, the simulations of the present
+    /// batch are lost.
     ///
     /// # Errors
-    /// As [`run`](Self::run), if the other engine fails, and [`FalsificationError::ScreenedModes`] if the trials
-    /// [keep going](Self::keep_going).
+    /// As [`run`](Self::run), if the other engine fails, and [`FalsificationError::ScreenedModes`]
+    /// if the trials [keep going](Self::keep_going).
     pub fn run_screened(
         &mut self,
         screening: &mut dyn Screen,
@@ -143,7 +147,8 @@ impl Falsification<'_> {
     }
 }
 
-/// Returns why the system repeats each simulation; `None` if it does not. `lowest` contains the minimum of each trial.
+/// Returns why the system repeats each simulation; `None` if it does not. `lowest` contains the
+/// minimum of each trial.
 fn reasons(
     requests: &[Request],
     outcomes: &[ScreenedEpisode],

@@ -16,26 +16,29 @@ pub type SearchFactory<'a> = dyn Fn(u64) -> Result<Box<dyn Search>, SearchError>
 pub enum TrialEnd {
     /// The last simulation has a robustness below 0.
     Falsified,
-    /// The budget was spent. Only a trial that [keeps going](Trial::keep_going) can have found a violation.
+    /// The budget was spent. Only a trial that [keeps going](Trial::keep_going) can have found a
+    /// violation.
     BudgetSpent,
-    /// The search ended by its own criterion before the budget was spent. Only a trial that [keeps going](Trial::keep_going)
-    /// can have found a violation.
+    /// The search ended by its own criterion before the budget was spent. Only a trial that [keeps
+    /// going](Trial::keep_going) can have found a violation.
     SearchEnded(SearchEnd),
-    /// New failure modes became rarer than the settings of a trial that [keeps going](Trial::keep_going) require.
+    /// New failure modes became rarer than the settings of a trial that [keeps
+    /// going](Trial::keep_going) require.
     ModesDriedUp,
 }
 
-/// One seeded search. It ends at the first robustness below 0, when its budget of simulations is spent, or when the search
-/// ends by its own criterion.
+/// One seeded search. It ends at the first robustness below 0, when its budget of simulations is
+/// spent, or when the search ends by its own criterion.
 ///
-/// The search has the seed child 0 of the trial's seed, and simulation m, counted from 1, has child m. A violation in
-/// simulation m counts as m simulations. A trial stores the minimum robustness but no history, unless it
-/// [keeps going](Self::keep_going).
+/// The search has the seed child 0 of the trial's seed, and simulation m, counted from 1, has child
+/// m. A violation in simulation m counts as m simulations. A trial stores the minimum robustness
+/// but no history, unless it [keeps going](Self::keep_going).
 ///
-/// The search observes +∞, the worst value, for a simulation that diverged, was stopped with the formula undecided, or has
-/// no finite value of the formula, because none of them is a counterexample. All of them count against the budget. A
-/// complete episode that leaves the formula undecided is an error: the formula is longer than the episode, so no
-/// simulation could have a robustness.
+/// The search observes +∞, the worst value, for a simulation that diverged, was stopped with the
+/// formula undecided, or has no finite value of the formula, because none of them is a
+/// counterexample. All of them count against the budget. A complete episode that leaves the formula
+/// undecided is an error: the formula is longer than the episode, so no simulation could have a
+/// robustness.
 pub struct Trial<'a> {
     make: Rc<SearchFactory<'a>>,
     search: Box<dyn Search>,
@@ -83,16 +86,18 @@ impl<'a> Trial<'a> {
         })
     }
 
-    /// Lets simulations end as soon as the search does not need the rest: see [`Search::stop_threshold`].
+    /// Lets simulations end as soon as the search does not need the rest: see
+    /// [`Search::stop_threshold`].
     pub fn with_early_stopping(mut self, stops_early: bool) -> Trial<'a> {
         self.stops_early = stops_early;
         self
     }
 
-    /// Continues after the first violation: until the budget is spent, or new failure modes dry up. The search is steered away
-    /// from known failures. After a failure, and if the search ends or finds none for a while, another one continues, with child k
-    /// of the seed of the first one, for k = 1, 2, ...; but a search that
-    /// [keeps exploring](Search::keeps_exploring) is not replaced.
+    /// Continues after the first violation: until the budget is spent, or new failure modes dry up.
+    /// The search is steered away from known failures. After a failure, and if the search ends or
+    /// finds none for a while, another one continues, with child k of the seed of the first one,
+    /// for k = 1, 2, ...; but a search that [keeps exploring](Search::keeps_exploring) is not
+    /// replaced.
     pub fn keep_going(mut self, settings: KeepGoing<'a>) -> Trial<'a> {
         self.archive = Some(Archive::new(settings, self.space.clone()));
         self
@@ -105,9 +110,10 @@ impl<'a> Trial<'a> {
 
     /// Returns the next simulations to run, at most `n`. The list is empty if the trial has ended.
     ///
-    /// The list is longer than 1 only if the search can propose points before it observes the first of them. Its length
-    /// is at most one more than the number of completed simulations of the search. Simulations after a violation are surplus, so
-    /// this limit keeps the surplus below the cost of the trial.
+    /// The list is longer than 1 only if the search can propose points before it observes the first
+    /// of them. Its length is at most one more than the number of completed simulations of the
+    /// search. Simulations after a violation are surplus, so this limit keeps the surplus below the
+    /// cost of the trial.
     ///
     /// # Errors
     /// [`FalsificationError::Stalled`] if the search proposes no point and has not ended.
@@ -172,8 +178,9 @@ impl<'a> Trial<'a> {
         Ok(())
     }
 
-    /// Adds the result of another physics engine for the first request without an episode: a robustness of at least 0. The search
-    /// observes it, but it is not evidence: it cannot become the minimum of the trial.
+    /// Adds the result of another physics engine for the first request without an episode: a
+    /// robustness of at least 0. The search observes it, but it is not evidence: it cannot become
+    /// the minimum of the trial.
     ///
     /// # Errors
     /// [`FalsificationError::Search`] if the search rejects the observation.
@@ -188,12 +195,14 @@ impl<'a> Trial<'a> {
         Ok(())
     }
 
-    /// Returns whether the requests that have no episode yet are void, because the search that proposed them was replaced.
+    /// Returns whether the requests that have no episode yet are void, because the search that
+    /// proposed them was replaced.
     pub(crate) fn is_stale(&self) -> bool {
         self.is_stale
     }
 
-    /// Returns the end of the trial after an observation. Replaces the search if the trial continues without it.
+    /// Returns the end of the trial after an observation. Replaces the search if the trial
+    /// continues without it.
     fn end(&mut self) -> Result<Option<TrialEnd>, FalsificationError> {
         if self.archive.is_none() && self.outcome.falsified() {
             return Ok(Some(TrialEnd::Falsified));
@@ -221,7 +230,8 @@ impl<'a> Trial<'a> {
         })
     }
 
-    /// Replaces the search if it has ended and another one could find something. Returns whether it did.
+    /// Replaces the search if it has ended and another one could find something. Returns whether it
+    /// did.
     fn replace_ended_search(&mut self) -> Result<bool, FalsificationError> {
         let is_over = self.search.finished().is_some();
         let must = is_over && self.replacing_archive().is_some_and(Archive::has_failures);

@@ -92,8 +92,8 @@ fn shifted_line(request: &Request) -> SimulatedEnd {
     }
 }
 
-/// Checks the end, number of simulations, minimum, and numbers of diverged and undecided simulations of one trial that
-/// walks through `points`.
+/// Checks the end, number of simulations, minimum, and numbers of diverged and undecided
+/// simulations of one trial that walks through `points`.
 #[track_caller]
 fn check(points: &[f64], budget: u32, expected: (TrialEnd, u32, Option<f64>, u32, u32)) {
     for batch_size in [1, 2, 100] {
@@ -120,7 +120,8 @@ fn trials_end_at_a_violation_the_budget_or_the_end_of_the_search() {
     check(&[0.5, 0.7], 9, (converged, 2, Some(3.0), 0, 0));
     // A robustness of 0 is not a violation.
     check(&[0.2], 9, (converged, 1, Some(0.0), 0, 0));
-    // Diverged and undecided simulations count against the budget, but are neither violations nor the minimum.
+    // Diverged and undecided simulations count against the budget, but are neither violations nor
+    // the minimum.
     check(&[0.95, 0.85, 0.5, 1.0], 9, (converged, 4, Some(3.0), 2, 1));
     check(&[0.95, 0.85], 9, (converged, 2, None, 1, 1));
 }

@@ -1,4 +1,5 @@
-//! Invariants of trials that continue after their first violation, on a toy with six known failure modes.
+//! Invariants of trials that continue after their first violation, on a toy with six known failure
+//! modes.
 #![allow(clippy::unwrap_used, reason = "a test may panic")]
 
 use std::collections::BTreeSet;
@@ -187,7 +188,8 @@ fn a_record_of_a_violation_without_a_trace_is_an_error() {
     assert!(error.to_string().contains("violates the requirement but has no recorded trace"), "{error}");
 }
 
-/// At 0.2 % of the square, the smallest pit is missed by 1,000 random points with a probability of 14 %.
+/// At 0.2 % of the square, the smallest pit is missed by 1,000 random points with a probability of
+/// 14 %.
 #[test]
 fn all_six_pits_are_found() {
     let mut setup = setup("toy/pits");
@@ -209,7 +211,8 @@ fn a_known_failing_patch_takes_few_of_the_simulations() {
 
 #[test]
 fn the_stopping_rule_ends_with_one_mode_and_seldom_misses_one_of_six() {
-    // With one mode, a trial ends 368 simulations after the first violation, or after failures at the edge of the patch.
+    // With one mode, a trial ends 368 simulations after the first violation, or after failures at
+    // the edge of the patch.
     let mut sphere = setup("toy/sphere-2d");
     let (outcome, _) = whole("turbo", &mut sphere, settings(20, 1500, 1), 0.01);
     let wait = simulations_without_mode(1, 0.01).unwrap();
@@ -217,8 +220,9 @@ fn the_stopping_rule_ends_with_one_mode_and_seldom_misses_one_of_six() {
         assert_eq!(trial.end, Some(TrialEnd::ModesDriedUp));
         assert_eq!(trial.simulations, trial.first_violation.unwrap() + wait);
     }
-    // At the end, one in 500 random points is in the smallest pit, so a rate of 0.01 does not wait for it: a trial may end
-    // with five modes. It must not end with fewer, except in 5 % of the trials; 3 of 20 or more have a probability of 8 % then.
+    // At the end, one in 500 random points is in the smallest pit, so a rate of 0.01 does not wait
+    // for it: a trial may end with five modes. It must not end with fewer, except in 5 % of the
+    // trials; 3 of 20 or more have a probability of 8 % then.
     let mut pits_setup = setup("toy/pits");
     let (_, rows) = whole("turbo", &mut pits_setup, settings(20, 3000, 1), 0.01);
     let early = (1..=20).filter(|trial| pits(&rows, *trial).len() < 5).count();

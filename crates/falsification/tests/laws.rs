@@ -42,8 +42,9 @@ fn space() -> Space {
     Space::new("starts", vec![Axis::start("x", "m", -1.0, 3.0), Axis::start("y", "m", 0.2, 0.5)]).unwrap()
 }
 
-/// A smooth bowl above 0 for small x, in which a local search converges. Elsewhere a noisy cone with a violation around
-/// (2, 0.4); the seed of the simulation determines the noise, divergence and early stops.
+/// A smooth bowl above 0 for small x, in which a local search converges. Elsewhere a noisy cone
+/// with a violation around (2, 0.4); the seed of the simulation determines the noise, divergence
+/// and early stops.
 fn simulated_end(request: &Request) -> SimulatedEnd {
     let [x, y] = [0, 1].map(|i| request.scenario.get(i).unwrap());
     let (x, y) = ((x - 2.0) / 4.0, (y - 0.4) / 0.3);
@@ -68,8 +69,8 @@ fn falsification(search: &'static str, trials: u32, budget: u32, batch: usize) -
     Falsification::new(settings, &space(), make).unwrap()
 }
 
-/// Runs the falsification for at least `limit` simulations and adds them to `rows`. The returned outcome has no surplus, which
-/// depends on the batch size.
+/// Runs the falsification for at least `limit` simulations and adds them to `rows`. The returned
+/// outcome has no surplus, which depends on the batch size.
 fn run(
     falsification: &mut Falsification<'_>,
     system: &mut dyn System,

@@ -8,9 +8,9 @@ use crate::regular_file::not_regular;
 
 /// A file that appears at its path only when it is complete.
 ///
-/// The bytes go to a temporary file in the same folder. [`persist`](Self::persist) syncs it to the disk and renames
-/// it. If the value is dropped before, the temporary file is removed. A process that is killed leaves a file
-/// `.mishandle-*.part` behind, which nothing reads.
+/// The bytes go to a temporary file in the same folder. [`persist`](Self::persist) syncs it to the
+/// disk and renames it. If the value is dropped before, the temporary file is removed. A process
+/// that is killed leaves a file `.mishandle-*.part` behind, which nothing reads.
 ///
 /// # Example
 /// ```
@@ -41,7 +41,8 @@ impl AtomicFile {
     /// Creates a file for `path`, which must not exist yet.
     ///
     /// # Errors
-    /// `AlreadyExists` if it does, `NotFound` if its folder does not exist, or any other error of the system.
+    /// `AlreadyExists` if it does, `NotFound` if its folder does not exist, or any other error of
+    /// the system.
     pub fn create_new(path: &Path) -> io::Result<AtomicFile> {
         if path.symlink_metadata().is_ok() {
             return Err(ErrorKind::AlreadyExists.into());
@@ -51,12 +52,12 @@ impl AtomicFile {
 
     /// Creates a file for `path`, which replaces an existing file.
     ///
-    /// The new file has the permissions of the old one, and belongs to the user of the process. A symbolic link is replaced
-    /// by the file; its target is unchanged.
+    /// The new file has the permissions of the old one, and belongs to the user of the process. A
+    /// symbolic link is replaced by the file; its target is unchanged.
     ///
     /// # Errors
-    /// `NotFound` if its folder does not exist, `IsADirectory` or `InvalidInput` if there is a directory, a FIFO, a socket
-    /// or a device, or any other error of the system.
+    /// `NotFound` if its folder does not exist, `IsADirectory` or `InvalidInput` if there is a
+    /// directory, a FIFO, a socket or a device, or any other error of the system.
     pub fn replace(path: &Path) -> io::Result<AtomicFile> {
         let old = match path.symlink_metadata() {
             Ok(old) if !old.is_file() && !old.is_symlink() => return Err(not_regular(&old)),
@@ -65,7 +66,8 @@ impl AtomicFile {
         AtomicFile::create(path, Some(old))
     }
 
-    /// `replaced` is `None` for a file that must not exist, otherwise the metadata of the file at the path, if there is one.
+    /// `replaced` is `None` for a file that must not exist, otherwise the metadata of the file at
+    /// the path, if there is one.
     fn create(path: &Path, replaced: Option<Option<Metadata>>) -> io::Result<AtomicFile> {
         let replaces = replaced.is_some();
         let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
@@ -77,8 +79,8 @@ impl AtomicFile {
             use std::os::unix::fs::PermissionsExt;
             // Without the bits that run a program as its owner.
             permissions = permissions.map(|old| Permissions::from_mode(old.mode() & 0o777));
-            // The usual permissions of a new file; the process's umask is subtracted. A replaced private file is private from
-            // the start, but this process can write it.
+            // The usual permissions of a new file; the process's umask is subtracted. A replaced
+            // private file is private from the start, but this process can write it.
             let mode = permissions.as_ref().map_or(0o666, |old| old.mode() | 0o600);
             builder.permissions(Permissions::from_mode(mode));
         }
@@ -95,7 +97,8 @@ impl AtomicFile {
     /// Syncs the file to the disk and renames it to its path.
     ///
     /// # Errors
-    /// Any error of the system. The temporary file is then removed, and an old file at the path is unchanged.
+    /// Any error of the system. The temporary file is then removed, and an old file at the path is
+    /// unchanged.
     pub fn persist(self) -> io::Result<()> {
         if let Some(permissions) = self.permissions {
             self.temporary.as_file().set_permissions(permissions)?;
@@ -119,7 +122,8 @@ impl Write for AtomicFile {
     }
 }
 
-/// Writes a file, replacing an existing one: a reader finds the old bytes or the new ones, even after a crash.
+/// Writes a file, replacing an existing one: a reader finds the old bytes or the new ones, even
+/// after a crash.
 ///
 /// # Errors
 /// Any error of the system. An old file is then unchanged, and no temporary file is left.

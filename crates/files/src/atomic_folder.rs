@@ -5,9 +5,9 @@ use tempfile::{Builder, TempDir};
 
 /// A folder that appears at its path only when it is complete.
 ///
-/// Its files are written to a temporary folder beside it, which [`persist`](Self::persist) renames. If the value is dropped
-/// before, the temporary folder is removed. A process that is killed leaves a folder `.mishandle-*.part` behind, which nothing
-/// reads.
+/// Its files are written to a temporary folder beside it, which [`persist`](Self::persist) renames.
+/// If the value is dropped before, the temporary folder is removed. A process that is killed leaves
+/// a folder `.mishandle-*.part` behind, which nothing reads.
 #[derive(Debug)]
 pub struct AtomicFolder {
     temporary: TempDir,
@@ -18,7 +18,8 @@ impl AtomicFolder {
     /// Creates a folder for `path`, which must not exist yet.
     ///
     /// # Errors
-    /// `AlreadyExists` if it does, `NotFound` if the folder around it does not exist, or any other error of the system.
+    /// `AlreadyExists` if it does, `NotFound` if the folder around it does not exist, or any other
+    /// error of the system.
     pub fn create_new(path: &Path) -> io::Result<AtomicFolder> {
         if path.symlink_metadata().is_ok() {
             return Err(ErrorKind::AlreadyExists.into());
@@ -45,7 +46,8 @@ impl AtomicFolder {
     /// Renames the folder to its path.
     ///
     /// # Errors
-    /// Any error of the system, such as a folder with files at the path. The temporary folder is then removed.
+    /// Any error of the system, such as a folder with files at the path. The temporary folder is
+    /// then removed.
     pub fn persist(self) -> io::Result<()> {
         std::fs::rename(self.temporary.path(), &self.path)?;
         // There is nothing to remove any more.

@@ -6,7 +6,8 @@ use crate::regular_file::{flags, open_regular};
 
 /// An exclusive lock on a lock file, held until this value is dropped.
 ///
-/// The operating system releases the lock when a process is killed. The remaining file does not block other processes.
+/// The operating system releases the lock when a process is killed. The remaining file does not
+/// block other processes.
 #[derive(Debug)]
 pub struct FileLock {
     path: PathBuf,
@@ -19,7 +20,8 @@ impl FileLock {
     /// The lock file is never truncated, and a symbolic link at `path` is not followed.
     ///
     /// # Errors
-    /// `InvalidInput` if there is something else than a regular file, or if the file cannot be created or locked.
+    /// `InvalidInput` if there is something else than a regular file, or if the file cannot be
+    /// created or locked.
     pub fn try_acquire(path: &Path) -> io::Result<Option<FileLock>> {
         loop {
             let mut options = OpenOptions::new();
@@ -30,7 +32,8 @@ impl FileLock {
                 Err(TryLockError::WouldBlock) => return Ok(None),
                 Err(TryLockError::Error(source)) => return Err(source),
             }
-            // The previous owner may have removed the file after we opened it. Then the lock has no effect.
+            // The previous owner may have removed the file after we opened it. Then the lock has no
+            // effect.
             if is_at(&file, path) {
                 return Ok(Some(FileLock { path: path.to_path_buf(), _file: file }));
             }
@@ -91,7 +94,8 @@ mod tests {
         assert!(!path("new").exists());
         mknodat(CWD, path("c.lock"), FileType::Fifo, Mode::RUSR | Mode::WUSR, 0).unwrap();
         assert!(FileLock::try_acquire(&path("c.lock")).is_err());
-        // A hard link is a regular file: it is locked, and releasing the lock removes only this name.
+        // A hard link is a regular file: it is locked, and releasing the lock removes only this
+        // name.
         std::fs::hard_link(path("target"), path("d.lock")).unwrap();
         drop(FileLock::try_acquire(&path("d.lock")).unwrap().unwrap());
         assert!(!path("d.lock").exists());

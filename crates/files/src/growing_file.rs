@@ -6,8 +6,8 @@ use crate::regular_file::{flags, open_regular};
 
 /// A file to which complete records are appended.
 ///
-/// A full disk never leaves a partial record: a record that could not be written is kept in memory and written before
-/// the next one.
+/// A full disk never leaves a partial record: a record that could not be written is kept in memory
+/// and written before the next one.
 #[derive(Debug)]
 pub struct GrowingFile {
     path: PathBuf,
@@ -24,8 +24,8 @@ impl GrowingFile {
     /// Creates a file, which must not exist yet, and writes its first record.
     ///
     /// # Errors
-    /// `AlreadyExists` if the file exists, or any other error of the operating system. If the first record cannot be
-    /// written, the file is removed.
+    /// `AlreadyExists` if the file exists, or any other error of the operating system. If the first
+    /// record cannot be written, the file is removed.
     pub fn create(path: PathBuf, first: &[u8]) -> io::Result<GrowingFile> {
         let file = File::create_new(&path)?;
         let mut created = GrowingFile { path, file, length: 0, pending: Vec::new(), is_new: true };
@@ -38,10 +38,12 @@ impl GrowingFile {
         }
     }
 
-    /// Opens an existing file and continues after its first `length` bytes. A symbolic link is not followed.
+    /// Opens an existing file and continues after its first `length` bytes. A symbolic link is not
+    /// followed.
     ///
     /// # Errors
-    /// `InvalidInput` if the file is not a regular file, or any other error of the operating system.
+    /// `InvalidInput` if the file is not a regular file, or any other error of the operating
+    /// system.
     pub fn open(path: PathBuf, length: u64) -> io::Result<GrowingFile> {
         let file = open_regular(File::options().write(true), &path, flags::NOFOLLOW)?;
         Ok(GrowingFile { path, file, length, pending: Vec::new(), is_new: false })
@@ -82,7 +84,8 @@ impl GrowingFile {
         self.file.set_len(self.length)?;
         self.file.seek(SeekFrom::Start(self.length))?;
         self.file.write_all(&self.pending).inspect_err(|_| {
-            // Removes the partial record at once, so that no reader sees it. The next write would remove it, too.
+            // Removes the partial record at once, so that no reader sees it. The next write would
+            // remove it, too.
             let _ = self.file.set_len(self.length);
         })?;
         self.length += self.pending.len() as u64;

@@ -1,16 +1,17 @@
-//! Files that survive a crash: complete or absent, locked by one process, or growing by whole records. Untrusted files:
-//! regular and of bounded size.
+//! Files that survive a crash: complete or absent, locked by one process, or growing by whole
+//! records. Untrusted files: regular and of bounded size.
 //!
 //! - [`read_bounded`] and [`read_text_bounded`]: read a regular file up to one of the [`limits`].
-//! - [`AtomicFile`] and [`write_atomically`]: a reader finds the old bytes or the new bytes, never a part of them.
+//! - [`AtomicFile`] and [`write_atomically`]: a reader finds the old bytes or the new bytes, never
+//!   a part of them.
 //! - [`AtomicFolder`]: the same for a folder with its files.
 //! - [`FileLock`]: one process at a time.
 //! - [`GrowingFile`]: appends whole records, also after a full disk.
 //! - [`is_same_file`]: two names of one file.
 //! - [`NewFolders`]: removes the folders it created if nothing was written into them.
 //!
-//! No file is written through a symbolic link: new files are created exclusively, replaced ones are renamed over, locked and
-//! growing ones are opened without following links.
+//! No file is written through a symbolic link: new files are created exclusively, replaced ones are
+//! renamed over, locked and growing ones are opened without following links.
 
 mod atomic_file;
 mod atomic_folder;

@@ -24,7 +24,8 @@ pub const SETTINGS: u64 = MIB / 8;
 /// Controllers: a policy of 67 million parameters. Records and pages of the controller zoo.
 pub const CONTROLLER: u64 = 256 * MIB;
 
-/// ONNX models: a policy of 16 million parameters. A model is in memory up to four times while it is checked.
+/// ONNX models: a policy of 16 million parameters. A model is in memory up to four times while it
+/// is checked.
 pub const ONNX: u64 = 64 * MIB;
 
 /// Checkpoints, whose largest part is a replay buffer.

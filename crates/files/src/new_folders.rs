@@ -1,7 +1,8 @@
 use std::io;
 use std::path::{Path, PathBuf};
 
-/// Folders created for output files. Folders that are still empty are removed when this value is dropped.
+/// Folders created for output files. Folders that are still empty are removed when this value is
+/// dropped.
 #[derive(Debug, Default)]
 pub struct NewFolders {
     /// Outer ones first.

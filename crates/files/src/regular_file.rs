@@ -2,14 +2,16 @@ use std::fs::{File, FileType, Metadata, OpenOptions};
 use std::io::{self, Error, ErrorKind, Read};
 use std::path::Path;
 
-/// Reads a regular file of at most `limit` bytes; [`limits`](crate::limits) has the limits of this program.
+/// Reads a regular file of at most `limit` bytes; [`limits`](crate::limits) has the limits of this
+/// program.
 ///
-/// Symbolic links are followed. A FIFO, a device, a socket or a directory is an error, and opening one never blocks. The
-/// size is checked before memory is allocated.
+/// Symbolic links are followed. A FIFO, a device, a socket or a directory is an error, and opening
+/// one never blocks. The size is checked before memory is allocated.
 ///
 /// # Errors
-/// `IsADirectory` or `InvalidInput` if the file is not a regular file, `FileTooLarge` if it is larger than the limit,
-/// `OutOfMemory` if it does not fit into memory, or any other error of the system.
+/// `IsADirectory` or `InvalidInput` if the file is not a regular file, `FileTooLarge` if it is
+/// larger than the limit, `OutOfMemory` if it does not fit into memory, or any other error of the
+/// system.
 ///
 /// # Example
 /// ```
@@ -37,7 +39,8 @@ pub fn read_text_bounded(path: &Path, limit: u64) -> io::Result<String> {
         .map_err(|_| Error::new(ErrorKind::InvalidData, "the file is not UTF-8 text"))
 }
 
-/// Reads a file whose size was `length`. A file can grow while it is read, and files in /proc have the size 0.
+/// Reads a file whose size was `length`. A file can grow while it is read, and files in /proc have
+/// the size 0.
 fn read_at_most(file: &File, length: u64, limit: u64) -> io::Result<Vec<u8>> {
     let too_large = |size: String| {
         Error::new(ErrorKind::FileTooLarge, format!("the file has {size} bytes; the limit is {limit}"))

@@ -1,4 +1,5 @@
-//! A recurrent ONNX model against the actions of ONNX Runtime. Other models: `python/tests/test_onnx.py`.
+//! A recurrent ONNX model against the actions of ONNX Runtime. Other models:
+//! `python/tests/test_onnx.py`.
 
 #![allow(clippy::unwrap_used)]
 
@@ -150,7 +151,8 @@ fn value(number: u8, name: &str, shape: &[i64]) -> Vec<u8> {
     bytes(number, &[bytes(1, name.as_bytes()), bytes(2, &bytes(1, &tensor))].concat())
 }
 
-/// Loads a model of opset 13 with the input `o` and the output `a`, one number each, these parts of a graph, and a state.
+/// Loads a model of opset 13 with the input `o` and the output `a`, one number each, these parts of
+/// a graph, and a state.
 fn load(parts: &[Vec<u8>], state: &str) -> Result<OnnxPolicy, mishandle_interchange::OnnxProblem> {
     let graph = [parts.concat(), value(11, "o", &[1, 1]), value(12, "a", &[1, 1])].concat();
     let state = [bytes(1, b"mishandle.state"), bytes(2, state.as_bytes())].concat();

@@ -1,4 +1,5 @@
-//! Checkpoints of PyTorch: those of real libraries against the actions that the libraries computed, and hostile ones.
+//! Checkpoints of PyTorch: those of real libraries against the actions that the libraries computed,
+//! and hostile ones.
 
 #![allow(clippy::unwrap_used)]
 
@@ -198,7 +199,8 @@ fn names_and_operations_that_run_code_are_errors() {
             b"\x80\x02ctorch.nn.modules.container\nSequential\n)\x81.",
             "refers to `torch.nn.modules.container.Sequential`",
         ),
-        // The same by other operations: INST, OBJ, NEWOBJ, STACK_GLOBAL, extension codes, persistent names.
+        // The same by other operations: INST, OBJ, NEWOBJ, STACK_GLOBAL, extension codes,
+        // persistent names.
         (b"(S'ls'\nios\nsystem\n.", "operation 0x53 at byte 1"),
         (b"(ios\nsystem\n.", "operation 0x69 at byte 1"),
         (b"(o.", "operation 0x6f"),
@@ -277,7 +279,8 @@ fn layers_that_are_no_perceptron_are_listed() {
     assert!(message.contains("its layers do not form a chain; found: weight [2, 1], bias [1]"), "{message}");
 }
 
-/// The operations for a text, and for a tensor of the storage `0` with the shape and the strides on the stack.
+/// The operations for a text, and for a tensor of the storage `0` with the shape and the strides on
+/// the stack.
 fn text(text: &str) -> Vec<u8> {
     [b"X", &(text.len() as u32).to_le_bytes()[..], text.as_bytes()].concat()
 }
@@ -327,7 +330,8 @@ fn archives_that_mean_different_things_to_different_readers_are_errors() {
     let at = changed.windows(7).position(|window| window == b"weights").unwrap();
     changed[at] ^= 1;
     assert!(problem(&changed).contains("the checksum of its entry `a/data/0` is wrong"));
-    // The second entry of the directory is the first one again, which has more than half of the file.
+    // The second entry of the directory is the first one again, which has more than half of the
+    // file.
     let mut overlapping = archive(&[("a", &[0; 4000]), ("a", &[])], 0);
     let directory = 31 + 4000 + 31;
     overlapping.copy_within(directory + 16..directory + 46, directory + 47 + 16);

@@ -1,4 +1,5 @@
-//! Times of forward and backward passes, Jacobian-vector products and updates: `cargo bench -p mishandle-network`.
+//! Times of forward and backward passes, Jacobian-vector products and updates:
+//! `cargo bench -p mishandle-network`.
 #![allow(clippy::print_stdout)]
 
 use std::hint::black_box;

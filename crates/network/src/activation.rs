@@ -9,8 +9,9 @@ use crate::scalar::Scalar;
 
 /// The activation function of a layer. Every activation maps 0 to 0.
 ///
-/// The derivative of most activations is a function of their value, which a forward pass keeps. `Silu` and `Gelu` are not
-/// monotonic, so theirs is not: networks with them run, but are not trained.
+/// The derivative of most activations is a function of their value, which a forward pass keeps.
+/// `Silu` and `Gelu` are not monotonic, so theirs is not: networks with them run, but are not
+/// trained.
 ///
 /// | | y(x) | dy/dx |
 /// |---|---|---|
@@ -22,7 +23,8 @@ use crate::scalar::Scalar;
 /// | `Gelu` | x Φ(x) = x (1 + erf(x / √2)) / 2 | |
 /// | `Identity` | x | 1 |
 ///
-/// The slope of `LeakyRelu` and the exact form of `Gelu` are the defaults of PyTorch. The error of `Gelu` is below 3e-7 · max(1, |x|).
+/// The slope of `LeakyRelu` and the exact form of `Gelu` are the defaults of PyTorch. The error of
+/// `Gelu` is below 3e-7 · max(1, |x|).
 ///
 /// # Example
 /// ```
@@ -33,9 +35,10 @@ use crate::scalar::Scalar;
 /// ```
 ///
 /// # Reference
-/// `Elu`: Clevert, Unterthiner and Hochreiter, "Fast and Accurate Deep Network Learning by Exponential Linear Units
-/// (ELUs)", ICLR 2016. `Silu` and `Gelu`: Hendrycks and Gimpel, "Gaussian Error Linear Units (GELUs)", 2016. erf: Abramowitz
-/// and Stegun, "Handbook of Mathematical Functions", 1964, formula 7.1.26.
+/// `Elu`: Clevert, Unterthiner and Hochreiter, "Fast and Accurate Deep Network Learning by
+/// Exponential Linear Units (ELUs)", ICLR 2016. `Silu` and `Gelu`: Hendrycks and Gimpel, "Gaussian
+/// Error Linear Units (GELUs)", 2016. erf: Abramowitz and Stegun, "Handbook of Mathematical
+/// Functions", 1964, formula 7.1.26.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Activation {
     /// Exponential linear unit, with α = 1.
@@ -89,8 +92,8 @@ impl FromStr for Activation {
 impl Activation {
     /// Replaces each x by y(x).
     ///
-    /// Every number is written, even if it does not change: conditional writes compile to masked stores, which are
-    /// very slow on some processors. NaN stays NaN.
+    /// Every number is written, even if it does not change: conditional writes compile to masked
+    /// stores, which are very slow on some processors. NaN stays NaN.
     #[inline(always)]
     pub(crate) fn apply<T: Scalar>(self, values: &mut [Lanes<T>]) {
         match self {
@@ -117,7 +120,8 @@ impl Activation {
 
     /// Multiplies each of `factors` by dy/dx, given the activation's value in `outputs`.
     ///
-    /// The piecewise activations add f · (dy/dx − 1) to f, so that every number is written here too.
+    /// The piecewise activations add f · (dy/dx − 1) to f, so that every number is written here
+    /// too.
     #[inline(always)]
     pub(crate) fn times_derivative<T: Scalar>(self, outputs: &[Lanes<T>], factors: &mut [Lanes<T>]) {
         let at_most_zero = |y: T| if y > T::ZERO { T::ZERO } else { y };
@@ -143,7 +147,8 @@ fn silu<T: Scalar>(x: T) -> T {
     (if x < T::ZERO { x * e } else { x }) / (T::ONE + e)
 }
 
-/// Returns x Φ(x). With z = |x| / √2, erfc z = (a₁ t + … + a₅ t⁵) e^(−z²), t = 1 / (1 + p z), and Φ(−|x|) = erfc(z) / 2.
+/// Returns x Φ(x). With z = |x| / √2, erfc z = (a₁ t + … + a₅ t⁵) e^(−z²), t = 1 / (1 + p z), and
+/// Φ(−|x|) = erfc(z) / 2.
 #[inline(always)]
 fn gelu<T: Scalar>(x: T) -> T {
     const P: f64 = 0.327_591_1;

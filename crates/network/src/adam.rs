@@ -10,7 +10,8 @@ use crate::scalar::Scalar;
 /// θ ← θ − α / (1 − β₁ᵗ) · m / (√v / √(1 − β₂ᵗ) + ε)
 /// ```
 ///
-/// α is the learning rate, β₁ = 0.9, β₂ = 0.999, ε = 1e-8; t counts steps from 1. There is no weight decay.
+/// α is the learning rate, β₁ = 0.9, β₂ = 0.999, ε = 1e-8; t counts steps from 1. There is no
+/// weight decay.
 ///
 /// # Example
 /// ```
@@ -124,8 +125,8 @@ pub(crate) fn check_numbers<T: Scalar>(
 /// g ← g · min(1, max_norm / (‖g‖ + 1e-6))
 /// ```
 ///
-/// The norm is Euclidean and computed in f64. A gradient with NaN is unchanged, and its norm is NaN. This is PyTorch's
-/// `clip_grad_norm_`.
+/// The norm is Euclidean and computed in f64. A gradient with NaN is unchanged, and its norm is
+/// NaN. This is PyTorch's `clip_grad_norm_`.
 ///
 /// # Example
 /// ```
@@ -135,7 +136,8 @@ pub(crate) fn check_numbers<T: Scalar>(
 /// ```
 ///
 /// # Reference
-/// Pascanu, Mikolov and Bengio, "On the difficulty of training recurrent neural networks", ICML 2013.
+/// Pascanu, Mikolov and Bengio, "On the difficulty of training recurrent neural networks",
+/// ICML 2013.
 pub fn clip_norm<T: Scalar>(gradient: &mut [T], max_norm: f64) -> f64 {
     /// The number of parallel partial sums.
     const LANES: usize = 16;

@@ -7,13 +7,16 @@ use rayon::prelude::*;
 
 use crate::scalar::Scalar;
 
-/// The default chunk size in rows: the values of a layer fit in a core's cache, and adding the sums of chunks is cheap.
+/// The default chunk size in rows: the values of a layer fit in a core's cache, and adding the sums
+/// of chunks is cheap.
 pub const CHUNK_ROWS: usize = 256;
 
-/// Splits a batch into chunks of a fixed number of rows and processes them on the threads of the current rayon pool.
+/// Splits a batch into chunks of a fixed number of rows and processes them on the threads of the
+/// current rayon pool.
 ///
-/// `S` is the scratch memory of a chunk, for example a [`Workspace`](crate::Workspace) per network. It is created
-/// once per concurrent chunk and reused. The result of a chunk must not depend on its content.
+/// `S` is the scratch memory of a chunk, for example a [`Workspace`](crate::Workspace) per network.
+/// It is created once per concurrent chunk and reused. The result of a chunk must not depend on its
+/// content.
 ///
 /// # Example
 /// ```
@@ -40,8 +43,8 @@ pub struct ChunkPool<T, S> {
 }
 
 impl<T: Scalar, S: Default + Send> ChunkPool<T, S> {
-    /// Creates a pool with chunks of `chunk_rows` rows, at least one. The last chunk of a batch may be smaller. See
-    /// [`CHUNK_ROWS`].
+    /// Creates a pool with chunks of `chunk_rows` rows, at least one. The last chunk of a batch may
+    /// be smaller. See [`CHUNK_ROWS`].
     pub fn new(chunk_rows: usize) -> ChunkPool<T, S> {
         ChunkPool { chunk_rows: chunk_rows.max(1), scratch: Mutex::default(), sums: Vec::new() }
     }
@@ -53,9 +56,10 @@ impl<T: Scalar, S: Default + Send> ChunkPool<T, S> {
 
     /// Sets `total` to the sum over all chunks of the vectors that `add` computes.
     ///
-    /// `add` takes the chunk's rows, the scratch memory and a vector of zeros with the length of `total`, and adds to
-    /// the vector. The vectors are summed in the order of the rows, so the bits depend on the chunk size but not on
-    /// the number of threads. Additional elements of the vector can contain a loss or a count.
+    /// `add` takes the chunk's rows, the scratch memory and a vector of zeros with the length of
+    /// `total`, and adds to the vector. The vectors are summed in the order of the rows, so the
+    /// bits depend on the chunk size but not on the number of threads. Additional elements of the
+    /// vector can contain a loss or a count.
     pub fn sum(&mut self, rows: usize, total: &mut [T], add: impl Fn(Range<usize>, &mut S, &mut [T]) + Sync) {
         /// The number of elements of the total that one task sums.
         const BLOCK: usize = 4096;
@@ -80,7 +84,8 @@ impl<T: Scalar, S: Default + Send> ChunkPool<T, S> {
         });
     }
 
-    /// Calls `fill` to write each chunk's part of `output`, which has the same number of elements for every row.
+    /// Calls `fill` to write each chunk's part of `output`, which has the same number of elements
+    /// for every row.
     ///
     /// `fill` takes the chunk's rows, the scratch memory and the chunk's part of `output`.
     ///
@@ -104,8 +109,8 @@ impl<T: Scalar, S: Default + Send> ChunkPool<T, S> {
     }
 }
 
-/// Runs `work` with scratch memory that no other chunk is using. Memory left by a panic is fine, since its content does
-/// not matter.
+/// Runs `work` with scratch memory that no other chunk is using. Memory left by a panic is fine,
+/// since its content does not matter.
 fn with_scratch<S: Default>(scratches: &Mutex<Vec<S>>, work: impl FnOnce(&mut S)) {
     let lock = || scratches.lock().unwrap_or_else(PoisonError::into_inner);
     let mut scratch = lock().pop().unwrap_or_default();

@@ -1,8 +1,9 @@
-//! e^x − 1, e^x, tanh and the logistic function in `f32`, written so that the compiler can vectorize them.
+//! e^x − 1, e^x, tanh and the logistic function in `f32`, written so that the compiler can
+//! vectorize them.
 //!
-//! The standard library calls the C library, which computes one number at a time and selects its code by processor.
-//! These functions are arithmetic without branches or tables, so their bits are the same in scalar and vector code.
-//! NaN stays NaN.
+//! The standard library calls the C library, which computes one number at a time and selects its
+//! code by processor. These functions are arithmetic without branches or tables, so their bits are
+//! the same in scalar and vector code. NaN stays NaN.
 
 /// For |x| above this limit e^−|x| is less than half the spacing of `f32` numbers just above −1.
 const SATURATION: f32 = 18.0;
@@ -14,9 +15,9 @@ const SATURATION: f32 = 18.0;
 /// e^x − 1 = 2^n (e^r − 1) + (2^n − 1),  e^r − 1 = r + r² q(r)
 /// ```
 ///
-/// `q` is a minimax polynomial of degree 4 with relative error 1.8e-8, a seventh of the spacing of `f32` numbers. The
-/// relative error of the result is below 9.2e-8, also for x near 0. For x < −18 the result is −1. Positive x are
-/// outside the domain.
+/// `q` is a minimax polynomial of degree 4 with relative error 1.8e-8, a seventh of the spacing of
+/// `f32` numbers. The relative error of the result is below 9.2e-8, also for x near 0. For x < −18
+/// the result is −1. Positive x are outside the domain.
 ///
 /// # Example
 /// ```
@@ -40,7 +41,8 @@ pub fn exp_m1_of_nonpositive(x: f32) -> f32 {
 fn reduce(x: f32) -> (f32, f32) {
     /// 1.5 · 2^23: adding it to a small number leaves the nearest integer in the lowest bits.
     const ROUND: f32 = 12_582_912.0;
-    /// The first 15 bits of ln 2, so that the product with a small integer is exact, and the remainder.
+    /// The first 15 bits of ln 2, so that the product with a small integer is exact, and the
+    /// remainder.
     const LN_2_HIGH: f32 = 0.693_145_75;
     const LN_2_LOW: f32 = 1.428_606_8e-6;
     const Q: [f32; 5] = [0.499_999_98, 0.166_665_43, 0.041_667_2, 0.008_366_58, 0.001_388_250_8];
@@ -53,7 +55,8 @@ fn reduce(x: f32) -> (f32, f32) {
     (two_to_n, exp_m1_of_r)
 }
 
-/// Returns e^x for x ≤ 0. The relative error is below 1.5e-7. For x < −87 the result is that of −87, which is 1.6e-38.
+/// Returns e^x for x ≤ 0. The relative error is below 1.5e-7. For x < −87 the result is that of
+/// −87, which is 1.6e-38.
 ///
 /// # Example
 /// ```
@@ -94,7 +97,8 @@ pub fn tanh(x: f32) -> f32 {
 mod tests {
     use super::*;
 
-    /// Checks the maximum relative error of `ours` against `exact` in f64, on many numbers with these signs.
+    /// Checks the maximum relative error of `ours` against `exact` in f64, on many numbers with
+    /// these signs.
     #[track_caller]
     fn check(ours: fn(f32) -> f32, exact: fn(f64) -> f64, signs: &[f32], bound: f64) {
         let mut worst = (0.0, 0.0);

@@ -5,11 +5,13 @@ use crate::mlp::Mlp;
 use crate::scalar::Scalar;
 
 impl<T: Scalar> Mlp<T> {
-    /// Sets the weight of each layer to a random orthogonal matrix times the layer's gain, and the bias to zero.
+    /// Sets the weight of each layer to a random orthogonal matrix times the layer's gain, and the
+    /// bias to zero.
     ///
-    /// The columns of a weight (or its rows, if there are fewer rows) are orthogonal and have the length `gain`. The
-    /// matrix is uniformly distributed if `normal` returns standard normal numbers. Each layer uses outputs · inputs
-    /// numbers, in order. This is PyTorch's `orthogonal_`: the same numbers give the same matrix up to rounding.
+    /// The columns of a weight (or its rows, if there are fewer rows) are orthogonal and have the
+    /// length `gain`. The matrix is uniformly distributed if `normal` returns standard normal
+    /// numbers. Each layer uses outputs · inputs numbers, in order. This is PyTorch's
+    /// `orthogonal_`: the same numbers give the same matrix up to rounding.
     ///
     /// # Errors
     /// [`NetworkError::Length`] if the number of gains is not the number of layers.
@@ -18,8 +20,8 @@ impl<T: Scalar> Mlp<T> {
     /// If the numbers from `normal` are linearly dependent, for example all zero.
     ///
     /// # Reference
-    /// Saxe, McClelland and Ganguli, "Exact solutions to the nonlinear dynamics of learning in deep linear neural
-    /// networks", ICLR 2014.
+    /// Saxe, McClelland and Ganguli, "Exact solutions to the nonlinear dynamics of learning in deep
+    /// linear neural networks", ICLR 2014.
     pub fn initialize_orthogonal(
         &mut self,
         gains: &[f64],
@@ -52,8 +54,8 @@ impl<T: Scalar> Mlp<T> {
     /// W, b ~ U(−1/√inputs, 1/√inputs)
     /// ```
     ///
-    /// `uniform` must return uniform random numbers in [0, 1). Each layer uses them for its weight first, then for
-    /// its bias.
+    /// `uniform` must return uniform random numbers in [0, 1). Each layer uses them for its weight
+    /// first, then for its bias.
     pub fn initialize_uniform(&mut self, mut uniform: impl FnMut() -> f64) {
         let shapes = self.shapes.clone();
         self.update(|parameters| {
@@ -68,7 +70,8 @@ impl<T: Scalar> Mlp<T> {
     }
 }
 
-/// Returns the row-major `rows` x `columns` matrix with its columns orthonormalized, or its rows if there are fewer.
+/// Returns the row-major `rows` x `columns` matrix with its columns orthonormalized, or its rows if
+/// there are fewer.
 fn orthogonal(mut matrix: Vec<f64>, rows: usize, columns: usize) -> Vec<f64> {
     if rows < columns {
         orthonormalize(&mut matrix, columns);

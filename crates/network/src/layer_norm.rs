@@ -5,8 +5,9 @@
 //! ∂y/∂x = s (I − 1 1ᵀ / n − y yᵀ / n)
 //! ```
 //!
-//! PyTorch's `LayerNorm` also has a gain and a shift per column (`elementwise_affine`), a [`Norm`]. Networks that are trained
-//! here have none: the next layer's weights can represent most of their effect.
+//! PyTorch's `LayerNorm` also has a gain and a shift per column (`elementwise_affine`), a [`Norm`].
+//! Networks that are trained here have none: the next layer's weights can represent most of their
+//! effect.
 //!
 //! # Reference
 //! Ba, Kiros and Hinton, "Layer Normalization", 2016.

@@ -1,17 +1,17 @@
-//! Multi-layer perceptrons on the CPU: forward and backward passes, Jacobian-vector products, the optimizer Adam, and
-//! running normalizers of observations.
+//! Multi-layer perceptrons on the CPU: forward and backward passes, Jacobian-vector products, the
+//! optimizer Adam, and running normalizers of observations.
 //!
-//! A network is an [`Mlp`]: layer sizes, two activations and one flat vector of parameters. Passes run in a
-//! [`Workspace`] that the caller owns and reuses, so repeated passes do not allocate. [`ChunkPool`] distributes a
-//! batch over threads.
+//! A network is an [`Mlp`]: layer sizes, two activations and one flat vector of parameters. Passes
+//! run in a [`Workspace`] that the caller owns and reuses, so repeated passes do not allocate.
+//! [`ChunkPool`] distributes a batch over threads.
 //!
 //! Results are reproducible bit for bit on one build and architecture:
 //!
 //! - the result of a row does not depend on the other rows of the batch;
 //! - a sum over a batch depends on the chunk size but not on the number of threads.
 //!
-//! The crate generates no random numbers: the caller passes them to the initialization functions. It has no policies,
-//! no losses and no file formats.
+//! The crate generates no random numbers: the caller passes them to the initialization functions.
+//! It has no policies, no losses and no file formats.
 //!
 //! # Example
 //! ```

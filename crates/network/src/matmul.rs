@@ -1,16 +1,19 @@
-//! Matrix multiplication: matrices in panels of sixteen columns, and the two products that networks need.
+//! Matrix multiplication: matrices in panels of sixteen columns, and the two products that networks
+//! need.
 //!
-//! A matrix of `rows` x `columns` is stored as ⌈columns / 16⌉ panels. A panel has one [`Lanes`] per row. Padding
-//! columns contain zeros. A product therefore accesses memory in order and never repacks an operand.
+//! A matrix of `rows` x `columns` is stored as ⌈columns / 16⌉ panels. A panel has one [`Lanes`] per
+//! row. Padding columns contain zeros. A product therefore accesses memory in order and never
+//! repacks an operand.
 //!
-//! Why no library: `gemm` 0.19 (and `faer`, which uses it) and `matrixmultiply` 0.3 select their kernel by processor.
-//! `gemm` also selects block sizes by the sizes of the caches, and uses another path for vectors. Their bits depend on
-//! both. Here each element of a product is one chain of fused multiply-adds over the inner index, in order, in every
-//! tile, so the result of a row cannot depend on other rows.
+//! Why no library: `gemm` 0.19 (and `faer`, which uses it) and `matrixmultiply` 0.3 select their
+//! kernel by processor. `gemm` also selects block sizes by the sizes of the caches, and uses
+//! another path for vectors. Their bits depend on both. Here each element of a product is one chain
+//! of fused multiply-adds over the inner index, in order, in every tile, so the result of a row
+//! cannot depend on other rows.
 //!
-//! Measured on one Zen 3 core with layers of 30 to 512: 72 to 101 GFLOP/s at 16 rows and more (`gemm` 41 to 98,
-//! `matrixmultiply` 44 to 87), 39 to 77 at one row (15 to 34, and 4). The layer of 64 to 9 fills only half of its last
-//! panel: 53 (46, 28), and 17 at one row (19, 2).
+//! Measured on one Zen 3 core with layers of 30 to 512: 72 to 101 GFLOP/s at 16 rows and more
+//! (`gemm` 41 to 98, `matrixmultiply` 44 to 87), 39 to 77 at one row (15 to 34, and 4). The layer
+//! of 64 to 9 fills only half of its last panel: 53 (46, 28), and 17 at one row (19, 2).
 
 use crate::activation::Activation;
 use crate::layer_norm;
@@ -46,7 +49,8 @@ pub(crate) fn resize<T: Scalar>(matrix: &mut Vec<Lanes<T>>, rows: usize, columns
     matrix.resize(rows * panels(columns), Lanes::ZERO);
 }
 
-/// Copies the row-major matrix `from` into the panels `to`, which have `rows` rows. Additional rows are unchanged.
+/// Copies the row-major matrix `from` into the panels `to`, which have `rows` rows. Additional rows
+/// are unchanged.
 pub(crate) fn pack<T: Scalar>(from: &[T], columns: usize, rows: usize, to: &mut [Lanes<T>]) {
     for (p, panel) in to.chunks_exact_mut(rows).enumerate() {
         let first = p * WIDTH;
@@ -76,8 +80,8 @@ pub(crate) fn unpack<T: Scalar>(from: &[Lanes<T>], columns: usize, to: &mut [T])
 
 /// Copies the transpose of the row-major matrix `from` into the panels `to`.
 ///
-/// The transpose has ⌈columns / 16⌉ · 16 rows, so that it can be the second operand of [`product`]. Padding rows must
-/// already be zero.
+/// The transpose has ⌈columns / 16⌉ · 16 rows, so that it can be the second operand of [`product`].
+/// Padding rows must already be zero.
 pub(crate) fn pack_transposed<T: Scalar>(from: &[T], columns: usize, to: &mut [Lanes<T>]) {
     let rows = from.len() / columns;
     for (r, row) in from.chunks_exact(columns).enumerate() {
@@ -102,14 +106,15 @@ pub enum Epilogue<'a, T> {
 
 /// The kernels (inner loops), compiled in this crate once for each scalar type.
 ///
-/// Generic functions are compiled again in each crate that uses them. Whether the compiler keeps the sums of a tile in
-/// registers then depends on the code inlined around them, which changed the time by a factor of two. Therefore these
-/// functions are never inlined.
+/// Generic functions are compiled again in each crate that uses them. Whether the compiler keeps
+/// the sums of a tile in registers then depends on the code inlined around them, which changed the
+/// time by a factor of two. Therefore these functions are never inlined.
 pub trait Kernels: Sized {
     /// Computes c = start + a b, then applies `epilogue`.
     ///
-    /// `a` has `rows` rows. `b` has as many rows as `a` has columns, including padding. `start` is one row, added to
-    /// every row of the product, with as many panels as c. Without it, the product is added to c.
+    /// `a` has `rows` rows. `b` has as many rows as `a` has columns, including padding. `start` is
+    /// one row, added to every row of the product, with as many panels as c. Without it, the
+    /// product is added to c.
     fn product(
         rows: usize,
         a: &[Lanes<Self>],
@@ -119,10 +124,11 @@ pub trait Kernels: Sized {
         epilogue: Epilogue<'_, Self>,
     );
 
-    /// Computes c += aᵀ b, where `c` is row-major of `a_columns` x `b_columns`, and `a` and `b` have `rows` rows in
-    /// panels.
+    /// Computes c += aᵀ b, where `c` is row-major of `a_columns` x `b_columns`, and `a` and `b`
+    /// have `rows` rows in panels.
     ///
-    /// The sum over the rows is one chain per element, in order, starting at zero and added to `c` once.
+    /// The sum over the rows is one chain per element, in order, starting at zero and added to `c`
+    /// once.
     fn add_transposed_product(
         rows: usize,
         a: (&[Lanes<Self>], usize),
@@ -136,11 +142,13 @@ pub trait Kernels: Sized {
     /// Multiplies each of `factors` by dy/dx, given the activation's value in `outputs`.
     fn times_derivative(activation: Activation, outputs: &[Lanes<Self>], factors: &mut [Lanes<Self>]);
 
-    /// Standardizes each row of a matrix of `columns` columns to mean 0 and variance 1. Writes the factors to `scales`.
+    /// Standardizes each row of a matrix of `columns` columns to mean 0 and variance 1. Writes the
+    /// factors to `scales`.
     fn standardize(columns: usize, values: &mut [Lanes<Self>], scales: &mut [Self]);
 
-    /// Multiplies each row of `gradient` by the derivative of [`standardize`](Kernels::standardize), a symmetric
-    /// matrix, given its results `values` and `scales`.
+    /// Multiplies each row of `gradient` by the derivative of
+    /// [`standardize`](Kernels::standardize), a symmetric matrix, given its results `values` and
+    /// `scales`.
     fn times_standardize_derivative(
         columns: usize,
         values: &[Lanes<Self>],
@@ -203,8 +211,8 @@ macro_rules! compile_kernels {
 }
 compile_kernels!(f32, f64);
 
-/// The number of rows of a tile. With two registers per row, twelve sums are computed in parallel, and three registers
-/// are left for the operands.
+/// The number of rows of a tile. With two registers per row, twelve sums are computed in parallel,
+/// and three registers are left for the operands.
 const TILE_ROWS: usize = 6;
 
 #[inline(always)]
@@ -269,7 +277,8 @@ impl<T: Scalar> Operands<'_, T> {
         }
     }
 
-    /// Computes `R` rows from `first` of the `P` panels from `panel`; `c` starts with the first of these panels.
+    /// Computes `R` rows from `first` of the `P` panels from `panel`; `c` starts with the first of
+    /// these panels.
     #[inline(always)]
     #[allow(clippy::needless_range_loop)] // Indices keep the sums in registers; iterators do not.
     fn tile<const R: usize, const P: usize>(&self, first: usize, panel: usize, c: &mut [Lanes<T>]) {
@@ -326,7 +335,8 @@ fn add_transposed_product<T: Scalar>(
     }
 }
 
-/// The number of rows of aᵀ b computed at once. With two registers per row, eight sums are computed in parallel.
+/// The number of rows of aᵀ b computed at once. With two registers per row, eight sums are computed
+/// in parallel.
 const TILE: usize = 4;
 
 /// Computes the product of the transposed columns of `a` from `TILE · tile` and `b`.

@@ -12,15 +12,16 @@ use crate::scalar::Scalar;
 /// y₀ = input,  y_l = f_l(W_l y_(l−1) + b_l),  output = y_L
 /// ```
 ///
-/// `f_l` is the output activation for the last layer and the hidden activation for all others. All parameters are in
-/// one flat vector, layer by layer: first the weight `[outputs, inputs]`, row-major, then the bias `[outputs]`. This
-/// is the order of PyTorch's `Sequential` of `Linear` layers.
+/// `f_l` is the output activation for the last layer and the hidden activation for all others. All
+/// parameters are in one flat vector, layer by layer: first the weight `[outputs, inputs]`,
+/// row-major, then the bias `[outputs]`. This is the order of PyTorch's `Sequential` of `Linear`
+/// layers.
 ///
-/// [With layer normalization](Mlp::with_layer_norm) each hidden layer is standardized over its outputs before the
-/// activation.
+/// [With layer normalization](Mlp::with_layer_norm) each hidden layer is standardized over its
+/// outputs before the activation.
 ///
-/// The parameters of a new network are zero. Set them with [`update`](Mlp::update), [`set_tensors`](Mlp::set_tensors)
-/// or an initialization function.
+/// The parameters of a new network are zero. Set them with [`update`](Mlp::update),
+/// [`set_tensors`](Mlp::set_tensors) or an initialization function.
 ///
 /// # Example
 /// ```
@@ -43,7 +44,8 @@ pub struct Mlp<T> {
     pub(crate) shapes: Vec<LayerShape>,
     /// A copy of the parameters in the layout of the matrix products.
     pub(crate) packed: Vec<PackedLayer<T>>,
-    /// Each layer's weight as second operand of the product that computes the gradient of its inputs.
+    /// Each layer's weight as second operand of the product that computes the gradient of its
+    /// inputs.
     pub(crate) packed_for_inputs: Vec<Vec<Lanes<T>>>,
 }
 
@@ -92,7 +94,8 @@ pub(crate) struct PackedLayer<T> {
 }
 
 impl<T: Scalar> PackedLayer<T> {
-    /// Copies the layer's parameters from `flat`, a vector in the layout of the network's parameters.
+    /// Copies the layer's parameters from `flat`, a vector in the layout of the network's
+    /// parameters.
     pub(crate) fn pack(&mut self, shape: LayerShape, flat: &[T]) {
         let (weight, bias) = shape.split(flat);
         self.weight.resize(
@@ -106,8 +109,8 @@ impl<T: Scalar> PackedLayer<T> {
 }
 
 impl<T: Scalar> Mlp<T> {
-    /// Creates a network with zero parameters. `sizes` has the number of inputs, then the number of outputs of each
-    /// layer.
+    /// Creates a network with zero parameters. `sizes` has the number of inputs, then the number of
+    /// outputs of each layer.
     ///
     /// # Errors
     /// [`NetworkError::Sizes`] if there are fewer than two sizes or a size is 0.
@@ -174,14 +177,16 @@ impl<T: Scalar> Mlp<T> {
         self
     }
 
-    /// Adds layer normalization with a gain and a shift per output, as PyTorch's `LayerNorm`, to every layer except the last.
+    /// Adds layer normalization with a gain and a shift per output, as PyTorch's `LayerNorm`, to
+    /// every layer except the last.
     ///
     /// ```text
     /// y_l = f_l(gain (z − mean(z)) / √(variance(z) + 1e-5) + shift)
     /// ```
     ///
-    /// The gains are 1 and the shifts 0 until [`set_tensors`](Mlp::set_tensors) sets them, as `layers.0.norm.weight` and
-    /// `layers.0.norm.bias`. They are not among the [`parameters`](Mlp::parameters), and the network is not trainable.
+    /// The gains are 1 and the shifts 0 until [`set_tensors`](Mlp::set_tensors) sets them, as
+    /// `layers.0.norm.weight` and `layers.0.norm.bias`. They are not among the
+    /// [`parameters`](Mlp::parameters), and the network is not trainable.
     ///
     /// # Example
     /// ```
@@ -258,23 +263,25 @@ impl<T: Scalar> Mlp<T> {
         self.parameters.len()
     }
 
-    /// Returns all parameters: layer by layer, the weight `[outputs, inputs]`, row-major, and then the bias.
+    /// Returns all parameters: layer by layer, the weight `[outputs, inputs]`, row-major, and then
+    /// the bias.
     pub fn parameters(&self) -> &[T] {
         &self.parameters
     }
 
     /// Calls `change` with the parameters, and returns its result.
     ///
-    /// Afterwards the parameters are copied into the layout of the matrix products, which takes about 1 ns per
-    /// parameter.
+    /// Afterwards the parameters are copied into the layout of the matrix products, which takes
+    /// about 1 ns per parameter.
     pub fn update<R>(&mut self, change: impl FnOnce(&mut [T]) -> R) -> R {
         let result = change(&mut self.parameters);
         self.pack();
         result
     }
 
-    /// Returns the parameters by name: `layers.0.weight`, `layers.0.bias`, `layers.1.weight`, … After the bias of a layer
-    /// follow its gain `layers.0.norm.weight` and its shift `layers.0.norm.bias`, if it has them.
+    /// Returns the parameters by name: `layers.0.weight`, `layers.0.bias`, `layers.1.weight`, …
+    /// After the bias of a layer follow its gain `layers.0.norm.weight` and its shift
+    /// `layers.0.norm.bias`, if it has them.
     pub fn tensors(&self) -> Vec<Tensor<'_, T>> {
         let mut tensors = Vec::new();
         for (l, shape) in self.shapes.iter().enumerate() {
@@ -295,8 +302,8 @@ impl<T: Scalar> Mlp<T> {
     /// Sets all parameters from tensors in any order.
     ///
     /// # Errors
-    /// If a tensor is missing, unexpected, given twice or of the wrong shape, or contains NaN or infinity. The
-    /// network is then unchanged.
+    /// If a tensor is missing, unexpected, given twice or of the wrong shape, or contains NaN or
+    /// infinity. The network is then unchanged.
     ///
     /// # Example
     /// ```

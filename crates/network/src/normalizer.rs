@@ -11,7 +11,8 @@ const EPSILON: f64 = 1e-8;
 
 /// The number of rows, and the mean and sum of squared deviations of each column, in f64.
 ///
-/// Moments of parts of a batch can be computed on several threads and merged. The bits depend on the order of merging.
+/// Moments of parts of a batch can be computed on several threads and merged. The bits depend on
+/// the order of merging.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Moments {
     count: f64,
@@ -72,7 +73,8 @@ impl Moments {
     /// If the numbers of columns differ.
     ///
     /// # Reference
-    /// Chan, Golub and LeVeque, "Algorithms for Computing the Sample Variance", The American Statistician 37 (3), 1983.
+    /// Chan, Golub and LeVeque, "Algorithms for Computing the Sample Variance", The American
+    /// Statistician 37 (3), 1983.
     pub fn merge(&mut self, other: &Moments) {
         assert!(
             self.mean.len() == other.mean.len(),
@@ -97,15 +99,16 @@ impl Moments {
     /// Restores moments bit for bit from count, mean and sum of squared deviations.
     ///
     /// # Errors
-    /// If the lengths differ, a number is NaN or infinite, or a sum of squares or the count is negative.
+    /// If the lengths differ, a number is NaN or infinite, or a sum of squares or the count is
+    /// negative.
     pub fn resume(count: f64, mean: Vec<f64>, squares: Vec<f64>) -> Result<Moments, NetworkError> {
         check_statistics(&mean, &squares)?;
         check_numbers("count", &[count], "finite and at least 0", |count| count.is_finite() && count >= 0.0)?;
         Ok(Moments { count, mean, squares })
     }
 
-    /// Multiplies the sums of squares by n / (n − 1), so that the rows contribute their sample variance to a merged
-    /// variance, as in skrl's `RunningStandardScaler`.
+    /// Multiplies the sums of squares by n / (n − 1), so that the rows contribute their sample
+    /// variance to a merged variance, as in skrl's `RunningStandardScaler`.
     ///
     /// # Example
     /// ```
@@ -142,10 +145,10 @@ impl Moments {
 
 /// A normalizer with running mean and variance.
 ///
-/// Like skrl's, it starts with mean 0 and variance 1 with the weight of one row, so it is usable before the first
-/// update. The variance is Σ (x − mean)² / n, including that row. skrl merges each batch with Σ (x − mean)² / (n − 1)
-/// instead, so its result depends slightly on the batch sizes; ours does not, up to rounding. For skrl's result,
-/// merge [`Moments::with_sample_variance`].
+/// Like skrl's, it starts with mean 0 and variance 1 with the weight of one row, so it is usable
+/// before the first update. The variance is Σ (x − mean)² / n, including that row. skrl merges each
+/// batch with Σ (x − mean)² / (n − 1) instead, so its result depends slightly on the batch sizes;
+/// ours does not, up to rounding. For skrl's result, merge [`Moments::with_sample_variance`].
 ///
 /// # Example
 /// ```
@@ -171,7 +174,8 @@ impl RunningNormalizer {
     /// Restores a normalizer from mean, variance and count.
     ///
     /// # Errors
-    /// If the lengths differ, a number is NaN or infinite, a variance is negative, or the count is not positive.
+    /// If the lengths differ, a number is NaN or infinite, a variance is negative, or the count is
+    /// not positive.
     pub fn resume(mean: Vec<f64>, variance: &[f64], count: f64) -> Result<RunningNormalizer, NetworkError> {
         check_statistics(&mean, variance)?;
         check_numbers("count", &[count], "finite and above 0", |count| count.is_finite() && count > 0.0)?;
@@ -237,7 +241,8 @@ impl RunningNormalizer {
 /// invert(y) = √variance · clamp(y, −5, 5) + mean
 /// ```
 ///
-/// Mean and standard deviation are rounded to `T` once, then the formula is computed in `T`. NaN stays NaN.
+/// Mean and standard deviation are rounded to `T` once, then the formula is computed in `T`. NaN
+/// stays NaN.
 ///
 /// # Example
 /// ```
@@ -275,7 +280,8 @@ impl<T: Scalar> Normalizer<T> {
         }
     }
 
-    /// Changes the largest absolute value of a normalized number from 5 to `clip`; infinity clips nothing.
+    /// Changes the largest absolute value of a normalized number from 5 to `clip`; infinity clips
+    /// nothing.
     #[must_use]
     pub fn with_clip(mut self, clip: f64) -> Normalizer<T> {
         self.clip = T::from_f64(clip);

@@ -1,4 +1,5 @@
-//! Forward pass, backward pass (reverse-mode differentiation) and Jacobian-vector products (forward mode).
+//! Forward pass, backward pass (reverse-mode differentiation) and Jacobian-vector products (forward
+//! mode).
 
 use crate::matmul::{self, Epilogue, Lanes};
 use crate::mlp::{Mlp, PackedLayer};
@@ -6,8 +7,9 @@ use crate::scalar::Scalar;
 
 /// The memory of passes, reused from call to call.
 ///
-/// It contains the values of every layer after [`Mlp::forward`], which [`Mlp::backward`] and [`Mlp::tangent`] read.
-/// Use one workspace per network: then memory is allocated only when the number of rows exceeds all previous ones.
+/// It contains the values of every layer after [`Mlp::forward`], which [`Mlp::backward`] and
+/// [`Mlp::tangent`] read. Use one workspace per network: then memory is allocated only when the
+/// number of rows exceeds all previous ones.
 #[derive(Debug, Clone, Default)]
 pub struct Workspace<T> {
     rows: usize,
@@ -64,7 +66,8 @@ impl<T: Scalar> Workspace<T> {
 }
 
 impl<T: Scalar> Mlp<T> {
-    /// Runs a forward pass: `inputs` is `[rows, input_size]`, the result `[rows, output_size]`, both row-major.
+    /// Runs a forward pass: `inputs` is `[rows, input_size]`, the result `[rows, output_size]`,
+    /// both row-major.
     ///
     /// The outputs of a row do not depend on the other rows, bit for bit.
     ///
@@ -104,19 +107,21 @@ impl<T: Scalar> Mlp<T> {
         &workspace.outputs
     }
 
-    /// Runs a backward pass at the rows of the last forward pass, for a loss ℓ that is a function of the outputs.
+    /// Runs a backward pass at the rows of the last forward pass, for a loss ℓ that is a function
+    /// of the outputs.
     ///
     /// ```text
     /// parameter_gradient += Σ_rows (∂output/∂parameters)ᵀ ∂ℓ/∂output
     /// input_gradient = (∂output/∂input)ᵀ ∂ℓ/∂output, for each row
     /// ```
     ///
-    /// `output_gradient` is ∂ℓ/∂output, `[rows, output_size]`. The gradient is added to `parameter_gradient`, which
-    /// has the layout of [`parameters`](Mlp::parameters). `input_gradient`, `[rows, input_size]`, is overwritten.
+    /// `output_gradient` is ∂ℓ/∂output, `[rows, output_size]`. The gradient is added to
+    /// `parameter_gradient`, which has the layout of [`parameters`](Mlp::parameters).
+    /// `input_gradient`, `[rows, input_size]`, is overwritten.
     ///
     /// # Panics
-    /// If `workspace` does not contain a forward pass of this network, a length is wrong, or the network is not
-    /// [trainable](Mlp::is_trainable).
+    /// If `workspace` does not contain a forward pass of this network, a length is wrong, or the
+    /// network is not [trainable](Mlp::is_trainable).
     ///
     /// # Example
     /// ```
@@ -191,20 +196,21 @@ impl<T: Scalar> Mlp<T> {
         }
     }
 
-    /// Computes the Jacobian-vector product at the rows of the last forward pass: the directional derivative of the
-    /// outputs.
+    /// Computes the Jacobian-vector product at the rows of the last forward pass: the directional
+    /// derivative of the outputs.
     ///
     /// ```text
     /// tangent = (∂output/∂parameters) parameter_direction + (∂output/∂input) input_direction
     /// ```
     ///
-    /// `parameter_direction` has the layout of [`parameters`](Mlp::parameters), `input_direction` is
-    /// `[rows, input_size]`. An absent direction is zero. The result is `[rows, output_size]`. It is exact, not a finite
-    /// difference. The workspace keeps the forward pass, so `backward` may follow.
+    /// `parameter_direction` has the layout of [`parameters`](Mlp::parameters), `input_direction`
+    /// is `[rows, input_size]`. An absent direction is zero. The result is `[rows, output_size]`.
+    /// It is exact, not a finite difference. The workspace keeps the forward pass, so `backward`
+    /// may follow.
     ///
     /// # Panics
-    /// If `workspace` does not contain a forward pass of this network, a length is wrong, or the network is not
-    /// [trainable](Mlp::is_trainable).
+    /// If `workspace` does not contain a forward pass of this network, a length is wrong, or the
+    /// network is not [trainable](Mlp::is_trainable).
     ///
     /// # Example
     /// ```

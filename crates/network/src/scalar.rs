@@ -9,8 +9,8 @@ use crate::matmul::Kernels;
 
 /// A scalar type: `f32` for networks, or `f64` for gradient checks.
 ///
-/// Elementary functions of `f32` are implemented in [`elementary`], so their bits depend only on the build. Those of
-/// `f64` are the standard library's.
+/// Elementary functions of `f32` are implemented in [`elementary`], so their bits depend only on
+/// the build. Those of `f64` are the standard library's.
 pub trait Scalar:
     Kernels
     + Copy

@@ -1,5 +1,5 @@
-//! Outputs compared with plain loops; gradients and tangents compared with finite differences and each other. All in
-//! f64.
+//! Outputs compared with plain loops; gradients and tangents compared with finite differences and
+//! each other. All in f64.
 
 mod reference;
 
@@ -133,7 +133,8 @@ fn gradients_equal_finite_differences() {
             (0..count).map(|j| f64::from(u8::from(i == j))).collect()
         };
 
-        // Every thirteenth parameter with a varying start, so that all layers, weights and biases are checked.
+        // Every thirteenth parameter with a varying start, so that all layers, weights and biases
+        // are checked.
         for i in (case.0.len()..gradient.len()).step_by(13).chain([gradient.len() - 1]) {
             let difference =
                 central_difference(network.parameters(), &unit(i, gradient.len()), |parameters| {

@@ -78,7 +78,8 @@ fn normalized_rows_have_mean_zero_and_variance_one() {
     frozen.normalize(&mut rows);
     let moments = Moments::of_rows(&rows, 2);
     for (mean, variance) in moments.mean().iter().zip(moments.variance()) {
-        // The initial row is 70 standard deviations away and has the weight 1/20001: variance 1 + 70² / 20001.
+        // The initial row is 70 standard deviations away and has the weight 1/20001: variance 1 +
+        // 70² / 20001.
         assert!(mean.abs() < 5e-3, "{mean}");
         assert!((variance - 1.0 / (1.0 + 5000.0 / 20_001.0)).abs() < 0.01, "{variance}");
     }

@@ -141,7 +141,8 @@ fn section(results: &Results, notes: &Notes, preset: &str, runs: &[&Falsified<'_
 /// Size of a chart, pixels.
 const CHART: [u32; 2] = [400, 260];
 
-/// Returns the survival curves: a chart for each controller with one curve per search; `None` before the first trial ended.
+/// Returns the survival curves: a chart for each controller with one curve per search; `None`
+/// before the first trial ended.
 fn survival(preset: &str, runs: &[&Falsified<'_>]) -> Option<Block> {
     let mut groups: Vec<Vec<&Falsified<'_>>> = Vec::new();
     for run in runs.iter().filter(|run| !run.lifetimes.is_empty()) {
@@ -246,7 +247,8 @@ fn row<'a>(plan: &'a Plan, search: &'a str) -> Row<'a> {
     Row { table: "falsification", task: target, controller, search, preset }
 }
 
-/// Returns sentences on the rows that differ significantly from the paper's, and what our simulations say about the reason.
+/// Returns sentences on the rows that differ significantly from the paper's, and what our
+/// simulations say about the reason.
 fn differing(results: &Results, group: &[&Falsified<'_>]) -> Vec<String> {
     let mut parts = Vec::new();
     for (is_less, words) in [(true, "less often"), (false, "more often")] {
@@ -297,7 +299,8 @@ fn violations(group: &[&Falsified<'_>]) -> String {
     }
 }
 
-/// Returns how often our controller and the paper's fail in random simulations: the main reason for different rows.
+/// Returns how often our controller and the paper's fail in random simulations: the main reason for
+/// different rows.
 fn failure_rates(group: &[&Falsified<'_>]) -> Option<String> {
     let random = group.iter().find(|run| run.search == "random" && run.run.simulations() > 0)?;
     let plan = &random.run.plan;
@@ -427,7 +430,8 @@ impl Falsified<'_> {
         ]
     }
 
-    /// Returns the row of violations per random simulation; `None` for another search, or before the first trial ended.
+    /// Returns the row of violations per random simulation; `None` for another search, or before
+    /// the first trial ended.
     fn random_rate(&self) -> Option<Vec<String>> {
         if self.search != "random" || self.lifetimes.is_empty() {
             return None;

@@ -1,5 +1,5 @@
-//! The paper's tables of performance and falsification: published values, results of campaigns, and the pages that compare
-//! them. The command `mishandle reproduce` is a thin layer above.
+//! The paper's tables of performance and falsification: published values, results of campaigns, and
+//! the pages that compare them. The command `mishandle reproduce` is a thin layer above.
 //!
 //! - [`Results`] are those of campaigns, read from their run files or from collected summaries.
 //! - [`Unit`] is a part of a run that can be run again, with its digest.

@@ -28,7 +28,8 @@ struct Note {
     search: Option<String>,
     preset: Option<String>,
     text: String,
-    /// Whether the paper's values of these rows are compared with ours; otherwise they are only shown.
+    /// Whether the paper's values of these rows are compared with ours; otherwise they are only
+    /// shown.
     #[serde(default = "yes")]
     compare: bool,
 }

@@ -1,5 +1,5 @@
-//! Pages with tables, written as Markdown and as HTML from the same content. Values from files pass through [`value`] or
-//! [`code`].
+//! Pages with tables, written as Markdown and as HTML from the same content. Values from files pass
+//! through [`value`] or [`code`].
 
 use mishandle_text::visible;
 
@@ -123,7 +123,8 @@ impl Table {
     }
 }
 
-/// Formats a value from a file as part of a text. A backtick would start code, so it becomes an apostrophe.
+/// Formats a value from a file as part of a text. A backtick would start code, so it becomes an
+/// apostrophe.
 pub(crate) fn value(text: &str) -> String {
     text.replace('`', "'")
 }
@@ -133,7 +134,8 @@ pub(crate) fn code(text: &str) -> String {
     if text.is_empty() { "-".to_string() } else { format!("`{}`", value(text)) }
 }
 
-/// Escapes what Markdown would take for HTML or a link, outside of code. A less-than sign before a space is none.
+/// Escapes what Markdown would take for HTML or a link, outside of code. A less-than sign before a
+/// space is none.
 fn markdown(text: &str) -> String {
     let plain = |text: &str| {
         let mut out = String::new();

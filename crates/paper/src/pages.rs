@@ -142,7 +142,8 @@ pub(crate) fn target_cell(plan: &Plan) -> String {
 const PAPER_SPACE: &str = "starts";
 const PAPER_FORMULA: &str = "success";
 
-/// Returns whether a run has the space, the formula and the observations of the paper's experiments.
+/// Returns whether a run has the space, the formula and the observations of the paper's
+/// experiments.
 pub(crate) fn is_of_paper(plan: &Plan) -> bool {
     let formula = plan.falsify.as_ref().and_then(|falsify| falsify.formula.as_deref());
     plan.space == PAPER_SPACE

@@ -1,4 +1,5 @@
-//! The table of performance: success rate, dangerous behavior rate, task completion time and training time.
+//! The table of performance: success rate, dangerous behavior rate, task completion time and
+//! training time.
 
 use mishandle::evaluation::{Estimate, fisher_test, wilson};
 use mishandle_text::p_value_text as p_text;
@@ -230,7 +231,8 @@ fn success_rate<'a>(units: impl Iterator<Item = (&'a Unit, &'a Evaluated)>) -> E
     wilson(successes, started)
 }
 
-/// Returns the number of corners of the initial box with a failing simulation, and the number of corners and centers.
+/// Returns the number of corners of the initial box with a failing simulation, and the number of
+/// corners and centers.
 pub(crate) fn failing_corners(run: &RunResults) -> Option<(u32, u32)> {
     let summary = run.evaluation?;
     (summary.corners > 0).then_some((summary.failing_corners, summary.corners))

@@ -1,4 +1,5 @@
-//! The values that the paper prints, from the copies of its tables in `experiments/paper/published`.
+//! The values that the paper prints, from the copies of its tables in
+//! `experiments/paper/published`.
 
 use std::sync::LazyLock;
 
@@ -82,8 +83,9 @@ pub struct PaperFalsification {
 }
 
 impl PaperFalsification {
-    /// Returns the number of violations per simulation that the row implies, if each simulation violates the formula with the
-    /// same probability: falsified trials by simulations. The paper's code counts the simulations before the violation.
+    /// Returns the number of violations per simulation that the row implies, if each simulation
+    /// violates the formula with the same probability: falsified trials by simulations. The paper's
+    /// code counts the simulations before the violation.
     pub fn violations_per_simulation(&self) -> f64 {
         let found = self.falsified as f64;
         let before = self.mean_simulations.unwrap_or(0.0) * found;
@@ -92,7 +94,8 @@ impl PaperFalsification {
     }
 }
 
-/// Returns the performance of the paper's controller without and with noise; `None` if the paper has no such controller.
+/// Returns the performance of the paper's controller without and with noise; `None` if the paper
+/// has no such controller.
 pub fn paper_performance(task: &str, algorithm: &str) -> Option<[PaperPerformance; 2]> {
     let row = performance_row(task, algorithm)?;
     let found = [[row.sr, row.dbr, row.tct], [row.sr_noise, row.dbr_noise, row.tct_noise]];
@@ -104,7 +107,8 @@ pub fn paper_training_time(task: &str, algorithm: &str) -> Option<u32> {
     performance_row(task, algorithm).map(|row| row.tt)
 }
 
-/// Returns the result of a search against the paper's controller; `None` if the paper has no such row.
+/// Returns the result of a search against the paper's controller; `None` if the paper has no such
+/// row.
 pub fn paper_falsification(task: &str, algorithm: &str, search: &str) -> Option<PaperFalsification> {
     let (task, controller) = (abbreviation(task)?, algorithm.to_uppercase());
     let search = search.replace('-', "_");

@@ -92,8 +92,9 @@ pub struct RunFacts {
 }
 
 impl Results {
-    /// Merges campaigns of the same name, so that parts of a campaign that ran at different times become one. The runs keep
-    /// their order. A run that two parts have with the same units is kept once.
+    /// Merges campaigns of the same name, so that parts of a campaign that ran at different times
+    /// become one. The runs keep their order. A run that two parts have with the same units is kept
+    /// once.
     ///
     /// # Errors
     /// Two parts contain a run of the same name with different units or facts.
@@ -123,8 +124,8 @@ impl Results {
 }
 
 impl CampaignResults {
-    /// Reads the run files of a campaign, which may be incomplete. `root`, the repository, has the training times of
-    /// shipped controllers.
+    /// Reads the run files of a campaign, which may be incomplete. `root`, the repository, has the
+    /// training times of shipped controllers.
     ///
     /// # Errors
     /// If the folder has no campaign, or a file cannot be read.

@@ -23,8 +23,9 @@ struct TrainingTime {
     control_steps: u64,
 }
 
-/// Returns the training time of a shipped controller in control steps of each environment, from its record in
-/// `controllers/figures`; `None` if there is no record or its learning curve does not show the time. `root` is the repository.
+/// Returns the training time of a shipped controller in control steps of each environment, from its
+/// record in `controllers/figures`; `None` if there is no record or its learning curve does not
+/// show the time. `root` is the repository.
 ///
 /// # Errors
 /// If the record cannot be read.

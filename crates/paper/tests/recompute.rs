@@ -1,4 +1,5 @@
-//! The pages in `docs/notebook/2026-11-23-paper` are those of the summaries in `experiments/paper/results`.
+//! The pages in `docs/notebook/2026-11-23-paper` are those of the summaries in
+//! `experiments/paper/results`.
 
 #![allow(clippy::unwrap_used)]
 

@@ -1,7 +1,8 @@
 /// Returns one block of Philox4x32 with ten rounds: four 32-bit words from a counter and a key.
 ///
-/// Each round multiplies two words of the counter by fixed odd constants, keeps the low halves and mixes the high
-/// halves with the other words and the key; the key grows by fixed increments (Weyl sequences) between rounds.
+/// Each round multiplies two words of the counter by fixed odd constants, keeps the low halves and
+/// mixes the high halves with the other words and the key; the key grows by fixed increments (Weyl
+/// sequences) between rounds.
 ///
 /// # Example
 /// The first known-answer vector of the reference implementation:

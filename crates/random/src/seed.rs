@@ -2,8 +2,9 @@ use crate::philox::{halves, joined, philox4x32, unit};
 
 /// A random seed of 64 bits, from which random numbers and child seeds are derived without state.
 ///
-/// Every number is a pure function of (seed, stream, step, index): the output of Philox4x32-10 with the seed as key and
-/// the rest as counter. So the order of threads or calls cannot change a number, and streams are independent.
+/// Every number is a pure function of (seed, stream, step, index): the output of Philox4x32-10 with
+/// the seed as key and the rest as counter. So the order of threads or calls cannot change a
+/// number, and streams are independent.
 ///
 /// # Example
 /// ```
@@ -50,7 +51,8 @@ pub enum Stream {
 }
 
 impl Seed {
-    /// Returns child seed `index`, for example the seed of a trial in a run or of a simulation in a trial.
+    /// Returns child seed `index`, for example the seed of a trial in a run or of a simulation in a
+    /// trial.
     pub fn child(self, index: u64) -> Seed {
         let [a, b, _, _] = self.block(Stream::Child, index, 0);
         Seed(joined(a, b))
@@ -65,8 +67,8 @@ impl Seed {
     /// Fills `out` with independent standard normal numbers by the Box-Muller transform.
     ///
     /// # Reference
-    /// Box and Muller, "A Note on the Generation of Random Normal Deviates", The Annals of Mathematical Statistics 29,
-    /// 1958.
+    /// Box and Muller, "A Note on the Generation of Random Normal Deviates", The Annals of
+    /// Mathematical Statistics 29, 1958.
     pub fn normals(self, stream: Stream, step: u64, out: &mut [f64]) {
         for (pair, index) in out.chunks_mut(2).zip(0..) {
             let [a, b, c, d] = self.block(stream, step, index);

@@ -34,7 +34,8 @@ impl Sequence {
         unit(self.bits())
     }
 
-    /// Returns the next random integer in [0, n): the high half of the product of 64 random bits and `n`.
+    /// Returns the next random integer in [0, n): the high half of the product of 64 random bits
+    /// and `n`.
     ///
     /// The probabilities of two integers differ by at most 2^-64. Returns 0 if `n` is 0.
     pub fn below(&mut self, n: u64) -> u64 {
@@ -67,8 +68,8 @@ mod tests {
         assert_ne!(first(1, 2), first(2, 2));
     }
 
-    /// Compares mean, variance and fourth moment of n samples with 1/2 and 1/12, and 0, 1 and 3: within five standard
-    /// errors.
+    /// Compares mean, variance and fourth moment of n samples with 1/2 and 1/12, and 0, 1 and 3:
+    /// within five standard errors.
     #[test]
     fn uniform_and_normal_samples_have_the_expected_moments() {
         let n = 100_000;

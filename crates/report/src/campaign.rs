@@ -162,8 +162,8 @@ const COLUMNS: [&str; 10] = [
 /// Number of columns that say what was found.
 const RESULTS: usize = 7;
 
-/// Returns the table of runs: the highest share of failures first. What was tested has no column if all runs share it, or if
-/// `names_say_it`; a sentence above the table says what they share.
+/// Returns the table of runs: the highest share of failures first. What was tested has no column if
+/// all runs share it, or if `names_say_it`; a sentence above the table says what they share.
 pub fn table(runs: &[RunSummary], names_say_it: bool) -> String {
     let mut sorted: Vec<&RunSummary> = runs.iter().collect();
     let median = |run: &RunSummary| run.median.unwrap_or(u32::MAX);

@@ -25,7 +25,8 @@ pub fn details(report: &RunReport, trial: u32, number: u32) -> String {
     format!("<details><summary>Run it again</summary><pre>{}</pre></details>\n", crate::html::lines(&lines))
 }
 
-/// Returns the command that replays a simulation; a line of Python if the target is a Python system.
+/// Returns the command that replays a simulation; a line of Python if the target is a Python
+/// system.
 pub fn replay_command(header: &RunHeader, path: &str, trial: u32, number: u32) -> String {
     mishandle::replay::replay_command(&header.target.kind, path.as_ref(), trial, number)
 }

@@ -31,7 +31,8 @@ const MAX_COLUMNS: usize = 6;
 /// Number of axes whose pairs are shown if there are more than two.
 const PAIR_AXES: usize = 3;
 
-/// Returns the page about a comparison of these runs: one HTML file without scripts, which loads nothing.
+/// Returns the page about a comparison of these runs: one HTML file without scripts, which loads
+/// nothing.
 pub fn comparison_page(found: &Comparison, runs: [&RunFile; 2]) -> String {
     html(found, runs.map(RunFile::header))
 }
@@ -118,7 +119,8 @@ fn name(run: &ComparedRun) -> String {
     }
 }
 
-/// Says how many of the new and the fixed failures are at the corners, which the verdict leaves out.
+/// Says how many of the new and the fixed failures are at the corners, which the verdict leaves
+/// out.
 fn corners_text(found: &Comparison) -> String {
     let corners = |pairs: &[ComparedPair]| pairs.iter().filter(|pair| pair.trial == Corners::TRIAL).count();
     match (corners(&found.new_failures), corners(&found.fixed_failures)) {

@@ -1,4 +1,5 @@
-//! Charts over the simulations of the trials: progress of the search, distribution of the robustness.
+//! Charts over the simulations of the trials: progress of the search, distribution of the
+//! robustness.
 
 use mishandle_charts::{Area, Chart, ChartAxis, Mark, Panel, Series};
 
@@ -107,8 +108,8 @@ fn distribution(report: &RunReport) -> String {
     )
 }
 
-/// Counts the values in bars of this width, by the number of the bar. Bar 0 starts at 0, so that no bar mixes violated and
-/// satisfied.
+/// Counts the values in bars of this width, by the number of the bar. Bar 0 starts at 0, so that no
+/// bar mixes violated and satisfied.
 fn bars(values: &[f64], width: f64) -> Vec<(i64, usize)> {
     let mut bars: Vec<(i64, usize)> = Vec::new();
     for value in values {

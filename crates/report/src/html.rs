@@ -17,8 +17,9 @@ pub fn with_code(sentence: &str) -> String {
     parts.iter().enumerate().map(part).collect()
 }
 
-/// Escapes a text from a run file. Control characters and invisible characters become visible escapes, so that no name can
-/// reorder the text around it. The middle of a very long text is left out.
+/// Escapes a text from a run file. Control characters and invisible characters become visible
+/// escapes, so that no name can reorder the text around it. The middle of a very long text is left
+/// out.
 pub fn text(text: &str) -> String {
     let visible = visible(text);
     let mut out = String::with_capacity(visible.len());

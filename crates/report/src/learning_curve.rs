@@ -10,8 +10,8 @@ use crate::page::Document;
 use crate::space::{around, linear};
 use crate::{color, words};
 
-/// Returns the page about a curve that `mishandle train --csv` wrote: one HTML file without scripts, which loads nothing.
-/// `path` names the curve.
+/// Returns the page about a curve that `mishandle train --csv` wrote: one HTML file without
+/// scripts, which loads nothing. `path` names the curve.
 pub fn learning_curve_page(curve: &Curve, path: &str) -> String {
     let name = text(words::file_name(path));
     let sentences: String =

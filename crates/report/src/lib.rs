@@ -1,14 +1,16 @@
 //! Pages about runs: HTML files without scripts that load nothing.
 //!
-//! [`RunReport::load`] reads what the page shows from a run file, of any target. [`RunReport::measure`] adds what takes
-//! simulations: the size of the failing patches, repeats under noise, corners and pictures. [`page`] writes the HTML.
-//! [`campaign_page`] and [`run_page`] write those of a campaign,
-//! [`comparison_page`] writes the page of two evaluations on the same scenarios and seeds, [`learning_curve_page`] that of a
-//! training run.
+//! [`RunReport::load`] reads what the page shows from a run file, of any target.
+//! [`RunReport::measure`] adds what takes simulations: the size of the failing patches, repeats
+//! under noise, corners and pictures. [`page`] writes the HTML. [`campaign_page`] and [`run_page`]
+//! write those of a campaign, [`comparison_page`] writes the page of two evaluations on the same
+//! scenarios and seeds, [`learning_curve_page`] that of a training run.
 //!
 //! - `load`, `measure`, `pictures`: the facts. `words`: verdict and meaning in sentences.
-//! - `space`, `map`, `curves`, `trace`: charts, drawn by the crate `charts`. A style sheet maps their colors to the theme.
-//! - `html`, `section`, `modes`, `page`: text. Every name, unit and formula of a run file is escaped.
+//! - `space`, `map`, `curves`, `trace`: charts, drawn by the crate `charts`. A style sheet maps
+//!   their colors to the theme.
+//! - `html`, `section`, `modes`, `page`: text. Every name, unit and formula of a run file is
+//!   escaped.
 
 #![allow(clippy::result_large_err, reason = "functions return the error of the library")]
 

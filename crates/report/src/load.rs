@@ -104,7 +104,8 @@ impl From<Simulation> for Point {
 }
 
 impl RunReport {
-    /// Reads the facts of a run. `path` is its name on the page and in the commands that the page shows.
+    /// Reads the facts of a run. `path` is its name on the page and in the commands that the page
+    /// shows.
     ///
     /// # Errors
     /// If the run cannot be read, or a formula has no finite value on a recorded trace.
@@ -206,9 +207,9 @@ impl RunReport {
         })
     }
 
-    /// Adds the answer of a margin or a failure probability, which follows from the recorded simulations and the target.
-    /// `controller` is the present path of the run's controller, if the file was moved. If the target of the run is not
-    /// available, the page says so.
+    /// Adds the answer of a margin or a failure probability, which follows from the recorded
+    /// simulations and the target. `controller` is the present path of the run's controller, if the
+    /// file was moved. If the target of the run is not available, the page says so.
     ///
     /// # Errors
     /// If the simulations are not those that the question asks.
@@ -225,7 +226,8 @@ impl RunReport {
         }
     }
 
-    /// Like [`add_answer`](Self::add_answer), with a target that is not part of this program, such as a Python system.
+    /// Like [`add_answer`](Self::add_answer), with a target that is not part of this program, such
+    /// as a Python system.
     ///
     /// # Errors
     /// If the simulations are not those that the question asks.
@@ -270,8 +272,8 @@ impl RunReport {
         self.trials.iter().filter(|trial| trial.summary.counts.simulations > 0)
     }
 
-    /// Returns the lifetimes of the trials that ended. A search that gave up finds nothing within its budget, so its trial is
-    /// censored at the budget.
+    /// Returns the lifetimes of the trials that ended. A search that gave up finds nothing within
+    /// its budget, so its trial is censored at the budget.
     pub fn lifetimes(&self) -> Vec<Lifetime> {
         let budget =
             self.plan.as_ref().and_then(|plan| plan.falsify.as_ref()).map_or(0, |falsify| falsify.budget);

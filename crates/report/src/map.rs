@@ -16,7 +16,8 @@ pub const SIZE: [u32; 2] = [440, 330];
 const CELLS: usize = 36;
 const PROJECTED_CELLS: usize = 14;
 
-/// Largest distance from a simulation at which a map of two axes is painted, as a fraction of the axes.
+/// Largest distance from a simulation at which a map of two axes is painted, as a fraction of the
+/// axes.
 const REACH: f64 = 0.12;
 
 /// Largest number of axes whose pairs are shown.
@@ -340,11 +341,12 @@ impl Drawing<'_> {
     }
 }
 
-/// Returns the mean of the values at `places`, weighted by the inverse fourth power of the distance from `center`; `None` if
-/// none of them is near.
+/// Returns the mean of the values at `places`, weighted by the inverse fourth power of the distance
+/// from `center`; `None` if none of them is near.
 ///
 /// # Reference
-/// Shepard, "A two-dimensional interpolation function for irregularly-spaced data", ACM National Conference 1968.
+/// Shepard, "A two-dimensional interpolation function for irregularly-spaced data", ACM National
+/// Conference 1968.
 fn interpolated(places: &[([f64; 2], f64)], center: [f64; 2]) -> Option<f64> {
     let (mut sum, mut weights, mut nearest) = (0.0, 0.0, f64::INFINITY);
     for ([x, y], rho) in places {

@@ -205,7 +205,8 @@ fn witness_section(report: &RunReport, witness: &Witness) -> String {
     out
 }
 
-/// Returns the table of the axes that are not at their nominal values, the initial state among them.
+/// Returns the table of the axes that are not at their nominal values, the initial state among
+/// them.
 fn disturbed(report: &RunReport, scenario: &[Option<f64>]) -> String {
     let shown: Vec<_> = report
         .axes

@@ -63,12 +63,14 @@ pub struct Patch {
 }
 
 impl RunReport {
-    /// Adds what takes simulations: the size of each mode's failing patch, how often its representative
-    /// fails with other seeds, the share of noise, corners, and pictures of tasks. Calls `watch` after each simulation with
-    /// the number of simulations so far and in total; it can end them after the running batch.
+    /// Adds what takes simulations: the size of each mode's failing patch, how often its
+    /// representative fails with other seeds, the share of noise, corners, and pictures of tasks.
+    /// Calls `watch` after each simulation with the number of simulations so far and in total; it
+    /// can end them after the running batch.
     ///
-    /// `probes` is the number of random scenarios that estimate the size of a patch; 0 skips it. `controller` is the present path
-    /// of the run's controller, if the file was moved. Nothing is simulated if the target of the run cannot be.
+    /// `probes` is the number of random scenarios that estimate the size of a patch; 0 skips it.
+    /// `controller` is the present path of the run's controller, if the file was moved. Nothing is
+    /// simulated if the target of the run cannot be.
     ///
     /// # Errors
     /// If a simulation cannot be run.
@@ -85,7 +87,8 @@ impl RunReport {
         }
     }
 
-    /// Like [`measure`](Self::measure), with a target that is not part of this program, such as a Python system.
+    /// Like [`measure`](Self::measure), with a target that is not part of this program, such as a
+    /// Python system.
     ///
     /// # Errors
     /// If a simulation cannot be run.
@@ -201,8 +204,9 @@ impl RunReport {
     }
 }
 
-/// Returns the box of a mode in unit coordinates, widened by [`MARGIN`]; the whole unit interval for axes by which failures were
-/// not grouped, and for those that are drawn at random. Returns `None` if an axis has no valid bounds.
+/// Returns the box of a mode in unit coordinates, widened by [`MARGIN`]; the whole unit interval
+/// for axes by which failures were not grouped, and for those that are drawn at random. Returns
+/// `None` if an axis has no valid bounds.
 fn unit_box(axes: &[Axis], mode: &FailureMode) -> Option<Vec<[f64; 2]>> {
     axes.iter()
         .zip(&mode.region)

@@ -1,4 +1,5 @@
-//! Failure modes: what fails, where, when, how large the failing patch is, and one simulation of each.
+//! Failure modes: what fails, where, when, how large the failing patch is, and one simulation of
+//! each.
 
 use mishandle::evaluation::Estimate;
 use mishandle::inspect::{ExplainedSimulation, FailureMode};
@@ -10,7 +11,8 @@ use crate::pictures::{Film, Frame, Pictures};
 use crate::space::value_text;
 use crate::{commands, tables, trace};
 
-/// If the share of failing scenarios in the box of a mode may be above this, the patch is taken to be larger than the box.
+/// If the share of failing scenarios in the box of a mode may be above this, the patch is taken to
+/// be larger than the box.
 const REACHES_BEYOND: f64 = 0.9;
 
 /// A box with at least this share of the space is taken for the whole space.
@@ -19,7 +21,8 @@ const WHOLE: f64 = 0.999;
 /// Largest number of axes in the tables of a mode.
 const MAX_AXES: usize = 12;
 
-/// A box with a smaller part of the space says nothing about the size of the failing patch, since most failures are outside.
+/// A box with a smaller part of the space says nothing about the size of the failing patch, since
+/// most failures are outside.
 const SMALL: f64 = 0.001;
 
 /// Returns the descriptions of the failure modes of a run. `id` is its number on the page.
@@ -128,7 +131,8 @@ fn interval(estimate: &Estimate) -> String {
     }
 }
 
-/// Says how large the failing patch is. If the target `is_random`, a scenario fails with some probability.
+/// Says how large the failing patch is. If the target `is_random`, a scenario fails with some
+/// probability.
 fn patch_text(patch: Patch, is_random: bool) -> String {
     let Patch { volume, failures, failing } = patch;
     let (Some(value), Some(low), Some(high)) = (failing.value, failing.low, failing.high) else {
@@ -168,7 +172,8 @@ fn patch_text(patch: Patch, is_random: bool) -> String {
     }
 }
 
-/// Returns the table of the region of a mode and the scenario of its representative. The axes that matter come first.
+/// Returns the table of the region of a mode and the scenario of its representative. The axes that
+/// matter come first.
 fn region_table(report: &RunReport, mode: &FailureMode) -> String {
     let scenario = &mode.representative().scenario;
     let matters = |axis: &usize| mode.axes.contains(axis);

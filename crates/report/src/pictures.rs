@@ -12,7 +12,8 @@ pub const PICTURE: (u32, u32) = (320, 240);
 /// Largest number of simulations with pictures, so that the page stays small.
 const MAX_STRIPS: usize = 4;
 
-/// Longest time of a film before and after the event, s, its speed, and the time for which it holds a mark and its end, ms.
+/// Longest time of a film before and after the event, s, its speed, and the time for which it holds
+/// a mark and its end, ms.
 const AROUND: f64 = 1.0;
 const SPEED: f64 = 0.5;
 const HOLD: f64 = 1000.0;
@@ -54,7 +55,8 @@ pub enum PictureError {
     Render(#[from] WorldError),
 }
 
-/// Renders some instants of each simulation, the decisive one among them, and a film around it. Other targets than tasks have no pictures.
+/// Renders some instants of each simulation, the decisive one among them, and a film around it.
+/// Other targets than tasks have no pictures.
 pub fn strips(
     run: &RunFile,
     simulations: &[ExplainedSimulation],

@@ -33,7 +33,8 @@ struct RankedAxis {
 }
 
 impl Ranking {
-    /// Ranks the axes with the given indices. `value` returns the value of an axis, `result` the result of a row.
+    /// Ranks the axes with the given indices. `value` returns the value of an axis, `result` the
+    /// result of a row.
     pub fn new<T>(
         space: &[Axis],
         axes: &[usize],
@@ -80,7 +81,8 @@ impl Ranking {
         self.first(if with_effect == 0 { n } else { with_effect.clamp(2, n) })
     }
 
-    /// Returns a sentence on the choice of the `shown` axes, as HTML. `result` names the result, such as "robustness".
+    /// Returns a sentence on the choice of the `shown` axes, as HTML. `result` names the result,
+    /// such as "robustness".
     pub fn sentence(&self, space: &[Axis], shown: usize, result: &str) -> String {
         let all = format!("{} axes", self.axes.len());
         if self.values < MIN_VALUES {
@@ -115,8 +117,8 @@ impl Ranking {
 
 const TEST: &str = "Kruskal-Wallis test, Holm's correction, 5 %";
 
-/// Groups results by the values of an axis: by level, or by intervals with the same number of values. Equal values are in one
-/// group.
+/// Groups results by the values of an axis: by level, or by intervals with the same number of
+/// values. Equal values are in one group.
 fn grouped(mut pairs: Vec<(f64, f64)>, levels: Option<usize>) -> Vec<Vec<f64>> {
     pairs.sort_by(|a, b| a.0.total_cmp(&b.0));
     let n = pairs.len();
@@ -158,7 +160,8 @@ mod tests {
         (i as f64 * root.sqrt()).fract()
     }
 
-    /// Ranks four axes: one without effect, one with an effect that is not monotone, one that is monotone, one with levels.
+    /// Ranks four axes: one without effect, one with an effect that is not monotone, one that is
+    /// monotone, one with levels.
     fn ranked(n: usize, result: impl Fn(&[f64]) -> f64) -> (Vec<Axis>, Ranking) {
         let space = vec![
             axis("dead", AxisValues::Continuous),

@@ -1,4 +1,5 @@
-//! The answer of a failure probability: estimate, interval, assumption, and the parts of the estimation.
+//! The answer of a failure probability: estimate, interval, assumption, and the parts of the
+//! estimation.
 
 use mishandle::results::{AxisDistribution, Estimate, Probability, Risk, Screening};
 use mishandle_text::{plural, probability_text as probability};

@@ -42,7 +42,8 @@ pub fn label(axis: &Axis) -> String {
     format!("{}{unit}", short(&axis.name, 30))
 }
 
-/// Returns the lowest and highest position of an axis: a discrete value takes half a step on both sides.
+/// Returns the lowest and highest position of an axis: a discrete value takes half a step on both
+/// sides.
 fn ends(axis: &Axis) -> [f64; 2] {
     match axis.levels() {
         Some(_) => sane([axis.low - 0.5, axis.high + 0.5]),
@@ -79,8 +80,8 @@ pub fn chart_axis(axis: &Axis) -> ChartAxis {
     }
 }
 
-/// Returns the positions between `n` cells of equal size, or the middles between the levels of a discrete axis with at most
-/// `n` levels.
+/// Returns the positions between `n` cells of equal size, or the middles between the levels of a
+/// discrete axis with at most `n` levels.
 pub fn edges(axis: &Axis, n: usize) -> Vec<f64> {
     let [low, high] = ends(axis);
     let cells = cells(axis, n);

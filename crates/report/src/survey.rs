@@ -1,4 +1,5 @@
-//! Findings of trials that keep going: modes against simulations, estimates of unseen modes, coverage of the space.
+//! Findings of trials that keep going: modes against simulations, estimates of unseen modes,
+//! coverage of the space.
 
 use mishandle::inspect::ModeSurvey;
 use mishandle::results::{Coverage, UnseenModes};

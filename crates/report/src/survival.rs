@@ -10,7 +10,8 @@ use crate::space::linear;
 /// Trials that are shown as one curve.
 #[derive(Clone, Debug)]
 pub struct SurvivalLine<'a> {
-    /// Common property of the trials, such as the name of the search; may be empty if there is one curve.
+    /// Common property of the trials, such as the name of the search; may be empty if there is one
+    /// curve.
     pub name: &'a str,
     /// When each trial failed or ended.
     pub lifetimes: Vec<Lifetime>,
@@ -27,8 +28,8 @@ const STYLES: [(&str, Mark, &str); 4] = [
 /// Half the length of the tick of a trial that ended without a failure, as a share of the axis.
 const TICK: f64 = 0.025;
 
-/// Returns a chart of Kaplan-Meier curves, with a legend if there are several. `title` and `caption` are HTML; `end` is the least
-/// end of the axis of simulations.
+/// Returns a chart of Kaplan-Meier curves, with a legend if there are several. `title` and
+/// `caption` are HTML; `end` is the least end of the axis of simulations.
 pub fn survival_figure(
     title: &str,
     caption: &str,

@@ -190,13 +190,15 @@ pub fn axes(report: &RunReport) -> String {
     table("Axes of the space", &head, &rows) + &more(report.axes.len(), MAX_AXES, "axes")
 }
 
-/// Returns whether a scenario is the center of the initial box: not at the end of an axis of the initial state.
+/// Returns whether a scenario is the center of the initial box: not at the end of an axis of the
+/// initial state.
 fn is_center(report: &RunReport, scenario: &[Option<f64>]) -> bool {
     let mut starts = report.header.axes.iter().zip(scenario).filter(|(axis, _)| axis.kind == "start");
     starts.any(|(axis, value)| value.is_some_and(|value| value != axis.low && value != axis.high))
 }
 
-/// Returns what happens at the corners and the center of the initial box; `None` if they were not simulated.
+/// Returns what happens at the corners and the center of the initial box; `None` if they were not
+/// simulated.
 pub fn corners(report: &RunReport) -> Option<String> {
     let recorded: Vec<&Point> = match report.is_evaluation() {
         true => report.corners.iter().collect(),

@@ -11,7 +11,8 @@ use mishandle::store::RunFile;
 use mishandle::{Plan, ResolvedPlan};
 use mishandle_report::{RunReport, page};
 
-/// Asks the question of a plan, for at most `calls` calls of its progress. Returns the answer and its page.
+/// Asks the question of a plan, for at most `calls` calls of its progress. Returns the answer and
+/// its page.
 fn asked(plan: &Plan, calls: u64) -> (Answer, String) {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("run.sqlite");

@@ -107,7 +107,8 @@ fn html(axes: usize, text: &str, trials: &[(u32, bool)]) -> String {
 
 #[test]
 fn the_numbers_are_those_of_the_run() {
-    // Failures after 1 and 2 simulations, ends without a failure after 2 and 3: survival 3/4, then 3/4 * 2/3 = 1/2.
+    // Failures after 1 and 2 simulations, ends without a failure after 2 and 3: survival 3/4, then
+    // 3/4 * 2/3 = 1/2.
     let html = html(2, "", &[(1, true), (2, true), (2, false), (3, false)]);
     for part in [
         "<h2>car with controller mine violates its requirement in 2 of 4 trials. The first failure comes after a median of 2 \

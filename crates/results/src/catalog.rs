@@ -46,8 +46,8 @@ pub struct InitialAxis {
 /// A note on a task.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, JsonSchema)]
 pub struct Note {
-    /// `paper` (differences from the paper), `physics` (that the MJCF does not show), `success` (what it does not say) or
-    /// `weaknesses` (of the shipped controllers).
+    /// `paper` (differences from the paper), `physics` (that the MJCF does not show), `success`
+    /// (what it does not say) or `weaknesses` (of the shipped controllers).
     pub topic: String,
     /// Whether the note applies to every task.
     pub every_task: bool,

@@ -5,8 +5,8 @@ use crate::{AxisFacts, Estimate, Number, Scenario, Seed, optional_number};
 
 /// Two evaluations on the same scenarios and seeds, A and B, compared pair by pair.
 ///
-/// The rates and means cover the random simulations. The corners and the center of the initial box are not a random sample, so they
-/// appear among the new and the fixed failures only.
+/// The rates and means cover the random simulations. The corners and the center of the initial box
+/// are not a random sample, so they appear among the new and the fixed failures only.
 #[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
 pub struct Comparison {
     /// Name of the target.
@@ -31,7 +31,8 @@ pub struct Comparison {
     pub robustness: PairedMeans,
     /// Number of dangerous control steps; `null` if the target has no such formula.
     pub dangerous_steps: Option<PairedMeans>,
-    /// Control step of completion, over pairs in which both succeed; `null` if the target has no such formula.
+    /// Control step of completion, over pairs in which both succeed; `null` if the target has no
+    /// such formula.
     pub completion_step: Option<PairedMeans>,
     /// Conclusion from the success rates, in a sentence.
     pub verdict: String,

@@ -40,8 +40,8 @@ pub struct Exports {
 pub struct ExportedCounterexample {
     /// Path of the file; `null` if it was not written.
     pub file: Option<String>,
-    /// Path of a file whose minimized scenario differs by at most 1 % of the width of each axis, so that this one was not
-    /// written; `null` if it was.
+    /// Path of a file whose minimized scenario differs by at most 1 % of the width of each axis, so
+    /// that this one was not written; `null` if it was.
     pub same_as: Option<String>,
     /// Failure mode; `null` with `--simulation`.
     pub mode: Option<u64>,
@@ -76,7 +76,8 @@ pub struct Minimized {
     pub complete: bool,
     /// Whether a signal ended the minimization or its repeats early.
     pub interrupted: bool,
-    /// Whether every smaller set of axes passes, with these axes at their recorded values and the others at nominal.
+    /// Whether every smaller set of axes passes, with these axes at their recorded values and the
+    /// others at nominal.
     pub fewest_axes: bool,
     /// Whether the decisive predicate is the recorded one.
     pub same_predicate: bool,

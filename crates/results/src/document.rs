@@ -82,7 +82,8 @@ impl Document {
         Document { is_array: true, ..Document::object::<T>(command) }
     }
 
-    /// Returns the JSON Schema of an object of the document, without the key `schema`. Other types are in `$defs`.
+    /// Returns the JSON Schema of an object of the document, without the key `schema`. Other types
+    /// are in `$defs`.
     pub fn schema(&self) -> Schema {
         (self.make)()
     }

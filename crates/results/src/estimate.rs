@@ -34,14 +34,14 @@ pub struct Repeats {
     pub failures: u64,
     /// Failure rate of the simulations with a verdict, with its Wilson interval.
     pub failure_rate: Estimate,
-    /// Quantiles of the robustness at the probabilities 0, 0.05, 0.5, 0.95 and 1, linearly interpolated; `null` without a
-    /// verdict.
+    /// Quantiles of the robustness at the probabilities 0, 0.05, 0.5, 0.95 and 1, linearly
+    /// interpolated; `null` without a verdict.
     pub quantiles: Option<Vec<Quantile>>,
 }
 
 impl Repeats {
-    /// Returns whether more than half of the simulations violate the requirement. One without a verdict counts as one that
-    /// does not.
+    /// Returns whether more than half of the simulations violate the requirement. One without a
+    /// verdict counts as one that does not.
     pub fn fails_in_most(&self) -> bool {
         2 * self.failures > self.simulations
     }

@@ -17,14 +17,17 @@ pub struct Evaluation {
     pub starts: String,
     /// Whether any initial state was rejected as unreachable and drawn again.
     pub leaves_out_starts: bool,
-    /// Whether all simulations of the plan are finished; `false` after an interruption, exit code 130.
+    /// Whether all simulations of the plan are finished; `false` after an interruption, exit
+    /// code 130.
     pub is_complete: bool,
     /// The metrics.
     #[serde(flatten)]
     pub metrics: Metrics,
-    /// Results at the corners and the center of the initial box; `null` if the space has no numeric axis of kind `start`.
+    /// Results at the corners and the center of the initial box; `null` if the space has no numeric
+    /// axis of kind `start`.
     pub corners: Option<Corners>,
-    /// Counts of the screening; missing without it. The rates are then those of a two-phase sample: see `gpu.md`.
+    /// Counts of the screening; missing without it. The rates are then those of a two-phase sample:
+    /// see `gpu.md`.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub screening: Option<Screening>,
     /// With screening, up to 100 simulations of MuJoCo C without success; missing without it.
@@ -47,18 +50,22 @@ pub struct ScreenedFailure {
 
 /// Metrics of a controller over the simulations from random scenarios, without the corners.
 ///
-/// Diverged, invalid and undecided simulations count as failures in both success rates, because excluding them would
-/// reward a controller that breaks the physics. They do not count as falsified. A diverged or invalid simulation is
-/// excluded from the dangerous behavior rate and the task completion time.
+/// Diverged, invalid and undecided simulations count as failures in both success rates, because
+/// excluding them would reward a controller that breaks the physics. They do not count as
+/// falsified. A diverged or invalid simulation is excluded from the dangerous behavior rate and the
+/// task completion time.
 ///
-/// A scenario from which the target cannot start says nothing about the controller, so no rate includes it; `failed` does.
+/// A scenario from which the target cannot start says nothing about the controller, so no rate
+/// includes it; `failed` does.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, JsonSchema)]
 pub struct Metrics {
     /// Number of simulations from random scenarios, without the corners.
     pub simulations: u64,
-    /// Number of these that diverged. With screening, this and the next three keys count simulations of MuJoCo C.
+    /// Number of these that diverged. With screening, this and the next three keys count
+    /// simulations of MuJoCo C.
     pub diverged: u64,
-    /// Number of these that ended because the controller or the environment returned a value that is not finite.
+    /// Number of these that ended because the controller or the environment returned a value that
+    /// is not finite.
     pub invalid: u64,
     /// Number of these that could not start, crashed or took too long.
     pub failed: u64,
@@ -66,28 +73,32 @@ pub struct Metrics {
     pub undecided: u64,
     /// Number of others that left strict success undecided.
     pub strict_undecided: u64,
-    /// Fraction of the started simulations that satisfy the success formula, with its Wilson interval.
+    /// Fraction of the started simulations that satisfy the success formula, with its Wilson
+    /// interval.
     pub success_rate: Estimate,
-    /// Fraction of the started simulations that satisfy the success formula and the strict formula, with its Wilson interval;
-    /// missing if the target has no such formula.
+    /// Fraction of the started simulations that satisfy the success formula and the strict formula,
+    /// with its Wilson interval; missing if the target has no such formula.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub strict_success_rate: Option<Estimate>,
-    /// Mean fraction of control steps that violate the formula `safe`, over the simulations that neither diverged nor were
-    /// invalid, with a betting interval; missing if the target has no such formula.
+    /// Mean fraction of control steps that violate the formula `safe`, over the simulations that
+    /// neither diverged nor were invalid, with a betting interval; missing if the target has no
+    /// such formula.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub dangerous_behavior_rate: Option<Estimate>,
-    /// Fraction of the same simulations in which any control step violates the formula `safe`, with its Wilson interval; missing
-    /// if the target has no such formula.
+    /// Fraction of the same simulations in which any control step violates the formula `safe`, with
+    /// its Wilson interval; missing if the target has no such formula.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub dangerous_episode_rate: Option<Estimate>,
-    /// Mean number of control steps until the formula `completion` first holds with its whole window inside the episode, over
-    /// the successful simulations that complete, with a bootstrap interval; its bounds are `null` for fewer than 10 values or if
-    /// all values are equal. Missing if the target has no such formula.
+    /// Mean number of control steps until the formula `completion` first holds with its whole
+    /// window inside the episode, over the successful simulations that complete, with a bootstrap
+    /// interval; its bounds are `null` for fewer than 10 values or if all values are equal. Missing
+    /// if the target has no such formula.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub task_completion_time: Option<Estimate>,
 }
 
-/// Results at the corners and the center of the initial box. They are counts of chosen points, so they have no intervals.
+/// Results at the corners and the center of the initial box. They are counts of chosen points, so
+/// they have no intervals.
 #[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
 pub struct Corners {
     /// Number of simulations per point.
@@ -100,7 +111,8 @@ pub struct Corners {
     pub strictly_succeeding: Option<u64>,
     /// Whether all simulations at the center succeed; `null` if it does not count.
     pub center_succeeds: Option<bool>,
-    /// Whether all simulations at the center succeed strictly; `null` if it does not count, and without a strict formula.
+    /// Whether all simulations at the center succeed strictly; `null` if it does not count, and
+    /// without a strict formula.
     pub center_strictly_succeeds: Option<bool>,
     /// The corners, then the center.
     pub points: Vec<CornerPoint>,

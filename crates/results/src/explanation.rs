@@ -3,7 +3,8 @@ use serde::Serialize;
 
 use crate::{AxisFacts, Number, Scenario, Seed, Signal};
 
-/// When, where and by which predicate a simulation violates or satisfies the requirement. Samples count from 0.
+/// When, where and by which predicate a simulation violates or satisfies the requirement. Samples
+/// count from 0.
 #[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
 pub struct Explanation {
     /// Path of the run file; missing within the document of `simulate`.
@@ -23,10 +24,11 @@ pub struct Explanation {
     pub formula: String,
     /// Robustness of the requirement.
     pub robustness: Number,
-    /// First sample after which nothing can change whether the requirement is satisfied; `null` if the trace does not decide it,
-    /// or the robustness is 0.
+    /// First sample after which nothing can change whether the requirement is satisfied; `null` if
+    /// the trace does not decide it, or the robustness is 0.
     pub decided: Option<Instant>,
-    /// Decisive predicate; `null` if an operator has an empty window or depends on two operands (`iff`, `xor`).
+    /// Decisive predicate; `null` if an operator has an empty window or depends on two operands
+    /// (`iff`, `xor`).
     pub predicate: Option<Predicate>,
     /// Samples at which the operator above evaluates the predicate; `null` without a predicate.
     pub window: Option<Window>,
@@ -34,7 +36,8 @@ pub struct Explanation {
     pub path: Vec<PathStep>,
     /// Conjuncts of the requirement.
     pub conjuncts: Vec<Conjunct>,
-    /// `corner` or `center` for a simulation at the corners of the initial box, trial 2 of an evaluation; otherwise `null`.
+    /// `corner` or `center` for a simulation at the corners of the initial box, trial 2 of an
+    /// evaluation; otherwise `null`.
     pub point: Option<String>,
     /// The axes of the scenario space.
     pub space_axes: Vec<AxisFacts>,
@@ -115,7 +118,8 @@ pub struct Conjunct {
     pub decided: Option<Instant>,
 }
 
-/// Values of signals at some samples: up to the decisive one, at the instant that decides the requirement, and at the end.
+/// Values of signals at some samples: up to the decisive one, at the instant that decides the
+/// requirement, and at the end.
 #[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
 pub struct SignalTable {
     /// The signals: up to four of those that the requirement reads, those of the predicate first.
@@ -140,7 +144,8 @@ pub struct Masking {
     pub run: String,
     /// Requirement.
     pub formula: String,
-    /// Simulations that satisfy the requirement. None are evaluated if the target cannot be simulated.
+    /// Simulations that satisfy the requirement. None are evaluated if the target cannot be
+    /// simulated.
     pub satisfied: EvaluatedCount,
     /// Simulations that violate the requirement.
     pub violated: EvaluatedCount,
@@ -166,6 +171,7 @@ pub struct MaskedConjunct {
     pub sets_satisfied: u64,
     /// Number of violated simulations whose robustness it sets.
     pub sets_violated: u64,
-    /// Number of simulations that violate the requirement with this conjunct as the only operand of each `and` above it.
+    /// Number of simulations that violate the requirement with this conjunct as the only operand of
+    /// each `and` above it.
     pub fails: u64,
 }

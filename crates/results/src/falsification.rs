@@ -30,7 +30,8 @@ pub struct Falsification {
     pub simulations: u64,
     /// Number of control steps of all simulations; with screening of those of MuJoCo C.
     pub control_steps: u64,
-    /// Number of simulations that belong to no trial: in their batch they follow the end of their trial or its search.
+    /// Number of simulations that belong to no trial: in their batch they follow the end of their
+    /// trial or its search.
     #[serde(skip)]
     #[schemars(skip)]
     pub surplus: u64,
@@ -38,18 +39,20 @@ pub struct Falsification {
     pub falsified_trials: u32,
     /// Fraction of the ended trials that found a counterexample, with its Wilson interval.
     pub falsification_rate: Estimate,
-    /// Mean number of simulations up to the counterexample, over the falsified trials only; `null` without one.
+    /// Mean number of simulations up to the counterexample, over the falsified trials only; `null`
+    /// without one.
     pub mean_simulations: Option<f64>,
-    /// Number of simulations after which half of all trials are falsified; `null` if fewer than half are falsified within the
-    /// budget, or if a trial was interrupted.
+    /// Number of simulations after which half of all trials are falsified; `null` if fewer than
+    /// half are falsified within the budget, or if a trial was interrupted.
     pub median_simulations: Option<u32>,
-    /// Mean number of simulations over all trials; a trial without a counterexample counts as the budget. `null` if a trial was
-    /// interrupted.
+    /// Mean number of simulations over all trials; a trial without a counterexample counts as the
+    /// budget. `null` if a trial was interrupted.
     pub restricted_mean_simulations: Option<f64>,
-    /// The part of the space that cannot fail if the robustness is smooth; `null` where `failure_rate_bound` is.
+    /// The part of the space that cannot fail if the robustness is smooth; `null` where
+    /// `failure_rate_bound` is.
     pub smooth_region: Option<SmoothRegion>,
-    /// One-sided 95 % upper bound of the failure rate if no simulation of uniform random samples (`random`) fails; `null`
-    /// otherwise.
+    /// One-sided 95 % upper bound of the failure rate if no simulation of uniform random samples
+    /// (`random`) fails; `null` otherwise.
     pub failure_rate_bound: Option<f64>,
     /// The trials.
     pub trials: Vec<Trial>,
@@ -76,14 +79,15 @@ pub struct Trial {
     pub minimum_robustness: Option<Number>,
     /// The values of `scenario` in the order of `axes`.
     pub initial_configuration: Option<Vec<Option<f64>>>,
-    /// Scenario of the simulation with the minimum robustness by axis; a value that is drawn at random is `null`.
+    /// Scenario of the simulation with the minimum robustness by axis; a value that is drawn at
+    /// random is `null`.
     pub scenario: Option<Scenario>,
     /// Number of that simulation.
     pub simulation: Option<u32>,
     /// Random seed of that simulation.
     pub seed: Option<Seed>,
-    /// `falsified`, `budget spent`, `search ended` or, with `--keep-going`, `modes dried up`; `null` if the run was interrupted
-    /// before.
+    /// `falsified`, `budget spent`, `search ended` or, with `--keep-going`, `modes dried up`;
+    /// `null` if the run was interrupted before.
     pub end: Option<String>,
     /// Number of simulations that diverged.
     pub diverged: u32,
@@ -97,7 +101,8 @@ pub struct Trial {
     pub undefined: u32,
     /// The first simulation that is invalid, failed or undefined; `null` without one.
     pub first_unevaluated: Option<Unevaluated>,
-    /// Simulations of the counterexample with other seeds; `null` without a counterexample, without randomness, and in a campaign.
+    /// Simulations of the counterexample with other seeds; `null` without a counterexample, without
+    /// randomness, and in a campaign.
     pub repeats: Option<Repeats>,
 }
 
@@ -117,7 +122,8 @@ pub struct Unevaluated {
 /// The part of a space that cannot fail if the robustness is as smooth there as at its samples.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, JsonSchema)]
 pub struct SmoothRegion {
-    /// Estimated 95 % upper bound of the change of the robustness per width of the space; `null` if refused.
+    /// Estimated 95 % upper bound of the change of the robustness per width of the space; `null` if
+    /// refused.
     pub slope: Option<f64>,
     /// Largest slope between adjacent samples; `null` if refused.
     pub largest_slope: Option<f64>,

@@ -1,18 +1,22 @@
 //! The results that Mishandle prints and returns: one type per document.
 //!
-//! Each result is defined here and nowhere else. From these types come the output of `--json`, the text output, the classes of
-//! the Python package, the reference page of the documents and their JSON Schemas. The doc comment of a field is its
-//! description on that page.
+//! Each result is defined here and nowhere else. From these types come the output of `--json`, the
+//! text output, the classes of the Python package, the reference page of the documents and their
+//! JSON Schemas. The doc comment of a field is its description on that page.
 //!
-//! - [`Subject`]: what was asked about: target, controller, noise, space. Most documents start with it.
-//! - [`Evaluation`], [`Falsification`], [`Margin`], [`Risk`], [`Simulation`]: the answers to questions.
-//! - [`Explanation`], [`Masking`], [`Replay`], [`Counterexamples`], [`Regression`], [`Comparison`]: about recorded simulations.
+//! - [`Subject`]: what was asked about: target, controller, noise, space. Most documents start with
+//!   it.
+//! - [`Evaluation`], [`Falsification`], [`Margin`], [`Risk`], [`Simulation`]: the answers to
+//!   questions.
+//! - [`Explanation`], [`Masking`], [`Replay`], [`Counterexamples`], [`Regression`], [`Comparison`]:
+//!   about recorded simulations.
 //! - [`Campaign`], [`RunSummary`], [`Tables`], [`Verification`]: about several runs.
 //! - [`Training`], [`TrainingPlan`], [`Controller`]: about controllers.
 //! - [`Task`], [`Targets`], [`Target`], [`Search`]: what can be named.
 //! - [`Number`], [`Seed`], [`Named`]: values that JSON cannot hold as they are.
 //!
-//! [`Document`] lists the documents with their schemas. This crate contains no physics, reads no files and formats no text.
+//! [`Document`] lists the documents with their schemas. This crate contains no physics, reads no
+//! files and formats no text.
 //!
 //! # Example
 //! ```

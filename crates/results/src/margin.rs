@@ -20,10 +20,11 @@ pub struct Margin {
     pub is_complete: bool,
     /// The amplitudes in the order in which they were tried.
     pub levels: Vec<Level>,
-    /// Largest amplitude below that of the witness at which a finished search found no violation and most simulations have a
-    /// verdict; `null` without one.
+    /// Largest amplitude below that of the witness at which a finished search found no violation
+    /// and most simulations have a verdict; `null` without one.
     pub no_violation_up_to: Option<f64>,
-    /// Number of simulations with a verdict on which `no_violation_up_to` rests; `null` without one.
+    /// Number of simulations with a verdict on which `no_violation_up_to` rests; `null` without
+    /// one.
     pub no_violation_simulations: Option<u64>,
     /// The violation with the smallest disturbance; `null` without one.
     pub witness: Option<Witness>,
@@ -46,7 +47,8 @@ impl Margin {
 /// The simulations with disturbances up to an amplitude.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, JsonSchema)]
 pub struct Level {
-    /// Largest offset of a disturbed axis, as a fraction of the distance from its nominal value to its bound.
+    /// Largest offset of a disturbed axis, as a fraction of the distance from its nominal value to
+    /// its bound.
     pub amplitude: f64,
     /// Number of simulations.
     pub simulations: u64,
@@ -60,7 +62,8 @@ pub struct Level {
     pub is_violated: bool,
     /// Whether the search at this amplitude was not interrupted.
     pub is_complete: bool,
-    /// Whether all scenarios up to the amplitude were simulated and have a verdict, which is possible if all axes are discrete.
+    /// Whether all scenarios up to the amplitude were simulated and have a verdict, which is
+    /// possible if all axes are discrete.
     pub is_exhaustive: bool,
 }
 
@@ -106,8 +109,8 @@ pub struct Witness {
     pub fails_in_most_repeats: Option<bool>,
 }
 
-/// Norms of a disturbance. The offset of an axis from its nominal value is in units of the distance from the nominal value to the
-/// bound on the same side, so that 1 is the largest offset.
+/// Norms of a disturbance. The offset of an axis from its nominal value is in units of the distance
+/// from the nominal value to the bound on the same side, so that 1 is the largest offset.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, JsonSchema)]
 pub struct Norms {
     /// Largest offset (L∞): the amplitude.

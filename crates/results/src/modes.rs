@@ -3,11 +3,12 @@ use serde::Serialize;
 
 use crate::{Named, Number, Scenario, Seed};
 
-/// Findings of trials that keep going: failure modes, estimates of the unseen ones, coverage of the space.
+/// Findings of trials that keep going: failure modes, estimates of the unseen ones, coverage of the
+/// space.
 #[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
 pub struct Modes {
-    /// Number of simulations that violate the requirement, over all trials. This key and the next four exist with `--keep-going`
-    /// only.
+    /// Number of simulations that violate the requirement, over all trials. This key and the next
+    /// four exist with `--keep-going` only.
     pub failures: u64,
     /// Number of these that are in no mode: without a recorded trace, or beyond 5,000.
     pub not_grouped: u64,
@@ -69,10 +70,12 @@ pub struct FailureMode {
     pub distance_from_nominal: f64,
 }
 
-/// Estimates of the failure modes that no trial found, from the numbers of trials that found each mode.
+/// Estimates of the failure modes that no trial found, from the numbers of trials that found each
+/// mode.
 ///
-/// The trials of a run have independent seeds, so these estimates hold for searches that choose their points by earlier results.
-/// Those from the number of failures of each mode, as in Good and Turing, would need independent simulations.
+/// The trials of a run have independent seeds, so these estimates hold for searches that choose
+/// their points by earlier results. Those from the number of failures of each mode, as in Good and
+/// Turing, would need independent simulations.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, JsonSchema)]
 pub struct UnseenModes {
     /// Number of trials.
@@ -85,13 +88,15 @@ pub struct UnseenModes {
     pub total: f64,
 }
 
-/// Pairwise coverage of a space by simulations, with 10 bins for each axis, or its levels if they are fewer.
+/// Pairwise coverage of a space by simulations, with 10 bins for each axis, or its levels if they
+/// are fewer.
 ///
-/// The cells are those of every pair of axes (of the axis, if the space has one): pairwise or 2-way coverage, as in Kuhn, Kacker
-/// and Lei, "Introduction to combinatorial testing", 2013. Cells of all axes together would be too many to visit.
+/// The cells are those of every pair of axes (of the axis, if the space has one): pairwise or 2-way
+/// coverage, as in Kuhn, Kacker and Lei, "Introduction to combinatorial testing", 2013. Cells of
+/// all axes together would be too many to visit.
 ///
-/// A visited cell has at least one simulation. It says nothing about the rest of the cell, and nothing about combinations of
-/// three or more axes.
+/// A visited cell has at least one simulation. It says nothing about the rest of the cell, and
+/// nothing about combinations of three or more axes.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, JsonSchema)]
 pub struct Coverage {
     /// Number of pairs of axes with more than one value; 1 for a space with one such axis.
@@ -110,7 +115,8 @@ impl Coverage {
         (self.cells > 0).then(|| self.visited as f64 / self.cells as f64)
     }
 
-    /// Returns the fraction of the visited cells in which a simulation failed; `None` without visited cells.
+    /// Returns the fraction of the visited cells in which a simulation failed; `None` without
+    /// visited cells.
     pub fn failing_fraction(&self) -> Option<f64> {
         (self.visited > 0).then(|| self.failing as f64 / self.visited as f64)
     }

@@ -8,10 +8,12 @@ use crate::Number;
 pub struct Monitor {
     /// Robustness at time 0.
     pub robustness: Number,
-    /// `cut`: windows are cut at the end of the trace, as in RTAMT; `whole` with `--strict-horizon`.
+    /// `cut`: windows are cut at the end of the trace, as in RTAMT; `whole` with
+    /// `--strict-horizon`.
     pub windows: String,
     /// Whether `robustness` depends on a window that is cut.
     pub cuts_windows: bool,
-    /// Robustness at each sample; with `--strict-horizon` at the first samples, those whose windows are inside the trace.
+    /// Robustness at each sample; with `--strict-horizon` at the first samples, those whose windows
+    /// are inside the trace.
     pub robustness_signal: Vec<Number>,
 }

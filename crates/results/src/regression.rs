@@ -3,7 +3,8 @@ use serde::Serialize;
 
 use crate::{Number, Repeats};
 
-/// Counterexamples of a folder, simulated again. The document is printed also if a test could not run (exit code 2).
+/// Counterexamples of a folder, simulated again. The document is printed also if a test could not
+/// run (exit code 2).
 #[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
 pub struct Regression {
     /// The folder.
@@ -22,7 +23,8 @@ pub struct Regression {
     pub new_failures: Option<u64>,
     /// Number of tests that pass but fail with the baseline; `null` without `--baseline`.
     pub fixed: Option<u64>,
-    /// Whether all tests are finished; `false` after an interruption, exit code 130: the others are missing.
+    /// Whether all tests are finished; `false` after an interruption, exit code 130: the others are
+    /// missing.
     pub is_complete: bool,
     /// The tests, in the order of the file names.
     pub tests: Vec<RegressionTest>,
@@ -47,9 +49,11 @@ pub struct RegressionTest {
     pub sample: Option<u64>,
     /// Values of its two sides.
     pub values: Option<[Number; 2]>,
-    /// Whether the target has the recorded hash; `null` after an error, and if the recorded controller cannot be loaded.
+    /// Whether the target has the recorded hash; `null` after an error, and if the recorded
+    /// controller cannot be loaded.
     pub same_target: Option<bool>,
-    /// Simulations with other seeds; `null` without `--repeat`, without randomness and after an error.
+    /// Simulations with other seeds; `null` without `--repeat`, without randomness and after an
+    /// error.
     pub repeats: Option<Repeats>,
     /// Why the test fails or could not run; `null` if it passes.
     pub reason: Option<String>,

@@ -18,7 +18,8 @@ pub struct Replay {
     pub trial: u32,
     /// Number of the simulation within the trial.
     pub simulation: u32,
-    /// `corner` or `center` for a simulation at the corners of the initial box, trial 2 of an evaluation; otherwise `null`.
+    /// `corner` or `center` for a simulation at the corners of the initial box, trial 2 of an
+    /// evaluation; otherwise `null`.
     pub point: Option<String>,
     /// The values of `scenario` in the order of `axes`.
     pub initial_configuration: Vec<Option<f64>>,
@@ -32,7 +33,8 @@ pub struct Replay {
     pub steps: u64,
     /// Robustness of the requirement; `null` without a verdict.
     pub robustness: Option<Number>,
-    /// Whether everything recorded of the simulation agrees with the plan of the run and with the replay, bit for bit.
+    /// Whether everything recorded of the simulation agrees with the plan of the run and with the
+    /// replay, bit for bit.
     pub same: bool,
     /// Each difference as text: name, recorded value, expected or replayed value.
     pub differences: Vec<String>,

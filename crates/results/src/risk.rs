@@ -22,16 +22,18 @@ pub struct Risk {
     pub seed_is_random: bool,
     /// Number of all simulations.
     pub simulations: u64,
-    /// Whether the estimation was not interrupted; otherwise the answer is that of the finished parts.
+    /// Whether the estimation was not interrupted; otherwise the answer is that of the finished
+    /// parts.
     pub is_complete: bool,
     /// The answer; `null` without an estimate.
     pub probability: Option<Probability>,
     /// Lower and upper bound (95 %) without an assumption.
     pub bounds: [f64; 2],
-    /// Why parts have no estimate, in words; a budget that is too small for multilevel splitting is one of them.
+    /// Why parts have no estimate, in words; a budget that is too small for multilevel splitting is
+    /// one of them.
     pub refusals: Vec<String>,
-    /// Why multilevel splitting has no estimate: `budget`, `chains`, `monte-carlo`, `below-importance` or `above-importance`;
-    /// `null` if it has one, or was not needed.
+    /// Why multilevel splitting has no estimate: `budget`, `chains`, `monte-carlo`,
+    /// `below-importance` or `above-importance`; `null` if it has one, or was not needed.
     pub splitting_refusal: Option<String>,
     /// Plain Monte Carlo.
     pub monte_carlo: MonteCarlo,
@@ -43,7 +45,8 @@ pub struct Risk {
     pub splitting: Option<Splitting>,
     /// Up to three failures, those nearest to the center of the distribution first.
     pub failures: Vec<RiskFailure>,
-    /// Counts of the screening; missing without it. The estimate of Monte Carlo is then that of a two-phase sample: see `gpu.md`.
+    /// Counts of the screening; missing without it. The estimate of Monte Carlo is then that of a
+    /// two-phase sample: see `gpu.md`.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub screening: Option<Screening>,
 }
@@ -89,7 +92,8 @@ pub struct MonteCarlo {
     pub without_verdict: u64,
     /// Upper bound of the probability (97.5 %) if the simulations without a verdict are failures.
     pub bound_with_undecided: Option<Number>,
-    /// Failure rate, with its exact 95 % interval (Clopper and Pearson, with the decision that ends Monte Carlo).
+    /// Failure rate, with its exact 95 % interval (Clopper and Pearson, with the decision that ends
+    /// Monte Carlo).
     pub failure_rate: Estimate,
 }
 
@@ -115,7 +119,8 @@ pub struct Importance {
     pub components: u64,
     /// Probability of a failure in the regions, with a 95 % betting interval.
     pub regions: Estimate,
-    /// Estimate of the probability of failures outside of the regions from the few draws there, without an interval.
+    /// Estimate of the probability of failures outside of the regions from the few draws there,
+    /// without an interval.
     pub outside: f64,
     /// Number of failures of Monte Carlo in the regions.
     pub monte_carlo_inside: u64,

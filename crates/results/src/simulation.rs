@@ -27,10 +27,12 @@ pub struct Simulation {
     pub noise: Option<Noise>,
 }
 
-/// The share of the variance of the robustness that comes from the scenario; the rest comes from noise.
+/// The share of the variance of the robustness that comes from the scenario; the rest comes from
+/// noise.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, JsonSchema)]
 pub struct Noise {
-    /// Share that comes from the scenario, from 0 to 1; `null` if the robustness is constant, infinite or undecided.
+    /// Share that comes from the scenario, from 0 to 1; `null` if the robustness is constant,
+    /// infinite or undecided.
     pub scenario_share: Option<f64>,
     /// Lower and upper bound of its 95 % interval.
     pub scenario_share_interval: Option<[f64; 2]>,

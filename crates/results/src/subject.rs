@@ -30,8 +30,9 @@ pub struct Subject {
     pub action_noise: f64,
     /// Standard deviation of the noise that is added to observations.
     pub observation_noise: f64,
-    /// Seed of the plan, from which the seeds of simulations are derived. For `simulate` and `margin` it is the seed of the
-    /// simulations themselves; only those of repeats are derived from it.
+    /// Seed of the plan, from which the seeds of simulations are derived. For `simulate` and
+    /// `margin` it is the seed of the simulations themselves; only those of repeats are derived
+    /// from it.
     pub seed: Seed,
     /// Name of the scenario space.
     pub space: String,
@@ -62,7 +63,8 @@ pub struct AxisFacts {
     pub high: f64,
     /// Value in the undisturbed episode; `null`: drawn at random.
     pub nominal: Option<f64>,
-    /// `continuous`, `logarithmic`, `integer`, or the names of the categories, whose values count from 0.
+    /// `continuous`, `logarithmic`, `integer`, or the names of the categories, whose values count
+    /// from 0.
     pub values: AxisValues,
 }
 

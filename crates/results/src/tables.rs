@@ -1,7 +1,8 @@
 use schemars::JsonSchema;
 use serde::Serialize;
 
-/// Tables of campaigns. `reproduce performance`, `reproduce falsification` and `reproduce tables` print the same document.
+/// Tables of campaigns. `reproduce performance`, `reproduce falsification` and `reproduce tables`
+/// print the same document.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, JsonSchema)]
 pub struct Tables {
     /// The pages.

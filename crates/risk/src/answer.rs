@@ -6,13 +6,15 @@ use crate::importance::Importance;
 use crate::splitting::{Disagreement, Splitting};
 use crate::{CONFIDENCE, FREQUENT, Method, MonteCarlo};
 
-/// Confidence of the intervals that are compared. Two correct ones are apart with a probability of at most 2 %.
+/// Confidence of the intervals that are compared. Two correct ones are apart with a probability of
+/// at most 2 %.
 const CHECK: f64 = 0.99;
 
 /// An interval of importance sampling that spans more than this factor is not an estimate.
 const USEFUL_RATIO: f64 = 10.0;
 
-/// Bounds that span at most this factor are the interval of the answer: it then needs no assumption.
+/// Bounds that span at most this factor are the interval of the answer: it then needs no
+/// assumption.
 const TIGHT_RATIO: f64 = 3.0;
 
 /// The probability of a failure, as far as the simulations show it.
@@ -35,8 +37,8 @@ pub struct Answer {
 pub enum Source {
     /// Monte Carlo: no assumption.
     MonteCarlo,
-    /// Importance sampling, plus the failures of Monte Carlo outside of its regions. Assumes that failures outside of the regions are
-    /// negligible if Monte Carlo has none.
+    /// Importance sampling, plus the failures of Monte Carlo outside of its regions. Assumes that
+    /// failures outside of the regions are negligible if Monte Carlo has none.
     Importance,
     /// Multilevel splitting. Assumes that the chains lost no failure mode.
     Splitting,
@@ -57,7 +59,8 @@ impl Source {
 /// Why an estimate is refused.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Refusal {
-    /// Its part of the budget is too small for an estimate. If it is large enough for chains, they only find failures.
+    /// Its part of the budget is too small for an estimate. If it is large enough for chains, they
+    /// only find failures.
     Budget {
         /// Number of simulations of its part.
         simulations: u64,
@@ -68,9 +71,11 @@ pub enum Refusal {
     Chains(Disagreement),
     /// The interval is apart from that of Monte Carlo.
     MonteCarlo,
-    /// The interval is below the lower bound of importance sampling, which holds without an assumption: the chains lost a failure mode.
+    /// The interval is below the lower bound of importance sampling, which holds without an
+    /// assumption: the chains lost a failure mode.
     BelowImportance,
-    /// The interval is above that of importance sampling: the searches missed a failure mode, or the chains are wrong. Neither is trusted.
+    /// The interval is above that of importance sampling: the searches missed a failure mode, or
+    /// the chains are wrong. Neither is trusted.
     AboveImportance,
 }
 
@@ -90,7 +95,8 @@ impl Answer {
             Some(Err(refusal)) => (None, Some(refusal)),
             None => (None, None),
         };
-        // Chains that agree on more than the regions contain have seen a mode that the regions lack, or are wrong.
+        // Chains that agree on more than the regions contain have seen a mode that the regions
+        // lack, or are wrong.
         let weighted = weighted.filter(|_| splitting_refusal != Some(Refusal::AboveImportance));
         let plain = |failures: u64| (monte_carlo.failures >= failures).then(|| monte_carlo.estimate());
         let frequent = plain(FREQUENT).filter(|_| importance.is_none());
@@ -114,8 +120,8 @@ impl Answer {
     }
 }
 
-/// Returns bounds that hold without an assumption: those of Monte Carlo, or the sums of the bounds of the failures in the regions and
-/// outside of them, each with a confidence of 97.5 %.
+/// Returns bounds that hold without an assumption: those of Monte Carlo, or the sums of the bounds
+/// of the failures in the regions and outside of them, each with a confidence of 97.5 %.
 fn bounds(monte_carlo: &MonteCarlo, importance: Option<&Importance>) -> [f64; 2] {
     let pair = |estimate: Estimate| [estimate.low.unwrap_or(0.0), estimate.high.unwrap_or(1.0)];
     let Some(importance) = importance else { return pair(monte_carlo.estimate()) };
@@ -124,15 +130,18 @@ fn bounds(monte_carlo: &MonteCarlo, importance: Option<&Importance>) -> [f64; 2]
     [inside[0] + outside[0], (inside[1] + outside[1]).min(1.0)]
 }
 
-/// Returns the probability of failures outside of the regions, from Monte Carlo, to which they were not fitted.
+/// Returns the probability of failures outside of the regions, from Monte Carlo, to which they were
+/// not fitted.
 fn outside(importance: &Importance, monte_carlo: &MonteCarlo, confidence: f64) -> Estimate {
     clopper_pearson(importance.monte_carlo_outside, monte_carlo.simulations, confidence)
 }
 
-/// Returns the estimate of importance sampling and whether its interval has an assumption; `None` if it is too uncertain.
+/// Returns the estimate of importance sampling and whether its interval has an assumption; `None`
+/// if it is too uncertain.
 ///
-/// If Monte Carlo has failures outside of the regions, they are added. Otherwise the estimate is that of the regions. Bounds without an
-/// assumption are the interval if they are tight, or if the failures outside make the assumption wrong.
+/// If Monte Carlo has failures outside of the regions, they are added. Otherwise the estimate is
+/// that of the regions. Bounds without an assumption are the interval if they are tight, or if the
+/// failures outside make the assumption wrong.
 fn weighted(
     importance: &Importance,
     monte_carlo: &MonteCarlo,
@@ -214,7 +223,8 @@ mod tests {
         }
     }
 
-    /// The measured defect: chains that all lost a mode agree on 4e-9 within 30 %, where the truth is 2e-3.
+    /// The measured defect: chains that all lost a mode agree on 4e-9 within 30 %, where the truth
+    /// is 2e-3.
     #[test]
     fn chains_that_agree_are_refused_if_monte_carlo_contradicts_them() {
         let agreeing = chains([4e-9, 5e-9, 3.5e-9, 4.2e-9, 4.4e-9]);
@@ -272,7 +282,8 @@ mod tests {
 
     #[test]
     fn failures_of_monte_carlo_outside_of_the_regions_are_added() {
-        // 4 of 5000 outside: 8e-4 more, with the interval of Clopper and Pearson at 97.5 % and that of the regions.
+        // 4 of 5000 outside: 8e-4 more, with the interval of Clopper and Pearson at 97.5 % and that
+        // of the regions.
         let answer = Answer::new(&monte_carlo(4), None, Some(&regions(1e-3, 4)));
         assert!((answer.estimate.value.unwrap() - 1.8e-3).abs() < 1e-15 && !answer.has_assumption);
         let outside = clopper_pearson(4, 5000, 0.975);

@@ -68,7 +68,8 @@ impl<'a> Experiment<'a> {
         self.budget.saturating_sub(self.done)
     }
 
-    /// Returns the robustness of each draw; `None` without a verdict. After an interruption, the last draws are missing.
+    /// Returns the robustness of each draw; `None` without a verdict. After an interruption, the
+    /// last draws are missing.
     pub(crate) fn simulate(&mut self, draws: &[Draw]) -> Result<Vec<Option<f64>>, RiskError> {
         let mut robustness = Vec::with_capacity(draws.len());
         for batch in draws.chunks(self.batch) {
@@ -106,8 +107,8 @@ impl<'a> Experiment<'a> {
         Ok(robustness.into_iter().map(|rho| rho.unwrap_or(f64::INFINITY)).collect())
     }
 
-    /// Returns up to `n` failures, the ones nearest to the center of the distribution first, each at a distance of at least `apart`
-    /// from the ones before it.
+    /// Returns up to `n` failures, the ones nearest to the center of the distribution first, each
+    /// at a distance of at least `apart` from the ones before it.
     pub(crate) fn distinct_failures(mut self, n: usize, apart: f64) -> Vec<Failure> {
         self.sort_failures();
         let mut chosen: Vec<Failure> = Vec::new();

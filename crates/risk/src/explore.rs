@@ -35,8 +35,8 @@ const FEWEST_MOVES: u64 = 60;
 /// Bisections of the way from the center to a failure.
 const BISECTIONS: u32 = 6;
 
-/// Returns failing draws: those that the searches found, followed by draws of the distribution within the failure modes that contain
-/// them. The simulations are at most `budget`.
+/// Returns failing draws: those that the searches found, followed by draws of the distribution
+/// within the failure modes that contain them. The simulations are at most `budget`.
 pub(crate) fn explore(experiment: &mut Experiment<'_>, seed: Seed, budget: u64) -> Result<Vec<Draw>, Stop> {
     let end = experiment.done() + budget;
     let found = search(experiment, seed, (SEARCH * budget as f64) as u64)?;
@@ -50,8 +50,8 @@ pub(crate) fn explore(experiment: &mut Experiment<'_>, seed: Seed, budget: u64) 
     relax(experiment, &mut Sequence::new(seed.child(RELAXATION).0, 0), &starts, left)
 }
 
-/// Moves each failure toward the center of the distribution while it still fails: searches find failures far out, but most of the
-/// probability is at the near end of a failure mode.
+/// Moves each failure toward the center of the distribution while it still fails: searches find
+/// failures far out, but most of the probability is at the near end of a failure mode.
 fn approach(experiment: &mut Experiment<'_>, mut draws: Vec<Draw>, budget: u64) -> Result<Vec<Draw>, Stop> {
     if u64::from(BISECTIONS) * draws.len() as u64 > budget {
         return Ok(draws);
@@ -138,8 +138,8 @@ fn search_once(
     Ok(found)
 }
 
-/// Samples the distribution within failure modes: a Markov chain from each start whose moves are accepted if they still fail. Returns the
-/// states of the second halves of the chains.
+/// Samples the distribution within failure modes: a Markov chain from each start whose moves are
+/// accepted if they still fail. Returns the states of the second halves of the chains.
 fn relax(
     experiment: &mut Experiment<'_>,
     random: &mut Sequence,

@@ -7,8 +7,8 @@ use crate::scenarios::normals;
 /// A covariance from fewer points per dimension is diagonal.
 const POINTS_PER_DIMENSION: f64 = 10.0;
 
-/// Few points underestimate variances and overestimate correlations. This number of points without correlations, and with
-/// [`WIDER`] times the variances, are added to them.
+/// Few points underestimate variances and overestimate correlations. This number of points without
+/// correlations, and with [`WIDER`] times the variances, are added to them.
 const PRIOR: f64 = 2.0;
 const WIDER: f64 = 4.0;
 
@@ -24,8 +24,9 @@ pub(crate) struct Gaussian {
 }
 
 impl Gaussian {
-    /// Fits mean and covariance to weighted points. The covariance is shrunk toward its diagonal, and enlarged by 1 + 1/d, because a proposal
-    /// that is too wide costs less than one that is too narrow. Returns `None` if no weight is positive.
+    /// Fits mean and covariance to weighted points. The covariance is shrunk toward its diagonal,
+    /// and enlarged by 1 + 1/d, because a proposal that is too wide costs less than one that is too
+    /// narrow. Returns `None` if no weight is positive.
     pub(crate) fn fit<'a>(points: impl Iterator<Item = (&'a [f64], f64)> + Clone) -> Option<Gaussian> {
         let (mut total, mut squares) = (0.0, 0.0);
         let mut mean: Vec<f64> = Vec::new();
@@ -86,8 +87,9 @@ impl Gaussian {
     }
 }
 
-/// Sets means that are within two standard errors of 0 to 0, and variances that are within two standard errors of 1 to 1. Few points in many
-/// dimensions would otherwise move the coordinates that do not matter, each a little, and together far from the distribution.
+/// Sets means that are within two standard errors of 0 to 0, and variances that are within two
+/// standard errors of 1 to 1. Few points in many dimensions would otherwise move the coordinates
+/// that do not matter, each a little, and together far from the distribution.
 fn forget_noise(mean: &mut [f64], covariance: &mut [Vec<f64>], points: f64) {
     for (i, (mean, row)) in mean.iter_mut().zip(covariance).enumerate() {
         if (row[i] - 1.0).abs() < 2.0 * (2.0 / points).sqrt() {
@@ -115,7 +117,8 @@ fn cholesky(rows: &mut [Vec<f64>]) {
 mod tests {
     use super::*;
 
-    /// The density of N((1, -1), [[4, 1], [1, 2]]) by hand: det = 7, inverse [[2, -1], [-1, 4]] / 7.
+    /// The density of N((1, -1), [[4, 1], [1, 2]]) by hand: det = 7, inverse [[2, -1], [-1, 4]]
+    /// / 7.
     #[test]
     fn the_density_ratio_is_that_of_a_hand_calculation() {
         let mut factor = vec![vec![4.0], vec![1.0, 2.0]];
@@ -137,7 +140,8 @@ mod tests {
             })
             .collect();
         let fitted = Gaussian::fit(points.iter().map(|point| (point.as_slice(), 0.5))).unwrap();
-        // The covariance [[4, 2], [2, 2]] times 3/2 has the factor √1.5 [[2, 0], [1, 1]]. Five standard errors are below 0.1.
+        // The covariance [[4, 2], [2, 2]] times 3/2 has the factor √1.5 [[2, 0], [1, 1]]. Five
+        // standard errors are below 0.1.
         let expected = [[2.0, 0.0], [1.0, 1.0]].map(|row| row.map(|x| x * 1.5_f64.sqrt()));
         assert!((fitted.mean[0] - 1.0).abs() < 0.1 && (fitted.mean[1] - 3.0).abs() < 0.1);
         for (i, row) in fitted.factor.iter().enumerate() {

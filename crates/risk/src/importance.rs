@@ -10,13 +10,16 @@ use crate::{CONFIDENCE, Draw};
 /// Number of rounds that refine the proposal.
 const ROUNDS: u64 = 3;
 
-/// The regions contain the points with weights up to this multiple of the largest weight of a failure in the last round.
+/// The regions contain the points with weights up to this multiple of the largest weight of a
+/// failure in the last round.
 const REACH: f64 = 20.0;
 
-/// Importance sampling with fewer equally weighted failures is not an estimate: a draw with a large weight may be missing.
+/// Importance sampling with fewer equally weighted failures is not an estimate: a draw with a large
+/// weight may be missing.
 const FEWEST_EFFECTIVE: f64 = 20.0;
 
-/// Largest probability outside of the regions, as a fraction of that inside, with which the regions are an estimate.
+/// Largest probability outside of the regions, as a fraction of that inside, with which the regions
+/// are an estimate.
 const MOST_OUTSIDE: f64 = 0.2;
 
 /// Number of draws that are made at once.
@@ -33,35 +36,40 @@ pub struct Importance {
     pub fitting: u64,
     /// Number of components of the proposal.
     pub components: usize,
-    /// Number of equally weighted failures with the same precision as all failures, outside of the regions too.
+    /// Number of equally weighted failures with the same precision as all failures, outside of the
+    /// regions too.
     pub effective_failures: f64,
-    /// Estimate of the probability of failures outside of the regions, from the few draws there. It has no valid interval.
+    /// Estimate of the probability of failures outside of the regions, from the few draws there. It
+    /// has no valid interval.
     pub outside: f64,
     /// Number of failures of Monte Carlo in the regions, and outside of them.
     pub monte_carlo_inside: u64,
     /// See [`monte_carlo_inside`](Self::monte_carlo_inside).
     pub monte_carlo_outside: u64,
-    /// Probability of a failure in the regions, with a 95 % interval. The interval holds without an assumption.
+    /// Probability of a failure in the regions, with a 95 % interval. The interval holds without an
+    /// assumption.
     pub regions: Estimate,
     /// The same with 97.5 %, for sums of two intervals.
     pub(crate) wide: Estimate,
 }
 
 impl Importance {
-    /// Returns whether enough failures carry the estimate, and few of them are outside of the regions.
+    /// Returns whether enough failures carry the estimate, and few of them are outside of the
+    /// regions.
     pub fn is_reliable(&self) -> bool {
         let inside = self.regions.value.unwrap_or(0.0);
         self.effective_failures >= FEWEST_EFFECTIVE && self.outside <= MOST_OUTSIDE * inside
     }
 }
 
-/// Fits a mixture to failing draws, refines it with `fitting` simulations, and then estimates the probability of failures where the mixture
-/// has draws. This takes the rest of the budget.
+/// Fits a mixture to failing draws, refines it with `fitting` simulations, and then estimates the
+/// probability of failures where the mixture has draws. This takes the rest of the budget.
 ///
-/// The regions are where the weights of the frozen mixture are at most a bound c. In them, the products of weight and failure are numbers
-/// from 0 to c with the mean p, so the betting interval contains p with the stated confidence for every n and whatever the regions are.
-/// `failed`: the failures of independent Monte Carlo simulations, which are counted inside and outside. Returns `None` without failures to
-/// fit to.
+/// The regions are where the weights of the frozen mixture are at most a bound c. In them, the
+/// products of weight and failure are numbers from 0 to c with the mean p, so the betting interval
+/// contains p with the stated confidence for every n and whatever the regions are. `failed`: the
+/// failures of independent Monte Carlo simulations, which are counted inside and outside. Returns
+/// `None` without failures to fit to.
 pub(crate) fn importance(
     experiment: &mut Experiment<'_>,
     seed: Seed,
@@ -111,11 +119,12 @@ pub(crate) fn importance(
     }))
 }
 
-/// Limits the largest √n of n weights to the least of them. A step from a poor proposal would otherwise follow a single point.
+/// Limits the largest √n of n weights to the least of them. A step from a poor proposal would
+/// otherwise follow a single point.
 ///
 /// # Reference
-/// Koblents and Míguez, "A population Monte Carlo scheme with transformed weights and its application to stochastic kinetic models",
-/// Statistics and Computing 25, 2015.
+/// Koblents and Míguez, "A population Monte Carlo scheme with transformed weights and its
+/// application to stochastic kinetic models", Statistics and Computing 25, 2015.
 fn clip(failures: &mut [(&[f64], f64)]) {
     let mut weights: Vec<f64> = failures.iter().map(|(_, weight)| *weight).collect();
     weights.sort_by(|a, b| b.total_cmp(a));
@@ -130,7 +139,8 @@ fn mean(values: &[f64]) -> f64 {
 /// Latent point and weight of a failure.
 type Failure = (Vec<f64>, f64);
 
-/// Simulates `n` draws of the proposal. Returns for each the latent point and the weight, or `None` if it does not fail.
+/// Simulates `n` draws of the proposal. Returns for each the latent point and the weight, or `None`
+/// if it does not fail.
 fn simulate(
     experiment: &mut Experiment<'_>,
     proposal: &Proposal,

@@ -1,12 +1,14 @@
-//! Estimates the probability that a system violates its requirement under a distribution of scenarios.
+//! Estimates the probability that a system violates its requirement under a distribution of
+//! scenarios.
 //!
-//! [`risk()`] combines three estimators. Plain Monte Carlo has an exact interval and needs about 100 / p simulations. Importance
-//! sampling needs a few thousand for any p, once searches have found the failure modes; its interval holds for the failures in its regions.
-//! Multilevel splitting needs no failure to begin with, and can lose a mode, so its independent chains must agree with each other and with the
-//! other estimators.
+//! [`risk()`] combines three estimators. Plain Monte Carlo has an exact interval and needs about
+//! 100 / p simulations. Importance sampling needs a few thousand for any p, once searches have
+//! found the failure modes; its interval holds for the failures in its regions. Multilevel
+//! splitting needs no failure to begin with, and can lose a mode, so its independent chains must
+//! agree with each other and with the other estimators.
 //!
-//! [`Scenarios`] is the distribution: a [`Marginal`] for each axis. All estimators work in its latent space, in which each axis is standard
-//! normal.
+//! [`Scenarios`] is the distribution: a [`Marginal`] for each axis. All estimators work in its
+//! latent space, in which each axis is standard normal.
 //!
 //! # Example
 //! A system with the robustness 3 - x for a standard normal x fails with the probability 0.00135:

@@ -12,7 +12,8 @@ const KNOWN: &str = "uniform, log-uniform, normal:MEAN:STD, triangular:MODE, or 
 
 /// The distribution of the values of an axis, truncated to its bounds.
 ///
-/// On an axis of whole numbers, the value is the nearest whole number of a number with this distribution.
+/// On an axis of whole numbers, the value is the nearest whole number of a number with this
+/// distribution.
 ///
 /// # Example
 /// ```
@@ -35,12 +36,14 @@ pub enum Marginal {
         /// Standard deviation before the truncation, in the unit of the axis.
         std: f64,
     },
-    /// A density that rises linearly from the lower bound to the mode and falls linearly to the upper bound.
+    /// A density that rises linearly from the lower bound to the mode and falls linearly to the
+    /// upper bound.
     Triangular {
         /// The value with the largest density, in the unit of the axis.
         mode: f64,
     },
-    /// One weight for each value of an axis of whole numbers or categories, in order. The probabilities are proportional to them.
+    /// One weight for each value of an axis of whole numbers or categories, in order. The
+    /// probabilities are proportional to them.
     Weights(Vec<f64>),
 }
 
@@ -169,7 +172,8 @@ impl Marginal {
     }
 }
 
-/// Returns the bounds of the continuous number that is rounded to the value of a discrete axis, or those of a continuous axis.
+/// Returns the bounds of the continuous number that is rounded to the value of a discrete axis, or
+/// those of a continuous axis.
 fn support(axis: &Axis) -> [f64; 2] {
     let half = if axis.levels().is_some() { 0.5 } else { 0.0 };
     [axis.low - half, axis.high + half]
@@ -224,8 +228,8 @@ mod tests {
         Axis::new(AxisKind::Model, "a", "", bounds, Some(bounds[0])).with_values(values)
     }
 
-    /// Quantiles from SciPy 1.17.1: `truncnorm((0 - 1) / 0.5, (1.2 - 1) / 0.5, 1, 0.5)`, `triang(0.25, 0, 4)` and
-    /// `loguniform(0.5, 8)`, each `.ppf([0.01, 0.3, 0.9])`.
+    /// Quantiles from SciPy 1.17.1: `truncnorm((0 - 1) / 0.5, (1.2 - 1) / 0.5, 1, 0.5)`,
+    /// `triang(0.25, 0, 4)` and `loguniform(0.5, 8)`, each `.ppf([0.01, 0.3, 0.9])`.
     #[test]
     fn quantiles_match_scipy() {
         const TRUNCATED: [f64; 3] =

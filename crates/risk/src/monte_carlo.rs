@@ -50,15 +50,16 @@ impl MonteCarlo {
         Ok(())
     }
 
-    /// Decides from the simulations so far, the first part, whether failures are frequent enough for Monte Carlo alone.
+    /// Decides from the simulations so far, the first part, whether failures are frequent enough
+    /// for Monte Carlo alone.
     pub(crate) fn decide(&mut self) -> bool {
         let is_reached = self.failures >= FREQUENT;
         self.stages = Some(TwoStage { first: self.simulations, threshold: FREQUENT, is_reached });
         is_reached
     }
 
-    /// Returns the failure rate with its exact 95 % interval, which accounts for the decision after the first part: see
-    /// [`two_stage`](mishandle_evaluation::two_stage()).
+    /// Returns the failure rate with its exact 95 % interval, which accounts for the decision after
+    /// the first part: see [`two_stage`](mishandle_evaluation::two_stage()).
     pub fn estimate(&self) -> Estimate {
         self.estimate_at(CONFIDENCE)
     }
@@ -70,9 +71,11 @@ impl MonteCarlo {
         }
     }
 
-    /// Returns an upper bound (97.5 %) of the failure rate in which every simulation without a verdict counts as a failure.
+    /// Returns an upper bound (97.5 %) of the failure rate in which every simulation without a
+    /// verdict counts as a failure.
     pub fn bound_with_undecided(&self) -> Option<f64> {
-        // The decision was made from the failures alone. It has two outcomes, each with half of the probability of a miss.
+        // The decision was made from the failures alone. It has two outcomes, each with half of the
+        // probability of a miss.
         let confidence = 0.5 + 0.5 * CONFIDENCE;
         clopper_pearson(self.failures + self.without_verdict, self.simulations, confidence).high
     }

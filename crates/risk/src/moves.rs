@@ -10,7 +10,8 @@ const SMALLEST: f64 = 0.02;
 /// Fraction of accepted moves that the size of the steps is adapted to.
 const ACCEPTANCE: f64 = 0.35;
 
-/// Largest factor by which the size of a step differs from the adapted one, so that modes of several widths have moves that fit.
+/// Largest factor by which the size of a step differs from the adapted one, so that modes of
+/// several widths have moves that fit.
 const VARIATION: f64 = 3.0;
 
 /// Probability that a move also draws another seed, if the seed has an effect.
@@ -34,14 +35,16 @@ impl Walk {
     /// zᵢ' = √(1 - β²) zᵢ + β ξᵢ,   ξᵢ standard normal
     /// ```
     ///
-    /// for a random set of coordinates: all, each with probability 1/2, or a single one. For each β and set, the move is reversible under the
-    /// standard normal distribution (a preconditioned Crank-Nicolson step), so accepting it exactly if its result is in a set leaves the
+    /// for a random set of coordinates: all, each with probability 1/2, or a single one. For each β
+    /// and set, the move is reversible under the standard normal distribution (a preconditioned
+    /// Crank-Nicolson step), so accepting it exactly if its result is in a set leaves the
     /// distribution within the set invariant.
     ///
     /// # Reference
-    /// Cotter, Roberts, Stuart and White, "MCMC methods for functions: modifying old algorithms to make them faster", Statistical Science
-    /// 28, 2013. Adapted steps: Papaioannou, Betz, Zwirglmaier and Straub, "MCMC algorithms for subset simulation", Probabilistic
-    /// Engineering Mechanics 41, 2015.
+    /// Cotter, Roberts, Stuart and White, "MCMC methods for functions: modifying old algorithms to
+    /// make them faster", Statistical Science 28, 2013. Adapted steps: Papaioannou, Betz,
+    /// Zwirglmaier and Straub, "MCMC algorithms for subset simulation", Probabilistic Engineering
+    /// Mechanics 41, 2015.
     pub(crate) fn proposal(&self, draw: &Draw, random: &mut Sequence) -> Draw {
         let n = draw.latent.len() as u64;
         let mut latent = draw.latent.clone();

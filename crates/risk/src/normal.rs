@@ -2,12 +2,12 @@
 
 use std::f64::consts::SQRT_2;
 
-/// Returns the probability that a standard normal number is at most `z`. The relative error is about 1e-13 down to z = -37, below
-/// which the result is 0.
+/// Returns the probability that a standard normal number is at most `z`. The relative error is
+/// about 1e-13 down to z = -37, below which the result is 0.
 ///
 /// # Reference
-/// West, "Better approximations to cumulative normal functions", Wilmott Magazine, May 2005, after Hart et al., "Computer
-/// Approximations", 1968.
+/// West, "Better approximations to cumulative normal functions", Wilmott Magazine, May 2005, after
+/// Hart et al., "Computer Approximations", 1968.
 pub(crate) fn cdf(z: f64) -> f64 {
     const NUMERATOR: [f64; 7] = [
         3.526_249_659_989_11e-2,
@@ -42,10 +42,12 @@ pub(crate) fn cdf(z: f64) -> f64 {
     if z > 0.0 { 1.0 - tail } else { tail }
 }
 
-/// Returns the number below which a standard normal number is with probability `p`; infinite for 0 and 1.
+/// Returns the number below which a standard normal number is with probability `p`; infinite for 0
+/// and 1.
 ///
 /// # Reference
-/// Wichura, "Algorithm AS 241: the percentage points of the normal distribution", Applied Statistics 37, 1988.
+/// Wichura, "Algorithm AS 241: the percentage points of the normal distribution", Applied
+/// Statistics 37, 1988.
 pub(crate) fn quantile(p: f64) -> f64 {
     if p <= 0.0 || p >= 1.0 {
         return if p <= 0.0 { f64::NEG_INFINITY } else { f64::INFINITY };
@@ -149,7 +151,8 @@ mod tests {
         (2.0, 0.977_249_868_051_820_8),
     ];
 
-    /// SciPy 1.17.1: `python -c "from scipy.stats import norm; print([norm.cdf(z) for z in (-37, -8, -7.08, -7, -5, -1.5, 0, 2)])"`.
+    /// SciPy 1.17.1:
+    /// `python -c "from scipy.stats import norm; print([norm.cdf(z) for z in (-37, -8, -7.08, -7, -5, -1.5, 0, 2)])"`.
     #[test]
     fn probabilities_match_scipy() {
         for (z, expected) in SCIPY {

@@ -1,4 +1,5 @@
-//! The proposal distribution of importance sampling: a mixture of normal distributions and the distribution itself.
+//! The proposal distribution of importance sampling: a mixture of normal distributions and the
+//! distribution itself.
 
 use mishandle_random::{Seed, Sequence};
 
@@ -26,21 +27,23 @@ struct Component {
     gaussian: Gaussian,
 }
 
-/// A defensive mixture: with probability 0.1 a draw of the distribution itself, otherwise of one of the components.
+/// A defensive mixture: with probability 0.1 a draw of the distribution itself, otherwise of one of
+/// the components.
 ///
-/// The weight of a draw, the density of the distribution divided by that of the mixture, is therefore at most 10, whatever the components.
+/// The weight of a draw, the density of the distribution divided by that of the mixture, is
+/// therefore at most 10, whatever the components.
 ///
 /// # Reference
-/// Hesterberg, "Weighted average importance sampling and defensive mixture distributions", Technometrics 37, 1995. Owen and Zhou, "Safe and
-/// effective importance sampling", JASA 95, 2000.
+/// Hesterberg, "Weighted average importance sampling and defensive mixture distributions",
+/// Technometrics 37, 1995. Owen and Zhou, "Safe and effective importance sampling", JASA 95, 2000.
 #[derive(Clone, Debug)]
 pub(crate) struct Proposal {
     components: Vec<Component>,
 }
 
 impl Proposal {
-    /// Fits a mixture to failing points. The number of components, from 1 to 8, is the one with the lowest Bayesian information criterion.
-    /// Returns `None` without points.
+    /// Fits a mixture to failing points. The number of components, from 1 to 8, is the one with the
+    /// lowest Bayesian information criterion. Returns `None` without points.
     pub(crate) fn fit(points: &[Vec<f64>]) -> Option<Proposal> {
         let step = points.len().div_ceil(MOST_POINTS).max(1);
         let points: Vec<&[f64]> = points.iter().step_by(step).map(Vec::as_slice).collect();
@@ -76,7 +79,8 @@ impl Proposal {
         Some(Proposal { components })
     }
 
-    /// Returns the Bayesian information criterion of the components, without the distribution itself.
+    /// Returns the Bayesian information criterion of the components, without the distribution
+    /// itself.
     fn criterion(&self, points: &[&[f64]]) -> f64 {
         let log_density = |point: &&[f64]| -> f64 {
             let logs: Vec<f64> = self.log_terms(point);
@@ -89,7 +93,8 @@ impl Proposal {
         parameters * (points.len() as f64).ln() - 2.0 * likelihood
     }
 
-    /// Returns for each component the logarithm of its share times its density, divided by that of the standard normal distribution.
+    /// Returns for each component the logarithm of its share times its density, divided by that of
+    /// the standard normal distribution.
     fn log_terms(&self, point: &[f64]) -> Vec<f64> {
         self.components
             .iter()
@@ -97,11 +102,13 @@ impl Proposal {
             .collect()
     }
 
-    /// Moves shares, means and covariances toward those of weighted failing points: a step of expectation maximization, which for draws
-    /// of the mixture and their weights is a step of cross-entropy minimization. A component without points keeps its place.
+    /// Moves shares, means and covariances toward those of weighted failing points: a step of
+    /// expectation maximization, which for draws of the mixture and their weights is a step of
+    /// cross-entropy minimization. A component without points keeps its place.
     ///
     /// # Reference
-    /// Cappé, Douc, Guillin, Marin and Robert, "Adaptive importance sampling in general mixture classes", Statistics and Computing 18, 2008.
+    /// Cappé, Douc, Guillin, Marin and Robert, "Adaptive importance sampling in general mixture
+    /// classes", Statistics and Computing 18, 2008.
     pub(crate) fn update(&mut self, points: &[(&[f64], f64)]) {
         let total: f64 = points.iter().map(|(_, weight)| weight).sum();
         if total <= 0.0 {
@@ -151,7 +158,8 @@ impl Proposal {
         Draw { latent: chosen.gaussian.draw(random), seed: Seed(random.bits()) }
     }
 
-    /// Returns the weight of a draw: the density of the distribution divided by that of the mixture.
+    /// Returns the weight of a draw: the density of the distribution divided by that of the
+    /// mixture.
     pub(crate) fn weight(&self, point: &[f64]) -> f64 {
         1.0 / (NOMINAL + (1.0 - NOMINAL) * log_sum(&self.log_terms(point)).exp())
     }
@@ -163,7 +171,8 @@ pub(crate) fn effective_size(weights: impl Iterator<Item = f64>) -> f64 {
     if squares > 0.0 { sum * sum / squares } else { 0.0 }
 }
 
-/// Returns the indices of `k` points that are far apart: the first, and then always the one that is farthest from the chosen ones.
+/// Returns the indices of `k` points that are far apart: the first, and then always the one that is
+/// farthest from the chosen ones.
 pub(crate) fn centers(points: &[&[f64]], k: usize) -> Vec<usize> {
     let mut chosen = Vec::new();
     let mut distances = vec![f64::INFINITY; points.len()];

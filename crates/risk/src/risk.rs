@@ -11,7 +11,8 @@ use crate::importance::{Importance, importance};
 use crate::splitting::{self, Splitting, split};
 use crate::{Answer, Method, MonteCarlo, Refusal, RiskError, Scenarios};
 
-/// Monte Carlo alone answers if its part of the budget has this many failures. The other simulations are then Monte Carlo, too.
+/// Monte Carlo alone answers if its part of the budget has this many failures. The other
+/// simulations are then Monte Carlo, too.
 pub const FREQUENT: u64 = 20;
 
 /// Largest number of failures in a report, and their smallest distance in the latent space.
@@ -41,7 +42,8 @@ pub struct Report {
     pub exploration: u64,
     /// The multilevel splitting part; `None` if it was not needed or its budget is too small.
     pub splitting: Option<Splitting>,
-    /// The importance sampling part; `None` if it was not needed, has no budget, or no failure was found before.
+    /// The importance sampling part; `None` if it was not needed, has no budget, or no failure was
+    /// found before.
     pub importance: Option<Importance>,
     /// Up to three failures, those nearest to the center of the distribution first.
     pub failures: Vec<Failure>,
@@ -51,19 +53,23 @@ pub struct Report {
     pub is_complete: bool,
 }
 
-/// Estimates the probability that a simulation violates the requirement, under a distribution of scenarios.
+/// Estimates the probability that a simulation violates the requirement, under a distribution of
+/// scenarios.
 ///
-/// The sample is a scenario and a seed, so the noise of the simulation is part of the probability. A simulation without a verdict counts as
-/// passed, and is counted apart.
+/// The sample is a scenario and a seed, so the noise of the simulation is part of the probability.
+/// A simulation without a verdict counts as passed, and is counted apart.
 ///
-/// 1. Plain Monte Carlo. If it has [`FREQUENT`] failures, all other simulations are Monte Carlo, too.
+/// 1. Plain Monte Carlo. If it has [`FREQUENT`] failures, all other simulations are Monte Carlo,
+///    too.
 /// 2. Searches for failures, and samples around them.
 /// 3. Adaptive multilevel splitting with independent chains.
-/// 4. Importance sampling with a mixture that is fitted to the failures of 2 and 3, but not to those of 1, which test it.
+/// 4. Importance sampling with a mixture that is fitted to the failures of 2 and 3, but not to
+///    those of 1, which test it.
 ///
-/// Simulations that a part does not spend go to the later ones, and to Monte Carlo if no failure was found. The number of simulations is exactly that of
-/// the settings. `watch` gets it after each batch, and can interrupt the estimation. Then the answer is that of the finished parts and of the
-/// simulations of Monte Carlo so far, and a part that is not finished is lost.
+/// Simulations that a part does not spend go to the later ones, and to Monte Carlo if no failure
+/// was found. The number of simulations is exactly that of the settings. `watch` gets it after each
+/// batch, and can interrupt the estimation. Then the answer is that of the finished parts and of
+/// the simulations of Monte Carlo so far, and a part that is not finished is lost.
 ///
 /// # Errors
 /// If a simulation cannot be run.

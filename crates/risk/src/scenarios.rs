@@ -9,14 +9,16 @@ use crate::{Marginal, RiskError, normal};
 /// A random scenario with the seed of its simulation.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Draw {
-    /// The latent point: one number for each free axis, standard normal under the distribution of the scenarios.
+    /// The latent point: one number for each free axis, standard normal under the distribution of
+    /// the scenarios.
     pub latent: Vec<f64>,
     /// Seed of the simulation, which determines its noise.
     pub seed: Seed,
 }
 
 impl Draw {
-    /// Returns the squared distance of the latent point from the center. The density decreases with it.
+    /// Returns the squared distance of the latent point from the center. The density decreases with
+    /// it.
     pub(crate) fn squared_radius(&self) -> f64 {
         self.latent.iter().map(|z| z * z).sum()
     }
@@ -24,8 +26,8 @@ impl Draw {
 
 /// The distribution of scenarios: independent axes, each with its [`Marginal`].
 ///
-/// Searches and chains move in a latent space in which each free axis is standard normal: the value of an axis has the same quantile
-/// as its latent number.
+/// Searches and chains move in a latent space in which each free axis is standard normal: the value
+/// of an axis has the same quantile as its latent number.
 #[derive(Clone, Debug)]
 pub struct Scenarios {
     space: Space,
@@ -36,8 +38,9 @@ pub struct Scenarios {
 }
 
 impl Scenarios {
-    /// Makes the distribution of the scenarios of a space. Axes that `declared` does not name have the distribution that they declare
-    /// themselves. `depends_on_seed`: whether two simulations of a scenario with different seeds can differ.
+    /// Makes the distribution of the scenarios of a space. Axes that `declared` does not name have
+    /// the distribution that they declare themselves. `depends_on_seed`: whether two simulations of
+    /// a scenario with different seeds can differ.
     ///
     /// # Errors
     /// If there is no axis with a name, a distribution does not fit its axis, or nothing is random.
@@ -125,7 +128,8 @@ pub(crate) fn normals(n: usize, random: &mut Sequence) -> Vec<f64> {
     numbers
 }
 
-/// Largest absolute latent number of a point of the unit cube. Beyond it, a quantile is as close as 1e-9 to a bound.
+/// Largest absolute latent number of a point of the unit cube. Beyond it, a quantile is as close as
+/// 1e-9 to a bound.
 const LARGEST: f64 = 6.0;
 
 /// Returns the latent point of a point of quantiles in \[0, 1\]^d. Bounds are moved inward.

@@ -16,7 +16,8 @@ use crate::{CONFIDENCE, Draw, Failure, RiskError, Scenarios};
 pub struct ScreenedSettings {
     /// Number of simulations on the other engine.
     pub simulations: u64,
-    /// Probability, from 0 to 1, with which a simulation that passes on the other engine is repeated by the system.
+    /// Probability, from 0 to 1, with which a simulation that passes on the other engine is
+    /// repeated by the system.
     pub sample_rate: f64,
     /// Random seed. The simulations are those of Monte Carlo with this seed.
     pub seed: Seed,
@@ -27,8 +28,9 @@ pub struct ScreenedSettings {
 /// Result of a screened estimation.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ScreenedReport {
-    /// Simulations on the other engine and those of the system. Flagged are those that the other engine reports as violated or gives no
-    /// verdict. A simulation of the system without a verdict counts as passed.
+    /// Simulations on the other engine and those of the system. Flagged are those that the other
+    /// engine reports as violated or gives no verdict. A simulation of the system without a verdict
+    /// counts as passed.
     pub counts: TwoPhase,
     /// Number of simulations without a verdict on the other engine.
     pub screened_without_verdict: u64,
@@ -54,9 +56,10 @@ impl ScreenedReport {
     }
 }
 
-/// Estimates the probability that a simulation of `system` violates the requirement. `screening` simulates all draws; `system`
-/// repeats those that it reports as violated or gives no verdict, and a random sample of the draws that are not flagged. Only repeated simulations are
-/// evidence; the screened ones only decide what is repeated.
+/// Estimates the probability that a simulation of `system` violates the requirement. `screening`
+/// simulates all draws; `system` repeats those that it reports as violated or gives no verdict, and
+/// a random sample of the draws that are not flagged. Only repeated simulations are evidence; the
+/// screened ones only decide what is repeated.
 ///
 /// `watch` gets the progress now and then, and can interrupt the estimation.
 ///

@@ -18,14 +18,16 @@ const REMOVED: f64 = 0.25;
 /// Number of moves of each copied particle.
 const MOVES: usize = 5;
 
-/// Simulations of a chain per particle, down to a probability of about 1e-8: 64 levels that remove a quarter.
+/// Simulations of a chain per particle, down to a probability of about 1e-8: 64 levels that remove
+/// a quarter.
 const PER_PARTICLE: u64 = 1 + 16 * MOVES as u64;
 
 /// Smallest population of a chain. The estimates of smaller ones differ by more than their mean.
 const SMALLEST_POPULATION: u64 = 30;
 
-/// Smallest population of a chain for an estimate. With 185 particles, 95 % intervals contain the probability in 92 to 96 % of the
-/// replications of the known systems, with 111 in 80 to 97 %, with 62 in 75 to 97 %: docs/notebook/2026-11-23-risk.md. Smaller populations only find failures.
+/// Smallest population of a chain for an estimate. With 185 particles, 95 % intervals contain the
+/// probability in 92 to 96 % of the replications of the known systems, with 111 in 80 to 97 %, with
+/// 62 in 75 to 97 %: docs/notebook/2026-11-23-risk.md. Smaller populations only find failures.
 const POPULATION_FOR_ESTIMATE: u64 = 180;
 
 /// Fewest simulations of multilevel splitting.
@@ -79,10 +81,11 @@ pub enum Disagreement {
 impl Splitting {
     /// Returns the mean of the chains with a 95 % interval.
     ///
-    /// The estimates of chains vary by factors, nearly log-normally, so the interval is that of a log-normal mean (Cox's method; Zhou and
-    /// Gao 1997) around the mean m: m exp(± t √(s² / n + s⁴ / (2 (n - 1)))), where s² is the variance of the logarithms of the n
-    /// estimates, and t the quantile of Student's distribution. That of a normal mean is too narrow: large estimates are rare, and without
-    /// one, mean and spread are both too small.
+    /// The estimates of chains vary by factors, nearly log-normally, so the interval is that of a
+    /// log-normal mean (Cox's method; Zhou and Gao 1997) around the mean m: m exp(± t √(s² / n + s⁴
+    /// / (2 (n - 1)))), where s² is the variance of the logarithms of the n estimates, and t the
+    /// quantile of Student's distribution. That of a normal mean is too narrow: large estimates are
+    /// rare, and without one, mean and spread are both too small.
     ///
     /// # Errors
     /// If the chains disagree.
@@ -151,26 +154,30 @@ struct Population {
     is_done: bool,
 }
 
-/// Runs independent chains of adaptive multilevel splitting, and returns them with the failing particles of all chains.
+/// Runs independent chains of adaptive multilevel splitting, and returns them with the failing
+/// particles of all chains.
 ///
-/// A chain is a population of draws. A level is the robustness that the worst quarter of the population reaches; these particles and
-/// all that tie with them are removed, and replaced by copies of random survivors, each of which then makes [`MOVES`] moves that stay below the
-/// level. The product of the fractions of survivors, times the weighted fraction of failures at the end, estimates the failure
-/// probability; its mean is exact for a level sequence that does not depend on the particles, and in the idealized and the dynamic setting
-/// of the references for adaptive ones. If all particles tie, the chain is extinct and its estimate is 0.
+/// A chain is a population of draws. A level is the robustness that the worst quarter of the
+/// population reaches; these particles and all that tie with them are removed, and replaced by
+/// copies of random survivors, each of which then makes [`MOVES`] moves that stay below the level.
+/// The product of the fractions of survivors, times the weighted fraction of failures at the end,
+/// estimates the failure probability; its mean is exact for a level sequence that does not depend
+/// on the particles, and in the idealized and the dynamic setting of the references for adaptive
+/// ones. If all particles tie, the chain is extinct and its estimate is 0.
 ///
-/// A third each of the initial population is drawn in the interior of the distribution, at its faces, and at its edges and corners, with
-/// weights that compensate for that ([`Strata`]). So a mode in a corner that the robustness leads away from is in the population from
-/// the beginning.
+/// A third each of the initial population is drawn in the interior of the distribution, at its
+/// faces, and at its edges and corners, with weights that compensate for that ([`Strata`]). So a
+/// mode in a corner that the robustness leads away from is in the population from the beginning.
 ///
-/// All chains take their next level together, so that batches are large. The simulations are at most `budget`,
-/// which must be at least [`FEWEST`].
+/// All chains take their next level together, so that batches are large. The simulations are at
+/// most `budget`, which must be at least [`FEWEST`].
 ///
 /// # Reference
-/// Cérou and Guyader, "Adaptive multilevel splitting for rare event analysis", Stochastic Analysis and Applications 25, 2007. Bréhier,
-/// Gazeau, Goudenège, Lelièvre and Rousset, "Unbiasedness of some generalized adaptive multilevel splitting algorithms", Annals of Applied
-/// Probability 26, 2016. Levels with ties: Walter, "Rare event simulation and splitting for discontinuous random variables", ESAIM:
-/// Probability and Statistics 19, 2015. Moves: Au and Beck, 2001.
+/// Cérou and Guyader, "Adaptive multilevel splitting for rare event analysis", Stochastic Analysis
+/// and Applications 25, 2007. Bréhier, Gazeau, Goudenège, Lelièvre and Rousset, "Unbiasedness of
+/// some generalized adaptive multilevel splitting algorithms", Annals of Applied Probability
+/// 26, 2016. Levels with ties: Walter, "Rare event simulation and splitting for discontinuous
+/// random variables", ESAIM: Probability and Statistics 19, 2015. Moves: Au and Beck, 2001.
 pub(crate) fn split(
     experiment: &mut Experiment<'_>,
     seed: Seed,
@@ -239,7 +246,8 @@ fn initial(
     Ok(populations)
 }
 
-/// Removes the worst particles of every unfinished chain and replaces them by moved copies of survivors.
+/// Removes the worst particles of every unfinished chain and replaces them by moved copies of
+/// survivors.
 fn next_level(experiment: &mut Experiment<'_>, populations: &mut [Population]) -> Result<(), Stop> {
     let mut unfinished: Vec<&mut Population> =
         populations.iter_mut().filter(|population| !population.is_done).collect();
@@ -272,7 +280,8 @@ fn next_level(experiment: &mut Experiment<'_>, populations: &mut [Population]) -
 }
 
 impl Population {
-    /// Sets the next level, or ends the chain if a quarter of the particles cannot be removed without removing failures, or if all tie.
+    /// Sets the next level, or ends the chain if a quarter of the particles cannot be removed
+    /// without removing failures, or if all tie.
     fn find_level(&mut self) {
         if self.is_done {
             return;
@@ -338,9 +347,10 @@ mod tests {
     use super::*;
     use crate::Scenarios;
 
-    /// Estimates of chains that are log-normal, as those of splitting nearly are: 95 % intervals contain the mean in at least 91 % of the
-    /// replications, those that the spread refuses left out. The interval of a normal mean contains it in 88 % (an independent computation
-    /// with NumPy).
+    /// Estimates of chains that are log-normal, as those of splitting nearly are: 95 % intervals
+    /// contain the mean in at least 91 % of the replications, those that the spread refuses left
+    /// out. The interval of a normal mean contains it in 88 % (an independent computation with
+    /// NumPy).
     #[test]
     fn intervals_contain_the_mean_of_log_normal_chains() {
         let mut random = Sequence::new(3, 0);
@@ -384,8 +394,8 @@ mod tests {
         (estimates.len(), estimates.iter().filter(covers).count())
     }
 
-    /// The defect that strata are against: chains of a population without them agree on a wrong probability, because none of them has a
-    /// particle in the corner.
+    /// The defect that strata are against: chains of a population without them agree on a wrong
+    /// probability, because none of them has a particle in the corner.
     #[test]
     fn chains_without_strata_agree_on_a_probability_that_lacks_the_corner() {
         let (stated, right) = estimates(&chains(&Strata::whole()));

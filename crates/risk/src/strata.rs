@@ -7,10 +7,11 @@ use crate::{Draw, Scenarios, normal};
 /// Probability of the interior.
 const INTERIOR: f64 = 0.7;
 
-/// A partition of the latent space by the number of extreme coordinates: none (interior), one (faces), and several (edges and corners).
+/// A partition of the latent space by the number of extreme coordinates: none (interior), one
+/// (faces), and several (edges and corners).
 ///
-/// A coordinate is extreme if its quantile is in the outermost parts at both ends, which are so small that the interior has the
-/// probability 0.7 in every dimension.
+/// A coordinate is extreme if its quantile is in the outermost parts at both ends, which are so
+/// small that the interior has the probability 0.7 in every dimension.
 pub(crate) struct Strata {
     /// A coordinate with a larger absolute value is extreme.
     threshold: f64,
@@ -42,8 +43,8 @@ impl Strata {
         extreme.min(self.probabilities.len() - 1)
     }
 
-    /// Draws `n` particles, as many in each stratum up to one, with their weights: the probability of the stratum divided by its share of
-    /// the particles. The sum of the weights is `n`.
+    /// Draws `n` particles, as many in each stratum up to one, with their weights: the probability
+    /// of the stratum divided by its share of the particles. The sum of the weights is `n`.
     pub(crate) fn population(
         &self,
         scenarios: &Scenarios,

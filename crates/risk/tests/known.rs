@@ -1,4 +1,5 @@
-//! Estimates for systems with known failure probabilities. The full table is in docs/notebook/2026-11-23-risk.md.
+//! Estimates for systems with known failure probabilities. The full table is in
+//! docs/notebook/2026-11-23-risk.md.
 
 #![allow(clippy::unwrap_used, reason = "a test may panic")]
 
@@ -40,7 +41,8 @@ fn counted(p: f64, reports: &[Report], source: Source) -> (usize, usize) {
     (answers.len(), answers.iter().filter(|report| covers(&report.answer.estimate, p)).count())
 }
 
-/// At most 4 of 20 intervals miss: with 5 % each, more have a probability of 0.3 %. The bounds are wider.
+/// At most 4 of 20 intervals miss: with 5 % each, more have a probability of 0.3 %. The bounds are
+/// wider.
 fn check(name: &str, simulations: u64, method: Method, source: Source, least: usize) {
     let (p, reports) = reports(name, simulations, method);
     let (estimates, hits) = counted(p, &reports, source);
@@ -67,7 +69,8 @@ fn frequent_failures_are_answered_by_monte_carlo() {
     check("half-space, 1e-2, 10 axes", 20_000, Method::Auto, Source::MonteCarlo, 20);
 }
 
-/// Chains that start without strata lose the corner and agree on the disc, 1e-4, where the truth is 2e-3: see the test of `splitting.rs`.
+/// Chains that start without strata lose the corner and agree on the disc, 1e-4, where the truth is
+/// 2e-3: see the test of `splitting.rs`.
 #[test]
 fn a_hidden_corner_is_found_or_the_chains_are_refused() {
     let (p, reports) = reports("hidden corner, 2e-3, 2 axes", 20_000, Method::Splitting);
@@ -157,7 +160,8 @@ fn splitting_with_a_small_budget_says_so() {
         let settings = settings(simulations, method, 1);
         risk(&mut system, &scenarios, &settings, |_| ControlFlow::Continue(())).unwrap()
     };
-    // 5 chains of 81 simulations for each of 180 particles are 72,900; 75 % of 97,200, and 35 % of 208,286.
+    // 5 chains of 81 simulations for each of 180 particles are 72,900; 75 % of 97,200, and 35 % of
+    // 208,286.
     for (method, needed, part) in [(Method::Splitting, 97_200, 72_899), (Method::Auto, 208_286, 72_899)] {
         let found = report(method, needed - 1);
         let expected = Refusal::Budget { simulations: part, needed };

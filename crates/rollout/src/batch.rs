@@ -11,7 +11,8 @@ const CHUNKS_PER_THREAD: usize = 4;
 
 /// Many simulations of one environment, stepped together on all threads of the current rayon pool.
 ///
-/// Its buffers are row-major. The same seeds and actions give the same bits for any number of threads.
+/// Its buffers are row-major. The same seeds and actions give the same bits for any number of
+/// threads.
 pub struct CpuBatch<E: Environment + ?Sized = dyn Environment> {
     environment: Arc<E>,
     chunks: Vec<Chunk>,
@@ -58,7 +59,8 @@ struct Chunk {
 }
 
 impl<E: Environment + ?Sized> CpuBatch<E> {
-    /// Makes a batch of `rows` simulations. Every row must be [reset](Self::reset) before its first step.
+    /// Makes a batch of `rows` simulations. Every row must be [reset](Self::reset) before its first
+    /// step.
     pub fn new(environment: Arc<E>, rows: usize) -> CpuBatch<E> {
         let rows_per_chunk = rows.div_ceil(rayon::current_num_threads() * CHUNKS_PER_THREAD).max(1);
         let chunk = || Chunk {
@@ -97,7 +99,8 @@ impl<E: Environment + ?Sized> CpuBatch<E> {
         self.buffers = buffers;
     }
 
-    /// As [`reset`](Self::reset), but writes into the buffers of the caller. Other rows of the buffers keep their contents.
+    /// As [`reset`](Self::reset), but writes into the buffers of the caller. Other rows of the
+    /// buffers keep their contents.
     ///
     /// # Panics
     /// If a buffer has another length.
@@ -114,7 +117,8 @@ impl<E: Environment + ?Sized> CpuBatch<E> {
         });
     }
 
-    /// Advances every row by one control step. `actions` has the shape `[rows, action_size]` and is not clipped.
+    /// Advances every row by one control step. `actions` has the shape `[rows, action_size]` and is
+    /// not clipped.
     pub fn step(&mut self, actions: &[f64]) {
         let mut buffers = std::mem::take(&mut self.buffers);
         self.step_into(actions, buffers.samples());
@@ -152,14 +156,16 @@ impl<E: Environment + ?Sized> CpuBatch<E> {
         &self.statuses
     }
 
-    /// Copies the state of simulation `row` into `state`. A simulation restored from it continues with the same bits.
+    /// Copies the state of simulation `row` into `state`. A simulation restored from it continues
+    /// with the same bits.
     pub fn read_state(&self, row: usize, state: &mut [f64]) {
         let size = self.environment.state_size();
         let chunk = &self.chunks[row / self.rows_per_chunk];
         state.copy_from_slice(&chunk.states[(row % self.rows_per_chunk) * size..][..size]);
     }
 
-    /// Restores the state of simulation `row`. Its observation, signals and rewards are updated by the next step.
+    /// Restores the state of simulation `row`. Its observation, signals and rewards are updated by
+    /// the next step.
     pub fn write_state(&mut self, row: usize, state: &[f64]) {
         let size = self.environment.state_size();
         let chunk = &mut self.chunks[row / self.rows_per_chunk];

@@ -27,7 +27,7 @@ pub trait ControllerWorker: Send {
 
     /// Computes the actions of `rows` simulations and updates the controller's states.
     ///
-    /// All slices are row-major: `observations` is `[rows, observation_size]`, `states` is `[rows, state_size]`, and
-    /// `actions` is `[rows, action_size]`.
+    /// All slices are row-major: `observations` is `[rows, observation_size]`, `states` is
+    /// `[rows, state_size]`, and `actions` is `[rows, action_size]`.
     fn act(&mut self, rows: usize, observations: &[f32], states: &mut [f64], actions: &mut [f32]);
 }

@@ -1,5 +1,5 @@
-//! Disturbances between environment and controller, which every environment supports: biases and offsets of observations
-//! and actions, delays, and explicit draws of the action noise.
+//! Disturbances between environment and controller, which every environment supports: biases and
+//! offsets of observations and actions, delays, and explicit draws of the action noise.
 
 use std::collections::VecDeque;
 use std::ops::Range;
@@ -27,7 +27,8 @@ pub enum Effect {
         /// Weight of the value in each control step.
         profile: TimeProfile,
     },
-    /// Adds white noise to entries of the controller's observation. The value is the standard deviation.
+    /// Adds white noise to entries of the controller's observation. The value is the standard
+    /// deviation.
     ObservationNoise {
         /// Index of each entry, and the factor from the unit of the value to that of the entry.
         entries: Vec<(usize, f64)>,
@@ -39,15 +40,16 @@ pub enum Effect {
         /// Weight of the value in each control step.
         profile: TimeProfile,
     },
-    /// Delays observations by this number of control steps. The first observation fills the gap at the start.
+    /// Delays observations by this number of control steps. The first observation fills the gap at
+    /// the start.
     ObservationDelay,
     /// Delays actions by this number of control steps. Actions of 0 fill the gap at the start.
     ActionDelay,
     /// Sets the mean of the action noise of one entry over these n control steps.
     ///
-    /// The value is in units of the standard deviation of that mean, 1 / sqrt(n). The draws keep their deviations from
-    /// the mean. The mean of independent normal draws is independent of the deviations, so a standard normal value leaves
-    /// the distribution of the noise unchanged.
+    /// The value is in units of the standard deviation of that mean, 1 / sqrt(n). The draws keep
+    /// their deviations from the mean. The mean of independent normal draws is independent of the
+    /// deviations, so a standard normal value leaves the distribution of the noise unchanged.
     ActionDraw {
         /// Index of the entry.
         entry: usize,
@@ -61,7 +63,8 @@ pub enum Effect {
 pub enum TimeProfile {
     /// 1 in these control steps: a bias, or a segment of a piecewise-constant disturbance.
     Constant(Range<usize>),
-    /// 1 at a knot, linear to 0 at the adjacent knots. The sum over all knots interpolates linearly between their values.
+    /// 1 at a knot, linear to 0 at the adjacent knots. The sum over all knots interpolates linearly
+    /// between their values.
     Linear {
         /// Control step of the previous knot; equals `at` for the first knot.
         before: usize,
@@ -99,7 +102,8 @@ pub(crate) struct AxisRouting {
 }
 
 impl AxisRouting {
-    /// Routes each axis of `space` to the axis of the environment or the disturbance of the same name.
+    /// Routes each axis of `space` to the axis of the environment or the disturbance of the same
+    /// name.
     ///
     /// # Errors
     /// If the name of an axis is unknown, or an axis of the environment is missing from `space`.
@@ -207,7 +211,8 @@ impl ActiveDisturbances {
     /// Replaces `observation` by the disturbed observation of control step `step`.
     pub(crate) fn observe(&mut self, step: usize, observation: &mut [f32]) {
         if self.observation_delay > 0 {
-            // The buffer of the oldest observation is reused, so that a full queue does not allocate.
+            // The buffer of the oldest observation is reused, so that a full queue does not
+            // allocate.
             let full = self.past_observations.len() > self.observation_delay;
             let oldest = if full { self.past_observations.pop_front() } else { None };
             let mut newest = oldest.unwrap_or_else(|| vec![0.0; observation.len()]);
@@ -257,7 +262,8 @@ impl ActiveDisturbances {
     }
 }
 
-/// Returns the mean of the action noise's standard normal draws of one entry over some control steps.
+/// Returns the mean of the action noise's standard normal draws of one entry over some control
+/// steps.
 fn mean_draw(seed: Seed, entry: usize, steps: &Range<usize>, action_size: usize) -> f64 {
     let mut draws = vec![0.0; action_size];
     let mut sum = 0.0;

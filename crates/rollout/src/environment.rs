@@ -4,8 +4,9 @@ use crate::{Scenario, Seed, Space};
 
 /// An environment in which a controller acts.
 ///
-/// An environment is shared and immutable. Each thread makes its own [`EnvironmentWorker`]. The state of one simulation
-/// is a *state row* of `state_size` numbers, which determine its future. Any worker can step any row, with the same bits.
+/// An environment is shared and immutable. Each thread makes its own [`EnvironmentWorker`]. The
+/// state of one simulation is a *state row* of `state_size` numbers, which determine its future.
+/// Any worker can step any row, with the same bits.
 pub trait Environment: Send + Sync {
     /// Returns the name, for messages and records.
     fn name(&self) -> &str;
@@ -13,7 +14,8 @@ pub trait Environment: Send + Sync {
     fn space(&self) -> &Space;
     /// Returns the names of the signals, in the order of [`Sample::signals`].
     fn signals(&self) -> &Arc<[String]>;
-    /// Returns the names of the reward terms, in the order of [`Sample::rewards`]. The reward is their sum.
+    /// Returns the names of the reward terms, in the order of [`Sample::rewards`]. The reward is
+    /// their sum.
     fn reward_terms(&self) -> &[String];
     /// Returns the length of an observation.
     fn observation_size(&self) -> usize;
@@ -31,12 +33,14 @@ pub trait Environment: Send + Sync {
 
 /// Resets and steps state rows of an [`Environment`] on one thread.
 pub trait EnvironmentWorker: Send {
-    /// Writes the initial state under `scenario` into `state`, and its sample into `sample`. Sets the reward terms to 0.
+    /// Writes the initial state under `scenario` into `state`, and its sample into `sample`. Sets
+    /// the reward terms to 0.
     ///
     /// Random draws must come from [`Stream::Reset`](crate::Stream::Reset) of `seed`.
     fn reset(&mut self, scenario: &Scenario, seed: Seed, state: &mut [f64], sample: Sample<'_>);
 
-    /// Advances `state` by one control step under `action`, which is not clipped, and writes the sample after the step.
+    /// Advances `state` by one control step under `action`, which is not clipped, and writes the
+    /// sample after the step.
     ///
     /// After [`StepStatus::Diverged`] the contents of `state` and `sample` are meaningless.
     fn step(&mut self, action: &[f64], state: &mut [f64], sample: Sample<'_>) -> StepStatus;
@@ -58,7 +62,8 @@ pub struct Sample<'a> {
 pub enum StepStatus {
     /// The simulation continues.
     Running,
-    /// The simulation reached a terminal state. This ends training episodes; evaluated episodes continue.
+    /// The simulation reached a terminal state. This ends training episodes; evaluated episodes
+    /// continue.
     Terminated,
     /// A state value is no longer finite.
     Diverged,

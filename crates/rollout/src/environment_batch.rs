@@ -4,15 +4,16 @@ use crate::{CpuBatch, Environment, RolloutError, Seed, StepStatus};
 
 /// A vectorized environment: many simulations that are stepped together, one per row.
 ///
-/// [`CpuBatch`] implements it on the CPU for any [`Environment`]. A batch on a GPU or in another process implements it
-/// directly. All arrays are row-major.
+/// [`CpuBatch`] implements it on the CPU for any [`Environment`]. A batch on a GPU or in another
+/// process implements it directly. All arrays are row-major.
 ///
 /// The same seeds and actions must give the same numbers, or a training run cannot be repeated.
 pub trait EnvironmentBatch: Send {
     /// Returns the number of rows.
     fn rows(&self) -> usize;
 
-    /// Starts a new episode in each of these rows, at a random initial state drawn with the row's seed.
+    /// Starts a new episode in each of these rows, at a random initial state drawn with the row's
+    /// seed.
     ///
     /// A row may occur at most once. All rows must be reset before the first step.
     ///
@@ -20,7 +21,8 @@ pub trait EnvironmentBatch: Send {
     /// If the batch fails as a whole.
     fn reset(&mut self, rows: &[(usize, Seed)]) -> Result<(), RolloutError>;
 
-    /// Advances every row by one control step. `actions` has the shape `[rows, action_size]` and is not clipped.
+    /// Advances every row by one control step. `actions` has the shape `[rows, action_size]` and is
+    /// not clipped.
     ///
     /// # Errors
     /// If the batch fails as a whole. The failure of one row is its [`StepStatus`].
@@ -41,7 +43,8 @@ pub trait EnvironmentBatch: Send {
     /// If the batch fails as a whole.
     fn read_states(&mut self, states: &mut [f64]) -> Result<(), RolloutError>;
 
-    /// Restores all rows from the states and observations of a checkpoint. They continue to the same bits.
+    /// Restores all rows from the states and observations of a checkpoint. They continue to the
+    /// same bits.
     ///
     /// # Errors
     /// If the batch fails as a whole.

@@ -1,4 +1,5 @@
-//! Controller, disturbances, noise and monitor of up to 16 simulations. The physics is elsewhere: a lane maps samples to actions.
+//! Controller, disturbances, noise and monitor of up to 16 simulations. The physics is elsewhere: a
+//! lane maps samples to actions.
 
 use mishandle_stl::{MonitorError, Trace};
 
@@ -9,8 +10,8 @@ use crate::{
     Verdict,
 };
 
-/// Maximum number of rows that one thread steps in lockstep. Sixteen rows share each read of the network's weights and
-/// their states still fit into the cache.
+/// Maximum number of rows that one thread steps in lockstep. Sixteen rows share each read of the
+/// network's weights and their states still fit into the cache.
 pub(crate) const ROWS: usize = 16;
 
 /// Number of control steps between two checks of the [stop threshold](Request::stop_threshold).
@@ -57,7 +58,8 @@ impl LaneRows {
     }
 }
 
-/// Buffers and workers of one thread. They are reused between calls, so that a control step does not allocate.
+/// Buffers and workers of one thread. They are reused between calls, so that a control step does
+/// not allocate.
 pub(crate) struct Lane {
     controller: Box<dyn ControllerWorker>,
     monitor: SpecificationMonitor,
@@ -114,7 +116,8 @@ impl Lane {
         self.controller.reset(&mut rows.controller_states[row * size..][..size], request.seed);
     }
 
-    /// Computes the actions of the next control step of each row. Ends the simulations with an invalid input or action.
+    /// Computes the actions of the next control step of each row. Ends the simulations with an
+    /// invalid input or action.
     pub(crate) fn act(&mut self, rollout: &Rollout, rows: &mut LaneRows, progress: &mut [Progress]) {
         let (observation_size, action_size) = rollout.sizes();
         let count = progress.len();
@@ -171,8 +174,8 @@ impl Lane {
         first_not_finite(&self.signals).map(|index| EpisodeEnd::InvalidSignal { step: 0, index })
     }
 
-    /// Returns how the sample after control step `step` ends an episode; `None` if it continues. The signals and reward terms are
-    /// in the buffers.
+    /// Returns how the sample after control step `step` ends an episode; `None` if it continues.
+    /// The signals and reward terms are in the buffers.
     pub(crate) fn end_of_step(&self, status: StepStatus, step: usize) -> Option<EpisodeEnd> {
         if status == StepStatus::Diverged {
             return Some(EpisodeEnd::Diverged { step });
@@ -182,7 +185,8 @@ impl Lane {
         })
     }
 
-    /// Returns whether an episode of `steps` control steps is checked for its [stop threshold](Request::stop_threshold).
+    /// Returns whether an episode of `steps` control steps is checked for its [stop
+    /// threshold](Request::stop_threshold).
     pub(crate) fn checks_stop(request: &Request, steps: usize) -> bool {
         request.stop_threshold.is_some() && steps.is_multiple_of(CHECK_PERIOD)
     }
@@ -194,7 +198,8 @@ impl Lane {
         })
     }
 
-    /// Evaluates the formulas on the trace of an episode that has ended. The end may become [`EpisodeEnd::Undefined`].
+    /// Evaluates the formulas on the trace of an episode that has ended. The end may become
+    /// [`EpisodeEnd::Undefined`].
     pub(crate) fn finish(
         &mut self,
         rollout: &Rollout,

@@ -1,24 +1,27 @@
 //! Runs a controller in an environment and evaluates the resulting episodes.
 //!
-//! This crate defines the interface between the system under test and the searches, evaluations and training algorithms
-//! that use it:
+//! This crate defines the interface between the system under test and the searches, evaluations and
+//! training algorithms that use it:
 //!
-//! - A [`Target`] is anything that can be falsified. It declares the axes that a [`Scenario`] may set, its signals and
-//!   its formulas, and makes a [`System`].
-//! - A [`System`] simulates [`Request`]s and returns [`Episode`]s with their robustness. A [`Rollout`] is the system of a
-//!   [`Controller`] in an [`Environment`]. Any other simulator can implement [`System`] directly.
+//! - A [`Target`] is anything that can be falsified. It declares the axes that a [`Scenario`] may
+//!   set, its signals and its formulas, and makes a [`System`].
+//! - A [`System`] simulates [`Request`]s and returns [`Episode`]s with their robustness. A
+//!   [`Rollout`] is the system of a [`Controller`] in an [`Environment`]. Any other simulator can
+//!   implement [`System`] directly.
 //! - A [`Space`] maps a point of \[0,1\]^d to a [`Scenario`] in SI units.
-//! - A [`Specification`] contains the formulas, and a [`SpecificationMonitor`] evaluates them on a trace.
+//! - A [`Specification`] contains the formulas, and a [`SpecificationMonitor`] evaluates them on a
+//!   trace.
 //!
-//! An [`Environment`] and a [`Controller`] are shared and immutable. Each thread makes its own [`EnvironmentWorker`] and
-//! [`ControllerWorker`]. The state of a simulation is a row of numbers, so any worker can step any simulation, and the
-//! results do not depend on the number of threads. This crate contains no physics.
+//! An [`Environment`] and a [`Controller`] are shared and immutable. Each thread makes its own
+//! [`EnvironmentWorker`] and [`ControllerWorker`]. The state of a simulation is a row of numbers,
+//! so any worker can step any simulation, and the results do not depend on the number of threads.
+//! This crate contains no physics.
 //!
-//! A [`Screening`] runs simulations on a [`ScenarioBatch`], which another physics engine steps. Its outcomes propose scenarios; they
-//! are neither [`Episode`]s nor evidence.
+//! A [`Screening`] runs simulations on a [`ScenarioBatch`], which another physics engine steps. Its
+//! outcomes propose scenarios; they are neither [`Episode`]s nor evidence.
 //!
-//! Training steps an [`EnvironmentBatch`], which a [`BatchFactory`] makes. [`CpuBatch`] runs on the CPU. Other
-//! implementations may run on a GPU or in another process.
+//! Training steps an [`EnvironmentBatch`], which a [`BatchFactory`] makes. [`CpuBatch`] runs on the
+//! CPU. Other implementations may run on a GPU or in another process.
 
 mod batch;
 mod controller;

@@ -2,8 +2,9 @@ use crate::{RolloutError, Seed, Stream};
 
 /// Gaussian noise on actions and observations, given as standard deviations.
 ///
-/// Action noise is in units of the normalized action. It is added after the action is clipped to [-1, 1], and the sum is
-/// not clipped again. Observation noise is added to the controller's input, in the units of the observation.
+/// Action noise is in units of the normalized action. It is added after the action is clipped to
+/// [-1, 1], and the sum is not clipped again. Observation noise is added to the controller's input,
+/// in the units of the observation.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Noise {
     /// Standard deviation of the noise on each action.
@@ -13,8 +14,8 @@ pub struct Noise {
 }
 
 impl Noise {
-    /// Maximum standard deviation of both noises: ten times the largest action. Far larger noise is finite but leaves
-    /// nothing of the controller, and a verdict on it would be meaningless.
+    /// Maximum standard deviation of both noises: ten times the largest action. Far larger noise is
+    /// finite but leaves nothing of the controller, and a verdict on it would be meaningless.
     pub const MAX_STD: f64 = 10.0;
 
     /// Checks that both standard deviations are from 0 to [`MAX_STD`](Self::MAX_STD).
@@ -33,7 +34,8 @@ impl Noise {
 
     /// Adds the noise of control step `step` to a clipped action.
     ///
-    /// `draws` is a scratch buffer of the same length. `explicit` may modify the standard normal draws in it.
+    /// `draws` is a scratch buffer of the same length. `explicit` may modify the standard normal
+    /// draws in it.
     pub(crate) fn on_action(
         &self,
         seed: Seed,
@@ -51,7 +53,8 @@ impl Noise {
         }
     }
 
-    /// Adds the noise of sample `step` to an observation. `draws` is a scratch buffer of the same length.
+    /// Adds the noise of sample `step` to an observation. `draws` is a scratch buffer of the same
+    /// length.
     pub(crate) fn on_observation(&self, seed: Seed, step: u64, observation: &mut [f32], draws: &mut [f64]) {
         if self.observation_std > 0.0 {
             seed.normals(Stream::ObservationNoise, step, draws);

@@ -1,8 +1,10 @@
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
-/// Values for each thread of the rayon pool, such as buffers and workers. They are made at their first use and kept.
+/// Values for each thread of the rayon pool, such as buffers and workers. They are made at their
+/// first use and kept.
 ///
-/// Each thread of the pool in which it was made has a place of its own, so that these threads do not wait for each other.
+/// Each thread of the pool in which it was made has a place of its own, so that these threads do
+/// not wait for each other.
 #[derive(Debug)]
 pub struct PerThread<T> {
     /// Values of each thread that are not in use.
@@ -17,8 +19,9 @@ impl<T> PerThread<T> {
 
     /// Calls `function` with a value of this thread. If none is free, `make` makes one.
     ///
-    /// While `function` waits for another pool, as a policy with its own threads does, rayon may run it a second time on the same thread.
-    /// Then it gets a second value. A panic of `function` drops its value.
+    /// While `function` waits for another pool, as a policy with its own threads does, rayon may
+    /// run it a second time on the same thread. Then it gets a second value. A panic of `function`
+    /// drops its value.
     ///
     /// # Errors
     /// Those of `make`.

@@ -15,10 +15,12 @@ pub struct Request {
     pub scenario: Scenario,
     /// Random seed of the simulation.
     pub seed: Seed,
-    /// Whether the verdict must contain the minimum robustness of each sub-formula of the requirement.
+    /// Whether the verdict must contain the minimum robustness of each sub-formula of the
+    /// requirement.
     pub needs_subformulas: bool,
-    /// With a threshold, which is at least 0, the system may end the simulation as soon as the trace determines the robustness or
-    /// shows that it is above the threshold. Without one, it runs to the end.
+    /// With a threshold, which is at least 0, the system may end the simulation as soon as the
+    /// trace determines the robustness or shows that it is above the threshold. Without one, it
+    /// runs to the end.
     pub stop_threshold: Option<f64>,
 }
 
@@ -37,7 +39,8 @@ impl Request {
     }
 }
 
-/// The result of one simulation. It contains its [`Request`], so that searches, callbacks and records need nothing else.
+/// The result of one simulation. It contains its [`Request`], so that searches, callbacks and
+/// records need nothing else.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Episode {
     /// The request.
@@ -46,20 +49,21 @@ pub struct Episode {
     pub end: EpisodeEnd,
     /// Number of control steps taken.
     pub steps: usize,
-    /// Values of the formulas on the trace. All are undecided if the end of the episode yields no verdict.
+    /// Values of the formulas on the trace. All are undecided if the end of the episode yields no
+    /// verdict.
     pub verdict: Verdict,
     /// Sum of the rewards.
     pub total_reward: f64,
-    /// Sample 0 follows the reset, sample k follows control step k. The trace is empty if the episode comes from a record
-    /// without a trace, or from another machine that kept it.
+    /// Sample 0 follows the reset, sample k follows control step k. The trace is empty if the
+    /// episode comes from a record without a trace, or from another machine that kept it.
     pub trace: Trace,
     /// Digest of a trace that another machine kept, as run files contain it; otherwise `None`.
     pub trace_digest: Option<u128>,
 }
 
 impl Episode {
-    /// Returns the robustness that a search minimizes; `None` if the formula is undecided or the simulation ended in a way
-    /// that yields no verdict.
+    /// Returns the robustness that a search minimizes; `None` if the formula is undecided or the
+    /// simulation ended in a way that yields no verdict.
     pub fn robustness(&self) -> Option<f64> {
         self.end.has_verdict().then_some(self.verdict.robustness).flatten()
     }
@@ -69,7 +73,8 @@ impl Episode {
         self.end.has_verdict() && self.verdict.is_success()
     }
 
-    /// Returns whether the episode is a success that also satisfies the strict formula with positive robustness.
+    /// Returns whether the episode is a success that also satisfies the strict formula with
+    /// positive robustness.
     pub fn is_strict_success(&self) -> bool {
         self.end.has_verdict() && self.verdict.is_strict_success()
     }
@@ -90,25 +95,28 @@ pub enum EpisodeEnd {
         /// Control step.
         step: usize,
     },
-    /// A state value stopped being finite in this control step. The simulation is neither a success nor a falsification.
+    /// A state value stopped being finite in this control step. The simulation is neither a success
+    /// nor a falsification.
     Diverged {
         /// Control step.
         step: usize,
     },
-    /// A formula has no finite value on the trace, for instance after a division by zero, so all formulas are undecided.
-    /// The simulation is neither a success nor a falsification.
+    /// A formula has no finite value on the trace, for instance after a division by zero, so all
+    /// formulas are undecided. The simulation is neither a success nor a falsification.
     Undefined {
         /// Sample of the trace at which the formula has no finite value.
         step: usize,
     },
-    /// The controller returned NaN or an infinity. The simulation is neither a success nor a falsification.
+    /// The controller returned NaN or an infinity. The simulation is neither a success nor a
+    /// falsification.
     InvalidAction {
         /// Control step of the action, from 1.
         step: usize,
         /// Index of the first such action.
         index: usize,
     },
-    /// An input of the controller is NaN or infinite. The simulation is neither a success nor a falsification.
+    /// An input of the controller is NaN or infinite. The simulation is neither a success nor a
+    /// falsification.
     InvalidObservation {
         /// Sample of the observation; sample 0 follows the reset.
         step: usize,
@@ -129,10 +137,11 @@ pub enum EpisodeEnd {
         /// Index of the first such signal.
         index: usize,
     },
-    /// The target cannot start from the scenario. The simulation is neither a success nor a falsification.
-    InvalidScenario,
-    /// The target or its controller failed, for instance with an exception. The simulation is neither a success nor a
+    /// The target cannot start from the scenario. The simulation is neither a success nor a
     /// falsification.
+    InvalidScenario,
+    /// The target or its controller failed, for instance with an exception. The simulation is
+    /// neither a success nor a falsification.
     Crashed {
         /// Control step, from 1; 0 is the reset.
         step: usize,
@@ -150,7 +159,8 @@ impl EpisodeEnd {
         matches!(self, EpisodeEnd::Completed | EpisodeEnd::Terminated { .. } | EpisodeEnd::Stopped { .. })
     }
 
-    /// Returns whether the simulation failed: the target could not start it, crashed or took too long.
+    /// Returns whether the simulation failed: the target could not start it, crashed or took too
+    /// long.
     pub fn is_failed(self) -> bool {
         matches!(self, EpisodeEnd::InvalidScenario | EpisodeEnd::Crashed { .. } | EpisodeEnd::TimedOut { .. })
     }

@@ -13,8 +13,9 @@ use crate::{
 
 /// The [`System`] of a controller in an environment, with noise and a specification.
 ///
-/// Simulations run on all threads of the current rayon pool. Each thread steps up to 16 simulations in lockstep and
-/// computes their actions together. The bits of an episode do not depend on the other episodes.
+/// Simulations run on all threads of the current rayon pool. Each thread steps up to 16 simulations
+/// in lockstep and computes their actions together. The bits of an episode do not depend on the
+/// other episodes.
 pub struct Rollout {
     pub(crate) environment: Arc<dyn Environment>,
     pub(crate) controller: Arc<dyn Controller>,
@@ -29,8 +30,8 @@ impl Rollout {
     /// Makes a system from its parts.
     ///
     /// # Errors
-    /// If the controller's sizes differ from the environment's, a formula does not fit the signals, or a noise level is
-    /// not from 0 to [`Noise::MAX_STD`].
+    /// If the controller's sizes differ from the environment's, a formula does not fit the signals,
+    /// or a noise level is not from 0 to [`Noise::MAX_STD`].
     pub fn new(
         environment: Arc<dyn Environment>,
         controller: Arc<dyn Controller>,
@@ -62,8 +63,8 @@ impl Rollout {
         })
     }
 
-    /// Replaces the space of scenarios. Each axis of `space` must have the name of an axis of the environment or of one
-    /// of `disturbances`.
+    /// Replaces the space of scenarios. Each axis of `space` must have the name of an axis of the
+    /// environment or of one of `disturbances`.
     ///
     /// # Errors
     /// If the name of an axis is unknown, or an axis of the environment is missing from `space`.

@@ -1,4 +1,5 @@
-//! Episodes that another physics engine simulates, many at a time. They propose; they are not evidence.
+//! Episodes that another physics engine simulates, many at a time. They propose; they are not
+//! evidence.
 
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::sync::{Mutex, MutexGuard, PoisonError};
@@ -15,14 +16,15 @@ pub const GROUP_ROWS: usize = ROWS;
 
 /// An environment whose rows start at given scenarios and are stepped together.
 ///
-/// A control step is a [visit](Self::visit) of all rows, which reads their samples and sets their actions, and then the physics, which
-/// may run on another device between [`start_step`](Self::start_step) and [`finish_step`](Self::finish_step).
+/// A control step is a [visit](Self::visit) of all rows, which reads their samples and sets their
+/// actions, and then the physics, which may run on another device between
+/// [`start_step`](Self::start_step) and [`finish_step`](Self::finish_step).
 pub trait ScenarioBatch: Send {
     /// Returns the number of rows.
     fn rows(&self) -> usize;
 
-    /// Calls `visit` once for each group of [`GROUP_ROWS`] adjacent rows, with the index of the group, on all threads of the current
-    /// rayon pool. The last group may be smaller.
+    /// Calls `visit` once for each group of [`GROUP_ROWS`] adjacent rows, with the index of the
+    /// group, on all threads of the current rayon pool. The last group may be smaller.
     fn visit(&mut self, visit: &(dyn Fn(usize, &mut dyn ScenarioRows) + Sync));
 
     /// Begins the physics of one control step of all rows.
@@ -43,8 +45,8 @@ pub trait ScenarioRows {
     /// Starts an episode in a row and writes its first sample.
     fn start(&mut self, row: usize, scenario: &Scenario, seed: Seed, sample: Sample<'_>);
 
-    /// Writes the sample of a row after a control step, without rewards, and returns its status. If the engine has not simulated the
-    /// step, the sample is meaningless.
+    /// Writes the sample of a row after a control step, without rewards, and returns its status. If
+    /// the engine has not simulated the step, the sample is meaningless.
     fn sample(&mut self, row: usize, observation: &mut [f32], signals: &mut [f64]) -> BatchStatus;
 
     /// Sets the action of a row in the next control step. It is not clipped.
@@ -62,8 +64,9 @@ pub enum BatchStatus {
 
 /// The outcome of one simulation by another physics engine.
 ///
-/// It has no trace and is not an [`Episode`](crate::Episode), so it can enter neither a run file nor a verdict. The same request, simulated by the
-/// target's system, gives the episode that counts.
+/// It has no trace and is not an [`Episode`](crate::Episode), so it can enter neither a run file
+/// nor a verdict. The same request, simulated by the target's system, gives the episode that
+/// counts.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ScreenedEpisode {
     /// How the simulation ended. An overflow counts as crashed.
@@ -81,13 +84,13 @@ impl ScreenedEpisode {
     }
 }
 
-/// Simulates requests in another physics engine than that of the target. [`Screening`] computes them; a run file that is
-/// continued answers those that it has recorded.
+/// Simulates requests in another physics engine than that of the target. [`Screening`] computes
+/// them; a run file that is continued answers those that it has recorded.
 pub trait Screen {
     /// Simulates all requests and returns their outcomes in the same order.
     ///
-    /// `watch` gets the number of finished simulations now and then. If it returns `false`, the screening ends, and the
-    /// outcomes of unfinished simulations are `None`.
+    /// `watch` gets the number of finished simulations now and then. If it returns `false`, the
+    /// screening ends, and the outcomes of unfinished simulations are `None`.
     ///
     /// # Errors
     /// If a scenario does not belong to the space, or the engine fails as a whole.
@@ -98,8 +101,8 @@ pub trait Screen {
     ) -> Result<Vec<Option<ScreenedEpisode>>, RolloutError>;
 }
 
-/// Runs simulations of a controller on batches of another physics engine. While the engine steps one batch, the CPU computes the
-/// samples and actions of another one.
+/// Runs simulations of a controller on batches of another physics engine. While the engine steps
+/// one batch, the CPU computes the samples and actions of another one.
 pub struct Screening {
     rollout: Rollout,
     flights: Vec<Flight>,
@@ -107,7 +110,8 @@ pub struct Screening {
 }
 
 impl Screening {
-    /// Makes a screening from the system that the engine replaces, and the batches of its environment.
+    /// Makes a screening from the system that the engine replaces, and the batches of its
+    /// environment.
     pub fn new(rollout: Rollout, batches: Vec<Box<dyn ScenarioBatch>>) -> Screening {
         let flights = batches.into_iter().map(|batch| Flight::new(&rollout, batch)).collect();
         Screening { rollout, flights, threads: PerThread::new() }
@@ -125,14 +129,16 @@ impl Screen for Screening {
         for request in requests {
             rollout.space.check(&request.scenario)?;
         }
-        // With few requests, each batch gets its share, so that one is visited while the other one steps.
+        // With few requests, each batch gets its share, so that one is visited while the other one
+        // steps.
         let rows: usize = flights.iter().map(|flight| flight.batch.rows()).sum();
         let share =
             if requests.len() < rows { requests.len().div_ceil(flights.len()) } else { requests.len() };
         flights.iter_mut().for_each(|flight| flight.begin(share));
         let shared = Shared { rollout, requests, next: AtomicUsize::new(0), threads };
         let mut outcomes = vec![None; requests.len()];
-        // Inside the pool, because each visit from outside would wait until a thread of the pool wakes up.
+        // Inside the pool, because each visit from outside would wait until a thread of the pool
+        // wakes up.
         rayon::scope(|_| {
             let result = fly(&shared, flights, &mut outcomes, watch);
             // No batch steps when the next run begins.
@@ -220,7 +226,8 @@ impl Flight {
         Flight { batch, groups, taken: AtomicUsize::new(0), share: 0, is_stepping: false, is_idle: true }
     }
 
-    /// Prepares the next run, which may take `share` requests. Drops what an interrupted run has left.
+    /// Prepares the next run, which may take `share` requests. Drops what an interrupted run has
+    /// left.
     fn begin(&mut self, share: usize) {
         (self.taken, self.share, self.is_idle) = (AtomicUsize::new(0), share, false);
         for group in &mut self.groups {
@@ -236,8 +243,8 @@ impl Flight {
         }
     }
 
-    /// Ends the present control step, begins the next one, and moves the outcomes of the simulations that have ended to their places.
-    /// Returns their number.
+    /// Ends the present control step, begins the next one, and moves the outcomes of the
+    /// simulations that have ended to their places. Returns their number.
     fn advance(
         &mut self,
         shared: &Shared<'_>,
@@ -290,7 +297,8 @@ impl Drop for Flight {
     }
 }
 
-/// Sets a flag without writing to it twice, which would take it from the caches of the other threads.
+/// Sets a flag without writing to it twice, which would take it from the caches of the other
+/// threads.
 fn set_if(flag: &AtomicBool, condition: bool) {
     if condition && !flag.load(Ordering::Relaxed) {
         flag.store(true, Ordering::Relaxed);
@@ -346,7 +354,8 @@ impl Group {
         self.simulations.iter().any(Option::is_some)
     }
 
-    /// Records the samples after a control step, replaces the simulations that have ended by new ones, and sets the next actions.
+    /// Records the samples after a control step, replaces the simulations that have ended by new
+    /// ones, and sets the next actions.
     fn visit(
         &mut self,
         shared: &Shared<'_>,
@@ -465,8 +474,9 @@ impl Group {
     }
 }
 
-/// Signals of all rows of a group in the last visits. A visit writes one block of memory, whatever the number of signals: a
-/// [`Trace`] for each row would touch a page of memory for each row and signal.
+/// Signals of all rows of a group in the last visits. A visit writes one block of memory, whatever
+/// the number of signals: a [`Trace`] for each row would touch a page of memory for each row and
+/// signal.
 struct History {
     /// `[visits, rows, signals]`, in a ring.
     samples: Vec<f64>,

@@ -8,13 +8,15 @@ use crate::{RolloutError, Seed, Stream};
 pub enum AxisKind {
     /// The initial state.
     Start,
-    /// A constant of the system: a factor or an offset of a physical parameter, a sensor bias, a delay.
+    /// A constant of the system: a factor or an offset of a physical parameter, a sensor bias, a
+    /// delay.
     Model,
     /// An event at a point in time: a push, a jump of the target. Several axes describe one event.
     Event,
     /// One knot or segment of a disturbance of actions or observations.
     Input,
-    /// A random draw made explicit. Its nominal value is `None`, for which its random stream provides the draw.
+    /// A random draw made explicit. Its nominal value is `None`, for which its random stream
+    /// provides the draw.
     Noise,
 }
 
@@ -156,8 +158,8 @@ impl Axis {
         }
     }
 
-    /// Returns the u of a value, the inverse of [`at`](Self::at) up to rounding. For a discrete value it is the midpoint
-    /// of the interval that maps to the value.
+    /// Returns the u of a value, the inverse of [`at`](Self::at) up to rounding. For a discrete
+    /// value it is the midpoint of the interval that maps to the value.
     pub fn unit_coordinate(&self, value: f64) -> f64 {
         match (&self.values, self.levels()) {
             _ if self.is_fixed() => 0.5,
@@ -167,7 +169,8 @@ impl Axis {
         }
     }
 
-    /// Returns whether `value` is allowed. An initial state may be outside its bounds, because a user may ask for one.
+    /// Returns whether `value` is allowed. An initial state may be outside its bounds, because a
+    /// user may ask for one.
     pub fn accepts(&self, value: f64) -> bool {
         let within = (self.low..=self.high).contains(&value);
         match self.levels() {
@@ -252,9 +255,11 @@ impl<const N: usize> From<[f64; N]> for Scenario {
     }
 }
 
-/// A search space: a named list of axes. Axes of the target that it does not contain keep their nominal values.
+/// A search space: a named list of axes. Axes of the target that it does not contain keep their
+/// nominal values.
 ///
-/// [`at`](Self::at) maps a point u of \[0,1\]^d to a [`Scenario`] in SI units. No other code does this conversion.
+/// [`at`](Self::at) maps a point u of \[0,1\]^d to a [`Scenario`] in SI units. No other code does
+/// this conversion.
 ///
 /// # Example
 /// ```
@@ -273,8 +278,8 @@ impl Space {
     /// Makes a space of these axes.
     ///
     /// # Errors
-    /// If the bounds of an axis are not finite or not in order, its nominal value is missing, or two axes have the same
-    /// name.
+    /// If the bounds of an axis are not finite or not in order, its nominal value is missing, or
+    /// two axes have the same name.
     pub fn new(name: &str, axes: Vec<Axis>) -> Result<Space, RolloutError> {
         for (index, axis) in axes.iter().enumerate() {
             axis.check()?;
@@ -310,7 +315,8 @@ impl Space {
         Scenario(self.axes.iter().zip(u).map(|(axis, u)| Some(axis.at(*u))).collect())
     }
 
-    /// Returns the point of a scenario, the inverse of [`at`](Self::at) up to rounding; `None` if a value is `None`.
+    /// Returns the point of a scenario, the inverse of [`at`](Self::at) up to rounding; `None` if a
+    /// value is `None`.
     pub fn unit_point(&self, scenario: &Scenario) -> Option<Vec<f64>> {
         self.axes
             .iter()
@@ -337,8 +343,8 @@ impl Space {
     /// Checks that `scenario` has an allowed value for every axis.
     ///
     /// # Errors
-    /// If the number of values is wrong, or a value is missing, not finite, outside the bounds of its axis (except for
-    /// initial states) or a fraction on a discrete axis.
+    /// If the number of values is wrong, or a value is missing, not finite, outside the bounds of
+    /// its axis (except for initial states) or a fraction on a discrete axis.
     pub fn check(&self, scenario: &Scenario) -> Result<(), RolloutError> {
         let found = scenario.values().len();
         if found != self.dimension() {
@@ -370,7 +376,8 @@ impl Space {
     }
 }
 
-/// Draws a standard normal number within the bounds of `axis` by rejection; returns their midpoint after 10,000 rejections.
+/// Draws a standard normal number within the bounds of `axis` by rejection; returns their midpoint
+/// after 10,000 rejections.
 fn normal_within(axis: &Axis, seed: Seed) -> f64 {
     const DRAWS: u64 = 10_000;
     let draw = |step| {

@@ -35,8 +35,8 @@ impl Specification {
         Specification::from_formulas(&texts.map(named), parse(success)?)
     }
 
-    /// Makes a specification from a requirement and the formulas with the role names `success`, `strict`, `safe` and
-    /// `completion`. Other formulas are ignored.
+    /// Makes a specification from a requirement and the formulas with the role names `success`,
+    /// `strict`, `safe` and `completion`. Other formulas are ignored.
     ///
     /// # Errors
     /// If a formula does not parse, or `safe` contains a temporal operator.
@@ -66,9 +66,10 @@ fn parse(text: &str) -> Result<Formula, RolloutError> {
     Formula::parse(text).map_err(|source| RolloutError::Parse { formula: text.to_string(), source })
 }
 
-/// Values of the formulas on one episode. A value is `None` if the formula does not exist or the trace does not decide it:
-/// a window is cut at the end of the trace or contains no sample. [`Monitor::decided_robustness_signal`] states the rule. If
-/// the episode ended early but no continuation could change the sign of a robustness, the value is the bound closer to 0.
+/// Values of the formulas on one episode. A value is `None` if the formula does not exist or the
+/// trace does not decide it: a window is cut at the end of the trace or contains no sample.
+/// [`Monitor::decided_robustness_signal`] states the rule. If the episode ended early but no
+/// continuation could change the sign of a robustness, the value is the bound closer to 0.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Verdict {
     /// Robustness of the requirement at time 0.
@@ -81,9 +82,9 @@ pub struct Verdict {
     pub dangerous_steps: Option<usize>,
     /// Number of control steps until completion first holds with its whole window inside the trace.
     pub completion_step: Option<usize>,
-    /// Minimum robustness of each sub-formula of the requirement and its first sample, in the order of
-    /// [`Formula::subformulas`]. Empty unless [requested](crate::Request::needs_subformulas), and if a sub-formula has no
-    /// finite value at some sample.
+    /// Minimum robustness of each sub-formula of the requirement and its first sample, in the order
+    /// of [`Formula::subformulas`]. Empty unless [requested](crate::Request::needs_subformulas),
+    /// and if a sub-formula has no finite value at some sample.
     pub subformulas: Vec<SubformulaMinimum>,
 }
 
@@ -104,7 +105,8 @@ impl Verdict {
     }
 }
 
-/// A [`Specification`] compiled for one list of signals. It owns its buffers, so that evaluation does not allocate.
+/// A [`Specification`] compiled for one list of signals. It owns its buffers, so that evaluation
+/// does not allocate.
 #[derive(Debug)]
 pub struct SpecificationMonitor {
     requirement: FormulaMonitor,
@@ -129,7 +131,8 @@ impl FormulaMonitor {
         }
     }
 
-    /// Returns the robustness at the samples at which the trace decides the formula, without a cut window.
+    /// Returns the robustness at the samples at which the trace decides the formula, without a cut
+    /// window.
     ///
     /// A formula with an unbounded window is undecided before the end of the episode.
     fn decided(&mut self, trace: &Trace, is_complete: bool) -> Result<&[f64], RolloutError> {
@@ -141,8 +144,9 @@ impl FormulaMonitor {
             .map_err(|source| RolloutError::Monitor { formula: self.text.clone(), source })
     }
 
-    /// Returns the robustness at time 0 if the trace decides the formula. If the trace is the start of an episode and no
-    /// continuation can change the sign, returns the bound of the robustness that is closer to 0.
+    /// Returns the robustness at time 0 if the trace decides the formula. If the trace is the start
+    /// of an episode and no continuation can change the sign, returns the bound of the robustness
+    /// that is closer to 0.
     fn at_start(&mut self, trace: &Trace, samples: usize) -> Result<Option<f64>, RolloutError> {
         let is_complete = trace.len() >= samples;
         let decided = self.decided(trace, is_complete)?.first().copied();
@@ -163,10 +167,12 @@ impl FormulaMonitor {
 }
 
 impl SpecificationMonitor {
-    /// Compiles `specification` for traces of these signals with a sample every `control_dt` seconds.
+    /// Compiles `specification` for traces of these signals with a sample every `control_dt`
+    /// seconds.
     ///
     /// # Errors
-    /// If a formula contains an unknown signal or an interval bound that is not a multiple of the control step.
+    /// If a formula contains an unknown signal or an interval bound that is not a multiple of the
+    /// control step.
     pub fn new(
         specification: &Specification,
         signals: &Arc<[String]>,
@@ -183,8 +189,9 @@ impl SpecificationMonitor {
         })
     }
 
-    /// Returns whether `trace`, the start of an episode with `samples` samples, determines the robustness of the requirement at
-    /// time 0, or shows that it is above `threshold`, which is at least 0.
+    /// Returns whether `trace`, the start of an episode with `samples` samples, determines the
+    /// robustness of the requirement at time 0, or shows that it is above `threshold`, which is at
+    /// least 0.
     ///
     /// An error, such as a signal that is NaN, stops nothing: the verdict reports it.
     pub(crate) fn can_stop(&mut self, trace: &Trace, samples: usize, threshold: f64) -> bool {
@@ -197,8 +204,8 @@ impl SpecificationMonitor {
 
     /// Returns the minimum robustness of each sub-formula of the requirement on `trace`.
     ///
-    /// The list is empty if a sub-formula has no finite value at some sample. This is not an error, because the
-    /// requirement may not depend on that sample.
+    /// The list is empty if a sub-formula has no finite value at some sample. This is not an error,
+    /// because the requirement may not depend on that sample.
     ///
     /// # Errors
     /// If a signal of the requirement contains NaN or an infinity.
@@ -210,10 +217,12 @@ impl SpecificationMonitor {
         }
     }
 
-    /// Returns the values of the formulas on `trace`, which is a whole episode or the start of one with `samples` samples.
+    /// Returns the values of the formulas on `trace`, which is a whole episode or the start of one
+    /// with `samples` samples.
     ///
-    /// On the start of an episode, a robustness that every continuation has with the same sign is a bound: the upper bound if
-    /// it is negative, the lower bound if it is positive. [`Monitor::robustness_bounds`] computes it.
+    /// On the start of an episode, a robustness that every continuation has with the same sign is a
+    /// bound: the upper bound if it is negative, the lower bound if it is positive.
+    /// [`Monitor::robustness_bounds`] computes it.
     ///
     /// # Errors
     /// If a signal of a formula contains NaN or an infinity, or a formula has no finite value.
@@ -285,7 +294,8 @@ mod tests {
             SpecificationMonitor::new(&specification, &Arc::from(["d".to_string()]), 1.0 / 60.0).unwrap();
         let minima = monitor.subformulas(&trace(&[1.5, 2.0, 1.25])).unwrap();
         let found: Vec<(f64, usize)> = minima.iter().map(|least| (least.minimum, least.step)).collect();
-        // The whole, the conjunction, and its operands: 2.5 - 2.0 at sample 1, 1.25 - 1 at sample 2.
+        // The whole, the conjunction, and its operands: 2.5 - 2.0 at sample 1, 1.25 - 1 at
+        // sample 2.
         assert_eq!(found, [(0.25, 0), (0.25, 2), (0.5, 1), (0.25, 2)]);
     }
 
@@ -311,7 +321,8 @@ mod tests {
         };
         // d >= 4 holds at the last sample only: never for three samples. The best three are 0 1 0.
         assert_eq!(robustness("eventually(always[0:2](d >= 4))", &[0.0, 1.0, 0.0, 5.0]), Some(-4.0));
-        // Every whole window of three samples contains a 5 or a 7; the cut window of the last sample only 0.
+        // Every whole window of three samples contains a 5 or a 7; the cut window of the last
+        // sample only 0.
         assert_eq!(robustness("always(eventually[0:2](d >= 4))", &[5.0, 5.0, 7.0, 0.0]), Some(3.0));
         // No window of three samples is inside a trace of two.
         assert_eq!(robustness("eventually(always[0:2](d >= 4))", &[5.0, 5.0]), None);

@@ -1,13 +1,13 @@
 use crate::{Episode, Request, RolloutError, Space};
 
-/// Default number of simulations per batch. It does not depend on the number of threads, so that a run has the same
-/// batches on every machine.
+/// Default number of simulations per batch. It does not depend on the number of threads, so that a
+/// run has the same batches on every machine.
 pub const DEFAULT_BATCH_SIZE: usize = 64;
 
 /// A system under test: simulates requests and returns episodes with verdicts.
 ///
-/// The manipulation tasks implement it through [`Rollout`](crate::Rollout). Any other simulator, or a function in closed
-/// form, can implement it directly.
+/// The manipulation tasks implement it through [`Rollout`](crate::Rollout). Any other simulator, or
+/// a function in closed form, can implement it directly.
 pub trait System {
     /// Returns the space of the scenarios that the system accepts.
     fn space(&self) -> &Space;
@@ -17,6 +17,7 @@ pub trait System {
     /// An episode does not depend on the other requests.
     ///
     /// # Errors
-    /// If a scenario does not fit the space or a simulation cannot run. A diverged simulation is not an error.
+    /// If a scenario does not fit the space or a simulation cannot run. A diverged simulation is
+    /// not an error.
     fn rollout(&mut self, requests: &[Request]) -> Result<Vec<Episode>, RolloutError>;
 }

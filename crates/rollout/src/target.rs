@@ -17,7 +17,8 @@ pub struct Identity {
 }
 
 impl Identity {
-    /// Makes the identity of a target with the description `content`, of which it stores the SHA-256 hash.
+    /// Makes the identity of a target with the description `content`, of which it stores the
+    /// SHA-256 hash.
     pub fn new(kind: &str, name: &str, content: &str) -> Identity {
         let hash = Sha256::digest(content.as_bytes()).iter().map(|byte| format!("{byte:02x}")).collect();
         Identity { kind: kind.to_string(), name: name.to_string(), hash }
@@ -48,9 +49,9 @@ pub struct Signal {
 
 /// A formula with a name.
 ///
-/// Four names are roles. `success` and `strict` define the success rates, `safe` (a predicate on one sample) defines the
-/// dangerous behavior rate, and `completion` defines the task completion time. A target without one of these formulas
-/// has no such metric.
+/// Four names are roles. `success` and `strict` define the success rates, `safe` (a predicate on
+/// one sample) defines the dangerous behavior rate, and `completion` defines the task completion
+/// time. A target without one of these formulas has no such metric.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct NamedFormula {
     /// Name.
@@ -89,17 +90,19 @@ pub struct Target {
     pub episode_steps: usize,
     /// Whether equal requests give bit-identical episodes.
     pub is_deterministic: bool,
-    /// Whether a simulation can fail (crash, time out, reject its scenario) or be terminated by the target.
+    /// Whether a simulation can fail (crash, time out, reject its scenario) or be terminated by the
+    /// target.
     pub can_fail: bool,
-    /// Whether an episode depends on the seed of its request when every axis is nominal: the initial state, the
-    /// observations or the actions contain random numbers.
+    /// Whether an episode depends on the seed of its request when every axis is nominal: the
+    /// initial state, the observations or the actions contain random numbers.
     pub depends_on_seed: bool,
-    /// Names of the axes that add randomness, such as the standard deviation of a sensor's noise: with another value than the
-    /// nominal one, an episode depends on its seed.
+    /// Names of the axes that add randomness, such as the standard deviation of a sensor's noise:
+    /// with another value than the nominal one, an episode depends on its seed.
     pub random_axes: Vec<String>,
     /// Names and versions of the software that its episodes depend on, except this program.
     pub versions: Vec<(String, String)>,
-    /// Check whether the requirement can be satisfied under a scenario. `None` means that it always can.
+    /// Check whether the requirement can be satisfied under a scenario. `None` means that it always
+    /// can.
     pub reachable: Option<Arc<ReachabilityCheck>>,
     /// Makes systems.
     pub factory: Arc<SystemFactory>,
@@ -147,7 +150,8 @@ impl Target {
     /// Makes the system that simulates scenarios of `space` and evaluates `specification`.
     ///
     /// # Errors
-    /// If `space` contains an axis that the target does not have, or a formula does not fit its signals.
+    /// If `space` contains an axis that the target does not have, or a formula does not fit its
+    /// signals.
     pub fn system(
         &self,
         space: &Space,

@@ -1,4 +1,5 @@
-//! Tests episodes of an environment in closed form: their contents, and their independence of batches and threads.
+//! Tests episodes of an environment in closed form: their contents, and their independence of
+//! batches and threads.
 
 #![allow(clippy::unwrap_used)]
 
@@ -10,7 +11,8 @@ use mishandle_rollout::{
     Seed, Space, Specification, StepStatus, Stream, System, TimeProfile,
 };
 
-/// A point on a line that each action moves. Its initial position has a random offset of up to 0.01.
+/// A point on a line that each action moves. Its initial position has a random offset of up to
+/// 0.01.
 struct Line {
     space: Space,
     signals: Arc<[String]>,
@@ -104,7 +106,8 @@ impl EnvironmentWorker for LineWorker {
     }
 }
 
-/// Returns `gain` times the observation, plus 0.001 times the number of its actions in this simulation.
+/// Returns `gain` times the observation, plus 0.001 times the number of its actions in this
+/// simulation.
 struct Gain {
     gain: f32,
     inputs: usize,
@@ -162,7 +165,8 @@ fn an_episode_contains_every_sample_and_its_verdict() {
     assert_eq!((episode.steps, episode.end), (20, EpisodeEnd::Completed));
     let start = 0.8 + 0.01 * Seed(1).uniform(Stream::Reset, 0, 0);
     assert_eq!(episode.trace.column(0)[0], start);
-    // x decreases by a tenth of itself per step, except for the 0.001 per step that the controller adds.
+    // x decreases by a tenth of itself per step, except for the 0.001 per step that the controller
+    // adds.
     let second = start + 0.1 * f64::from(-(start as f32));
     assert_eq!(episode.trace.column(0)[1], second);
     assert_eq!(episode.verdict.success, Some(2.0 - start));
@@ -228,7 +232,8 @@ fn a_diverged_simulation_is_undecided_and_does_not_affect_others() {
     assert!(diverged > 0 && completed > 0);
 }
 
-/// Runs requests to the end and with a stop threshold. The requirement is `formula`, and positions are random walks.
+/// Runs requests to the end and with a stop threshold. The requirement is `formula`, and positions
+/// are random walks.
 fn whole_and_stopped(formula: &str, threshold: f64) -> Vec<(Episode, Episode)> {
     let specification = Specification::parse(formula, "x < 9", "x < 9", "x < 9").unwrap();
     let parts = (Arc::new(Line::new(9.0)), Arc::new(Gain { gain: -1.0, inputs: 1 }));
@@ -294,14 +299,16 @@ fn mismatched_parts_are_errors() {
     assert!(matches!(system.rollout(&request(vec![f64::NAN])), Err(RolloutError::NotFinite { .. })));
 }
 
-/// Runs simulations of a line, with the starts -1, -0.9, ... 1, on which some values are not finite beyond x = 1.
+/// Runs simulations of a line, with the starts -1, -0.9, ... 1, on which some values are not finite
+/// beyond x = 1.
 fn rollout_with(corrupt: Corrupt) -> Vec<Episode> {
     let line = Line { corrupt, ..Line::new(9.0) };
     rollout(line, 1.0, Noise::default()).rollout(&requests(21)).unwrap()
 }
 
-/// Checks that each episode with an invalid end has the trace of the undisturbed episode up to that end and no verdict,
-/// and that all others are undisturbed. `samples` returns the length of the trace for an invalid end.
+/// Checks that each episode with an invalid end has the trace of the undisturbed episode up to that
+/// end and no verdict, and that all others are undisturbed. `samples` returns the length of the
+/// trace for an invalid end.
 fn check_invalid_rows(episodes: &[Episode], samples: fn(EpisodeEnd) -> Option<usize>) {
     let undisturbed = rollout_with(|_, _| {});
     let mut invalid = 0;
@@ -520,7 +527,8 @@ fn an_offset_of_the_action_moves_the_point_by_its_integral() {
         disturbed(effect, Some(0.0), 0.0, Noise::default()),
     );
     for (step, (a, b)) in positions(&with).iter().zip(positions(&without)).enumerate() {
-        // Four control steps move the point by 0.1 * 0.25 each, the first from sample 5 to sample 6.
+        // Four control steps move the point by 0.1 * 0.25 each, the first from sample 5 to
+        // sample 6.
         let expected = 0.1 * 0.25 * step.saturating_sub(5).min(4) as f64;
         assert!((a - b - expected).abs() < 1e-12, "at sample {step}: {}", a - b);
     }
@@ -541,7 +549,8 @@ fn an_observation_bias_affects_the_controller_but_not_the_trace() {
 
 #[test]
 fn sensor_noise_has_the_deviation_of_its_axis_and_another_draw_in_each_step() {
-    // Without a gain but with one of -0.1 on the noisy observation, the point moves by a tenth of the action.
+    // Without a gain but with one of -0.1 on the noisy observation, the point moves by a tenth of
+    // the action.
     let noise = |value| {
         let effect = Effect::ObservationNoise { entries: vec![(0, 2.0)] };
         positions(&disturbed(effect, Some(value), -0.1, Noise::default()))
@@ -572,6 +581,7 @@ fn an_action_delay_applies_to_its_own_row() {
     };
     let (prompt, late) = (run(0.0), run(2.0));
     assert_eq!(late[..3], [late[0]; 3], "the first two actions are 0");
-    // The first action arrives in the third control step and has the same effect as without a delay.
+    // The first action arrives in the third control step and has the same effect as without a
+    // delay.
     assert_eq!(late[3] - late[2], prompt[1] - prompt[0]);
 }

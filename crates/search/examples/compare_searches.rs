@@ -1,4 +1,5 @@
-//! Compares all searches on small falsification problems: the restricted mean number of evaluations to a violation.
+//! Compares all searches on small falsification problems: the restricted mean number of evaluations
+//! to a violation.
 //!
 //! ```sh
 //! cargo run --release -p mishandle-search --example compare_searches            # all searches
@@ -6,8 +7,9 @@
 //! cargo run --release -p mishandle-search --example compare_searches -- axes=2,5 portfolio portfolio:faces=false
 //! ```
 //!
-//! A trial ends at the first value below 0 or after 300 evaluations, which then counts as 300. Each seed has its own
-//! random target t, so that no search meets it by its construction, for example because it starts in the center:
+//! A trial ends at the first value below 0 or after 300 evaluations, which then counts as 300. Each
+//! seed has its own random target t, so that no search meets it by its construction, for example
+//! because it starts in the center:
 //!
 //! | problem | value | violations |
 //! |---|---|---|
@@ -24,7 +26,8 @@
 //! | `separable` | mean of one function with four minima per coordinate, less 0.25 | boxes around combinations of low minima |
 //! | `one-corner` | 0.5 plus a small slope, and -1 near a random corner | 0.15 from one corner in each coordinate |
 //!
-//! Distances are divided by the diagonal of the box; the radius rises from 0.1 in 2 dimensions to 0.2 in 30.
+//! Distances are divided by the diagonal of the box; the radius rises from 0.1 in 2 dimensions to
+//! 0.2 in 30.
 
 #![allow(clippy::print_stdout, reason = "an example prints its results")]
 #![allow(clippy::expect_used, reason = "an example with fixed inputs")]

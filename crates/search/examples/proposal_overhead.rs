@@ -2,10 +2,11 @@
 //!
 //! `cargo run --release -p mishandle-search --example proposal_overhead [SEARCH]...`
 //!
-//! For rounds of 1 and 16 points and 2, 10 and 100 coordinates, it prints the median and the mean over 300 evaluations of
-//! the CPU time from the last value of a round to the points of the next round, divided by the points of the round. A search
-//! that proposes more points at once, such as an initial design, is charged per point, too. Searches use one thread, so on an
-//! idle machine the CPU time is the wall-clock time.
+//! For rounds of 1 and 16 points and 2, 10 and 100 coordinates, it prints the median and the mean
+//! over 300 evaluations of the CPU time from the last value of a round to the points of the next
+//! round, divided by the points of the round. A search that proposes more points at once, such as
+//! an initial design, is charged per point, too. Searches use one thread, so on an idle machine the
+//! CPU time is the wall-clock time.
 
 #![allow(clippy::print_stdout)] // the table is the purpose of the program
 

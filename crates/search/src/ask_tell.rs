@@ -7,10 +7,11 @@ use crate::{Observation, Search, SearchEnd, SearchError};
 
 /// A search that evaluates points in rounds.
 ///
-/// The points of the next round depend on all values of the current one. A round is empty only after the search has
-/// ended.
+/// The points of the next round depend on all values of the current one. A round is empty only
+/// after the search has ended.
 pub trait RoundBased: Send {
-    /// Returns the name in [`SEARCHES`](crate::SEARCHES), or the name of the method if it is not listed.
+    /// Returns the name in [`SEARCHES`](crate::SEARCHES), or the name of the method if it is not
+    /// listed.
     fn name(&self) -> &'static str;
 
     /// Returns the points of the current round; empty after the search has ended.
@@ -18,7 +19,8 @@ pub trait RoundBased: Send {
 
     /// Takes the values of the current round and starts the next one.
     ///
-    /// `values` has one number, not NaN, for each point of [`round`](RoundBased::round), in the same order.
+    /// `values` has one number, not NaN, for each point of [`round`](RoundBased::round), in the
+    /// same order.
     fn receive(&mut self, values: &[f64]);
 
     /// Returns the [stop threshold](Search::stop_threshold) of point `i` of the round.
@@ -29,7 +31,8 @@ pub trait RoundBased: Send {
     /// Returns why the search has ended; `None` if it has not.
     fn finished(&self) -> Option<SearchEnd>;
 
-    /// Returns whether the search explores the whole box as long as it runs: see [`Search::keeps_exploring`].
+    /// Returns whether the search explores the whole box as long as it runs: see
+    /// [`Search::keeps_exploring`].
     fn keeps_exploring(&self) -> bool {
         false
     }

@@ -1,4 +1,5 @@
-//! Bayesian optimization in rounds: a Gaussian process of the robustness, and the lower confidence bound or Thompson sampling.
+//! Bayesian optimization in rounds: a Gaussian process of the robustness, and the lower confidence
+//! bound or Thompson sampling.
 
 use std::mem;
 
@@ -40,30 +41,35 @@ pub(crate) const TRANSFORM: Range = Range::described(Transform::NAMES);
 options! {
     /// The options of [`Bayesian`].
     pub struct BayesianOptions of NAME {
-        /// Points per round. The points of a round are chosen together, without each other's values.
+        /// Points per round. The points of a round are chosen together, without each other's
+        /// values.
         pub round_size: usize = 8, in POINTS;
         /// Points of the first round: Sobol points and the center of the box.
         pub initial: Option<usize> = None, or "2 (d + 1), at most 20", in POINTS;
-        /// How a round is chosen: lower confidence bound (lcb) or samples of the posterior (thompson).
+        /// How a round is chosen: lower confidence bound (lcb) or samples of the posterior
+        /// (thompson).
         pub acquisition: String = "lcb".to_owned(), in ACQUISITION;
         /// Standard deviations that the lower confidence bound is below the mean.
         pub kappa: f64 = 2.0, in NOT_NEGATIVE;
         /// Proposes points on exact faces and corners of the box, too.
         pub faces: bool = true, in ANY;
-        /// How robustness is transformed for the model: asinh, rank (normal scores) or standard (mean and variance).
+        /// How robustness is transformed for the model: asinh, rank (normal scores) or standard
+        /// (mean and variance).
         pub transform: String = "asinh".to_owned(), in TRANSFORM;
     }
 }
 
 /// Bayesian optimization with a Gaussian process (Matérn-5/2, one length per coordinate).
 ///
-/// The first round is scrambled Sobol points and the center of the box. For each further round, the model predicts mean
-/// and standard deviation of the transformed robustness at candidates: Sobol points of the box, the same with some
-/// coordinates on exact faces, and neighbors of the best points. The candidate with the lowest confidence bound joins the
-/// round, and the variance shrinks around it as if it were evaluated, until the round is full.
+/// The first round is scrambled Sobol points and the center of the box. For each further round, the
+/// model predicts mean and standard deviation of the transformed robustness at candidates: Sobol
+/// points of the box, the same with some coordinates on exact faces, and neighbors of the best
+/// points. The candidate with the lowest confidence bound joins the round, and the variance shrinks
+/// around it as if it were evaluated, until the round is full.
 ///
-/// Integer coordinates are modeled by the centers of their levels, categories by one feature per level. The search never
-/// ends. It models at most a few hundred evaluations, the best and the latest.
+/// Integer coordinates are modeled by the centers of their levels, categories by one feature per
+/// level. The search never ends. It models at most a few hundred evaluations, the best and the
+/// latest.
 #[derive(Debug, Clone)]
 pub struct Bayesian {
     options: BayesianOptions,
@@ -79,8 +85,8 @@ impl Bayesian {
     /// Creates the search on coordinates of the given types.
     ///
     /// # Errors
-    /// [`SearchError::Dimension`] without coordinates, [`SearchError::NoLevels`] for a coordinate with 0 levels,
-    /// [`SearchError::Option`] for an option out of range.
+    /// [`SearchError::Dimension`] without coordinates, [`SearchError::NoLevels`] for a coordinate
+    /// with 0 levels, [`SearchError::Option`] for an option out of range.
     pub fn new(
         coordinates: &[Coordinate],
         seed: u64,
@@ -156,7 +162,8 @@ impl RoundBased for Bayesian {
     }
 }
 
-/// Returns the next Sobol point that is not in `history`; in a discrete space with few points left, any point.
+/// Returns the next Sobol point that is not in `history`; in a discrete space with few points left,
+/// any point.
 pub(crate) fn new_point(sobol: &mut SobolPoints, space: &TypedSpace, history: &History) -> Vec<f64> {
     const ATTEMPTS: usize = 64;
     let mut point = snapped_point(sobol, space);

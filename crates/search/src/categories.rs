@@ -1,4 +1,5 @@
-//! Distributions over the levels of a category, and a stream of normal numbers: parts of sampling searches.
+//! Distributions over the levels of a category, and a stream of normal numbers: parts of sampling
+//! searches.
 
 use mishandle_random::Sequence;
 
@@ -13,8 +14,9 @@ pub(crate) struct Categories {
 }
 
 impl Categories {
-    /// Creates a uniform distribution. `samples` is the number of samples of one generation, over all categories: the
-    /// least probability of a level is such that about one of them has a level that had no success.
+    /// Creates a uniform distribution. `samples` is the number of samples of one generation, over
+    /// all categories: the least probability of a level is such that about one of them has a level
+    /// that had no success.
     pub(crate) fn new(levels: usize, samples: usize) -> Self {
         let n = levels as f64;
         let others = (n - 1.0).max(1.0);
@@ -38,8 +40,8 @@ impl Categories {
         (level as f64 + 0.5) / self.probabilities.len() as f64
     }
 
-    /// Moves the probabilities by the fraction `rate` toward the weighted frequencies of the coordinates. The weights
-    /// sum to 1.
+    /// Moves the probabilities by the fraction `rate` toward the weighted frequencies of the
+    /// coordinates. The weights sum to 1.
     pub(crate) fn update(&mut self, weighted: impl Iterator<Item = (f64, f64)>, rate: f64) {
         let n = self.probabilities.len();
         self.probabilities.iter_mut().for_each(|p| *p *= 1.0 - rate);
@@ -69,9 +71,9 @@ pub(crate) fn n_categories(coordinates: &[Coordinate]) -> usize {
     coordinates.iter().filter(|c| matches!(c, Coordinate::Categorical { .. })).count()
 }
 
-/// Returns the least standard deviation of a coordinate, which keeps an integer from staying at one level: with a
-/// quarter of a level, 5 % of the samples around the middle of a level have another one. It is 0 for a continuous
-/// coordinate.
+/// Returns the least standard deviation of a coordinate, which keeps an integer from staying at one
+/// level: with a quarter of a level, 5 % of the samples around the middle of a level have another
+/// one. It is 0 for a continuous coordinate.
 pub(crate) fn least_deviation(coordinate: Coordinate) -> f64 {
     match coordinate {
         Coordinate::Integer { levels } if levels > 1 => 0.25 / levels as f64,

@@ -4,13 +4,13 @@ use crate::SearchError;
 
 /// The type of one coordinate of a search space.
 ///
-/// Every coordinate of a point is a number in [0, 1], whatever its type. The caller maps it to a value with a unit, or
-/// to one of `levels` levels: level `min(⌊levels u⌋, levels - 1)`.
+/// Every coordinate of a point is a number in [0, 1], whatever its type. The caller maps it to a
+/// value with a unit, or to one of `levels` levels: level `min(⌊levels u⌋, levels - 1)`.
 ///
-/// A search may exploit the type, for example to avoid two points of the same level. Its documentation says how it
-/// treats each type. The searches [`random`](crate::Random), [`sobol`](crate::Sobol),
-/// [`nelder-mead`](crate::NelderMead) and [`dual-annealing`](crate::DualAnnealing) treat every coordinate as continuous
-/// in [0, 1].
+/// A search may exploit the type, for example to avoid two points of the same level. Its
+/// documentation says how it treats each type. The searches [`random`](crate::Random),
+/// [`sobol`](crate::Sobol), [`nelder-mead`](crate::NelderMead) and
+/// [`dual-annealing`](crate::DualAnnealing) treat every coordinate as continuous in [0, 1].
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum Coordinate {
     /// A real number.
@@ -30,7 +30,8 @@ pub enum Coordinate {
 /// Returns the number of coordinates.
 ///
 /// # Errors
-/// [`SearchError::Dimension`] if there is no coordinate, [`SearchError::NoLevels`] if one has no levels.
+/// [`SearchError::Dimension`] if there is no coordinate, [`SearchError::NoLevels`] if one has no
+/// levels.
 pub(crate) fn dimension(coordinates: &[Coordinate]) -> Result<usize, SearchError> {
     let has_no_levels = |coordinate: &Coordinate| match coordinate {
         Coordinate::Continuous => false,

@@ -32,7 +32,8 @@ options! {
     pub struct CrossEntropyOptions of NAME {
         /// Number of samples in a generation.
         pub population: usize = 40, in FROM_2;
-        /// Fraction of the samples that the next distribution is fitted to. Ties with the worst of them are included.
+        /// Fraction of the samples that the next distribution is fitted to. Ties with the worst of
+        /// them are included.
         pub elite_fraction: f64 = 0.2, in FRACTION;
         /// Weight of the fitted distribution; the previous one has the rest. 1 means no smoothing.
         pub smoothing: f64 = 0.7, in FRACTION;
@@ -43,12 +44,12 @@ options! {
     }
 }
 
-/// The cross-entropy method in `[0,1]^d`: samples of independent coordinates, whose distributions are fitted to the
-/// best samples of each generation.
+/// The cross-entropy method in `[0,1]^d`: samples of independent coordinates, whose distributions
+/// are fitted to the best samples of each generation.
 ///
-/// Use it with large batches: a generation of `population` points is proposed at once. It tolerates noise and steps,
-/// needs no scale of the values, and handles categories. It is slower than [`cma-es`](crate::CmaEs) where coordinates
-/// interact, because it knows no correlations.
+/// Use it with large batches: a generation of `population` points is proposed at once. It tolerates
+/// noise and steps, needs no scale of the values, and handles categories. It is slower than
+/// [`cma-es`](crate::CmaEs) where coordinates interact, because it knows no correlations.
 ///
 /// ```text
 /// uᵢ = clip(μᵢ + σᵢ z, 0, 1)            z standard normal
@@ -56,15 +57,17 @@ options! {
 /// μᵢ ← α mean(elite) + (1 - α) μᵢ       σᵢ ← α std(elite) + (1 - α) σᵢ       α: smoothing
 /// ```
 ///
-/// The first mean is the center. Samples outside the box are clipped, so that the bounds, at which controllers often
-/// fail, have positive probability. A category has one probability per level, fitted to the elite in the same way. It
-/// and an integer axis keep a small probability of other levels. If all values are equal, all samples are the elite, so
-/// the distribution does not move on average. If some values are +∞, only samples with finite ones are. When all
-/// deviations are below the tolerance, the search restarts from a random mean. It never ends.
+/// The first mean is the center. Samples outside the box are clipped, so that the bounds, at which
+/// controllers often fail, have positive probability. A category has one probability per level,
+/// fitted to the elite in the same way. It and an integer axis keep a small probability of other
+/// levels. If all values are equal, all samples are the elite, so the distribution does not move on
+/// average. If some values are +∞, only samples with finite ones are. When all deviations are below
+/// the tolerance, the search restarts from a random mean. It never ends.
 ///
 /// # Reference
-/// Rubinstein and Kroese, "The Cross-Entropy Method", Springer, 2004. Kroese, Porotsky and Rubinstein, "The
-/// cross-entropy method for continuous multi-extremal optimization", Methodol. Comput. Appl. Probab. 8, 2006.
+/// Rubinstein and Kroese, "The Cross-Entropy Method", Springer, 2004. Kroese, Porotsky and
+/// Rubinstein, "The cross-entropy method for continuous multi-extremal optimization", Methodol.
+/// Comput. Appl. Probab. 8, 2006.
 #[derive(Debug, Clone)]
 pub struct CrossEntropy {
     options: CrossEntropyOptions,
@@ -85,8 +88,9 @@ impl CrossEntropy {
     /// Creates the search.
     ///
     /// # Errors
-    /// [`SearchError::Dimension`] without coordinates, [`SearchError::NoLevels`] for a coordinate with 0 levels,
-    /// [`SearchError::Option`] for a number outside the documented range of its option.
+    /// [`SearchError::Dimension`] without coordinates, [`SearchError::NoLevels`] for a coordinate
+    /// with 0 levels, [`SearchError::Option`] for a number outside the documented range of its
+    /// option.
     pub fn new(
         coordinates: &[Coordinate],
         seed: u64,

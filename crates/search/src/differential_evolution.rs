@@ -31,32 +31,37 @@ const POPULATION: Range =
 const MUTATION: Range = Range { words: "in [0, 2)", holds: |x| (0.0..2.0).contains(&x) };
 
 options! {
-    /// The options of [`DifferentialEvolution`], with SciPy's names and defaults, except for the population.
+    /// The options of [`DifferentialEvolution`], with SciPy's names and defaults, except for the
+    /// population.
     pub struct DifferentialEvolutionOptions of NAME {
-        /// Base of a mutation: the best member (`best1bin`), which converges fast, or a random one (`rand1bin`).
+        /// Base of a mutation: the best member (`best1bin`), which converges fast, or a random one
+        /// (`rand1bin`).
         pub strategy: String = "best1bin".to_owned(), in STRATEGY;
         /// Number of members. SciPy has 15 d.
         pub population: Option<usize> = None, or "5 d, but at least 20 and at most 60", in POPULATION;
-        /// Least factor of a difference. The factor of a generation is drawn uniformly between both bounds.
+        /// Least factor of a difference. The factor of a generation is drawn uniformly between both
+        /// bounds.
         pub mutation_min: f64 = 0.5, in MUTATION;
         /// Largest factor of a difference.
         pub mutation_max: f64 = 1.0, in MUTATION;
         /// Probability that a coordinate of a trial point is mutated.
         pub recombination: f64 = 0.7, in FROM_0_TO_1;
-        /// Relative tolerance: the population has converged if the standard deviation of its values is at most
-        /// `atol` + `tol` times the absolute mean.
+        /// Relative tolerance: the population has converged if the standard deviation of its values
+        /// is at most `atol` + `tol` times the absolute mean.
         pub tol: f64 = 0.01, in NOT_NEGATIVE;
         /// Absolute tolerance.
         pub atol: f64 = 0.0, in NOT_NEGATIVE;
-        /// Starts again with a new population after convergence. Otherwise the search ends, as in SciPy.
+        /// Starts again with a new population after convergence. Otherwise the search ends, as in
+        /// SciPy.
         pub restart: bool = true, in ANY;
     }
 }
 
 /// Differential evolution in `[0,1]^d`: each member competes with a mutation of another one.
 ///
-/// Use it with large batches on rough functions: a generation is proposed at once, and it needs no scale of values. It
-/// needs many evaluations; with a budget of some hundred, `cma-es` or a model-based search is better.
+/// Use it with large batches on rough functions: a generation is proposed at once, and it needs no
+/// scale of values. It needs many evaluations; with a budget of some hundred, `cma-es` or a
+/// model-based search is better.
 ///
 /// ```text
 /// base + F (a - b)                       a, b: random members, F uniform in [mutation-min, mutation-max)
@@ -64,17 +69,18 @@ options! {
 /// the trial replaces the member if its value is not higher
 /// ```
 ///
-/// The first population is a Latin hypercube. A mutated coordinate outside [0, 1] is replaced by a uniform number, as
-/// in SciPy, so bounds are approached but hardly ever proposed. Trials of a generation use the members of the previous
-/// one (SciPy's `updating="deferred"`). There is no final local search (`polish=False`).
+/// The first population is a Latin hypercube. A mutated coordinate outside [0, 1] is replaced by a
+/// uniform number, as in SciPy, so bounds are approached but hardly ever proposed. Trials of a
+/// generation use the members of the previous one (SciPy's `updating="deferred"`). There is no
+/// final local search (`polish=False`).
 ///
-/// Integer axes are treated as continuous. In a category, two equal levels have the difference 0, so the base keeps its
-/// level; for different levels the mutation draws one uniformly. A population with a value of +∞ has not converged,
-/// unless all are.
+/// Integer axes are treated as continuous. In a category, two equal levels have the difference 0,
+/// so the base keeps its level; for different levels the mutation draws one uniformly. A population
+/// with a value of +∞ has not converged, unless all are.
 ///
 /// # Reference
-/// Storn and Price, "Differential evolution: a simple and efficient heuristic for global optimization over continuous
-/// spaces", J. Global Optim. 11, 1997.
+/// Storn and Price, "Differential evolution: a simple and efficient heuristic for global
+/// optimization over continuous spaces", J. Global Optim. 11, 1997.
 #[derive(Debug, Clone)]
 pub struct DifferentialEvolution {
     options: DifferentialEvolutionOptions,
@@ -98,8 +104,9 @@ impl DifferentialEvolution {
     /// Creates the search.
     ///
     /// # Errors
-    /// [`SearchError::Dimension`] without coordinates, [`SearchError::NoLevels`] for a coordinate with 0 levels,
-    /// [`SearchError::Option`] for an unknown strategy or a number outside the documented range of its option.
+    /// [`SearchError::Dimension`] without coordinates, [`SearchError::NoLevels`] for a coordinate
+    /// with 0 levels, [`SearchError::Option`] for an unknown strategy or a number outside the
+    /// documented range of its option.
     pub fn new(
         coordinates: &[Coordinate],
         seed: u64,

@@ -43,7 +43,8 @@ pub fn rosenbrock(u: &[f64]) -> f64 {
     u.windows(2).map(term).sum()
 }
 
-/// Evaluates Rastrigin's function Σ 10 + x² - 10 cos 2πx, x = 10 (u - 0.6): many local minima on a grid.
+/// Evaluates Rastrigin's function Σ 10 + x² - 10 cos 2πx, x = 10 (u - 0.6): many local minima on a
+/// grid.
 pub fn rastrigin(u: &[f64]) -> f64 {
     u.iter().map(|u| 10.0 * (u - 0.6)).map(|x| 10.0 + x * x - 10.0 * (TAU * x).cos()).sum()
 }
@@ -57,8 +58,8 @@ pub fn ackley(u: &[f64]) -> f64 {
     20.0 + E - 20.0 * (-0.2 * radius).exp() - ripple.exp()
 }
 
-/// Evaluates a function shaped like a robustness: the maximum over coordinates of the minimum of two ramps, in steps of
-/// 1/64.
+/// Evaluates a function shaped like a robustness: the maximum over coordinates of the minimum of
+/// two ramps, in steps of 1/64.
 ///
 /// ```text
 /// max over i of min(|uᵢ - 0.2| - 0.125, 2 |uᵢ - 0.8125| - 0.25), rounded down to multiples of 1/64
@@ -69,7 +70,8 @@ pub fn min_max(u: &[f64]) -> f64 {
     (worst * 64.0).floor() / 64.0
 }
 
-/// Evaluates a function with a narrow hole of radius 0.05 and depth 1 at 0.7, in a bowl with its minimum at 0.2.
+/// Evaluates a function with a narrow hole of radius 0.05 and depth 1 at 0.7, in a bowl with its
+/// minimum at 0.2.
 ///
 /// ```text
 /// 400 r² - 1 where r² = Σ (uᵢ - 0.7)² < 1/400, else Σ (uᵢ - 0.2)² / (10 d)

@@ -15,7 +15,8 @@ pub trait PointSequence: Send {
     fn point(&self, i: u64) -> Vec<f64>;
 }
 
-/// Adapts a sequence of points to the [`Search`] interface. It proposes any number of points at once and never ends.
+/// Adapts a sequence of points to the [`Search`] interface. It proposes any number of points at
+/// once and never ends.
 ///
 /// # Example
 /// ```

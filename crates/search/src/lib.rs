@@ -1,9 +1,10 @@
 //! Searches: black-box optimization on the unit cube `[0,1]^d` with an ask-and-tell interface.
 //!
-//! A [`Search`] minimizes a function, here the robustness of a simulation. The caller asks for a point of the unit
-//! cube, maps it to a scenario, simulates the scenario and reports an [`Observation`] to the search. A search knows no
-//! units and no physics. It is a state machine: it can stop after any evaluation, and its points depend only on the
-//! types of its coordinates, its random seed, its options and the observations.
+//! A [`Search`] minimizes a function, here the robustness of a simulation. The caller asks for a
+//! point of the unit cube, maps it to a scenario, simulates the scenario and reports an
+//! [`Observation`] to the search. A search knows no units and no physics. It is a state machine: it
+//! can stop after any evaluation, and its points depend only on the types of its coordinates, its
+//! random seed, its options and the observations.
 //!
 //! [`SEARCHES`] lists all searches with their options; [`by_name`] creates one.
 //!

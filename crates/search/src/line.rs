@@ -1,4 +1,5 @@
-//! Line search along sign vectors: the smallest deviation from a point that violates the requirement.
+//! Line search along sign vectors: the smallest deviation from a point that violates the
+//! requirement.
 
 use std::mem;
 
@@ -30,7 +31,8 @@ options! {
         pub start: Option<Vec<f64>> = None, or "the center of the box", in POINT_OF_THE_BOX;
         /// A point violates the requirement if its value is below this number.
         pub threshold: f64 = 0.0, in Range { words: "a number", holds: |x| !x.is_nan() };
-        /// The bisection of the amplitude ends at an interval of this length. An amplitude of 1 is a corner.
+        /// The bisection of the amplitude ends at an interval of this length. An amplitude of 1 is
+        /// a corner.
         pub amplitude_tolerance: f64 = 1e-3, in OPEN_UNIT_INTERVAL;
         /// Number of lines that are tried at once.
         pub lines: usize = 16, in AT_LEAST_1;
@@ -39,12 +41,14 @@ options! {
     }
 }
 
-/// Line search: points `s + a (c - s)` on the lines from a start s to random corners c, with amplitudes a in [0, 1].
+/// Line search: points `s + a (c - s)` on the lines from a start s to random corners c, with
+/// amplitudes a in [0, 1].
 ///
-/// Use it for disturbances, whose axes have the undisturbed value in the middle: worst cases of many small disturbances
-/// tend to have all of them at their bounds, with unknown signs. And use it for the question how small a disturbance
-/// may be: after a violation, the amplitude is bisected, and from then on a line is tried at the smallest violating
-/// amplitude so far, less the tolerance. So each further violation is a smaller one.
+/// Use it for disturbances, whose axes have the undisturbed value in the middle: worst cases of
+/// many small disturbances tend to have all of them at their bounds, with unknown signs. And use it
+/// for the question how small a disturbance may be: after a violation, the amplitude is bisected,
+/// and from then on a line is tried at the smallest violating amplitude so far, less the tolerance.
+/// So each further violation is a smaller one.
 ///
 /// ```text
 /// 1. evaluate the start
@@ -55,14 +59,15 @@ options! {
 /// 4. after all 2^d directions without a violation, repeat them at the amplitudes a/2, a/4, 3a/4, a/8, ...
 /// ```
 ///
-/// The bisection finds the smallest amplitude if violations do not end at larger ones. It ends with `Converged` only if
-/// the start violates or the smallest amplitude is below the tolerance. A category has no amplitude: a direction
-/// contains a random level of it. The best point of the search has the lowest value, often at amplitude 1;
-/// [`smallest`](Line::smallest) returns the violation of smallest amplitude.
+/// The bisection finds the smallest amplitude if violations do not end at larger ones. It ends with
+/// `Converged` only if the start violates or the smallest amplitude is below the tolerance. A
+/// category has no amplitude: a direction contains a random level of it. The best point of the
+/// search has the lowest value, often at amplitude 1; [`smallest`](Line::smallest) returns the
+/// violation of smallest amplitude.
 ///
 /// # Reference
-/// Chen and Gu, "RayS: a ray searching method for hard-label adversarial attack", KDD 2020, with random instead of
-/// hierarchical sign vectors.
+/// Chen and Gu, "RayS: a ray searching method for hard-label adversarial attack", KDD 2020, with
+/// random instead of hierarchical sign vectors.
 #[derive(Debug, Clone)]
 pub struct Line {
     options: LineOptions,
@@ -103,9 +108,9 @@ impl Line {
     /// Creates a line search.
     ///
     /// # Errors
-    /// [`SearchError::Dimension`] without coordinates, [`SearchError::NoLevels`] for a coordinate with 0 levels,
-    /// [`SearchError::Option`] for a start outside `[0,1]^d` or of the wrong length, or a number outside the documented
-    /// range of its option.
+    /// [`SearchError::Dimension`] without coordinates, [`SearchError::NoLevels`] for a coordinate
+    /// with 0 levels, [`SearchError::Option`] for a start outside `[0,1]^d` or of the wrong length,
+    /// or a number outside the documented range of its option.
     pub fn new(coordinates: &[Coordinate], seed: u64, options: &LineOptions) -> Result<Self, SearchError> {
         let dimension = dimension(coordinates)?;
         check_start(NAME, options.start.as_ref(), dimension)?;
@@ -187,7 +192,8 @@ impl Line {
     }
 }
 
-/// Returns the fraction of the amplitude in sweep `i`: 1, then the van der Corput sequence 1/2, 1/4, 3/4, 1/8, ...
+/// Returns the fraction of the amplitude in sweep `i`: 1, then the van der Corput sequence 1/2,
+/// 1/4, 3/4, 1/8, ...
 fn fraction(i: u32) -> f64 {
     if i == 0 { 1.0 } else { f64::from(i.reverse_bits()) / (f64::from(u32::MAX) + 1.0) }
 }
@@ -252,8 +258,9 @@ mod tests {
         search.machine().clone()
     }
 
-    /// With weights w, the sum Σ wᵢ (2 uᵢ - 1) exceeds b on a line with signs s from the amplitude b / Σ wᵢ sᵢ on. Of
-    /// 2^6 sign vectors, that with all signs positive has the smallest one, here 0.5.
+    /// With weights w, the sum Σ wᵢ (2 uᵢ - 1) exceeds b on a line with signs s from the amplitude
+    /// b / Σ wᵢ sᵢ on. Of 2^6 sign vectors, that with all signs positive has the smallest one, here
+    /// 0.5.
     #[test]
     fn the_smallest_amplitude_of_a_half_space_is_found() {
         let weights = [1.0, 2.0, 0.5, 1.5, 3.0, 2.0];

@@ -1,4 +1,5 @@
-//! The simplex search of Nelder and Mead, equal to SciPy's `minimize(method="Nelder-Mead")` with bounds 0 and 1.
+//! The simplex search of Nelder and Mead, equal to SciPy's `minimize(method="Nelder-Mead")` with
+//! bounds 0 and 1.
 
 use std::cmp::Ordering;
 
@@ -36,18 +37,19 @@ options! {
     pub struct NelderMeadOptions of NAME {
         /// First vertex, in `[0,1]^d`. The other vertices follow from it and `simplex-origin`.
         pub start: Option<Vec<f64>> = None, or "drawn uniformly from the seed", in POINT_OF_THE_BOX;
-        /// Number from which the first simplex measures coordinates: vertex k + 1 has coordinate k moved away from it by
-        /// 5 % of the distance, or raised by 0.00025 if the distance is 0. The center of each axis is 0.5.
+        /// Number from which the first simplex measures coordinates: vertex k + 1 has coordinate k
+        /// moved away from it by 5 % of the distance, or raised by 0.00025 if the distance is 0.
+        /// The center of each axis is 0.5.
         pub simplex_origin: f64 = 0.0, in FROM_0_TO_1;
-        /// The d + 1 vertices of the first simplex; replaces `start`. A coordinate above 1 is reflected into the box
-        /// (2 - u), then all coordinates are clipped to it.
+        /// The d + 1 vertices of the first simplex; replaces `start`. A coordinate above 1 is
+        /// reflected into the box (2 - u), then all coordinates are clipped to it.
         pub initial_simplex: Option<Vec<Vec<f64>>> = None, or "made from `start` and `simplex-origin`",
             in Range::described("d + 1 points of d finite numbers");
-        /// Absolute tolerance on points. The search ends when every coordinate of every vertex is within `xatol` of the
-        /// best vertex's and `fatol` holds too.
+        /// Absolute tolerance on points. The search ends when every coordinate of every vertex is
+        /// within `xatol` of the best vertex's and `fatol` holds too.
         pub xatol: f64 = 1e-4, in NOT_NEGATIVE;
-        /// Absolute tolerance on values. The search ends when every value is within `fatol` of the best one and `xatol`
-        /// holds too.
+        /// Absolute tolerance on values. The search ends when every value is within `fatol` of the
+        /// best one and `xatol` holds too.
         pub fatol: f64 = 1e-4, in NOT_NEGATIVE;
         /// Maximum number of iterations from one start, counted from 1 as SciPy does.
         pub max_iterations: Option<usize> = None, or "200 d, or no limit if `max-evaluations` is set",
@@ -57,15 +59,18 @@ options! {
             in AT_LEAST_1;
         /// Chooses the coefficients by dimension (Gao and Han) instead of 2, 1/2, 1/2.
         pub adaptive: bool = false, in ANY;
-        /// Number of restarts: each one starts from a new point, drawn uniformly, after the tolerances are met or
-        /// `max-iterations` is reached. SciPy has none. A large number spends the whole budget of a trial.
+        /// Number of restarts: each one starts from a new point, drawn uniformly, after the
+        /// tolerances are met or `max-iterations` is reached. SciPy has none. A large number spends
+        /// the whole budget of a trial.
         pub restarts: usize = 0, in ANY;
     }
 }
 
-/// The simplex search of Nelder and Mead in `[0,1]^d`: d + 1 vertices that reflect, expand, contract and shrink.
+/// The simplex search of Nelder and Mead in `[0,1]^d`: d + 1 vertices that reflect, expand,
+/// contract and shrink.
 ///
-/// Let the vertices be sorted by value, w the worst vertex and c the mean of all others. The trial points are
+/// Let the vertices be sorted by value, w the worst vertex and c the mean of all others. The trial
+/// points are
 ///
 /// ```text
 /// u = clip((1 + t) c - t w, 0, 1)    t = 1 reflect, χ expand, ψ contract outside, -ψ contract inside
@@ -73,24 +78,28 @@ options! {
 /// χ = 2, ψ = 1/2, σ = 1/2            adaptive: χ = 1 + 2/d, ψ = 3/4 - 1/(2d), σ = 1 - 1/d
 /// ```
 ///
-/// Given the same first simplex and values, the points equal SciPy's bit for bit. Vertices of equal value keep their
-/// order. SciPy's order of ties depends on the processor, since NumPy's vectorized sort is not stable; it is the same
-/// as here if NumPy runs without that sort and d < 16. If all values are +∞, the simplex shrinks until a limit is
-/// reached, as in SciPy. Every coordinate is treated as continuous.
+/// Given the same first simplex and values, the points equal SciPy's bit for bit. Vertices of equal
+/// value keep their order. SciPy's order of ties depends on the processor, since NumPy's vectorized
+/// sort is not stable; it is the same as here if NumPy runs without that sort and d < 16. If all
+/// values are +∞, the simplex shrinks until a limit is reached, as in SciPy. Every coordinate is
+/// treated as continuous.
 ///
-/// Use it to improve a point that is nearly a counterexample (`start`), on robustness without steps, in up to about ten
-/// dimensions. It is a local search: set `restarts` to search globally. A restart keeps nothing but the count of
-/// evaluations. While restarts are left, a simplex within `xatol` of its best vertex without a finite value ends a start,
-/// too.
+/// Use it to improve a point that is nearly a counterexample (`start`), on robustness without
+/// steps, in up to about ten dimensions. It is a local search: set `restarts` to search globally. A
+/// restart keeps nothing but the count of evaluations. While restarts are left, a simplex within
+/// `xatol` of its best vertex without a finite value ends a start, too.
 ///
 /// # Units
-/// All lengths are fractions of the box: the `xatol` of 1e-4 and the first simplex, which raises a coordinate u by 5 % of its
-/// distance from `simplex-origin`, by default the lower bound. SciPy 1.17.1 has the same numbers in the units of its bounds, where the first simplex
-/// raises a coordinate x by 5 % of x. So both agree for the bounds 0 and 1. `docs/reference/plans.md` compares all parameters.
+/// All lengths are fractions of the box: the `xatol` of 1e-4 and the first simplex, which raises a
+/// coordinate u by 5 % of its distance from `simplex-origin`, by default the lower bound. SciPy
+/// 1.17.1 has the same numbers in the units of its bounds, where the first simplex raises a
+/// coordinate x by 5 % of x. So both agree for the bounds 0 and 1. `docs/reference/plans.md`
+/// compares all parameters.
 ///
 /// # Reference
-/// Nelder and Mead, "A simplex method for function minimization", The Computer Journal 7, 1965. Gao and Han,
-/// "Implementing the Nelder-Mead simplex algorithm with adaptive parameters", Comput. Optim. Appl. 51, 2012.
+/// Nelder and Mead, "A simplex method for function minimization", The Computer Journal 7, 1965. Gao
+/// and Han, "Implementing the Nelder-Mead simplex algorithm with adaptive parameters", Comput.
+/// Optim. Appl. 51, 2012.
 #[derive(Debug, Clone)]
 pub struct NelderMead {
     xatol: f64,
@@ -134,12 +143,13 @@ enum Step {
 }
 
 impl NelderMead {
-    /// Creates a simplex search on `[0,1]^dimension`. Without a start in the options, it is sampled uniformly from
-    /// `seed`.
+    /// Creates a simplex search on `[0,1]^dimension`. Without a start in the options, it is sampled
+    /// uniformly from `seed`.
     ///
     /// # Errors
-    /// [`SearchError::Dimension`] for dimension 0; [`SearchError::Option`] for a start outside `[0,1]^d` or of the
-    /// wrong length, a simplex that is not d + 1 finite points, a negative or NaN tolerance, or a limit of 0.
+    /// [`SearchError::Dimension`] for dimension 0; [`SearchError::Option`] for a start outside
+    /// `[0,1]^d` or of the wrong length, a simplex that is not d + 1 finite points, a negative or
+    /// NaN tolerance, or a limit of 0.
     pub fn new(dimension: usize, seed: u64, options: &NelderMeadOptions) -> Result<Self, SearchError> {
         check(dimension, options)?;
         let simplex = match &options.initial_simplex {
@@ -194,7 +204,8 @@ impl NelderMead {
         self.step = step;
     }
 
-    /// Proposes the point (1 + t) c - t w on the line through the worst vertex w and the centroid c.
+    /// Proposes the point (1 + t) c - t w on the line through the worst vertex w and the centroid
+    /// c.
     fn propose_on_line(&mut self, t: f64, step: Step) {
         let worst = &self.vertices[self.vertices.len() - 1].u;
         let point = self.centroid.iter().zip(worst).map(|(c, w)| clip((1.0 + t) * c - t * w)).collect();
@@ -252,8 +263,8 @@ impl NelderMead {
         self.propose(simplex.into_iter().map(reflected_into_box).collect(), Step::FirstSimplex);
     }
 
-    /// Returns whether the simplex meets both tolerances. If all values are +∞, their differences are NaN, so it meets
-    /// them only while restarts are left.
+    /// Returns whether the simplex meets both tolerances. If all values are +∞, their differences
+    /// are NaN, so it meets them only while restarts are left.
     fn has_converged(&self) -> bool {
         let best = &self.vertices[0];
         let values_are_irrelevant = best.value == f64::INFINITY && self.n_restarts < self.max_restarts;
@@ -369,7 +380,8 @@ fn simplex_around(start: &[f64], origin: f64) -> Vec<Vec<f64>> {
     simplex
 }
 
-/// Reflects coordinates at 1 instead of clipping them, so that a start at the upper bound gives no degenerate simplex.
+/// Reflects coordinates at 1 instead of clipping them, so that a start at the upper bound gives no
+/// degenerate simplex.
 fn reflected_into_box(mut vertex: Vec<f64>) -> Vec<f64> {
     vertex.iter_mut().for_each(|x| *x = clip(if *x > 1.0 { 2.0 - *x } else { *x }));
     vertex

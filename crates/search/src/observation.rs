@@ -1,9 +1,11 @@
 //! Observations: the results of simulations that a search uses.
 
-/// The result of one evaluation: the robustness of the requirement and, if requested, of its sub-formulas.
+/// The result of one evaluation: the robustness of the requirement and, if requested, of its
+/// sub-formulas.
 ///
-/// A search requests sub-formulas with [`Search::needs_subformulas`](crate::Search::needs_subformulas). For all other
-/// searches the list is empty, and an observation can be converted from a number.
+/// A search requests sub-formulas with
+/// [`Search::needs_subformulas`](crate::Search::needs_subformulas). For all other searches the list
+/// is empty, and an observation can be converted from a number.
 ///
 /// # Example
 /// ```
@@ -18,19 +20,23 @@
 /// ```
 #[derive(Debug, Clone, PartialEq)]
 pub struct Observation {
-    /// The robustness of the requirement, which the search minimizes. `+∞` if the simulation has no verdict.
+    /// The robustness of the requirement, which the search minimizes. `+∞` if the simulation has no
+    /// verdict.
     pub robustness: f64,
-    /// One entry per sub-formula of the requirement, in the order in which the monitor lists them: root first, depth
-    /// first. Empty if the search does not request them or the simulation has no verdict.
+    /// One entry per sub-formula of the requirement, in the order in which the monitor lists them:
+    /// root first, depth first. Empty if the search does not request them or the simulation has no
+    /// verdict.
     pub subformulas: Vec<SubformulaMinimum>,
 }
 
 /// The least robustness of a sub-formula over a trace.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SubformulaMinimum {
-    /// The minimum over all samples at which the trace covers the sub-formula; `+∞` if there is no such sample.
+    /// The minimum over all samples at which the trace covers the sub-formula; `+∞` if there is no
+    /// such sample.
     pub minimum: f64,
-    /// The first control step (sample index) at which the minimum is attained; 0 if there is no such sample.
+    /// The first control step (sample index) at which the minimum is attained; 0 if there is no
+    /// such sample.
     pub step: usize,
 }
 

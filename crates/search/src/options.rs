@@ -1,6 +1,7 @@
 //! Options of searches: values by name, and the specifications of the accepted options.
 //!
-//! A search declares its options once, as the fields of its option structure, with the macro [`options!`].
+//! A search declares its options once, as the fields of its option structure, with the macro
+//! [`options!`].
 
 use std::collections::BTreeMap;
 use std::fmt;
@@ -54,8 +55,9 @@ option_value_from!(String => Text, &str => Text, Vec<f64> => Point, Vec<Vec<f64>
 
 /// Options of a search by name. An absent option has its default.
 ///
-/// Names have hyphens, as in plans; `_` is converted to `-`. Options are checked when the search is created:
-/// [`by_name`](crate::by_name) returns an error for unknown names, wrong types and values out of range.
+/// Names have hyphens, as in plans; `_` is converted to `-`. Options are checked when the search is
+/// created: [`by_name`](crate::by_name) returns an error for unknown names, wrong types and values
+/// out of range.
 ///
 /// # Example
 /// ```
@@ -102,7 +104,8 @@ impl SearchOptions {
         self.values.iter().map(|(name, value)| (name.as_str(), value))
     }
 
-    /// Returns the same options with points of the free coordinates. Points of another dimension stay, so that their search refuses them.
+    /// Returns the same options with points of the free coordinates. Points of another dimension
+    /// stay, so that their search refuses them.
     pub(crate) fn projected(&self, coordinates: &[Coordinate]) -> Self {
         let free = |point: &Vec<f64>| match point.len() == coordinates.len() {
             true => point.iter().zip(coordinates).filter(|(_, of)| is_free(of)).map(|(x, _)| *x).collect(),
@@ -408,11 +411,12 @@ pub(crate) fn check_start(
     }
 }
 
-/// Declares the options of a search as a structure: each field has a meaning, a type, a default and a range.
+/// Declares the options of a search as a structure: each field has a meaning, a type, a default and
+/// a range.
 ///
-/// A field that is `None` by default has a description of the behavior in that case. The macro implements `Default`,
-/// the [`OptionSpec`]s (`specs`), the conversion from [`SearchOptions`] (`read`) and a check of all ranges
-/// (`check_ranges`).
+/// A field that is `None` by default has a description of the behavior in that case. The macro
+/// implements `Default`, the [`OptionSpec`]s (`specs`), the conversion from [`SearchOptions`]
+/// (`read`) and a check of all ranges (`check_ranges`).
 macro_rules! options {
     (
         $(#[$about:meta])*
@@ -451,8 +455,9 @@ macro_rules! options {
             /// Converts options by name; absent options have their defaults.
             ///
             /// # Errors
-            /// [`SearchError::UnknownOption`](crate::SearchError::UnknownOption) for a name that is not listed in
-            /// `specs`, [`SearchError::Option`](crate::SearchError::Option) for a wrong type or a value out of range.
+            /// [`SearchError::UnknownOption`](crate::SearchError::UnknownOption) for a name that is
+            /// not listed in `specs`, [`SearchError::Option`](crate::SearchError::Option) for a
+            /// wrong type or a value out of range.
             pub fn read(options: &$crate::SearchOptions) -> Result<Self, $crate::SearchError> {
                 $crate::options::check_names($search, options, &Self::specs())?;
                 let defaults = Self::default();

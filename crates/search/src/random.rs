@@ -20,9 +20,11 @@ pub(crate) const ENTRY: SearchEntry = SearchEntry {
     },
 };
 
-/// Random search: independent uniform points of `[0,1]^d`. Point i depends only on (seed, i). The search never ends.
+/// Random search: independent uniform points of `[0,1]^d`. Point i depends only on (seed, i). The
+/// search never ends.
 ///
-/// Every coordinate is treated as continuous. If the caller maps it to n levels, each has the probability 1/n.
+/// Every coordinate is treated as continuous. If the caller maps it to n levels, each has the
+/// probability 1/n.
 #[derive(Debug, Clone)]
 pub struct Random {
     dimension: usize,

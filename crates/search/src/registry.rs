@@ -22,7 +22,8 @@ pub struct SearchEntry {
     pub make: SearchConstructor,
 }
 
-/// A function that creates a search from the types of its coordinates, its random seed and its options.
+/// A function that creates a search from the types of its coordinates, its random seed and its
+/// options.
 pub type SearchConstructor = fn(&[Coordinate], u64, &SearchOptions) -> Result<Box<dyn Search>, SearchError>;
 
 /// All searches. To add one, write its file and add a line here.
@@ -53,13 +54,15 @@ pub fn find_search(name: &str) -> Result<&'static SearchEntry, SearchError> {
     })
 }
 
-/// Creates the search called `name` on `[0,1]^d`, given the type of each of the d coordinates. A coordinate with one level is 0.5
-/// in each point; the search and its options have the other coordinates only.
+/// Creates the search called `name` on `[0,1]^d`, given the type of each of the d coordinates. A
+/// coordinate with one level is 0.5 in each point; the search and its options have the other
+/// coordinates only.
 ///
 /// # Errors
-/// [`SearchError::UnknownSearch`] with the known names, [`SearchError::Dimension`] without coordinates,
-/// [`SearchError::NoLevels`] for a coordinate with 0 levels, [`SearchError::UnknownOption`] and
-/// [`SearchError::Option`] for options that the search does not accept.
+/// [`SearchError::UnknownSearch`] with the known names, [`SearchError::Dimension`] without
+/// coordinates, [`SearchError::NoLevels`] for a coordinate with 0 levels,
+/// [`SearchError::UnknownOption`] and [`SearchError::Option`] for options that the search does not
+/// accept.
 ///
 /// # Example
 /// ```

@@ -4,13 +4,15 @@ use std::fmt;
 
 use crate::{Observation, SearchError};
 
-/// A search minimizes the robustness on `[0,1]^d`: it proposes points (ask) and takes the observations there (tell).
+/// A search minimizes the robustness on `[0,1]^d`: it proposes points (ask) and takes the
+/// observations there (tell).
 ///
-/// The points are a pure function of the types of the coordinates, the random seed, the options and the observations so
-/// far. To resume a search, create it again and tell it the recorded observations. The caller owns the budget and may
-/// stop after any observation.
+/// The points are a pure function of the types of the coordinates, the random seed, the options and
+/// the observations so far. To resume a search, create it again and tell it the recorded
+/// observations. The caller owns the budget and may stop after any observation.
 ///
-/// A robustness of `+∞` is the worst valid value, for example for a simulation that diverged. NaN is an error.
+/// A robustness of `+∞` is the worst valid value, for example for a simulation that diverged. NaN
+/// is an error.
 pub trait Search: Send {
     /// Returns the name in [`SEARCHES`](crate::SEARCHES).
     fn name(&self) -> &'static str;
@@ -18,12 +20,14 @@ pub trait Search: Send {
     /// Returns the number of coordinates d, at least 1.
     fn dimension(&self) -> usize;
 
-    /// Returns the next points to evaluate, at most `n`, each of length d with coordinates in [0, 1].
+    /// Returns the next points to evaluate, at most `n`, each of length d with coordinates in [0,
+    /// 1].
     ///
-    /// It returns fewer than `n` points if the next point depends on pending values. `random`, `sobol` and `corners`
-    /// propose any number of points, the searches with generations up to one of them. `nelder-mead` proposes several
-    /// points only for its first or a shrunken simplex, `dual-annealing` only for a point with its neighbors for a
-    /// gradient. It returns no point if all further points depend on pending values, or if the search has ended; see
+    /// It returns fewer than `n` points if the next point depends on pending values. `random`,
+    /// `sobol` and `corners` propose any number of points, the searches with generations up to one
+    /// of them. `nelder-mead` proposes several points only for its first or a shrunken simplex,
+    /// `dual-annealing` only for a point with its neighbors for a gradient. It returns no point if
+    /// all further points depend on pending values, or if the search has ended; see
     /// [`finished`](Search::finished). The sequence of points does not depend on the batch sizes.
     fn ask_batch(&mut self, n: usize) -> Vec<Vec<f64>>;
 
@@ -39,32 +43,34 @@ pub trait Search: Send {
         false
     }
 
-    /// Returns whether the points are independent and uniform in the unit cube, whatever the observations, so that frequencies among
-    /// them estimate probabilities.
+    /// Returns whether the points are independent and uniform in the unit cube, whatever the
+    /// observations, so that frequencies among them estimate probabilities.
     fn samples_uniformly(&self) -> bool {
         false
     }
 
-    /// Returns a number that is at least 0, such that all robustness values above it have the same effect on the further points if the
-    /// pending point `u` has them. A simulation can end as soon as its robustness is certain to be above it.
+    /// Returns a number that is at least 0, such that all robustness values above it have the same
+    /// effect on the further points if the pending point `u` has them. A simulation can end as soon
+    /// as its robustness is certain to be above it.
     ///
     /// +∞ is always correct, and the value for a search that needs exact values.
     fn stop_threshold(&self, _u: &[f64]) -> f64 {
         f64::INFINITY
     }
 
-    /// Returns whether the search explores the whole box as long as it runs, whatever the values. A local search converges, so a
-    /// new one with another seed finds other minima.
+    /// Returns whether the search explores the whole box as long as it runs, whatever the values. A
+    /// local search converges, so a new one with another seed finds other minima.
     fn keeps_exploring(&self) -> bool {
         false
     }
 
-    /// Passes the observation at a proposed point to the search. Observations must be in the order of the points.
+    /// Passes the observation at a proposed point to the search. Observations must be in the order
+    /// of the points.
     ///
     /// # Errors
-    /// [`SearchError::NotAsked`] if no point is pending, [`SearchError::WrongPoint`] if `u` is not the oldest pending
-    /// point, [`SearchError::NotANumber`] if the robustness is NaN. After an error the search is unchanged and the
-    /// point is still pending.
+    /// [`SearchError::NotAsked`] if no point is pending, [`SearchError::WrongPoint`] if `u` is not
+    /// the oldest pending point, [`SearchError::NotANumber`] if the robustness is NaN. After an
+    /// error the search is unchanged and the point is still pending.
     ///
     /// # Example
     /// ```
@@ -80,8 +86,8 @@ pub trait Search: Send {
     /// Returns the termination criterion that ended the search; `None` if it has not ended.
     fn finished(&self) -> Option<SearchEnd>;
 
-    /// Returns the point with the lowest robustness so far, the earliest if several have it; `None` without
-    /// observations.
+    /// Returns the point with the lowest robustness so far, the earliest if several have it; `None`
+    /// without observations.
     fn best(&self) -> Option<(&[f64], f64)>;
 }
 

@@ -19,7 +19,8 @@ use crate::{AskTell, Coordinate, RoundBased, SearchEnd, SearchError, coordinate}
 
 const NAME: &str = "turbo";
 
-/// Candidates of a round: a constant, and more per point of the round; the original has min(100 d, 5000).
+/// Candidates of a round: a constant, and more per point of the round; the original has min(100 d,
+/// 5000).
 const CANDIDATES: (usize, usize) = (256, 32);
 const MAX_CANDIDATES: usize = 768;
 
@@ -38,27 +39,31 @@ pub(crate) const ENTRY: SearchEntry = SearchEntry {
 options! {
     /// The options of [`Turbo`].
     pub struct TurboOptions of NAME {
-        /// Points per round. The points of a round are chosen together, without each other's values.
+        /// Points per round. The points of a round are chosen together, without each other's
+        /// values.
         pub round_size: usize = 8, in POINTS;
         /// Sobol points at the start and after a restart.
         pub initial: Option<usize> = None, or "2 d, from 4 to 40", in POINTS;
-        /// How robustness is transformed for the model: asinh, rank (normal scores) or standard (mean and variance).
+        /// How robustness is transformed for the model: asinh, rank (normal scores) or standard
+        /// (mean and variance).
         pub transform: String = "standard".to_owned(), in TRANSFORM;
     }
 }
 
 /// Trust-region Bayesian optimization.
 ///
-/// After Sobol points, each round evaluates the minima of samples of the posterior over candidates in a box around the best
-/// point. Edges are in proportion to the lengths of the model. The box doubles after 3 successful rounds and halves after
-/// max(4, d) / `round-size` failed ones. When its edge falls below 2^-7, the search restarts from new Sobol points and forgets
-/// the old evaluations.
+/// After Sobol points, each round evaluates the minima of samples of the posterior over candidates
+/// in a box around the best point. Edges are in proportion to the lengths of the model. The box
+/// doubles after 3 successful rounds and halves after max(4, d) / `round-size` failed ones. When
+/// its edge falls below 2^-7, the search restarts from new Sobol points and forgets the old
+/// evaluations.
 ///
-/// Values above the 75 % quantile of the earlier ones since the restart count as this quantile, so simulations of such points can
-/// end early.
+/// Values above the 75 % quantile of the earlier ones since the restart count as this quantile, so
+/// simulations of such points can end early.
 ///
-/// It differs from the original in the priors of the hyperparameters, in samples by random features instead of a joint
-/// factorization, in fewer candidates and, from 21 coordinates on, in fewer initial points.
+/// It differs from the original in the priors of the hyperparameters, in samples by random features
+/// instead of a joint factorization, in fewer candidates and, from 21 coordinates on, in fewer
+/// initial points.
 #[derive(Debug, Clone)]
 pub struct Turbo {
     options: TurboOptions,
@@ -78,8 +83,8 @@ impl Turbo {
     /// Creates the search on coordinates of the given types.
     ///
     /// # Errors
-    /// [`SearchError::Dimension`] without coordinates, [`SearchError::NoLevels`] for a coordinate with 0 levels,
-    /// [`SearchError::Option`] for an option out of range.
+    /// [`SearchError::Dimension`] without coordinates, [`SearchError::NoLevels`] for a coordinate
+    /// with 0 levels, [`SearchError::Option`] for an option out of range.
     pub fn new(coordinates: &[Coordinate], seed: u64, options: &TurboOptions) -> Result<Self, SearchError> {
         let d = coordinate::dimension(coordinates)?;
         options.check_ranges()?;

@@ -26,8 +26,8 @@ fn names() -> impl Iterator<Item = &'static str> {
     SEARCHES.iter().map(|entry| entry.name).chain(["l-bfgs-b"])
 }
 
-/// The searches that fit a Gaussian process, which take about a millisecond per evaluation. Tests of many evaluations use
-/// fewer for them.
+/// The searches that fit a Gaussian process, which take about a millisecond per evaluation. Tests
+/// of many evaluations use fewer for them.
 const MODEL_BASED: [&str; 3] = ["bayesian", "turbo", "portfolio"];
 
 /// Returns a function with a slope, steps, ties and infinite values.
@@ -124,7 +124,8 @@ fn batch_sizes_do_not_change_the_points() {
     }
 }
 
-/// A new search that replays the recorded values continues like the original, after any number of evaluations.
+/// A new search that replays the recorded values continues like the original, after any number of
+/// evaluations.
 #[test]
 fn replaying_the_values_resumes_the_search() {
     for name in names() {
@@ -151,8 +152,8 @@ fn best_is_the_earliest_point_with_the_lowest_value() {
     }
 }
 
-/// The caller may stop with pending points at any time. A search proposes nothing while the next point depends on
-/// pending values.
+/// The caller may stop with pending points at any time. A search proposes nothing while the next
+/// point depends on pending values.
 #[test]
 fn pending_points_never_block_the_caller() {
     for name in names() {
@@ -326,8 +327,8 @@ const MIXED: [Coordinate; 5] = [
     Coordinate::Categorical { levels: 2 },
 ];
 
-/// Returns a function of the levels of a mixed space: 0 for the integer 3, the fourth category, about 0.3, and the
-/// first of two categories.
+/// Returns a function of the levels of a mixed space: 0 for the integer 3, the fourth category,
+/// about 0.3, and the first of two categories.
 fn of_levels(u: &[f64]) -> f64 {
     let level = |x: f64, levels: f64| (levels * x).floor().min(levels - 1.0);
     let wrong_category = if level(u[1], 6.0) == 3.0 { 0.0 } else { 0.5 };
@@ -381,7 +382,8 @@ fn points_in_mixed_spaces_are_in_the_cube_and_do_not_depend_on_batches_or_resump
     }
 }
 
-/// Searches that treat integers and categories as such find the best levels: any other level adds at least 0.25.
+/// Searches that treat integers and categories as such find the best levels: any other level adds
+/// at least 0.25.
 #[test]
 fn the_best_levels_of_a_mixed_space_are_found() {
     for name in ["cross-entropy", "differential-evolution", "direct", "cma-es"] {
@@ -394,8 +396,8 @@ fn the_best_levels_of_a_mixed_space_are_found() {
     }
 }
 
-/// In spaces of one type only, and in many dimensions, searches go on to the end of the budget or end by their
-/// criterion.
+/// In spaces of one type only, and in many dimensions, searches go on to the end of the budget or
+/// end by their criterion.
 #[test]
 fn searches_accept_spaces_of_one_type_and_many_dimensions() {
     let spaces = [
@@ -424,8 +426,8 @@ fn searches_accept_spaces_of_one_type_and_many_dimensions() {
     }
 }
 
-/// Searches with a Gaussian process propose the centers of levels only, and a point of a discrete space again only after
-/// all of its points.
+/// Searches with a Gaussian process propose the centers of levels only, and a point of a discrete
+/// space again only after all of its points.
 #[test]
 fn model_based_searches_propose_levels_and_repeat_none_of_them_early() {
     let discrete = [Coordinate::Integer { levels: 5 }, Coordinate::Categorical { levels: 4 }];
@@ -518,11 +520,13 @@ fn invalid_options_of_the_local_search_are_errors() {
 
 // --- known optima ---
 
-/// With the budget of a falsification trial, 300 evaluations, each search approaches the minimum of suitable functions.
+/// With the budget of a falsification trial, 300 evaluations, each search approaches the minimum of
+/// suitable functions.
 ///
-/// Tolerances depend on the method: random points in two dimensions have a distance of about 300^(-1/2), Nelder-Mead
-/// ends at value differences of 1e-4, a local search moves slowly along Rosenbrock's valley, and a Gaussian process sees
-/// the lowest of its values, which span five orders of magnitude, as equal.
+/// Tolerances depend on the method: random points in two dimensions have a distance of about
+/// 300^(-1/2), Nelder-Mead ends at value differences of 1e-4, a local search moves slowly along
+/// Rosenbrock's valley, and a Gaussian process sees the lowest of its values, which span five
+/// orders of magnitude, as equal.
 #[test]
 fn known_optima_are_approached_within_the_budget() {
     let cases = [
@@ -561,7 +565,8 @@ fn known_optima_are_approached_within_the_budget() {
     }
 }
 
-/// Given enough evaluations, dual annealing finds the global minimum of functions with many local ones.
+/// Given enough evaluations, dual annealing finds the global minimum of functions with many local
+/// ones.
 #[test]
 fn dual_annealing_finds_global_minima() {
     for function in FUNCTIONS {
@@ -607,10 +612,10 @@ fn searches_end_by_the_reported_criterion() {
     assert_eq!(ended(&ten, "dual-annealing", functions::sphere, 100), (41, Some(SearchEnd::IterationLimit)));
 }
 
-/// With restarts, Nelder-Mead spends its budget, also where no value is finite, and leaves local minima. Each
-/// coordinate has a local minimum at 0.2 and the global one at 0.8, in a basin of 0.55, so a start finds the global
-/// minimum of two coordinates in 3 of 10 cases. 3000 evaluations are about 30 starts, which all miss it with a
-/// probability of 2e-5.
+/// With restarts, Nelder-Mead spends its budget, also where no value is finite, and leaves local
+/// minima. Each coordinate has a local minimum at 0.2 and the global one at 0.8, in a basin of
+/// 0.55, so a start finds the global minimum of two coordinates in 3 of 10 cases. 3000 evaluations
+/// are about 30 starts, which all miss it with a probability of 2e-5.
 #[test]
 fn nelder_mead_restarts_after_convergence_and_spends_its_budget() {
     let valleys = |u: &[f64]| u.iter().map(|x| (x - 0.2).abs().min((x - 0.8).abs() - 0.1)).sum::<f64>();
@@ -638,9 +643,10 @@ fn nelder_mead_restarts_after_convergence_and_spends_its_budget() {
     assert!(one.len() < many.len() && one == many[..one.len()]);
 }
 
-/// The temperature of chain t is (2^1.62 - 1) / ((t + 2)^1.62 - 1) times the initial one: 0.120 at t = 4, 0.093 at t
-/// = 5. With a restart ratio of 0.1 a restart comes after five chains, so twelve chains of 2d = 4 visits have three
-/// initial points: 51 evaluations, the same number as in SciPy's `dual_annealing`.
+/// The temperature of chain t is (2^1.62 - 1) / ((t + 2)^1.62 - 1) times the initial one: 0.120 at
+/// t = 4, 0.093 at t = 5. With a restart ratio of 0.1 a restart comes after five chains, so twelve
+/// chains of 2d = 4 visits have three initial points: 51 evaluations, the same number as in SciPy's
+/// `dual_annealing`.
 #[test]
 fn annealing_restarts_below_the_restart_temperature() {
     let options = SearchOptions::new()
@@ -651,8 +657,9 @@ fn annealing_restarts_below_the_restart_temperature() {
     assert_eq!(end, (51, Some(SearchEnd::IterationLimit)));
 }
 
-/// On a plateau with a small funnel, steps from its edge need far fewer evaluations than random points, whose number is
-/// geometric with mean 1 / volume. The ball of violations has the radius 0.12 in 4 dimensions: volume π²/2 · 0.12⁴ = 0.0010.
+/// On a plateau with a small funnel, steps from its edge need far fewer evaluations than random
+/// points, whose number is geometric with mean 1 / volume. The ball of violations has the radius
+/// 0.12 in 4 dimensions: volume π²/2 · 0.12⁴ = 0.0010.
 #[test]
 fn portfolio_descends_from_the_edge_of_a_plateau() {
     const SEEDS: u64 = 10;
@@ -676,8 +683,8 @@ fn portfolio_descends_from_the_edge_of_a_plateau() {
     assert!(mean < 0.25 / volume, "{mean} evaluations, random points need {}", 1.0 / volume);
 }
 
-/// Without a slope most points cover the box: a cube of volume 0.027 is found in at most twice the evaluations of random
-/// points.
+/// Without a slope most points cover the box: a cube of volume 0.027 is found in at most twice the
+/// evaluations of random points.
 #[test]
 fn portfolio_finds_a_needle_about_as_fast_as_random_points() {
     const SEEDS: u64 = 20;
@@ -695,7 +702,8 @@ fn portfolio_finds_a_needle_about_as_fast_as_random_points() {
             evaluated.unwrap_or(300)
         })
         .sum();
-    // Random points need 1 / 0.027 = 37 on average, with a standard deviation of 8 for the mean of 20 trials.
+    // Random points need 1 / 0.027 = 37 on average, with a standard deviation of 8 for the mean of
+    // 20 trials.
     let mean = total as f64 / SEEDS as f64;
     assert!(mean < 2.0 / 0.027, "{mean} evaluations");
 }

@@ -1,4 +1,5 @@
-//! Agreement with SciPy and NLopt: `make.py` in their folders of `golden` runs them and writes the golden files.
+//! Agreement with SciPy and NLopt: `make.py` in their folders of `golden` runs them and writes the
+//! golden files.
 
 use std::collections::BTreeMap;
 use std::fs;
@@ -156,7 +157,8 @@ fn run_to_the_end(search: &mut dyn Search, f: fn(&[f64]) -> f64) -> Vec<Vec<f64>
     points
 }
 
-/// All points of all runs equal SciPy's bit for bit, and so do the number of points and the termination criterion.
+/// All points of all runs equal SciPy's bit for bit, and so do the number of points and the
+/// termination criterion.
 #[test]
 fn nelder_mead_proposes_the_points_of_scipy() {
     for run in golden::<NelderMeadRun>("nelder_mead.json") {
@@ -222,8 +224,8 @@ fn distance(a: &[f64], b: &[f64]) -> f64 {
 
 /// Given SciPy's values, the search proposes SciPy's points.
 ///
-/// The values are SciPy's own, round by round. Finite differences multiply the rounding error of a value by 1e8, so
-/// runs with recomputed values diverge after a few iterations.
+/// The values are SciPy's own, round by round. Finite differences multiply the rounding error of a
+/// value by 1e8, so runs with recomputed values diverge after a few iterations.
 #[test]
 fn the_local_search_proposes_the_points_of_scipy() {
     for run in golden::<LbfgsbRun>("lbfgsb.json") {
@@ -254,15 +256,15 @@ fn the_local_search_proposes_the_points_of_scipy() {
 
 // --- dual annealing ---
 
-/// Returns the Kolmogorov-Smirnov statistic: the maximum distance between the empirical distribution functions of two
-/// sorted samples.
+/// Returns the Kolmogorov-Smirnov statistic: the maximum distance between the empirical
+/// distribution functions of two sorted samples.
 fn kolmogorov_smirnov(a: &[f64], b: &[f64]) -> f64 {
     let share = |sample: &[f64], x: f64| sample.partition_point(|s| *s <= x) as f64 / sample.len() as f64;
     a.iter().chain(b).map(|x| (share(a, *x) - share(b, *x)).abs()).fold(0.0, f64::max)
 }
 
-/// Returns the statistic that two samples of one distribution exceed with probability 1 % (asymptotically; less with
-/// ties).
+/// Returns the statistic that two samples of one distribution exceed with probability 1 %
+/// (asymptotically; less with ties).
 fn critical_distance(n: usize, m: usize) -> f64 {
     let (n, m) = (n as f64, m as f64);
     (-(0.01_f64 / 2.0).ln() / 2.0 * (n + m) / (n * m)).sqrt()
@@ -306,8 +308,8 @@ fn evaluations_to(benchmark: &Benchmark, seed: u64) -> usize {
     benchmark.most + 1
 }
 
-/// On six functions, the number of evaluations to a threshold has the same distribution as SciPy's, over 200 seeds
-/// each, by the two-sample Kolmogorov-Smirnov test at the 1 % level.
+/// On six functions, the number of evaluations to a threshold has the same distribution as SciPy's,
+/// over 200 seeds each, by the two-sample Kolmogorov-Smirnov test at the 1 % level.
 #[test]
 fn dual_annealing_needs_as_many_evaluations_as_scipy() {
     let benchmarks = golden::<Benchmark>("dual_annealing.json");
@@ -333,7 +335,8 @@ struct Visits {
     last_alone: Vec<f64>,
 }
 
-/// Jumps, and points visited from (0.1, 0.5, 0.9) by all coordinates or the last one, have SciPy's distributions.
+/// Jumps, and points visited from (0.1, 0.5, 0.9) by all coordinates or the last one, have SciPy's
+/// distributions.
 #[test]
 fn visits_have_the_distribution_of_scipy() {
     for (i, visits) in golden::<Visits>("visiting.json").into_iter().enumerate() {
@@ -366,8 +369,8 @@ struct Evolution {
     evaluations: Vec<f64>,
 }
 
-/// On four functions, the number of evaluations to a threshold has the same distribution as SciPy's, over 200 seeds each,
-/// by the two-sample Kolmogorov-Smirnov test at the 1 % level.
+/// On four functions, the number of evaluations to a threshold has the same distribution as
+/// SciPy's, over 200 seeds each, by the two-sample Kolmogorov-Smirnov test at the 1 % level.
 #[test]
 fn differential_evolution_needs_as_many_evaluations_as_scipy() {
     for run in golden::<Evolution>("evolution.json") {
@@ -406,9 +409,9 @@ fn ellipsoid(u: &[f64]) -> f64 {
     (0..d).map(|i| 10f64.powf(4.0 * i as f64 / (d as f64 - 1.0)) * y(i) * y(i)).sum()
 }
 
-/// On four functions, the number of evaluations to a threshold has the same distribution as that of the Python package
-/// `cmaes`, which follows Hansen's tutorial too, over 200 seeds each, by the two-sample Kolmogorov-Smirnov test at the 1 %
-/// level.
+/// On four functions, the number of evaluations to a threshold has the same distribution as that of
+/// the Python package `cmaes`, which follows Hansen's tutorial too, over 200 seeds each, by the
+/// two-sample Kolmogorov-Smirnov test at the 1 % level.
 #[test]
 fn cma_es_needs_as_many_evaluations_as_the_package_cmaes() {
     let options = CmaEsOptions { initial_deviation: 0.05, ..Default::default() };
@@ -445,7 +448,8 @@ struct DirectRun {
     points: BTreeMap<usize, Vec<f64>>,
 }
 
-/// All points of all runs equal those of NLopt's DIRECT and DIRECT-L bit for bit, in the same order.
+/// All points of all runs equal those of NLopt's DIRECT and DIRECT-L bit for bit, in the same
+/// order.
 #[test]
 fn direct_proposes_the_points_of_nlopt() {
     for run in golden_of::<DirectRun>("nlopt", "direct.json") {

@@ -1,8 +1,9 @@
-//! Time to compute the robustness signal of the tasks' specifications and of nested formulas, compared with RTAMT.
+//! Time to compute the robustness signal of the tasks' specifications and of nested formulas,
+//! compared with RTAMT.
 //!
-//! RTAMT runs in the virtual environment that `cargo xtask golden rtamt` creates, or in the Python interpreter in
-//! `MISHANDLE_PYTHON`. Without either, only our own times are printed. Times are the minimum of several runs, without
-//! parsing.
+//! RTAMT runs in the virtual environment that `cargo xtask golden rtamt` creates, or in the Python
+//! interpreter in `MISHANDLE_PYTHON`. Without either, only our own times are printed. Times are the
+//! minimum of several runs, without parsing.
 #![allow(clippy::print_stdout)]
 
 use mishandle_stl::{Clock, Formula, Monitor, Trace};
@@ -33,7 +34,8 @@ const FORMULAS: [(&str, &str); 14] = [
 
 const SAMPLES: [usize; 4] = [300, 3_000, 30_000, 300_000];
 
-/// RTAMT is skipped if it is expected to take longer than this, given its time on the next shorter trace.
+/// RTAMT is skipped if it is expected to take longer than this, given its time on the next shorter
+/// trace.
 const RTAMT_LIMIT_SECS: f64 = 20.0;
 
 /// Reads formula, samples and repetitions from each line; prints the minimum time in seconds.

@@ -1,8 +1,9 @@
 //! Bounds of the robustness over all continuations of a trace.
 //!
-//! The instructions of a monitor run on two values per sample, the least and the greatest robustness: a sample that the trace
-//! does not have yet has the values -∞ and +∞. The bounds are correct, but not always tight, because two occurrences of the
-//! same unknown sample count as independent: `p or not p` is unknown although it always holds.
+//! The instructions of a monitor run on two values per sample, the least and the greatest
+//! robustness: a sample that the trace does not have yet has the values -∞ and +∞. The bounds are
+//! correct, but not always tight, because two occurrences of the same unknown sample count as
+//! independent: `p or not p` is unknown although it always holds.
 
 use crate::error::MonitorError;
 use crate::extremum::{Extremum, Maximum, Minimum};
@@ -20,15 +21,17 @@ struct Bounds {
 }
 
 impl Monitor {
-    /// Returns the least and the greatest robustness at time 0 of all traces of `samples` samples that begin with `trace`;
-    /// `None` if a trace of `samples` samples does not decide the formula.
+    /// Returns the least and the greatest robustness at time 0 of all traces of `samples` samples
+    /// that begin with `trace`; `None` if a trace of `samples` samples does not decide the formula.
     ///
-    /// The robustness is that of [`Monitor::decided_robustness_signal`]. If the lower bound is positive, every such trace
-    /// satisfies the formula; if the upper bound is negative, every such trace violates it. The bounds are not always tight:
-    /// the unknown samples of two operands count as independent.
+    /// The robustness is that of [`Monitor::decided_robustness_signal`]. If the lower bound is
+    /// positive, every such trace satisfies the formula; if the upper bound is negative, every such
+    /// trace violates it. The bounds are not always tight: the unknown samples of two operands
+    /// count as independent.
     ///
     /// # Errors
-    /// As for [`Monitor::robustness_signal`]. Arithmetic is evaluated only where its operands are known.
+    /// As for [`Monitor::robustness_signal`]. Arithmetic is evaluated only where its operands are
+    /// known.
     ///
     /// # Example
     /// ```
@@ -141,8 +144,8 @@ fn pointwise_bounds(operator: Operator, x: (f64, f64), y: (f64, f64)) -> Result<
     })
 }
 
-/// Replaces the bounds of an operand of `rise` or `fall` by those of the operator: the minimum of the negated value before
-/// and the value now, or of the value before and the negated value now.
+/// Replaces the bounds of an operand of `rise` or `fall` by those of the operator: the minimum of
+/// the negated value before and the value now, or of the value before and the negated value now.
 fn edge_bounds(operator: Operator, values: &mut Bounds, samples: usize) {
     let is_rise = operator == Operator::Rise;
     let start = if is_rise { f64::NEG_INFINITY } else { f64::INFINITY };

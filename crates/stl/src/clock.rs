@@ -54,7 +54,8 @@ impl fmt::Display for Bound {
     }
 }
 
-/// The interval of a temporal operator as written. Either both bounds have a unit or neither has; `begin <= end`.
+/// The interval of a temporal operator as written. Either both bounds have a unit or neither has;
+/// `begin <= end`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Interval {
     pub begin: Bound,
@@ -62,7 +63,8 @@ pub(crate) struct Interval {
 }
 
 impl Interval {
-    /// Returns whether the begin is later than the end. Either both bounds must have a unit or neither.
+    /// Returns whether the begin is later than the end. Either both bounds must have a unit or
+    /// neither.
     pub(crate) fn is_reversed(&self) -> bool {
         let in_nanoseconds = |bound: Bound| match bound.unit {
             Some(unit) => bound.value * (1e9 / unit.per_second()),
@@ -99,17 +101,18 @@ impl Window {
     }
 }
 
-/// The largest bound, in samples. The bounds of the longest formula add up to less than 2^63. A trace with 60 samples
-/// per second reaches this number after four thousand years.
+/// The largest bound, in samples. The bounds of the longest formula add up to less than 2^63. A
+/// trace with 60 samples per second reaches this number after four thousand years.
 const MAX_BOUND: f64 = (1_u64 << 43) as f64;
 
 /// The sampling period, and the meaning of an interval bound without a unit.
 ///
-/// A bound must be a whole number of sampling periods, up to a relative error of 1e-9. So 5 s are 300 steps of 1/60 s
-/// although no `f64` equals 1/60.
+/// A bound must be a whole number of sampling periods, up to a relative error of 1e-9. So 5 s are
+/// 300 steps of 1/60 s although no `f64` equals 1/60.
 ///
 /// # Example
-/// `[0:2]` means two control steps for the first clock and two seconds, or twenty samples, for the second:
+/// `[0:2]` means two control steps for the first clock and two seconds, or twenty samples, for the
+/// second:
 /// ```
 /// use mishandle_stl::{Clock, Formula, Monitor, TimeUnit};
 ///
@@ -134,13 +137,14 @@ enum BareBound {
 }
 
 impl Clock {
-    /// Creates a clock with a sampling period of `dt` seconds. A bound without a unit counts control steps.
+    /// Creates a clock with a sampling period of `dt` seconds. A bound without a unit counts
+    /// control steps.
     pub fn steps(dt: f64) -> Clock {
         Clock { period_secs: dt, bare_bound: BareBound::Steps }
     }
 
-    /// Creates a clock with RTAMT's convention: a sampling period of `period_secs` seconds, and a bound without a unit
-    /// is in `unit`. RTAMT's defaults are a period of 1 s and seconds.
+    /// Creates a clock with RTAMT's convention: a sampling period of `period_secs` seconds, and a
+    /// bound without a unit is in `unit`. RTAMT's defaults are a period of 1 s and seconds.
     pub fn rtamt(period_secs: f64, unit: TimeUnit) -> Clock {
         Clock { period_secs, bare_bound: BareBound::Time(unit) }
     }
@@ -179,7 +183,8 @@ impl Clock {
         Ok(Window { begin: samples(interval.begin)?, end: samples(interval.end)? })
     }
 
-    /// Converts a bound to samples. The error is the bound divided by the period: not a whole number, or too large.
+    /// Converts a bound to samples. The error is the bound divided by the period: not a whole
+    /// number, or too large.
     fn samples(&self, bound: Bound) -> Result<usize, f64> {
         if bound.value.is_infinite() {
             return Ok(usize::MAX);

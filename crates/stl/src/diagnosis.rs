@@ -8,12 +8,14 @@ use crate::operator::Operator;
 use crate::trace::Trace;
 use std::ops::RangeInclusive;
 
-/// The chain of sub-formulas that determines the robustness of a trace at sample 0, from the formula to a predicate.
+/// The chain of sub-formulas that determines the robustness of a trace at sample 0, from the
+/// formula to a predicate.
 ///
-/// The value of `min` and `max` is that of one operand, at one sample. The chain follows these operands: from `always`
-/// to the sample of the least robustness in its window, from `eventually` to the sample of the greatest, from `and` to
-/// the operand with the smaller robustness, and so on. If several operands or samples have the same value, it follows the
-/// first. It ends at a comparison, at a bare signal or number, or at an operator whose value depends on two operands
+/// The value of `min` and `max` is that of one operand, at one sample. The chain follows these
+/// operands: from `always` to the sample of the least robustness in its window, from `eventually`
+/// to the sample of the greatest, from `and` to the operand with the smaller robustness, and so on.
+/// If several operands or samples have the same value, it follows the first. It ends at a
+/// comparison, at a bare signal or number, or at an operator whose value depends on two operands
 /// (`iff`, `xor`) or on none (an empty window).
 ///
 /// # Example
@@ -34,8 +36,9 @@ use std::ops::RangeInclusive;
 /// ```
 ///
 /// # Reference
-/// Ferrère, Maler and Nickovic, "Trace Diagnostics Using Temporal Implicants", ATVA 2015, for formulas with truth values; here
-/// a chain of single samples, because the robustness is the value of one predicate at one sample.
+/// Ferrère, Maler and Nickovic, "Trace Diagnostics Using Temporal Implicants", ATVA 2015, for
+/// formulas with truth values; here a chain of single samples, because the robustness is the value
+/// of one predicate at one sample.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Diagnosis {
     /// The sub-formulas of the chain, the formula itself first.
@@ -60,12 +63,13 @@ pub struct DecisiveSubformula {
     pub text: String,
     /// The operator, such as `always`; `None` for a signal or a number.
     pub operator: Option<&'static str>,
-    /// Texts of the operands of a logical or temporal operator, the left one first; empty otherwise.
+    /// Texts of the operands of a logical or temporal operator, the left one first; empty
+    /// otherwise.
     pub operands: Vec<String>,
     /// The sample at which it is evaluated.
     pub sample: usize,
-    /// First and last sample of the operator's window, cut at the ends of the trace; `None` for an operator without an
-    /// interval, and if the window is empty.
+    /// First and last sample of the operator's window, cut at the ends of the trace; `None` for an
+    /// operator without an interval, and if the window is empty.
     pub window: Option<(usize, usize)>,
     /// The robustness at the sample.
     pub robustness: f64,
@@ -88,13 +92,14 @@ pub struct DecisivePredicate {
     pub values: [f64; 2],
     /// The robustness at the sample.
     pub robustness: f64,
-    /// Whether an odd number of negations encloses the predicate, so that the formula requires it to be false.
+    /// Whether an odd number of negations encloses the predicate, so that the formula requires it
+    /// to be false.
     pub is_negated: bool,
 }
 
 impl Formula {
-    /// Returns which sub-formula, predicate and sample determine the robustness of `trace` at sample 0. Windows are cut at
-    /// the end of the trace.
+    /// Returns which sub-formula, predicate and sample determine the robustness of `trace` at
+    /// sample 0. Windows are cut at the end of the trace.
     ///
     /// # Errors
     /// As for [`Monitor::new`] and [`Monitor::robustness_signal`].
@@ -163,10 +168,11 @@ impl Formula {
         }
     }
 
-    /// Returns the positions of the conjuncts in the list of [`subformulas`](Self::subformulas): the operands of each `and` that is
-    /// reached from the formula through `and`, `always`, `eventually`, `next` and their past forms. The formula is violated if
-    /// one of them fails on its own, see [`conjunct`](Self::conjunct). If there is no such `and`, the only conjunct is the
-    /// operand below these operators.
+    /// Returns the positions of the conjuncts in the list of [`subformulas`](Self::subformulas):
+    /// the operands of each `and` that is reached from the formula through `and`, `always`,
+    /// `eventually`, `next` and their past forms. The formula is violated if one of them fails on
+    /// its own, see [`conjunct`](Self::conjunct). If there is no such `and`, the only conjunct is
+    /// the operand below these operators.
     ///
     /// # Example
     /// ```
@@ -202,13 +208,13 @@ impl Formula {
         found
     }
 
-    /// Returns the formula without the other conjuncts: of each `and` above the sub-formula at `position` in the list of
-    /// [`subformulas`](Self::subformulas), only the operand that contains it remains. Returns `None` if `position` is not in
-    /// the list.
+    /// Returns the formula without the other conjuncts: of each `and` above the sub-formula at
+    /// `position` in the list of [`subformulas`](Self::subformulas), only the operand that contains
+    /// it remains. Returns `None` if `position` is not in the list.
     ///
-    /// The robustness of the result is at least that of the formula. It is negative if this sub-formula fails on its own,
-    /// whatever the others do. An `and` under an operator that can negate it (`not`, `implies`, `iff`, `xor`, `rise`,
-    /// `fall`) remains whole.
+    /// The robustness of the result is at least that of the formula. It is negative if this
+    /// sub-formula fails on its own, whatever the others do. An `and` under an operator that can
+    /// negate it (`not`, `implies`, `iff`, `xor`, `rise`, `fall`) remains whole.
     ///
     /// # Example
     /// ```
@@ -302,7 +308,8 @@ struct Choice {
     is_negated: bool,
 }
 
-/// Returns the samples of an operator's window at `sample`, cut at the ends of the trace; `None` if there are none.
+/// Returns the samples of an operator's window at `sample`, cut at the ends of the trace; `None` if
+/// there are none.
 fn samples(operator: Operator, window: Window, sample: usize, len: usize) -> Option<RangeInclusive<usize>> {
     let Window { begin, end } = window;
     let range = match operator {
@@ -314,8 +321,8 @@ fn samples(operator: Operator, window: Window, sample: usize, len: usize) -> Opt
     (!range.is_empty()).then_some(range)
 }
 
-/// Returns what determines the value of an operator at sample `t`; `x` and `y` are the robustness of its operands (the same
-/// for a unary one).
+/// Returns what determines the value of an operator at sample `t`; `x` and `y` are the robustness
+/// of its operands (the same for a unary one).
 fn decisive(
     operator: Operator,
     range: Option<RangeInclusive<usize>>,
@@ -360,8 +367,8 @@ fn least(range: RangeInclusive<usize>, value: impl Fn(usize) -> f64) -> usize {
     range.fold(first, |best, sample| if value(sample) < value(best) { sample } else { best })
 }
 
-/// Returns the value of `until` (`sign` 1) or `release` (`sign` -1) at `t`, and what determines it. In a `range` before `t`,
-/// that of `since`.
+/// Returns the value of `until` (`sign` 1) or `release` (`sign` -1) at `t`, and what determines it.
+/// In a `range` before `t`, that of `since`.
 fn until(range: RangeInclusive<usize>, t: usize, x: &[f64], y: &[f64], sign: f64) -> Option<(f64, Choice)> {
     let value = |values: &[f64], sample: usize| sign * values[sample];
     let candidates: Vec<usize> = if *range.end() < t || (*range.end() == t && *range.start() < t) {

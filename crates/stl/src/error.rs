@@ -31,7 +31,8 @@ pub enum ParseError {
         expected: String,
         /// The token in quotes, or "the end of the formula".
         found: String,
-        /// The operator with the most similar spelling, if one is similar to this word or to the one before it.
+        /// The operator with the most similar spelling, if one is similar to this word or to the
+        /// one before it.
         nearest: Option<&'static str>,
     },
     /// A malformed number, or one outside the range of `f64`.
@@ -80,8 +81,8 @@ pub enum ParseError {
         /// The limit.
         limit: usize,
     },
-    /// The formula has too many operators and operands: those of all statements together, after the names in them are
-    /// expanded.
+    /// The formula has too many operators and operands: those of all statements together, after the
+    /// names in them are expanded.
     #[error(
         "{at}: the formula is too long: all statements together may have at most {limit} operators and operands after \
          named sub-formulas are expanded; name fewer sub-formulas, or use them less often"
@@ -209,7 +210,8 @@ pub enum MonitorError {
         /// Its time, s.
         time_secs: f64,
     },
-    /// Arithmetic without a finite value: a division by zero, the square root of a negative number, an overflow.
+    /// Arithmetic without a finite value: a division by zero, the square root of a negative number,
+    /// an overflow.
     #[error("`{operation}` has no finite value at step {step} (t = {time_secs} s)")]
     Undefined {
         /// The operation with the values of its operands.

@@ -16,17 +16,20 @@ pub enum EvaluationTime {
 }
 
 impl Formula {
-    /// Returns the formula in mathematical symbols: `always[0:30](not p and q)` becomes `□[0:30](¬ p ∧ q)`.
+    /// Returns the formula in mathematical symbols: `always[0:30](not p and q)` becomes
+    /// `□[0:30](¬ p ∧ q)`.
     pub fn symbols(&self) -> impl fmt::Display {
         fmt::from_fn(|f| self.write(f, symbol))
     }
 
     /// Returns the formula in English, line by line; parts of a line above are indented.
     ///
-    /// Windows are given in steps and seconds. `unit` returns the unit of a signal, or "" if it has none.
+    /// Windows are given in steps and seconds. `unit` returns the unit of a signal, or "" if it has
+    /// none.
     ///
     /// # Errors
-    /// If the sampling period is not positive and finite, or an interval bound is not a whole number of samples.
+    /// If the sampling period is not positive and finite, or an interval bound is not a whole
+    /// number of samples.
     ///
     /// # Example
     /// ```
@@ -44,7 +47,8 @@ impl Formula {
     ) -> Result<Vec<String>, MonitorError> {
         clock.check()?;
         let absolute = self.evaluated_at_start(time);
-        // In postfix order the operands of an operator come before it, so deep nesting needs no recursion.
+        // In postfix order the operands of an operator come before it, so deep nesting needs no
+        // recursion.
         let mut phrases: Vec<Phrase> = Vec::new();
         for (node, absolute) in self.nodes.iter().zip(absolute) {
             let new = match *node {
@@ -71,7 +75,8 @@ impl Formula {
         Ok(phrases.pop().unwrap_or_default().lines())
     }
 
-    /// Returns for each node whether it is evaluated at the first sample only: no temporal operator encloses it.
+    /// Returns for each node whether it is evaluated at the first sample only: no temporal operator
+    /// encloses it.
     fn evaluated_at_start(&self, time: EvaluationTime) -> Vec<bool> {
         let mut flags = vec![false; self.nodes.len()];
         let mut pending = vec![time == EvaluationTime::Start];
@@ -313,7 +318,8 @@ impl AppliedOperator<'_> {
         }
     }
 
-    /// Formats the duration of `steps` steps with two decimals, or with two significant digits below 0.1 s.
+    /// Formats the duration of `steps` steps with two decimals, or with two significant digits
+    /// below 0.1 s.
     fn seconds(&self, steps: usize) -> String {
         let seconds = self.clock.time_secs(steps);
         let decimals = if seconds > 0.0 { (1.0 - seconds.log10().floor()).max(2.0) } else { 0.0 };
@@ -323,7 +329,8 @@ impl AppliedOperator<'_> {
     }
 }
 
-/// Returns the unit of a sum or comparison: the unit of both operands, or of one if the other is a constant.
+/// Returns the unit of a sum or comparison: the unit of both operands, or of one if the other is a
+/// constant.
 fn shared_unit(first: &Phrase, last: &Phrase) -> Option<String> {
     match (&first.unit, &last.unit) {
         (Some(a), Some(b)) if a != b => Some(String::new()),

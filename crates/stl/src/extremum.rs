@@ -1,10 +1,11 @@
-//! Sliding-window minimum and maximum, in time linear in the length of the signal for every window length.
+//! Sliding-window minimum and maximum, in time linear in the length of the signal for every window
+//! length.
 //!
 //! Results replace the signal, so that long traces take little memory.
 //!
 //! # Reference
-//! Van Herk, "A fast algorithm for local minimum and maximum filters on rectangular and octagonal kernels", Pattern
-//! Recognition Letters 13, 1992: the block scans for long windows.
+//! Van Herk, "A fast algorithm for local minimum and maximum filters on rectangular and octagonal
+//! kernels", Pattern Recognition Letters 13, 1992: the block scans for long windows.
 
 use crate::clock::Window;
 
@@ -42,15 +43,16 @@ impl Extremum for Maximum {
     }
 }
 
-/// Windows up to this length are computed by doubling, longer ones by block scans. Measured: for windows of 5 samples
-/// block scans take 2.7 times as long, for windows of 31 samples the same time.
+/// Windows up to this length are computed by doubling, longer ones by block scans. Measured: for
+/// windows of 5 samples block scans take 2.7 times as long, for windows of 31 samples the same
+/// time.
 const SHORT: usize = 16;
 
 /// Outputs per tile of the doubling, so that its passes stay in the L1 cache.
 const TILE: usize = 1024;
 
-/// Returns the number of scratch values that [`ahead`] needs for this window and signals of `n` samples, at most
-/// `n / 2 + 1` or a constant.
+/// Returns the number of scratch values that [`ahead`] needs for this window and signals of `n`
+/// samples, at most `n / 2 + 1` or a constant.
 pub(crate) fn ahead_scratch_len(window: Window, n: usize) -> usize {
     match window.length() {
         length if length <= SHORT => 2 * (TILE + SHORT),
@@ -59,8 +61,8 @@ pub(crate) fn ahead_scratch_len(window: Window, n: usize) -> usize {
     }
 }
 
-/// Returns the number of scratch values that [`behind`] needs for this window and signals of `n` samples, at most
-/// `n + 1` or a constant.
+/// Returns the number of scratch values that [`behind`] needs for this window and signals of `n`
+/// samples, at most `n + 1` or a constant.
 pub(crate) fn behind_scratch_len(window: Window, n: usize) -> usize {
     let cut = if window.length() < n { window.length() - 1 } else { 0 };
     cut + ahead_scratch_len(window, n)
@@ -83,7 +85,8 @@ pub(crate) fn ahead<E: Extremum>(x: &mut [f64], window: Window, scratch: &mut [f
     scan_back::<E>(&mut x[available + 1 - length..]);
 }
 
-/// Replaces `x[t]` by the extremum over `[t - end, t - begin]`, truncated at the beginning of the signal.
+/// Replaces `x[t]` by the extremum over `[t - end, t - begin]`, truncated at the beginning of the
+/// signal.
 pub(crate) fn behind<E: Extremum>(x: &mut [f64], window: Window, scratch: &mut [f64]) {
     let begin = window.begin.min(x.len());
     let available = x.len() - begin;
@@ -104,8 +107,8 @@ pub(crate) fn behind<E: Extremum>(x: &mut [f64], window: Window, scratch: &mut [
     }
 }
 
-/// Replaces `x[i]` by the extremum of `x[i..i + length]` where that window is inside the signal. The last `length - 1`
-/// values stay as they are.
+/// Replaces `x[i]` by the extremum of `x[i..i + length]` where that window is inside the signal.
+/// The last `length - 1` values stay as they are.
 fn slide<E: Extremum>(x: &mut [f64], length: usize, scratch: &mut [f64]) {
     let windows = x.len() + 1 - length;
     if length > SHORT {
@@ -118,8 +121,9 @@ fn slide<E: Extremum>(x: &mut [f64], length: usize, scratch: &mut [f64]) {
     }
 }
 
-/// [`slide`] for short windows: computes windows of 2, 4, 8, … samples from pairs of half the length, then merges two
-/// overlapping windows to the requested length. Each pass is vectorized; there are at most log2([`SHORT`]) passes.
+/// [`slide`] for short windows: computes windows of 2, 4, 8, … samples from pairs of half the
+/// length, then merges two overlapping windows to the requested length. Each pass is vectorized;
+/// there are at most log2([`SHORT`]) passes.
 fn double<E: Extremum>(x: &mut [f64], length: usize, scratch: &mut [f64]) {
     let (mut from, mut to) = scratch.split_at_mut(TILE + SHORT);
     let mut span = 1;
@@ -144,8 +148,9 @@ fn merge<E: Extremum>(a: &[f64], b: &[f64], out: &mut [f64]) {
     }
 }
 
-/// [`slide`] for long windows (van Herk). The signal is split into blocks of the window's length. A window then
-/// consists of a suffix of one block and a prefix of the next, so one scan in each direction computes all extrema.
+/// [`slide`] for long windows (van Herk). The signal is split into blocks of the window's length. A
+/// window then consists of a suffix of one block and a prefix of the next, so one scan in each
+/// direction computes all extrema.
 fn scan_blocks<E: Extremum>(x: &mut [f64], length: usize, scratch: &mut [f64]) {
     let windows = x.len() + 1 - length;
     for begin in (0..windows).step_by(length) {

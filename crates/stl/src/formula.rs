@@ -34,36 +34,41 @@ pub(crate) enum Node {
 /// | binary temporal | `until` `U` and `release` `R`, then `unless` `W`, then `since` `S` |
 /// | logic | `and` `&`, then `or` `\|`, then `implies` `->`, then `iff` `<->`, then `xor` |
 ///
-/// `always`, `eventually`, `historically`, `once`, `until`, `release`, `unless` and `since` take an interval, `[a:b]`
-/// or `[a,b]`. Bounds are numbers with an optional unit (`s`, `ms`, `us`, `ns`), or constants; the end may be `inf`.
-/// If only the end has a unit, the begin has the same unit. The [`Clock`](crate::Clock) defines the meaning of bounds
-/// without a unit.
+/// `always`, `eventually`, `historically`, `once`, `until`, `release`, `unless` and `since` take an
+/// interval, `[a:b]` or `[a,b]`. Bounds are numbers with an optional unit (`s`, `ms`, `us`, `ns`),
+/// or constants; the end may be `inf`. If only the end has a unit, the begin has the same unit. The
+/// [`Clock`](crate::Clock) defines the meaning of bounds without a unit.
 ///
-/// Numbers may have exponents and underscores. `true` is +∞ and `false` is −∞. Comments are `// …` and `/* … */`. A
-/// text may declare signals (`input float d`), define constants (`const float limit = 0.3`) and name sub-formulas
-/// (`near = d <= limit`). The last statement is the formula; it may have a name, too (`out = d <= 1`). Semicolons
-/// between statements are optional. The [`Monitor`](crate::Monitor) rejects a definition with the name of a signal of
-/// the trace, since `=` is often a typo for `==`. For the same reason the last statement may not be a number with a
-/// name.
+/// Numbers may have exponents and underscores. `true` is +∞ and `false` is −∞. Comments are `// …`
+/// and `/* … */`. A text may declare signals (`input float d`), define constants
+/// (`const float limit = 0.3`) and name sub-formulas (`near = d <= limit`). The last statement is
+/// the formula; it may have a name, too (`out = d <= 1`). Semicolons between statements are
+/// optional. The [`Monitor`](crate::Monitor) rejects a definition with the name of a signal of the
+/// trace, since `=` is often a typo for `==`. For the same reason the last statement may not be a
+/// number with a name.
 ///
-/// **Comparisons are not chained**: as in RTAMT, `0.2 <= v <= 0.3` is `(0.2 <= v) <= 0.3`, which bounds `v - 0.2`.
-/// Write `0.2 <= v and v <= 0.3`. [`Formula::chains_comparisons`] detects such formulas.
+/// **Comparisons are not chained**: as in RTAMT, `0.2 <= v <= 0.3` is `(0.2 <= v) <= 0.3`, which
+/// bounds `v - 0.2`. Write `0.2 <= v and v <= 0.3`. [`Formula::chains_comparisons`] detects such
+/// formulas.
 ///
 /// # Differences from RTAMT
-/// In RTAMT 0.4.10 `+` binds tighter than `-` and `*` tighter than `/`: **it parses `a - b + c` as `a - (b + c)`** and
-/// `a / b * c` as `a / (b * c)`. Here they are `(a - b) + c` and `(a / b) * c`, as in arithmetic. A formula is printed
-/// with these parentheses, so that both parsers agree on the printed text. All other operators have RTAMT's precedence.
+/// In RTAMT 0.4.10 `+` binds tighter than `-` and `*` tighter than `/`: **it parses `a - b + c` as
+/// `a - (b + c)`** and `a / b * c` as `a / (b * c)`. Here they are `(a - b) + c` and `(a / b) * c`,
+/// as in arithmetic. A formula is printed with these parentheses, so that both parsers agree on the
+/// printed text. All other operators have RTAMT's precedence.
 ///
-/// Further text that RTAMT rejects or misparses has its usual meaning here: `!=`, `-x`, `a - 1` (which RTAMT rejects at
-/// first), `x/y` (which RTAMT parses as one name), `ln`, `release`, `true`, `unless` without an interval, trailing
-/// semicolons, constants as bounds. Two things are rejected here only: annotations (`@topic`) and imports, which belong
-/// to ROS, and an interval whose begin has a unit and whose end has none.
+/// Further text that RTAMT rejects or misparses has its usual meaning here: `!=`, `-x`, `a - 1`
+/// (which RTAMT rejects at first), `x/y` (which RTAMT parses as one name), `ln`, `release`, `true`,
+/// `unless` without an interval, trailing semicolons, constants as bounds. Two things are rejected
+/// here only: annotations (`@topic`) and imports, which belong to ROS, and an interval whose begin
+/// has a unit and whose end has none.
 ///
 /// # Limits
-/// A text has at most 256 KiB. All its statements together have at most 131,072 operators and operands, after the names in
-/// them are expanded: `p1 = p0 and p0; p2 = p1 and p1; …` doubles with every name. At most 64 operands wait for another
-/// one, as in `a and (b and (c and …))`; a monitor needs a number per sample for each. A bound is at most 2^43 samples.
-/// The length of a window does not matter: it takes no memory beyond that of the trace.
+/// A text has at most 256 KiB. All its statements together have at most 131,072 operators and
+/// operands, after the names in them are expanded: `p1 = p0 and p0; p2 = p1 and p1; …` doubles with
+/// every name. At most 64 operands wait for another one, as in `a and (b and (c and …))`; a monitor
+/// needs a number per sample for each. A bound is at most 2^43 samples. The length of a window does
+/// not matter: it takes no memory beyond that of the trace.
 ///
 /// # Example
 /// ```
@@ -81,7 +86,8 @@ pub(crate) enum Node {
 /// # Reference
 /// Nickovic and Yamaguchi, "RTAMT: Online Robustness Monitors from STL", ATVA 2020.
 ///
-/// Two formulas are equal if their syntax trees are equal, whatever constants and sub-formulas their texts define.
+/// Two formulas are equal if their syntax trees are equal, whatever constants and sub-formulas
+/// their texts define.
 #[derive(Clone, Debug)]
 pub struct Formula {
     /// Distinct, in the order of their first appearance.
@@ -112,8 +118,8 @@ impl Formula {
         self.signals.iter().map(String::as_str).collect()
     }
 
-    /// Returns whether the value at a sample depends on that sample only: the formula has no temporal operator and no
-    /// `next`, `prev`, `rise` or `fall`.
+    /// Returns whether the value at a sample depends on that sample only: the formula has no
+    /// temporal operator and no `next`, `prev`, `rise` or `fall`.
     pub fn is_state_predicate(&self) -> bool {
         !self.nodes.iter().any(|node| matches!(node, Node::Apply(operator, _) if operator.is_temporal()))
     }
@@ -126,8 +132,8 @@ impl Formula {
         })
     }
 
-    /// Returns whether the result of a comparison is compared again, as in `0.2 <= v <= 0.3`. This is
-    /// `(0.2 <= v) <= 0.3`, a bound on `v - 0.2`, which is rarely intended.
+    /// Returns whether the result of a comparison is compared again, as in `0.2 <= v <= 0.3`. This
+    /// is `(0.2 <= v) <= 0.3`, a bound on `v - 0.2`, which is rarely intended.
     pub fn chains_comparisons(&self) -> bool {
         let starts = self.starts();
         let compares =
@@ -253,8 +259,8 @@ impl Formula {
         }
     }
 
-    /// Returns an operand of `parent`, in parentheses if the text would otherwise parse differently. An infix operand
-    /// of a prefix operator always gets parentheses, for readability.
+    /// Returns an operand of `parent`, in parentheses if the text would otherwise parse
+    /// differently. An infix operand of a prefix operator always gets parentheses, for readability.
     fn operand(&self, parent: Operator, index: usize, is_left: bool) -> Piece {
         use Operator::{Add, Divide, Multiply, Subtract};
         let Node::Apply(child, _) = self.nodes[index] else { return Piece::Node(index) };

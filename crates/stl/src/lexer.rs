@@ -33,13 +33,15 @@ impl Token<'_> {
     }
 }
 
-/// All symbols; a symbol comes before its prefixes. `=>` and `<=>` have no meaning but appear whole in error messages.
+/// All symbols; a symbol comes before its prefixes. `=>` and `<=>` have no meaning but appear whole
+/// in error messages.
 const SYMBOLS: [&str; 30] = [
     "!==", "<->", "<=>", "=>", "<=", ">=", "==", "!=", "->", "&&", "||", "<", ">", "=", "!", "&", "|", "+",
     "-", "*", "/", "(", ")", "[", "]", ",", ":", ";", "@", ".",
 ];
 
-/// Splits `text` into tokens, ending with [`Kind::End`]. Whitespace and comments (`// …`, `/* … */`) separate tokens.
+/// Splits `text` into tokens, ending with [`Kind::End`]. Whitespace and comments (`// …`,
+/// `/* … */`) separate tokens.
 pub(crate) fn tokens(text: &str) -> Result<Vec<Token<'_>>, ParseError> {
     let mut lexer = Lexer { rest: text, at: Position { line: 1, column: 1 } };
     let mut tokens = Vec::new();
@@ -120,8 +122,8 @@ impl<'t> Lexer<'t> {
         })
     }
 
-    /// Reads a number: digits with an optional fraction and exponent, or hexadecimal or binary digits after `0x` or
-    /// `0b`. Digits may be separated by underscores.
+    /// Reads a number: digits with an optional fraction and exponent, or hexadecimal or binary
+    /// digits after `0x` or `0b`. Digits may be separated by underscores.
     fn number(&mut self) -> Result<Token<'t>, ParseError> {
         let at = self.at;
         let prefixed = [("0x", 16), ("0X", 16), ("0b", 2), ("0B", 2)];
@@ -153,8 +155,8 @@ impl<'t> Lexer<'t> {
     }
 }
 
-/// Returns the length of the decimal number at the start of `text`. The error is the length up to an exponent without
-/// digits.
+/// Returns the length of the decimal number at the start of `text`. The error is the length up to
+/// an exponent without digits.
 fn decimal_length(text: &str) -> Result<usize, usize> {
     let mut length = digits(text, 10);
     if text[length..].starts_with('.') {

@@ -1,20 +1,21 @@
 //! Signal temporal logic (STL): formulas, traces and robustness.
 //!
-//! STL states requirements on signals over time, for example "the distance is at most 0.12 m at every step from 50 to
-//! 300". A [`Trace`] holds named signals, one value per sample. A [`Formula`] is parsed from text in the syntax of
-//! RTAMT. A [`Monitor`] evaluates a formula on traces. It returns the robustness: a number that is positive if the
-//! trace satisfies the formula, negative if the trace violates it, and whose size is the distance to the border
-//! between the two. A [`Clock`] converts the time bounds of a formula to samples. A [`Recording`] takes the place of a long
-//! trace and needs less memory.
+//! STL states requirements on signals over time, for example "the distance is at most 0.12 m at
+//! every step from 50 to 300". A [`Trace`] holds named signals, one value per sample. A [`Formula`]
+//! is parsed from text in the syntax of RTAMT. A [`Monitor`] evaluates a formula on traces. It
+//! returns the robustness: a number that is positive if the trace satisfies the formula, negative
+//! if the trace violates it, and whose size is the distance to the border between the two. A
+//! [`Clock`] converts the time bounds of a formula to samples. A [`Recording`] takes the place of a
+//! long trace and needs less memory.
 //!
 //! # Differences from RTAMT
-//! RTAMT 0.4.10 parses `a - b + c` as `a - (b + c)` and `a / b * c` as `a / (b * c)`. Here `+` and `-` have the same
-//! precedence and associate to the left, and so do `*` and `/`. [`Formula`] lists the other differences in parsing,
-//! [`Monitor`] the differences in values.
+//! RTAMT 0.4.10 parses `a - b + c` as `a - (b + c)` and `a / b * c` as `a / (b * c)`. Here `+` and
+//! `-` have the same precedence and associate to the left, and so do `*` and `/`. [`Formula`] lists
+//! the other differences in parsing, [`Monitor`] the differences in values.
 //!
 //! # Reference
-//! Maler and Nickovic, "Monitoring Temporal Properties of Continuous Signals", FORMATS 2004. Donzé and Maler, "Robust
-//! Satisfaction of Temporal Logic over Real-Valued Signals", FORMATS 2010.
+//! Maler and Nickovic, "Monitoring Temporal Properties of Continuous Signals", FORMATS 2004. Donzé
+//! and Maler, "Robust Satisfaction of Temporal Logic over Real-Valued Signals", FORMATS 2010.
 //!
 //! # Example
 //! ```

@@ -17,9 +17,9 @@ use std::sync::Arc;
 
 /// Computes the robustness of traces with respect to a formula.
 ///
-/// The robustness ρ(φ, w, t) is positive if the trace w satisfies φ at sample t and negative if w violates φ. Its
-/// size is the distance to the border between the two, in the unit of the signals. At the border it is 0 and decides
-/// nothing.
+/// The robustness ρ(φ, w, t) is positive if the trace w satisfies φ at sample t and negative if w
+/// violates φ. Its size is the distance to the border between the two, in the unit of the signals.
+/// At the border it is 0 and decides nothing.
 ///
 /// ```text
 /// ρ(x <= y, t)         = y - x                      ρ(x >= y, t) = x - y           (the same for < and >)
@@ -38,29 +38,34 @@ use std::sync::Arc;
 /// ρ(rise(φ), t)        = min(-ρ(φ, t-1), ρ(φ, t)), with −∞ for φ before the start; fall(φ) = rise(not φ)
 /// ```
 ///
-/// Without an interval, windows extend to the end (or start) of the trace. A number or a signal is its own robustness.
+/// Without an interval, windows extend to the end (or start) of the trace. A number or a signal is
+/// its own robustness.
 ///
 /// # Windows beyond the end of the trace
-/// [`Monitor::robustness`] and [`Monitor::robustness_signal`] follow RTAMT 0.4.10's discrete-time offline monitor: they cut
-/// windows at the end of the trace. The minimum over an empty window is +∞, the maximum −∞. A cut window can satisfy a
-/// formula that the whole window would violate, and vice versa. [`Monitor::decided_robustness_signal`] never uses a cut
-/// window; verdicts about episodes are based on it. The values of the former equal those of RTAMT for every formula that
+/// [`Monitor::robustness`] and [`Monitor::robustness_signal`] follow RTAMT 0.4.10's discrete-time
+/// offline monitor: they cut windows at the end of the trace. The minimum over an empty window
+/// is +∞, the maximum −∞. A cut window can satisfy a formula that the whole window would violate,
+/// and vice versa. [`Monitor::decided_robustness_signal`] never uses a cut window; verdicts about
+/// episodes are based on it. The values of the former equal those of RTAMT for every formula that
 /// both parse alike; see [`Formula`](Formula#differences-from-rtamt) for the exceptions.
 ///
 /// # Differences from RTAMT
-/// Truncated windows can produce two infinities of the same sign. Their difference in `-`, comparisons, `iff` and
-/// `xor` is 0; RTAMT computes NaN, and the result of its `min` and `max` then depends on the order of the operands.
-/// Arithmetic on finite operands without a finite result is an error that contains the step; RTAMT raises a Python
-/// exception or continues with an infinity. A trace of one sample is allowed. A bounded operator on a bare signal
-/// does not modify the trace; RTAMT appends to the caller's list.
+/// Truncated windows can produce two infinities of the same sign. Their difference in `-`,
+/// comparisons, `iff` and `xor` is 0; RTAMT computes NaN, and the result of its `min` and `max`
+/// then depends on the order of the operands. Arithmetic on finite operands without a finite result
+/// is an error that contains the step; RTAMT raises a Python exception or continues with an
+/// infinity. A trace of one sample is allowed. A bounded operator on a bare signal does not modify
+/// the trace; RTAMT appends to the caller's list.
 ///
 /// # Cost
-/// Time is linear in the length of the trace for all intervals. Allocation happens only when a trace is longer than all
-/// traces before it. Memory per sample: one number (8 bytes) for the result and one per operand that waits for another one,
-/// at most 64 (see [`Formula`](Formula#limits)); half a number more for windows of more than 16 samples ahead and for
-/// `until`, `release` and `since`, one for such windows of past operators, and one and a half for `unless`. State formulas
-/// wait without memory, as do all operands in `a <= 1 and (b <= 1 and (c <= 1 and …))`. A [`Recording`] takes the place of
-/// the trace, if memory for its signals matters.
+/// Time is linear in the length of the trace for all intervals. Allocation happens only when a
+/// trace is longer than all traces before it. Memory per sample: one number (8 bytes) for the
+/// result and one per operand that waits for another one, at most 64 (see
+/// [`Formula`](Formula#limits)); half a number more for windows of more than 16 samples ahead and
+/// for `until`, `release` and `since`, one for such windows of past operators, and one and a half
+/// for `unless`. State formulas wait without memory, as do all operands in
+/// `a <= 1 and (b <= 1 and (c <= 1 and …))`. A [`Recording`] takes the place of the trace, if
+/// memory for its signals matters.
 ///
 /// # Example
 /// A fingertip that must stay within 0.12 m of its target from control step 1 on:
@@ -101,8 +106,9 @@ impl Monitor {
     /// Compiles `formula` for traces of the signals `names`.
     ///
     /// # Errors
-    /// If `names` lacks a signal of the formula or contains a name that the formula defines, the sampling period is not
-    /// positive and finite, or an interval bound is not a whole number of samples or too large.
+    /// If `names` lacks a signal of the formula or contains a name that the formula defines, the
+    /// sampling period is not positive and finite, or an interval bound is not a whole number of
+    /// samples or too large.
     pub fn new(formula: &Formula, names: &[String], clock: Clock) -> Result<Monitor, MonitorError> {
         let program = Program::compile(formula, names, &clock)?;
         let buffers = vec![Vec::new(); program.buffers];
@@ -111,16 +117,18 @@ impl Monitor {
         Ok(Monitor { program, clock, checked_names: None, buffers, tile, scratch, minima })
     }
 
-    /// Returns the robustness at every sample of the trace. Windows are cut at the end of the trace.
+    /// Returns the robustness at every sample of the trace. Windows are cut at the end of the
+    /// trace.
     ///
     /// # Errors
-    /// If the trace is empty or has other signals, a signal of the formula is NaN or infinite, or arithmetic has no
-    /// finite value at a sample.
+    /// If the trace is empty or has other signals, a signal of the formula is NaN or infinite, or
+    /// arithmetic has no finite value at a sample.
     pub fn robustness_signal(&mut self, trace: &Trace) -> Result<&[f64], MonitorError> {
         self.evaluate(&mut Samples::Trace(trace), Windows::Cut)
     }
 
-    /// Returns [`Monitor::robustness_signal`] of a recording. It must be one for the formula and the signals of the monitor.
+    /// Returns [`Monitor::robustness_signal`] of a recording. It must be one for the formula and
+    /// the signals of the monitor.
     ///
     /// # Errors
     /// As for [`Monitor::robustness_signal`], or if the recording was made for another formula.
@@ -128,8 +136,8 @@ impl Monitor {
         self.evaluate_recording(recording, Windows::Cut)
     }
 
-    /// Returns [`Monitor::decided_robustness_signal`] of a recording. It must be one for the formula and the signals of the
-    /// monitor.
+    /// Returns [`Monitor::decided_robustness_signal`] of a recording. It must be one for the
+    /// formula and the signals of the monitor.
     ///
     /// # Errors
     /// As for [`Monitor::robustness_signal`], or if the recording was made for another formula.
@@ -162,21 +170,26 @@ impl Monitor {
         self.robustness_signal(trace)?.first().copied().ok_or(MonitorError::EmptyTrace)
     }
 
-    /// Returns the robustness at the samples at which the trace decides the formula, without a cut window. These are the
-    /// first [`decided_samples`](Monitor::decided_samples); the result is empty if there are none.
+    /// Returns the robustness at the samples at which the trace decides the formula, without a cut
+    /// window. These are the first [`decided_samples`](Monitor::decided_samples); the result is
+    /// empty if there are none.
     ///
-    /// The trace decides the formula at t if it contains every sample that the value at t depends on:
+    /// The trace decides the formula at t if it contains every sample that the value at t depends
+    /// on:
     ///
-    /// - every bounded window ahead, `next` and `s_next` lies inside the trace, at every sample at which it is evaluated;
-    /// - a window without an end contains at least one sample. It ends at the last sample at which its operands are
-    ///   decided, instead of at the end of the trace. So `eventually(always[0:30] p)` requires 31 samples with p in a row
-    ///   inside the trace, and `always(p implies eventually[0:30] q)` requires nothing of the last 30 samples.
+    /// - every bounded window ahead, `next` and `s_next` lies inside the trace, at every sample at
+    ///   which it is evaluated;
+    /// - a window without an end contains at least one sample. It ends at the last sample at which
+    ///   its operands are decided, instead of at the end of the trace. So
+    ///   `eventually(always[0:30] p)` requires 31 samples with p in a row inside the trace, and
+    ///   `always(p implies eventually[0:30] q)` requires nothing of the last 30 samples.
     ///
-    /// Without unbounded windows ahead, no continuation of the trace changes a decided value, and the value equals that of
-    /// [`Monitor::robustness_signal`]. A formula with an unbounded window assumes that the trace is complete.
+    /// Without unbounded windows ahead, no continuation of the trace changes a decided value, and
+    /// the value equals that of [`Monitor::robustness_signal`]. A formula with an unbounded window
+    /// assumes that the trace is complete.
     ///
-    /// Windows of past operators are cut at the start of the trace, because nothing precedes it. Where such a window is
-    /// empty, a decided value can be infinite.
+    /// Windows of past operators are cut at the start of the trace, because nothing precedes it.
+    /// Where such a window is empty, a decided value can be infinite.
     ///
     /// # Errors
     /// As for [`Monitor::robustness_signal`], but arithmetic is evaluated only where it is decided.
@@ -201,8 +214,8 @@ impl Monitor {
         Ok(&self.evaluate(&mut Samples::Trace(trace), Windows::Whole)?[..decided])
     }
 
-    /// Returns the number of samples, from the first, at which a trace of `samples` samples decides the formula; see
-    /// [`Monitor::decided_robustness_signal`].
+    /// Returns the number of samples, from the first, at which a trace of `samples` samples decides
+    /// the formula; see [`Monitor::decided_robustness_signal`].
     pub fn decided_samples(&self, samples: usize) -> usize {
         self.program.reach.decided(samples)
     }
@@ -212,23 +225,26 @@ impl Monitor {
         self.program.reach.ahead.saturating_add(1)
     }
 
-    /// Returns whether [`Monitor::robustness`] of a trace of `samples` samples contains a window that is cut at the end of
-    /// the trace.
+    /// Returns whether [`Monitor::robustness`] of a trace of `samples` samples contains a window
+    /// that is cut at the end of the trace.
     pub fn cuts_windows(&self, samples: usize) -> bool {
         self.decided_samples(samples) == 0 || self.program.cuts_operands()
     }
 
-    /// Returns the least robustness of every sub-formula over the trace, with the first sample at which it is attained.
+    /// Returns the least robustness of every sub-formula over the trace, with the first sample at
+    /// which it is attained.
     ///
-    /// The order is that of [`Formula::subformulas`]: root first, depth first, left operand before right. The values
-    /// of a sub-formula equal those of a separate monitor for it.
+    /// The order is that of [`Formula::subformulas`]: root first, depth first, left operand before
+    /// right. The values of a sub-formula equal those of a separate monitor for it.
     ///
-    /// The values are those of [`Monitor::decided_robustness_signal`]. The minimum is over the samples at which the trace
-    /// covers the sub-formula: the sub-formula is decided, and the trace contains all samples that its bounded past
-    /// windows, `prev`, `rise` and `fall` read. At other samples a window is cut or empty, and the value says little about
-    /// the system. On samples 0 to 300, `always[50:300] p` is covered at sample 0 only, and `p` at all samples.
+    /// The values are those of [`Monitor::decided_robustness_signal`]. The minimum is over the
+    /// samples at which the trace covers the sub-formula: the sub-formula is decided, and the trace
+    /// contains all samples that its bounded past windows, `prev`, `rise` and `fall` read. At other
+    /// samples a window is cut or empty, and the value says little about the system. On samples 0
+    /// to 300, `always[50:300] p` is covered at sample 0 only, and `p` at all samples.
     ///
-    /// The cost is that of [`Monitor::robustness_signal`] plus one pass over the samples per sub-formula.
+    /// The cost is that of [`Monitor::robustness_signal`] plus one pass over the samples per
+    /// sub-formula.
     ///
     /// # Errors
     /// As for [`Monitor::decided_robustness_signal`].
@@ -272,21 +288,24 @@ impl Monitor {
         Ok(&self.minima)
     }
 
-    /// Returns the number of samples after t that the value at t depends on. If `t + horizon` is a sample of the
-    /// trace, the trace decides the formula at t. `None` if the value depends on all samples up to the end of the trace.
+    /// Returns the number of samples after t that the value at t depends on. If `t + horizon` is a
+    /// sample of the trace, the trace decides the formula at t. `None` if the value depends on all
+    /// samples up to the end of the trace.
     pub fn horizon(&self) -> Option<usize> {
         let reach = self.program.reach;
         (!reach.is_unbounded).then_some(reach.ahead)
     }
 
-    /// Computes the robustness at every sample. With [`Windows::Whole`], only the values at decided samples have a meaning.
+    /// Computes the robustness at every sample. With [`Windows::Whole`], only the values at decided
+    /// samples have a meaning.
     fn evaluate(&mut self, samples: &mut Samples<'_>, windows: Windows) -> Result<&[f64], MonitorError> {
         self.run(samples, windows, |_, _, _| {})?;
         Ok(&self.buffers[self.program.result()][..samples.len()])
     }
 
-    /// Executes the instructions, and calls `visit` for every sub-formula of a trace with its index, and its values at a
-    /// range of samples that cover it; several times for a state formula of several tiles.
+    /// Executes the instructions, and calls `visit` for every sub-formula of a trace with its
+    /// index, and its values at a range of samples that cover it; several times for a state formula
+    /// of several tiles.
     fn run(
         &mut self,
         samples: &mut Samples<'_>,
@@ -390,7 +409,8 @@ impl Monitor {
         Ok(())
     }
 
-    /// Applies a pointwise operator; `values` is the content of `buffer`, an operand that becomes the result.
+    /// Applies a pointwise operator; `values` is the content of `buffer`, an operand that becomes
+    /// the result.
     fn evaluate_pointwise(
         &mut self,
         operator: Operator,
@@ -413,7 +433,8 @@ impl Monitor {
         Ok(())
     }
 
-    /// Checks that there is at least one sample, and that the signals are the expected ones and finite.
+    /// Checks that there is at least one sample, and that the signals are the expected ones and
+    /// finite.
     pub(crate) fn check(&mut self, samples: &Samples<'_>) -> Result<(), MonitorError> {
         if samples.len() == 0 {
             return Err(MonitorError::EmptyTrace);

@@ -59,7 +59,8 @@ impl Shape {
     }
 }
 
-/// Whether the value at a sample depends on other samples, and whether the operator takes an interval.
+/// Whether the value at a sample depends on other samples, and whether the operator takes an
+/// interval.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Time {
     Pointwise,
@@ -75,10 +76,10 @@ type Row = (Operator, &'static [&'static str], Shape, u8, Time);
 
 /// Spellings (the first is printed), shape, precedence (larger binds tighter), relation to time.
 ///
-/// The precedence is that of RTAMT 0.4.10 with one correction: in RTAMT `*` binds tighter than `/` and `+` tighter
-/// than `-`, so it parses `a - b + c` as `a - (b + c)`. Here both operators of each pair have the same precedence.
-/// All infix operators, including `->`, are left-associative. RTAMT's grammar has no `ln`, no `release`, and a unary
-/// minus only on numbers.
+/// The precedence is that of RTAMT 0.4.10 with one correction: in RTAMT `*` binds tighter than `/`
+/// and `+` tighter than `-`, so it parses `a - b + c` as `a - (b + c)`. Here both operators of each
+/// pair have the same precedence. All infix operators, including `->`, are left-associative.
+/// RTAMT's grammar has no `ln`, no `release`, and a unary minus only on numbers.
 #[rustfmt::skip]
 const TABLE: [Row; 36] = [
     (Negate,         &["-"],                       Prefix,  25, Pointwise),

@@ -1,4 +1,5 @@
-//! The parser: tokens to a formula in postfix order, by operator precedence with an explicit stack (shunting yard).
+//! The parser: tokens to a formula in postfix order, by operator precedence with an explicit stack
+//! (shunting yard).
 
 use crate::clock::{Bound, Interval, TimeUnit};
 use crate::error::{ParseError, Position};
@@ -11,10 +12,12 @@ use std::collections::HashMap;
 /// The maximum length of a text, bytes.
 const MAX_TEXT: usize = 1 << 18;
 
-/// The maximum depth of the operand stack. A monitor has a buffer of the trace's length for each entry.
+/// The maximum depth of the operand stack. A monitor has a buffer of the trace's length for each
+/// entry.
 const MAX_STACK_DEPTH: usize = 64;
 
-/// The maximum number of operators and operands of all statements together, after named sub-formulas are expanded.
+/// The maximum number of operators and operands of all statements together, after named
+/// sub-formulas are expanded.
 const MAX_NODES: usize = 1 << 17;
 
 /// Words that start a declaration of a signal.
@@ -49,8 +52,8 @@ pub(crate) fn parse(text: &str) -> Result<Formula, ParseError> {
     Ok(with_own_signals(nodes, &parser.signals, defined))
 }
 
-/// Creates the formula of these nodes. Its signals are numbered by first appearance; signals of unused definitions are
-/// dropped.
+/// Creates the formula of these nodes. Its signals are numbered by first appearance; signals of
+/// unused definitions are dropped.
 fn with_own_signals(mut nodes: Vec<Node>, names: &[&str], defined: Vec<String>) -> Formula {
     let mut own = vec![None; names.len()];
     let mut signals = Vec::new();
@@ -80,7 +83,8 @@ struct Parser<'t> {
     expanded: usize,
 }
 
-/// A formula under construction: nodes in postfix order, the current depth of the operand stack, and its maximum.
+/// A formula under construction: nodes in postfix order, the current depth of the operand stack,
+/// and its maximum.
 #[derive(Default)]
 struct Postfix {
     nodes: Vec<Node>,
@@ -156,7 +160,8 @@ impl<'t> Parser<'t> {
         }
     }
 
-    /// Parses one statement: `None` for a declaration, otherwise a formula with the name before its `=`, if any.
+    /// Parses one statement: `None` for a declaration, otherwise a formula with the name before its
+    /// `=`, if any.
     fn statement(&mut self) -> Result<Option<(Option<Token<'t>>, Postfix)>, ParseError> {
         if self.peek().is_symbol("@") || (self.at_word("from") && self.is_name(1)) {
             return self.unexpected("a formula; RTAMT's ROS annotations and imports are not supported");
@@ -195,7 +200,8 @@ impl<'t> Parser<'t> {
         self.is_name(0) && self.ahead(1).is_symbol("=")
     }
 
-    /// Skips the direction and type (`input float`) if a declaration starts here; the next token is then its name.
+    /// Skips the direction and type (`input float`) if a declaration starts here; the next token is
+    /// then its name.
     fn declares(&mut self) -> bool {
         let direction = usize::from((self.at_word("input") || self.at_word("output")) && self.is_name(1));
         let is_type = matches!(self.ahead(direction).kind, Kind::Word(word) if TYPES.contains(&word));
@@ -255,7 +261,8 @@ impl<'t> Parser<'t> {
         Ok(operands)
     }
 
-    /// Returns the infix operator at the next token, if any. A name before `=` starts the next statement instead.
+    /// Returns the infix operator at the next token, if any. A name before `=` starts the next
+    /// statement instead.
     fn infix(&self) -> Option<Operator> {
         match self.peek().kind {
             Kind::Word(_) if self.names_statement() => None,
@@ -297,7 +304,8 @@ impl<'t> Parser<'t> {
         }
     }
 
-    /// Returns the function called at the next token, if any. `ln` without a following `(` is an ordinary name.
+    /// Returns the function called at the next token, if any. `ln` without a following `(` is an
+    /// ordinary name.
     fn call(&self) -> Option<Operator> {
         let operator = Operator::by_spelling(self.peek().text, Shape::Call(0))?;
         (operator != Operator::Ln || self.ahead(1).is_symbol("(")).then_some(operator)
@@ -387,8 +395,9 @@ impl<'t> Parser<'t> {
         Err(ParseError::Unexpected { at: token.at, expected, found: token.found(), nearest })
     }
 
-    /// Returns a suggestion where an operator was expected: the infix operator most similar to the next token, or the
-    /// prefix operator most similar to the name before it, which was parsed as an operand.
+    /// Returns a suggestion where an operator was expected: the infix operator most similar to the
+    /// next token, or the prefix operator most similar to the name before it, which was parsed as
+    /// an operand.
     fn suggested_operator(&self) -> Option<&'static str> {
         if self.peek().is_symbol("=") {
             return Some("==");
@@ -484,7 +493,8 @@ impl Postfix {
         Ok(())
     }
 
-    /// Applies an operator to the last operands. The minus sign of a constant becomes part of the constant.
+    /// Applies an operator to the last operands. The minus sign of a constant becomes part of the
+    /// constant.
     fn apply(&mut self, operator: Operator, interval: Option<Interval>) {
         if let (Operator::Negate, Some(Node::Constant(value))) = (operator, self.nodes.last_mut()) {
             *value = -*value;
@@ -495,7 +505,8 @@ impl Postfix {
     }
 }
 
-/// Applies the pending operators that bind at least as tightly as `precedence`, up to the innermost open bracket.
+/// Applies the pending operators that bind at least as tightly as `precedence`, up to the innermost
+/// open bracket.
 fn reduce(operands: &mut Postfix, pending: &mut Vec<Pending>, precedence: u8) {
     while let Some(&Pending::Operator(operator, interval)) = pending.last() {
         if operator.precedence() < precedence {
@@ -506,15 +517,16 @@ fn reduce(operands: &mut Postfix, pending: &mut Vec<Pending>, precedence: u8) {
     }
 }
 
-/// Returns the spelling of an operator of these shapes that is most similar to `word`: an edit distance of at most a
-/// third of its letters. Spellings of one letter are not suggested, since every letter is similar to them.
+/// Returns the spelling of an operator of these shapes that is most similar to `word`: an edit
+/// distance of at most a third of its letters. Spellings of one letter are not suggested, since
+/// every letter is similar to them.
 fn nearest_operator(word: &str, shapes: &[Shape]) -> Option<&'static str> {
     let words = Operator::words(shapes).filter(|word| word.len() > 1);
     nearest_within(word.chars().count() / 3, word, words)
 }
 
-/// Returns whether `word` cannot name a signal or a sub-formula. `R`, `release` and `ln` are names in RTAMT, so their
-/// position decides whether they are operators.
+/// Returns whether `word` cannot name a signal or a sub-formula. `R`, `release` and `ln` are names
+/// in RTAMT, so their position decides whether they are operators.
 fn is_reserved(word: &str) -> bool {
     let decided_by_position = [Operator::Release, Operator::Ln];
     let is_operator =

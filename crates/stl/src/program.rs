@@ -24,7 +24,8 @@ pub(crate) enum Source {
 pub(crate) enum Action {
     /// Evaluates a state formula, by its index.
     State(usize),
-    /// A pointwise operator with an operand that is not a state formula. A unary one has its operand twice.
+    /// A pointwise operator with an operand that is not a state formula. A unary one has its
+    /// operand twice.
     Pointwise(Operator, [Source; 2]),
     /// A unary temporal operator.
     TemporalUnary(Operator, Window),
@@ -32,16 +33,16 @@ pub(crate) enum Action {
     TemporalBinary(Operator, Window, usize),
 }
 
-/// An action and the buffer for its result. It is the buffer of an operand, which is replaced, so that long traces take
-/// little memory.
+/// An action and the buffer for its result. It is the buffer of an operand, which is replaced, so
+/// that long traces take little memory.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Instruction {
     pub action: Action,
     pub buffer: usize,
     /// The samples that a trace must have around t to decide the result at t.
     pub reach: Reach,
-    /// The number of samples at the end of a trace at which the operands are not decided, or not needed for a decided
-    /// result. Without these samples, no window of an operand is cut.
+    /// The number of samples at the end of a trace at which the operands are not decided, or not
+    /// needed for a decided result. Without these samples, no window of an operand is cut.
     pub undecided: usize,
 }
 
@@ -57,13 +58,15 @@ pub(crate) struct Program {
     pub columns: Vec<(usize, String)>,
     /// The samples around t that the value at t depends on.
     pub reach: Reach,
-    /// The sub-formulas that are not part of a state formula, in the order in which their values are computed.
+    /// The sub-formulas that are not part of a state formula, in the order in which their values
+    /// are computed.
     pub subformulas: Vec<Subformula>,
     /// The number of all sub-formulas.
     pub listed: usize,
 }
 
-/// The location of a sub-formula's values, and the time at which they are there, since buffers are reused.
+/// The location of a sub-formula's values, and the time at which they are there, since buffers are
+/// reused.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Subformula {
     pub values: Source,
@@ -76,7 +79,8 @@ pub(crate) struct Subformula {
 }
 
 impl Program {
-    /// Resolves signals to columns and intervals to samples, and assigns a buffer to every intermediate result.
+    /// Resolves signals to columns and intervals to samples, and assigns a buffer to every
+    /// intermediate result.
     pub(crate) fn compile(
         formula: &Formula,
         names: &[String],
@@ -86,7 +90,8 @@ impl Program {
         Program::with_windows(formula, names, |operator, interval| clock.window(operator.name(), interval))
     }
 
-    /// Compiles with unbounded windows in place of the intervals. Columns and state formulas do not depend on them.
+    /// Compiles with unbounded windows in place of the intervals. Columns and state formulas do not
+    /// depend on them.
     pub(crate) fn without_clock(formula: &Formula, names: &[String]) -> Result<Program, MonitorError> {
         Program::with_windows(formula, names, |_, _| Ok(Window::UNBOUNDED))
     }
@@ -128,8 +133,8 @@ impl Program {
         Ok(Program { instructions, states, buffers, columns, reach, subformulas, listed })
     }
 
-    /// Returns whether an unbounded window contains operands that read later samples. Their windows are cut at the end of
-    /// every trace.
+    /// Returns whether an unbounded window contains operands that read later samples. Their windows
+    /// are cut at the end of every trace.
     pub(crate) fn cuts_operands(&self) -> bool {
         self.instructions.iter().any(|instruction| {
             let window = match instruction.action {
@@ -145,7 +150,8 @@ impl Program {
         })
     }
 
-    /// Returns the number of scratch values that the instructions need for traces of `samples` samples.
+    /// Returns the number of scratch values that the instructions need for traces of `samples`
+    /// samples.
     pub(crate) fn scratch_len(&self, samples: usize) -> usize {
         let needed = |instruction: &Instruction| match instruction.action {
             Action::State(_) => 0,
@@ -317,8 +323,8 @@ impl Compiler<'_> {
     }
 }
 
-/// Returns [`Instruction::undecided`] of an operator with an operand of reach `first` and one of reach `last` (the same for
-/// a unary operator), whose result has the reach `result`.
+/// Returns [`Instruction::undecided`] of an operator with an operand of reach `first` and one of
+/// reach `last` (the same for a unary operator), whose result has the reach `result`.
 fn undecided(operator: Operator, window: Window, first: Reach, last: Reach, result: Reach) -> usize {
     match operator {
         Operator::Until | Operator::Release if window.end == 0 => last.ahead,

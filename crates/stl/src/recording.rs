@@ -9,11 +9,12 @@ use crate::state::{Buffers, State, TILE};
 use crate::trace::Trace;
 use std::sync::Arc;
 
-/// A trace for one formula, of which only the values are kept that the formula's operators over time read.
+/// A trace for one formula, of which only the values are kept that the formula's operators over
+/// time read.
 ///
-/// Memory per sample: one number (8 bytes) for each state formula that is an operand of another operator or the whole
-/// formula, or one for each signal if these are fewer. `always(a <= 1 and b <= 1 and c <= 1)` takes one number instead of
-/// three.
+/// Memory per sample: one number (8 bytes) for each state formula that is an operand of another
+/// operator or the whole formula, or one for each signal if these are fewer.
+/// `always(a <= 1 and b <= 1 and c <= 1)` takes one number instead of three.
 ///
 /// # Example
 /// ```
@@ -45,7 +46,8 @@ pub struct Recording {
 pub(crate) struct Recorded {
     pub samples: usize,
     pub states: Vec<RecordedState>,
-    /// For each signal that the formula reads, the first sample that is NaN or infinite, and its value.
+    /// For each signal that the formula reads, the first sample that is NaN or infinite, and its
+    /// value.
     pub not_finite: Vec<Option<(usize, f64)>>,
 }
 

@@ -4,8 +4,9 @@ use strsim::levenshtein;
 
 /// Returns the known name most similar to `name`.
 ///
-/// That is the first known name that starts with `name`, otherwise the one with the smallest edit distance
-/// (Levenshtein, ignoring case), if the distance is at most 2 or a third of the letters of `name`.
+/// That is the first known name that starts with `name`, otherwise the one with the smallest edit
+/// distance (Levenshtein, ignoring case), if the distance is at most 2 or a third of the letters of
+/// `name`.
 ///
 /// # Example
 /// ```
@@ -20,7 +21,8 @@ pub fn nearest<'a>(name: &str, known: impl IntoIterator<Item = &'a str>) -> Opti
     completed.copied().or_else(|| nearest_within(limit, name, known))
 }
 
-/// Returns the known name with the smallest edit distance to `name`, if the distance is at most `limit`.
+/// Returns the known name with the smallest edit distance to `name`, if the distance is at most
+/// `limit`.
 pub(crate) fn nearest_within<'a>(
     limit: usize,
     name: &str,

@@ -1,5 +1,6 @@
-//! State formulas: formulas whose value at a sample depends on that sample only. They are evaluated tile by tile, so
-//! that intermediate results take no memory in proportion to the trace and stay in the L1 cache.
+//! State formulas: formulas whose value at a sample depends on that sample only. They are evaluated
+//! tile by tile, so that intermediate results take no memory in proportion to the trace and stay in
+//! the L1 cache.
 
 use crate::formula::{Formula, Node};
 use crate::operator::Operator;
@@ -25,8 +26,8 @@ enum Source {
     Buffer(usize),
 }
 
-/// A pointwise operator, its operands (the same twice for a unary one), and the buffer for its result, which differs
-/// from those of its operands.
+/// A pointwise operator, its operands (the same twice for a unary one), and the buffer for its
+/// result, which differs from those of its operands.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Step {
     operator: Operator,
@@ -65,8 +66,8 @@ impl Buffers {
 }
 
 impl State {
-    /// Compiles the sub-formula of these nodes. `columns` has the column of each signal, and `listed` the index of each
-    /// node in the list of sub-formulas.
+    /// Compiles the sub-formula of these nodes. `columns` has the column of each signal, and
+    /// `listed` the index of each node in the list of sub-formulas.
     pub(crate) fn compile(
         formula: &Formula,
         nodes: Range<usize>,
@@ -101,8 +102,8 @@ impl State {
         state
     }
 
-    /// Evaluates the formula at the samples `tile` of the trace, and calls `visit` with the index and the values of each
-    /// sub-formula.
+    /// Evaluates the formula at the samples `tile` of the trace, and calls `visit` with the index
+    /// and the values of each sub-formula.
     ///
     /// # Errors
     /// If arithmetic has no value at a sample.

@@ -10,11 +10,12 @@ use crate::operator::Operator;
 pub struct SubformulaNode {
     /// The operator, such as `always` or `<=`; `None` for a signal or a constant.
     pub operator: Option<&'static str>,
-    /// First and last sample of the operator's window, relative to the sample of evaluation; the last one is `None` if the
-    /// window is unbounded. `None` for an operator that takes no interval.
+    /// First and last sample of the operator's window, relative to the sample of evaluation; the
+    /// last one is `None` if the window is unbounded. `None` for an operator that takes no
+    /// interval.
     pub window: Option<(usize, Option<usize>)>,
-    /// Positions of the operands in the list of [`Formula::subformulas`], left before right. Terms of a comparison are not
-    /// in the list.
+    /// Positions of the operands in the list of [`Formula::subformulas`], left before right. Terms
+    /// of a comparison are not in the list.
     pub operands: Vec<usize>,
     /// Texts of the two sides of a comparison.
     pub sides: Option<[String; 2]>,
@@ -23,7 +24,8 @@ pub struct SubformulaNode {
 /// The least robustness of a sub-formula over a trace.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SubformulaMinimum {
-    /// The minimum over all samples at which the trace covers the sub-formula; `+∞` if there is no such sample.
+    /// The minimum over all samples at which the trace covers the sub-formula; `+∞` if there is no
+    /// such sample.
     pub minimum: f64,
     /// The first sample at which the minimum is attained; 0 if there is no such sample.
     pub step: usize,
@@ -46,10 +48,11 @@ impl SubformulaMinimum {
 /// The samples around t that a formula's value at t depends on.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(crate) struct Reach {
-    /// The number of samples before t that a trace must have so that no bounded window is cut at its start.
+    /// The number of samples before t that a trace must have so that no bounded window is cut at
+    /// its start.
     pub behind: usize,
-    /// The number of samples after t that a trace must have so that no bounded window is cut at its end and no unbounded
-    /// window is empty.
+    /// The number of samples after t that a trace must have so that no bounded window is cut at its
+    /// end and no unbounded window is empty.
     pub ahead: usize,
     /// Whether the value depends on all samples up to the end of the trace.
     pub is_unbounded: bool,
@@ -61,15 +64,18 @@ impl Reach {
         samples.saturating_sub(self.ahead)
     }
 
-    /// Returns the samples of a trace with `samples` samples at which no bounded window is cut at either end.
+    /// Returns the samples of a trace with `samples` samples at which no bounded window is cut at
+    /// either end.
     pub(crate) fn covered(self, samples: usize) -> std::ops::Range<usize> {
         let end = self.decided(samples);
         self.behind.min(end)..end
     }
 
-    /// Returns the reach of an operator given the reach of its operands (`first` equals `last` for a unary operator).
+    /// Returns the reach of an operator given the reach of its operands (`first` equals `last` for
+    /// a unary operator).
     ///
-    /// Only the first sample of an unbounded window counts, since the window extends to the end of every trace.
+    /// Only the first sample of an unbounded window counts, since the window extends to the end of
+    /// every trace.
     pub(crate) fn of(operator: Operator, window: Window, first: Reach, last: Reach) -> Reach {
         let begin = window.begin;
         let end = if window.is_unbounded() { begin } else { window.end };
@@ -118,12 +124,13 @@ impl Formula {
     /// The order is fixed: root first, depth first, left operand before right. It is the order of
     /// [`Monitor::subformula_minima`](crate::Monitor::subformula_minima).
     ///
-    /// A sub-formula has a truth value: it is a comparison, a logical or temporal operator, or an operand of a
-    /// logical or temporal operator. The terms of a comparison (`distance`, `0.12`, `abs(a - b)`) are numbers and are
-    /// not listed. A sub-formula that occurs twice is listed twice. Each text parses to its sub-formula.
+    /// A sub-formula has a truth value: it is a comparison, a logical or temporal operator, or an
+    /// operand of a logical or temporal operator. The terms of a comparison (`distance`, `0.12`,
+    /// `abs(a - b)`) are numbers and are not listed. A sub-formula that occurs twice is listed
+    /// twice. Each text parses to its sub-formula.
     ///
-    /// A text is written when the iterator returns it. The texts of a long formula together have a length that is quadratic
-    /// in its own; `len` returns their number in linear time.
+    /// A text is written when the iterator returns it. The texts of a long formula together have a
+    /// length that is quadratic in its own; `len` returns their number in linear time.
     ///
     /// # Example
     /// ```
@@ -150,10 +157,12 @@ impl Formula {
         })
     }
 
-    /// Returns the syntax tree of the sub-formulas, in the order of [`subformulas`](Self::subformulas).
+    /// Returns the syntax tree of the sub-formulas, in the order of
+    /// [`subformulas`](Self::subformulas).
     ///
     /// # Errors
-    /// If the sampling period is not positive and finite, or an interval bound is not a whole number of samples.
+    /// If the sampling period is not positive and finite, or an interval bound is not a whole
+    /// number of samples.
     ///
     /// # Example
     /// ```

@@ -4,8 +4,8 @@ use std::sync::Arc;
 
 /// Named signals over time, one `f64` per signal and sample, stored signal by signal.
 ///
-/// Samples are numbered from 0 and are one sampling period apart. The names are shared between the traces of many
-/// simulations. If two signals have the same name, formulas read the first.
+/// Samples are numbered from 0 and are one sampling period apart. The names are shared between the
+/// traces of many simulations. If two signals have the same name, formulas read the first.
 ///
 /// # Example
 /// ```
@@ -39,7 +39,8 @@ impl Trace {
         Trace { names, columns, len: 0 }
     }
 
-    /// Appends a sample: one value per signal, in the order of the names. Does not allocate within the capacity.
+    /// Appends a sample: one value per signal, in the order of the names. Does not allocate within
+    /// the capacity.
     ///
     /// # Panics
     /// If the length of `sample` is not the number of signals.

@@ -1,6 +1,7 @@
-//! Evaluating a trace with a used monitor does not allocate, and monitors take as much memory as documented. Counting
-//! allocations requires a global allocator and therefore `unsafe`; it counts and forwards every call to the system
-//! allocator. It counts for each thread, so that the tests do not disturb each other.
+//! Evaluating a trace with a used monitor does not allocate, and monitors take as much memory as
+//! documented. Counting allocations requires a global allocator and therefore `unsafe`; it counts
+//! and forwards every call to the system allocator. It counts for each thread, so that the tests do
+//! not disturb each other.
 #![allow(clippy::unwrap_used)] // clippy's setting for tests does not cover helper functions
 #![allow(unsafe_code)]
 
@@ -38,7 +39,8 @@ unsafe impl GlobalAlloc for Counting {
         unsafe { System.dealloc(pointer, layout) }
     }
 
-    // The system allocator moves the pages of a large block instead of copying it, so that only the growth counts.
+    // The system allocator moves the pages of a large block instead of copying it, so that only the
+    // growth counts.
     unsafe fn realloc(&self, pointer: *mut u8, layout: Layout, new_size: usize) -> *mut u8 {
         ALLOCATIONS.set(ALLOCATIONS.get() + 1);
         count(new_size as isize - layout.size() as isize);
@@ -90,7 +92,8 @@ fn a_used_monitor_does_not_allocate() {
     assert_eq!(ALLOCATIONS.get() - before, 1);
 }
 
-/// Number of samples of the tests of memory: a power of two, so that vectors that double have no spare capacity.
+/// Number of samples of the tests of memory: a power of two, so that vectors that double have no
+/// spare capacity.
 const SAMPLES: usize = 1 << 17;
 
 /// Memory that does not depend on the number of samples, bytes: the formula and buffers for tiles.

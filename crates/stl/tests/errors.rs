@@ -237,7 +237,8 @@ fn exponential_growth_by_named_sub_formulas_is_an_error() {
 
 #[test]
 fn all_named_sub_formulas_count_together() {
-    // p(i + 1) has 2 p(i) + 1 operators and operands, so p(i) has 4 · 2^i - 1: p10 4,095, and p0 to p9 together 4,082.
+    // p(i + 1) has 2 p(i) + 1 operators and operands, so p(i) has 4 · 2^i - 1: p10 4,095, and p0 to
+    // p9 together 4,082.
     let mut text = "p0 = a > 0;".to_owned();
     for i in 0..10 {
         text += &format!("p{} = p{i} and p{i};", i + 1);

@@ -72,7 +72,8 @@ fn operators_have_the_precedence_of_rtamt() {
     }
 }
 
-/// RTAMT gives `+` a higher precedence than `-`, and `*` a higher one than `/`. Here values follow arithmetic.
+/// RTAMT gives `+` a higher precedence than `-`, and `*` a higher one than `/`. Here values follow
+/// arithmetic.
 #[test]
 fn sums_and_products_associate_to_the_left_unlike_in_rtamt() {
     // At the two samples a = 8, 4; b = 2, 4; c = 4, 1/2. Columns: our values, RTAMT's values.

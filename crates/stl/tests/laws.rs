@@ -66,7 +66,8 @@ fn windows_of_all_lengths_on_long_traces_follow_the_definitions() {
                 true => Tree::One(name, window, Box::new(Tree::Signal(0))),
                 false => Tree::Two(name, window, Box::new(Tree::Signal(0)), Box::new(Tree::Signal(1))),
             };
-            // Left operands that rarely fall and right operands that rarely rise, so that distant samples matter.
+            // Left operands that rarely fall and right operands that rarely rise, so that distant
+            // samples matter.
             let mut columns = random_columns(&mut random, n);
             for (step, value) in columns[0].iter_mut().enumerate() {
                 *value = 20.0 - (step as f64 / 40.0) + if step % 97 == 5 { *value } else { 0.0 };
@@ -589,8 +590,8 @@ fn a_recording_of_another_formula_is_an_error() {
 
 // --- sub-formulas ---
 
-/// Returns the samples of a trace of `n` samples at which a formula with these offsets reads no sample outside the
-/// trace.
+/// Returns the samples of a trace of `n` samples at which a formula with these offsets reads no
+/// sample outside the trace.
 fn covered((low, high): (i64, i64), n: usize) -> std::ops::Range<usize> {
     let end = n.saturating_sub(high as usize);
     (-low as usize).min(end)..end
@@ -635,8 +636,8 @@ fn minima_of_sub_formulas_equal_those_of_separate_monitors() {
     }
 }
 
-/// At a covered sample, the value of a formula with bounded windows is the same in every longer trace. So more samples
-/// can only lower the minimum.
+/// At a covered sample, the value of a formula with bounded windows is the same in every longer
+/// trace. So more samples can only lower the minimum.
 #[test]
 fn the_value_at_a_covered_sample_does_not_depend_on_the_ends_of_the_trace() {
     let mut random = Random(15);
@@ -702,7 +703,8 @@ fn minima_of_sub_formulas_equal_values_computed_by_hand() {
     // Covered at samples 0 to 2; suffix maxima of a from two samples on: [4, 4, -2].
     check("eventually[2:inf] a", &[("eventually[2:inf] a", -2.0, 2), ("a", -2.0, 2)]);
     // The left operand is evaluated on [t, t + 1), the right one up to t + 1: samples 0 to 3.
-    // max(b(t), min(a(t), b(t + 1))): max(0, min(3, 5)) = 3, max(5, 1) = 5, max(2, -2) = 2, max(1, min(4, 6)) = 4.
+    // max(b(t), min(a(t), b(t + 1))): max(0, min(3, 5)) = 3, max(5, 1) = 5, max(2, -2) = 2, max(1,
+    // min(4, 6)) = 4.
     check("a until[0:1] b", &[("a until[0:1] b", 2.0, 2), ("a", -2.0, 2), ("b", 0.0, 0)]);
     // No sample has five later samples.
     check("always[0:5] a", &[("always[0:5] a", INF, 0), ("a", -2.0, 2)]);

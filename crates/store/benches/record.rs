@@ -1,6 +1,8 @@
-//! Disk space and time of recording a campaign: `cargo bench -p mishandle-store [-- SIMULATIONS]` (default 100,000).
+//! Disk space and time of recording a campaign: `cargo bench -p mishandle-store [-- SIMULATIONS]`
+//! (default 100,000).
 //!
-//! The ratio compares with the simplest alternative: one line of CSV per simulation, appended and flushed.
+//! The ratio compares with the simplest alternative: one line of CSV per simulation, appended and
+//! flushed.
 #![allow(clippy::print_stdout)]
 
 use std::error::Error;
@@ -142,8 +144,8 @@ fn simulation(trial: u32, number: u32) -> Simulation {
     }
 }
 
-/// Signals of a trace: a servo that follows a sine, a bouncing ball, their distances, and a distance that becomes
-/// constant.
+/// Signals of a trace: a servo that follows a sine, a bouncing ball, their distances, and a
+/// distance that becomes constant.
 fn smooth_trace() -> StoredTrace {
     let (mut q, mut q_dot, mut z, mut z_dot) = (0.7_f64, 0.0, 1.0_f64, 0.3);
     let mut columns = vec![Vec::new(); 6];

@@ -5,17 +5,19 @@ use std::io::{self, Write};
 use crate::columns::{Field, columns, fields, with_unit};
 use crate::{Result, RunFile, RunHeader, StoreError, StoredTrace};
 
-/// Writes all simulations of a run as CSV (RFC 4180): a header, then one line per simulation, ordered by trial and
-/// number.
+/// Writes all simulations of a run as CSV (RFC 4180): a header, then one line per simulation,
+/// ordered by trial and number.
 ///
-/// The columns are `trial`, `simulation`, `seed`, `robustness`, `robustness_low`, `robustness_high`,
-/// `stop_threshold`, `end`, `end_step`, `end_index`, `steps`; then one column `u_NAME` per axis (the unit point); then one column
-/// `NAME_UNIT` per axis (the scenario; the unit `m/s` becomes `m_per_s`); then one column per verdict; then
-/// `trace_digest` in hexadecimal. Numbers have enough digits to be read back exactly, infinities are `inf` and `-inf`,
-/// and missing values are empty.
+/// The columns are `trial`, `simulation`, `seed`, `robustness`, `robustness_low`,
+/// `robustness_high`, `stop_threshold`, `end`, `end_step`, `end_index`, `steps`; then one column
+/// `u_NAME` per axis (the unit point); then one column `NAME_UNIT` per axis (the scenario; the unit
+/// `m/s` becomes `m_per_s`); then one column per verdict; then `trace_digest` in hexadecimal.
+/// Numbers have enough digits to be read back exactly, infinities are `inf` and `-inf`, and missing
+/// values are empty.
 ///
-/// Control characters in names become escapes such as `\n`. Names that start with `=`, `+`, `-` or `@` are written as they are,
-/// because programs find columns by their names; import an untrusted file into a spreadsheet as text.
+/// Control characters in names become escapes such as `\n`. Names that start with `=`, `+`, `-` or
+/// `@` are written as they are, because programs find columns by their names; import an untrusted
+/// file into a spreadsheet as text.
 ///
 /// # Errors
 /// [`Io`](StoreError::Io) if `writer` fails, or an error of the run file.
@@ -40,8 +42,9 @@ pub struct TraceColumn {
     pub values: Vec<Option<f64>>,
 }
 
-/// Writes a trace as CSV (RFC 4180) that `mishandle monitor` reads: a column `time` in seconds, then one column per
-/// signal of the header, then one column `NAME_UNIT` for each of `more`; one line per sample.
+/// Writes a trace as CSV (RFC 4180) that `mishandle monitor` reads: a column `time` in seconds,
+/// then one column per signal of the header, then one column `NAME_UNIT` for each of `more`; one
+/// line per sample.
 ///
 /// # Errors
 /// [`Io`](StoreError::Io) if `writer` fails.
@@ -81,8 +84,8 @@ fn number(value: f64) -> String {
     format!("{value:?}")
 }
 
-/// Quotes a name. Control characters become visible escapes, because a line break or an escape sequence in a header breaks
-/// what reads it line by line or prints it.
+/// Quotes a name. Control characters become visible escapes, because a line break or an escape
+/// sequence in a header breaks what reads it line by line or prints it.
 fn quoted(name: &str) -> String {
     let name = name.chars().fold(String::with_capacity(name.len()), |mut out, c| {
         if c.is_control() {

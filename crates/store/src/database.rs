@@ -20,7 +20,8 @@ const BUSY_TIMEOUT: Duration = Duration::from_secs(1);
 /// Largest value of a column, except for traces.
 const MAX_VALUE_BYTES: usize = 8 << 20;
 
-/// Largest number of tables, views and indexes. A run file has 23, and SQLite's statistics are two more.
+/// Largest number of tables, views and indexes. A run file has 23, and SQLite's statistics are two
+/// more.
 const MAX_OBJECTS: i32 = 64;
 
 /// Number of SQLite's instructions between two looks at the clock, about 1 ms.
@@ -54,8 +55,8 @@ impl Database {
         let database = Self::connect(path, OpenFlags::SQLITE_OPEN_READ_ONLY)?;
         let read = |database: &Self| database.sql().pragma_query_value(None, "application_id", |_| Ok(()));
         match read(&database).map_err(|error| error.sqlite_error().map(|failure| failure.extended_code)) {
-            // A process was killed while it closed the run, and left a rollback journal. Only a connection
-            // with write access can apply it.
+            // A process was killed while it closed the run, and left a rollback journal. Only a
+            // connection with write access can apply it.
             Err(Some(rusqlite::ffi::SQLITE_READONLY_ROLLBACK)) => {
                 let writer = Self::connect(path, OpenFlags::SQLITE_OPEN_READ_WRITE)?;
                 read(&writer).in_file(path).map_err(not_closed)?;
@@ -67,8 +68,8 @@ impl Database {
 
     /// Connects to an existing file, which can be empty.
     pub(crate) fn open(path: &Path, access: OpenFlags) -> Result<Self> {
-        // SQLite would read `file:NAME?mode=memory` as a URI and `:memory:` as a database without a file. An absolute path
-        // is neither.
+        // SQLite would read `file:NAME?mode=memory` as a URI and `:memory:` as a database without a
+        // file. An absolute path is neither.
         let absolute = std::path::absolute(path)
             .map_err(|source| StoreError::from_io(path, "find the folder of", source))?;
         check_side_files(&absolute)?;
@@ -87,7 +88,8 @@ impl Database {
         &self.connection
     }
 
-    /// Does `work` with a statement that reads or writes traces, which can be larger than other values.
+    /// Does `work` with a statement that reads or writes traces, which can be larger than other
+    /// values.
     pub(crate) fn with_traces<T>(
         &self,
         work: impl FnOnce(&Connection) -> rusqlite::Result<T>,
@@ -100,7 +102,8 @@ impl Database {
     }
 }
 
-/// Checks that the files that SQLite keeps beside a run are regular files. SQLite would wait for the writer of a FIFO.
+/// Checks that the files that SQLite keeps beside a run are regular files. SQLite would wait for
+/// the writer of a FIFO.
 fn check_side_files(path: &Path) -> Result<()> {
     for suffix in ["-journal", "-wal", "-shm"] {
         let mut name = path.as_os_str().to_owned();
@@ -119,8 +122,9 @@ fn check_side_files(path: &Path) -> Result<()> {
     Ok(())
 }
 
-/// Returns whether a rollback journal ends with the name of a super-journal, which SQLite would open, and all files that it
-/// lists. Transactions of several databases have one; a run is a single database.
+/// Returns whether a rollback journal ends with the name of a super-journal, which SQLite would
+/// open, and all files that it lists. Transactions of several databases have one; a run is a single
+/// database.
 fn names_other_journals(journal: &Path) -> bool {
     // The last bytes of such a journal: <https://sqlite.org/fileformat2.html#the_rollback_journal>.
     const MAGIC: [u8; 8] = [0xd9, 0xd5, 0x05, 0xf9, 0x20, 0xa1, 0x63, 0xd7];

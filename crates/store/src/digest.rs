@@ -1,13 +1,15 @@
-//! SHA-256 of values in a canonical encoding, so that a digest does not depend on the storage format.
+//! SHA-256 of values in a canonical encoding, so that a digest does not depend on the storage
+//! format.
 
 use sha2::{Digest as _, Sha256};
 
-/// A SHA-256 of values. Numbers are encoded as 8 little-endian bytes, floats by their bits; the length of a text or
-/// list precedes its content.
+/// A SHA-256 of values. Numbers are encoded as 8 little-endian bytes, floats by their bits; the
+/// length of a text or list precedes its content.
 pub(crate) struct Digest(Sha256);
 
 impl Digest {
-    /// Creates a digest. Different kinds of values use different `subject`s, so that their digests differ.
+    /// Creates a digest. Different kinds of values use different `subject`s, so that their digests
+    /// differ.
     pub(crate) fn of(subject: &str) -> Self {
         let mut digest = Self(Sha256::new());
         digest.text(subject);
@@ -53,8 +55,8 @@ impl Digest {
         self.0.update(text);
     }
 
-    /// Returns the first 16 bytes of the SHA-256 as a big-endian number, so that its hexadecimal digits are those of
-    /// the hash.
+    /// Returns the first 16 bytes of the SHA-256 as a big-endian number, so that its hexadecimal
+    /// digits are those of the hash.
     pub(crate) fn finish(self) -> u128 {
         let bytes: [u8; 32] = self.0.finalize().into();
         bytes[..16].iter().fold(0, |number, &byte| number << 8 | u128::from(byte))

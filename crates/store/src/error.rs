@@ -37,8 +37,8 @@ pub enum StoreError {
         /// Path of the file.
         path: PathBuf,
     },
-    /// The run was not closed, because its writer was killed or is still running, and the folder is read-only. SQLite
-    /// then cannot read the log beside the file.
+    /// The run was not closed, because its writer was killed or is still running, and the folder is
+    /// read-only. SQLite then cannot read the log beside the file.
     #[error(
         "cannot read a run that was not closed from a read-only folder; copy it and the file ending in `-wal` \
          beside it to a writable folder: {}", path.display()
@@ -78,7 +78,8 @@ pub enum StoreError {
         /// Path of the file.
         path: PathBuf,
     },
-    /// The file is empty or a database without tables, which a program leaves that is killed while it creates a run.
+    /// The file is empty or a database without tables, which a program leaves that is killed while
+    /// it creates a run.
     #[error(
         "the run file is empty: the program that created it was stopped before the first simulation, or it was copied \
          without the file ending in `-wal` beside it; start the run again, which replaces the file: {}", path.display()
@@ -275,8 +276,8 @@ impl StoreError {
         }
     }
 
-    /// Converts an error of SQLite. The SQL statements of this crate are constant, so a statement that SQLite rejects,
-    /// or a value of an unexpected type, means that the file is damaged.
+    /// Converts an error of SQLite. The SQL statements of this crate are constant, so a statement
+    /// that SQLite rejects, or a value of an unexpected type, means that the file is damaged.
     pub(crate) fn from_sqlite(path: &Path, error: &rusqlite::Error) -> Self {
         let path = path.to_path_buf();
         let message = error.to_string();
@@ -324,7 +325,8 @@ fn failed_operation(extended_code: i32) -> &'static str {
 
 /// Returns a second possible cause of an error, for a file whose write-ahead log is missing.
 fn if_without_log(path: &Path) -> &'static str {
-    // SQLite sets bytes 18 and 19 to 2 when a writer starts a log, and resets them when the writer closes the file.
+    // SQLite sets bytes 18 and 19 to 2 when a writer starts a log, and resets them when the writer
+    // closes the file.
     const VERSIONS: std::ops::Range<usize> = 18..20;
     let mut first_bytes = [0; VERSIONS.end];
     let read = std::fs::File::open(path).and_then(|mut file| file.read_exact(&mut first_bytes));

@@ -107,7 +107,8 @@ pub struct AxisRecord {
     pub high: f64,
     /// Value of the undisturbed episode; `None` if it is a random draw.
     pub nominal: Option<f64>,
-    /// The values between the bounds that the axis can take, such as `continuous`. Column `domain` of the file.
+    /// The values between the bounds that the axis can take, such as `continuous`. Column `domain`
+    /// of the file.
     pub values: String,
     /// Description for people; may be empty.
     pub meaning: String,
@@ -115,8 +116,8 @@ pub struct AxisRecord {
 
 /// The header of a run: plan, target, scenario space and build.
 ///
-/// The caller provides all of it, and reading returns it unchanged. It contains no time or date, so that equal
-/// runs have equal headers.
+/// The caller provides all of it, and reading returns it unchanged. It contains no time or date, so
+/// that equal runs have equal headers.
 #[derive(Debug, Clone, PartialEq)]
 pub struct RunHeader {
     /// Whether the run falsifies or evaluates.
@@ -145,9 +146,11 @@ pub struct RunHeader {
     pub control_dt: f64,
     /// Control steps of a complete episode.
     pub episode_steps: u32,
-    /// The signals of a trace, in the order of [`StoredTrace::columns`](crate::StoredTrace::columns).
+    /// The signals of a trace, in the order of
+    /// [`StoredTrace::columns`](crate::StoredTrace::columns).
     pub signals: Vec<SignalRecord>,
-    /// The axes of the scenario space, in the order of [`Simulation::scenario`](crate::Simulation::scenario).
+    /// The axes of the scenario space, in the order of
+    /// [`Simulation::scenario`](crate::Simulation::scenario).
     pub axes: Vec<AxisRecord>,
     /// Names of the verdicts in addition to the robustness, in the order of
     /// [`Simulation::verdicts`](crate::Simulation::verdicts).

@@ -261,7 +261,8 @@ pub(crate) fn read(connection: &Connection, path: &Path) -> Result<RunHeader> {
     Ok(header)
 }
 
-/// Checks that the table `header` has as many keys as this program writes. Each of them is read by name.
+/// Checks that the table `header` has as many keys as this program writes. Each of them is read by
+/// name.
 fn check_keys(connection: &Connection, path: &Path) -> Result<()> {
     let count = connection.query_row("SELECT count(*) FROM header", [], |row| row.get::<_, i64>(0));
     match count.in_file(path)? {

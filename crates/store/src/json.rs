@@ -1,5 +1,5 @@
-//! Lists of numbers as JSON text. Finite numbers are read back with the same bits, infinities are the strings `"inf"`
-//! and `"-inf"`, and a missing value is `null`.
+//! Lists of numbers as JSON text. Finite numbers are read back with the same bits, infinities are
+//! the strings `"inf"` and `"-inf"`, and a missing value is `null`.
 
 use std::fmt;
 
@@ -9,7 +9,8 @@ use serde_json::{Result, Value};
 const INFINITY: &str = "inf";
 const MINUS_INFINITY: &str = "-inf";
 
-/// Returns a JSON object that maps each name to its value. `names` and `values` have the same length.
+/// Returns a JSON object that maps each name to its value. `names` and `values` have the same
+/// length.
 pub(crate) fn object<'a>(names: impl Iterator<Item = &'a str>, values: &[Option<f64>]) -> Result<String> {
     let mut text = Vec::with_capacity(2 + values.len() * 40);
     text.push(b'{');
@@ -34,8 +35,8 @@ pub(crate) fn array(values: &[f64]) -> Result<String> {
     serde_json::to_string(values)
 }
 
-/// The entries of an object in their order. A map would drop an entry with a repeated key: it keeps the last value, but
-/// SQLite reads the first.
+/// The entries of an object in their order. A map would drop an entry with a repeated key: it keeps
+/// the last value, but SQLite reads the first.
 struct Entries(Vec<(String, Value)>);
 
 impl<'de> Deserialize<'de> for Entries {

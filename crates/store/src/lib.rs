@@ -7,29 +7,31 @@
 //! - the **simulations** ([`Simulation`]): one row each, committed when the simulation ends;
 //! - the **traces** ([`StoredTrace`]) of selected simulations, such as counterexamples.
 //!
-//! [`RunWriter`] writes a run; a file has at most one writer. [`RunFile`] reads a run; there can be any number of
-//! readers, also while the run is being written.
+//! [`RunWriter`] writes a run; a file has at most one writer. [`RunFile`] reads a run; there can be
+//! any number of readers, also while the run is being written.
 //!
 //! # Guarantees
 //! - Numbers are read back with the same bits, including ±infinity, −0.0 and seeds above 2⁶³.
 //! - A killed process loses at most its current transaction.
-//! - Every row contains a hash of itself and of its trace. Opening a run compares all of them; reading a row whose bytes
-//!   were changed fails with [`StoreError::Damaged`]. The hashes contain no secret: they detect accidental damage, not
-//!   forgery, and not missing rows.
-//! - A run has one writer at a time, also during its creation. A process without the lock never creates, changes or removes
-//!   the file.
-//! - A closed run is a single file, which can be copied, and read from a read-only folder. Until the run is closed, and
-//!   after a kill, the files ending in `-wal`, `-shm` and `.lock` beside it belong to it.
-//! - The folder of a run that is being written must be on a local disk, because SQLite's write-ahead log needs memory
-//!   shared by readers and writer.
-//! - The same records give the same [`RunFile::content_digest`]. The bytes of two SQLite files can differ, because they
-//!   depend on the order and size of the transactions.
+//! - Every row contains a hash of itself and of its trace. Opening a run compares all of them;
+//!   reading a row whose bytes were changed fails with [`StoreError::Damaged`]. The hashes contain
+//!   no secret: they detect accidental damage, not forgery, and not missing rows.
+//! - A run has one writer at a time, also during its creation. A process without the lock never
+//!   creates, changes or removes the file.
+//! - A closed run is a single file, which can be copied, and read from a read-only folder. Until
+//!   the run is closed, and after a kill, the files ending in `-wal`, `-shm` and `.lock` beside it
+//!   belong to it.
+//! - The folder of a run that is being written must be on a local disk, because SQLite's
+//!   write-ahead log needs memory shared by readers and writer.
+//! - The same records give the same [`RunFile::content_digest`]. The bytes of two SQLite files can
+//!   differ, because they depend on the order and size of the transactions.
 //! - A file of another format version is an error that names both versions.
-//! - A file contains the tables and views that this program creates and nothing else. A file with other views or
-//!   triggers, which could change the meaning of SQL statements, is reported as damaged. Sizes of values and times of
-//!   statements are limited.
+//! - A file contains the tables and views that this program creates and nothing else. A file with
+//!   other views or triggers, which could change the meaning of SQL statements, is reported as
+//!   damaged. Sizes of values and times of statements are limited.
 //!
-//! The file can be read with plain `sqlite3`: `docs/reference/run_file.md` lists its tables, views and columns.
+//! The file can be read with plain `sqlite3`: `docs/reference/run_file.md` lists its tables, views
+//! and columns.
 //!
 //! # Example
 //! ```

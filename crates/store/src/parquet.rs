@@ -17,10 +17,12 @@ use crate::{Result, RunFile, RunHeader, StoreError};
 /// Number of simulations that are in memory at a time.
 const ROW_GROUP: usize = 1 << 16;
 
-/// Writes all simulations of a run as Parquet, with the columns of [`export_csv`](crate::export_csv).
+/// Writes all simulations of a run as Parquet, with the columns of
+/// [`export_csv`](crate::export_csv).
 ///
-/// Integers are unsigned 64-bit, numbers are 64-bit floats with their bits, `end` and `trace_digest` are strings; missing values
-/// are null. If two columns have the same name, a number is appended to the later one. Pages are compressed with LZ4.
+/// Integers are unsigned 64-bit, numbers are 64-bit floats with their bits, `end` and
+/// `trace_digest` are strings; missing values are null. If two columns have the same name, a number
+/// is appended to the later one. Pages are compressed with LZ4.
 ///
 /// # Errors
 /// [`Io`](StoreError::Io) if `writer` fails, or an error of the run file.

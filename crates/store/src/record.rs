@@ -101,8 +101,8 @@ impl SimulationEnd {
         name
     }
 
-    /// Returns the end with this name, control step and index, as the columns `ended`, `end_step` and `end_index` of a run file
-    /// contain them; `None` if they are not those of an end.
+    /// Returns the end with this name, control step and index, as the columns `ended`, `end_step`
+    /// and `end_index` of a run file contain them; `None` if they are not those of an end.
     pub fn from_name(name: &str, step: Option<u32>, index: Option<u32>) -> Option<SimulationEnd> {
         end_from_columns(name, step, index)
     }
@@ -131,15 +131,19 @@ pub struct Simulation {
     pub seed: u64,
     /// The search's point of \[0, 1\]^d: one number per axis, or empty if no search proposed it.
     pub unit_point: Vec<f64>,
-    /// The scenario: one value per axis, in the axis' unit; `None` for a value drawn from its random stream.
+    /// The scenario: one value per axis, in the axis' unit; `None` for a value drawn from its
+    /// random stream.
     pub scenario: Vec<Option<f64>>,
     /// Robustness of the requirement, possibly ±infinity; `None` if undecided.
     pub robustness: Option<f64>,
-    /// Lower bound of the robustness of the complete episode; equal to `robustness` if the episode is complete.
+    /// Lower bound of the robustness of the complete episode; equal to `robustness` if the episode
+    /// is complete.
     pub robustness_low: Option<f64>,
-    /// Upper bound of the robustness of the complete episode; equal to `robustness` if the episode is complete.
+    /// Upper bound of the robustness of the complete episode; equal to `robustness` if the episode
+    /// is complete.
     pub robustness_high: Option<f64>,
-    /// Threshold of the robustness at which the monitor stops the episode; `None` without early stopping.
+    /// Threshold of the robustness at which the monitor stops the episode; `None` without early
+    /// stopping.
     pub stop_threshold: Option<f64>,
     /// End of the episode.
     pub end: SimulationEnd,
@@ -147,13 +151,13 @@ pub struct Simulation {
     pub steps: u32,
     /// One value per verdict in the header; `None` where it does not apply.
     pub verdicts: Vec<Option<f64>>,
-    /// [`trace_digest`](crate::trace_digest) of the trace. A replay can be compared with it even if the trace is not
-    /// stored.
+    /// [`trace_digest`](crate::trace_digest) of the trace. A replay can be compared with it even if
+    /// the trace is not stored.
     pub trace_digest: Option<u128>,
     /// The trace, with one column per signal of the header; `None` if it is not stored.
     ///
-    /// [`RunFile::simulations`](crate::RunFile::simulations) does not read the trace and returns `None`;
-    /// [`RunFile::simulation`](crate::RunFile::simulation) reads it.
+    /// [`RunFile::simulations`](crate::RunFile::simulations) does not read the trace and returns
+    /// `None`; [`RunFile::simulation`](crate::RunFile::simulation) reads it.
     pub trace: Option<StoredTrace>,
 }
 
@@ -168,8 +172,8 @@ pub struct Counts {
     pub undecided: u64,
     /// Simulations whose physics diverged.
     pub diverged: u64,
-    /// Simulations that ended because controller or target returned a value that is not finite: an invalid action,
-    /// observation, reward or signal.
+    /// Simulations that ended because controller or target returned a value that is not finite: an
+    /// invalid action, observation, reward or signal.
     pub invalid: u64,
 }
 

@@ -76,7 +76,8 @@ pub(crate) fn end_from_columns(text: &str, step: Option<u32>, index: Option<u32>
     Some(end)
 }
 
-/// Feeds all fields of a simulation, so that a change of any field is detected. The digest represents the trace.
+/// Feeds all fields of a simulation, so that a change of any field is detected. The digest
+/// represents the trace.
 pub(crate) fn feed(digest: &mut Digest, simulation: &Simulation, trace_digest: Option<u128>) {
     let Simulation {
         trial,
@@ -226,7 +227,8 @@ pub(crate) fn guard(simulation: &Simulation, header: &RunHeader) -> Result<()> {
     Ok(())
 }
 
-/// Inserts a simulation without its trace. [`guard`] has checked it, and `trace_digest` is the digest of its trace.
+/// Inserts a simulation without its trace. [`guard`] has checked it, and `trace_digest` is the
+/// digest of its trace.
 pub(crate) fn insert(
     connection: &Connection,
     header: &RunHeader,

@@ -23,8 +23,8 @@ const PAGE_VALUES: usize = 1 << 18;
 
 /// A run opened for reading.
 ///
-/// Any number of processes can read a run, also while it is being written. Each call returns the records committed
-/// before it.
+/// Any number of processes can read a run, also while it is being written. Each call returns the
+/// records committed before it.
 #[derive(Debug)]
 pub struct RunFile {
     pub(crate) path: PathBuf,
@@ -33,22 +33,26 @@ pub struct RunFile {
 }
 
 impl RunFile {
-    /// Opens a run for reading, and checks the structure of the file and the hashes of all trials and simulations.
+    /// Opens a run for reading, and checks the structure of the file and the hashes of all trials
+    /// and simulations.
     ///
-    /// The check reads the whole file except for the traces: about 1 s for 100,000 simulations of two axes.
+    /// The check reads the whole file except for the traces: about 1 s for 100,000 simulations of
+    /// two axes.
     ///
     /// # Errors
     /// - [`Missing`](StoreError::Missing), [`NotARun`](StoreError::NotARun),
     ///   [`NewerVersion`](StoreError::NewerVersion), [`OlderVersion`](StoreError::OlderVersion) or
     ///   [`Damaged`](StoreError::Damaged);
-    /// - [`NotClosed`](StoreError::NotClosed) if the run was not closed and the folder is read-only.
+    /// - [`NotClosed`](StoreError::NotClosed) if the run was not closed and the folder is
+    ///   read-only.
     pub fn open(path: impl AsRef<Path>) -> Result<Self> {
         let run = Self::open_unchecked(path)?;
         run.check_opened()?;
         Ok(run)
     }
 
-    /// Opens a run as [`open`](Self::open) does, without the check. Each record is still checked when it is read.
+    /// Opens a run as [`open`](Self::open) does, without the check. Each record is still checked
+    /// when it is read.
     ///
     /// # Errors
     /// The errors of [`open`](Self::open).
@@ -124,8 +128,8 @@ impl RunFile {
         self.database.sql().query_row(&sql, [], |row| counts(row, 0)).in_file(&self.path)
     }
 
-    /// Returns the number of the last simulation of a trial, or 0 if it has none. A resumed trial continues with the
-    /// next number.
+    /// Returns the number of the last simulation of a trial, or 0 if it has none. A resumed trial
+    /// continues with the next number.
     ///
     /// # Errors
     /// An error of the file.
@@ -134,8 +138,8 @@ impl RunFile {
         self.database.sql().query_row(sql, [trial], |row| row.get(0)).in_file(&self.path)
     }
 
-    /// Iterates over all simulations without their traces, ordered by trial and number. Memory use does not depend on
-    /// their number.
+    /// Iterates over all simulations without their traces, ordered by trial and number. Memory use
+    /// does not depend on their number.
     pub fn simulations(&self) -> Simulations<'_> {
         Simulations::between(self, 0, u32::MAX)
     }
@@ -148,8 +152,8 @@ impl RunFile {
     /// Returns one simulation, with its trace if the trace is stored.
     ///
     /// # Errors
-    /// [`UnknownSimulation`](StoreError::UnknownSimulation), [`Damaged`](StoreError::Damaged), or another error of the
-    /// file.
+    /// [`UnknownSimulation`](StoreError::UnknownSimulation), [`Damaged`](StoreError::Damaged), or
+    /// another error of the file.
     pub fn simulation(&self, trial: u32, number: u32) -> Result<Simulation> {
         let simulation =
             self.recorded(trial, number)?.ok_or(StoreError::UnknownSimulation { trial, number })?;
@@ -173,8 +177,8 @@ impl RunFile {
         Ok(simulation)
     }
 
-    /// Returns the outcomes of another physics engine with this number, from 1, and this number of values for each request;
-    /// `None` if the run does not have them.
+    /// Returns the outcomes of another physics engine with this number, from 1, and this number of
+    /// values for each request; `None` if the run does not have them.
     ///
     /// # Errors
     /// [`Damaged`](StoreError::Damaged), or another error of the file.
@@ -193,11 +197,13 @@ impl RunFile {
         rows.collect::<rusqlite::Result<_>>().in_file(&self.path)
     }
 
-    /// Returns a digest of all trials, simulations and trace digests, and of the set of stored traces.
+    /// Returns a digest of all trials, simulations and trace digests, and of the set of stored
+    /// traces.
     ///
-    /// Two runs with the same records have the same digest, whatever their batch sizes. The digest does not depend on
-    /// the header, so that runs of two builds can be compared. For a run that is being written, call it on the writer's
-    /// [`file`](RunWriter::file): in another process, simulations can be added while the digest is computed.
+    /// Two runs with the same records have the same digest, whatever their batch sizes. The digest
+    /// does not depend on the header, so that runs of two builds can be compared. For a run that is
+    /// being written, call it on the writer's [`file`](RunWriter::file): in another process,
+    /// simulations can be added while the digest is computed.
     ///
     /// # Errors
     /// [`Damaged`](StoreError::Damaged), or another error of the file.
@@ -218,7 +224,8 @@ impl RunFile {
         Ok(digest.finish())
     }
 
-    /// Checks the structure of the file, its indexes, and the hashes of all trials, simulations and traces.
+    /// Checks the structure of the file, its indexes, and the hashes of all trials, simulations and
+    /// traces.
     ///
     /// # Errors
     /// [`Damaged`](StoreError::Damaged) for the first damage found.
@@ -238,8 +245,8 @@ impl RunFile {
         self.check_rows()
     }
 
-    /// Checks that all rows have numbers that can be read, and that [`trials`](Self::trials) is of bounded length. Rows with
-    /// other numbers would be skipped.
+    /// Checks that all rows have numbers that can be read, and that [`trials`](Self::trials) is of
+    /// bounded length. Rows with other numbers would be skipped.
     fn check_numbers(&self) -> Result<()> {
         let count =
             self.database.sql().query_row("SELECT count(*) FROM trial", [], |row| row.get::<_, i64>(0));
@@ -390,8 +397,8 @@ impl Iterator for Simulations<'_> {
     }
 }
 
-/// Converts the error of the first read: the file is open, but SQLite could not create the index of the log beside it,
-/// or roll back the journal.
+/// Converts the error of the first read: the file is open, but SQLite could not create the index of
+/// the log beside it, or roll back the journal.
 pub(crate) fn not_closed(error: StoreError) -> StoreError {
     match error {
         StoreError::ReadOnly { path } | StoreError::CannotOpen { path } => StoreError::NotClosed { path },
@@ -399,7 +406,8 @@ pub(crate) fn not_closed(error: StoreError) -> StoreError {
     }
 }
 
-/// Returns the error of an integrity check. SQLite also lists pages that it could not read, which may not be damaged.
+/// Returns the error of an integrity check. SQLite also lists pages that it could not read, which
+/// may not be damaged.
 fn integrity_error(path: &Path, verdict: &str) -> StoreError {
     let out_of_memory = format!("error code={}", rusqlite::ffi::SQLITE_NOMEM);
     if verdict.lines().any(|line| line.ends_with(&out_of_memory)) {

@@ -27,32 +27,34 @@ pub enum IfExists {
 
 /// The writer of a run. A run has at most one writer.
 ///
-/// The writer holds a lock file beside the run and SQLite's write lock. A second writer gets [`StoreError::Locked`];
-/// readers are not blocked. Each call is one transaction: a process that is killed after the call has returned loses
-/// nothing of it. After a power failure, the transactions since the last sync can be missing, the last ones first; the
-/// earlier ones are complete. [`create`](Self::create) and [`close`](Self::close) sync, and SQLite does so each time it
-/// moves the log into the file, about every 4 MB. After [`set_durable`](Self::set_durable), each call syncs.
+/// The writer holds a lock file beside the run and SQLite's write lock. A second writer gets
+/// [`StoreError::Locked`]; readers are not blocked. Each call is one transaction: a process that is
+/// killed after the call has returned loses nothing of it. After a power failure, the transactions
+/// since the last sync can be missing, the last ones first; the earlier ones are complete.
+/// [`create`](Self::create) and [`close`](Self::close) sync, and SQLite does so each time it moves
+/// the log into the file, about every 4 MB. After [`set_durable`](Self::set_durable), each call
+/// syncs.
 #[derive(Debug)]
 pub struct RunWriter {
     file: RunFile,
     /// Whether the open transaction contains rows of a call that failed.
     needs_rollback: bool,
-    /// Needed in addition to SQLite's lock, which is released for a moment between two transactions. Dropped last,
-    /// after the file is closed.
+    /// Needed in addition to SQLite's lock, which is released for a moment between two
+    /// transactions. Dropped last, after the file is closed.
     _lock: FileLock,
 }
 
 impl RunWriter {
-    /// Creates a run that contains only the header. Always replaces a file without content, which a program leaves that
-    /// is killed while it creates a run.
+    /// Creates a run that contains only the header. Always replaces a file without content, which a
+    /// program leaves that is killed while it creates a run.
     ///
     /// # Errors
     /// - [`Exists`](StoreError::Exists) if the file exists and `existing` is [`IfExists::Refuse`];
     /// - [`NotARun`](StoreError::NotARun) if the file to replace is not a run file;
     /// - [`Locked`](StoreError::Locked) if another process is writing the run;
     /// - [`BadHeader`](StoreError::BadHeader) if names are not unique or numbers are not finite;
-    /// - [`Missing`](StoreError::Missing), [`ReadOnly`](StoreError::ReadOnly) or [`NoRoom`](StoreError::NoRoom) for the
-    ///   folder.
+    /// - [`Missing`](StoreError::Missing), [`ReadOnly`](StoreError::ReadOnly) or
+    ///   [`NoRoom`](StoreError::NoRoom) for the folder.
     pub fn create(path: impl AsRef<Path>, header: &RunHeader, existing: IfExists) -> Result<Self> {
         let path = path.as_ref();
         header_table::guard(header)?;
@@ -79,8 +81,8 @@ impl RunWriter {
     /// Opens a run to add records, and checks it as [`RunFile::open`] does.
     ///
     /// # Errors
-    /// [`Locked`](StoreError::Locked) if another process is writing the run, [`ReadOnly`](StoreError::ReadOnly), or an
-    /// error of [`RunFile::open`].
+    /// [`Locked`](StoreError::Locked) if another process is writing the run,
+    /// [`ReadOnly`](StoreError::ReadOnly), or an error of [`RunFile::open`].
     pub fn resume(path: impl AsRef<Path>) -> Result<Self> {
         Self::open(path.as_ref(), true)
     }
@@ -115,7 +117,8 @@ impl RunWriter {
         Ok(Self { file, needs_rollback: false, _lock: writer_lock })
     }
 
-    /// Makes each later call wait until its records are on the disk, so that a power failure loses none of them.
+    /// Makes each later call wait until its records are on the disk, so that a power failure loses
+    /// none of them.
     ///
     /// # Errors
     /// An error of the file.
@@ -167,12 +170,13 @@ impl RunWriter {
     /// A simulation with a trace and without a digest gets the digest of its trace.
     ///
     /// # Errors
-    /// [`UnknownTrial`](StoreError::UnknownTrial), [`AlreadyRecorded`](StoreError::AlreadyRecorded),
-    /// [`WrongLength`](StoreError::WrongLength), [`NotANumber`](StoreError::NotANumber),
-    /// [`SimulationZero`](StoreError::SimulationZero) and [`WrongDigest`](StoreError::WrongDigest) for a
-    /// simulation that does not fit the run; [`DiskFull`](StoreError::DiskFull) or another error of the file. The
-    /// writer remains usable after an error. If memory is exhausted at the end of the transaction, the simulations can
-    /// be recorded in spite of the error.
+    /// [`UnknownTrial`](StoreError::UnknownTrial),
+    /// [`AlreadyRecorded`](StoreError::AlreadyRecorded), [`WrongLength`](StoreError::WrongLength),
+    /// [`NotANumber`](StoreError::NotANumber), [`SimulationZero`](StoreError::SimulationZero) and
+    /// [`WrongDigest`](StoreError::WrongDigest) for a simulation that does not fit the run;
+    /// [`DiskFull`](StoreError::DiskFull) or another error of the file. The writer remains usable
+    /// after an error. If memory is exhausted at the end of the transaction, the simulations can be
+    /// recorded in spite of the error.
     pub fn record(&mut self, simulations: &[Simulation]) -> Result<()> {
         for simulation in simulations {
             row::guard(simulation, self.file.header())?;
@@ -193,8 +197,8 @@ impl RunWriter {
 
     /// Closes the run and moves all records into a single file.
     ///
-    /// Dropping the writer does the same, but ignores errors. While another process reads the run, the log beside the
-    /// file remains; the last reader removes it.
+    /// Dropping the writer does the same, but ignores errors. While another process reads the run,
+    /// the log beside the file remains; the last reader removes it.
     ///
     /// # Errors
     /// An error of the file. The records are safe in the file and its log.
@@ -230,7 +234,8 @@ impl Drop for RunWriter {
     }
 }
 
-/// Converts an error during creation: unlike after [`StoreError::DiskFull`], there is no run to resume.
+/// Converts an error during creation: unlike after [`StoreError::DiskFull`], there is no run to
+/// resume.
 fn creation_error(error: StoreError) -> StoreError {
     match error {
         StoreError::DiskFull { path } => StoreError::NoRoom { path },
@@ -363,7 +368,8 @@ fn remove(path: &Path) -> Result<()> {
     remove_files(path)
 }
 
-/// Returns whether the file is empty or a database without tables: the creation of a run was interrupted.
+/// Returns whether the file is empty or a database without tables: the creation of a run was
+/// interrupted.
 fn is_unfinished(path: &Path) -> bool {
     let is_file = std::fs::symlink_metadata(path).is_ok_and(|found| found.is_file());
     let version =

@@ -1,11 +1,11 @@
 //! The tables and views of a run file.
 //!
-//! `docs/reference/run_file.md` explains the columns to readers with plain `sqlite3`. Columns of floats have the type `ANY`,
-//! because a column of type `REAL` turns −0.0 into 0. Seeds are decimal text, because SQLite's integers are signed.
-//! Hashes of rows are the first 64 bits of a SHA-256.
+//! `docs/reference/run_file.md` explains the columns to readers with plain `sqlite3`. Columns of
+//! floats have the type `ANY`, because a column of type `REAL` turns −0.0 into 0. Seeds are decimal
+//! text, because SQLite's integers are signed. Hashes of rows are the first 64 bits of a SHA-256.
 //!
-//! `simulation` is not `WITHOUT ROWID`: in such a table, SQLite moves a row of more than 1,000 bytes (about 20 axes) to
-//! overflow pages.
+//! `simulation` is not `WITHOUT ROWID`: in such a table, SQLite moves a row of more than 1,000
+//! bytes (about 20 axes) to overflow pages.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
@@ -16,8 +16,8 @@ use crate::error::{InFile, StoreError};
 use crate::row::COUNTS;
 use crate::{Result, RunHeader, header_table};
 
-/// The statements that create the tables. SQLite stores their text, and opening a file compares it, so every character
-/// is part of the format.
+/// The statements that create the tables. SQLite stores their text, and opening a file compares it,
+/// so every character is part of the format.
 const TABLES: &[&str] = &[
     "CREATE TABLE header (
     key TEXT PRIMARY KEY,
@@ -119,11 +119,12 @@ const SIMULATION_COLUMNS: [&str; 12] = [
     "trace_digest",
 ];
 
-/// Largest number of columns of a view. SQLite returns at most 2,000 columns; further axes and verdicts are only in the
-/// JSON.
+/// Largest number of columns of a view. SQLite returns at most 2,000 columns; further axes and
+/// verdicts are only in the JSON.
 const MAX_COLUMNS: usize = 1900;
 
-/// Checks that the file contains the tables and views of this version and nothing else, and returns its header.
+/// Checks that the file contains the tables and views of this version and nothing else, and returns
+/// its header.
 ///
 /// A malicious file can contain triggers, or views in place of the tables.
 pub(crate) fn read_header(connection: &Connection, path: &Path) -> Result<RunHeader> {
@@ -134,8 +135,8 @@ pub(crate) fn read_header(connection: &Connection, path: &Path) -> Result<RunHea
     Ok(header)
 }
 
-/// Returns the statements that create the views. They depend on the header: one column per axis and verdict. Their text
-/// is part of the format.
+/// Returns the statements that create the views. They depend on the header: one column per axis and
+/// verdict. Their text is part of the format.
 fn views(header: &RunHeader) -> [String; 2] {
     let mut taken: BTreeSet<String> = SIMULATION_COLUMNS.iter().map(ToString::to_string).collect();
     let mut columns: Vec<String> = SIMULATION_COLUMNS.iter().map(ToString::to_string).collect();
@@ -199,7 +200,8 @@ fn check_empty(others: &Statements, path: &Path) -> Result<()> {
 }
 
 fn statements(connection: &Connection) -> rusqlite::Result<Statements> {
-    // Indexes of primary keys have no statement. `ANALYZE` of a SQLite tool adds the tables of its statistics.
+    // Indexes of primary keys have no statement. `ANALYZE` of a SQLite tool adds the tables of its
+    // statistics.
     let mut select = connection.prepare(
         "SELECT ifnull(sql, ''), type || ' ' || name FROM sqlite_schema
          WHERE NOT (type = 'index' AND name GLOB 'sqlite_autoindex_*' AND sql IS NULL)
@@ -211,7 +213,8 @@ fn statements(connection: &Connection) -> rusqlite::Result<Statements> {
     select.query_map([], |row| Ok((row.get(0)?, row.get(1)?)))?.collect()
 }
 
-/// Returns `name`, or a name derived from it if another column has it. SQLite ignores the case of names.
+/// Returns `name`, or a name derived from it if another column has it. SQLite ignores the case of
+/// names.
 fn free_name(kind: &str, name: &str, taken: &mut BTreeSet<String>) -> String {
     let numbered = (2..).map(|number: u32| format!("{kind}_{name}_{number}"));
     let mut candidates = [name.to_owned(), format!("{kind}_{name}")].into_iter().chain(numbered);

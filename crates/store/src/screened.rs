@@ -1,7 +1,9 @@
-//! Outcomes of another physics engine. They propose simulations; they are not simulations themselves.
+//! Outcomes of another physics engine. They propose simulations; they are not simulations
+//! themselves.
 //!
-//! A chunk holds the outcomes of the requests that were screened together. A run that continues takes them from the file
-//! instead of screening again. `requests` is a digest of the requests, so that outcomes never answer other ones.
+//! A chunk holds the outcomes of the requests that were screened together. A run that continues
+//! takes them from the file instead of screening again. `requests` is a digest of the requests, so
+//! that outcomes never answer other ones.
 
 use std::path::Path;
 
@@ -111,7 +113,8 @@ fn each(file: &RunFile, number: Option<u32>, mut with: impl FnMut(Row) -> Result
     file.database.with_traces(select).in_file(path)?
 }
 
-/// Reads a chunk whose outcomes have this number of columns; `None` if the run has no chunk with this number.
+/// Reads a chunk whose outcomes have this number of columns; `None` if the run has no chunk with
+/// this number.
 pub(crate) fn read(file: &RunFile, number: u32, columns: usize) -> Result<Option<ScreenedChunk>> {
     let mut found = None;
     each(file, Some(number), |row| {

@@ -11,24 +11,24 @@
 //!                      column, then the next higher one, up to the eighth
 //! ```
 //!
-//! A sample's bits are read as an unsigned integer x and predicted from the three before it (0 where there
-//! are none), modulo 2⁶⁴:
+//! A sample's bits are read as an unsigned integer x and predicted from the three before it (0
+//! where there are none), modulo 2⁶⁴:
 //!
 //! ```text
 //! order 0: 0      order 1: x₁      order 2: 2 x₁ − x₂      order 3: 3 x₁ − 3 x₂ + x₃
 //! ```
 //!
-//! The residual is x minus the prediction, with the sign moved to the lowest bit. The motion of a robot is smooth, so
-//! the high bytes of the residuals are mostly 0. The low bytes are rounding noise, which does not compress. The
-//! encoding is lossless for every bit pattern, including NaN.
+//! The residual is x minus the prediction, with the sign moved to the lowest bit. The motion of a
+//! robot is smooth, so the high bytes of the residuals are mostly 0. The low bytes are rounding
+//! noise, which does not compress. The encoding is lossless for every bit pattern, including NaN.
 
 use crate::digest::Digest;
 
 const ENCODING: u8 = 1;
 const ORDERS: u8 = 4;
 const FIXED_BYTES: usize = 9;
-/// Upper bound of LZ4's compression ratio, which is at most 255. A blob that claims a higher ratio is damaged; no
-/// memory is allocated for it.
+/// Upper bound of LZ4's compression ratio, which is at most 255. A blob that claims a higher ratio
+/// is damaged; no memory is allocated for it.
 const LARGEST_RATIO: usize = 256;
 
 /// Largest size of a trace, in bytes before compression.
@@ -36,7 +36,8 @@ const MAX_TRACE_BYTES: usize = 256 << 20;
 /// Largest size of a blob: LZ4 adds at most one byte to 255.
 pub(crate) const MAX_BLOB_BYTES: usize = MAX_TRACE_BYTES + MAX_TRACE_BYTES / 128;
 
-/// The trace of an episode: one column per signal of the header, one sample per control step, from step 0.
+/// The trace of an episode: one column per signal of the header, one sample per control step, from
+/// step 0.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct StoredTrace {
     /// The columns, all of the same length, in the order of
@@ -61,12 +62,12 @@ impl StoredTrace {
     }
 }
 
-/// Returns a digest of the bits of a trace. Two traces have the same digest if and, for practical purposes, only if all
-/// their samples have the same bits.
+/// Returns a digest of the bits of a trace. Two traces have the same digest if and, for practical
+/// purposes, only if all their samples have the same bits.
 ///
-/// The digest is the first 128 bits of the SHA-256 of the text `trace`, preceded by its length, and of the columns in
-/// order, each preceded by its length. Lengths and samples have 8 bytes, little-endian. The digest does not depend on
-/// the storage format.
+/// The digest is the first 128 bits of the SHA-256 of the text `trace`, preceded by its length, and
+/// of the columns in order, each preceded by its length. Lengths and samples have 8 bytes,
+/// little-endian. The digest does not depend on the storage format.
 ///
 /// # Example
 /// ```
@@ -84,7 +85,8 @@ pub fn trace_digest<'a>(columns: impl IntoIterator<Item = &'a [f64]>) -> u128 {
     digest.finish()
 }
 
-/// Returns the number of residuals of a trace; `None` if the trace is larger than a file may contain.
+/// Returns the number of residuals of a trace; `None` if the trace is larger than a file may
+/// contain.
 fn residuals(samples: usize, columns: usize) -> Option<usize> {
     samples.checked_mul(columns).filter(|&residuals| residuals <= MAX_TRACE_BYTES / 8)
 }
@@ -153,7 +155,8 @@ pub(crate) fn decode(blob: &[u8], expected_columns: usize) -> Result<StoredTrace
     Ok(StoredTrace { columns: orders.iter().enumerate().map(column_of).collect() })
 }
 
-/// Predicts the next sample by polynomial extrapolation of degree `order` - 1 from `past`, the latest sample first.
+/// Predicts the next sample by polynomial extrapolation of degree `order` - 1 from `past`, the
+/// latest sample first.
 fn predict(order: u8, past: [u64; 3]) -> u64 {
     let [x1, x2, x3] = past;
     match order {

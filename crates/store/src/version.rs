@@ -22,8 +22,8 @@ pub(crate) fn check(connection: &Connection, path: &Path) -> Result<()> {
     if application_id != APPLICATION_ID {
         let objects: i64 =
             connection.query_row("SELECT count(*) FROM sqlite_schema", [], |row| row.get(0)).in_file(path)?;
-        // A run gets its ID and its tables in one transaction. If that was interrupted, SQLite makes the file empty again.
-        // It also takes a file of one byte for an empty database.
+        // A run gets its ID and its tables in one transaction. If that was interrupted, SQLite
+        // makes the file empty again. It also takes a file of one byte for an empty database.
         let is_one_byte = std::fs::metadata(path).is_ok_and(|found| found.len() == 1);
         return Err(if !is_one_byte && (application_id, found, objects) == (0, 0, 0) {
             StoreError::Unfinished { path: path.into() }

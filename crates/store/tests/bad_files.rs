@@ -1,4 +1,5 @@
-//! A file that is damaged, not a run, read-only or missing gives one clear error, never wrong values.
+//! A file that is damaged, not a run, read-only or missing gives one clear error, never wrong
+//! values.
 #![allow(clippy::unwrap_used)] // clippy does not count helper functions as tests
 
 mod sample;

@@ -1,7 +1,8 @@
-//! An error of any single call to the file system loses no record and damages nothing, and the run continues.
+//! An error of any single call to the file system loses no record and damages nothing, and the run
+//! continues.
 //!
-//! A virtual file system returns an error from the n-th write, sync, truncation or other call, for every n of a small
-//! run. `MISHANDLE_FAULTS=all` tries each with every reaction to the error.
+//! A virtual file system returns an error from the n-th write, sync, truncation or other call, for
+//! every n of a small run. `MISHANDLE_FAULTS=all` tries each with every reaction to the error.
 #![allow(clippy::unwrap_used, clippy::print_stdout)] // clippy does not count helper functions as tests
 
 mod faults;

@@ -10,7 +10,8 @@ use faults::failing::{FailingRun, Reaction, is_out_of_memory};
 use faults::life::{Content, Session, Step, continuation};
 use faults::{memory, vfs};
 
-/// Lets about `tried` allocations of step `number` fail. Returns the number of failures, and of errors.
+/// Lets about `tried` allocations of step `number` fail. Returns the number of failures, and of
+/// errors.
 fn fail_everywhere(run: &FailingRun, number: usize, tried: u64) -> (u64, u64) {
     let mut total = 0;
     run.perform(|next| {
@@ -21,7 +22,8 @@ fn fail_everywhere(run: &FailingRun, number: usize, tried: u64) -> (u64, u64) {
     });
     let stride = if faults::all() { 1 } else { total.div_ceil(tried) };
     let mut errors = 0;
-    // The first allocations of every step, and then every `stride`-th one, from another one in each step.
+    // The first allocations of every step, and then every `stride`-th one, from another one in each
+    // step.
     let chosen = (1..=total).filter(|nth| *nth <= 10 || nth % stride == number as u64 % stride);
     let chosen: Vec<u64> = chosen.collect();
     for &nth in &chosen {
@@ -69,8 +71,8 @@ fn a_failed_allocation_loses_no_record() {
     }
 }
 
-/// If memory is still exhausted, SQLite cannot roll back the rows of the failed call at once. They must not be part of
-/// the next transaction.
+/// If memory is still exhausted, SQLite cannot roll back the rows of the failed call at once. They
+/// must not be part of the next transaction.
 #[test]
 fn a_failed_rollback_is_repeated_before_the_next_transaction() {
     install();

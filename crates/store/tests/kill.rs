@@ -18,8 +18,8 @@ const BATCH: u32 = 8;
 const RUN: &str = "MISHANDLE_STORE_TEST_RUN";
 const LIFE: &str = "MISHANDLE_STORE_TEST_LIFE";
 
-/// The process to be killed. It prints the number of recorded simulations after each batch. Without the environment
-/// variable, as an ordinary test, it does nothing.
+/// The process to be killed. It prints the number of recorded simulations after each batch. Without
+/// the environment variable, as an ordinary test, it does nothing.
 #[test]
 fn writes_until_killed() {
     let Some(path) = std::env::var_os(RUN) else { return };
@@ -42,7 +42,8 @@ fn writes_until_killed() {
     }
 }
 
-/// Starts the process, kills it after `batches` batches, and returns the last number that it printed.
+/// Starts the process, kills it after `batches` batches, and returns the last number that it
+/// printed.
 fn run_and_kill(path: &Path, batches: usize) -> u32 {
     let mut child = Command::new(std::env::current_exe().unwrap())
         .args(["--exact", "writes_until_killed", "--nocapture"])
@@ -64,7 +65,8 @@ fn run_and_kill(path: &Path, batches: usize) -> u32 {
 fn a_kill_loses_at_most_the_current_transaction() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("run.sqlite");
-    // Fibonacci numbers of batches: early kills, and kills after SQLite has moved the log into the file several times.
+    // Fibonacci numbers of batches: early kills, and kills after SQLite has moved the log into the
+    // file several times.
     for batches in [0, 1, 2, 3, 5, 8, 13, 21, 34, 55, 89, 144, 233] {
         let printed = run_and_kill(&path, batches);
         let run = RunFile::open(&path).unwrap();
@@ -89,8 +91,9 @@ fn a_kill_loses_at_most_the_current_transaction() {
 /// Number of calls of a trial: its start, six batches of four simulations, and its end.
 const CALLS: u32 = 8;
 
-/// The process to be killed at any moment. It creates or resumes the run, closes and resumes it after each trial, and
-/// prints the number of calls that have returned. Without the environment variable, as an ordinary test, it does nothing.
+/// The process to be killed at any moment. It creates or resumes the run, closes and resumes it
+/// after each trial, and prints the number of calls that have returned. Without the environment
+/// variable, as an ordinary test, it does nothing.
 #[test]
 fn lives_until_killed() {
     let Some(path) = std::env::var_os(LIFE) else { return };
@@ -179,7 +182,8 @@ fn a_kill_at_a_random_moment_loses_no_committed_row() {
     println!("{kills} kills");
 }
 
-/// Starts the process, kills it some time after it has started, and returns the number of calls that it printed.
+/// Starts the process, kills it some time after it has started, and returns the number of calls
+/// that it printed.
 fn kill_after(path: &Path, moment: Duration) -> Option<u32> {
     let mut child = Command::new(std::env::current_exe().unwrap())
         .args(["--exact", "lives_until_killed", "--nocapture"])

@@ -1,5 +1,5 @@
-//! Memory use does not grow with the number of simulations: writing and reading a run takes less memory than
-//! its file takes on disk.
+//! Memory use does not grow with the number of simulations: writing and reading a run takes less
+//! memory than its file takes on disk.
 #![allow(clippy::unwrap_used)] // clippy does not count helper functions as tests
 #![cfg(target_os = "linux")] // where a process can read its peak memory
 

@@ -318,8 +318,8 @@ fn an_index_that_does_not_match_its_table_is_detected() {
     drop(connection);
     let mut bytes = std::fs::read(&path).unwrap();
     let page = &mut bytes[(root as usize - 1) * 4096..][..4096];
-    // The keys (1, 1, 1) and (1, 2, 2), the second before the first: the length of the header, then the types of
-    // the columns (9 is the constant 1, 1 is a byte), then the bytes.
+    // The keys (1, 1, 1) and (1, 2, 2), the second before the first: the length of the header, then
+    // the types of the columns (9 is the constant 1, 1 is a byte), then the bytes.
     let key = [4, 9, 1, 1, 2, 2];
     let place = page.windows(key.len()).position(|window| window == key).unwrap();
     page[place + 4] = 3;

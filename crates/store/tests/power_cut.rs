@@ -1,7 +1,9 @@
-//! After a power cut at any moment, the file holds a consistent prefix of the records, and the run continues.
+//! After a power cut at any moment, the file holds a consistent prefix of the records, and the run
+//! continues.
 //!
-//! A virtual file system records every write of a run. From the record, the tests compute the files that a power cut can
-//! leave after each write, and open them. `MISHANDLE_FAULTS=all` tries more of them.
+//! A virtual file system records every write of a run. From the record, the tests compute the files
+//! that a power cut can leave after each write, and open them. `MISHANDLE_FAULTS=all` tries more of
+//! them.
 #![allow(clippy::unwrap_used)] // clippy does not count helper functions as tests
 
 mod faults;
@@ -24,9 +26,9 @@ struct Life {
     contents: Vec<Content>,
     /// Whether the writer syncs each commit.
     is_durable: bool,
-    /// Number of steps that an earlier power cut may have taken away in part. Their last pages can still be in the log
-    /// and become valid when the resumed run writes the missing pages with the same bytes before them. That is the
-    /// content that the run will have anyway.
+    /// Number of steps that an earlier power cut may have taken away in part. Their last pages can
+    /// still be in the log and become valid when the resumed run writes the missing pages with the
+    /// same bytes before them. That is the content that the run will have anyway.
     earlier: usize,
 }
 
@@ -54,8 +56,8 @@ impl Life {
         self.steps.first() == Some(&Step::Create)
     }
 
-    /// Writes the files of a power cut after `returned` steps, of which `durable` are durable, and returns the number of
-    /// steps in them. Creates the run again if it was not yet created.
+    /// Writes the files of a power cut after `returned` steps, of which `durable` are durable, and
+    /// returns the number of steps in them. Creates the run again if it was not yet created.
     fn recover(&self, path: &Path, image: &Image, durable: usize, returned: usize) -> Result<usize, String> {
         disk::write(image, path.parent().unwrap());
         match Content::read(path) {
@@ -124,7 +126,8 @@ impl Life {
     }
 }
 
-/// Moves the log into the file every 12 pages, which happens several times in the runs of this file.
+/// Moves the log into the file every 12 pages, which happens several times in the runs of this
+/// file.
 fn new_path() -> (TempDir, PathBuf) {
     vfs::install();
     vfs::set_checkpoint_pages(12);
@@ -218,7 +221,8 @@ fn the_model_finds_the_losses_of_a_run_that_is_not_durable() {
             lost.insert(state.marks);
         }
     });
-    // Creating, closing and resuming sync; other steps lose their records, except one that fills the log.
+    // Creating, closing and resuming sync; other steps lose their records, except one that fills
+    // the log.
     assert!(lost.len() >= 6, "{lost:?}");
     for step in [1, 8, 9, 12] {
         assert!(!lost.contains(&step), "{lost:?}");

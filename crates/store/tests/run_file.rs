@@ -46,7 +46,8 @@ fn simulations_are_read_back_bit_for_bit_and_sorted_for_every_recording_order() 
     for trial in [2, 0, 1] {
         writer.start_trial(trial, u64::MAX - u64::from(trial)).unwrap();
     }
-    // More than one page of the iterator, in batches of 1, 2, 3, … simulations, alternating between trials.
+    // More than one page of the iterator, in batches of 1, 2, 3, … simulations, alternating between
+    // trials.
     let mut expected = Vec::new();
     let (mut first, mut length) = (1, 1);
     while first < 700 {

@@ -1,10 +1,11 @@
 //! Measures the time of a control step and of its `mj_step` calls alone.
 //!
-//! `cargo bench -p mishandle-tasks --bench step` measures all tasks, `-- point-reaching` the named ones.
+//! `cargo bench -p mishandle-tasks --bench step` measures all tasks, `-- point-reaching` the named
+//! ones.
 //!
-//! The actions come from the expert. They are recorded first, so that the time of the expert does not count; a separate
-//! column shows it. Times are the minimum of many repetitions of an episode on one thread. The ratios come from interleaved
-//! runs and are more reliable than the times.
+//! The actions come from the expert. They are recorded first, so that the time of the expert does
+//! not count; a separate column shows it. Times are the minimum of many repetitions of an episode
+//! on one thread. The ratios come from interleaved runs and are more reliable than the times.
 
 #![allow(clippy::print_stdout)]
 

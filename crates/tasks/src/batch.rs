@@ -1,5 +1,5 @@
-//! A task whose physics another engine steps, many rows at a time. Observations, signals and rewards are those of
-//! [`TaskEnvironment`].
+//! A task whose physics another engine steps, many rows at a time. Observations, signals and
+//! rewards are those of [`TaskEnvironment`].
 
 use std::convert::Infallible;
 
@@ -136,7 +136,8 @@ impl TaskBatch {
         })
     }
 
-    /// Calls `visit` once for each group of rows, with the index of the group and its entry of `extras`, on all threads.
+    /// Calls `visit` once for each group of rows, with the index of the group and its entry of
+    /// `extras`, on all threads.
     pub(crate) fn visit_with<T: Send>(
         &mut self,
         extras: impl Iterator<Item = T>,
@@ -325,7 +326,8 @@ impl TaskRows<'_> {
         }
     }
 
-    /// Writes the sample of a row after a control step under `action`, with rewards if there is space for them, and returns its status.
+    /// Writes the sample of a row after a control step under `action`, with rewards if there is
+    /// space for them, and returns its status.
     pub(crate) fn rewarded_sample(&mut self, row: usize, action: &[f64], sample: Sample<'_>) -> BatchStatus {
         let Shared { model, layout, functions, sizes, .. } = self.shared;
         let Thread { output, observation, .. } = &mut *self.thread;
@@ -341,7 +343,8 @@ impl TaskRows<'_> {
         }
     }
 
-    /// Applies the push, the jump and the slip of the control step that begins. Returns whether a body has jumped.
+    /// Applies the push, the jump and the slip of the control step that begins. Returns whether a
+    /// body has jumped.
     fn begin_step(&mut self, row: usize) -> bool {
         let (Sizes { mocap, .. }, events) = (self.shared.sizes, &self.shared.events);
         let (tail, forces) = (&mut self.tails[row * events.size..][..events.size], events.force_size());

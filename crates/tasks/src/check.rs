@@ -1,4 +1,5 @@
-//! Validates the definition and the scene of a task before the first episode. Errors name the invalid field.
+//! Validates the definition and the scene of a task before the first episode. Errors name the
+//! invalid field.
 
 use std::any::Any;
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -141,15 +142,16 @@ fn field_error(definition: &Definition, field: &'static str, problem: String) ->
     TaskError::Field { task: definition.name, field, problem }
 }
 
-/// Two arbitrary numbers. The check fills a buffer with each of them; an entry that keeps both was not written.
+/// Two arbitrary numbers. The check fills a buffer with each of them; an entry that keeps both was
+/// not written.
 const UNWRITTEN: [f64; 2] = [-3.0517578125e-5, 8.589934592e9];
 
-/// Calls every function of a scene at the center of the initial box, with buffers of the lengths that the definition
-/// declares.
+/// Calls every function of a scene at the center of the initial box, with buffers of the lengths
+/// that the definition declares.
 ///
 /// # Errors
-/// [`TaskError::Field`] if a function panics or does not write a declared number. The field is the one that declares the
-/// length.
+/// [`TaskError::Field`] if a function panics or does not write a declared number. The field is the
+/// one that declares the length.
 pub(crate) fn check_scene(
     definition: &Definition,
     model: &Model,
@@ -225,7 +227,8 @@ fn name_at(names: &[Quantity], index: usize) -> &'static str {
 /// Compiles the document `xml` of a task.
 ///
 /// # Errors
-/// If MuJoCo cannot compile it. The message contains the line number in the task's own file and the text of the line.
+/// If MuJoCo cannot compile it. The message contains the line number in the task's own file and the
+/// text of the line.
 pub(crate) fn compile(task: &dyn Task, xml: &str) -> Result<Model, WorldError> {
     Model::from_xml(xml).map_err(|error| match error {
         WorldError::Model(message) => {
@@ -235,10 +238,11 @@ pub(crate) fn compile(task: &dyn Task, xml: &str) -> Result<Model, WorldError> {
     })
 }
 
-/// Replaces the line number of MuJoCo's message, which refers to `xml`, by the line number in the file of the scene, and
-/// appends the text of the line.
+/// Replaces the line number of MuJoCo's message, which refers to `xml`, by the line number in the
+/// file of the scene, and appends the text of the line.
 ///
-/// MuJoCo counts lines from 1. A line outside the scene belongs to the robot or the held object, which have no file.
+/// MuJoCo counts lines from 1. A line outside the scene belongs to the robot or the held object,
+/// which have no file.
 fn with_scene_line(message: &str, xml: &str, scene: &str, file: &str) -> String {
     const LINE: &str = "line ";
     let found = message.match_indices(LINE).find_map(|(at, _)| {

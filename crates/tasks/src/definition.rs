@@ -4,7 +4,8 @@ use mishandle_world::{Model, Rows, World, WorldError};
 
 use crate::robot::{ARM_JOINTS, JOINTS, Panda};
 
-/// A task preset: one of two readings of the original benchmark. It determines formulas, metrics and the initial box.
+/// A task preset: one of two readings of the original benchmark. It determines formulas, metrics
+/// and the initial box.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Preset {
     /// The values in the text of the paper, where they are feasible and agree with its results.
@@ -46,7 +47,8 @@ pub const fn vector3(name: &'static str, unit: &'static str, meaning: &'static s
     Quantity { name, unit, size: 3, meaning }
 }
 
-/// The four formulas of a task over its signals. Interval bounds without a unit count control steps.
+/// The four formulas of a task over its signals. Interval bounds without a unit count control
+/// steps.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct TaskFormulas {
     /// φ, success: the task was done.
@@ -110,7 +112,8 @@ impl BoxAxis {
 pub enum Attachment {
     /// Permanent: the object is a part of the hand's body.
     Fixed,
-    /// By a weld until the gripper releases it. The object is a free body; its free joint and its weld have its name.
+    /// By a weld until the gripper releases it. The object is a free body; its free joint and its
+    /// weld have its name.
     Weld,
 }
 
@@ -136,14 +139,15 @@ pub struct Variations {
     pub friction: bool,
     /// Names of bodies, or of a flex, whose mass may vary.
     pub masses: &'static [&'static str],
-    /// Name of a body, or of a flex, that may be pushed, and the maximum force along each axis, N. Each vertex of a flex
-    /// receives the full force.
+    /// Name of a body, or of a flex, that may be pushed, and the maximum force along each axis, N.
+    /// Each vertex of a flex receives the full force.
     pub push: Option<(&'static str, f64)>,
     /// Name of a mocap body that may jump.
     pub jump: Option<&'static str>,
     /// Names of bodies with primitive geoms whose size may vary.
     pub sizes: &'static [&'static str],
-    /// Name of the free joint of an object that is thrown at the start, whose initial speed may vary.
+    /// Name of the free joint of an object that is thrown at the start, whose initial speed may
+    /// vary.
     pub thrown: Option<&'static str>,
 }
 
@@ -158,8 +162,8 @@ impl Variations {
 pub enum GripperMode {
     /// The fingers stay at this position, m per finger.
     Fixed(f64),
-    /// [`Scene::grip`] sets the targets of the fingers before each control step. The text describes this rule and the
-    /// effect of the last two actions.
+    /// [`Scene::grip`] sets the targets of the fingers before each control step. The text describes
+    /// this rule and the effect of the last two actions.
     Scene(&'static str),
 }
 
@@ -170,7 +174,8 @@ pub struct Definition {
     pub name: &'static str,
     /// Summary in one sentence.
     pub summary: &'static str,
-    /// Name of the base task if this task is a variant. A variant shares formulas, layout and controllers with its base.
+    /// Name of the base task if this task is a variant. A variant shares formulas, layout and
+    /// controllers with its base.
     pub variant_of: Option<&'static str>,
     /// Description of the objects in the scene: positions, sizes and masses.
     pub scene_description: &'static str,
@@ -178,7 +183,8 @@ pub struct Definition {
     pub held: Option<HeldObject>,
     /// Initial positions of the seven arm joints (rad) and the two fingers (m).
     pub start: [f64; 9],
-    /// Maximum random offset of the initial position of each arm joint, rad. It is drawn with the seed of the simulation.
+    /// Maximum random offset of the initial position of each arm joint, rad. It is drawn with the
+    /// seed of the simulation.
     pub start_noise: f64,
     /// Control of the gripper.
     pub grip: GripperMode,
@@ -276,8 +282,8 @@ pub trait Task: Send + Sync {
 
     /// Returns the MJCF of the scene around the robot: children of `<mujoco>`.
     ///
-    /// Its equality constraints, except those of the edges of a flex, attach the held object to the hand. All of them are
-    /// disabled permanently when the gripper releases the object.
+    /// Its equality constraints, except those of the edges of a flex, attach the held object to the
+    /// hand. All of them are disabled permanently when the gripper releases the object.
     fn scene(&self) -> std::borrow::Cow<'static, str>;
 
     /// Returns the name of the file of [`scene`](Self::scene), for error messages.
@@ -285,7 +291,8 @@ pub trait Task: Send + Sync {
         "scene.xml"
     }
 
-    /// Returns the page with notes on the task, which [`notes`](crate::notes) reads. The default is an empty page.
+    /// Returns the page with notes on the task, which [`notes`](crate::notes) reads. The default is
+    /// an empty page.
     fn notes(&self) -> &'static str {
         ""
     }
@@ -298,13 +305,14 @@ pub trait Task: Send + Sync {
 
     /// Returns whether the task is feasible from an initial configuration of its box.
     ///
-    /// The default is `true`. A task may return `false` only with a proof from kinematics or from the duration of an
-    /// episode. A failure of a controller, including the expert, is not a proof.
+    /// The default is `true`. A task may return `false` only with a proof from kinematics or from
+    /// the duration of an episode. A failure of a controller, including the expert, is not a proof.
     fn reachable(&self, _x0: &[f64]) -> bool {
         true
     }
 
-    /// Returns a model-based controller that satisfies the success formula from the observation alone.
+    /// Returns a model-based controller that satisfies the success formula from the observation
+    /// alone.
     ///
     /// # Errors
     /// If the robot's model does not compile.
@@ -313,14 +321,15 @@ pub trait Task: Send + Sync {
 
 /// A task's scene in a compiled model. All functions are pure functions of the simulation state.
 pub trait Scene: Send + Sync {
-    /// Sets the initial state of the scene from the initial configuration `x0`. The robot is already placed.
+    /// Sets the initial state of the scene from the initial configuration `x0`. The robot is
+    /// already placed.
     fn place(&self, x0: &[f64], world: &mut World);
 
-    /// Sets the targets of the fingers for the next control step under [`GripperMode::Scene`], and returns whether the
-    /// gripper releases the held object.
+    /// Sets the targets of the fingers for the next control step under [`GripperMode::Scene`], and
+    /// returns whether the gripper releases the held object.
     ///
-    /// `fingers` contains the targets of the previous step, m; the caller clamps them to the stroke. The action is not
-    /// clipped.
+    /// `fingers` contains the targets of the previous step, m; the caller clamps them to the
+    /// stroke. The action is not clipped.
     fn grip(&self, _rows: &Rows<'_>, _action: &[f64], _fingers: &mut [f64]) -> bool {
         false
     }
@@ -331,9 +340,11 @@ pub trait Scene: Send + Sync {
     /// Writes the task's part of the observation, in the order of the definition.
     fn observe(&self, rows: &Rows<'_>, out: &mut [f64]);
 
-    /// Writes the terms of a reward, from the state after the step and its action, which is not clipped.
+    /// Writes the terms of a reward, from the state after the step and its action, which is not
+    /// clipped.
     fn reward(&self, reward: Reward, rows: &Rows<'_>, signals: &[f64], action: &[f64], out: &mut [f64]);
 
-    /// Returns whether the state is terminal: a training episode ends here, because the task has failed.
+    /// Returns whether the state is terminal: a training episode ends here, because the task has
+    /// failed.
     fn is_terminal(&self, rows: &Rows<'_>, signals: &[f64]) -> bool;
 }

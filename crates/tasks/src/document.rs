@@ -8,8 +8,8 @@ use crate::robot::{CONTROL_DT, JOINTS, Panda};
 
 /// Returns the MJCF document of a task: the robot, the held object and the scene.
 ///
-/// The document contains visual geoms for rendering. [`TaskEnvironment`](crate::TaskEnvironment) removes them, which
-/// does not change a bit of the physics and makes a step 20 % faster.
+/// The document contains visual geoms for rendering. [`TaskEnvironment`](crate::TaskEnvironment)
+/// removes them, which does not change a bit of the physics and makes a step 20 % faster.
 ///
 /// # Errors
 /// If the robot's own document does not compile or has no hand.
@@ -48,7 +48,8 @@ fn numbers(values: &[f64]) -> String {
     values.iter().map(f64::to_string).collect::<Vec<_>>().join(" ")
 }
 
-/// Returns the pose of the held object in the frame of the hand, from its world pose while the robot is at `start`.
+/// Returns the pose of the held object in the frame of the hand, from its world pose while the
+/// robot is at `start`.
 fn pose_in_hand(held: &HeldObject, start: &[f64; JOINTS]) -> Result<([f64; 3], [f64; 4]), WorldError> {
     use mishandle_world::frame::{rotate_back, sub};
     let model = Model::from_xml(PANDA)?;
@@ -70,8 +71,8 @@ fn pose_in_hand(held: &HeldObject, start: &[f64; JOINTS]) -> Result<([f64; 3], [
     Ok((p, q))
 }
 
-/// Returns the document of [`compose`] with a keyframe `start`, the initial state at the center of the initial box, for
-/// other programs.
+/// Returns the document of [`compose`] with a keyframe `start`, the initial state at the center of
+/// the initial box, for other programs.
 ///
 /// MJCF cannot express the velocity limits of the servos and the rule of the gripper.
 ///

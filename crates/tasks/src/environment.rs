@@ -46,13 +46,15 @@ pub enum TaskError {
     },
 }
 
-/// Number of worlds with changed constants that a worker caches: the number of rows that are stepped in lockstep.
+/// Number of worlds with changed constants that a worker caches: the number of rows that are
+/// stepped in lockstep.
 const CHANGED_WORLDS: usize = 16;
 
 /// A task as an environment.
 ///
-/// A state row contains MuJoCo's state and the nine joint targets. If the space has axes of model constants or events, the
-/// control step and the values of these axes follow. Random numbers are drawn only at the reset.
+/// A state row contains MuJoCo's state and the nine joint targets. If the space has axes of model
+/// constants or events, the control step and the values of these axes follow. Random numbers are
+/// drawn only at the reset.
 #[derive(Clone)]
 pub struct TaskEnvironment {
     definition: &'static Definition,
@@ -80,8 +82,8 @@ impl TaskEnvironment {
         Self::with_substeps(task, preset, reward, definition.n_substeps)
     }
 
-    /// Makes the environment with another number of physics steps per control step, to check that outcomes do not depend
-    /// on it.
+    /// Makes the environment with another number of physics steps per control step, to check that
+    /// outcomes do not depend on it.
     ///
     /// # Errors
     /// As for [`new`](Self::new).
@@ -119,7 +121,8 @@ impl TaskEnvironment {
         Ok(environment)
     }
 
-    /// Returns the environment over another space. Axes of the task that it does not contain keep their nominal values.
+    /// Returns the environment over another space. Axes of the task that it does not contain keep
+    /// their nominal values.
     ///
     /// # Errors
     /// If `space` has an axis that the task does not have.
@@ -218,7 +221,8 @@ impl TaskEnvironment {
         &self.space_parameters
     }
 
-    /// Returns the number of parameters in a state row: 0 if no axis of the space affects steps after the reset.
+    /// Returns the number of parameters in a state row: 0 if no axis of the space affects steps
+    /// after the reset.
     pub(crate) fn tail_size(&self) -> usize {
         let affects_steps = |parameter: &Parameter| {
             !matches!(parameter, Parameter::Start(_) | Parameter::StartDraw(_) | Parameter::ThrowSpeed)
@@ -311,18 +315,20 @@ impl ParameterValues {
         self.constants.iter().map(|(_, value)| *value).collect()
     }
 
-    /// Returns the tail of a state row, which follows physics and joint targets: control step 0, constants, push, jump,
-    /// slip.
+    /// Returns the tail of a state row, which follows physics and joint targets: control step 0,
+    /// constants, push, jump, slip.
     fn tail(&self) -> Vec<f64> {
         [&[0.0], self.constant_values().as_slice(), &self.push, &self.jump, &self.slip].concat()
     }
 }
 
-/// The worlds of one worker: that of the nominal model, and the most recent ones of changed models. The constants of a
-/// state row determine its world, so that one worker can step rows with different constants.
+/// The worlds of one worker: that of the nominal model, and the most recent ones of changed models.
+/// The constants of a state row determine its world, so that one worker can step rows with
+/// different constants.
 pub(crate) struct WorldCache {
     nominal: Vec<(Constant, f64)>,
-    /// Values of the constants, in the order of `nominal`, the slip, and the world with these values. The nominal one is first.
+    /// Values of the constants, in the order of `nominal`, the slip, and the world with these
+    /// values. The nominal one is first.
     worlds: Vec<(Vec<f64>, World)>,
     /// Index of the world that is replaced next.
     next: usize,
@@ -373,7 +379,8 @@ impl WorldCache {
     }
 }
 
-/// The functions of a task that map a view of a state to targets, samples and rewards. Every engine uses them.
+/// The functions of a task that map a view of a state to targets, samples and rewards. Every engine
+/// uses them.
 #[derive(Clone)]
 pub(crate) struct SceneFunctions {
     definition: &'static Definition,
@@ -388,7 +395,8 @@ impl SceneFunctions {
         matches!(self.definition.grip, GripperMode::Scene(_))
     }
 
-    /// Moves the targets of the joints by an action. Returns whether the gripper releases the held object.
+    /// Moves the targets of the joints by an action. Returns whether the gripper releases the held
+    /// object.
     pub(crate) fn move_targets(&self, rows: &Rows<'_>, action: &[f64], targets: &mut [f64]) -> bool {
         self.panda.move_targets(action, targets);
         self.move_fingers(rows, action, &mut targets[ARM_JOINTS..])
@@ -419,7 +427,8 @@ impl SceneFunctions {
         }
     }
 
-    /// Writes the sample after a control step, with rewards if there is space for them, and returns its status.
+    /// Writes the sample after a control step, with rewards if there is space for them, and returns
+    /// its status.
     pub(crate) fn write_step(
         &self,
         rows: &Rows<'_>,
@@ -446,7 +455,8 @@ pub(crate) struct TaskWorker {
     worlds: WorldCache,
     /// Index of the world of the last reset or restored state.
     current: usize,
-    /// Parameters without an axis in the space keep their nominal values. Each reset overwrites the others.
+    /// Parameters without an axis in the space keep their nominal values. Each reset overwrites the
+    /// others.
     values: ParameterValues,
     observation: Vec<f64>,
 }
@@ -457,8 +467,8 @@ impl TaskWorker {
         self.worlds.of_tail(tail, &self.elements)
     }
 
-    /// Returns the world of the last [reset](EnvironmentWorker::reset) or [`set_state`](Self::set_state). Its poses are those of the
-    /// new state.
+    /// Returns the world of the last [reset](EnvironmentWorker::reset) or
+    /// [`set_state`](Self::set_state). Its poses are those of the new state.
     pub(crate) fn world(&self) -> &World {
         &self.worlds.worlds[self.current].1
     }

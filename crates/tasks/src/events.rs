@@ -1,12 +1,13 @@
-//! Constants and events of the rows of a batch: what the tails of their state rows say about the next control step.
+//! Constants and events of the rows of a batch: what the tails of their state rows say about the
+//! next control step.
 
 use mishandle_world::{Body, Change, Mocap, ModelField};
 
 use crate::axes::{self, JUMP_SIZE, PUSH_SIZE, Parameter, Push, SLIP_SIZE};
 use crate::environment::TaskEnvironment;
 
-/// Changes that the axes of a space can make in a control step. A tail has the control step, the constants, the push, the jump and the slip of
-/// its row. A space without such axes has none.
+/// Changes that the axes of a space can make in a control step. A tail has the control step, the
+/// constants, the push, the jump and the slip of its row. A space without such axes has none.
 pub(crate) struct Events {
     /// Length of a tail, 0 if no axis of the space affects steps after the start.
     pub size: usize,
@@ -73,7 +74,8 @@ impl Events {
     }
 }
 
-/// Returns the fields of the model that the constants of the space, and a slip if it has one, change.
+/// Returns the fields of the model that the constants of the space, and a slip if it has one,
+/// change.
 fn varying_fields(environment: &TaskEnvironment, has_slip: bool) -> Vec<ModelField> {
     let elements = environment.elements();
     // The fields of a change do not depend on its value.

@@ -43,8 +43,9 @@ pub trait ExpertPolicy: Send + Sync + 'static {
         memory: &mut [f64],
     ) -> [f64; ARM_JOINTS];
 
-    /// Returns the actions of the fingers, in [-1, 1]. The call follows [`velocity`](Self::velocity). The actions have an
-    /// effect only in tasks whose policy moves the fingers.
+    /// Returns the actions of the fingers, in [-1, 1]. The call follows
+    /// [`velocity`](Self::velocity). The actions have an effect only in tasks whose policy moves
+    /// the fingers.
     fn fingers(&self, _input: &ExpertInput<'_>, _memory: &[f64]) -> [f64; JOINTS - ARM_JOINTS] {
         [0.0; JOINTS - ARM_JOINTS]
     }
@@ -129,8 +130,9 @@ impl<P: ExpertPolicy> ControllerWorker for ExpertWorker<P> {
             let input = ExpertInput { q, fingers, task: &observation[2 * JOINTS..] };
             self.arm.set(&q);
             let desired = self.policy.velocity(&input, &mut self.arm, memory);
-            // A servo without obstacles moves at (target - q) / lag, so the observed velocity determines its target. The
-            // action moves the target by the difference to the desired target.
+            // A servo without obstacles moves at (target - q) / lag, so the observed velocity
+            // determines its target. The action moves the target by the difference to the desired
+            // target.
             for i in 0..ARM_JOINTS {
                 let velocity = f64::from(observation[JOINTS + i]) / self.velocity_scale;
                 let desired = desired[i].clamp(-VELOCITY_LIMIT[i], VELOCITY_LIMIT[i]);

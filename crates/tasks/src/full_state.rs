@@ -5,7 +5,8 @@ use mishandle_world::{ContactParts, Coordinate, WorldError};
 use crate::axes::Elements;
 use crate::environment::{TaskEnvironment, WorldCache};
 
-/// Computes joint positions, joint velocities and contact forces from state rows of a [`TaskEnvironment`].
+/// Computes joint positions, joint velocities and contact forces from state rows of a
+/// [`TaskEnvironment`].
 pub struct FullState {
     coordinates: Vec<Coordinate>,
     parts: ContactParts,
@@ -31,8 +32,9 @@ impl TaskEnvironment {
 }
 
 impl FullState {
-    /// Returns the names and units of the values: `q_NAME` and `dq_NAME` of each joint, `contact_A_B` with the norm of the net
-    /// contact force between two parts, and `contact_largest`, the largest force at a single contact point.
+    /// Returns the names and units of the values: `q_NAME` and `dq_NAME` of each joint,
+    /// `contact_A_B` with the norm of the net contact force between two parts, and
+    /// `contact_largest`, the largest force at a single contact point.
     pub fn columns(&self) -> Vec<(String, &'static str)> {
         let coordinate = |coordinate: &Coordinate| {
             let prefix = if coordinate.is_velocity { "dq" } else { "q" };

@@ -1,7 +1,7 @@
 //! Hashes that identify tasks and targets.
 //!
-//! Run files and controller files store these hashes. The hashed texts must therefore never depend on the names of types,
-//! fields or functions, only on what the task defines.
+//! Run files and controller files store these hashes. The hashed texts must therefore never depend
+//! on the names of types, fields or functions, only on what the task defines.
 
 use std::fmt::Write;
 
@@ -15,24 +15,27 @@ use crate::environment::{TaskEnvironment, TaskError};
 /// Number of initial states of [`behavior`].
 const STARTS: u64 = 4;
 
-/// Control steps from each initial state. There are few, so that chaotic motion cannot amplify rounding errors.
+/// Control steps from each initial state. There are few, so that chaotic motion cannot amplify
+/// rounding errors.
 const STEPS: u64 = 30;
 
 /// Control steps with the same action, so that the arm moves a visible distance.
 const ACTION_STEPS: u64 = 10;
 
-/// Reciprocal of the resolution of the hashed numbers. Smaller differences may be rounding errors of another compiler.
+/// Reciprocal of the resolution of the hashed numbers. Smaller differences may be rounding errors
+/// of another compiler.
 const DECIMALS: f64 = 1e5;
 
-/// Returns the hash of everything that determines the training of a controller of `task`: physics, initial states,
-/// observation, reward and termination.
+/// Returns the hash of everything that determines the training of a controller of `task`: physics,
+/// initial states, observation, reward and termination.
 ///
 /// The formulas are not hashed, because they only evaluate a controller.
 ///
-/// The hash covers the definition of the task (scene without comments and colors, initial box, layout, reward terms and
-/// termination rule as text) and the rounded behavior of the environment over a few control steps, so that it also covers
-/// changes of the code. It does not cover a changed branch that these steps do not reach; such a change must be described
-/// in the texts of the task.
+/// The hash covers the definition of the task (scene without comments and colors, initial box,
+/// layout, reward terms and termination rule as text) and the rounded behavior of the environment
+/// over a few control steps, so that it also covers changes of the code. It does not cover a
+/// changed branch that these steps do not reach; such a change must be described in the texts of
+/// the task.
 ///
 /// # Errors
 /// If the scene does not compile or the definition is inconsistent.
@@ -56,7 +59,8 @@ pub fn task_hash(task: &dyn Task, reward: Reward) -> Result<String, TaskError> {
     Ok(bytes_hash(text.as_bytes()))
 }
 
-/// Returns the definition of a task under a preset as text: scene, initial pose, layout, initial box, axes and formulas.
+/// Returns the definition of a task under a preset as text: scene, initial pose, layout, initial
+/// box, axes and formulas.
 ///
 /// # Errors
 /// If the scene does not compile.
@@ -115,7 +119,8 @@ fn without_appearance(xml: &str) -> String {
     text.split_whitespace().collect::<Vec<_>>().join(" ") + "\n"
 }
 
-/// Returns the observations, rewards and statuses of a few control steps under fixed actions, as rounded integers.
+/// Returns the observations, rewards and statuses of a few control steps under fixed actions, as
+/// rounded integers.
 fn behavior(environment: &TaskEnvironment) -> String {
     let mut worker = environment.worker();
     let mut state = vec![0.0; environment.state_size()];

@@ -5,16 +5,16 @@ use mishandle_world::{Arm, Model, WorldError};
 /// Joints of an arm.
 const JOINTS: usize = 7;
 
-/// Computes joint velocities for a desired twist by damped least squares, with a pull towards a rest posture in the null
-/// space.
+/// Computes joint velocities for a desired twist by damped least squares, with a pull towards a
+/// rest posture in the null space.
 ///
 /// ```text
 /// q̇ = Jᵀ (J Jᵀ + λ² I)⁻¹ v + (I - J⁺ J) k (q_rest - q),   λ = 0.03
 /// ```
 ///
 /// # Reference
-/// Nakamura and Hanafusa, "Inverse Kinematic Solutions with Singularity Robustness for Robot Manipulator Control",
-/// Journal of Dynamic Systems, Measurement, and Control 108(3), 1986.
+/// Nakamura and Hanafusa, "Inverse Kinematic Solutions with Singularity Robustness for Robot
+/// Manipulator Control", Journal of Dynamic Systems, Measurement, and Control 108(3), 1986.
 #[derive(Debug)]
 pub struct ResolvedRate {
     arm: Arm,
@@ -29,7 +29,8 @@ const DAMPING: f64 = 0.03;
 const REST_GAIN: f64 = 1.0;
 
 impl ResolvedRate {
-    /// Makes the kinematics of `site` at the end of the chain `joints`, with the rest posture `rest` (rad).
+    /// Makes the kinematics of `site` at the end of the chain `joints`, with the rest posture
+    /// `rest` (rad).
     ///
     /// # Errors
     /// If the model has no joint or site with a given name.
@@ -57,13 +58,14 @@ impl ResolvedRate {
         self.arm.rotation()
     }
 
-    /// Returns joint velocities (rad/s) for a desired linear velocity (m/s). `q` must be the current joint positions.
+    /// Returns joint velocities (rad/s) for a desired linear velocity (m/s). `q` must be the
+    /// current joint positions.
     pub fn linear(&mut self, q: &[f64; JOINTS], velocity: [f64; 3]) -> [f64; JOINTS] {
         self.solve(q, velocity)
     }
 
-    /// Returns joint velocities (rad/s) for a desired linear (m/s) and angular (rad/s) velocity. `q` must be the current
-    /// joint positions.
+    /// Returns joint velocities (rad/s) for a desired linear (m/s) and angular (rad/s) velocity.
+    /// `q` must be the current joint positions.
     pub fn twist(&mut self, q: &[f64; JOINTS], linear: [f64; 3], angular: [f64; 3]) -> [f64; JOINTS] {
         let [a, b, c] = linear;
         let [d, e, f] = angular;
@@ -74,8 +76,8 @@ impl ResolvedRate {
         self.arm.jacobian(&mut self.jacobian);
         let j = &self.jacobian;
         let rest: [f64; JOINTS] = std::array::from_fn(|i| REST_GAIN * (self.rest[i] - q[i]));
-        // The motion of the site by the pull is subtracted from the desired twist, so that one solve gives both parts:
-        // q̇ = pull + Jᵀ (J Jᵀ + λ² I)⁻¹ (v - J pull).
+        // The motion of the site by the pull is subtracted from the desired twist, so that one
+        // solve gives both parts: q̇ = pull + Jᵀ (J Jᵀ + λ² I)⁻¹ (v - J pull).
         let residual: [f64; ROWS] = std::array::from_fn(|r| {
             desired[r] - (0..JOINTS).map(|i| j[r * JOINTS + i] * rest[i]).sum::<f64>()
         });
@@ -105,7 +107,8 @@ fn solve_positive<const N: usize>(mut a: [[f64; N]; N], mut b: [f64; N]) -> [f64
     b
 }
 
-/// Returns the rotation vector (axis times angle, rad, world frame) from `from` to `to`, both row-major rotation matrices.
+/// Returns the rotation vector (axis times angle, rad, world frame) from `from` to `to`, both
+/// row-major rotation matrices.
 ///
 /// # Example
 /// ```
@@ -120,7 +123,8 @@ pub fn rotation_between(from: &[f64; 9], to: &[f64; 9]) -> [f64; 3] {
     let axis = [entry(2, 1) - entry(1, 2), entry(0, 2) - entry(2, 0), entry(1, 0) - entry(0, 1)];
     let sin = 0.5 * mishandle_world::frame::norm(axis);
     let cos = 0.5 * (entry(0, 0) + entry(1, 1) + entry(2, 2) - 1.0);
-    // For a vanishing sine the computed axis vanishes too. The limit of angle / (2 sin) at angle 0 is one half.
+    // For a vanishing sine the computed axis vanishes too. The limit of angle / (2 sin) at angle 0
+    // is one half.
     let factor = if sin > 1e-9 { sin.atan2(cos) / (2.0 * sin) } else { 0.5 };
     axis.map(|a| factor * a)
 }

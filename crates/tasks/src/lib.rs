@@ -1,9 +1,11 @@
-//! The manipulation tasks of the benchmark: a Franka Panda arm in MuJoCo, with a scripted expert controller per task.
+//! The manipulation tasks of the benchmark: a Franka Panda arm in MuJoCo, with a scripted expert
+//! controller per task.
 //!
-//! A [`Task`] consists of a [`Definition`] (signals, formulas, initial box, observation and reward terms as data) and a
-//! [`Scene`] (functions on a compiled MuJoCo model). A [`TaskEnvironment`] is a task as an environment for training. A
-//! [`TaskTarget`] is a task with a controller, as a target for evaluation and falsification. A new task is a folder of
-//! this crate and one line of [`TASKS`]; a task of another crate is registered by [`add`].
+//! A [`Task`] consists of a [`Definition`] (signals, formulas, initial box, observation and reward
+//! terms as data) and a [`Scene`] (functions on a compiled MuJoCo model). A [`TaskEnvironment`] is
+//! a task as an environment for training. A [`TaskTarget`] is a task with a controller, as a target
+//! for evaluation and falsification. A new task is a folder of this crate and one line of
+//! [`TASKS`]; a task of another crate is registered by [`add`].
 
 use std::sync::{PoisonError, RwLock};
 
@@ -69,7 +71,8 @@ static ADDED: RwLock<Vec<&'static dyn Task>> = RwLock::new(Vec::new());
 /// Registers a task, so that its name is known on the command line and in plans.
 ///
 /// # Errors
-/// If its definition is invalid, another task has the same name, or the task that it is a variant of is unknown.
+/// If its definition is invalid, another task has the same name, or the task that it is a variant
+/// of is unknown.
 pub fn add(new: &'static dyn Task) -> Result<(), TaskError> {
     let definition = new.definition();
     check::check_definition(definition)?;
@@ -92,8 +95,8 @@ pub fn tasks() -> Vec<&'static dyn Task> {
     TASKS.iter().chain(added.iter()).copied().collect()
 }
 
-/// Returns the folder of a task of the benchmark in the repository. It contains the task's code, its scene, its page
-/// `page.md` and its picture `picture.png`.
+/// Returns the folder of a task of the benchmark in the repository. It contains the task's code,
+/// its scene, its page `page.md` and its picture `picture.png`.
 ///
 /// # Example
 /// ```

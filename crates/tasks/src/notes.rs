@@ -1,7 +1,8 @@
 //! Notes on tasks: Markdown pages that both the documentation and the command line show.
 //!
-//! A page may have any text before its first section. A section is a line `## TITLE` with the title of a [`Topic`],
-//! followed by a table. The first column is the subject of a note, and the header names the other cells.
+//! A page may have any text before its first section. A section is a line `## TITLE` with the title
+//! of a [`Topic`], followed by a table. The first column is the subject of a note, and the header
+//! names the other cells.
 
 use crate::definition::Task;
 use crate::environment::TaskError;

@@ -21,16 +21,19 @@ pub const EPISODE_STEPS: usize = 300;
 /// Change of an arm joint's target per control step under an action of 1, rad.
 pub const TARGET_STEP: f64 = 7.5 / 60.0;
 
-/// Change of a finger's target per control step under an action of 1, m, in tasks whose policy moves the fingers.
+/// Change of a finger's target per control step under an action of 1, m, in tasks whose policy
+/// moves the fingers.
 pub const FINGER_STEP: f64 = 0.1 * TARGET_STEP;
 
-/// Time constant of the servos: damping over stiffness, s (80 / 400 for the arm, 100 / 10,000 for the fingers).
+/// Time constant of the servos: damping over stiffness, s (80 / 400 for the arm, 100 / 10,000 for
+/// the fingers).
 pub(crate) const SERVO_LAG: [f64; JOINTS] = [0.2, 0.2, 0.2, 0.2, 0.2, 0.2, 0.2, 0.01, 0.01];
 
 /// Velocity limits of the joints, rad/s for the arm, m/s for the fingers.
 pub const VELOCITY_LIMIT: [f64; JOINTS] = [2.175, 2.175, 2.175, 2.175, 2.61, 2.61, 2.61, 0.2, 0.2];
 
-/// Maximum distance of a servo's setpoint from its joint position, rad or m: the velocity limit times the lag.
+/// Maximum distance of a servo's setpoint from its joint position, rad or m: the velocity limit
+/// times the lag.
 const MAX_LEAD: [f64; JOINTS] = {
     let mut lead = VELOCITY_LIMIT;
     let mut i = 0;
@@ -102,7 +105,8 @@ impl Panda {
         }
     }
 
-    /// Moves the targets of the fingers (m) by the last two entries of an action and clamps them to the stroke.
+    /// Moves the targets of the fingers (m) by the last two entries of an action and clamps them to
+    /// the stroke.
     pub fn move_fingers(&self, action: &[f64], fingers: &mut [f64]) {
         for (finger, a) in fingers.iter_mut().zip(&action[ARM_JOINTS..]) {
             *finger += FINGER_STEP * a;
@@ -117,7 +121,8 @@ impl Panda {
         }
     }
 
-    /// Returns the servos of the joints. Their setpoints stay so near the joint positions that the velocity limits hold.
+    /// Returns the servos of the joints. Their setpoints stay so near the joint positions that the
+    /// velocity limits hold.
     pub fn servos(&self) -> [Servo; JOINTS] {
         std::array::from_fn(|i| Servo { qpos: self.joints[i].qpos, max_lead: MAX_LEAD[i] })
     }
@@ -127,8 +132,8 @@ impl Panda {
         world.set_servos(&self.servos(), targets);
     }
 
-    /// Writes the first 18 numbers of an observation: joint positions mapped from their limits to [-1, 1], and joint
-    /// velocities multiplied by `velocity_scale`.
+    /// Writes the first 18 numbers of an observation: joint positions mapped from their limits to
+    /// [-1, 1], and joint velocities multiplied by `velocity_scale`.
     pub(crate) fn observe(&self, rows: &Rows<'_>, velocity_scale: f64, out: &mut [f64]) {
         let (positions, velocities) = out.split_at_mut(JOINTS);
         for (i, joint) in self.joints.iter().enumerate() {

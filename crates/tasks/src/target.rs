@@ -48,7 +48,8 @@ impl TaskTarget {
     /// Returns the task and controller as a [`Target`].
     ///
     /// # Errors
-    /// If the scene does not compile, two axes have the same name, or the controller does not fit the task.
+    /// If the scene does not compile, two axes have the same name, or the controller does not fit
+    /// the task.
     pub fn target(&self) -> Result<Target, TaskError> {
         let definition = self.task.definition();
         let error = |source| TaskError::Data { task: definition.name, source };
@@ -87,8 +88,8 @@ impl TaskTarget {
         &self.starts
     }
 
-    /// Returns the environment over the axes of `space` that belong to the scene. Other axes of `space` belong to
-    /// disturbances.
+    /// Returns the environment over the axes of `space` that belong to the scene. Other axes of
+    /// `space` belong to disturbances.
     ///
     /// # Errors
     /// If two axes have the same name or the bounds of an axis are invalid.
@@ -100,8 +101,8 @@ impl TaskTarget {
         self.starts.with_space(space)
     }
 
-    /// Makes the system of the controller in `environment`, which must come from [`environment`](Self::environment) for
-    /// `space` or wrap such an environment.
+    /// Makes the system of the controller in `environment`, which must come from
+    /// [`environment`](Self::environment) for `space` or wrap such an environment.
     ///
     /// # Errors
     /// If the controller does not fit the environment, or a formula does not fit the signals.

@@ -13,8 +13,8 @@ use crate::{TaskBatch, TaskEnvironment};
 
 /// Makes environment batches of a task whose physics a [`WorldDevice`] steps.
 ///
-/// Initial states, observations and rewards are those of the [`TaskEnvironment`]. A row with too little memory for its contacts or
-/// constraints counts as diverged.
+/// Initial states, observations and rewards are those of the [`TaskEnvironment`]. A row with too
+/// little memory for its contacts or constraints counts as diverged.
 pub struct TaskBatches {
     environment: Arc<TaskEnvironment>,
     device: Arc<dyn WorldDevice>,
@@ -78,7 +78,8 @@ struct Samples<'a> {
 }
 
 impl TrainingBatch {
-    /// Calls `visit` for each group of rows with the index of its first row and its samples, on all threads.
+    /// Calls `visit` for each group of rows with the index of its first row and its samples, on all
+    /// threads.
     fn visit(&mut self, visit: impl Fn(usize, &mut TaskRows<'_>, Samples<'_>) + Sync) {
         let Sizes { observation, rewards, .. } = self.sizes;
         let samples = self

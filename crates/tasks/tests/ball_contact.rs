@@ -86,7 +86,8 @@ fn a_ball_rolls_down_a_slope_with_five_sevenths_of_the_acceleration() {
     let mut expected = 0.0;
     for _ in 0..parts {
         bench.run(seconds / f64::from(parts));
-        // The weight of tray and ball tilts the tray slightly, which the expected acceleration includes.
+        // The weight of tray and ball tilts the tray slightly, which the expected acceleration
+        // includes.
         bench.world.refresh();
         let normal = rotate(bench.world.rows().quaternion(tray), [0.0, 0.0, 1.0]);
         expected += 5.0 / 7.0 * 9.81 * (sin * normal[2] + cos * normal[0]) / f64::from(parts);
@@ -112,7 +113,8 @@ fn a_ball_bounces_on_the_ground_with_a_restitution_of_0_4() {
                 -up / down
             })
             .collect();
-        // The time of contact within a physics step changes a single restitution by up to a quarter.
+        // The time of contact within a physics step changes a single restitution by up to a
+        // quarter.
         assert!(restitutions.iter().all(|e| (0.28..0.52).contains(e)), "{name}: {restitutions:?}");
         let mean = restitutions.iter().sum::<f64>() / restitutions.len() as f64;
         assert!((mean - 0.4).abs() < 0.04, "{name}: {mean}");
@@ -135,7 +137,8 @@ fn a_rolling_ball_keeps_its_speed_on_the_table_and_stays_in_the_pit() {
     assert!((z - 0.34).abs() < 1e-3, "it rests at {z}, the pit's floor is at 0.3 and its radius 0.04");
 }
 
-/// Returns the robustness of the strict formula of ball pushing for a ball that stays at `position`.
+/// Returns the robustness of the strict formula of ball pushing for a ball that stays at
+/// `position`.
 fn strict_at([x, y, z]: [f64; 3]) -> f64 {
     let definition = task("ball-pushing").unwrap().definition();
     let strict = definition.formulas(Preset::Paper).specification().unwrap().strict.unwrap();
@@ -148,7 +151,8 @@ fn strict_at([x, y, z]: [f64; 3]) -> f64 {
 #[test]
 fn a_ball_at_rest_in_a_corner_of_the_pit_satisfies_the_strict_formula() {
     for (towards_x, towards_y) in [(1.0, 1.0), (1.0, -1.0), (-1.0, 1.0), (-1.0, -1.0)] {
-        // Gravity tilted by 0.5 rad holds the ball in the corner, deeper in the soft walls than its weight alone would.
+        // Gravity tilted by 0.5 rad holds the ball in the corner, deeper in the soft walls than its
+        // weight alone would.
         let (sin, cos) = 0.5_f64.sin_cos();
         let (gx, gy, gz) = (9.81 * sin * towards_x, 9.81 * sin * towards_y, -9.81 * cos);
         let mut bench = Bench::new("ball-pushing", &format!("<option gravity=\"{gx} {gy} {gz}\"/>"));
@@ -164,7 +168,8 @@ fn a_ball_at_rest_in_a_corner_of_the_pit_satisfies_the_strict_formula() {
 
 #[test]
 fn a_ball_outside_the_pit_violates_the_strict_formula() {
-    // On the pit's edge, at rest on the table, and beside the table where its center is 4 cm below the top.
+    // On the pit's edge, at rest on the table, and beside the table where its center is 4 cm below
+    // the top.
     for position in
         [[1.15, 0.15, 0.44], [0.9, 0.0, 0.44], [0.5, 0.0, 0.44], [1.34, 0.0, 0.36], [1.34, 0.0, 0.04]]
     {

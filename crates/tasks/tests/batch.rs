@@ -157,7 +157,8 @@ fn rigid_tasks() -> Vec<&'static str> {
     tasks().iter().map(|task| task.definition().name).filter(|name| !name.starts_with("cloth")).collect()
 }
 
-/// Axes of times, and times within the first second at which events happen in different control steps.
+/// Axes of times, and times within the first second at which events happen in different control
+/// steps.
 const EVENT_TIMES: [(&str, [f64; 4]); 3] = [
     ("push_time", [0.05, 0.21, 0.0, 0.3]),
     ("jump_time", [0.1, 0.0, 0.42, 0.25]),
@@ -386,7 +387,8 @@ fn screened_episodes_over_all_axes_have_the_verdicts_of_the_system() {
     }
 }
 
-/// Steps a batch with random actions from `first` to `last`, and resets a row in every step. Returns all samples.
+/// Steps a batch with random actions from `first` to `last`, and resets a row in every step.
+/// Returns all samples.
 fn samples(
     batch: &mut dyn EnvironmentBatch,
     steps: std::ops::Range<u64>,

@@ -1,5 +1,5 @@
-//! Tests the physics of ball catching: the box catches balls, no ball tunnels through it, and the ball moves as on a test
-//! bench.
+//! Tests the physics of ball catching: the box catches balls, no ball tunnels through it, and the
+//! ball moves as on a test bench.
 
 #![allow(clippy::unwrap_used)]
 
@@ -16,7 +16,8 @@ use mishandle_world::{Joint, Model, Site, World};
 const HALF_WIDTH: f64 = 0.035;
 const DEPTH: f64 = 0.1;
 
-/// Middle planes of walls and floor, m. A ball whose center passes one of them is on the other side.
+/// Middle planes of walls and floor, m. A ball whose center passes one of them is on the other
+/// side.
 const WALL_MIDDLE: f64 = 0.0375;
 const FLOOR_MIDDLE: f64 = -0.01;
 
@@ -71,8 +72,8 @@ impl Bench {
         self.world.refresh();
     }
 
-    /// Places the ball at a position (m) and with a velocity (m/s) in the box's frame, whose origin is the middle of its
-    /// floor.
+    /// Places the ball at a position (m) and with a velocity (m/s) in the box's frame, whose origin
+    /// is the middle of its floor.
     fn throw(&mut self, position: [f64; 3], velocity: [f64; 3]) {
         let at = add(self.tool_position(), self.turned([position[0], position[1], position[2] + FLOOR]));
         let v = add(self.turned(velocity), self.box_velocity(at));
@@ -97,7 +98,8 @@ impl Bench {
         add(linear, cross(angular, sub(at, self.world.rows().position(body))))
     }
 
-    /// Returns the position of the ball in the box's frame, whose origin is the middle of its floor, m.
+    /// Returns the position of the ball in the box's frame, whose origin is the middle of its
+    /// floor, m.
     fn ball_in_box(&mut self) -> [f64; 3] {
         self.world.refresh();
         let from_tool = sub(self.position(), self.tool_position());
@@ -127,7 +129,8 @@ impl Bench {
         (0..self.steps(seconds)).for_each(|_| self.step());
     }
 
-    /// Returns the kinetic energy (including the rotation) plus the potential energy of the ball, J.
+    /// Returns the kinetic energy (including the rotation) plus the potential energy of the ball,
+    /// J.
     fn energy(&self) -> f64 {
         let (v, spin) = (self.velocity(), self.world.rows().free_angular_velocity(self.ball));
         let inertia = 0.4 * MASS * RADIUS * RADIUS;
@@ -159,7 +162,8 @@ fn low_discrepancy(k: usize, stream: i32) -> f64 {
     2.0 * (0.5 + step * k as f64).fract() - 1.0
 }
 
-/// Simulates a throw. Returns the transition through a floor or a wall, if there was one, and the final region.
+/// Simulates a throw. Returns the transition through a floor or a wall, if there was one, and the
+/// final region.
 fn fly(bench: &mut Bench, seconds: f64) -> (Option<(Place, Place)>, Place) {
     let mut before = place(bench.ball_in_box());
     for _ in 0..bench.steps(seconds) {
@@ -188,8 +192,9 @@ fn every_ball_that_enters_the_mouth_stays_in_the_box() {
     let mut bench = Bench::new("");
     for k in 0..1000 {
         bench.reset();
-        // The ball starts inside the mouth with 1 to 6.5 m/s downwards and up to 2 m/s sideways. The ball of the task has
-        // at most 5.4 m/s, at the ground, and meets the expert's box with 5 m/s.
+        // The ball starts inside the mouth with 1 to 6.5 m/s downwards and up to 2 m/s sideways.
+        // The ball of the task has at most 5.4 m/s, at the ground, and meets the expert's box with
+        // 5 m/s.
         let [x, y] = [1, 2].map(|i| 0.024 * low_discrepancy(k, i));
         let down = -3.75 + 2.75 * low_discrepancy(k, 3);
         bench.throw([x, y, DEPTH], [2.0 * low_discrepancy(k, 4), 2.0 * low_discrepancy(k, 5), down]);
@@ -256,7 +261,8 @@ fn free_flight_is_a_parabola() {
         bench.step();
         let (t, [x, y, z]) = (step as f64 * dt, bench.position());
         assert!((x - (1.1 - t)).abs() < 1e-9 && (y - 0.03).abs() < 1e-12, "{x} {y} at {t} s");
-        // The semi-implicit integrator uses the velocity at the end of a step. Its error is g t dt / 2: 3 mm after 0.3 s.
+        // The semi-implicit integrator uses the velocity at the end of a step. Its error is g t dt
+        // / 2: 3 mm after 0.3 s.
         let parabola = 1.5 - 0.5 * GRAVITY * t * t;
         assert!((z - (parabola - 0.5 * GRAVITY * t * dt)).abs() < 1e-9, "{z} at {t} s");
     }
@@ -287,7 +293,8 @@ fn a_ball_dropped_in_the_box_does_not_bounce_and_stays_for_ten_seconds() {
     assert!(norm(bench.velocity()) < 0.006, "{:?}", bench.velocity());
 }
 
-/// Returns the final position of the ball in the box under gravity tilted by 0.5 rad in the direction (x, y).
+/// Returns the final position of the ball in the box under gravity tilted by 0.5 rad in the
+/// direction (x, y).
 fn rolled(x: f64, y: f64) -> [f64; 3] {
     let (sin, cos) = 0.5_f64.sin_cos();
     let (gx, gy, gz) = (GRAVITY * sin * x, GRAVITY * sin * y, -GRAVITY * cos);
@@ -307,7 +314,8 @@ fn the_cavity_has_its_nominal_width_and_a_ball_in_its_corner_is_caught() {
     }
     let aside = rolled(1.0, 1.0)[0].hypot(rolled(1.0, 1.0)[1]);
     assert!((aside - reach * 2.0_f64.sqrt()).abs() < 3e-4, "{aside}");
-    // The bound of the strict formula is farther than a corner and nearer than a ball that touches the box from outside.
+    // The bound of the strict formula is farther than a corner and nearer than a ball that touches
+    // the box from outside.
     let strict = task("ball-catching").unwrap().definition().paper.strict;
     assert!(strict.contains("ball_box_horizontal_distance <= 0.04 ") && aside < 0.04, "{strict}");
 }
@@ -327,7 +335,8 @@ fn a_throw_gains_no_energy_in_the_box() {
         for _ in 0..bench.steps(0.5) {
             bench.step();
             let energy = bench.energy();
-            // A hard landing presses the ball into the floor, which returns a small amount of energy.
+            // A hard landing presses the ball into the floor, which returns a small amount of
+            // energy.
             assert!(
                 energy < least + 0.05 * thrown,
                 "throw {k}: {energy} J after {least} J, thrown with {thrown} J"

@@ -185,7 +185,8 @@ fn a_free_cloth_falls_with_gravity_and_internal_forces_conserve_its_momentum() {
         let (fall, velocity) = (sub(mean(&bench.vertices()), before), mean(&bench.velocities()));
         assert!((velocity[2] + G * 0.25).abs() < 1e-6, "{grid:?} falls at {} m/s", velocity[2]);
         assert!(norm_xy(fall) < 1e-9, "{grid:?} drifts by {fall:?}");
-        // The tolerance is the error of the integrator: half a physics step times the final velocity.
+        // The tolerance is the error of the integrator: half a physics step times the final
+        // velocity.
         assert!(
             (fall[2] + 0.5 * G * 0.25 * 0.25).abs() < 0.5 * G * 0.25 / 240.0 + 1e-6,
             "{grid:?}: {fall:?}"
@@ -250,8 +251,8 @@ fn a_dropped_cloth_drapes_over_the_edge_comes_to_rest_and_gains_no_energy() {
 
 #[test]
 fn a_cloth_with_nine_tenths_beyond_an_edge_slides_off() {
-    // By the capstan equation a right-angled edge with a friction of 1 holds at most a ratio of e^(π/2) = 4.8. The ratio here
-    // is 9.
+    // By the capstan equation a right-angled edge with a friction of 1 holds at most a ratio of
+    // e^(π/2) = 4.8. The ratio here is 9.
     let ledge = "<worldbody><geom class=\"table\" pos=\"0 3 0.2\" size=\"0.5 0.5 0.2\"/></worldbody>";
     for grid in GRIDS {
         let mut bench = Bench::new(grid, ledge);
@@ -262,8 +263,8 @@ fn a_cloth_with_nine_tenths_beyond_an_edge_slides_off() {
     }
 }
 
-/// Returns the acceleration (m/s²) and displacement (m) of the cloth along x on a level table with gravity tilted by `angle`,
-/// which is equivalent to a slope of this angle.
+/// Returns the acceleration (m/s²) and displacement (m) of the cloth along x on a level table with
+/// gravity tilted by `angle`, which is equivalent to a slope of this angle.
 fn slide(grid: (&str, usize), angle: f64) -> (f64, f64) {
     let (sin, cos) = angle.sin_cos();
     let slope = format!(
@@ -415,15 +416,15 @@ fn an_open_finger_releases_the_cloth_permanently() {
 
 #[test]
 fn the_fraction_over_the_table_counts_vertices() {
-    // The cloth is in the plane y = 0 with columns of vertices every 3 cm from x = 0.35 to 0.65. The columns at 0.35, 0.38 …
-    // 0.59 are over a table from x = 0.30 to 0.60.
+    // The cloth is in the plane y = 0 with columns of vertices every 3 cm from x = 0.35 to 0.65.
+    // The columns at 0.35, 0.38 … 0.59 are over a table from x = 0.30 to 0.60.
     let over = |x0: &[f64]| ExpertEpisode::new("cloth-placing", x0).signal("cloth_vertices_over_table");
     assert!((over(&[0.45, 0.0]) - 9.0 / 11.0).abs() < 1e-12);
     assert_eq!(over(&[0.45, 0.2]), 0.0);
 }
 
-/// Returns the robustness of the strict formula for a released cloth at rest above the middle of the table, with its centroid
-/// at this height above the table (m).
+/// Returns the robustness of the strict formula for a released cloth at rest above the middle of
+/// the table, with its centroid at this height above the table (m).
 fn strict_at(height: f64) -> f64 {
     let strict = task("cloth-placing").unwrap().definition().paper.specification().unwrap().strict.unwrap();
     let signals = [
@@ -443,7 +444,8 @@ fn strict_at(height: f64) -> f64 {
 fn a_released_cloth_that_hangs_above_the_table_violates_the_strict_formula() {
     // A flat cloth on top of the rim, which is 0.02 m high, is on the table.
     assert!(strict_at(0.02 + RADIUS) > 0.02);
-    // The lowest cloth that hangs from the fingertips without a fold, half its side above the table.
+    // The lowest cloth that hangs from the fingertips without a fold, half its side above the
+    // table.
     assert!(strict_at(0.5 * SIDE) < -0.05);
 }
 

@@ -36,7 +36,8 @@ impl Bench {
         }
     }
 
-    /// Releases the cube and places it at `from_target` relative to the target cube, rotated by `lean` about y.
+    /// Releases the cube and places it at `from_target` relative to the target cube, rotated by
+    /// `lean` about y.
     fn with_cube_at(extra: &str, from_target: [f64; 3], lean: f64) -> Bench {
         let mut bench = Bench::new(extra);
         bench.release();
@@ -87,7 +88,8 @@ impl Bench {
     }
 }
 
-/// Returns MJCF with gravity tilted towards `heading`, which is equivalent to a slope of this gradient.
+/// Returns MJCF with gravity tilted towards `heading`, which is equivalent to a slope of this
+/// gradient.
 fn slope(gradient: f64, heading: f64) -> String {
     let (sin, cos) = gradient.atan().sin_cos();
     let (x, y) = (G * sin * heading.cos(), G * sin * heading.sin());
@@ -135,7 +137,8 @@ fn a_cube_starts_to_slide_on_the_ground_at_a_slope_of_0_75_in_any_direction() {
             bench.run(1.0);
             bench.speed(bench.target)
         };
-        // The speed of a sliding cube after 1 s is g (sin - 0.75 cos) times 1 s, which is 0.38 m/s at 0.8.
+        // The speed of a sliding cube after 1 s is g (sin - 0.75 cos) times 1 s, which is 0.38 m/s
+        // at 0.8.
         let (below, above) = (speed_after_a_second(0.7), speed_after_a_second(0.8));
         assert!(below < 2e-3, "towards {heading} it creeps at {below} m/s");
         assert!(above > 0.2, "towards {heading} it slides at {above} m/s only");
@@ -178,8 +181,8 @@ fn a_cube_stays_on_a_fixed_one_up_to_a_slope_of_1() {
 
 #[test]
 fn a_stack_topples_where_the_slope_exceeds_width_over_height() {
-    // The stack is 0.05 m wide and 0.1 m high, so the critical slope is 0.5. The compliance of the ground and the sudden
-    // start of the slope reduce it by a tenth.
+    // The stack is 0.05 m wide and 0.1 m high, so the critical slope is 0.5. The compliance of the
+    // ground and the sudden start of the slope reduce it by a tenth.
     let lowest = |gradient: f64| {
         let mut bench = Bench::with_cube_at(&slope(gradient, 0.0), [0.0, 0.0, 0.05], 0.0);
         bench.run(1.5);

@@ -107,7 +107,8 @@ fn the_original_reward_of_a_stack_matches_a_hand_calculation() {
     let expected = 2.0 / 1.03 + 12.0;
     let found = episode.rows[300].reward;
     assert!((found - expected).abs() < 1e-3, "{found} instead of {expected}");
-    // Initially d = |(-0.26, -0.1, 0.865)| for a target at y = 0.1, and only the first term is not 0.
+    // Initially d = |(-0.26, -0.1, 0.865)| for a target at y = 0.1, and only the first term is
+    // not 0.
     let start = episode.rows[1].reward;
     let d = (0.26_f64.powi(2) + 0.1_f64.powi(2) + 0.865_f64.powi(2)).sqrt();
     assert!((start - 2.0 / (1.0 + d)).abs() < 5e-3, "{start}");

@@ -10,7 +10,8 @@ use mishandle_world::{Body, Joint, Model, PANDA, Site, World};
 /// A posture in front of the door.
 const REST: [f64; 7] = [0.6, -0.2, -0.35, -1.75, -1.0, 2.7, 0.2];
 
-/// Returns the rotation matrix (row-major) of a level hand in the direction `azimuth` with the left finger above.
+/// Returns the rotation matrix (row-major) of a level hand in the direction `azimuth` with the left
+/// finger above.
 fn level(azimuth: f64) -> [f64; 9] {
     let (sin, cos) = azimuth.sin_cos();
     [-sin, 0.0, cos, cos, 0.0, sin, 0.0, 1.0, 0.0]
@@ -102,7 +103,8 @@ impl Bench {
         self.in_panel(self.arm.position())
     }
 
-    /// Sets the arm at rest with the grasp point at `point` and the hand's rotation matrix `rotation`.
+    /// Sets the arm at rest with the grasp point at `point` and the hand's rotation matrix
+    /// `rotation`.
     fn pose(&mut self, point: [f64; 3], rotation: &[f64; 9], fingers: f64) {
         let mut q = REST;
         for _ in 0..2000 {
@@ -119,7 +121,8 @@ impl Bench {
         self.panda.place(&whole, &mut self.world);
     }
 
-    /// Moves the hand along `direction` at the velocity limits of the joints, and the fingers to `fingers`.
+    /// Moves the hand along `direction` at the velocity limits of the joints, and the fingers to
+    /// `fingers`.
     fn drive(&mut self, direction: [f64; 3], rotation: &[f64; 9], fingers: f64, seconds: f64) {
         for _ in 0..(60.0 * seconds).round() as usize {
             let q = self.q();
@@ -140,18 +143,20 @@ impl Bench {
     }
 }
 
-/// Returns the moment of inertia about the hinge axis of a box with mass `m`, horizontal sides `a` and `b`, and center
-/// (x, y) relative to the frame's origin.
+/// Returns the moment of inertia about the hinge axis of a box with mass `m`, horizontal sides `a`
+/// and `b`, and center (x, y) relative to the frame's origin.
 fn about_hinge(m: f64, [a, b]: [f64; 2], [x, y]: [f64; 2]) -> f64 {
     m * ((a * a + b * b) / 12.0 + (x - 0.005).powi(2) + (y + 0.464).powi(2))
 }
 
-/// Returns the moment of inertia of the whole door: panel, two levers and two key cylinders of 1,000 kg/m³.
+/// Returns the moment of inertia of the whole door: panel, two levers and two key cylinders of
+/// 1,000 kg/m³.
 fn inertia() -> f64 {
     let panel = about_hinge(1.0, [0.025, 0.762], [0.019, -0.059]);
     let stem = |x| about_hinge(1000.0 * 0.033 * 0.033 * 0.0335, [0.033, 0.033], [x, 0.287]);
     let bar = |x| about_hinge(1000.0 * 0.03 * 0.1091 * 0.0335, [0.03, 0.1091], [x, 0.24895]);
-    // A cylinder has the moment m (r²/4 + h²/12) perpendicular to its axis, like a box with sides h and sqrt(3) r.
+    // A cylinder has the moment m (r²/4 + h²/12) perpendicular to its axis, like a box with sides h
+    // and sqrt(3) r.
     let key = |x| {
         let mass = 1000.0 * std::f64::consts::PI * 0.028 * 0.028 * 0.016;
         about_hinge(mass, [0.016, 3.0_f64.sqrt() * 0.028], [x, 0.283])
@@ -169,7 +174,8 @@ fn the_handle_matches_the_original_benchmark_and_opens_towards_the_robot() {
     };
     let near = |a: [f64; 3], b: [f64; 3]| assert!(norm(sub(a, b)) < 1e-9, "{a:?} is not {b:?}");
     near(at(&mut bench, 0.0), [0.7467, 0.1962, 0.8124]);
-    // A rotation by 90 degrees about the hinge at (0.805, -0.464) maps the offset (-0.0583, 0.6602) to (-0.6602, -0.0583).
+    // A rotation by 90 degrees about the hinge at (0.805, -0.464) maps the offset (-0.0583, 0.6602)
+    // to (-0.6602, -0.0583).
     near(at(&mut bench, std::f64::consts::FRAC_PI_2), [0.1448, -0.5223, 0.8124]);
 }
 
@@ -194,7 +200,8 @@ fn a_released_door_keeps_turning_until_friction_stops_it() {
     assert!((bench.yaw() - expected.0).abs() < 0.005, "{} instead of {}", bench.yaw(), expected.0);
     assert!((bench.rate() - expected.1).abs() < 0.005, "{} instead of {}", bench.rate(), expected.1);
 
-    // From ω = 0.1 rad/s with the deceleration a the door stops after ω / a = 4.1 s and ω² / 2a = 0.21 rad.
+    // From ω = 0.1 rad/s with the deceleration a the door stops after ω / a = 4.1 s and ω² / 2a =
+    // 0.21 rad.
     bench.swing(0.2, 0.1);
     bench.run(8.0);
     let angle = 0.01 / (2.0 * deceleration);
@@ -237,8 +244,8 @@ fn a_lever_held_between_the_fingers_follows_the_hand_at_full_speed() {
 fn a_finger_behind_the_lever_pulls_the_door_without_slipping_off() {
     let mut bench = Bench::new("");
     bench.swing(0.3, 0.0);
-    // The hand approaches obliquely from the lever's free end. The lever's back is at x = -0.037 m and y = 0.1944 m, and the
-    // panel is at x = 0.0065 m.
+    // The hand approaches obliquely from the lever's free end. The lever's back is at x = -0.037 m
+    // and y = 0.1944 m, and the panel is at x = 0.0065 m.
     let (point, oblique) = (bench.in_world([-0.01, 0.2, 0.81]), level(bench.yaw() + 0.9));
     bench.pose(point, &oblique, 0.0);
     bench.drive([-1.0, 0.0, 0.0], &oblique, 0.0, 0.3);
@@ -271,7 +278,8 @@ fn pushing_does_not_open_the_door() {
         bench.drive([1.0, 0.0, 0.0], &level(0.0), 0.0, seconds);
         let [x, _, _] = bench.grasp_in_panel();
         assert!(bench.yaw().abs() < 0.02, "from {yaw} rad it comes to {}", bench.yaw());
-        // The fingertips are 9 mm in front of the grasp point. The lever's front is at -0.067 m, the slab's at -0.016 m.
+        // The fingertips are 9 mm in front of the grasp point. The lever's front is at -0.067 m,
+        // the slab's at -0.016 m.
         let front = if y > 0.0 { -0.067 } else { -0.016 };
         assert!(bench.deepest > 0.0 && x + 0.009 < front + 0.005, "the finger tips are at {}", x + 0.009);
         assert!(bench.deepest < 0.006, "they sink in by {} m", bench.deepest);

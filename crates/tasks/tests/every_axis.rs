@@ -98,8 +98,9 @@ fn every_task_has_axes_of_every_kind() {
     }
 }
 
-/// Selects the axes of the test. From axes that differ only by joint or observed number it takes the first and the last,
-/// and only the first segment, because later disturbances may have no effect, for instance on a cloth at rest.
+/// Selects the axes of the test. From axes that differ only by joint or observed number it takes
+/// the first and the last, and only the first segment, because later disturbances may have no
+/// effect, for instance on a cloth at rest.
 fn representatives(axes: &[Axis]) -> Vec<&Axis> {
     let family = |axis: &Axis| axis.name.split('_').next().unwrap_or_default().to_string();
     let is_repeated = |axis: &Axis| ["bias", "drift", "disturbance", "draw"].contains(&family(axis).as_str());
@@ -246,8 +247,8 @@ impl Stepper {
 
 #[test]
 fn a_push_on_a_free_body_changes_its_momentum_by_force_times_duration() {
-    // Start time and duration (s, not multiples of the physics step), and a control step after the push but before the ball
-    // has contacts.
+    // Start time and duration (s, not multiples of the physics step), and a control step after the
+    // push but before the ball has contacts.
     for (name, start, duration, steps) in [
         ("ball-balancing", 0.0213, 0.0517, 6),
         ("ball-catching", 0.1003, 0.1511, 18),
@@ -283,7 +284,8 @@ fn a_push_on_a_free_body_changes_its_momentum_by_force_times_duration() {
 
 #[test]
 fn a_pushed_cube_slides_the_distance_of_coulomb_friction() {
-    // A push of 0.5 N for 0.05 s accelerates a cube of 20 g on the ground against the friction μ m g, which then stops it.
+    // A push of 0.5 N for 0.05 s accelerates a cube of 20 g on the ground against the friction μ m
+    // g, which then stops it.
     let slide = |scale: f64| {
         let push =
             [("friction_scale", scale), ("push_time", 0.5), ("push_duration", 0.05), ("push_force_x", 0.5)];

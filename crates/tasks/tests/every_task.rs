@@ -252,7 +252,8 @@ fn random_initial_states_cover_the_box() {
                 let [low, high] = axis.bounds(preset);
                 let values = || starts.iter().filter_map(|start| start.get(i));
                 assert!(values().all(|x| (low..=high).contains(&x)), "{} {}", environment.name(), axis.name);
-                // The probability that none of 1,000 uniform draws is within 2 % of a bound is 2e-9.
+                // The probability that none of 1,000 uniform draws is within 2 % of a bound is
+                // 2e-9.
                 let near = 0.02 * (high - low);
                 assert!(values().any(|x| x < low + near) && values().any(|x| x > high - near));
             }
@@ -326,8 +327,8 @@ fn the_expert_satisfies_both_formulas() {
                 .map(|episode| numbers(&episode.request.scenario))
                 .collect()
         };
-        // The required rates of an expert are 99 % and 95 % of 1,000 initial states. A variant uses the expert of its base
-        // task, which reaches 88 %.
+        // The required rates of an expert are 99 % and 95 % of 1,000 initial states. A variant uses
+        // the expert of its base task, which reaches 88 %.
         let (success, strict) = (failures(succeeds), failures(is_strict));
         assert!(success.is_empty(), "{name} violates the success formula from {success:?}");
         let allowed = if task.definition().variant_of.is_some() { 6 } else { 0 };
@@ -369,7 +370,8 @@ fn halving_the_physics_step_changes_at_most_one_outcome_in_a_hundred() {
         let others = whole.iter().zip(&halved).filter(other).count();
         let same_success = |(a, b): (&Episode, &Episode)| succeeds(a) == succeeds(b);
         assert!(whole.iter().zip(&halved).all(same_success), "{}", task.definition().name);
-        // In a variant one initial state in ten fails by chance, so a change of the physics step changes more outcomes.
+        // In a variant one initial state in ten fails by chance, so a change of the physics step
+        // changes more outcomes.
         let allowed = if task.definition().variant_of.is_some() { 20 } else { 1 };
         assert!(
             others <= allowed,

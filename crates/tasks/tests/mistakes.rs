@@ -86,7 +86,8 @@ fn leak<T>(list: Vec<T>) -> &'static [T] {
     list.leak()
 }
 
-/// Returns a valid definition with two signals, four observed numbers, one reward term and one axis.
+/// Returns a valid definition with two signals, four observed numbers, one reward term and one
+/// axis.
 fn valid_definition() -> Definition {
     Definition {
         name: "wrong-task",

@@ -114,8 +114,8 @@ fn leaning(angle: f64) -> [f64; 4] {
 
 #[test]
 fn the_clearance_is_four_millimeters_in_every_direction() {
-    // The walls are tangent to the circle of 10 mm. At the corners of the polygon the clearance of a shaft of 6 mm is
-    // 4 mm / cos(π / 16) = 4.08 mm.
+    // The walls are tangent to the circle of 10 mm. At the corners of the polygon the clearance of
+    // a shaft of 6 mm is 4 mm / cos(π / 16) = 4.08 mm.
     for i in 0..64 {
         let (sin, cos) = (TAU * f64::from(i) / 64.0).sin_cos();
         let touches = |offset: f64| {
@@ -180,14 +180,15 @@ fn a_peg_bounces_on_the_ground_with_a_restitution_of_0_4_and_not_on_the_block() 
 
 /// Returns the depth of the lowest point of a jammed shaft that leans by `angle`.
 ///
-/// In the plane of the axis and the vertical, one edge of the lower end is at the far wall, x = 2 R. The end is
-/// 2 r cos(angle) wide. From its lowest point the side of the shaft rises at `angle` to the vertical up to the near rim,
-/// x = 0. So depth · tan(angle) = 2 R - 2 r cos(angle).
+/// In the plane of the axis and the vertical, one edge of the lower end is at the far wall, x = 2
+/// R. The end is 2 r cos(angle) wide. From its lowest point the side of the shaft rises at `angle`
+/// to the vertical up to the near rim, x = 0. So depth · tan(angle) = 2 R - 2 r cos(angle).
 fn depth_leaning(angle: f64) -> f64 {
     2.0 * (HOLE_RADIUS - SHAFT_RADIUS * angle.cos()) / angle.tan()
 }
 
-/// Simulates a peg that slides down slowly with a constant lean, and returns the final depth of its lowest point, m.
+/// Simulates a peg that slides down slowly with a constant lean, and returns the final depth of its
+/// lowest point, m.
 fn depth_reached(angle: f64) -> f64 {
     let (sin, cos) = angle.sin_cos();
     // The distance between the edge of the lower end and the far wall is 0.05 mm.
@@ -287,8 +288,8 @@ fn the_full_force_of_the_arm_does_not_press_the_peg_into_the_block() {
             lowest = lowest.min(tip);
         }
     }
-    // The peg comes down at 1.7 m/s, 7 mm per physics step. This is the maximum penetration, also under the full torque
-    // after the contact.
+    // The peg comes down at 1.7 m/s, 7 mm per physics step. This is the maximum penetration, also
+    // under the full torque after the contact.
     assert!(speed > 1.5, "it comes down at {speed} m/s");
     assert!(lowest > 0.4 - 1.1 * speed / 240.0, "its tip gets down to {lowest} at {speed} m/s");
     let now = bench.in_hand();
@@ -315,7 +316,8 @@ fn the_gripper_releases_the_peg_near_the_hole_for_every_position_of_the_block() 
             Sample { observation: &mut observation, signals: &mut signals, rewards: &mut rewards }
         };
     }
-    // The hole is in the middle of the initial box and at its corners, which include the nearest and the farthest holes.
+    // The hole is in the middle of the initial box and at its corners, which include the nearest
+    // and the farthest holes.
     for hole in [HOLE, [0.3, -0.2], [0.3, 0.2], [0.7, -0.2], [0.7, 0.2]] {
         worker.reset(&hole.into(), Seed(0), &mut state, sample!());
         controller.reset(&mut memory, Seed(0));

@@ -1,5 +1,6 @@
-/// Formats a sample with its time, such as `step 30 (0.50 s)`. `control_dt` is the time between two samples, in seconds. At 1 s,
-/// which systems without a time step have, the number of the step says it all.
+/// Formats a sample with its time, such as `step 30 (0.50 s)`. `control_dt` is the time between two
+/// samples, in seconds. At 1 s, which systems without a time step have, the number of the step says
+/// it all.
 ///
 /// # Example
 /// ```

@@ -1,5 +1,6 @@
-/// Returns whether a character is invisible: it reorders text, breaks lines, joins characters or has no width. These are
-/// Unicode's format characters, the two separators of lines and paragraphs, and variation selectors.
+/// Returns whether a character is invisible: it reorders text, breaks lines, joins characters or
+/// has no width. These are Unicode's format characters, the two separators of lines and paragraphs,
+/// and variation selectors.
 ///
 /// # Example
 /// ```
@@ -16,7 +17,8 @@ pub fn is_invisible(c: char) -> bool {
     )
 }
 
-/// Makes characters visible that control the output or that nobody sees: they appear as their escapes in Rust.
+/// Makes characters visible that control the output or that nobody sees: they appear as their
+/// escapes in Rust.
 ///
 /// # Example
 /// ```

@@ -11,7 +11,8 @@ pub fn plural<N: Copy + Display + PartialEq + From<u8>>(count: N, noun: &str) ->
     format!("{count} {noun}{}", if count == N::from(1) { "" } else { "s" })
 }
 
-/// Formats a number with this many decimals, or in scientific notation from 10⁹ on, where decimals would be hundreds of digits.
+/// Formats a number with this many decimals, or in scientific notation from 10⁹ on, where decimals
+/// would be hundreds of digits.
 ///
 /// # Example
 /// ```

@@ -1,7 +1,8 @@
 //! A car that follows another car: a dynamic system with every kind of axis.
 //!
-//! The follower uses the intelligent driver model of Treiber, Hennecke and Helbing, "Congested traffic states in
-//! empirical observations and microscopic simulations", Physical Review E 62, 2000, with a bounded deceleration:
+//! The follower uses the intelligent driver model of Treiber, Hennecke and Helbing, "Congested
+//! traffic states in empirical observations and microscopic simulations", Physical Review E 62,
+//! 2000, with a bounded deceleration:
 //!
 //! ```text
 //! a  = A (1 - (v / v₀)⁴ - (s* / s)²)        s* = s₀ + v T + v Δv / (2 sqrt(A B))
@@ -21,8 +22,8 @@ pub(crate) struct CarFollowing;
 const DT: f64 = 0.1;
 const STEPS: usize = 200;
 
-/// Parameters of the model: desired speed v₀ (m/s), time headway T (s), minimum gap s₀ (m), acceleration A and
-/// comfortable deceleration B (m/s²).
+/// Parameters of the model: desired speed v₀ (m/s), time headway T (s), minimum gap s₀ (m),
+/// acceleration A and comfortable deceleration B (m/s²).
 const DESIRED_SPEED: f64 = 33.0;
 const HEADWAY: f64 = 1.0;
 const MIN_GAP: f64 = 2.0;
@@ -36,7 +37,8 @@ const MAX_DECELERATION: f64 = 8.0;
 const KNOT: usize = 50;
 const KNOTS: usize = STEPS / KNOT + 1;
 
-/// Standard deviation of the gap measurement's error, m. The error is constant in each of these parts of the episode.
+/// Standard deviation of the gap measurement's error, m. The error is constant in each of these
+/// parts of the episode.
 const GAP_STD: f64 = 0.5;
 const PARTS: usize = 4;
 

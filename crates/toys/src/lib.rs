@@ -1,8 +1,8 @@
 //! Toy targets in closed form, for tests, documentation and benchmarks of searches.
 //!
-//! A simulation takes microseconds, and the counterexamples are known, so searches and campaigns can be tested in
-//! milliseconds. To add a toy, write a file and add a line to [`TOYS`]. [`FunctionSystem`] is a system for tests whose
-//! robustness is an arbitrary function.
+//! A simulation takes microseconds, and the counterexamples are known, so searches and campaigns
+//! can be tested in milliseconds. To add a toy, write a file and add a line to [`TOYS`].
+//! [`FunctionSystem`] is a system for tests whose robustness is an arbitrary function.
 //!
 //! # Example
 //! The car keeps its distance from every start, unless the car in front brakes:

@@ -6,7 +6,8 @@ use crate::Toy;
 
 pub(crate) struct Pits;
 
-/// Center and radius of a pit, the signal that becomes negative in it, and the sample at which it does.
+/// Center and radius of a pit, the signal that becomes negative in it, and the sample at which it
+/// does.
 struct Pit {
     center: [f64; 2],
     radius: f64,
@@ -18,8 +19,8 @@ const fn pit(center: [f64; 2], radius: f64, signal: usize, sample: usize) -> Pit
     Pit { center, radius, signal, sample }
 }
 
-/// The pits, the largest first: 4.5, 2.5, 1.5, 0.8, 0.4 and 0.2 % of the square. Two with the same signal are more than
-/// 0.2 apart.
+/// The pits, the largest first: 4.5, 2.5, 1.5, 0.8, 0.4 and 0.2 % of the square. Two with the same
+/// signal are more than 0.2 apart.
 const PITS: [Pit; 6] = [
     pit([0.20, 0.20], 0.12, 0, 5),
     pit([0.75, 0.25], 0.09, 1, 5),

@@ -40,8 +40,8 @@ pub trait Toy: Send + Sync {
     fn episode_steps(&self) -> usize {
         1
     }
-    /// Runs an episode and passes each sample of the signals to `push`. `values` has one value per axis of
-    /// [`axes`](Self::axes); `None` is a random value from `seed`.
+    /// Runs an episode and passes each sample of the signals to `push`. `values` has one value per
+    /// axis of [`axes`](Self::axes); `None` is a random value from `seed`.
     fn simulate(&self, values: &[Option<f64>], seed: Seed, push: &mut dyn FnMut(&[f64]));
 }
 

@@ -1,4 +1,5 @@
-//! Prints the reference of all settings; `cargo xtask settings` writes it to `docs/reference/algorithms/settings.md`.
+//! Prints the reference of all settings; `cargo xtask settings` writes it to
+//! `docs/reference/algorithms/settings.md`.
 
 #![allow(clippy::print_stdout, reason = "the page is the output")]
 

@@ -12,8 +12,8 @@ use crate::{
     TrainingResult, learner,
 };
 
-/// Settings of one algorithm. Each algorithm implements this trait in its own folder and has a line in
-/// [`ALGORITHMS`](crate::ALGORITHMS).
+/// Settings of one algorithm. Each algorithm implements this trait in its own folder and has a line
+/// in [`ALGORITHMS`](crate::ALGORITHMS).
 pub(crate) trait Algorithm: TomlSettings + Clone + Debug + PartialEq + Send + Sync + 'static {
     /// One-line summary of the algorithm.
     const SUMMARY: &'static str;
@@ -25,8 +25,8 @@ pub(crate) trait Algorithm: TomlSettings + Clone + Debug + PartialEq + Send + Sy
     fn run_mut(&mut self) -> &mut RunSettings;
 }
 
-/// A learner that can be built from settings. The on-policy and the off-policy learner implement it for all their
-/// algorithms.
+/// A learner that can be built from settings. The on-policy and the off-policy learner implement it
+/// for all their algorithms.
 pub(crate) trait BuildLearner: Learner + Sized + 'static {
     /// Settings of the algorithm.
     type Settings;
@@ -182,7 +182,8 @@ impl AlgorithmSettings {
         self.0.settings()
     }
 
-    /// Returns the settings as TOML: every key with its value, without the settings that are not set.
+    /// Returns the settings as TOML: every key with its value, without the settings that are not
+    /// set.
     pub fn to_toml(&self) -> String {
         self.0.to_toml()
     }
@@ -210,7 +211,8 @@ impl AlgorithmSettings {
         self.0.check()
     }
 
-    /// Returns the reason why the result after n steps depends on `run.total_steps`; `None` if it does not.
+    /// Returns the reason why the result after n steps depends on `run.total_steps`; `None` if it
+    /// does not.
     pub(crate) fn depends_on_total_steps(&self) -> Option<&'static str> {
         self.0.depends_on_total_steps()
     }
@@ -218,7 +220,8 @@ impl AlgorithmSettings {
     /// Checks that [`train`](Self::train) with the same arguments could resume from a checkpoint.
     ///
     /// # Errors
-    /// If a setting has a value that is not allowed, or the checkpoint belongs to another training run.
+    /// If a setting has a value that is not allowed, or the checkpoint belongs to another training
+    /// run.
     pub fn check_resumption(
         &self,
         environments: &dyn BatchFactory,
@@ -229,14 +232,16 @@ impl AlgorithmSettings {
     }
 
     /// Trains a policy in batches from `environments`, on the threads of the current rayon pool. An
-    /// [`Arc`](std::sync::Arc) of an [`Environment`](mishandle_rollout::Environment) creates batches on the CPU.
+    /// [`Arc`](std::sync::Arc) of an [`Environment`](mishandle_rollout::Environment) creates
+    /// batches on the CPU.
     ///
-    /// With a checkpoint of the same settings, training resumes there and produces the same bits as an uninterrupted run.
-    /// Only `run.total_steps` may differ, and only if the learning does not depend on it.
+    /// With a checkpoint of the same settings, training resumes there and produces the same bits as
+    /// an uninterrupted run. Only `run.total_steps` may differ, and only if the learning does not
+    /// depend on it.
     ///
     /// # Errors
-    /// If a setting has a value that is not allowed, the checkpoint belongs to another training run, a weight becomes
-    /// NaN or infinite, or the environment batch fails.
+    /// If a setting has a value that is not allowed, the checkpoint belongs to another training
+    /// run, a weight becomes NaN or infinite, or the environment batch fails.
     pub fn train(
         &self,
         environments: &dyn BatchFactory,
@@ -247,8 +252,9 @@ impl AlgorithmSettings {
         learner::train(self, environments, None, seed, resume, observer)
     }
 
-    /// As [`train`](Self::train), with the networks of the learner on another device, where the algorithm can use one: PPO does. Another
-    /// device rounds otherwise, so the weights are not those of the CPU bit for bit.
+    /// As [`train`](Self::train), with the networks of the learner on another device, where the
+    /// algorithm can use one: PPO does. Another device rounds otherwise, so the weights are not
+    /// those of the CPU bit for bit.
     ///
     /// # Errors
     /// As for [`train`](Self::train), and if the device fails.

@@ -11,7 +11,8 @@ pub enum TrainingError {
     /// A setting has a value that is not allowed.
     #[error("{}the setting `{name}` must be {expected}, found {found}", at(*line))]
     Setting {
-        /// Line of the settings file, counted from 1; `None` if the file does not state the setting.
+        /// Line of the settings file, counted from 1; `None` if the file does not state the
+        /// setting.
         line: Option<usize>,
         /// Table and key.
         name: String,
@@ -84,10 +85,12 @@ pub enum TrainingError {
         listed(differing)
     )]
     SettingsMismatch {
-        /// For each setting that differs: its name, its value in the checkpoint, and the requested value, as TOML.
+        /// For each setting that differs: its name, its value in the checkpoint, and the requested
+        /// value, as TOML.
         differing: Vec<[String; 3]>,
     },
-    /// The checkpoint belongs to a training run of another length, and the learning depends on the length.
+    /// The checkpoint belongs to a training run of another length, and the learning depends on the
+    /// length.
     #[error(
         "a training that started with `run.total_steps` = {original} cannot resume with {requested}: {reason}, so \
          {requested} steps from scratch would give another controller; resume with {original}, or start again"

@@ -52,8 +52,9 @@ impl DiagonalGaussian {
         rows.map(|((mean, action), inverse)| (f64::from(*action) - f64::from(*mean)) * inverse)
     }
 
-    /// Computes `factor` times the gradient of the log-probability: writes the derivative with respect to the mean to
-    /// `mean_gradient` and adds the derivative with respect to log σ to `log_std_gradient`.
+    /// Computes `factor` times the gradient of the log-probability: writes the derivative with
+    /// respect to the mean to `mean_gradient` and adds the derivative with respect to log σ to
+    /// `log_std_gradient`.
     ///
     /// ```text
     /// ∂ log p / ∂ μ_i = z_i / σ_i,   ∂ log p / ∂ log σ_i = z_i² - 1
@@ -75,7 +76,8 @@ impl DiagonalGaussian {
         }
     }
 
-    /// Returns KL(p ‖ q) of this Gaussian p with mean `mean` and `other`, q, with mean `other_mean`.
+    /// Returns KL(p ‖ q) of this Gaussian p with mean `mean` and `other`, q, with mean
+    /// `other_mean`.
     ///
     /// ```text
     /// KL(p ‖ q) = Σ_i log(σ_q / σ_p) + (σ_p² + (μ_p - μ_q)²) / (2 σ_q²) - ½
@@ -91,7 +93,8 @@ impl DiagonalGaussian {
         .sum()
     }
 
-    /// Returns the entropy Σ log σ_i + ½ log 2π + ½. Its derivative with respect to each log σ_i is 1.
+    /// Returns the entropy Σ log σ_i + ½ log 2π + ½. Its derivative with respect to each log σ_i
+    /// is 1.
     pub fn entropy(&self) -> f64 {
         self.log_normalizer + 0.5 * self.std.len() as f64
     }

@@ -24,7 +24,8 @@ impl BatchInference {
         }
     }
 
-    /// Computes the network outputs for the observations of all rows, which `normalizer` normalizes.
+    /// Computes the network outputs for the observations of all rows, which `normalizer`
+    /// normalizes.
     pub fn infer(&mut self, network: &Mlp<f32>, normalizer: &Normalizer<f32>, observations: &[f32]) {
         let columns = network.input_size();
         self.pool.map(

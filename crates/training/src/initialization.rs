@@ -13,8 +13,8 @@ use crate::settings::setting::{INITIALIZATION, SettingKind, reads_as};
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Initialization {
-    /// Orthogonal weights and zero biases. The gain is √2 in hidden layers. A policy has a small gain in the last layer,
-    /// so that the initial actions are near 0 for all observations.
+    /// Orthogonal weights and zero biases. The gain is √2 in hidden layers. A policy has a small
+    /// gain in the last layer, so that the initial actions are near 0 for all observations.
     Orthogonal,
     /// Weights and biases uniform in ±1/√inputs, the PyTorch default.
     Uniform,

@@ -2,17 +2,19 @@
 //!
 //! An algorithm is a folder and a line in the list [`ALGORITHMS`]. The modules:
 //!
-//! - `on_policy`: [`ppo`] and [`trpo`], and what both use: [`RolloutBuffer`], [`gae`], [`Critic`], minibatches;
-//! - `off_policy`: [`sac`], [`td3`] and [`ddpg`], and what they use: [`replay_buffer`], action-value critics with target
-//!   networks, the [`deterministic`] policy;
+//! - `on_policy`: [`ppo`] and [`trpo`], and what both use: [`RolloutBuffer`], [`gae`], [`Critic`],
+//!   minibatches;
+//! - `off_policy`: [`sac`], [`td3`] and [`ddpg`], and what they use: [`replay_buffer`],
+//!   action-value critics with target networks, the [`deterministic`] policy;
 //! - `settings`: declaration, reading and bases of settings;
 //! - `episodes`: parallel environments that restart their [`Episodes`] automatically;
-//! - `learner`: the training loop, progress reports to an [`Observer`], validation, and selection of the best policy;
+//! - `learner`: the training loop, progress reports to an [`Observer`], validation, and selection
+//!   of the best policy;
 //! - `checkpoint`: the state of a training run as a file;
 //! - `parity`: tests that compare single updates with those of skrl.
 //!
-//! Training runs on the threads of the current rayon pool. The same environment, settings and seed give the same
-//! controller, bit for bit, for any number of threads, resumed or not.
+//! Training runs on the threads of the current rayon pool. The same environment, settings and seed
+//! give the same controller, bit for bit, for any number of threads, resumed or not.
 
 mod algorithm;
 mod checkpoint;

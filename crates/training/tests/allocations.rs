@@ -1,4 +1,5 @@
-//! Sampling a batch and computing the losses of SAC, the most complex ones, allocate memory only the first time.
+//! Sampling a batch and computing the losses of SAC, the most complex ones, allocate memory only
+//! the first time.
 #![allow(unsafe_code)] // a counting global allocator needs it
 #![allow(clippy::unwrap_used)]
 

@@ -1,4 +1,5 @@
-//! Training works with any environment batch, and the CPU batch produces the same bits as single workers.
+//! Training works with any environment batch, and the CPU batch produces the same bits as single
+//! workers.
 
 #![allow(clippy::unwrap_used, reason = "helpers of tests")]
 
@@ -16,8 +17,8 @@ use mishandle_training::{
     TrainingResult, Validation,
 };
 
-/// Batch of points on a line in closed form: x' = x + 0.2 clip(a), reward 1 - |x'|, episodes of 20 control steps, initial x
-/// uniform in [-1, 1]. It implements no `Environment` and has no workers.
+/// Batch of points on a line in closed form: x' = x + 0.2 clip(a), reward 1 - |x'|, episodes of 20
+/// control steps, initial x uniform in [-1, 1]. It implements no `Environment` and has no workers.
 struct Homing {
     x: Vec<f32>,
     rewards: Vec<f64>,
@@ -159,8 +160,9 @@ fn mean_return(policy: &Policy) -> f64 {
 fn training_on_a_custom_batch_learns_and_resumes_to_the_same_bits() {
     for algorithm in ["ppo", "sac"] {
         let trained = train(algorithm, None, &mut Keeper::default());
-        // The optimal policy from |x| = 0, 0.1, .. 1.0 loses 0, 0, 0, 0.1, 0.2, 0.4, 0.6, 0.9, 1.2, 1.6 and 2.0 of 20: 14/21
-        // on average over the grid. A policy that does not move loses 20 |x|: 220/21 on average.
+        // The optimal policy from |x| = 0, 0.1, .. 1.0 loses 0, 0, 0, 0.1, 0.2, 0.4, 0.6, 0.9, 1.2,
+        // 1.6 and 2.0 of 20: 14/21 on average over the grid. A policy that does not move loses
+        // 20 |x|: 220/21 on average.
         let found = mean_return(&trained.last);
         assert!((18.5..=20.0 - 14.0 / 21.0 + 1e-6).contains(&found), "{algorithm}: {found}");
 

@@ -10,8 +10,9 @@ use mishandle_rollout::{EnvironmentWorker, Sample, Scenario, Seed, StepStatus};
 use mishandle_training::{Boundary, EpisodeSettings, Episodes, RolloutBuffer, TimeoutHandling};
 use toy::{Toy, names, space};
 
-/// Environment whose observation is (control step, 100) and whose reward is the action. The axis `fate` determines the end:
-/// below 1 none, below 2 termination at control step 5, otherwise divergence at step 3.
+/// Environment whose observation is (control step, 100) and whose reward is the action. The axis
+/// `fate` determines the end: below 1 none, below 2 termination at control step 5, otherwise
+/// divergence at step 3.
 #[derive(Clone)]
 struct Counter;
 
@@ -60,7 +61,8 @@ fn episodes(low: f64, rows: usize, time_limit: usize, action_noise: f64, stagger
     Episodes::new(&counter(low), &settings, Seed(3)).unwrap()
 }
 
-/// Steps one row with the action 0.5 until its episode ends; checks the step, the boundary and the observations.
+/// Steps one row with the action 0.5 until its episode ends; checks the step, the boundary and the
+/// observations.
 #[track_caller]
 fn check_end(low: f64, step: usize, boundary: Boundary, final_step: f32, reward: f64) {
     let mut episodes = episodes(low, 1, 7, 0.0, false);

@@ -1,4 +1,5 @@
-//! SAC, TD3 and DDPG learn, and their results do not depend on the number of threads or on interruptions.
+//! SAC, TD3 and DDPG learn, and their results do not depend on the number of threads or on
+//! interruptions.
 
 #![allow(clippy::unwrap_used, reason = "helpers of tests")]
 

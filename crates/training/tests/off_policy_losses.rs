@@ -1,5 +1,5 @@
-//! Compares the gradients of the SAC, TD3 and DDPG losses with finite differences, and the losses with loops over their
-//! definitions, in f64.
+//! Compares the gradients of the SAC, TD3 and DDPG losses with finite differences, and the losses
+//! with loops over their definitions, in f64.
 
 #![allow(clippy::unwrap_used, reason = "helpers of tests")]
 
@@ -56,7 +56,8 @@ fn outputs(actor: &Mlp<f64>, observations: &[f64], row: usize) -> Vec<f64> {
     actor.forward(&observations[row * OBSERVATION..][..OBSERVATION], &mut Workspace::default()).to_vec()
 }
 
-/// Compares `gradient` with finite differences of `loss` with respect to the parameters of `network`.
+/// Compares `gradient` with finite differences of `loss` with respect to the parameters of
+/// `network`.
 #[track_caller]
 fn check_slopes(network: &Mlp<f64>, gradient: &[f64], loss: impl Fn(&Mlp<f64>) -> f64) {
     const H: f64 = 1e-6;

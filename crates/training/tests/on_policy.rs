@@ -1,4 +1,5 @@
-//! PPO and TRPO learn, and their results do not depend on the number of threads or on interruptions.
+//! PPO and TRPO learn, and their results do not depend on the number of threads or on
+//! interruptions.
 
 #![allow(clippy::unwrap_used, reason = "helpers of tests")]
 
@@ -228,7 +229,8 @@ fn diverging_weights_are_an_error() {
     assert!(matches!(error, TrainingError::NotFinite { .. } | TrainingError::Network(_)), "{error}");
 }
 
-/// Computes networks with their own passes, all rows at once. Fails after a number of backward passes.
+/// Computes networks with their own passes, all rows at once. Fails after a number of backward
+/// passes.
 struct OtherDevice {
     passes: usize,
 }

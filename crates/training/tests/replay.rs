@@ -12,8 +12,8 @@ use mishandle_training::replay_buffer::{ReplayBuffer, Sampling, TransitionBatch}
 use mishandle_training::{Checkpoint, EpisodeSettings, Episodes};
 use toy::{Toy, names, space};
 
-/// Environment whose observation is the control step and whose reward in step k, counted from 0, is 10^k. With a `fate` of at
-/// least 1 the task terminates the episode at step 4.
+/// Environment whose observation is the control step and whose reward in step k, counted from 0, is
+/// 10^k. With a `fate` of at least 1 the task terminates the episode at step 4.
 #[derive(Clone)]
 struct Powers;
 
@@ -46,8 +46,8 @@ impl EnvironmentWorker for Powers {
     }
 }
 
-/// Returns a replay buffer after `steps` control steps in episodes of 5 steps, or 4 with termination; the action encodes the
-/// step.
+/// Returns a replay buffer after `steps` control steps in episodes of 5 steps, or 4 with
+/// termination; the action encodes the step.
 fn filled(fate: f64, rows: usize, steps: usize, capacity: usize) -> (ReplayBuffer, Episodes) {
     let mut replay = ReplayBuffer::new(capacity, rows, 1, 1);
     let settings = EpisodeSettings { environments: rows, time_limit: Some(5), ..EpisodeSettings::default() };
@@ -79,8 +79,8 @@ fn batch(replay: &ReplayBuffer, n_steps: usize, index: u64) -> TransitionBatch<f
     batch
 }
 
-/// Checks the transitions from `observation`: half of the return (rewards are doubled), discount, next observation. The
-/// normalizer does not change numbers up to 5, its clip range.
+/// Checks the transitions from `observation`: half of the return (rewards are doubled), discount,
+/// next observation. The normalizer does not change numbers up to 5, its clip range.
 #[track_caller]
 fn check(fate: f64, n_steps: usize, observation: f32, half_returns: f32, discount: f32, next: Option<f32>) {
     let (replay, _) = filled(fate, 3, 40, 10_000);
@@ -108,7 +108,8 @@ fn three_step_return_within_an_episode() {
 
 #[test]
 fn a_truncation_ends_the_sum_and_keeps_the_final_observation() {
-    // The last of 5 steps: 10^4, then the final observation 5, not the observation 0 of the next episode.
+    // The last of 5 steps: 10^4, then the final observation 5, not the observation 0 of the next
+    // episode.
     check(0.0, 1, 4.0, 10_000.0, 0.5, Some(5.0));
     // 1000 + 10,000 / 2 and no third step.
     check(0.0, 3, 3.0, 6_000.0, 0.25, Some(5.0));
@@ -164,7 +165,8 @@ fn transitions_are_sampled_uniformly() {
             *counts.entry((100.0 * action).round() as i32).or_insert(0) += 1;
         }
     }
-    // 51 of 52 steps have a next step: 20,000 samples, 392 per step; tolerance five Poisson standard deviations.
+    // 51 of 52 steps have a next step: 20,000 samples, 392 per step; tolerance five Poisson
+    // standard deviations.
     assert_eq!(counts.len(), 51);
     for (step, count) in counts {
         assert!((f64::from(count) - 392.0).abs() < 5.0 * 392.0_f64.sqrt(), "step {step}: {count}");

@@ -1,10 +1,12 @@
-//! Many worlds of one model that are stepped together, one per row: by [`CpuWorlds`], or by another physics engine.
+//! Many worlds of one model that are stepped together, one per row: by [`CpuWorlds`], or by another
+//! physics engine.
 
 use crate::rows::Tree;
 use crate::{Body, Model, ModelField, Rows, World, WorldError};
 
-/// A position servo whose setpoint stays near the joint position. MuJoCo has no velocity limits: a servo whose setpoint is at most
-/// `max_lead` ahead of the joint settles at `max_lead` divided by its lag.
+/// A position servo whose setpoint stays near the joint position. MuJoCo has no velocity limits: a
+/// servo whose setpoint is at most `max_lead` ahead of the joint settles at `max_lead` divided by
+/// its lag.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Servo {
     /// Index of the joint's generalized position.
@@ -25,7 +27,8 @@ impl Servo {
 pub struct BatchSpec {
     /// Model of all worlds. Its constants equal those of its document, except the physics step.
     pub model: Model,
-    /// Fields of the model that differ between worlds, each once. Until [`WorldBatch::write_fields`], a world has those of `model`.
+    /// Fields of the model that differ between worlds, each once. Until
+    /// [`WorldBatch::write_fields`], a world has those of `model`.
     pub fields: Vec<ModelField>,
     /// Bodies that [`BatchBuffers::forces`] push, each once.
     pub pushed: Vec<Body>,
@@ -53,17 +56,19 @@ pub trait WorldDevice: Send + Sync {
 ///
 /// All buffers are row-major. Inputs and outputs have the lengths of a [`BatchLayout`].
 ///
-/// The physics may run on another device between [`start_step`](Self::start_step) and [`finish_step`](Self::finish_step). In between,
-/// nothing else may be called.
+/// The physics may run on another device between [`start_step`](Self::start_step) and
+/// [`finish_step`](Self::finish_step). In between, nothing else may be called.
 pub trait WorldBatch: Send {
-    /// Replaces the states of some rows by state vectors, `[rows, state_size]`. No row may occur twice.
+    /// Replaces the states of some rows by state vectors, `[rows, state_size]`. No row may occur
+    /// twice.
     ///
     /// # Errors
     /// If the batch fails as a whole.
     fn write_states(&mut self, rows: &[usize], states: &[f64]) -> Result<(), WorldError>;
 
-    /// Replaces the varying fields of the models of some rows, `[rows, Model::fields_size]`. The values must be those of a
-    /// [changed](Model::changed) copy of the model. No row may occur twice. The states do not change.
+    /// Replaces the varying fields of the models of some rows, `[rows, Model::fields_size]`. The
+    /// values must be those of a [changed](Model::changed) copy of the model. No row may occur
+    /// twice. The states do not change.
     ///
     /// # Errors
     /// If the batch fails as a whole.
@@ -100,8 +105,8 @@ pub struct BatchBuffers<'a> {
     pub active: &'a mut [bool],
     /// Position (m) and quaternion of each mocap body, `[rows, 7 mocap bodies]`.
     pub mocap: &'a mut [f64],
-    /// Force on the center of mass of every pushed body in each physics step, N, world axes, `[rows, substeps, 3]`; empty without pushed
-    /// bodies.
+    /// Force on the center of mass of every pushed body in each physics step, N, world axes,
+    /// `[rows, substeps, 3]`; empty without pushed bodies.
     pub forces: &'a mut [f64],
     /// State and poses after the control step, and [`RowStatus`], `[rows, output_size]`.
     pub outputs: Outputs<'a>,
@@ -162,7 +167,8 @@ pub enum RowStatus {
     Running,
     /// A number is not finite or exceeds MuJoCo's limit.
     Diverged,
-    /// The engine had too little memory for all contacts or constraints of the row, so its numbers are wrong.
+    /// The engine had too little memory for all contacts or constraints of the row, so its numbers
+    /// are wrong.
     Overflow,
 }
 
@@ -177,8 +183,8 @@ impl RowStatus {
     }
 }
 
-/// Lengths of the parts of an output row: qpos, qvel, body positions and quaternions, site positions and rotations, joint anchors and
-/// axes, status.
+/// Lengths of the parts of an output row: qpos, qvel, body positions and quaternions, site
+/// positions and rotations, joint anchors and axes, status.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct BatchLayout {
     lengths: [usize; 9],
@@ -244,7 +250,8 @@ impl BatchLayout {
         output.last().map_or(RowStatus::Diverged, |code| RowStatus::from_code(*code))
     }
 
-    /// Writes the state and the poses of a world, which must be [refreshed](World::refresh), into an output row.
+    /// Writes the state and the poses of a world, which must be [refreshed](World::refresh), into
+    /// an output row.
     pub fn write(&self, world: &World, output: &mut [f64]) {
         let rows = world.rows();
         let parts = [

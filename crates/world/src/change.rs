@@ -15,21 +15,25 @@ pub enum Change {
     Mass(Vec<Body>, f64),
     /// Adds viscous damping to these joints, N m s/rad or N s/m.
     Damping(Vec<Joint>, f64),
-    /// Multiplies the stiffness and damping of these position servos, so that their ratio is unchanged.
+    /// Multiplies the stiffness and damping of these position servos, so that their ratio is
+    /// unchanged.
     Gain(Vec<Actuator>, f64),
-    /// Multiplies the lengths of these bodies, whose geoms have primitive shapes. Their masses do not change.
+    /// Multiplies the lengths of these bodies, whose geoms have primitive shapes. Their masses do
+    /// not change.
     Size(Vec<Body>, f64),
     /// Adds a point mass to a body at its center of mass, kg. Its gravity is not compensated.
     Payload(Body, f64),
     /// Rotates gravity about an axis of the world (0 is x, 1 is y, 2 is z), rad.
     GravityTilt(usize, f64),
-    /// Shifts the pose in which a weld holds its second body, along an axis of its first body, m. The document must set `relpose`,
-    /// because MuJoCo otherwise recomputes the pose with the quantities that it derives from masses.
+    /// Shifts the pose in which a weld holds its second body, along an axis of its first body, m.
+    /// The document must set `relpose`, because MuJoCo otherwise recomputes the pose with the
+    /// quantities that it derives from masses.
     WeldShift(Equality, usize, f64),
 }
 
 impl Model {
-    /// Returns a copy of this model with these changes. Quantities that MuJoCo derives from masses are recomputed.
+    /// Returns a copy of this model with these changes. Quantities that MuJoCo derives from masses
+    /// are recomputed.
     ///
     /// # Example
     /// ```
@@ -101,7 +105,8 @@ fn apply(change: &Change, model: &mut MjModel) {
                 (cos * gravity[i] - sin * gravity[j], sin * gravity[i] + cos * gravity[j]);
         }
         Change::WeldShift(Equality(id), axis, shift) => {
-            // SAFETY: the numbers of a weld are lengths and a quaternion; none of them is an index or a size.
+            // SAFETY: the numbers of a weld are lengths and a quaternion; none of them is an index
+            // or a size.
             #[allow(unsafe_code)]
             let data = unsafe { &mut model.eq_data_mut()[*id] };
             // Numbers 3 to 5 are the position of the second body in the frame of the first.
@@ -109,7 +114,8 @@ fn apply(change: &Change, model: &mut MjModel) {
         }
         Change::Gain(actuators, factor) => {
             for Actuator(id) in actuators {
-                // SAFETY: a position servo's gain and bias are plain numbers; none of them is an index or a size.
+                // SAFETY: a position servo's gain and bias are plain numbers; none of them is an
+                // index or a size.
                 #[allow(unsafe_code)]
                 unsafe {
                     model.actuator_gainprm_mut()[*id][0] *= factor;
@@ -197,7 +203,8 @@ mod tests {
         };
         let plain = Model::from_xml(&xml("")).unwrap();
         let changed = plain.changed(&[Change::Payload(plain.body("arm").unwrap(), 0.4)]);
-        // The center of mass of the capsule is in its middle. A small sphere is almost a point mass.
+        // The center of mass of the capsule is in its middle. A small sphere is almost a point
+        // mass.
         let attached = Model::from_xml(&xml(
             r#"<body pos="0.25 0 0"><geom size="0.001" mass="0.4" contype="0" conaffinity="0"/></body>"#,
         ));

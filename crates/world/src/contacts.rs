@@ -8,9 +8,9 @@ use crate::{Model, PANDA, World, WorldError};
 
 /// The parts of a model between which contact forces are measured.
 ///
-/// The robot is one part, with the name `robot`. Every other body is a part with its own name, also one that the robot holds, and
-/// a body without a name belongs to its parent. A flex is one part. Of what is fixed to the world, a plane is the part `ground`
-/// and all else is the part `scene`.
+/// The robot is one part, with the name `robot`. Every other body is a part with its own name, also
+/// one that the robot holds, and a body without a name belongs to its parent. A flex is one part.
+/// Of what is fixed to the world, a plane is the part `ground` and all else is the part `scene`.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct ContactParts {
     names: Vec<String>,
@@ -111,10 +111,12 @@ impl Model {
 }
 
 impl World {
-    /// Computes the contact forces in the current state, N. Writes the norm of the net force of each pair of parts, in the order
-    /// of [`ContactParts::pairs`], and then the largest force at a single contact point between two parts.
+    /// Computes the contact forces in the current state, N. Writes the norm of the net force of
+    /// each pair of parts, in the order of [`ContactParts::pairs`], and then the largest force at a
+    /// single contact point between two parts.
     ///
-    /// The forces are those of MuJoCo's forward dynamics under the controls and applied forces of the state.
+    /// The forces are those of MuJoCo's forward dynamics under the controls and applied forces of
+    /// the state.
     ///
     /// # Panics
     /// If `parts` are those of another model.

@@ -7,7 +7,8 @@ use crate::Model;
 /// A number of the state with its name.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Coordinate {
-    /// Name of the joint; for a free joint with the axis, such as `ball_x`. Quaternions are `_qw`, `_qx`, `_qy`, `_qz`.
+    /// Name of the joint; for a free joint with the axis, such as `ball_x`. Quaternions are `_qw`,
+    /// `_qx`, `_qy`, `_qz`.
     pub name: String,
     /// Unit: `m` or `rad`, of a velocity `m/s` or `rad/s`, empty for a quaternion.
     pub unit: &'static str,
@@ -18,7 +19,8 @@ pub struct Coordinate {
 }
 
 impl Model {
-    /// Returns the positions of all joints with a name, then their velocities. Vertices of flexes have no names.
+    /// Returns the positions of all joints with a name, then their velocities. Vertices of flexes
+    /// have no names.
     ///
     /// # Example
     /// ```

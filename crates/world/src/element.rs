@@ -34,7 +34,8 @@ impl Mocap {
     }
 }
 
-/// A deformable object (flex) such as a cloth, whose vertices are bodies that translate but do not rotate.
+/// A deformable object (flex) such as a cloth, whose vertices are bodies that translate but do not
+/// rotate.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Flex {
     pub(crate) body: usize,
@@ -50,8 +51,8 @@ impl Flex {
     }
 }
 
-/// A joint. A free joint has seven positions (point, quaternion) and six velocities (linear in the world frame,
-/// angular in the body's own).
+/// A joint. A free joint has seven positions (point, quaternion) and six velocities (linear in the
+/// world frame, angular in the body's own).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Joint {
     /// The index of its first generalized position.

@@ -6,7 +6,8 @@ use mujoco_rs::mujoco_c::mjModel;
 
 use crate::{Change, Model};
 
-/// Declares the fields of [`ModelField`] that are arrays of MuJoCo's model, with their number of elements and of numbers per element.
+/// Declares the fields of [`ModelField`] that are arrays of MuJoCo's model, with their number of
+/// elements and of numbers per element.
 macro_rules! model_fields {
     ($($field:ident $array:ident [$count:ident, $width:literal];)*) => {
         /// A field of the model that may have another value in each world of a batch.
@@ -26,7 +27,8 @@ macro_rules! model_fields {
                 }
             }
 
-            /// Returns the address of the first number and the number of numbers. The model at this address must be valid.
+            /// Returns the address of the first number and the number of numbers. The model at this
+            /// address must be valid.
             #[allow(unsafe_code)]
             unsafe fn part(self, model: *mut mjModel) -> (*mut f64, usize) {
                 // SAFETY: the caller guarantees that the model is valid.
@@ -67,7 +69,8 @@ model_fields! {
     EqData eq_data [neq, 12];
 }
 
-/// Fields that `mj_setConst` derives from masses, inertias and lengths, except those of tendons, cameras and lights.
+/// Fields that `mj_setConst` derives from masses, inertias and lengths, except those of tendons,
+/// cameras and lights.
 const DERIVED: [ModelField; 7] = [
     ModelField::BodySubtreemass,
     ModelField::BodyInvweight0,
@@ -119,8 +122,8 @@ impl Change {
 impl Model {
     /// Returns the values of a field, row-major.
     fn field(&self, field: ModelField) -> &[f64] {
-        // SAFETY: the model is valid and only read. It has this many numbers at this address (the table above repeats mjmodel.h), and
-        // they live as long as the model.
+        // SAFETY: the model is valid and only read. It has this many numbers at this address (the
+        // table above repeats mjmodel.h), and they live as long as the model.
         #[allow(unsafe_code)]
         unsafe {
             let (start, length) = field.part(std::ptr::from_ref(self.inner.ffi()).cast_mut());
@@ -151,15 +154,16 @@ impl Model {
         fields.iter().for_each(|field| values.extend_from_slice(self.field(*field)));
     }
 
-    /// Returns a copy of this model with the values that [`read_fields`](Self::read_fields) has read from a
-    /// [changed](Self::changed) copy of this model.
+    /// Returns a copy of this model with the values that [`read_fields`](Self::read_fields) has
+    /// read from a [changed](Self::changed) copy of this model.
     pub(crate) fn with_fields(&self, fields: &[ModelField], values: &[f64]) -> Model {
         assert_eq!(values.len(), self.fields_size(fields), "number of values of the fields");
         let mut inner = (*self.inner).clone();
         let mut rest = values;
         for field in fields {
-            // SAFETY: as in `field`; `inner` is borrowed exclusively, so its numbers may be written. Values of a changed copy keep the
-            // indices that `eq_data` and the parameters of actuators may contain.
+            // SAFETY: as in `field`; `inner` is borrowed exclusively, so its numbers may be
+            // written. Values of a changed copy keep the indices that `eq_data` and the parameters
+            // of actuators may contain.
             #[allow(unsafe_code)]
             unsafe {
                 let (start, length) = field.part(inner.ffi_mut());
@@ -178,7 +182,8 @@ mod tests {
 
     use super::*;
 
-    /// A model with everything that changes modify. It has no tendon, camera or light, whose derived fields are left out.
+    /// A model with everything that changes modify. It has no tendon, camera or light, whose
+    /// derived fields are left out.
     const XML: &str = r#"<mujoco><worldbody><geom name="floor" type="plane" size="1 1 0.1"/>
         <body name="arm" gravcomp="1"><joint name="j" axis="0 1 0" damping="0.1"/>
         <geom type="capsule" fromto="0 0 0 0.5 0 0" size="0.02" mass="2"/>

@@ -1,6 +1,7 @@
 use crate::{Joint, Model, Site, World, WorldError};
 
-/// The forward kinematics of a chain of joints that ends at a site: pose and Jacobian for any joint vector.
+/// The forward kinematics of a chain of joints that ends at a site: pose and Jacobian for any joint
+/// vector.
 ///
 /// It has its own [`World`], whose other joints keep the positions of the MJCF document.
 #[derive(Debug)]
@@ -8,7 +9,8 @@ pub struct Arm {
     world: World,
     site: Site,
     joints: Vec<Joint>,
-    /// The Jacobian for all velocities of the model, row-major 6 x nv, with the linear rows above the angular rows.
+    /// The Jacobian for all velocities of the model, row-major 6 x nv, with the linear rows above
+    /// the angular rows.
     full: Vec<f64>,
 }
 
@@ -49,8 +51,8 @@ impl Arm {
         self.world.rows().site_rotation(self.site)
     }
 
-    /// Computes the site's Jacobian into `out`, row-major 6 x joints: linear velocity (m/s) above angular velocity
-    /// (rad/s), both in world axes, per unit joint velocity.
+    /// Computes the site's Jacobian into `out`, row-major 6 x joints: linear velocity (m/s) above
+    /// angular velocity (rad/s), both in world axes, per unit joint velocity.
     ///
     /// # Panics
     /// If the length of `out` is not six times the number of joints.
@@ -59,7 +61,8 @@ impl Arm {
         assert_eq!(out.len(), 6 * columns, "the Jacobian has 6 rows and {columns} columns");
         self.world.data.com_pos();
         let (linear, angular) = self.full.split_at_mut(3 * nv);
-        // SAFETY: both halves have 3 nv elements, the site belongs to the model, and the data belong to the model.
+        // SAFETY: both halves have 3 nv elements, the site belongs to the model, and the data
+        // belong to the model.
         #[allow(unsafe_code)]
         unsafe {
             mujoco_rs::mujoco_c::mj_jacSite(

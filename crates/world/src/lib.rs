@@ -1,14 +1,16 @@
-//! A safe interface to the physics engine MuJoCo: a [`Model`] shared by all threads, and a [`World`] per thread.
+//! A safe interface to the physics engine MuJoCo: a [`Model`] shared by all threads, and a
+//! [`World`] per thread.
 //!
-//! The state of a simulation is a vector of numbers, MuJoCo's full integration state. A [`World`] loads a state, takes
-//! physics steps and returns the new state. All worlds of a model give the same bits. Bodies, joints and other elements
-//! are looked up by name once, when a task is loaded, and are then plain indices.
+//! The state of a simulation is a vector of numbers, MuJoCo's full integration state. A [`World`]
+//! loads a state, takes physics steps and returns the new state. All worlds of a model give the
+//! same bits. Bodies, joints and other elements are looked up by name once, when a task is loaded,
+//! and are then plain indices.
 //!
-//! A [`WorldBatch`] steps many worlds together, one per row. A [`WorldDevice`] makes it: [`CpuDevice`], or another physics engine that
-//! reads the same MJCF document.
+//! A [`WorldBatch`] steps many worlds together, one per row. A [`WorldDevice`] makes it:
+//! [`CpuDevice`], or another physics engine that reads the same MJCF document.
 //!
-//! Units are SI, quaternions are (w, x, y, z), vectors and rotations are in the world frame, whose origin is the base
-//! of the robot. This is the only crate with `unsafe` code. It knows no tasks.
+//! Units are SI, quaternions are (w, x, y, z), vectors and rotations are in the world frame, whose
+//! origin is the base of the robot. This is the only crate with `unsafe` code. It knows no tasks.
 
 mod batch;
 mod change;

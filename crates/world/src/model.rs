@@ -6,8 +6,8 @@ use mujoco_rs::prelude::*;
 
 use crate::{Actuator, Body, Equality, Flex, Joint, Mocap, Site, World, WorldError};
 
-/// The integration state: positions, velocities, controls, mocap poses, active constraints, and the warm start of the
-/// solver, which affects the bits of the next step.
+/// The integration state: positions, velocities, controls, mocap poses, active constraints, and the
+/// warm start of the solver, which affects the bits of the next step.
 pub(crate) const INTEGRATION: u32 = MjtState::mjSTATE_INTEGRATION as u32;
 
 /// A compiled MJCF document, shared by all threads.
@@ -47,7 +47,8 @@ impl Model {
         Ok(Model { inner: Arc::new(inner), state_size, document: xml.into() })
     }
 
-    /// Returns the MJCF document from which the model was compiled. Later changes of the model are not in it.
+    /// Returns the MJCF document from which the model was compiled. Later changes of the model are
+    /// not in it.
     pub fn document(&self) -> &str {
         &self.document
     }
@@ -150,8 +151,8 @@ impl Model {
     /// Returns the flex with this name, such as a cloth.
     ///
     /// # Errors
-    /// If the model has no such flex, or its vertices are not consecutive top-level bodies with slide joints along x,
-    /// y and z.
+    /// If the model has no such flex, or its vertices are not consecutive top-level bodies with
+    /// slide joints along x, y and z.
     pub fn flex(&self, name: &str) -> Result<Flex, WorldError> {
         let id = self.find(MjtObjBase::mjOBJ_FLEX, "flex", name)?;
         let model = &*self.inner;
@@ -183,7 +184,8 @@ impl Model {
         })
     }
 
-    /// Returns the name of element `id` of a kind, empty if it has no name; `None` if there is no such element.
+    /// Returns the name of element `id` of a kind, empty if it has no name; `None` if there is no
+    /// such element.
     fn name(&self, kind: MjtObjBase, id: usize) -> Option<String> {
         let count = match kind {
             MjtObjBase::mjOBJ_BODY => self.inner.nbody(),
@@ -197,14 +199,14 @@ impl Model {
     }
 }
 
-/// Returns MuJoCo's full error message for a document. `mujoco-rs` truncates messages to 100 bytes, often before the
-/// line number.
+/// Returns MuJoCo's full error message for a document. `mujoco-rs` truncates messages to 100 bytes,
+/// often before the line number.
 fn full_message(xml: &str) -> Option<String> {
     use mujoco_rs::mujoco_c::{mj_compile, mj_deleteModel, mj_deleteSpec, mj_parseXMLString, mjs_getError};
     let xml = CString::new(xml).ok()?;
     let mut message: [c_char; 1000] = [0; 1000];
-    // SAFETY: the text and the buffer outlive the calls. MuJoCo terminates the message with a zero byte within the
-    // given length. Both objects are deleted once, after their last use.
+    // SAFETY: the text and the buffer outlive the calls. MuJoCo terminates the message with a zero
+    // byte within the given length. Both objects are deleted once, after their last use.
     #[allow(unsafe_code)]
     let text = unsafe {
         let (buffer, length) = (message.as_mut_ptr(), message.len() as i32);
@@ -224,12 +226,13 @@ fn full_message(xml: &str) -> Option<String> {
     Some(text.trim().to_string()).filter(|text| !text.is_empty())
 }
 
-/// Discards MuJoCo's warnings, which it would otherwise write to a file in the working directory. MuJoCo also counts
-/// them in its data, where [`World::take_divergence`] reads them.
+/// Discards MuJoCo's warnings, which it would otherwise write to a file in the working directory.
+/// MuJoCo also counts them in its data, where [`World::take_divergence`] reads them.
 fn discard_warning_log() {
     extern "C" fn take(_warning: *const c_char) {}
     static ONCE: Once = Once::new();
-    // SAFETY: the callback is set once, and no thread runs MuJoCo before the first model is compiled.
+    // SAFETY: the callback is set once, and no thread runs MuJoCo before the first model is
+    // compiled.
     #[allow(unsafe_code)]
     ONCE.call_once(|| unsafe { mujoco_rs::mujoco_c::mju_user_warning = Some(take) });
 }

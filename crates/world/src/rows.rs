@@ -59,8 +59,8 @@ impl Rows<'_> {
         self.body_quaternions[body.0]
     }
 
-    /// Returns the linear (m/s) and angular (rad/s) velocity of a body's frame, both in world axes: the sum of the
-    /// contributions of all joints between the body and the world.
+    /// Returns the linear (m/s) and angular (rad/s) velocity of a body's frame, both in world axes:
+    /// the sum of the contributions of all joints between the body and the world.
     ///
     /// A mocap body has velocity 0.
     pub fn twist(&self, body: Body) -> ([f64; 3], [f64; 3]) {
@@ -126,7 +126,8 @@ impl Rows<'_> {
         [self.qvel[joint.dof], self.qvel[joint.dof + 1], self.qvel[joint.dof + 2]]
     }
 
-    /// Returns the angular velocity of a free body in world axes, rad/s. (MuJoCo stores it in body axes.)
+    /// Returns the angular velocity of a free body in world axes, rad/s. (MuJoCo stores it in body
+    /// axes.)
     pub fn free_angular_velocity(&self, joint: Joint) -> [f64; 3] {
         let quaternion = [3, 4, 5, 6].map(|i| self.qpos[joint.qpos + i]);
         rotate(quaternion, [3, 4, 5].map(|i| self.qvel[joint.dof + i]))

@@ -8,8 +8,8 @@ use crate::{Actuator, Body, Equality, Joint, Mocap, Model, Rows, Servo};
 
 /// A simulation of a [`Model`] on one thread.
 ///
-/// Positions, velocities and controls are those of the current state. Poses and twists are updated by
-/// [`refresh`](Self::refresh): after a step, MuJoCo's poses are those of the start of the step.
+/// Positions, velocities and controls are those of the current state. Poses and twists are updated
+/// by [`refresh`](Self::refresh): after a step, MuJoCo's poses are those of the start of the step.
 #[derive(Debug)]
 pub struct World {
     pub(crate) data: MjData<Arc<MjModel>>,
@@ -37,8 +37,9 @@ impl World {
     /// If `row` is shorter than [`Model::state_size`].
     pub fn set_state(&mut self, row: &[f64]) {
         assert!(row.len() >= self.model.state_size, "the state has {} values, which is too few", row.len());
-        // SAFETY: the row is long enough (checked above), and the data belong to the model. The wrapper's own method is
-        // avoided because it recomputes the length of the state in every call.
+        // SAFETY: the row is long enough (checked above), and the data belong to the model. The
+        // wrapper's own method is avoided because it recomputes the length of the state in every
+        // call.
         #[allow(unsafe_code)]
         unsafe {
             mujoco_rs::mujoco_c::mj_setState(
@@ -78,10 +79,11 @@ impl World {
         self.data.kinematics();
     }
 
-    /// Returns whether the simulation has diverged since the last call: a number is not finite or exceeds MuJoCo's
-    /// limit. Resets the world if it has.
+    /// Returns whether the simulation has diverged since the last call: a number is not finite or
+    /// exceeds MuJoCo's limit. Resets the world if it has.
     ///
-    /// MuJoCo checks positions and velocities at the start of a step, so those after the last step are checked here.
+    /// MuJoCo checks positions and velocities at the start of a step, so those after the last step
+    /// are checked here.
     pub fn take_divergence(&mut self) -> bool {
         const BAD: [usize; 4] = [
             MjtWarning::mjWARN_BADQPOS as usize,
@@ -176,8 +178,8 @@ impl World {
         *position = crate::frame::add(*position, offset);
     }
 
-    /// Applies a force (N, world axes) to a body's center of mass in all following steps, until it is replaced. The
-    /// force is part of the state.
+    /// Applies a force (N, world axes) to a body's center of mass in all following steps, until it
+    /// is replaced. The force is part of the state.
     pub fn push(&mut self, body: Body, force: [f64; 3]) {
         self.data.xfrc_applied_mut()[body.0][..3].copy_from_slice(&force);
     }
@@ -200,7 +202,8 @@ impl World {
         self.data.eq_active_mut().copy_from_slice(active);
     }
 
-    /// Sets the controls of the first actuators to the setpoints of `servos` for one physics step towards `targets`, rad or m.
+    /// Sets the controls of the first actuators to the setpoints of `servos` for one physics step
+    /// towards `targets`, rad or m.
     pub fn set_servos(&mut self, servos: &[Servo], targets: &[f64]) {
         for (actuator, (servo, target)) in servos.iter().zip(targets).enumerate() {
             let setpoint = servo.setpoint(self.qpos()[servo.qpos], *target);
@@ -213,7 +216,8 @@ impl World {
         self.data.eq_active()
     }
 
-    /// Switches all equality constraints on or off, except the edge constraints of flexes, which hold a cloth together.
+    /// Switches all equality constraints on or off, except the edge constraints of flexes, which
+    /// hold a cloth together.
     pub fn switch_all(&mut self, on: bool) {
         switch(&self.model, self.data.eq_active_mut(), on);
     }
@@ -225,7 +229,8 @@ impl World {
 }
 
 impl Model {
-    /// Switches off all equality constraints in `active`, except the edge constraints of flexes, which hold a cloth together.
+    /// Switches off all equality constraints in `active`, except the edge constraints of flexes,
+    /// which hold a cloth together.
     pub fn release(&self, active: &mut [bool]) {
         switch(self, active, false);
     }

@@ -4,7 +4,8 @@
 
 use mishandle_world::Model;
 
-/// A table of 2 kg on the ground, and on it a ball of 0.5 kg. A box without a name belongs to the table.
+/// A table of 2 kg on the ground, and on it a ball of 0.5 kg. A box without a name belongs to the
+/// table.
 const SCENE: &str = r#"<mujoco>
   <option gravity="0 0 -10" timestep="0.002"/>
   <worldbody>

@@ -4,7 +4,8 @@
 
 use mishandle_world::{Model, World, WorldError};
 
-/// Returns a triangle of three point masses, one of them fixed to the world; `last` is the body of the third vertex.
+/// Returns a triangle of three point masses, one of them fixed to the world; `last` is the body of
+/// the third vertex.
 fn triangle(last: &str) -> Result<Model, WorldError> {
     let slides = "<joint type=\"slide\" axis=\"1 0 0\"/><joint type=\"slide\" axis=\"0 1 0\"/>\
                   <joint type=\"slide\" axis=\"0 0 1\"/><geom size=\"0.01\" mass=\"1\" contype=\"0\" conaffinity=\"0\"/>";

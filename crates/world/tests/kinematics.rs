@@ -1,4 +1,5 @@
-//! The robot's kinematics compared with Franka's Denavit-Hartenberg parameters, computed with 4x4 matrices.
+//! The robot's kinematics compared with Franka's Denavit-Hartenberg parameters, computed with 4x4
+//! matrices.
 
 #![allow(clippy::unwrap_used, reason = "a test may panic")]
 
@@ -9,7 +10,8 @@ use mishandle_world::{Arm, Joint, Model, PANDA, World};
 /// Maps a frame's coordinates to base coordinates.
 type Transform = [[f64; 4]; 4];
 
-/// Craig's convention, one row per joint: a (m), alpha (rad), d (m). Row i is Rx(alpha) Tx(a) Rz(q) Tz(d).
+/// Craig's convention, one row per joint: a (m), alpha (rad), d (m). Row i is Rx(alpha) Tx(a) Rz(q)
+/// Tz(d).
 const DENAVIT_HARTENBERG: [[f64; 3]; 7] = [
     [0.0, 0.0, 0.333],
     [0.0, -FRAC_PI_2, 0.0],
@@ -117,8 +119,8 @@ fn every_frame_agrees_with_the_denavit_hartenberg_parameters() {
     }
 }
 
-/// Checks one of the four initial configurations of the tasks: arm, finger opening, and the positions of hand, left
-/// finger and TCP, m.
+/// Checks one of the four initial configurations of the tasks: arm, finger opening, and the
+/// positions of hand, left finger and TCP, m.
 #[track_caller]
 fn check_start(arm: [f64; 7], finger: f64, expected: [[f64; 3]; 3]) {
     let (mut world, _) = panda();
@@ -174,7 +176,8 @@ fn the_jacobian_agrees_with_the_denavit_hartenberg_frames() {
         let frames = frames(&q);
         let (_, tcp) = frames[frames.len() - 1];
         for (j, (name, frame)) in frames[..7].iter().enumerate() {
-            // A revolute joint rotates about its frame's z axis: angular part z, linear part z x (tcp - origin).
+            // A revolute joint rotates about its frame's z axis: angular part z, linear part z x
+            // (tcp - origin).
             let z = [frame[0][2], frame[1][2], frame[2][2]];
             let r: [f64; 3] = std::array::from_fn(|i| tcp[i][3] - frame[i][3]);
             let linear = [z[1] * r[2] - z[2] * r[1], z[2] * r[0] - z[0] * r[2], z[0] * r[1] - z[1] * r[0]];
@@ -206,8 +209,8 @@ fn the_jacobian_is_the_derivative_of_the_position() {
             };
             let (ahead, behind) = (at(step), at(-step));
             for i in 0..3 {
-                // The error of central differences is step^2 / 6 times a third derivative of at most the arm's reach,
-                // 1.3 m.
+                // The error of central differences is step^2 / 6 times a third derivative of at
+                // most the arm's reach, 1.3 m.
                 close((ahead[i] - behind[i]) / (2.0 * step), jacobian[9 * i + j], 1e-9, JOINTS[j]);
             }
         }

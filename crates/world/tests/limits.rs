@@ -1,5 +1,5 @@
-//! The robot keeps its position, velocity and effort limits under the servo rule and holds its initial configuration.
-//! Its visual shapes have no mass and no contacts.
+//! The robot keeps its position, velocity and effort limits under the servo rule and holds its
+//! initial configuration. Its visual shapes have no mass and no contacts.
 
 #![allow(clippy::unwrap_used, reason = "a test may panic")]
 
@@ -11,8 +11,8 @@ const JOINTS: [&str; 9] =
 const VELOCITY_LIMIT: [f64; 9] = [2.175, 2.175, 2.175, 2.175, 2.61, 2.61, 2.61, 0.2, 0.2];
 /// Published effort limits, N m and N.
 const EFFORT_LIMIT: [f64; 9] = [87.0, 87.0, 87.0, 87.0, 12.0, 12.0, 12.0, 200.0, 200.0];
-/// The maximum difference between control and joint position: velocity limit times damping over stiffness, 80 / 400 s
-/// and 100 / 10000 s.
+/// The maximum difference between control and joint position: velocity limit times damping over
+/// stiffness, 80 / 400 s and 100 / 10000 s.
 const LEAD: [f64; 9] = [0.435, 0.435, 0.435, 0.435, 0.522, 0.522, 0.522, 0.002, 0.002];
 /// The change of the target per control step of 1/60 s at full scale, rad and m.
 const FULL_SCALE: [f64; 9] = [0.125, 0.125, 0.125, 0.125, 0.125, 0.125, 0.125, 0.0125, 0.0125];
@@ -26,7 +26,8 @@ struct Robot {
     target: [f64; 9],
 }
 
-/// Maxima: velocity relative to its limit, effort relative to its limit, distance beyond the joint's range.
+/// Maxima: velocity relative to its limit, effort relative to its limit, distance beyond the
+/// joint's range.
 #[derive(Clone, Copy, Debug, Default)]
 struct Peaks {
     velocity: [f64; 9],
@@ -47,7 +48,8 @@ impl Robot {
         }
     }
 
-    /// Takes one control step: the targets move by `action` times full scale, and the servos follow.
+    /// Takes one control step: the targets move by `action` times full scale, and the servos
+    /// follow.
     fn control_step(&mut self, substeps: u32, action: &[f64; 9], peaks: &mut Peaks) {
         for i in 0..9 {
             let joint = self.joints[i];
@@ -91,9 +93,9 @@ fn a_single_joint_keeps_its_limits_at_full_scale() {
             action[i] = sign;
             let (peaks, robot) = Robot::there_and_back(PANDA, substeps, action);
             let name = JOINTS[i];
-            // It reaches its velocity limit and ends at the other end of its range. One step of 12 N m from the edge
-            // of the servo's unclamped band, 0.15 rad/s wide, may accelerate a wrist joint a few percent beyond the
-            // limit.
+            // It reaches its velocity limit and ends at the other end of its range. One step of 12
+            // N m from the edge of the servo's unclamped band, 0.15 rad/s wide, may accelerate a
+            // wrist joint a few percent beyond the limit.
             assert!(peaks.velocity[i] > 0.98 && peaks.velocity[i] < 1.02, "{name}: {peaks:?}");
             let end = if sign > 0.0 { robot.joints[i].low } else { robot.joints[i].high };
             let off = (robot.world.qpos()[i] - end).abs();
@@ -122,8 +124,8 @@ fn check_together(xml: &str, every: usize, velocity: [f64; 9], beyond: f64) {
 
 #[test]
 fn all_joints_together_keep_relaxed_limits_at_full_scale() {
-    // Under an external torque the velocity of a servo changes by the torque divided by 80 N m s: 0.4 rad/s in joints 1
-    // to 4 for the 30 N m of the moving arm.
+    // Under an external torque the velocity of a servo changes by the torque divided by 80 N m s:
+    // 0.4 rad/s in joints 1 to 4 for the 30 N m of the moving arm.
     let free = PANDA.replace("conaffinity=\"16\"", "conaffinity=\"0\"");
     assert_ne!(free, PANDA);
     check_together(&free, 1, [1.2, 1.2, 1.2, 1.2, 1.06, 1.06, 1.06, 1.04, 1.04], 0.005);
@@ -131,7 +133,8 @@ fn all_joints_together_keep_relaxed_limits_at_full_scale() {
 
 #[test]
 fn self_collisions_keep_the_effort_limits() {
-    // A collision of the hand with the base accelerates the wrist faster than 12 N m can prevent; it stops at once.
+    // A collision of the hand with the base accelerates the wrist faster than 12 N m can prevent;
+    // it stops at once.
     check_together(PANDA, 3, [1.5, 1.5, 1.5, 1.5, 3.0, 3.0, 3.5, 5.0, 5.0], 0.05);
 }
 
@@ -176,7 +179,8 @@ fn visual_shapes_do_not_change_the_simulation() {
 
 #[test]
 fn the_hand_does_not_pass_through_the_base() {
-    // Without contacts, the folded arm would end with the hand inside link 0 and the links above it.
+    // Without contacts, the folded arm would end with the hand inside link 0 and the links above
+    // it.
     let mut robot = Robot::new(PANDA, 2, HOME);
     let folded = [0.0, 1.7, 0.0, -3.05, 0.0, 0.0, 0.785, 0.0, 0.0];
     let mut deepest: f64 = 0.0;

@@ -1,4 +1,5 @@
-//! MuJoCo's Python package computes the same states from the same model, initial state and controls.
+//! MuJoCo's Python package computes the same states from the same model, initial state and
+//! controls.
 //!
 //! The packages are installed into a virtual environment in the target folder and reused.
 
@@ -13,7 +14,8 @@ use mishandle_world::{Model, PANDA};
 const VERSION: &str = "3.17.0";
 const STEPS: usize = 1000;
 
-/// The replay script: reads model, initial state and controls, and writes the state after every step.
+/// The replay script: reads model, initial state and controls, and writes the state after every
+/// step.
 const REPLAY: &str = include_str!("replay.py");
 
 /// A ball on the ground and an obstacle.
@@ -53,7 +55,8 @@ fn run(program: &Path, arguments: &[&str], purpose: &str) -> Output {
     output
 }
 
-/// Returns a Python interpreter with the required version of MuJoCo. Installs MuJoCo if it is missing.
+/// Returns a Python interpreter with the required version of MuJoCo. Installs MuJoCo if it is
+/// missing.
 fn python() -> PathBuf {
     let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).with_file_name("venv-mujoco");
     let python = folder.join("bin/python");
@@ -77,8 +80,8 @@ fn bytes(values: &[f64]) -> Vec<u8> {
     values.iter().flat_map(|value| value.to_le_bytes()).collect()
 }
 
-/// Simulates `xml` with `controls`, here and in Python, and compares all numbers of all states. Returns the positions
-/// after each step.
+/// Simulates `xml` with `controls`, here and in Python, and compares all numbers of all states.
+/// Returns the positions after each step.
 fn check(name: &str, xml: &str, qpos: &[f64], controls: &[[f64; 9]]) -> Vec<Vec<f64>> {
     let model = Model::from_xml(xml).unwrap();
     let mut world = model.world();
@@ -169,7 +172,8 @@ fn python_computes_the_same_states() {
         controls.push(control);
     }
     let positions = check("pushing", &scene, &start, &controls);
-    // The ball's position follows the nine joints. The ball must have moved, or contacts were not tested.
+    // The ball's position follows the nine joints. The ball must have moved, or contacts were not
+    // tested.
     let path: f64 =
         positions.windows(2).map(|pair| (pair[1][9] - pair[0][9]).hypot(pair[1][10] - pair[0][10])).sum();
     assert!(path > 0.1, "the ball moved only {path} m");

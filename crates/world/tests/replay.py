@@ -19,8 +19,8 @@ for control, state in zip(controls, states):
     mujoco.mj_getState(model, data, state, kind)
 states.tofile(folder / "states")
 
-# The contact forces in each state: net force between each pair of parts, and the largest force at a point. A line of the file
-# `parts` has a part and its bodies; a line of `pairs` has two parts.
+# The contact forces in each state: net force between each pair of parts, and the largest force at a
+# point. A line of the file `parts` has a part and its bodies; a line of `pairs` has two parts.
 parts = {}
 for line in (folder / "parts").read_text().splitlines():
     part, *bodies = line.split()

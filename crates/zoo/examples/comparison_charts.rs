@@ -1,7 +1,7 @@
 //! Draws the charts of the comparisons from the CSV files that their Python scripts write.
 //!
-//! `cargo run -p mishandle-zoo --example comparison_charts` in the root of the repository writes `docs/notebook/2026-11-22-skrl.svg` and
-//! `docs/notebook/2026-11-22-why-off-policy-failed.svg`.
+//! `cargo run -p mishandle-zoo --example comparison_charts` in the root of the repository writes
+//! `docs/notebook/2026-11-22-skrl.svg` and `docs/notebook/2026-11-22-why-off-policy-failed.svg`.
 
 use std::error::Error;
 use std::path::Path;

@@ -41,7 +41,8 @@ struct Seeds {
     curves: Vec<StoredCurve>,
 }
 
-/// Draws every task that has a curve into `controllers/curves/TASK.svg`, and returns the names of these tasks.
+/// Draws every task that has a curve into `controllers/curves/TASK.svg`, and returns the names of
+/// these tasks.
 ///
 /// # Errors
 /// If a curve cannot be read, or a chart cannot be written.
@@ -134,8 +135,9 @@ fn panel(
     }
 }
 
-/// Returns the interquartile mean of curves, from the point where all of them have started. Between its points a curve is
-/// linear; behind its end it keeps its last value, since training stopped there because it was good enough.
+/// Returns the interquartile mean of curves, from the point where all of them have started. Between
+/// its points a curve is linear; behind its end it keeps its last value, since training stopped
+/// there because it was good enough.
 fn mean_line(curves: &[Vec<(f64, f64)>]) -> Vec<Point> {
     let curves: Vec<&Vec<(f64, f64)>> = curves.iter().filter(|curve| !curve.is_empty()).collect();
     let start = curves.iter().map(|curve| curve[0].0).fold(0.0, f64::max);
@@ -195,7 +197,8 @@ mod tests {
 
     #[test]
     fn the_mean_line_interpolates_and_extends_curves() {
-        // From 10 on both have started; at 15 the second is halfway from 0.5 to 1.0; after 20 it has ended.
+        // From 10 on both have started; at 15 the second is halfway from 0.5 to 1.0; after 20 it
+        // has ended.
         let first = vec![(5.0, 0.0), (10.0, 0.25), (15.0, 0.5), (30.0, 0.75)];
         let second = vec![(10.0, 0.5), (20.0, 1.0)];
         let found = mean_line(&[first, second, vec![]]);

@@ -26,8 +26,8 @@ impl ZooFolder {
         self.path(&format!("experiments/training/{}/{}.toml", training.task, training.algorithm))
     }
 
-    /// Returns where a finished controller is: shipped ones in `controllers/`, others where they were trained, since their
-    /// records are kept but not their weights.
+    /// Returns where a finished controller is: shipped ones in `controllers/`, others where they
+    /// were trained, since their records are kept but not their weights.
     pub fn controller(&self, training: &Training) -> PathBuf {
         match training.is_shipped() {
             true => self.path(&format!("controllers/{}/{}.safetensors", training.task, training.algorithm)),

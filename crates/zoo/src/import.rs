@@ -1,4 +1,5 @@
-//! Takes in training runs that ended, here or elsewhere: checks them, measures them, puts their files in place.
+//! Takes in training runs that ended, here or elsewhere: checks them, measures them, puts their
+//! files in place.
 
 use std::fs;
 use std::path::Path;
@@ -16,12 +17,12 @@ use crate::{
 
 /// Takes in a controller and the curve of its training run.
 ///
-/// The file that marks the training run as done is written last: the controller of the shipped seed, and the record of a
-/// further seed.
+/// The file that marks the training run as done is written last: the controller of the shipped
+/// seed, and the record of a further seed.
 ///
 /// # Errors
-/// If the training run differs from the plan or has not ended, or its controller cannot be measured. Nothing is put in place
-/// then.
+/// If the training run differs from the plan or has not ended, or its controller cannot be
+/// measured. Nothing is put in place then.
 pub(crate) fn take_in(
     bench: &Bench<'_>,
     task: &BenchmarkTask,
@@ -62,8 +63,8 @@ fn training_time(curve: &Curve, config: &AlgorithmSettings) -> Option<TrainingTi
     })
 }
 
-/// Measures a controller that is in its place. If it was put there by hand, an existing curve belongs to another training
-/// run and is removed.
+/// Measures a controller that is in its place. If it was put there by hand, an existing curve
+/// belongs to another training run and is removed.
 ///
 /// # Errors
 /// If it cannot be measured.
@@ -85,7 +86,8 @@ pub(crate) fn measure_again(
     record.save(bench.folder)
 }
 
-/// Takes in the finished training runs of a folder that the plan lacks, and reports those that it refuses.
+/// Takes in the finished training runs of a folder that the plan lacks, and reports those that it
+/// refuses.
 ///
 /// # Errors
 /// If any was refused.
@@ -128,8 +130,8 @@ pub(crate) fn import(
     }
 }
 
-/// Returns the names of controllers in a folder that belong to no selected training run. The last controllers of training
-/// runs, beside the best ones, do not count.
+/// Returns the names of controllers in a folder that belong to no selected training run. The last
+/// controllers of training runs, beside the best ones, do not count.
 fn unknown_controllers(source: &Path, entries: &[PlanEntry]) -> Result<Vec<String>, ZooError> {
     let mut names = Vec::new();
     for file in fs::read_dir(source).map_err(ZooError::file(source))? {

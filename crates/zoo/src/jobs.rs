@@ -16,10 +16,11 @@ pub struct JobOutcome {
     pub failed: usize,
 }
 
-/// Runs the jobs in their order, `workers` at a time, until `stop`. A failure does not end the other jobs. `ended` receives
-/// the result of each job that was not interrupted.
+/// Runs the jobs in their order, `workers` at a time, until `stop`. A failure does not end the
+/// other jobs. `ended` receives the result of each job that was not interrupted.
 ///
-/// Each worker has a rayon pool of one thread, so that a job takes one core and its result does not depend on the others.
+/// Each worker has a rayon pool of one thread, so that a job takes one core and its result does not
+/// depend on the others.
 pub(crate) fn run_side_by_side<J: Sync>(
     jobs: &[J],
     workers: usize,

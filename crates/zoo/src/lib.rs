@@ -1,9 +1,12 @@
-//! The controller zoo: the trained controllers that come with the repository, and how they are kept up to date.
+//! The controller zoo: the trained controllers that come with the repository, and how they are kept
+//! up to date.
 //!
 //! - [`plan`](plan()) lists the training runs: a task, an algorithm, a seed.
-//! - A [`PlanEntry`] says whether a training run is done, and why not, from its settings, its record and its file.
+//! - A [`PlanEntry`] says whether a training run is done, and why not, from its settings, its
+//!   record and its file.
 //! - A [`Zoo`] trains, measures, imports and writes the Markdown tables and the learning curves.
-//! - A [`Record`] holds everything known about one controller: `controllers/figures/TASK/CONTROLLER.json`.
+//! - A [`Record`] holds everything known about one controller:
+//!   `controllers/figures/TASK/CONTROLLER.json`.
 //!
 //! The program `zoo` of this crate is a thin layer above.
 

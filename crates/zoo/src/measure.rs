@@ -14,7 +14,8 @@ use crate::{
 /// Episodes per evaluation.
 pub const EVALUATION_EPISODES: u64 = 1000;
 
-/// Random seed of all measurements. No training run and no validation draws a start or noise from it.
+/// Random seed of all measurements. No training run and no validation draws a start or noise from
+/// it.
 pub const EVALUATION_SEED: u64 = 1;
 
 /// Trials of a falsification.

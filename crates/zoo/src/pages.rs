@@ -1,4 +1,5 @@
-//! Generated text in Markdown pages, between the comments `<!-- figures: NAME -->` and `<!-- end of figures -->`.
+//! Generated text in Markdown pages, between the comments `<!-- figures: NAME -->` and
+//! `<!-- end of figures -->`.
 
 use std::path::Path;
 

@@ -23,7 +23,8 @@ const GROUPS: [Group; 4] = [
     Group { algorithms: Some(&["sac", "td3", "ddpg"]), seeds: 1..=2 },
 ];
 
-/// Bars that controllers must reach without noise, percent: [`thresholds`](super::thresholds) combines it with the paper's results.
+/// Bars that controllers must reach without noise, percent: [`thresholds`](super::thresholds)
+/// combines it with the paper's results.
 pub(crate) struct Thresholds {
     /// Least success rate of PPO and TRPO, which the paper reports; at least the paper's.
     pub on_policy: f64,

@@ -113,7 +113,8 @@ pub struct PlanEntry {
     pub summary: Option<TrainingSummary>,
     /// Its record, if it exists.
     pub record: Option<Record>,
-    /// Whether the record on disk lacks something that `record` has: an adoption, or defaults of new settings.
+    /// Whether the record on disk lacks something that `record` has: an adoption, or defaults of
+    /// new settings.
     pub record_is_stale: bool,
 }
 
@@ -164,7 +165,8 @@ fn full_settings(path: &Path, training: &Training) -> Result<String, ZooError> {
     Ok(config.to_toml())
 }
 
-/// Finds the state of a training run. With `adopt`, a controller that differs in its task alone counts as trained.
+/// Finds the state of a training run. With `adopt`, a controller that differs in its task alone
+/// counts as trained.
 ///
 /// # Errors
 /// If a file cannot be read.
@@ -232,7 +234,8 @@ pub(crate) fn entry(
     Ok(PlanEntry { training, group: 0, expected, state, summary, record, record_is_stale })
 }
 
-/// Returns the state of a training run that is needed: it continues if it was started with the same dependencies.
+/// Returns the state of a training run that is needed: it continues if it was started with the same
+/// dependencies.
 fn unfinished(
     folder: &ZooFolder,
     training: &Training,
@@ -255,8 +258,8 @@ pub(crate) const CONTROLLER: &str = ".safetensors";
 pub(crate) const CHECKPOINT: &str = ".safetensors.checkpoint";
 pub(crate) const CURVE: &str = ".csv";
 
-/// Returns what a training run depends on, as the file beside its checkpoint has it. A checkpoint of anything else is of no
-/// use.
+/// Returns what a training run depends on, as the file beside its checkpoint has it. A checkpoint
+/// of anything else is of no use.
 pub(crate) fn started_mark(expected: &TrainingInputs) -> String {
     let TrainingInputs { settings, task_hash, layout_hash } = expected;
     json!({ "settings": settings, "task_hash": task_hash, "layout_hash": layout_hash }).to_string()

@@ -55,13 +55,15 @@ pub struct TrainingSummary {
     pub format_version: u64,
     /// Kind of the policy: `gaussian` or `squashed-gaussian`.
     pub kind: String,
-    /// Whether the controller counts as trained on the present task although its file names another.
+    /// Whether the controller counts as trained on the present task although its file names
+    /// another.
     #[serde(default, skip_serializing_if = "is_false")]
     pub adopted: bool,
     /// When the return became flat; `None` if the curve does not show it.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub training_time: Option<TrainingTime>,
-    /// Environment steps of the whole training run; `None` for a controller that was put in place by hand.
+    /// Environment steps of the whole training run; `None` for a controller that was put in place
+    /// by hand.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub trained_steps: Option<u64>,
 }
@@ -86,7 +88,8 @@ pub struct TrainingTime {
 /// Present versions of everything that a training run depends on.
 #[derive(Clone, Debug, PartialEq)]
 pub struct TrainingInputs {
-    /// All settings, as TOML; `None` if the repository has no settings file for this task and algorithm.
+    /// All settings, as TOML; `None` if the repository has no settings file for this task and
+    /// algorithm.
     pub settings: Option<String>,
     /// Hash of the task.
     pub task_hash: String,
@@ -181,8 +184,9 @@ impl TrainingSummary {
         AlgorithmSettings::from_toml(&self.algorithm, &self.settings)?.ok()
     }
 
-    /// Compares the summary with what the training run would give now, and adds the defaults of settings that its program did
-    /// not know. With `adopt`, a controller that differs in its task alone is adopted.
+    /// Compares the summary with what the training run would give now, and adds the defaults of
+    /// settings that its program did not know. With `adopt`, a controller that differs in its task
+    /// alone is adopted.
     pub fn reconcile(
         &mut self,
         training: &Training,

@@ -1,7 +1,7 @@
 //! The record of a controller: how it was trained and what was measured.
 //!
-//! The fields and their order are the format of `controllers/figures/TASK/CONTROLLER.json`: loading and saving a record gives
-//! the same bytes.
+//! The fields and their order are the format of `controllers/figures/TASK/CONTROLLER.json`: loading
+//! and saving a record gives the same bytes.
 
 use mishandle::ResolvedPlan;
 use mishandle::evaluation::{CornerReport, CornerResult, Estimate};
@@ -45,7 +45,8 @@ pub struct Record {
     pub file_hash: Option<String>,
 }
 
-/// Conditions of a measurement besides the controller. Under the same conditions it need not be repeated.
+/// Conditions of a measurement besides the controller. Under the same conditions it need not be
+/// repeated.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Conditions {
@@ -59,7 +60,8 @@ pub struct Conditions {
     pub seed: u64,
     /// Standard deviations of the action noise.
     pub noise: [f64; 2],
-    /// Whether corners of the initial box were evaluated; a record without the field states that they were not.
+    /// Whether corners of the initial box were evaluated; a record without the field states that
+    /// they were not.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub corners: bool,
 }
@@ -174,7 +176,8 @@ pub struct CornersRecord {
     pub n: u32,
     /// Number of corners at which all simulations succeed.
     pub succeeding: u32,
-    /// Number of corners at which all simulations succeed strictly; `None` without a strict formula.
+    /// Number of corners at which all simulations succeed strictly; `None` without a strict
+    /// formula.
     pub strictly_succeeding: Option<u32>,
     /// Whether all simulations at the center succeed; `None` if the center does not count.
     pub center_succeeds: Option<bool>,
@@ -527,8 +530,8 @@ impl Record {
         differences
     }
 
-    /// Returns whether the controller was measured under these conditions, with or without corners. A controller that was
-    /// not kept cannot be measured again.
+    /// Returns whether the controller was measured under these conditions, with or without corners.
+    /// A controller that was not kept cannot be measured again.
     pub fn is_of_except_corners(&self, conditions: &Conditions) -> bool {
         Conditions { corners: conditions.corners, ..self.conditions.clone() } == *conditions
     }

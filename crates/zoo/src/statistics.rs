@@ -8,7 +8,8 @@ const ENDS: [f64; 2] = [0.025, 0.975];
 
 /// Returns the mean of the middle half of `values`; `None` for no values.
 ///
-/// A quarter of the values is trimmed at each end. If the border falls inside a value, that value counts in part.
+/// A quarter of the values is trimmed at each end. If the border falls inside a value, that value
+/// counts in part.
 ///
 /// # Example
 /// ```
@@ -30,14 +31,17 @@ pub fn interquartile_mean(values: &[f64]) -> Option<f64> {
     (weights > 0.0).then(|| sum / weights)
 }
 
-/// Returns the 95 % percentile bootstrap interval of the interquartile mean; `None` for fewer than two values.
+/// Returns the 95 % percentile bootstrap interval of the interquartile mean; `None` for fewer than
+/// two values.
 ///
-/// The bootstrap is exact: it enumerates every sample with replacement with its probability, so it needs no random
-/// numbers. n values have (2n - 1)! / (n! (n - 1)!) different samples: 126 for n = 5.
+/// The bootstrap is exact: it enumerates every sample with replacement with its probability, so it
+/// needs no random numbers. n values have (2n - 1)! / (n! (n - 1)!) different samples: 126 for
+/// n = 5.
 ///
 /// # Reference
-/// Efron and Tibshirani, "An Introduction to the Bootstrap", 1993, chapter 13. Agarwal et al., "Deep reinforcement learning
-/// at the edge of the statistical precipice", NeurIPS 2021, propose interquartile means over seeds.
+/// Efron and Tibshirani, "An Introduction to the Bootstrap", 1993, chapter 13. Agarwal et al.,
+/// "Deep reinforcement learning at the edge of the statistical precipice", NeurIPS 2021, propose
+/// interquartile means over seeds.
 pub fn interquartile_mean_interval(values: &[f64]) -> Option<[f64; 2]> {
     if values.len() < 2 {
         return None;
@@ -55,7 +59,8 @@ pub fn interquartile_mean_interval(values: &[f64]) -> Option<[f64; 2]> {
     Some(ENDS.map(|end| quantile(&means, end)))
 }
 
-/// Visits all ways to draw `left` more values from the places `first` and above, as the count of each place.
+/// Visits all ways to draw `left` more values from the places `first` and above, as the count of
+/// each place.
 fn for_each_sample(counts: &mut Vec<usize>, first: usize, left: usize, visit: &mut impl FnMut(&[usize])) {
     if first + 1 == counts.len() {
         counts[first] = left;
@@ -98,10 +103,12 @@ mod tests {
 
     #[test]
     fn a_quarter_of_the_values_is_trimmed_at_each_end() {
-        // Four and eight values: whole values are trimmed, as by scipy.stats.trim_mean(values, 0.25).
+        // Four and eight values: whole values are trimmed, as by scipy.stats.trim_mean(values,
+        // 0.25).
         check(&[9.0, 1.0, 2.0, 100.0], 5.5);
         check(&[1.0, 2.0, 3.0, 4.0, 6.0, 8.0, 90.0, 100.0], (3.0 + 4.0 + 6.0 + 8.0) / 4.0);
-        // Five values: 1.25 are trimmed at each end, which leaves 0.75, 1 and 0.75 of the three in the middle.
+        // Five values: 1.25 are trimmed at each end, which leaves 0.75, 1 and 0.75 of the three in
+        // the middle.
         check(&[0.0, 10.0, 20.0, 40.0, 1000.0], (0.75 * 10.0 + 20.0 + 0.75 * 40.0) / 2.5);
         // Three values: 0.75 are trimmed at each end.
         check(&[0.0, 10.0, 40.0], (0.25 * 0.0 + 10.0 + 0.25 * 40.0) / 1.5);
@@ -112,7 +119,8 @@ mod tests {
 
     #[test]
     fn two_values_have_three_samples() {
-        // Both low, one of each (two orders), both high: 1/4, 1/2, 1/4. The 95 % interval covers all of them.
+        // Both low, one of each (two orders), both high: 1/4, 1/2, 1/4. The 95 % interval covers
+        // all of them.
         let mut samples = Vec::new();
         for_each_sample(&mut vec![0; 2], 0, 2, &mut |counts| {
             samples.push((counts.to_vec(), probability(counts)));
@@ -124,11 +132,13 @@ mod tests {
 
     #[test]
     fn the_interval_of_zeros_and_a_one_matches_the_hand_count() {
-        // Three values, one of them 1: a sample has k ones with probability C(3,k) 2^(3-k) / 27 = 8, 12, 6, 1 of 27. The
-        // means for 0, 1, 2 and 3 ones are 0, 1/6, 5/6 and 1. At most 2 ones: 26 / 27 = 0.963, below 0.975.
+        // Three values, one of them 1: a sample has k ones with probability C(3,k) 2^(3-k) / 27 =
+        // 8, 12, 6, 1 of 27. The means for 0, 1, 2 and 3 ones are 0, 1/6, 5/6 and 1. At most 2
+        // ones: 26 / 27 = 0.963, below 0.975.
         assert_eq!(interquartile_mean_interval(&[0.0, 0.0, 1.0]), Some([0.0, 1.0]));
-        // Five values, one of them 1: k ones with probability C(5,k) 4^(5-k) / 3125, which is 1024, 1280, 640, 160, 20, 1
-        // of 3125. At most 2: 0.942; at most 3: 0.993. Three ones in five: 0.75 zeros and 1.75 ones remain: 1.75 / 2.5.
+        // Five values, one of them 1: k ones with probability C(5,k) 4^(5-k) / 3125, which is 1024,
+        // 1280, 640, 160, 20, 1 of 3125. At most 2: 0.942; at most 3: 0.993. Three ones in five:
+        // 0.75 zeros and 1.75 ones remain: 1.75 / 2.5.
         let [low, high] = interquartile_mean_interval(&[0.0, 0.0, 0.0, 0.0, 1.0]).unwrap();
         assert_eq!(low, 0.0);
         assert!((high - 0.7).abs() < 1e-12, "{high}");

@@ -1,4 +1,5 @@
-//! The learning curves in `controllers/curves`: the columns of a training run's curve that charts need.
+//! The learning curves in `controllers/curves`: the columns of a training run's curve that charts
+//! need.
 
 use std::path::Path;
 

@@ -26,7 +26,8 @@ pub enum CornerThreshold {
     NotMeasurable,
 }
 
-/// Returns the least success rate without noise that a controller must reach, percent; `None` for an expert.
+/// Returns the least success rate without noise that a controller must reach, percent; `None` for
+/// an expert.
 ///
 /// # Example
 /// ```
@@ -42,8 +43,8 @@ pub fn success_threshold(task: &str, algorithm: &str) -> Option<f64> {
     }
 }
 
-/// Returns the thresholds that `rates` miss, as a table shows them: `SR 95`. All controllers must succeed at the corners; an
-/// expert has no other thresholds.
+/// Returns the thresholds that `rates` miss, as a table shows them: `SR 95`. All controllers must
+/// succeed at the corners; an expert has no other thresholds.
 pub fn missed_thresholds(task: &str, algorithm: &str, rates: Rates) -> Vec<String> {
     let mut thresholds: Vec<(&str, f64, f64)> = Vec::new();
     thresholds

@@ -81,7 +81,8 @@ impl TrainObserver for Watch<'_> {
     }
 }
 
-/// Removes all files whose names are `start`'s and one of the endings of a training run, but for the `kept` endings.
+/// Removes all files whose names are `start`'s and one of the endings of a training run, but for
+/// the `kept` endings.
 fn clear(start: &Path, kept: &[&str]) -> Result<(), ZooError> {
     let folder = start.parent().unwrap_or(Path::new("."));
     let name = start.file_name().unwrap_or_default().to_string_lossy().into_owned();

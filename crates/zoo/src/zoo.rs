@@ -71,7 +71,8 @@ impl Job<'_> {
 }
 
 impl<'a> Zoo<'a> {
-    /// Returns the zoo of a repository. `stop` is asked often; once it returns true, work in progress is saved and ends.
+    /// Returns the zoo of a repository. `stop` is asked often; once it returns true, work in
+    /// progress is saved and ends.
     pub fn new(
         folder: ZooFolder,
         runner: &'a dyn Runner,
@@ -87,7 +88,8 @@ impl<'a> Zoo<'a> {
         Zoo { selection, ..self }
     }
 
-    /// Returns the zoo in which selected controllers that differ in their task alone count as trained on the present one.
+    /// Returns the zoo in which selected controllers that differ in their task alone count as
+    /// trained on the present one.
     pub fn with_adoption(self, adopts: bool) -> Zoo<'a> {
         Zoo { adopts, ..self }
     }
@@ -113,8 +115,8 @@ impl<'a> Zoo<'a> {
         Ok(entries)
     }
 
-    /// Returns the thresholds that a controller misses, as the tables show them: `SR 95`, `corners`. A training run without
-    /// a record misses none.
+    /// Returns the thresholds that a controller misses, as the tables show them: `SR 95`,
+    /// `corners`. A training run without a record misses none.
     pub fn missed_thresholds(&self, entry: &PlanEntry) -> Vec<String> {
         entry.record.as_ref().map(|record| tables::missed(entry, record)).unwrap_or_default()
     }
@@ -144,16 +146,18 @@ impl<'a> Zoo<'a> {
         Ok(found)
     }
 
-    /// Trains and measures everything selected that is missing or out of date, then writes the pages.
+    /// Trains and measures everything selected that is missing or out of date, then writes the
+    /// pages.
     ///
     /// # Errors
-    /// If a job failed or was interrupted, or a file cannot be read or written. The other jobs are done then.
+    /// If a job failed or was interrupted, or a file cannot be read or written. The other jobs are
+    /// done then.
     pub fn train(&self) -> Result<(), ZooError> {
         self.with_pages(|entries| self.work(entries, true, false))
     }
 
-    /// Measures selected controllers and trains nothing, then writes the pages. Without `again`, only measurements that are
-    /// missing or out of date are made.
+    /// Measures selected controllers and trains nothing, then writes the pages. Without `again`,
+    /// only measurements that are missing or out of date are made.
     ///
     /// # Errors
     /// As [`train`](Self::train).
@@ -161,8 +165,8 @@ impl<'a> Zoo<'a> {
         self.with_pages(|entries| self.work(entries, false, again))
     }
 
-    /// Takes in the selected training runs that ended elsewhere, as `NAME.safetensors` and `NAME.csv` in `source`, then writes
-    /// the pages.
+    /// Takes in the selected training runs that ended elsewhere, as `NAME.safetensors` and
+    /// `NAME.csv` in `source`, then writes the pages.
     ///
     /// # Errors
     /// If a training run is refused, or a file cannot be read or written.
@@ -183,7 +187,8 @@ impl<'a> Zoo<'a> {
         Bench { folder: &self.folder, runner: self.runner, stop: self.stop }
     }
 
-    /// Does `work` on the selected entries while no other process does, then writes the pages, whatever `work` returned.
+    /// Does `work` on the selected entries while no other process does, then writes the pages,
+    /// whatever `work` returned.
     fn with_pages(&self, work: impl FnOnce(&[PlanEntry]) -> Result<(), ZooError>) -> Result<(), ZooError> {
         let path = self.folder.work_file("lock");
         create_parent(&path)?;

@@ -48,7 +48,8 @@ fn states_corners(cell: &str) -> bool {
     cell == "not measured" || counts.is_some_and(|(done, _)| done.parse::<u32>().is_ok())
 }
 
-/// Checks the rows of a table. A column of success rates is followed by the columns of its strict rates and its corners.
+/// Checks the rows of a table. A column of success rates is followed by the columns of its strict
+/// rates and its corners.
 fn check_table(header: &[&str], rows: &[&str], found: &mut Found) {
     for (index, title) in header.iter().enumerate() {
         let is_success = *title == "SR" || (title.ends_with(": SR") && !title.starts_with("paper"));
@@ -115,7 +116,8 @@ fn no_strict_rate_is_above_success_and_no_full_success_stands_without_its_corner
         assert!(found.pairs > 0 && found.full > 0, "{} has no figures", path.display());
         all.pairs += found.pairs;
     }
-    // 40 controllers and 8 experts, each with and without noise, and the means of 40 controllers over seeds.
+    // 40 controllers and 8 experts, each with and without noise, and the means of 40 controllers
+    // over seeds.
     assert!(all.pairs > 2 * 48 + 40, "{all:?}");
 }
 

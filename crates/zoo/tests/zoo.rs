@@ -363,7 +363,8 @@ fn further_seeds_keep_their_records_without_a_controller() {
     }
     assert_eq!(repository.states(&[1, 2, 3]), ["done", "done", "needs training: no controller"]);
     let page = repository.page();
-    // The interquartile mean of two values is their mean. The thresholds of PPO are SR 95, the paper's 87 with noise, strict SR 90.
+    // The interquartile mean of two values is their mean. The thresholds of PPO are SR 95, the
+    // paper's 87 with noise, strict SR 90.
     let spread = "93.5 | 90.0 | 97.0";
     let row = format!(
         "| `point-reaching` | `ppo` | 2 | {spread} | {spread} | {spread} | seed 2: SR 95 | 0, 3, 4 |"

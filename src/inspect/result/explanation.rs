@@ -14,7 +14,8 @@ const ROWS_AFTER: usize = 3;
 const SIGNAL_COLUMNS: usize = 4;
 
 impl ExplainedSimulation {
-    /// Returns the explanation as a result. The header is that of its run, `run` the path of its file.
+    /// Returns the explanation as a result. The header is that of its run, `run` the path of its
+    /// file.
     pub fn result(&self, header: &RunHeader, run: Option<&str>) -> results::Explanation {
         let ExplainedSimulation { recorded, explanation, .. } = self;
         let Explanation { diagnosis, history, decided, conjuncts, .. } = explanation;
@@ -66,7 +67,8 @@ impl ExplainedSimulation {
         }
     }
 
-    /// Returns the formula's signals up to the decisive sample, at the instant that decides the formula, and at the end.
+    /// Returns the formula's signals up to the decisive sample, at the instant that decides the
+    /// formula, and at the end.
     fn signal_table(&self, header: &RunHeader, predicate: &DecisivePredicate) -> SignalTable {
         let of = |text: &str| {
             Formula::parse(text).map(|formula| formula.signals().into_iter().map(str::to_string).collect())
@@ -102,8 +104,8 @@ fn violated_window(history: &PredicateHistory) -> Window {
     }
 }
 
-/// Returns the samples of the table: evenly spaced up to the decisive one and from there to the end, and the instant that decides
-/// the formula.
+/// Returns the samples of the table: evenly spaced up to the decisive one and from there to the
+/// end, and the instant that decides the formula.
 fn shown_samples(decisive: usize, decided: Option<usize>, len: usize) -> Vec<usize> {
     let last = len.saturating_sub(1);
     let before = (0..ROWS_BEFORE).map(|i| decisive * i / (ROWS_BEFORE - 1));

@@ -22,7 +22,8 @@ pub(crate) use simulation::repeated_result;
 pub use simulation::simulation_result;
 
 impl Answer {
-    /// Returns the answer as a result. `run` is the path of its run file. A falsification is that of [`falsification_result`].
+    /// Returns the answer as a result. `run` is the path of its run file. A falsification is that
+    /// of [`falsification_result`].
     ///
     /// # Errors
     /// If the plan is not that of the answer.

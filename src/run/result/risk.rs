@@ -49,7 +49,8 @@ pub fn risk_result(
     }
 }
 
-/// Returns the result of a screened estimation, which is that of plain Monte Carlo. `run` is the path of its run file.
+/// Returns the result of a screened estimation, which is that of plain Monte Carlo. `run` is the
+/// path of its run file.
 pub fn screened_risk_result(
     resolved: &ResolvedPlan,
     scenarios: &Scenarios,

@@ -36,9 +36,11 @@ pub(crate) use writer::CurveWriter;
 pub struct Curve {
     /// Names of the reward terms.
     pub reward_terms: Vec<String>,
-    /// One row per iteration, without gaps. The first iteration is not 1 if a resumed run created the file.
+    /// One row per iteration, without gaps. The first iteration is not 1 if a resumed run created
+    /// the file.
     pub rows: Vec<CurveRow>,
-    /// Whether the last line of the file is incomplete, as after a killed run; `rows` does not contain it.
+    /// Whether the last line of the file is incomplete, as after a killed run; `rows` does not
+    /// contain it.
     pub is_truncated: bool,
 }
 
@@ -66,7 +68,8 @@ fn parse(bytes: &[u8], last: Option<u64>) -> Result<(Curve, u64), CurveProblem> 
     if let Err(error) = std::str::from_utf8(text) {
         return Err(CurveProblem::NotUtf8 { line: line_at(text, error.valid_up_to()) });
     }
-    // The reader's own error for a line with another number of cells counts records instead of lines.
+    // The reader's own error for a line with another number of cells counts records instead of
+    // lines.
     let mut reader = ReaderBuilder::new().flexible(true).from_reader(text);
     let columns = reader.headers()?.clone();
     let is_truncated = whole < bytes.len();
@@ -91,7 +94,8 @@ fn parse(bytes: &[u8], last: Option<u64>) -> Result<(Curve, u64), CurveProblem> 
     Ok((curve, reader.position().byte()))
 }
 
-/// Returns the line of a record, counted from 1. Its position is before the blank lines that precede it.
+/// Returns the line of a record, counted from 1. Its position is before the blank lines that
+/// precede it.
 fn line_of(text: &[u8], record: &StringRecord) -> u64 {
     let start = record.position().map_or(0, csv::Position::byte) as usize;
     let blank = text.iter().skip(start).take_while(|byte| matches!(byte, b'\r' | b'\n')).count();

@@ -36,7 +36,8 @@ pub struct CurveRow {
     pub environment_steps: u64,
     /// Wall-clock time so far, including the runs that this one resumes, s.
     pub wall_clock_secs: f64,
-    /// Mean undiscounted return of the episodes that ended in this iteration; `None` if no episode ended.
+    /// Mean undiscounted return of the episodes that ended in this iteration; `None` if no episode
+    /// ended.
     pub mean_return: Option<f64>,
     /// Mean length of these episodes in control steps.
     pub mean_episode_steps: Option<f64>,
@@ -81,7 +82,8 @@ impl CurveRow {
         self.environment_steps / environments as u64
     }
 
-    /// Returns the cells, in the order of [`COLUMNS`]. Numbers round-trip exactly, except for times, which are rounded.
+    /// Returns the cells, in the order of [`COLUMNS`]. Numbers round-trip exactly, except for
+    /// times, which are rounded.
     pub(super) fn cells(&self) -> Vec<String> {
         let optional = |number: Option<f64>| number.map_or(String::new(), |number| number.to_string());
         let validation = |rate: fn(&Validation) -> f64| optional(self.validation.as_ref().map(rate));
@@ -135,7 +137,8 @@ impl CurveRow {
     }
 }
 
-/// Formats seconds with the nanosecond resolution of the clock, so that the times identify a training run.
+/// Formats seconds with the nanosecond resolution of the clock, so that the times identify a
+/// training run.
 pub(super) fn secs_cell(secs: f64) -> String {
     format!("{secs:.9}")
 }

@@ -1,7 +1,8 @@
 use super::*;
 use mishandle_training::{Checkpoint, TimeShares, TrainingProgress, Validation};
 
-/// Returns the progress of a run with two reward terms; an iteration has 512 environment steps and takes 0.5 s.
+/// Returns the progress of a run with two reward terms; an iteration has 512 environment steps and
+/// takes 0.5 s.
 fn progress(iteration: u64) -> TrainingProgress {
     TrainingProgress {
         iteration,

@@ -6,7 +6,8 @@ const WINDOW_FRACTION: f64 = 0.05;
 /// Tolerance around the final smoothed return, as a fraction of its change since the first one.
 const TOLERANCE_FRACTION: f64 = 0.05;
 
-/// Changes below this fraction of the largest return count as zero, because rounding causes such differences.
+/// Changes below this fraction of the largest return count as zero, because rounding causes such
+/// differences.
 const ROUNDING_FRACTION: f64 = 1e-12;
 
 /// Reason why a curve has no training time.
@@ -37,16 +38,17 @@ pub enum NoTrainingTime {
 }
 
 impl Curve {
-    /// Returns the row of the training time: from this row on, the smoothed return stays near its final value.
+    /// Returns the row of the training time: from this row on, the smoothed return stays near its
+    /// final value.
     ///
     /// ```text
     /// s_i = mean of mean_return over the rows whose environment steps differ from row i's by at most 2.5 % of the last's
     /// |s_j - s_last| <= 0.05 |s_last - s_first|   for every row j from the returned row on
     /// ```
     ///
-    /// Rows without a return are ignored. The returned row contains the training time in environment steps and in seconds;
-    /// [`CurveRow::control_steps`] returns control steps per environment. A row near the end of the curve means that the
-    /// return hardly converged.
+    /// Rows without a return are ignored. The returned row contains the training time in
+    /// environment steps and in seconds; [`CurveRow::control_steps`] returns control steps per
+    /// environment. A row near the end of the curve means that the return hardly converged.
     ///
     /// # Errors
     /// If the training time is undefined.
@@ -122,8 +124,8 @@ mod tests {
         Curve { reward_terms: vec![], rows, is_truncated: false }
     }
 
-    /// Returns 40 returns that rise from -100 by 10 per iteration to 0 in row 11. The window has a radius of 100 steps: three
-    /// rows, two at the ends.
+    /// Returns 40 returns that rise from -100 by 10 per iteration to 0 in row 11. The window has a
+    /// radius of 100 steps: three rows, two at the ends.
     fn rising() -> Vec<Option<f64>> {
         (1..=40).map(|i| Some((-100.0 + 10.0 * f64::from(i - 1)).min(0.0))).collect()
     }
@@ -136,7 +138,8 @@ mod tests {
 
     #[test]
     fn training_time_is_where_the_return_comes_within_five_percent() {
-        // From (-100 - 90) / 2 = -95 to 0: tolerance 4.75. Row 10 has (-20 - 10 + 0) / 3 = -10, row 11 -10 / 3.
+        // From (-100 - 90) / 2 = -95 to 0: tolerance 4.75. Row 10 has (-20 - 10 + 0) / 3 = -10, row
+        // 11 -10 / 3.
         check(&rising(), Ok(11));
         let curve = curve(&rising());
         let row = curve.training_time().unwrap();

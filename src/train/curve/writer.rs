@@ -26,8 +26,8 @@ impl CurveWriter {
         Ok(CurveWriter { file: file.map_err(|source| write_error(path, source))? })
     }
 
-    /// Resumes a curve after the row of the checkpoint. The next write removes later rows, because their iterations are
-    /// repeated. A missing file is created.
+    /// Resumes a curve after the row of the checkpoint. The next write removes later rows, because
+    /// their iterations are repeated. A missing file is created.
     ///
     /// # Errors
     /// If the file is not a curve, belongs to another training run, or ends before the checkpoint.

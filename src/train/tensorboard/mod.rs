@@ -1,7 +1,8 @@
 //! TensorBoard event files.
 //!
-//! A file is a sequence of records: length, checksum of the length, message, checksum of the message. A message is a protocol
-//! buffer `Event`. Scalars need only a few fields, so this module encodes them without a protocol buffer library.
+//! A file is a sequence of records: length, checksum of the length, message, checksum of the
+//! message. A message is a protocol buffer `Event`. Scalars need only a few fields, so this module
+//! encodes them without a protocol buffer library.
 
 mod encoding;
 
@@ -29,7 +30,8 @@ pub(crate) struct EventFile {
 }
 
 impl EventFile {
-    /// Creates an event file in `folder`, and the folder if it does not exist. A resumed run creates one more file.
+    /// Creates an event file in `folder`, and the folder if it does not exist. A resumed run
+    /// creates one more file.
     ///
     /// # Errors
     /// If the folder contains event files of another training run, or the file cannot be created.
@@ -107,8 +109,8 @@ fn event_file(folder: &Path) -> io::Result<Option<PathBuf>> {
     Ok(None)
 }
 
-/// Creates a file with a unique name. TensorBoard reads the files of a folder in the order of their names, so the time is
-/// first.
+/// Creates a file with a unique name. TensorBoard reads the files of a folder in the order of their
+/// names, so the time is first.
 fn create_file(folder: &Path, first: &[u8]) -> io::Result<GrowingFile> {
     let (time, host, process) = (now_secs() as u64, host(), std::process::id());
     let mut number = 0;
@@ -133,7 +135,8 @@ fn now_secs() -> f64 {
     SystemTime::now().duration_since(UNIX_EPOCH).map_or(0.0, |since| since.as_secs_f64())
 }
 
-/// Returns an event after which TensorBoard discards earlier data from this step on, because the run repeats these steps.
+/// Returns an event after which TensorBoard discards earlier data from this step on, because the
+/// run repeats these steps.
 fn session_start(environment_steps: u64) -> Vec<u8> {
     let mut session = Vec::new();
     put_integer(&mut session, session_log::STATUS, session_log::START);

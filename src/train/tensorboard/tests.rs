@@ -13,7 +13,8 @@ fn checksums_match_published_values() {
 #[test]
 fn messages_match_the_protocol_buffer_encoding() {
     let mut message = Vec::new();
-    // Examples of the encoding guide: field 1 = 150 is 08 96 01; field 2 = "testing" is 12 07 and the text.
+    // Examples of the encoding guide: field 1 = 150 is 08 96 01; field 2 = "testing" is 12 07 and
+    // the text.
     put_integer(&mut message, 1, 150);
     put_bytes(&mut message, 2, b"testing");
     assert_eq!(message, b"\x08\x96\x01\x12\x07testing");

@@ -1,8 +1,9 @@
-//! `cargo xtask book`: builds the documentation as HTML with search, in `target/book`, and checks its links.
+//! `cargo xtask book`: builds the documentation as HTML with search, in `target/book`, and checks
+//! its links.
 //!
-//! `docs/README.md` is the contents page; its lists give the chapters and their order. [`pages`] copies the chapters to
-//! `target/book-src`, mdBook makes HTML of them, and [`html`] checks every local link of the result. A link to a source
-//! file leads to the file of the clone.
+//! `docs/README.md` is the contents page; its lists give the chapters and their order. [`pages`]
+//! copies the chapters to `target/book-src`, mdBook makes HTML of them, and [`html`] checks every
+//! local link of the result. A link to a source file leads to the file of the clone.
 
 mod html;
 mod pages;
@@ -38,7 +39,8 @@ no-section-label = true
 enable = false
 ";
 
-/// Builds the book. The first run installs mdBook into `target/tools`, which downloads and compiles it.
+/// Builds the book. The first run installs mdBook into `target/tools`, which downloads and compiles
+/// it.
 ///
 /// # Errors
 /// If mdBook cannot be installed, or a link of the book is broken.

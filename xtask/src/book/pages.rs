@@ -1,4 +1,5 @@
-//! Prepares the Markdown files of the book: chapters, their pictures, and mdBook's list of chapters.
+//! Prepares the Markdown files of the book: chapters, their pictures, and mdBook's list of
+//! chapters.
 
 use std::collections::BTreeSet;
 use std::fs;
@@ -11,7 +12,8 @@ use crate::markdown::{resolve, rewrite};
 /// The contents page, from the root.
 const CONTENTS: &str = "docs/README.md";
 
-/// Copies the chapters and their pictures to `folder`, and writes `SUMMARY.md`. Returns the number of pages.
+/// Copies the chapters and their pictures to `folder`, and writes `SUMMARY.md`. Returns the number
+/// of pages.
 ///
 /// # Errors
 /// If the contents page leads to a page that does not exist, or misses a page of `docs`.
@@ -53,7 +55,8 @@ fn write(folder: &Path, path: &str, content: &[u8]) -> Result<()> {
         .with_context(|| path.display().to_string())
 }
 
-/// Returns the path of a file in the book. Files of `docs` are at its top. A README is the index of its folder.
+/// Returns the path of a file in the book. Files of `docs` are at its top. A README is the index of
+/// its folder.
 fn in_book(path: &str) -> String {
     let path = path.strip_prefix("docs/").unwrap_or(path);
     path.strip_suffix("README.md").map_or(path.to_owned(), |folder| format!("{folder}index.md"))
@@ -104,8 +107,8 @@ fn missing(root: &Path, pages: &BTreeSet<String>) -> Result<Vec<String>> {
     Ok(missing)
 }
 
-/// Returns the link in the book of a link of a page, or `None` if it stays. A link to a file that is not in the book
-/// leads to the clone, whose folder `target` contains the book.
+/// Returns the link in the book of a link of a page, or `None` if it stays. A link to a file that
+/// is not in the book leads to the clone, whose folder `target` contains the book.
 fn link_in_book(pages: &BTreeSet<String>, page: &str, link: &str) -> Option<String> {
     let (path, rest) = link.split_at(link.find(['#', '?']).unwrap_or(link.len()));
     if path.is_empty() || path.contains("://") || path.starts_with("mailto:") {
@@ -116,7 +119,8 @@ fn link_in_book(pages: &BTreeSet<String>, page: &str, link: &str) -> Option<Stri
     if pages.contains(&target) || is_picture(&target) {
         Some(format!("{up}{}{rest}", in_book(&target)))
     } else {
-        // mdBook takes every Markdown file for a chapter, so the link leads to the folder of a README.
+        // mdBook takes every Markdown file for a chapter, so the link leads to the folder of a
+        // README.
         let source = target.strip_suffix("README.md").map_or(target.clone() + rest, str::to_owned);
         Some(format!("{up}../../{source}"))
     }

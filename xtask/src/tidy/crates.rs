@@ -1,4 +1,5 @@
-//! Checks the table of crates in ARCHITECTURE.md against the workspace: crates, levels and dependencies.
+//! Checks the table of crates in ARCHITECTURE.md against the workspace: crates, levels and
+//! dependencies.
 
 use std::collections::BTreeSet;
 
@@ -15,7 +16,8 @@ const ALL: &str = "all above";
 const UNLISTED: [&str; 1] = ["xtask"];
 /// The crate that links MuJoCo.
 const MUJOCO: &str = "world";
-/// Crates that must not link MuJoCo, directly or through another crate, because they serve any simulator.
+/// Crates that must not link MuJoCo, directly or through another crate, because they serve any
+/// simulator.
 const WITHOUT_MUJOCO: [&str; 13] = [
     "random",
     "files",
@@ -106,7 +108,8 @@ pub fn check(tree: &Tree, packages: &[Package]) -> Vec<Problem> {
     problems
 }
 
-/// Returns the dependency path from a package to the crate that links MuJoCo, both included, if there is one.
+/// Returns the dependency path from a package to the crate that links MuJoCo, both included, if
+/// there is one.
 fn path_to_mujoco<'a>(package: &'a Package, packages: &'a [Package]) -> Option<Vec<&'a str>> {
     if package.name == MUJOCO {
         return Some(vec![MUJOCO]);
@@ -194,7 +197,8 @@ mod tests {
         Package { name: name.into(), uses }
     }
 
-    /// A workspace of three crates: `stl` and `rollout`, which uses it, and the root package above both.
+    /// A workspace of three crates: `stl` and `rollout`, which uses it, and the root package above
+    /// both.
     #[track_caller]
     fn check_rows(rows: &str, expected: &[&str]) {
         let page = format!("{HEAD}{rows}\nText.\n");

@@ -11,8 +11,9 @@ pub struct Import {
     pub is_absolute: bool,
 }
 
-/// Returns the paths of the file of `module` that start with `crate` or `super`, also within groups of `use`. Comments and the
-/// module of tests at the end of a file do not count, as dependencies of tests do not count for a crate.
+/// Returns the paths of the file of `module` that start with `crate` or `super`, also within groups
+/// of `use`. Comments and the module of tests at the end of a file do not count, as dependencies of
+/// tests do not count for a crate.
 pub fn imports(module: &[&str], text: &str) -> Vec<Import> {
     let code = code(text);
     let mut found = Vec::new();
@@ -41,7 +42,8 @@ pub fn imports(module: &[&str], text: &str) -> Vec<Import> {
     found
 }
 
-/// Returns the module of a file whose path starts at the folder of the crate's sources: `run/mod.rs` and `run.rs` are `run`.
+/// Returns the module of a file whose path starts at the folder of the crate's sources:
+/// `run/mod.rs` and `run.rs` are `run`.
 pub fn module(path: &str) -> Vec<&str> {
     let parts = path.strip_suffix(".rs").unwrap_or(path).split('/');
     let mut parts: Vec<&str> = parts.collect();

@@ -1,4 +1,5 @@
-//! `cargo xtask tidy`: checks that the compiler does not make. Each reads a [`Tree`] and returns problems.
+//! `cargo xtask tidy`: checks that the compiler does not make. Each reads a [`Tree`] and returns
+//! problems.
 
 mod crates;
 mod imports;
@@ -8,6 +9,7 @@ mod prose;
 mod rooms;
 mod rules;
 mod sizes;
+mod width;
 
 use std::fmt;
 use std::path::Path;
@@ -100,6 +102,7 @@ pub fn check(root: &Path) -> Result<()> {
         prose::check(&tree),
         plain::check(&tree),
         sizes::check(&tree),
+        width::check(&tree),
     ];
     let problems = found.into_iter().flatten().collect::<Vec<_>>();
     for problem in &problems {
@@ -117,7 +120,8 @@ pub fn check(root: &Path) -> Result<()> {
     }
 }
 
-/// Checks that the lock file of the fuzz targets has the dependencies of the crates. Cargo would change it in a build.
+/// Checks that the lock file of the fuzz targets has the dependencies of the crates. Cargo would
+/// change it in a build.
 ///
 /// # Errors
 /// If it is out of date.

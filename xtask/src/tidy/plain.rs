@@ -34,7 +34,7 @@ fn problems(text: &str) -> Vec<String> {
     if text.starts_with("/// What ") || text.starts_with("//! What ") {
         found.push("a doc comment starts with `What`: name the thing".to_owned());
     }
-    let text = text.to_lowercase();
+    let text = text.trim_start_matches(['/', '!']).to_lowercase();
     let words: Vec<&str> = text.split_whitespace().collect();
     for (at, pair) in words.windows(2).enumerate() {
         // The first word of a line may follow a `there` on the line before.
@@ -85,5 +85,6 @@ mod tests {
             concat!("let a = 1; /", "/ This is no proof."),
             &["crates/stl/src/a.rs:1: `is no`: write `is not a`"],
         );
+        check_text("crates/stl/src/a.rs", concat!("/// If there\n", "/// is no proof.\n"), &[]);
     }
 }

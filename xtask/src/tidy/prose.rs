@@ -1,9 +1,10 @@
-//! Refuses phrases that readers of the field do not know, and spellings that differ from the names in the API.
+//! Refuses phrases that readers of the field do not know, and spellings that differ from the names
+//! in the API.
 
 use super::{File, Problem, Tree};
 
-/// A phrase that must not occur in sources and Markdown, and a plain replacement. Words are compared whole and without
-/// case. This file itself is not checked.
+/// A phrase that must not occur in sources and Markdown, and a plain replacement. Words are
+/// compared whole and without case. This file itself is not checked.
 const PHRASES: &[(&str, &str)] = &[
     ("begun", "started"),
     ("tells", "reports, or shows"),
@@ -34,7 +35,8 @@ const PHRASES: &[(&str, &str)] = &[
     ("the_field_of", "the column of"),
 ];
 
-/// The begin of a spelling that is not American, and the American one, found inside identifiers too.
+/// The begin of a spelling that is not American, and the American one, found inside identifiers
+/// too.
 const SPELLINGS: &[(&str, &str)] = &[
     ("behaviour", "behavior"),
     ("colour", "color"),
@@ -65,7 +67,8 @@ const SPELLINGS: &[(&str, &str)] = &[
     ("licence", "license"),
 ];
 
-/// Files with reward terms in an older spelling. The terms enter the task hash, which controllers and runs record.
+/// Files with reward terms in an older spelling. The terms enter the task hash, which controllers
+/// and runs record.
 const HASHED_TEXTS: [&str; 4] = [
     "crates/tasks/src/ball_balancing/mod.rs",
     "crates/tasks/src/cloth_placing/mod.rs",
@@ -77,7 +80,8 @@ pub fn check(tree: &Tree) -> Vec<Problem> {
     tree.files.iter().filter(|file| is_prose(&file.path)).flat_map(check_file).collect()
 }
 
-/// Sources and Markdown, except golden files, which hold the output of other programs, and this file.
+/// Sources and Markdown, except golden files, which hold the output of other programs, and this
+/// file.
 fn is_prose(path: &str) -> bool {
     [".rs", ".md", ".py", ".toml", ".sh"].iter().any(|ending| path.ends_with(ending))
         && !path.contains("/golden/")

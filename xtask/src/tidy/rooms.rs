@@ -1,5 +1,5 @@
-//! Checks the table of rooms in ARCHITECTURE.md against the sources: the folders of a crate, and what each imports from the
-//! others.
+//! Checks the table of rooms in ARCHITECTURE.md against the sources: the folders of a crate, and
+//! what each imports from the others.
 
 use std::collections::BTreeSet;
 

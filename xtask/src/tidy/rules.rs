@@ -43,8 +43,9 @@ const RULES: &[Rule] = &[
     },
 ];
 
-/// Returns whether unsafe code is allowed: in the crate that calls C, for buffers that a Python object owns, in tests that count allocations, and in the faults
-/// that tests of run files inject into SQLite.
+/// Returns whether unsafe code is allowed: in the crate that calls C, for buffers that a Python
+/// object owns, in tests that count allocations, and in the faults that tests of run files inject
+/// into SQLite.
 fn may_be_unsafe(path: &str) -> bool {
     path.starts_with("crates/world/")
         || path == "python/src/gpu.rs"

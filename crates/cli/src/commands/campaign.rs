@@ -15,7 +15,8 @@ use crate::run::{self, grid, pages};
 use crate::show::progress::Bar;
 use crate::show::{campaign, output};
 
-/// Run a grid of evaluations and falsifications: targets, controllers, spaces, formulas, searches, seeds
+/// Run a grid of evaluations and falsifications: targets, controllers, spaces, formulas, searches,
+/// seeds
 #[derive(Debug, Args)]
 #[command(after_help = "Examples:
   mishandle campaign campaign.toml --out runs/controllers
@@ -35,23 +36,23 @@ pub struct Arguments {
     /// Resume the stopped campaign in this folder
     #[arg(long, value_name = "DIR", conflicts_with_all = ["campaign", "out"])]
     pub resume: Option<PathBuf>,
-    /// Simulate on a Ray cluster: its address, `auto` for the one that runs on this machine, or `local` to start one; needs
-    /// the Python package with Ray
+    /// Simulate on a Ray cluster: its address, `auto` for the one that runs on this machine, or
+    /// `local` to start one; needs the Python package with Ray
     #[arg(long, value_name = "ADDRESS")]
     pub ray: Option<String>,
     /// Wait after each batch until its records are on the disk
     #[arg(long)]
     pub durable: bool,
-    /// Number of runs at the same time; does not affect the results. Several keep all cores busy when searches propose few
-    /// simulations at a time [default: 1]
+    /// Number of runs at the same time; does not affect the results. Several keep all cores busy
+    /// when searches propose few simulations at a time [default: 1]
     #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = numbers::integer::<usize>(flags::THREADS))]
     #[arg(conflicts_with = "ray")]
     pub jobs: Option<usize>,
     /// Number of threads; does not affect the results [default: number of cores]
     #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = numbers::integer::<usize>(flags::THREADS))]
     pub threads: Option<usize>,
-    /// Write pages to this folder: an index, a page for each run, and the tables of `mishandle reproduce` with statistics, also as
-    /// Markdown
+    /// Write pages to this folder: an index, a page for each run, and the tables of
+    /// `mishandle reproduce` with statistics, also as Markdown
     #[arg(long, value_name = "DIR")]
     pub pages: Option<PathBuf>,
     /// Print one JSON document to stdout
@@ -152,7 +153,8 @@ fn check_ray() -> Result<()> {
     Ok(())
 }
 
-/// Simulates the runs of the folder on a Ray cluster. The run files are then complete, so that this program only reads them.
+/// Simulates the runs of the folder on a Ray cluster. The run files are then complete, so that this
+/// program only reads them.
 fn simulate_on_ray(folder: &Path, address: &str, is_durable: bool) -> Result<ExitStatus> {
     let mut command = Command::new(PYTHON);
     command.args(["-m", MODULE, "--resume"]).arg(folder).args(["--address", address]);

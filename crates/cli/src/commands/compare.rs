@@ -37,7 +37,8 @@ pub struct Arguments {
     /// Controller B, evaluated like the one of --controller, which is A
     #[arg(long, value_name = "C")]
     pub against: Option<String>,
-    /// Number of simulations of each controller from random scenarios [default: 100, or that of the plan]
+    /// Number of simulations of each controller from random scenarios [default: 100, or that of the
+    /// plan]
     #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = numbers::integer::<u64>(Plan::EPISODES))]
     pub episodes: Option<u64>,
     /// HTML page to write about the comparison
@@ -46,7 +47,8 @@ pub struct Arguments {
     /// Overwrite FILE if it exists
     #[arg(long, requires = "out")]
     pub force: bool,
-    /// Do not check the whole run files before reading them; a record is still checked when it is read
+    /// Do not check the whole run files before reading them; a record is still checked when it is
+    /// read
     #[arg(long)]
     pub skip_check: bool,
     #[command(flatten)]

@@ -39,7 +39,8 @@ pub struct Arguments {
 
 #[derive(Debug, Subcommand)]
 pub enum ControllerCommand {
-    /// Write a controller as an ONNX model, with its normalizer and the clipping of observations and actions
+    /// Write a controller as an ONNX model, with its normalizer and the clipping of observations
+    /// and actions
     #[command(after_help = "Examples:
   mishandle controller export point-reaching/ppo --onnx ppo.onnx
   mishandle controller export my_controller.safetensors --onnx my_controller.onnx --json
@@ -132,7 +133,8 @@ fn page(file: &ControllerFile, weaknesses: &[&str]) -> String {
     format!("{facts}\n{}", settings(file).trim_end())
 }
 
-/// Returns the settings under their present keys; as the file has them if this program cannot read them.
+/// Returns the settings under their present keys; as the file has them if this program cannot read
+/// them.
 fn settings(file: &ControllerFile) -> String {
     let text = &file.header.training.settings;
     match AlgorithmSettings::from_toml(&file.header.algorithm, text) {

@@ -11,7 +11,8 @@ use crate::flags::{self, numbers};
 use crate::run::{self, question};
 use crate::show::{evaluation, output};
 
-/// Evaluate a controller: success rate, dangerous behavior rate and completion time, with 95 % intervals
+/// Evaluate a controller: success rate, dangerous behavior rate and completion time, with 95 %
+/// intervals
 #[derive(Debug, Args)]
 #[command(after_help = "Examples:
   mishandle evaluate point-reaching --controller ppo --episodes 1000
@@ -20,12 +21,13 @@ use crate::show::{evaluation, output};
 pub struct Arguments {
     #[command(flatten)]
     pub subject: flags::Subject,
-    /// Number of random initial states; the corners and the center of the initial box are simulated as well [default: 100]
+    /// Number of random initial states; the corners and the center of the initial box are simulated
+    /// as well [default: 100]
     #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = numbers::integer::<u64>(Plan::EPISODES))]
     #[arg(conflicts_with = "resume")]
     pub episodes: Option<u64>,
-    /// Region of the initial states: whole, or reachable (the part of the box from which the task is feasible)
-    /// [default: whole]
+    /// Region of the initial states: whole, or reachable (the part of the box from which the task
+    /// is feasible) [default: whole]
     #[arg(long = "box", value_name = "PART", conflicts_with = "resume")]
     pub starts: Option<String>,
     #[command(flatten)]

@@ -23,8 +23,9 @@ are replayed.")]
 pub struct Arguments {
     #[command(flatten)]
     pub recorded: flags::Recorded,
-    /// Explain the whole run: how often each conjunct sets the robustness, and how often each one fails, over at most N
-    /// simulations, which are simulated again; violated ones first [default of N: 500]
+    /// Explain the whole run: how often each conjunct sets the robustness, and how often each one
+    /// fails, over at most N simulations, which are simulated again; violated ones first [default
+    /// of N: 500]
     #[arg(long, value_name = "N", num_args = 0..=1, default_missing_value = "500", require_equals = true)]
     #[arg(allow_negative_numbers = true, value_parser = numbers::integer::<u64>(1..=u64::MAX))]
     #[arg(conflicts_with_all = ["trial", "simulation"])]

@@ -35,8 +35,8 @@ pub struct Arguments {
     /// Option of the search algorithm (repeatable); `mishandle searches SEARCH` lists them
     #[arg(long = "search-option", value_name = "NAME=VALUE", value_parser = name_and_value, conflicts_with = "resume")]
     pub search_options: Vec<(String, String)>,
-    /// Requirement to violate: the name of a formula of the target (such as success or strict), or the text of a
-    /// formula [default: the target's first formula, which is success for a task]
+    /// Requirement to violate: the name of a formula of the target (such as success or strict), or
+    /// the text of a formula [default: the target's first formula, which is success for a task]
     #[arg(long, allow_hyphen_values = true, conflicts_with = "resume")]
     pub formula: Option<String>,
     /// Number of trials: independent searches, each with its own random seed [default: 30]
@@ -47,19 +47,20 @@ pub struct Arguments {
     #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = numbers::integer::<u32>(Plan::BUDGET))]
     #[arg(conflicts_with = "resume")]
     pub budget: Option<u32>,
-    /// End simulations as soon as the search does not need the rest. The scenarios and violations are the same, but a trial
-    /// without a violation can have a lower bound as lowest robustness
+    /// End simulations as soon as the search does not need the rest. The scenarios and violations
+    /// are the same, but a trial without a violation can have a lower bound as lowest robustness
     #[arg(long, conflicts_with = "resume")]
     pub early_stopping: bool,
     /// Continue each trial after its first counterexample, to find other failure modes
     #[arg(long, conflicts_with = "resume")]
     pub keep_going: bool,
-    /// With --keep-going, end a trial when less than this fraction of its simulations finds a new failure mode; 0 spends the
-    /// whole budget [default: 0.01]
+    /// With --keep-going, end a trial when less than this fraction of its simulations finds a new
+    /// failure mode; 0 spends the whole budget [default: 0.01]
     #[arg(long, value_name = "RATE", allow_negative_numbers = true, conflicts_with = "resume")]
     pub new_mode_rate: Option<f64>,
-    /// If the target is random: number of simulations of each counterexample with other seeds, which measure how often it
-    /// fails; at most as many in total as the run has; 0 skips this [default: 100]
+    /// If the target is random: number of simulations of each counterexample with other seeds,
+    /// which measure how often it fails; at most as many in total as the run has; 0 skips this
+    /// [default: 100]
     #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = numbers::integer::<u32>(0..=10_000_000))]
     pub repeats: Option<u32>,
     #[command(flatten)]

@@ -26,7 +26,8 @@ disturbances that violate the formula may exist. Exit code 1 means that a violat
 pub struct Arguments {
     #[command(flatten)]
     pub subject: flags::Subject,
-    /// Requirement: the name of a formula of the target, or the text of a formula [default: the target's first formula]
+    /// Requirement: the name of a formula of the target, or the text of a formula [default: the
+    /// target's first formula]
     #[arg(long, allow_hyphen_values = true, conflicts_with = "resume")]
     pub formula: Option<String>,
     /// Largest number of simulations [default: 3000]

@@ -47,7 +47,8 @@ pub struct Arguments {
     pub formula: String,
     /// CSV file with the trace; - reads stdin
     pub trace: PathBuf,
-    /// Sampling period in seconds [default: mean step of the column `time`, or 1 without that column]
+    /// Sampling period in seconds [default: mean step of the column `time`, or 1 without that
+    /// column]
     #[arg(long, value_name = "SECONDS", allow_negative_numbers = true, value_parser = numbers::number(PERIOD, is_period))]
     pub period: Option<f64>,
     /// Unit of interval bounds without a unit: s, ms, us or ns [default: such bounds count samples]
@@ -67,7 +68,8 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
     output::warn_of_chained_comparisons(&formula);
     let trace_name = || format!("trace {}", command.trace.display());
     let log = Log::open(source(&command.trace).with_context(trace_name)?).with_context(trace_name)?;
-    // Only the columns of the formula are read later, so that errors about them could not name the others.
+    // Only the columns of the formula are read later, so that errors about them could not name the
+    // others.
     Recording::new(&formula, log.names().into())?;
     let samples = log.samples(&formula).with_context(trace_name)?;
     let period = samples.period(command.period).with_context(trace_name)?;
@@ -110,7 +112,8 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
     Ok(if robustness < 0.0 { ExitStatus::Violated } else { ExitStatus::Done })
 }
 
-/// Returns the robustness signal: all samples with cut windows, or the decided ones, of which there is at least one.
+/// Returns the robustness signal: all samples with cut windows, or the decided ones, of which there
+/// is at least one.
 fn signal(monitor: &mut Monitor, recording: Recording, strict_horizon: bool) -> Result<&[f64]> {
     if !strict_horizon {
         return Ok(monitor.recorded_robustness_signal(recording)?);

@@ -40,11 +40,12 @@ pub struct Arguments {
     /// [default: the one of each counterexample]
     #[arg(long, value_name = "C")]
     pub controller: Option<String>,
-    /// Controller to compare with, simulated like the one of --controller: only a test that fails although it passes with the
-    /// baseline counts as a failure
+    /// Controller to compare with, simulated like the one of --controller: only a test that fails
+    /// although it passes with the baseline counts as a failure
     #[arg(long, value_name = "C")]
     pub baseline: Option<String>,
-    /// Number of simulations with other random seeds, which decide the test; without it, the recorded seed does
+    /// Number of simulations with other random seeds, which decide the test; without it, the
+    /// recorded seed does
     #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = numbers::integer::<u32>(flags::REPEATS))]
     pub repeat: Option<u32>,
     /// With --repeat: largest failure rate of a test that passes [default: 0]

@@ -46,7 +46,8 @@ pub struct Arguments {
     /// Name of a task, to render its initial state
     #[arg(conflicts_with = "run")]
     pub task: Option<String>,
-    /// Initial state: one value per axis of the initial box, in the axis' unit [default: the center of the box]
+    /// Initial state: one value per axis of the initial box, in the axis' unit [default: the center
+    /// of the box]
     #[arg(long, value_name = "X,Y,...", value_delimiter = ',', allow_hyphen_values = true)]
     #[arg(conflicts_with = "run", value_parser = numbers::number(COORDINATE, |_| true))]
     pub at: Option<Vec<f64>>,
@@ -56,8 +57,8 @@ pub struct Arguments {
     /// Number of the trial, from 1 [default: 1 with --simulation, otherwise any]
     #[arg(long, value_name = "N", requires = "run", allow_negative_numbers = true, value_parser = numbers::integer::<u32>(flags::NUMBERS))]
     pub trial: Option<u32>,
-    /// Number of the simulation within its trial, from 1 [default: the first counterexample, otherwise the simulation
-    /// with the minimum robustness]
+    /// Number of the simulation within its trial, from 1 [default: the first counterexample,
+    /// otherwise the simulation with the minimum robustness]
     #[arg(long, value_name = "N", requires = "run", allow_negative_numbers = true, value_parser = numbers::integer::<u32>(flags::NUMBERS))]
     pub simulation: Option<u32>,
     /// New path of the run's controller, if the file was moved
@@ -69,7 +70,8 @@ pub struct Arguments {
     /// Event of a simulation to center on
     #[arg(long, value_name = "EVENT", requires = "run", default_value = "decisive")]
     pub event: CenterEvent,
-    /// Show only this many seconds before and after the event [default: all of an episode of up to 10 s, otherwise 5]
+    /// Show only this many seconds before and after the event [default: all of an episode of up to
+    /// 10 s, otherwise 5]
     #[arg(long, value_name = "SECONDS", requires = "run", allow_negative_numbers = true)]
     #[arg(value_parser = numbers::number(AROUND, |seconds| seconds > 0.0 && seconds.is_finite()))]
     pub around: Option<f64>,
@@ -80,14 +82,16 @@ pub struct Arguments {
     /// Output file: .png for a picture or a filmstrip, .mp4 for a video
     #[arg(long, value_name = "FILE")]
     pub out: PathBuf,
-    /// Width of each camera's view and height of the frame, in pixels [default: picture 960x720, video 640x480, filmstrip 480x360]
+    /// Width of each camera's view and height of the frame, in pixels [default: picture 960x720,
+    /// video 640x480, filmstrip 480x360]
     #[arg(long, value_name = "WxH")]
     pub size: Option<String>,
-    /// Cameras, side by side in each frame: auto, front, left, right, back, top, close (follows the hand), or a camera of
-    /// the task's MJCF
+    /// Cameras, side by side in each frame: auto, front, left, right, back, top, close (follows the
+    /// hand), or a camera of the task's MJCF
     #[arg(long, value_name = "NAME,...", value_delimiter = ',', default_value = CAMERAS[0])]
     pub camera: Vec<String>,
-    /// Draw hard shadows and rougher edges, about four times as fast on a machine without a graphics card
+    /// Draw hard shadows and rougher edges, about four times as fast on a machine without a
+    /// graphics card
     #[arg(long)]
     pub fast: bool,
     /// Overwrite FILE if it exists
@@ -344,7 +348,8 @@ fn video(
         ));
     }
     renderer.fit(&states[first..=end].iter().step_by(FIT_STRIDE).map(Vec::as_slice));
-    // From here on a signal must not end the program directly, because an unfinished file must be removed.
+    // From here on a signal must not end the program directly, because an unfinished file must be
+    // removed.
     let bar = Bar::new(film.samples.len() as u64, "frames");
     let cleared = bar.line();
     interrupt::listen(|| (), move || cleared.finish_and_clear())?;

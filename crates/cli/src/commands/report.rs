@@ -11,7 +11,8 @@ use crate::run::{self, pages};
 use crate::show::output;
 use crate::show::progress::Bar;
 
-/// Write a page about runs (verdict, failure modes, robustness maps, traces, pictures) or about a learning curve
+/// Write a page about runs (verdict, failure modes, robustness maps, traces, pictures) or about a
+/// learning curve
 #[derive(Debug, Args)]
 #[command(after_help = "Examples:
   mishandle report runs/RUN.sqlite --out report.html
@@ -33,7 +34,8 @@ pub struct Arguments {
     /// Overwrite FILE if it exists
     #[arg(long)]
     pub force: bool,
-    /// Number of random scenarios around each failure mode, which estimate the size of the failing patch; 0 skips this
+    /// Number of random scenarios around each failure mode, which estimate the size of the failing
+    /// patch; 0 skips this
     #[arg(long, value_name = "N", default_value = "64", allow_negative_numbers = true)]
     #[arg(value_parser = numbers::integer::<u32>(flags::SCENARIOS), conflicts_with = "no_simulations")]
     pub probes: u32,
@@ -43,7 +45,8 @@ pub struct Arguments {
     /// New path of the runs' controller, if the file was moved
     #[arg(long, value_name = "C")]
     pub controller: Option<String>,
-    /// Do not check the whole run files before reading them; a record is still checked when it is read
+    /// Do not check the whole run files before reading them; a record is still checked when it is
+    /// read
     #[arg(long)]
     pub skip_check: bool,
     /// Number of threads; does not affect the page [default: number of cores]

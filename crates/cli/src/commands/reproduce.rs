@@ -85,7 +85,8 @@ all chosen units agree; 2 that one differs, or that this program is of another c
 /// Flags of the commands that run the plan of a table.
 #[derive(Debug, Args)]
 pub struct ReproduceTable {
-    /// Folder of the run files. If it exists, its campaign is resumed [default: runs/ and the name of the table]
+    /// Folder of the run files. If it exists, its campaign is resumed [default: runs/ and the name
+    /// of the table]
     #[arg(long, value_name = "DIR")]
     pub out: Option<PathBuf>,
     /// Campaign file to run instead of that of the table

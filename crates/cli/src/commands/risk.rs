@@ -27,19 +27,20 @@ means that a simulation violated the formula.")]
 pub struct Arguments {
     #[command(flatten)]
     pub subject: flags::Subject,
-    /// Requirement: the name of a formula of the target, or the text of a formula [default: the target's first formula]
+    /// Requirement: the name of a formula of the target, or the text of a formula [default: the
+    /// target's first formula]
     #[arg(long, allow_hyphen_values = true, conflicts_with = "resume")]
     pub formula: Option<String>,
-    /// Distribution of an axis, for instance friction_scale=normal:1:0.1; repeat the flag for several axes [default: the
-    /// distribution that the axis declares, mostly uniform]
+    /// Distribution of an axis, for instance friction_scale=normal:1:0.1; repeat the flag for
+    /// several axes [default: the distribution that the axis declares, mostly uniform]
     #[arg(long, value_name = "NAME=DISTRIBUTION", allow_hyphen_values = true, value_parser = distribution, conflicts_with = "resume")]
     pub distribution: Vec<(String, String)>,
     /// Number of simulations [default: 50000]
     #[arg(long, value_name = "N", allow_negative_numbers = true)]
     #[arg(value_parser = numbers::integer::<u64>(RiskPlan::SIMULATIONS), conflicts_with = "resume")]
     pub simulations: Option<u64>,
-    /// Parts of the estimation besides Monte Carlo: auto (all), monte-carlo (none), importance or splitting
-    /// [default: auto]
+    /// Parts of the estimation besides Monte Carlo: auto (all), monte-carlo (none), importance or
+    /// splitting [default: auto]
     #[arg(long, value_name = "METHOD", conflicts_with = "resume")]
     pub method: Option<String>,
     #[command(flatten)]

@@ -24,19 +24,21 @@ Exit code 1 means that a simulation violated the formula.")]
 pub struct Arguments {
     #[command(flatten)]
     pub subject: flags::Subject,
-    /// Scenario: one value per axis of the space, or NAME=VALUE for some axes; the others are nominal [default: the
-    /// nominal scenario]
+    /// Scenario: one value per axis of the space, or NAME=VALUE for some axes; the others are
+    /// nominal [default: the nominal scenario]
     #[arg(long, value_name = "X,Y,...", value_delimiter = ',', allow_hyphen_values = true)]
     pub at: Vec<String>,
-    /// Number of simulations with different seeds; reports the failure rate of the scenario and quantiles of the robustness
+    /// Number of simulations with different seeds; reports the failure rate of the scenario and
+    /// quantiles of the robustness
     #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = numbers::integer::<u32>(flags::REPEATS))]
     pub repeat: Option<u32>,
-    /// With --repeat: number of random scenarios, each simulated 20 times, that measure the share of the robustness variance
-    /// that comes from the scenario; 0 skips this [default: 20]
+    /// With --repeat: number of random scenarios, each simulated 20 times, that measure the share
+    /// of the robustness variance that comes from the scenario; 0 skips this [default: 20]
     #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = numbers::integer::<u32>(flags::SCENARIOS))]
     #[arg(requires = "repeat")]
     pub scenarios: Option<u32>,
-    /// Requirement: the name of a formula of the target, or the text of a formula [default: the target's first formula]
+    /// Requirement: the name of a formula of the target, or the text of a formula [default: the
+    /// target's first formula]
     #[arg(long, allow_hyphen_values = true)]
     pub formula: Option<String>,
     #[command(flatten)]
@@ -72,8 +74,8 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
     }
 }
 
-/// Returns the scenario with the values of `--at`: those of all axes without a fixed value in order, or some by name. `spaces` are
-/// those of the target.
+/// Returns the scenario with the values of `--at`: those of all axes without a fixed value in
+/// order, or some by name. `spaces` are those of the target.
 fn scenario(space: &Space, spaces: &[Space], words: &[String]) -> Result<Scenario> {
     let axes = space.axes();
     let mut values = space.nominal().values().to_vec();

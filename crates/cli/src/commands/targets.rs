@@ -44,8 +44,8 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
     Ok(ExitStatus::Done)
 }
 
-/// Returns a plan that resolves to the target. A task requires a controller, and it has axes for the action noise only
-/// if there is action noise.
+/// Returns a plan that resolves to the target. A task requires a controller, and it has axes for
+/// the action noise only if there is action noise.
 fn plan(name: &str, preset: Option<&str>) -> Plan {
     let is_task = mishandle::tasks::task(name).is_some();
     let mut plan = Plan::new(name, if is_task { "expert" } else { "" });
@@ -118,7 +118,8 @@ fn axes(space: &Space) -> String {
     table.lines().map(|line| format!("  {line}")).collect::<Vec<_>>().join("\n")
 }
 
-/// Describes what an axis sets, with its unit and the kind of its values if they are not continuous.
+/// Describes what an axis sets, with its unit and the kind of its values if they are not
+/// continuous.
 fn sets(axis: &Axis) -> String {
     let values = match &axis.values {
         AxisValues::Continuous => None,

@@ -22,8 +22,8 @@ pub struct Arguments {
     /// Task preset: initial boxes and formulas of the benchmark's `paper` or of its `code`
     #[arg(long, default_value = "paper")]
     pub preset: String,
-    /// Write the task's scene to this MJCF file, with the initial state as keyframe `start`; the file does not contain
-    /// the control of servos and gripper
+    /// Write the task's scene to this MJCF file, with the initial state as keyframe `start`; the
+    /// file does not contain the control of servos and gripper
     #[arg(long, value_name = "FILE", requires = "task")]
     pub mjcf: Option<PathBuf>,
     /// Print one JSON document to stdout

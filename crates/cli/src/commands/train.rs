@@ -51,15 +51,16 @@ pub struct Arguments {
     pub task: String,
     #[arg(long, default_value = "ppo", help = ALGORITHM_HELP.as_str())]
     pub algorithm: String,
-    /// Total number of environment steps (control steps of all parallel environments), such as 1e6; rounded up to
-    /// whole iterations [default: run.total_steps of the settings]
+    /// Total number of environment steps (control steps of all parallel environments), such as 1e6;
+    /// rounded up to whole iterations [default: run.total_steps of the settings]
     #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = numbers::integer::<u64>(STEPS))]
     pub steps: Option<u64>,
     /// Reward: shaped or original
     #[arg(long, default_value = "shaped")]
     pub reward: String,
-    /// Device of the physics of the training episodes: cpu (MuJoCo C) or gpu (MuJoCo Warp) [default: cpu]. Validations always
-    /// use MuJoCo C. The setting episodes.environments is the number of worlds
+    /// Device of the physics of the training episodes: cpu (MuJoCo C) or gpu (MuJoCo Warp)
+    /// [default: cpu]. Validations always use MuJoCo C. The setting episodes.environments is the
+    /// number of worlds
     #[arg(long, value_name = "NAME")]
     pub device: Option<PhysicsDevice>,
     /// File of the best controller [default: runs/TASK-ALGORITHM-sSEED.safetensors]
@@ -143,7 +144,8 @@ pub fn run(command: &Arguments, gpu: Option<&Device>) -> Result<ExitStatus> {
     Ok(ExitStatus::Done)
 }
 
-/// Reports how many steps an interrupted run completed and how to resume it. At least its first checkpoint exists.
+/// Reports how many steps an interrupted run completed and how to resume it. At least its first
+/// checkpoint exists.
 fn interrupted(plan: &TrainPlan, report: &TrainReport) -> ExitStatus {
     for error in &report.write_failures {
         output::message(&format!("error: {}", with_causes(error)));
@@ -161,7 +163,8 @@ fn interrupted(plan: &TrainPlan, report: &TrainReport) -> ExitStatus {
     ExitStatus::Interrupted
 }
 
-/// Returns the error of a finished run that could not write all files, with the command that writes them later.
+/// Returns the error of a finished run that could not write all files, with the command that writes
+/// them later.
 fn write_error(plan: &TrainPlan, report: &TrainReport) -> Error {
     let errors: Vec<String> = report.write_failures.iter().map(with_causes).collect();
     let error = anyhow!(errors.join("; "));

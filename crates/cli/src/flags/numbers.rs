@@ -1,4 +1,5 @@
-//! Numbers on the command line: integers as 1000000, `1_000_000` or 1e6, and numbers with a fraction.
+//! Numbers on the command line: integers as 1000000, `1_000_000` or 1e6, and numbers with a
+//! fraction.
 //!
 //! clap prints the name of the flag and the value before the message of a parser.
 

@@ -9,7 +9,8 @@ use mishandle::plan::AxisSetting;
 
 use super::{Run, Subject};
 
-/// Returns the plan that the flags describe: the plan of `--plan` or a new plan, with the values of the flags.
+/// Returns the plan that the flags describe: the plan of `--plan` or a new plan, with the values of
+/// the flags.
 pub fn plan(subject: &Subject, run: &Run) -> Result<Plan> {
     let mut plan = match (&subject.plan, &subject.target) {
         (Some(path), _) => {

@@ -17,8 +17,8 @@ pub struct Recorded {
     /// Number of the trial, from 1 [default: 1 with --simulation, otherwise any]
     #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = integer::<u32>(NUMBERS))]
     pub trial: Option<u32>,
-    /// Number of the simulation within its trial, from 1 [default: the first counterexample, otherwise the simulation
-    /// with the minimum robustness]
+    /// Number of the simulation within its trial, from 1 [default: the first counterexample,
+    /// otherwise the simulation with the minimum robustness]
     #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = integer::<u32>(NUMBERS))]
     pub simulation: Option<u32>,
     /// New path of the run's controller, if the file was moved
@@ -35,8 +35,8 @@ pub struct TraceFile {
     /// Write the trace to this CSV file
     #[arg(long, value_name = "FILE")]
     pub trace: Option<PathBuf>,
-    /// Columns of the trace: signals; or full, which adds joint positions and velocities, actions and contact forces of
-    /// tasks [default: signals]
+    /// Columns of the trace: signals; or full, which adds joint positions and velocities, actions
+    /// and contact forces of tasks [default: signals]
     #[arg(long, value_name = "COLUMNS", requires = "trace", value_parser = ["signals", "full"])]
     pub record: Option<String>,
 }

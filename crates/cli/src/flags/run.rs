@@ -27,19 +27,22 @@ pub struct OpenRun {
     /// Run file to create (SQLite) [default: a new file in runs/]
     #[arg(long, value_name = "FILE")]
     pub out: Option<PathBuf>,
-    /// Resume a stopped run with its own plan; if its controller was moved, --controller is the new path
+    /// Resume a stopped run with its own plan; if its controller was moved, --controller is the new
+    /// path
     #[arg(long, value_name = "RUN", conflicts_with_all = PLANNED)]
     pub resume: Option<PathBuf>,
     /// Do not check the whole run file before reading it; a record is still checked when it is read
     #[arg(long, requires = "resume")]
     pub skip_check: bool,
-    /// Wait after each batch until its records are on the disk. Without it, a power failure can lose the last
-    /// simulations; a kill loses at most the running batch. Not stored: a resumed run needs the flag again
+    /// Wait after each batch until its records are on the disk. Without it, a power failure can
+    /// lose the last simulations; a kill loses at most the running batch. Not stored: a resumed run
+    /// needs the flag again
     #[arg(long)]
     pub durable: bool,
 }
 
-/// Arguments of all commands that a resumed run takes from its own plan. The path of the controller is not among them.
+/// Arguments of all commands that a resumed run takes from its own plan. The path of the controller
+/// is not among them.
 const PLANNED: [&str; 12] = [
     "target",
     "space",

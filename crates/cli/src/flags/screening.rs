@@ -9,16 +9,17 @@ use super::numbers::integer;
 /// Flags of screening.
 #[derive(Debug, Args)]
 pub struct Screening {
-    /// Screen the simulations first: gpu (thousands of worlds of MuJoCo Warp on a GPU; MuJoCo C repeats the flagged
-    /// simulations and an audit sample of the rest, and only these count), or none [default: none]
+    /// Screen the simulations first: gpu (thousands of worlds of MuJoCo Warp on a GPU; MuJoCo C
+    /// repeats the flagged simulations and an audit sample of the rest, and only these count), or
+    /// none [default: none]
     #[arg(long, value_name = "DEVICE", conflicts_with = "resume")]
     pub screening: Option<Screener>,
     /// With --screening gpu: number of worlds on the GPU [default: 16384]
     #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = integer::<u32>(1..=1_048_576))]
     #[arg(conflicts_with = "resume")]
     pub rows: Option<u32>,
-    /// With --screening gpu: share of the simulations that are not flagged in the audit sample, above 0 and up to 1
-    /// [default: 0.1]
+    /// With --screening gpu: share of the simulations that are not flagged in the audit sample,
+    /// above 0 and up to 1 [default: 0.1]
     #[arg(long, value_name = "SHARE", allow_negative_numbers = true, value_parser = share, conflicts_with = "resume")]
     pub confirm: Option<f64>,
 }

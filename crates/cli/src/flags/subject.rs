@@ -21,26 +21,31 @@ fn is_noise(std: f64) -> bool {
 pub struct Subject {
     /// Name of a target: a task, or toy/NAME; `mishandle targets` lists them
     pub target: Option<String>,
-    /// Controller of a task: the path of a .safetensors or .onnx file, or the name of a shipped controller such as ppo or
-    /// expert
+    /// Controller of a task: the path of a .safetensors or .onnx file, or the name of a shipped
+    /// controller such as ppo or expert
     #[arg(long, value_name = "C")]
     pub controller: Option<String>,
-    /// Scenario space of the target, or several joined by + [default: starts; of margin: disturbance]
+    /// Scenario space of the target, or several joined by + [default: starts; of margin:
+    /// disturbance]
     #[arg(long, value_name = "NAME")]
     pub space: Option<String>,
-    /// Vary this axis only from LOW to HIGH; repeat the flag for several axes. An axis outside of the space is added to it
+    /// Vary this axis only from LOW to HIGH; repeat the flag for several axes. An axis outside of
+    /// the space is added to it
     #[arg(long, value_name = "NAME=LOW:HIGH", allow_hyphen_values = true, value_parser = axis_range)]
     pub axis: Vec<(String, AxisSetting)>,
-    /// Fix this axis at a value, or at a category; repeat the flag for several axes. It may be outside of the space
+    /// Fix this axis at a value, or at a category; repeat the flag for several axes. It may be
+    /// outside of the space
     #[arg(long, value_name = "NAME=VALUE", allow_hyphen_values = true, value_parser = axis_value)]
     pub set: Vec<(String, AxisSetting)>,
     /// Batch size: number of simulations run at once [default: 64]
     #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = integer::<u32>(Plan::BATCH))]
     pub batch: Option<u32>,
-    /// Task preset: initial box and formulas of the benchmark's `paper` or of its `code` [default: paper]
+    /// Task preset: initial box and formulas of the benchmark's `paper` or of its `code` [default:
+    /// paper]
     #[arg(long)]
     pub preset: Option<String>,
-    /// Standard deviation of the Gaussian noise on each action, added after clipping to [-1, 1]; from 0 to 10 [default: 0]
+    /// Standard deviation of the Gaussian noise on each action, added after clipping to [-1, 1];
+    /// from 0 to 10 [default: 0]
     #[arg(long, value_name = "STD", allow_negative_numbers = true, value_parser = number(NOISE, is_noise))]
     pub action_noise: Option<f64>,
     /// Standard deviation of the Gaussian noise on each observation, from 0 to 10 [default: 0]

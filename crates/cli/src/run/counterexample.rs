@@ -7,7 +7,8 @@ use mishandle::counterexample::{Counterexample, CounterexampleReplay};
 
 use crate::show::output;
 
-/// Reads an exported counterexample, simulates it again, and warns if another build made it. `controller` is the present path of its controller.
+/// Reads an exported counterexample, simulates it again, and warns if another build made it.
+/// `controller` is the present path of its controller.
 pub fn replay(path: &Path, controller: Option<&str>) -> Result<(Counterexample, CounterexampleReplay)> {
     let counterexample = read(path)?;
     let folder = path.parent().unwrap_or(Path::new(""));

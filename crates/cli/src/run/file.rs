@@ -10,8 +10,9 @@ use mishandle_text::plural;
 use crate::flags::OpenRun;
 use crate::show::output;
 
-/// Opens a run file of this kind and returns it with its resolved plan: the run to resume, or else a new run with the plan
-/// `new_plan`. `controller` is the new path of the controller of a resumed run.
+/// Opens a run file of this kind and returns it with its resolved plan: the run to resume, or else
+/// a new run with the plan `new_plan`. `controller` is the new path of the controller of a resumed
+/// run.
 pub fn open(
     flags: &OpenRun,
     kind: RunKind,

@@ -12,7 +12,8 @@ use super::file::report_build_differences;
 use crate::interrupt;
 use crate::show::progress::Bar;
 
-/// Runs or completes all runs in order, `jobs` at a time. Returns the finished ones, which are fewer if a signal interrupts them.
+/// Runs or completes all runs in order, `jobs` at a time. Returns the finished ones, which are
+/// fewer if a signal interrupts them.
 pub fn run_all(
     runs: &[PlannedRun],
     bar: &Bar,

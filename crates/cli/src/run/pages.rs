@@ -43,7 +43,8 @@ impl Options<'_> {
 /// Why nothing is simulated.
 const NO_SIMULATIONS: &str = "they were not requested (--no-simulations)";
 
-/// Writes the pages of a campaign to the folder `out`: an index, the tables, and a page for each run.
+/// Writes the pages of a campaign to the folder `out`: an index, the tables, and a page for each
+/// run.
 pub fn write_campaign(campaign: &Path, out: &Path, options: &Options<'_>) -> Result<ExitStatus> {
     let runs = mishandle::run::campaign_runs(campaign)?;
     let index = out.join(INDEX);

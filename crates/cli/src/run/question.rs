@@ -1,4 +1,5 @@
-//! The part that the commands `evaluate`, `falsify`, `margin` and `risk` share: they ask a question.
+//! The part that the commands `evaluate`, `falsify`, `margin` and `risk` share: they ask a
+//! question.
 
 use std::path::PathBuf;
 use std::time::Instant;
@@ -28,7 +29,8 @@ pub struct Asked {
     seconds: f64,
 }
 
-/// Opens or creates the run file of a question, and asks it. `subject` has the new path of the controller of a resumed run.
+/// Opens or creates the run file of a question, and asks it. `subject` has the new path of the
+/// controller of a resumed run.
 pub fn ask(
     kind: RunKind,
     subject: &flags::Subject,

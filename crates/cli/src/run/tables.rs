@@ -36,14 +36,16 @@ pub fn named_commit(commit: &str) -> Option<String> {
     (commit != "unknown" && !commit.ends_with("-changed")).then(|| commit.to_string())
 }
 
-/// Writes the pages with the tables of a campaign to a folder. Returns the names and titles of the HTML pages.
+/// Writes the pages with the tables of a campaign to a folder. Returns the names and titles of the
+/// HTML pages.
 pub fn write(campaign: &Path, folder: &Path) -> Result<Vec<(String, String)>> {
     let pages = pages(&load(&[campaign.to_path_buf()])?);
     write_pages(&pages, folder)?;
     Ok(pages.into_iter().map(|(name, page)| (format!("{name}.html"), page.title)).collect())
 }
 
-/// Writes each page as Markdown and as HTML. Existing pages are replaced, because they contain nothing but results.
+/// Writes each page as Markdown and as HTML. Existing pages are replaced, because they contain
+/// nothing but results.
 pub fn write_pages(pages: &[NamedPage], folder: &Path) -> Result<()> {
     std::fs::create_dir_all(folder).with_context(|| folder.display().to_string())?;
     for (name, page) in pages {

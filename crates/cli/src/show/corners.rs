@@ -39,7 +39,8 @@ fn center(report: &Corners) -> Option<&CornerPoint> {
     report.points.iter().find(|point| point.kind != CORNER && point.counts)
 }
 
-/// Describes the failed simulations at points that count whose failure is not a violation of the formula.
+/// Describes the failed simulations at points that count whose failure is not a violation of the
+/// formula.
 fn without_verdict(axes: &[AxisFacts], report: &Corners) -> Vec<String> {
     type Count = fn(&CornerPoint) -> u32;
     let reasons: [(Count, &str); 4] = [
@@ -66,7 +67,8 @@ fn legend(axes: &[AxisFacts]) -> String {
     format!("coordinates: {}{others}; --json lists all points", starts.join(", "))
 }
 
-/// Returns the cells of a line: how many corners succeed, whether the center does, and where simulations fail.
+/// Returns the cells of a line: how many corners succeed, whether the center does, and where
+/// simulations fail.
 fn row(
     name: &str,
     axes: &[AxisFacts],
@@ -134,7 +136,8 @@ mod tests {
         [Axis::start("x", "m", 0.75, 0.85), Axis::start("y", "m", -0.1, 0.1)].iter().map(axis_facts).collect()
     }
 
-    /// Two seeds per point. All simulations succeed except those of the points in `failures`, with this many failures.
+    /// Two seeds per point. All simulations succeed except those of the points in `failures`, with
+    /// this many failures.
     fn report(failures: &[(usize, u32)], unreachable: Option<[f64; 2]>) -> Corners {
         let places = [[0.75, -0.1], [0.75, 0.1], [0.85, -0.1], [0.85, 0.1], [0.8, 0.0]];
         let point = |(index, [x, y]): (usize, [f64; 2])| {

@@ -1,5 +1,6 @@
-//! Makes text safe to print. Names and texts from files can contain escape sequences that move the cursor, retitle the
-//! window or fill the clipboard, and invisible characters that reorder or hide what a reader sees.
+//! Makes text safe to print. Names and texts from files can contain escape sequences that move the
+//! cursor, retitle the window or fill the clipboard, and invisible characters that reorder or hide
+//! what a reader sees.
 //!
 //! All output of the program passes through this module: [`output`](crate::output) calls it.
 
@@ -8,7 +9,8 @@ use std::io::Write;
 use mishandle_text::is_invisible;
 use serde_json::ser::{Formatter, PrettyFormatter};
 
-/// Escapes a text of several lines, such as a table or an error of a parser: line breaks and tabs remain.
+/// Escapes a text of several lines, such as a table or an error of a parser: line breaks and tabs
+/// remain.
 pub fn text(text: &str) -> String {
     escaped(text, |c| c == '\n' || c == '\t', rust)
 }
@@ -18,7 +20,8 @@ pub fn name(name: &str) -> String {
     escaped(name, |_| false, rust)
 }
 
-/// Writes JSON with indentation, and escapes strings with JSON's own escapes, so that a parser returns the same strings.
+/// Writes JSON with indentation, and escapes strings with JSON's own escapes, so that a parser
+/// returns the same strings.
 #[derive(Default)]
 pub struct EscapedJson(PrettyFormatter<'static>);
 
@@ -112,8 +115,8 @@ mod tests {
 
     #[test]
     fn no_escape_sequence_or_invisible_character_remains() {
-        // OSC 52 fills the clipboard; CSI as one C1 character; carriage return and backspace overwrite text; overrides of
-        // the direction; a tag; separators; a zero-width joiner.
+        // OSC 52 fills the clipboard; CSI as one C1 character; carriage return and backspace
+        // overwrite text; overrides of the direction; a tag; separators; a zero-width joiner.
         let hostile = "\u{1b}]52;c;cm0=\u{7}\u{9b}2J\u{9d}0;x\u{9c}\r\u{8}\u{7f}\u{202e}\u{2066}\u{e0041}\u{2028}\u{85}\u{200d}";
         for printed in [text(hostile), name(hostile), json(&hostile)] {
             assert!(printed.chars().all(|c| c.is_ascii_graphic()), "{printed}");

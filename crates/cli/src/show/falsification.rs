@@ -46,7 +46,8 @@ fn options_text(found: &Falsification) -> String {
     if options.is_empty() { String::new() } else { format!(" ({})", options.join(", ")) }
 }
 
-/// Warns about simulations that have no verdict because a value is not finite: the first one of up to `SHOWN` trials.
+/// Warns about simulations that have no verdict because a value is not finite: the first one of up
+/// to `SHOWN` trials.
 pub fn report_unevaluated(found: &Falsification) {
     const SHOWN: usize = 3;
     let first =

@@ -16,7 +16,8 @@ pub fn message(formula: &str, error: &ParseError) -> String {
     format!("formula: {error}\n  {shown}\n  {}^", " ".repeat(mark))
 }
 
-/// Returns the part of a line around the character with this index, and the index of the character in it.
+/// Returns the part of a line around the character with this index, and the index of the character
+/// in it.
 fn window(line: &str, index: usize) -> (String, usize) {
     // A tab has no fixed width.
     let characters: Vec<char> = line.chars().map(|c| if c == '\t' { ' ' } else { c }).collect();

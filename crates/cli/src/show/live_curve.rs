@@ -29,7 +29,8 @@ impl LiveCurve {
 
     /// Shows the progress.
     pub fn show(&self, progress: &TrainingProgress) {
-        // The last column stays free, because some terminals wrap after it. The spinner takes two columns.
+        // The last column stays free, because some terminals wrap after it. The spinner takes two
+        // columns.
         let columns = usize::from(Term::stderr().size().1).saturating_sub(1);
         if progress.validation_is_fresh {
             self.line.println(validation_line(progress, columns));
@@ -49,7 +50,8 @@ impl LiveCurve {
     }
 }
 
-/// Returns the line of a validation, with a bar of the success rates: `#` for strict success, `-` for success.
+/// Returns the line of a validation, with a bar of the success rates: `#` for strict success, `-`
+/// for success.
 fn validation_line(progress: &TrainingProgress, columns: usize) -> String {
     let (success, strict) =
         progress.validation.map_or((0.0, 0.0), |v| (v.success_rate, v.strict_success_rate));
@@ -68,11 +70,13 @@ fn validation_line(progress: &TrainingProgress, columns: usize) -> String {
     format!("{head}|{bar:cells$}|{tail}")
 }
 
-/// Returns the status line: wall-clock time and progress, without the least important parts if it is too long.
+/// Returns the status line: wall-clock time and progress, without the least important parts if it
+/// is too long.
 fn status_line(progress: &TrainingProgress, columns: usize) -> String {
     let text = format!("{}, {progress}", format_duration(progress.wall_clock_secs));
     let mut parts: Vec<&str> = text.split(", ").collect();
-    // The first two parts are time and steps, the last one is the remaining time; parts between them are optional.
+    // The first two parts are time and steps, the last one is the remaining time; parts between
+    // them are optional.
     while parts.len() > 3 && parts.join(", ").len() > columns {
         parts.remove(2);
     }

@@ -1,4 +1,5 @@
-//! Findings of trials that keep going, as text: failure modes, when they appeared, coverage of the space, estimates of the unseen.
+//! Findings of trials that keep going, as text: failure modes, when they appeared, coverage of the
+//! space, estimates of the unseen.
 
 use std::collections::BTreeMap;
 
@@ -35,7 +36,8 @@ pub fn text(subject: &Subject, survey: &Modes) -> String {
     format!("\n{}\n\n{}", modes.text(), lines.join("\n"))
 }
 
-/// Returns the trials that found a mode, in order, each with the numbers of its first simulations in the modes.
+/// Returns the trials that found a mode, in order, each with the numbers of its first simulations
+/// in the modes.
 fn appearances(survey: &Modes) -> BTreeMap<u32, Vec<u32>> {
     let mut trials: BTreeMap<u32, Vec<u32>> = BTreeMap::new();
     for first in survey.modes.iter().flat_map(|mode| &mode.found) {

@@ -38,7 +38,8 @@ pub fn json_array<T: Serialize>(results: &[T]) -> Result<()> {
     print_json(&results.iter().map(Versioned::new).collect::<Vec<_>>())
 }
 
-/// Writes a document as it is serialized, so that one with millions of numbers takes no memory for their text.
+/// Writes a document as it is serialized, so that one with millions of numbers takes no memory for
+/// their text.
 fn print_json(document: &impl Serialize) -> Result<()> {
     let mut out = BufWriter::new(std::io::stdout().lock());
     let mut serializer = Serializer::with_formatter(&mut out, EscapedJson::default());
@@ -49,7 +50,8 @@ fn print_json(document: &impl Serialize) -> Result<()> {
     Ok(())
 }
 
-/// Creates a file that appears under its name when it is complete. An existing file is replaced only with `force`.
+/// Creates a file that appears under its name when it is complete. An existing file is replaced
+/// only with `force`.
 pub fn create(path: &Path, force: bool) -> Result<AtomicFile> {
     ensure!(
         !force || !is_database(path),
@@ -94,7 +96,8 @@ fn with_path(path: &Path, created: std::io::Result<AtomicFile>, advice: &str) ->
     }
 }
 
-/// Writes a file that appears under its name when it is complete. An existing file is replaced only with `force`.
+/// Writes a file that appears under its name when it is complete. An existing file is replaced only
+/// with `force`.
 pub fn write_atomically(path: &Path, force: bool, bytes: &[u8]) -> Result<()> {
     let mut file = create(path, force)?;
     file.write_all(bytes)
@@ -106,15 +109,16 @@ pub fn write_atomically(path: &Path, force: bool, bytes: &[u8]) -> Result<()> {
 pub fn write_new(path: &Path, write: impl FnOnce(&mut AtomicFile) -> Result<()>) -> Result<()> {
     let mut file = with_path(path, AtomicFile::create_new(path), "choose another path")?;
     write(&mut file).and_then(|()| Ok(file.persist()?)).map_err(|error| {
-        // The functions that write name neither the file nor its flag, and some say again that they cannot write.
+        // The functions that write name neither the file nor its flag, and some say again that they
+        // cannot write.
         let system = error.chain().find_map(|cause| cause.downcast_ref::<std::io::Error>());
         let cause = system.map_or_else(|| with_causes(error.chain()), ToString::to_string);
         anyhow!("cannot write {}: {cause}", path.display())
     })
 }
 
-/// Prints a message to stderr. Lines after the first are indented, so that a name with a line break cannot pose as another
-/// message.
+/// Prints a message to stderr. Lines after the first are indented, so that a name with a line break
+/// cannot pose as another message.
 pub fn message(text: &str) {
     let text = escape::text(&shortened(text)).replace('\n', "\n  ").replace("\n  \n", "\n\n");
     // If stderr is closed, the error cannot be reported.
@@ -150,8 +154,8 @@ pub fn shows_progress() -> bool {
     std::io::stderr().is_terminal()
 }
 
-/// Formats the causes of an error, the outermost first. A cause that the text contains already is left out: some errors of
-/// libraries end with their cause.
+/// Formats the causes of an error, the outermost first. A cause that the text contains already is
+/// left out: some errors of libraries end with their cause.
 pub fn with_causes(causes: Chain<'_>) -> String {
     causes.map(ToString::to_string).fold(String::new(), |text, cause| match text.as_str() {
         "" => cause,
@@ -191,7 +195,8 @@ pub fn table(rows: &[Vec<String>]) -> String {
     lines.join("\n").trim_end().to_string()
 }
 
-/// Returns the width of text output in columns: the width of the terminal, from 40 to 100, or 80 without a terminal.
+/// Returns the width of text output in columns: the width of the terminal, from 40 to 100, or 80
+/// without a terminal.
 pub fn width() -> usize {
     match std::io::stdout().is_terminal() {
         true => usize::from(Term::stdout().size().1).clamp(40, 100),
@@ -199,7 +204,8 @@ pub fn width() -> usize {
     }
 }
 
-/// Formats a table in `width` columns. The last column is wrapped, but never to less than 16 columns.
+/// Formats a table in `width` columns. The last column is wrapped, but never to less than 16
+/// columns.
 pub fn table_in(rows: &[Vec<String>], width: usize) -> String {
     let head: Vec<Vec<String>> = rows.iter().map(|row| row[..row.len().saturating_sub(1)].to_vec()).collect();
     let head = table_cells(&head);
@@ -212,7 +218,8 @@ pub fn table_in(rows: &[Vec<String>], width: usize) -> String {
     lines.collect::<Vec<_>>().join("\n")
 }
 
-/// Largest number of characters of a cell. Names and formulas from files can be longer, and every row is as wide as the widest.
+/// Largest number of characters of a cell. Names and formulas from files can be longer, and every
+/// row is as wide as the widest.
 const MAX_CELL: usize = 200;
 
 /// Shortens a text to [`MAX_CELL`] characters. The last of a longer text is `…`.
@@ -228,8 +235,8 @@ fn padded(text: &str, width: usize) -> String {
     format!("{text}{}", " ".repeat(width.saturating_sub(text.chars().count())))
 }
 
-/// Aligns the cells of each row, with two spaces after each cell. Escapes them first, so that a cell has one line and the
-/// width that is printed.
+/// Aligns the cells of each row, with two spaces after each cell. Escapes them first, so that a
+/// cell has one line and the width that is printed.
 fn table_cells(rows: &[Vec<String>]) -> Vec<String> {
     let escaped = |row: &Vec<String>| row.iter().map(|text| cell(&escape::name(text))).collect();
     let rows: Vec<Vec<String>> = rows.iter().map(escaped).collect();
@@ -249,14 +256,16 @@ pub fn indented(text: &str, indent: usize) -> String {
     text.replace('\n', &format!("\n{}", " ".repeat(indent)))
 }
 
-/// Wraps a line at `width` columns. Continuation lines are indented by two more columns than the first.
+/// Wraps a line at `width` columns. Continuation lines are indented by two more columns than the
+/// first.
 pub fn folded(line: &str, width: usize) -> String {
     let start = line.len() - line.trim_start().len();
     let text = wrapped(line, width.saturating_sub(start + 2));
     format!("{}{}", " ".repeat(start), indented(&text, start + 2))
 }
 
-/// Wraps text between words into lines of at most `width` characters. Words longer than that are not broken.
+/// Wraps text between words into lines of at most `width` characters. Words longer than that are
+/// not broken.
 pub fn wrapped(text: &str, width: usize) -> String {
     let mut lines = vec![String::new()];
     for word in text.split_whitespace() {

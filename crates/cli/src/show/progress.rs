@@ -1,4 +1,5 @@
-//! Progress bar on stderr: one line that fits the width of the terminal. Without a terminal it is hidden.
+//! Progress bar on stderr: one line that fits the width of the terminal. Without a terminal it is
+//! hidden.
 
 use std::fmt::Write;
 use std::sync::{Arc, Mutex, PoisonError};
@@ -23,7 +24,8 @@ pub struct Bar {
 }
 
 impl Bar {
-    /// Creates a bar for `total` items; `unit` is their plural noun. The bar is hidden unless stderr is a terminal.
+    /// Creates a bar for `total` items; `unit` is their plural noun. The bar is hidden unless
+    /// stderr is a terminal.
     pub fn new(total: u64, unit: &'static str) -> Bar {
         let target =
             if shows_progress() { ProgressDrawTarget::stderr() } else { ProgressDrawTarget::hidden() };
@@ -98,8 +100,8 @@ struct Progress<'a> {
 }
 
 impl Progress<'_> {
-    /// Formats the line in at most `columns` columns. If it is too long, it drops the note, then the elapsed time, then
-    /// the bar, and then truncates the rest.
+    /// Formats the line in at most `columns` columns. If it is too long, it drops the note, then
+    /// the elapsed time, then the bar, and then truncates the rest.
     fn line(&self, columns: usize) -> String {
         let count = format!("{}/{} {}", self.done, self.total, self.unit);
         let elapsed = format_duration(self.elapsed.as_secs_f64());
@@ -147,7 +149,8 @@ mod tests {
 
     #[test]
     fn the_line_drops_the_parts_that_do_not_fit() {
-        // A quarter of the cells is filled: of 40, of 38, then of 44 - 29 - 3 = 12 without the elapsed time.
+        // A quarter of the cells is filled: of 40, of 38, then of 44 - 29 - 3 = 12 without the
+        // elapsed time.
         let rest = "45/180 simulations, 1:01, 3:03 left";
         let bar = |filled, empty| format!("[{}{}]", "#".repeat(filled), "-".repeat(empty));
         assert_eq!(progress().line(120), format!("{} {rest}, 1 trial finished, 1 falsified", bar(10, 30)));

@@ -72,8 +72,8 @@ pub fn text(found: &Regression) -> String {
     format!("{}\n\n{}{gap}{reasons}", output::table(&rows), summary(tests, has_baseline))
 }
 
-/// Returns the numbers of tests by result. With a baseline also how far the tests that fail with both controllers are from it: a
-/// worse controller violates them by more.
+/// Returns the numbers of tests by result. With a baseline also how far the tests that fail with
+/// both controllers are from it: a worse controller violates them by more.
 fn summary(tests: &[RegressionTest], has_baseline: bool) -> String {
     let n = |results: &[&str]| tests.iter().filter(|test| results.contains(&test.result.as_str())).count();
     let head = plural(tests.len(), "counterexample");

@@ -11,7 +11,8 @@ use super::{escape, output, scenario, screening, simulation, subject};
 /// Largest number of axes with one distribution whose names are printed.
 const NAMED: usize = 3;
 
-/// Returns the answer, its parts and the failures; after a screening the disagreements of the two engines.
+/// Returns the answer, its parts and the failures; after a screening the disagreements of the two
+/// engines.
 pub fn text(found: &Risk) -> String {
     match &found.screening {
         Some(counts) => screened_text(found, counts),

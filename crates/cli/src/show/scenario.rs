@@ -14,7 +14,8 @@ pub fn axes(count: usize) -> String {
 /// Number of values in the summary of a scenario.
 const SUMMARY_VALUES: usize = 4;
 
-/// Formats a scenario for a table: all its values if they are few, otherwise the values farthest from nominal.
+/// Formats a scenario for a table: all its values if they are few, otherwise the values farthest
+/// from nominal.
 pub fn summary(axes: &[AxisFacts], scenario: &Scenario) -> String {
     format(axes.iter().zip(scenario.values().copied()), SUMMARY_VALUES)
 }

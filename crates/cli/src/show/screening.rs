@@ -5,7 +5,8 @@ use mishandle_text::plural;
 
 use super::{corners, output, simulation};
 
-/// Returns the rates of a screened evaluation, the disagreements of the two engines, and the corners.
+/// Returns the rates of a screened evaluation, the disagreements of the two engines, and the
+/// corners.
 pub fn evaluation_text(found: &Evaluation, counts: &Screening) -> String {
     let report = &found.metrics;
     let percent = |rate: Option<f64>| rate.map_or("-".to_string(), |rate| format!("{:.2}", 100.0 * rate));
@@ -36,8 +37,8 @@ pub fn evaluation_text(found: &Evaluation, counts: &Screening) -> String {
     text
 }
 
-/// Returns a table of what MuJoCo C found in the simulations that it repeated. `columns` are kinds of findings with their titles,
-/// `kinds` describe the flagged simulations and the others.
+/// Returns a table of what MuJoCo C found in the simulations that it repeated. `columns` are kinds
+/// of findings with their titles, `kinds` describe the flagged simulations and the others.
 pub fn engines(counts: &Screening, columns: &[(&str, &str)], kinds: [&str; 2]) -> String {
     let findings = |name: &str| counts.findings.as_ref().and_then(|findings| findings.get(name));
     let columns: Vec<(&str, &Finding)> =

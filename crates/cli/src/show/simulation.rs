@@ -75,7 +75,8 @@ pub const FAILED: &str = "did not start, crashed or took too long";
 
 pub const UNDECIDED: &str = "left the formula undecided";
 
-/// Formats the numbers of simulations without a verdict, by reason. Returns `None` if there are none.
+/// Formats the numbers of simulations without a verdict, by reason. Returns `None` if there are
+/// none.
 pub fn without_verdict(diverged: u64, invalid: u64, failed: u64, undecided: u64) -> Option<String> {
     let counts = [(diverged, DIVERGED), (invalid, INVALID), (failed, FAILED), (undecided, UNDECIDED)];
     let shown: Vec<String> = counts

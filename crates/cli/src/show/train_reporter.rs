@@ -1,4 +1,5 @@
-//! Reports the progress of a training run on the terminal or in a log, and stops the run on signals.
+//! Reports the progress of a training run on the terminal or in a log, and stops the run on
+//! signals.
 
 use std::time::{Duration, Instant};
 

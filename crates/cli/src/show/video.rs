@@ -1,7 +1,8 @@
 //! Videos, encoded by the program `ffmpeg` from raw frames.
 //!
-//! Whatever the encoder does, the video's name appears only if the encoder took all frames, ended without an error and wrote a
-//! complete MP4 file. It writes to the temporary file by its descriptor, so it cannot write to any other file.
+//! Whatever the encoder does, the video's name appears only if the encoder took all frames, ended
+//! without an error and wrote a complete MP4 file. It writes to the temporary file by its
+//! descriptor, so it cannot write to any other file.
 
 mod film;
 #[cfg(test)]
@@ -229,7 +230,8 @@ impl Encoder {
     }
 }
 
-/// Writes the frames of the queue to the encoder until the queue ends, and reports the result of each.
+/// Writes the frames of the queue to the encoder until the queue ends, and reports the result of
+/// each.
 fn write_frames(stdin: Option<ChildStdin>, queue: &Receiver<Vec<u8>>, results: &Sender<io::Result<()>>) {
     let Some(mut stdin) = stdin else { return };
     for frame in queue {

@@ -43,7 +43,8 @@ impl Bench {
         out
     }
 
-    /// Returns the JSON document on stdout without the path of the run file, which differs between runs.
+    /// Returns the JSON document on stdout without the path of the run file, which differs between
+    /// runs.
     #[allow(dead_code, reason = "not every test compares documents")]
     #[track_caller]
     pub fn document(&self, arguments: &str, code: i32) -> Value {

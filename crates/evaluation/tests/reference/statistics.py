@@ -12,7 +12,8 @@ from scipy import optimize, stats
 from statsmodels.stats.contingency_tables import mcnemar
 from statsmodels.stats.multitest import multipletests
 
-# Times and whether they are events. `A` and `B`: the remission times of Freireich et al., Blood 21, 1963.
+# Times and whether they are events. `A` and `B`: the remission times of Freireich et al., Blood
+# 21, 1963.
 A = ([6, 6, 6, 6, 7, 9, 10, 10, 11, 13, 16, 17, 19, 20, 22, 23, 25, 32, 32, 34, 35],
      [1, 1, 1, 0, 1, 0, 1, 0, 0, 1, 1, 0, 0, 0, 1, 1, 0, 0, 0, 0, 0])
 B = ([1, 1, 2, 2, 3, 4, 4, 5, 5, 8, 8, 8, 8, 11, 11, 12, 12, 15, 17, 22, 23], [1] * 21)
@@ -26,8 +27,8 @@ def survival():
         mean, variance = restricted_mean_survival_time(fitted, t=horizon, return_variance=True)
         print(name, "survival at 10", fitted.predict(10), "at 23", fitted.predict(23))
         print(name, "interval at 10", fitted.confidence_interval_.loc[10 if 10 in fitted.confidence_interval_.index else 9].tolist())
-        # lifelines integrates t S(t) for the variance of min(T, horizon), not of its estimate; so Greenwood's formula
-        # for the area is written out here.
+        # lifelines integrates t S(t) for the variance of min(T, horizon), not of its estimate; so
+        # Greenwood's formula for the area is written out here.
         table = fitted.event_table.loc[1:]
         table = table[table.observed > 0]
         grid = [t for t in table.index if t < horizon] + [horizon]

@@ -7,7 +7,8 @@ use super::Norms;
 /// The bisection of the amplitude ends at an interval of this length.
 const RESOLUTION: f64 = 0.01;
 
-/// Amplitudes that differ by less have the same whole steps: 2/3 of 3 steps are 2, whatever the rounding.
+/// Amplitudes that differ by less have the same whole steps: 2/3 of 3 steps are 2, whatever the
+/// rounding.
 const TOLERANCE: f64 = 1e-9;
 
 /// Returns whether the amplitude limits an axis.
@@ -16,8 +17,8 @@ pub(super) fn is_disturbed(axis: &Axis) -> bool {
     !varies_freely(axis) && axis.nominal.is_some() && !axis.is_fixed() && is_ordered
 }
 
-/// Returns whether an axis varies in its whole range at any amplitude: the initial state, and times of events, since an event disturbs
-/// by its magnitude.
+/// Returns whether an axis varies in its whole range at any amplitude: the initial state, and times
+/// of events, since an event disturbs by its magnitude.
 fn varies_freely(axis: &Axis) -> bool {
     axis.kind == AxisKind::Start || is_time(axis)
 }
@@ -46,12 +47,14 @@ pub(super) fn offsets<'a>(space: &'a Space, scenario: &'a Scenario) -> impl Iter
     })
 }
 
-/// Returns the unit coordinate of the lower bound: half a level for a discrete axis. The upper bound is at 1 minus that.
+/// Returns the unit coordinate of the lower bound: half a level for a discrete axis. The upper
+/// bound is at 1 minus that.
 fn lowest(axis: &Axis) -> f64 {
     axis.unit_coordinate(axis.low)
 }
 
-/// Returns the number of whole steps from the nominal value that an amplitude allows, of `room` steps up to the bound.
+/// Returns the number of whole steps from the nominal value that an amplitude allows, of `room`
+/// steps up to the bound.
 fn whole_steps(amplitude: f64, room: f64) -> f64 {
     (amplitude * room + TOLERANCE).floor()
 }
@@ -62,10 +65,12 @@ fn discrete_range(axis: &Axis, nominal: f64, amplitude: f64) -> [f64; 2] {
     [nominal - down, nominal + up]
 }
 
-/// Returns the next amplitude of the bisection between one without a violation and one with a violation; `None` at its end.
+/// Returns the next amplitude of the bisection between one without a violation and one with a
+/// violation; `None` at its end.
 ///
-/// It is their midpoint. If all disturbed axes are discrete, most amplitudes have the same scenarios: then it is the amplitude of the
-/// largest offset up to the midpoint, or else of the smallest one above `passes`.
+/// It is their midpoint. If all disturbed axes are discrete, most amplitudes have the same
+/// scenarios: then it is the amplitude of the largest offset up to the midpoint, or else of the
+/// smallest one above `passes`.
 pub(super) fn between(space: &Space, passes: f64, fails: f64) -> Option<f64> {
     if fails - passes <= RESOLUTION {
         return None;
@@ -97,8 +102,9 @@ pub(super) fn scenario_at(space: &Space, u: &[f64], amplitude: f64) -> Scenario 
     Scenario::new(space.axes().iter().zip(u).map(value).collect())
 }
 
-/// Returns the value of a disturbed axis at `u` of \[0, 1\]. At 0 and 1 it is the fraction `amplitude` of the way to the lower and the
-/// upper bound. A continuous axis is nominal at 0.5, the values of a discrete one have equal parts of \[0, 1\].
+/// Returns the value of a disturbed axis at `u` of \[0, 1\]. At 0 and 1 it is the fraction
+/// `amplitude` of the way to the lower and the upper bound. A continuous axis is nominal at 0.5,
+/// the values of a discrete one have equal parts of \[0, 1\].
 fn at_amplitude(axis: &Axis, nominal: f64, u: f64, amplitude: f64) -> f64 {
     if axis.levels().is_some() {
         let [low, high] = discrete_range(axis, nominal, amplitude);
@@ -110,7 +116,8 @@ fn at_amplitude(axis: &Axis, nominal: f64, u: f64, amplitude: f64) -> f64 {
     if side == 0.0 || room == 0.0 { nominal } else { axis.at(center + side * room) }
 }
 
-/// Moves the disturbed axes of a scenario toward nominal, so that the largest offset is the amplitude.
+/// Moves the disturbed axes of a scenario toward nominal, so that the largest offset is the
+/// amplitude.
 pub(super) fn scaled(space: &Space, scenario: &Scenario, amplitude: f64) -> Scenario {
     let factor = (amplitude / norms(space, scenario).amplitude).min(1.0);
     let value = |(axis, value): (&Axis, &Option<f64>)| match (*value, axis.nominal) {

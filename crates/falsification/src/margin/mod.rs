@@ -25,7 +25,8 @@ const SIGNS: f64 = 0.25;
 /// The smallest disturbance that was found, and what was tried.
 #[derive(Clone, Debug)]
 pub struct Margin {
-    /// The violation with the smallest disturbance; `None` if no simulation violates the requirement.
+    /// The violation with the smallest disturbance; `None` if no simulation violates the
+    /// requirement.
     pub witness: Option<Witness>,
     /// The amplitudes in the order in which they were tried.
     pub levels: Vec<Level>,
@@ -61,8 +62,9 @@ impl Margin {
         self.levels.iter().any(|level| level.minimum_robustness.is_some())
     }
 
-    /// Returns the largest amplitude below that of the witness at which a finished search found no violation, and at which most simulations
-    /// have a verdict. Their number is evidence, not a proof, that smaller disturbances are harmless.
+    /// Returns the largest amplitude below that of the witness at which a finished search found no
+    /// violation, and at which most simulations have a verdict. Their number is evidence, not a
+    /// proof, that smaller disturbances are harmless.
     pub fn largest_without_violation(&self) -> Option<Level> {
         let amplitude = |level: &Level| level.amplitude;
         let below = self.witness.as_ref().map_or(f64::INFINITY, |witness| witness.norms.amplitude);
@@ -76,21 +78,26 @@ impl Margin {
     }
 }
 
-/// Searches for the smallest disturbance that violates the requirement of `system`: an upper bound of its margin, with a witness.
+/// Searches for the smallest disturbance that violates the requirement of `system`: an upper bound
+/// of its margin, with a witness.
 ///
-/// The disturbed axes are those of the space that have a nominal value and are neither initial state nor categorical. At amplitude a, an axis is at most
-/// the fraction a of the way from its nominal value to a bound. Initial states in the space vary within their whole box. Random
-/// draws keep their random streams. All simulations have the same seed.
+/// The disturbed axes are those of the space that have a nominal value and are neither initial
+/// state nor categorical. At amplitude a, an axis is at most the fraction a of the way from its
+/// nominal value to a bound. Initial states in the space vary within their whole box. Random draws
+/// keep their random streams. All simulations have the same seed.
 ///
-/// The amplitude is bisected, beginning with 1. At each amplitude, the last witness is scaled down, then random vectors of signs are
-/// tried from random corners of the box of initial states, and then CMA-ES searches jointly with the initial state. If all axes are
-/// discrete and the scenarios are few, all of them are tried instead, and only amplitudes with other scenarios. Last, [`minimize`]
-/// removes as many axes as possible from the witness.
+/// The amplitude is bisected, beginning with 1. At each amplitude, the last witness is scaled down,
+/// then random vectors of signs are tried from random corners of the box of initial states, and
+/// then CMA-ES searches jointly with the initial state. If all axes are discrete and the scenarios
+/// are few, all of them are tried instead, and only amplitudes with other scenarios. Last,
+/// [`minimize`] removes as many axes as possible from the witness.
 ///
-/// A sixteenth of `budget` is for each of eight amplitudes, half of it for the last part. If there is no violation at amplitude 1, the
-/// rest of the budget is spent there. If there is one later, the next amplitudes share half of what is left.
+/// A sixteenth of `budget` is for each of eight amplitudes, half of it for the last part. If there
+/// is no violation at amplitude 1, the rest of the budget is spent there. If there is one later,
+/// the next amplitudes share half of what is left.
 ///
-/// `watch` gets the number of simulations after each batch. It can end the search: the witness is then the one so far.
+/// `watch` gets the number of simulations after each batch. It can end the search: the witness is
+/// then the one so far.
 ///
 /// # Errors
 /// If the space has no disturbed axis, or a simulation cannot be run.
@@ -171,7 +178,8 @@ struct Attempt<'a> {
 }
 
 impl Attempt<'_> {
-    /// Bisects the amplitude. Returns the amplitudes that were tried, and the violation at the smallest one.
+    /// Bisects the amplitude. Returns the amplitudes that were tried, and the violation at the
+    /// smallest one.
     fn bisect(&mut self) -> Result<(Vec<Level>, Option<Episode>), FalsificationError> {
         let share = (self.budget / 2 / LEVELS).max(1);
         let (level, mut witness) = self.try_largest(share)?;
@@ -199,8 +207,8 @@ impl Attempt<'_> {
         Ok((levels, witness))
     }
 
-    /// Searches at the largest amplitude until a violation or the end of the budget, in rounds: each has new starts and is twice as long
-    /// as the one before.
+    /// Searches at the largest amplitude until a violation or the end of the budget, in rounds:
+    /// each has new starts and is twice as long as the one before.
     fn try_largest(&mut self, first: u64) -> Result<(Level, Option<Episode>), FalsificationError> {
         let mut level = Level::new(1.0);
         let mut share = first;
@@ -215,7 +223,8 @@ impl Attempt<'_> {
         }
     }
 
-    /// Searches for a violation at the amplitude of `level` with `share` simulations. Ends at the first batch with one.
+    /// Searches for a violation at the amplitude of `level` with `share` simulations. Ends at the
+    /// first batch with one.
     fn search(
         &mut self,
         level: &mut Level,
@@ -245,7 +254,8 @@ impl Attempt<'_> {
         self.evolve(level, before + share, start)
     }
 
-    /// Searches by CMA-ES up to `end` simulations of the level, from `start` or else from the center of the cube.
+    /// Searches by CMA-ES up to `end` simulations of the level, from `start` or else from the
+    /// center of the cube.
     fn evolve(
         &mut self,
         level: &mut Level,
@@ -311,7 +321,8 @@ impl Attempt<'_> {
         Ok(episodes)
     }
 
-    /// Returns a scenario with each disturbed axis at one of its ends, each initial state at a bound, and random times of events.
+    /// Returns a scenario with each disturbed axis at one of its ends, each initial state at a
+    /// bound, and random times of events.
     fn random_signs(&mut self, amplitude: f64) -> Scenario {
         let random = &mut self.random;
         let end = |axis: &Axis| match is_time(axis) {

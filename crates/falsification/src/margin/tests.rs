@@ -56,7 +56,8 @@ fn integer(name: &str, low: f64, high: f64) -> Axis {
     Axis::new(AxisKind::Model, name, "control steps", [low, high], Some(0.0)).with_values(AxisValues::Integer)
 }
 
-/// Delays of 2 and 3 steps fail. Offsets are thirds of the range: 1/3 passes, 2/3 and 1 fail, and no delay is between 1/3 and 2/3.
+/// Delays of 2 and 3 steps fail. Offsets are thirds of the range: 1/3 passes, 2/3 and 1 fail, and
+/// no delay is between 1/3 and 2/3.
 #[test]
 fn integers_are_bisected_by_whole_steps_and_each_scenario_is_simulated_once() {
     let (margin, _) = found(vec![integer("delay", 0.0, 3.0)], |x| 1.5 - x[0]);
@@ -156,8 +157,8 @@ fn a_requirement_that_is_never_violated_has_no_witness_after_the_whole_budget() 
     assert_eq!(simulations, 8);
 }
 
-/// One of 2⁸ vectors of signs fails, and only above 0.9. A sixteenth of the budget tries 62 of them: found with a probability of 22 %. The
-/// whole budget tries 1000: 98 %.
+/// One of 2⁸ vectors of signs fails, and only above 0.9. A sixteenth of the budget tries 62 of
+/// them: found with a probability of 22 %. The whole budget tries 1000: 98 %.
 #[test]
 fn a_violation_that_the_first_sixteenth_of_the_budget_misses_is_found_by_the_rest() {
     let is_hit = |x: &[f64]| x.iter().zip(0..).all(|(x, i)| if i % 3 == 0 { *x > 0.9 } else { *x < -0.9 });
@@ -205,7 +206,8 @@ fn an_amplitude_without_any_verdict_says_nothing() {
     assert_eq!((found.largest_without_violation(), found.has_verdict()), (None, false));
 }
 
-/// Without a verdict at all but the nominal value, an amplitude is neither without a violation nor exhausted.
+/// Without a verdict at all but the nominal value, an amplitude is neither without a violation nor
+/// exhausted.
 #[test]
 fn simulations_without_a_verdict_are_counted_and_are_no_evidence() {
     for axis in [inputs(1).remove(0), integer("k", 0.0, 5.0)] {

@@ -10,7 +10,8 @@ use super::cost::OPERATORS;
 use super::wire::{Field, Fields};
 use crate::OnnxProblem;
 
-/// Largest number of operators of a model, of its weights, of its inputs, and of the outputs of all operators.
+/// Largest number of operators of a model, of its weights, of its inputs, and of the outputs of all
+/// operators.
 const MAX_NODES: usize = 10_000;
 
 /// Largest number of elements of a tensor: one per byte of the largest file.
@@ -50,7 +51,8 @@ impl Kind {
     }
 }
 
-/// Parses a model of which the messages are nested to a known depth only: no subgraphs, no types but tensors.
+/// Parses a model of which the messages are nested to a known depth only: no subgraphs, no types
+/// but tensors.
 pub(super) fn parse(bytes: &[u8]) -> Result<ModelProto, OnnxProblem> {
     check_fields(Kind::Model, bytes)?;
     let format = |reason: String| OnnxProblem::Format { reason };
@@ -60,8 +62,8 @@ pub(super) fn parse(bytes: &[u8]) -> Result<ModelProto, OnnxProblem> {
     Ok(model)
 }
 
-/// Checks that the fields of a message, and of the messages inside, are inside it, and that no kind of message is inside
-/// itself.
+/// Checks that the fields of a message, and of the messages inside, are inside it, and that no kind
+/// of message is inside itself.
 fn check_fields(kind: Kind, message: &[u8]) -> Result<(), OnnxProblem> {
     for field in Fields::new(message) {
         let Field { number, bytes } = field?;
@@ -136,7 +138,8 @@ fn check_tensor(tensor: &TensorProto) -> Result<(), OnnxProblem> {
     if tensor.dims.iter().any(|dim| *dim < 0) {
         return Err(OnnxProblem::Format { reason: format!("`{name}` has a negative size") });
     }
-    // The runtime multiplies sizes without a check. Zeros are left out, because it multiplies in any order.
+    // The runtime multiplies sizes without a check. Zeros are left out, because it multiplies in
+    // any order.
     let elements = tensor.dims.iter().try_fold(1_i64, |product, dim| product.checked_mul((*dim).max(1)));
     if elements.is_none_or(|elements| elements > MAX_ELEMENTS) {
         let reason =
@@ -149,7 +152,8 @@ fn check_tensor(tensor: &TensorProto) -> Result<(), OnnxProblem> {
 /// A file of weights beside a model: its name and its content.
 pub(super) type Weights<'b> = (&'b str, &'b [u8]);
 
-/// Copies weights in the file `weights` into the model. Weights in any other file are an error: no path in a model is opened.
+/// Copies weights in the file `weights` into the model. Weights in any other file are an error: no
+/// path in a model is opened.
 pub(super) fn join(model: &mut ModelProto, weights: Option<Weights<'_>>) -> Result<(), OnnxProblem> {
     let Some(graph) = model.graph.as_mut() else { return Ok(()) };
     // Tensors may share bytes, but all of them together are not larger than the file.

@@ -1,7 +1,8 @@
 //! The supported operators, with bounds on the memory and the time that each needs.
 //!
-//! The runtime limits neither. The size of an operator's output follows from the shapes of its inputs, and for some
-//! operators from the numbers in an input. A bound counts each empty dimension as 1, since a reduction over it makes 1.
+//! The runtime limits neither. The size of an operator's output follows from the shapes of its
+//! inputs, and for some operators from the numbers in an input. A bound counts each empty dimension
+//! as 1, since a reduction over it makes 1.
 
 use rten::{OpRegistry, Value, op_registry};
 use rten_tensor::Layout;
@@ -34,7 +35,8 @@ pub(super) enum Cost {
 /// Declares the table of operators and the registry of the runtime from one list.
 macro_rules! operators {
     ($($operator:ident: $cost:ident,)*) => {
-        /// The supported operators of the standard domain, in alphabetical order, besides `Constant`.
+        /// The supported operators of the standard domain, in alphabetical order, besides
+        /// `Constant`.
         pub(super) const OPERATORS: &[(&str, Cost)] = &[$((stringify!($operator), Cost::$cost)),*];
 
         /// Returns the registry with the supported operators.
@@ -137,8 +139,9 @@ pub(super) fn cost_of(operator: &str) -> Option<Cost> {
     OPERATORS.iter().find(|(known, _)| *known == operator).map(|(_, cost)| *cost)
 }
 
-/// Returns the inputs of an operator whose numbers, not only their shapes, determine the shape of its output. They must not
-/// depend on the observation: otherwise the check of one observation says nothing about the next.
+/// Returns the inputs of an operator whose numbers, not only their shapes, determine the shape of
+/// its output. They must not depend on the observation: otherwise the check of one observation says
+/// nothing about the next.
 pub(super) fn determines_shape(operator: &str, input: usize) -> bool {
     match operator {
         "ConstantOfShape" => true,
@@ -154,8 +157,9 @@ pub(super) const MAX_PRODUCTS: usize = 1 << 28;
 /// Largest number of numbers that wait for operators which read them.
 pub(super) const MAX_HELD: usize = 1 << 26;
 
-/// Returns bounds of the numbers in an operator's outputs and of its multiplications, given its inputs; `None` if they
-/// overflow or the inputs have no such shape. `transposed` says which factors of `Gemm` are.
+/// Returns bounds of the numbers in an operator's outputs and of its multiplications, given its
+/// inputs; `None` if they overflow or the inputs have no such shape. `transposed` says which
+/// factors of `Gemm` are.
 pub(super) fn bound(cost: Cost, inputs: &[Option<&Value>], transposed: [bool; 2]) -> Option<(usize, usize)> {
     let shapes: Vec<Vec<usize>> = inputs
         .iter()
@@ -180,7 +184,8 @@ pub(super) fn bound(cost: Cost, inputs: &[Option<&Value>], transposed: [bool; 2]
             return Some((outputs, outputs.checked_mul(inner)?));
         }
         Cost::Recurrent => {
-            // X is [steps, batch, inputs], W [directions, gates, inputs], R [directions, gates, size].
+            // X is [steps, batch, inputs], W [directions, gates, inputs], R [directions, gates,
+            // size].
             let ([&[steps, batch, _], &[directions, _, _]], &[_, _, size]) =
                 ([&first?[..], &shapes.get(1)?[..]], &shapes.get(2)?[..])
             else {
@@ -198,7 +203,8 @@ fn product(shape: &[usize]) -> Option<usize> {
     shape.iter().try_fold(1_usize, |product, size| product.checked_mul((*size).max(1)))
 }
 
-/// Returns the shape to which all shapes are broadcast: aligned at the last dimension, the largest size of each.
+/// Returns the shape to which all shapes are broadcast: aligned at the last dimension, the largest
+/// size of each.
 fn broadcast(shapes: &[Vec<usize>]) -> Vec<usize> {
     let rank = shapes.iter().map(Vec::len).max().unwrap_or(0);
     let size = |axis: usize| {
@@ -220,7 +226,8 @@ fn matmul(a: &[usize], b: &[usize]) -> Option<(usize, usize)> {
     Some((outputs, outputs.checked_mul(inner)?))
 }
 
-/// Returns the numbers of a tensor of integers, negative ones as 1: `-1` stands for a size that another input has.
+/// Returns the numbers of a tensor of integers, negative ones as 1: `-1` stands for a size that
+/// another input has.
 fn numbers_of(value: Option<&Value>) -> Option<Vec<usize>> {
     let tensor: rten_tensor::TensorView<'_, i32> = value?.as_tensor_view()?;
     Some(tensor.iter().map(|number| usize::try_from(*number).unwrap_or(1)).collect())

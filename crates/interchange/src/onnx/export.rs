@@ -6,7 +6,8 @@ use mishandle_network::{Activation, LEAKY_SLOPE};
 use super::interface::{PREFIX, PROVENANCE};
 use super::wire::Message;
 
-/// Versions of the file format and of the operators: those of ONNX 1.12, which every current runtime reads.
+/// Versions of the file format and of the operators: those of ONNX 1.12, which every current
+/// runtime reads.
 const IR_VERSION: i64 = 8;
 const OPSET: i64 = 17;
 
@@ -14,9 +15,10 @@ const FLOAT: i64 = 1;
 
 /// Returns the bytes of an ONNX model of a controller.
 ///
-/// The input `observation` `[N, size]` is in the units of the task. The output `action` `[N, size]` is clipped to [-1, 1], as
-/// the task does before it executes an action. The output `unclipped_action` is the controller's own. Both are
-/// deterministic: the mean of a stochastic policy. The metadata has the task, the layout and the hash of the controller.
+/// The input `observation` `[N, size]` is in the units of the task. The output `action` `[N, size]`
+/// is clipped to [-1, 1], as the task does before it executes an action. The output
+/// `unclipped_action` is the controller's own. Both are deterministic: the mean of a stochastic
+/// policy. The metadata has the task, the layout and the hash of the controller.
 ///
 /// # Example
 /// ```

@@ -1,7 +1,9 @@
-//! Which input of a model is the observation, which output the action, and which pairs are the state.
+//! Which input of a model is the observation, which output the action, and which pairs are the
+//! state.
 //!
-//! The model's metadata has the keys `mishandle.task`, `mishandle.observation`, `mishandle.action`, `mishandle.state` and
-//! `mishandle.layout`. A file `NAME.onnx.json` beside `NAME.onnx` has the same keys without the prefix and replaces them.
+//! The model's metadata has the keys `mishandle.task`, `mishandle.observation`, `mishandle.action`,
+//! `mishandle.state` and `mishandle.layout`. A file `NAME.onnx.json` beside `NAME.onnx` has the
+//! same keys without the prefix and replaces them.
 
 use mishandle_controllers::Layout;
 use rten_onnx::onnx::ModelProto;
@@ -34,10 +36,12 @@ pub struct Interface {
     pub observation: Option<String>,
     /// The output with the action; the first output that is not a state by default.
     pub action: Option<String>,
-    /// Pairs of an input and the output that replaces it in the next control step. The initial value is 0.
+    /// Pairs of an input and the output that replaces it in the next control step. The initial
+    /// value is 0.
     #[serde(default)]
     pub state: Vec<(String, String)>,
-    /// The order, names, units and sizes of observations and actions, compared with those of the task.
+    /// The order, names, units and sizes of observations and actions, compared with those of the
+    /// task.
     pub layout: Option<Layout>,
 }
 

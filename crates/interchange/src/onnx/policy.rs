@@ -24,12 +24,12 @@ const MAX_STATE_NUMBERS: usize = 1 << 16;
 
 /// A policy in an ONNX model.
 ///
-/// Each row is computed alone, with a batch size of 1 and on one thread, so its action depends neither on the other rows nor
-/// on the number of threads. The kernels depend on the instruction set of the CPU: another CPU may give actions that differ
-/// in the last bits.
+/// Each row is computed alone, with a batch size of 1 and on one thread, so its action depends
+/// neither on the other rows nor on the number of threads. The kernels depend on the instruction
+/// set of the CPU: another CPU may give actions that differ in the last bits.
 ///
-/// An operator that fails, or an output that changes its shape, gives an action of NaN, which ends the simulation as
-/// `invalid action`.
+/// An operator that fails, or an output that changes its shape, gives an action of NaN, which ends
+/// the simulation as `invalid action`.
 #[derive(Debug)]
 pub struct OnnxPolicy {
     core: Arc<Core>,
@@ -63,14 +63,16 @@ impl State {
 }
 
 impl OnnxPolicy {
-    /// Reads a model for a task with this layout of observations and actions. `tasks` are the names that the model may have in
-    /// its metadata; the first one is used in messages.
+    /// Reads a model for a task with this layout of observations and actions. `tasks` are the names
+    /// that the model may have in its metadata; the first one is used in messages.
     ///
-    /// The file has at most [`limits::ONNX`] bytes, and so has the file of its weights, `NAME.onnx.data`, if the model refers
-    /// to it. Its side file, `NAME.onnx.json`, is read if it exists.
+    /// The file has at most [`limits::ONNX`] bytes, and so has the file of its weights,
+    /// `NAME.onnx.data`, if the model refers to it. Its side file, `NAME.onnx.json`, is read if it
+    /// exists.
     ///
     /// # Errors
-    /// If a file cannot be read or is too large, the model is not supported, or it does not fit the task.
+    /// If a file cannot be read or is too large, the model is not supported, or it does not fit the
+    /// task.
     pub fn load(path: &Path, tasks: &[&str], layout: &TaskLayout) -> Result<OnnxPolicy, InterchangeError> {
         let error = |problem| InterchangeError::Onnx { problem, path: path.to_path_buf() };
         let bytes = read(path, limits::ONNX)?;
@@ -137,7 +139,8 @@ impl OnnxPolicy {
         Ok(OnnxPolicy { core: Arc::new(core), hash, file_hash, task: interface.task })
     }
 
-    /// Returns a hash of everything that determines the actions: of the model's bytes, of the side file and of the weights.
+    /// Returns a hash of everything that determines the actions: of the model's bytes, of the side
+    /// file and of the weights.
     pub fn hash(&self) -> &str {
         &self.hash
     }
@@ -245,8 +248,9 @@ impl Names {
     }
 }
 
-/// Makes the shapes of all inputs fixed, with a batch size of 1, and removes what the runtime does not need: the names of
-/// operators, which may be those of values, and the shapes of other values, which may be wrong.
+/// Makes the shapes of all inputs fixed, with a batch size of 1, and removes what the runtime does
+/// not need: the names of operators, which may be those of values, and the shapes of other values,
+/// which may be wrong.
 fn prepare(proto: &mut ModelProto, names: &Names, task: &str, size: usize) -> Result<(), OnnxProblem> {
     let Some(graph) = proto.graph.as_mut() else { return Ok(()) };
     graph.node.iter_mut().for_each(|node| node.name = None);
@@ -311,7 +315,8 @@ impl Core {
     fn new(proto: &ModelProto, names: &Names, task: &str, layout: &TaskLayout) -> Result<Core, OnnxProblem> {
         let format = |reason: String| OnnxProblem::Format { reason };
         let bytes = proto.write_buf().map_err(|error| format(error.to_string()))?;
-        // Without optimization, loading a model computes nothing, and what is checked below is what runs.
+        // Without optimization, loading a model computes nothing, and what is checked below is what
+        // runs.
         let load = || {
             let mut options = ModelOptions::with_ops(cost::registry());
             options.enable_optimization(false);
@@ -394,7 +399,8 @@ impl Core {
         Ok(())
     }
 
-    /// Computes a control step of one row; `None` if an operator fails or an output has another shape.
+    /// Computes a control step of one row; `None` if an operator fails or an output has another
+    /// shape.
     fn step(
         &self,
         options: &RunOptions,
@@ -455,8 +461,8 @@ fn zeros(shape: &[usize]) -> Value {
     rten_tensor::Tensor::<f32>::zeros(shape).into()
 }
 
-/// Computes all operators one by one on an observation of zeros, each only after a bound of its memory and its time was
-/// checked.
+/// Computes all operators one by one on an observation of zeros, each only after a bound of its
+/// memory and its time was checked.
 ///
 /// As no shape depends on the numbers of an observation, the bounds hold for every observation.
 fn dry_run(
@@ -579,7 +585,8 @@ fn one_thread_pool() -> ThreadPool {
 
 /// Turns a panic of the runtime into an error, without its message.
 fn without_panic<T>(run: impl FnOnce() -> Result<T, String>) -> Result<T, String> {
-    // The runtime panics for some numbers, such as the quotient of the least integer and -1, in threads that it names.
+    // The runtime panics for some numbers, such as the quotient of the least integer and -1, in
+    // threads that it names.
     static HOOK: Once = Once::new();
     HOOK.call_once(|| {
         let hook = take_hook();

@@ -1,8 +1,9 @@
-//! The wire format of protocol buffers, in which ONNX models are stored: a message is a list of numbered fields.
+//! The wire format of protocol buffers, in which ONNX models are stored: a message is a list of
+//! numbered fields.
 //!
-//! The runtime's parser allocates the length that a field claims and recurses into subgraphs without a limit. The reader here
-//! checks both before the runtime sees a file. The writer exists because that of the runtime omits the names of
-//! graphs, which the ONNX standard requires.
+//! The runtime's parser allocates the length that a field claims and recurses into subgraphs
+//! without a limit. The reader here checks both before the runtime sees a file. The writer exists
+//! because that of the runtime omits the names of graphs, which the ONNX standard requires.
 
 use crate::OnnxProblem;
 

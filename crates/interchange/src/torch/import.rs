@@ -32,7 +32,8 @@ pub struct Imported {
 /// A kind of checkpoint, recognized by the names of its tensors.
 struct Kind {
     source: &'static str,
-    /// The start of the name of a tensor that only this kind has, if an archive can have several kinds.
+    /// The start of the name of a tensor that only this kind has, if an archive can have several
+    /// kinds.
     mark: &'static str,
     /// Prefixes of the names of the hidden layers and of the last layer.
     layers: &'static [&'static str],
@@ -99,13 +100,15 @@ const MAX_SIZE: usize = 10_000;
 /// The names of the activations that `--activation` allows.
 const ACTIVATIONS: [&str; 7] = ["elu", "relu", "tanh", "silu", "gelu", "leaky_relu", "identity"];
 
-/// Reads the policy in a model of Stable-Baselines3 (`.zip`), a checkpoint of skrl or a state dictionary (`.pt`).
+/// Reads the policy in a model of Stable-Baselines3 (`.zip`), a checkpoint of skrl or a state
+/// dictionary (`.pt`).
 ///
-/// Only weights are read, and texts that name activations. Nothing is unpickled; see the module `pickle`.
+/// Only weights are read, and texts that name activations. Nothing is unpickled; see the module
+/// `pickle`.
 ///
 /// # Errors
-/// If the file is damaged, contains more than weights, or is not a multi-layer perceptron, or if it does not say which
-/// activation it has and `options` do not either.
+/// If the file is damaged, contains more than weights, or is not a multi-layer perceptron, or if it
+/// does not say which activation it has and `options` do not either.
 pub fn import(bytes: &[u8], options: &ImportOptions) -> Result<Imported, TorchProblem> {
     let archive = Archive::read(bytes)?;
     match archive.entry("policy.pth") {
@@ -204,7 +207,8 @@ fn checkpoint(checkpoint: &Checkpoint<'_>, options: &ImportOptions) -> Result<Im
     assemble(kind, &tensors, None, output, &options)
 }
 
-/// Returns the statistics of skrl's `RunningStandardScaler`: clamp((o - mean) / (√variance + 1e-8), -5, 5).
+/// Returns the statistics of skrl's `RunningStandardScaler`: clamp((o - mean) / (√variance +
+/// 1e-8), -5, 5).
 fn running_standard_scaler(tensors: &[NamedTensor]) -> Option<ObservationNormalizer> {
     let find =
         |name: &str| tensors.iter().find(|tensor| &*tensor.name == name).map(|tensor| tensor.numbers.clone());
@@ -297,8 +301,8 @@ fn assemble(
 
 type Pair<'t> = (&'t NamedTensor, &'t NamedTensor);
 
-/// Splits tensors in the order of a `Sequential` into linear layers and layer normalizations, one after each hidden layer or
-/// none; `None` if they are something else.
+/// Splits tensors in the order of a `Sequential` into linear layers and layer normalizations, one
+/// after each hidden layer or none; `None` if they are something else.
 fn split<'t>(tensors: &[&'t NamedTensor]) -> Option<(Vec<Pair<'t>>, Vec<Pair<'t>>)> {
     let (mut linear, mut norms): (Vec<Pair<'t>>, Vec<Pair<'t>>) = (Vec::new(), Vec::new());
     for pair in tensors.chunks(2) {

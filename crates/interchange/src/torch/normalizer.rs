@@ -51,7 +51,8 @@ impl ObservationNormalizer {
         serde_json::from_str(text)
     }
 
-    /// Returns the variances with which our own normalizer, which divides by √variance + 1e-8, divides by the same numbers.
+    /// Returns the variances with which our own normalizer, which divides by √variance + 1e-8,
+    /// divides by the same numbers.
     pub(super) fn own_variance(&self) -> Vec<f64> {
         let own = |variance: &f64| {
             // NaN of an invalid variance stays NaN, which a policy refuses.

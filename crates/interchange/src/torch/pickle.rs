@@ -1,8 +1,9 @@
 //! Reads the pickle of a state dictionary as data.
 //!
-//! A pickle is a program for a stack machine, and its operation `REDUCE` calls any function by name. This reader calls
-//! nothing. It recognizes the operations and the names that `torch.save` writes for tensors in dictionaries, and builds a
-//! value from them. Any other operation or name is an error.
+//! A pickle is a program for a stack machine, and its operation `REDUCE` calls any function by
+//! name. This reader calls nothing. It recognizes the operations and the names that `torch.save`
+//! writes for tensors in dictionaries, and builds a value from them. Any other operation or name is
+//! an error.
 
 use std::rc::Rc;
 
@@ -11,13 +12,16 @@ use crate::TorchProblem;
 /// Deepest nesting of tuples, lists and dictionaries.
 const MAX_DEPTH: usize = 16;
 
-/// Largest number of bytes: names and shapes of 10,000 tensors take a tenth of it. A value takes up to 40 times its bytes.
+/// Largest number of bytes: names and shapes of 10,000 tensors take a tenth of it. A value takes up
+/// to 40 times its bytes.
 const MAX_BYTES: usize = 4 << 20;
 
-/// Longest text, bytes: names of tensors and of storages, which are copied into messages and compared often.
+/// Longest text, bytes: names of tensors and of storages, which are copied into messages and
+/// compared often.
 const MAX_TEXT: usize = 1024;
 
-/// Largest number of dimensions of a tensor. A tuple can be the shape of any number of tensors, each of which copies it.
+/// Largest number of dimensions of a tensor. A tuple can be the shape of any number of tensors,
+/// each of which copies it.
 const MAX_DIMENSIONS: usize = 8;
 
 /// A value of a state dictionary.
@@ -32,7 +36,8 @@ pub(super) enum Value {
     /// A dictionary with the texts among its keys, with the depth of its nesting.
     Dictionary(Vec<(Rc<str>, Value)>, usize),
     Name(Name),
-    /// The persistent identifier of a storage: type of its numbers, and name of its entry in the archive.
+    /// The persistent identifier of a storage: type of its numbers, and name of its entry in the
+    /// archive.
     Storage(Number, Rc<str>),
     Tensor(Rc<Reference>),
 }
@@ -133,7 +138,8 @@ struct Machine<'b> {
     stack: Vec<Value>,
     /// Heights of the stack at which the arguments of an operation start.
     marks: Vec<usize>,
-    /// Values that later operations repeat; `None` for lists and dictionaries, which are not repeated.
+    /// Values that later operations repeat; `None` for lists and dictionaries, which are not
+    /// repeated.
     memo: Vec<Option<Value>>,
 }
 

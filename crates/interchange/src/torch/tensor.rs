@@ -10,7 +10,8 @@ use crate::TorchProblem;
 /// Largest number of tensors of a module.
 const MAX_TENSORS: usize = 10_000;
 
-/// A checkpoint that `torch.save` wrote: an archive with a pickle, and the numbers of each storage in an entry.
+/// A checkpoint that `torch.save` wrote: an archive with a pickle, and the numbers of each storage
+/// in an entry.
 pub(super) struct Checkpoint<'b> {
     archive: Archive<'b>,
     prefix: &'b str,
@@ -73,7 +74,8 @@ impl<'b> Checkpoint<'b> {
         Ok(tensors)
     }
 
-    /// Returns the numbers of a tensor, row-major; `None` if it is not inside its storage or has more than `limit`.
+    /// Returns the numbers of a tensor, row-major; `None` if it is not inside its storage or has
+    /// more than `limit`.
     fn numbers(&self, reference: &Reference, limit: usize) -> Option<Vec<f64>> {
         let storage = self.archive.entry(&format!("{}/data/{}", self.prefix, reference.storage))?;
         let (shape, strides) = (&reference.shape, &reference.strides);

@@ -1,4 +1,5 @@
-//! Reads entries of a zip archive that are stored without compression, as PyTorch and Stable-Baselines3 write them.
+//! Reads entries of a zip archive that are stored without compression, as PyTorch and
+//! Stable-Baselines3 write them.
 //!
 //! An entry is then a part of the file, so that no archive is larger inside than outside.
 
@@ -45,7 +46,8 @@ impl<'b> Archive<'b> {
         for _entry in 0..count {
             let (Entry { name, content, checksum }, length) =
                 directory_entry(bytes, rest).ok_or_else(damaged)??;
-            // Otherwise a small file could have any number of large entries, whose checksums take any time.
+            // Otherwise a small file could have any number of large entries, whose checksums take
+            // any time.
             left =
                 left.checked_sub(content.len()).ok_or_else(|| problem("its entries overlap".to_string()))?;
             if crc32(content) != checksum {
@@ -83,7 +85,8 @@ struct Entry<'b> {
     checksum: u32,
 }
 
-/// Reads the first entry of a directory; returns it with its length in the directory. `None` if it is damaged.
+/// Reads the first entry of a directory; returns it with its length in the directory. `None` if it
+/// is damaged.
 fn directory_entry<'b>(bytes: &'b [u8], entry: &'b [u8]) -> Option<Result<(Entry<'b>, usize), TorchProblem>> {
     if !entry.starts_with(DIRECTORY) {
         return None;

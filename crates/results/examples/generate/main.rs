@@ -1,4 +1,5 @@
-//! Writes what is made from the result types: the reference page, the JSON Schemas and the Python classes.
+//! Writes what is made from the result types: the reference page, the JSON Schemas and the Python
+//! classes.
 //!
 //! `cargo xtask results` runs it; the test of this example compares them with the files.
 
@@ -62,7 +63,8 @@ fn file_name(document: &Document) -> String {
     words.split([' ', '-']).filter(|word| !word.is_empty()).collect::<Vec<_>>().join("-")
 }
 
-/// Returns the JSON Schema of what a command prints: the object, or the array of objects, with the key `schema`.
+/// Returns the JSON Schema of what a command prints: the object, or the array of objects, with the
+/// key `schema`.
 fn schema(document: &Document) -> String {
     let mut object = document.schema().to_value();
     let version = json!({ "const": SCHEMA, "description": "Version of the document." });

@@ -135,7 +135,8 @@ fn meaning(field: &Field) -> String {
     field.description.trim_end_matches('.').to_string()
 }
 
-/// Returns the object type in a field, and what follows the key of the field in those of the object.
+/// Returns the object type in a field, and what follows the key of the field in those of the
+/// object.
 fn nested(shape: &Shape) -> Option<(&str, &'static str)> {
     match shape {
         Shape::Object(name) => Some((name, "")),

@@ -51,8 +51,8 @@ fn kind(shape: &Shape) -> String {
     }
 }
 
-/// Returns the Python type of values by axis, which have the names of categories. A scenario leaves out values that are drawn at
-/// random.
+/// Returns the Python type of values by axis, which have the names of categories. A scenario leaves
+/// out values that are drawn at random.
 fn axis_value(shape: &Shape) -> Option<String> {
     let Shape::OneOf(shapes) = shape else { return None };
     match shapes.as_slice() {

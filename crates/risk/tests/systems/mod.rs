@@ -13,7 +13,8 @@ pub struct Known {
     robustness: fn(&[f64]) -> f64,
 }
 
-/// Quantiles of the standard normal distribution: SciPy 1.17.1, `norm.isf(p)` and `norm.isf(p / 2)`.
+/// Quantiles of the standard normal distribution: SciPy 1.17.1, `norm.isf(p)` and
+/// `norm.isf(p / 2)`.
 const TAIL_2: f64 = 2.326_347_874_040_840_8;
 const TAIL_4: f64 = 3.719_016_485_455_680_4;
 const TAIL_6: f64 = 4.753_424_308_822_899;
@@ -51,13 +52,14 @@ fn diagonal(x: &[f64]) -> f64 {
     x.iter().sum::<f64>() / (x.len() as f64).sqrt()
 }
 
-/// A third of the way from 0 to 1 is far from the failure; the robustness is the largest coordinate less the side.
+/// A third of the way from 0 to 1 is far from the failure; the robustness is the largest coordinate
+/// less the side.
 fn cube(x: &[f64], side: f64) -> f64 {
     x.iter().copied().fold(f64::NEG_INFINITY, f64::max) - side
 }
 
-/// A smooth valley that ends in a small failing disc at (0.7, 0.6), and a failing corner at (0, 0) with nothing around it that leads
-/// there: the robustness rises toward it.
+/// A smooth valley that ends in a small failing disc at (0.7, 0.6), and a failing corner at (0, 0)
+/// with nothing around it that leads there: the robustness rises toward it.
 fn corner(x: &[f64]) -> f64 {
     if x[0] < CORNER && x[1] < CORNER {
         return -1.0;

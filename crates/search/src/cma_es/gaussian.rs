@@ -9,10 +9,12 @@ use crate::categories::Normals;
 const MAX_CONDITION: f64 = 1e14;
 /// More iterations than the eigenvalues of any finite matrix need.
 const MAX_EIGEN_ITERATIONS: usize = 100_000;
-/// The largest standard deviation of a coordinate. A wider distribution would fold over the box several times.
+/// The largest standard deviation of a coordinate. A wider distribution would fold over the box
+/// several times.
 const MAX_DEVIATION: f64 = 1.0;
 
-/// A normal distribution with mean m, step size σ and covariance σ² C, and the evolution paths of its mean.
+/// A normal distribution with mean m, step size σ and covariance σ² C, and the evolution paths of
+/// its mean.
 #[derive(Debug, Clone)]
 pub(super) struct Gaussian {
     parameters: Parameters,
@@ -126,7 +128,8 @@ impl Gaussian {
         (0..self.mean.len()).map(|i| self.sigma * self.covariance[(i, i)].sqrt())
     }
 
-    /// Limits the standard deviations from above for all coordinates together, and from below for each integer.
+    /// Limits the standard deviations from above for all coordinates together, and from below for
+    /// each integer.
     fn limit_deviations(&mut self) {
         let largest = self.deviations().fold(0.0, f64::max);
         if largest > MAX_DEVIATION {
@@ -143,7 +146,8 @@ impl Gaussian {
         }
     }
 
-    /// Computes eigenvectors and scales. A matrix with a number that is not finite has no decomposition.
+    /// Computes eigenvectors and scales. A matrix with a number that is not finite has no
+    /// decomposition.
     fn decompose(&mut self) {
         let eigen = SymmetricEigen::try_new(self.covariance.clone(), f64::EPSILON, MAX_EIGEN_ITERATIONS);
         let Some(eigen) = eigen.filter(|eigen| eigen.eigenvalues.iter().all(|value| value.is_finite()))
@@ -163,8 +167,8 @@ impl Gaussian {
         self.limit_deviations();
     }
 
-    /// Returns whether the standard deviations of all coordinates are below `tolerance` or, for integers, at their
-    /// least value; or the covariance matrix is nearly singular.
+    /// Returns whether the standard deviations of all coordinates are below `tolerance` or, for
+    /// integers, at their least value; or the covariance matrix is nearly singular.
     pub(super) fn is_exhausted(&self, tolerance: f64) -> bool {
         let is_narrow = |(deviation, least): (f64, &f64)| deviation <= tolerance.max(1.001 * least);
         let largest = self.scales.iter().fold(0.0, |a, b| f64::max(a, *b));

@@ -47,48 +47,53 @@ options! {
         pub population: Option<usize> = None, or "4 + ⌊3 ln d⌋", in POPULATION;
         /// Factor of the population at each restart.
         pub population_growth: usize = 2, in AT_LEAST_1;
-        /// Treatment of samples outside the box: `clip` moves them to the bounds, `mirror` reflects them at the bounds.
+        /// Treatment of samples outside the box: `clip` moves them to the bounds, `mirror` reflects
+        /// them at the bounds.
         pub bounds: String = "clip".to_owned(), in BOUNDS;
         /// Restarts when the standard deviations of all coordinates are below this number.
         pub xatol: f64 = 1e-5, in NOT_NEGATIVE;
-        /// Restarts when all values of a generation, and the best ones of the last 10 + ⌈30 d / population⌉
-        /// generations, are in a range of this length.
+        /// Restarts when all values of a generation, and the best ones of the last 10 + ⌈30 d /
+        /// population⌉ generations, are in a range of this length.
         pub fatol: f64 = 1e-9, in NOT_NEGATIVE;
     }
 }
 
 /// Active CMA-ES with restarts and increasing population (IPOP) in `[0,1]^d`.
 ///
-/// Use it for smooth or moderately rough robustness in up to a hundred dimensions, in which coordinates interact, with
-/// budgets from some hundred evaluations on. A generation is proposed at once: 6 points for 2 axes, 14 for 30. Set
-/// `population` to the batch size for larger batches. It uses the order of values only. It is a local method that
-/// restarts from random points; a narrow failure region far from the center needs luck or many restarts.
+/// Use it for smooth or moderately rough robustness in up to a hundred dimensions, in which
+/// coordinates interact, with budgets from some hundred evaluations on. A generation is proposed at
+/// once: 6 points for 2 axes, 14 for 30. Set `population` to the batch size for larger batches. It
+/// uses the order of values only. It is a local method that restarts from random points; a narrow
+/// failure region far from the center needs luck or many restarts.
 ///
-/// All formulas and constants are those of the tutorial, with negative weights (active), cumulative step-size
-/// adaptation, and a larger step size if the best values are equal. The first mean is the center. After convergence the
-/// search restarts from a random mean with twice the population. It never ends.
+/// All formulas and constants are those of the tutorial, with negative weights (active), cumulative
+/// step-size adaptation, and a larger step size if the best values are equal. The first mean is the
+/// center. After convergence the search restarts from a random mean with twice the population. It
+/// never ends.
 ///
 /// # Bounds
-/// `clip` proposes the bounds exactly, with positive probability, and adapts with the clipped samples. A coordinate
-/// that is at a bound in all good samples loses its variance until the next restart. It is the default because
-/// controllers often fail at bounds: in the example `compare_searches`, it needs 15 evaluations on average to a corner
-/// in 2 dimensions, 82 in 10 and 110 for disturbances with hidden signs in 30, `mirror` 24, 130 and 167. Inside the box
-/// both need about the same.
+/// `clip` proposes the bounds exactly, with positive probability, and adapts with the clipped
+/// samples. A coordinate that is at a bound in all good samples loses its variance until the next
+/// restart. It is the default because controllers often fail at bounds: in the example
+/// `compare_searches`, it needs 15 evaluations on average to a corner in 2 dimensions, 82 in 10 and
+/// 110 for disturbances with hidden signs in 30, `mirror` 24, 130 and 167. Inside the box both need
+/// about the same.
 ///
-/// `mirror` folds samples into the box, which makes the function periodic and leaves the distribution untouched: steps
-/// keep their lengths, so step size and covariance adapt as without bounds. A bound is approached but hardly ever
-/// proposed exactly.
+/// `mirror` folds samples into the box, which makes the function periodic and leaves the
+/// distribution untouched: steps keep their lengths, so step size and covariance adapt as without
+/// bounds. A bound is approached but hardly ever proposed exactly.
 ///
 /// # Types of coordinates
-/// Integers are continuous with a least standard deviation of a quarter of a level. A category has a probability per
-/// level, which moves toward the weighted frequencies of the better half of the samples, at the rate μ / (μ + L) for L
-/// levels and the effective number of samples μ.
+/// Integers are continuous with a least standard deviation of a quarter of a level. A category has
+/// a probability per level, which moves toward the weighted frequencies of the better half of the
+/// samples, at the rate μ / (μ + L) for L levels and the effective number of samples μ.
 ///
 /// # Reference
-/// Hansen, "The CMA evolution strategy: a tutorial", arXiv:1604.00772, 2016. Auger and Hansen, "A restart CMA evolution
-/// strategy with increasing population size", CEC 2005. Hansen, "A CMA-ES for mixed-integer nonlinear optimization",
-/// INRIA report 7751, 2011 (integers). Hamano et al., "CatCMA: stochastic optimization for mixed-category problems",
-/// GECCO 2024 (categories; here with a simpler learning rate).
+/// Hansen, "The CMA evolution strategy: a tutorial", arXiv:1604.00772, 2016. Auger and Hansen, "A
+/// restart CMA evolution strategy with increasing population size", CEC 2005. Hansen, "A CMA-ES for
+/// mixed-integer nonlinear optimization", INRIA report 7751, 2011 (integers). Hamano et al.,
+/// "CatCMA: stochastic optimization for mixed-category problems", GECCO 2024 (categories; here with
+/// a simpler learning rate).
 #[derive(Debug, Clone)]
 pub struct CmaEs {
     options: CmaEsOptions,
@@ -111,9 +116,9 @@ impl CmaEs {
     /// Creates the search.
     ///
     /// # Errors
-    /// [`SearchError::Dimension`] without coordinates, [`SearchError::NoLevels`] for a coordinate with 0 levels,
-    /// [`SearchError::Option`] for a start outside `[0,1]^d` or of the wrong length, an unknown treatment of bounds, or
-    /// a number outside the documented range of its option.
+    /// [`SearchError::Dimension`] without coordinates, [`SearchError::NoLevels`] for a coordinate
+    /// with 0 levels, [`SearchError::Option`] for a start outside `[0,1]^d` or of the wrong length,
+    /// an unknown treatment of bounds, or a number outside the documented range of its option.
     pub fn new(coordinates: &[Coordinate], seed: u64, options: &CmaEsOptions) -> Result<Self, SearchError> {
         let dimension = dimension(coordinates)?;
         check_start(NAME, options.start.as_ref(), dimension)?;

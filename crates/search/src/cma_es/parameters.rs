@@ -3,7 +3,8 @@
 /// The strategy parameters of Table 1 in Hansen's tutorial, with its names.
 #[derive(Debug, Clone)]
 pub(super) struct Parameters {
-    /// Recombination weights by rank. The first `mu` are positive and sum to 1; the others are negative or 0.
+    /// Recombination weights by rank. The first `mu` are positive and sum to 1; the others are
+    /// negative or 0.
     pub(super) weights: Vec<f64>,
     pub(super) mu: usize,
     pub(super) mu_eff: f64,
@@ -64,8 +65,9 @@ fn effective(weights: &[f64]) -> f64 {
 mod tests {
     use super::*;
 
-    /// The conditions that the tutorial states for its weights: the positive ones sum to 1, the negative ones to
-    /// -min(1 + c₁/cμ, 1 + 2 μ⁻/(μ + 2), (1 - c₁ - cμ)/(n cμ)), and μ_eff is about λ/4.
+    /// The conditions that the tutorial states for its weights: the positive ones sum to 1, the
+    /// negative ones to -min(1 + c₁/cμ, 1 + 2 μ⁻/(μ + 2), (1 - c₁ - cμ)/(n cμ)), and μ_eff is about
+    /// λ/4.
     #[test]
     fn weights_have_the_sums_of_the_tutorial() {
         for (n, population) in [(1, 4), (2, 6), (10, 10), (30, 14), (100, 17), (10, 320)] {
@@ -79,7 +81,8 @@ mod tests {
         }
     }
 
-    /// The default values of n = 10 and λ = 10, computed from the formulas of the tutorial with 16 digits in Python.
+    /// The default values of n = 10 and λ = 10, computed from the formulas of the tutorial with 16
+    /// digits in Python.
     #[test]
     fn parameters_of_ten_dimensions() {
         let p = Parameters::new(10, 10);

@@ -9,12 +9,13 @@ use super::permutation::Permutation;
 use super::set::n_bounds;
 use crate::Coordinate;
 
-/// Returns the bounds of the designed corners: rows of a Hadamard matrix, each followed by the opposite row.
+/// Returns the bounds of the designed corners: rows of a Hadamard matrix, each followed by the
+/// opposite row.
 ///
-/// For d coordinates with two bounds there are about 2 d + 2 rows, in which every combination of bounds of three
-/// coordinates occurs equally often; for d up to 4, they are all corners. Signs of columns and the order of rows are
-/// random. A category with more than two levels has a column of its own, in which each level occurs equally often, up
-/// to one.
+/// For d coordinates with two bounds there are about 2 d + 2 rows, in which every combination of
+/// bounds of three coordinates occurs equally often; for d up to 4, they are all corners. Signs of
+/// columns and the order of rows are random. A category with more than two levels has a column of
+/// its own, in which each level occurs equally often, up to one.
 pub(super) fn designed_corners(coordinates: &[Coordinate], random: &mut Sequence) -> Vec<Vec<u64>> {
     let n_columns = coordinates.iter().filter(|c| n_bounds(**c) == 2).count();
     let matrix = Hadamard::with_columns(n_columns + 1);

@@ -1,25 +1,28 @@
 //! Hadamard matrices by Paley's first construction and by Sylvester's doubling.
 
-/// A Hadamard matrix: signs in which each two columns agree in half of the rows. The first column is all +1.
+/// A Hadamard matrix: signs in which each two columns agree in half of the rows. The first column
+/// is all +1.
 ///
-/// Its other columns are a two-level orthogonal array of strength 2, a Plackett-Burman design. With the rows of
-/// opposite signs added (foldover) the strength is 3: each combination of signs of three columns occurs equally often.
+/// Its other columns are a two-level orthogonal array of strength 2, a Plackett-Burman design. With
+/// the rows of opposite signs added (foldover) the strength is 3: each combination of signs of
+/// three columns occurs equally often.
 ///
 /// # Reference
-/// Paley, "On orthogonal matrices", J. Math. Phys. 12, 1933. Plackett and Burman, "The design of optimum multifactorial
-/// experiments", Biometrika 33, 1946.
+/// Paley, "On orthogonal matrices", J. Math. Phys. 12, 1933. Plackett and Burman, "The design of
+/// optimum multifactorial experiments", Biometrika 33, 1946.
 #[derive(Debug, Clone)]
 pub(crate) struct Hadamard {
     /// Order of the matrix that is doubled: 1, or q + 1.
     base: usize,
     doublings: u32,
-    /// Whether a number modulo the prime q is the square of another number than 0; empty for a base of 1.
+    /// Whether a number modulo the prime q is the square of another number than 0; empty for a base
+    /// of 1.
     is_square: Vec<bool>,
 }
 
 impl Hadamard {
-    /// Creates the smallest of these matrices with at least `columns` columns: orders 2^k, and 2^k (q + 1) for primes q
-    /// of the form 4 m + 3.
+    /// Creates the smallest of these matrices with at least `columns` columns: orders 2^k, and 2^k
+    /// (q + 1) for primes q of the form 4 m + 3.
     pub(crate) fn with_columns(columns: usize) -> Self {
         let primes = (3..columns + 4).step_by(4).filter(|q| is_prime(*q));
         let doublings = |base: usize| columns.div_ceil(base).next_power_of_two().trailing_zeros();
@@ -55,8 +58,8 @@ fn is_prime(n: usize) -> bool {
 mod tests {
     use super::*;
 
-    /// The number of runs of the design for d factors is the smallest order above d. Orders 28, 36, 52, 56, 76, 88, 92
-    /// and 100 need other constructions, so the next one is used.
+    /// The number of runs of the design for d factors is the smallest order above d. Orders 28, 36,
+    /// 52, 56, 76, 88, 92 and 100 need other constructions, so the next one is used.
     #[test]
     fn orders_are_those_of_plackett_and_burman_where_the_construction_exists() {
         for (columns, order) in

@@ -30,28 +30,31 @@ pub(crate) const ENTRY: SearchEntry = SearchEntry {
 
 /// Corner search: points at which all coordinates are at their bounds. The search never ends.
 ///
-/// Use it first: controllers often fail at an extreme of every axis, and the robustness of a system that is monotone in
-/// each axis is lowest in a corner. It proposes, in this order,
+/// Use it first: controllers often fail at an extreme of every axis, and the robustness of a system
+/// that is monotone in each axis is lowest in a corner. It proposes, in this order,
 ///
-/// 1. designed corners: an orthogonal array of strength 3, a Plackett-Burman design and its foldover. They are all
-///    corners for up to 4 axes, 16 for 5 to 7, 64 for 30 and 208 for 100 axes. Any combination of bounds of three axes
-///    is among the first 8 · ⌈(d + 1) / 4⌉ corners, rounded up to the next known design, so a failure that needs at
-///    most three axes at certain bounds is found;
+/// 1. designed corners: an orthogonal array of strength 3, a Plackett-Burman design and its
+///    foldover. They are all corners for up to 4 axes, 16 for 5 to 7, 64 for 30 and 208 for 100
+///    axes. Any combination of bounds of three axes is among the first 8 · ⌈(d + 1) / 4⌉ corners,
+///    rounded up to the next known design, so a failure that needs at most three axes at certain
+///    bounds is found;
 /// 2. the center of the space;
 /// 3. the remaining corners in random order, each once;
 /// 4. the centers of the facets, that is, one axis at a bound and the others in the middle;
-/// 5. points on faces: each axis is free with a probability of 1/2 and otherwise at a random bound; at least one is
-///    free. Free coordinates come from a scrambled Sobol sequence.
+/// 5. points on faces: each axis is free with a probability of 1/2 and otherwise at a random bound;
+///    at least one is free. Free coordinates come from a scrambled Sobol sequence.
 ///
-/// Steps 4 and 5 are reached if the budget exceeds the number of corners, for example for 2 axes after 5 points.
+/// Steps 4 and 5 are reached if the budget exceeds the number of corners, for example for 2 axes
+/// after 5 points.
 ///
-/// The bounds of an integer axis are its first and last level. The levels of a category have no order, so each of them
-/// counts as a bound, and the center has a random level. In a space with more than 2^62 corners, step 3 takes
-/// independent random corners.
+/// The bounds of an integer axis are its first and last level. The levels of a category have no
+/// order, so each of them counts as a bound, and the center has a random level. In a space with
+/// more than 2^62 corners, step 3 takes independent random corners.
 ///
 /// # Reference
-/// Plackett and Burman, "The design of optimum multifactorial experiments", Biometrika 33, 1946. Box and Wilson, "On
-/// the experimental attainment of optimum conditions", J. R. Stat. Soc. B 13, 1951 (foldover).
+/// Plackett and Burman, "The design of optimum multifactorial experiments", Biometrika 33, 1946.
+/// Box and Wilson, "On the experimental attainment of optimum conditions", J. R. Stat. Soc. B 13,
+/// 1951 (foldover).
 #[derive(Debug, Clone)]
 pub struct Corners {
     coordinates: Vec<Coordinate>,
@@ -68,7 +71,8 @@ impl Corners {
     /// Creates a corner search.
     ///
     /// # Errors
-    /// [`SearchError::Dimension`] without coordinates, [`SearchError::NoLevels`] for a coordinate with 0 levels.
+    /// [`SearchError::Dimension`] without coordinates, [`SearchError::NoLevels`] for a coordinate
+    /// with 0 levels.
     pub fn new(coordinates: &[Coordinate], seed: u64) -> Result<Self, SearchError> {
         let dimension = coordinate::dimension(coordinates)?;
         let child = |index| Seed(seed).child(index).0;
@@ -200,7 +204,8 @@ mod tests {
         let n_at_bounds = |u: &Vec<f64>| u.iter().filter(|x| **x == 0.0 || **x == 1.0).count();
         let on_edges = points[9..].iter().filter(|u| n_at_bounds(u) == 1).count();
         assert!(points[9..].iter().all(|u| n_at_bounds(u) < 2));
-        // One coordinate is always free, the other one with a probability of 1/2: 500 of 1000, five standard errors.
+        // One coordinate is always free, the other one with a probability of 1/2: 500 of 1000, five
+        // standard errors.
         assert!(on_edges.abs_diff(500) < 80, "{on_edges}");
     }
 

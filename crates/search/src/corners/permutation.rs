@@ -6,8 +6,8 @@ const ROUNDS: usize = 6;
 
 /// A random permutation of 0, ..., n - 1, computed entry by entry in constant memory.
 ///
-/// It is a Feistel network on the smallest even number of bits that holds n - 1. An output of n or more is permuted
-/// again until it is below n, which takes less than four attempts on average.
+/// It is a Feistel network on the smallest even number of bits that holds n - 1. An output of n or
+/// more is permuted again until it is below n, which takes less than four attempts on average.
 ///
 /// # Reference
 /// Black and Rogaway, "Ciphers with arbitrary finite domains", CT-RSA 2002.
@@ -96,7 +96,8 @@ mod tests {
         assert!((0..1000).all(|i| large.at(i) < 1 << 62 && large.index_of(large.at(i)) == i));
     }
 
-    /// Over many keys, the first entry of a permutation of 8 numbers is uniform: counts within five standard errors.
+    /// Over many keys, the first entry of a permutation of 8 numbers is uniform: counts within five
+    /// standard errors.
     #[test]
     fn the_first_entry_is_uniform() {
         let (n, keys) = (8, 8000);

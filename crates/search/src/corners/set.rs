@@ -5,14 +5,15 @@ use mishandle_random::Sequence;
 use super::permutation::Permutation;
 use crate::Coordinate;
 
-/// The number of corners up to which they are numbered. In a space with more, two of a million random corners are equal
-/// with a probability of 1e-7.
+/// The number of corners up to which they are numbered. In a space with more, two of a million
+/// random corners are equal with a probability of 1e-7.
 const MAX_NUMBERED: u64 = 1 << 62;
 
 /// The corners of a space in random order.
 ///
-/// In a corner, every continuous or integer coordinate is at a bound, 0 or 1. The levels of a category have no order,
-/// so each of them counts as a bound; its coordinate is the middle of the level's interval.
+/// In a corner, every continuous or integer coordinate is at a bound, 0 or 1. The levels of a
+/// category have no order, so each of them counts as a bound; its coordinate is the middle of the
+/// level's interval.
 #[derive(Debug, Clone)]
 pub(crate) struct CornerSet {
     coordinates: Vec<Coordinate>,
@@ -63,7 +64,8 @@ impl CornerSet {
         }
     }
 
-    /// Returns corner `i` of the random order. The order repeats after [`count`](Self::count) corners.
+    /// Returns corner `i` of the random order. The order repeats after [`count`](Self::count)
+    /// corners.
     pub(crate) fn corner(&self, i: u64) -> Vec<f64> {
         match &self.order {
             Order::Permuted(permutation) => {
@@ -84,7 +86,8 @@ impl CornerSet {
         }
     }
 
-    /// Returns the index of the corner with these bounds in the random order; `None` if corners are not numbered.
+    /// Returns the index of the corner with these bounds in the random order; `None` if corners are
+    /// not numbered.
     pub(crate) fn index_of(&self, bounds: &[u64]) -> Option<u64> {
         let Order::Permuted(permutation) = &self.order else { return None };
         let pairs = self.coordinates.iter().zip(bounds).rev();

@@ -26,32 +26,37 @@ pub(crate) const ENTRY: SearchEntry = SearchEntry {
 options! {
     /// The options of [`Direct`], with the names and defaults of SciPy's `direct`.
     pub struct DirectOptions of NAME {
-        /// Least improvement that a rectangle must make possible to be divided, relative to the lowest value.
+        /// Least improvement that a rectangle must make possible to be divided, relative to the
+        /// lowest value.
         pub eps: f64 = 1e-4, in NOT_NEGATIVE;
-        /// Uses DIRECT-L, which divides one rectangle of each size and measures sizes by the longest side. It is better
-        /// for functions with few local minima. Otherwise the original DIRECT.
+        /// Uses DIRECT-L, which divides one rectangle of each size and measures sizes by the
+        /// longest side. It is better for functions with few local minima. Otherwise the original
+        /// DIRECT.
         pub locally_biased: bool = true, in ANY;
     }
 }
 
-/// DIRECT in `[0,1]^d`: evaluates the centers of rectangles that partition the box, and divides in each iteration those
-/// that could contain the minimum for some Lipschitz constant.
+/// DIRECT in `[0,1]^d`: evaluates the centers of rectangles that partition the box, and divides in
+/// each iteration those that could contain the minimum for some Lipschitz constant.
 ///
-/// Use it for smooth robustness in up to about six dimensions: it is deterministic, needs no parameters and no scale of
-/// the values, and searches globally and locally at once. It never proposes a point on a bound: after k divisions the
-/// outermost points have a distance of 3^-k / 2 from it. So combine it with `corners`. In many dimensions its first
-/// iteration already takes 2 d + 1 points. It uses no random numbers: all seeds give the same points.
+/// Use it for smooth robustness in up to about six dimensions: it is deterministic, needs no
+/// parameters and no scale of the values, and searches globally and locally at once. It never
+/// proposes a point on a bound: after k divisions the outermost points have a distance of 3^-k / 2
+/// from it. So combine it with `corners`. In many dimensions its first iteration already takes 2
+/// d + 1 points. It uses no random numbers: all seeds give the same points.
 ///
-/// The points are those of NLopt 2.11.0 (`GN_ORIG_DIRECT_L`, `GN_ORIG_DIRECT`), in its order, if no two values are
-/// equal. SciPy 1.17.1 also divides rectangles above the convex hull, so its points differ. There are no tolerances:
-/// the search continues until all sides are shorter than 3e-12 of the box. The sides of integers and categories are
-/// divided until each level has a point. The levels of a category are taken in their order. A value of +∞ counts as the
-/// largest finite value plus 1. Memory grows by 9 d bytes and more for each point.
+/// The points are those of NLopt 2.11.0 (`GN_ORIG_DIRECT_L`, `GN_ORIG_DIRECT`), in its order, if no
+/// two values are equal. SciPy 1.17.1 also divides rectangles above the convex hull, so its points
+/// differ. There are no tolerances: the search continues until all sides are shorter than 3e-12 of
+/// the box. The sides of integers and categories are divided until each level has a point. The
+/// levels of a category are taken in their order. A value of +∞ counts as the largest finite value
+/// plus 1. Memory grows by 9 d bytes and more for each point.
 ///
 /// # Reference
-/// Jones, Perttunen and Stuckman, "Lipschitzian optimization without the Lipschitz constant", J. Optim. Theory Appl.
-/// 79,
-/// 1993. Gablonsky and Kelley, "A locally-biased form of the DIRECT algorithm", J. Global Optim. 21, 2001.
+/// Jones, Perttunen and Stuckman, "Lipschitzian optimization without the Lipschitz constant", J.
+/// Optim. Theory Appl. 79,
+/// 1993. Gablonsky and Kelley, "A locally-biased form of the DIRECT algorithm", J. Global Optim.
+///       21, 2001.
 #[derive(Debug, Clone)]
 pub struct Direct {
     epsilon: f64,
@@ -73,8 +78,8 @@ impl Direct {
     /// Creates the search.
     ///
     /// # Errors
-    /// [`SearchError::Dimension`] without coordinates, [`SearchError::NoLevels`] for a coordinate with 0 levels,
-    /// [`SearchError::Option`] for a negative `eps`.
+    /// [`SearchError::Dimension`] without coordinates, [`SearchError::NoLevels`] for a coordinate
+    /// with 0 levels, [`SearchError::Option`] for a negative `eps`.
     pub fn new(coordinates: &[Coordinate], options: &DirectOptions) -> Result<Self, SearchError> {
         let dimension = dimension(coordinates)?;
         options.check_ranges()?;
@@ -107,8 +112,8 @@ impl Direct {
         }
     }
 
-    /// Divides a rectangle, given the points and values of its new rectangles. The side with the lowest value is
-    /// divided first, so that its new rectangles are the largest.
+    /// Divides a rectangle, given the points and values of its new rectangles. The side with the
+    /// lowest value is divided first, so that its new rectangles are the largest.
     fn divide(&mut self, division: &Division, points: &[Vec<f64>], values: &[f64]) {
         let parent = division.rectangle;
         let mut pairs: Vec<usize> = (0..division.sides.len()).collect();
@@ -168,7 +173,8 @@ mod tests {
     use crate::categories::level_of;
     use std::collections::BTreeSet;
 
-    /// A space of integers and categories only is exhausted: the search proposes every combination, then ends.
+    /// A space of integers and categories only is exhausted: the search proposes every combination,
+    /// then ends.
     #[test]
     fn every_combination_of_levels_is_proposed_before_the_end() {
         let space = [

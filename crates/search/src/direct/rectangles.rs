@@ -10,7 +10,8 @@ const MAX_DEPTH: u8 = 25;
 /// Values within this distance are equal for the original method.
 const EQUAL_VALUES: f64 = 1e-13;
 
-/// The rectangles that partition the box, each with its center, the number of divisions of each side and its value.
+/// The rectangles that partition the box, each with its center, the number of divisions of each
+/// side and its value.
 #[derive(Debug, Clone)]
 pub(super) struct Rectangles {
     coordinates: Vec<Coordinate>,
@@ -18,7 +19,8 @@ pub(super) struct Rectangles {
     centers: Vec<f64>,
     depths: Vec<u8>,
     values: Vec<f64>,
-    /// Rectangles that can be divided, by the bits of their size; the one with the lowest value first.
+    /// Rectangles that can be divided, by the bits of their size; the one with the lowest value
+    /// first.
     groups: BTreeMap<u64, BinaryHeap<Reverse<Entry>>>,
     n_entries: u64,
     lowest: f64,
@@ -106,8 +108,9 @@ impl Rectangles {
         self.depths[range][k] += 1;
     }
 
-    /// Returns the number of divisions of the longest divisible sides; `None` if no side is divisible. The sides of an
-    /// integer or a category are divisible while they are longer than the interval of a level.
+    /// Returns the number of divisions of the longest divisible sides; `None` if no side is
+    /// divisible. The sides of an integer or a category are divisible while they are longer than
+    /// the interval of a level.
     fn longest(&self, rectangle: usize) -> Option<u8> {
         let sides = self.coordinates.iter().zip(self.depths(rectangle));
         let divisible = sides.filter(|(coordinate, depth)| {
@@ -144,8 +147,9 @@ impl Rectangles {
         self.groups.entry(size.to_bits()).or_default().push(Reverse(entry));
     }
 
-    /// Removes the potentially optimal rectangles from their groups and returns them: the lower right convex hull of
-    /// (size, value), of which each could have the lowest value less `epsilon` times its absolute value.
+    /// Removes the potentially optimal rectangles from their groups and returns them: the lower
+    /// right convex hull of (size, value), of which each could have the lowest value less `epsilon`
+    /// times its absolute value.
     pub(super) fn take_potentially_optimal(&mut self, epsilon: f64) -> Vec<usize> {
         let chosen = self.potentially_optimal(epsilon);
         let (mut first, mut others) = (Vec::new(), Vec::new());
@@ -175,7 +179,8 @@ impl Rectangles {
         let lowest = self.finite(self.lowest);
         let target = (lowest - epsilon * lowest.abs()).min(lowest);
         let mut chosen: Vec<(f64, f64)> = Vec::new();
-        // From the smallest size, so that only smaller rectangles with a lower value are left on the way.
+        // From the smallest size, so that only smaller rectangles with a lower value are left on
+        // the way.
         for (j, (size, value)) in groups.iter().enumerate().rev() {
             let slope = |(other, of_other): &(f64, f64)| (of_other - value) / (other - size);
             let least = groups[..j].iter().map(slope).fold(f64::INFINITY, f64::min);

@@ -1,4 +1,5 @@
-//! Dual annealing: generalized simulated annealing with a local search, as in SciPy's `dual_annealing`.
+//! Dual annealing: generalized simulated annealing with a local search, as in SciPy's
+//! `dual_annealing`.
 
 mod visiting;
 
@@ -17,7 +18,8 @@ const NAME: &str = "dual-annealing";
 
 /// The maximum number of redraws of an initial point whose value is not finite.
 const MAX_REDRAWS: usize = 1000;
-/// The number of chains without improvement before the first local search because of stagnation; d chains afterwards.
+/// The number of chains without improvement before the first local search because of stagnation; d
+/// chains afterwards.
 const FIRST_PATIENCE: usize = 1000;
 
 pub(crate) const ENTRY: SearchEntry = SearchEntry {
@@ -47,9 +49,11 @@ options! {
         pub max_iterations: usize = 1000, in AT_LEAST_1;
         /// Temperature of the first chain.
         pub initial_temperature: f64 = 5230.0, in TEMPERATURE;
-        /// Restarts from a random point when the temperature falls below this fraction of the initial one.
+        /// Restarts from a random point when the temperature falls below this fraction of the
+        /// initial one.
         pub restart_ratio: f64 = 2e-5, in OPEN_UNIT_INTERVAL;
-        /// Parameter q of the visiting distribution: larger values give heavier tails, so longer jumps.
+        /// Parameter q of the visiting distribution: larger values give heavier tails, so longer
+        /// jumps.
         pub visit: f64 = 2.62, in VISIT;
         /// Parameter of the acceptance probability: lower values accept worse points less often.
         pub accept: f64 = -5.0, in ACCEPT;
@@ -58,8 +62,8 @@ options! {
     }
 }
 
-/// Dual annealing on `[0,1]^d`: Markov chains at decreasing temperature, followed by a local search after an
-/// improvement.
+/// Dual annealing on `[0,1]^d`: Markov chains at decreasing temperature, followed by a local search
+/// after an improvement.
 ///
 /// Chain t = 0, 1, ... consists of 2d visits from the current point at the temperature
 ///
@@ -68,24 +72,27 @@ options! {
 /// ```
 ///
 /// A visited point replaces the current point if its value is lower, otherwise with probability
-/// [1 - (1 - a) Δ (t + 1) / T]^(1 / (1 - a)), or 0 if the bracket is not positive. Here a is the acceptance parameter
-/// and Δ the increase of the value. After the chain, a local search starts from the best point if the chain improved it
-/// or is the first since a restart. After a long stagnation, another local search starts from the best point of the
-/// chain. Below the restart temperature the annealing restarts from a random point; the best point and the number of
-/// chains without improvement are kept.
+/// [1 - (1 - a) Δ (t + 1) / T]^(1 / (1 - a)), or 0 if the bracket is not positive. Here a is the
+/// acceptance parameter and Δ the increase of the value. After the chain, a local search starts
+/// from the best point if the chain improved it or is the first since a restart. After a long
+/// stagnation, another local search starts from the best point of the chain. Below the restart
+/// temperature the annealing restarts from a random point; the best point and the number of chains
+/// without improvement are kept.
 ///
-/// The random numbers differ from SciPy's, which has another generator. The distributions and decisions are the same.
-/// An initial point is redrawn until its value is finite. Every coordinate is treated as continuous.
+/// The random numbers differ from SciPy's, which has another generator. The distributions and
+/// decisions are the same. An initial point is redrawn until its value is finite. Every coordinate
+/// is treated as continuous.
 ///
 /// # Units
-/// Jumps, the step of the finite differences (1e-8) and the gradient of the local search (`gtol` 1e-5) are in fractions of the
-/// box. SciPy 1.17.1 has the same numbers in the units of its bounds, so both agree for the bounds 0 and 1. Temperatures and
-/// the acceptance parameter have no unit of length. `docs/reference/plans.md` compares all parameters.
+/// Jumps, the step of the finite differences (1e-8) and the gradient of the local search (`gtol`
+/// 1e-5) are in fractions of the box. SciPy 1.17.1 has the same numbers in the units of its bounds,
+/// so both agree for the bounds 0 and 1. Temperatures and the acceptance parameter have no unit of
+/// length. `docs/reference/plans.md` compares all parameters.
 ///
 /// # Reference
-/// Xiang, Sun, Fan and Gong, "Generalized simulated annealing algorithm and its application to the Thomson model",
-/// Physics Letters A 233, 1997. Xiang, Gubian, Suomela and Hoeng, "Generalized simulated annealing for global
-/// optimization: the GenSA package", The R Journal 5/1, 2013.
+/// Xiang, Sun, Fan and Gong, "Generalized simulated annealing algorithm and its application to the
+/// Thomson model", Physics Letters A 233, 1997. Xiang, Gubian, Suomela and Hoeng, "Generalized
+/// simulated annealing for global optimization: the GenSA package", The R Journal 5/1, 2013.
 #[derive(Debug, Clone)]
 pub struct DualAnnealing {
     options: DualAnnealingOptions,
@@ -97,11 +104,12 @@ pub struct DualAnnealing {
     chain: usize,
     current: EvaluatedPoint,
     best: EvaluatedPoint,
-    /// The initial point and value of a local search because of stagnation. As in SciPy, the point is updated on every
-    /// acceptance, but the value is not.
+    /// The initial point and value of a local search because of stagnation. As in SciPy, the point
+    /// is updated on every acceptance, but the value is not.
     chain_best: EvaluatedPoint,
     improved: bool,
-    /// Chains since the last improvement of the best point, and the number of them that triggers a local search.
+    /// Chains since the last improvement of the best point, and the number of them that triggers a
+    /// local search.
     chains_without_improvement: usize,
     patience: usize,
     phase: Phase,
@@ -131,8 +139,8 @@ impl DualAnnealing {
     /// Creates a dual annealing on `[0,1]^dimension`.
     ///
     /// # Errors
-    /// [`SearchError::Dimension`] for dimension 0; [`SearchError::Option`] for a start outside `[0,1]^d` or of the
-    /// wrong length, or a number outside the documented range of its option.
+    /// [`SearchError::Dimension`] for dimension 0; [`SearchError::Option`] for a start outside
+    /// `[0,1]^d` or of the wrong length, or a number outside the documented range of its option.
     pub fn new(dimension: usize, seed: u64, options: &DualAnnealingOptions) -> Result<Self, SearchError> {
         check(dimension, options)?;
         let mut stream = Sequence::new(seed, 0);

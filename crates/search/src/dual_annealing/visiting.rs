@@ -7,7 +7,8 @@ const TAIL_LIMIT: f64 = 1e8;
 /// Coordinates below this value are increased by it.
 const MIN_COORDINATE: f64 = 1e-10;
 
-/// The distorted Cauchy-Lorentz distribution of generalized simulated annealing, wrapped into `[0,1]^d`.
+/// The distorted Cauchy-Lorentz distribution of generalized simulated annealing, wrapped into
+/// `[0,1]^d`.
 ///
 /// With x and y standard normal and q in (1, 3) the visiting parameter, a jump at temperature T is
 ///
@@ -45,8 +46,8 @@ impl VisitingDistribution {
         sigma * x / (power * y.abs().ln()).exp()
     }
 
-    /// Samples the point visited from `u` at `temperature` in step `j` of a Markov chain of length 2d. All
-    /// coordinates jump in the first d steps; only coordinate j - d jumps in the others.
+    /// Samples the point visited from `u` at `temperature` in step `j` of a Markov chain of length
+    /// 2d. All coordinates jump in the first d steps; only coordinate j - d jumps in the others.
     pub fn visit(&self, u: &[f64], j: usize, temperature: f64, stream: &mut Sequence) -> Vec<f64> {
         let mut visited = u.to_vec();
         if j < u.len() {
@@ -80,8 +81,8 @@ fn wrapped(x: f64) -> f64 {
     if inside < MIN_COORDINATE { inside + MIN_COORDINATE } else { inside }
 }
 
-/// Returns the gamma function of a positive number by the Lanczos approximation (g = 7, nine terms; relative error
-/// below 1e-14).
+/// Returns the gamma function of a positive number by the Lanczos approximation (g = 7, nine terms;
+/// relative error below 1e-14).
 fn gamma(x: f64) -> f64 {
     const TERMS: [f64; 8] = [
         676.520_368_121_885_1,
@@ -107,7 +108,8 @@ fn gamma(x: f64) -> f64 {
 mod tests {
     use super::*;
 
-    /// Γ(n + 1) = n!, Γ(1/2) = sqrt(π), Γ(1/10) = 9.513507698668731836... (DLMF 5.4, and published tables).
+    /// Γ(n + 1) = n!, Γ(1/2) = sqrt(π), Γ(1/10) = 9.513507698668731836... (DLMF 5.4, and published
+    /// tables).
     #[test]
     fn gamma_equals_published_values() {
         let known = [

@@ -11,18 +11,19 @@ use super::regression::Posterior;
 use super::surrogate::Surrogate;
 use mishandle_random::Sequence;
 
-/// A batch of candidates under construction. The variance shrinks around each chosen candidate as if its value were known;
-/// the mean does not change.
+/// A batch of candidates under construction. The variance shrinks around each chosen candidate as
+/// if its value were known; the mean does not change.
 ///
 /// # Reference
-/// Desautels, Krause and Burdick, "Parallelizing exploration-exploitation tradeoffs in Gaussian process bandit
-/// optimization", JMLR 15, 2014.
+/// Desautels, Krause and Burdick, "Parallelizing exploration-exploitation tradeoffs in Gaussian
+/// process bandit optimization", JMLR 15, 2014.
 pub(crate) struct Batch {
     scaled: ScaledPoints,
     posterior: Posterior,
     variance: f64,
     noise: f64,
-    /// For each chosen candidate, its posterior covariance with all others over its standard deviation.
+    /// For each chosen candidate, its posterior covariance with all others over its standard
+    /// deviation.
     columns: Vec<Vec<f64>>,
     taken: Vec<bool>,
 }
@@ -38,7 +39,8 @@ impl Batch {
         Some(Self { scaled, posterior, variance, noise, columns: Vec::new(), taken })
     }
 
-    /// Chooses the candidate among `range` with the lowest mean minus `kappa` standard deviations. `None` if all are taken.
+    /// Chooses the candidate among `range` with the lowest mean minus `kappa` standard deviations.
+    /// `None` if all are taken.
     pub(crate) fn choose(&mut self, range: Range<usize>, kappa: f64) -> Option<usize> {
         let chosen = self.lowest(range, kappa)?;
         self.take(chosen);
@@ -51,8 +53,8 @@ impl Batch {
         free.min_by(|&i, &j| bound(i).total_cmp(&bound(j)))
     }
 
-    /// Moves the candidate among `range` with the lowest mean minus `kappa` standard deviations to the nearest local minimizer
-    /// in `region`, unless that is in `history`.
+    /// Moves the candidate among `range` with the lowest mean minus `kappa` standard deviations to
+    /// the nearest local minimizer in `region`, unless that is in `history`.
     pub(crate) fn refine(
         &mut self,
         surrogate: &Surrogate,
@@ -76,7 +78,8 @@ impl Batch {
         self.posterior.whitened.column_mut(start).copy_from(&moved.whitened.column(0));
     }
 
-    /// Returns how many standard deviations the mean of a candidate is above `level`: the least number of all candidates.
+    /// Returns how many standard deviations the mean of a candidate is above `level`: the least
+    /// number of all candidates.
     pub(crate) fn distance(&self, level: f64) -> f64 {
         let Posterior { means, variances, .. } = &self.posterior;
         let distances =
@@ -110,7 +113,8 @@ impl Batch {
     }
 }
 
-/// Returns, for each of `n` samples of the posterior, the candidate with its lowest value; each candidate at most once.
+/// Returns, for each of `n` samples of the posterior, the candidate with its lowest value; each
+/// candidate at most once.
 pub(crate) fn thompson(
     surrogate: &Surrogate,
     candidates: &Candidates,

@@ -1,4 +1,5 @@
-//! Candidates for the next points: the box, its faces and corners, and neighborhoods of good points.
+//! Candidates for the next points: the box, its faces and corners, and neighborhoods of good
+//! points.
 
 use mishandle_random::Sequence;
 
@@ -6,8 +7,8 @@ use super::history::History;
 use super::space::TypedSpace;
 use crate::sobol::SobolPoints;
 
-/// The expected number of coordinates that a neighbor changes, at most. In many dimensions a change of all coordinates
-/// moves too far.
+/// The expected number of coordinates that a neighbor changes, at most. In many dimensions a change
+/// of all coordinates moves too far.
 const CHANGED: f64 = 20.0;
 /// The shortest and the longest step of a neighbor, as fractions of the box.
 const STEPS: (f64, f64) = (0.003, 0.3);
@@ -84,8 +85,8 @@ impl CandidateGenerator {
         Self { space, sobol, stream }
     }
 
-    /// Returns candidates in the whole box: `n` of them evenly spread, `n` on faces and corners if `with_faces`, and `n` near
-    /// the best points.
+    /// Returns candidates in the whole box: `n` of them evenly spread, `n` on faces and corners if
+    /// `with_faces`, and `n` near the best points.
     pub(crate) fn global(&mut self, history: &History, n: usize, with_faces: bool) -> Candidates {
         let mut candidates = Candidates::new(self.space.dimension());
         let mut point = vec![0.0; self.space.dimension()];
@@ -110,11 +111,13 @@ impl CandidateGenerator {
         candidates
     }
 
-    /// Returns `n` candidates in a region. Each differs from the center in a random subset of the coordinates.
+    /// Returns `n` candidates in a region. Each differs from the center in a random subset of the
+    /// coordinates.
     ///
     /// # Reference
-    /// Regis and Shoemaker, "Combining radial basis function surrogates and dynamic coordinate search in high-dimensional
-    /// expensive black-box optimization", Engineering Optimization 45(5), 2013.
+    /// Regis and Shoemaker, "Combining radial basis function surrogates and dynamic coordinate
+    /// search in high-dimensional expensive black-box optimization", Engineering Optimization
+    /// 45(5), 2013.
     pub(crate) fn local(&mut self, history: &History, region: &Region, n: usize) -> Candidates {
         let d = self.space.dimension();
         let mut candidates = Candidates::new(d);

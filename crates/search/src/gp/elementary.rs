@@ -1,9 +1,10 @@
-//! The exponential function and the cosine, written so that the compiler can vectorize them, and the tail of the normal
-//! distribution.
+//! The exponential function and the cosine, written so that the compiler can vectorize them, and
+//! the tail of the normal distribution.
 //!
 //! The standard library calls the C library, which computes one number at a time.
 
-/// Returns e^x for x ≤ 0, with a relative error below 4e-16. For x < -700 the result is that of -700, about 1e-304.
+/// Returns e^x for x ≤ 0, with a relative error below 4e-16. For x < -700 the result is that
+/// of -700, about 1e-304.
 ///
 /// ```text
 /// n = round(x / ln 2),  r = x - n ln 2 ∈ [-0.347, 0.347],  e^x = 2^n Σ rᵏ / k!
@@ -17,7 +18,8 @@
 pub(super) fn exp_of_nonpositive(x: f64) -> f64 {
     /// 1.5 · 2^52: adding it to a small number leaves the nearest integer in the lowest bits.
     const ROUND: f64 = 6_755_399_441_055_744.0;
-    /// The first 32 bits of ln 2, so that the product with a small integer is exact, and the remainder.
+    /// The first 32 bits of ln 2, so that the product with a small integer is exact, and the
+    /// remainder.
     const LN_2_HIGH: f64 = 6.931_471_803_691_238e-1;
     const LN_2_LOW: f64 = 1.908_214_929_270_587_7e-10;
     const INVERSE_FACTORIALS: [f64; 14] = [
@@ -67,7 +69,8 @@ pub(super) fn cosine_of_turns(x: f64) -> f64 {
     sum
 }
 
-/// Returns the probability that a standard normal number is above `z`, with an absolute error below 7.5e-8.
+/// Returns the probability that a standard normal number is above `z`, with an absolute error below
+/// 7.5e-8.
 ///
 /// # Reference
 /// Abramowitz and Stegun, "Handbook of Mathematical Functions", 1964, formula 26.2.17.

@@ -8,16 +8,18 @@ use super::triangular::solve_lower;
 use crate::RoundBased;
 use crate::lbfgsb::{Lbfgsb, LbfgsbOptions};
 
-/// The bounds of the logarithms of lengths, in units of the box. Longer lengths than 30 √d are indistinguishable from a
-/// coordinate without effect.
+/// The bounds of the logarithms of lengths, in units of the box. Longer lengths than 30 √d are
+/// indistinguishable from a coordinate without effect.
 const SHORTEST: f64 = 0.02;
 const LONGEST: f64 = 30.0;
 /// The bounds of the noise.
 const NOISE: (f64, f64) = (1e-6, 1.0);
-/// Standard deviations of the logarithms of the lengths: of the value that all have in common, and of each around it.
+/// Standard deviations of the logarithms of the lengths: of the value that all have in common, and
+/// of each around it.
 ///
-/// A few dozen points cannot tell the lengths of many coordinates apart. With independent wide priors the fit invents
-/// differences that mislead the search; with this one, lengths differ only as far as the data require.
+/// A few dozen points cannot tell the lengths of many coordinates apart. With independent wide
+/// priors the fit invents differences that mislead the search; with this one, lengths differ only
+/// as far as the data require.
 const COMMON_DEVIATION: f64 = 1.732_050_807_568_877_2;
 const LENGTH_DEVIATION: f64 = 0.4;
 /// The prior of the logarithm of the noise: mean and standard deviation.
@@ -56,8 +58,8 @@ impl LogParameters {
     }
 }
 
-/// Returns parameters with a larger posterior density than `start`, after at most `max_evaluations` evaluations of the
-/// density.
+/// Returns parameters with a larger posterior density than `start`, after at most `max_evaluations`
+/// evaluations of the density.
 pub(super) fn fit(data: &Data<'_>, start: &LogParameters, max_evaluations: usize) -> LogParameters {
     let bounds = bounds(data.dimension);
     let to_unit = |x: f64, (low, high): (f64, f64)| ((x - low) / (high - low)).clamp(0.0, 1.0);
@@ -87,10 +89,12 @@ fn bounds(dimension: usize) -> Vec<(f64, f64)> {
     bounds
 }
 
-/// Returns the negative logarithm of the posterior density of the parameters, up to a constant, and its gradient.
+/// Returns the negative logarithm of the posterior density of the parameters, up to a constant, and
+/// its gradient.
 ///
-/// Mean m and variance σ² of the process are at their optima, so that their derivatives vanish. With r = t - m,
-/// R̃ = R + λ I, α = R̃⁻¹ r and the weight b of the prior of the variance in observations,
+/// Mean m and variance σ² of the process are at their optima, so that their derivatives vanish.
+/// With r = t - m, R̃ = R + λ I, α = R̃⁻¹ r and the weight b of the prior of the variance in
+/// observations,
 ///
 /// ```text
 /// f = (n + b) / 2 ln σ² + ln |R̃| / 2 + priors,  σ² = (rᵀ α + b) / (n + b)
@@ -126,8 +130,9 @@ pub(super) fn negative_log_posterior(data: &Data<'_>, parameters: &LogParameters
 
 /// Adds tr(W ∂R) / 2 for the logarithm of each length.
 ///
-/// With the scaled coordinates a, the derivative of Rᵢⱼ by ln ℓₖ is slope(r²ᵢⱼ) (aᵢₖ - aⱼₖ)². For the symmetric M with
-/// the elements Wᵢⱼ slope(r²ᵢⱼ), the sum over i and j is 2 Σᵢ a²ᵢₖ Σⱼ Mᵢⱼ - 2 aₖᵀ M aₖ.
+/// With the scaled coordinates a, the derivative of Rᵢⱼ by ln ℓₖ is slope(r²ᵢⱼ) (aᵢₖ - aⱼₖ)². For
+/// the symmetric M with the elements Wᵢⱼ slope(r²ᵢⱼ), the sum over i and j is 2 Σᵢ a²ᵢₖ Σⱼ Mᵢⱼ - 2
+/// aₖᵀ M aₖ.
 fn add_length_gradient(
     gradient: &mut [f64],
     data: &Data<'_>,
@@ -147,8 +152,9 @@ fn add_length_gradient(
 
 /// Adds the gradient of the negative log prior, and returns its value.
 ///
-/// The logarithms of the lengths are a common value plus deviations, all normal. With their average a, the mean μ of the
-/// prior and the variances τ² of a deviation and s² of the common value, the exponent is
+/// The logarithms of the lengths are a common value plus deviations, all normal. With their average
+/// a, the mean μ of the prior and the variances τ² of a deviation and s² of the common value, the
+/// exponent is
 ///
 /// ```text
 /// Σ (xₖ - a)² / (2 τ²) + d (a - μ)² / (2 (τ² + d s²))
@@ -174,8 +180,9 @@ fn add_priors(gradient: &mut [f64], parameters: &LogParameters) -> f64 {
 /// Returns the mean of the prior of the logarithm of a length, √2 + ln √d.
 ///
 /// # Reference
-/// Hvarfner, Hellsten and Nardi, "Vanilla Bayesian optimization performs great in high dimensions", ICML 2024: with lengths
-/// that grow with √d, the model does not become more complex with the dimension.
+/// Hvarfner, Hellsten and Nardi, "Vanilla Bayesian optimization performs great in high dimensions",
+/// ICML 2024: with lengths that grow with √d, the model does not become more complex with the
+/// dimension.
 fn mean_log_length(dimension: usize) -> f64 {
     std::f64::consts::SQRT_2 + 0.5 * (dimension as f64).ln()
 }

@@ -3,12 +3,12 @@
 use std::collections::HashSet;
 use std::hash::{DefaultHasher, Hash, Hasher};
 
-/// The number of evaluations that are kept. Beyond it the best and the latest halves of this number remain, so that the
-/// memory is bounded.
+/// The number of evaluations that are kept. Beyond it the best and the latest halves of this number
+/// remain, so that the memory is bounded.
 const CAPACITY: usize = 4096;
 
-/// Values above this quantile of the earlier ones count as equal to it. How bad a bad point is matters little, and simulations of
-/// such points can end early.
+/// Values above this quantile of the earlier ones count as equal to it. How bad a bad point is
+/// matters little, and simulations of such points can end early.
 const CAP: f64 = 0.75;
 
 /// Evaluated points with their robustness, oldest first.
@@ -36,7 +36,8 @@ impl Default for History {
 }
 
 impl History {
-    /// Returns the value that higher ones of the next round count as: not negative, and `+∞` without evaluations.
+    /// Returns the value that higher ones of the next round count as: not negative, and `+∞`
+    /// without evaluations.
     pub(crate) fn cap(&self) -> f64 {
         self.cap
     }
@@ -87,15 +88,16 @@ impl History {
         self.seen.contains(&hash(point))
     }
 
-    /// Returns the indices of the kept evaluations, lowest value first; of equal values the latest first, so that a search
-    /// moves on plateaus.
+    /// Returns the indices of the kept evaluations, lowest value first; of equal values the latest
+    /// first, so that a search moves on plateaus.
     pub(crate) fn by_value(&self) -> Vec<usize> {
         let mut order: Vec<usize> = (0..self.len()).rev().collect();
         order.sort_by(|&i, &j| self.values[i].total_cmp(&self.values[j]));
         order
     }
 
-    /// Returns the value that at least the fraction `q` of the kept evaluations does not exceed; `+∞` without evaluations.
+    /// Returns the value that at least the fraction `q` of the kept evaluations does not exceed;
+    /// `+∞` without evaluations.
     fn quantile(&self, q: f64) -> f64 {
         let mut values = self.values.clone();
         if values.is_empty() {
@@ -105,7 +107,8 @@ impl History {
         *values.select_nth_unstable_by(rank - 1, f64::total_cmp).1
     }
 
-    /// Returns the indices of at most `most` evaluations in order of time: the best half, and the latest of the others.
+    /// Returns the indices of at most `most` evaluations in order of time: the best half, and the
+    /// latest of the others.
     pub(crate) fn selection(&self, most: usize) -> Vec<usize> {
         if self.len() <= most {
             return (0..self.len()).collect();

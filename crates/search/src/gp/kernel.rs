@@ -33,7 +33,8 @@ pub(super) struct ScaledPoints {
 impl ScaledPoints {
     /// Scales points, given as the columns of `features`, by one factor per feature.
     pub(super) fn new(features: &DMatrix<f64>, factors: &[f64]) -> Self {
-        // Features are in [0, 1]. Around their center the difference of squared norms loses fewer digits.
+        // Features are in [0, 1]. Around their center the difference of squared norms loses fewer
+        // digits.
         let rows = DMatrix::from_fn(features.ncols(), features.nrows(), |i, k| {
             (features[(k, i)] - 0.5) * factors[k]
         });
@@ -50,7 +51,8 @@ impl ScaledPoints {
         self.squared_norms.extend_from_slice(&more.squared_norms);
     }
 
-    /// Returns the squared distances between all points and all `others`: one row per point, one column per other.
+    /// Returns the squared distances between all points and all `others`: one row per point, one
+    /// column per other.
     pub(super) fn squared_distances(&self, others: &ScaledPoints) -> DMatrix<f64> {
         let mut squared = &self.rows * others.rows.transpose();
         for (j, mut column) in squared.column_iter_mut().enumerate() {

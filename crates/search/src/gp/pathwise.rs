@@ -1,4 +1,5 @@
-//! Samples of the posterior as functions: a sample of the prior plus the correction that the data require.
+//! Samples of the posterior as functions: a sample of the prior plus the correction that the data
+//! require.
 
 use mishandle_random::Sequence;
 use nalgebra::{DMatrix, DVector};
@@ -9,14 +10,17 @@ use super::regression::GaussianProcess;
 /// The number of random Fourier features that approximate the prior.
 const FEATURES: usize = 256;
 
-/// Returns `n` samples of the posterior at points, given as columns of features: one row per point, one column per sample.
+/// Returns `n` samples of the posterior at points, given as columns of features: one row per point,
+/// one column per sample.
 ///
-/// A sample is f(x) + k(x)ᵀ (R + λ I)⁻¹ (t - f(X) - ε). The sample f of the prior is a sum of cosines with frequencies
-/// from the spectral density of the Matérn-5/2 correlation, which is the density of Student's t with 5 degrees of freedom.
+/// A sample is f(x) + k(x)ᵀ (R + λ I)⁻¹ (t - f(X) - ε). The sample f of the prior is a sum of
+/// cosines with frequencies from the spectral density of the Matérn-5/2 correlation, which is the
+/// density of Student's t with 5 degrees of freedom.
 ///
 /// # Reference
-/// Wilson, Borovitskiy, Terenin, Mostowsky and Deisenroth, "Efficiently sampling functions from Gaussian process
-/// posteriors", ICML 2020. Rahimi and Recht, "Random features for large-scale kernel machines", NIPS 2007.
+/// Wilson, Borovitskiy, Terenin, Mostowsky and Deisenroth, "Efficiently sampling functions from
+/// Gaussian process posteriors", ICML 2020. Rahimi and Recht, "Random features for large-scale
+/// kernel machines", NIPS 2007.
 pub(super) fn posterior_samples(
     model: &GaussianProcess,
     features: &DMatrix<f64>,
@@ -41,7 +45,8 @@ pub(super) fn posterior_samples(
     samples
 }
 
-/// Returns one frequency per column: a normal vector over the root of an independent χ² variable per degree of freedom.
+/// Returns one frequency per column: a normal vector over the root of an independent χ² variable
+/// per degree of freedom.
 fn frequencies(n_features: usize, stream: &mut Sequence) -> DMatrix<f64> {
     let mut frequencies = normals(n_features, FEATURES, stream);
     let squares = normals(5, FEATURES, stream);

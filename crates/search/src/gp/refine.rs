@@ -10,8 +10,8 @@ use crate::lbfgsb::{Lbfgsb, LbfgsbOptions};
 /// Evaluations of the bound and its gradient for one point.
 const EFFORT: usize = 14;
 
-/// Returns a point of `region` with a lower bound than `start`: mean minus `kappa` standard deviations. Integers and
-/// categories keep their levels. `None` without a model.
+/// Returns a point of `region` with a lower bound than `start`: mean minus `kappa` standard
+/// deviations. Integers and categories keep their levels. `None` without a model.
 pub(super) fn refined(surrogate: &Surrogate, start: &[f64], region: &Region, kappa: f64) -> Option<Vec<f64>> {
     let model = surrogate.model()?;
     let space = surrogate.space();
@@ -61,7 +61,8 @@ fn edge(surrogate: &Surrogate, region: &Region, start: &[f64], k: usize) -> (f64
 
 /// Returns m + kᵀα - κ s and its gradient by the features, s² = σ² (1 - |L⁻¹ k|²).
 ///
-/// The derivative of correlation i by feature j is -slope(r²ᵢ) (aⱼ - aᵢⱼ) fⱼ with the scaled features a and the factors f.
+/// The derivative of correlation i by feature j is -slope(r²ᵢ) (aⱼ - aᵢⱼ) fⱼ with the scaled
+/// features a and the factors f.
 pub(super) fn bound_and_gradient(
     model: &super::regression::GaussianProcess,
     features: &DMatrix<f64>,

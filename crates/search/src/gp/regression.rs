@@ -5,8 +5,8 @@ use nalgebra::{Cholesky, DMatrix, DVector};
 use super::kernel::ScaledPoints;
 use super::triangular::solve_lower;
 
-/// The parameters of the correlation: one length per feature, and the variance of the noise as a fraction of the variance
-/// of the process.
+/// The parameters of the correlation: one length per feature, and the variance of the noise as a
+/// fraction of the variance of the process.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Correlation {
     pub lengths: Vec<f64>,
@@ -16,13 +16,15 @@ pub(super) struct Correlation {
 /// A Gaussian process with constant mean, conditioned on noisy targets.
 ///
 /// # Reference
-/// Rasmussen and Williams, "Gaussian Processes for Machine Learning", 2006, algorithm 2.1 and section 5.4.2.
+/// Rasmussen and Williams, "Gaussian Processes for Machine Learning", 2006, algorithm 2.1 and
+/// section 5.4.2.
 #[derive(Debug, Clone)]
 pub(super) struct GaussianProcess {
     pub noise: f64,
     factors: Vec<f64>,
     points: ScaledPoints,
-    /// The lower Cholesky factor L of the correlation matrix with the noise on its diagonal, R + λ I.
+    /// The lower Cholesky factor L of the correlation matrix with the noise on its diagonal, R + λ
+    /// I.
     factor: DMatrix<f64>,
     targets: DVector<f64>,
     /// (R + λ I)⁻¹ (targets - mean).
@@ -31,7 +33,8 @@ pub(super) struct GaussianProcess {
     pub variance: f64,
 }
 
-/// Means and variances of the latent function at some points, with L⁻¹ k for each point as a column.
+/// Means and variances of the latent function at some points, with L⁻¹ k for each point as a
+/// column.
 pub(super) struct Posterior {
     pub means: Vec<f64>,
     pub variances: Vec<f64>,
@@ -39,8 +42,8 @@ pub(super) struct Posterior {
 }
 
 impl GaussianProcess {
-    /// Factors the correlation matrix of the points, which are the columns of `features`. `None` if it is not numerically
-    /// positive definite.
+    /// Factors the correlation matrix of the points, which are the columns of `features`. `None` if
+    /// it is not numerically positive definite.
     pub(super) fn new(features: &DMatrix<f64>, parameters: &Correlation) -> Option<Self> {
         let factors: Vec<f64> = parameters.lengths.iter().map(|length| length.recip()).collect();
         let points = ScaledPoints::new(features, &factors);
@@ -63,9 +66,11 @@ impl GaussianProcess {
         self.factor.nrows()
     }
 
-    /// Adds points, and extends the factor by the rows of a blocked Cholesky factorization. Targets must be set again.
+    /// Adds points, and extends the factor by the rows of a blocked Cholesky factorization. Targets
+    /// must be set again.
     ///
-    /// Returns `false`, and changes nothing, if the extended matrix is not numerically positive definite.
+    /// Returns `false`, and changes nothing, if the extended matrix is not numerically positive
+    /// definite.
     #[must_use]
     pub(super) fn extend(&mut self, features: &DMatrix<f64>) -> bool {
         let (n, added) = (self.len(), features.ncols());
@@ -83,8 +88,8 @@ impl GaussianProcess {
         true
     }
 
-    /// Conditions on targets. The mean is the generalized least-squares estimate, the variance that of
-    /// [`posterior_variance`].
+    /// Conditions on targets. The mean is the generalized least-squares estimate, the variance that
+    /// of [`posterior_variance`].
     pub(super) fn condition(&mut self, targets: &[f64]) {
         let ones = self.solve(&DVector::repeat(targets.len(), 1.0));
         let targets = DVector::from_column_slice(targets);
@@ -162,8 +167,8 @@ impl GaussianProcess {
         -0.5 * (squares / self.variance + n * (std::f64::consts::TAU * self.variance).ln() + log_determinant)
     }
 
-    /// Returns, for each point, the mean that the model of all other points predicts there, with the same
-    /// hyperparameters and mean: tᵢ - wᵢ / [(R + λ I)⁻¹]ᵢᵢ.
+    /// Returns, for each point, the mean that the model of all other points predicts there, with
+    /// the same hyperparameters and mean: tᵢ - wᵢ / [(R + λ I)⁻¹]ᵢᵢ.
     pub(super) fn leave_one_out(&self) -> Vec<f64> {
         let n = self.len();
         let mut inverse = DMatrix::identity(n, n);
@@ -177,8 +182,9 @@ impl GaussianProcess {
 /// The weight of the prior of the variance, in observations.
 pub(super) const PRIOR_OBSERVATIONS: f64 = 2.0;
 
-/// Returns the estimate of the process variance from rᵀ (R + λ I)⁻¹ r of n residuals: the mode under a scaled inverse χ²
-/// prior around 1, the variance of standardized targets. It is positive for constant targets, too.
+/// Returns the estimate of the process variance from rᵀ (R + λ I)⁻¹ r of n residuals: the mode
+/// under a scaled inverse χ² prior around 1, the variance of standardized targets. It is positive
+/// for constant targets, too.
 pub(super) fn posterior_variance(squares: f64, n: usize) -> f64 {
     (squares + PRIOR_OBSERVATIONS) / (n as f64 + PRIOR_OBSERVATIONS)
 }

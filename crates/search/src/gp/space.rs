@@ -10,8 +10,8 @@ const ONE_HOT: f64 = std::f64::consts::FRAC_1_SQRT_2;
 
 /// The coordinates of a search with their types.
 ///
-/// All points of a search are *snapped*: an integer or categorical coordinate is the center of its level, so that two
-/// points of the same level are equal.
+/// All points of a search are *snapped*: an integer or categorical coordinate is the center of its
+/// level, so that two points of the same level are equal.
 #[derive(Debug, Clone)]
 pub(crate) struct TypedSpace {
     coordinates: Vec<Coordinate>,
@@ -60,7 +60,8 @@ impl TypedSpace {
         center
     }
 
-    /// Returns coordinate `k` on the lower or upper face. A category has no faces: it gets a random level.
+    /// Returns coordinate `k` on the lower or upper face. A category has no faces: it gets a random
+    /// level.
     pub(crate) fn face(&self, k: usize, upper: bool, stream: &mut Sequence) -> f64 {
         let x = match self.coordinates[k] {
             Coordinate::Categorical { .. } => stream.uniform(),
@@ -69,8 +70,8 @@ impl TypedSpace {
         snapped(x, self.coordinates[k])
     }
 
-    /// Returns coordinate `k` after a step from `x`, clipped to the box. An integer moves by at least one level; a category
-    /// gets a random level.
+    /// Returns coordinate `k` after a step from `x`, clipped to the box. An integer moves by at
+    /// least one level; a category gets a random level.
     pub(crate) fn stepped(&self, k: usize, x: f64, step: f64, stream: &mut Sequence) -> f64 {
         match self.coordinates[k] {
             Coordinate::Continuous => (x + step).clamp(0.0, 1.0),
@@ -83,7 +84,8 @@ impl TypedSpace {
         }
     }
 
-    /// Returns the features of snapped points as columns: a number as it is, a category as one-hot vector.
+    /// Returns the features of snapped points as columns: a number as it is, a category as one-hot
+    /// vector.
     pub(super) fn features<'a>(&self, points: impl ExactSizeIterator<Item = &'a [f64]>) -> DMatrix<f64> {
         let mut features = DMatrix::zeros(self.coordinate_of.len(), points.len());
         for (point, mut column) in points.zip(features.column_iter_mut()) {

@@ -6,11 +6,13 @@ use super::regression::GaussianProcess;
 use super::space::TypedSpace;
 use super::transform::{Transform, rank_correlation};
 
-/// The number of evaluations that a new model uses at most, so that the time of a proposal is bounded.
+/// The number of evaluations that a new model uses at most, so that the time of a proposal is
+/// bounded.
 const MAX_ACTIVE: usize = 384;
 /// The number of evaluations that determine the hyperparameters at most.
 const MAX_FITTED: usize = 128;
-/// The number of evaluations between two fits is this fraction of the evaluations so far, within these bounds.
+/// The number of evaluations between two fits is this fraction of the evaluations so far, within
+/// these bounds.
 const GAP: f64 = 0.3;
 const GAPS: (usize, usize) = (4, 64);
 /// Evaluations of the likelihood in the first and in later fits.
@@ -24,7 +26,8 @@ pub(crate) struct Surrogate {
     transform: Transform,
     parameters: LogParameters,
     is_first: bool,
-    /// The indices of the modeled evaluations in the history, and how many evaluations it had dropped then.
+    /// The indices of the modeled evaluations in the history, and how many evaluations it had
+    /// dropped then.
     active: Vec<usize>,
     n_dropped: usize,
     /// The number of evaluations that triggers the next fit.
@@ -80,8 +83,8 @@ impl Surrogate {
         self.level
     }
 
-    /// Returns the rank correlation of targets with the leave-one-out predictions of the last fit: about 0 if the model has
-    /// learned nothing.
+    /// Returns the rank correlation of targets with the leave-one-out predictions of the last fit:
+    /// about 0 if the model has learned nothing.
     pub(crate) fn rank_correlation(&self) -> f64 {
         self.rank_correlation
     }
@@ -113,7 +116,8 @@ impl Surrogate {
         }
     }
 
-    /// Chooses the modeled evaluations, fits the hyperparameters and factors the correlation matrix.
+    /// Chooses the modeled evaluations, fits the hyperparameters and factors the correlation
+    /// matrix.
     fn rebuild(&mut self, history: &History) {
         let n = history.n_dropped() + history.len();
         self.next_fit = n + ((GAP * n as f64) as usize).clamp(GAPS.0, GAPS.1);
@@ -138,7 +142,8 @@ impl Surrogate {
         let dimension = self.space.dimension();
         let coordinate_of = self.space.coordinate_of();
         let data = Data { features: &features, coordinate_of, targets: &targets, dimension };
-        // The posterior density may have several maxima: starting at the prior as well leaves a poor one.
+        // The posterior density may have several maxima: starting at the prior as well leaves a
+        // poor one.
         let density = |parameters: &LogParameters| {
             negative_log_posterior(&data, parameters).map_or(f64::INFINITY, |(value, _)| value)
         };

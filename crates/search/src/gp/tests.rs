@@ -1,5 +1,5 @@
-//! Agreement of the model with scikit-learn, whose results `tests/golden/gaussian_process/make.py` writes, and with
-//! finite differences.
+//! Agreement of the model with scikit-learn, whose results `tests/golden/gaussian_process/make.py`
+//! writes, and with finite differences.
 
 use std::fs;
 use std::path::Path;
@@ -103,7 +103,8 @@ fn an_extended_model_agrees_with_scikit_learn() {
     }
 }
 
-/// Generalized least squares: the derivative of the log likelihood by the mean vanishes, so a shifted mean is worse.
+/// Generalized least squares: the derivative of the log likelihood by the mean vanishes, so a
+/// shifted mean is worse.
 #[test]
 fn estimated_mean_maximizes_the_likelihood() {
     for case in cases() {
@@ -194,8 +195,8 @@ fn gradient_of_the_lower_confidence_bound_agrees_with_differences() {
     }
 }
 
-/// Means and variances of many samples agree with the posterior. The tolerances are five standard errors plus the error
-/// of the random features.
+/// Means and variances of many samples agree with the posterior. The tolerances are five standard
+/// errors plus the error of the random features.
 #[test]
 fn samples_have_the_moments_of_the_posterior() {
     for case in &cases()[..3] {

@@ -1,9 +1,9 @@
 //! Transforms of robustness to targets of a Gaussian process.
 //!
-//! Robustness has heavy tails (a ball that falls off the table), ties (robustness of discrete events) and infinite values
-//! (simulations without a verdict). A Gaussian process fits none of them. All transforms are monotone and give targets
-//! with mean 0 and variance 1. Infinite values become the largest finite one: all that is known of them is that they are
-//! not low.
+//! Robustness has heavy tails (a ball that falls off the table), ties (robustness of discrete
+//! events) and infinite values (simulations without a verdict). A Gaussian process fits none of
+//! them. All transforms are monotone and give targets with mean 0 and variance 1. Infinite values
+//! become the largest finite one: all that is known of them is that they are not low.
 
 /// A transform of robustness.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -30,7 +30,8 @@ impl Transform {
         }
     }
 
-    /// Returns the targets of `values`, which contain no NaN, and the target that a robustness of `level` would have.
+    /// Returns the targets of `values`, which contain no NaN, and the target that a robustness of
+    /// `level` would have.
     pub(crate) fn targets(self, values: &[f64], level: f64) -> (Vec<f64>, f64) {
         let highest = values.iter().copied().filter(|y| y.is_finite()).fold(f64::NEG_INFINITY, f64::max);
         let lowest = values.iter().copied().filter(|y| y.is_finite()).fold(f64::INFINITY, f64::min);
@@ -51,8 +52,8 @@ impl Transform {
     }
 }
 
-/// Returns median and a robust measure of scale: the interquartile range over that of the normal distribution, or the
-/// standard deviation if at least half of the values are equal.
+/// Returns median and a robust measure of scale: the interquartile range over that of the normal
+/// distribution, or the standard deviation if at least half of the values are equal.
 fn median_and_scale(values: &[f64]) -> (f64, f64) {
     let mut sorted = values.to_vec();
     sorted.sort_by(f64::total_cmp);
@@ -76,8 +77,8 @@ fn standardized(mut values: Vec<f64>, level: f64) -> (Vec<f64>, f64) {
     (values, (level - mean) * scale)
 }
 
-/// Returns the normal scores Φ⁻¹((rank - 3/8) / (n + 1/4)). The score of a level between two values is interpolated;
-/// below the lowest value it continues with the mean slope from the median.
+/// Returns the normal scores Φ⁻¹((rank - 3/8) / (n + 1/4)). The score of a level between two values
+/// is interpolated; below the lowest value it continues with the mean slope from the median.
 fn normal_scores(values: &[f64], level: f64) -> (Vec<f64>, f64) {
     let ranks = mean_ranks(values);
     let n = values.len() as f64;
@@ -123,8 +124,8 @@ pub(crate) fn rank_correlation(a: &[f64], b: &[f64]) -> f64 {
     if scale > 0.0 { sum(&a, &b) / scale } else { 0.0 }
 }
 
-/// Returns the quantile function of the standard normal distribution for p in (0, 1), with a relative error below
-/// 1.2e-9.
+/// Returns the quantile function of the standard normal distribution for p in (0, 1), with a
+/// relative error below 1.2e-9.
 ///
 /// # Reference
 /// Acklam, "An algorithm for computing the inverse normal cumulative distribution function", 2003.
@@ -216,7 +217,8 @@ mod tests {
         }
     }
 
-    /// A level equal to a value has the target of the value; a level below all values is below all targets.
+    /// A level equal to a value has the target of the value; a level below all values is below all
+    /// targets.
     #[test]
     fn level_is_on_the_scale_of_the_targets() {
         let values = [0.3, 0.9, 0.1, 2.0, 50.0];
@@ -243,7 +245,8 @@ mod tests {
         }
     }
 
-    /// Ranks 1, 2.5, 2.5, 4 and 4, 1.5, 1.5, 3: the centered products sum to -1.5, the centered squares to 4.5 each.
+    /// Ranks 1, 2.5, 2.5, 4 and 4, 1.5, 1.5, 3: the centered products sum to -1.5, the centered
+    /// squares to 4.5 each.
     #[test]
     fn rank_correlation_averages_ties() {
         let (a, b) = ([0.0, 1.0, 1.0, 9.0], [8.0, 2.0, 2.0, 3.0]);

@@ -7,10 +7,11 @@ const BLOCK: usize = 32;
 /// The number of right-hand sides from which blocks are faster.
 const MANY: usize = 8;
 
-/// Overwrites `right` with L⁻¹ `right` for the lower triangle L of `lower`. Entries above the diagonal are ignored.
+/// Overwrites `right` with L⁻¹ `right` for the lower triangle L of `lower`. Entries above the
+/// diagonal are ignored.
 ///
-/// The diagonal blocks are inverted, so that nearly all of the time goes to the library's matrix product, which is much
-/// faster than its triangular solver.
+/// The diagonal blocks are inverted, so that nearly all of the time goes to the library's matrix
+/// product, which is much faster than its triangular solver.
 pub(super) fn solve_lower(lower: &DMatrix<f64>, right: &mut DMatrix<f64>) {
     let (n, columns) = right.shape();
     if columns < MANY {

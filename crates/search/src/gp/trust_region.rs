@@ -10,7 +10,8 @@ const SUCCESSES: usize = 3;
 /// The fraction of the best value that a success must improve by.
 const IMPROVEMENT: f64 = 1e-3;
 
-/// Returns whether a value is so much lower than the best one that it counts as a success. Any finite value improves `+∞`.
+/// Returns whether a value is so much lower than the best one that it counts as a success. Any
+/// finite value improves `+∞`.
 pub(crate) fn is_success(value: f64, best: f64) -> bool {
     if best.is_infinite() { value < best } else { value < best - IMPROVEMENT * best.abs() }
 }
@@ -18,8 +19,8 @@ pub(crate) fn is_success(value: f64, best: f64) -> bool {
 /// A trust region with the rules of TuRBO-1.
 ///
 /// # Reference
-/// Eriksson, Pearce, Gardner, Turner and Poloczek, "Scalable global optimization via local Bayesian optimization",
-/// NeurIPS 2019.
+/// Eriksson, Pearce, Gardner, Turner and Poloczek, "Scalable global optimization via local Bayesian
+/// optimization", NeurIPS 2019.
 #[derive(Debug, Clone)]
 pub(crate) struct TrustRegion {
     edge: f64,
@@ -63,8 +64,8 @@ impl TrustRegion {
         self.edge < SHORTEST_EDGE
     }
 
-    /// Returns the region around `center`, with edges in proportion to the lengths of the model and the same volume as a
-    /// cube.
+    /// Returns the region around `center`, with edges in proportion to the lengths of the model and
+    /// the same volume as a cube.
     pub(crate) fn around(&self, center: &[f64], lengths: &[f64]) -> Region {
         let mean = lengths.iter().map(|length| length.ln()).sum::<f64>() / lengths.len() as f64;
         let half_edge = |length: &f64| (0.5 * self.edge * length / mean.exp()).min(1.0);
@@ -76,7 +77,8 @@ impl TrustRegion {
 mod tests {
     use super::*;
 
-    /// With d = 8 and rounds of 2 points, four failures halve the edge; three successes double it, at most to 1.6.
+    /// With d = 8 and rounds of 2 points, four failures halve the edge; three successes double it,
+    /// at most to 1.6.
     #[test]
     fn edge_follows_the_rules_of_turbo() {
         let mut region = TrustRegion::new(8);

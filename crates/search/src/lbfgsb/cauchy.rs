@@ -1,4 +1,5 @@
-//! The generalized Cauchy point: the first local minimizer of the model along the projected gradient path.
+//! The generalized Cauchy point: the first local minimizer of the model along the projected
+//! gradient path.
 
 use std::cmp::Ordering;
 
@@ -15,10 +16,11 @@ pub(super) struct CauchyPoint {
     pub(super) free: Vec<usize>,
 }
 
-/// Follows the path from `x` along -`g`, projected on `[0,1]^d`, to the first local minimizer of the quadratic model.
+/// Follows the path from `x` along -`g`, projected on `[0,1]^d`, to the first local minimizer of
+/// the quadratic model.
 ///
-/// The model's slope f' and curvature f'' along each segment are updated from those of the previous segment. At each
-/// breakpoint one coordinate reaches its bound and becomes fixed.
+/// The model's slope f' and curvature f'' along each segment are updated from those of the previous
+/// segment. At each breakpoint one coordinate reaches its bound and becomes fixed.
 ///
 /// # Reference
 /// Byrd, Lu, Nocedal and Zhu 1995, algorithm CP.

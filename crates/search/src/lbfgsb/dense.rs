@@ -25,8 +25,8 @@ impl SquareMatrix {
         self.entries[row * self.n + column] += value;
     }
 
-    /// Moves every entry up and left by one, overwriting the first row and column. The last row and column are
-    /// unchanged.
+    /// Moves every entry up and left by one, overwriting the first row and column. The last row and
+    /// column are unchanged.
     pub(super) fn shift(&mut self) {
         for row in 1..self.n {
             for column in 1..self.n {

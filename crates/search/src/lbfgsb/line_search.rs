@@ -38,11 +38,13 @@ pub(super) enum TrialResult {
 
 /// A line search along a ray, from step 0 with a negative slope.
 ///
-/// It maintains an interval that contains an acceptable step, between the best trial and another trial, and shrinks it
-/// by cubic and quadratic interpolation. In the first stage, until ψ ≤ 0 and φ' ≥ 0 at a trial, it uses ψ instead of φ.
+/// It maintains an interval that contains an acceptable step, between the best trial and another
+/// trial, and shrinks it by cubic and quadratic interpolation. In the first stage, until ψ ≤ 0 and
+/// φ' ≥ 0 at a trial, it uses ψ instead of φ.
 ///
 /// # Reference
-/// Moré and Thuente, "Line search algorithms with guaranteed sufficient decrease", ACM TOMS 20, 1994.
+/// Moré and Thuente, "Line search algorithms with guaranteed sufficient decrease", ACM TOMS
+/// 20, 1994.
 #[derive(Debug, Clone)]
 pub(super) struct LineSearch {
     start: Trial,
@@ -60,7 +62,8 @@ pub(super) struct LineSearch {
 }
 
 impl LineSearch {
-    /// Creates a line search from `value` with `slope` < 0. The first trial step is 1; no step exceeds `max_step`.
+    /// Creates a line search from `value` with `slope` < 0. The first trial step is 1; no step
+    /// exceeds `max_step`.
     pub(super) fn new(value: f64, slope: f64, max_step: f64) -> Self {
         let start = Trial { step: 0.0, value, slope };
         Self {
@@ -126,8 +129,8 @@ impl LineSearch {
         let opposite = trial.slope * (best.slope / best.slope.abs()) < 0.0;
         let along = trial.step > best.step;
         let next = if trial.value > best.value {
-            // A higher value brackets a minimum. Take the cubic step if it is closer to the best step than the
-            // quadratic step, otherwise their mean.
+            // A higher value brackets a minimum. Take the cubic step if it is closer to the best
+            // step than the quadratic step, otherwise their mean.
             self.bracketed = true;
             let cubic = cubic_step(*best, trial, trial.step < best.step);
             let secant = (best.value - trial.value) / (trial.step - best.step) + best.slope;
@@ -138,8 +141,8 @@ impl LineSearch {
                 cubic + (quadratic - cubic) / 2.0
             }
         } else if opposite {
-            // A lower value and a slope of the opposite sign also bracket a minimum. Take the cubic or the secant step,
-            // whichever is farther from the trial.
+            // A lower value and a slope of the opposite sign also bracket a minimum. Take the cubic
+            // or the secant step, whichever is farther from the trial.
             self.bracketed = true;
             farther(cubic_step(trial, *best, along), secant_step(*best, trial), trial.step)
         } else if trial.slope.abs() < best.slope.abs() {
@@ -212,7 +215,8 @@ fn cubic_step(from: Trial, to: Trial, negate: bool) -> f64 {
     from.step + p / q * (to.step - from.step)
 }
 
-/// Returns the minimizer of the cubic interpolant if it is beyond the trial, otherwise the end of the interval there.
+/// Returns the minimizer of the cubic interpolant if it is beyond the trial, otherwise the end of
+/// the interval there.
 fn cubic_step_ahead(best: Trial, trial: Trial, along: bool, (low, high): (f64, f64)) -> f64 {
     let (theta, gamma) = cubic_coefficients(best, trial, true);
     let gamma = if along { -gamma } else { gamma };

@@ -6,7 +6,8 @@ use super::dense::{SquareMatrix, dot};
 
 /// The last correction pairs, steps s and gradient changes y, and quantities derived from them.
 ///
-/// S and Y have the pairs as columns, oldest first. D is the diagonal and L the strictly lower triangle of SᵀY.
+/// S and Y have the pairs as columns, oldest first. D is the diagonal and L the strictly lower
+/// triangle of SᵀY.
 ///
 /// ```text
 /// B = θI - W M Wᵀ,   W = [Y  θS],   M = [-D  Lᵀ; L  θSᵀS]⁻¹,   θ = yᵀy / yᵀs of the newest pair
@@ -14,8 +15,8 @@ use super::dense::{SquareMatrix, dot};
 /// ```
 ///
 /// # Reference
-/// Byrd, Lu, Nocedal and Zhu, "A limited memory algorithm for bound constrained optimization", SIAM J. Sci. Comput.
-/// 16, 1995, section 3.
+/// Byrd, Lu, Nocedal and Zhu, "A limited memory algorithm for bound constrained optimization", SIAM
+/// J. Sci. Comput. 16, 1995, section 3.
 #[derive(Debug, Clone)]
 pub(super) struct Memory {
     capacity: usize,
@@ -72,7 +73,8 @@ impl Memory {
         self.has_new_pair = false;
     }
 
-    /// Adds a pair, given sᵀs and yᵀs. If T is not positive definite, clears the memory and returns `None`.
+    /// Adds a pair, given sᵀs and yᵀs. If T is not positive definite, clears the memory and returns
+    /// `None`.
     pub(super) fn push(&mut self, s: Vec<f64>, y: Vec<f64>, ss: f64, ys: f64) -> Option<()> {
         self.has_new_pair = true;
         if self.len() == self.capacity {

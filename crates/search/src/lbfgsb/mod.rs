@@ -29,7 +29,8 @@ pub struct LbfgsbOptions {
     pub ftol: f64,
     /// Ends if no component of the projected gradient exceeds this value (1e-5).
     pub gtol: f64,
-    /// The step of the finite differences, which are forward, or backward at the upper bound (1e-8).
+    /// The step of the finite differences, which are forward, or backward at the upper bound
+    /// (1e-8).
     pub difference: f64,
     /// The maximum number of iterations (15,000).
     pub max_iterations: usize,
@@ -55,15 +56,17 @@ impl Default for LbfgsbOptions {
 
 /// The quasi-Newton method L-BFGS-B 3.0 on `[0,1]^d`, as SciPy runs it without a gradient.
 ///
-/// Each round consists of one point u and its d neighbors u + h eᵢ (or u - h eᵢ at the upper bound), from which value
-/// and gradient are computed. An iteration computes the generalized Cauchy point of the limited-memory model,
-/// minimizes the model over the free coordinates from there, and runs a line search toward that point.
+/// Each round consists of one point u and its d neighbors u + h eᵢ (or u - h eᵢ at the upper
+/// bound), from which value and gradient are computed. An iteration computes the generalized Cauchy
+/// point of the limited-memory model, minimizes the model over the free coordinates from there, and
+/// runs a line search toward that point.
 ///
-/// Given the same start and values, the points equal SciPy's up to rounding in the linear algebra. Values of +∞ can
-/// lead to a NaN point; the search then ends as abnormal.
+/// Given the same start and values, the points equal SciPy's up to rounding in the linear algebra.
+/// Values of +∞ can lead to a NaN point; the search then ends as abnormal.
 ///
 /// # Reference
-/// Byrd, Lu, Nocedal and Zhu, "A limited memory algorithm for bound constrained optimization", SIAM J. Sci. Comput. 16,
+/// Byrd, Lu, Nocedal and Zhu, "A limited memory algorithm for bound constrained optimization", SIAM
+/// J. Sci. Comput. 16,
 /// 1995. Morales and Nocedal, "Remark on Algorithm 778", ACM TOMS 38, 2011.
 #[derive(Debug, Clone)]
 pub struct Lbfgsb {
@@ -123,8 +126,9 @@ impl Lbfgsb {
     /// Creates a local search from `start`.
     ///
     /// # Errors
-    /// [`SearchError::Dimension`] for an empty start; [`SearchError::Option`] for a start outside `[0,1]^d`, a memory
-    /// or a limit of 0, a negative or NaN tolerance, or a difference outside (0, 0.5].
+    /// [`SearchError::Dimension`] for an empty start; [`SearchError::Option`] for a start outside
+    /// `[0,1]^d`, a memory or a limit of 0, a negative or NaN tolerance, or a difference outside
+    /// (0, 0.5].
     ///
     /// # Example
     /// ```
@@ -163,13 +167,14 @@ impl Lbfgsb {
 
     /// Returns point and value of the result.
     ///
-    /// As in SciPy, the value is that of the last trial. After a failed line search it does not belong to the
-    /// returned point, which is the line search's initial point.
+    /// As in SciPy, the value is that of the last trial. After a failed line search it does not
+    /// belong to the returned point, which is the line search's initial point.
     pub fn result(&self) -> (&[f64], f64) {
         (&self.current.x, self.last_evaluated.value)
     }
 
-    /// Takes value and gradient at the first point of the round, instead of the values of all its points.
+    /// Takes value and gradient at the first point of the round, instead of the values of all its
+    /// points.
     pub(crate) fn receive_gradient(&mut self, value: f64, gradient: Vec<f64>) {
         self.n_evaluations += 1;
         let Some(x) = mem::take(&mut self.round).into_iter().next() else { return };
@@ -188,7 +193,8 @@ impl Lbfgsb {
         Flow::Wait
     }
 
-    /// Returns the largest absolute component of the projected gradient; NaN if the gradient contains NaN.
+    /// Returns the largest absolute component of the projected gradient; NaN if the gradient
+    /// contains NaN.
     fn projected_gradient(&self) -> f64 {
         let component = |(x, g): (&f64, &f64)| if *g < 0.0 { (x - 1.0).max(*g) } else { x.min(*g) };
         if self.current.gradient.iter().any(|g| g.is_nan()) {
@@ -210,7 +216,8 @@ impl Lbfgsb {
         if slope >= 0.0 { self.fail(ray) } else { self.try_point(ray) }
     }
 
-    /// Returns the minimizer of the model on `[0,1]^d`. Clears the memory if the model is not positive definite.
+    /// Returns the minimizer of the model on `[0,1]^d`. Clears the memory if the model is not
+    /// positive definite.
     fn target(&mut self) -> Vec<f64> {
         let EvaluatedPoint { x, gradient, .. } = &self.current;
         loop {
@@ -246,7 +253,8 @@ impl Lbfgsb {
         Flow::Wait
     }
 
-    /// Returns to the initial point of the line search, and retries with an empty memory if it was not empty.
+    /// Returns to the initial point of the line search, and retries with an empty memory if it was
+    /// not empty.
     fn fail(&mut self, ray: Ray) -> Flow {
         self.current = ray.start;
         if self.memory.len() == 0 {
@@ -297,7 +305,8 @@ impl Lbfgsb {
         let (new, old) = (self.current.gradient.iter(), &ray.start.gradient);
         let change = new.zip(old).map(|(new, old)| new - old).collect();
         let moved = ray.direction.iter().map(|d| step * d).collect();
-        // If the factorization fails, the memory has cleared itself, and no further action is needed.
+        // If the factorization fails, the memory has cleared itself, and no further action is
+        // needed.
         let _ = self.memory.push(moved, change, squared, curvature);
     }
 }
@@ -356,7 +365,8 @@ fn check(start: &[f64], options: &LbfgsbOptions) -> Result<(), SearchError> {
     }
 }
 
-/// Returns the point, and for each coordinate the point with it increased by `h`, or decreased at the upper bound.
+/// Returns the point, and for each coordinate the point with it increased by `h`, or decreased at
+/// the upper bound.
 fn difference_points(point: Vec<f64>, h: f64) -> Vec<Vec<f64>> {
     let neighbor = |i: usize| {
         let mut moved = point.clone();

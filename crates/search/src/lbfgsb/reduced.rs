@@ -1,4 +1,5 @@
-//! The matrix K of the subspace minimization, updated with every correction pair and every change of free coordinates.
+//! The matrix K of the subspace minimization, updated with every correction pair and every change
+//! of free coordinates.
 
 use super::dense::SquareMatrix;
 use super::memory::Memory;
@@ -9,15 +10,17 @@ use super::memory::Memory;
 /// K = [-D - YᵀZZᵀY/θ   (Lₐ - Rᵤ)ᵀ; Lₐ - Rᵤ   θSᵀAAᵀS]
 /// ```
 ///
-/// Z spans the free and A the fixed coordinates; Lₐ is the strictly lower triangle of SᵀAAᵀY, Rᵤ the upper triangle of
-/// SᵀZZᵀY.
+/// Z spans the free and A the fixed coordinates; Lₐ is the strictly lower triangle of SᵀAAᵀY, Rᵤ
+/// the upper triangle of SᵀZZᵀY.
 ///
-/// As in the published code, the products are updated instead of recomputed, and only when a subspace problem is
-/// solved. So a pair that arrives while no coordinate is free is never included. When coordinates become free again,
-/// K may be indefinite, and the memory is cleared. The points depend on this behavior, so it must stay.
+/// As in the published code, the products are updated instead of recomputed, and only when a
+/// subspace problem is solved. So a pair that arrives while no coordinate is free is never
+/// included. When coordinates become free again, K may be indefinite, and the memory is cleared.
+/// The points depend on this behavior, so it must stay.
 ///
 /// # Reference
-/// Byrd, Lu, Nocedal and Zhu 1995, section 5.1; the subroutines `formk` and `freev` of L-BFGS-B 3.0.
+/// Byrd, Lu, Nocedal and Zhu 1995, section 5.1; the subroutines `formk` and `freev` of L-BFGS-B
+/// 3.0.
 #[derive(Debug, Clone)]
 pub(super) struct ReducedMatrix {
     d: usize,

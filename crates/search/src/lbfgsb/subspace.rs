@@ -1,18 +1,21 @@
-//! Subspace minimization: the minimizer of the model over the coordinates that are free at the Cauchy point.
+//! Subspace minimization: the minimizer of the model over the coordinates that are free at the
+//! Cauchy point.
 
 use super::cauchy::CauchyPoint;
 use super::clipped;
 use super::dense::{SquareMatrix, dot};
 use super::memory::Memory;
 
-/// Returns the target of the line search: the model's minimizer over the free coordinates, inside `[0,1]^d`.
+/// Returns the target of the line search: the model's minimizer over the free coordinates, inside
+/// `[0,1]^d`.
 ///
-/// The Newton step is projected on `[0,1]^d`. If the projected step is not a descent direction, the Newton step is
-/// truncated at the first bound instead. `factor` is the factor of the
+/// The Newton step is projected on `[0,1]^d`. If the projected step is not a descent direction, the
+/// Newton step is truncated at the first bound instead. `factor` is the factor of the
 /// [`ReducedMatrix`](super::reduced::ReducedMatrix) for these free coordinates.
 ///
 /// # Reference
-/// Byrd, Lu, Nocedal and Zhu 1995, section 5.1; Morales and Nocedal, "Remark on Algorithm 778", ACM TOMS 38, 2011.
+/// Byrd, Lu, Nocedal and Zhu 1995, section 5.1; Morales and Nocedal, "Remark on Algorithm 778", ACM
+/// TOMS 38, 2011.
 pub(super) fn subspace_minimum(
     x: &[f64],
     g: &[f64],
@@ -30,7 +33,8 @@ pub(super) fn subspace_minimum(
     if is_at_bound && slope > 0.0 { truncated_at_bound(cauchy, step) } else { projected }
 }
 
-/// Returns d = r/θ + Zᵀ W K⁻¹ Wᵀ Z r / θ² with r = -Zᵀ(g + B(x_cauchy - x)) over the free coordinates Z.
+/// Returns d = r/θ + Zᵀ W K⁻¹ Wᵀ Z r / θ² with r = -Zᵀ(g + B(x_cauchy - x)) over the free
+/// coordinates Z.
 fn newton_step(
     x: &[f64],
     g: &[f64],

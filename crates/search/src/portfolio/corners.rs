@@ -1,4 +1,5 @@
-//! Corners of the box: all of them or a designed sample first, then the remaining ones in random order.
+//! Corners of the box: all of them or a designed sample first, then the remaining ones in random
+//! order.
 
 use mishandle_random::Sequence;
 
@@ -14,10 +15,10 @@ const ALL: usize = 4;
 
 /// Returns all 2^d corners for d ≤ 4, otherwise 8 corners, in random order.
 ///
-/// In the sample each coordinate is high in half of the corners. The columns are those of a Hadamard matrix of order 8
-/// with random signs: for up to 7 coordinates, all combinations of two of them occur equally often (a fractional factorial
-/// design of resolution III), so that eight evaluations show the effect of each coordinate. Beyond 7, columns repeat with
-/// permuted rows.
+/// In the sample each coordinate is high in half of the corners. The columns are those of a
+/// Hadamard matrix of order 8 with random signs: for up to 7 coordinates, all combinations of two
+/// of them occur equally often (a fractional factorial design of resolution III), so that eight
+/// evaluations show the effect of each coordinate. Beyond 7, columns repeat with permuted rows.
 ///
 /// # Reference
 /// Box and Hunter, "The 2^(k-p) fractional factorial designs", Technometrics 3(3), 1961.

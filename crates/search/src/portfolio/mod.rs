@@ -1,4 +1,5 @@
-//! The portfolio: corners first, then a Gaussian process in the whole box and in a trust region, beside exploration.
+//! The portfolio: corners first, then a Gaussian process in the whole box and in a trust region,
+//! beside exploration.
 
 mod corners;
 mod polish;
@@ -28,21 +29,23 @@ use steps::{SuccessRate, changed_coordinate};
 
 const NAME: &str = "portfolio";
 
-/// Sobol points of the first round: one for three coordinates, within these bounds. Corners and center show the slopes of a few
-/// coordinates, so that few other points suffice for a first model.
+/// Sobol points of the first round: one for three coordinates, within these bounds. Corners and
+/// center show the slopes of a few coordinates, so that few other points suffice for a first model.
 const SOBOL: (usize, usize) = (2, 8);
 /// Numbers of candidates of each kind: a constant, and more per point of a round.
 const CANDIDATES: (usize, usize) = (96, 8);
 const MAX_CANDIDATES: usize = 192;
 /// The share of the trust region among the model's points.
 const LOCAL: f64 = 0.5;
-/// The share of corners among the points that neither a model nor a step proposes, as long as there are corners.
+/// The share of corners among the points that neither a model nor a step proposes, as long as there
+/// are corners.
 const CORNERS: f64 = 0.25;
-/// Without the option, a round has one point for this number of evaluations, at most [`MAX_ROUND`]: a round waits for values
-/// that are few beside those that are known.
+/// Without the option, a round has one point for this number of evaluations, at most [`MAX_ROUND`]:
+/// a round waits for values that are few beside those that are known.
 const EVALUATIONS_PER_POINT: usize = 16;
 const MAX_ROUND: usize = 8;
-/// A new trust region keeps this distance from the centers of collapsed ones, as a fraction of the diagonal.
+/// A new trust region keeps this distance from the centers of collapsed ones, as a fraction of the
+/// diagonal.
 const APART: f64 = 0.05;
 /// The number of collapsed trust regions that are remembered.
 const MAX_EXHAUSTED: usize = 32;
@@ -62,9 +65,11 @@ pub(crate) const ENTRY: SearchEntry = SearchEntry {
 options! {
     /// The options of [`Portfolio`].
     pub struct PortfolioOptions of NAME {
-        /// Points per round. The points of a round are chosen together, without each other's values.
+        /// Points per round. The points of a round are chosen together, without each other's
+        /// values.
         pub round_size: Option<usize> = None, or "a sixteenth of the evaluations, at most 8", in POINTS;
-        /// Evaluates corners of the box: first all for up to 4 coordinates, otherwise 8, and the others later.
+        /// Evaluates corners of the box: first all for up to 4 coordinates, otherwise 8, and the
+        /// others later.
         pub corners: bool = true, in ANY;
         /// Proposes points on exact faces and corners of the box, too.
         pub faces: bool = true, in ANY;
@@ -80,15 +85,18 @@ options! {
         pub refine: bool = true, in ANY;
         /// Standard deviations that the lower confidence bound is below the mean.
         pub kappa: f64 = 2.0, in NOT_NEGATIVE;
-        /// How robustness is transformed for the model: asinh, rank (normal scores) or standard (mean and variance).
+        /// How robustness is transformed for the model: asinh, rank (normal scores) or standard
+        /// (mean and variance).
         pub transform: String = "asinh".to_owned(), in TRANSFORM;
     }
 }
 
-/// The portfolio search: corners first, then a Gaussian process in the whole box and in a trust region, beside exploration.
+/// The portfolio search: corners first, then a Gaussian process in the whole box and in a trust
+/// region, beside exploration.
 ///
-/// The first round is corners (all 2^d for d ≤ 4, otherwise a balanced sample of 8), the center and 2 to 8 scrambled
-/// Sobol points. Each point of a further round comes from one of six sources, in proportion to their shares:
+/// The first round is corners (all 2^d for d ≤ 4, otherwise a balanced sample of 8), the center and
+/// 2 to 8 scrambled Sobol points. Each point of a further round comes from one of six sources, in
+/// proportion to their shares:
 ///
 /// | source | point | share |
 /// |---|---|---|
@@ -99,27 +107,33 @@ options! {
 /// | corners | next corner, as long as there are any | e (1 - s - s') / 4 |
 /// | Sobol | next Sobol point | the rest of e |
 ///
-/// - The share e = 0.1 to 0.95 rises when the model is of no use: its leave-one-out predictions do not correlate with the
-///   values, or it finds no lower values and believes in a violation less than the number of points without one suggests.
-/// - The shares s and s' follow the rates at which these steps find a new lowest value. They are at most 0.9 in total. When
-///   a Sobol point or corner finds one, they start again, because the values around it are unknown.
+/// - The share e = 0.1 to 0.95 rises when the model is of no use: its leave-one-out predictions do
+///   not correlate with the values, or it finds no lower values and believes in a violation less
+///   than the number of points without one suggests.
+/// - The shares s and s' follow the rates at which these steps find a new lowest value. They are at
+///   most 0.9 in total. When a Sobol point or corner finds one, they start again, because the
+///   values around it are unknown.
 ///
-/// So a violation in a small region without a slope towards it is found nearly as fast as by random points.
+/// So a violation in a small region without a slope towards it is found nearly as fast as by random
+/// points.
 ///
-/// The model is a Gaussian process (Matérn-5/2, one length per coordinate) of asinh-transformed robustness. The most
-/// promising candidates are moved to local minima of the bound by gradients; within a round, the variance shrinks around
-/// chosen points as if they were evaluated. The trust region has the rules of TuRBO-1. When it collapses, a new one starts
-/// at the best point that is not near the centers of collapsed ones; the model keeps all evaluations.
+/// The model is a Gaussian process (Matérn-5/2, one length per coordinate) of asinh-transformed
+/// robustness. The most promising candidates are moved to local minima of the bound by gradients;
+/// within a round, the variance shrinks around chosen points as if they were evaluated. The trust
+/// region has the rules of TuRBO-1. When it collapses, a new one starts at the best point that is
+/// not near the centers of collapsed ones; the model keeps all evaluations.
 ///
-/// Values above the 75 % quantile of the earlier ones count as this quantile, so simulations of such points can end early.
+/// Values above the 75 % quantile of the earlier ones count as this quantile, so simulations of
+/// such points can end early.
 ///
-/// Integer coordinates are modeled by the centers of their levels, categories by one feature per level. The search never
-/// ends. Beyond a few hundred evaluations it models the best and the latest.
+/// Integer coordinates are modeled by the centers of their levels, categories by one feature per
+/// level. The search never ends. Beyond a few hundred evaluations it models the best and the
+/// latest.
 ///
 /// # Reference
-/// Desautels, Krause and Burdick, "Parallelizing exploration-exploitation tradeoffs in Gaussian process bandit
-/// optimization", JMLR 15, 2014. Eriksson, Pearce, Gardner, Turner and Poloczek, "Scalable global optimization via local
-/// Bayesian optimization", NeurIPS 2019.
+/// Desautels, Krause and Burdick, "Parallelizing exploration-exploitation tradeoffs in Gaussian
+/// process bandit optimization", JMLR 15, 2014. Eriksson, Pearce, Gardner, Turner and Poloczek,
+/// "Scalable global optimization via local Bayesian optimization", NeurIPS 2019.
 #[derive(Debug, Clone)]
 pub struct Portfolio {
     options: PortfolioOptions,
@@ -147,8 +161,8 @@ impl Portfolio {
     /// Creates the search on coordinates of the given types.
     ///
     /// # Errors
-    /// [`SearchError::Dimension`] without coordinates, [`SearchError::NoLevels`] for a coordinate with 0 levels,
-    /// [`SearchError::Option`] for an option out of range.
+    /// [`SearchError::Dimension`] without coordinates, [`SearchError::NoLevels`] for a coordinate
+    /// with 0 levels, [`SearchError::Option`] for an option out of range.
     pub fn new(
         coordinates: &[Coordinate],
         seed: u64,
@@ -227,7 +241,8 @@ impl Portfolio {
         self.options.round_size.unwrap_or((n / EVALUATIONS_PER_POINT).clamp(1, MAX_ROUND))
     }
 
-    /// Returns a point of a source that needs no model. `None` if it leads to an evaluated point, or for other sources.
+    /// Returns a point of a source that needs no model. `None` if it leads to an evaluated point,
+    /// or for other sources.
     fn without_model(&mut self, source: Source) -> Option<Vec<f64>> {
         let best = &self.history.points()[self.history.by_value()[0]];
         let space = self.surrogate.space();
@@ -240,7 +255,8 @@ impl Portfolio {
         Some(point).filter(|point| !self.history.contains(point))
     }
 
-    /// Returns candidates of the whole box, followed by those of the trust region, and the number of the former.
+    /// Returns candidates of the whole box, followed by those of the trust region, and the number
+    /// of the former.
     fn candidates(&mut self, region: &Region) -> (Candidates, usize) {
         let n = (CANDIDATES.0 + CANDIDATES.1 * self.round_size()).min(MAX_CANDIDATES);
         let mut candidates = self.generator.global(&self.history, n, self.options.faces);
@@ -251,7 +267,8 @@ impl Portfolio {
         (candidates, n_global)
     }
 
-    /// Returns the shares of the sources, given the distance of the most promising candidate from a violation.
+    /// Returns the shares of the sources, given the distance of the most promising candidate from a
+    /// violation.
     fn shares(&self, distance: f64) -> [f64; 6] {
         let evidence = Evidence {
             rank_correlation: self.surrogate.rank_correlation(),
@@ -273,7 +290,8 @@ impl Portfolio {
         [sobol, corner, coordinate, polish, (1.0 - free) * (1.0 - local), (1.0 - free) * local]
     }
 
-    /// Returns the index of the best point that is not near a collapsed trust region; of the best point if all are near one.
+    /// Returns the index of the best point that is not near a collapsed trust region; of the best
+    /// point if all are near one.
     fn center(&self) -> usize {
         let order = self.history.by_value();
         let apart = APART * (self.surrogate.space().dimension() as f64).sqrt();

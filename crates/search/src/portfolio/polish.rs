@@ -7,18 +7,19 @@ use crate::gp::space::TypedSpace;
 const FIRST_STEP: f64 = 0.1;
 const LONGEST_STEP: f64 = 0.3;
 const SHORTEST_STEP: f64 = 1e-4;
-/// The factors of the step after a success and a failure: the step is stationary if one of five steps succeeds.
+/// The factors of the step after a success and a failure: the step is stationary if one of five
+/// steps succeeds.
 const LONGER: f64 = 2.0;
 const SHORTER: f64 = 0.840_896_415_253_714_5; // 2^(-1/4)
 /// The expected number of changed coordinates, at most.
 const CHANGED: f64 = 10.0;
 
-/// A (1+1) evolution strategy with the one-fifth rule. It needs no model, so it works where models fail: on plateaus, cliffs
-/// and at the bottom of valleys.
+/// A (1+1) evolution strategy with the one-fifth rule. It needs no model, so it works where models
+/// fail: on plateaus, cliffs and at the bottom of valleys.
 ///
 /// # Reference
-/// Rechenberg, "Evolutionsstrategie", 1973. Kern et al., "Learning probability distributions in continuous evolutionary
-/// algorithms", Natural Computing 3, 2004: the form of the rule.
+/// Rechenberg, "Evolutionsstrategie", 1973. Kern et al., "Learning probability distributions in
+/// continuous evolutionary algorithms", Natural Computing 3, 2004: the form of the rule.
 #[derive(Debug, Clone)]
 pub(super) struct Polish {
     step: f64,

@@ -24,8 +24,8 @@ const SOURCES: [Source; 6] =
 
 /// Divides points among the sources in proportion to shares that may change from round to round.
 ///
-/// Each source earns its share of every point, and the source with the largest credit proposes the point. So rounds of one
-/// point have the same proportions as large rounds, without random numbers.
+/// Each source earns its share of every point, and the source with the largest credit proposes the
+/// point. So rounds of one point have the same proportions as large rounds, without random numbers.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Credits([f64; 6]);
 
@@ -34,7 +34,8 @@ impl Credits {
     pub(super) fn divide(&mut self, n: usize, shares: &[f64; 6]) -> Vec<Source> {
         let next = |_| {
             self.0.iter_mut().zip(shares).for_each(|(credit, share)| *credit += share);
-            // Of equal credits the last source, a model, comes first. A source without a share keeps its credit.
+            // Of equal credits the last source, a model, comes first. A source without a share
+            // keeps its credit.
             let open = (0..6).filter(|&i| shares[i] > 0.0);
             let richest = open.max_by(|&i, &j| self.0[i].total_cmp(&self.0[j])).unwrap_or_default();
             self.0[richest] -= 1.0;
@@ -46,10 +47,11 @@ impl Credits {
 
 /// The least and the largest share of points without the model.
 pub(super) const EXPLORATION: (f64, f64) = (0.1, 0.95);
-/// The increase of the rank correlation, beyond what chance explains, at which the model counts as useful.
+/// The increase of the rank correlation, beyond what chance explains, at which the model counts as
+/// useful.
 const USEFUL: f64 = 0.3;
-/// The number of evaluations without an improvement after which a model that is certain loses its share: a constant, and more
-/// per coordinate.
+/// The number of evaluations without an improvement after which a model that is certain loses its
+/// share: a constant, and more per coordinate.
 const PATIENCE: (f64, f64) = (4.0, 2.0);
 
 /// Evidence that decides about the share of the model.
@@ -67,11 +69,12 @@ pub(super) struct Evidence {
 
 /// Returns the share of points without the model.
 ///
-/// A model is of no use in two cases. If it has learned nothing, its leave-one-out predictions do not correlate with the
-/// values; without a relation, the standard deviation of the correlation is about 1 / √n. The other case is that it is certain:
-/// n points without a violation leave a new point of the box a probability of about 1 / n, and the model leaves its most
-/// promising candidate less. Shares are in proportion to these two probabilities, as soon as the model no longer finds lower
-/// values; a violation, if there is one, is where the model is wrong.
+/// A model is of no use in two cases. If it has learned nothing, its leave-one-out predictions do
+/// not correlate with the values; without a relation, the standard deviation of the correlation is
+/// about 1 / √n. The other case is that it is certain: n points without a violation leave a new
+/// point of the box a probability of about 1 / n, and the model leaves its most promising candidate
+/// less. Shares are in proportion to these two probabilities, as soon as the model no longer finds
+/// lower values; a violation, if there is one, is where the model is wrong.
 pub(super) fn exploration(evidence: Evidence) -> f64 {
     let chance = (evidence.n.max(1) as f64).sqrt().recip();
     let useful = ((evidence.rank_correlation - chance) / USEFUL).clamp(0.0, 1.0);
@@ -97,8 +100,8 @@ mod tests {
         }
     }
 
-    /// In 3 dimensions the patience is 10 evaluations; with n = 100 chance explains a correlation of 0.1. A normal number is above
-    /// 2.326 with a probability of 1 / 100.
+    /// In 3 dimensions the patience is 10 evaluations; with n = 100 chance explains a correlation
+    /// of 0.1. A normal number is above 2.326 with a probability of 1 / 100.
     #[test]
     fn exploration_rises_when_the_model_is_useless_or_certain() {
         let share = |rank_correlation, distance, since_improvement| {

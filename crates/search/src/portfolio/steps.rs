@@ -8,7 +8,8 @@ use crate::gp::space::TypedSpace;
 const PRIOR: (f64, f64) = (0.5, 2.0);
 /// Counts are halved at this number of trials, so that old results fade.
 const MEMORY: f64 = 32.0;
-/// The share of a kind of step is this multiple of its rate of success: below a rate of 1/2, two kinds leave room.
+/// The share of a kind of step is this multiple of its rate of success: below a rate of 1/2, two
+/// kinds leave room.
 const SHARE: f64 = 2.0;
 /// The largest share of all kinds of steps.
 const LARGEST: f64 = 0.9;
@@ -39,15 +40,16 @@ impl SuccessRate {
 /// Returns the shares of two kinds of steps among the points without a model.
 ///
 /// # Reference
-/// Thierens, "An adaptive pursuit strategy for allocating operator probabilities", GECCO 2005: shares that follow success.
+/// Thierens, "An adaptive pursuit strategy for allocating operator probabilities", GECCO 2005:
+/// shares that follow success.
 pub(super) fn shares(rates: [SuccessRate; 2]) -> [f64; 2] {
     let shares = rates.map(|rate| SHARE * rate.rate());
     let scale = LARGEST / shares.iter().sum::<f64>().max(LARGEST);
     shares.map(|share| share * scale)
 }
 
-/// Returns `best` with another value of one coordinate, uniform in its range. Such steps follow separable functions, in which
-/// each coordinate has an effect of its own.
+/// Returns `best` with another value of one coordinate, uniform in its range. Such steps follow
+/// separable functions, in which each coordinate has an effect of its own.
 pub(super) fn changed_coordinate(best: &[f64], space: &TypedSpace, stream: &mut Sequence) -> Vec<f64> {
     let mut point = best.to_vec();
     let k = stream.below(best.len() as u64) as usize;
@@ -60,7 +62,8 @@ pub(super) fn changed_coordinate(best: &[f64], space: &TypedSpace, stream: &mut 
 mod tests {
     use super::*;
 
-    /// Without trials each rate is 1/4: twice that are 0.5 each, scaled to 0.9 in total. After 6 failures it is 0.5/8.
+    /// Without trials each rate is 1/4: twice that are 0.5 each, scaled to 0.9 in total. After 6
+    /// failures it is 0.5/8.
     #[test]
     fn shares_follow_success() {
         assert_eq!(shares([SuccessRate::default(); 2]), [0.45, 0.45]);

@@ -29,29 +29,30 @@ pub(crate) const ENTRY: SearchEntry = SearchEntry {
 options! {
     /// The options of [`Sobol`].
     pub struct SobolOptions of NAME {
-        /// Scrambles the sequence with the random seed. Without it, all seeds give the same points, and the first one
-        /// is the lower corner of the box.
+        /// Scrambles the sequence with the random seed. Without it, all seeds give the same points,
+        /// and the first one is the lower corner of the box.
         pub scramble: bool = true, in ANY;
     }
 }
 
 /// Sobol search: point i is point i of a scrambled Sobol sequence. The search never ends.
 ///
-/// Use it instead of [`random`](crate::Random) to cover a space: n points fill every coordinate, and most pairs of
-/// coordinates, evenly, for every n, most evenly if n is a power of 2. It has no advantage over `random` for a small
-/// failure region in many dimensions.
+/// Use it instead of [`random`](crate::Random) to cover a space: n points fill every coordinate,
+/// and most pairs of coordinates, evenly, for every n, most evenly if n is a power of 2. It has no
+/// advantage over `random` for a small failure region in many dimensions.
 ///
-/// Coordinates of all types are covered evenly: of n points, a level of an axis with L levels gets n/L, up to rounding
-/// to the next power of 2. From the 1025th on, coordinates are independent and uniform, because there are no direction
-/// numbers for them in the table.
+/// Coordinates of all types are covered evenly: of n points, a level of an axis with L levels gets
+/// n/L, up to rounding to the next power of 2. From the 1025th on, coordinates are independent and
+/// uniform, because there are no direction numbers for them in the table.
 ///
-/// The crates `sobol_burley` 0.5.0 (at most 65,536 points of 24 bits) and `sobol` 1.0.2 (no scramble, last released in
+/// The crates `sobol_burley` 0.5.0 (at most 65,536 points of 24 bits) and `sobol` 1.0.2 (no
+/// scramble, last released in
 /// 2020) were considered.
 ///
 /// # Reference
-/// Sobol, "On the distribution of points in a cube and the approximate evaluation of integrals", USSR Comput. Math.
-/// Math. Phys. 7, 1967. Joe and Kuo, "Constructing Sobol sequences with better two-dimensional projections", SIAM J.
-/// Sci. Comput. 30, 2008.
+/// Sobol, "On the distribution of points in a cube and the approximate evaluation of integrals",
+/// USSR Comput. Math. Math. Phys. 7, 1967. Joe and Kuo, "Constructing Sobol sequences with better
+/// two-dimensional projections", SIAM J. Sci. Comput. 30, 2008.
 #[derive(Debug, Clone)]
 pub struct Sobol {
     dimension: usize,

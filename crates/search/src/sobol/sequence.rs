@@ -2,23 +2,27 @@
 
 use mishandle_random::Sequence;
 
-/// The direction numbers of Joe and Kuo: dimension, degree s, coefficients a, initial numbers m₁ ... mₛ in each row.
+/// The direction numbers of Joe and Kuo: dimension, degree s, coefficients a, initial numbers m₁
+/// ... mₛ in each row.
 const DIRECTION_NUMBERS: &str = include_str!("new-joe-kuo-6.1024.txt");
 /// Dimensions with direction numbers.
 pub(crate) const MAX_DIMENSION: usize = 1024;
 /// Random bits of a coordinate: all that a number below 1 with an exponent of 0 can have.
 const BITS: usize = 53;
 
-/// The Sobol sequence on `[0,1)^d` in Gray-code order: the first 2^m points are a (t, m, d)-net for every m.
+/// The Sobol sequence on `[0,1)^d` in Gray-code order: the first 2^m points are a (t, m, d)-net for
+/// every m.
 ///
-/// Point i is the exclusive or of one direction number per set bit of the Gray code i ⊕ ⌊i/2⌋, and of a shift. The
-/// scramble is that of Matoušek: every direction number is multiplied by a random lower triangular matrix over GF(2)
-/// with ones on the diagonal, and the shift is random. Both keep the net property. SciPy's `qmc.Sobol` scrambles in the
-/// same way, with other random numbers; without a scramble its points are the same bit for bit.
+/// Point i is the exclusive or of one direction number per set bit of the Gray code i ⊕ ⌊i/2⌋, and
+/// of a shift. The scramble is that of Matoušek: every direction number is multiplied by a random
+/// lower triangular matrix over GF(2) with ones on the diagonal, and the shift is random. Both keep
+/// the net property. SciPy's `qmc.Sobol` scrambles in the same way, with other random numbers;
+/// without a scramble its points are the same bit for bit.
 ///
 /// # Reference
-/// Joe and Kuo, "Constructing Sobol sequences with better two-dimensional projections", SIAM J. Sci. Comput. 30, 2008.
-/// Matoušek, "On the L2-discrepancy for anchored boxes", J. Complexity 14, 1998.
+/// Joe and Kuo, "Constructing Sobol sequences with better two-dimensional projections", SIAM J.
+/// Sci. Comput. 30, 2008. Matoušek, "On the L2-discrepancy for anchored boxes", J. Complexity
+/// 14, 1998.
 #[derive(Debug, Clone)]
 pub(crate) struct SobolSequence {
     axes: Vec<SobolAxis>,
@@ -32,8 +36,8 @@ struct SobolAxis {
 }
 
 impl SobolSequence {
-    /// Creates the sequence in at most [`MAX_DIMENSION`] dimensions, scrambled with random numbers of `scramble`, if
-    /// any.
+    /// Creates the sequence in at most [`MAX_DIMENSION`] dimensions, scrambled with random numbers
+    /// of `scramble`, if any.
     pub(crate) fn new(dimension: usize, mut scramble: Option<Sequence>) -> Self {
         let rows = DIRECTION_NUMBERS.lines().filter(|line| line.starts_with(|c: char| c.is_ascii_digit()));
         let first = SobolAxis { directions: std::array::from_fn(|k| 1 << (BITS - 1 - k)), shift: 0 };
@@ -45,7 +49,8 @@ impl SobolSequence {
         Self { axes }
     }
 
-    /// Writes the coordinates of point number `i`, counted from 0, to `point`, which may have more coordinates.
+    /// Writes the coordinates of point number `i`, counted from 0, to `point`, which may have more
+    /// coordinates.
     pub(crate) fn write(&self, i: u64, point: &mut [f64]) {
         let gray = i ^ (i >> 1);
         self.axes.iter().zip(point).for_each(|(axis, x)| *x = axis.at(gray));
@@ -53,7 +58,8 @@ impl SobolSequence {
 }
 
 impl SobolAxis {
-    /// Computes the direction numbers of a row of the table by the recurrence of its primitive polynomial.
+    /// Computes the direction numbers of a row of the table by the recurrence of its primitive
+    /// polynomial.
     fn of_row(row: &str) -> Self {
         let mut numbers =
             row.split_ascii_whitespace().skip(1).filter_map(|number| number.parse::<u64>().ok());
@@ -117,8 +123,8 @@ mod tests {
         (0..n).map(point).collect()
     }
 
-    /// The first two dimensions are a (0, 2)-sequence (Sobol 1967): each box of 2^-a by 2^-b, a + b = m, has exactly
-    /// one of the first 2^m points, scrambled or not.
+    /// The first two dimensions are a (0, 2)-sequence (Sobol 1967): each box of 2^-a by 2^-b, a +
+    /// b = m, has exactly one of the first 2^m points, scrambled or not.
     #[test]
     fn each_elementary_box_of_the_first_two_dimensions_has_one_point() {
         let m = 8;
@@ -135,7 +141,8 @@ mod tests {
         }
     }
 
-    /// Every coordinate alone is a (0, 1)-sequence: one of the first 2^m points in each interval of length 2^-m.
+    /// Every coordinate alone is a (0, 1)-sequence: one of the first 2^m points in each interval of
+    /// length 2^-m.
     #[test]
     fn each_coordinate_is_stratified() {
         let points = points(MAX_DIMENSION, 128, 5);

@@ -1,5 +1,6 @@
-//! A reference evaluator by the definitions, in quadratic time, and random formulas for it. It shares no code with the
-//! crate: it has its own trees, which it writes as text in any of the allowed spellings.
+//! A reference evaluator by the definitions, in quadratic time, and random formulas for it. It
+//! shares no code with the crate: it has its own trees, which it writes as text in any of the
+//! allowed spellings.
 
 /// SplitMix64.
 pub struct Random(pub u64);
@@ -156,8 +157,8 @@ impl Tree {
         }
     }
 
-    /// Returns the sub-formulas in the documented order: the root first, then those of the left operand, then of the
-    /// right.
+    /// Returns the sub-formulas in the documented order: the root first, then those of the left
+    /// operand, then of the right.
     pub fn subformulas(&self) -> Vec<&Tree> {
         self.listed(true)
     }
@@ -176,8 +177,9 @@ impl Tree {
         own.into_iter().chain(operands.into_iter().flat_map(|x| x.listed(has_formulas))).collect()
     }
 
-    /// Offsets from t of the earliest and the latest sample that the value at t depends on; an unbounded window counts
-    /// with its first sample only. The offsets enclose 0, since an operator at t is evaluated at a sample of the trace.
+    /// Offsets from t of the earliest and the latest sample that the value at t depends on; an
+    /// unbounded window counts with its first sample only. The offsets enclose 0, since an operator
+    /// at t is evaluated at a sample of the trace.
     pub fn offsets(&self) -> (i64, i64) {
         let reached = |x: &Tree, from: i64, to: i64| {
             let (low, high) = x.offsets();
@@ -212,14 +214,15 @@ impl Tree {
         (low.min(0), high.max(0))
     }
 
-    /// Returns whether the first `end` samples decide the formula at t: no window ahead with an end is cut, and every window
-    /// without an end has a first sample.
+    /// Returns whether the first `end` samples decide the formula at t: no window ahead with an end
+    /// is cut, and every window without an end has a first sample.
     pub fn is_decided(&self, t: usize, end: usize) -> bool {
         t + (self.offsets().1 as usize) < end
     }
 
-    /// Returns the value at t that the first `end` samples of the trace decide, from the definitions. A window without an end
-    /// contains the samples at which the operands that it reads are decided. The trace may be longer.
+    /// Returns the value at t that the first `end` samples of the trace decide, from the
+    /// definitions. A window without an end contains the samples at which the operands that it
+    /// reads are decided. The trace may be longer.
     pub fn decide(&self, trace: &[Vec<f64>], t: usize, end: usize) -> f64 {
         assert!(self.is_decided(t, end), "{self:?} reads beyond sample {end} at {t}");
         // The values of an operand at these samples; the others are NaN.

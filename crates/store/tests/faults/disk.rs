@@ -2,10 +2,11 @@
 //!
 //! Assumptions, which are weaker than what common file systems promise:
 //! - A sync of a file makes all its earlier writes and truncations durable.
-//! - Later ones are lost or kept, each on its own, in any combination. A kept write can be torn: each of its sectors of
-//!   512 bytes is old or new.
-//! - Creations and removals of files become durable in their order, and at the latest when the folder is synced. SQLite
-//!   syncs the folder with the first sync of a new journal or log. Until then, a power cut undoes the last of them.
+//! - Later ones are lost or kept, each on its own, in any combination. A kept write can be torn:
+//!   each of its sectors of 512 bytes is old or new.
+//! - Creations and removals of files become durable in their order, and at the latest when the
+//!   folder is synced. SQLite syncs the folder with the first sync of a new journal or log. Until
+//!   then, a power cut undoes the last of them.
 //! - The folder itself is on the disk.
 
 use std::collections::BTreeMap;

@@ -46,8 +46,8 @@ impl FailingRun {
         (folder, path)
     }
 
-    /// Performs all steps without errors. Calls `before` with the number of each step, and at last with the number of
-    /// steps.
+    /// Performs all steps without errors. Calls `before` with the number of each step, and at last
+    /// with the number of steps.
     pub fn perform(&self, mut before: impl FnMut(usize)) {
         let (_folder, path) = self.start();
         let mut session = Session::new(&path, false);
@@ -58,8 +58,8 @@ impl FailingRun {
         before(self.steps.len());
     }
 
-    /// Performs the steps, with a fault from step `first` on until a step fails. Then ends the fault, reacts and
-    /// continues. Returns the error.
+    /// Performs the steps, with a fault from step `first` on until a step fails. Then ends the
+    /// fault, reacts and continues. Returns the error.
     ///
     /// Some errors do not reach the caller: SQLite repeats a failed transfer of the log later.
     pub fn fail(
@@ -110,7 +110,8 @@ impl FailingRun {
         let found = Content::read(path).unwrap_or_else(|later| panic!("{step:?}: {error}; then {later}"));
         let (before, after) = (&self.contents[number], &self.contents[number + 1]);
         assert!(found == *before || found == *after, "{step:?} left other records: {error}");
-        // A writer that is still open has rolled back, unless SQLite had no memory after the commit.
+        // A writer that is still open has rolled back, unless SQLite had no memory after the
+        // commit.
         assert!(
             reaction == Reaction::Resume || found == *before || is_out_of_memory(error),
             "{step:?}: {error}"
@@ -123,7 +124,8 @@ pub fn is_out_of_memory(error: &StoreError) -> bool {
     error.to_string().contains("out of memory")
 }
 
-/// Returns whether an error says that the file or the records are wrong, which no failure of a disk may cause.
+/// Returns whether an error says that the file or the records are wrong, which no failure of a disk
+/// may cause.
 fn accuses_the_file(error: &StoreError) -> bool {
     use StoreError::{AlreadyRecorded, Damaged, Locked, NewerVersion, NotARun, OlderVersion, UnknownTrial};
     matches!(

@@ -126,7 +126,8 @@ pub struct Content {
 }
 
 impl Content {
-    /// Returns the content after each number of steps, from `self` on. It is computed without a file.
+    /// Returns the content after each number of steps, from `self` on. It is computed without a
+    /// file.
     pub fn after_each(self, steps: &[Step]) -> Vec<Content> {
         let mut contents = vec![self];
         for step in steps {

@@ -18,7 +18,8 @@ type Reallocate = unsafe extern "C" fn(*mut c_void, c_int) -> *mut c_void;
 /// SQLite's own functions.
 static REAL: OnceLock<(Allocate, Reallocate)> = OnceLock::new();
 
-/// Fails the n-th allocation of this thread from now on, and all later ones if it `lasts`. 0 fails none.
+/// Fails the n-th allocation of this thread from now on, and all later ones if it `lasts`. 0 fails
+/// none.
 pub fn fail(nth: u64, lasts: bool) {
     ALLOCATIONS.set(0);
     FAILING.set((nth, lasts));

@@ -1,12 +1,12 @@
-//! A VFS of SQLite that forwards every call to the VFS of the system. On command, it returns an error from the n-th call
-//! of a kind, and records the calls that change files.
+//! A VFS of SQLite that forwards every call to the VFS of the system. On command, it returns an
+//! error from the n-th call of a kind, and records the calls that change files.
 //!
-//! It replaces the default VFS of the process, so the code under test uses it without knowing. Its settings are
-//! thread-local, so tests do not disturb each other. It never syncs to the real disk, which would only cost time: the
-//! model in [`super::disk`] decides what a power cut leaves.
+//! It replaces the default VFS of the process, so the code under test uses it without knowing. Its
+//! settings are thread-local, so tests do not disturb each other. It never syncs to the real disk,
+//! which would only cost time: the model in [`super::disk`] decides what a power cut leaves.
 //!
-//! SQLite maps the file ending in `-shm` into memory without the VFS. That file holds nothing of value: after a power cut
-//! SQLite computes it from the log.
+//! SQLite maps the file ending in `-shm` into memory without the VFS. That file holds nothing of
+//! value: after a power cut SQLite computes it from the log.
 #![allow(unsafe_code, unsafe_op_in_unsafe_fn)] // SQLite calls these functions with its own valid pointers
 
 use std::cell::{Cell, RefCell};
@@ -71,8 +71,8 @@ pub fn has_failed() -> bool {
     FAILED.get()
 }
 
-/// Sets the number of pages after which SQLite moves the log into the file, for connections that this thread opens. A
-/// small run otherwise never reaches SQLite's limit of 1,000 pages.
+/// Sets the number of pages after which SQLite moves the log into the file, for connections that
+/// this thread opens. A small run otherwise never reaches SQLite's limit of 1,000 pages.
 pub fn set_checkpoint_pages(pages: c_int) {
     CHECKPOINT_PAGES.set(pages);
 }

@@ -1,4 +1,5 @@
-//! Axes of disturbances between environment and controller: delays, errors of sensors, disturbed actions and draws of noise.
+//! Axes of disturbances between environment and controller: delays, errors of sensors, disturbed
+//! actions and draws of noise.
 
 use std::ops::Range;
 
@@ -29,7 +30,8 @@ const MAX_DISTURBANCE: f64 = 0.5;
 /// Bound of explicit standard normal draws. The probability of a larger draw is 1 in 16,000.
 const MAX_DRAW: f64 = 4.0;
 
-/// Returns the disturbances of observations and actions. Explicit draws of the action noise exist only if there is noise.
+/// Returns the disturbances of observations and actions. Explicit draws of the action noise exist
+/// only if there is noise.
 pub(crate) fn disturbances(definition: &Definition, panda: &Panda, action_noise: bool) -> Vec<Disturbance> {
     let mut all = delays();
     all.extend(biases(definition, panda));
@@ -127,7 +129,8 @@ fn max_noise(unit: &str) -> f64 {
     }
 }
 
-/// Returns the factor from an angle in rad to the observation of each arm joint, which maps its limits to \[-1, 1\].
+/// Returns the factor from an angle in rad to the observation of each arm joint, which maps its
+/// limits to \[-1, 1\].
 fn joint_factors(panda: &Panda) -> [f64; ARM_JOINTS] {
     std::array::from_fn(|i| 2.0 / (panda.joints()[i].high - panda.joints()[i].low))
 }
@@ -160,7 +163,8 @@ fn first_to_last(steps: &Range<usize>) -> String {
     format!("{} to {}", steps.start, steps.end - 1)
 }
 
-/// Returns the joint, the number from 1, and the control steps of each segment of the piecewise-constant disturbances.
+/// Returns the joint, the number from 1, and the control steps of each segment of the
+/// piecewise-constant disturbances.
 fn segments() -> impl Iterator<Item = (usize, usize, Range<usize>)> {
     let joints = 0..ARM_JOINTS;
     joints.flat_map(|joint| {
@@ -168,7 +172,8 @@ fn segments() -> impl Iterator<Item = (usize, usize, Range<usize>)> {
     })
 }
 
-/// Returns the components of the observed positions: name with coordinate, unit, and index in the observation.
+/// Returns the components of the observed positions: name with coordinate, unit, and index in the
+/// observation.
 fn positions(definition: &Definition) -> Vec<(String, &'static str, usize)> {
     let mut positions = Vec::new();
     let mut first = 0;

@@ -14,8 +14,8 @@ const SLIP: [&str; 3] = ["slip_time", "slip_x", "slip_z"];
 /// Duration of a slip, s: a step would press a held object with the full force of the weld.
 const SLIP_DURATION: f64 = 0.1;
 
-/// Latest time of a slip, s. After the release of the object a slip has no effect, and the shipped controllers have released it by then
-/// in 277 of 300 random starts.
+/// Latest time of a slip, s. After the release of the object a slip has no effect, and the shipped
+/// controllers have released it by then in 277 of 300 random starts.
 const LATEST_SLIP: f64 = 1.5;
 
 /// Largest slip along each axis of the hand, m.
@@ -98,20 +98,22 @@ impl Push {
         (force != [0.0; 3]).then_some(Push { start, end: start + duration, force })
     }
 
-    /// Returns the mean force over physics step `substep` of control step `step`, N. A physics step takes `timestep`, s.
+    /// Returns the mean force over physics step `substep` of control step `step`, N. A physics step
+    /// takes `timestep`, s.
     pub(crate) fn substep_force(&self, step: f64, substep: usize, timestep: f64) -> [f64; 3] {
         self.force(step * CONTROL_DT + substep as f64 * timestep, timestep)
     }
 
-    /// Returns the mean force over the physics step from `time` to `time + step`, s. The push may cover a part of the
-    /// step.
+    /// Returns the mean force over the physics step from `time` to `time + step`, s. The push may
+    /// cover a part of the step.
     fn force(&self, time: f64, step: f64) -> [f64; 3] {
         let covered = ((time + step).min(self.end) - time.max(self.start)).max(0.0);
         mishandle_world::frame::scale(self.force, covered / step)
     }
 }
 
-/// Returns the displacement of the mocap body in control step `step`; `None` if it does not jump in this step.
+/// Returns the displacement of the mocap body in control step `step`; `None` if it does not jump in
+/// this step.
 ///
 /// `components` has the order of [`JUMP`].
 pub(crate) fn jump(components: &[f64], step: usize) -> Option<[f64; 3]> {

@@ -1,4 +1,5 @@
-//! The axes of a task besides its initial box: model constants, events, and disturbances of observations and actions.
+//! The axes of a task besides its initial box: model constants, events, and disturbances of
+//! observations and actions.
 
 mod constants;
 mod disturbances;

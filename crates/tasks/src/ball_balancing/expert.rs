@@ -1,5 +1,5 @@
-//! Expert of ball balancing: tilts the tray by state feedback on the position and velocity of a ball that rolls without
-//! slipping.
+//! Expert of ball balancing: tilts the tray by state feedback on the position and velocity of a
+//! ball that rolls without slipping.
 
 use std::sync::Arc;
 

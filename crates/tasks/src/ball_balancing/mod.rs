@@ -176,7 +176,8 @@ impl Scene for BoundScene {
             Reward::Original => {
                 let ball = rows.free_position(self.ball);
                 let [w, x, y, z] = rows.quaternion(self.tray);
-                // The quaternion of a level tray is the identity. q and -q are the same orientation.
+                // The quaternion of a level tray is the identity. q and -q are the same
+                // orientation.
                 let turned = ((w.abs() - 1.0).powi(2) + x * x + y * y + z * z).sqrt();
                 out[0] = 10.0 / (1.0 + norm(sub(ball, rows.position(self.tray))));
                 out[1] = 5.0 / (1.0 + v);

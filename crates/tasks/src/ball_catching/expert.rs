@@ -1,5 +1,5 @@
-//! Expert of ball catching: moves the box, tilted towards the ball, to the predicted position of the ball at a fixed
-//! height, and then returns to the initial posture.
+//! Expert of ball catching: moves the box, tilted towards the ball, to the predicted position of
+//! the ball at a fixed height, and then returns to the initial posture.
 
 use std::sync::Arc;
 
@@ -11,14 +11,15 @@ use super::{DEFINITION, DEPTH, FLOOR, INSIDE, ORIGIN, fall_time};
 use crate::expert::{Expert, ExpertInput, ExpertPolicy};
 use crate::kinematic::{ResolvedRate, rotation_between};
 
-/// Height at which the box meets the ball, m. A larger height leaves the arm too little time, a smaller one is outside the
-/// joint limits.
+/// Height at which the box meets the ball, m. A larger height leaves the arm too little time, a
+/// smaller one is outside the joint limits.
 const HEIGHT: f64 = 0.507;
 
 /// Forward tilt of the box when it meets the ball, rad. It shortens the motion of joint 6.
 const TILT: f64 = 0.5;
 
-/// Distance of the ball from the tool point along the box's axis when the box meets it, m: slightly below the mouth.
+/// Distance of the ball from the tool point along the box's axis when the box meets it, m: slightly
+/// below the mouth.
 const AIM: f64 = 0.085;
 
 /// Gains of the joint position error, 1/s: to meet the ball, and to return to the initial posture.
@@ -28,17 +29,20 @@ const HOME_RATE: f64 = 4.0;
 /// Maximum joint velocity of the return to the initial posture, rad/s.
 const HOME_SPEED: f64 = 0.8;
 
-/// Newton iterations of the inverse kinematics, starting from the middle of the postures that meet a ball.
+/// Newton iterations of the inverse kinematics, starting from the middle of the postures that meet
+/// a ball.
 const ITERATIONS: usize = 8;
 
 struct Catch {
-    /// Grasp point minus tool point, m, and the hand's rotation matrix (row-major), while the box is level.
+    /// Grasp point minus tool point, m, and the hand's rotation matrix (row-major), while the box
+    /// is level.
     grasp: [f64; 3],
     rotation: [f64; 9],
 }
 
 impl Catch {
-    /// Returns a vector of the level box, m, in the world frame for the hand's rotation matrix `rotation`.
+    /// Returns a vector of the level box, m, in the world frame for the hand's rotation matrix
+    /// `rotation`.
     fn turned(&self, rotation: &[f64; 9], v: [f64; 3]) -> [f64; 3] {
         let own: [f64; 3] = std::array::from_fn(|i| dot([0, 1, 2].map(|k| self.rotation[3 * k + i]), v));
         std::array::from_fn(|i| dot([0, 1, 2].map(|k| rotation[3 * i + k]), own))

@@ -33,8 +33,9 @@ const FLOOR: f64 = 0.005;
 /// Depth of the box, m.
 const DEPTH: f64 = 0.1;
 
-/// Distance from the box's axis within which a ball below the mouth is in the box, m. A ball in a corner of the cavity is
-/// 0.025 √2 = 0.0354 m from the axis, a ball that touches the box from outside 0.05 m.
+/// Distance from the box's axis within which a ball below the mouth is in the box, m. A ball in a
+/// corner of the cavity is 0.025 √2 = 0.0354 m from the axis, a ball that touches the box from
+/// outside 0.05 m.
 const INSIDE: f64 = 0.04;
 
 const DEFINITION: Definition = Definition {
@@ -54,8 +55,8 @@ const DEFINITION: Definition = Definition {
     start: [0.0, -0.872, 0.0, -2.0, 0.0, 2.618, 0.785, 0.04, 0.04],
     start_noise: 0.0,
     grip: GripperMode::Fixed(0.04),
-    // At 5 m/s the ball moves 1 cm in a physics step of 1/480 s, and the floor is 2 cm thick. Of 100 throws the expert loses
-    // two at 1/240 s, and none at 1/480, 1/960 and 1/1920 s.
+    // At 5 m/s the ball moves 1 cm in a physics step of 1/480 s, and the floor is 2 cm thick. Of
+    // 100 throws the expert loses two at 1/240 s, and none at 1/480, 1/960 and 1/1920 s.
     n_substeps: 8,
     velocity_scale: 0.1,
     signals: &[
@@ -216,7 +217,8 @@ impl Scene for BoundScene {
                 let mouth = add(tool, scale(axis, FLOOR + DEPTH));
                 let miss = miss(ball, rows.free_velocity(self.ball), mouth);
                 let deep = (0.0..=DEPTH).contains(&height);
-                // The distance is perpendicular to the box's axis, which is tilted while the box turns.
+                // The distance is perpendicular to the box's axis, which is tilted while the box
+                // turns.
                 let inside = deep && norm(sub(sub(ball, tool), scale(axis, height + FLOOR))) <= INSIDE;
                 let held = deep && distance <= INSIDE;
                 out[0] = miss.map_or(0.0, |m| 0.15 * (2.0 - (2.0 * m).tanh() - (15.0 * m).tanh()));
@@ -234,16 +236,16 @@ impl Scene for BoundScene {
     }
 }
 
-/// Returns the horizontal distance from `mouth` at which a ball in free flight falls to its height; `None` if the ball is
-/// below it.
+/// Returns the horizontal distance from `mouth` at which a ball in free flight falls to its height;
+/// `None` if the ball is below it.
 fn miss(ball: [f64; 3], velocity: [f64; 3], mouth: [f64; 3]) -> Option<f64> {
     let time = fall_time(ball[2] - mouth[2], velocity[2])?;
     let at = |i: usize| ball[i] + velocity[i] * time - mouth[i];
     Some(at(0).hypot(at(1)))
 }
 
-/// Returns the time (s) until a ball in free flight with the upward velocity `velocity`, m/s, is `height`, m, lower; `None`
-/// if `height` is negative.
+/// Returns the time (s) until a ball in free flight with the upward velocity `velocity`, m/s, is
+/// `height`, m, lower; `None` if `height` is negative.
 fn fall_time(height: f64, velocity: f64) -> Option<f64> {
     const GRAVITY: f64 = 9.81;
     (height >= 0.0).then(|| (velocity + (velocity * velocity + 2.0 * GRAVITY * height).sqrt()) / GRAVITY)
@@ -255,7 +257,8 @@ mod tests {
 
     #[test]
     fn the_fall_time_matches_a_hand_calculation() {
-        // A fall of 4.905 m from rest takes 1 s. A throw at 9.81 m/s takes 1 s to the top and 1 s back.
+        // A fall of 4.905 m from rest takes 1 s. A throw at 9.81 m/s takes 1 s to the top and 1 s
+        // back.
         assert!((fall_time(4.905, 0.0).unwrap_or(0.0) - 1.0).abs() < 1e-12);
         assert!((fall_time(0.0, 9.81).unwrap_or(0.0) - 2.0).abs() < 1e-12);
         assert_eq!(fall_time(-0.01, 9.81), None);

@@ -1,5 +1,5 @@
-//! Expert of ball pushing: moves above the table to a point behind the ball, descends, and pushes the ball towards the
-//! hole.
+//! Expert of ball pushing: moves above the table to a point behind the ball, descends, and pushes
+//! the ball towards the hole.
 
 use std::sync::Arc;
 
@@ -23,8 +23,9 @@ const PUSH_SPEED: f64 = 0.5;
 /// Forward speed of the ball at which the push ends, m/s.
 const STRUCK: f64 = 0.3;
 
-/// Forward lean of the fingers from straight down, rad. With friction coefficients of 1 an upright finger and the table
-/// jam the ball. A leaning finger touches the ball below its equator and lets it roll.
+/// Forward lean of the fingers from straight down, rad. With friction coefficients of 1 an upright
+/// finger and the table jam the ball. A leaning finger touches the ball below its equator and lets
+/// it roll.
 const LEAN: f64 = 0.5;
 
 /// Phases, stored in the memory.
@@ -68,7 +69,8 @@ impl ExpertPolicy for Push {
     }
 }
 
-/// Returns the rotation matrix (row-major) of a hand that leans forward along a horizontal direction and opens across it.
+/// Returns the rotation matrix (row-major) of a hand that leans forward along a horizontal
+/// direction and opens across it.
 fn leaning(along: [f64; 3]) -> [f64; 9] {
     let (sin, cos) = LEAN.sin_cos();
     let y = [along[1], -along[0], 0.0];

@@ -20,8 +20,8 @@ pub struct BallPushing;
 /// Initial height of the ball, m: 1 cm above its position on the table.
 const START_HEIGHT: f64 = 0.45;
 
-/// Distance from the ball's center to the point from which a finger can push it, m: radius of the ball plus depth of a
-/// finger.
+/// Distance from the ball's center to the point from which a finger can push it, m: radius of the
+/// ball plus depth of a finger.
 const BEHIND: f64 = 0.055;
 
 const DEFINITION: Definition = Definition {

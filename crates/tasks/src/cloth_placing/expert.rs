@@ -1,5 +1,6 @@
-//! Expert of cloth placing: carries the cloth over the table, lowers it while steering its centroid, and waits until the
-//! gripper opens. If the cloth comes to rest too far from the center, the fingertips push it there.
+//! Expert of cloth placing: carries the cloth over the table, lowers it while steering its
+//! centroid, and waits until the gripper opens. If the cloth comes to rest too far from the center,
+//! the fingertips push it there.
 
 use std::sync::Arc;
 
@@ -11,8 +12,8 @@ use crate::definition::Definition;
 use crate::expert::{Expert, ExpertInput, ExpertPolicy, clamp_norm};
 use crate::kinematic::{ResolvedRate, rotation_between};
 
-/// Heights of the grasp point, m: during the approach, at the end of lowering, above the cloth on the table, and during the
-/// push.
+/// Heights of the grasp point, m: during the approach, at the end of lowering, above the cloth on
+/// the table, and during the push.
 const TRAVEL_HEIGHT: f64 = 0.74;
 const LOW: f64 = 0.46;
 const ABOVE: f64 = 0.5;
@@ -21,26 +22,29 @@ const PUSH_HEIGHT: f64 = 0.412;
 /// Horizontal distance between the centroid and the table's center at which lowering starts, m.
 const NEAR: f64 = 0.1;
 
-/// Speed of lowering, m/s. It must exceed 0.1 m/s, because the gripper releases a slower cloth immediately.
+/// Speed of lowering, m/s. It must exceed 0.1 m/s, because the gripper releases a slower cloth
+/// immediately.
 const LOWER_SPEED: f64 = 0.3;
 
-/// Finger position up to which the expert closes the fingers, so that noise does not open them, and finger position beyond
-/// which the cloth is released, m.
+/// Finger position up to which the expert closes the fingers, so that noise does not open them, and
+/// finger position beyond which the cloth is released, m.
 const SHUT: f64 = 0.004;
 const OPEN: f64 = 0.03;
 
-/// Maximum durations of waiting for the cloth to come to rest, approaching, descending and pushing, control steps.
+/// Maximum durations of waiting for the cloth to come to rest, approaching, descending and pushing,
+/// control steps.
 const SETTLE: f64 = 15.0;
 const GO_STEPS: f64 = 30.0;
 const DESCEND_STEPS: f64 = 20.0;
 const PUSH_STEPS: f64 = 90.0;
 
-/// Horizontal distances between the centroid and the table's center at which a push starts and ends, m.
+/// Horizontal distances between the centroid and the table's center at which a push starts and
+/// ends, m.
 const TOO_FAR: f64 = 0.038;
 const GOOD: f64 = 0.02;
 
-/// Position of the grasp point at the start of a push, m: distance beyond the centroid, and maximum distance from the
-/// table's center at which the rear finger is inside the rim.
+/// Position of the grasp point at the start of a push, m: distance beyond the centroid, and maximum
+/// distance from the table's center at which the rear finger is inside the rim.
 const BEYOND: f64 = 0.02;
 const INSIDE: f64 = 0.075;
 
@@ -50,7 +54,8 @@ const UPRIGHT_REACH: f64 = 0.7;
 /// Speed of the push, m/s.
 const PUSH_SPEED: f64 = 0.16;
 
-/// Phases, stored in the first value of the memory. The second value counts the control steps of the phase.
+/// Phases, stored in the first value of the memory. The second value counts the control steps of
+/// the phase.
 const CARRY: f64 = 0.0;
 const LOWER: f64 = 1.0;
 const LEAVE: f64 = 2.0;
@@ -106,8 +111,9 @@ impl ExpertPolicy for Place {
     }
 }
 
-/// Returns the rotation matrix (row-major) of a hand that points down and opens along a horizontal direction, so that one
-/// finger is behind the other. Of the two such rotations it returns the closer one to `rotation`.
+/// Returns the rotation matrix (row-major) of a hand that points down and opens along a horizontal
+/// direction, so that one finger is behind the other. Of the two such rotations it returns the
+/// closer one to `rotation`.
 fn across(along: [f64; 3], rotation: &[f64; 9]) -> [f64; 9] {
     let sign = (along[0] * rotation[1] + along[1] * rotation[4]).signum();
     let (x, y) = (sign * along[0], sign * along[1]);

@@ -48,8 +48,8 @@ pub static CLOTH_PLACING_7X7: ClothPlacing = ClothPlacing { sheet: COARSE, defin
 /// Half the side of the table, m.
 const HALF_TABLE: f64 = 0.15;
 
-/// The gripper opens automatically if the centroid is above the marker within this horizontal distance (m) and the mean
-/// velocity of the vertices is below this speed (m/s).
+/// The gripper opens automatically if the centroid is above the marker within this horizontal
+/// distance (m) and the mean velocity of the vertices is below this speed (m/s).
 const FORCED_DISTANCE: f64 = 0.07;
 const FORCED_SPEED: f64 = 0.1;
 
@@ -324,7 +324,8 @@ impl Scene for BoundScene {
                 out[2] = 0.1 * over * (1.0 - (5.0 * height.abs()).tanh());
                 out[3] = 0.1 * over * released;
                 out[4] = if placed { 1.0 } else { 0.0 };
-                // A thrown cloth passes over the table quickly, but rarely comes to rest at its center.
+                // A thrown cloth passes over the table quickly, but rarely comes to rest at its
+                // center.
                 out[5] = -0.5 * released * (2.0 * speed).tanh();
                 out[6] = crate::reward::action_penalty(action);
             }
@@ -336,7 +337,8 @@ impl Scene for BoundScene {
     }
 }
 
-/// Returns the norm of a quaternion minus the 180 degree rotation about x. Both signs are the same orientation.
+/// Returns the norm of a quaternion minus the 180 degree rotation about x. Both signs are the same
+/// orientation.
 fn from_pointing_down([w, x, y, z]: [f64; 4]) -> f64 {
     (w * w + (x.abs() - 1.0).powi(2) + y * y + z * z).sqrt()
 }

@@ -1,20 +1,23 @@
 //! The cloth's part of the MJCF document: a square grid of point masses.
 //!
-//! Each point mass is a body with three slide joints along the world axes and a small sphere that collides with table,
-//! ground and fingers. A flex connects the masses. Its edges (rows, columns and one diagonal per cell) are equality
-//! constraints.
+//! Each point mass is a body with three slide joints along the world axes and a small sphere that
+//! collides with table, ground and fingers. A flex connects the masses. Its edges (rows, columns
+//! and one diagonal per cell) are equality constraints.
 //!
-//! The benchmark has a grid of 11 x 11. A grid of 7 x 7 takes less than half the time: a control step of the expert's
-//! episodes took 1.37 ms and 0.63 ms of CPU time in total, which is 728 and 1,594 control steps per second and core on a
-//! loaded machine. From the same 1,000 initial states (`evaluate TASK --controller expert --episodes 1000 --seed 1`) the
-//! expert satisfies the success formula from all of them on both grids, and the strict formula from 98.0 % on 11 x 11 and
-//! 90.4 % on 7 x 7. The coarse folds of 7 x 7 stand up and keep moving, and a finger slips between its vertices. The
-//! success outcome is the same for 100.0 % of the initial states and the strict outcome for 90.8 %, close to the value for
-//! independent failures. So 7 x 7 is for experiments; train and evaluate on 11 x 11.
+//! The benchmark has a grid of 11 x 11. A grid of 7 x 7 takes less than half the time: a control
+//! step of the expert's episodes took 1.37 ms and 0.63 ms of CPU time in total, which is 728 and
+//! 1,594 control steps per second and core on a loaded machine. From the same 1,000 initial states
+//! (`evaluate TASK --controller expert --episodes 1000 --seed 1`) the expert satisfies the success
+//! formula from all of them on both grids, and the strict formula from 98.0 % on 11 x 11 and 90.4 %
+//! on 7 x 7. The coarse folds of 7 x 7 stand up and keep moving, and a finger slips between its
+//! vertices. The success outcome is the same for 100.0 % of the initial states and the strict
+//! outcome for 90.8 %, close to the value for independent failures. So 7 x 7 is for experiments;
+//! train and evaluate on 11 x 11.
 //!
-//! The table compares alternatives (measured by `experiments/tasks/cloth.py`): one scripted placement at 11 x 11, including the arm.
-//! `us` is the CPU time of a physics step with the cloth at rest on the table, on a machine with two loaded cores (the arm
-//! alone took 8 us there, and 6 to 8 us on an idle core). `steps/s` is the number of control steps per second at this cost.
+//! The table compares alternatives (measured by `experiments/tasks/cloth.py`): one scripted
+//! placement at 11 x 11, including the arm. `us` is the CPU time of a physics step with the cloth
+//! at rest on the table, on a machine with two loaded cores (the arm alone took 8 us there, and 6
+//! to 8 us on an idle core). `steps/s` is the number of control steps per second at this cost.
 //!
 //! | model | us | steps/s | largest stretch | rest after |
 //! |---|--:|--:|--:|--:|
@@ -33,10 +36,11 @@
 //! | vertices touch each other | 277 | 903 | 11 % | 0.4 s |
 //! | the flex's triangles touch the table, not spheres | 709 | 353 | 17 % | 0.6 s |
 //!
-//! In all of them the whole cloth ends over the table, 1 to 4 cm from its center. The folding of a limp cloth is chaotic, so
-//! rest times and stretches of single runs vary; the costs do not. Edges with a time constant below two physics steps
-//! diverge, so a stiffer cloth requires more substeps. Four substeps are the smallest number for which every edge of the
-//! expert's episodes stretches by less than a fifth of its length.
+//! In all of them the whole cloth ends over the table, 1 to 4 cm from its center. The folding of a
+//! limp cloth is chaotic, so rest times and stretches of single runs vary; the costs do not. Edges
+//! with a time constant below two physics steps diverge, so a stiffer cloth requires more substeps.
+//! Four substeps are the smallest number for which every edge of the expert's episodes stretches by
+//! less than a fifth of its length.
 
 use std::fmt::Write;
 
@@ -52,8 +56,8 @@ pub(super) const CENTER: [f64; 3] = [0.5, 0.0, 0.65];
 /// Initial position of the closed fingertips in the plane of the cloth: x and z, m.
 const TIPS: [f64; 2] = [0.449, 0.7155];
 
-/// Amplitude of the initial waves of the cloth, m. An exactly flat sheet never folds, because no force pushes it out of its
-/// plane.
+/// Amplitude of the initial waves of the cloth, m. An exactly flat sheet never folds, because no
+/// force pushes it out of its plane.
 const WAVE: f64 = 2e-4;
 
 /// A square grid of vertices, with rows from bottom to top and columns along x.
@@ -76,7 +80,8 @@ impl Sheet {
         })
     }
 
-    /// Returns the columns and rows of the vertices that the fingers hold: the corners of the cell between the fingertips.
+    /// Returns the columns and rows of the vertices that the fingers hold: the corners of the cell
+    /// between the fingertips.
     fn pinched(self) -> [[usize; 2]; 4] {
         let [i, j] = self.pinched_cell();
         [[i, j], [i + 1, j], [i, j + 1], [i + 1, j + 1]]
@@ -127,9 +132,9 @@ impl Sheet {
         let offset = self.offset(place);
         let [x, y, z] = [0, 1, 2].map(|axis| CENTER[axis] + offset[axis]);
         let mass = MASS / (self.vertices * self.vertices) as f64;
-        // All vertices collide with table and ground (8). Only vertices below the fingertips collide with the fingers (1): a
-        // part of the cloth that folds over from above passes through the hand, which it does not collide with, and would
-        // get caught on a finger.
+        // All vertices collide with table and ground (8). Only vertices below the fingertips
+        // collide with the fingers (1): a part of the cloth that folds over from above passes
+        // through the hand, which it does not collide with, and would get caught on a finger.
         let conaffinity = if place[1] < self.pinched_cell()[1] { 9 } else { 8 };
         let site = if pinched { format!("<site name=\"{name}\"/>") } else { String::new() };
         format!(
@@ -139,8 +144,8 @@ impl Sheet {
         )
     }
 
-    /// Returns the vertex indices of two triangles per cell. The direction of the diagonals alternates, so that the cloth is
-    /// isotropic.
+    /// Returns the vertex indices of two triangles per cell. The direction of the diagonals
+    /// alternates, so that the cloth is isotropic.
     fn triangles(self) -> String {
         let mut out = String::new();
         let last = self.vertices - 1;

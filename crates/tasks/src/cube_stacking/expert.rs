@@ -1,5 +1,5 @@
-//! Expert of cube stacking: carries the cube above the target with the fingers pointing down, lowers it until the gripper
-//! opens, and retreats.
+//! Expert of cube stacking: carries the cube above the target with the fingers pointing down,
+//! lowers it until the gripper opens, and retreats.
 
 use std::sync::Arc;
 
@@ -10,8 +10,8 @@ use mishandle_world::frame::{add, norm, norm_xy, scale, sub};
 use crate::expert::{Expert, ExpertInput, ExpertPolicy, clamp_norm};
 use crate::kinematic::{ResolvedRate, rotation_between};
 
-/// Height above the target's center at which the cube waits before lowering, m: 4 cm above the release, because noise moves
-/// the hand by more than 1 cm.
+/// Height above the target's center at which the cube waits before lowering, m: 4 cm above the
+/// release, because noise moves the hand by more than 1 cm.
 const HOVER: f64 = 0.12;
 
 /// Additional height of the cube per meter of horizontal distance from the target.
@@ -24,11 +24,13 @@ const LOWERING: f64 = 0.15;
 const LEAVING: f64 = 0.4;
 const CLEAR: f64 = 0.25;
 
-/// Finger position beyond which the cube is released, and finger position at which the finger clears the cube, m.
+/// Finger position beyond which the cube is released, and finger position at which the finger
+/// clears the cube, m.
 const LET_GO: f64 = 0.027;
 const OPENED: f64 = 0.037;
 
-/// Maximum distance from the base at which the arm can set down a level cube, m, and additional distance per radian of lean.
+/// Maximum distance from the base at which the arm can set down a level cube, m, and additional
+/// distance per radian of lean.
 const LEVEL_REACH: f64 = 0.78;
 const REACH_OF_LEAN: f64 = 0.2;
 
@@ -41,7 +43,8 @@ const LOWER: f64 = 1.0;
 const OPEN: f64 = 2.0;
 const LEAVE: f64 = 3.0;
 
-/// Rotation matrix (row-major) of the hand while it holds the cube level in its initial orientation.
+/// Rotation matrix (row-major) of the hand while it holds the cube level in its initial
+/// orientation.
 struct Stack {
     rotation: [f64; 9],
 }
@@ -80,9 +83,11 @@ impl ExpertPolicy for Stack {
 }
 
 impl Stack {
-    /// Returns the rotation matrix of a hand whose fingers point down, with an outward lean of the cube.
+    /// Returns the rotation matrix of a hand whose fingers point down, with an outward lean of the
+    /// cube.
     fn standing(&self, along: [f64; 3], lean: f64) -> [f64; 9] {
-        // The cube turns forward about y by 90 degrees minus the lean, and then about z towards the target.
+        // The cube turns forward about y by 90 degrees minus the lean, and then about z towards the
+        // target.
         let (sin, cos) = (std::f64::consts::FRAC_PI_2 - lean).sin_cos();
         let [c, s, _] = along;
         let turn = [c * cos, -s, c * sin, s * cos, c, s * sin, -sin, 0.0, cos];
@@ -90,7 +95,8 @@ impl Stack {
     }
 }
 
-/// Returns how far the center of a leaning cube moves outwards while the cube topples over its lower edge, m.
+/// Returns how far the center of a leaning cube moves outwards while the cube topples over its
+/// lower edge, m.
 fn topple(lean: f64) -> f64 {
     0.5 * super::EDGE * (1.0 - lean.cos() + lean.sin())
 }

@@ -21,13 +21,13 @@ pub struct CubeStacking;
 /// Edge of both cubes, m.
 const EDGE: f64 = 0.05;
 
-/// The gripper opens if the distance between the cubes' centers is below `RELEASE_DISTANCE` and the cube is at least
-/// `RELEASE_HEIGHT` higher than the target, m.
+/// The gripper opens if the distance between the cubes' centers is below `RELEASE_DISTANCE` and the
+/// cube is at least `RELEASE_HEIGHT` higher than the target, m.
 const RELEASE_DISTANCE: f64 = 0.08;
 const RELEASE_HEIGHT: f64 = 0.025;
 
-/// Targets of the fingers while the gripper is open and while it holds the cube, m: beyond the stroke, and 2 cm inside the
-/// cube's faces.
+/// Targets of the fingers while the gripper is open and while it holds the cube, m: beyond the
+/// stroke, and 2 cm inside the cube's faces.
 const OPEN: f64 = 0.08;
 const CLOSED: f64 = 0.005;
 

@@ -1,5 +1,5 @@
-//! Expert of door opening: grasps the lever between the fingers, one above and one below, and pulls it along the arc of
-//! the door.
+//! Expert of door opening: grasps the lever between the fingers, one above and one below, and pulls
+//! it along the arc of the door.
 
 use std::sync::Arc;
 
@@ -12,22 +12,24 @@ use crate::expert::{Expert, ExpertInput, ExpertPolicy, clamp_norm};
 use crate::kinematic::{ResolvedRate, rotation_between};
 use crate::robot::{ARM_JOINTS, JOINTS, VELOCITY_LIMIT};
 
-/// Grasp point on the lever relative to the handle point, in the panel's frame, m: the front of its bar at half height.
-/// The lever of the farthest door is grasped at its free end, which is nearest, and from above, because the upper finger
-/// reaches farther. There it must pass 2 mm above the lever: the stretched arm hangs 3 mm below its goal.
+/// Grasp point on the lever relative to the handle point, in the panel's frame, m: the front of its
+/// bar at half height. The lever of the farthest door is grasped at its free end, which is nearest,
+/// and from above, because the upper finger reaches farther. There it must pass 2 mm above the
+/// lever: the stretched arm hangs 3 mm below its goal.
 const FRONT: [f64; 3] = [-0.0137, 0.024, -0.0017];
 const FRONT_FAR: [f64; 3] = [-0.0137, 0.0018, -0.0205];
 
-/// Horizontal distances of the handle point of a closed door from the robot's axis between which the grasp point changes
-/// from [`FRONT`] to [`FRONT_FAR`], m.
+/// Horizontal distances of the handle point of a closed door from the robot's axis between which
+/// the grasp point changes from [`FRONT`] to [`FRONT_FAR`], m.
 const FAR: [f64; 2] = [0.75, 0.83];
 
-/// Distance by which the fingers enclose the lever, and distance from the lever at which they align with it, m.
+/// Distance by which the fingers enclose the lever, and distance from the lever at which they align
+/// with it, m.
 const DEPTH: f64 = 0.02;
 const BEFORE: f64 = 0.05;
 
-/// Position of the shoulder, and maximum distance of the grasp point from it, m. The arm reaches 0.9475 m; a
-/// larger value makes it stretch fully.
+/// Position of the shoulder, and maximum distance of the grasp point from it, m. The arm reaches
+/// 0.9475 m; a larger value makes it stretch fully.
 const SHOULDER: [f64; 3] = [0.0, 0.0, 0.333];
 const REACH: f64 = 0.97;
 
@@ -35,13 +37,15 @@ const REACH: f64 = 0.97;
 const RATE: f64 = 0.8;
 const OPEN: f64 = 1.047;
 
-/// Yaw up to which the expert grasps a lever again after losing it, rad. Beyond it the closed fingers pull from behind.
+/// Yaw up to which the expert grasps a lever again after losing it, rad. Beyond it the closed
+/// fingers pull from behind.
 const RETAKE: f64 = 0.26;
 
 /// Sum of the finger positions below which the fingers hold nothing, m. The lever is 33.5 mm high.
 const EMPTY: f64 = 0.02;
 
-/// Phases, stored in the first value of the memory. The second value counts the control steps of the phase.
+/// Phases, stored in the first value of the memory. The second value counts the control steps of
+/// the phase.
 const RAISE: f64 = 0.0;
 const ENTER: f64 = 1.0;
 const CLOSE: f64 = 2.0;
@@ -52,7 +56,8 @@ struct Pull;
 impl ExpertPolicy for Pull {
     const MEMORY: usize = 2;
     const SITE: &'static str = "grasp";
-    /// In front of the door with a level hand and the left finger above, far from the wrist singularity (joint 6 at π).
+    /// In front of the door with a level hand and the left finger above, far from the wrist
+    /// singularity (joint 6 at π).
     const REST: [f64; 7] = [0.6, -0.2, -0.35, -1.75, -1.0, 2.7, 0.2];
 
     fn velocity(&self, input: &ExpertInput<'_>, arm: &mut ResolvedRate, memory: &mut [f64]) -> [f64; 7] {
@@ -142,14 +147,16 @@ impl Lever {
     }
 }
 
-/// Returns the rotation matrix (row-major) of a hand that points in a horizontal direction and opens vertically.
+/// Returns the rotation matrix (row-major) of a hand that points in a horizontal direction and
+/// opens vertically.
 fn level(forward: [f64; 3]) -> [f64; 9] {
     let up = [0.0, 0.0, 1.0];
     let x = cross(up, forward);
     [x[0], up[0], forward[0], x[1], up[1], forward[1], x[2], up[2], forward[2]]
 }
 
-/// Scales joint velocities down until all are within their limits, so that the hand stays on its path.
+/// Scales joint velocities down until all are within their limits, so that the hand stays on its
+/// path.
 fn within_limits(velocity: [f64; ARM_JOINTS]) -> [f64; ARM_JOINTS] {
     let excess = velocity.iter().zip(VELOCITY_LIMIT).map(|(v, limit)| v.abs() / limit).fold(1.0, f64::max);
     velocity.map(|v| v / excess)

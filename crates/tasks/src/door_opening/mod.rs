@@ -1,8 +1,8 @@
 //! Door opening: pull a door open by its lever handle.
 //!
-//! Every initial state is reachable: the expert opens the doors of all four corners. The nearest corner of the farthest
-//! door's lever is 0.955 m from the shoulder, and the tip of an open finger reaches 0.984 m. A finger on the lever pulls by
-//! friction alone.
+//! Every initial state is reachable: the expert opens the doors of all four corners. The nearest
+//! corner of the farthest door's lever is 0.955 m from the shoulder, and the tip of an open finger
+//! reaches 0.984 m. A finger on the lever pulls by friction alone.
 
 mod expert;
 mod rewards;
@@ -23,10 +23,12 @@ use crate::robot::Panda;
 /// The task.
 pub struct DoorOpening;
 
-/// Palm point of the original benchmark in the frame of link 7, m: 4 cm along y from the midpoint of the finger frames.
+/// Palm point of the original benchmark in the frame of link 7, m: 4 cm along y from the midpoint
+/// of the finger frames.
 const GRASP_IN_LINK7: [f64; 3] = [0.0, 0.04, 0.1654];
 
-/// Horizontal positions of the hinge axis and the handle point in the panel's frame, m, which the expert uses.
+/// Horizontal positions of the hinge axis and the handle point in the panel's frame, m, which the
+/// expert uses.
 const HINGE: [f64; 2] = [0.005, -0.464];
 const HANDLE: [f64; 2] = [-0.0533, 0.1962];
 

@@ -8,7 +8,8 @@ use mishandle_world::frame::{add, dot, norm, rotate, scale, sub};
 use super::BoundScene;
 use crate::robot::ARM_JOINTS;
 
-/// Best grasp point of the lever in the panel's frame, m: the middle of its bar, towards the free end.
+/// Best grasp point of the lever in the panel's frame, m: the middle of its bar, towards the free
+/// end.
 const LEVER: [f64; 3] = [-0.052, 0.215, 0.81075];
 
 /// Half the height of the lever's bar, m.
@@ -20,7 +21,8 @@ const PAD: f64 = 0.045;
 /// Stroke of a finger, m.
 const STROKE: f64 = 0.04;
 
-/// Yaw beyond which a released door keeps swinging, rad. Beyond it the hand need not hold the lever.
+/// Yaw beyond which a released door keeps swinging, rad. Beyond it the hand need not hold the
+/// lever.
 const AJAR: f64 = 15.0_f64.to_radians();
 
 /// Yaw rate with the maximum shaped reward, rad/s.
@@ -56,10 +58,12 @@ impl BoundScene {
     pub(super) fn shaped(&self, rows: &Rows<'_>, signals: &[f64], action: &[f64]) -> [f64; 7] {
         let yaw = signals[0].to_radians();
         let effort = crate::reward::action_penalty(action);
-        // This term is larger than the sum of the others. Otherwise the policy learns to hold the lever without pulling.
+        // This term is larger than the sum of the others. Otherwise the policy learns to hold the
+        // lever without pulling.
         let opened = 0.8 * (yaw / FRAC_PI_4).min(1.0);
-        // An open door gives the full reward for any motion, and a door that is ajar gives the full reward for any motion
-        // of the hand. A reward for holding on would stop the policy at about 30 degrees, at the limits of the arm joints.
+        // An open door gives the full reward for any motion, and a door that is ajar gives the full
+        // reward for any motion of the hand. A reward for holding on would stop the policy at about
+        // 30 degrees, at the limits of the arm joints.
         if yaw >= FRAC_PI_4 {
             return [0.15, 0.1, 0.05, 0.15, opened, 0.3, effort];
         }

@@ -1,5 +1,5 @@
-//! Expert of peg-in-hole: folds the arm until the peg is over the block, carries the peg upright above the hole, and lowers
-//! it until the gripper releases it.
+//! Expert of peg-in-hole: folds the arm until the peg is over the block, carries the peg upright
+//! above the hole, and lowers it until the gripper releases it.
 
 use std::sync::Arc;
 
@@ -11,33 +11,36 @@ use super::{AXIS, DEPTH, SHAFT};
 use crate::expert::{Expert, ExpertInput, ExpertPolicy, clamp_norm};
 use crate::kinematic::ResolvedRate;
 
-/// Positions of joints 2, 4 and 6 (rad) that hold the peg upright 0.15 m above the block, for two distances of the hole from
-/// the base, m. The expert interpolates between them.
+/// Positions of joints 2, 4 and 6 (rad) that hold the peg upright 0.15 m above the block, for two
+/// distances of the hole from the base, m. The expert interpolates between them.
 const FOLDED: [(f64, [f64; 3]); 2] = [(0.3, [-0.725, -2.069, 1.395]), (0.6, [0.235, -1.1, 1.387])];
 
-/// Position of joint 7 during the approach, rad. The peg has an angle of 0.07 rad to the hand. In this posture the hand
-/// leans such that the arm reaches 8 mm farther than with the joint at 0.
+/// Position of joint 7 during the approach, rad. The peg has an angle of 0.07 rad to the hand. In
+/// this posture the hand leans such that the arm reaches 8 mm farther than with the joint at 0.
 const WRIST: f64 = 2.4;
 
-/// Height of the peg's tip above the hole's bottom at which lowering starts, m: 8 mm above the surface.
+/// Height of the peg's tip above the hole's bottom at which lowering starts, m: 8 mm above the
+/// surface.
 const ABOVE: f64 = 0.058;
 
-/// Lean of the peg at the farthest hole, rad, and distances from the base between which it increases, m. An upright peg
-/// above the farthest hole is 2 mm beyond the arm's reach. This lean moves the wrist 2 cm closer.
+/// Lean of the peg at the farthest hole, rad, and distances from the base between which it
+/// increases, m. An upright peg above the farthest hole is 2 mm beyond the arm's reach. This lean
+/// moves the wrist 2 cm closer.
 const LEAN: f64 = 0.08;
 const LEAN_FROM: f64 = 0.68;
 const FARTHEST: f64 = 0.728;
 
-/// Gain of the joint and pose errors, 1/s. It is high, like the speed of lowering, because action noise moves the tip by
-/// millimeters per step, so the tip is above the hole only briefly.
+/// Gain of the joint and pose errors, 1/s. It is high, like the speed of lowering, because action
+/// noise moves the tip by millimeters per step, so the tip is above the hole only briefly.
 const RATE: f64 = 12.0;
 
 /// Speeds of the approach and of lowering, m/s.
 const TRAVEL_SPEED: f64 = 0.6;
 const LOWER_SPEED: f64 = 0.3;
 
-/// Maximum horizontal offset (m) and tilt (sine) at which lowering starts: less than the clearance of 4 mm, and half the
-/// tilt with which the peg fits into the hole. At twice this offset the expert lifts the peg again.
+/// Maximum horizontal offset (m) and tilt (sine) at which lowering starts: less than the clearance
+/// of 4 mm, and half the tilt with which the peg fits into the hole. At twice this offset the
+/// expert lifts the peg again.
 const OFFSET: f64 = 0.003;
 const TILT: f64 = 0.08;
 
@@ -90,7 +93,8 @@ impl ExpertPolicy for Insert {
     }
 }
 
-/// Returns the direction of the peg's axis during lowering: upright, with a lean towards the base for far holes.
+/// Returns the direction of the peg's axis during lowering: upright, with a lean towards the base
+/// for far holes.
 fn upright(hole: [f64; 3]) -> [f64; 3] {
     let distance = norm_xy(hole);
     let lean = LEAN * ((distance - LEAN_FROM) / (FARTHEST - LEAN_FROM)).clamp(0.0, 1.0);

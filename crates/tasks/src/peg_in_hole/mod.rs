@@ -29,11 +29,13 @@ const SHAFT: f64 = 0.06;
 const RADIUS: f64 = 0.01;
 const DEPTH: f64 = 0.05;
 
-/// The gripper releases the peg within `RELEASE_DISTANCE` of the point `RELEASE_HEIGHT` above the hole's bottom, m.
+/// The gripper releases the peg within `RELEASE_DISTANCE` of the point `RELEASE_HEIGHT` above the
+/// hole's bottom, m.
 const RELEASE_HEIGHT: f64 = 0.04;
 const RELEASE_DISTANCE: f64 = 0.024;
 
-/// Finger positions at which the pads touch the peg's cap, m. The peg is 6.3 mm beside the middle of the hand.
+/// Finger positions at which the pads touch the peg's cap, m. The peg is 6.3 mm beside the middle
+/// of the hand.
 const TOUCHING: [f64; 2] = [0.0267, 0.0141];
 
 /// Finger targets after the release, m: open near the hole, otherwise closed.
@@ -53,8 +55,8 @@ const DEFINITION: Definition = Definition {
         attachment: Attachment::Weld,
         mjcf: include_str!("peg.xml"),
         position: [0.109, 0.0, 0.786],
-        // This is the orientation of the original. The world frames differ by a rotation of 180 degrees, and the peg is
-        // symmetric under the corresponding rotation about its axis.
+        // This is the orientation of the original. The world frames differ by a rotation of 180
+        // degrees, and the peg is symmetric under the corresponding rotation about its axis.
         quaternion: [0.5, 0.5, 0.5, 0.5],
     }),
     start: [0.0, 0.0, 0.0, -0.0698, 0.0, 0.0, 0.0, TOUCHING[0], TOUCHING[1]],

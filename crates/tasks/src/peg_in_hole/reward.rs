@@ -53,8 +53,8 @@ pub(super) const SHAPED: &[Quantity] = &[
 
 /// Writes the terms of the original reward.
 ///
-/// `d` is the horizontal distance of the peg from the hole's axis, m; `height` is its height above the inserted position,
-/// m; `speed` is the speed of the fingers, m/s.
+/// `d` is the horizontal distance of the peg from the hole's axis, m; `height` is its height above
+/// the inserted position, m; `speed` is the speed of the fingers, m/s.
 pub(super) fn original(
     d: f64,
     height: f64,
@@ -92,17 +92,18 @@ fn step(x: f64, [low, high]: [f64; 2], [below, above]: [f64; 2]) -> f64 {
 
 /// Writes the terms of the shaped reward.
 ///
-/// `height` is the height of the peg above its inserted position, m; `elbow` is the horizontal distance of the elbow from
-/// the hole's axis, m.
+/// `height` is the height of the peg above its inserted position, m; `elbow` is the horizontal
+/// distance of the elbow from the hole's axis, m.
 pub(super) fn shaped(signals: &[f64], height: f64, elbow: f64, action: &[f64], out: &mut [f64]) {
     let (d, depth, tilt) = (signals[0], signals[1], signals[2]);
     out[0] = 0.3 * (1.0 - (3.0 * d).tanh());
     out[1] = 0.1 * (1.0 - (50.0 * d).tanh());
     out[2] = 0.1 * (1.0 - (3.0 * tilt).tanh());
-    // This term is linear in the height, so that a peg high above the hole, as in the initial state, has a gradient.
+    // This term is linear in the height, so that a peg high above the hole, as in the initial
+    // state, has a gradient.
     out[3] = 0.4 * (1.0 - (5.0 * d).tanh()) * (1.0 - (height / 0.45).clamp(0.0, 1.0));
-    // The arm reaches a near hole by folding the elbow behind it. An arm that leans forward moves the peg there sooner, but
-    // then the elbow blocks the insertion.
+    // The arm reaches a near hole by folding the elbow behind it. An arm that leans forward moves
+    // the peg there sooner, but then the elbow blocks the insertion.
     out[4] = 0.3 * (elbow / 0.4).min(1.0);
     out[5] = 0.2 * (depth / super::DEPTH).clamp(0.0, 1.0);
     out[6] = if d <= 0.005 && depth >= 0.045 { 0.3 } else { 0.0 };
@@ -134,14 +135,16 @@ mod tests {
 
     #[test]
     fn a_rotation_about_the_peg_s_axis_does_not_change_the_terms() {
-        // The upright orientation, then 90 degrees about the vertical: (cos 45°, 0, 0, sin 45°) times its quaternion.
+        // The upright orientation, then 90 degrees about the vertical: (cos 45°, 0, 0, sin 45°)
+        // times its quaternion.
         let half = std::f64::consts::FRAC_1_SQRT_2;
         check(0.0, 0.0, [0.0, 0.0, half, half], [3.5, 2.96, 2.0, 0.0, 0.5, 0.1, 0.5, 0.0, 0.0]);
     }
 
     #[test]
     fn a_leaning_peg_has_a_lower_reward() {
-        // The upright orientation, then 0.3 rad about the world's y axis, which is the peg's x axis: only the roll changes.
+        // The upright orientation, then 0.3 rad about the world's y axis, which is the peg's x
+        // axis: only the roll changes.
         let (sin, cos) = 0.15_f64.sin_cos();
         let q = [0.5 * (cos - sin), 0.5 * (cos + sin), 0.5 * (cos + sin), 0.5 * (cos - sin)];
         let mut terms = [0.0; 9];

@@ -1,4 +1,5 @@
-//! Expert of point reaching: moves the fingers straight to the target with a speed proportional to the distance.
+//! Expert of point reaching: moves the fingers straight to the target with a speed proportional to
+//! the distance.
 
 use std::sync::Arc;
 

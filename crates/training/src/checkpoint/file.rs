@@ -21,7 +21,8 @@ impl Checkpoint {
     /// Writes the checkpoint atomically.
     ///
     /// # Errors
-    /// If the file cannot be written, or would be larger than [`limits::CHECKPOINT`]; an existing file is then unchanged.
+    /// If the file cannot be written, or would be larger than [`limits::CHECKPOINT`]; an existing
+    /// file is then unchanged.
     pub fn save(&self, path: &Path) -> Result<(), TrainingError> {
         let bytes = self.to_bytes();
         let written = match bytes.len() as u64 > limits::CHECKPOINT {
@@ -34,7 +35,8 @@ impl Checkpoint {
     /// Reads a checkpoint, a regular file of at most [`limits::CHECKPOINT`] bytes.
     ///
     /// # Errors
-    /// If the file cannot be read or is larger, is not a checkpoint, is damaged, or has another format version.
+    /// If the file cannot be read or is larger, is not a checkpoint, is damaged, or has another
+    /// format version.
     pub fn load(path: &Path) -> Result<Checkpoint, TrainingError> {
         let bytes = read_bounded(path, limits::CHECKPOINT).map_err(|source| TrainingError::File {
             verb: "read",

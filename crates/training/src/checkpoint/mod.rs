@@ -42,8 +42,8 @@ impl From<Vec<u64>> for CheckpointArray {
 
 /// State of a training run: named arrays, and the identity of the run.
 ///
-/// A resumed run produces the same bits as an uninterrupted one. The file is a safetensors file with a JSON header under the
-/// key `mishandle-checkpoint`.
+/// A resumed run produces the same bits as an uninterrupted one. The file is a safetensors file
+/// with a JSON header under the key `mishandle-checkpoint`.
 ///
 /// # Example
 /// ```

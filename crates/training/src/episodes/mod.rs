@@ -14,7 +14,8 @@ use crate::{EpisodeSettings, TimeoutHandling};
 pub enum Boundary {
     /// The episode continues.
     Running,
-    /// Termination: the value after this step is 0. The task ended the episode, or the time limit counts as termination.
+    /// Termination: the value after this step is 0. The task ended the episode, or the time limit
+    /// counts as termination.
     Terminated,
     /// Truncation by the time limit: the return bootstraps with the value of the final observation.
     Truncated,
@@ -23,11 +24,13 @@ pub enum Boundary {
 /// Index of the child seed of the episodes.
 const EPISODES: u64 = 0;
 
-/// A batch of parallel environments. An environment resets to a random initial state when its episode ends.
+/// A batch of parallel environments. An environment resets to a random initial state when its
+/// episode ends.
 ///
-/// Episode k of row r has the seed `seed.child(r).child(k)`, independent of the other rows. An episode ends when the task
-/// terminates it, when it diverges (the final observation is then that of the previous step), or at the time limit. With
-/// staggered starts, part of the time limit of each first episode has already elapsed, so that the rows are not in phase.
+/// Episode k of row r has the seed `seed.child(r).child(k)`, independent of the other rows. An
+/// episode ends when the task terminates it, when it diverges (the final observation is then that
+/// of the previous step), or at the time limit. With staggered starts, part of the time limit of
+/// each first episode has already elapsed, so that the rows are not in phase.
 pub struct Episodes {
     spec: EnvironmentSpec,
     batch: Box<dyn EnvironmentBatch>,
@@ -79,7 +82,8 @@ pub struct EpisodeStatistics {
 }
 
 impl Episodes {
-    /// Creates the environments and resets them. Statistics do not include staggered first episodes.
+    /// Creates the environments and resets them. Statistics do not include staggered first
+    /// episodes.
     ///
     /// # Errors
     /// If the batch cannot be created or reset.
@@ -144,7 +148,8 @@ impl Episodes {
         &self.spec
     }
 
-    /// Returns the current observations, `[rows, observation_size]`; after a reset, those of the new episode.
+    /// Returns the current observations, `[rows, observation_size]`; after a reset, those of the
+    /// new episode.
     pub fn observations(&self) -> &[f32] {
         self.batch.observations()
     }
@@ -159,7 +164,8 @@ impl Episodes {
         &self.boundaries
     }
 
-    /// Returns the observations after the last step and before any reset, `[rows, observation_size]`.
+    /// Returns the observations after the last step and before any reset,
+    /// `[rows, observation_size]`.
     pub fn final_observations(&self) -> &[f32] {
         &self.final_observations
     }
@@ -169,7 +175,8 @@ impl Episodes {
         self.held_policy_noise(1, noise);
     }
 
-    /// Fills `noise` like [`policy_noise`](Self::policy_noise), but each row repeats its numbers for `hold` control steps.
+    /// Fills `noise` like [`policy_noise`](Self::policy_noise), but each row repeats its numbers
+    /// for `hold` control steps.
     pub fn held_policy_noise(&self, hold: u64, noise: &mut [f64]) {
         let (columns, seed, row_states) = (noise.len() / self.rows(), self.seed, &self.row_states);
         noise.par_chunks_mut(columns).with_min_len(ROWS_PER_TASK).enumerate().for_each(|(row, noise)| {
@@ -178,7 +185,8 @@ impl Episodes {
         });
     }
 
-    /// Steps all rows with `actions`, `[rows, action_size]`. Actions are clipped to [-1, 1] before action noise is added.
+    /// Steps all rows with `actions`, `[rows, action_size]`. Actions are clipped to [-1, 1] before
+    /// action noise is added.
     ///
     /// # Errors
     /// If the batch fails.
@@ -232,7 +240,8 @@ impl Episodes {
         format!("{} ({})", self.spec.name, self.spec.reward_terms.join(", "))
     }
 
-    /// Computes rewards, boundaries and statistics of the last step and advances the state of each row.
+    /// Computes rewards, boundaries and statistics of the last step and advances the state of each
+    /// row.
     fn record_step(&mut self) {
         let terms = self.statistics.reward_terms.len();
         let observation_size = self.spec.observation_size;

@@ -16,7 +16,8 @@ use crate::{
 
 /// An algorithm with the state of a training run.
 pub(crate) trait Learner {
-    /// Computes networks on another device than the CPU, where the algorithm can. By default, it is not used.
+    /// Computes networks on another device than the CPU, where the algorithm can. By default, it is
+    /// not used.
     ///
     /// # Errors
     /// If the device is not available, or it cannot compute these networks.
@@ -30,7 +31,8 @@ pub(crate) trait Learner {
     /// Returns the number of environment steps of one iteration.
     fn iteration_steps(&self) -> u64;
 
-    /// Runs one iteration: acts and learns. The training loop fills in the fields of the progress that it knows.
+    /// Runs one iteration: acts and learns. The training loop fills in the fields of the progress
+    /// that it knows.
     fn iterate(&mut self) -> Result<TrainingProgress, TrainingError>;
 
     /// Returns the current policy.
@@ -39,7 +41,8 @@ pub(crate) trait Learner {
     /// Returns a network of the policy's sizes.
     fn network(&self) -> &Mlp<f32>;
 
-    /// Returns the identity of the environment; a checkpoint of another environment cannot be resumed.
+    /// Returns the identity of the environment; a checkpoint of another environment cannot be
+    /// resumed.
     fn identity(&self) -> String;
 
     /// Saves the learner's state to a checkpoint.
@@ -116,7 +119,8 @@ pub(crate) fn train(
                 Checkpoint::new(settings.algorithm(), &learner.identity(), seed.0, &settings.to_toml());
             learner.save(&mut checkpoint)?;
             selection.save(&mut checkpoint);
-            // Same value as in the progress report, so that an observer can match its own records with the checkpoint.
+            // Same value as in the progress report, so that an observer can match its own records
+            // with the checkpoint.
             checkpoint.put("wall_clock_secs", vec![progress.wall_clock_secs]);
             observer.save_checkpoint(&checkpoint);
         }
@@ -168,8 +172,8 @@ fn load(
     selection.load(checkpoint, learner.network())
 }
 
-/// Checks that a checkpoint belongs to the same training run. Only `run.total_steps` may differ, and only if the
-/// learning does not depend on it.
+/// Checks that a checkpoint belongs to the same training run. Only `run.total_steps` may differ,
+/// and only if the learning does not depend on it.
 fn check_origin(
     checkpoint: &Checkpoint,
     settings: &AlgorithmSettings,
@@ -195,7 +199,8 @@ fn check_origin(
     }
 }
 
-/// Returns the progress of an iteration with the statistics of its episodes; the other fields are empty.
+/// Returns the progress of an iteration with the statistics of its episodes; the other fields are
+/// empty.
 pub(crate) fn progress_of(statistics: &EpisodeStatistics) -> TrainingProgress {
     let mean = |sum: f64| (statistics.episodes > 0).then(|| sum / statistics.episodes as f64);
     TrainingProgress {

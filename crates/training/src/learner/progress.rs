@@ -19,7 +19,8 @@ pub struct TrainingProgress {
     pub steps_per_second: f64,
     /// Wall-clock time so far, including the runs that this one resumes, s.
     pub wall_clock_secs: f64,
-    /// Mean undiscounted return of the episodes that ended in this iteration; `None` if no episode ended.
+    /// Mean undiscounted return of the episodes that ended in this iteration; `None` if no episode
+    /// ended.
     pub mean_return: Option<f64>,
     /// Mean length of these episodes in control steps.
     pub mean_episode_steps: Option<f64>,
@@ -33,18 +34,22 @@ pub struct TrainingProgress {
     pub validation: Option<Validation>,
     /// Whether that validation belongs to this iteration.
     pub validation_is_fresh: bool,
-    /// Mean Kullback-Leibler divergence of the new policy from the old one; `None` for off-policy algorithms.
+    /// Mean Kullback-Leibler divergence of the new policy from the old one; `None` for off-policy
+    /// algorithms.
     pub kl: Option<f64>,
-    /// Entropy of the policy; `None` for a deterministic policy, and off-policy before the first update.
+    /// Entropy of the policy; `None` for a deterministic policy, and off-policy before the first
+    /// update.
     pub entropy: Option<f64>,
-    /// Learning rate of the policy. TRPO has none: the fraction of the full step that the line search accepted.
+    /// Learning rate of the policy. TRPO has none: the fraction of the full step that the line
+    /// search accepted.
     pub learning_rate: f64,
     /// Time shares of this iteration.
     pub time_shares: TimeShares,
 }
 
 impl TrainingProgress {
-    /// Returns the unit of displayed step counts and its letter: thousands for short runs, otherwise millions.
+    /// Returns the unit of displayed step counts and its letter: thousands for short runs,
+    /// otherwise millions.
     fn unit(&self) -> (f64, &'static str) {
         if self.total_steps < 1_000_000 { (1e3, "k") } else { (1e6, "M") }
     }
@@ -106,7 +111,8 @@ pub struct TimeShares {
 }
 
 impl TimeShares {
-    /// Returns the shares for the seconds of physics, of physics and inference, and of the whole iteration.
+    /// Returns the shares for the seconds of physics, of physics and inference, and of the whole
+    /// iteration.
     pub(crate) fn new(physics: f64, acting: f64, total: f64) -> TimeShares {
         TimeShares {
             physics: physics / total,
@@ -140,25 +146,28 @@ pub enum TrainingControl {
 
 /// Receives the progress of a training run and validates policies.
 pub trait Observer {
-    /// Called before the first iteration, after all checks, with the environment steps so far and in total.
+    /// Called before the first iteration, after all checks, with the environment steps so far and
+    /// in total.
     fn training_started(&mut self, _done: u64, _total: u64) {}
 
-    /// Measures a policy on `episodes` episodes, or returns `None` if that fails. The initial states must differ from
-    /// those of every evaluation. Called at the interval in the settings.
+    /// Measures a policy on `episodes` episodes, or returns `None` if that fails. The initial
+    /// states must differ from those of every evaluation. Called at the interval in the settings.
     fn validate(&mut self, policy: &Policy, episodes: usize) -> Option<Validation>;
 
     /// Called after each iteration.
     fn iteration_finished(&mut self, progress: &TrainingProgress) -> TrainingControl;
 
-    /// Called at the interval in the settings, after [`TrainingControl::SaveCheckpoint`], and at the end. An observer
-    /// that fails to write the checkpoint reports that itself; training continues.
+    /// Called at the interval in the settings, after [`TrainingControl::SaveCheckpoint`], and at
+    /// the end. An observer that fails to write the checkpoint reports that itself; training
+    /// continues.
     fn save_checkpoint(&mut self, _checkpoint: &Checkpoint) {}
 }
 
 /// Result of a training run.
 #[derive(Clone, Debug)]
 pub struct TrainingResult {
-    /// The best policy by validation (strict success, then success, then return); the last policy without a validation.
+    /// The best policy by validation (strict success, then success, then return); the last policy
+    /// without a validation.
     pub best: Policy,
     /// Validation of the best policy.
     pub best_validation: Option<Validation>,

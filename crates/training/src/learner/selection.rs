@@ -5,7 +5,8 @@ use mishandle_network::Mlp;
 
 use crate::{Checkpoint, TrainingError, Validation};
 
-/// Keeps the best policy and the last validation, and counts consecutive validations that reached the target rates.
+/// Keeps the best policy and the last validation, and counts consecutive validations that reached
+/// the target rates.
 #[derive(Clone, Debug)]
 pub struct PolicySelection {
     stop_success: Option<f64>,
@@ -29,8 +30,8 @@ pub struct BestPolicy {
 }
 
 impl PolicySelection {
-    /// Creates a selection whose target is `stop_validations` consecutive validations with at least these rates; without
-    /// a target if both are `None`.
+    /// Creates a selection whose target is `stop_validations` consecutive validations with at least
+    /// these rates; without a target if both are `None`.
     pub fn new(
         stop_success: Option<f64>,
         stop_strict: Option<f64>,
@@ -120,7 +121,8 @@ fn validation(checkpoint: &Checkpoint, name: &str) -> Result<Validation, Trainin
     Ok(Validation { success_rate: rates[0], strict_success_rate: rates[1], mean_return: rates[2] })
 }
 
-/// Compares by strict success, then success, then return. A later policy does not replace an equal one.
+/// Compares by strict success, then success, then return. A later policy does not replace an equal
+/// one.
 fn better(new: &Validation, old: &Validation) -> bool {
     let key = |v: &Validation| (v.strict_success_rate, v.success_rate, v.mean_return);
     key(new) > key(old)

@@ -94,7 +94,8 @@ pub fn concatenate<T: Scalar>(observations: &[T], actions: &[T], rows: usize, in
     }
 }
 
-/// Returns `factor` Σ (Q(inputs) - targets)² and adds its gradient with respect to the critic's parameters to `gradient`.
+/// Returns `factor` Σ (Q(inputs) - targets)² and adds its gradient with respect to the critic's
+/// parameters to `gradient`.
 pub fn squared_error<T: Scalar>(
     critic: &Mlp<T>,
     inputs: &[T],
@@ -130,7 +131,8 @@ mod tests {
         let mut inputs = vec![];
         concatenate(&[1.0, 2.0], &[3.0, -1.0], 2, &mut inputs);
         assert_eq!(inputs, [1.0, 3.0, 2.0, -1.0]);
-        // Q = 2 o + a + 0.5: 5.5 and 3.5. Errors 0.5 and -0.5: ¼ (0.25 + 0.25), slopes 2 · ¼ · ±0.5.
+        // Q = 2 o + a + 0.5: 5.5 and 3.5. Errors 0.5 and -0.5: ¼ (0.25 + 0.25), slopes 2 · ¼ ·
+        // ±0.5.
         let (mut slopes, mut gradient) = (vec![], [0.0; 3]);
         let loss = squared_error(
             &line(2.0),

@@ -26,7 +26,8 @@ pub(crate) trait BehaviorPolicy: Sync {
         None
     }
 
-    /// Samples the action of row `row` of `rows` from the network outputs and standard normal noise.
+    /// Samples the action of row `row` of `rows` from the network outputs and standard normal
+    /// noise.
     fn sample_action(&self, row: usize, rows: usize, outputs: &[f32], noise: &[f64], action: &mut [f32]);
 
     /// Returns the current policy for observations with these moments.

@@ -7,7 +7,8 @@ use mishandle_network::ChunkPool;
 /// Rows of a batch per task: few, so that all threads get some.
 pub(crate) const LEARNING_ROWS: usize = 64;
 
-/// A loss over a batch and its gradient, summed over chunks of rows; `S` is the scratch memory of one thread.
+/// A loss over a batch and its gradient, summed over chunks of rows; `S` is the scratch memory of
+/// one thread.
 pub(crate) struct BatchGradient<S> {
     pool: ChunkPool<f32, S>,
     /// Gradient of the last batch, followed by the loss.
@@ -21,8 +22,8 @@ impl<S: Default + Send> BatchGradient<S> {
         BatchGradient { pool: ChunkPool::new(LEARNING_ROWS), sums: vec![0.0; parameters + 1], loss }
     }
 
-    /// Computes gradient and loss over a batch of `rows` rows. `add` adds the contribution of a range of rows to the
-    /// gradient and returns their contribution to the loss.
+    /// Computes gradient and loss over a batch of `rows` rows. `add` adds the contribution of a
+    /// range of rows to the gradient and returns their contribution to the loss.
     ///
     /// # Errors
     /// If the loss is NaN or infinite; returns its name.

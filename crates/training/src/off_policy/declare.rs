@@ -1,10 +1,10 @@
 //! Declaration of the settings that all off-policy algorithms have.
 
-/// Declares the settings of an off-policy algorithm: the shared settings, with the algorithm's own ones between them. The
-/// file `skrl-0.10.toml` in the algorithm's folder is its settings base.
+/// Declares the settings of an off-policy algorithm: the shared settings, with the algorithm's own
+/// ones between them. The file `skrl-0.10.toml` in the algorithm's folder is its settings base.
 ///
-/// Serde's `flatten` would also combine two structures into one table, but it accepts unknown keys and loses the line
-/// numbers of errors.
+/// Serde's `flatten` would also combine two structures into one table, but it accepts unknown keys
+/// and loses the line numbers of errors.
 macro_rules! off_policy_settings {
     (
         $(#[$about:meta])*

@@ -1,4 +1,5 @@
-//! Deterministic policy a = μ(o) with tanh output: exploration noise, and the deterministic policy gradient.
+//! Deterministic policy a = μ(o) with tanh output: exploration noise, and the deterministic policy
+//! gradient.
 
 use std::ops::Range;
 
@@ -13,15 +14,16 @@ use crate::{ActorSettings, ExplorationDecay, TrainingError};
 
 /// Gaussian exploration noise with a different standard deviation in each environment.
 ///
-/// Environments with little noise give near-on-policy data to the critic, environments with much noise discover new states.
-/// This replaces a tuned noise schedule.
+/// Environments with little noise give near-on-policy data to the critic, environments with much
+/// noise discover new states. This replaces a tuned noise schedule.
 ///
 /// # Reference
-/// Li et al., "Parallel Q-Learning: Scaling Off-policy Reinforcement Learning under Massively Parallel Simulation",
-/// ICML 2023.
+/// Li et al., "Parallel Q-Learning: Scaling Off-policy Reinforcement Learning under Massively
+/// Parallel Simulation", ICML 2023.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Exploration {
-    /// Standard deviations of the first and of the last environment, interpolated linearly between them.
+    /// Standard deviations of the first and of the last environment, interpolated linearly between
+    /// them.
     pub std: [f64; 2],
     /// Decay of the noise, if any.
     pub decay: Option<ExplorationDecay>,
@@ -29,7 +31,8 @@ pub(crate) struct Exploration {
     pub hold: u64,
 }
 
-/// Standard deviation that replaces 0, whose logarithm is infinite; its effect on an action is below rounding.
+/// Standard deviation that replaces 0, whose logarithm is infinite; its effect on an action is
+/// below rounding.
 const MIN_STD: f64 = 1e-9;
 
 impl Exploration {
@@ -122,8 +125,8 @@ pub struct PolicyScratch<T> {
 }
 
 impl<T: Scalar> PolicyLoss<'_, T> {
-    /// Returns the contribution of the rows `rows` to the loss and adds its gradient with respect to the actor's parameters
-    /// to `gradient`.
+    /// Returns the contribution of the rows `rows` to the loss and adds its gradient with respect
+    /// to the actor's parameters to `gradient`.
     pub fn add_gradient(
         &self,
         rows: Range<usize>,

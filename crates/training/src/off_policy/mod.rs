@@ -1,4 +1,5 @@
-//! Off-policy algorithms: act, store transitions in a replay buffer, and update in proportion to the number of steps.
+//! Off-policy algorithms: act, store transitions in a replay buffer, and update in proportion to
+//! the number of steps.
 
 pub(crate) mod action_value;
 pub(crate) mod agent;

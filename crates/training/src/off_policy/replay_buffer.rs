@@ -8,12 +8,12 @@ use crate::{Boundary, Checkpoint, Episodes, TrainingError};
 
 /// The last control steps of all environments: one ring buffer per environment.
 ///
-/// An entry contains observation, action, reward, and whether the episode ended. After a truncated step, one more entry
-/// contains the final observation of the episode; it is never sampled as a transition. Observations are stored without
-/// normalization and normalized when they are sampled.
+/// An entry contains observation, action, reward, and whether the episode ended. After a truncated
+/// step, one more entry contains the final observation of the episode; it is never sampled as a
+/// transition. Observations are stored without normalization and normalized when they are sampled.
 ///
-/// An entry takes 4 (observation size + action size + 1) + 1 bytes: one million entries with 30 and 8 numbers take 157 MB,
-/// and as much in a checkpoint.
+/// An entry takes 4 (observation size + action size + 1) + 1 bytes: one million entries with 30 and
+/// 8 numbers take 157 MB, and as much in a checkpoint.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ReplayBuffer {
     /// Entries per environment.
@@ -66,7 +66,8 @@ impl ReplayBuffer {
         }
     }
 
-    /// Stores the last step of `episodes`; `observations` are those before the step, `actions` within [-1, 1].
+    /// Stores the last step of `episodes`; `observations` are those before the step, `actions`
+    /// within [-1, 1].
     pub fn push(&mut self, observations: &[f32], actions: &[f32], episodes: &Episodes) {
         let (columns, size) = (self.observation_size, self.action_size);
         for (row, boundary) in episodes.boundaries().iter().enumerate() {
@@ -102,8 +103,9 @@ impl ReplayBuffer {
         row * self.length + (index % self.length as u64) as usize
     }
 
-    /// Samples batch `index` of `seed`, with `rows` rows: transitions drawn uniformly from those that enough entries
-    /// follow. Without replacement `rows` must be at most the number of environments, so that there are enough of them.
+    /// Samples batch `index` of `seed`, with `rows` rows: transitions drawn uniformly from those
+    /// that enough entries follow. Without replacement `rows` must be at most the number of
+    /// environments, so that there are enough of them.
     ///
     /// # Panics
     /// If an environment has fewer than `n_steps` + 2 entries.

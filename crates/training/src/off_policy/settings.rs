@@ -23,7 +23,8 @@ pub(crate) struct OffPolicySettings<'a> {
 settings! {
     /// `[replay]`: the replay buffer and the number of updates.
     pub struct ReplayBufferSettings in "replay." {
-        /// Capacity in control steps of all environments together; at least `n_steps` + 3 per environment.
+        /// Capacity in control steps of all environments together; at least `n_steps` + 3 per
+        /// environment.
         pub capacity: usize = 1_000_000, CAPACITY;
         /// Number n of steps in the n-step return of the critic's target.
         pub n_steps: usize = 3, AT_LEAST_1;
@@ -33,7 +34,8 @@ settings! {
         pub replacement: bool = true;
         /// Number of environment steps with uniformly random actions before the first update.
         pub warmup_steps: u64 = 10_000;
-        /// Number of updates per step after the warm-up; 1/32 is four per control step of 128 environments.
+        /// Number of updates per step after the warm-up; 1/32 is four per control step of 128
+        /// environments.
         pub updates_per_step: f64 = 1.0 / 32.0, NOT_NEGATIVE;
         /// Unit of the steps in `updates_per_step`.
         pub updates_unit: UpdateUnit = UpdateUnit::EnvironmentSteps;
@@ -64,8 +66,8 @@ settings! {
         pub learning_rate: f64 = 3e-4, POSITIVE;
         /// Whether policy and critics see observations normalized by running moments.
         pub normalize_observations: bool = true;
-        /// Initialization of the network: orthogonal weights; weights and biases uniform in ±1/√inputs, the PyTorch
-        /// default; or weights and biases from N(0, σ²).
+        /// Initialization of the network: orthogonal weights; weights and biases uniform in
+        /// ±1/√inputs, the PyTorch default; or weights and biases from N(0, σ²).
         pub initialization: Initialization = Initialization::Orthogonal, INITIALIZATION;
     }
 }
@@ -128,8 +130,8 @@ impl ReplayBufferSettings {
         (counted * self.updates_per_step) as u64
     }
 
-    /// Returns the number of control steps per environment before the first update, after which each environment has at
-    /// least one complete n-step return.
+    /// Returns the number of control steps per environment before the first update, after which
+    /// each environment has at least one complete n-step return.
     pub(crate) fn steps_before_updates(&self) -> usize {
         self.n_steps + 2
     }

@@ -1,4 +1,5 @@
-//! Twin critics: targets use the smaller of two values, because a policy exploits overestimated values.
+//! Twin critics: targets use the smaller of two values, because a policy exploits overestimated
+//! values.
 
 use mishandle_network::{Mlp, Scalar, Workspace};
 use mishandle_rollout::Seed;
@@ -11,7 +12,8 @@ use crate::{Checkpoint, QCriticSettings, TrainingError};
 /// Q₁ and Q₂ with their target networks.
 ///
 /// # Reference
-/// Fujimoto, van Hoof and Meger, "Addressing Function Approximation Error in Actor-Critic Methods", ICML 2018.
+/// Fujimoto, van Hoof and Meger, "Addressing Function Approximation Error in Actor-Critic Methods",
+/// ICML 2018.
 #[derive(Debug)]
 pub(crate) struct TwinCritics(pub [NetworkWithTarget; 2]);
 
@@ -19,7 +21,8 @@ pub(crate) struct TwinCritics(pub [NetworkWithTarget; 2]);
 const NAMES: [&str; 2] = ["critic_1", "critic_2"];
 
 impl TwinCritics {
-    /// Creates two critics for `sizes` = (observation size, action size); `seed` is that of the training run.
+    /// Creates two critics for `sizes` = (observation size, action size); `seed` is that of the
+    /// training run.
     ///
     /// # Errors
     /// If a layer has size 0.
@@ -99,8 +102,8 @@ impl<T: Scalar> TwinScratch<T> {
         self.targets.extend(values.map(|(first, second)| if second < first { *second } else { *first }));
     }
 
-    /// Returns `factor` Σ ((Q₁(s, a) - y)² + (Q₂(s, a) - y)²) and adds its gradient with respect to the parameters of Q₁,
-    /// then of Q₂, to `gradient`.
+    /// Returns `factor` Σ ((Q₁(s, a) - y)² + (Q₂(s, a) - y)²) and adds its gradient with respect to
+    /// the parameters of Q₁, then of Q₂, to `gradient`.
     pub fn squared_errors(
         &mut self,
         critics: [&Mlp<T>; 2],

@@ -155,13 +155,15 @@ impl ActorCritic {
         self.update_normalizer(ObservationMoments::Rollout, RolloutBuffer::observation_moments);
     }
 
-    /// Updates the observation normalizer from the whole rollout, before a policy update in one batch.
+    /// Updates the observation normalizer from the whole rollout, before a policy update in one
+    /// batch.
     pub fn update_normalizer_from_batch(&mut self) {
         let moments = |buffer: &RolloutBuffer| buffer.observation_moments().with_sample_variance();
         self.update_normalizer(ObservationMoments::Minibatches, moments);
     }
 
-    /// Updates the observation normalizer from a minibatch, before its gradient step; `rows` are indices of the buffer.
+    /// Updates the observation normalizer from a minibatch, before its gradient step; `rows` are
+    /// indices of the buffer.
     pub fn update_normalizer_from_minibatch(&mut self, rows: &[u32]) {
         let moments = |buffer: &RolloutBuffer| buffer.observation_moments_at(rows).with_sample_variance();
         self.update_normalizer(ObservationMoments::Minibatches, moments);
@@ -177,8 +179,8 @@ impl ActorCritic {
         }
     }
 
-    /// Returns whether the initial probability ratios are exactly 1, because the normalizer did not change since the
-    /// rollout.
+    /// Returns whether the initial probability ratios are exactly 1, because the normalizer did not
+    /// change since the rollout.
     pub fn initial_ratios_are_1(&self) -> bool {
         !self.normalize || self.observation_moments == ObservationMoments::Rollout
     }
@@ -191,7 +193,8 @@ impl ActorCritic {
         }
     }
 
-    /// Returns the policy parameters θ + `fraction` · `step`; `step` contains the network's parameters, then log σ.
+    /// Returns the policy parameters θ + `fraction` · `step`; `step` contains the network's
+    /// parameters, then log σ.
     pub fn policy_at_step(&self, step: &[f64], fraction: f64) -> (Mlp<f32>, Vec<f32>) {
         let (network_step, log_std_step) = step.split_at(self.network.parameter_count());
         let moved = |old: f32, by: &f64| (f64::from(old) + fraction * by) as f32;

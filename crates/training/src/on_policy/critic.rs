@@ -14,8 +14,8 @@ use crate::{Checkpoint, CriticSettings, TrainingError, ValueMoments};
 /// V(x) = std · clamp(network(x), -5, 5) + mean
 /// ```
 ///
-/// Mean and standard deviation are running moments of the returns, so the regression targets of the network do not
-/// depend on the magnitude of the rewards.
+/// Mean and standard deviation are running moments of the returns, so the regression targets of the
+/// network do not depend on the magnitude of the rewards.
 #[derive(Debug)]
 pub struct Critic {
     network: Mlp<f32>,
@@ -79,8 +79,8 @@ impl Critic {
         network.update(|parameters| adam.step(parameters, gradient));
     }
 
-    /// Applies one optimizer step on the mean loss of the rows `indices`, with the gradient norm clipped to
-    /// `max_grad_norm`; returns the loss.
+    /// Applies one optimizer step on the mean loss of the rows `indices`, with the gradient norm
+    /// clipped to `max_grad_norm`; returns the loss.
     pub fn train_minibatch(
         &mut self,
         normalizer: &Normalizer<f32>,
@@ -134,8 +134,8 @@ impl Critic {
         });
     }
 
-    /// Updates the running moments from the values and returns of a rollout and normalizes both: values to `old_values`,
-    /// returns to `targets`.
+    /// Updates the running moments from the values and returns of a rollout and normalizes both:
+    /// values to `old_values`, returns to `targets`.
     pub fn normalize_targets(
         &mut self,
         values: &[f64],
@@ -221,7 +221,8 @@ mod tests {
     fn values_stay_within_five_standard_deviations_of_the_mean_return() {
         let settings = CriticSettings { hidden: vec![], ..CriticSettings::default() };
         let mut critic = Critic::new(1, &settings, Seed(1)).unwrap();
-        // The moments start with one sample of mean 0 and variance 1: mean 6/4, variance (1 + 3/4 · 2²) / 4 = 1.
+        // The moments start with one sample of mean 0 and variance 1: mean 6/4, variance (1 + 3/4 ·
+        // 2²) / 4 = 1.
         critic.normalize_targets(&[0.0; 3], &[2.0; 3], &mut vec![], &mut vec![]);
         let plain = Normalizer::new(&[0.0], &[1.0]).unwrap();
         let mut value = |bias: f32| {

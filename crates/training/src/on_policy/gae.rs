@@ -2,16 +2,17 @@
 
 use crate::Boundary;
 
-/// Computes the advantages of `steps` control steps in `rows` environments; terminations and truncations differ.
+/// Computes the advantages of `steps` control steps in `rows` environments; terminations and
+/// truncations differ.
 ///
 /// ```text
 /// δ_t = r_t + γ V(s_t+1) - V(s_t)        V(s_t+1) = 0 if the step terminated the episode
 /// A_t = δ_t + γ λ A_t+1                  A_t = δ_t if the episode or the rollout ended with the step
 /// ```
 ///
-/// All slices have the shape `[steps, rows]`, time first. `next_values` are the values of the observations after the
-/// steps. For a truncated episode, this is its final observation, not the observation after the reset. The next value
-/// of a terminated step is ignored.
+/// All slices have the shape `[steps, rows]`, time first. `next_values` are the values of the
+/// observations after the steps. For a truncated episode, this is its final observation, not the
+/// observation after the reset. The next value of a terminated step is ignored.
 ///
 /// # Panics
 /// If the lengths differ or are not a multiple of `rows`.
@@ -26,8 +27,9 @@ use crate::Boundary;
 /// ```
 ///
 /// # Reference
-/// Schulman, Moritz, Levine, Jordan and Abbeel, "High-Dimensional Continuous Control Using Generalized Advantage
-/// Estimation", ICLR 2016. Pardo, Tavakoli, Levdik and Kormushev, "Time Limits in Reinforcement Learning", ICML 2018.
+/// Schulman, Moritz, Levine, Jordan and Abbeel, "High-Dimensional Continuous Control Using
+/// Generalized Advantage Estimation", ICLR 2016. Pardo, Tavakoli, Levdik and Kormushev, "Time
+/// Limits in Reinforcement Learning", ICML 2018.
 #[expect(clippy::too_many_arguments, reason = "two constants and five arrays of one formula")]
 pub fn advantages(
     gamma: f64,
@@ -56,7 +58,8 @@ mod tests {
     use super::*;
     use Boundary::{Running, Terminated, Truncated};
 
-    /// One row, γ = 0.5 and λ = 0.5, so that γ λ = 1/4; rewards 1 2 4, values 1 1 1, next values 1 1 3.
+    /// One row, γ = 0.5 and λ = 0.5, so that γ λ = 1/4; rewards 1 2 4, values 1 1 1, next values 1
+    /// 1 3.
     #[track_caller]
     fn check(boundaries: [Boundary; 3], expected: [f64; 3]) {
         let mut out = [0.0; 3];
@@ -66,7 +69,8 @@ mod tests {
 
     #[test]
     fn advantage_of_a_running_episode_sums_all_later_deltas() {
-        // δ = 1 + 0.5 - 1, 2 + 0.5 - 1, 4 + 1.5 - 1 = 0.5 1.5 4.5; A = 0.5 + (1.5 + 4.5 / 4) / 4, 1.5 + 4.5 / 4, 4.5
+        // δ = 1 + 0.5 - 1, 2 + 0.5 - 1, 4 + 1.5 - 1 = 0.5 1.5 4.5; A = 0.5 + (1.5 + 4.5 / 4) / 4,
+        // 1.5 + 4.5 / 4, 4.5
         check([Running, Running, Running], [1.15625, 2.625, 4.5]);
     }
 

@@ -13,7 +13,8 @@ choice! {
     pub enum MinibatchScheme {
         /// Shuffled in each epoch; the last minibatch contains the remaining rows.
         Shuffled = "shuffled",
-        /// Contiguous slices of the rollout, time first, the same in each epoch; remaining rows are not used.
+        /// Contiguous slices of the rollout, time first, the same in each epoch; remaining rows are
+        /// not used.
         Slices = "slices",
     }
 }
@@ -61,7 +62,8 @@ impl Minibatches {
     }
 }
 
-/// Checks that each of `count` slices of `rows` rows has at least two rows, which a standard deviation needs.
+/// Checks that each of `count` slices of `rows` rows has at least two rows, which a standard
+/// deviation needs.
 pub(crate) fn check_minibatch_count(rows: usize, count: usize) -> Result<(), TrainingError> {
     let expected = "at least 1, and at most half the number of rows of a rollout";
     require("minibatch_count", expected, count, count >= 1 && rows / count >= 2)
@@ -81,7 +83,8 @@ pub(crate) fn check_minibatch_count(rows: usize, count: usize) -> Result<(), Tra
 /// ```
 ///
 /// # Reference
-/// Fisher and Yates; Durstenfeld, "Algorithm 235: Random permutation", Communications of the ACM 7(7), 1964.
+/// Fisher and Yates; Durstenfeld, "Algorithm 235: Random permutation", Communications of the ACM
+/// 7(7), 1964.
 pub fn shuffle(seed: Seed, index: u64, order: &mut [u32]) {
     for (entry, number) in order.iter_mut().zip(0..) {
         *entry = number;

@@ -34,7 +34,8 @@ pub(crate) trait PolicyOptimizer: Sized + 'static {
     /// Creates the optimizer in its state before the first update.
     fn new(settings: &Self::Settings, actor_critic: &mut ActorCritic, minibatches: Minibatches) -> Self;
 
-    /// Computes the networks' passes of the following updates on another device than the CPU. By default, it is not used.
+    /// Computes the networks' passes of the following updates on another device than the CPU. By
+    /// default, it is not used.
     ///
     /// # Errors
     /// If the device is not available, or it cannot compute these networks.

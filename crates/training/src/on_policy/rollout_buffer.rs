@@ -5,7 +5,8 @@ use rayon::prelude::*;
 
 use crate::{Boundary, Episodes};
 
-/// A rollout of `steps` control steps in `rows` environments. All arrays have the shape `[steps, rows, ..]`.
+/// A rollout of `steps` control steps in `rows` environments. All arrays have the shape
+/// `[steps, rows, ..]`.
 #[derive(Clone, Debug)]
 pub struct RolloutBuffer {
     rows: usize,
@@ -28,7 +29,8 @@ pub struct RolloutBuffer {
     pub next_values: Vec<f64>,
     /// Advantages.
     pub advantages: Vec<f64>,
-    /// Observation after the last step, `[rows, ..]`; after a reset, the first observation of the next episode.
+    /// Observation after the last step, `[rows, ..]`; after a reset, the first observation of the
+    /// next episode.
     pub last_observations: Vec<f32>,
     /// Indices of the truncated steps, ascending.
     pub truncated: Vec<usize>,
@@ -76,7 +78,8 @@ impl RolloutBuffer {
         self.truncated_observations.clear();
     }
 
-    /// Stores the current observations; returns them and the slices for the actions and their log-probabilities.
+    /// Stores the current observations; returns them and the slices for the actions and their
+    /// log-probabilities.
     ///
     /// # Panics
     /// If the buffer is full.
@@ -113,8 +116,8 @@ impl RolloutBuffer {
         }
     }
 
-    /// Fills `next_values` from `values`, the values `last` of the observations after the rollout, and the values
-    /// `truncated` of the final observations of truncated episodes.
+    /// Fills `next_values` from `values`, the values `last` of the observations after the rollout,
+    /// and the values `truncated` of the final observations of truncated episodes.
     pub fn set_next_values(&mut self, last: &[f64], truncated: &[f64]) {
         let kept = self.count() - self.rows;
         self.next_values[..kept].copy_from_slice(&self.values[self.rows..]);
@@ -134,7 +137,8 @@ impl RolloutBuffer {
         self.merged(&parts)
     }
 
-    /// Returns the moments of the observations with these indices; the bits do not depend on the number of threads.
+    /// Returns the moments of the observations with these indices; the bits do not depend on the
+    /// number of threads.
     pub fn observation_moments_at(&self, indices: &[u32]) -> Moments {
         let columns = self.observation_size;
         let at = |index: &u32| &self.observations[*index as usize * columns..][..columns];

@@ -80,8 +80,8 @@ settings! {
         /// Activation function of the hidden layers.
         #[serde(with = "activation_name")]
         pub activation: Activation = Activation::Elu;
-        /// Initialization of the network: orthogonal weights; weights and biases uniform in ±1/√inputs, the PyTorch
-        /// default; or weights and biases from N(0, σ²).
+        /// Initialization of the network: orthogonal weights; weights and biases uniform in
+        /// ±1/√inputs, the PyTorch default; or weights and biases from N(0, σ²).
         pub initialization: Initialization = Initialization::Orthogonal, INITIALIZATION;
         /// Initial log σ of each action, from `min_log_std` to `max_log_std`.
         pub initial_log_std: f64 = -0.5, FINITE;
@@ -99,10 +99,12 @@ settings! {
 choice! {
     /// When the running moments of observations are updated.
     pub enum ObservationMoments {
-        /// Once per rollout, after the updates, so that the initial probability ratios are exactly 1.
+        /// Once per rollout, after the updates, so that the initial probability ratios are
+        /// exactly 1.
         Rollout = "rollout",
-        /// Before each minibatch of the first epoch, with its sample variance, as skrl's `RunningStandardScaler` does;
-        /// in TRPO also from the whole rollout before the policy step.
+        /// Before each minibatch of the first epoch, with its sample variance, as skrl's
+        /// `RunningStandardScaler` does; in TRPO also from the whole rollout before the policy
+        /// step.
         Minibatches = "minibatches",
     }
 }
@@ -133,7 +135,8 @@ choice! {
     pub enum ValueMoments {
         /// The returns of each rollout.
         Returns = "returns",
-        /// First the values, then the returns, both with their sample variance, as skrl's `RunningStandardScaler` does.
+        /// First the values, then the returns, both with their sample variance, as skrl's
+        /// `RunningStandardScaler` does.
         Both = "both",
     }
 }

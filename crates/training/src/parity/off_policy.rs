@@ -42,7 +42,8 @@ impl Case {
         number(&self.document, key)
     }
 
-    /// Returns the settings of the case (tuned or those of the base) with the additional settings `own`.
+    /// Returns the settings of the case (tuned or those of the base) with the additional settings
+    /// `own`.
     fn settings<S: TomlSettings>(&self, own: &str) -> S {
         let (hidden, rows) = (self.setting("hidden"), self.batch().rows());
         let sizes =
@@ -119,7 +120,8 @@ fn check_sac(kind: &'static str) {
     if kind == TUNED {
         sac.target_entropy = case.setting("target_entropy");
     } else {
-        // skrl's default is -1 per action dimension. The first Adam steps would have the same length for any other value.
+        // skrl's default is -1 per action dimension. The first Adam steps would have the same
+        // length for any other value.
         assert!((sac.target_entropy + SIZES.1 as f64).abs() < 1e-6, "{}", sac.target_entropy);
     }
     case.initialize(&mut sac.actor, "policy");

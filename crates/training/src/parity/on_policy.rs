@@ -140,7 +140,8 @@ fn updates_of_ppo_match_skrl() {
             load_rollout(&mut actor_critic, &name, rollout);
             let rate = ppo.update(&mut actor_critic, 0).unwrap().learning_rate;
             assert!((rate / number(rollout, "learning_rate") - 1.0).abs() < 1e-9, "{name}: {rate}");
-            // If a minibatch ended the last epoch, skrl's gradient is that of the previous minibatch.
+            // If a minibatch ended the last epoch, skrl's gradient is that of the previous
+            // minibatch.
             if settings.kl_threshold.is_none() {
                 let (gradient, metrics) = ppo.gradient.split_at(ppo.gradient.len() - 3);
                 close(&format!("{name}: gradient"), gradient, &rollout["last_gradient"]);
@@ -154,8 +155,9 @@ fn updates_of_ppo_match_skrl() {
     }
 }
 
-/// Tolerance of TRPO's steps compared with skrl in double precision. Ten conjugate gradient iterations, the default,
-/// amplify the single-precision errors of the Fisher-vector products; PyTorch in single precision is less accurate.
+/// Tolerance of TRPO's steps compared with skrl in double precision. Ten conjugate gradient
+/// iterations, the default, amplify the single-precision errors of the Fisher-vector products;
+/// PyTorch in single precision is less accurate.
 fn step_tolerance(settings: &TrpoSettings) -> f64 {
     if settings.cg_iterations == 10 { 1e-4 } else { 1e-5 }
 }

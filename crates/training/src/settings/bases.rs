@@ -1,12 +1,12 @@
 //! Settings bases: values of the settings that a file leaves out.
 //!
-//! A settings file may contain `base = "skrl-0.10"`. The base then supplies every missing value. A base is TOML
-//! that states its differences from the defaults.
+//! A settings file may contain `base = "skrl-0.10"`. The base then supplies every missing value. A
+//! base is TOML that states its differences from the defaults.
 
 use crate::TomlSettings;
 
-/// Names of the bases: `best`, the defaults, which apply if a file names no base; and `skrl-0.10`, the skrl 0.10.2
-/// defaults. Not every algorithm has every base.
+/// Names of the bases: `best`, the defaults, which apply if a file names no base; and `skrl-0.10`,
+/// the skrl 0.10.2 defaults. Not every algorithm has every base.
 pub const BASES: [&str; 2] = [BEST, SKRL_0_10];
 
 /// Name of the base with the default settings.

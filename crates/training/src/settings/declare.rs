@@ -1,10 +1,11 @@
-//! Macros that declare settings. The field is the only place that states a setting's description, default and constraint.
+//! Macros that declare settings. The field is the only place that states a setting's description,
+//! default and constraint.
 
-/// Declares a table of settings: for each field its description, type, default and optional constraint, then nested
-/// tables.
+/// Declares a table of settings: for each field its description, type, default and optional
+/// constraint, then nested tables.
 ///
-/// Generates the structure, its `Default`, a list of [`Setting`](crate::Setting)s with full names, and a check of all
-/// constraints.
+/// Generates the structure, its `Default`, a list of [`Setting`](crate::Setting)s with full names,
+/// and a check of all constraints.
 macro_rules! settings {
     (
         $(#[$about:meta])*
@@ -73,7 +74,8 @@ macro_rules! settings {
     };
 }
 
-/// Declares an enumerated setting: for each variant its description and its name in a settings file.
+/// Declares an enumerated setting: for each variant its description and its name in a settings
+/// file.
 macro_rules! choice {
     (
         $(#[$about:meta])*

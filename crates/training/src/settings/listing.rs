@@ -3,7 +3,8 @@
 use crate::{AlgorithmSettings, Setting};
 
 impl AlgorithmSettings {
-    /// Returns each setting with its value as TOML, in order of declaration; `None` for a setting that is not set.
+    /// Returns each setting with its value as TOML, in order of declaration; `None` for a setting
+    /// that is not set.
     pub fn values(&self) -> Vec<(Setting, Option<String>)> {
         let table: toml::Table = self.to_toml().parse().expect("settings are TOML");
         let value = |setting: &Setting| {
@@ -15,7 +16,8 @@ impl AlgorithmSettings {
         settings.map(|setting| (value(&setting), setting)).map(|(value, setting)| (setting, value)).collect()
     }
 
-    /// Returns the differences from other settings of the same algorithm: name, own value and the other's, as TOML.
+    /// Returns the differences from other settings of the same algorithm: name, own value and the
+    /// other's, as TOML.
     pub(crate) fn differing(&self, other: &AlgorithmSettings) -> Vec<[String; 3]> {
         let or_not_set = |value: Option<String>| value.unwrap_or_else(|| "not set".to_string());
         self.values()
@@ -28,8 +30,8 @@ impl AlgorithmSettings {
             .collect()
     }
 
-    /// Returns the settings as TOML with a comment for each setting that is not set. Reading the text gives equal
-    /// settings.
+    /// Returns the settings as TOML with a comment for each setting that is not set. Reading the
+    /// text gives equal settings.
     ///
     /// # Example
     /// ```

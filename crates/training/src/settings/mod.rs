@@ -1,4 +1,5 @@
-//! Settings: the trait that algorithms implement, the tables that all of them share, reading, listing and bases.
+//! Settings: the trait that algorithms implement, the tables that all of them share, reading,
+//! listing and bases.
 
 pub(crate) mod bases;
 pub(crate) mod declare;
@@ -18,8 +19,8 @@ pub use setting::{Choice, Setting};
 
 /// Settings of an algorithm, readable from TOML.
 ///
-/// Each field is a key of the same name. A missing key takes its value from the settings base that the key `base`
-/// names (default: `best`). An unknown key is an error.
+/// Each field is a key of the same name. A missing key takes its value from the settings base that
+/// the key `base` names (default: `best`). An unknown key is an error.
 pub trait TomlSettings: Default + Serialize + DeserializeOwned {
     /// Name of the algorithm.
     const ALGORITHM: &'static str;
@@ -36,7 +37,8 @@ pub trait TomlSettings: Default + Serialize + DeserializeOwned {
     /// If a value is not allowed; the message states the allowed values.
     fn check(&self) -> Result<(), TrainingError>;
 
-    /// Returns the reason why the result after n steps depends on `run.total_steps`; `None` if it does not.
+    /// Returns the reason why the result after n steps depends on `run.total_steps`; `None` if it
+    /// does not.
     fn depends_on_total_steps(&self) -> Option<&'static str> {
         None
     }
@@ -49,7 +51,8 @@ pub trait TomlSettings: Default + Serialize + DeserializeOwned {
         read::read(text)
     }
 
-    /// Returns the settings as TOML: every key with its value, without the settings that are not set.
+    /// Returns the settings as TOML: every key with its value, without the settings that are not
+    /// set.
     fn to_toml(&self) -> String {
         toml::to_string(self).expect("settings are numbers, names and lists of numbers")
     }
@@ -64,11 +67,14 @@ settings! {
         pub validation_interval: u64 = 20, AT_LEAST_1;
         /// Number of episodes of a validation.
         pub validation_episodes: usize = 200, ARRAY_SIZE;
-        /// Success rate on validation that allows early stopping; no early stopping by this rate if not set.
+        /// Success rate on validation that allows early stopping; no early stopping by this rate if
+        /// not set.
         pub stop_success: Option<f64> = None, FRACTION;
-        /// Strict success rate on validation that allows early stopping; no early stopping by this rate if not set.
+        /// Strict success rate on validation that allows early stopping; no early stopping by this
+        /// rate if not set.
         pub stop_strict: Option<f64> = None, FRACTION;
-        /// Number of consecutive validations that must reach both rates before training stops early.
+        /// Number of consecutive validations that must reach both rates before training stops
+        /// early.
         pub stop_validations: u64 = 3, AT_LEAST_1;
         /// Number of iterations between two checkpoints.
         pub checkpoint_interval: u64 = 50, AT_LEAST_1;
@@ -84,7 +90,8 @@ settings! {
         pub time_limit: Option<usize> = None, AT_LEAST_1;
         /// Treatment of an episode that reaches the time limit.
         pub timeouts: TimeoutHandling = TimeoutHandling::Bootstrap;
-        /// Whether each environment's first episode has a random length, so that the environments are not in phase.
+        /// Whether each environment's first episode has a random length, so that the environments
+        /// are not in phase.
         pub staggered: bool = true;
         /// Standard deviation of the noise added to each clipped action during training.
         pub action_noise: f64 = 0.0, NOISE;

@@ -11,7 +11,8 @@ use crate::{Setting, TomlSettings, TrainingError};
 /// Key that names the settings base.
 const BASE: &str = "base";
 
-/// Reads settings from TOML. A missing key, at any depth, takes its value from the base that the text names.
+/// Reads settings from TOML. A missing key, at any depth, takes its value from the base that the
+/// text names.
 ///
 /// # Errors
 /// If the text is not TOML, contains an unknown setting, or assigns a value that is not allowed.
@@ -40,8 +41,8 @@ struct Reader<'t> {
 }
 
 impl Reader<'_> {
-    /// Checks that each key of a table is known and has a value of the right type; `within` is the name of the table
-    /// with a period at its end.
+    /// Checks that each key of a table is known and has a value of the right type; `within` is the
+    /// name of the table with a period at its end.
     fn check(&self, within: &str, table: &DeTable<'_>) -> Result<(), TrainingError> {
         for (key, value) in table {
             let name = format!("{within}{}", key.get_ref());

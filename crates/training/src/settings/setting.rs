@@ -66,7 +66,8 @@ pub(crate) const AT_LEAST_1: Constraint =
     constraint("a whole number from 1 to 10^12", |x| x.iter().all(|x| (1.0..=MAX_COUNT).contains(x)));
 pub(crate) const AT_LEAST_2: Constraint =
     constraint("a whole number from 2 to 10^12", |x| x.iter().all(|x| (2.0..=MAX_COUNT).contains(x)));
-/// Sizes of arrays are bounded, so that a typing error is reported instead of exhausting the memory.
+/// Sizes of arrays are bounded, so that a typing error is reported instead of exhausting the
+/// memory.
 pub(crate) const ARRAY_SIZE: Constraint =
     constraint("a whole number from 1 to 10^6", |x| x.iter().all(|x| (1.0..=1e6).contains(x)));
 pub(crate) const CAPACITY: Constraint =
@@ -81,7 +82,8 @@ pub(crate) const NOT_NEGATIVE: Constraint =
 pub(crate) const NOISE: Constraint =
     constraint("a number from 0 to 10", |x| x.iter().all(|x| (0.0..=Noise::MAX_STD).contains(x)));
 pub(crate) const FINITE: Constraint = constraint("a finite number", |x| x.iter().all(|x| x.is_finite()));
-/// The sizes and the weights between hidden layers are bounded, so that a controller is smaller than the limit for reading it.
+/// The sizes and the weights between hidden layers are bounded, so that a controller is smaller
+/// than the limit for reading it.
 pub(crate) const LAYER_SIZES: Constraint = constraint(
     "a list of up to 100 whole numbers from 1 to 10^4, as [64, 64], with at most 5·10^7 weights between them",
     |x| {

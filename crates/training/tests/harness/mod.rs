@@ -53,7 +53,8 @@ pub fn run(
     pool.install(|| settings.train(&Line::new(0.05), Seed(5), resume, observer)).unwrap()
 }
 
-/// Checks that training produces the same bits on 1, 2 and 4 threads; returns the number of iterations.
+/// Checks that training produces the same bits on 1, 2 and 4 threads; returns the number of
+/// iterations.
 #[track_caller]
 pub fn check_threads(settings: &AlgorithmSettings) -> usize {
     let mut one = RecordingObserver::default();
@@ -68,8 +69,8 @@ pub fn check_threads(settings: &AlgorithmSettings) -> usize {
     one.progress.len()
 }
 
-/// Checks that training produces the same bits if it is stopped after `stops` iterations and resumed; returns the number of
-/// iterations.
+/// Checks that training produces the same bits if it is stopped after `stops` iterations and
+/// resumed; returns the number of iterations.
 #[track_caller]
 pub fn check_resumption(settings: &AlgorithmSettings, stops: &[u64]) -> usize {
     let mut whole = RecordingObserver::default();
@@ -90,7 +91,8 @@ pub fn check_resumption(settings: &AlgorithmSettings, stops: &[u64]) -> usize {
     whole.progress.len()
 }
 
-/// Returns the mean return on the line without disturbances, computed without batches and training code.
+/// Returns the mean return on the line without disturbances, computed without batches and training
+/// code.
 pub fn mean_return(controller: &dyn Controller, episodes: usize) -> f64 {
     let line = Line::new(0.0);
     let mut actor = controller.worker();
@@ -108,7 +110,8 @@ pub fn mean_return(controller: &dyn Controller, episodes: usize) -> f64 {
     sum / episodes as f64
 }
 
-/// Returns the mean return of the optimal policy from the same initial states: straight to the goal at full speed.
+/// Returns the mean return of the optimal policy from the same initial states: straight to the goal
+/// at full speed.
 pub fn best_return(episodes: usize) -> f64 {
     let line = Line::new(0.0);
     let mut sum = 0.0;

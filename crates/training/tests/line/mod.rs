@@ -6,10 +6,11 @@ use mishandle_rollout::{EnvironmentWorker, Sample, Scenario, Seed, StepStatus, S
 
 use crate::toy::{Toy, names, space};
 
-/// A point on a line must reach a goal: x changes by a tenth of the action, which is clipped to [-1, 1].
+/// A point on a line must reach a goal: x changes by a tenth of the action, which is clipped to
+/// [-1, 1].
 ///
-/// The reward is 1 - |x - goal|. The episode terminates beyond ±1.5. Each step adds a random disturbance of at most `wind`,
-/// drawn from the simulation's seed.
+/// The reward is 1 - |x - goal|. The episode terminates beyond ±1.5. Each step adds a random
+/// disturbance of at most `wind`, drawn from the simulation's seed.
 #[derive(Clone)]
 pub struct Line {
     wind: f64,

@@ -9,10 +9,11 @@ use crate::WorldError;
 /// Index of the transparent color.
 const TRANSPARENT: u8 = u8::MAX;
 
-/// Encodes pictures of the same size as an animated PNG, which repeats. Each picture is shown for a number of milliseconds.
+/// Encodes pictures of the same size as an animated PNG, which repeats. Each picture is shown for a
+/// number of milliseconds.
 ///
-/// The film has 255 colors, which keeps it small. A frame contains only the rectangle that differs from the frame before it, and
-/// its other pixels are transparent.
+/// The film has 255 colors, which keeps it small. A frame contains only the rectangle that differs
+/// from the frame before it, and its other pixels are transparent.
 ///
 /// # Errors
 /// If there is no picture, or the sizes differ.

@@ -24,7 +24,8 @@ pub struct CaptionPart {
     pub is_bold: bool,
 }
 
-/// A bar that shows the position of a frame in its episode. All positions are fractions of the episode.
+/// A bar that shows the position of a frame in its episode. All positions are fractions of the
+/// episode.
 #[derive(Clone, Debug, PartialEq)]
 pub struct TimeBar {
     /// Position of the frame.
@@ -44,8 +45,8 @@ const TYPE_HEIGHTS: [(usize, usize); 4] = [(0, 16), (640, 20), (1024, 24), (1536
 /// Largest fraction of a frame's height that a caption takes, as numerator and denominator.
 const MAX_SHARE: (usize, usize) = (2, 5);
 
-/// The place of captions in frames of one size. All captions of a film have the same layout if their parts have the same
-/// lengths.
+/// The place of captions in frames of one size. All captions of a film have the same layout if
+/// their parts have the same lengths.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct CaptionLayout {
     type_height: usize,
@@ -58,7 +59,8 @@ pub struct CaptionLayout {
 }
 
 impl CaptionLayout {
-    /// Fits captions with the parts of `caption` into frames of `width` x `height` pixels; `None` if the frame is too small.
+    /// Fits captions with the parts of `caption` into frames of `width` x `height` pixels; `None`
+    /// if the frame is too small.
     pub fn new(width: usize, height: usize, caption: &Caption) -> Option<CaptionLayout> {
         let (_, type_height) = TYPE_HEIGHTS.into_iter().rev().find(|(least, _)| width >= *least)?;
         let margin = type_height / 4;
@@ -188,7 +190,8 @@ mod glyphs {
         }
     }
 
-    /// Returns the width in pixels of all characters of this height; `None` if there is no such type.
+    /// Returns the width in pixels of all characters of this height; `None` if there is no such
+    /// type.
     pub fn glyph_width(type_height: usize) -> Option<usize> {
         Some(get_raster_width(FontWeight::Regular, raster_height(type_height)?))
     }
@@ -257,7 +260,8 @@ mod tests {
         let is_dark = |column: usize| (top..176).any(|row| pixel(&frame, column, row)[0] < 100);
         assert!((4..11).any(is_dark));
         assert!(!(11..240).any(is_dark));
-        // The bar between the margins has 232 pixels: 58 empty ones, 116 colored ones around the position at 120, 58 empty ones.
+        // The bar between the margins has 232 pixels: 58 empty ones, 116 colored ones around the
+        // position at 120, 58 empty ones.
         let bar = |column: usize| pixel(&frame, column, 178);
         assert_eq!([3, 4, 61, 62].map(bar), [BACKGROUND, BAR, BAR, MARK]);
         assert_eq!([115, 116, 120, 122, 124].map(bar), [MARK, BACKGROUND, NOW, BACKGROUND, MARK]);

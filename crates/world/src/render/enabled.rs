@@ -23,12 +23,13 @@ const HIDDEN_SITES: usize = 4;
 
 /// Renders states of one scene.
 ///
-/// If the scene has a camera named `view`, that camera is used. Otherwise the camera is placed automatically, so that
-/// the whole scene is in the image and few bodies are occluded.
+/// If the scene has a camera named `view`, that camera is used. Otherwise the camera is placed
+/// automatically, so that the whole scene is in the image and few bodies are occluded.
 pub struct Renderer {
     world: World,
     inner: MjRenderer,
-    /// Width of the rendered image, and number of its pixels per pixel of the picture, in each direction.
+    /// Width of the rendered image, and number of its pixels per pixel of the picture, in each
+    /// direction.
     width: usize,
     factor: usize,
     pixels: Vec<u8>,
@@ -55,7 +56,8 @@ impl fmt::Debug for Renderer {
 }
 
 impl Renderer {
-    /// Creates a renderer of the scene in an MJCF document. Adds lights, a sky and, if missing, a ground plane.
+    /// Creates a renderer of the scene in an MJCF document. Adds lights, a sky and, if missing, a
+    /// ground plane.
     ///
     /// `camera` is one of [`CAMERAS`](super::CAMERAS) or a camera of the scene.
     ///
@@ -89,8 +91,8 @@ impl Renderer {
         })
     }
 
-    /// Places the camera so that everything is in the image in all of these states. A scene's own camera and the one that
-    /// follows the hand are unchanged.
+    /// Places the camera so that everything is in the image in all of these states. A scene's own
+    /// camera and the one that follows the hand are unchanged.
     ///
     /// # Panics
     /// If a state is shorter than [`Model::state_size`].

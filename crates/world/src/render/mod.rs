@@ -1,7 +1,7 @@
 //! Off-screen rendering of a scene by MuJoCo's renderer, without a display.
 //!
-//! The module `enabled` is used with the feature `render`. Without it, the functions of `disabled` return an error with
-//! the command to build with the feature.
+//! The module `enabled` is used with the feature `render`. Without it, the functions of `disabled`
+//! return an error with the command to build with the feature.
 
 #[cfg(feature = "render")]
 mod animation;
@@ -33,8 +33,9 @@ pub struct Size {
     height: u32,
 }
 
-/// Names of the cameras that every scene has. `auto` is the camera `view` of the scene if it has one, otherwise a view from a corner;
-/// `front`, `left`, `right` and `back` are sides of the robot, and `close` follows its hand.
+/// Names of the cameras that every scene has. `auto` is the camera `view` of the scene if it has
+/// one, otherwise a view from a corner; `front`, `left`, `right` and `back` are sides of the robot,
+/// and `close` follows its hand.
 pub const CAMERAS: [&str; 7] = ["auto", "front", "left", "right", "back", "top", "close"];
 
 /// Quality of a picture.
@@ -42,7 +43,8 @@ pub const CAMERAS: [&str; 7] = ["auto", "front", "left", "right", "back", "top",
 pub enum Quality {
     /// One light. Shadows have hard edges.
     Fast,
-    /// Soft shadows, and smooth edges of all objects. Without a graphics card this takes about four times as long.
+    /// Soft shadows, and smooth edges of all objects. Without a graphics card this takes about four
+    /// times as long.
     Fine,
 }
 

@@ -80,7 +80,8 @@ impl Palette {
     }
 }
 
-/// Returns the range of the channel with the largest one, weighted with the number of pixels, and the channel.
+/// Returns the range of the channel with the largest one, weighted with the number of pixels, and
+/// the channel.
 fn spread(cells: &[Cell]) -> (u64, usize) {
     if cells.len() < 2 {
         return (0, 0);

@@ -108,7 +108,8 @@ mod tests {
 
     #[test]
     fn a_square_of_pixels_becomes_their_mean() {
-        // 4 x 2 pixels; the red values of the left square are 0, 10, 20, 31, those of the right one all 7.
+        // 4 x 2 pixels; the red values of the left square are 0, 10, 20, 31, those of the right one
+        // all 7.
         let red = [0, 10, 7, 7, 20, 31, 7, 7];
         let pixels: Vec<u8> = red.iter().flat_map(|red| [*red, 1, 2]).collect();
         let mut out = Vec::new();

@@ -6,12 +6,13 @@ use super::Quality;
 use crate::World;
 use crate::frame::{add, dot, norm, scale, sub};
 
-/// The camera directions: at the robot from its front right, slightly from above, or from another corner if bodies are
-/// occluded.
+/// The camera directions: at the robot from its front right, slightly from above, or from another
+/// corner if bodies are occluded.
 const AZIMUTHS_DEG: [f64; 4] = [140.0, -140.0, 40.0, -40.0];
 const ELEVATION_DEG: f64 = -22.0;
 
-/// Azimuth and elevation of the cameras with a fixed direction, degrees. The robot faces along x; `left` and `right` are its sides.
+/// Azimuth and elevation of the cameras with a fixed direction, degrees. The robot faces along x;
+/// `left` and `right` are its sides.
 pub(super) const DIRECTIONS: [(&str, [f64; 2]); 5] = [
     ("front", [180.0, ELEVATION_DEG]),
     ("left", [-90.0, ELEVATION_DEG]),
@@ -35,8 +36,8 @@ const ITERATIONS: usize = 20;
 /// Anything farther from the robot's base is ignored, for example a ball that rolled away, m.
 const FAR: f64 = 2.0;
 
-/// Number of lights of a fine picture, and radius of the disk of their directions, rad. OpenGL has eight lights; the camera has
-/// one of them. Each light costs as much as half a picture with one.
+/// Number of lights of a fine picture, and radius of the disk of their directions, rad. OpenGL has
+/// eight lights; the camera has one of them. Each light costs as much as half a picture with one.
 const LIGHTS: usize = 4;
 const LIGHT_RADIUS: f64 = 0.025;
 
@@ -47,7 +48,8 @@ const LIT_POINT: [f64; 2] = [0.345, 0.09];
 /// Height of the lights, m.
 const LIGHT_HEIGHT: f64 = 3.3;
 
-/// Returns lights with these slopes that together are as bright as one light. Their shadows overlap, and the edges fade.
+/// Returns lights with these slopes that together are as bright as one light. Their shadows
+/// overlap, and the edges fade.
 fn lights(quality: Quality) -> String {
     let count = if quality == Quality::Fine { LIGHTS } else { 1 };
     let light = |i: usize| {
@@ -69,14 +71,16 @@ fn lights(quality: Quality) -> String {
     (0..count).map(light).collect()
 }
 
-/// Adds lights, a sky, a frame buffer for this image size and, if missing, a ground plane to the document.
+/// Adds lights, a sky, a frame buffer for this image size and, if missing, a ground plane to the
+/// document.
 pub(super) fn with_lights(
     document: &str,
     [width, height]: [u32; 2],
     quality: Quality,
     has_ground: bool,
 ) -> String {
-    // The area of the shadows around the lit point, m (ground outside of it has stripes), and the size of their map, pixels.
+    // The area of the shadows around the lit point, m (ground outside of it has stripes), and the
+    // size of their map, pixels.
     let (shadow_radius, scale) = (3.2, if quality == Quality::Fine { 2 } else { 3 });
     let shadow_size = (scale * width.max(height)).next_power_of_two().clamp(256, 4096);
     let ground = if has_ground {
@@ -105,7 +109,8 @@ pub(super) fn with_lights(
     document.trim_end().strip_suffix("</mujoco>").unwrap_or(document).to_string() + &additions
 }
 
-/// Appends the corners of the bounding boxes of all shapes except planes, and the vertices of cloths.
+/// Appends the corners of the bounding boxes of all shapes except planes, and the vertices of
+/// cloths.
 pub(super) fn corners(world: &World, out: &mut Vec<[f64; 3]>) {
     let (model, data) = (&world.model().inner, &world.data);
     let kept = |p: &[f64; 3]| norm(*p) < FAR;
@@ -134,8 +139,8 @@ pub(super) struct View {
     pub distance: f64,
 }
 
-/// Returns the first view of the points from which enough bodies are visible in the current state, or the view with the
-/// most visible bodies.
+/// Returns the first view of the points from which enough bodies are visible in the current state,
+/// or the view with the most visible bodies.
 pub(super) fn best(world: &mut World, points: &[[f64; 3]], groups: &[u8; 6], fovy: f64, aspect: f64) -> View {
     let mut best = (f64::NEG_INFINITY, None);
     for azimuth_deg in AZIMUTHS_DEG {
@@ -235,8 +240,8 @@ mod tests {
 
     #[test]
     fn the_field_of_view_determines_the_distance() {
-        // Two points 2 m apart across the view: each is 1 m from the center, at half of 90 degrees from a distance of
-        // 1 m.
+        // Two points 2 m apart across the view: each is 1 m from the center, at half of 90 degrees
+        // from a distance of 1 m.
         let azimuth = AZIMUTHS_DEG[0].to_radians();
         let right = [azimuth.sin(), -azimuth.cos(), 0.0];
         let fovy = std::f64::consts::FRAC_PI_2;
@@ -250,7 +255,8 @@ mod tests {
 
     #[test]
     fn a_camera_from_above_fits_what_is_horizontal() {
-        // The long side of 2 m is along y, across the image of a camera that looks down with the robot's front at the top.
+        // The long side of 2 m is along y, across the image of a camera that looks down with the
+        // robot's front at the top.
         let points = [[0.0, 1.0, 0.0], [0.0, -1.0, 0.0]];
         let view = fit(&points, [0.0, -90.0], std::f64::consts::FRAC_PI_2, 2.0);
         assert!((view.distance - 0.5 * (1.0 + MARGIN)).abs() < 1e-12, "{view:?}");

@@ -219,7 +219,8 @@ fn shown_estimate(estimate: EstimateRecord, show: &dyn Fn(Option<f64>) -> String
     }
 }
 
-/// Returns at how many corners a controller succeeds, and succeeds strictly: `4/4, strict 3/4`. A failure is in bold.
+/// Returns at how many corners a controller succeeds, and succeeds strictly: `4/4, strict 3/4`. A
+/// failure is in bold.
 fn corners(evaluation: Option<&EvaluationRecord>) -> String {
     let Some(evaluation) = evaluation else { return NOTHING.to_string() };
     let Some(found) = &evaluation.corners else { return NOT_MEASURED.to_string() };
@@ -239,7 +240,8 @@ fn figures(evaluation: Option<&EvaluationRecord>) -> String {
         shown_estimate(evaluation.map(|evaluation| *of(evaluation)).unwrap_or_default(), show)
     };
     let dangerous = evaluation.and_then(|evaluation| evaluation.dangerous_episode_rate.as_ref());
-    // Without the rate of episodes, the interval is from a bootstrap, which does not hold for rare danger.
+    // Without the rate of episodes, the interval is from a bootstrap, which does not hold for rare
+    // danger.
     let danger: Rate = |evaluation| &evaluation.dangerous_behavior_rate;
     let danger = match (evaluation, dangerous) {
         (Some(evaluation), None) => percent(danger(evaluation).value, 2),
@@ -294,7 +296,8 @@ fn rates(record: &Record, corners: CornerThreshold) -> Rates {
     Rates { success: [rate(0, success), rate(1, success)], strict: rate(0, strict), corners }
 }
 
-/// Returns whether a controller succeeds at the corners without noise. Those of further seeds are not kept.
+/// Returns whether a controller succeeds at the corners without noise. Those of further seeds are
+/// not kept.
 fn corner_threshold(record: &Record, is_kept: bool) -> CornerThreshold {
     let measured = record.evaluation(0).and_then(|evaluation| evaluation.corners.as_ref());
     match measured.map(CornersRecord::all_succeed) {

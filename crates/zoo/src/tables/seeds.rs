@@ -3,7 +3,8 @@
 use crate::tables::{NOTHING, Rate, Shown, is_current, missed, percent, strict, success, value};
 use crate::{PlanEntry, Record, algorithms, interquartile_mean, seeds};
 
-/// Interquartile mean, least and greatest rate over the seeds of each algorithm, and the seeds below a threshold.
+/// Interquartile mean, least and greatest rate over the seeds of each algorithm, and the seeds
+/// below a threshold.
 pub(super) fn table(shown: &Shown<'_>) -> String {
     let mut table = String::from(
         "| task | algorithm | seeds | SR: IQM | min | max | SR with noise: IQM | min | max | strict SR: IQM | min | max | \
@@ -48,7 +49,8 @@ pub(super) fn table(shown: &Shown<'_>) -> String {
     table
 }
 
-/// The cells: interquartile mean, least and greatest value of a rate, in percent. One run has no spread.
+/// The cells: interquartile mean, least and greatest value of a rate, in percent. One run has no
+/// spread.
 fn spread(runs: &[(&PlanEntry, &Record)], noise: usize, rate: Rate) -> String {
     let values: Vec<f64> = runs.iter().filter_map(|(_, record)| value(record, noise, rate)).collect();
     let ends = [values.iter().copied().reduce(f64::min), values.iter().copied().reduce(f64::max)];

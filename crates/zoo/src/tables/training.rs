@@ -4,10 +4,11 @@ use crate::tables::{NOT_RUN, NOTHING, Shown, decimal, figures, remarks};
 use crate::{SHIPPED_SEED, StoredCurve, TrainingSummary, ZooError, algorithms, seeds, success_threshold};
 use mishandle_paper::paper_training_time;
 
-/// A training time above this share of the whole training run counts as "still rising", shown as `≥`.
+/// A training time above this share of the whole training run counts as "still rising", shown as
+/// `≥`.
 ///
-/// A return that rises evenly to the end has its training time at 0.94: the definition allows for the last twentieth of the
-/// rise, and its mean looks back.
+/// A return that rises evenly to the end has its training time at 0.94: the definition allows for
+/// the last twentieth of the rise, and its mean looks back.
 const LATE: f64 = 0.9;
 
 /// The training runs of the shipped controllers.
@@ -46,7 +47,8 @@ pub(super) fn table(shown: &Shown<'_>) -> Result<String, ZooError> {
     Ok(table)
 }
 
-/// The cells: environment steps, steps to the best controller, seconds, training time in control steps and in seconds.
+/// The cells: environment steps, steps to the best controller, seconds, training time in control
+/// steps and in seconds.
 fn effort(summary: &TrainingSummary) -> String {
     let time = summary.training_time;
     let is_flat = summary

@@ -21,8 +21,8 @@ pub const CURVE_COLUMNS: &str = "iteration,environment_steps,wall_clock_secs,mea
                                  success_rate,strict_success_rate,validation_return,kl,entropy,learning_rate,physics_share,\
                                  inference_share,learning_share";
 
-/// The rows of a curve with an iteration at each of these environment steps, 512 a second. The return is flat from the second
-/// on; validations are good from the fourth second on.
+/// The rows of a curve with an iteration at each of these environment steps, 512 a second. The
+/// return is flat from the second on; validations are good from the fourth second on.
 pub fn curve_rows(steps: &[u64]) -> String {
     let row = |(index, steps): (usize, &u64)| {
         let secs = *steps as f64 / 512.0;

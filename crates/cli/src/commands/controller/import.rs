@@ -30,10 +30,12 @@ pub struct Arguments {
     /// Controller file to create
     #[arg(long, value_name = "FILE")]
     pub out: PathBuf,
-    /// Activation of the hidden layers: elu, relu, tanh, silu, gelu, leaky_relu or identity [default: that of the file]
+    /// Activation of the hidden layers: elu, relu, tanh, silu, gelu, leaky_relu or identity
+    /// [default: that of the file]
     #[arg(long, value_name = "NAME")]
     pub activation: Option<String>,
-    /// Activation of the last layer, by the same names [default: that of the algorithm, if the file shows it]
+    /// Activation of the last layer, by the same names [default: that of the algorithm, if the file
+    /// shows it]
     #[arg(long, value_name = "NAME")]
     pub output_activation: Option<String>,
     /// JSON file with the statistics that normalize observations: mean, variance, epsilon, clip

@@ -138,7 +138,8 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
     Ok(ExitStatus::Done)
 }
 
-/// Writes the files when all are known: an interruption never leaves a part of a suite, which would look complete.
+/// Writes the files when all are known: an interruption never leaves a part of a suite, which would
+/// look complete.
 fn write_all(command: &Arguments, files: &[(PathBuf, Counterexample)]) -> Result<()> {
     // Removes them again if nothing is written.
     let mut folders = NewFolders::default();

@@ -27,9 +27,11 @@ pub struct Log<R> {
     names: Vec<String>,
 }
 
-/// Fails after [`MAX_ROW`] bytes of one row. The reader of CSV collects a whole row, and a hostile file can consist of one.
+/// Fails after [`MAX_ROW`] bytes of one row. The reader of CSV collects a whole row, and a hostile
+/// file can consist of one.
 ///
-/// Ends the last line with a line break if it has none, so that the reader has always consumed the line break of a row.
+/// Ends the last line with a line break if it has none, so that the reader has always consumed the
+/// line break of a row.
 struct RowLimit<R> {
     source: R,
     /// Number of bytes since the last complete row.
@@ -67,11 +69,13 @@ pub struct Samples {
 }
 
 impl<R: Read> Log<R> {
-    /// Reads the header: the names of the columns. Spaces around a name and a byte order mark are ignored.
+    /// Reads the header: the names of the columns. Spaces around a name and a byte order mark are
+    /// ignored.
     pub fn open(source: R) -> Result<Log<R>> {
         let row_bytes = Rc::new(Cell::new(0));
         let source = RowLimit { source, row_bytes: row_bytes.clone(), is_in_line: false };
-        // Errors about lines are our own: the reader counts records, and loses count at blank lines and at `\r\n`.
+        // Errors about lines are our own: the reader counts records, and loses count at blank lines
+        // and at `\r\n`.
         let mut builder = csv::ReaderBuilder::new();
         builder.trim(Trim::Headers).terminator(Terminator::Any(b'\n')).flexible(true);
         let mut reader = builder.from_reader(source);
@@ -104,7 +108,8 @@ impl<R: Read> Log<R> {
         &self.names
     }
 
-    /// Reads the samples of the signals of the formula and the times. Other columns may hold any text.
+    /// Reads the samples of the signals of the formula and the times. Other columns may hold any
+    /// text.
     pub fn samples(mut self, formula: &Formula) -> Result<Samples> {
         let signals = formula.signals();
         let is_read = |name: &str| signals.contains(&name);
@@ -140,7 +145,8 @@ impl<R: Read> Log<R> {
         Ok(Samples { names, recording, times })
     }
 
-    /// Returns the line on which the record begins, counted from 1. The reader has consumed it with its line break.
+    /// Returns the line on which the record begins, counted from 1. The reader has consumed it with
+    /// its line break.
     fn line(&self, record: &ByteRecord) -> u64 {
         let within = record.as_slice().iter().filter(|byte| **byte == b'\n').count() as u64;
         self.reader.position().line().saturating_sub(1 + within)
@@ -238,7 +244,8 @@ impl Samples {
         self.times.is_some()
     }
 
-    /// Returns the sampling period in seconds: `flag`, or else the mean step of the column `time`, or else 1.
+    /// Returns the sampling period in seconds: `flag`, or else the mean step of the column `time`,
+    /// or else 1.
     pub fn period(&self, flag: Option<f64>) -> Result<f64> {
         let Some(times) = self.times.as_ref().filter(|times| times.steps > 0) else {
             return Ok(flag.unwrap_or(1.0));
@@ -251,7 +258,8 @@ impl Samples {
             );
             return Ok(period);
         }
-        // Rounded times, such as 0.03333 for 1/30, give an inexact period. A nearly integer sampling rate is meant exactly.
+        // Rounded times, such as 0.03333 for 1/30, give an inexact period. A nearly integer
+        // sampling rate is meant exactly.
         let rate = (1.0 / found).round();
         Ok(if (found * rate - 1.0).abs() < 1e-4 { 1.0 / rate } else { found })
     }

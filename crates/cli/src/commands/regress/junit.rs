@@ -47,8 +47,8 @@ fn case(test: &RegressionTest, time: Duration) -> String {
     format!("{open}>\n      <{element} message=\"{message}\">{message}</{element}>\n    </testcase>\n")
 }
 
-/// Escapes text for an attribute or the content of an element. XML allows no control characters, so they are written as in
-/// messages, such as `\u{1b}`.
+/// Escapes text for an attribute or the content of an element. XML allows no control characters, so
+/// they are written as in messages, such as `\u{1b}`.
 fn escaped(text: &str) -> String {
     let mut escaped = String::new();
     for c in escape::name(text).chars() {

@@ -12,7 +12,8 @@ use crate::show::output::{folded, indented, table_in, wrapped};
 /// Indentation of the lines of a section, in columns.
 const INDENT: usize = 2;
 
-/// Returns the description in lines of at most `columns` characters. Words longer than a line are not broken.
+/// Returns the description in lines of at most `columns` characters. Words longer than a line are
+/// not broken.
 pub fn page(definition: &Definition, notes: &[Note], preset: Preset, columns: usize) -> Result<String> {
     let mut sections = vec![wrapped(&format!("{}: {}", definition.name, definition.summary), columns)];
     if let Some(base) = definition.variant_of {

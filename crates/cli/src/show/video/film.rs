@@ -4,10 +4,11 @@ use std::fs::File;
 use std::io;
 use std::os::unix::fs::FileExt;
 
-/// Checks that a file consists of whole MP4 boxes, among them the type, the index and the data of a video.
+/// Checks that a file consists of whole MP4 boxes, among them the type, the index and the data of a
+/// video.
 ///
-/// An encoder that is killed, or whose disk is full, writes no index or a part of the data. Not every version of ffmpeg then
-/// ends with an error.
+/// An encoder that is killed, or whose disk is full, writes no index or a part of the data. Not
+/// every version of ffmpeg then ends with an error.
 ///
 /// # Errors
 /// The inner error describes an incomplete file. The outer error is that of reading it.

@@ -31,8 +31,8 @@ pub struct CriticScratch<T> {
 }
 
 impl<T: Scalar> CriticLoss<'_, T> {
-    /// Returns the contribution of the rows `rows` to the loss and adds its gradient with respect to the critic's
-    /// parameters to `gradient`.
+    /// Returns the contribution of the rows `rows` to the loss and adds its gradient with respect
+    /// to the critic's parameters to `gradient`.
     pub fn add_gradient(
         &self,
         rows: Range<usize>,

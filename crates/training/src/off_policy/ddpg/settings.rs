@@ -19,12 +19,14 @@ off_policy_settings! {
     /// # Ok::<(), mishandle_training::TrainingError>(())
     /// ```
     pub struct DdpgSettings for "ddpg" {
-        /// Initial standard deviations of the exploration noise in the first and in the last environment; linear between them.
+        /// Initial standard deviations of the exploration noise in the first and in the last
+        /// environment; linear between them.
         pub exploration_std: [f64; 2] = [0.05, 0.5], NOT_NEGATIVE_RANGE;
-        /// Linear decay of the exploration noise over `steps` environment steps to the fraction `share`; no decay if not set.
+        /// Linear decay of the exploration noise over `steps` environment steps to the fraction
+        /// `share`; no decay if not set.
         pub exploration_decay: Option<ExplorationDecay> = None, DECAY;
-        /// Number of control steps for which an environment repeats its exploration noise. A robot arm hardly responds to noise
-        /// that changes at each control step.
+        /// Number of control steps for which an environment repeats its exploration noise. A robot
+        /// arm hardly responds to noise that changes at each control step.
         pub exploration_hold: u64 = 1, AT_LEAST_1;
     }
 }

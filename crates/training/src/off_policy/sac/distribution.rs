@@ -8,10 +8,11 @@ use crate::settings::declare::choice;
 choice! {
     /// Action distribution of the policy.
     pub enum Distribution {
-        /// Squashed Gaussian: tanh of a Gaussian. The network outputs μ of all action dimensions, then h, which determines σ.
+        /// Squashed Gaussian: tanh of a Gaussian. The network outputs μ of all action dimensions,
+        /// then h, which determines σ.
         Squashed = "squashed",
-        /// Gaussian clipped to [-1, 1]. The network outputs μ of all action dimensions; log σ is a state-independent
-        /// parameter vector.
+        /// Gaussian clipped to [-1, 1]. The network outputs μ of all action dimensions; log σ is a
+        /// state-independent parameter vector.
         Clipped = "clipped",
     }
 }

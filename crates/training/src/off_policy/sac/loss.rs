@@ -37,8 +37,8 @@ pub struct CriticScratch<T> {
 }
 
 impl<T: Scalar> CriticLoss<'_, T> {
-    /// Returns the contribution of the rows `rows` to the loss and adds its gradient with respect to the parameters of Q₁,
-    /// then of Q₂, to `gradient`.
+    /// Returns the contribution of the rows `rows` to the loss and adds its gradient with respect
+    /// to the parameters of Q₁, then of Q₂, to `gradient`.
     pub fn add_gradient(
         &self,
         rows: Range<usize>,
@@ -60,7 +60,8 @@ impl<T: Scalar> CriticLoss<'_, T> {
     }
 }
 
-/// Policy loss: mean α log π(a|s) - min(Q₁(s, a), Q₂(s, a)), with a sampled from π(·|s) by reparameterization with z.
+/// Policy loss: mean α log π(a|s) - min(Q₁(s, a), Q₂(s, a)), with a sampled from π(·|s) by
+/// reparameterization with z.
 pub struct PolicyLoss<'a, T> {
     /// The transitions.
     pub batch: &'a TransitionBatch<T>,
@@ -88,8 +89,8 @@ pub struct PolicyScratch<T> {
 }
 
 impl<T: Scalar> PolicyLoss<'_, T> {
-    /// Returns the contribution of the rows `rows` to the loss and to mean log π, and adds the gradient with respect to the
-    /// parameters of the actor's network, then log σ, to `gradient`.
+    /// Returns the contribution of the rows `rows` to the loss and to mean log π, and adds the
+    /// gradient with respect to the parameters of the actor's network, then log σ, to `gradient`.
     pub fn add_gradient(
         &self,
         rows: Range<usize>,
@@ -161,7 +162,8 @@ impl<T: Scalar> PolicyLoss<'_, T> {
     }
 }
 
-/// Returns the temperature loss -log α (mean log π(a|s) + H̄) and its derivative with respect to log α.
+/// Returns the temperature loss -log α (mean log π(a|s) + H̄) and its derivative with respect to
+/// log α.
 ///
 /// # Example
 /// ```

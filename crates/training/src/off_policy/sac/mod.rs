@@ -9,12 +9,14 @@
 //! θ' ← (1 - τ) θ' + τ θ for both critics
 //! ```
 //!
-//! The policy is a squashed Gaussian ([`SquashedSample`]) whose mean and standard deviation are outputs of one network. As
-//! in skrl, it can also be a clipped Gaussian with a state-independent standard deviation.
+//! The policy is a squashed Gaussian ([`SquashedSample`]) whose mean and standard deviation are
+//! outputs of one network. As in skrl, it can also be a clipped Gaussian with a state-independent
+//! standard deviation.
 //!
-//! Differences from the paper: with k > 1, the entropy of the steps before s_k is omitted, as is common. The temperature
-//! loss is linear in log α, not in α. The target entropy H̄ is that of a Gaussian with the standard deviation `target_std` in
-//! each action dimension. For truncated episodes, s_k is the final observation.
+//! Differences from the paper: with k > 1, the entropy of the steps before s_k is omitted, as is
+//! common. The temperature loss is linear in log α, not in α. The target entropy H̄ is that of a
+//! Gaussian with the standard deviation `target_std` in each action dimension. For truncated
+//! episodes, s_k is the final observation.
 //!
 //! # Reference
 //! Haarnoja et al., "Soft Actor-Critic Algorithms and Applications", 2018.

@@ -21,10 +21,11 @@ off_policy_settings! {
     pub struct SacSettings for "sac" {
         /// Action distribution of the policy.
         pub distribution: Distribution = Distribution::Squashed;
-        /// Target entropy, as the standard deviation of a Gaussian with this entropy, before squashing.
+        /// Target entropy, as the standard deviation of a Gaussian with this entropy, before
+        /// squashing.
         pub target_std: f64 = 0.2, POSITIVE;
-        /// Number of control steps for which an environment repeats its sampling noise z. A robot arm hardly responds to noise
-        /// that changes at each control step.
+        /// Number of control steps for which an environment repeats its sampling noise z. A robot
+        /// arm hardly responds to noise that changes at each control step.
         pub exploration_hold: u64 = 1, AT_LEAST_1;
         /// Initial temperature α.
         pub initial_temperature: f64 = 0.01, POSITIVE;

@@ -1,4 +1,5 @@
-//! Samples of a Gaussian restricted to [-1, 1] by tanh or by clipping: log-probability and gradient.
+//! Samples of a Gaussian restricted to [-1, 1] by tanh or by clipping: log-probability and
+//! gradient.
 
 use std::f64::consts::LN_2;
 
@@ -16,12 +17,13 @@ pub const CLIPPED_LOG_STD_RANGE: (f64, f64) = (-20.0, 2.0);
 /// clipped:   u = μ + σ z,      a = clip(u, -1, 1),    log π(a) = -½ ((a - μ) / σ)² - log σ - ½ log 2π
 /// ```
 ///
-/// With tanh, μ and h are outputs of the policy network, and σ(h) is that of [`mishandle_controllers::squashed`]. The last
-/// term comes from the Jacobian. It is computed as log(1 - tanh² u) = 2 (log 2 - |u| - log(1 + t)), t = e^(-2|u|), which
-/// stays accurate where a rounds to ±1.
+/// With tanh, μ and h are outputs of the policy network, and σ(h) is that of
+/// [`mishandle_controllers::squashed`]. The last term comes from the Jacobian. It is computed as
+/// log(1 - tanh² u) = 2 (log 2 - |u| - log(1 + t)), t = e^(-2|u|), which stays accurate where a
+/// rounds to ±1.
 ///
-/// With clipping, the formula is the density of the unclipped Gaussian at the clipped action. This is not the density of a,
-/// but skrl's SAC uses it.
+/// With clipping, the formula is the density of the unclipped Gaussian at the clipped action. This
+/// is not the density of a, but skrl's SAC uses it.
 ///
 /// # Example
 /// ```
@@ -75,7 +77,8 @@ impl SquashedSample {
         }
     }
 
-    /// Returns the clipped sample for μ = `mean`, log σ before clamping to its [bounds](CLIPPED_LOG_STD_RANGE), and `z`.
+    /// Returns the clipped sample for μ = `mean`, log σ before clamping to its
+    /// [bounds](CLIPPED_LOG_STD_RANGE), and `z`.
     pub fn clipped(mean: f64, log_std: f64, z: f64) -> SquashedSample {
         let (low, high) = CLIPPED_LOG_STD_RANGE;
         let clamped = log_std.clamp(low, high);
@@ -94,8 +97,9 @@ impl SquashedSample {
         }
     }
 
-    /// Returns the derivatives of a loss with respect to μ and to h or log σ, for constant z. `action_gradient` and `log_prob_gradient` are
-    /// the derivatives of the loss with respect to a and log π(a).
+    /// Returns the derivatives of a loss with respect to μ and to h or log σ, for constant z.
+    /// `action_gradient` and `log_prob_gradient` are the derivatives of the loss with respect to a
+    /// and log π(a).
     ///
     /// ```text
     /// tanh:                 ∂a/∂μ = 1 - a²,   ∂a/∂log σ = (1 - a²) σ z,   ∂log π/∂μ = 2 a,            ∂log π/∂log σ = 2 a σ z - 1

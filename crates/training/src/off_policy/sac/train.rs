@@ -123,7 +123,8 @@ impl Agent for Sac {
     fn new(sizes: (usize, usize), settings: &SacSettings, seed: Seed) -> Result<Sac, TrainingError> {
         let policy = &settings.policy;
         let distribution = settings.distribution;
-        // A small gain of the last layer: the initial actions are near 0 with h near 0 for all observations.
+        // A small gain of the last layer: the initial actions are near 0 with h near 0 for all
+        // observations.
         let actor = initial_network(
             (sizes.0, &policy.hidden, distribution.outputs(sizes.1)),
             policy.activation,

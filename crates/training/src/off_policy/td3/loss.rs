@@ -58,8 +58,8 @@ pub struct CriticScratch<T> {
 }
 
 impl<T: Scalar> CriticLoss<'_, T> {
-    /// Returns the contribution of the rows `rows` to the loss and adds its gradient with respect to the parameters of Q₁,
-    /// then of Q₂, to `gradient`.
+    /// Returns the contribution of the rows `rows` to the loss and adds its gradient with respect
+    /// to the parameters of Q₁, then of Q₂, to `gradient`.
     pub fn add_gradient(
         &self,
         rows: Range<usize>,

@@ -7,11 +7,12 @@
 //! every d-th update:  maximize  mean Q₁(s, μ(s)),   θ' ← (1 - τ) θ' + τ θ for all three networks
 //! ```
 //!
-//! Targets use n-step returns and bootstrap truncated episodes from their final observation. Environments explore with
-//! different standard deviations.
+//! Targets use n-step returns and bootstrap truncated episodes from their final observation.
+//! Environments explore with different standard deviations.
 //!
 //! # Reference
-//! Fujimoto, van Hoof and Meger, "Addressing Function Approximation Error in Actor-Critic Methods", ICML 2018.
+//! Fujimoto, van Hoof and Meger, "Addressing Function Approximation Error in Actor-Critic Methods",
+//! ICML 2018.
 
 mod loss;
 mod settings;

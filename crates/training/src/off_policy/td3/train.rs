@@ -22,8 +22,8 @@ pub(crate) struct Td3 {
 }
 
 impl Td3 {
-    /// Performs update `index` with the smoothing noise z; returns the losses of the critics and of the policy, if this
-    /// update includes the policy.
+    /// Performs update `index` with the smoothing noise z; returns the losses of the critics and of
+    /// the policy, if this update includes the policy.
     ///
     /// # Errors
     /// If a loss is NaN or infinite; returns its name.

@@ -1,4 +1,5 @@
-//! PPO's gradient with the passes of both networks on another device. The losses are those of the CPU.
+//! PPO's gradient with the passes of both networks on another device. The losses are those of the
+//! CPU.
 
 use mishandle_network::{CHUNK_ROWS, DeviceNetwork, Mlp, NetworkDevice, NetworkError};
 use rayon::prelude::*;
@@ -65,7 +66,8 @@ fn write_inputs(minibatch: &Minibatch<'_>, policy: &mut dyn DeviceNetwork, criti
         });
 }
 
-/// Writes the derivatives of the losses with respect to the outputs. Returns those with respect to log σ, and the metrics.
+/// Writes the derivatives of the losses with respect to the outputs. Returns those with respect to
+/// log σ, and the metrics.
 fn write_losses(
     minibatch: &Minibatch<'_>,
     policy: &mut dyn DeviceNetwork,

@@ -11,14 +11,16 @@ use crate::on_policy::critic::value_loss;
 pub struct Surrogate {
     /// -min(r A, clip(r, 1-ε, 1+ε) A)
     pub loss: f64,
-    /// Derivative with respect to log π(a|s): -r A where the unclipped product is smaller, otherwise 0.
+    /// Derivative with respect to log π(a|s): -r A where the unclipped product is smaller,
+    /// otherwise 0.
     pub slope: f64,
-    /// (r - 1) - log r, an unbiased, non-negative estimate of the KL divergence of the new policy from the old one.
+    /// (r - 1) - log r, an unbiased, non-negative estimate of the KL divergence of the new policy
+    /// from the old one.
     pub kl: f64,
 }
 
-/// Returns the clipped surrogate loss of an action with the log-probabilities `old_log_prob` and `log_prob` under the old
-/// and the new policy.
+/// Returns the clipped surrogate loss of an action with the log-probabilities `old_log_prob` and
+/// `log_prob` under the old and the new policy.
 ///
 /// ```text
 /// r = e^(log_prob - old_log_prob),   loss = -min(r A, clip(r, 1-ε, 1+ε) A)
@@ -43,8 +45,8 @@ pub fn surrogate(log_prob: f64, old_log_prob: f64, advantage: f64, clip_epsilon:
     Surrogate { loss: -plain.min(clipped), slope, kl: (ratio - 1.0) - log_ratio }
 }
 
-/// Returns the critic's loss of one row and its derivative with respect to the output. The output is clipped to `old` ±
-/// `clip`; outside of this range the derivative is 0.
+/// Returns the critic's loss of one row and its derivative with respect to the output. The output
+/// is clipped to `old` ± `clip`; outside of this range the derivative is 0.
 ///
 /// # Example
 /// ```
@@ -104,8 +106,9 @@ pub(super) struct Scratch {
 pub(super) const METRICS: [&str; 3] = ["the KL divergence", "the policy's loss", "the critic's loss"];
 
 impl Minibatch<'_> {
-    /// Adds the contribution of the chunk `chunk` to the gradient of the mean loss with respect to the policy's parameters,
-    /// log σ and the critic's parameters, followed by the [metrics](METRICS).
+    /// Adds the contribution of the chunk `chunk` to the gradient of the mean loss with respect to
+    /// the policy's parameters, log σ and the critic's parameters, followed by the
+    /// [metrics](METRICS).
     pub fn add_gradient(&self, chunk: std::ops::Range<usize>, scratch: &mut Scratch, gradient: &mut [f32]) {
         let rows = &self.rows[chunk];
         let actions = self.policy.output_size();
@@ -128,7 +131,8 @@ impl Minibatch<'_> {
         self.critic.backward(value_gradient, critic, Some(critic_gradient), None);
     }
 
-    /// Fills `inputs`, `[rows, observation_size]`, with the normalized observations of some rows of the buffer.
+    /// Fills `inputs`, `[rows, observation_size]`, with the normalized observations of some rows of
+    /// the buffer.
     pub fn fill_inputs(&self, rows: &[u32], inputs: &mut [f32]) {
         let columns = self.policy.input_size();
         for (row, inputs) in rows.iter().zip(inputs.chunks_exact_mut(columns)) {
@@ -137,8 +141,8 @@ impl Minibatch<'_> {
         self.normalizer.normalize(inputs);
     }
 
-    /// Writes the derivatives of the mean loss with respect to the `means` of some rows, `[rows, actions]`. Adds those with respect to
-    /// log σ, and the metrics.
+    /// Writes the derivatives of the mean loss with respect to the `means` of some rows,
+    /// `[rows, actions]`. Adds those with respect to log σ, and the metrics.
     pub fn add_policy_loss(
         &self,
         rows: &[u32],
@@ -174,7 +178,8 @@ impl Minibatch<'_> {
         metrics[1] += (share * policy_loss) as f32;
     }
 
-    /// Writes the derivatives of the mean loss with respect to the critic's outputs for some rows, and adds the metric.
+    /// Writes the derivatives of the mean loss with respect to the critic's outputs for some rows,
+    /// and adds the metric.
     pub fn add_critic_loss(
         &self,
         rows: &[u32],
@@ -230,7 +235,8 @@ mod tests {
         assert_eq!((loss, slope), (0.125, 0.5));
     }
 
-    /// Two observations, two actions, five rows; the minibatch contains four of them, one of which is clipped.
+    /// Two observations, two actions, five rows; the minibatch contains four of them, one of which
+    /// is clipped.
     struct Example {
         buffer: RolloutBuffer,
         targets: Vec<f32>,

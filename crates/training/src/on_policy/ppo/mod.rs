@@ -8,14 +8,16 @@
 //!
 //! Default settings:
 //!
-//! - Advantages come from [`gae`](crate::gae), bootstrap truncated episodes with the value of their final observation,
-//!   and are normalized per minibatch.
-//! - Policy and critic are separate networks with separate optimizers and separate gradient clipping, so a weight between
-//!   the two losses has no effect.
+//! - Advantages come from [`gae`](crate::gae), bootstrap truncated episodes with the value of their
+//!   final observation, and are normalized per minibatch.
+//! - Policy and critic are separate networks with separate optimizers and separate gradient
+//!   clipping, so a weight between the two losses has no effect.
 //! - Minibatches are shuffled in each epoch.
-//! - The observation normalizer is frozen during a rollout and its updates, so the initial ratios are exactly 1.
+//! - The observation normalizer is frozen during a rollout and its updates, so the initial ratios
+//!   are exactly 1.
 //!
-//! The base `skrl-0.10` reproduces the PPO of skrl 0.10.2, which differs in most of these points; see `docs/reference/presets.md`.
+//! The base `skrl-0.10` reproduces the PPO of skrl 0.10.2, which differs in most of these points;
+//! see `docs/reference/presets.md`.
 //!
 //! # Reference
 //! Schulman, Wolski, Dhariwal, Radford and Klimov, "Proximal Policy Optimization Algorithms", 2017.

@@ -13,7 +13,8 @@ use crate::{
 };
 
 settings! {
-    /// Settings of PPO. In TOML, each field is a key and the last four are tables; [`TomlSettings`] describes missing keys.
+    /// Settings of PPO. In TOML, each field is a key and the last four are tables; [`TomlSettings`]
+    /// describes missing keys.
     ///
     /// # Example
     /// ```
@@ -30,10 +31,11 @@ settings! {
         pub epochs: usize = 5, AT_LEAST_1;
         /// Division of a rollout into minibatches.
         pub minibatches: MinibatchScheme = MinibatchScheme::Shuffled;
-        /// Number of rows of a shuffled minibatch; the last one of an epoch contains the remaining rows.
+        /// Number of rows of a shuffled minibatch; the last one of an epoch contains the remaining
+        /// rows.
         pub minibatch_size: usize = 4096, AT_LEAST_2;
-        /// Number of slices, at most half the number of rows of a rollout. Each slice has (rows / `minibatch_count`) rows,
-        /// rounded down.
+        /// Number of slices, at most half the number of rows of a rollout. Each slice has (rows /
+        /// `minibatch_count`) rows, rounded down.
         pub minibatch_count: usize = 2, AT_LEAST_1;
         /// Discount factor γ per control step.
         pub gamma: f64 = 0.99, FRACTION;
@@ -43,8 +45,9 @@ settings! {
         pub advantage_normalization: AdvantageNormalization = AdvantageNormalization::Minibatch;
         /// PPO clip range ε.
         pub clip_epsilon: f64 = 0.2, POSITIVE;
-        /// Clip range of the value loss: the critic's output is clipped to this distance from its output at the time of
-        /// the rollout, and beyond it the gradient is 0. In units of the normalized values; no clipping if not set.
+        /// Clip range of the value loss: the critic's output is clipped to this distance from its
+        /// output at the time of the rollout, and beyond it the gradient is 0. In units of the
+        /// normalized values; no clipping if not set.
         pub value_clip: Option<f64> = None, POSITIVE;
         /// Coefficient of the entropy bonus.
         pub entropy_coef: f64 = 0.0, FINITE;
@@ -54,18 +57,21 @@ settings! {
         pub max_grad_norm: f64 = 1.0, POSITIVE;
         /// Gradients that are clipped together.
         pub grad_clipping: GradientClipping = GradientClipping::Separate;
-        /// Initial learning rate of the policy; with the adaptive schedule within `learning_rate_range`.
+        /// Initial learning rate of the policy; with the adaptive schedule within
+        /// `learning_rate_range`.
         pub learning_rate: f64 = 1e-3, POSITIVE;
         /// Whether the critic uses the policy's learning rate instead of its own.
         pub shared_learning_rate: bool = false;
         /// Learning rate schedule.
         pub learning_rate_schedule: LearningRateSchedule = LearningRateSchedule::Adaptive;
-        /// Target KL divergence of the adaptive schedule. The learning rate is divided by 1.5 after an epoch with a KL
-        /// divergence above twice the target, and multiplied by 1.5 below half the target.
+        /// Target KL divergence of the adaptive schedule. The learning rate is divided by 1.5 after
+        /// an epoch with a KL divergence above twice the target, and multiplied by 1.5 below half
+        /// the target.
         pub target_kl: f64 = 0.01, POSITIVE;
         /// Smallest and largest learning rate of the adaptive schedule.
         pub learning_rate_range: [f64; 2] = [1e-5, 1e-2], POSITIVE_RANGE;
-        /// KL divergence of a minibatch that ends the epoch before its gradient step; no such limit if not set.
+        /// KL divergence of a minibatch that ends the epoch before its gradient step; no such limit
+        /// if not set.
         pub kl_threshold: Option<f64> = None, POSITIVE;
     } tables {
         /// Length of the training run, validation, checkpoints.

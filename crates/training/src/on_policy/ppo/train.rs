@@ -24,8 +24,8 @@ pub(crate) struct Ppo {
     pool: ChunkPool<f32, Scratch>,
     /// The networks on another device than the CPU, if training uses one.
     device: Option<DeviceNetworks>,
-    /// Gradient of the last minibatch with respect to the policy's parameters, log σ and the critic's parameters, followed
-    /// by the [metrics](METRICS).
+    /// Gradient of the last minibatch with respect to the policy's parameters, log σ and the
+    /// critic's parameters, followed by the [metrics](METRICS).
     pub gradient: Vec<f32>,
     minibatches: Minibatches,
 }
@@ -39,8 +39,8 @@ impl Ppo {
         }
     }
 
-    /// Runs one epoch over the minibatches, or less if the KL divergence exceeds the threshold; returns the mean KL
-    /// divergence.
+    /// Runs one epoch over the minibatches, or less if the KL divergence exceeds the threshold;
+    /// returns the mean KL divergence.
     fn run_epoch(
         &mut self,
         actor_critic: &mut ActorCritic,

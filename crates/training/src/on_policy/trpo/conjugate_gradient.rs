@@ -2,7 +2,8 @@
 
 /// Solves A x = b for a symmetric positive definite matrix A, starting at x = 0.
 ///
-/// `product` writes A v for a given v. Stops after `iterations` or when the squared residual norm is below `tolerance`.
+/// `product` writes A v for a given v. Stops after `iterations` or when the squared residual norm
+/// is below `tolerance`.
 ///
 /// # Example
 /// ```

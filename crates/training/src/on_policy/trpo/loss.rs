@@ -71,8 +71,8 @@ impl RolloutBatch<'_> {
         means.copy_from_slice(self.forward(policy, rows, inputs, workspace));
     }
 
-    /// Adds the contribution of these rows to the gradient of mean r A with respect to the network's parameters, then
-    /// log σ.
+    /// Adds the contribution of these rows to the gradient of mean r A with respect to the
+    /// network's parameters, then log σ.
     pub fn add_gradient(
         &self,
         policy: GaussianPolicy<'_>,
@@ -98,8 +98,9 @@ impl RolloutBatch<'_> {
         policy.network.backward(mean_gradient, workspace, Some(network_gradient), None);
     }
 
-    /// Adds the contribution of the subsampled rows `rows` (row i of the sample is row i · `every` of the batch) to the
-    /// product of the Fisher information matrix with `direction`; both contain the network's parameters, then log σ.
+    /// Adds the contribution of the subsampled rows `rows` (row i of the sample is row i · `every`
+    /// of the batch) to the product of the Fisher information matrix with `direction`; both contain
+    /// the network's parameters, then log σ.
     pub fn add_fisher_vector_product(
         &self,
         policy: GaussianPolicy<'_>,
@@ -126,8 +127,8 @@ impl RolloutBatch<'_> {
         }
     }
 
-    /// Adds the contribution of these rows to the surrogate mean r A and to mean KL(old ‖ policy). The old policy has the
-    /// means `old_means`.
+    /// Adds the contribution of these rows to the surrogate mean r A and to mean KL(old ‖ policy).
+    /// The old policy has the means `old_means`.
     pub fn add_surrogate_and_kl(
         &self,
         policy: GaussianPolicy<'_>,

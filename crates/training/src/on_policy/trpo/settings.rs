@@ -11,7 +11,8 @@ use crate::{
 };
 
 settings! {
-    /// Settings of TRPO. In TOML, each field is a key and the last four are tables; [`TomlSettings`] describes missing keys.
+    /// Settings of TRPO. In TOML, each field is a key and the last four are tables;
+    /// [`TomlSettings`] describes missing keys.
     ///
     /// # Example
     /// ```
@@ -36,7 +37,8 @@ settings! {
         pub cg_iterations: usize = 10, AT_LEAST_1;
         /// Squared residual norm that ends the conjugate gradient iterations.
         pub cg_tolerance: f64 = 1e-10, NOT_NEGATIVE;
-        /// Subsampling factor n of the Fisher information matrix: it uses every n-th row of the rollout.
+        /// Subsampling factor n of the Fisher information matrix: it uses every n-th row of the
+        /// rollout.
         pub fisher_subsampling: usize = 1, AT_LEAST_1;
         /// Maximum number of line search steps; each step is half as long as the previous one.
         pub line_search_steps: usize = 10, AT_LEAST_1;
@@ -50,10 +52,11 @@ settings! {
         pub epochs: usize = 5, AT_LEAST_1;
         /// Division of a rollout into the critic's minibatches.
         pub minibatches: MinibatchScheme = MinibatchScheme::Shuffled;
-        /// Number of rows of a shuffled minibatch; the last one of an epoch contains the remaining rows.
+        /// Number of rows of a shuffled minibatch; the last one of an epoch contains the remaining
+        /// rows.
         pub minibatch_size: usize = 4096, AT_LEAST_2;
-        /// Number of slices, at most half the number of rows of a rollout. Each slice has (rows / `minibatch_count`) rows,
-        /// rounded down.
+        /// Number of slices, at most half the number of rows of a rollout. Each slice has (rows /
+        /// `minibatch_count`) rows, rounded down.
         pub minibatch_count: usize = 2, AT_LEAST_1;
         /// Maximum norm of the critic's gradient.
         pub max_grad_norm: f64 = 1.0, POSITIVE;
@@ -74,8 +77,9 @@ choice! {
     pub enum LineSearchKl {
         /// KL(π_old ‖ π) = Σ log(σ / σ_old) + (σ_old² + (μ_old - μ)²) / (2 σ²) - ½.
         Exact = "exact",
-        /// The formula of skrl 0.10.2, with log(σ_old / σ) instead of log(σ / σ_old). It is negative for steps that increase
-        /// σ, which may then leave the trust region, and it shortens steps that decrease σ.
+        /// The formula of skrl 0.10.2, with log(σ_old / σ) instead of log(σ / σ_old). It is
+        /// negative for steps that increase σ, which may then leave the trust region, and it
+        /// shortens steps that decrease σ.
         Flipped = "flipped",
     }
 }
@@ -85,8 +89,9 @@ choice! {
     pub enum ExpectedImprovement {
         /// Proportional to the step size.
         Proportional = "proportional",
-        /// The formula of skrl 0.10.2: the improvement of the full step times the product of all fractions tried so far (½,
-        /// ⅛, 1/64 …), so that the condition becomes weaker with each step.
+        /// The formula of skrl 0.10.2: the improvement of the full step times the product of all
+        /// fractions tried so far (½, ⅛, 1/64 …), so that the condition becomes weaker with each
+        /// step.
         Compounded = "compounded",
     }
 }

@@ -13,7 +13,8 @@ pub(crate) struct Trpo {
     pool: ChunkPool<f32, Scratch>,
     line_search_pool: ChunkPool<f64, Scratch>,
     old_means: Vec<f32>,
-    /// Gradient of the surrogate at the last step with respect to the network's parameters, then log σ.
+    /// Gradient of the surrogate at the last step with respect to the network's parameters, then
+    /// log σ.
     pub gradient: Vec<f64>,
     minibatches: Minibatches,
 }
@@ -133,8 +134,8 @@ fn surrogate_gradient(
     sum.into_iter().map(f64::from).collect()
 }
 
-/// Returns the step along the natural gradient to the boundary of the trust region, for a quadratic KL divergence; `None`
-/// if the curvature is not positive.
+/// Returns the step along the natural gradient to the boundary of the trust region, for a quadratic
+/// KL divergence; `None` if the curvature is not positive.
 fn full_step(
     settings: &TrpoSettings,
     batch: &RolloutBatch<'_>,

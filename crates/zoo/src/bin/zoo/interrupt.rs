@@ -1,7 +1,8 @@
-//! Ctrl-C and SIGTERM: the first one ends jobs after an iteration or a batch, the second one ends the program.
+//! Ctrl-C and SIGTERM: the first one ends jobs after an iteration or a batch, the second one ends
+//! the program.
 //!
-//! SIGHUP keeps its default: under `nohup` it is ignored, and otherwise a training run loses at most the minute since its last
-//! checkpoint.
+//! SIGHUP keeps its default: under `nohup` it is ignored, and otherwise a training run loses at
+//! most the minute since its last checkpoint.
 
 use std::sync::atomic::{AtomicBool, Ordering};
 
