@@ -6,7 +6,7 @@
 use std::ops::ControlFlow;
 
 use mishandle::falsification::{FalsificationOutcome, ScreenedCounts, TrialOutcome};
-use mishandle::plan::{EvaluatePlan, FalsifyPlan, RiskPlan, ScreeningPlan};
+use mishandle::plan::{EvaluatePlan, FalsifyPlan, MarginPlan, RiskPlan, ScreeningPlan};
 use mishandle::run::{Answer, Engine};
 use mishandle::store::{RunFile, RunWriter};
 use mishandle::world::{BatchBuffers, BatchSpec, CpuDevice, Outputs, WorldBatch, WorldDevice, WorldError};
@@ -252,7 +252,14 @@ fn a_screening_that_keeps_going_is_an_error_of_the_plan() {
     let plan =
         Plan { falsify: Some(falsify), screening: Some(ScreeningPlan::default()), ..evaluation().plan };
     let error = ResolvedPlan::new(&plan).unwrap_err().to_string();
-    assert!(error.contains("keeps going"), "{error}");
+    assert!(error.contains("cannot tell failure modes apart"), "{error}");
+    let margin = Plan { falsify: None, margin: Some(MarginPlan::default()), ..plan.clone() };
+    let toy = Plan { target: "toy/noisy".to_string(), controller: String::new(), ..plan };
+    for (plan, expected) in [(margin, "evaluate, falsify or risk"), (toy, "only tasks do")] {
+        let plan = Plan { falsify: None, ..plan };
+        let error = ResolvedPlan::new(&plan).unwrap_err().to_string();
+        assert!(error.contains(expected), "{error}");
+    }
 }
 
 #[test]

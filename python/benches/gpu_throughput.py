@@ -23,6 +23,7 @@ import argparse
 import collections
 import json
 import os
+import tempfile
 import time
 
 import numpy as np
@@ -110,7 +111,8 @@ def screen(task: str, rows: int, waves: int, space: str = "starts", records: boo
     simulations = rows * waves
     share = max(1e-4, 5 / simulations)
     options = ["--simulations", str(simulations), "--screening", "gpu", "--rows", str(rows), "--confirm", str(share)]
-    total = command(*common, *options)
+    with tempfile.TemporaryDirectory() as folder:
+        total = command(*common, *options, "--out", f"{folder}/run.sqlite")
     batches = list(made)
     return simulations * EPISODE_STEPS / (total - sum(batch.made_in for batch in batches)), batches
 

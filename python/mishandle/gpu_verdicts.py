@@ -214,9 +214,11 @@ def on_gpu(case: Case, sample: Sample) -> list[Row]:
 def _on_gpu(case: Case, sample: Sample, formula: str) -> Row:
     method = ("--formula", formula, "--method", "monte-carlo", "--simulations", sample.simulations, "--seed", sample.seed)
     screen = ("--screening", "gpu", "--rows", sample.simulations, "--confirm", 1, "--threads", sample.threads)
-    found = json.loads(command("risk", *subject(case), *method, *screen, "--json"))
-    screening, confirmation = found["screening"], found["confirmation"]
-    confirmed, missed = confirmation["flagged_failures"], confirmation["audit_sample_failures"]
+    with tempfile.TemporaryDirectory() as folder:
+        out = ("--out", f"{folder}/run.sqlite")
+        found = json.loads(command("risk", *subject(case), *method, *screen, *out, "--json"))
+    screening, failures = found["screening"], found["screening"]["findings"]["failure"]
+    confirmed, missed = failures["flagged"], failures["audit_sample"]
     return Row(
         case,
         formula,

@@ -427,18 +427,23 @@ class Training(unittest.TestCase):
 class Commands(unittest.TestCase):
     def run_command(self, *arguments):
         subject = ["point-reaching", "--controller", "ppo", "--action-noise", "1", "--json"]
-        return json.loads(gpu_verdicts.command(arguments[0], *subject, *arguments[1:]))
+        if arguments[0] == "simulate":
+            return json.loads(gpu_verdicts.command(arguments[0], *subject, *arguments[1:]))
+        with tempfile.TemporaryDirectory() as folder:
+            out = ["--out", f"{folder}/run.sqlite"]
+            found = json.loads(gpu_verdicts.command(arguments[0], *subject, *arguments[1:], *out))
+            if arguments[0] == "falsify":
+                replayed = gpu_verdicts.command("replay", f"{folder}/run.sqlite", "--json")
+                self.assertEqual(json.loads(replayed)["differences"], [])
+            return found
 
     def test_mujoco_c_has_the_robustness_of_each_counterexample_of_falsify(self):
         options = "--search random --trials 3 --budget 8 --seed 3 --repeats 0 --screening gpu --rows 24 --confirm 0.1"
-        with tempfile.TemporaryDirectory() as folder:
-            found = self.run_command("falsify", *options.split(), "--out", f"{folder}/counterexample.json")
-            replayed = json.loads(gpu_verdicts.command("replay", f"{folder}/counterexample.json", "--json"))
+        found = self.run_command("falsify", *options.split())
         self.assertEqual(found["screening"]["device"], "gpu")
         falsified = [trial for trial in found["trials"] if trial["falsified"]]
         self.assertGreater(len(falsified), 0)
-        self.assertEqual(found["confirmation"]["violated"]["violations"], len(falsified))
-        self.assertEqual(replayed["robustness"], falsified[0]["minimum_robustness"])
+        self.assertEqual(found["screening"]["reasons"]["violated"]["violations"], len(falsified))
         for trial in falsified:
             at = ",".join(f"{name}={value!r}" for name, value in trial["scenario"].items())
             again = self.run_command("simulate", "--at", at, "--seed", trial["seed"])
@@ -450,18 +455,17 @@ class Commands(unittest.TestCase):
         found = self.run_command(
             "risk", *options.split(), formula, "--screening", "gpu", "--rows", "100", "--confirm", "1"
         )
-        screening, confirmation = found["screening"], found["confirmation"]
+        screening, failures = found["screening"], found["screening"]["findings"]["failure"]
         self.assertEqual((screening["simulations"], screening["without_verdict"]), (100, 0))
         self.assertGreater(screening["flagged"], 10)
-        self.assertGreater(confirmation["audit_sample"], 10)
-        refuted = screening["flagged"] - confirmation["flagged_failures"]
-        self.assertLessEqual(refuted + confirmation["audit_sample_failures"], 3)
+        self.assertGreater(screening["audit_sample"], 10)
+        refuted = screening["flagged"] - failures["flagged"]
+        self.assertLessEqual(refuted + failures["audit_sample"], 3)
 
     def test_evaluate_finds_the_same_success_rate_as_mujoco_c_if_that_repeats_everything(self):
         options = ["--episodes", "20", "--seed", "4"]
         found = self.run_command("evaluate", *options, "--screening", "gpu", "--rows", "20", "--confirm", "1")
-        with tempfile.TemporaryDirectory() as folder:
-            expected = self.run_command("evaluate", *options, "--out", f"{folder}/run.sqlite")
+        expected = self.run_command("evaluate", *options)
         self.assertAlmostEqual(found["success_rate"]["value"], expected["success_rate"]["value"], places=12)
         self.assertEqual(found["corners"], expected["corners"])
 

@@ -125,7 +125,7 @@ impl ResolvedPlan {
             text = margin.formula.clone().unwrap_or(text);
         }
         if let Some(screening) = &plan.screening {
-            check_screening(screening, plan)?;
+            check_screening(screening, plan, &target)?;
         }
         if let Some(risk) = &plan.risk {
             check_risk(risk, &space)?;
@@ -167,15 +167,20 @@ impl ResolvedPlan {
 }
 
 /// Checks the settings of a screening.
-fn check_screening(screening: &ScreeningPlan, plan: &Plan) -> Result<(), MishandleError> {
-    let unsupported = |option| MishandleError::UnsupportedOption { target: plan.target.clone(), option };
+fn check_screening(screening: &ScreeningPlan, plan: &Plan, target: &Target) -> Result<(), MishandleError> {
+    if !is_task(&target.identity.kind) {
+        return Err(MishandleError::UnsupportedOption { target: plan.target.clone(), option: "screening" });
+    }
     let method = plan.risk.as_ref().map_or("auto", |risk| &risk.method);
+    let keeps_going = plan.falsify.as_ref().is_some_and(|falsify| falsify.keep_going);
     let (what, value, expected) = if plan.margin.is_some() {
-        return Err(unsupported("a screened search for the smallest disturbance"));
-    } else if plan.falsify.as_ref().is_some_and(|falsify| falsify.keep_going) {
-        return Err(unsupported(
-            "a screened search that keeps going, because a device cannot tell failure modes apart,",
-        ));
+        ("the question of a screening", "margin".to_string(), "evaluate, falsify or risk")
+    } else if keeps_going {
+        (
+            "keep-going of a screened search",
+            "true".to_string(),
+            "false, because a device cannot tell failure modes apart",
+        )
     } else if !matches!(method, "auto" | "monte-carlo") {
         ("the method of a screened estimation", method.to_string(), "auto or monte-carlo")
     } else if !(0.0..=1.0).contains(&screening.confirm) {

@@ -63,7 +63,8 @@ get the same tables.")]
   mishandle reproduce collect results/2026-11-22 more/falsification --out results/2026-11-24
 
 Incomplete runs are left out. Campaigns of the same name are merged, so a table can be run in parts.
-Rows are not stored: the digest of each trial and of each hundred evaluated episodes stands for them.")]
+Rows are not stored: the digest of each trial and of each hundred evaluated episodes stands for
+them.")]
     Collect {
         /// Folders of campaigns or of collected results
         #[arg(value_name = "DIR", required = true)]
