@@ -30,6 +30,18 @@ const STEPS: &[Step] = &[
         name: "clippy",
         action: Action::Cargo(&["clippy", "--workspace", "--all-targets", "--", "-D", "warnings"]),
     },
+    // The build of the demo, without optional parts.
+    Step {
+        name: "small build",
+        action: Action::Cargo(&[
+            "check",
+            "--package",
+            "mishandle-cli",
+            "--no-default-features",
+            "--features",
+            "render",
+        ]),
+    },
     Step { name: "tests", action: Action::Chore(tests) },
     Step { name: "docs", action: Action::Cargo(&["doc", "--workspace", "--no-deps", "--quiet"]) },
     Step { name: "doc tests", action: Action::Cargo(&["test", "--workspace", "--doc"]) },

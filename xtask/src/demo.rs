@@ -7,9 +7,12 @@ use std::time::Instant;
 use anyhow::Result;
 
 use crate::mujoco;
-use crate::process::{cargo, run};
+use crate::process::{as_typed, cargo, run};
 
 const PROGRAM: &str = "target/release/mishandle";
+/// Builds the program without the parts that take long to build and that a first use does not need.
+const BUILD: &[&str] =
+    &["build", "--release", "--package", "mishandle-cli", "--no-default-features", "--features", "render"];
 /// Falsifies a shipped controller within a minute.
 const FALSIFY: &[&str] = &[
     "falsify",
@@ -46,8 +49,9 @@ const NEXT: &[(&str, &str)] = &[
 pub fn demo(root: &Path) -> Result<()> {
     let started = Instant::now();
     mujoco::fetch(root)?;
-    eprintln!("\n$ cargo build --release     (the first time takes a few minutes)");
-    run(&mut cargo(root, &["build", "--release"]), &[0])?;
+    let mut build = cargo(root, BUILD);
+    eprintln!("\n$ {}     (the first time takes a few minutes)", as_typed(&build));
+    run(&mut build, &[0])?;
     eprintln!("\n{WHY}\n\n$ {PROGRAM} {}", FALSIFY.join(" "));
     run(Command::new(root.join(PROGRAM)).args(FALSIFY).current_dir(root), EXPECTED)?;
 
@@ -59,6 +63,9 @@ pub fn demo(root: &Path) -> Result<()> {
     ] {
         eprintln!("  {place:<26} {what}");
     }
+    eprintln!(
+        "This program reads no ONNX files and writes no Parquet; `cargo build --release` builds one that does."
+    );
     eprintln!("Commands to try next, in this folder:");
     for (arguments, what) in NEXT {
         eprintln!("  {PROGRAM} {arguments:<42} {what}");

@@ -116,6 +116,9 @@ pub enum TorchProblem {
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum OnnxProblem {
+    /// The program was built without the feature `onnx`.
+    #[error("this program was built without ONNX; `cargo build --release` builds one with it")]
+    NotBuilt,
     /// The bytes are not an ONNX model, or a damaged one.
     #[error("not a valid ONNX model: {reason}")]
     Format {

@@ -13,5 +13,7 @@ mod onnx;
 mod torch;
 
 pub use error::{InterchangeError, OnnxProblem, TorchProblem};
-pub use onnx::{Interface, OnnxPolicy, onnx_bytes};
+#[cfg(feature = "onnx")]
+pub use onnx::Interface;
+pub use onnx::{OnnxPolicy, onnx_bytes};
 pub use torch::{ImportOptions, Imported, ObservationNormalizer, import};

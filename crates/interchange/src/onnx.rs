@@ -1,18 +1,38 @@
 //! ONNX models as policies.
 //!
+//! Without the feature `onnx`, models can be written but not read: `absent` says so.
+//!
 //! - [`check`]: what a model may contain, before anything is computed.
 //! - [`cost`]: memory and time of each operator, from the shapes of its inputs.
 //! - [`interface`]: which input is the observation, which output the action.
 //! - [`policy`]: runs a model as a controller.
 //! - [`export`]: writes a controller as a model.
 
+#[cfg(not(feature = "onnx"))]
+mod absent;
+#[cfg(feature = "onnx")]
 mod check;
+#[cfg(feature = "onnx")]
 mod cost;
 mod export;
+#[cfg(feature = "onnx")]
+mod fields;
+#[cfg(feature = "onnx")]
 mod interface;
+mod message;
+#[cfg(feature = "onnx")]
 mod policy;
-mod wire;
 
+#[cfg(not(feature = "onnx"))]
+pub use absent::OnnxPolicy;
 pub use export::onnx_bytes;
+#[cfg(feature = "onnx")]
 pub use interface::Interface;
+#[cfg(feature = "onnx")]
 pub use policy::OnnxPolicy;
+
+/// The prefix of the keys in the metadata of a model.
+const PREFIX: &str = "mishandle.";
+
+/// Keys that describe where an exported model comes from. They are not read.
+const PROVENANCE: [&str; 3] = ["algorithm", "controller_hash", "version"];

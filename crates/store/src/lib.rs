@@ -115,7 +115,24 @@ mod error;
 mod header;
 mod header_table;
 mod json;
+#[cfg(feature = "parquet")]
 mod parquet;
+#[cfg(not(feature = "parquet"))]
+mod parquet {
+    //! The export of a build without the feature `parquet`.
+
+    use std::io::Write;
+
+    use crate::{Result, RunFile, StoreError};
+
+    /// Returns the error that names the feature.
+    ///
+    /// # Errors
+    /// [`NoParquet`](StoreError::NoParquet), always.
+    pub fn export_parquet(_run: &RunFile, _writer: &mut (impl Write + Send)) -> Result<()> {
+        Err(StoreError::NoParquet)
+    }
+}
 mod record;
 mod row;
 mod run_file;

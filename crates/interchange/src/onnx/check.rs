@@ -7,7 +7,7 @@ use mishandle_files::limits;
 use rten_onnx::onnx::{DataLocation, GraphProto, ModelProto, TensorProto};
 
 use super::cost::OPERATORS;
-use super::wire::{Field, Fields};
+use super::fields::{Field, Fields};
 use crate::OnnxProblem;
 
 /// Largest number of operators of a model, of its weights, of its inputs, and of the outputs of all

@@ -3,8 +3,8 @@
 use mishandle_controllers::ControllerFile;
 use mishandle_network::{Activation, LEAKY_SLOPE};
 
-use super::interface::{PREFIX, PROVENANCE};
-use super::wire::Message;
+use super::message::Message;
+use super::{PREFIX, PROVENANCE};
 
 /// Versions of the file format and of the operators: those of ONNX 1.12, which every current
 /// runtime reads.

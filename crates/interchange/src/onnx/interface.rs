@@ -9,13 +9,8 @@ use mishandle_controllers::Layout;
 use rten_onnx::onnx::ModelProto;
 use serde::{Deserialize, Serialize};
 
+use super::{PREFIX, PROVENANCE};
 use crate::OnnxProblem;
-
-/// The prefix of the keys in the metadata of a model.
-pub(super) const PREFIX: &str = "mishandle.";
-
-/// Keys that describe where an exported model comes from. They are not read.
-pub(super) const PROVENANCE: [&str; 3] = ["algorithm", "controller_hash", "version"];
 
 /// The description of a model's inputs and outputs. Everything is optional.
 ///
