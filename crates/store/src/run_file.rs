@@ -202,7 +202,7 @@ impl RunFile {
     ///
     /// Two runs with the same records have the same digest, whatever their batch sizes. The digest
     /// does not depend on the header, so that runs of two builds can be compared. For a run that is
-    /// being written, call it on the writer's [`file`](RunWriter::file): in another process,
+    /// being written, call it on the writer's [`file`](crate::RunWriter::file): in another process,
     /// simulations can be added while the digest is computed.
     ///
     /// # Errors
