@@ -23,7 +23,7 @@ action_noise = 0.5
 ```
 
 Whole numbers are written out, as 20_000_000. A missing key has the default below, or the value of the base if the file
-contains `base = \"skrl-0.10\"` ([settings bases](../presets.md)).
+contains `base = \"skrl-0.10\"` ([settings bases](../bases.md)).
 
 `mishandle train TASK --algorithm NAME --dry-run` prints all settings of a training run. The settings of the shipped
 controllers are in [experiments/training](../../../experiments/training). [Train a controller](../../guide/training.md) explains what

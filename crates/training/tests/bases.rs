@@ -1,4 +1,4 @@
-//! docs/reference/presets.md lists the bases.
+//! docs/reference/bases.md lists the bases.
 
 #![allow(clippy::unwrap_used, reason = "helpers of tests")]
 
@@ -6,7 +6,7 @@ use std::collections::BTreeMap;
 
 use mishandle_training::{ALGORITHMS, AlgorithmSettings, BASES, BEST};
 
-const PAGE: &str = include_str!("../../../docs/reference/presets.md");
+const PAGE: &str = include_str!("../../../docs/reference/bases.md");
 
 /// Returns the settings of a base by their full names; `None` if the algorithm does not have it.
 fn settings(algorithm: &str, base: &str) -> Option<BTreeMap<String, String>> {
@@ -40,7 +40,7 @@ fn the_page_lists_the_differences_of_each_base_from_best() {
             }
             assert!(
                 PAGE.contains(&format!("{table}\n")),
-                "docs/reference/presets.md lacks this table:\n\n{table}"
+                "docs/reference/bases.md lacks this table:\n\n{table}"
             );
         }
     }

@@ -17,7 +17,7 @@
 //!   are exactly 1.
 //!
 //! The base `skrl-0.10` reproduces the PPO of skrl 0.10.2, which differs in most of these points;
-//! see `docs/reference/presets.md`.
+//! see `docs/reference/bases.md`.
 //!
 //! # Reference
 //! Schulman, Wolski, Dhariwal, Radford and Klimov, "Proximal Policy Optimization Algorithms", 2017.

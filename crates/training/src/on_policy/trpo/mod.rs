@@ -18,7 +18,7 @@
 //! advantages are normalized over the whole rollout, which is one batch. The critic is trained on
 //! shuffled minibatches after each policy step.
 //!
-//! The base `skrl-0.10` reproduces the TRPO of skrl 0.10.2; see `docs/reference/presets.md`.
+//! The base `skrl-0.10` reproduces the TRPO of skrl 0.10.2; see `docs/reference/bases.md`.
 //!
 //! # Reference
 //! Schulman, Levine, Moritz, Jordan and Abbeel, "Trust Region Policy Optimization", ICML 2015, with
