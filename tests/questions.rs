@@ -7,7 +7,7 @@ use std::path::Path;
 
 use mishandle::plan::{EvaluatePlan, FalsifyPlan, MarginPlan, RiskPlan};
 use mishandle::run::{Answer, Engine};
-use mishandle::store::{RunFile, RunKind, RunWriter};
+use mishandle::store::{RunFile, RunKind, RunWriter, TrialStatus};
 use mishandle::{MishandleError, Plan, ResolvedPlan};
 
 fn plans() -> Vec<Plan> {
@@ -84,6 +84,9 @@ fn check_replays(run: &RunFile, answer: &Answer) {
             let row = run.simulation(witness.request.trial, witness.request.number).unwrap();
             assert_eq!(row.robustness, witness.robustness());
             assert_eq!(row.scenario, witness.request.scenario.values());
+            // Commands that name no simulation take the witness.
+            let chosen = mishandle::replay::select_simulation(run, None, None).unwrap();
+            assert_eq!(chosen, Some((witness.request.trial, witness.request.number)));
         }
         Answer::Risk(found) => {
             for failure in &found.failures {
@@ -107,6 +110,38 @@ fn a_question_in_pieces_has_the_answer_and_the_rows_of_one_in_one_go() {
             plan.kind(),
             plan.target
         );
+    }
+}
+
+#[test]
+fn trials_that_no_question_asks_and_wrong_statuses_are_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("run.sqlite");
+    for plan in plans().into_iter().filter(|plan| plan.risk.is_some() || plan.margin.is_some()) {
+        let resolved = ResolvedPlan::new(&plan).unwrap();
+        type Change = fn(&mut RunWriter);
+        let changes: [(u64, Change, &str); 2] = [
+            (u64::MAX, |run| run.start_trial(9, 0).unwrap(), "trial 9: the question has no such trial"),
+            (2, |run| run.end_trial(1, TrialStatus::Converged).unwrap(), "status of trial 1"),
+        ];
+        for (calls, change, expected) in changes {
+            let run = mishandle::run::create_run(&resolved, Some(&path)).unwrap();
+            let mut left = calls;
+            mishandle::run::ask(&resolved, run, Engine::Direct, &mut |_| {
+                left -= 1;
+                if left > 0 { ControlFlow::Continue(()) } else { ControlFlow::Break(()) }
+            })
+            .unwrap();
+            let mut run = RunWriter::resume(&path).unwrap();
+            change(&mut run);
+            run.close().unwrap();
+            let check = |error: MishandleError| assert!(error.to_string().contains(expected), "{error}");
+            check(mishandle::run::recorded_answer(&resolved, &RunFile::open(&path).unwrap()).unwrap_err());
+            let run = RunWriter::resume(&path).unwrap();
+            let mut watch = |_: &_| ControlFlow::Continue(());
+            check(mishandle::run::ask(&resolved, run, Engine::Direct, &mut watch).unwrap_err());
+            std::fs::remove_file(&path).unwrap();
+        }
     }
 }
 

@@ -182,6 +182,16 @@ mod tests {
     }
 
     #[test]
+    fn a_margin_has_its_own_default_space() {
+        let text = "target = 'ball-balancing'\ncontroller = 'ppo'\n[evaluate]\nepisodes = 10\n[margin]\nbudget = 60\n";
+        let spaces = |text: &str| -> Vec<String> {
+            read_grid(text).unwrap().into_iter().map(|run| run.plan.space).collect()
+        };
+        assert_eq!(spaces(text), ["starts", "disturbance"]);
+        assert_eq!(spaces(&format!("space = 'delay'\n{text}")), ["delay", "delay"]);
+    }
+
+    #[test]
     fn a_campaign_has_a_run_for_each_combination_and_the_plans_contain_the_values() {
         let text = "target = ['toy/needle', 'toy/sphere']\nseed = [1, 2]\n[falsify]\nsearch = ['random', 'nelder-mead']\n\
                     trials = 3\n";

@@ -2,7 +2,9 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
+use mishandle_falsification::Margin;
 use mishandle_files::limits;
+use mishandle_store::RunKind;
 use serde::Deserialize;
 use serde::de::DeserializeOwned;
 use toml::Spanned;
@@ -96,7 +98,13 @@ fn is_table(value: &Spanned<DeValue<'_>>) -> bool {
 /// Reads a plan.
 pub(super) fn read(text: &str) -> Result<Plan, MishandleError> {
     let stated = parse(text, Values::One)?;
-    Plan::deserialize(toml::Deserializer::from(stated)).map_err(|error| not_toml(text, &error))
+    let has_space = stated.get_ref().contains_key("space");
+    let mut plan =
+        Plan::deserialize(toml::Deserializer::from(stated)).map_err(|error| not_toml(text, &error))?;
+    if !has_space && plan.kind() == RunKind::Margin {
+        plan.space = Margin::SPACE.to_string();
+    }
+    Ok(plan)
 }
 
 /// Reads a campaign: a plan in which most keys may have a list of values.

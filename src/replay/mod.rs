@@ -5,13 +5,15 @@ mod result;
 mod simulation;
 mod trial;
 
-use mishandle_rollout::{Episode, Scenario, System};
+use mishandle_falsification::norms;
+use mishandle_results::Norms;
+use mishandle_rollout::{Episode, Scenario, Space, System};
 use mishandle_store::{BuildRecord, RunFile, RunHeader, RunKind, Simulation};
 
 use crate::build::build;
 use crate::error::MishandleError;
 use crate::resolve::{ResolvedPlan, recorded_plan};
-use crate::run::{header, record};
+use crate::run::{header, record, recorded_axis};
 
 pub use command::replay_command;
 
@@ -119,6 +121,12 @@ pub fn select_simulation(
     if let Some(number) = number {
         return Ok(Some((trial.unwrap_or(1), number)));
     }
+    if run.header().kind == RunKind::Margin
+        && trial.is_none()
+        && let Some(witness) = smallest_violation(run)?
+    {
+        return Ok(Some(witness));
+    }
     let mut least: Option<Simulation> = None;
     for simulation in run.simulations() {
         let simulation = simulation?;
@@ -134,6 +142,30 @@ pub fn select_simulation(
         }
     }
     Ok(least.map(|simulation| (simulation.trial, simulation.number)))
+}
+
+/// Returns the violation of a margin with the smallest disturbance.
+fn smallest_violation(run: &RunFile) -> Result<Option<(u32, u32)>, MishandleError> {
+    let axes = run.header().axes.iter().map(recorded_axis).collect();
+    let space = Space::new(&run.header().space, axes)?;
+    let mut smallest: Option<(Norms, (u32, u32))> = None;
+    for simulation in run.simulations() {
+        let simulation = simulation?;
+        // The second trial repeats the witness with other seeds.
+        if simulation.trial > 1 {
+            break;
+        }
+        if simulation.robustness.is_none_or(|rho| rho >= 0.0) {
+            continue;
+        }
+        let found = norms(&space, &Scenario::new(simulation.scenario));
+        // The minimization starts with the same scenario again.
+        let is_larger = |than: &Norms| (found.amplitude, found.l1) > (than.amplitude, than.l1);
+        if smallest.as_ref().is_none_or(|(least, _)| !is_larger(least)) {
+            smallest = Some((found, (simulation.trial, simulation.number)));
+        }
+    }
+    Ok(smallest.map(|(_, found)| found))
 }
 
 /// Lists the differences between the build that made a run and the present one.

@@ -12,7 +12,9 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 
 use mishandle_rollout::{Episode, Request, RolloutError, Screen, ScreenedEpisode, Space, System};
-use mishandle_store::{RunFile, RunWriter, ScreenedChunk, Simulation, TrialStatus, requests_digest};
+use mishandle_store::{
+    RunFile, RunWriter, ScreenedChunk, Simulation, TrialRecord, TrialStatus, TrialSummary, requests_digest,
+};
 
 use crate::error::MishandleError;
 use crate::resolve::ResolvedPlan;
@@ -38,6 +40,8 @@ pub(crate) struct Journal<'a> {
     /// Number of simulations and chunks that the run file answered.
     answered: Arc<AtomicU64>,
     missing: Cell<bool>,
+    /// Number of simulations that the question asked and got.
+    asked: Cell<u64>,
     /// Trial and number of the simulation that is looked for, and its request once it is asked.
     sought: Option<(u32, u32)>,
     found: RefCell<Option<Request>>,
@@ -76,6 +80,7 @@ impl<'a> Journal<'a> {
             chunks: Cell::new(0),
             answered: Arc::default(),
             missing: Cell::new(false),
+            asked: Cell::new(0),
             sought: None,
             found: RefCell::new(None),
             error: RefCell::new(None),
@@ -131,6 +136,39 @@ impl<'a> Journal<'a> {
             }
         }
         Ok(run.close()?)
+    }
+
+    /// Compares the trials of the file, and of a complete question the number of its simulations,
+    /// with what was asked. Nobody else would notice rows that no question asks.
+    pub(crate) fn check(
+        &self,
+        ended: &[(u32, TrialStatus)],
+        is_complete: bool,
+    ) -> Result<(), MishandleError> {
+        let mut differences = Vec::new();
+        for TrialSummary { trial, .. } in self.read(RunFile::trials)? {
+            let TrialRecord { number, seed, status } = trial;
+            let planned = self.resolved.trial_seed(number);
+            if seed != planned {
+                differences.push(format!("seed of trial {number}: recorded {seed}, expected {planned}"));
+            }
+            let found = ended.iter().find(|(trial, _)| *trial == number).map(|(_, status)| *status);
+            let expected = found.unwrap_or(TrialStatus::Running);
+            if found.is_none() && is_complete {
+                differences.push(format!("trial {number}: the question has no such trial"));
+            } else if status != TrialStatus::Running && status != expected {
+                differences
+                    .push(format!("status of trial {number}: recorded {status:?}, expected {expected:?}"));
+            }
+        }
+        let (recorded, asked) = (self.read(RunFile::counts)?.simulations, self.asked.get());
+        if is_complete && recorded != asked {
+            differences.push(format!("number of simulations: recorded {recorded}, expected {asked}"));
+        }
+        match differences.is_empty() {
+            true => Ok(()),
+            false => Err(MishandleError::RunMismatch { differences }),
+        }
     }
 
     /// Returns the number of simulations and chunks that the run file answered, which grows.
@@ -265,6 +303,7 @@ impl System for JournalSystem<'_> {
             let episodes = system.rollout(&new)?;
             simulated = journal.record(&episodes).map_err(|error| journal.fail(error))?.into_iter();
         }
+        journal.asked.set(journal.asked.get() + requests.len() as u64);
         // A system that returns too few episodes is reported by the question.
         Ok(answers.into_iter().map_while(|answer| answer.or_else(|| simulated.next())).collect())
     }

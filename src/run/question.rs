@@ -117,6 +117,7 @@ pub fn ask(
             let engine = journal.screening(Some(Box::new(screening)));
             let answer = screened(&journal, plan, engine, watch)?;
             let ended = ended(&answer);
+            journal.check(&ended, answer.is_complete())?;
             journal.close(ended)?;
             Ok(answer)
         }
@@ -137,6 +138,7 @@ fn ask_directly(resolved: &ResolvedPlan, run: RunWriter, watch: Watch<'_>) -> Re
             let journal = Journal::new(resolved, run)?;
             let answer = recorded(&journal, watch)?;
             let ended = ended(&answer);
+            journal.check(&ended, answer.is_complete())?;
             journal.close(ended)?;
             Ok(answer)
         }
@@ -267,18 +269,27 @@ fn ended(answer: &Answer) -> Vec<(u32, TrialStatus)> {
 pub fn recorded_answer(resolved: &ResolvedPlan, run: &RunFile) -> Result<Answer, MishandleError> {
     header::check(run.header(), resolved)?;
     let journal = Journal::again(resolved, run);
-    match ask_again(&journal, &mut |_| ControlFlow::Continue(())) {
-        Err(_) if journal.is_missing() => {
-            let end = journal.answered().load(Ordering::Relaxed);
-            let journal = Journal::again(resolved, run);
-            let answered = journal.answered();
-            ask_again(&journal, &mut |_| match answered.load(Ordering::Relaxed) == end {
-                true => ControlFlow::Break(()),
-                false => ControlFlow::Continue(()),
-            })
-        }
-        answer => answer,
+    let answer = ask_again(&journal, &mut |_| ControlFlow::Continue(()));
+    if !journal.is_missing() {
+        let answer = answer?;
+        journal.check(&ended(&answer), answer.is_complete())?;
+        return Ok(answer);
     }
+    let end = journal.answered().load(Ordering::Relaxed);
+    let journal = Journal::again(resolved, run);
+    let answered = journal.answered();
+    let answer = ask_again(&journal, &mut |_| match answered.load(Ordering::Relaxed) == end {
+        true => ControlFlow::Break(()),
+        false => ControlFlow::Continue(()),
+    });
+    // An interrupted run has whole batches.
+    if journal.is_missing() {
+        let differences = vec!["simulations: some are missing".to_string()];
+        return Err(MishandleError::RunMismatch { differences });
+    }
+    let answer = answer?;
+    journal.check(&ended(&answer), answer.is_complete())?;
+    Ok(answer)
 }
 
 /// Asks the question of a journal that simulates nothing.

@@ -104,7 +104,8 @@ pub fn recorded_axis(record: &AxisRecord) -> Axis {
         _ => AxisValues::Continuous,
     };
     let bounds = [record.low, record.high];
-    Axis::new(AxisKind::Start, &record.name, &record.unit, bounds, record.nominal).with_values(values)
+    let kind = AxisKind::by_name(&record.kind).unwrap_or(AxisKind::Start);
+    Axis::new(kind, &record.name, &record.unit, bounds, record.nominal).with_values(values)
 }
 
 /// Creates the run file of a plan at `path`, with its folder. Without a path, chooses the first

@@ -45,7 +45,7 @@ impl Verdict {
                 let amplitude = found.witness.as_ref().map(|witness| witness.norms.amplitude);
                 Verdict {
                     text: amplitude.map_or("no violation".to_string(), |amplitude| {
-                        format!("fails from amplitude {} on", number(amplitude))
+                        format!("fails at amplitude {}", number(amplitude))
                     }),
                     interval: None,
                     share: Some(amplitude.map_or(0.0, |amplitude| 1.0 - 0.99 * amplitude)),

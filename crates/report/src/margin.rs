@@ -23,8 +23,12 @@ pub fn headline(report: &RunReport, found: &Margin) -> String {
             format!("{subject} violates its requirement without a disturbance.")
         }
         Some(witness) => format!(
-            "A disturbance of {} of its range makes {subject} violate its requirement.",
-            percent(witness.norms.amplitude)
+            "A disturbance of {} of its range makes {subject} violate its requirement{}.",
+            percent(witness.norms.amplitude),
+            match &witness.repeats {
+                Some(repeats) if !repeats.fails_in_most() => ", but not with most other seeds",
+                _ => "",
+            }
         ),
         None if !found.has_verdict() => format!("No simulation of {subject} has a verdict."),
         None if !found.is_complete => format!("No violation of {subject} found so far."),
@@ -42,9 +46,12 @@ pub fn meaning(found: &Margin) -> Vec<String> {
     }
     sentences.push(
         "The amplitude of a disturbance is the largest offset of an axis from its nominal value, as a share of the distance to its \
-         bound. Initial states vary in their whole range at every amplitude."
+         bound."
             .to_string(),
     );
+    if found.subject.space_axes.iter().any(|axis| axis.kind == "start") {
+        sentences.push("Initial states vary in their whole range at every amplitude.".to_string());
+    }
     if found.witness.is_some() {
         sentences.push(
             "The amplitude is an upper bound of the margin: a smaller disturbance that violates the requirement may exist."

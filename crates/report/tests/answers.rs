@@ -50,7 +50,7 @@ fn the_page_of_a_margin_has_the_amplitudes_and_the_witness() {
     check_parts(
         &html,
         &[
-            "of its range makes toy/car-following violate its requirement.</h2>",
+            "of its range makes toy/car-following violate its requirement",
             "smallest amplitude with a violation",
             &format!("simulation {}, seed {}.</p>", witness.simulation, witness.seed.0),
             &format!("--trial 1 --simulation {}", witness.simulation),

@@ -30,6 +30,11 @@ impl AxisKind {
         (AxisKind::Noise, "noise"),
     ];
 
+    /// Returns the kind with a name.
+    pub fn by_name(name: &str) -> Option<AxisKind> {
+        Self::ALL.iter().find(|(_, known)| *known == name).map(|(kind, _)| *kind)
+    }
+
     /// Returns the name.
     pub fn name(self) -> &'static str {
         Self::ALL.iter().find(|(kind, _)| *kind == self).map_or("", |(_, name)| name)
@@ -139,7 +144,9 @@ impl Axis {
     pub fn levels(&self) -> Option<usize> {
         match self.values {
             AxisValues::Continuous | AxisValues::Logarithmic => None,
-            AxisValues::Integer | AxisValues::Categorical(_) => Some((self.high - self.low) as usize + 1),
+            AxisValues::Integer | AxisValues::Categorical(_) => {
+                Some(((self.high - self.low) as usize).saturating_add(1))
+            }
         }
     }
 

@@ -15,8 +15,8 @@ use crate::run::{self, grid, pages};
 use crate::show::progress::Bar;
 use crate::show::{campaign, output};
 
-/// Run a grid of evaluations and falsifications: targets, controllers, spaces, formulas, searches,
-/// seeds
+/// Run a grid of questions (evaluate, falsify, margin, risk): targets, controllers, spaces,
+/// formulas, searches, seeds
 #[derive(Debug, Args)]
 #[command(after_help = "Examples:
   mishandle campaign campaign.toml --out runs/controllers
@@ -24,8 +24,8 @@ use crate::show::{campaign, output};
   mishandle campaign campaign.toml --ray auto         on this machine's Ray cluster
 
 The campaign file is a plan in which keys may have lists of values: see docs/guide/campaigns.md.
-Each combination is a run with a run file in the folder. Exit code 1 means that a counterexample
-was found.")]
+Each combination is a run with a run file in the folder. Exit code 1 means that a violation was
+found by falsify, margin or risk.")]
 pub struct Arguments {
     /// Campaign file (TOML)
     #[arg(value_name = "FILE", required_unless_present = "resume")]

@@ -109,9 +109,9 @@ fn row(entry: &RunSummary) -> Vec<String> {
     };
     let result = match facts.kind.as_str() {
         "falsify" => format!("falsified {} of {}", facts.falsified_trials, facts.trials),
-        "margin" if facts.falsified_trials > 0 => "witness found".to_string(),
-        "margin" => "no witness".to_string(),
-        "risk" => "estimated".to_string(),
+        "margin" if facts.failures > 0 => "violation found".to_string(),
+        "margin" => "no violation".to_string(),
+        "risk" => "asked".to_string(),
         _ => "evaluated".to_string(),
     };
     vec![

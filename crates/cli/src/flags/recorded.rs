@@ -18,7 +18,8 @@ pub struct Recorded {
     #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = integer::<u32>(NUMBERS))]
     pub trial: Option<u32>,
     /// Number of the simulation within its trial, from 1 [default: the first counterexample,
-    /// otherwise the simulation with the minimum robustness]
+    /// of a margin that with the smallest disturbance, otherwise the simulation with the minimum
+    /// robustness]
     #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = integer::<u32>(NUMBERS))]
     pub simulation: Option<u32>,
     /// New path of the run's controller, if the file was moved

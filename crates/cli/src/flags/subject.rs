@@ -25,7 +25,7 @@ pub struct Subject {
     /// controller such as ppo or expert
     #[arg(long, value_name = "C")]
     pub controller: Option<String>,
-    /// Scenario space of the target, or several joined by + [default: starts; of margin:
+    /// Scenario space of the target, or several joined by + [default: starts; in margin:
     /// disturbance]
     #[arg(long, value_name = "NAME")]
     pub space: Option<String>,
