@@ -47,7 +47,7 @@ impl Content {
 
     /// The first counterexample; without one, the second simulation.
     fn chosen(&mut self) -> &mut Simulation {
-        let is_falsified = |simulation: &Simulation| simulation.robustness.is_some_and(|rho| rho < 0.0);
+        let is_falsified = |simulation: &Simulation| simulation.is_violated();
         let index = self.simulations.iter().position(is_falsified).unwrap_or(1);
         &mut self.simulations[index]
     }

@@ -72,7 +72,7 @@ fn check_recorded(resolved: &ResolvedPlan, path: &Path, answer: &Answer) {
 /// Replays the first, the last and the first failing simulation.
 fn check_replays(run: &RunFile, answer: &Answer) {
     let rows: Vec<_> = run.simulations().map(Result::unwrap).collect();
-    let failing = rows.iter().find(|row| row.robustness.is_some_and(|rho| rho < 0.0));
+    let failing = rows.iter().find(|row| row.is_violated());
     for row in [rows.first(), rows.last(), failing].into_iter().flatten() {
         let replayed = mishandle::replay::replay(run, row.trial, row.number, None).unwrap();
         assert!(replayed.differences.is_empty(), "{:?}", replayed.differences);

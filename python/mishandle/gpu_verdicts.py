@@ -182,7 +182,7 @@ def violations(
     requests: list[_native.RequestTuple] = [(list(values), seed, False, None) for values, seed in zip(scenarios, seeds)]
     # Verdict: robustness of the requirement, of success and of strict success.
     verdicts = [episode[4][1:3] for episode in simulator.rollout(requests)]
-    found = np.array([[robustness is not None and robustness < 0 for robustness in verdict] for verdict in verdicts])
+    found = np.array([[robustness is not None and np.signbit(robustness) for robustness in verdict] for verdict in verdicts])
     return {formula: found[:, column] for column, formula in enumerate(FORMULAS)}
 
 

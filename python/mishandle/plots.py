@@ -75,7 +75,7 @@ def plot_robustness_map(run: AnyRun, x: str | None = None, y: str | None = None,
     )
     ax = _axes(ax)
     known = np.isfinite(robustness)
-    violated = known & (robustness < 0)
+    violated = known & np.signbit(robustness)
     if not known.all():
         ax.scatter(horizontal[~known], vertical[~known], s=18, facecolors="none", edgecolors=_OTHER, label="no verdict")
     satisfied = known & ~violated

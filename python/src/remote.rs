@@ -89,7 +89,7 @@ fn sent<'py>(py: Python<'py>, episode: &Episode) -> EpisodeTuple<Bound<'py, PyAr
     let (end, step, index) = end_parts(*end);
     let columns = (0..trace.names().len()).map(|signal| trace.column(signal));
     let digest = mishandle::store::trace_digest(columns);
-    let samples = episode.robustness().is_some_and(|rho| rho < 0.0).then(|| {
+    let samples = episode.is_violated().then(|| {
         let shape = (trace.len(), trace.names().len());
         let samples = Array2::from_shape_fn(shape, |(sample, signal)| trace.column(signal)[sample]);
         PyArray2::from_owned_array(py, samples)

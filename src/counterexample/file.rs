@@ -1,5 +1,6 @@
 //! The JSON of a counterexample.
 
+use mishandle_stl::is_satisfied;
 use std::collections::BTreeMap;
 
 use mishandle_store::{BuildRecord, ComponentRecord, SimulationEnd, TargetRecord};
@@ -234,7 +235,7 @@ impl Document {
             invalid(format!("`seed` is \"{}\"; it must be a whole number from 0 to 2^64 - 1", self.seed))
         })?;
         let robustness = self.expected.robustness.value("expected.robustness")?;
-        if robustness >= 0.0 {
+        if is_satisfied(robustness) {
             return Err(invalid(format!("`expected.robustness` is {robustness}; it must be negative")));
         }
         let decisive = self.decisive.map(|known| {

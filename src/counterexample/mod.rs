@@ -6,6 +6,7 @@ mod regress;
 mod result;
 mod suite;
 
+use mishandle_stl::is_violated;
 use std::fmt::Debug;
 use std::path::Path;
 
@@ -401,7 +402,7 @@ fn portable_controller(plan: &Plan, components: &[ComponentRecord]) -> String {
 
 fn check_failing(robustness: Option<f64>) -> Result<(), MishandleError> {
     match robustness {
-        Some(rho) if rho < 0.0 => Ok(()),
+        Some(rho) if is_violated(rho) => Ok(()),
         Some(rho) => Err(FalsificationError::NotACounterexample { robustness: rho.to_string() }.into()),
         None => Err(FalsificationError::NotACounterexample { robustness: "undecided".to_string() }.into()),
     }

@@ -1,3 +1,4 @@
+use mishandle_stl::is_violated;
 use std::path::Path;
 
 use mishandle_results::{Replay, Seed};
@@ -25,6 +26,7 @@ impl CounterexampleReplay {
             end: end_text(episode.end, &signals),
             steps: episode.steps as u64,
             robustness: episode.robustness().map(Into::into),
+            violated: episode.robustness().map(is_violated),
             same: differences.is_empty(),
             differences: differences.clone(),
             formula: header.formula.clone(),

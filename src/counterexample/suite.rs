@@ -1,5 +1,6 @@
 //! A folder of counterexamples as a suite of tests.
 
+use mishandle_stl::is_violated;
 use std::error::Error;
 use std::iter::successors;
 use std::ops::ControlFlow;
@@ -183,7 +184,7 @@ impl Suite<'_> {
     fn fails(&self, found: &Simulated) -> Option<bool> {
         let found = found.as_ref().ok()?;
         match &found.repeats {
-            None => found.episode.robustness().map(|rho| rho < 0.0),
+            None => found.episode.robustness().map(is_violated),
             Some(repeats) if repeats.failure_rate.n < repeats.simulations => None,
             Some(repeats) => repeats.failure_rate.value.map(|rate| rate > self.max_failure_rate),
         }

@@ -1,6 +1,6 @@
 //! The event of a simulation that pictures center on.
 
-use mishandle_stl::Trace;
+use mishandle_stl::{Trace, is_violated};
 
 use crate::inspect::Explanation;
 use mishandle_text::instant;
@@ -110,7 +110,7 @@ impl Explanation {
         let chooses = |operator: &str| matches!(operator, "eventually" | "once" | "until" | "since");
         let kind = if path.iter().filter_map(|found| found.operator).any(chooses) {
             EventKind::ClosestApproach
-        } else if self.diagnosis.robustness() < 0.0 {
+        } else if is_violated(self.diagnosis.robustness()) {
             EventKind::Violation
         } else {
             EventKind::SmallestMargin

@@ -2,7 +2,7 @@
 //! predicate.
 
 use mishandle_rollout::{Episode, EpisodeEnd, Request, RolloutError};
-use mishandle_stl::{Clock, Diagnosis, Formula, Monitor, Trace};
+use mishandle_stl::{Clock, Diagnosis, Formula, Monitor, Trace, is_satisfied, is_violated};
 use mishandle_store::{RunFile, RunHeader, Simulation, StoredTrace};
 
 use crate::error::MishandleError;
@@ -22,7 +22,7 @@ pub struct Explanation {
     /// How the decisive predicate develops; `None` without one.
     pub history: Option<PredicateHistory>,
     /// First sample after which nothing can change whether the trace satisfies the formula; `None`
-    /// if the trace does not decide the formula, or the robustness is 0.
+    /// if the trace does not decide the formula.
     pub decided: Option<usize>,
     /// Each conjunct alone, in the order of the formula. An operand of `and` with a larger
     /// robustness is masked by one with a smaller.
@@ -154,8 +154,8 @@ fn events(
     let mut found = Vec::new();
     for (above, below) in diagnosis.path.iter().zip(diagnosis.path.iter().skip(1)) {
         // What a negated operator requires is the opposite.
-        let is_positive = (above.robustness < 0.0) == (diagnosis.robustness() < 0.0);
-        if diagnosis.robustness() >= 0.0 || !is_positive {
+        let is_positive = is_violated(above.robustness) == is_violated(diagnosis.robustness());
+        if is_satisfied(diagnosis.robustness()) || !is_positive {
             continue;
         }
         match (above.operator, above.operands.as_slice(), above.window) {
@@ -188,7 +188,7 @@ fn events(
 
 fn history(window: (usize, usize), robustness: Vec<f64>, sides: [Vec<f64>; 2]) -> PredicateHistory {
     let (first, last) = window;
-    let violates = |sample: &usize| robustness.get(*sample).is_some_and(|rho| *rho < 0.0);
+    let violates = |sample: &usize| robustness.get(*sample).is_some_and(|rho| is_violated(*rho));
     let violating: Vec<usize> = (first..=last).filter(violates).collect();
     let first_and_last = violating.first().copied().zip(violating.last().copied());
     PredicateHistory { window, violated: violating.len(), first_and_last, robustness, sides }

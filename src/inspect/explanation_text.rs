@@ -1,6 +1,6 @@
 //! Explanations in sentences.
 
-use mishandle_stl::DecisivePredicate;
+use mishandle_stl::{DecisivePredicate, is_satisfied, is_violated};
 
 use crate::inspect::explanation::OperatorEvent;
 use crate::inspect::{Explanation, PredicateHistory};
@@ -18,7 +18,7 @@ impl Explanation {
     /// run file: escape them before you print them. Formulas are between backticks.
     pub fn sentences(&self, control_dt: f64) -> Vec<String> {
         let at = |sample: usize| instant(sample, control_dt);
-        let verdict = match self.diagnosis.robustness() < 0.0 {
+        let verdict = match is_violated(self.diagnosis.robustness()) {
             true => "satisfy",
             false => "violate",
         };
@@ -39,8 +39,8 @@ impl Explanation {
         let above = self.diagnosis.path.iter().rev().find(|found| found.window.is_some());
         let is_existential = |operator| matches!(operator, "eventually" | "once");
         above.is_some_and(|found| {
-            self.diagnosis.robustness() > 0.0
-                && found.robustness > 0.0
+            is_satisfied(self.diagnosis.robustness())
+                && is_satisfied(found.robustness)
                 && found.operator.is_some_and(is_existential)
         })
     }
@@ -62,7 +62,7 @@ pub fn compared_values(predicate: &DecisivePredicate) -> String {
 fn decision(predicate: &DecisivePredicate, at: &dyn Fn(usize) -> String) -> String {
     let compared = compared_values(predicate);
     let margin = decimal(predicate.robustness.abs(), 4);
-    let side = match (predicate.robustness < 0.0, predicate.is_negated) {
+    let side = match (is_violated(predicate.robustness), predicate.is_negated) {
         (true, false) => format!("violates it by {margin}"),
         (false, false) => format!("satisfies it by {margin}"),
         (true, true) => format!("violates it by {margin}, as the formula requires"),

@@ -84,7 +84,7 @@ pub fn failure_modes(run: &RunFile) -> Result<FailureModes, MishandleError> {
     let every = passing.div_ceil(MAX_OTHERS).max(1);
     for (index, simulation) in run.simulations().enumerate() {
         let simulation = simulation?;
-        if simulation.robustness.is_some_and(|rho| rho < 0.0) {
+        if simulation.is_violated() {
             failing.push((simulation.trial, simulation.number));
         } else if index % every == 0 {
             others.push(unit_scenario(&axes, &simulation.scenario));

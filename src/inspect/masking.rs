@@ -5,7 +5,7 @@ use std::path::Path;
 
 use mishandle_results::{EvaluatedCount, MaskedConjunct, Masking};
 use mishandle_rollout::{Request, RolloutError};
-use mishandle_stl::{Clock, Formula, Monitor, Trace};
+use mishandle_stl::{Clock, Formula, Monitor, Trace, is_violated};
 use mishandle_store::{RunFile, Simulation};
 
 use crate::error::MishandleError;
@@ -39,7 +39,7 @@ pub fn masking(
     for simulation in run.simulations() {
         let simulation = simulation?;
         match simulation.robustness {
-            Some(rho) if rho < 0.0 => violated.push((simulation.trial, simulation.number)),
+            Some(rho) if is_violated(rho) => violated.push((simulation.trial, simulation.number)),
             Some(_) => satisfied.push((simulation.trial, simulation.number)),
             None => {}
         }
@@ -124,18 +124,18 @@ impl Counter<'_> {
         let (formula, clock) = (self.formula, Clock::steps(control_dt));
         let monitor_error = |source| RolloutError::Monitor { formula: formula.to_string(), source };
         let diagnosis = formula.diagnose(trace, &clock).map_err(monitor_error)?;
-        let is_violated = diagnosis.robustness() < 0.0;
-        let count = if is_violated { &mut self.found.violated } else { &mut self.found.satisfied };
+        let fails = is_violated(diagnosis.robustness());
+        let count = if fails { &mut self.found.violated } else { &mut self.found.satisfied };
         count.evaluated += 1;
         for (position, conjunct) in self.positions.iter().zip(&mut self.found.conjuncts) {
             let sets = diagnosis.path.iter().any(|found| found.position == *position);
-            conjunct.sets_satisfied += u64::from(sets && !is_violated);
-            conjunct.sets_violated += u64::from(sets && is_violated);
-            let alone = formula.conjunct(*position).filter(|_| is_violated);
+            conjunct.sets_satisfied += u64::from(sets && !fails);
+            conjunct.sets_violated += u64::from(sets && fails);
+            let alone = formula.conjunct(*position).filter(|_| fails);
             if let Some(alone) = alone {
                 let mut monitor = Monitor::new(&alone, trace.names(), clock).map_err(monitor_error)?;
                 let robustness = monitor.robustness_signal(trace).map_err(monitor_error)?;
-                conjunct.fails += u64::from(robustness.first().is_some_and(|rho| *rho < 0.0));
+                conjunct.fails += u64::from(robustness.first().is_some_and(|rho| is_violated(*rho)));
             }
         }
         Ok(())

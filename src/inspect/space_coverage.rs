@@ -22,7 +22,7 @@ pub fn space_coverage(run: &RunFile) -> Result<Coverage, MishandleError> {
     let mut cells = Cells::new(&axes);
     for simulation in run.simulations() {
         let simulation = simulation?;
-        let fails = simulation.robustness.is_some_and(|rho| rho < 0.0);
+        let fails = simulation.is_violated();
         cells.add(&unit_scenario(&axes, &simulation.scenario), fails);
     }
     Ok(cells.coverage())

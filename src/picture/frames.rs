@@ -1,7 +1,7 @@
 //! Frames of filmstrips and films: the scene, and a caption with the time and the decisive
 //! predicate.
 
-use mishandle_stl::Formula;
+use mishandle_stl::{Formula, is_violated};
 use mishandle_store::SignalRecord;
 use mishandle_world::{
     Caption, CaptionLayout, CaptionPart, Color, Picture, Quality, Renderer, Size, TimeBar, WorldError,
@@ -53,12 +53,12 @@ impl FrameCaptions {
         last: usize,
     ) -> FrameCaptions {
         let history = explanation.and_then(|explanation| explanation.history.as_ref());
-        let is_violated = explanation.is_some_and(|explanation| explanation.diagnosis.robustness() < 0.0);
+        let fails = explanation.is_some_and(|explanation| is_violated(explanation.diagnosis.robustness()));
         FrameCaptions {
             control_dt,
             last,
             marks: event.map_or(Vec::new(), Event::marks),
-            mark_color: if is_violated { FAIL } else { PASS },
+            mark_color: if fails { FAIL } else { PASS },
             predicate: explanation.and_then(|explanation| predicate(signals, explanation)),
             spans: history.map_or(Vec::new(), |history| spans(history, last)),
         }
@@ -72,7 +72,7 @@ impl FrameCaptions {
         let mut parts = vec![part(format!("{:>width$} s", seconds(sample)), INK, true)];
         if let Some(predicate) = &self.predicate {
             let (status, color) = match predicate.robustness.get(sample) {
-                Some(robustness) if *robustness < 0.0 => ("fails", FAIL),
+                Some(robustness) if is_violated(*robustness) => ("fails", FAIL),
                 Some(_) => ("holds", PASS),
                 None => ("     ", INK),
             };
@@ -168,7 +168,7 @@ fn spans(history: &PredicateHistory, last: usize) -> Vec<([f64; 2], Color)> {
     let fraction = |sample: f64| (sample / last.max(1) as f64).clamp(0.0, 1.0);
     let (first, end) = history.window;
     let mut spans = vec![([fraction(first as f64), fraction(end as f64)], WINDOW)];
-    let violated = |sample: &usize| history.robustness.get(*sample).is_some_and(|rho| *rho < 0.0);
+    let violated = |sample: &usize| history.robustness.get(*sample).is_some_and(|rho| is_violated(*rho));
     for sample in (first..=end).filter(violated) {
         let at = sample as f64;
         spans.push(([fraction(at - 0.5), fraction(at + 0.5)], FAIL));

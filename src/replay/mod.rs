@@ -8,6 +8,7 @@ mod trial;
 use mishandle_falsification::norms;
 use mishandle_results::Norms;
 use mishandle_rollout::{Episode, Scenario, Space, System};
+use mishandle_stl::is_violated;
 use mishandle_store::{BuildRecord, RunFile, RunHeader, RunKind, Simulation};
 
 use crate::build::build;
@@ -134,7 +135,7 @@ pub fn select_simulation(
             continue;
         }
         let Some(rho) = simulation.robustness else { continue };
-        if rho < 0.0 {
+        if is_violated(rho) {
             return Ok(Some((simulation.trial, simulation.number)));
         }
         if least.as_ref().and_then(|least| least.robustness).is_none_or(|least| rho < least) {
@@ -155,7 +156,7 @@ fn smallest_violation(run: &RunFile) -> Result<Option<(u32, u32)>, MishandleErro
         if simulation.trial > 1 {
             break;
         }
-        if simulation.robustness.is_none_or(|rho| rho >= 0.0) {
+        if !simulation.is_violated() {
             continue;
         }
         let found = norms(&space, &Scenario::new(simulation.scenario));

@@ -1,4 +1,5 @@
 use mishandle_results::{Replay, Seed};
+use mishandle_stl::is_violated;
 use mishandle_store::RunFile;
 
 use crate::replay::ReplayResult;
@@ -22,7 +23,8 @@ impl ReplayResult {
             seed: Seed(recorded.seed),
             end: end_text(episode.end, &signals),
             steps: episode.steps as u64,
-            robustness: episode.verdict.robustness.map(Into::into),
+            robustness: episode.robustness().map(Into::into),
+            violated: episode.robustness().map(is_violated),
             same: self.differences.is_empty(),
             differences: self.differences.clone(),
             formula: header.formula.clone(),

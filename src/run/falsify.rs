@@ -192,7 +192,7 @@ pub(crate) fn with_needed_trace(
     recorded: Simulation,
     falsify: &FalsifyPlan,
 ) -> Result<Simulation, MishandleError> {
-    if falsify.keep_going && recorded.robustness.is_some_and(|rho| rho < 0.0) {
+    if falsify.keep_going && recorded.is_violated() {
         return Ok(run.simulation(recorded.trial, recorded.number)?);
     }
     Ok(recorded)

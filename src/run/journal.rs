@@ -6,6 +6,7 @@
 //! [`JournalScreening`] answer at once as long as the answers are recorded. A record that is not
 //! the requested one is an error, never an answer.
 
+use mishandle_stl::is_violated;
 use std::cell::{Cell, RefCell};
 use std::collections::BTreeSet;
 use std::sync::Arc;
@@ -357,7 +358,7 @@ impl Screen for JournalScreening<'_, '_> {
             };
             let chunk = ScreenedChunk {
                 number,
-                violated: count(|rho| rho.is_some_and(|rho| rho < 0.0)),
+                violated: count(|rho| rho.is_some_and(is_violated)),
                 without_verdict: count(|rho| rho.is_none()),
                 requests: digest,
                 outcomes: outcomes::encode(&complete, journal.resolved.stored_subformulas),

@@ -162,7 +162,7 @@ pub(crate) fn record(episode: &Episode, subformulas: usize) -> Simulation {
     let columns = (0..episode.trace.names().len()).map(|i| episode.trace.column(i).to_vec()).collect();
     let trace = store::StoredTrace { columns };
     let Episode { request, verdict, .. } = episode;
-    let is_falsified = episode.robustness().is_some_and(|rho| rho < 0.0);
+    let is_falsified = episode.is_violated();
     let minima = (0..subformulas).flat_map(|i| {
         let found = verdict.subformulas.get(i);
         [found.map(|found| found.minimum), found.map(|found| found.step as f64)]

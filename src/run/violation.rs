@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use mishandle_falsification::Signature;
 use mishandle_rollout::RolloutError;
-use mishandle_stl::{Clock, Formula, Monitor, Trace};
+use mishandle_stl::{Clock, Formula, Monitor, Trace, is_satisfied, is_violated};
 use mishandle_store::RunHeader;
 
 /// Largest number of sub-formulas of a formula that is explained: the text of each is written, and
@@ -72,7 +72,9 @@ pub(crate) fn decided(
     }
     let mut is_decided = |len: usize| -> Result<bool, RolloutError> {
         let bounds = monitor.robustness_bounds(&prefix(trace, len), samples).map_err(monitor_error)?;
-        Ok(bounds.is_some_and(|(low, high)| if robustness < 0.0 { high < 0.0 } else { low > 0.0 }))
+        let is_fixed =
+            |(low, high)| if is_violated(robustness) { is_violated(high) } else { is_satisfied(low) };
+        Ok(bounds.is_some_and(is_fixed))
     };
     if !is_decided(trace.len())? {
         return Ok(None);

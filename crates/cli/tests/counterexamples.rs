@@ -98,8 +98,10 @@ fn an_exported_counterexample_replays_in_every_folder_and_a_changed_one_is_repor
         "counterexamples export run.sqlite --mode 99 --out a.json",
         &["there is no failure mode 99"],
     );
-    bench
-        .refuses("counterexamples export run.sqlite --simulation 1 --out a.json", &["a negative robustness"]);
+    bench.refuses(
+        "counterexamples export run.sqlite --simulation 1 --out a.json",
+        &["violates the requirement"],
+    );
 }
 
 #[test]

@@ -238,8 +238,9 @@ mod tests {
     }
 
     #[test]
-    fn a_robustness_of_0_is_not_a_success() {
-        assert_eq!(report(&[episode(Some(0.0), Some(0.0), 0, Some(0))]).success_rate.value, Some(0.0));
+    fn the_sign_of_a_zero_decides_success() {
+        let rate = |rho: f64| report(&[episode(Some(rho), Some(rho), 0, Some(0))]).success_rate.value;
+        assert_eq!((rate(0.0), rate(-0.0)), (Some(1.0), Some(0.0)));
     }
 
     #[test]

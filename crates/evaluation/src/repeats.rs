@@ -2,6 +2,7 @@
 //! shares of variance.
 
 use mishandle_results::{Estimate, QUANTILES, Quantile, Repeats};
+use mishandle_stl::is_violated;
 
 use crate::f_distribution::f_upper_quantile;
 use crate::wilson;
@@ -19,7 +20,7 @@ use crate::wilson;
 pub fn repeats(robustness: &[Option<f64>]) -> Repeats {
     let mut decided: Vec<f64> = robustness.iter().flatten().copied().collect();
     decided.sort_by(f64::total_cmp);
-    let failures = decided.iter().filter(|rho| **rho < 0.0).count() as u64;
+    let failures = decided.iter().filter(|rho| is_violated(**rho)).count() as u64;
     let at = |p: f64| Quantile { p, robustness: quantile(&decided, p).into() };
     Repeats {
         simulations: robustness.len() as u64,

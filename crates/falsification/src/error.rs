@@ -22,7 +22,7 @@ pub enum FalsificationError {
         expected: &'static str,
     },
     /// The simulation is not a counterexample.
-    #[error("the robustness of the simulation is {robustness}; a counterexample has a negative robustness")]
+    #[error("the robustness of the simulation is {robustness}; a counterexample violates the requirement")]
     NotACounterexample {
         /// Robustness of the simulation, or the reason why it has none.
         robustness: String,

@@ -30,7 +30,7 @@ use std::rc::Rc;
 
 use mishandle_rollout::{Episode, RolloutError, Space};
 use mishandle_search::Observation;
-use mishandle_stl::Trace;
+use mishandle_stl::{Trace, is_satisfied, is_violated};
 
 use crate::modes::{axes_that_matter, distance, is_same_time};
 use crate::trial::observation;
@@ -151,11 +151,11 @@ impl<'a> Archive<'a> {
         };
         self.add_magnitude(robustness.abs());
         let point = unit_scenario(self.space.axes(), episode.request.scenario.values());
-        if robustness < 0.0 {
+        if is_violated(robustness) {
             self.add_failure(&point, episode)?;
         }
         let level = self.level(&point);
-        if robustness >= 0.0 && self.others.len() < MAX_OTHERS {
+        if is_satisfied(robustness) && self.others.len() < MAX_OTHERS {
             self.others.push(point);
         }
         Ok(if robustness < level { level.into() } else { observation(Some(robustness), &episode.verdict) })

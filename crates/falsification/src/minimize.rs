@@ -51,7 +51,7 @@ pub fn minimize(
 ) -> Result<Minimized, FalsificationError> {
     let mut episodes = system.rollout(std::slice::from_ref(request))?;
     let original = episodes.pop().ok_or(FalsificationError::EpisodeCount { requested: 1, returned: 0 })?;
-    if original.robustness().is_none_or(|rho| rho >= 0.0) {
+    if !original.is_violated() {
         let robustness = original.robustness().map_or("undecided".to_string(), |rho| rho.to_string());
         return Err(FalsificationError::NotACounterexample { robustness });
     }
@@ -174,8 +174,9 @@ impl<W: FnMut(u64) -> ControlFlow<()>> Search<'_, W> {
             };
             let requests: Vec<Request> = batch.iter().map(request).collect();
             for episode in self.system.rollout(&requests)? {
+                // −0.0, which violates, is less than +0.0.
                 let least = found.as_ref().and_then(Episode::robustness).unwrap_or(0.0);
-                if episode.robustness().is_some_and(|rho| rho < least) {
+                if episode.robustness().is_some_and(|rho| rho.total_cmp(&least).is_lt()) {
                     found = Some(episode);
                 }
             }
@@ -398,7 +399,7 @@ mod tests {
         check_at(-found[2], 0.25);
         assert_eq!((found[1], found[3]), (0.0, 0.0));
         assert!(minimized.is_complete && minimized.has_fewest_axes);
-        assert!(minimized.episode.robustness() < Some(0.0));
+        assert!(minimized.episode.is_violated());
         assert_eq!(minimized.original.request.scenario, [0.9, 0.3, -0.5, -0.8].into());
     }
 

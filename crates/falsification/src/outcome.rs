@@ -2,6 +2,7 @@
 
 use mishandle_evaluation::{Estimate, bound_without_failures, wilson};
 use mishandle_rollout::{Episode, EpisodeEnd, Scenario, Seed};
+use mishandle_stl::is_violated;
 
 use crate::TrialEnd;
 
@@ -109,10 +110,14 @@ impl TrialOutcome {
         let (number, seed) = (request.number, request.seed);
         match episode.robustness() {
             Some(robustness) => {
-                if robustness < 0.0 {
+                if is_violated(robustness) {
                     self.first_violation.get_or_insert(number);
                 }
-                if self.minimum.as_ref().is_none_or(|minimum| robustness < minimum.robustness) {
+                if self
+                    .minimum
+                    .as_ref()
+                    .is_none_or(|minimum| robustness.total_cmp(&minimum.robustness).is_lt())
+                {
                     let scenario = request.scenario.clone();
                     self.minimum = Some(Minimum { robustness, scenario, seed, number });
                 }

@@ -8,7 +8,7 @@ use mishandle_random::Sequence;
 use mishandle_results::Confirmed;
 use mishandle_rollout::{DEFAULT_BATCH_SIZE, Episode, Request, Screen, ScreenedEpisode, System};
 use mishandle_search::Observation;
-use mishandle_stl::Trace;
+use mishandle_stl::{Trace, is_violated};
 
 use crate::falsification::Simulated;
 use crate::trial::observation;
@@ -88,7 +88,7 @@ impl ScreenedCounts {
             Reason::Sample => &mut self.sampled,
         };
         count.simulations += 1;
-        count.violations += u64::from(episode.robustness().is_some_and(|rho| rho < 0.0));
+        count.violations += u64::from(episode.is_violated());
     }
 }
 
@@ -165,7 +165,7 @@ fn reasons(
         *lowest = lowest.min(robustness);
         // No simulation has this seed, and the sample does not depend on the batch.
         let is_sampled = || Sequence::new(request.seed.child(u64::MAX).0, 0).uniform() < sample_rate;
-        match robustness < 0.0 {
+        match is_violated(robustness) {
             true => Some(Reason::Violation),
             false if is_minimum => Some(Reason::Minimum),
             false => is_sampled().then_some(Reason::Sample),

@@ -192,7 +192,7 @@ fn no_trial_exceeds_its_budget_and_the_count_includes_the_violation() {
         for (trial, rows) in outcome.trials.iter().zip(rows.values()) {
             assert_eq!(trial.simulations as usize, rows.len());
             assert!(rows.iter().zip(1..).all(|(row, number)| row.number() == number));
-            let violated = |row: &Row| row.robustness().is_some_and(|rho| rho < 0.0);
+            let violated = |row: &Row| row.episode.is_violated();
             let (last, before) = rows.split_last().unwrap();
             assert!(!before.iter().any(violated) && before.iter().all(|row| row.trial_end.is_none()));
             assert_eq!(last.trial_end, trial.end, "{search}");

@@ -231,7 +231,7 @@ impl EvaluationSummary {
         let metrics = counter(plan, roles, random).report(Seed(plan.seed));
         let mut points: Vec<(&[Option<f64>], bool)> = Vec::new();
         for Simulation { scenario, robustness, .. } in corners {
-            let is_success = robustness.is_some_and(|rho| rho > 0.0);
+            let is_success = robustness.is_some_and(f64::is_sign_positive);
             match points.iter_mut().find(|(known, _)| *known == &scenario[..]) {
                 Some((_, succeeds)) => *succeeds &= is_success,
                 None => points.push((scenario, is_success)),

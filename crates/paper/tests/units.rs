@@ -3,6 +3,7 @@
 
 #![allow(clippy::unwrap_used)]
 
+use mishandle::stl::is_violated;
 use std::fs;
 use std::ops::ControlFlow;
 use std::path::Path;
@@ -76,7 +77,7 @@ fn the_units_of_a_falsification_match_its_rows() {
             let trial = file.trial(unit.trial).unwrap();
             assert_eq!((unit.seed, unit.status, unit.evaluated), (trial.seed, trial.status, None));
             let mut values: Vec<f64> = rows.iter().map(|row| row.robustness.unwrap()).collect();
-            let violations = values.iter().filter(|rho| **rho < 0.0).count();
+            let violations = values.iter().filter(|rho| is_violated(**rho)).count();
             assert_eq!((unit.violations as usize, unit.stopped), (violations, 0));
             values.sort_by(f64::total_cmp);
             assert_eq!((unit.lowest, unit.highest), (values.first().copied(), values.last().copied()));

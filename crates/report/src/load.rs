@@ -7,6 +7,7 @@ use mishandle::inspect::{
 use mishandle::results::Answer;
 use mishandle::rollout::{Axis, Seed};
 use mishandle::run::{recorded_answer, recorded_axis};
+use mishandle::stl::is_violated;
 use mishandle::store::{Counts, RunFile, RunHeader, RunKind, Simulation, TrialStatus, TrialSummary};
 use mishandle::{MishandleError, Plan, ResolvedPlan};
 
@@ -85,7 +86,7 @@ pub struct Point {
 
 impl Point {
     pub fn fails(&self) -> bool {
-        self.robustness.is_some_and(|rho| rho < 0.0)
+        self.robustness.is_some_and(is_violated)
     }
 }
 
@@ -156,7 +157,7 @@ impl RunReport {
                     trial.worst = Some((number, rho));
                     trial.improvements.push((number, rho));
                 }
-                if rho < 0.0 && trial.first_failure.is_none() {
+                if is_violated(rho) && trial.first_failure.is_none() {
                     trial.first_failure = Some(number);
                 }
             }

@@ -1,6 +1,7 @@
 //! Robustness maps: where in the space simulations fail.
 
 use mishandle::rollout::Axis;
+use mishandle::stl::is_violated;
 use mishandle_charts::{Area, Chart, LinkedMark, Mark, Panel, Series, Shape};
 
 use crate::html::{figure, number, short};
@@ -39,7 +40,7 @@ struct ColorScale {
 impl ColorScale {
     fn new(points: &[&Point]) -> ColorScale {
         let finite = points.iter().filter_map(|point| point.robustness).filter(|rho| rho.is_finite());
-        let (mut negative, mut positive): (Vec<f64>, Vec<f64>) = finite.partition(|rho| *rho < 0.0);
+        let (mut negative, mut positive): (Vec<f64>, Vec<f64>) = finite.partition(|rho| is_violated(*rho));
         negative.sort_by(f64::total_cmp);
         positive.sort_by(f64::total_cmp);
         let margin = positive.get(positive.len().saturating_sub(1) * 19 / 20).copied().unwrap_or(1.0);
@@ -48,7 +49,7 @@ impl ColorScale {
 
     fn color(&self, rho: f64) -> &'static str {
         let bin = |share: f64| ((4.0 * share) as usize).min(3);
-        match rho < 0.0 {
+        match is_violated(rho) {
             true => color::NEGATIVE[bin(-rho / self.violation.unwrap_or(1.0))],
             false => color::POSITIVE[bin(rho / self.margin)],
         }
@@ -251,7 +252,7 @@ impl Drawing<'_> {
         }
         let fails = |column: Option<usize>, row: Option<usize>| match (column, row) {
             (Some(column), Some(row)) if column < columns && row < rows => {
-                values[row * columns + column].is_some_and(|rho| rho < 0.0)
+                values[row * columns + column].is_some_and(is_violated)
             }
             _ => false,
         };

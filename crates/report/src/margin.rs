@@ -3,6 +3,7 @@
 use mishandle::falsification::norms;
 use mishandle::results::{Level, Margin, Witness};
 use mishandle::rollout::{Scenario, Space};
+use mishandle::stl::is_violated;
 use mishandle_charts::{Chart, Mark, Panel, Series};
 use mishandle_text::plural;
 
@@ -117,7 +118,7 @@ fn chart(report: &RunReport, found: &Margin) -> String {
     // The repeats of the witness are at one amplitude.
     let points: Vec<[f64; 2]> =
         report.points.iter().filter(|point| point.trial == 1).filter_map(place).collect();
-    let (failing, passing): (Vec<_>, Vec<_>) = points.iter().partition(|[_, rho]| *rho < 0.0);
+    let (failing, passing): (Vec<_>, Vec<_>) = points.iter().partition(|[_, rho]| is_violated(*rho));
     let mut lowest: Vec<[f64; 2]> = found
         .levels
         .iter()

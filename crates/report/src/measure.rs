@@ -250,7 +250,7 @@ fn patch(
         for episode in system.rollout(batch)? {
             is_interrupted |= watch(&episode).is_break();
             decided += u64::from(episode.robustness().is_some());
-            failing += u64::from(episode.robustness().is_some_and(|rho| rho < 0.0));
+            failing += u64::from(episode.is_violated());
         }
     }
     let volume = bounds.iter().map(|[low, high]| high - low).product();

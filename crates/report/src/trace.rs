@@ -1,7 +1,7 @@
 //! Charts of a failing simulation: signals over time with their thresholds and the violation.
 
 use mishandle::inspect::ExplainedSimulation;
-use mishandle::stl::{Clock, Formula, Monitor, Trace};
+use mishandle::stl::{Clock, Formula, Monitor, Trace, is_satisfied};
 use mishandle::store::RunHeader;
 use mishandle_charts::{Area, Chart, Mark, Panel, Series};
 
@@ -153,11 +153,11 @@ pub fn unit(header: &RunHeader, term: &str) -> String {
     if units.len() == 1 { units.remove(0) } else { String::new() }
 }
 
-/// Returns the first and last sample of each run of negative values within the window.
+/// Returns the first and last sample of each violation within the window.
 fn spans(robustness: &[f64], (first, last): (usize, usize)) -> Vec<(usize, usize)> {
     let mut spans: Vec<(usize, usize)> = Vec::new();
     for sample in first..=last {
-        if robustness.get(sample).is_none_or(|rho| *rho >= 0.0) {
+        if robustness.get(sample).is_none_or(|rho| is_satisfied(*rho)) {
             continue;
         }
         match spans.last_mut() {

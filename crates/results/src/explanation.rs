@@ -24,11 +24,13 @@ pub struct Explanation {
     pub formula: String,
     /// Robustness of the requirement.
     pub robustness: Number,
+    /// Whether the requirement is violated. At a robustness of 0, `<=`, `>=` and `==` hold, and `<`,
+    /// `>` and `!=` do not.
+    pub violated: bool,
     /// First sample after which nothing can change whether the requirement is satisfied; `null` if
-    /// the trace does not decide it, or the robustness is 0.
+    /// the trace does not decide it.
     pub decided: Option<Instant>,
-    /// Decisive predicate; `null` if an operator has an empty window or depends on two operands
-    /// (`iff`, `xor`).
+    /// Decisive predicate; `null` if an operator has an empty window.
     pub predicate: Option<Predicate>,
     /// Samples at which the operator above evaluates the predicate; `null` without a predicate.
     pub window: Option<Window>,

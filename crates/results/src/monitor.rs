@@ -8,6 +8,9 @@ use crate::Number;
 pub struct Monitor {
     /// Robustness at time 0.
     pub robustness: Number,
+    /// Whether the formula is violated. At a robustness of 0, `<=`, `>=` and `==` hold, and `<`,
+    /// `>` and `!=` do not.
+    pub violated: bool,
     /// `cut`: windows are cut at the end of the trace, as in RTAMT; `whole` with
     /// `--strict-horizon`.
     pub windows: String,

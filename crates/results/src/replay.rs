@@ -33,6 +33,9 @@ pub struct Replay {
     pub steps: u64,
     /// Robustness of the requirement; `null` without a verdict.
     pub robustness: Option<Number>,
+    /// Whether the requirement is violated; `null` without a verdict. At a robustness of 0, `<=`,
+    /// `>=` and `==` hold, and `<`, `>` and `!=` do not.
+    pub violated: Option<bool>,
     /// Whether everything recorded of the simulation agrees with the plan of the run and with the
     /// replay, bit for bit.
     pub same: bool,

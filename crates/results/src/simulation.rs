@@ -19,6 +19,9 @@ pub struct Simulation {
     pub steps: Option<u64>,
     /// Robustness of the requirement.
     pub robustness: Option<Number>,
+    /// Whether the requirement is violated; `null` without a verdict. At a robustness of 0, `<=`,
+    /// `>=` and `==` hold, and `<`, `>` and `!=` do not.
+    pub violated: Option<bool>,
     /// The document of `explain`, without `schema` and `run`.
     pub explanation: Option<Explanation>,
     /// Repeated simulations; `null` without `--repeat`.

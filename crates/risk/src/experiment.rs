@@ -1,5 +1,6 @@
 //! Runs simulations of draws and counts them.
 
+use mishandle_stl::is_violated;
 use std::ops::ControlFlow;
 
 use mishandle_rollout::{Episode, Request, System};
@@ -83,7 +84,7 @@ impl<'a> Experiment<'a> {
                 return Err(RiskError::EpisodeCount { requested: requests.len(), returned: episodes.len() });
             }
             let failed = |(draw, episode): (&Draw, &Episode)| {
-                let robustness = episode.robustness().filter(|rho| *rho < 0.0)?;
+                let robustness = episode.robustness().filter(|rho| is_violated(*rho))?;
                 Some(Failure { draw: draw.clone(), number: episode.request.number, robustness })
             };
             self.failures.extend(batch.iter().zip(&episodes).filter_map(failed));

@@ -2,6 +2,7 @@
 
 use mishandle_random::{Seed, Sequence};
 use mishandle_search::{Observation, SearchOptions, by_name};
+use mishandle_stl::is_violated;
 
 use crate::Draw;
 use crate::experiment::{Experiment, Stop};
@@ -68,7 +69,7 @@ fn approach(experiment: &mut Experiment<'_>, mut draws: Vec<Draw>, budget: u64) 
         let robustness = experiment.robustness(&nearer)?;
         for (((draw, passed), nearer), rho) in draws.iter_mut().zip(&mut passed).zip(nearer).zip(robustness) {
             let tried = factor(passed);
-            if rho < 0.0 {
+            if is_violated(rho) {
                 *draw = nearer;
                 *passed /= tried;
             } else {
@@ -130,7 +131,7 @@ fn search_once(
         let robustness = experiment.robustness(&draws)?;
         for ((u, draw), rho) in points.iter().zip(draws).zip(robustness) {
             search.tell(u, &Observation::from(rho))?;
-            if rho < 0.0 {
+            if is_violated(rho) {
                 found.push(draw);
             }
         }
@@ -153,9 +154,9 @@ fn relax(
     for step in 0..steps {
         let proposals: Vec<Draw> = states.iter().map(|draw| walk.proposal(draw, random)).collect();
         let robustness = experiment.robustness(&proposals)?;
-        walk.adapt(robustness.iter().filter(|rho| **rho < 0.0).count() as f64 / states.len() as f64);
+        walk.adapt(robustness.iter().filter(|rho| is_violated(**rho)).count() as f64 / states.len() as f64);
         for ((state, proposal), rho) in states.iter_mut().zip(proposals).zip(robustness) {
-            if rho < 0.0 {
+            if is_violated(rho) {
                 *state = proposal;
             }
         }

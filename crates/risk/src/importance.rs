@@ -2,6 +2,7 @@
 
 use mishandle_evaluation::{Estimate, betting_mean_at};
 use mishandle_random::{Seed, Sequence};
+use mishandle_stl::is_violated;
 
 use crate::experiment::{Experiment, Stop};
 use crate::proposal::{NOMINAL, Proposal, effective_size};
@@ -155,7 +156,7 @@ fn simulate(
         let robustness = experiment.robustness(&draws)?;
         let failure = |(draw, rho): (Draw, f64)| {
             let weight = proposal.weight(&draw.latent);
-            (rho < 0.0).then_some((draw.latent, weight))
+            is_violated(rho).then_some((draw.latent, weight))
         };
         values.extend(draws.into_iter().zip(robustness).map(failure));
     }

@@ -2,6 +2,7 @@
 
 use mishandle_evaluation::{Estimate, TwoStage, clopper_pearson, two_stage};
 use mishandle_random::Sequence;
+use mishandle_stl::is_violated;
 
 use crate::experiment::{Experiment, Stop};
 use crate::{CONFIDENCE, Draw, FREQUENT};
@@ -39,8 +40,7 @@ impl MonteCarlo {
             let robustness = experiment.simulate(&draws)?;
             self.simulations += robustness.len() as u64;
             self.without_verdict += robustness.iter().filter(|rho| rho.is_none()).count() as u64;
-            let failed =
-                draws.into_iter().zip(&robustness).filter(|(_, rho)| **rho < Some(0.0) && rho.is_some());
+            let failed = draws.into_iter().zip(&robustness).filter(|(_, rho)| rho.is_some_and(is_violated));
             self.failed.extend(failed.map(|(draw, _)| draw));
             self.failures = self.failed.len() as u64;
             if (robustness.len() as u64) < count {

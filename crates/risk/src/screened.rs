@@ -1,5 +1,6 @@
 //! Monte Carlo on another physics engine, corrected by simulations of the target's own system.
 
+use mishandle_stl::is_violated;
 use std::ops::ControlFlow;
 use std::sync::Mutex;
 
@@ -95,8 +96,14 @@ pub fn screened_risk(
             draws.iter().map(|draw| Request::new(scenarios.scenario(&draw.latent), draw.seed)).collect();
         let base = counts.trials;
         let on_screened = |done| call(ScreenedProgress { screened: base + done as u64, confirmed });
-        let is_violated = |episode: &ScreenedEpisode| episode.robustness().is_some_and(|rho| rho < 0.0);
-        let selection = screen(screening, &requests, is_violated, (sample_rate, &mut sample), &on_screened)?;
+
+        let selection = screen(
+            screening,
+            &requests,
+            ScreenedEpisode::is_violated,
+            (sample_rate, &mut sample),
+            &on_screened,
+        )?;
         drop(requests);
         let Some(selection) = selection else {
             is_complete = false;
@@ -111,7 +118,7 @@ pub fn screened_risk(
             let robustness = experiment.simulate(draws)?;
             is_complete &= robustness.len() == draws.len();
             undecided_by_system += robustness.iter().filter(|rho| rho.is_none()).count() as u64;
-            Ok(robustness.iter().flatten().filter(|rho| **rho < 0.0).count() as u64)
+            Ok(robustness.iter().flatten().filter(|rho| is_violated(**rho)).count() as u64)
         };
         let (flagged_events, sampled_events) = (simulate(&flagged)?, simulate(&sampled)?);
         // A part of a chunk would be biased: its flagged trials are repeated first.

@@ -3,6 +3,7 @@
 use mishandle_evaluation::Estimate;
 use mishandle_random::{Seed, Sequence};
 use mishandle_results::Chain;
+use mishandle_stl::is_violated;
 
 use crate::Draw;
 use crate::experiment::{Experiment, Stop};
@@ -207,7 +208,7 @@ fn split_from(
         next_level(experiment, &mut populations)?;
     }
     let failing = |population: &Population| {
-        let failing = population.particles.iter().filter(|particle| particle.robustness < 0.0);
+        let failing = population.particles.iter().filter(|particle| is_violated(particle.robustness));
         failing.map(|particle| particle.draw.clone()).collect::<Vec<Draw>>()
     };
     let found = populations.iter().flat_map(failing).collect();
@@ -266,7 +267,7 @@ fn next_level(experiment: &mut Experiment<'_>, populations: &mut [Population]) -
         for (population, copies) in unfinished.iter_mut().zip(&copies) {
             let before = population.accepted;
             for (index, (draw, robustness)) in copies.iter().zip(proposed.by_ref()) {
-                if robustness < population.level {
+                if is_below(robustness, population.level) {
                     population.accepted += 1;
                     let particle = &mut population.particles[*index];
                     (particle.draw, particle.robustness) = (draw, robustness);
@@ -277,6 +278,11 @@ fn next_level(experiment: &mut Experiment<'_>, populations: &mut [Population]) -
         }
     }
     Ok(())
+}
+
+/// Returns whether a robustness is below a level. −0.0, which violates, is below +0.0.
+fn is_below(robustness: f64, level: f64) -> bool {
+    robustness.total_cmp(&level).is_lt()
 }
 
 impl Population {
@@ -304,13 +310,15 @@ impl Population {
 
     /// Returns the weighted fraction of the particles below a level.
     fn weight_below(&self, level: f64) -> f64 {
-        let below = self.particles.iter().filter(|particle| particle.robustness < level);
+        let below = self.particles.iter().filter(|particle| is_below(particle.robustness, level));
         below.map(|particle| particle.weight).sum::<f64>() / self.particles.len() as f64
     }
 
     /// Returns the indices of the particles that are not below the level.
     fn removed(&self) -> Vec<usize> {
-        (0..self.particles.len()).filter(|index| self.particles[*index].robustness >= self.level).collect()
+        (0..self.particles.len())
+            .filter(|index| !is_below(self.particles[*index].robustness, self.level))
+            .collect()
     }
 
     /// Replaces the removed particles by copies of survivors, and returns their indices.

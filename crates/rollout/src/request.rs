@@ -1,4 +1,4 @@
-use mishandle_stl::Trace;
+use mishandle_stl::{Trace, is_violated};
 
 use crate::{Scenario, Seed, Verdict};
 
@@ -68,13 +68,17 @@ impl Episode {
         self.end.has_verdict().then_some(self.verdict.robustness).flatten()
     }
 
-    /// Returns whether the episode satisfies the success formula with positive robustness.
+    /// Returns whether the episode violates the requirement.
+    pub fn is_violated(&self) -> bool {
+        self.robustness().is_some_and(is_violated)
+    }
+
+    /// Returns whether the episode satisfies the success formula.
     pub fn is_success(&self) -> bool {
         self.end.has_verdict() && self.verdict.is_success()
     }
 
-    /// Returns whether the episode is a success that also satisfies the strict formula with
-    /// positive robustness.
+    /// Returns whether the episode is a success that also satisfies the strict formula.
     pub fn is_strict_success(&self) -> bool {
         self.end.has_verdict() && self.verdict.is_strict_success()
     }

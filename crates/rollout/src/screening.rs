@@ -4,7 +4,7 @@
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
-use mishandle_stl::Trace;
+use mishandle_stl::{Trace, is_violated};
 
 use crate::lane::{Lane, LaneRows, Progress, ROWS};
 use crate::{
@@ -78,6 +78,11 @@ pub struct ScreenedEpisode {
 }
 
 impl ScreenedEpisode {
+    /// Returns whether the simulation violates the requirement.
+    pub fn is_violated(&self) -> bool {
+        self.robustness().is_some_and(is_violated)
+    }
+
     /// Returns the robustness of the requirement; `None` if the simulation has no verdict.
     pub fn robustness(&self) -> Option<f64> {
         self.end.has_verdict().then_some(self.verdict.robustness).flatten()

@@ -1,6 +1,8 @@
 use std::sync::Arc;
 
-use mishandle_stl::{Clock, Formula, Monitor, MonitorError, SubformulaMinimum, Trace};
+use mishandle_stl::{
+    Clock, Formula, Monitor, MonitorError, SubformulaMinimum, Trace, is_satisfied, is_violated,
+};
 
 use crate::{NamedFormula, RolloutError};
 
@@ -89,14 +91,14 @@ pub struct Verdict {
 }
 
 impl Verdict {
-    /// Returns whether the robustness of success is positive.
+    /// Returns whether success is satisfied.
     pub fn is_success(&self) -> bool {
-        self.success > Some(0.0)
+        self.success.is_some_and(is_satisfied)
     }
 
-    /// Returns whether the robustness of success and that of strict success are positive.
+    /// Returns whether success and strict success are satisfied.
     pub fn is_strict_success(&self) -> bool {
-        self.is_success() && self.strict > Some(0.0)
+        self.is_success() && self.strict.is_some_and(is_satisfied)
     }
 
     /// Returns whether the safe condition is violated at some sample.
@@ -154,8 +156,8 @@ impl FormulaMonitor {
             None if !is_complete && !trace.is_empty() => {
                 let bounds = self.monitor.robustness_bounds(trace, samples);
                 match bounds.map_err(|source| RolloutError::Monitor { formula: self.text.clone(), source })? {
-                    Some((_, high)) if high < 0.0 => Some(high),
-                    Some((low, _)) if low > 0.0 => Some(low),
+                    Some((_, high)) if is_violated(high) => Some(high),
+                    Some((low, _)) if is_satisfied(low) => Some(low),
                     _ => None,
                 }
             }
@@ -234,13 +236,15 @@ impl SpecificationMonitor {
         };
         let (success, strict) = (at_start(&mut self.success)?, at_start(&mut self.strict)?);
         let dangerous_steps = match &mut self.safe {
-            Some(safe) => {
-                Some(safe.decided(trace, is_complete)?.iter().skip(1).filter(|rho| **rho < 0.0).count())
-            }
+            Some(safe) => Some(
+                safe.decided(trace, is_complete)?.iter().skip(1).filter(|rho| is_violated(**rho)).count(),
+            ),
             None => None,
         };
         let completion_step = match &mut self.completion {
-            Some(completion) => completion.decided(trace, is_complete)?.iter().position(|rho| *rho > 0.0),
+            Some(completion) => {
+                completion.decided(trace, is_complete)?.iter().position(|rho| is_satisfied(*rho))
+            }
             None => None,
         };
         let robustness = self.requirement.at_start(trace, samples)?;

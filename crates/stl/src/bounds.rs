@@ -135,13 +135,30 @@ fn pointwise_bounds(operator: Operator, x: (f64, f64), y: (f64, f64)) -> Result<
         Operator::And => (Minimum::pick(x.0, y.0), Minimum::pick(x.1, y.1)),
         Operator::Or => (Maximum::pick(x.0, y.0), Maximum::pick(x.1, y.1)),
         Operator::Implies => (Maximum::pick(-x.1, y.0), Maximum::pick(-x.0, y.1)),
-        _ if x.0 == x.1 && y.0 == y.1 => {
+        Operator::Iff => equivalence_bounds(x, y),
+        Operator::Xor => {
+            let (low, high) = equivalence_bounds(x, y);
+            (-high, -low)
+        }
+        _ if is_known(x) && is_known(y) => {
             let mut out = [0.0];
             pointwise::apply(operator, Values::Constant(x.0), Values::Constant(y.0), &mut out)?;
             (out[0], out[0])
         }
         _ => (f64::NEG_INFINITY, f64::INFINITY),
     })
+}
+
+/// Returns whether both bounds are the same, also in the sign of a zero.
+fn is_known((low, high): (f64, f64)) -> bool {
+    low.to_bits() == high.to_bits()
+}
+
+/// Returns the bounds of `(x and y) or (not x and not y)`.
+fn equivalence_bounds(x: (f64, f64), y: (f64, f64)) -> (f64, f64) {
+    let both = (Minimum::pick(x.0, y.0), Minimum::pick(x.1, y.1));
+    let neither = (Minimum::pick(-x.1, -y.1), Minimum::pick(-x.0, -y.0));
+    (Maximum::pick(both.0, neither.0), Maximum::pick(both.1, neither.1))
 }
 
 /// Replaces the bounds of an operand of `rise` or `fall` by those of the operator: the minimum of

@@ -15,8 +15,8 @@ use std::ops::RangeInclusive;
 /// operands: from `always` to the sample of the least robustness in its window, from `eventually`
 /// to the sample of the greatest, from `and` to the operand with the smaller robustness, and so on.
 /// If several operands or samples have the same value, it follows the first. It ends at a
-/// comparison, at a bare signal or number, or at an operator whose value depends on two operands
-/// (`iff`, `xor`) or on none (an empty window).
+/// comparison, at a bare signal or number, or at an operator whose value depends on no operand (an
+/// empty window).
 ///
 /// # Example
 /// ```
@@ -337,14 +337,14 @@ fn decisive(
         Operator::Eventually | Operator::Once => at(0, least(range?, |s| -x[s])),
         Operator::Next | Operator::StrongNext => at(0, (t + 1 < x.len()).then_some(t + 1)?),
         Operator::Previous | Operator::StrongPrevious => at(0, t.checked_sub(1)?),
-        Operator::Rise if t > 0 && -x[t - 1] < x[t] => negated(0, t - 1),
+        Operator::Rise if t > 0 && is_less(-x[t - 1], x[t]) => negated(0, t - 1),
         Operator::Rise => at(0, t),
-        Operator::Fall if t > 0 && x[t - 1] < -x[t] => at(0, t - 1),
+        Operator::Fall if t > 0 && is_less(x[t - 1], -x[t]) => at(0, t - 1),
         Operator::Fall => negated(0, t),
         Operator::Not => negated(0, t),
-        Operator::And => at(usize::from(y[t] < x[t]), t),
-        Operator::Or => at(usize::from(y[t] > x[t]), t),
-        Operator::Implies if -x[t] >= y[t] => negated(0, t),
+        Operator::And => at(usize::from(is_less(y[t], x[t])), t),
+        Operator::Or => at(usize::from(is_less(x[t], y[t])), t),
+        Operator::Implies if !is_less(-x[t], y[t]) => negated(0, t),
         Operator::Implies => at(1, t),
         Operator::Until => until(range?, t, x, y, 1.0)?.1,
         Operator::Release => until(range?, t, x, y, -1.0)?.1,
@@ -352,19 +352,32 @@ fn decisive(
             let end = range.as_ref().map_or(x.len() - 1, |range| *range.end());
             let held = least(t..=end, |s| x[s]);
             match range.and_then(|range| until(range, t, x, y, 1.0)) {
-                Some((value, choice)) if value > x[held] => choice,
+                Some((value, choice)) if is_less(x[held], value) => choice,
                 _ => at(0, held),
             }
         }
         Operator::Since => until(range?, t, x, y, 1.0)?.1,
+        // The distance is that of the operand that is nearer to its border.
+        Operator::Iff | Operator::Xor => {
+            let operand = usize::from(y[t].abs() < x[t].abs());
+            let agree = x[t].is_sign_negative() == y[t].is_sign_negative();
+            let holds = agree == (operator == Operator::Iff);
+            let is_negated = holds == [x[t], y[t]][operand].is_sign_negative();
+            Choice { operand, sample: t, is_negated }
+        }
         _ => return None,
     })
+}
+
+/// Returns whether `x` is less than `y`, with −0.0 less than +0.0.
+fn is_less(x: f64, y: f64) -> bool {
+    x.total_cmp(&y).is_lt()
 }
 
 /// Returns the first sample at which `value` is least.
 fn least(range: RangeInclusive<usize>, value: impl Fn(usize) -> f64) -> usize {
     let first = *range.start();
-    range.fold(first, |best, sample| if value(sample) < value(best) { sample } else { best })
+    range.fold(first, |best, sample| if is_less(value(sample), value(best)) { sample } else { best })
 }
 
 /// Returns the value of `until` (`sign` 1) or `release` (`sign` -1) at `t`, and what determines it.
@@ -382,10 +395,10 @@ fn until(range: RangeInclusive<usize>, t: usize, x: &[f64], y: &[f64], sign: f64
         let held = if until < t { Some(until + 1..=t) } else { (until > t).then(|| t..=until - 1) };
         let weakest = held.map(|held| least(held, |sample| value(x, sample)));
         let choice = match weakest {
-            Some(weakest) if value(x, weakest) < value(y, until) => (value(x, weakest), 0, weakest),
+            Some(weakest) if is_less(value(x, weakest), value(y, until)) => (value(x, weakest), 0, weakest),
             _ => (value(y, until), 1, until),
         };
-        if best.is_none_or(|(known, _)| choice.0 > known) {
+        if best.is_none_or(|(known, _)| is_less(known, choice.0)) {
             let (found, operand, sample) = choice;
             best = Some((found, Choice { operand, sample, is_negated: false }));
         }

@@ -15,7 +15,8 @@ pub(crate) trait Extremum {
     const NEUTRAL: f64;
     /// Maximum for minimum and vice versa.
     type Dual: Extremum;
-    /// Returns the extremum of two values, neither of which may be NaN.
+    /// Returns the extremum of two values, neither of which may be NaN. −0.0 is less than +0.0,
+    /// because the sign of a zero is a verdict.
     fn pick(a: f64, b: f64) -> f64;
 }
 
@@ -30,7 +31,9 @@ impl Extremum for Minimum {
     type Dual = Maximum;
     #[inline(always)]
     fn pick(a: f64, b: f64) -> f64 {
-        if a < b { a } else { b }
+        // Both picks differ for two zeros only. The least zero is the one with the sign bit.
+        let (first, last) = (if a < b { a } else { b }, if b < a { b } else { a });
+        f64::from_bits(first.to_bits() | last.to_bits())
     }
 }
 
@@ -39,7 +42,8 @@ impl Extremum for Maximum {
     type Dual = Minimum;
     #[inline(always)]
     fn pick(a: f64, b: f64) -> f64 {
-        if a > b { a } else { b }
+        let (first, last) = (if a > b { a } else { b }, if b > a { b } else { a });
+        f64::from_bits(first.to_bits() & last.to_bits())
     }
 }
 

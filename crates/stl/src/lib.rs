@@ -4,8 +4,8 @@
 //! every step from 50 to 300". A [`Trace`] holds named signals, one value per sample. A [`Formula`]
 //! is parsed from text in the syntax of RTAMT. A [`Monitor`] evaluates a formula on traces. It
 //! returns the robustness: a number that is positive if the trace satisfies the formula, negative
-//! if the trace violates it, and whose size is the distance to the border between the two. A
-//! [`Clock`] converts the time bounds of a formula to samples. A [`Recording`] takes the place of a
+//! if the trace violates it, and whose size is the distance to the border between the two. The sign
+//! of a zero is the Boolean verdict, see [`is_satisfied`]. A [`Clock`] converts the time bounds of a formula to samples. A [`Recording`] takes the place of a
 //! long trace and needs less memory.
 //!
 //! # Differences from RTAMT
@@ -51,6 +51,7 @@ mod state;
 mod subformula;
 mod trace;
 mod until;
+mod verdict;
 
 pub use clock::{Clock, TimeUnit};
 pub use diagnosis::{DecisivePredicate, DecisiveSubformula, Diagnosis};
@@ -62,3 +63,4 @@ pub use recording::Recording;
 pub use spelling::nearest;
 pub use subformula::{SubformulaMinimum, SubformulaNode};
 pub use trace::Trace;
+pub use verdict::{is_satisfied, is_violated};

@@ -19,15 +19,18 @@ use std::sync::Arc;
 ///
 /// The robustness ρ(φ, w, t) is positive if the trace w satisfies φ at sample t and negative if w
 /// violates φ. Its size is the distance to the border between the two, in the unit of the signals.
-/// At the border it is 0 and decides nothing.
+/// At the border it is a zero whose sign is the Boolean verdict: +0.0 if w satisfies φ, −0.0 if w
+/// violates φ. [`is_satisfied`](crate::is_satisfied) and [`is_violated`](crate::is_violated) read
+/// it. At equality `<=`, `>=` and `==` hold; `<`, `>` and `!==` do not.
 ///
 /// ```text
-/// ρ(x <= y, t)         = y - x                      ρ(x >= y, t) = x - y           (the same for < and >)
-/// ρ(x == y, t)         = -|x - y|                   ρ(x !== y, t) = |x - y|
+/// ρ(x <= y, t)         = y - x                      ρ(x > y, t)  = -ρ(x <= y, t)
+/// ρ(x >= y, t)         = x - y                      ρ(x < y, t)  = -ρ(x >= y, t)
+/// ρ(x == y, t)         = 0 - |x - y|                ρ(x !== y, t) = -ρ(x == y, t)
 /// ρ(not φ, t)          = -ρ(φ, t)
 /// ρ(φ and ψ, t)        = min(ρ(φ, t), ρ(ψ, t))      ρ(φ or ψ, t) = max(ρ(φ, t), ρ(ψ, t))
 /// ρ(φ implies ψ, t)    = max(-ρ(φ, t), ρ(ψ, t))
-/// ρ(φ iff ψ, t)        = -|ρ(φ, t) - ρ(ψ, t)|       ρ(φ xor ψ, t) = |ρ(φ, t) - ρ(ψ, t)|
+/// φ iff ψ              = (φ and ψ) or (not φ and not ψ)          φ xor ψ = not (φ iff ψ)
 /// ρ(always[a:b] φ, t)  = min ρ(φ, t′) over t′ in [t+a, t+b]      eventually: max
 /// ρ(historically[a:b] φ, t) = min ρ(φ, t′) over t′ in [t-b, t-a] once: max
 /// ρ(φ until[a:b] ψ, t) = max over t′ in [t+a, t+b] of min(ρ(ψ, t′), min ρ(φ, s) over s in [t, t′))
@@ -39,7 +42,7 @@ use std::sync::Arc;
 /// ```
 ///
 /// Without an interval, windows extend to the end (or start) of the trace. A number or a signal is
-/// its own robustness.
+/// its own robustness: it holds if it is not negative.
 ///
 /// # Windows beyond the end of the trace
 /// [`Monitor::robustness`] and [`Monitor::robustness_signal`] follow RTAMT 0.4.10's discrete-time
@@ -50,9 +53,10 @@ use std::sync::Arc;
 /// both parse alike; see [`Formula`](Formula#differences-from-rtamt) for the exceptions.
 ///
 /// # Differences from RTAMT
-/// Truncated windows can produce two infinities of the same sign. Their difference in `-`,
-/// comparisons, `iff` and `xor` is 0; RTAMT computes NaN, and the result of its `min` and `max`
-/// then depends on the order of the operands. Arithmetic on finite operands without a finite result
+/// RTAMT's `iff` is `-|ρ(φ, t) - ρ(ψ, t)|`, which is negative where both operands hold. Truncated
+/// windows can produce two infinities of the same sign. Their difference in `-` and comparisons is
+/// 0; RTAMT computes NaN, and the result of its `min` and `max` then depends on the order of the
+/// operands. Arithmetic on finite operands without a finite result
 /// is an error that contains the step; RTAMT raises a Python exception or continues with an
 /// infinity. A trace of one sample is allowed. A bounded operator on a bare signal does not modify
 /// the trace; RTAMT appends to the caller's list.
@@ -279,7 +283,8 @@ impl Monitor {
                 Values::Signal(values) => SubformulaMinimum::of(values.iter().copied(), covered.start),
                 Values::Constant(value) => SubformulaMinimum::of(covered.take(1).map(|_| value), 0),
             };
-            if minima[index] == SubformulaMinimum::UNKNOWN || found.minimum < minima[index].minimum {
+            let known = minima[index];
+            if known == SubformulaMinimum::UNKNOWN || found.minimum.total_cmp(&known.minimum).is_lt() {
                 minima[index] = found;
             }
         });

@@ -73,21 +73,38 @@ fn compute(operator: Operator, x: Values<'_>, y: Values<'_>, out: &mut [f64]) {
         Operator::Multiply => zip_with(x, y, out, |x, y| x * y),
         Operator::Divide => zip_with(x, y, out, |x, y| x / y),
         Operator::Add => zip_with(x, y, out, |x, y| x + y),
-        Operator::Subtract | Operator::GreaterOrEqual | Operator::Greater => zip_with(x, y, out, difference),
-        Operator::LessOrEqual | Operator::Less => zip_with(x, y, out, |x, y| difference(y, x)),
-        Operator::Equal | Operator::Iff => zip_with(x, y, out, |x, y| -difference(x, y).abs()),
-        Operator::NotEqual | Operator::Xor => zip_with(x, y, out, |x, y| difference(x, y).abs()),
+        Operator::Subtract | Operator::GreaterOrEqual => zip_with(x, y, out, difference),
+        Operator::LessOrEqual => zip_with(x, y, out, |x, y| difference(y, x)),
+        // The negation of a comparison that holds for equal values is −0.0 for them: it fails.
+        Operator::Greater => zip_with(x, y, out, |x, y| -difference(y, x)),
+        Operator::Less => zip_with(x, y, out, |x, y| -difference(x, y)),
+        Operator::Equal => zip_with(x, y, out, equality),
+        Operator::NotEqual => zip_with(x, y, out, |x, y| -equality(x, y)),
         Operator::And => zip_with(x, y, out, Minimum::pick),
         Operator::Or => zip_with(x, y, out, Maximum::pick),
         Operator::Implies => zip_with(x, y, out, |x, y| Maximum::pick(-x, y)),
+        Operator::Iff => zip_with(x, y, out, equivalence),
+        Operator::Xor => zip_with(x, y, out, |x, y| -equivalence(x, y)),
         _ => unreachable!("{operator:?} is compiled to another kind of instruction"),
     }
 }
 
-/// Returns `x - y`, and 0 for two infinities of the same sign, since equal values have distance 0.
+/// Returns `x - y`, and +0.0 for equal values, also for two infinities and for zeros of both signs.
 #[inline(always)]
 fn difference(x: f64, y: f64) -> f64 {
     if x == y { 0.0 } else { x - y }
+}
+
+/// Returns `-|x - y|`, and +0.0 for equal values, which satisfy `==`.
+#[inline(always)]
+fn equality(x: f64, y: f64) -> f64 {
+    0.0 - difference(x, y).abs()
+}
+
+/// Returns the robustness of `(x and y) or (not x and not y)`.
+#[inline(always)]
+fn equivalence(x: f64, y: f64) -> f64 {
+    Maximum::pick(Minimum::pick(x, y), Minimum::pick(-x, -y))
 }
 
 #[inline(always)]

@@ -40,7 +40,9 @@ impl SubformulaMinimum {
 
     /// Returns the minimum of `values`, the first of which belongs to sample `first`.
     pub(crate) fn of(values: impl Iterator<Item = f64>, first: usize) -> SubformulaMinimum {
-        let found = values.zip(first..).reduce(|least, next| if next.0 < least.0 { next } else { least });
+        let found = values
+            .zip(first..)
+            .reduce(|least, next| if next.0.total_cmp(&least.0).is_lt() { next } else { least });
         found.map_or(SubformulaMinimum::NONE, |(minimum, step)| SubformulaMinimum { minimum, step })
     }
 }

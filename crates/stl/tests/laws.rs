@@ -3,7 +3,9 @@
 
 mod naive;
 
-use mishandle_stl::{Clock, Formula, Monitor, MonitorError, Recording, SubformulaMinimum, Trace};
+use mishandle_stl::{
+    Clock, Formula, Monitor, MonitorError, Recording, SubformulaMinimum, Trace, is_satisfied, is_violated,
+};
 use naive::{Interval, NAMES, Random, TIMED_ONE, TIMED_TWO, Tree};
 use std::sync::Arc;
 
@@ -51,6 +53,32 @@ fn robustness_follows_the_definitions() {
         let columns = random_columns(&mut random, n);
         assert_eq!(robustness(&text, &columns), tree.evaluate(&columns), "{text} on {columns:?}");
     }
+}
+
+/// The robustness is a distance and the verdict is Boolean. They never contradict: the verdict is
+/// the sign, also of a zero.
+#[test]
+fn the_sign_of_the_robustness_is_the_boolean_verdict() {
+    let mut random = Random(14);
+    let mut zeros = [0, 0];
+    for case in 0..20_000 {
+        let n = 1 + random.below(if case % 10 == 0 { 90 } else { 14 });
+        let size = random.below(6);
+        let tree = Tree::random(&mut random, size, n);
+        let text = tree.write(&mut random);
+        // Few values, so that signals touch each other and the bounds.
+        let columns = NAMES.map(|_| (0..n).map(|_| random.pick(&[-1.0, 0.0, 0.0, 1.5])).collect()).to_vec();
+        let found = robustness(&text, &columns);
+        let holds = tree.holds(&columns);
+        let satisfied: Vec<bool> = found.iter().copied().map(is_satisfied).collect();
+        assert_eq!(satisfied, holds, "{text} on {columns:?}: {found:?}");
+        for (robustness, holds) in found.iter().zip(holds) {
+            assert_ne!(is_satisfied(*robustness), is_violated(*robustness));
+            zeros[usize::from(holds)] += usize::from(*robustness == 0.0);
+        }
+    }
+    // Both verdicts occur at the border, or the law is not tested.
+    assert!(zeros.iter().all(|count| *count > 1_000), "{zeros:?}");
 }
 
 #[test]
@@ -505,7 +533,7 @@ fn huge_and_empty_windows_have_the_documented_values() {
     check("a until[5:9] b", [-INF; 3]);
     check("a release[5:9] b", [INF; 3]);
     check("a since[5:9] b", [-INF; 3]);
-    check("(always[5:9] a) iff (always[5:9] b)", [0.0; 3]);
+    check("(always[5:9] a) iff (always[5:9] b)", [INF; 3]);
     check("(always[5:9] a) xor (eventually[5:9] b)", [INF; 3]);
     check("true and 1 > 0", [1.0; 3]);
     check("always 1 > 0", [1.0; 3]);
@@ -600,7 +628,7 @@ fn covered((low, high): (i64, i64), n: usize) -> std::ops::Range<usize> {
 fn least_of(values: &[f64], covered: std::ops::Range<usize>) -> SubformulaMinimum {
     let mut least = SubformulaMinimum { minimum: f64::INFINITY, step: covered.start };
     for step in covered.clone() {
-        if values[step] < least.minimum {
+        if values[step].total_cmp(&least.minimum).is_lt() {
             least = SubformulaMinimum { minimum: values[step], step };
         }
     }

@@ -1,5 +1,5 @@
 //! Writes the run file that later programs of the same format version must be able to read:
-//! `cargo run -p mishandle-store --example write_fixture -- crates/store/tests/fixtures/v4.sqlite`.
+//! `cargo run -p mishandle-store --example write_fixture -- crates/store/tests/fixtures/v5.sqlite`.
 //!
 //! Run once per format version. `tests/fixture.rs` states the values by hand.
 

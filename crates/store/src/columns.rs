@@ -19,11 +19,12 @@ pub(crate) enum FieldType {
 }
 
 /// Columns that every export has, before those of axes and verdicts.
-const FIXED: [(&str, FieldType); 11] = [
+const FIXED: [(&str, FieldType); 12] = [
     ("trial", FieldType::Integer),
     ("simulation", FieldType::Integer),
     ("seed", FieldType::Integer),
     ("robustness", FieldType::Number),
+    ("violated", FieldType::Integer),
     ("robustness_low", FieldType::Number),
     ("robustness_high", FieldType::Number),
     ("stop_threshold", FieldType::Number),
@@ -54,6 +55,7 @@ pub(crate) fn fields(simulation: &Simulation, axes: usize) -> Vec<Field> {
         Field::Integer(Some(simulation.number.into())),
         Field::Integer(Some(simulation.seed)),
         Field::Number(simulation.robustness),
+        Field::Integer(simulation.robustness.map(|_| simulation.is_violated().into())),
         Field::Number(simulation.robustness_low),
         Field::Number(simulation.robustness_high),
         Field::Number(simulation.stop_threshold),

@@ -8,7 +8,7 @@ use crate::{Result, RunFile, RunHeader, StoreError, StoredTrace};
 /// Writes all simulations of a run as CSV (RFC 4180): a header, then one line per simulation,
 /// ordered by trial and number.
 ///
-/// The columns are `trial`, `simulation`, `seed`, `robustness`, `robustness_low`,
+/// The columns are `trial`, `simulation`, `seed`, `robustness`, `violated`, `robustness_low`,
 /// `robustness_high`, `stop_threshold`, `end`, `end_step`, `end_index`, `steps`; then one column
 /// `u_NAME` per axis (the unit point); then one column `NAME_UNIT` per axis (the scenario; the unit
 /// `m/s` becomes `m_per_s`); then one column per verdict; then `trace_digest` in hexadecimal.

@@ -134,7 +134,8 @@ pub struct Simulation {
     /// The scenario: one value per axis, in the axis' unit; `None` for a value drawn from its
     /// random stream.
     pub scenario: Vec<Option<f64>>,
-    /// Robustness of the requirement, possibly ±infinity; `None` if undecided.
+    /// Robustness of the requirement, possibly ±infinity; `None` if undecided. Its sign is the
+    /// verdict, also that of a zero: see [`Simulation::is_violated`].
     pub robustness: Option<f64>,
     /// Lower bound of the robustness of the complete episode; equal to `robustness` if the episode
     /// is complete.
@@ -161,12 +162,19 @@ pub struct Simulation {
     pub trace: Option<StoredTrace>,
 }
 
+impl Simulation {
+    /// Returns whether the simulation violates the requirement: its robustness is negative or −0.0.
+    pub fn is_violated(&self) -> bool {
+        self.robustness.is_some_and(f64::is_sign_negative)
+    }
+}
+
 /// Numbers of simulations by result.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct Counts {
     /// All simulations.
     pub simulations: u64,
-    /// Simulations with negative robustness.
+    /// Simulations that violate the requirement.
     pub falsified: u64,
     /// Simulations without a robustness, for any reason.
     pub undecided: u64,

@@ -10,12 +10,12 @@ use crate::error::{InFile, StoreError};
 use crate::{Result, RunHeader, Simulation, SimulationEnd, TrialRecord, TrialStatus, json};
 
 /// The columns of a simulation, in the order in which [`insert`] and [`read`] take them.
-pub(crate) const COLUMNS: &str = "trial, number, seed, scenario, unit_point, robustness, robustness_low, \
+pub(crate) const COLUMNS: &str = "trial, number, seed, scenario, unit_point, robustness, violated, robustness_low, \
      robustness_high, stop_threshold, ended, end_step, end_index, steps, verdicts, trace_digest, row_hash";
 
 /// [`Counts`](crate::Counts) as SQL, for a row of `simulation` or for none.
 pub(crate) const COUNTS: &str = "count(simulation.number) AS simulations,
-    count(*) FILTER (WHERE robustness < 0) AS falsified,
+    count(*) FILTER (WHERE violated) AS falsified,
     count(*) FILTER (WHERE simulation.number IS NOT NULL AND robustness IS NULL) AS undecided,
     count(*) FILTER (WHERE ended = 'diverged') AS diverged,
     count(*) FILTER (WHERE end_index IS NOT NULL) AS invalid";
@@ -237,7 +237,7 @@ pub(crate) fn insert(
 ) -> rusqlite::Result<usize> {
     let sql = format!(
         "INSERT INTO simulation ({COLUMNS})
-         VALUES (?1, ?2, ?3, ?4, ?5, ?6, ?7, ?8, ?9, ?10, ?11, ?12, ?13, ?14, ?15, ?16)"
+         VALUES (?1, ?2, ?3, ?4, ?5, ?6, ?7, ?8, ?9, ?10, ?11, ?12, ?13, ?14, ?15, ?16, ?17)"
     );
     let (ended, end_step, end_index) = end_columns(simulation.end);
     let unwritable = |error: serde_json::Error| rusqlite::Error::ToSqlConversionFailure(error.into());
@@ -251,6 +251,7 @@ pub(crate) fn insert(
         scenario,
         unit_point,
         simulation.robustness,
+        violated(simulation),
         simulation.robustness_low,
         simulation.robustness_high,
         simulation.stop_threshold,
@@ -275,11 +276,11 @@ pub(crate) fn read(row: &Row<'_>, path: &Path, header: &RunHeader) -> Result<Sim
         Some(text) => json::parse_array(text).ok_or_else(|| damaged("its unit point is unreadable"))?,
     };
     let scenario = json::parse_object(text(3)?.unwrap_or_default(), axis_names(header));
-    let verdicts = text(13)?.unwrap_or_default();
+    let verdicts = text(14)?.unwrap_or_default();
     let verdicts = json::parse_object(verdicts, header.verdicts.iter().map(String::as_str));
-    let trace_digest = text(14)?.map(|text| u128::from_str_radix(text, 16)).transpose();
-    let (end_step, end_index) = (row.get(10).in_file(path)?, row.get(11).in_file(path)?);
-    let end = end_from_columns(text(9)?.unwrap_or_default(), end_step, end_index);
+    let trace_digest = text(15)?.map(|text| u128::from_str_radix(text, 16)).transpose();
+    let (end_step, end_index) = (row.get(11).in_file(path)?, row.get(12).in_file(path)?);
+    let end = end_from_columns(text(10)?.unwrap_or_default(), end_step, end_index);
     let simulation = Simulation {
         trial,
         number,
@@ -287,17 +288,20 @@ pub(crate) fn read(row: &Row<'_>, path: &Path, header: &RunHeader) -> Result<Sim
         unit_point,
         scenario: scenario.ok_or_else(|| damaged("its scenario is unreadable"))?,
         robustness: row.get(5).in_file(path)?,
-        robustness_low: row.get(6).in_file(path)?,
-        robustness_high: row.get(7).in_file(path)?,
-        stop_threshold: row.get(8).in_file(path)?,
+        robustness_low: row.get(7).in_file(path)?,
+        robustness_high: row.get(8).in_file(path)?,
+        stop_threshold: row.get(9).in_file(path)?,
         end: end.ok_or_else(|| damaged("its end is unknown"))?,
-        steps: row.get(12).in_file(path)?,
+        steps: row.get(13).in_file(path)?,
         verdicts: verdicts.ok_or_else(|| damaged("its verdicts are unreadable"))?,
         trace_digest: trace_digest.map_err(|_| damaged("its trace digest is unreadable"))?,
         trace: None,
     };
-    if hash(&simulation, simulation.trace_digest) != row.get::<_, i64>(15).in_file(path)? {
+    if hash(&simulation, simulation.trace_digest) != row.get::<_, i64>(16).in_file(path)? {
         return Err(damaged("it does not match its hash"));
+    }
+    if row.get::<_, Option<bool>>(6).in_file(path)? != violated(&simulation) {
+        return Err(damaged("its verdict contradicts its robustness"));
     }
     // The hash is not a secret, so the values of a forged row can be out of their ranges.
     guard(&simulation, header).map_err(|error| damaged(&error.to_string()))?;
@@ -317,8 +321,14 @@ pub(crate) fn read(row: &Row<'_>, path: &Path, header: &RunHeader) -> Result<Sim
     Ok(simulation)
 }
 
+/// Returns the verdict as it is stored beside the robustness, for readers who do not know the sign
+/// of a zero.
+fn violated(simulation: &Simulation) -> Option<bool> {
+    simulation.robustness.map(|_| simulation.is_violated())
+}
+
 /// Columns of [`COLUMNS`] that contain a value as text, in the order of [`texts`].
-const TEXT_COLUMNS: [usize; 5] = [2, 3, 4, 13, 14];
+const TEXT_COLUMNS: [usize; 5] = [2, 3, 4, 14, 15];
 
 /// Returns seed, scenario, unit point, verdicts and trace digest as they are stored.
 fn texts(

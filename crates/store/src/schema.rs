@@ -73,6 +73,7 @@ const TABLES: &[&str] = &[
     scenario TEXT NOT NULL,
     unit_point TEXT,
     robustness ANY,
+    violated INTEGER,
     robustness_low ANY,
     robustness_high ANY,
     stop_threshold ANY,
@@ -104,11 +105,12 @@ const TABLES: &[&str] = &[
 ];
 
 /// Columns of the table that the view `simulations` contains unchanged.
-const SIMULATION_COLUMNS: [&str; 12] = [
+const SIMULATION_COLUMNS: [&str; 13] = [
     "trial",
     "number",
     "seed",
     "robustness",
+    "violated",
     "robustness_low",
     "robustness_high",
     "stop_threshold",

@@ -8,7 +8,7 @@ use crate::Result;
 use crate::error::{InFile, StoreError};
 
 /// The format version of run files that this program reads and writes.
-pub const FORMAT_VERSION: i64 = 4;
+pub const FORMAT_VERSION: i64 = 5;
 
 /// Application ID of run files: `MHdl` in ASCII.
 pub(crate) const APPLICATION_ID: i64 = 0x4d48_646c;

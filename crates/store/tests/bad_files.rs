@@ -221,7 +221,7 @@ fn a_locked_run_is_an_error_that_names_the_file() {
 fn a_newer_format_is_an_error_that_names_both_versions() {
     let (_folder, path) = small_run();
     rusqlite::Connection::open(&path).unwrap().pragma_update(None, "user_version", 9).unwrap();
-    let message = "the run file has format version 9, this program reads version 4; use a newer program";
+    let message = "the run file has format version 9, this program reads version 5; use a newer program";
     check_message(RunFile::open(&path), message, &path);
     check_message(RunWriter::resume(&path), message, &path);
     RunWriter::create(&path, &header(), IfExists::Replace).unwrap();
@@ -229,12 +229,12 @@ fn a_newer_format_is_an_error_that_names_both_versions() {
 
 #[test]
 fn an_older_format_is_an_error_that_names_both_versions() {
-    for version in 1..4 {
+    for version in 1..5 {
         let (_folder, path) = small_run();
         rusqlite::Connection::open(&path).unwrap().pragma_update(None, "user_version", version).unwrap();
         let before = std::fs::read(&path).unwrap();
         let message = format!(
-            "the run file has format version {version}, this program reads version 4; run its plan again, or use the \
+            "the run file has format version {version}, this program reads version 5; run its plan again, or use the \
              program that wrote the file"
         );
         check_message(RunFile::open(&path), &message, &path);

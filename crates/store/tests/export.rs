@@ -59,11 +59,11 @@ fn simulations_are_exported_with_exact_numbers() {
     export_csv(writer.file(), &mut csv).unwrap();
     assert_eq!(
         String::from_utf8(csv).unwrap(),
-        "trial,simulation,seed,robustness,robustness_low,robustness_high,stop_threshold,end,end_step,end_index,steps,u_ball_x,u_ball_velocity_x,ball_x_m,\
+        "trial,simulation,seed,robustness,violated,robustness_low,robustness_high,stop_threshold,end,end_step,end_index,steps,u_ball_x,u_ball_velocity_x,ball_x_m,\
          ball_velocity_x_m_per_s,strict_robustness,completion_step,trace_digest\n\
-         1,1,18446744073709551615,-inf,-inf,-0.25,-0.0,stopped,17,,17,0.30000000000000004,1.0,1e-300,-0.0,0.5,,\
+         1,1,18446744073709551615,-inf,1,-inf,-0.25,-0.0,stopped,17,,17,0.30000000000000004,1.0,1e-300,-0.0,0.5,,\
          000000000000000000000000000000ab\n\
-         1,2,18446744073709551615,,,,,invalid action,4,6,300,,,2.0,,0.5,,\n"
+         1,2,18446744073709551615,,,,,,invalid action,4,6,300,,,2.0,,0.5,,\n"
     );
 }
 

@@ -136,7 +136,7 @@ fn check_simulations(simulations: &[Simulation]) {
 
 #[test]
 fn a_file_of_this_version_can_be_read() {
-    let run = RunFile::open("tests/fixtures/v4.sqlite").unwrap();
+    let run = RunFile::open("tests/fixtures/v5.sqlite").unwrap();
     run.check().unwrap();
     check_header(&run);
     check_trials(&run);

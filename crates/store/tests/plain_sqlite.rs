@@ -142,7 +142,7 @@ fn a_column_has_the_value_of_its_axis_for_every_axis_name() {
 
     let columns = columns(&path, "simulations");
     assert_eq!(
-        columns[12..],
+        columns[13..],
         [
             "mass",
             "axis_MASS",

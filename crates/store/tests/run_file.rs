@@ -155,7 +155,7 @@ fn counts_match_the_records() {
         .record(&[
             with(1, Some(0.5), SimulationEnd::Completed),
             with(2, Some(-0.25), SimulationEnd::Stopped { step: 9 }),
-            with(3, Some(-0.0), SimulationEnd::Completed),
+            with(3, Some(-0.0), SimulationEnd::Completed), // violated, at the border
             with(4, None, SimulationEnd::Completed),
             with(5, Some(f64::INFINITY), SimulationEnd::Diverged { step: 7 }),
             with(6, None, SimulationEnd::InvalidAction { step: 0, index: 0 }),
@@ -167,7 +167,7 @@ fn counts_match_the_records() {
         .unwrap();
     writer.end_trial(1, TrialStatus::Falsified).unwrap();
 
-    let expected = Counts { simulations: 10, falsified: 1, undecided: 6, diverged: 1, invalid: 4 };
+    let expected = Counts { simulations: 10, falsified: 2, undecided: 6, diverged: 1, invalid: 4 };
     let run = writer.file();
     assert_eq!(run.counts().unwrap(), expected);
     let [first, second] = run.trials().unwrap()[..] else { panic!("two trials") };

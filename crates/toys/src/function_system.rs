@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use mishandle_rollout::{Episode, EpisodeEnd, Request, RolloutError, Space, System, Verdict};
-use mishandle_stl::Trace;
+use mishandle_stl::{Trace, is_satisfied, is_violated};
 
 /// The outcome of a simulation of a [`FunctionSystem`].
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -65,8 +65,8 @@ impl FunctionSystem {
                 robustness,
                 success: robustness,
                 strict: robustness,
-                dangerous_steps: robustness.map(|rho| usize::from(rho < 0.0)),
-                completion_step: robustness.filter(|rho| *rho > 0.0).map(|_| 1),
+                dangerous_steps: robustness.map(|rho| usize::from(is_violated(rho))),
+                completion_step: robustness.filter(|rho| is_satisfied(*rho)).map(|_| 1),
                 subformulas: Vec::new(),
             },
             total_reward: 0.0,

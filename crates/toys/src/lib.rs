@@ -14,7 +14,7 @@
 //! let starts = target.space("starts")?;
 //! let mut system = target.system(&starts, &specification)?;
 //! let episodes = system.rollout(&[Request::new(starts.nominal(), Seed(0))])?;
-//! assert!(episodes[0].verdict.robustness > Some(0.0));
+//! assert!(!episodes[0].is_violated());
 //! # Ok::<(), mishandle_rollout::RolloutError>(())
 //! ```
 

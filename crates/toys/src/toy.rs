@@ -184,7 +184,7 @@ mod tests {
                 let nominal = system.rollout(&[Request::new(space.nominal(), Seed(3))]).unwrap().remove(0);
                 assert_eq!(episode, nominal, "{}", toy.name());
                 assert_eq!(episode.steps, toy.episode_steps());
-                assert!(episode.verdict.robustness > Some(0.0), "{} in {}", toy.name(), space.name());
+                assert!(!episode.is_violated(), "{} in {}", toy.name(), space.name());
                 let drawn = Request::new(space.sample(Seed(1), 0), Seed(3));
                 assert!(system.rollout(&[drawn]).is_ok());
             }
@@ -230,7 +230,7 @@ mod tests {
             let requests: Vec<Request> =
                 (0..n).map(|i| Request::new(space.sample(Seed(5), i), Seed(i))).collect();
             let episodes = system.rollout(&requests).unwrap();
-            let violated = episodes.iter().filter(|e| e.verdict.robustness < Some(0.0)).count();
+            let violated = episodes.iter().filter(|e| e.is_violated()).count();
             let error = 5.0 * (share * (1.0 - share) / n as f64).sqrt();
             assert!((violated as f64 / n as f64 - share).abs() < error, "{name}: {violated} of {n}");
         }

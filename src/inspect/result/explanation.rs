@@ -1,6 +1,6 @@
 use mishandle_results as results;
 use mishandle_results::{Instant, PathStep, Predicate, Seed, SignalRow, SignalTable, Window};
-use mishandle_stl::{DecisivePredicate, Formula};
+use mishandle_stl::{DecisivePredicate, Formula, is_violated};
 use mishandle_store::RunHeader;
 
 use crate::inspect::{Conjunct, ExplainedSimulation, Explanation, PredicateHistory};
@@ -36,6 +36,7 @@ impl ExplainedSimulation {
             seed: Seed(recorded.seed),
             formula: header.formula.clone(),
             robustness: diagnosis.robustness().into(),
+            violated: is_violated(diagnosis.robustness()),
             decided: decided.map(at),
             predicate: diagnosis.predicate.as_ref().map(|predicate| Predicate {
                 formula: predicate.text.clone(),

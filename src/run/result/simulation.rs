@@ -1,5 +1,6 @@
 use mishandle_results::{Explanation, Noise, Repeats, Simulation};
 use mishandle_rollout::{Episode, Scenario};
+use mishandle_stl::is_violated;
 
 use crate::resolve::{ResolvedPlan, named_scenario};
 use crate::run::end_text;
@@ -15,6 +16,7 @@ pub fn simulation_result(
         end: Some(end_text(episode.end, &signals)),
         steps: Some(episode.steps as u64),
         robustness: episode.robustness().map(Into::into),
+        violated: episode.robustness().map(is_violated),
         explanation,
         ..empty(resolved, &episode.request.scenario)
     }
@@ -38,6 +40,7 @@ fn empty(resolved: &ResolvedPlan, scenario: &Scenario) -> Simulation {
         end: None,
         steps: None,
         robustness: None,
+        violated: None,
         explanation: None,
         repeats: None,
         noise: None,

@@ -57,7 +57,7 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
         let name = simulation::name(found.trial, found.point.as_deref(), found.simulation);
         output::line(&format!("{name}, {}", explanation::text(&found)))?;
     }
-    let is_violated = explained.recorded.robustness.is_some_and(|rho| rho < 0.0);
+    let is_violated = explained.recorded.is_violated();
     Ok(if is_violated { ExitStatus::Violated } else { ExitStatus::Done })
 }
 
@@ -149,5 +149,5 @@ fn counterexample(command: &Arguments) -> Result<ExitStatus> {
         true => output::json(&found)?,
         false => output::line(&explanation::text(&found))?,
     }
-    Ok(if explained.recorded.robustness < Some(0.0) { ExitStatus::Violated } else { ExitStatus::Done })
+    Ok(if explained.recorded.is_violated() { ExitStatus::Violated } else { ExitStatus::Done })
 }

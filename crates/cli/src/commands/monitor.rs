@@ -8,7 +8,7 @@ use anyhow::{Context, Result, ensure};
 use clap::Args;
 use log::Log;
 use mishandle::results::{self, Number};
-use mishandle::stl::{Clock, Formula, Monitor, Recording, TimeUnit};
+use mishandle::stl::{Clock, Formula, Monitor, Recording, TimeUnit, is_violated};
 use mishandle_text::plural;
 
 use crate::exit_status::ExitStatus;
@@ -90,17 +90,14 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
     if command.json {
         output::json(&results::Monitor {
             robustness: robustness.into(),
+            violated: is_violated(robustness),
             windows: if command.strict_horizon { "whole" } else { "cut" }.to_string(),
             cuts_windows,
             robustness_signal: signal.iter().copied().map(Number).collect(),
         })?;
     } else {
-        let verdict = match robustness {
-            r if r > 0.0 => "satisfied",
-            r if r < 0.0 => "violated",
-            _ => "neither satisfied nor violated",
-        };
-        output::line(&format!("robustness {robustness} at time 0: {verdict}"))?;
+        let verdict = if is_violated(robustness) { "violated" } else { "satisfied" };
+        output::line(&format!("robustness {} at time 0: {verdict}", robustness + 0.0))?;
         if cuts_windows {
             output::message(&format!(
                 "note: a window extends past the end of the trace, which has {}; it is cut there, as in RTAMT; \
@@ -109,7 +106,7 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
             ));
         }
     }
-    Ok(if robustness < 0.0 { ExitStatus::Violated } else { ExitStatus::Done })
+    Ok(if is_violated(robustness) { ExitStatus::Violated } else { ExitStatus::Done })
 }
 
 /// Returns the robustness signal: all samples with cut windows, or the decided ones, of which there

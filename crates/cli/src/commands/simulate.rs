@@ -4,6 +4,7 @@ use mishandle::ResolvedPlan;
 use mishandle::inspect::Simulated;
 use mishandle::plan::FalsifyPlan;
 use mishandle::rollout::{Axis, AxisValues, Scenario, Seed, Space};
+use mishandle::stl::is_violated;
 use mishandle::store::RunKind;
 use mishandle_text::plural;
 
@@ -156,7 +157,7 @@ fn once(command: &Arguments, resolved: &ResolvedPlan, scenario: &Scenario) -> Re
         true => output::json(&result)?,
         false => output::line(&simulation::text(&result))?,
     }
-    Ok(if robustness < 0.0 { ExitStatus::Violated } else { ExitStatus::Done })
+    Ok(if is_violated(robustness) { ExitStatus::Violated } else { ExitStatus::Done })
 }
 
 /// Simulates the scenario repeatedly, and random scenarios to measure the noise.

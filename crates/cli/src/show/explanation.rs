@@ -1,6 +1,7 @@
 //! The explanation of a simulation, as text.
 
 use mishandle::results::{Explanation, SignalTable};
+use mishandle::stl::is_violated;
 use mishandle_text::{decimal, instant};
 
 use super::{escape, output, scenario};
@@ -8,11 +9,7 @@ use super::{escape, output, scenario};
 /// Returns the explanation, which starts with the scenario.
 pub fn text(found: &Explanation) -> String {
     let scenario = scenario::first_text(&found.space_axes, &found.scenario, usize::MAX);
-    let verdict = match found.robustness.0 {
-        rho if rho < 0.0 => "violated",
-        rho if rho > 0.0 => "satisfied",
-        _ => "on the border between satisfied and violated",
-    };
+    let verdict = if is_violated(found.robustness.0) { "violated" } else { "satisfied" };
     let mut parts = vec![format!(
         "{}, seed {}\nformula {}\n{verdict}: robustness {}",
         scenario,

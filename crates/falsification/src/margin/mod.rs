@@ -4,6 +4,7 @@ mod amplitude;
 #[cfg(test)]
 mod tests;
 
+use mishandle_stl::{is_satisfied, is_violated};
 use std::ops::{ControlFlow, RangeInclusive};
 
 use mishandle_random::Sequence;
@@ -69,7 +70,7 @@ impl Margin {
         let amplitude = |level: &Level| level.amplitude;
         let below = self.witness.as_ref().map_or(f64::INFINITY, |witness| witness.norms.amplitude);
         let has_passed = |level: &&Level| {
-            let has_evidence = level.minimum_robustness.is_some_and(|rho| rho >= 0.0)
+            let has_evidence = level.minimum_robustness.is_some_and(is_satisfied)
                 && level.verdicts() > level.without_verdict;
             level.is_complete && has_evidence && level.amplitude < below
         };
@@ -311,8 +312,8 @@ impl Attempt<'_> {
             scenarios.iter().map(|scenario| Request::new(scenario.clone(), self.seed)).collect();
         let episodes = self.system.rollout(&requests)?;
         let least = episodes.iter().filter_map(Episode::robustness).chain(level.minimum_robustness);
-        level.minimum_robustness = least.reduce(f64::min);
-        level.is_violated = level.minimum_robustness.is_some_and(|rho| rho < 0.0);
+        level.minimum_robustness = least.min_by(f64::total_cmp);
+        level.is_violated = level.minimum_robustness.is_some_and(is_violated);
         level.simulations += episodes.len() as u64;
         level.without_verdict +=
             episodes.iter().filter(|episode| episode.robustness().is_none()).count() as u64;
@@ -337,8 +338,5 @@ impl Attempt<'_> {
 /// Returns the episode with the lowest robustness, if it violates the requirement.
 fn violation(episodes: Vec<Episode>) -> Option<Episode> {
     let robustness = |episode: &Episode| episode.robustness().unwrap_or(f64::INFINITY);
-    episodes
-        .into_iter()
-        .min_by(|a, b| robustness(a).total_cmp(&robustness(b)))
-        .filter(|episode| robustness(episode) < 0.0)
+    episodes.into_iter().min_by(|a, b| robustness(a).total_cmp(&robustness(b))).filter(Episode::is_violated)
 }

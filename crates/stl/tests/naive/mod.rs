@@ -296,6 +296,71 @@ impl Tree {
     }
 }
 
+impl Tree {
+    /// Returns whether the formula holds at every sample, from the definitions of Boolean logic.
+    /// Only the sides of a comparison are numbers; a bare number holds if it is not negative.
+    pub fn holds(&self, trace: &[Vec<f64>]) -> Vec<bool> {
+        let n = trace[0].len();
+        match self {
+            Tree::Number(_) | Tree::Signal(_) => self.evaluate(trace).iter().map(|x| *x >= 0.0).collect(),
+            Tree::One(name, window, x) => {
+                let x = x.holds(trace);
+                let before = |t: usize, value: bool| if t == 0 { value } else { x[t - 1] };
+                let after = |t: usize, value: bool| if t + 1 == n { value } else { x[t + 1] };
+                let value = |t: usize| match *name {
+                    "not" => !x[t],
+                    "always" => ahead(t, *window, n).all(|s| x[s]),
+                    "eventually" => ahead(t, *window, n).any(|s| x[s]),
+                    "historically" => behind(t, *window).all(|s| x[s]),
+                    "once" => behind(t, *window).any(|s| x[s]),
+                    "next" => after(t, true),
+                    "s_next" => after(t, false),
+                    "prev" => before(t, true),
+                    "s_prev" => before(t, false),
+                    "rise" => !before(t, false) && x[t],
+                    "fall" => before(t, true) && !x[t],
+                    _ => unreachable!("{name}"),
+                };
+                (0..n).map(value).collect()
+            }
+            Tree::Two(name, window, x, y) if COMPARISONS.contains(name) => {
+                let (x, y) = (x.evaluate(trace), y.evaluate(trace));
+                let value = |t: usize| match *name {
+                    "<=" => x[t] <= y[t],
+                    ">=" => x[t] >= y[t],
+                    "<" => x[t] < y[t],
+                    ">" => x[t] > y[t],
+                    "==" => x[t] == y[t],
+                    "!==" => x[t] != y[t],
+                    _ => unreachable!("{name} {window:?}"),
+                };
+                (0..n).map(value).collect()
+            }
+            Tree::Two(name, window, x, y) => {
+                let (x, y) = (x.holds(trace), y.holds(trace));
+                let held = |from: usize, to: usize| x[from..to].iter().all(|x| *x);
+                let until = |t: usize| ahead(t, *window, n).any(|s| y[s] && held(t, s));
+                let value = |t: usize| match *name {
+                    "and" => x[t] && y[t],
+                    "or" => x[t] || y[t],
+                    "implies" => !x[t] || y[t],
+                    "iff" => x[t] == y[t],
+                    "xor" => x[t] != y[t],
+                    "until" => until(t),
+                    "release" => ahead(t, *window, n).all(|s| y[s] || x[t..s].iter().any(|x| *x)),
+                    "unless" => {
+                        let end = window.map_or(usize::MAX, |(_, end)| end);
+                        ahead(t, Some((0, end)), n).all(|s| x[s]) || until(t)
+                    }
+                    "since" => behind(t, *window).any(|s| y[s] && held(s + 1, t + 1)),
+                    _ => unreachable!("{name}"),
+                };
+                (0..n).map(value).collect()
+            }
+        }
+    }
+}
+
 /// Begin and end of a window; the end of an unbounded window is its begin.
 fn ends(window: Interval) -> (i64, i64) {
     let (begin, end) = window.unwrap_or((0, usize::MAX));
@@ -385,8 +450,10 @@ fn two(name: &str, window: Interval, x: &[f64], y: &[f64]) -> Vec<f64> {
         "-" | ">=" | ">" => minus(x[t], y[t]),
         "*" => x[t] * y[t],
         "<=" | "<" => minus(y[t], x[t]),
-        "==" | "iff" => -minus(x[t], y[t]).abs(),
-        "!==" | "xor" => minus(x[t], y[t]).abs(),
+        "==" => -minus(x[t], y[t]).abs(),
+        "!==" => minus(x[t], y[t]).abs(),
+        "iff" => f64::max(f64::min(x[t], y[t]), f64::min(-x[t], -y[t])),
+        "xor" => f64::max(f64::min(x[t], -y[t]), f64::min(-x[t], y[t])),
         "and" => f64::min(x[t], y[t]),
         "or" => f64::max(x[t], y[t]),
         "implies" => f64::max(-x[t], y[t]),
