@@ -182,6 +182,7 @@ def falsify(
     early_stopping: bool,
     keep_going: bool,
     new_mode_rate: float,
+    isolate: bool | None,
     repeats: int | None,
     seed: int,
     out: Out,

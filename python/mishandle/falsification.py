@@ -101,6 +101,7 @@ def falsify(
     batch: int = 1,
     early_stopping: bool = False,
     keep_going: bool = False,
+    isolate: bool | None = None,
     new_mode_rate: float = 0.01,
     repeats: int | None = None,
     seed: int = 0,
@@ -136,6 +137,9 @@ def falsify(
     new_mode_rate : float
         With ``keep_going``, a trial ends when less than this fraction of its simulations finds a new failure mode; 0 spends the
         budget.
+    isolate : bool, optional
+        Whether to move the counterexample of each trial toward nominal, to find the axes that cause it (``Trial.cause``): at most 30
+        simulations, or a tenth of a larger budget. By default only without ``keep_going``.
     repeats : int, optional
         Number of simulations of each counterexample with other seeds, if the system depends on its seed; by default 100. In total,
         they are at most as many as the run has. 0 skips them.
@@ -203,6 +207,7 @@ def falsify(
         batch=batch,
         early_stopping=early_stopping,
         keep_going=keep_going,
+        isolate=isolate,
         new_mode_rate=new_mode_rate,
         repeats=repeats,
         seed=seed,

@@ -204,6 +204,9 @@ class Monitor:
 
     robustness: float
     """Robustness at time 0."""
+    violated: bool
+    """Whether the formula is violated. At a robustness of 0, ``<=``, ``>=`` and ``==`` hold, and
+    ``<``, ``>`` and ``!=`` do not."""
     windows: str
     """``cut``: windows are cut at the end of the trace, as in RTAMT; ``whole`` with
     ``--strict-horizon``."""
@@ -512,6 +515,9 @@ class Trial:
     repeats: Repeats | None
     """Simulations of the counterexample with other seeds; ``None`` without a counterexample,
     without randomness, and in a campaign."""
+    cause: Cause | None
+    """The axes that cause the failure; ``None`` without a counterexample, in a campaign, with
+    ``--keep-going``, with ``--no-isolate`` and with a screening."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -551,6 +557,31 @@ class Quantile:
     """Probability."""
     robustness: float
     """Robustness that this fraction of the simulations does not exceed."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Cause:
+    """The axes that cause the failure of a counterexample: simulations with its seed that move
+    it toward nominal. They count in no rate."""
+
+    simulations: int
+    """Number of these simulations."""
+    scenario: dict[str, Value]
+    """The failing scenario with the fewest axes off nominal, and of these the closest to
+    nominal."""
+    robustness: float
+    """Its robustness."""
+    axes: tuple[str, ...]
+    """Axes that have another value than the nominal one in this scenario; empty if the nominal
+    scenario fails."""
+    sufficient: tuple[str, ...] | None
+    """Axes that cause a failure alone: with their value of the counterexample and all others at
+    nominal, the simulation fails. ``None`` if there are too many axes to try."""
+    necessary: tuple[str, ...] | None
+    """Axes that remove the failure alone: the counterexample with this axis at nominal does not
+    fail. ``None`` if there are too many axes to try."""
+    other_seeds: Estimate | None
+    """Failures of ``scenario`` with other seeds; ``None`` if the target is not random."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -1071,12 +1102,14 @@ class Explanation:
     """Requirement."""
     robustness: float
     """Robustness of the requirement."""
+    violated: bool
+    """Whether the requirement is violated. At a robustness of 0, ``<=``, ``>=`` and ``==`` hold,
+    and ``<``, ``>`` and ``!=`` do not."""
     decided: Instant | None
     """First sample after which nothing can change whether the requirement is satisfied; ``None``
-    if the trace does not decide it, or the robustness is 0."""
+    if the trace does not decide it."""
     predicate: Predicate | None
-    """Decisive predicate; ``None`` if an operator has an empty window or depends on two operands
-    (``iff``, ``xor``)."""
+    """Decisive predicate; ``None`` if an operator has an empty window."""
     window: Window | None
     """Samples at which the operator above evaluates the predicate; ``None`` without a predicate."""
     path: tuple[PathStep, ...]
@@ -1260,6 +1293,9 @@ class Simulation:
     """Number of control steps."""
     robustness: float | None
     """Robustness of the requirement."""
+    violated: bool | None
+    """Whether the requirement is violated; ``None`` without a verdict. At a robustness of 0,
+    ``<=``, ``>=`` and ``==`` hold, and ``<``, ``>`` and ``!=`` do not."""
     explanation: Explanation | None
     """The document of ``explain``, without ``schema`` and ``run``."""
     repeats: Repeats | None
@@ -1553,6 +1589,9 @@ class Replay:
     """Number of control steps."""
     robustness: float | None
     """Robustness of the requirement; ``None`` without a verdict."""
+    violated: bool | None
+    """Whether the requirement is violated; ``None`` without a verdict. At a robustness of 0,
+    ``<=``, ``>=`` and ``==`` hold, and ``<``, ``>`` and ``!=`` do not."""
     same: bool
     """Whether everything recorded of the simulation agrees with the plan of the run and with the
     replay, bit for bit."""

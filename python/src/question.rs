@@ -107,8 +107,8 @@ type Answered = (String, Option<PyErr>, Vec<String>);
 #[pyfunction]
 #[expect(clippy::too_many_arguments, reason = "the arguments are keywords in Python")]
 #[pyo3(signature = (
-    target, *, formula, search, options, trials, budget, batch, early_stopping, keep_going, new_mode_rate, repeats, seed, out,
-    progress
+    target, *, formula, search, options, trials, budget, batch, early_stopping, keep_going, new_mode_rate, isolate, repeats, seed,
+    out, progress
 ))]
 pub fn falsify(
     py: Python<'_>,
@@ -122,12 +122,13 @@ pub fn falsify(
     early_stopping: bool,
     keep_going: bool,
     new_mode_rate: f64,
+    isolate: Option<bool>,
     repeats: Option<u64>,
     seed: u64,
     out: Out,
     progress: Option<Py<PyAny>>,
 ) -> PyResult<Answered> {
-    let falsify = FalsifyPlan {
+    let mut falsify = FalsifyPlan {
         formula,
         search,
         trials,
@@ -136,8 +137,10 @@ pub fn falsify(
         early_stopping,
         keep_going,
         new_mode_rate,
+        isolate,
         options: search_options(options),
     };
+    falsify.isolate_by_default();
     let plan = Plan { falsify: Some(falsify), ..plan(target, seed) };
     ask(py, target, &plan, out, repeats, progress)
 }

@@ -7,13 +7,14 @@ use mishandle_results as results;
 use mishandle_store::RunFile;
 
 use crate::error::MishandleError;
+use crate::inspect::cause::isolation;
 use crate::inspect::{mode_survey, smooth_region_of};
 use crate::resolve::ResolvedPlan;
 use crate::run::{Answer, counterexample_repeats};
 
 /// Returns the answer of a question as a result, with all that the question asks for: a
-/// falsification that keeps going has its failure modes, and a complete one the repeats of its
-/// counterexamples and the smooth region.
+/// falsification that keeps going has its failure modes, and a complete one the repeats and causes of
+/// its counterexamples and the smooth region.
 ///
 /// `run` is the path of the run file, which must be closed. `repeats` and `watch` are those of
 /// [`counterexample_repeats`].
@@ -36,6 +37,12 @@ pub fn whole_result(
     if resolved.plan.falsify.as_ref().is_some_and(|falsify| falsify.keep_going) {
         let run = RunFile::open_unchecked(run)?;
         found.modes = Some(mode_survey(&run)?.result(run.header()));
+    }
+    if resolved.plan.falsify.as_ref().is_some_and(|falsify| falsify.isolate == Some(true)) {
+        let run = RunFile::open_unchecked(run)?;
+        for trial in &mut found.trials {
+            trial.cause = isolation(&run, trial.trial)?.map(|isolation| isolation.result());
+        }
     }
     if answer.is_complete() {
         let mut repeated = counterexample_repeats(resolved, outcome, repeats, watch)?;

@@ -1,6 +1,9 @@
 //! Failure modes: the failures of a run, grouped by decisive predicate, region of the space and
 //! time.
 
+use std::collections::BTreeMap;
+use std::collections::btree_map::Entry;
+
 use mishandle_falsification::{
     FailurePoint, MAX_FAILURES, MAX_OTHERS, Signature, group_failures, unit_scenario,
 };
@@ -8,9 +11,10 @@ use mishandle_rollout::{Axis, Scenario};
 use mishandle_store::{RunFile, RunHeader, Simulation};
 
 use crate::error::MishandleError;
+use crate::inspect::cause::{Isolation, isolation};
 use crate::inspect::explanation::trace;
-use crate::run::recorded_axis;
 use crate::run::violation::{Violation, violation};
+use crate::run::{has_random_rows, recorded_axis};
 
 /// A recorded failure.
 #[derive(Clone, Debug, PartialEq)]
@@ -33,10 +37,24 @@ pub struct Failure {
     /// Distance of the scenario from the nominal one: the root mean square over the axes with a
     /// nominal value, as a fraction of their widths.
     pub distance_from_nominal: f64,
+    /// The axes that stayed off nominal when the failure was moved toward it; `None` if it was not.
+    pub cause: Option<FailureCause>,
 }
 
-/// Failures with the same decisive predicate that are connected by neighbors in the space and in
-/// time: see [`group_failures`].
+/// The cause of a failure: the scenario that it becomes when it moves toward nominal.
+#[derive(Clone, Debug, PartialEq)]
+pub struct FailureCause {
+    /// Indices of the axes off nominal.
+    pub axes: Vec<usize>,
+    /// Their values: below (-1) or above (1) nominal, or the category.
+    pub sides: Vec<i64>,
+    /// Share of simulations with other seeds that fail; `None` if the target is not random.
+    pub failing_seeds: Option<f64>,
+}
+
+/// Failures with the same decisive predicate at similar times that the same axes cause, in the same
+/// direction. Failures without a known cause are connected by neighbors in the space: see
+/// [`group_failures`].
 #[derive(Clone, Debug, PartialEq)]
 pub struct FailureMode {
     /// The failures, the representative first, in order of their distance from nominal.
@@ -45,14 +63,17 @@ pub struct FailureMode {
     pub region: Vec<Option<(f64, f64)>>,
     /// Smallest and largest [`Failure::sample`].
     pub samples: (usize, usize),
-    /// Indices of the axes by which failures with this predicate were grouped. In a space of more
-    /// than two axes, these are the axes along which they are distributed differently from the
-    /// other simulations; there may be none.
+    /// Indices of the axes by which failures with this predicate were grouped: those that cause
+    /// them, if that `is_isolated`. Otherwise all of at most two axes, and of more axes those along
+    /// which failures are distributed differently from other random scenarios; there may be none.
     pub axes: Vec<usize>,
+    /// Whether each failure was moved toward nominal, and the same axes stayed.
+    pub is_isolated: bool,
 }
 
 impl FailureMode {
-    /// Returns the failure that is closest to the nominal scenario.
+    /// Returns the failure that is closest to the nominal scenario, of those that fail with most
+    /// seeds if that is known.
     pub fn representative(&self) -> &Failure {
         &self.failures[0]
     }
@@ -70,7 +91,8 @@ pub struct FailureModes {
     pub not_grouped: usize,
 }
 
-/// Groups the failures of a run by decisive predicate, region and time: see [`group_failures`].
+/// Groups the failures of a run by decisive predicate, time and cause. Failures that were not moved
+/// toward nominal are grouped by region: see [`group_failures`].
 ///
 /// # Errors
 /// If the run cannot be read, or the formula has no finite value on a recorded trace.
@@ -80,6 +102,7 @@ pub fn failure_modes(run: &RunFile) -> Result<FailureModes, MishandleError> {
     let mut failures = Vec::new();
     let (mut all, mut not_grouped) = (0, 0);
     let (mut failing, mut others) = (Vec::new(), Vec::new());
+    let mut causes: BTreeMap<u32, Option<Isolation>> = BTreeMap::new();
     let passing = run.counts()?.simulations as usize;
     let every = passing.div_ceil(MAX_OTHERS).max(1);
     for (index, simulation) in run.simulations().enumerate() {
@@ -97,16 +120,53 @@ pub fn failure_modes(run: &RunFile) -> Result<FailureModes, MishandleError> {
             not_grouped += 1;
             continue;
         }
-        failures.push(failure(header, &axes, simulation)?);
+        let isolation = match causes.entry(trial) {
+            Entry::Vacant(entry) => entry.insert(isolation(run, trial)?).as_ref(),
+            // Only the first failure of a trial is moved toward nominal.
+            Entry::Occupied(_) => None,
+        };
+        let mut found = failure(header, &axes, simulation)?;
+        if let Some(isolation) = isolation {
+            let cause = isolation.cause();
+            let closest = run.simulation(isolation.closest.trial, isolation.closest.number)?;
+            if let Some(trace) = closest.trace.map(|stored| trace(header, &stored)) {
+                Signature { predicate: found.predicate, sample: found.sample } =
+                    violation(header, &trace)?.signature;
+            }
+            found.cause = Some(cause);
+        }
+        failures.push(found);
     }
-    let points: Vec<FailurePoint> = failures.iter().map(|failure| point(&axes, failure)).collect();
-    let grouped = group_failures(&points, &others, &axes, header.episode_steps as usize);
-    let members = |indices: &[usize]| indices.iter().map(|index| failures[*index].clone()).collect();
-    let mut modes: Vec<FailureMode> =
-        grouped.iter().map(|found| mode(members(&found.failures), &found.axes, axes.len())).collect();
+    // Points that a search chose do not tell which axes matter.
+    if !has_random_rows(header) {
+        others.clear();
+    }
+    let (isolated, near): (Vec<Failure>, Vec<Failure>) =
+        failures.into_iter().partition(|failure| failure.cause.is_some());
+    let steps = header.episode_steps as usize;
+    let mut modes = Vec::new();
+    // Without axes, predicate and time alone decide. The cause is a part of the predicate.
+    let points: Vec<FailurePoint> = isolated.iter().map(caused_point).collect();
+    for group in group_failures(&points, &[], &[], steps) {
+        let members: Vec<Failure> = group.failures.iter().map(|index| isolated[*index].clone()).collect();
+        let caused = members[0].cause.as_ref().map_or(Vec::new(), |cause| cause.axes.clone());
+        modes.push(mode(members, &caused, axes.len()));
+    }
+    let points: Vec<FailurePoint> = near.iter().map(|failure| point(&axes, failure)).collect();
+    for group in group_failures(&points, &others, &axes, steps) {
+        let members = group.failures.iter().map(|index| near[*index].clone()).collect();
+        modes.push(mode(members, &group.axes, axes.len()));
+    }
     // Stable, so modes of equal size stay in the order of their first failure.
     modes.sort_by_key(|mode| std::cmp::Reverse(mode.failures.len()));
     Ok(FailureModes { modes, failures: all, not_grouped })
+}
+
+/// Returns what decides the mode of a failure with a known cause.
+fn caused_point(failure: &Failure) -> FailurePoint {
+    let cause = failure.cause.as_ref().map(|cause| (&cause.axes, &cause.sides));
+    let predicate = format!("{} {cause:?}", failure.predicate);
+    FailurePoint { point: Vec::new(), signature: Signature { predicate, sample: failure.sample } }
 }
 
 fn failure(header: &RunHeader, axes: &[Axis], simulation: Simulation) -> Result<Failure, MishandleError> {
@@ -128,6 +188,7 @@ fn failure(header: &RunHeader, axes: &[Axis], simulation: Simulation) -> Result<
         predicate,
         sample,
         scenario,
+        cause: None,
     })
 }
 
@@ -146,8 +207,15 @@ fn mode(mut failures: Vec<Failure>, chosen: &[usize], axes: usize) -> FailureMod
     let region = (0..axes).map(region).collect();
     let first = failures.iter().map(|failure| failure.sample).min().unwrap_or(0);
     let last = failures.iter().map(|failure| failure.sample).max().unwrap_or(0);
-    failures.sort_by(|a, b| a.distance_from_nominal.total_cmp(&b.distance_from_nominal));
-    FailureMode { failures, region, samples: (first, last), axes: chosen.to_vec() }
+    // A failure that its seed caused explains nothing, however near it is.
+    let is_chance = |failure: &Failure| {
+        failure.cause.as_ref().and_then(|cause| cause.failing_seeds).is_some_and(|share| share < 0.5)
+    };
+    failures.sort_by(|a, b| {
+        is_chance(a).cmp(&is_chance(b)).then(a.distance_from_nominal.total_cmp(&b.distance_from_nominal))
+    });
+    let is_isolated = failures.iter().all(|failure| failure.cause.is_some());
+    FailureMode { failures, region, samples: (first, last), axes: chosen.to_vec(), is_isolated }
 }
 
 /// Returns the root mean square of the differences of the coordinates that both points have.

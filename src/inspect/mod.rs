@@ -2,6 +2,7 @@
 //! what was covered, and how two runs differ.
 
 mod answer;
+mod cause;
 mod comparison;
 mod event;
 mod explanation;
@@ -22,7 +23,7 @@ pub use explanation::{
     explain_trace,
 };
 pub use explanation_text::compared_values;
-pub use failure_modes::{Failure, FailureMode, FailureModes, failure_modes};
+pub use failure_modes::{Failure, FailureCause, FailureMode, FailureModes, failure_modes};
 pub use masking::masking;
 pub use mode_survey::{ModeSurvey, mode_survey, unseen_modes};
 pub use result::{counterexamples_result, run_facts};

@@ -184,6 +184,10 @@ pub struct FalsifyPlan {
     /// With `keep_going`, a trial ends when less than this fraction of its simulations finds a new
     /// failure mode, from 0 to less than 1. With 0, it spends its budget.
     pub new_mode_rate: f64,
+    /// Move each counterexample toward nominal, to find the axes that cause it. `None`: not in a
+    /// campaign or with `keep_going`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub isolate: Option<bool>,
     /// Options of the search by name: the table `[falsify.options]`. `mishandle searches SEARCH`
     /// lists them.
     #[serde(with = "crate::plan::search_options", skip_serializing_if = "SearchOptions::is_empty")]
@@ -201,8 +205,17 @@ impl Default for FalsifyPlan {
             early_stopping: false,
             keep_going: false,
             new_mode_rate: 0.01,
+            isolate: None,
             options: SearchOptions::new(),
         }
+    }
+}
+
+impl FalsifyPlan {
+    /// Sets `isolate` where the plan leaves it open: a person who asks one question wants to know
+    /// why it fails.
+    pub fn isolate_by_default(&mut self) {
+        self.isolate.get_or_insert(!self.keep_going);
     }
 }
 

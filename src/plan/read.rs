@@ -46,7 +46,7 @@ const fn key<T: DeserializeOwned>(name: &'static str, allowed: &'static str) -> 
     Key { name, allowed, reads: reads::<T> }
 }
 
-const KEYS: [Key; 32] = [
+const KEYS: [Key; 33] = [
     key::<u32>("format", "2"),
     key::<String>("target", "a string, such as \"ball-balancing\""),
     key::<String>("space", "a string, such as \"starts\""),
@@ -68,6 +68,7 @@ const KEYS: [Key; 32] = [
     key::<bool>("falsify.early-stopping", "true or false"),
     key::<bool>("falsify.keep-going", "true or false"),
     key::<f64>("falsify.new-mode-rate", "a number from 0 to less than 1"),
+    key::<bool>("falsify.isolate", "true or false"),
     Key { name: OPTIONS, allowed: "a table, as [falsify.options]", reads: is_table },
     key::<String>("margin.formula", "a string, such as \"strict\""),
     key::<u64>("margin.budget", "an integer from 1 to 1000000"),

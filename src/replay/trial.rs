@@ -3,7 +3,7 @@
 
 use mishandle_falsification::{FalsificationError, Trial};
 use mishandle_rollout::Request;
-use mishandle_store::{RunFile, RunKind, Simulation, TrialRecord, TrialStatus, TrialSummary};
+use mishandle_store::{MAX_TRIALS, RunFile, RunKind, Simulation, TrialRecord, TrialStatus, TrialSummary};
 
 use crate::error::MishandleError;
 use crate::resolve::ResolvedPlan;
@@ -22,7 +22,7 @@ pub(super) fn differences(
     let trial = run.trial(recorded.trial)?;
     let plan = &resolved.plan;
     match plan.kind() {
-        RunKind::Falsify if plan.screening.is_none() => of_falsification(run, &trial, resolved),
+        RunKind::Falsify if plan.screening.is_none() => of_falsification(run, (&trial, recorded), resolved),
         RunKind::Evaluate if plan.screening.is_none() => of_evaluation(run, recorded, resolved),
         _ => of_question(run, recorded, &trial, resolved),
     }
@@ -74,10 +74,20 @@ fn of_evaluation(
 
 fn of_falsification(
     run: &RunFile,
-    recorded: &TrialRecord,
+    (recorded, simulation): (&TrialRecord, &Simulation),
     resolved: &ResolvedPlan,
 ) -> Result<Vec<String>, MishandleError> {
     let number = recorded.number;
+    if number > MAX_TRIALS {
+        let expected = falsify::derived_request(resolved, run, (number, simulation.number))?;
+        return Ok(match expected {
+            Some(expected) => request_differences(simulation, &expected),
+            None => vec![format!(
+                "simulation {} of trial {number}: the plan has no such simulation",
+                simulation.number
+            )],
+        });
+    }
     let Some(mut trial) = falsify::new_trial(resolved, number)? else {
         return Ok(vec![format!("trial {number}: the plan has no trial of this number")]);
     };

@@ -3,16 +3,17 @@ use std::rc::Rc;
 
 use mishandle_falsification::{
     Falsification, FalsificationOutcome, FalsificationSettings, KeepGoing, ScreenedCounts, Trial, TrialEnd,
-    TrialOutcome,
+    TrialOutcome, isolate, isolation_budget,
 };
-use mishandle_rollout::{Screen, Seed, System};
+use mishandle_rollout::{Episode, Request, Screen, Seed, System};
 use mishandle_stl::Trace;
-use mishandle_store::{RunFile, RunWriter, Simulation, TrialRecord, TrialStatus};
+use mishandle_store::{MAX_TRIALS, RunFile, RunWriter, Simulation, TrialRecord, TrialStatus};
 
 use crate::error::MishandleError;
 use crate::plan::{FalsifyPlan, Plan};
-use crate::resolve::ResolvedPlan;
 use crate::resolve::search::new_search;
+use crate::resolve::{self, ResolvedPlan};
+use crate::run::journal::{Journal, Numbering};
 use crate::run::violation::violation_of;
 use crate::run::{Progress, header, record};
 
@@ -87,8 +88,88 @@ pub fn falsify(
             run.end_trial(trial.trial, status(trial))?;
         }
     }
-    run.close()?;
+    if falsify.isolate == Some(true) && outcome.trials.iter().all(|trial| trial.end.is_some()) {
+        isolate_counterexamples(resolved, run, &outcome, &mut |done| {
+            watch(&Progress { simulations: progress.simulations + done, ..progress })
+        })?;
+    } else {
+        run.close()?;
+    }
     Ok(outcome)
+}
+
+/// Moves the counterexample of each trial toward nominal. The simulations are trials of their own:
+/// see [`MAX_TRIALS`].
+fn isolate_counterexamples(
+    resolved: &ResolvedPlan,
+    run: RunWriter,
+    outcome: &FalsificationOutcome,
+    watch: &mut dyn FnMut(u64) -> ControlFlow<()>,
+) -> Result<(), MishandleError> {
+    let mut failures = Vec::new();
+    for trial in outcome.trials.iter().filter(|trial| trial.falsified()) {
+        failures.extend(first_failure(resolved, run.file(), trial.trial)?);
+    }
+    let journal = Journal::new(resolved, run)?;
+    let (mut ended, mut done) = (Vec::new(), 0);
+    for failure in failures {
+        let mut own = 0;
+        let found = isolate_failure(&journal, &failure, |count| {
+            own = count;
+            watch(done + count)
+        });
+        if !journal.result(found)? {
+            break;
+        }
+        done += own;
+        ended.push((failure.request.trial + MAX_TRIALS, TrialStatus::BudgetSpent));
+    }
+    journal.close(ended)
+}
+
+/// Returns the first recorded failure of a trial.
+fn first_failure(
+    resolved: &ResolvedPlan,
+    run: &RunFile,
+    trial: u32,
+) -> Result<Option<Episode>, MishandleError> {
+    for simulation in run.trial_simulations(trial) {
+        let simulation = simulation?;
+        if simulation.is_violated() {
+            return record::episode(&simulation, &resolved.target).map(Some);
+        }
+    }
+    Ok(None)
+}
+
+fn isolate_failure(
+    journal: &Journal<'_>,
+    failure: &Episode,
+    watch: impl FnMut(u64) -> ControlFlow<()>,
+) -> Result<bool, MishandleError> {
+    let resolved = journal.resolved();
+    let trial = failure.request.trial + MAX_TRIALS;
+    let budget = isolation_budget(resolved.plan.falsify.as_ref().map_or(0, |falsify| falsify.budget));
+    let is_random = resolve::space_depends_on_seed(resolved);
+    let mut system = journal.system(Some(Numbering { trial, last: 0 }))?;
+    Ok(isolate(&mut system, failure, budget, is_random, watch)?)
+}
+
+/// Returns the request of a simulation that moves a counterexample toward nominal; `None` if the
+/// plan has no such simulation.
+pub(crate) fn derived_request(
+    resolved: &ResolvedPlan,
+    run: &RunFile,
+    (trial, number): (u32, u32),
+) -> Result<Option<Request>, MishandleError> {
+    let Some(failure) = first_failure(resolved, run, trial - MAX_TRIALS)? else { return Ok(None) };
+    let journal = Journal::until(resolved, run, (trial, number));
+    let end = isolate_failure(&journal, &failure, |_| ControlFlow::Continue(()));
+    match (journal.found(), end) {
+        (Some(request), _) => Ok(Some(request)),
+        (None, Err(error @ MishandleError::SimulationMismatch { .. })) => Err(error),
+        _ => Ok(None),
+    }
 }
 
 /// Searches for counterexamples by screening: see [`Falsification::run_screened`]. Counterexamples

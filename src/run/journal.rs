@@ -53,7 +53,8 @@ pub(crate) struct Journal<'a> {
 impl<'a> Journal<'a> {
     /// Continues a run. A run without simulations begins.
     pub(crate) fn new(resolved: &'a ResolvedPlan, run: RunWriter) -> Result<Journal<'a>, MishandleError> {
-        let started = run.file().trials()?.iter().map(|trial| trial.trial.number).collect();
+        let trials = run.file().trials()?.into_iter().chain(run.file().derived_trials()?);
+        let started = trials.map(|trial| trial.trial.number).collect();
         let traces = run.file().stored_traces()?.len();
         Ok(Journal {
             traces: Cell::new(traces),

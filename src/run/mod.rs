@@ -15,6 +15,7 @@ pub(crate) mod header;
 mod journal;
 mod outcomes;
 mod question;
+mod random_rows;
 pub(crate) mod record;
 mod recorded;
 mod repeats;
@@ -33,6 +34,7 @@ pub use evaluate::{
 pub use falsify::{failure_rate_bound, falsify};
 pub(crate) use question::asked;
 pub use question::{Answer, Engine, MarginOutcome, Progress, Watch, ask, recorded_answer};
+pub use random_rows::has_random_rows;
 pub use record::{create_run, recorded_axis, recorded_episode};
 pub(crate) use recorded::recorded_named;
 pub use recorded::{box_point, recorded_axes, recorded_scenario};

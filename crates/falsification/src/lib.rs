@@ -41,6 +41,7 @@
 mod coordinate;
 mod error;
 mod falsification;
+mod isolate;
 mod keep_going;
 mod margin;
 mod minimize;
@@ -53,9 +54,10 @@ mod trial;
 pub use coordinate::coordinate;
 pub use error::FalsificationError;
 pub use falsification::{Falsification, FalsificationBatch, FalsificationSettings};
+pub use isolate::{isolate, isolation_budget};
 pub use keep_going::{KeepGoing, SignatureOf, simulations_without_mode};
 pub use margin::{Margin, Witness, check_margin, margin, norms};
-pub use minimize::{Minimized, axes_off_nominal, is_close, minimize};
+pub use minimize::{Minimized, axes_off_nominal, is_close, minimize, off_nominal};
 pub use modes::{
     FailurePoint, MAX_FAILURES, MAX_OTHERS, ModeMembers, Signature, UnitScenario, group_failures,
     unit_scenario,

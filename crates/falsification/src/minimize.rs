@@ -55,16 +55,8 @@ pub fn minimize(
         let robustness = original.robustness().map_or("undecided".to_string(), |rho| rho.to_string());
         return Err(FalsificationError::NotACounterexample { robustness });
     }
-    let space = system.space().clone();
-    let mut search = Search {
-        system,
-        space,
-        best: original.clone(),
-        budget,
-        simulations: 1,
-        watch,
-        has_fewest_axes: false,
-    };
+    let mut search = Search::new(system, original.clone(), budget, watch);
+    search.simulations = 1;
     let is_complete = match search.run() {
         Ok(()) => true,
         Err(Stop::Budget | Stop::Interrupted) => false,
@@ -79,7 +71,8 @@ pub fn axes_off_nominal(space: &Space, scenario: &Scenario) -> usize {
     off_nominal(space, scenario).len()
 }
 
-fn off_nominal(space: &Space, scenario: &Scenario) -> Vec<usize> {
+/// Returns the indices of the axes with another value than the nominal one.
+pub fn off_nominal(space: &Space, scenario: &Scenario) -> Vec<usize> {
     let is_off = |(axis, value): (&Axis, &Option<f64>)| match (axis.nominal, *value) {
         (Some(nominal), Some(value)) => value != nominal,
         _ => false,
@@ -99,7 +92,7 @@ pub fn is_close(space: &Space, a: &Scenario, b: &Scenario) -> bool {
 }
 
 /// Why a search ends early.
-enum Stop {
+pub(crate) enum Stop {
     Budget,
     Interrupted,
     Error(Box<FalsificationError>),
@@ -111,24 +104,35 @@ impl<E: Into<FalsificationError>> From<E> for Stop {
     }
 }
 
-struct Search<'a, W> {
+pub(crate) struct Search<'a, W> {
     system: &'a mut dyn System,
     space: Space,
     /// The failing simulation nearest to nominal so far.
-    best: Episode,
+    pub(crate) best: Episode,
     budget: u64,
-    simulations: u64,
+    pub(crate) simulations: u64,
     watch: W,
     has_fewest_axes: bool,
 }
 
-impl<W: FnMut(u64) -> ControlFlow<()>> Search<'_, W> {
+impl<'a, W: FnMut(u64) -> ControlFlow<()>> Search<'a, W> {
+    /// Starts at a failure.
+    pub(crate) fn new(system: &'a mut dyn System, failure: Episode, budget: u64, watch: W) -> Search<'a, W> {
+        let space = system.space().clone();
+        Search { system, space, best: failure, budget, simulations: 0, watch, has_fewest_axes: false }
+    }
+
     fn run(&mut self) -> Result<(), Stop> {
         let smallest = self.smallest_set()?;
         if self.off_axes().len() > smallest {
             self.remove_groups()?;
         }
         self.has_fewest_axes = self.off_axes().len() <= smallest;
+        self.move_all()
+    }
+
+    /// Moves the axes that are off nominal toward it, until none can move.
+    pub(crate) fn move_all(&mut self) -> Result<(), Stop> {
         loop {
             let mut has_moved = self.move_jointly()?;
             for index in self.off_axes() {
@@ -140,7 +144,7 @@ impl<W: FnMut(u64) -> ControlFlow<()>> Search<'_, W> {
         }
     }
 
-    fn off_axes(&self) -> Vec<usize> {
+    pub(crate) fn off_axes(&self) -> Vec<usize> {
         off_nominal(&self.space, &self.best.request.scenario)
     }
 
@@ -155,17 +159,27 @@ impl<W: FnMut(u64) -> ControlFlow<()>> Search<'_, W> {
         self.space.axes()[index].nominal.unwrap_or_default()
     }
 
-    fn at_nominal(&self, indices: &[usize]) -> Scenario {
+    pub(crate) fn at_nominal(&self, indices: &[usize]) -> Scenario {
         self.with(indices.iter().map(|index| (*index, self.nominal(*index))))
     }
 
     /// Simulates the scenarios. If any fails, the one with the lowest robustness becomes the
     /// present one.
     fn try_any(&mut self, scenarios: &[Scenario]) -> Result<bool, Stop> {
+        let failures = self.simulate(scenarios)?.into_iter().filter(Episode::is_violated);
+        let robustness = |episode: &Episode| episode.robustness().unwrap_or(f64::INFINITY);
+        let least = failures.min_by(|a, b| robustness(a).total_cmp(&robustness(b)));
+        let has_failed = least.is_some();
+        self.best = least.unwrap_or_else(|| self.best.clone());
+        Ok(has_failed)
+    }
+
+    /// Simulates the scenarios with the seed of the failure.
+    pub(crate) fn simulate(&mut self, scenarios: &[Scenario]) -> Result<Vec<Episode>, Stop> {
         if self.simulations + scenarios.len() as u64 > self.budget {
             return Err(Stop::Budget);
         }
-        let mut found: Option<Episode> = None;
+        let mut episodes = Vec::with_capacity(scenarios.len());
         for batch in scenarios.chunks(BATCH) {
             let request = |scenario: &Scenario| Request {
                 scenario: scenario.clone(),
@@ -173,22 +187,13 @@ impl<W: FnMut(u64) -> ControlFlow<()>> Search<'_, W> {
                 ..self.best.request.clone()
             };
             let requests: Vec<Request> = batch.iter().map(request).collect();
-            for episode in self.system.rollout(&requests)? {
-                // −0.0, which violates, is less than +0.0.
-                let least = found.as_ref().and_then(Episode::robustness).unwrap_or(0.0);
-                if episode.robustness().is_some_and(|rho| rho.total_cmp(&least).is_lt()) {
-                    found = Some(episode);
-                }
-            }
+            episodes.extend(self.system.rollout(&requests)?);
             self.simulations += batch.len() as u64;
             if (self.watch)(self.simulations).is_break() {
-                self.best = found.unwrap_or_else(|| self.best.clone());
                 return Err(Stop::Interrupted);
             }
         }
-        let has_failed = found.is_some();
-        self.best = found.unwrap_or_else(|| self.best.clone());
-        Ok(has_failed)
+        Ok(episodes)
     }
 
     fn try_one(&mut self, scenario: Scenario) -> Result<bool, Stop> {
@@ -217,7 +222,7 @@ impl<W: FnMut(u64) -> ControlFlow<()>> Search<'_, W> {
 
     /// Sets groups of axes to nominal, first halves, last single axes, until no single axis can go
     /// to nominal.
-    fn remove_groups(&mut self) -> Result<(), Stop> {
+    pub(crate) fn remove_groups(&mut self) -> Result<(), Stop> {
         let mut off = self.off_axes();
         off.sort_by(|a, b| self.offset(*a).total_cmp(&self.offset(*b)));
         let mut size = off.len().div_ceil(2);

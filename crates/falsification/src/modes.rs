@@ -78,7 +78,9 @@ pub struct ModeMembers {
 /// equal. r is the larger of 0.15 and 0.35 n^(-1/k) for n failures with this predicate and k axes.
 /// In a space of more than two axes, an axis matters if the failures are distributed differently
 /// along it than `others`, the simulations that do not fail: two-sample Kolmogorov-Smirnov test, p
-/// < 0.05 after Holm's correction. If no axis matters, predicate and time alone decide.
+/// < 0.05 after Holm's correction. If no axis matters, predicate and time alone decide. `others` must
+/// be random scenarios, or empty: points that a search chose differ along every axis. Failures with
+/// different categories are never in one mode, and modes whose boxes overlap are one.
 pub fn group_failures(
     failures: &[FailurePoint],
     others: &[UnitScenario],
@@ -101,9 +103,13 @@ pub fn group_failures(
         let are_neighbors = |a: usize, b: usize| {
             let (a, b) = (&failures[group[a]], &failures[group[b]]);
             is_same_time(a.signature.sample, b.signature.sample, episode_steps)
+                && has_same_categories(axes, &a.point, &b.point)
                 && distance(axes, &chosen, &a.point, &b.point) <= reach + ROUNDING
         };
-        let clusters = connected(group.len(), are_neighbors);
+        let point = |index: usize| &failures[group[index]];
+        let clusters = joined(connected(group.len(), are_neighbors), |cluster| {
+            Extent::of(axes, &chosen, cluster.iter().map(|index| point(*index)))
+        });
         let members = |cluster: Vec<usize>| cluster.into_iter().map(|index| group[index]).collect();
         clusters
             .into_iter()
@@ -111,6 +117,72 @@ pub fn group_failures(
             .collect::<Vec<_>>()
     };
     predicates.into_iter().flat_map(modes).collect()
+}
+
+/// Returns whether two scenarios have the same values of all categorical axes: a category is a case
+/// of its own, so no mode mixes two.
+fn has_same_categories(axes: &[Axis], a: &UnitScenario, b: &UnitScenario) -> bool {
+    let is_category = |axis: &Axis| matches!(axis.values, AxisValues::Categorical(_));
+    axes.iter().zip(a.iter().zip(b)).all(|(axis, (a, b))| !is_category(axis) || a == b)
+}
+
+/// The categories, the range of times and the ranges along the axes that matter of a cluster.
+struct Extent {
+    categories: UnitScenario,
+    ranges: Vec<[f64; 2]>,
+}
+
+impl Extent {
+    fn of<'a>(axes: &[Axis], chosen: &[usize], failures: impl Iterator<Item = &'a FailurePoint>) -> Extent {
+        let is_category = |axis: usize| matches!(axes[axis].values, AxisValues::Categorical(_));
+        let mut found: Option<Extent> = None;
+        for failure in failures {
+            let numeric = chosen.iter().filter(|axis| !is_category(**axis));
+            let values = numeric.map(|axis| failure.point[*axis].unwrap_or(f64::NAN));
+            let values: Vec<f64> = std::iter::once(failure.signature.sample as f64).chain(values).collect();
+            match &mut found {
+                Some(found) => {
+                    for (range, value) in found.ranges.iter_mut().zip(values) {
+                        *range = [range[0].min(value), range[1].max(value)];
+                    }
+                }
+                None => {
+                    let categories = (0..axes.len()).filter(|axis| is_category(*axis));
+                    found = Some(Extent {
+                        categories: categories.map(|axis| failure.point[axis]).collect(),
+                        ranges: values.into_iter().map(|value| [value; 2]).collect(),
+                    });
+                }
+            }
+        }
+        found.unwrap_or(Extent { categories: Vec::new(), ranges: Vec::new() })
+    }
+
+    /// Returns whether the boxes have a point in common. A value that is drawn at random does not
+    /// separate them.
+    fn overlaps(&self, other: &Extent) -> bool {
+        let is_apart = |(a, b): (&[f64; 2], &[f64; 2])| a[1] < b[0] || b[1] < a[0];
+        self.categories == other.categories && !self.ranges.iter().zip(&other.ranges).any(is_apart)
+    }
+}
+
+/// Joins clusters with overlapping boxes: they have the same explanation.
+fn joined(mut clusters: Vec<Vec<usize>>, of: impl Fn(&[usize]) -> Extent) -> Vec<Vec<usize>> {
+    let mut index = 0;
+    while index < clusters.len() {
+        let own = of(&clusters[index]);
+        match (index + 1..clusters.len()).find(|other| own.overlaps(&of(&clusters[*other]))) {
+            Some(other) => {
+                let members = clusters.remove(other);
+                clusters[index].extend(members);
+                clusters[index].sort_unstable();
+                // The box has grown: clusters before it may overlap now.
+                index = 0;
+            }
+            None => index += 1,
+        }
+    }
+    clusters
 }
 
 /// Returns whether two samples of an episode are neighbors.

@@ -4,7 +4,7 @@ use mishandle::evaluation::{Corners, Estimate};
 use mishandle::inspect::{ComparedPair, Comparison};
 use mishandle::results::{ComparedRun, PairedMeans, PairedRates};
 use mishandle::rollout::Axis;
-use mishandle::run::recorded_axis;
+use mishandle::run::{has_random_rows, recorded_axis};
 use mishandle::store::{RunFile, RunHeader};
 use mishandle_charts::{Area, Chart, LinkedMark, Mark, Panel, Series, Shape};
 use mishandle_text::plural;
@@ -69,7 +69,7 @@ impl Outcome {
 fn html(found: &Comparison, headers: [&RunHeader; 2]) -> String {
     let header = headers[0];
     let axes: Vec<Axis> = header.axes.iter().map(recorded_axis).collect();
-    let ranking = ranking(found, &axes);
+    let ranking = ranking(found, &axes, has_random_rows(headers[0]));
     let mut columns: Vec<usize> = (0..axes.len()).collect();
     if columns.len() > MAX_COLUMNS {
         columns = ranking.first(MAX_COLUMNS);
@@ -202,7 +202,7 @@ struct View<'a> {
     columns: Vec<usize>,
 }
 
-fn ranking(found: &Comparison, space: &[Axis]) -> Ranking {
+fn ranking(found: &Comparison, space: &[Axis], is_random: bool) -> Ranking {
     let value = |pair: &ComparedPair, axis: usize| pair.scenario.get(axis).copied().flatten();
     let has_values =
         |axis: &usize| found.compared.iter().any(|pair| value(pair, *axis).is_some_and(f64::is_finite));
@@ -210,7 +210,7 @@ fn ranking(found: &Comparison, space: &[Axis]) -> Ranking {
         (0..space.len()).filter(|axis| !space[*axis].is_fixed() && has_values(axis)).collect();
     let change = |pair: &ComparedPair| Some(pair.second_robustness? - pair.first_robustness?);
     let change = |pair: &ComparedPair| change(pair).filter(|change| change.is_finite());
-    Ranking::new(space, &axes, &found.compared, value, change)
+    Ranking::new(space, &axes, (&found.compared, is_random), value, change)
 }
 
 impl View<'_> {

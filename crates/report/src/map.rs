@@ -1,6 +1,7 @@
 //! Robustness maps: where in the space simulations fail.
 
 use mishandle::rollout::Axis;
+use mishandle::run::has_random_rows;
 use mishandle::stl::is_violated;
 use mishandle_charts::{Area, Chart, LinkedMark, Mark, Panel, Series, Shape};
 
@@ -118,7 +119,7 @@ pub fn figures(report: &RunReport, id: usize) -> String {
             let ranking = Ranking::new(
                 &report.axes,
                 &axes,
-                &decided,
+                (&decided, has_random_rows(&report.header)),
                 |point, axis| value(point, axis),
                 |point| point.robustness,
             );

@@ -282,6 +282,7 @@ mod tests {
             region: vec![Some((1.0, 1.2)), None],
             samples: (0, 0),
             axes: vec![0, 1],
+            is_isolated: false,
         };
         let bounds = unit_box(&axes, &mode).unwrap();
         assert!((bounds[0][0] - 0.4).abs() < 1e-12 && (bounds[0][1] - 0.7).abs() < 1e-12, "{bounds:?}");
@@ -291,6 +292,7 @@ mod tests {
             region: vec![Some((0.0, 2.0)), Some((1.0, 1.0))],
             samples: (0, 0),
             axes: vec![0, 1],
+            is_isolated: false,
         };
         assert_eq!(unit_box(&axes, &edge).unwrap(), [[0.0, 1.0], [0.9, 1.0]]);
         let of_first = FailureMode { axes: vec![0], ..edge };

@@ -3,6 +3,7 @@
 
 use mishandle::evaluation::Estimate;
 use mishandle::inspect::{ExplainedSimulation, FailureMode};
+use mishandle::run::has_random_rows;
 
 use crate::html::{base64, percent, short, table, text, with_code, with_unit};
 use crate::load::RunReport;
@@ -30,8 +31,8 @@ pub fn section(report: &RunReport, id: usize) -> String {
     let modes = &report.modes;
     let described = report.representatives.len();
     let mut out = format!(
-        "<p>{} in {}. Failures belong to one mode if the same predicate decides them, at a similar time, and their \
-         scenarios are neighbors along the axes that matter.{}</p>\n",
+        "<p>{} in {}. Failures belong to one mode if the same predicate decides them, at a similar time, and the same axes \
+         cause them, or, where the cause was not searched for, their scenarios are neighbors.{}</p>\n",
         mishandle_text::plural((modes.failures - modes.not_grouped) as u64, "failure"),
         mishandle_text::plural(modes.modes.len() as u64, "failure mode"),
         match modes.not_grouped {
@@ -193,7 +194,20 @@ fn region_table(report: &RunReport, mode: &FailureMode) -> String {
     });
     let rows: Vec<Vec<String>> = rows.collect();
     let mut notes = Vec::new();
-    if mode.axes.is_empty() {
+    if mode.is_isolated {
+        notes.push(match mode.axes.as_slice() {
+            [] => "The nominal scenario fails in the same way.".to_string(),
+            _ => "Bold axes cause these failures: moved toward nominal, each failure remains with these axes alone off nominal. The \
+                  ranges of the other axes say nothing."
+                .to_string(),
+        });
+    } else if mode.axes.is_empty() && !has_random_rows(&report.header) {
+        notes.push(
+            "A search chose these scenarios, so they cannot tell which axes matter. The failures are grouped by predicate, time and \
+             categories alone; the ranges say where the search looked."
+                .to_string(),
+        );
+    } else if mode.axes.is_empty() {
         notes.push(
             "No axis distinguishes these failures from the other simulations, so they are grouped by predicate and time alone: they may fail \
              anywhere in the space, or for a reason that takes several axes together."

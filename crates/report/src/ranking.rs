@@ -23,6 +23,8 @@ pub struct Ranking {
     /// The most important axis first, or in the order of the space if there are too few values.
     axes: Vec<RankedAxis>,
     values: usize,
+    /// Whether the rows are random scenarios. Others rank nothing.
+    is_random: bool,
 }
 
 struct RankedAxis {
@@ -34,11 +36,12 @@ struct RankedAxis {
 
 impl Ranking {
     /// Ranks the axes with the given indices. `value` returns the value of an axis, `result` the
-    /// result of a row.
+    /// result of a row. Only `is_random` rows tell an effect: points that a search chose gather
+    /// where the result is low, and then every axis seems to explain it.
     pub fn new<T>(
         space: &[Axis],
         axes: &[usize],
-        rows: &[T],
+        (rows, is_random): (&[T], bool),
         value: impl Fn(&T, usize) -> Option<f64>,
         result: impl Fn(&T) -> Option<f64>,
     ) -> Ranking {
@@ -56,13 +59,13 @@ impl Ranking {
             axes.iter().zip(&tested).zip(holm(&p_values)).map(|((axis, found), p_value)| RankedAxis {
                 axis: *axis,
                 share: found.as_ref().map_or(0.0, |found| found.share),
-                has_effect: values >= MIN_VALUES && p_value < SIGNIFICANT,
+                has_effect: is_random && values >= MIN_VALUES && p_value < SIGNIFICANT,
             });
         let mut axes: Vec<RankedAxis> = ranked.collect();
-        if values >= MIN_VALUES {
+        if is_random && values >= MIN_VALUES {
             axes.sort_by(|a, b| b.has_effect.cmp(&a.has_effect).then(b.share.total_cmp(&a.share)));
         }
-        Ranking { axes, values }
+        Ranking { axes, values, is_random }
     }
 
     /// Returns the number of ranked axes.
@@ -85,6 +88,13 @@ impl Ranking {
     /// such as "robustness".
     pub fn sentence(&self, space: &[Axis], shown: usize, result: &str) -> String {
         let all = format!("{} axes", self.axes.len());
+        if !self.is_random {
+            return format!(
+                "The space has {all}. A search chose the simulations by earlier results, so they cannot tell which axes have an effect \
+                 on {result}; the maps show the first {shown}. Random samples can tell: <code>mishandle evaluate</code>, or \
+                 <code>--search random</code>."
+            );
+        }
         if self.values < MIN_VALUES {
             return format!(
                 "The space has {all}. {} are too few to rank them ({MIN_VALUES} are needed), so the maps show the first {shown}.",
@@ -172,8 +182,13 @@ mod tests {
         let row =
             |i: usize| vec![spread(i, 2.0), spread(i, 3.0), spread(i, 5.0), (4.0 * spread(i, 7.0)).floor()];
         let rows: Vec<Vec<f64>> = (1..=n).map(row).collect();
-        let ranking =
-            Ranking::new(&space, &[0, 1, 2, 3], &rows, |row, axis| Some(row[axis]), |row| Some(result(row)));
+        let ranking = Ranking::new(
+            &space,
+            &[0, 1, 2, 3],
+            (&rows, true),
+            |row, axis| Some(row[axis]),
+            |row| Some(result(row)),
+        );
         (space, ranking)
     }
 

@@ -104,6 +104,32 @@ pub struct Trial {
     /// Simulations of the counterexample with other seeds; `null` without a counterexample, without
     /// randomness, and in a campaign.
     pub repeats: Option<Repeats>,
+    /// The axes that cause the failure; `null` without a counterexample, in a campaign, with
+    /// `--keep-going`, with `--no-isolate` and with a screening.
+    pub cause: Option<Cause>,
+}
+
+/// The axes that cause the failure of a counterexample: simulations with its seed that move it
+/// toward nominal. They count in no rate.
+#[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
+pub struct Cause {
+    /// Number of these simulations.
+    pub simulations: u64,
+    /// The failing scenario with the fewest axes off nominal, and of these the closest to nominal.
+    pub scenario: Scenario,
+    /// Its robustness.
+    pub robustness: Number,
+    /// Axes that have another value than the nominal one in this scenario; empty if the nominal
+    /// scenario fails.
+    pub axes: Vec<String>,
+    /// Axes that cause a failure alone: with their value of the counterexample and all others at
+    /// nominal, the simulation fails. `null` if there are too many axes to try.
+    pub sufficient: Option<Vec<String>>,
+    /// Axes that remove the failure alone: the counterexample with this axis at nominal does not
+    /// fail. `null` if there are too many axes to try.
+    pub necessary: Option<Vec<String>>,
+    /// Failures of `scenario` with other seeds; `null` if the target is not random.
+    pub other_seeds: Option<Estimate>,
 }
 
 /// A simulation without a verdict.

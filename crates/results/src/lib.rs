@@ -65,7 +65,7 @@ pub use explanation::{
     Conjunct, EvaluatedCount, Explanation, Instant, MaskedConjunct, Masking, PathStep, Predicate, SignalRow,
     SignalTable, Window,
 };
-pub use falsification::{Falsification, SearchValue, SmoothRegion, Trial, Unevaluated};
+pub use falsification::{Cause, Falsification, SearchValue, SmoothRegion, Trial, Unevaluated};
 pub use margin::{Level, Margin, Norms, Witness};
 pub use modes::{Coverage, FailureMode, FirstInMode, FoundMode, Modes, UnseenModes};
 pub use monitor::Monitor;

@@ -149,7 +149,7 @@ pub use header::{
 };
 pub use parquet::export_parquet;
 pub use record::{Counts, Simulation, SimulationEnd, TrialRecord, TrialStatus, TrialSummary};
-pub use run_file::{RunFile, Simulations};
+pub use run_file::{MAX_TRIALS, RunFile, Simulations};
 pub use run_writer::{IfExists, RunWriter};
 pub use screened::{ScreenedChunk, requests_digest};
 pub use trace_blob::{StoredTrace, trace_digest};

@@ -15,8 +15,12 @@ use crate::{
 /// Largest number of simulations that [`Simulations`] reads at once.
 const PAGE: usize = 256;
 
-/// Largest number of trials.
-const MAX_TRIALS: i64 = 1_000_000;
+/// Largest number of trials, and of a trial of a question.
+///
+/// A trial with a larger number holds simulations that start from those of trial `number -
+/// MAX_TRIALS`: they move its counterexample toward nominal. No rate, count or statement about the
+/// space may use them, so only [`RunFile::derived_simulations`] returns them.
+pub const MAX_TRIALS: u32 = 1_000_000;
 
 /// Largest number of axes and verdicts in all simulations that are read at once.
 const PAGE_VALUES: usize = 1 << 18;
@@ -79,19 +83,33 @@ impl RunFile {
         &self.header
     }
 
-    /// Returns the trials by number, with statistics of their simulations. Reads every simulation.
+    /// Returns the trials of the question by number, with statistics of their simulations. Reads
+    /// every simulation.
     ///
     /// # Errors
     /// [`Damaged`](StoreError::Damaged), or another error of the file.
     pub fn trials(&self) -> Result<Vec<TrialSummary>> {
+        self.trials_between(0, MAX_TRIALS)
+    }
+
+    /// Returns the trials whose simulations start from those of other trials: see [`MAX_TRIALS`].
+    ///
+    /// # Errors
+    /// [`Damaged`](StoreError::Damaged), or another error of the file.
+    pub fn derived_trials(&self) -> Result<Vec<TrialSummary>> {
+        self.trials_between(MAX_TRIALS + 1, u32::MAX)
+    }
+
+    fn trials_between(&self, first: u32, last: u32) -> Result<Vec<TrialSummary>> {
         let sql = format!(
             "SELECT trial.number, trial.seed, trial.status, trial.row_hash, min(robustness), {}
              FROM trial LEFT JOIN simulation ON simulation.trial = trial.number
+             WHERE trial.number BETWEEN ?1 AND ?2
              GROUP BY trial.number ORDER BY trial.number",
             row::COUNTS
         );
         let mut select = self.database.sql().prepare_cached(&sql).in_file(&self.path)?;
-        let mut rows = select.query([]).in_file(&self.path)?;
+        let mut rows = select.query([first, last]).in_file(&self.path)?;
         let mut trials = Vec::new();
         while let Some(row) = rows.next().in_file(&self.path)? {
             let trial = row::read_trial(row, &self.path)?;
@@ -119,13 +137,13 @@ impl RunFile {
         }
     }
 
-    /// Returns the numbers of simulations by result. Reads every simulation.
+    /// Returns the numbers of the question's simulations by result. Reads every simulation.
     ///
     /// # Errors
     /// An error of the file.
     pub fn counts(&self) -> Result<Counts> {
-        let sql = format!("SELECT {} FROM simulation", row::COUNTS);
-        self.database.sql().query_row(&sql, [], |row| counts(row, 0)).in_file(&self.path)
+        let sql = format!("SELECT {} FROM simulation WHERE trial <= ?1", row::COUNTS);
+        self.database.sql().query_row(&sql, [MAX_TRIALS], |row| counts(row, 0)).in_file(&self.path)
     }
 
     /// Returns the number of the last simulation of a trial, or 0 if it has none. A resumed trial
@@ -138,10 +156,16 @@ impl RunFile {
         self.database.sql().query_row(sql, [trial], |row| row.get(0)).in_file(&self.path)
     }
 
-    /// Iterates over all simulations without their traces, ordered by trial and number. Memory use
-    /// does not depend on their number.
+    /// Iterates over the simulations of the question without their traces, ordered by trial and
+    /// number. Memory use does not depend on their number.
     pub fn simulations(&self) -> Simulations<'_> {
-        Simulations::between(self, 0, u32::MAX)
+        Simulations::between(self, 0, MAX_TRIALS)
+    }
+
+    /// Iterates over the simulations that start from those of `trial`, ordered by number: see
+    /// [`MAX_TRIALS`].
+    pub fn derived_simulations(&self, trial: u32) -> Simulations<'_> {
+        self.trial_simulations(trial.saturating_add(MAX_TRIALS))
     }
 
     /// Iterates over the simulations of one trial without their traces, ordered by number.
@@ -209,10 +233,10 @@ impl RunFile {
     /// [`Damaged`](StoreError::Damaged), or another error of the file.
     pub fn content_digest(&self) -> Result<u128> {
         let mut digest = Digest::of("content");
-        for summary in self.trials()? {
+        for summary in self.trials_between(0, u32::MAX)? {
             row::feed_trial(&mut digest, &summary.trial);
         }
-        for simulation in self.simulations() {
+        for simulation in Simulations::between(self, 0, u32::MAX) {
             let simulation = simulation?;
             row::feed(&mut digest, &simulation, simulation.trace_digest);
         }
@@ -250,7 +274,8 @@ impl RunFile {
     fn check_numbers(&self) -> Result<()> {
         let count =
             self.database.sql().query_row("SELECT count(*) FROM trial", [], |row| row.get::<_, i64>(0));
-        if count.in_file(&self.path)? > MAX_TRIALS {
+        // As many trials can be derived.
+        if count.in_file(&self.path)? > 2 * i64::from(MAX_TRIALS) {
             return Err(StoreError::damaged(&self.path, format!("it has more than {MAX_TRIALS} trials")));
         }
         let sql = "SELECT EXISTS (SELECT 1 FROM simulation
@@ -290,9 +315,9 @@ impl RunFile {
 
     /// Checks the hashes of all trials, simulations and screened chunks.
     pub(crate) fn check_rows(&self) -> Result<()> {
-        self.trials()?;
+        self.trials_between(0, u32::MAX)?;
         screened::feed(self, &mut Digest::of("check"))?;
-        self.simulations().try_for_each(|simulation| simulation.map(drop))
+        Simulations::between(self, 0, u32::MAX).try_for_each(|simulation| simulation.map(drop))
     }
 
     fn trace_of(&self, simulation: &Simulation) -> Result<Option<StoredTrace>> {

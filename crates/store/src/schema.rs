@@ -14,7 +14,7 @@ use rusqlite::Connection;
 
 use crate::error::{InFile, StoreError};
 use crate::row::COUNTS;
-use crate::{Result, RunHeader, header_table};
+use crate::{MAX_TRIALS, Result, RunHeader, header_table};
 
 /// The statements that create the tables. SQLite stores their text, and opening a file compares it,
 /// so every character is part of the format.
@@ -156,11 +156,15 @@ fn views(header: &RunHeader) -> [String; 2] {
     columns.retain(|column| !column.contains('\0'));
     columns.truncate(MAX_COLUMNS);
     [
-        format!("CREATE VIEW simulations AS SELECT\n    {}\nFROM simulation", columns.join(",\n    ")),
+        format!(
+            "CREATE VIEW simulations AS SELECT\n    {}\nFROM simulation WHERE trial <= {MAX_TRIALS}",
+            columns.join(",\n    ")
+        ),
         format!(
             "CREATE VIEW trials AS SELECT trial.number AS number, trial.seed AS seed, trial.status AS status,
     {COUNTS}, min(robustness) AS minimum_robustness
 FROM trial LEFT JOIN simulation ON simulation.trial = trial.number
+WHERE trial.number <= {MAX_TRIALS}
 GROUP BY trial.number"
         ),
     ]

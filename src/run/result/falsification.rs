@@ -74,6 +74,7 @@ fn trial(resolved: &ResolvedPlan, found: &TrialOutcome) -> Trial {
         undefined: found.undefined,
         first_unevaluated: found.first_unevaluated.as_ref().map(unevaluated),
         repeats: None,
+        cause: None,
     }
 }
 

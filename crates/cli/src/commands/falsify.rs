@@ -58,6 +58,13 @@ pub struct Arguments {
     /// failure mode; 0 spends the whole budget [default: 0.01]
     #[arg(long, value_name = "RATE", allow_negative_numbers = true, conflicts_with = "resume")]
     pub new_mode_rate: Option<f64>,
+    /// Do not move the counterexample of each trial toward nominal to find the axes that cause it
+    /// (at most 30 simulations, or a tenth of a larger budget) [default with --keep-going]
+    #[arg(long, conflicts_with_all = ["resume", "isolate"])]
+    pub no_isolate: bool,
+    /// Move counterexamples toward nominal with --keep-going too
+    #[arg(long, conflicts_with = "resume")]
+    pub isolate: bool,
     /// If the target is random: number of simulations of each counterexample with other seeds,
     /// which measure how often it fails; at most as many in total as the run has; 0 skips this
     /// [default: 100]
@@ -163,6 +170,10 @@ fn plan(command: &Arguments) -> Result<Plan> {
         "--new-mode-rate has no effect without --keep-going; give both"
     );
     falsify.new_mode_rate = command.new_mode_rate.unwrap_or(falsify.new_mode_rate);
+    if command.isolate || command.no_isolate {
+        falsify.isolate = Some(command.isolate);
+    }
+    falsify.isolate_by_default();
     plan.falsify = Some(falsify);
     Ok(plan.only(RunKind::Falsify))
 }

@@ -1,10 +1,10 @@
 //! The result of a falsification, as text.
 
-use mishandle::results::{Falsification, Repeats, SearchValue, SmoothRegion, Trial};
+use mishandle::results::{Cause, Estimate, Falsification, Repeats, SearchValue, SmoothRegion, Trial};
 use mishandle::search::OptionValue;
 use mishandle_text::{decimal, plural};
 
-use super::{output, scenario, screening, simulation, subject};
+use super::{escape, output, scenario, screening, simulation, subject};
 
 /// Returns the trials, what they say together, and the part of the space that cannot fail.
 pub fn text(found: &Falsification) -> String {
@@ -155,17 +155,53 @@ fn counterexample_text(found: &Falsification) -> String {
     let mut falsified = found.trials.iter().filter(|trial| trial.falsified);
     let first = falsified.find_map(|trial| {
         let Trial { scenario, seed, simulation, minimum_robustness, .. } = trial;
-        Some((trial.trial, scenario.as_ref()?, (*seed)?, (*simulation)?, (*minimum_robustness)?))
+        let cause = trial.cause.as_ref();
+        Some((trial.trial, scenario.as_ref()?, (*seed)?, (*simulation)?, (*minimum_robustness)?, cause))
     });
-    first.map_or(String::new(), |(trial, at, seed, simulation, robustness)| {
+    first.map_or(String::new(), |(trial, at, seed, simulation, robustness, cause)| {
         let values = found.subject.space_axes.iter().zip(at.values().copied());
         format!(
             "\ncounterexample: {}, seed {} (trial {trial}, simulation {simulation}): robustness {}",
             scenario::text(values),
             seed.0,
             decimal(robustness.0, 4)
-        )
+        ) + &cause.map_or(String::new(), |cause| cause_text(found, cause))
     })
+}
+
+/// Says which axes cause the failure.
+fn cause_text(found: &Falsification, cause: &Cause) -> String {
+    let axes = &found.subject.space_axes;
+    let values = axes.iter().zip(cause.scenario.values().copied());
+    let kept: Vec<_> = values.filter(|(axis, _)| cause.axes.contains(&axis.name)).collect();
+    let nearest = match kept.len() {
+        0 => "the nominal scenario fails".to_string(),
+        n if n == axes.len() => scenario::text(kept.into_iter()),
+        _ => format!("{}, all else nominal", scenario::text(kept.into_iter())),
+    };
+    let mut text = format!(
+        "\nmoved toward nominal with {}: {nearest}: robustness {}",
+        plural(cause.simulations, "more simulation"),
+        decimal(cause.robustness.0, 4)
+    );
+    let list = |names: &[String]| match names {
+        [] => "none".to_string(),
+        names => names.iter().map(|name| escape::name(name)).collect::<Vec<_>>().join(", "),
+    };
+    if let (Some(sufficient), Some(necessary)) = (&cause.sufficient, &cause.necessary) {
+        text.push_str(&format!(
+            "\naxes that cause it alone: {}; axes that remove it alone if set to nominal: {}",
+            list(sufficient),
+            list(necessary)
+        ));
+    }
+    if let Some(Estimate { value: Some(rate), n, .. }) = &cause.other_seeds {
+        let failures = (rate * *n as f64).round() as u64;
+        text.push_str(&format!(
+            "\nwith other seeds, the moved counterexample fails in {failures} of {n} repeats"
+        ));
+    }
+    text
 }
 
 /// Formats a small rate in percent, rounded up to two digits.

@@ -1,0 +1,156 @@
+//! Finds which axes of a counterexample cause the failure, with few simulations.
+
+use std::ops::ControlFlow;
+
+use mishandle_rollout::{Episode, Request, System};
+
+use crate::FalsificationError;
+use crate::minimize::{Search, Stop};
+use crate::repeat::repeat_seeds;
+
+/// Simulations of the result with other seeds, if the target is random.
+const FRESH: u64 = 10;
+
+/// Returns the largest number of simulations of [`isolate`] for a trial with this budget: 30, or a
+/// tenth of a large budget.
+///
+/// # Example
+/// ```
+/// use mishandle_falsification::isolation_budget;
+/// assert_eq!((isolation_budget(300), isolation_budget(1000)), (30, 100));
+/// ```
+pub fn isolation_budget(budget: u32) -> u64 {
+    (u64::from(budget) / 10).max(30)
+}
+
+/// Simulates which axes of a failure cause it, and moves it toward nominal, with at most `budget`
+/// simulations:
+///
+/// 1. The nominal scenario, and each axis alone with its value of the failure. If one of these
+///    fails, the search goes on from the one with the lowest robustness.
+/// 2. The failure with each axis alone at its nominal value.
+/// 3. If no axis alone fails, as many axes as possible go to nominal.
+/// 4. The rest moves toward nominal as in [`minimize`](crate::minimize()).
+///
+/// Steps 1 and 2 are left out if they take more than the budget. All simulations have the seed of
+/// the failure. If the target `is_random`, a part of the budget repeats the result with other
+/// seeds. The simulations are the result: a journal of the system keeps them.
+///
+/// `watch` gets the number of simulations after each batch, and can end them. Returns whether they
+/// came to their end.
+///
+/// # Errors
+/// If a simulation cannot be run.
+pub fn isolate(
+    system: &mut dyn System,
+    failure: &Episode,
+    budget: u64,
+    is_random: bool,
+    mut watch: impl FnMut(u64) -> ControlFlow<()>,
+) -> Result<bool, FalsificationError> {
+    let own = if is_random { budget - FRESH } else { budget };
+    let mut search = Search::new(system, failure.clone(), own, &mut watch);
+    match run(&mut search, own) {
+        Ok(()) | Err(Stop::Budget) => {}
+        Err(Stop::Interrupted) => return Ok(false),
+        Err(Stop::Error(error)) => return Err(*error),
+    }
+    let (best, done) = (search.best, search.simulations);
+    if is_random {
+        let request = |seed| Request { seed, unit_point: Vec::new(), ..best.request.clone() };
+        let requests: Vec<Request> = repeat_seeds(best.request.seed, FRESH).map(request).collect();
+        system.rollout(&requests)?;
+        return Ok(watch(done + FRESH).is_continue());
+    }
+    Ok(true)
+}
+
+fn run<W: FnMut(u64) -> ControlFlow<()>>(search: &mut Search<'_, W>, budget: u64) -> Result<(), Stop> {
+    let off = search.off_axes();
+    let n = off.len() as u64;
+    if n == 0 {
+        return Ok(());
+    }
+    let mut alone_fails = false;
+    if 2 * n < budget {
+        let others = |kept: Option<usize>| off.iter().copied().filter(move |axis| Some(*axis) != kept);
+        let alone = std::iter::once(None).chain(off.iter().copied().map(Some));
+        let alone: Vec<_> =
+            alone.map(|kept| search.at_nominal(&others(kept).collect::<Vec<usize>>())).collect();
+        let without: Vec<_> = off.iter().map(|axis| search.at_nominal(&[*axis])).collect();
+        let mut alone = search.simulate(&alone)?;
+        let without = search.simulate(&without)?;
+        let nominal_fails = alone[0].is_violated();
+        // The nominal scenario comes first: nothing is nearer to it.
+        alone.truncate(if nominal_fails { 1 } else { alone.len() });
+        let robustness = |episode: &Episode| episode.robustness().unwrap_or(f64::INFINITY);
+        let least = |episodes: Vec<Episode>| {
+            let failures = episodes.into_iter().filter(Episode::is_violated);
+            failures.min_by(|a, b| robustness(a).total_cmp(&robustness(b)))
+        };
+        if let Some(least) = least(alone) {
+            (search.best, alone_fails) = (least, true);
+        } else if let Some(least) = least(without) {
+            search.best = least;
+        }
+    }
+    if !alone_fails {
+        search.remove_groups()?;
+    }
+    search.move_all()
+}
+
+#[cfg(test)]
+mod tests {
+    use std::cell::RefCell;
+    use std::rc::Rc;
+
+    use mishandle_rollout::{Axis, Scenario, Seed, Space};
+    use mishandle_toys::{FunctionSystem, SimulatedEnd};
+
+    use super::*;
+
+    /// Isolates a failure of ten axes from 0 (nominal) to 1, and returns the simulated values.
+    fn simulated(at: [f64; 10], robustness: impl Fn(&[f64]) -> f64 + Copy + 'static) -> Vec<(Vec<f64>, f64)> {
+        let axis = |index| Axis { nominal: Some(0.0), ..Axis::start(&format!("x{index}"), "", 0.0, 1.0) };
+        let axes = (0..10).map(axis);
+        let space = Space::new("starts", axes.collect()).unwrap();
+        let rows = Rc::new(RefCell::new(Vec::new()));
+        let kept = Rc::clone(&rows);
+        let mut system = FunctionSystem::new(space, move |request: &Request| {
+            let values: Vec<f64> = request.scenario.values().iter().map(|value| value.unwrap()).collect();
+            let found = robustness(&values);
+            kept.borrow_mut().push((values, found));
+            SimulatedEnd::Robustness(found)
+        });
+        let failure = system.rollout(&[Request::new(Scenario::from(at), Seed(3))]).unwrap().remove(0);
+        rows.borrow_mut().clear();
+        let is_complete = isolate(&mut system, &failure, 30, false, |_| ControlFlow::Continue(())).unwrap();
+        assert!(is_complete && rows.borrow().len() <= 30);
+        rows.take()
+    }
+
+    fn nearest(rows: &[(Vec<f64>, f64)]) -> &[f64] {
+        let off = |values: &[f64]| values.iter().filter(|x| **x != 0.0).count();
+        let size = |values: &[f64]| (off(values), values.iter().sum::<f64>());
+        let failing = rows.iter().filter(|(_, rho)| *rho < 0.0);
+        let nearest = failing.min_by(|a, b| size(&a.0).partial_cmp(&size(&b.0)).unwrap());
+        &nearest.unwrap().0
+    }
+
+    #[test]
+    fn a_corner_of_ten_axes_becomes_the_one_axis_that_fails() {
+        let rows = simulated([1.0; 10], |x| 0.5 - x[3]);
+        let found = nearest(&rows);
+        assert!(found[3] > 0.5 && found[3] < 0.53, "{found:?}");
+        assert_eq!(found.iter().filter(|x| **x != 0.0).count(), 1);
+    }
+
+    #[test]
+    fn two_axes_that_fail_only_together_stay() {
+        let rows = simulated([1.0; 10], |x| 1.5 - x[3] - x[7]);
+        let found = nearest(&rows);
+        assert_eq!(found.iter().filter(|x| **x != 0.0).count(), 2, "{found:?}");
+        assert!(found[3] + found[7] > 1.5);
+    }
+}

@@ -1,0 +1,148 @@
+//! The axes that cause the failure of a counterexample, from the simulations that moved it toward
+//! nominal.
+
+use mishandle_evaluation::{Estimate, wilson};
+use mishandle_falsification::{norms, off_nominal};
+use mishandle_results::Cause;
+use mishandle_rollout::{Axis, AxisValues, Scenario, Space};
+use mishandle_store::{RunFile, Simulation};
+
+use crate::error::MishandleError;
+use crate::inspect::FailureCause;
+use crate::run::recorded_axis;
+
+/// The simulations that move a counterexample toward nominal.
+pub(crate) struct Isolation {
+    /// The failing simulation with the fewest axes off nominal, and of these the closest to
+    /// nominal: the counterexample itself if no other fails.
+    pub(crate) closest: Simulation,
+    /// Indices of its axes that are off nominal.
+    pub(crate) axes: Vec<usize>,
+    original: Simulation,
+    rows: Vec<Simulation>,
+    space: Space,
+}
+
+/// Returns the simulations that move the counterexample of a trial toward nominal; `None` if there
+/// are none.
+///
+/// # Errors
+/// If the run cannot be read.
+pub(crate) fn isolation(run: &RunFile, trial: u32) -> Result<Option<Isolation>, MishandleError> {
+    let rows = run.derived_simulations(trial).collect::<Result<Vec<Simulation>, _>>()?;
+    if rows.is_empty() {
+        return Ok(None);
+    }
+    let mut original = None;
+    for simulation in run.trial_simulations(trial) {
+        let simulation = simulation?;
+        if simulation.is_violated() {
+            original = Some(simulation);
+            break;
+        }
+    }
+    let Some(original) = original else { return Ok(None) };
+    let axes: Vec<Axis> = run.header().axes.iter().map(recorded_axis).collect();
+    let space = Space::new(&run.header().space, axes)?;
+    let off = |simulation: &Simulation| off_nominal(&space, &Scenario::new(simulation.scenario.clone()));
+    let distance = |simulation: &Simulation| {
+        let l1 = norms(&space, &Scenario::new(simulation.scenario.clone())).l1;
+        (off(simulation).len(), l1)
+    };
+    let failing = rows.iter().filter(|row| row.seed == original.seed && row.is_violated());
+    let closest = failing.chain([&original]).min_by(|a, b| {
+        let (a, b) = (distance(a), distance(b));
+        a.0.cmp(&b.0).then(a.1.total_cmp(&b.1))
+    });
+    let closest = closest.unwrap_or(&original).clone();
+    let axes = off(&closest);
+    Ok(Some(Isolation { closest, axes, original, rows, space }))
+}
+
+impl Isolation {
+    /// Returns the axes with which `is_wanted` holds for a simulation with the seed of the
+    /// counterexample and the scenario that `of` returns; `None` if one was not simulated.
+    fn axes_where(
+        &self,
+        of: impl Fn(usize) -> Vec<Option<f64>>,
+        is_wanted: impl Fn(&Simulation) -> bool,
+    ) -> Option<Vec<usize>> {
+        let original = Scenario::new(self.original.scenario.clone());
+        let mut found = Vec::new();
+        for axis in off_nominal(&self.space, &original) {
+            let scenario = Scenario::new(of(axis));
+            let is_asked = |row: &&Simulation| {
+                row.seed == self.original.seed && Scenario::new(row.scenario.clone()).is_same(&scenario)
+            };
+            let known = [&self.original];
+            let row = self.rows.iter().chain(known).find(is_asked)?;
+            found.extend(is_wanted(row).then_some(axis));
+        }
+        Some(found)
+    }
+
+    /// Returns what tells this failure from those with another cause.
+    pub(crate) fn cause(&self) -> FailureCause {
+        let axes = self.space.axes();
+        let side = |index: &usize| {
+            let (axis, value) = (&axes[*index], self.closest.scenario[*index].unwrap_or_default());
+            match axis.values {
+                AxisValues::Categorical(_) => value as i64,
+                _ => {
+                    if value < axis.nominal.unwrap_or_default() {
+                        -1
+                    } else {
+                        1
+                    }
+                }
+            }
+        };
+        FailureCause {
+            axes: self.axes.clone(),
+            sides: self.axes.iter().map(side).collect(),
+            failing_seeds: self.other_seeds().and_then(|estimate| estimate.value),
+        }
+    }
+
+    /// Returns how often the closest failure fails with other seeds; `None` if they have no effect.
+    fn other_seeds(&self) -> Option<Estimate> {
+        let others: Vec<&Simulation> = self
+            .rows
+            .iter()
+            .filter(|row| row.seed != self.original.seed && row.robustness.is_some())
+            .collect();
+        let failures = others.iter().filter(|row| row.is_violated()).count() as u64;
+        (!others.is_empty()).then(|| wilson(failures, others.len() as u64))
+    }
+
+    /// Returns the findings as a result.
+    pub(crate) fn result(&self) -> Cause {
+        let axes = self.space.axes();
+        let off = off_nominal(&self.space, &Scenario::new(self.original.scenario.clone()));
+        let names = |found: Vec<usize>| found.into_iter().map(|axis| axes[axis].name.clone()).collect();
+        let alone = |kept: usize| {
+            let mut scenario = self.original.scenario.clone();
+            off.iter().filter(|axis| **axis != kept).for_each(|axis| scenario[*axis] = axes[*axis].nominal);
+            scenario
+        };
+        let without = |axis: usize| {
+            let mut scenario = self.original.scenario.clone();
+            scenario[axis] = axes[axis].nominal;
+            scenario
+        };
+        let passes = |row: &Simulation| row.robustness.is_some() && !row.is_violated();
+        Cause {
+            simulations: self.rows.len() as u64,
+            scenario: axes
+                .iter()
+                .map(|axis| axis.name.clone())
+                .zip(self.closest.scenario.iter().copied())
+                .collect(),
+            robustness: self.closest.robustness.unwrap_or_default().into(),
+            axes: names(self.axes.clone()),
+            sufficient: self.axes_where(alone, Simulation::is_violated).map(names),
+            necessary: self.axes_where(without, passes).map(names),
+            other_seeds: self.other_seeds(),
+        }
+    }
+}
