@@ -210,10 +210,11 @@ fn ask(
 ) -> PyResult<Answered> {
     let work = |resolved: &ResolvedPlan, run: RunWriter| {
         let path = run.file().path().to_path_buf();
-        let warnings = match &plan.risk {
-            Some(_) => mishandle::run::risk_scenarios(resolved)?.warnings(),
-            None => Vec::new(),
-        };
+        let is_new = run.file().counts()?.simulations == 0;
+        let mut warnings = if is_new { run.file().header().preflight.clone() } else { Vec::new() };
+        if plan.risk.is_some() {
+            warnings.extend(mishandle::run::risk_scenarios(resolved)?.warnings());
+        }
         let answer = mishandle::run::ask(resolved, run, Engine::Direct, &mut |done| {
             report(target, progress.as_ref(), done.simulations, done.max_simulations)
         })?;

@@ -14,6 +14,7 @@ pub(crate) mod falsify;
 pub(crate) mod header;
 mod journal;
 mod outcomes;
+mod preflight;
 mod question;
 mod random_rows;
 pub(crate) mod record;
@@ -32,6 +33,7 @@ pub use evaluate::{
     EvaluationOutcome, evaluate, evaluation_request, evaluation_simulations, rejects_scenarios,
 };
 pub use falsify::{failure_rate_bound, falsify};
+pub(crate) use preflight::preflight;
 pub(crate) use question::asked;
 pub use question::{Answer, Engine, MarginOutcome, Progress, Watch, ask, recorded_answer};
 pub use random_rows::has_random_rows;

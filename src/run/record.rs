@@ -71,6 +71,7 @@ pub(crate) fn header(resolved: &ResolvedPlan) -> RunHeader {
         signals: signals.collect(),
         axes: space.axes().iter().map(axis).collect(),
         verdicts: verdict_names(*stored_subformulas),
+        preflight: vec![],
     }
 }
 
@@ -134,7 +135,8 @@ pub fn create_run(resolved: &ResolvedPlan, path: Option<&Path>) -> Result<RunWri
             source,
         })?;
     }
-    Ok(RunWriter::create(path, &header(resolved), IfExists::Refuse)?)
+    let header = RunHeader { preflight: crate::run::preflight(resolved)?, ..header(resolved) };
+    Ok(RunWriter::create(path, &header, IfExists::Refuse)?)
 }
 
 /// Returns `runs/KIND-TARGET[-CONTROLLER][-SEARCH]-sSEED[-N].sqlite` with the first free number N.

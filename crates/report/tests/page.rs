@@ -55,6 +55,7 @@ fn header(axes: usize, text: &str) -> RunHeader {
         signals: vec![SignalRecord { name: "gap".into(), unit: text.into() }],
         axes: (0..axes).map(axis).collect(),
         verdicts: vec![],
+        preflight: vec![],
     }
 }
 

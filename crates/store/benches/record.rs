@@ -205,5 +205,6 @@ fn header() -> RunHeader {
             })
             .collect(),
         verdicts: ["strict", "dangerous", "completion", "return"].map(Into::into).into(),
+        preflight: vec![],
     }
 }

@@ -110,6 +110,7 @@ fn header() -> RunHeader {
             },
         ],
         verdicts: vec!["strict_robustness".into(), "return".into()],
+        preflight: vec![],
     }
 }
 

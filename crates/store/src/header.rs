@@ -155,4 +155,6 @@ pub struct RunHeader {
     /// Names of the verdicts in addition to the robustness, in the order of
     /// [`Simulation::verdicts`](crate::Simulation::verdicts).
     pub verdicts: Vec<String>,
+    /// Warnings of the checks before the first simulation, in words.
+    pub preflight: Vec<String>,
 }

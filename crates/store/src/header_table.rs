@@ -15,13 +15,14 @@ use crate::{
 const HASH: &str = "header_hash";
 
 /// The tables that hold the header's lists, each with its columns.
-const LISTS: [(&str, &str); 6] = [
+const LISTS: [(&str, &str); 7] = [
     ("version", "name, version"),
     ("component", "role, name, hash, file_hash"),
     ("formula", "name, text"),
     ("signal", "name, unit"),
     ("axis", "name, unit, kind, low, high, nominal, domain, meaning"),
     ("verdict", "name"),
+    ("preflight", "name"),
 ];
 
 /// Largest text of the table `header`, such as the plan, in bytes.
@@ -143,6 +144,7 @@ fn rows(header: &RunHeader) -> [Vec<Vec<Value>>; LISTS.len()] {
         header.signals.iter().map(signal).collect(),
         header.axes.iter().map(axis).collect(),
         header.verdicts.iter().map(|name| vec![text(name)]).collect(),
+        header.preflight.iter().map(|warning| vec![text(warning)]).collect(),
     ]
 }
 
@@ -254,6 +256,7 @@ pub(crate) fn read(connection: &Connection, path: &Path) -> Result<RunHeader> {
             })
         })?,
         verdicts: list(connection, path, "verdict", |row| row.get(0))?,
+        preflight: list(connection, path, "preflight", |row| row.get(0))?,
     };
     if hash(&header) != value::<i64>(connection, path, HASH)? {
         return Err(StoreError::damaged(path, "the header does not match its hash"));

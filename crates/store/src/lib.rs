@@ -77,6 +77,7 @@
 //!         meaning: "distance of the target in front of the robot".into(),
 //!     }],
 //!     verdicts: vec!["strict_robustness".into()],
+//!     preflight: vec![],
 //! };
 //! let mut writer = RunWriter::create(&path, &header, IfExists::Refuse)?;
 //! writer.start_trial(1, 11)?;

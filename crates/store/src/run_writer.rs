@@ -448,6 +448,7 @@ mod tests {
             signals: vec![SignalRecord { name: "a".into(), unit: String::new() }],
             axes: vec![],
             verdicts: vec![],
+            preflight: vec![],
         };
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("run.sqlite");

@@ -60,6 +60,10 @@ const TABLES: &[&str] = &[
     position INTEGER PRIMARY KEY,
     name TEXT NOT NULL UNIQUE
 ) STRICT",
+    "CREATE TABLE preflight (
+    position INTEGER PRIMARY KEY,
+    name TEXT NOT NULL
+) STRICT",
     "CREATE TABLE trial (
     number INTEGER PRIMARY KEY,
     seed TEXT NOT NULL,

@@ -49,6 +49,10 @@ pub fn ask(
     };
     let (resolved, file) = open(file, kind, subject.controller.as_deref(), checked)?;
     output::warn_of_chained_comparisons(&resolved.specification.requirement);
+    let is_new = file.file().counts()?.simulations == 0;
+    for warning in file.file().header().preflight.iter().filter(|_| is_new) {
+        output::message(&format!("warning: {}", crate::show::escape::name(warning)));
+    }
     let (path, name) = (file.file().path().to_path_buf(), name(file.file()));
     let start = Instant::now();
     let mut simulations = 0;

@@ -50,6 +50,7 @@ pub fn header() -> RunHeader {
             AxisRecord { kind: "noise".into(), nominal: None, ..axis("ball_velocity_x", "m/s", -0.0, 1.5) },
         ],
         verdicts: vec!["strict_robustness".into(), "completion_step".into()],
+        preflight: vec![],
     }
 }
 

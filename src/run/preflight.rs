@@ -1,0 +1,247 @@
+//! Checks before the first simulation counts: mistakes that no result would show.
+
+use std::collections::BTreeSet;
+use std::time::{Duration, Instant};
+
+use mishandle_rollout::{Axis, AxisKind, AxisValues, Episode, EpisodeEnd, Request, Scenario, Seed, System};
+use mishandle_stl::{Clock, Formula, Monitor, Trace, is_satisfied};
+
+use crate::error::MishandleError;
+use crate::plan::Plan;
+use crate::resolve::ResolvedPlan;
+use crate::run::violation::decided;
+
+/// Time that the probes take at most, unless they are less than [`SHARE`] of the question.
+const TIME: Duration = Duration::from_secs(1);
+
+/// Share of the question's simulations that may be probes however long they take.
+const SHARE: f64 = 0.01;
+
+/// Share of an axis at which the other axes of its kind are held while it is probed: away from
+/// nominal, because the time of a push means nothing without its force.
+const AWAY: f64 = 0.8;
+
+/// Largest length of a warning.
+const MAX_CHARACTERS: usize = 1000;
+
+/// Largest number of values of a discrete axis that are probed.
+const MAX_LEVELS: usize = 5;
+
+/// Checks requirement and space with a few simulations of their own, which are part of no result,
+/// and returns warnings in words.
+///
+/// The first probe is the nominal scenario. The next ones set each axis to its bounds. They end
+/// after a second or one percent of the question's simulations, whichever is more. A probe that
+/// fails is skipped: the question itself reports failures.
+///
+/// # Errors
+/// If the requirement does not fit the signals.
+pub(crate) fn preflight(resolved: &ResolvedPlan) -> Result<Vec<String>, MishandleError> {
+    let mut warnings = Vec::new();
+    fixed_axes(resolved, &mut warnings);
+    mixed_units(resolved, &mut warnings)?;
+    let seed = Seed(resolved.plan.seed).child(u64::MAX).child(u64::MAX);
+    let mut system = resolved.system()?;
+    let start = Instant::now();
+    let nominal = Request::new(resolved.space.nominal(), seed);
+    let Some(nominal) = rollout(&mut *system, vec![nominal]).pop() else { return Ok(warnings) };
+    let each = start.elapsed().as_secs_f64().max(1e-6);
+    let in_time = (TIME.as_secs_f64() / each) as usize;
+    let limit = in_time.max((SHARE * simulations(&resolved.plan)) as usize);
+    let mut probes = vec![nominal];
+    // Traces of a nondeterministic target differ without a reason.
+    if resolved.target.is_deterministic {
+        axes_without_effect(resolved, &mut *system, (seed, limit), &mut probes, &mut warnings);
+    }
+    requirement(resolved, &probes, &mut warnings)?;
+    // A run file has short texts, and nobody reads a long one.
+    Ok(warnings.into_iter().map(|warning| warning.chars().take(MAX_CHARACTERS).collect()).collect())
+}
+
+/// Returns the number of simulations that a question plans.
+fn simulations(plan: &Plan) -> f64 {
+    let falsify = plan.falsify.as_ref().map(|table| f64::from(table.trials) * f64::from(table.budget));
+    let evaluate = plan.evaluate.as_ref().map(|table| table.episodes as f64);
+    let margin = plan.margin.as_ref().map(|table| table.budget as f64);
+    let risk = plan.risk.as_ref().map(|table| table.simulations as f64);
+    falsify.or(margin).or(risk).or(evaluate).unwrap_or(0.0)
+}
+
+/// Simulates probes; none if they fail.
+fn rollout(system: &mut dyn System, requests: Vec<Request>) -> Vec<Episode> {
+    let count = requests.len();
+    let requests: Vec<Request> =
+        (1..).zip(requests).map(|(number, request)| Request { number, ..request }).collect();
+    system.rollout(&requests).ok().filter(|episodes| episodes.len() == count).unwrap_or_default()
+}
+
+fn fixed_axes(resolved: &ResolvedPlan, warnings: &mut Vec<String>) {
+    let is_asked = |axis: &Axis| resolved.plan.axes.contains_key(&axis.name);
+    for axis in resolved.space.axes().iter().filter(|axis| axis.is_fixed() && !is_asked(axis)) {
+        warnings.push(format!("axis `{}` has one value, {}: nothing varies it", axis.name, axis.low));
+    }
+}
+
+/// Warns of an `and` or `or` whose operands have different units: the smallest number decides,
+/// whatever its unit.
+fn mixed_units(resolved: &ResolvedPlan, warnings: &mut Vec<String>) -> Result<(), MishandleError> {
+    let formula = &resolved.specification.requirement;
+    let mut units = BTreeSet::new();
+    for name in formula.signals() {
+        let signal = resolved.target.signals.iter().find(|signal| signal.name == name);
+        units.extend(signal.map(|signal| signal.unit.as_str()).filter(|unit| !unit.is_empty()));
+    }
+    let clock = Clock::steps(resolved.target.control_dt);
+    let nodes = formula.subformula_nodes(&clock).map_err(|source| monitor_error(formula, source))?;
+    let joins = nodes.iter().any(|node| matches!(node.operator, Some("and" | "or" | "implies")));
+    if joins && units.len() > 1 {
+        let units: Vec<&str> = units.into_iter().collect();
+        warnings.push(format!(
+            "the requirement compares numbers in {}: its robustness is the smallest of them, whatever the unit; \
+             `explain --masking` shows which part decides",
+            units.join(" and ")
+        ));
+    }
+    Ok(())
+}
+
+/// Probes each axis at its bounds, and warns of those that change no trace.
+fn axes_without_effect(
+    resolved: &ResolvedPlan,
+    system: &mut dyn System,
+    (seed, limit): (Seed, usize),
+    probes: &mut Vec<Episode>,
+    warnings: &mut Vec<String>,
+) {
+    let axes = resolved.space.axes();
+    let values = |axis: &Axis| -> Vec<f64> {
+        match axis.levels() {
+            Some(levels) => (0..levels.min(MAX_LEVELS))
+                .map(|level| axis.at((level as f64 + 0.5) / levels as f64))
+                .collect(),
+            None => vec![axis.low, axis.high],
+        }
+    };
+    let base = |index: usize| -> Vec<Option<f64>> {
+        let is_away = |other: &Axis| {
+            axes[index].kind != AxisKind::Start
+                && other.kind == axes[index].kind
+                && !other.is_fixed()
+                && !matches!(other.values, AxisValues::Categorical(_))
+        };
+        axes.iter().map(|other| if is_away(other) { Some(other.at(AWAY)) } else { other.nominal }).collect()
+    };
+    let mut requests = Vec::new();
+    let mut probed = Vec::new();
+    for (index, axis) in axes.iter().enumerate().filter(|(_, axis)| !axis.is_fixed()) {
+        let values = values(axis);
+        if requests.len() + values.len() > limit {
+            break;
+        }
+        probed.push((index, requests.len()..requests.len() + values.len()));
+        requests.extend(values.into_iter().map(|value| {
+            let mut scenario = base(index);
+            scenario[index] = Some(value);
+            Request::new(Scenario::new(scenario), seed)
+        }));
+    }
+    let episodes = rollout(system, requests);
+    for (index, range) in probed {
+        let Some([first, others @ ..]) = episodes.get(range) else { continue };
+        let is_comparable = |episode: &Episode| episode.end.has_verdict() && !episode.trace.is_empty();
+        if !is_comparable(first) || !others.iter().all(is_comparable) {
+            continue;
+        }
+        if others.iter().all(|other| is_same(&first.trace, &other.trace)) {
+            warnings.push(format!(
+                "axis `{}` changes no trace: all signals are equal at its {}; is its name right, and does the system read it?",
+                axes[index].name,
+                if axes[index].levels().is_some() { "values" } else { "lowest and its highest value" }
+            ));
+        }
+    }
+    probes.extend(episodes);
+}
+
+fn is_same(a: &Trace, b: &Trace) -> bool {
+    let bits = |trace: &Trace, index: usize| -> Vec<u64> {
+        trace.column(index).iter().map(|value| value.to_bits()).collect()
+    };
+    a.len() == b.len() && (0..a.names().len()).all(|index| bits(a, index) == bits(b, index))
+}
+
+/// Warns of a requirement that says nothing about these simulations, the first of which is the
+/// nominal one.
+fn requirement(
+    resolved: &ResolvedPlan,
+    probes: &[Episode],
+    warnings: &mut Vec<String>,
+) -> Result<(), MishandleError> {
+    let formula = &resolved.specification.requirement;
+    let clock = Clock::steps(resolved.target.control_dt);
+    let nominal = &probes[0];
+    if let Some(robustness) = nominal.robustness().filter(|_| nominal.is_violated()) {
+        warnings.push(format!(
+            "the nominal scenario violates the requirement (robustness {}): a failure elsewhere says little about its scenario",
+            mishandle_text::decimal(robustness, 4)
+        ));
+    }
+    let names = resolved.target.signal_names();
+    let monitor = Monitor::new(formula, &names, clock).map_err(|source| monitor_error(formula, source))?;
+    let samples = nominal.trace.len();
+    if nominal.end == EpisodeEnd::Completed && samples > 0 && nominal.robustness().is_none() {
+        let needed = monitor.needed_samples();
+        if needed > samples {
+            warnings.push(format!(
+                "the requirement reads {needed} samples, and a trace has {samples}: no simulation has a verdict; make the \
+                 episode {} longer, or the windows shorter",
+                mishandle_text::plural((needed - samples) as u64, "sample")
+            ));
+        }
+    }
+    let with_verdict: Vec<&Episode> = probes.iter().filter(|probe| probe.robustness().is_some()).collect();
+    if with_verdict.is_empty() || with_verdict.iter().any(|probe| probe.trace.len() < 2) {
+        return Ok(());
+    }
+    let mut at_start = true;
+    for probe in &with_verdict {
+        let robustness = probe.robustness().unwrap_or_default();
+        at_start &= decided(formula, &probe.trace, clock, robustness)? == Some(0);
+    }
+    if at_start {
+        let verdict = if nominal.is_violated() { "violates" } else { "satisfies" };
+        warnings.push(format!(
+            "sample 0 alone {verdict} the requirement, whatever follows: the controller has no influence on the verdict"
+        ));
+    }
+    for premise in premises(formula, clock)? {
+        let mut monitor =
+            Monitor::new(&premise, &names, clock).map_err(|source| monitor_error(&premise, source))?;
+        let mut is_met = false;
+        for probe in &with_verdict {
+            let values =
+                monitor.robustness_signal(&probe.trace).map_err(|source| monitor_error(&premise, source))?;
+            is_met |= values.iter().copied().any(is_satisfied);
+        }
+        if !is_met {
+            warnings.push(format!(
+                "the premise `{premise}` held at no sample of the first {}: there the requirement asks nothing",
+                mishandle_text::plural(with_verdict.len() as u64, "simulation")
+            ));
+        }
+    }
+    Ok(())
+}
+
+/// Returns the left operands of `implies`.
+fn premises(formula: &Formula, clock: Clock) -> Result<Vec<Formula>, MishandleError> {
+    let texts: Vec<String> = formula.subformulas().collect();
+    let nodes = formula.subformula_nodes(&clock).map_err(|source| monitor_error(formula, source))?;
+    let of_premises = nodes.iter().filter(|node| node.operator == Some("implies"));
+    let premise = |node: &mishandle_stl::SubformulaNode| Formula::parse(&texts[*node.operands.first()?]).ok();
+    Ok(of_premises.filter_map(premise).collect())
+}
+
+fn monitor_error(formula: &Formula, source: mishandle_stl::MonitorError) -> MishandleError {
+    mishandle_rollout::RolloutError::Monitor { formula: formula.to_string(), source }.into()
+}
