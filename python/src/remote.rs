@@ -26,7 +26,15 @@ type RequestTuple = (Vec<Option<f64>>, u64, bool, Option<f64>);
 
 /// Robustness of requirement, success and strict success, dangerous steps, completion step, and
 /// minimum and sample of each sub-formula.
-type VerdictTuple = (Option<f64>, Option<f64>, Option<f64>, Option<usize>, Option<usize>, Vec<(f64, usize)>);
+type VerdictTuple = (
+    Option<f64>,
+    Option<f64>,
+    Option<f64>,
+    Option<usize>,
+    Option<usize>,
+    Vec<(f64, usize)>,
+    Vec<Option<f64>>,
+);
 
 /// An episode: end, step, index, number of control steps, verdict, sum of the rewards, digest of
 /// the trace, and the samples of a counterexample.
@@ -96,7 +104,8 @@ fn sent<'py>(py: Python<'py>, episode: &Episode) -> EpisodeTuple<Bound<'py, PyAr
     });
     let subformulas = verdict.subformulas.iter().map(|found| (found.minimum, found.step)).collect();
     let Verdict { robustness, success, strict, dangerous_steps, completion_step, .. } = *verdict;
-    let verdict = (robustness, success, strict, dangerous_steps, completion_step, subformulas);
+    let others = verdict.others.clone();
+    let verdict = (robustness, success, strict, dangerous_steps, completion_step, subformulas, others);
     (end.to_string(), step, index, *steps, verdict, *total_reward, digest, samples)
 }
 
@@ -154,14 +163,22 @@ impl RemoteSystem {
             Some(samples) => trace(names, samples.as_array(), *episode_steps)?,
             None => Trace::new(names.clone()),
         };
-        let (robustness, success, strict, dangerous_steps, completion_step, subformulas) = verdict;
+        let (robustness, success, strict, dangerous_steps, completion_step, subformulas, others) = verdict;
         let subformulas =
             subformulas.into_iter().map(|(minimum, step)| SubformulaMinimum { minimum, step }).collect();
         Ok(Episode {
             request: request.clone(),
             end: end_of(&end, step, index)?,
             steps,
-            verdict: Verdict { robustness, success, strict, dangerous_steps, completion_step, subformulas },
+            verdict: Verdict {
+                robustness,
+                success,
+                strict,
+                dangerous_steps,
+                completion_step,
+                subformulas,
+                others,
+            },
             total_reward,
             trace,
             trace_digest: Some(digest),

@@ -8,6 +8,7 @@ use mishandle_store::RunFile;
 
 use crate::error::MishandleError;
 use crate::inspect::cause::isolation;
+use crate::inspect::requirements::requirements;
 use crate::inspect::{mode_survey, smooth_region_of};
 use crate::resolve::ResolvedPlan;
 use crate::run::{Answer, counterexample_repeats};
@@ -29,6 +30,14 @@ pub fn whole_result(
     watch: impl FnMut(u64, u64) -> ControlFlow<()>,
 ) -> Result<results::Answer, MishandleError> {
     let mut result = answer.result(resolved, run)?;
+    if !resolved.plan.requirements.is_empty() {
+        let found = requirements(&RunFile::open_unchecked(run)?)?;
+        match &mut result {
+            results::Answer::Falsification(result) => result.requirements = found,
+            results::Answer::Evaluation(result) => result.requirements = found,
+            _ => {}
+        }
+    }
     let (Answer::Falsification(outcome, counts), results::Answer::Falsification(found)) =
         (answer, &mut result)
     else {

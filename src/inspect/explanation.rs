@@ -261,7 +261,7 @@ pub fn explain_episode(
     episode: &Episode,
 ) -> Result<(RunHeader, ExplainedSimulation), MishandleError> {
     let header = record::header(resolved);
-    let recorded = record::record(episode, resolved.stored_subformulas);
+    let recorded = record::record(episode, resolved);
     let explained = explain_recorded(&header, recorded, episode.trace.clone())?;
     Ok((header, explained))
 }
@@ -279,7 +279,7 @@ fn replayed_trace(recorded: &Simulation, resolved: &ResolvedPlan) -> Result<Trac
     let whole = Request { stop_threshold: None, ..request.clone() };
     let mut simulate = |request| system.rollout(&[request])?.pop().ok_or(MishandleError::NoEpisode);
     let episode = simulate(request)?;
-    let again = record::record(&episode, resolved.stored_subformulas);
+    let again = record::record(&episode, resolved);
     if again.trace_digest != recorded.trace_digest {
         let (trial, number) = (recorded.trial, recorded.number);
         let difference = format!("trace of simulation {number} of trial {trial}");

@@ -10,6 +10,7 @@ mod explanation_text;
 mod failure_modes;
 mod masking;
 mod mode_survey;
+mod requirements;
 mod result;
 mod simulation;
 mod smooth_region;

@@ -76,6 +76,10 @@ pub struct Plan {
     /// strings.
     #[serde(default, with = "seed")]
     pub seed: u64,
+    /// Requirements by name: names of formulas of the target, or texts. Each has a result of its
+    /// own from the same simulations. A search tries to violate any of them.
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    pub requirements: BTreeMap<String, String>,
     /// Settings of an evaluation.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub evaluate: Option<EvaluatePlan>,
@@ -298,6 +302,7 @@ impl Plan {
             action_noise: 0.0,
             observation_noise: 0.0,
             seed: 0,
+            requirements: BTreeMap::new(),
             evaluate: None,
             falsify: None,
             margin: None,

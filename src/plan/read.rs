@@ -25,6 +25,9 @@ const OPTIONS: &str = "falsify.options";
 /// Table whose keys are names of axes.
 const AXES: &str = "axes";
 
+/// Table whose keys are names of requirements, and whose values are formulas.
+const REQUIREMENTS: &str = "requirements";
+
 /// Table whose keys are names of axes, and whose values are distributions.
 const DISTRIBUTIONS: &str = "risk.distributions";
 
@@ -46,7 +49,7 @@ const fn key<T: DeserializeOwned>(name: &'static str, allowed: &'static str) -> 
     Key { name, allowed, reads: reads::<T> }
 }
 
-const KEYS: [Key; 33] = [
+const KEYS: [Key; 34] = [
     key::<u32>("format", "2"),
     key::<String>("target", "a string, such as \"ball-balancing\""),
     key::<String>("space", "a string, such as \"starts\""),
@@ -57,6 +60,10 @@ const KEYS: [Key; 33] = [
     key::<f64>("action-noise", "a number from 0 to 10"),
     key::<f64>("observation-noise", "a number from 0 to 10"),
     key::<SeedValue>("seed", "an integer from 0 to 18446744073709551615; above 2^63 - 1 as a string"),
+    key::<BTreeMap<String, String>>(
+        REQUIREMENTS,
+        "a table of formulas by name, as [requirements], each a string",
+    ),
     key::<u64>("evaluate.episodes", "an integer from 1 to 1000000000"),
     key::<StartRegion>("evaluate.box", "\"whole\" or \"reachable\""),
     key::<u32>("evaluate.batch", "an integer from 1 to 65536"),
@@ -117,7 +124,7 @@ pub(super) fn read_lists(text: &str) -> Result<toml::Table, MishandleError> {
 /// Returns whether a key of a plan may have a list of values in a campaign.
 pub(super) fn may_be_list(name: &str) -> bool {
     // The other values are tables already.
-    !["format", "screening.device", AXES, OPTIONS, DISTRIBUTIONS].contains(&name)
+    !["format", "screening.device", AXES, REQUIREMENTS, OPTIONS, DISTRIBUTIONS].contains(&name)
 }
 
 /// Returns the names of all keys with their tables.

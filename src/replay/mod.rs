@@ -86,14 +86,14 @@ pub(crate) fn replay_in(
     }
     let mut episodes = system.rollout(&[record::request(&recorded, resolved.stored_subformulas > 0)])?;
     let episode = episodes.pop().ok_or(MishandleError::NoEpisode)?;
-    let mut again = record::record(&episode, resolved.stored_subformulas);
+    let mut again = record::record(&episode, resolved);
     // Such a run keeps a limited number of traces.
     let keeps_all = matches!(run.header().kind, RunKind::Evaluate | RunKind::Falsify)
         && resolved.plan.screening.is_none();
     if !keeps_all && recorded.trace.is_none() {
         again.trace = None;
     }
-    let names = record::verdict_names(resolved.stored_subformulas);
+    let names = record::verdict_names(resolved);
     differences.extend(simulation::differences(&recorded, &run.header().verdicts, &again, &names));
     Ok(ReplayResult {
         differences,

@@ -118,7 +118,7 @@ fn of_falsification(
             return Ok(found);
         }
         let simulation = falsify::with_needed_trace(run, simulation, &plan)?;
-        let episode = match record::episode(&simulation, &resolved.target) {
+        let episode = match record::episode(&simulation, resolved) {
             Ok(episode) => episode,
             Err(error) => {
                 found.push(error.to_string());

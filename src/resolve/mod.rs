@@ -12,6 +12,7 @@ mod import;
 mod kind;
 mod randomness;
 mod recorded;
+mod requirements;
 pub(crate) mod search;
 mod subject;
 mod task;
@@ -25,6 +26,7 @@ use mishandle_toys::TOYS;
 use crate::error::MishandleError;
 use crate::plan::{Plan, ScreeningPlan};
 use crate::resolve::axis_setting::with_settings;
+use crate::resolve::requirements::{joined, named_requirements, table_formula};
 
 pub use catalog::{search_result, target_result, task_result};
 pub use check::{check_evaluate, check_falsify, check_risk};
@@ -121,29 +123,37 @@ impl ResolvedPlan {
             check::check_evaluate_in(evaluate, &target, &space)?;
         }
         let mut text = target.formulas.first().map_or("", |formula| &formula.name).to_string();
-        if let Some(margin) = &plan.margin {
-            text = margin.formula.clone().unwrap_or(text);
-        }
         if let Some(screening) = &plan.screening {
             check_screening(screening, plan, &target)?;
         }
         if let Some(risk) = &plan.risk {
             check_risk(risk, &space)?;
-            text = risk.formula.clone().unwrap_or(text);
         }
         if let Some(falsify) = &plan.falsify {
             needs_subformulas = check_falsify(falsify, &space)?;
-            text = falsify.formula.clone().unwrap_or(text);
+        }
+        let others = named_requirements(plan, &target)?;
+        let mut plan = plan.clone();
+        if let (false, Some(formula)) = (others.is_empty(), table_formula(&mut plan)) {
+            let text = match formula {
+                Some(text) => text.clone(),
+                None => joined(&others, &target, &space)?,
+            };
+            *formula = Some(text);
+        }
+        if let Some(Some(formula)) = table_formula(&mut plan) {
+            text.clone_from(formula);
         }
         let requirement = requirement(&text, &target)?;
         check_decidable(&requirement, &target)?;
         let mut specification = Specification::from_formulas(&target.formulas, requirement)?;
+        specification.others = others;
         // Without a formula `success`, the success rate is the rate of the requirement.
         specification.success.get_or_insert_with(|| specification.requirement.clone());
         SpecificationMonitor::new(&specification, &target.signal_names(), target.control_dt)?;
         let stored_subformulas =
             if needs_subformulas { specification.requirement.subformulas().len() } else { 0 };
-        Ok(ResolvedPlan { plan: plan.clone(), target, space, specification, stored_subformulas })
+        Ok(ResolvedPlan { plan, target, space, specification, stored_subformulas })
     }
 
     /// Returns the recorded seed of a trial: its own in a falsification, otherwise that of the run.
@@ -173,7 +183,13 @@ fn check_screening(screening: &ScreeningPlan, plan: &Plan, target: &Target) -> R
     }
     let method = plan.risk.as_ref().map_or("auto", |risk| &risk.method);
     let keeps_going = plan.falsify.as_ref().is_some_and(|falsify| falsify.keep_going);
-    let (what, value, expected) = if plan.margin.is_some() {
+    let (what, value, expected) = if !plan.requirements.is_empty() {
+        (
+            "the number of named requirements of a screening",
+            plan.requirements.len().to_string(),
+            "0, because a device returns one robustness; ask without --gpu",
+        )
+    } else if plan.margin.is_some() {
         ("the question of a screening", "margin".to_string(), "evaluate, falsify or risk")
     } else if keeps_going {
         (

@@ -30,7 +30,7 @@ pub fn run_trial(
         let requests = trial.ask(batch(&resolved.plan))?;
         for episode in system.rollout(&requests)? {
             trial.tell(&episode)?;
-            simulations.push(record::record(&episode, resolved.stored_subformulas));
+            simulations.push(record::record(&episode, resolved));
             // The other simulations of the batch are surplus, which a run drops.
             if trial.outcome().end.is_some() {
                 break;
@@ -57,7 +57,7 @@ pub fn run_simulations(
     let mut system = resolved.system()?;
     let mut simulations = Vec::with_capacity(requests.len());
     for batch in requests.chunks(batch(&resolved.plan)) {
-        simulations.extend(system.rollout(batch)?.iter().map(|episode| record::record(episode, 0)));
+        simulations.extend(system.rollout(batch)?.iter().map(|episode| record::record(episode, resolved)));
     }
     Ok(simulations)
 }

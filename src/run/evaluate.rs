@@ -147,7 +147,7 @@ fn run_requests(
     }
     let mut done = 0;
     for simulation in run.file().simulations() {
-        let episode = record::episode(&simulation?, &resolved.target)?;
+        let episode = record::episode(&simulation?, resolved)?;
         let Request { trial, number, seed, scenario, unit_point, .. } = &episode.request;
         let next = match (&corners, *trial) {
             (Some((_, report)), Corners::TRIAL) => u64::from(report.simulations()) + 1,
@@ -172,7 +172,7 @@ fn run_requests(
     let mut system = resolved.system()?;
     let is_stopped = Cell::new(false);
     let mut on_batch = |episodes: &[Episode]| {
-        run.record(&episodes.iter().map(|episode| record::record(episode, 0)).collect::<Vec<_>>())?;
+        run.record(&episodes.iter().map(|episode| record::record(episode, resolved)).collect::<Vec<_>>())?;
         done += episodes.len() as u64;
         let flow = watch(done);
         is_stopped.set(flow.is_break());

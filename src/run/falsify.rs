@@ -44,7 +44,7 @@ pub fn falsify(
         Progress { max_simulations: u64::from(trials) * u64::from(budget), ..Progress::default() };
     for simulation in run.file().simulations() {
         let simulation = with_needed_trace(run.file(), simulation?, falsify)?;
-        campaign.replay(&record::episode(&simulation, &resolved.target)?)?;
+        campaign.replay(&record::episode(&simulation, resolved)?)?;
         progress.simulations += 1;
     }
     let mut started = vec![false; trials as usize];
@@ -69,7 +69,7 @@ pub fn falsify(
                 run.start_trial(trial, settings.trial_seed(trial).0)?;
             }
         }
-        let record = |episode| record::record(episode, resolved.stored_subformulas);
+        let record = |episode| record::record(episode, resolved);
         run.record(&batch.episodes.iter().map(record).collect::<Vec<_>>())?;
         for trial in batch.ended {
             run.end_trial(trial.trial, status(trial))?;
@@ -136,7 +136,7 @@ fn first_failure(
     for simulation in run.trial_simulations(trial) {
         let simulation = simulation?;
         if simulation.is_violated() {
-            return record::episode(&simulation, &resolved.target).map(Some);
+            return record::episode(&simulation, resolved).map(Some);
         }
     }
     Ok(None)

@@ -215,7 +215,7 @@ impl<'a> Journal<'a> {
         let Some(simulation) = self.read(|run| run.recorded(request.trial, request.number))? else {
             return Ok(None);
         };
-        let episode = record::episode(&simulation, &self.resolved.target)?;
+        let episode = record::episode(&simulation, self.resolved)?;
         let recorded = &episode.request;
         let bits = |point: &[f64]| point.iter().map(|u| u.to_bits()).collect::<Vec<_>>();
         let is_same = recorded.seed == request.seed
@@ -243,7 +243,7 @@ impl<'a> Journal<'a> {
         let rows: Vec<Simulation> = episodes
             .iter()
             .map(|episode| {
-                let row = record::record(episode, self.resolved.stored_subformulas);
+                let row = record::record(episode, self.resolved);
                 traces += usize::from(row.trace.is_some());
                 Simulation { trace: row.trace.filter(|_| traces <= TRACES), ..row }
             })
@@ -251,7 +251,7 @@ impl<'a> Journal<'a> {
         self.traces.set(traces);
         run.record(&rows)?;
         let answer = |(row, episode): (Simulation, &Episode)| {
-            let read = record::episode(&Simulation { trace: None, ..row }, &self.resolved.target)?;
+            let read = record::episode(&Simulation { trace: None, ..row }, self.resolved)?;
             Ok(Episode { request: episode.request.clone(), ..read })
         };
         rows.into_iter().zip(episodes).map(answer).collect()

@@ -62,6 +62,7 @@ pub(crate) fn decode(stored: &StoredTrace) -> Vec<ScreenedEpisode> {
                 dangerous_steps: count(6, row),
                 completion_step: count(7, row),
                 subformulas: minima.collect::<Option<Vec<_>>>().unwrap_or_default(),
+                others: Vec::new(),
             },
             has_overflowed: at(8) == 1,
         }

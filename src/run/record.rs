@@ -4,9 +4,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use mishandle_files::NewFolders;
-use mishandle_rollout::{
-    Axis, AxisKind, AxisValues, Episode, EpisodeEnd, Request, Scenario, Seed, Target, Verdict,
-};
+use mishandle_rollout::{Axis, AxisKind, AxisValues, Episode, EpisodeEnd, Request, Scenario, Seed, Verdict};
 use mishandle_stl::{SubformulaMinimum, Trace};
 use mishandle_store as store;
 use mishandle_store::{AxisRecord, IfExists, RunHeader, RunWriter, Simulation, TargetRecord};
@@ -18,18 +16,23 @@ use crate::resolve::{ResolvedPlan, controller_name, is_path};
 
 /// Names of the verdicts that are stored in addition to the robustness. If the search needs
 /// sub-formulas, two verdicts per sub-formula of the requirement follow: its minimum and the sample
-/// of the minimum.
+/// of the minimum. The robustness of each named requirement comes last.
 const VERDICTS: [&str; 5] = ["success", "strict", "dangerous_steps", "completion_step", "total_reward"];
 
-/// Returns the names of all verdicts of a run that stores the minima of `subformulas` sub-formulas.
-pub(crate) fn verdict_names(subformulas: usize) -> Vec<String> {
+/// Start of the names of the verdicts of named requirements.
+pub(crate) const REQUIREMENT: &str = "requirement_";
+
+/// Returns the names of all verdicts of a run.
+pub(crate) fn verdict_names(resolved: &ResolvedPlan) -> Vec<String> {
     let of = |i| [format!("subformula_{i}_minimum"), format!("subformula_{i}_step")];
-    VERDICTS.map(String::from).into_iter().chain((1..=subformulas).flat_map(of)).collect()
+    let minima = (1..=resolved.stored_subformulas).flat_map(of);
+    let others = resolved.specification.others.iter().map(|(name, _)| format!("{REQUIREMENT}{name}"));
+    VERDICTS.map(String::from).into_iter().chain(minima).chain(others).collect()
 }
 
 /// Returns the header of a run.
 pub(crate) fn header(resolved: &ResolvedPlan) -> RunHeader {
-    let ResolvedPlan { plan, target, space, specification, stored_subformulas } = resolved;
+    let ResolvedPlan { plan, target, space, specification, .. } = resolved;
     // Absolute, so that the run can be resumed and replayed from every folder.
     let mut stored = plan.clone();
     if let (true, Ok(path)) = (is_path(&plan.controller), std::path::absolute(&plan.controller)) {
@@ -45,6 +48,10 @@ pub(crate) fn header(resolved: &ResolvedPlan) -> RunHeader {
         .formulas
         .iter()
         .map(|formula| store::FormulaRecord { name: formula.name.clone(), text: formula.text.clone() });
+    let requirements = specification.others.iter().map(|(name, formula)| store::FormulaRecord {
+        name: format!("{REQUIREMENT}{name}"),
+        text: formula.to_string(),
+    });
     let signals = target
         .signals
         .iter()
@@ -63,14 +70,14 @@ pub(crate) fn header(resolved: &ResolvedPlan) -> RunHeader {
         components: components.collect(),
         space: space.name().to_string(),
         formula: specification.requirement.to_string(),
-        formulas: formulas.collect(),
+        formulas: formulas.chain(requirements).collect(),
         search: plan.falsify.as_ref().map_or(String::new(), |falsify| falsify.search.clone()),
         seed: plan.seed,
         control_dt: target.control_dt,
         episode_steps: target.episode_steps as u32,
         signals: signals.collect(),
         axes: space.axes().iter().map(axis).collect(),
-        verdicts: verdict_names(*stored_subformulas),
+        verdicts: verdict_names(resolved),
         preflight: vec![],
     }
 }
@@ -158,14 +165,14 @@ fn free_path(plan: &Plan) -> Result<PathBuf, MishandleError> {
     Ok(free.unwrap_or_default())
 }
 
-/// Converts an episode to a stored simulation with the minima of `subformulas` sub-formulas. Only a
+/// Converts an episode of a plan to a stored simulation. Only a
 /// counterexample keeps its trace.
-pub(crate) fn record(episode: &Episode, subformulas: usize) -> Simulation {
+pub(crate) fn record(episode: &Episode, resolved: &ResolvedPlan) -> Simulation {
     let columns = (0..episode.trace.names().len()).map(|i| episode.trace.column(i).to_vec()).collect();
     let trace = store::StoredTrace { columns };
     let Episode { request, verdict, .. } = episode;
     let is_falsified = episode.is_violated();
-    let minima = (0..subformulas).flat_map(|i| {
+    let minima = (0..resolved.stored_subformulas).flat_map(|i| {
         let found = verdict.subformulas.get(i);
         [found.map(|found| found.minimum), found.map(|found| found.step as f64)]
     });
@@ -176,6 +183,8 @@ pub(crate) fn record(episode: &Episode, subformulas: usize) -> Simulation {
         verdict.completion_step.map(|step| step as f64),
         episode.total_reward.is_finite().then_some(episode.total_reward),
     ];
+    // An episode without a verdict has none of them.
+    let others = (0..resolved.specification.others.len()).map(|i| verdict.others.get(i).copied().flatten());
     // The value is a lower bound if the simulation stopped because it is above the threshold.
     let is_bound = matches!(episode.end, EpisodeEnd::Stopped { .. })
         && request.stop_threshold.is_some_and(|threshold| verdict.robustness > Some(threshold));
@@ -191,7 +200,7 @@ pub(crate) fn record(episode: &Episode, subformulas: usize) -> Simulation {
         stop_threshold: request.stop_threshold,
         end: stored_end(episode.end),
         steps: episode.steps as u32,
-        verdicts: verdicts.into_iter().chain(minima).collect(),
+        verdicts: verdicts.into_iter().chain(minima).chain(others).collect(),
         trace_digest: Some(episode.trace_digest.unwrap_or_else(|| trace.digest())),
         trace: is_falsified.then_some(trace),
     }
@@ -249,11 +258,12 @@ fn episode_end(end: store::SimulationEnd) -> EpisodeEnd {
     }
 }
 
-/// Converts a stored simulation of `target` to an episode, with a trace if the simulation has one.
+/// Converts a stored simulation of a plan to an episode, with a trace if the simulation has one.
 ///
 /// # Errors
 /// If the episode has too many steps.
-pub(crate) fn episode(simulation: &Simulation, target: &Target) -> Result<Episode, MishandleError> {
+pub(crate) fn episode(simulation: &Simulation, resolved: &ResolvedPlan) -> Result<Episode, MishandleError> {
+    let target = &resolved.target;
     let episode_steps = target.episode_steps;
     let stored = |name: &str| {
         let index = VERDICTS.iter().position(|verdict| *verdict == name)?;
@@ -285,10 +295,27 @@ pub(crate) fn episode(simulation: &Simulation, target: &Target) -> Result<Episod
         return Err(MishandleError::Contradiction { trial, number, problem });
     }
     let episode = recorded_episode(simulation);
-    let verdict = Verdict { dangerous_steps, completion_step, ..episode.verdict };
+    let further = simulation.verdicts.get(VERDICTS.len()..).unwrap_or_default();
+    let (minima, others) = further.split_at(further.len().min(2 * resolved.stored_subformulas));
+    // Either all minima are present or none, because a formula can have no finite value.
+    let minima: Option<Vec<SubformulaMinimum>> = minima
+        .chunks(2)
+        .map(|pair| match *pair {
+            [Some(minimum), Some(step)] => Some(SubformulaMinimum { minimum, step: step as usize }),
+            _ => None,
+        })
+        .collect();
+    let request = Request { needs_subformulas: minima.is_some(), ..episode.request };
+    let verdict = Verdict {
+        dangerous_steps,
+        completion_step,
+        subformulas: minima.unwrap_or_default(),
+        others: others.to_vec(),
+        ..episode.verdict
+    };
     let names = || target.signals.iter().map(|signal| signal.name.clone()).collect();
     let trace = simulation.trace.as_ref().map_or(episode.trace, |stored| trace(names(), stored));
-    Ok(Episode { trace, steps: steps.unwrap_or_default(), verdict, ..episode })
+    Ok(Episode { request, trace, steps: steps.unwrap_or_default(), verdict, ..episode })
 }
 
 /// Returns a recorded trace with the names of its signals.
@@ -303,7 +330,8 @@ pub(crate) fn trace(names: Arc<[String]>, stored: &store::StoredTrace) -> Trace 
     trace
 }
 
-/// Converts a stored simulation to an episode without a trace, and checks none of its values.
+/// Converts a stored simulation to an episode without a trace and sub-formulas, and checks none of
+/// its values.
 ///
 /// It needs no target, so it reads runs whose target is not here, such as those of a Python system.
 pub fn recorded_episode(simulation: &Simulation) -> Episode {
@@ -312,16 +340,8 @@ pub fn recorded_episode(simulation: &Simulation) -> Episode {
         simulation.verdicts.get(index).copied().flatten()
     };
     let count = |name: &str| stored(name).map(|value| value as usize);
-    // Either all minima are present or none, because a formula can have no finite value.
-    let pairs = simulation.verdicts.get(VERDICTS.len()..).unwrap_or_default().chunks(2);
-    let minima: Option<Vec<SubformulaMinimum>> = pairs
-        .map(|pair| match *pair {
-            [Some(minimum), Some(step)] => Some(SubformulaMinimum { minimum, step: step as usize }),
-            _ => None,
-        })
-        .collect();
     Episode {
-        request: request(simulation, minima.is_some()),
+        request: request(simulation, false),
         end: episode_end(simulation.end),
         steps: simulation.steps as usize,
         verdict: Verdict {
@@ -330,7 +350,7 @@ pub fn recorded_episode(simulation: &Simulation) -> Episode {
             strict: stored("strict"),
             dangerous_steps: count("dangerous_steps"),
             completion_step: count("completion_step"),
-            subformulas: minima.unwrap_or_default(),
+            ..Verdict::default()
         },
         total_reward: stored("total_reward").unwrap_or(f64::NAN),
         trace: Trace::new([].into()),

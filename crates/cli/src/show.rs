@@ -17,6 +17,7 @@ pub mod output;
 pub mod progress;
 pub mod regression;
 pub mod replay;
+pub mod requirements;
 pub mod risk;
 pub mod scenario;
 pub mod screening;

@@ -1,7 +1,7 @@
 use schemars::JsonSchema;
 use serde::Serialize;
 
-use crate::{Estimate, Number, Scenario, Screening, Seed, Subject};
+use crate::{Estimate, Number, Requirement, Scenario, Screening, Seed, Subject};
 
 /// Success rate, dangerous behavior rate and completion time of a controller.
 #[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
@@ -26,6 +26,9 @@ pub struct Evaluation {
     /// Results at the corners and the center of the initial box; `null` if the space has no numeric
     /// axis of kind `start`.
     pub corners: Option<Corners>,
+    /// Each named requirement over the random simulations; missing without one.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub requirements: Option<Vec<Requirement>>,
     /// Counts of the screening; missing without it. The rates are then those of a two-phase sample:
     /// see `gpu.md`.
     #[serde(skip_serializing_if = "Option::is_none")]

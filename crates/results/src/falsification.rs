@@ -54,6 +54,9 @@ pub struct Falsification {
     /// One-sided 95 % upper bound of the failure rate if no simulation of uniform random samples
     /// (`random`) fails; `null` otherwise.
     pub failure_rate_bound: Option<f64>,
+    /// Each named requirement over all simulations; missing without one.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub requirements: Option<Vec<Requirement>>,
     /// The trials.
     pub trials: Vec<Trial>,
     /// Failure modes, with `--keep-going`.
@@ -107,6 +110,28 @@ pub struct Trial {
     /// The axes that cause the failure; `null` without a counterexample, in a campaign, with
     /// `--keep-going`, with `--no-isolate` and with a screening.
     pub cause: Option<Cause>,
+}
+
+/// A named requirement over the simulations of a run.
+#[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
+pub struct Requirement {
+    /// Name.
+    pub name: String,
+    /// Formula.
+    pub formula: String,
+    /// Number of simulations in which it has a verdict; without the corners of an evaluation.
+    pub simulations: u64,
+    /// Number of these that violate it.
+    pub violated: u64,
+    /// Fraction of these that violate it, with its Wilson interval; `null` if a search chose the
+    /// simulations, because then it is no rate of the space.
+    pub violation_rate: Option<Estimate>,
+    /// Minimum robustness; `null` without a verdict.
+    pub minimum_robustness: Option<Number>,
+    /// Trial of the simulation with the minimum robustness.
+    pub trial: Option<u32>,
+    /// Number of this simulation.
+    pub simulation: Option<u32>,
 }
 
 /// The axes that cause the failure of a counterexample: simulations with its seed that move it

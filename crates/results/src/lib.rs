@@ -65,7 +65,7 @@ pub use explanation::{
     Conjunct, EvaluatedCount, Explanation, Instant, MaskedConjunct, Masking, PathStep, Predicate, SignalRow,
     SignalTable, Window,
 };
-pub use falsification::{Cause, Falsification, SearchValue, SmoothRegion, Trial, Unevaluated};
+pub use falsification::{Cause, Falsification, Requirement, SearchValue, SmoothRegion, Trial, Unevaluated};
 pub use margin::{Level, Margin, Norms, Witness};
 pub use modes::{Coverage, FailureMode, FirstInMode, FoundMode, Modes, UnseenModes};
 pub use monitor::Monitor;
@@ -76,7 +76,7 @@ pub use risk::{
 };
 pub use runs::{RunFacts, RunSummary};
 pub use screening::{Confirmed, Finding, Screening};
-pub use simulation::{Noise, Simulation};
+pub use simulation::{Noise, RequirementVerdict, Simulation};
 pub use subject::{AxisFacts, AxisValues, Subject};
 pub use tables::{Table, TablePage, Tables};
 pub use training::{Training, TrainingPlan, TrainingTime};

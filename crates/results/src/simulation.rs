@@ -24,10 +24,26 @@ pub struct Simulation {
     pub violated: Option<bool>,
     /// The document of `explain`, without `schema` and `run`.
     pub explanation: Option<Explanation>,
+    /// Each named requirement; missing without one.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub requirements: Option<Vec<RequirementVerdict>>,
     /// Repeated simulations; `null` without `--repeat`.
     pub repeats: Option<Repeats>,
     /// Split of the variance of the robustness; `null` without `--repeat` or randomness.
     pub noise: Option<Noise>,
+}
+
+/// A named requirement on one simulation.
+#[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
+pub struct RequirementVerdict {
+    /// Name.
+    pub name: String,
+    /// Formula.
+    pub formula: String,
+    /// Its robustness; `null` without a verdict.
+    pub robustness: Option<Number>,
+    /// Whether it is violated; `null` without a verdict.
+    pub violated: Option<bool>,
 }
 
 /// The share of the variance of the robustness that comes from the scenario; the rest comes from

@@ -19,12 +19,21 @@ pub struct Specification {
     pub safe: Option<Formula>,
     /// κ: the task is completed where it first holds.
     pub completion: Option<Formula>,
+    /// Further requirements with a name, each with a robustness of its own.
+    pub others: Vec<(String, Formula)>,
 }
 
 impl Specification {
     /// Makes a specification with a requirement only.
     pub fn new(requirement: Formula) -> Specification {
-        Specification { requirement, success: None, strict: None, safe: None, completion: None }
+        Specification {
+            requirement,
+            success: None,
+            strict: None,
+            safe: None,
+            completion: None,
+            others: Vec::new(),
+        }
     }
 
     /// Parses the four formulas of a task. The requirement is `success`.
@@ -60,6 +69,7 @@ impl Specification {
             strict: role("strict")?,
             safe,
             completion: role("completion")?,
+            others: Vec::new(),
         })
     }
 }
@@ -88,6 +98,8 @@ pub struct Verdict {
     /// of [`Formula::subformulas`]. Empty unless [requested](crate::Request::needs_subformulas),
     /// and if a sub-formula has no finite value at some sample.
     pub subformulas: Vec<SubformulaMinimum>,
+    /// Robustness at time 0 of each of the [other requirements](Specification::others).
+    pub others: Vec<Option<f64>>,
 }
 
 impl Verdict {
@@ -116,6 +128,7 @@ pub struct SpecificationMonitor {
     strict: Option<FormulaMonitor>,
     safe: Option<FormulaMonitor>,
     completion: Option<FormulaMonitor>,
+    others: Vec<FormulaMonitor>,
 }
 
 #[derive(Debug)]
@@ -188,6 +201,11 @@ impl SpecificationMonitor {
             strict: optional(&specification.strict)?,
             safe: optional(&specification.safe)?,
             completion: optional(&specification.completion)?,
+            others: specification
+                .others
+                .iter()
+                .map(|(_, formula)| monitor(formula))
+                .collect::<Result<_, _>>()?,
         })
     }
 
@@ -248,7 +266,17 @@ impl SpecificationMonitor {
             None => None,
         };
         let robustness = self.requirement.at_start(trace, samples)?;
-        Ok(Verdict { robustness, success, strict, dangerous_steps, completion_step, subformulas: Vec::new() })
+        let others = self.others.iter_mut().map(|monitor| monitor.at_start(trace, samples));
+        let others = others.collect::<Result<_, _>>()?;
+        Ok(Verdict {
+            robustness,
+            success,
+            strict,
+            dangerous_steps,
+            completion_step,
+            subformulas: Vec::new(),
+            others,
+        })
     }
 }
 

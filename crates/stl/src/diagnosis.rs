@@ -141,6 +141,10 @@ impl Formula {
             }
             let text = found.text.clone();
             diagnosis.path.push(found);
+            if let Some(left) = self.scaled(node, &tree.starts) {
+                (node, values) = (left, tree.values(left)?);
+                continue;
+            }
             if operator.is_term() {
                 return Ok(diagnosis);
             }
@@ -202,6 +206,7 @@ impl Formula {
                     | Operator::StrongPrevious,
                     _,
                 ) => open.push(node - 1),
+                _ if self.scaled(node, &starts).is_some() => open.extend(self.scaled(node, &starts)),
                 _ => found.extend(listed.iter().position(|listed| *listed == node)),
             }
         }

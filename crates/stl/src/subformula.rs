@@ -208,6 +208,17 @@ impl Formula {
         listed.iter().map(describe).collect()
     }
 
+    /// Returns the formula that the node multiplies or divides by a positive number: the scale
+    /// changes the size of the robustness and no verdict.
+    pub(crate) fn scaled(&self, node: usize, starts: &[usize]) -> Option<usize> {
+        let Node::Apply(Operator::Multiply | Operator::Divide, _) = self.nodes[node] else { return None };
+        let left = starts[node - 1] - 1;
+        let is_positive =
+            matches!(self.nodes[node - 1], Node::Constant(scale) if scale > 0.0 && scale.is_finite());
+        let is_formula = matches!(self.nodes[left], Node::Apply(operator, _) if !operator.is_term());
+        (is_positive && is_formula).then_some(left)
+    }
+
     /// Returns the nodes of the sub-formulas, root first, depth first.
     pub(crate) fn listed_nodes(&self) -> Vec<usize> {
         let starts = self.starts();
@@ -228,7 +239,7 @@ impl Formula {
             let last = node - 1;
             open.push((last, has_formulas));
             if operator.arity() == 2 {
-                open.push((starts[last] - 1, has_formulas));
+                open.push((starts[last] - 1, has_formulas || self.scaled(node, &starts).is_some()));
             }
         }
         listed

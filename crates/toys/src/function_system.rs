@@ -68,6 +68,7 @@ impl FunctionSystem {
                 dangerous_steps: robustness.map(|rho| usize::from(is_violated(rho))),
                 completion_step: robustness.filter(|rho| is_satisfied(*rho)).map(|_| 1),
                 subformulas: Vec::new(),
+                others: Vec::new(),
             },
             total_reward: 0.0,
             trace,

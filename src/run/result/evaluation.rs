@@ -84,6 +84,7 @@ fn empty(resolved: &ResolvedPlan, run: &Path, is_complete: bool) -> Evaluation {
         is_complete,
         metrics: Metrics::default(),
         corners: None,
+        requirements: None,
         screening: None,
         failures: None,
     }

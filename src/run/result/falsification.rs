@@ -41,6 +41,7 @@ pub fn falsification_result(
         smooth_region: None,
         failure_rate_bound: failure_rate_bound(resolved, found),
         trials: found.trials.iter().map(|found| trial(resolved, found)).collect(),
+        requirements: None,
         modes: None,
         screening: counts.map(|counts| screening(resolved, found, counts)),
     }

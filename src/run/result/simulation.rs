@@ -1,6 +1,6 @@
-use mishandle_results::{Explanation, Noise, Repeats, Simulation};
+use mishandle_results::{Explanation, Noise, Repeats, RequirementVerdict, Simulation};
 use mishandle_rollout::{Episode, Scenario};
-use mishandle_stl::is_violated;
+use mishandle_stl::{Formula, is_violated};
 
 use crate::resolve::{ResolvedPlan, named_scenario};
 use crate::run::end_text;
@@ -18,6 +18,7 @@ pub fn simulation_result(
         robustness: episode.robustness().map(Into::into),
         violated: episode.robustness().map(is_violated),
         explanation,
+        requirements: requirements(resolved, episode),
         ..empty(resolved, &episode.request.scenario)
     }
 }
@@ -32,6 +33,21 @@ pub(crate) fn repeated_result(
     Simulation { repeats: Some(repeats), noise, ..empty(resolved, scenario) }
 }
 
+/// Returns the verdicts of the named requirements; `None` without one.
+fn requirements(resolved: &ResolvedPlan, episode: &Episode) -> Option<Vec<RequirementVerdict>> {
+    let others = &resolved.specification.others;
+    let verdict = |(index, (name, formula)): (usize, &(String, Formula))| {
+        let robustness = episode.verdict.others.get(index).copied().flatten();
+        RequirementVerdict {
+            name: name.clone(),
+            formula: formula.to_string(),
+            robustness: robustness.map(Into::into),
+            violated: robustness.map(is_violated),
+        }
+    };
+    (!others.is_empty()).then(|| others.iter().enumerate().map(verdict).collect())
+}
+
 fn empty(resolved: &ResolvedPlan, scenario: &Scenario) -> Simulation {
     Simulation {
         subject: resolved.subject(),
@@ -42,6 +58,7 @@ fn empty(resolved: &ResolvedPlan, scenario: &Scenario) -> Simulation {
         robustness: None,
         violated: None,
         explanation: None,
+        requirements: None,
         repeats: None,
         noise: None,
     }

@@ -1,3 +1,5 @@
+use std::ops::ControlFlow;
+
 use anyhow::{Result, bail, ensure};
 use clap::Args;
 use mishandle::Plan;
@@ -41,7 +43,11 @@ pub struct Arguments {
 pub fn run(command: &Arguments, gpu: Option<&Device>) -> Result<ExitStatus> {
     run::set_threads(command.run.threads)?;
     let asked = question::ask(RunKind::Evaluate, &command.subject, &command.file, gpu, || plan(command))?;
-    let Answer::Evaluation(found) = asked.answer.result(&asked.resolved, &asked.path)? else {
+    let no_repeats = |_, _| ControlFlow::Continue(());
+    let question::Asked { resolved, answer, path, .. } = &asked;
+    let Answer::Evaluation(found) =
+        mishandle::inspect::whole_result(resolved, answer, path, None, no_repeats)?
+    else {
         bail!("the answer is that of another question");
     };
     let report = &found.metrics;

@@ -30,6 +30,11 @@ pub fn plan(subject: &Subject, run: &Run) -> Result<Plan> {
     edit(&mut plan.controller, &subject.controller);
     edit(&mut plan.preset, &subject.preset);
     plan.axes.extend(settings(subject)?);
+    for (name, formula) in &subject.requirement {
+        let earlier = plan.requirements.insert(name.clone(), formula.clone());
+        let is_once = subject.requirement.iter().filter(|(other, _)| other == name).count() == 1;
+        ensure!(earlier.is_none() || is_once, "the requirement {name} is given twice");
+    }
     plan.action_noise = subject.action_noise.unwrap_or(plan.action_noise);
     plan.observation_noise = subject.observation_noise.unwrap_or(plan.observation_noise);
     plan.stochastic |= subject.stochastic;

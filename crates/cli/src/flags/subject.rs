@@ -37,6 +37,11 @@ pub struct Subject {
     /// outside of the space
     #[arg(long, value_name = "NAME=VALUE", allow_hyphen_values = true, value_parser = axis_value)]
     pub set: Vec<(String, AxisSetting)>,
+    /// Requirement with a name: the name of a formula of the target, or a text; repeat the flag for
+    /// several. Each has a result of its own from the same simulations, and a search tries to
+    /// violate any of them
+    #[arg(long, value_name = "NAME=FORMULA", allow_hyphen_values = true, value_parser = named_formula)]
+    pub requirement: Vec<(String, String)>,
     /// Batch size: number of simulations run at once [default: 64]
     #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = integer::<u32>(Plan::BATCH))]
     pub batch: Option<u32>,
@@ -57,6 +62,17 @@ pub struct Subject {
     /// Read a plan (TOML); other flags override it
     #[arg(long, value_name = "FILE")]
     pub plan: Option<PathBuf>,
+}
+
+/// Parses `NAME=FORMULA`; a name alone is that of a formula of the target.
+fn named_formula(text: &str) -> Result<(String, String), String> {
+    match text.split_once('=') {
+        Some((name, formula)) if !formula.trim().is_empty() && !formula.starts_with('=') => {
+            Ok((name.trim().to_string(), formula.trim().to_string()))
+        }
+        None if !text.trim().is_empty() => Ok((text.trim().to_string(), text.trim().to_string())),
+        _ => Err("expected a name and a formula, such as near='always(distance <= 0.1)'".to_string()),
+    }
 }
 
 /// Parses `NAME=LOW:HIGH`.

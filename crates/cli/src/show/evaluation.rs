@@ -2,7 +2,7 @@
 
 use mishandle::results::{Estimate, Evaluation};
 
-use super::{corners, output, screening, simulation, subject};
+use super::{corners, output, requirements, screening, simulation, subject};
 
 /// Returns the first line of the result.
 fn heading(found: &Evaluation) -> String {
@@ -61,5 +61,5 @@ fn direct_text(found: &Evaluation) -> String {
     {
         text.push_str(&format!("\n\n{counts}; they do not count as successes"));
     }
-    text
+    text + &requirements::text(found.requirements.as_deref())
 }

@@ -8,7 +8,7 @@ use mishandle::stl::Trace;
 use mishandle::store::{self, RunHeader, StoredTrace, TraceColumn};
 use mishandle_text::{decimal, plural};
 
-use super::{escape, explanation, output, scenario, subject};
+use super::{escape, explanation, output, requirements, scenario, subject};
 
 /// Describes a recorded simulation by its numbers: `trial 2 (corner), simulation 5`.
 pub fn name(trial: u32, point: Option<&str>, simulation: u32) -> String {
@@ -20,7 +20,10 @@ pub fn name(trial: u32, point: Option<&str>, simulation: u32) -> String {
 pub fn text(found: &Simulation) -> String {
     let heading = subject::heading(&found.subject);
     match (&found.explanation, &found.repeats) {
-        (Some(explanation), _) => format!("{heading}\n{}", explanation::text(explanation)),
+        (Some(explanation), _) => {
+            let requirements = requirements::verdicts_text(found.requirements.as_deref());
+            format!("{heading}\n{}{requirements}", explanation::text(explanation))
+        }
         (None, Some(repeats)) => format!("{heading}\n{}", repeated_text(found, repeats)),
         (None, None) => heading,
     }

@@ -1,0 +1,64 @@
+//! Named requirements over the simulations of a run.
+
+use mishandle_evaluation::{Corners, wilson};
+use mishandle_results::Requirement;
+use mishandle_stl::is_violated;
+use mishandle_store::{RunFile, RunKind};
+
+use crate::error::MishandleError;
+use crate::run::has_random_rows;
+use crate::run::record::REQUIREMENT;
+
+/// Returns the findings about each named requirement of a run; `None` if it has none.
+///
+/// # Errors
+/// If the run cannot be read.
+pub(crate) fn requirements(run: &RunFile) -> Result<Option<Vec<Requirement>>, MishandleError> {
+    let header = run.header();
+    let text = |name: &str| {
+        let formula = header.formulas.iter().find(|formula| formula.name == name);
+        formula.map_or(String::new(), |formula| formula.text.clone())
+    };
+    let named = header.verdicts.iter().enumerate().filter_map(|(column, verdict)| {
+        let name = verdict.strip_prefix(REQUIREMENT)?.to_string();
+        let formula = text(verdict);
+        let empty = Requirement {
+            name,
+            formula,
+            simulations: 0,
+            violated: 0,
+            violation_rate: None,
+            minimum_robustness: None,
+            trial: None,
+            simulation: None,
+        };
+        Some((column, empty))
+    });
+    let mut found: Vec<(usize, Requirement)> = named.collect();
+    if found.is_empty() {
+        return Ok(None);
+    }
+    for simulation in run.simulations() {
+        let simulation = simulation?;
+        if header.kind == RunKind::Evaluate && simulation.trial == Corners::TRIAL {
+            continue;
+        }
+        for (column, requirement) in &mut found {
+            let Some(robustness) = simulation.verdicts.get(*column).copied().flatten() else { continue };
+            requirement.simulations += 1;
+            requirement.violated += u64::from(is_violated(robustness));
+            if requirement.minimum_robustness.is_none_or(|least| robustness.total_cmp(&least.0).is_lt()) {
+                requirement.minimum_robustness = Some(robustness.into());
+                requirement.trial = Some(simulation.trial);
+                requirement.simulation = Some(simulation.number);
+            }
+        }
+    }
+    // A trial that ends at its first violation has a biased share of violations, too.
+    let is_rate = header.kind == RunKind::Evaluate && has_random_rows(header);
+    let with_rate = |(_, requirement): (usize, Requirement)| Requirement {
+        violation_rate: is_rate.then(|| wilson(requirement.violated, requirement.simulations)),
+        ..requirement
+    };
+    Ok(Some(found.into_iter().map(with_rate).collect()))
+}

@@ -1,0 +1,74 @@
+//! Several requirements by name: each has a robustness of its own, and a search tries to violate any
+//! of them.
+
+use mishandle_random::Seed;
+use mishandle_rollout::{Request, Space, Specification, Target};
+use mishandle_stl::Formula;
+
+use crate::error::MishandleError;
+use crate::plan::Plan;
+use crate::resolve::{check_decidable, requirement};
+
+/// Returns the requirements that a plan names.
+pub(super) fn named_requirements(
+    plan: &Plan,
+    target: &Target,
+) -> Result<Vec<(String, Formula)>, MishandleError> {
+    let is_name = |name: &str| {
+        let mut letters = name.chars();
+        letters.next().is_some_and(char::is_alphabetic)
+            && letters.all(|c| c.is_alphanumeric() || "_-".contains(c))
+    };
+    let mut found = Vec::new();
+    for (name, text) in &plan.requirements {
+        if !is_name(name) {
+            let expected = "a letter, then letters, digits, `_` and `-`";
+            return Err(MishandleError::InvalidValue {
+                what: "the name of a requirement",
+                value: name.clone(),
+                expected,
+            });
+        }
+        let formula = requirement(text, target)?;
+        check_decidable(&formula, target)?;
+        found.push((name.clone(), formula));
+    }
+    Ok(found)
+}
+
+/// Returns the formula of the question of a plan; `None` for an evaluation, which has none.
+pub(super) fn table_formula(plan: &mut Plan) -> Option<&mut Option<String>> {
+    let Plan { falsify, margin, risk, .. } = plan;
+    let of_falsify = falsify.as_mut().map(|table| &mut table.formula);
+    let of_margin = margin.as_mut().map(|table| &mut table.formula);
+    of_falsify.or(of_margin).or(risk.as_mut().map(|table| &mut table.formula))
+}
+
+/// Returns the formula that holds if all requirements hold. Each is divided by its robustness in
+/// the nominal scenario, so that none is masked because its unit has large numbers.
+///
+/// # Errors
+/// If the target cannot be simulated.
+pub(super) fn joined(
+    others: &[(String, Formula)],
+    target: &Target,
+    space: &Space,
+) -> Result<String, MishandleError> {
+    let Some((_, first)) = others.first() else { return Ok(String::new()) };
+    let specification = Specification { others: others.to_vec(), ..Specification::new(first.clone()) };
+    let mut system = target.system(space, &specification)?;
+    // A seed of its own, as for every probe.
+    let nominal = Request::new(space.nominal(), Seed(u64::MAX));
+    let episodes = system.rollout(&[nominal])?;
+    let scale = |index: usize| {
+        let robustness =
+            episodes.first().and_then(|episode| episode.verdict.others.get(index).copied().flatten());
+        robustness.map(f64::abs).filter(|scale| *scale > 0.0 && scale.is_finite()).unwrap_or(1.0)
+    };
+    let parts: Vec<String> = others
+        .iter()
+        .enumerate()
+        .map(|(index, (_, formula))| format!("(({formula}) / {})", scale(index)))
+        .collect();
+    Ok(parts.join(" and "))
+}
