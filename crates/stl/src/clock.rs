@@ -1,6 +1,7 @@
 //! Time bounds as written in a formula, and the clock that converts them to samples.
 
 use crate::error::MonitorError;
+use crate::number::Shown;
 use std::fmt;
 
 /// A unit of time that may follow an interval bound.
@@ -47,7 +48,7 @@ pub(crate) struct Bound {
 
 impl fmt::Display for Bound {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "{}", self.value)?;
+        write!(f, "{}", Shown(self.value))?;
         // `infs` does not parse.
         let unit = self.unit.filter(|_| self.value.is_finite());
         unit.map_or(Ok(()), |unit| write!(f, "{unit}"))
@@ -207,7 +208,7 @@ impl Clock {
         match (bound.unit, self.bare_bound) {
             (None, BareBound::Steps) => format!("{bound} (steps)"),
             (None, BareBound::Time(unit)) => format!("{bound} {unit}"),
-            (Some(unit), _) => format!("{} {unit}", bound.value),
+            (Some(unit), _) => format!("{} {unit}", Shown(bound.value)),
         }
     }
 }

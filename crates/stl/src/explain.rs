@@ -2,7 +2,8 @@
 
 use crate::clock::{Clock, Window};
 use crate::error::MonitorError;
-use crate::formula::{Formula, Node, write_number};
+use crate::formula::{Formula, Node};
+use crate::number::write_number;
 use crate::operator::Operator;
 use std::fmt;
 
@@ -91,6 +92,12 @@ impl Formula {
 }
 
 /// Returns the mathematical symbol of an operator.
+/// Returns the spelling of the operator that [`Formula::symbols`] prints as this character.
+pub(crate) fn spelling_of_symbol(character: char) -> Option<&'static str> {
+    let is_symbol = |operator: &Operator| symbol(*operator).chars().eq([character]);
+    Operator::all().find(is_symbol).map(Operator::name)
+}
+
 fn symbol(operator: Operator) -> &'static str {
     match operator {
         Operator::Always => "□",

@@ -1,7 +1,9 @@
 //! Formulas: operators and operands in postfix order, and their text.
 
-use crate::clock::Interval;
+use crate::clock::{Bound, Interval};
 use crate::error::ParseError;
+use crate::name::spelled;
+use crate::number::write_number;
 use crate::operator::{Operator, Shape};
 use crate::parser;
 use std::fmt;
@@ -95,7 +97,15 @@ pub struct Formula {
     /// In postfix order, so that deep nesting cannot overflow the call stack.
     pub(crate) nodes: Vec<Node>,
     /// All names that the text defines, whether used or not.
-    pub(crate) defined: Vec<String>,
+    pub(crate) defined: Vec<Definition>,
+}
+
+/// A name that the text of a formula defines.
+#[derive(Clone, Debug)]
+pub(crate) struct Definition {
+    pub name: String,
+    /// Whether another statement reads it, or it is the formula itself.
+    pub is_used: bool,
 }
 
 impl PartialEq for Formula {
@@ -124,12 +134,22 @@ impl Formula {
         !self.nodes.iter().any(|node| matches!(node, Node::Apply(operator, _) if operator.is_temporal()))
     }
 
-    /// Returns whether a bound of an interval has a unit of time, as in `always[0:2s](d <= 0.3)`.
-    pub fn has_time_units(&self) -> bool {
-        self.nodes.iter().any(|node| match node {
-            Node::Apply(_, Some(interval)) => interval.begin.unit.or(interval.end.unit).is_some(),
+    /// Returns whether the result depends on the sampling period: a bound is a time other than 0 and
+    /// `inf`. Bounds without a unit are times with a clock that has RTAMT's convention.
+    pub fn needs_period(&self, has_rtamt_clock: bool) -> bool {
+        let is_time = |bound: Bound| {
+            (bound.unit.is_some() || has_rtamt_clock) && bound.value > 0.0 && bound.value.is_finite()
+        };
+        self.nodes.iter().any(|node| match *node {
+            Node::Apply(_, Some(interval)) => is_time(interval.begin) || is_time(interval.end),
             _ => false,
         })
+    }
+
+    /// Returns the names that the text defines and no later statement reads. A statement that is
+    /// missing an operator at its end loses its next line this way.
+    pub fn unused_definitions(&self) -> Vec<&str> {
+        self.defined.iter().filter(|found| !found.is_used).map(|found| found.name.as_str()).collect()
     }
 
     /// Returns whether the result of a comparison is compared again, as in `0.2 <= v <= 0.3`. This
@@ -207,7 +227,7 @@ impl Formula {
                 }
                 Piece::Node(index) => match self.nodes[index] {
                     Node::Constant(value) => write_number(f, value)?,
-                    Node::Signal(signal) => f.write_str(&self.signals[signal as usize])?,
+                    Node::Signal(signal) => f.write_str(&spelled(&self.signals[signal as usize]))?,
                     Node::Apply(operator, interval) => {
                         self.push_pieces(operator, spelling(operator), interval, index, starts, &mut pieces);
                     }
@@ -274,15 +294,5 @@ impl Formula {
             (Shape::Infix, _) => child.precedence() <= parent.precedence(),
         };
         if needs_parentheses { Piece::InParentheses(index) } else { Piece::Node(index) }
-    }
-}
-
-/// Writes the shortest text that parses to the same number; ±∞ are the truth values.
-pub(crate) fn write_number(f: &mut fmt::Formatter<'_>, value: f64) -> fmt::Result {
-    match value {
-        f64::INFINITY => f.write_str("true"),
-        f64::NEG_INFINITY => f.write_str("false"),
-        _ if value == 0.0 || (1e-5..1e16).contains(&value.abs()) => write!(f, "{value}"),
-        _ => write!(f, "{value:e}"),
     }
 }
