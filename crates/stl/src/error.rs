@@ -201,11 +201,22 @@ pub enum MonitorError {
         /// The sampling period, s.
         period_secs: f64,
     },
+    /// A bound in a unit of time, although the sampling period is unknown.
+    #[error(
+        "bound {bound} of `{operator}` is a time, but the time between two samples is unknown; pass it as period, or \
+         count samples"
+    )]
+    UnknownPeriod {
+        /// The operator that has the interval.
+        operator: String,
+        /// The bound with its unit.
+        bound: String,
+    },
     /// An interval bound that is not a multiple of the sampling period.
     #[error(
-        "bound {bound} of `{operator}` is {} steps of {} s; it must be a whole number of steps",
+        "bound {bound} of `{operator}` is {} steps{}; it must be a whole number of steps",
         Shown(*samples),
-        Shown(*period_secs)
+        period_secs.map(|secs| format!(" of {} s", Shown(secs))).unwrap_or_default()
     )]
     NotAMultiple {
         /// The operator that has the interval.
@@ -214,8 +225,8 @@ pub enum MonitorError {
         bound: String,
         /// The bound divided by the period.
         samples: f64,
-        /// The sampling period, s.
-        period_secs: f64,
+        /// The sampling period, s, if it is known.
+        period_secs: Option<f64>,
     },
     /// An interval bound so large that the sum of bounds could overflow.
     #[error(
@@ -252,9 +263,9 @@ pub enum MonitorError {
     OtherFormula,
     /// A sample is NaN or infinite, in a signal that the formula reads.
     #[error(
-        "signal {} is {value} at step {step} (t = {} s); every sample must be finite",
+        "signal {} is {value} at step {step}{}; every sample must be finite",
         shown(signal),
-        Shown(*time_secs)
+        at_time(*time_secs)
     )]
     NotFinite {
         /// The signal.
@@ -263,22 +274,22 @@ pub enum MonitorError {
         value: f64,
         /// The sample, from 0.
         step: usize,
-        /// Its time, s.
+        /// Its time, s; NaN if the sampling period is unknown.
         time_secs: f64,
     },
     /// Arithmetic without a finite value: a division by zero, the square root of a negative number,
     /// an overflow.
     #[error(
-        "`{}` has no finite value at step {step} (t = {} s)",
+        "`{}` has no finite value at step {step}{}",
         with_short_numbers(operation),
-        Shown(*time_secs)
+        at_time(*time_secs)
     )]
     Undefined {
         /// The operation with the values of its operands.
         operation: String,
         /// The sample, from 0.
         step: usize,
-        /// Its time, s.
+        /// Its time, s; NaN if the sampling period is unknown.
         time_secs: f64,
     },
 }
@@ -305,6 +316,10 @@ pub fn name_hint(name: &str) -> Option<String> {
 
 fn after(hint: &Option<String>) -> String {
     hint.as_ref().map(|hint| format!("; {hint}")).unwrap_or_default()
+}
+
+fn at_time(secs: f64) -> String {
+    if secs.is_nan() { String::new() } else { format!(" (t = {} s)", Shown(secs)) }
 }
 
 /// The number of names that a message lists.

@@ -29,8 +29,8 @@ impl Formula {
     /// none.
     ///
     /// # Errors
-    /// If the sampling period is not positive and finite, or an interval bound is not a whole
-    /// number of samples.
+    /// If the sampling period is unknown or not positive and finite, or an interval bound is not a
+    /// whole number of samples.
     ///
     /// # Example
     /// ```
@@ -47,6 +47,9 @@ impl Formula {
         unit: impl Fn(&str) -> &'a str,
     ) -> Result<Vec<String>, MonitorError> {
         clock.check()?;
+        if clock.period_secs().is_none() {
+            return Err(MonitorError::InvalidPeriod { period_secs: f64::NAN });
+        }
         let absolute = self.evaluated_at_start(time);
         // In postfix order the operands of an operator come before it, so deep nesting needs no
         // recursion.

@@ -134,8 +134,8 @@ impl Formula {
         !self.nodes.iter().any(|node| matches!(node, Node::Apply(operator, _) if operator.is_temporal()))
     }
 
-    /// Returns whether the result depends on the sampling period: a bound is a time other than 0 and
-    /// `inf`. Bounds without a unit are times with a clock that has RTAMT's convention.
+    /// Returns whether the result depends on the sampling period: a bound is a time other than 0
+    /// and `inf`. Bounds without a unit are times with a clock that has RTAMT's convention.
     pub fn needs_period(&self, has_rtamt_clock: bool) -> bool {
         let is_time = |bound: Bound| {
             (bound.unit.is_some() || has_rtamt_clock) && bound.value > 0.0 && bound.value.is_finite()

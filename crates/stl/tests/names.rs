@@ -1,6 +1,7 @@
 //! Names of signals in backquotes, and hints on names.
 #![allow(clippy::unwrap_used)] // clippy's setting for tests does not cover helper functions
 
+#[allow(dead_code, reason = "these tests use a part of it")]
 mod naive;
 
 use mishandle_stl::{Clock, Formula, Monitor, MonitorError, Trace, spelled};

@@ -48,7 +48,7 @@ pub fn ask(
         plan => Ok(plan),
     };
     let (resolved, file) = open(file, kind, subject.controller.as_deref(), checked)?;
-    output::warn_of_chained_comparisons(&resolved.specification.requirement);
+    output::warn_about(&resolved.specification.requirement);
     let (path, name) = (file.file().path().to_path_buf(), name(file.file()));
     let start = Instant::now();
     let mut simulations = 0;
