@@ -9,6 +9,7 @@ from collections.abc import Iterable, Mapping, Sequence
 
 from mishandle.axes import Attribute, Axis, ResetOption, parse_path
 from mishandle.errors import InvalidTypeError, InvalidValueError, MishandleError
+from mishandle import _native
 from mishandle.formulas import Formula
 
 ROLES = ("success", "strict", "safe", "completion")

@@ -21,56 +21,23 @@ pub(crate) enum Node {
 
 /// A formula of signal temporal logic, in RTAMT's syntax.
 ///
-/// # Syntax
-/// Operators in order of decreasing precedence; infix operators are left-associative:
+/// The reference page `docs/reference/formulas.md` has all operators with examples, their
+/// precedence, statements, names, limits and the differences from RTAMT. In short:
+/// - Precedence, decreasing: functions, sign, `*` `/`, `+` `-`, comparisons, `not`, `always` and
+///   other temporal operators, `until` and its relatives, `and`, `or`, `implies`, `iff`, `xor`.
+///   Infix operators are left-associative.
+/// - Bounds are numbers with an optional unit (`s`, `ms`, `us`, `ns`), or constants; the end may be
+///   `inf`. The [`Clock`](crate::Clock) defines the meaning of bounds without a unit.
+/// - A text may declare signals, define constants and name sub-formulas, separated by semicolons or
+///   line breaks. The last statement is the formula. The [`Monitor`](crate::Monitor) rejects a
+///   definition with the name of a signal of the trace, since `=` is often a typo for `==`.
+/// - A name that is no plain word stands in backquotes: `` `a/b[0]` ``.
+///   [`spelled`](crate::spelled) writes names this way.
+/// - **Comparisons are not chained**: as in RTAMT, `0.2 <= v <= 0.3` is `(0.2 <= v) <= 0.3`, which
+///   bounds `v - 0.2`. [`Formula::chains_comparisons`] detects such formulas.
 ///
-/// | operator | written |
-/// |---|---|
-/// | functions | `abs(x)` `sqrt(x)` `exp(x)` `ln(x)` `pow(x, y)` `rise(p)` `fall(p)` |
-/// | sign | `-x` |
-/// | arithmetic | `*` `/`, then `+` `-` |
-/// | comparison | `<=` `>=` `<` `>` `==` `!==` (or `!=`) |
-/// | negation | `not` `!` |
-/// | future | `always` `G`, `eventually` `F`, `next` `X`, `s_next` `sX` |
-/// | past | `historically` `H`, `once` `O`, `prev` `Y`, `s_prev` `sY` |
-/// | binary temporal | `until` `U` and `release` `R`, then `unless` `W`, then `since` `S` |
-/// | logic | `and` `&`, then `or` `\|`, then `implies` `->`, then `iff` `<->`, then `xor` |
-///
-/// `always`, `eventually`, `historically`, `once`, `until`, `release`, `unless` and `since` take an
-/// interval, `[a:b]` or `[a,b]`. Bounds are numbers with an optional unit (`s`, `ms`, `us`, `ns`),
-/// or constants; the end may be `inf`. If only the end has a unit, the begin has the same unit. The
-/// [`Clock`](crate::Clock) defines the meaning of bounds without a unit.
-///
-/// Numbers may have exponents and underscores. `true` is +∞ and `false` is −∞. Comments are `// …`
-/// and `/* … */`. A text may declare signals (`input float d`), define constants
-/// (`const float limit = 0.3`) and name sub-formulas (`near = d <= limit`). The last statement is
-/// the formula; it may have a name, too (`out = d <= 1`). Semicolons between statements are
-/// optional. The [`Monitor`](crate::Monitor) rejects a definition with the name of a signal of the
-/// trace, since `=` is often a typo for `==`. For the same reason the last statement may not be a
-/// number with a name.
-///
-/// **Comparisons are not chained**: as in RTAMT, `0.2 <= v <= 0.3` is `(0.2 <= v) <= 0.3`, which
-/// bounds `v - 0.2`. Write `0.2 <= v and v <= 0.3`. [`Formula::chains_comparisons`] detects such
-/// formulas.
-///
-/// # Differences from RTAMT
-/// In RTAMT 0.4.10 `+` binds tighter than `-` and `*` tighter than `/`: **it parses `a - b + c` as
-/// `a - (b + c)`** and `a / b * c` as `a / (b * c)`. Here they are `(a - b) + c` and `(a / b) * c`,
-/// as in arithmetic. A formula is printed with these parentheses, so that both parsers agree on the
-/// printed text. All other operators have RTAMT's precedence.
-///
-/// Further text that RTAMT rejects or misparses has its usual meaning here: `!=`, `-x`, `a - 1`
-/// (which RTAMT rejects at first), `x/y` (which RTAMT parses as one name), `ln`, `release`, `true`,
-/// `unless` without an interval, trailing semicolons, constants as bounds. Two things are rejected
-/// here only: annotations (`@topic`) and imports, which belong to ROS, and an interval whose begin
-/// has a unit and whose end has none.
-///
-/// # Limits
-/// A text has at most 256 KiB. All its statements together have at most 131,072 operators and
-/// operands, after the names in them are expanded: `p1 = p0 and p0; p2 = p1 and p1; …` doubles with
-/// every name. At most 64 operands wait for another one, as in `a and (b and (c and …))`; a monitor
-/// needs a number per sample for each. A bound is at most 2^43 samples. The length of a window does
-/// not matter: it takes no memory beyond that of the trace.
+/// A printed formula parses to the same formula, and RTAMT parses it alike if it has no names in
+/// backquotes: `a - b + c`, which is `a - (b + c)` in RTAMT, is printed as `(a - b) + c`.
 ///
 /// # Example
 /// ```
@@ -84,9 +51,6 @@ pub(crate) enum Node {
 /// let error = Formula::parse("always[0:30](d <= )").unwrap_err();
 /// assert_eq!(error.column(), 19);
 /// ```
-///
-/// # Reference
-/// Nickovic and Yamaguchi, "RTAMT: Online Robustness Monitors from STL", ATVA 2020.
 ///
 /// Two formulas are equal if their syntax trees are equal, whatever constants and sub-formulas
 /// their texts define.

@@ -43,7 +43,8 @@ Examples:
   mishandle monitor --formula 'always[0:2s](d <= 0.3)' --period 0.1 trace.csv
   mishandle monitor --formula 'always[0:2](d <= 0.3)' --period 0.1 --unit s trace.csv  as in RTAMT
 
-Exit code 1 means that the robustness at time 0 is negative.")]
+Exit code 1 means that the robustness at time 0 is negative. docs/reference/formulas.md describes
+the language of formulas.")]
 pub struct Arguments {
     /// Formula in the syntax of RTAMT
     #[arg(long, allow_hyphen_values = true)]

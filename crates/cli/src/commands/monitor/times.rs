@@ -149,7 +149,7 @@ impl Times {
     fn found(&self, mean: f64, rounding: &[f64]) -> Result<f64> {
         let is_fine = STEP_TO_ROUNDING * largest(rounding) < self.shortest.length();
         let rounded = is_fine.then(|| self.grid(mean, rounding).periods()).flatten();
-        if let Some(exact) = self.grid(mean, &vec![0.0; rounding.len()]).periods() {
+        if let Some(exact) = self.exact_grid(mean).periods() {
             let low = rounded.map_or(exact.0, |(low, _)| low.max(mean * (1.0 - SIMPLIFIED)));
             let high = rounded.map_or(exact.1, |(_, high)| high.min(mean * (1.0 + SIMPLIFIED)));
             return Ok(simplest(low.min(exact.0), high.max(exact.1)));
@@ -202,8 +202,12 @@ impl Times {
     }
 
     fn grid(&self, near: f64, rounding: &[f64]) -> Grid {
-        let times: Vec<f64> = self.samples.iter().map(|time| time.secs).collect();
-        Grid::new(&times, rounding, near)
+        let times = self.samples.iter().map(|time| time.secs);
+        Grid::new(times.zip(rounding.iter().copied()), near)
+    }
+
+    fn exact_grid(&self, near: f64) -> Grid {
+        Grid::new(self.samples.iter().map(|time| (time.secs, 0.0)), near)
     }
 }
 

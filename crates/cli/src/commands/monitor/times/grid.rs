@@ -26,9 +26,9 @@ pub struct Grid {
 impl Grid {
     /// Creates the intervals of times that have these largest errors by rounding, besides that of a
     /// 64-bit number.
-    pub fn new(times: &[f64], errors: &[f64], near: f64) -> Grid {
-        let first = times.first().copied().unwrap_or(0.0);
-        let largest = times.iter().fold(0.0, |largest: f64, time| largest.max(time.abs()));
+    pub fn new(times_and_errors: impl Iterator<Item = (f64, f64)> + Clone, near: f64) -> Grid {
+        let first = times_and_errors.clone().next().map_or(0.0, |(time, _)| time);
+        let largest = times_and_errors.clone().fold(0.0, |largest: f64, (time, _)| largest.max(time.abs()));
         let noise = 2.0 * f64::EPSILON * largest;
         let mut grid = Grid {
             near,
@@ -37,7 +37,7 @@ impl Grid {
             anchored: (f64::NEG_INFINITY, f64::INFINITY),
             limit: 0.0,
         };
-        for (sample, (time, error)) in times.iter().zip(errors).enumerate() {
+        for (sample, (time, error)) in times_and_errors.enumerate() {
             let sample = sample as f64;
             let difference = time - first - sample * near;
             let inside = error * (1.0 - INSIDE) + noise;
@@ -124,7 +124,7 @@ mod tests {
     #[track_caller]
     fn check(times: &[f64], error: f64, expected: Option<(f64, f64)>) {
         let near = (times[times.len() - 1] - times[0]) / (times.len() - 1) as f64;
-        let found = Grid::new(times, &vec![error; times.len()], near).periods();
+        let found = Grid::new(times.iter().map(|time| (*time, error)), near).periods();
         let is_close = match (found, expected) {
             (Some((a, b)), Some((c, d))) => (a - c).abs() < 1e-6 && (b - d).abs() < 1e-6,
             (found, expected) => found == expected,
