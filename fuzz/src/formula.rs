@@ -74,6 +74,8 @@ pub fn seeds() -> Vec<Vec<u8>> {
         "0.2 <= v <= 0.3",
         "a = b and b; c = a and a; d = c and c; d and d",
         "F[1:100ms] (x >= inf)",
+        "p = `a/b[0]` > 1\r\n`q``r` = x - y // c\n`q``r` > 0 and p",
+        "input float x\nconst int k = 2\np = x > k\n(p) R[0:k] `R`\n;",
     ];
     texts.iter().map(|text| text.as_bytes().to_vec()).collect()
 }

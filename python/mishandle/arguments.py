@@ -9,7 +9,8 @@ from collections.abc import Iterable, Mapping, Sequence
 
 from mishandle.axes import Attribute, Axis, ResetOption, parse_path
 from mishandle.errors import InvalidTypeError, InvalidValueError, MishandleError
-from mishandle.formulas import TIME_BOUND, Formula
+from mishandle import _native
+from mishandle.formulas import Formula
 
 ROLES = ("success", "strict", "safe", "completion")
 """Names of formulas that define metrics."""
@@ -163,7 +164,7 @@ def check_time(formulas: Mapping[str, str], knows_control_dt: bool, control_dt: 
     if knows_control_dt:
         return
     for text in formulas.values():
-        if TIME_BOUND.search(text):
+        if _native.Formula(text).needs_period:
             raise InvalidValueError(
                 f"`{text}` has bounds in units of time, but the duration of a control step is not known (assumed: "
                 f"{control_dt:g} s); pass it as control_dt, in seconds"

@@ -15,12 +15,8 @@ from mishandle.systems import columns_of
 from mishandle.violations import violation
 
 
-_DISTANCE = re.compile(r"abs\((?P<name>\w+)(?: (?P<center>[+-] [0-9.e+-]+))?\)")
+_DISTANCE = re.compile(r"abs\((?P<name>`(?:[^`]|``)*`|[^\s`()]+)(?: (?P<center>[+-] [0-9.e+-]+))?\)", re.DOTALL)
 """Distance of a signal from a number, such as ``abs(x - 3)``."""
-
-
-TIME_BOUND = re.compile(r"\[[^\]]*\d\s*(?:s|ms|us|ns)\b")
-"""Interval of a formula with a bound in a unit of time."""
 
 
 class Formula:
@@ -29,7 +25,8 @@ class Formula:
     Parameters
     ----------
     text : str
-        Text in RTAMT's syntax, such as ``"always[0:10](x <= 1)"``. Bounds without a unit count samples.
+        Text in RTAMT's syntax, such as ``"always[0:10](x <= 1)"``. Bounds without a unit count samples. A name that is no plain
+        word stands in backquotes: ``"`/joint[0]` <= 1"``.
 
     Examples
     --------
@@ -57,11 +54,22 @@ class Formula:
                 f"0.3`. The formula is {text}",
                 stacklevel=2,
             )
+        for name in self._native.unused_definitions:
+            warnings.warn(f"no statement reads the definition `{name}`; the formula is {self}", stacklevel=2)
 
     @property
     def signals(self) -> list[str]:
         """Names of its signals."""
         return self._native.signals
+
+    @property
+    def needs_period(self) -> bool:
+        """Whether a bound is a time other than 0, so that the time between two samples matters.
+
+        >>> Formula("always[0:2s](x <= 1)").needs_period, Formula("always[0:2](x <= 1)").needs_period
+        (True, False)
+        """
+        return self._native.needs_period
 
     @property
     def subformulas(self) -> list[Formula]:
@@ -105,7 +113,7 @@ class Formula:
         >>> Formula("x <= 1").robustness_signal({"x": [0.5, 2.0]}).tolist()
         [0.5, -1.0]
         """
-        columns = columns_of(trace, self.signals)
+        columns = self._columns(trace)
         names = list(columns)
         samples = np.column_stack(list(columns.values())) if names else np.zeros((0, 0))
         return self._native.robustness_signal(names, samples, self._period(period), decided_only)
@@ -119,7 +127,7 @@ class Formula:
         >>> Formula("always[0:9](x <= 1)").robustness_bounds({"x": [0.0, 3.0, 0.5]})
         (-inf, -2.0)
         """
-        columns = columns_of(trace, self.signals)
+        columns = self._columns(trace)
         names = list(columns)
         samples = np.column_stack(list(columns.values())) if names else np.zeros((0, 0))
         found = self._native.robustness_bounds(names, samples, self._period(period))
@@ -135,7 +143,7 @@ class Formula:
         {'always(x <= 1 or y >= 2)': [-1.0, -1.0, -1.0], 'x <= 1 or y >= 2': [1.0, 2.0, -1.0],
          'x <= 1': [1.0, -2.0, -1.0], 'y >= 2': [-2.0, 2.0, -1.0]}
         """
-        columns = columns_of(trace, self.signals)
+        columns = self._columns(trace)
         return {
             str(part): part.robustness_signal(columns, period=period, decided_only=decided_only)
             for part in self.subformulas
@@ -147,6 +155,7 @@ class Formula:
         >>> Formula("always(abs(x - 3) <= 1 and 0.5 < y)").thresholds()
         [('x', 2.0), ('x', 4.0), ('y', 0.5)]
         """
+        names = {_native.spelled(name): name for name in self.signals}
         found: list[tuple[str, float]] = []
         for _, _, _, sides in self._native.nodes(period):
             if sides is None:
@@ -157,11 +166,12 @@ class Formula:
                 except ValueError:
                     continue
                 distance = _DISTANCE.fullmatch(term)
-                if term in self.signals:
-                    found.append((term, number))
-                elif distance is not None and distance["name"] in self.signals:
+                if term in names:
+                    found.append((names[term], number))
+                elif distance is not None and distance["name"] in names:
+                    name = names[distance["name"]]
                     center = float((distance["center"] or "0").replace("- ", "-").replace("+ ", "+"))
-                    found += [(distance["name"], -center - number), (distance["name"], -center + number)]
+                    found += [(name, -center - number), (name, -center + number)]
         return found
 
     def violation(self, trace: Any, *, period: float | None = None) -> NDArray[np.bool_]:
@@ -178,18 +188,21 @@ class Formula:
         """
         values = [
             part.robustness_signal(columns, period=period)
-            for columns in [columns_of(trace, self.signals)]
+            for columns in [self._columns(trace)]
             for part in self.subformulas
         ]
         return violation(self._native.nodes(self._period(period)), values)
 
-    def _period(self, given: float | None) -> float:
-        if given is None and TIME_BOUND.search(str(self)):
+    def _period(self, given: float | None) -> float | None:
+        if given is None and self._native.needs_period:
             raise InvalidValueError(
                 f"`{self}` has bounds in units of time; pass the time between two samples as period, in seconds (columns with times "
                 "are not read)"
             )
-        return 1.0 if given is None else given
+        return given
+
+    def _columns(self, trace: Any) -> dict[str, NDArray[np.float64]]:
+        return columns_of(trace, self.signals, self._native.hint)
 
     def __eq__(self, other: object) -> bool:
         return isinstance(other, Formula) and str(self) == str(other)

@@ -6,6 +6,7 @@ import inspect
 import time
 import traceback
 import warnings
+from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Union
@@ -81,26 +82,34 @@ class NativeSystem(System):
         self.exceptions = []
 
 
-def columns_of(trace: Any, names: Sequence[str] | None = None) -> dict[str, NDArray[np.float64]]:
-    """Returns some or all columns of a dictionary of arrays or of a data frame. A data frame may have columns that are no
-    numbers, such as time stamps, beside those in ``names``."""
+def columns_of(
+    trace: Any, names: Sequence[str] | None = None, hint: Callable[[list[str]], str | None] | None = None
+) -> dict[str, NDArray[np.float64]]:
+    """Returns some or all columns of a dictionary of arrays or of a data frame. Beside those in ``names``, there may be columns
+    that are no numbers, such as time stamps, and columns of the same name. ``hint`` is asked if columns are missing."""
     # A simulation, such as those of `simulate`.
     trace = getattr(trace, "trace", trace) if not isinstance(trace, Mapping) and not hasattr(trace, "columns") else trace
     if isinstance(trace, Mapping):
-        items = {str(name): values for name, values in trace.items()}
+        labels = list(trace)
     elif hasattr(trace, "columns"):
-        if len(set(trace.columns)) < len(trace.columns):
-            raise InvalidValueError(f"the data frame has several columns of the same name: {', '.join(map(str, trace.columns))}")
-        items = {str(name): trace[name].to_numpy() for name in trace.columns}
+        labels = list(trace.columns)
     else:
         raise InvalidTypeError(f"a trace must be a dictionary of arrays or a data frame, not a {type(trace).__name__}")
-    missing = [name for name in names or [] if name not in items]
+    known = [str(label) for label in labels]
+    missing = [name for name in names or [] if name not in known]
     if missing:
-        raise InvalidValueError(f"the trace lacks the signals {', '.join(missing)}; it has {', '.join(items) or 'none'}")
+        suggestion = hint(known) if hint is not None else None
+        raise InvalidValueError(
+            f"the trace lacks the signals {', '.join(missing)}; it has {', '.join(known) or 'none'}"
+            + (f"; {suggestion}" if suggestion else "")
+        )
+    read = [(name, label) for name, label in zip(known, labels) if names is None or name in names]
+    twice = [name for name, count in Counter(name for name, _ in read).items() if count > 1]
+    if twice:
+        raise InvalidValueError(f"the trace has several columns of the same name: {', '.join(twice)}")
     columns = {}
-    for name, values in items.items():
-        if names is not None and name not in names:
-            continue
+    for name, label in read:
+        values = trace[label] if isinstance(trace, Mapping) else trace[label].to_numpy()
         try:
             column = _numbers(values)
         except (TypeError, ValueError, OverflowError) as error:

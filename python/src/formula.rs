@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use mishandle::stl::{Clock, Formula, Monitor, Trace};
+use mishandle::stl::{Clock, Formula, Monitor, Recording, Trace, spelled};
 use numpy::ndarray::ArrayView2;
 use numpy::{IntoPyArray, PyArray1, PyReadonlyArray2};
 use pyo3::prelude::*;
@@ -46,8 +46,24 @@ impl PyFormula {
         self.formula.chains_comparisons()
     }
 
+    #[getter]
+    fn unused_definitions(&self) -> Vec<String> {
+        self.formula.unused_definitions().into_iter().map(String::from).collect()
+    }
+
+    /// Whether a bound is a time, so that samples need a period.
+    #[getter]
+    fn needs_period(&self) -> bool {
+        self.formula.needs_period(false)
+    }
+
+    /// Returns a hint for a trace that lacks signals of the formula.
+    fn hint(&self, names: Vec<String>) -> Option<String> {
+        Recording::new(&self.formula, names.into()).err().and_then(|error| error.hint())
+    }
+
     /// Returns the syntax tree, in the order of `subformulas`.
-    fn nodes(&self, period: f64) -> PyResult<Vec<Node>> {
+    fn nodes(&self, period: Option<f64>) -> PyResult<Vec<Node>> {
         let nodes = self.formula.subformula_nodes(&clock(period)?).map_err(plain)?;
         Ok(nodes.into_iter().map(|node| (node.operator, node.window, node.operands, node.sides)).collect())
     }
@@ -62,7 +78,7 @@ impl PyFormula {
         py: Python<'py>,
         names: Vec<String>,
         samples: PyReadonlyArray2<'py, f64>,
-        period: f64,
+        period: Option<f64>,
         decided_only: bool,
     ) -> PyResult<Bound<'py, PyArray1<f64>>> {
         let trace = trace(names.into(), samples.as_array());
@@ -81,7 +97,7 @@ impl PyFormula {
         py: Python<'_>,
         names: Vec<String>,
         samples: PyReadonlyArray2<'_, f64>,
-        period: f64,
+        period: Option<f64>,
     ) -> PyResult<Option<(f64, f64)>> {
         let trace = trace(names.into(), samples.as_array());
         let mut monitor = Monitor::new(&self.formula, trace.names(), clock(period)?).map_err(plain)?;
@@ -94,10 +110,17 @@ impl PyFormula {
     }
 }
 
+/// Returns a name as formulas spell it.
+#[pyfunction(name = "spelled")]
+pub fn spelled_name(name: &str) -> String {
+    spelled(name).into_owned()
+}
+
 /// Longest continuation of a trace, in samples.
 const MAX_CONTINUATION: usize = 10_000_000;
 
-fn clock(period: f64) -> PyResult<Clock> {
+fn clock(period: Option<f64>) -> PyResult<Clock> {
+    let Some(period) = period else { return Ok(Clock::unknown()) };
     if period.is_finite() && period > 0.0 {
         return Ok(Clock::steps(period));
     }

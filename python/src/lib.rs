@@ -68,6 +68,7 @@ fn contents(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_class::<PyController>()?;
     module.add_class::<Simulator>()?;
     module.add_class::<PlanWorker>()?;
+    module.add_function(wrap_pyfunction!(formula::spelled_name, module)?)?;
     module.add_function(wrap_pyfunction!(remote::complete_run, module)?)?;
     module.add_function(wrap_pyfunction!(remote::create_campaign, module)?)?;
     module.add_function(wrap_pyfunction!(remote::campaign_runs, module)?)?;

@@ -112,6 +112,17 @@ class DataFrames(unittest.TestCase):
                 call(log)
         self.assertEqual(formula.robustness(log, period=0.5), 1.0)
 
+    def test_a_name_in_backquotes_that_looks_like_a_bound_has_no_time(self):
+        log = {"d[0 s]": [1.0, 3.0]}
+        self.assertEqual(mishandle.robustness("always[0:1](`d[0 s]` <= 2)", log), -1.0)
+        with self.assertRaisesRegex(ValueError, "as period"):
+            mishandle.robustness("always[0:1s](`d[0 s]` <= 2)", log)
+        self.assertEqual(mishandle.robustness("always[0s:inf](`d[0 s]` <= 2)", log), -1.0)
+
+    def test_a_sample_without_a_known_time_is_named_by_its_number(self):
+        with self.assertRaisesRegex(mishandle.MishandleError, "`d` is NaN at step 1; every sample"):
+            mishandle.robustness("always(d <= 2)", {"d": [1.0, float("nan")]})
+
     def test_a_unit_after_a_number_is_explained(self):
         for text in ("always(x < 2 rad)", "x < 2 m/s", "x < 2s"):
             with self.assertRaisesRegex(ValueError, "a number has no unit"):
@@ -125,6 +136,45 @@ class DataFrames(unittest.TestCase):
             frame = __import__(library).DataFrame({"x": [0.0, None, 1.0]})
             with self.assertRaisesRegex(mishandle.MishandleError, "not finite|NaN"):
                 mishandle.robustness("always(x <= 4)", frame)
+
+
+class Names(unittest.TestCase):
+    def test_any_column_can_be_read_in_backquotes(self):
+        log = {"/arm/q[0]": [1.0, 2.0], "load/diff1": [0.0, 4.0], "until": [1.0, 1.0], "": [3.0, 3.0], "a`b": [2.0, 2.0]}
+        for name, formula in zip(log, ["`/arm/q[0]`", "`load/diff1`", "`until`", "``", "`a``b`"]):
+            self.assertEqual(Formula(formula).robustness_signal(log).tolist(), log[name])
+            self.assertEqual(Formula(formula).signals, [name])
+            self.assertEqual(Formula(str(Formula(f"not({formula} > 1)"))), Formula(f"not({formula} > 1)"))
+        found = Formula("always(`/arm/q[0]` <= 3 and abs(`load/diff1` - 1) < 2)").thresholds()
+        self.assertEqual(found, [("/arm/q[0]", 3.0), ("load/diff1", -1.0), ("load/diff1", 3.0)])
+
+    def test_a_hint_spells_the_name_of_the_column(self):
+        with self.assertRaisesRegex(ValueError, "lacks the signals load, diff1; .*to read the signal `load/diff1`, write"):
+            mishandle.robustness("always(load/diff1 <= 2)", {"load/diff1": [1.0]})
+        with self.assertRaisesRegex(ValueError, "did you mean `speed`"):
+            mishandle.robustness("always(sped <= 2)", {"speed": [1.0]})
+        with self.assertRaisesRegex(ValueError, "written in backquotes"):
+            Formula("always(/arm/q <= 2)")
+
+    def test_only_columns_that_are_read_need_a_name_of_their_own(self):
+        frame = __import__("pandas").DataFrame([[1.0, 2.0, 9.0], [3.0, 4.0, 9.0]], columns=["a", "b", "b"])
+        self.assertEqual(mishandle.robustness("always(a <= 2)", frame), -1.0)
+        with self.assertRaisesRegex(ValueError, "several columns of the same name: b"):
+            mishandle.robustness("always(b <= 2)", frame)
+        with self.assertRaisesRegex(ValueError, "several columns of the same name: 1"):
+            mishandle.robustness("always(`1` <= 2)", {1: [0.0], "1": [5.0]})
+
+
+class Statements(unittest.TestCase):
+    def test_lines_separate_definitions(self):
+        text = "low = speed <= 1\nnear = d < 2\nalways(low or near)"
+        self.assertEqual(Formula(text), Formula("always(speed <= 1 or d < 2)"))
+        with self.assertRaisesRegex(ValueError, "write `;` before"):
+            Formula("low = speed\n-d <= low")
+
+    def test_a_definition_without_use_is_a_warning(self):
+        with self.assertWarnsRegex(UserWarning, "no statement reads the definition `low`"):
+            Formula("low = speed <= 1\nd <= 2")
 
 
 class Minima(unittest.TestCase):

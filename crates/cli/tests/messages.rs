@@ -219,19 +219,107 @@ fn the_hint_on_an_unknown_controller_names_the_folder_of_the_controllers() {
 }
 
 #[test]
-fn an_assumed_sampling_period_is_reported() {
+fn a_bound_in_seconds_needs_the_time_between_two_samples() {
     let bench = Bench::new();
-    bench.write("t.csv", "t,d\n0,1\n0.5,2\n1,1\n");
-    bench.write("time.csv", "time,d\n0,1\n0.5,2\n1,1\n");
-    for (arguments, is_noted) in [
-        ("monitor --formula always[0:1s](d>0) t.csv", true),
-        ("monitor --formula always[0:1s](d>0) t.csv --period 0.5", false),
-        ("monitor --formula always[0:1s](d>0) time.csv", false),
-        ("monitor --formula always[0:1](d>0) t.csv", false),
+    let rows = "0,5\n0.5,5\n1,2\n1.5,1\n";
+    bench.write("none.csv", &format!("step,d\n{rows}"));
+    bench.write("one.csv", "time,d\n0,1\n");
+    bench.write("time.csv", &format!("time,d\n{rows}"));
+    let asks = ["needs the time between two samples", "--period SECONDS"];
+    for arguments in [
+        "--formula always[0:1s](d>0) none.csv",
+        "--formula always[0:1](d>0) --unit s none.csv",
+        "--formula historically[20ms:inf](d>0) none.csv",
+        "--formula always[0:1s](d>0) one.csv",
     ] {
-        let output = bench.run(arguments);
-        let message = text(&output.stderr);
-        assert_eq!(output.status.code(), Some(0), "{message}");
-        assert_eq!(message.contains("no column `time`, so its samples are taken to be 1 s apart"), is_noted);
+        check(&bench, &format!("monitor {arguments}"), &asks);
+    }
+    for name in ["Time", "timestamp", "t", "__time", "%time", "header.stamp", "elapsed_s", "time [s]", "sec"]
+    {
+        bench.write("named.csv", &format!("{name},d\n{rows}"));
+        let quoted = if name.contains('[') { format!("'{name}'") } else { name.to_string() };
+        let parts = [asks[0], asks[1], &format!("--time {quoted}")];
+        check(&bench, "monitor --formula always[0:1s](d>0) named.csv", &parts);
+        // d is 5, 5, 2 within 1 s.
+        let named = format!("monitor --formula 'always[0:1s](d>=2)' named.csv --time '{name}'");
+        assert_eq!(bench.json(&format!("{named} --json"), 0)["robustness"], 0.0);
+    }
+    for arguments in [
+        "--formula always[0:1s](d>=2) time.csv",
+        "--formula always[0:1](d>=2) time.csv --unit s",
+        "--formula always[0:1s](d>=2) none.csv --period 0.5",
+        "--formula always[0:2](d>=2) none.csv",
+        "--formula historically[0s:inf](d>=5) none.csv",
+    ] {
+        assert_eq!(bench.json(&format!("monitor {arguments} --json"), 0)["robustness"], 0.0, "{arguments}");
+    }
+    check(&bench, "monitor --formula d>0 time.csv --time tme", &["--time is `tme`", "did you mean `time`?"]);
+    let milliseconds = "monitor --formula always[0:1s](d>0) ms.csv";
+    bench.write("ms.csv", "time,d\n0,1\n500,1\n1000,1\n");
+    check(&bench, milliseconds, &["0.002 steps of 500 s", "those of the times, in seconds"]);
+    // No time is claimed that is not known.
+    bench.write("nan.csv", "d\n1\nnan\n");
+    check(&bench, "monitor --formula d>0 nan.csv", &["`d` is NaN at step 1; every sample"]);
+}
+
+#[test]
+fn a_column_with_any_name_is_read_in_backquotes_and_hints_name_them() {
+    let bench = Bench::new();
+    bench.write("d.csv", "/arm/q[0],load/diff1,door yaw,a`b\n1,2,3,4\n2,3,4,5\n");
+    for (formula, robustness) in
+        [("`/arm/q[0]` <= 3", 2.0), ("`load/diff1`-`door yaw`+2 >= 0", 1.0), ("`a``b` - 4 >= 0", 0.0)]
+    {
+        let found = bench.json(&format!("monitor --formula '{formula}' d.csv --json"), 0);
+        assert_eq!(found["robustness"], robustness, "{formula}");
+    }
+    for (formula, name) in [
+        ("always(/arm/q[0] <= 3)", "/arm/q[0]"),
+        ("always(load/diff1 <= 3)", "load/diff1"),
+        ("always(door yaw <= 3)", "door yaw"),
+        ("a`b > 0", "a``b"),
+    ] {
+        let err = message(&bench, &format!("monitor --formula '{formula}' d.csv"));
+        let is_hinted = err.contains(&format!("hint: to read the signal `{name}`, write its name"));
+        assert!(is_hinted || formula.starts_with("a`") && err.contains("a backquote to end"), "{err}");
+        assert!(!err.contains("did you mean"), "{err}");
+    }
+    check(
+        &bench,
+        "monitor --formula x>0 d.csv",
+        &["known signals: `/arm/q[0]`, `load/diff1`, `door yaw`, `a``b`"],
+    );
+}
+
+#[test]
+fn a_definition_without_use_is_a_warning() {
+    let bench = Bench::new();
+    bench.write("d.csv", "d\n1\n");
+    let output = bench.run("monitor --formula 'low = d <= 0\nd >= 1' d.csv");
+    assert_eq!(output.status.code(), Some(0));
+    let err = text(&output.stderr);
+    assert!(err.contains("warning: no statement reads the definition `low`; the formula is d >= 1"), "{err}");
+}
+
+#[test]
+fn headers_and_numbers_in_messages_are_short_and_harmless() {
+    let bench = Bench::new();
+    bench.write("d.csv", "\"a\u{202e}b\u{1b}[31m\nerror: c\",d\n1,1e300\n2,-1e300\n");
+    let err = message(&bench, "monitor --formula x>0 d.csv");
+    assert!(err.contains("`a\\u{202e}b\\u{1b}[31m\\nerror: c`, d"), "{err}");
+    let out = text(&bench.run("monitor --formula 'always(d <= 0)' d.csv").stdout);
+    assert!(out.contains("robustness -1e300 at time 0"), "{out}");
+    bench.write("cell.csv", &format!("d\n{}x\n", "1".repeat(300)));
+    bench.write("time.csv", "time,d\n0,1\n1e300,1\n1e301,1\n");
+    for arguments in [
+        "--formula 'd * d > 0' d.csv",
+        "--formula 'always[1e300:1e301](d > 0)' d.csv",
+        "--formula 'always[0:1s](d > 0)' d.csv --period 1e-300",
+        "--formula 'd > 0' cell.csv",
+        "--formula 'd > 0' time.csv",
+        "--formula 'd > 0' time.csv --period 1e-300",
+    ] {
+        let err = message(&bench, &format!("monitor {arguments}"));
+        let longest = err.split(|c: char| !c.is_ascii_digit()).map(str::len).max().unwrap();
+        assert!(longest <= 40, "{arguments}: {err}");
     }
 }

@@ -323,7 +323,7 @@ fn errors_of_monitor_name_cause_and_position() {
     bench.refuses("monitor --formula 'dd > 1' d.csv", &["hint: did you mean `d`?"]);
     let chained = text(&bench.run("monitor --formula '0.2 <= d <= 0.3' d.csv").stderr);
     assert!(chained.contains("comparisons do not chain"), "{chained}");
-    bench.refuses("monitor --formula 'always[0:0.5s](d > 0)' d.csv", &["0.5 s", "1 s"]);
+    bench.refuses("monitor --formula 'always[0:0.5s](d > 0)' d.csv --period 1", &["0.5 s", "1 s"]);
 }
 
 #[test]

@@ -1,6 +1,7 @@
 //! Time bounds as written in a formula, and the clock that converts them to samples.
 
 use crate::error::MonitorError;
+use crate::number::Shown;
 use std::fmt;
 
 /// A unit of time that may follow an interval bound.
@@ -47,7 +48,7 @@ pub(crate) struct Bound {
 
 impl fmt::Display for Bound {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "{}", self.value)?;
+        write!(f, "{}", Shown(self.value))?;
         // `infs` does not parse.
         let unit = self.unit.filter(|_| self.value.is_finite());
         unit.map_or(Ok(()), |unit| write!(f, "{unit}"))
@@ -125,7 +126,8 @@ const MAX_BOUND: f64 = (1_u64 << 43) as f64;
 /// ```
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Clock {
-    period_secs: f64,
+    /// `None` if it is unknown.
+    period_secs: Option<f64>,
     bare_bound: BareBound,
 }
 
@@ -140,31 +142,38 @@ impl Clock {
     /// Creates a clock with a sampling period of `dt` seconds. A bound without a unit counts
     /// control steps.
     pub fn steps(dt: f64) -> Clock {
-        Clock { period_secs: dt, bare_bound: BareBound::Steps }
+        Clock { period_secs: Some(dt), bare_bound: BareBound::Steps }
+    }
+
+    /// Creates a clock for samples whose period is unknown. A bound without a unit counts samples;
+    /// one with a unit is an error, unless it is 0.
+    pub fn unknown() -> Clock {
+        Clock { period_secs: None, bare_bound: BareBound::Steps }
     }
 
     /// Creates a clock with RTAMT's convention: a sampling period of `period_secs` seconds, and a
     /// bound without a unit is in `unit`. RTAMT's defaults are a period of 1 s and seconds.
     pub fn rtamt(period_secs: f64, unit: TimeUnit) -> Clock {
-        Clock { period_secs, bare_bound: BareBound::Time(unit) }
+        Clock { period_secs: Some(period_secs), bare_bound: BareBound::Time(unit) }
     }
 
-    /// Returns the sampling period in seconds.
-    pub fn period_secs(&self) -> f64 {
+    /// Returns the sampling period in seconds, if it is known.
+    pub fn period_secs(&self) -> Option<f64> {
         self.period_secs
     }
 
-    /// Returns the time of a sample in seconds.
+    /// Returns the time of a sample in seconds; NaN if the period is unknown.
     pub(crate) fn time_secs(&self, step: usize) -> f64 {
-        step as f64 * self.period_secs
+        step as f64 * self.period_secs.unwrap_or(f64::NAN)
     }
 
-    /// Checks that the period is positive and finite.
+    /// Checks that the period is positive and finite, if it is known.
     pub(crate) fn check(&self) -> Result<(), MonitorError> {
-        if self.period_secs > 0.0 && self.period_secs.is_finite() {
-            Ok(())
-        } else {
-            Err(MonitorError::InvalidPeriod { period_secs: self.period_secs })
+        match self.period_secs {
+            Some(period_secs) if !(period_secs > 0.0 && period_secs.is_finite()) => {
+                Err(MonitorError::InvalidPeriod { period_secs })
+            }
+            _ => Ok(()),
         }
     }
 
@@ -174,27 +183,31 @@ impl Clock {
         let samples = |bound: Bound| {
             self.samples(bound).map_err(|samples| {
                 let (operator, bound) = (operator.to_owned(), self.describe(bound));
-                if samples > MAX_BOUND {
-                    return MonitorError::BoundTooLarge { operator, bound, samples };
+                match self.period_secs {
+                    _ if samples.is_nan() => MonitorError::UnknownPeriod { operator, bound },
+                    _ if samples > MAX_BOUND => MonitorError::BoundTooLarge { operator, bound, samples },
+                    period_secs => MonitorError::NotAMultiple { operator, bound, samples, period_secs },
                 }
-                MonitorError::NotAMultiple { operator, bound, samples, period_secs: self.period_secs }
             })
         };
         Ok(Window { begin: samples(interval.begin)?, end: samples(interval.end)? })
     }
 
     /// Converts a bound to samples. The error is the bound divided by the period: not a whole
-    /// number, or too large.
+    /// number, too large, or NaN if the period is unknown.
     fn samples(&self, bound: Bound) -> Result<usize, f64> {
         if bound.value.is_infinite() {
             return Ok(usize::MAX);
+        }
+        if bound.value == 0.0 {
+            return Ok(0);
         }
         let unit = bound.unit.or(match self.bare_bound {
             BareBound::Steps => None,
             BareBound::Time(unit) => Some(unit),
         });
         let samples = match unit {
-            Some(unit) => bound.value / (self.period_secs * unit.per_second()),
+            Some(unit) => bound.value / (self.period_secs.unwrap_or(f64::NAN) * unit.per_second()),
             None => bound.value,
         };
         let whole = samples.round();
@@ -207,7 +220,7 @@ impl Clock {
         match (bound.unit, self.bare_bound) {
             (None, BareBound::Steps) => format!("{bound} (steps)"),
             (None, BareBound::Time(unit)) => format!("{bound} {unit}"),
-            (Some(unit), _) => format!("{} {unit}", bound.value),
+            (Some(unit), _) => format!("{} {unit}", Shown(bound.value)),
         }
     }
 }
@@ -237,6 +250,9 @@ mod tests {
         check(control, MAX_BOUND + 1.0, None, Err(MAX_BOUND + 1.0));
         check(Clock::rtamt(1.0, TimeUnit::Seconds), 1e300, None, Err(1e300));
         check(Clock::steps(1e-9), 1e300, Some(TimeUnit::Seconds), Err(f64::INFINITY));
+        check(Clock::unknown(), 0.0, Some(TimeUnit::Seconds), Ok(0));
+        check(Clock::unknown(), 7.0, None, Ok(7));
+        assert!(Clock::unknown().samples(Bound { value: 1.0, unit: Some(TimeUnit::Seconds) }).is_err());
     }
 
     #[test]

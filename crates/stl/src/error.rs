@@ -1,5 +1,11 @@
 //! Errors of parsing a formula and of evaluating it on a trace.
 
+use crate::name::{is_plain, is_visible, one_line, shown, spelled};
+use crate::number::{Shown, with_short_numbers};
+
+/// The hint on characters that a plain name cannot have.
+pub(crate) const BACKQUOTES: &str = "names with other characters are written in backquotes: `a/b[0]`";
+
 /// A position in the text of a formula. Line and column start at 1; columns count characters.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub struct Position {
@@ -23,7 +29,7 @@ impl std::fmt::Display for Position {
 #[non_exhaustive]
 pub enum ParseError {
     /// An unexpected token.
-    #[error("{at}: expected {expected}, found {found}{}", hint(nearest))]
+    #[error("{at}: expected {expected}, found {found}{}", after(hint))]
     Unexpected {
         /// The position of the token.
         at: Position,
@@ -31,9 +37,8 @@ pub enum ParseError {
         expected: String,
         /// The token in quotes, or "the end of the formula".
         found: String,
-        /// The operator with the most similar spelling, if one is similar to this word or to the
-        /// one before it.
-        nearest: Option<&'static str>,
+        /// A suggestion, such as the operator whose spelling is similar to this word.
+        hint: Option<String>,
     },
     /// A malformed number, or one outside the range of `f64`.
     #[error("{at}: expected {expected}, found the number `{text}`")]
@@ -55,8 +60,44 @@ pub enum ParseError {
         /// The end as written.
         end: String,
     },
+    /// A line that could go on with the definition before it or be the next statement.
+    #[error(
+        "{at}: a line that starts with {found} could continue the definition before it or be the next statement; write `;` \
+         before {found} to start a statement, or put {found} at the end of the line before to continue"
+    )]
+    Ambiguous {
+        /// The position of the token.
+        at: Position,
+        /// The token in quotes.
+        found: String,
+    },
+    /// A definition of a word that has a meaning.
+    #[error(
+        "{at}: `{name}` is a word of the language, which no statement can define; choose another name, or write it in \
+         backquotes wherever the name is meant"
+    )]
+    Reserved {
+        /// The position of the word.
+        at: Position,
+        /// The word.
+        name: String,
+    },
+    /// A definition after a use of its name, which was a signal there.
+    #[error(
+        "{at}: {} is defined here, but {first} reads it as a signal; write the definition before its uses, or choose \
+         another name",
+        shown(name)
+    )]
+    DefinedAfterUse {
+        /// The position of the definition.
+        at: Position,
+        /// The name.
+        name: String,
+        /// The position of its first use.
+        first: Position,
+    },
     /// A name defined twice.
-    #[error("{at}: `{name}` is already defined; expected a new name")]
+    #[error("{at}: {} is already defined; expected a new name", shown(name))]
     DefinedTwice {
         /// The position of the second definition.
         at: Position,
@@ -65,7 +106,8 @@ pub enum ParseError {
     },
     /// A number as last statement, which must be a formula.
     #[error(
-        "{at}: `{name} = ...` defines a number, but the last statement must be a formula; did you mean `==`?"
+        "{at}: `{} = ...` defines a number, but the last statement must be a formula; did you mean `==`?",
+        one_line(&spelled(name))
     )]
     NamesNumber {
         /// The position of the name.
@@ -112,6 +154,9 @@ impl ParseError {
             ParseError::Unexpected { at, .. }
             | ParseError::BadNumber { at, .. }
             | ParseError::BeginAfterEnd { at, .. }
+            | ParseError::Ambiguous { at, .. }
+            | ParseError::Reserved { at, .. }
+            | ParseError::DefinedAfterUse { at, .. }
             | ParseError::DefinedTwice { at, .. }
             | ParseError::NamesNumber { at, .. }
             | ParseError::TooDeep { at, .. }
@@ -131,7 +176,7 @@ impl ParseError {
 #[non_exhaustive]
 pub enum MonitorError {
     /// The trace has no signal of this name.
-    #[error("signal `{signal}` is not in the trace; known signals: {}", list(known))]
+    #[error("signal {} is not in the trace; known signals: {}", shown(signal), list(known))]
     UnknownSignal {
         /// The name in the formula.
         signal: String,
@@ -142,22 +187,36 @@ pub enum MonitorError {
     },
     /// A definition in the formula has the name of a signal and would shadow it.
     #[error(
-        "`{name} = ...` defines a name that is already a signal of the trace; did you mean `==`? If not, rename the \
-         definition"
+        "`{} = ...` defines a name that is already a signal of the trace; did you mean `==`? If not, rename the \
+         definition",
+        one_line(&spelled(name))
     )]
     ShadowsSignal {
         /// The name.
         name: String,
     },
     /// A sampling period that is not positive and finite.
-    #[error("the sampling period is {period_secs} s; it must be positive and finite")]
+    #[error("the sampling period is {} s; it must be positive and finite", Shown(*period_secs))]
     InvalidPeriod {
         /// The sampling period, s.
         period_secs: f64,
     },
+    /// A bound in a unit of time, although the sampling period is unknown.
+    #[error(
+        "bound {bound} of `{operator}` is a time, but the time between two samples is unknown; pass it as period, or \
+         count samples"
+    )]
+    UnknownPeriod {
+        /// The operator that has the interval.
+        operator: String,
+        /// The bound with its unit.
+        bound: String,
+    },
     /// An interval bound that is not a multiple of the sampling period.
     #[error(
-        "bound {bound} of `{operator}` is {samples} steps of {period_secs} s; it must be a whole number of steps"
+        "bound {bound} of `{operator}` is {} steps{}; it must be a whole number of steps",
+        Shown(*samples),
+        period_secs.map(|secs| format!(" of {} s", Shown(secs))).unwrap_or_default()
     )]
     NotAMultiple {
         /// The operator that has the interval.
@@ -166,8 +225,8 @@ pub enum MonitorError {
         bound: String,
         /// The bound divided by the period.
         samples: f64,
-        /// The sampling period, s.
-        period_secs: f64,
+        /// The sampling period, s, if it is known.
+        period_secs: Option<f64>,
     },
     /// An interval bound so large that the sum of bounds could overflow.
     #[error(
@@ -186,7 +245,11 @@ pub enum MonitorError {
     #[error("the trace is empty; it must have at least one sample")]
     EmptyTrace,
     /// The trace's signals differ from those that the monitor was compiled for.
-    #[error("expected `{expected}` as signal {index} of the trace, found the signals: {}", list(found))]
+    #[error(
+        "expected {} as signal {index} of the trace, found the signals: {}",
+        shown(expected),
+        list(found)
+    )]
     SignalMismatch {
         /// The name that the monitor was compiled for.
         expected: String,
@@ -199,7 +262,11 @@ pub enum MonitorError {
     #[error("the recording was made for another formula; make one for the formula of the monitor")]
     OtherFormula,
     /// A sample is NaN or infinite, in a signal that the formula reads.
-    #[error("signal `{signal}` is {value} at step {step} (t = {time_secs} s); every sample must be finite")]
+    #[error(
+        "signal {} is {value} at step {step}{}; every sample must be finite",
+        shown(signal),
+        at_time(*time_secs)
+    )]
     NotFinite {
         /// The signal.
         signal: String,
@@ -207,18 +274,22 @@ pub enum MonitorError {
         value: f64,
         /// The sample, from 0.
         step: usize,
-        /// Its time, s.
+        /// Its time, s; NaN if the sampling period is unknown.
         time_secs: f64,
     },
     /// Arithmetic without a finite value: a division by zero, the square root of a negative number,
     /// an overflow.
-    #[error("`{operation}` has no finite value at step {step} (t = {time_secs} s)")]
+    #[error(
+        "`{}` has no finite value at step {step}{}",
+        with_short_numbers(operation),
+        at_time(*time_secs)
+    )]
     Undefined {
         /// The operation with the values of its operands.
         operation: String,
         /// The sample, from 0.
         step: usize,
-        /// Its time, s.
+        /// Its time, s; NaN if the sampling period is unknown.
         time_secs: f64,
     },
 }
@@ -227,25 +298,41 @@ impl MonitorError {
     /// Returns a suggestion for the user, if there is one.
     pub fn hint(&self) -> Option<String> {
         match self {
-            MonitorError::UnknownSignal { nearest: Some(name), .. } => {
+            MonitorError::UnknownSignal { nearest: Some(name), .. } if is_plain(name) => {
                 Some(format!("did you mean `{name}`?"))
             }
+            MonitorError::UnknownSignal { nearest: Some(name), .. } => name_hint(name),
             _ => None,
         }
     }
 }
 
-fn hint(nearest: &Option<&'static str>) -> String {
-    nearest.map(|word| format!("; did you mean `{word}`?")).unwrap_or_default()
+/// Returns the hint on a signal whose name a formula must spell with backquotes; `None` if it has
+/// characters that no reader could copy from a message.
+pub fn name_hint(name: &str) -> Option<String> {
+    is_visible(name)
+        .then(|| format!("to read the signal {}, write its name with the backquotes", spelled(name)))
+}
+
+fn after(hint: &Option<String>) -> String {
+    hint.as_ref().map(|hint| format!("; {hint}")).unwrap_or_default()
+}
+
+fn at_time(secs: f64) -> String {
+    if secs.is_nan() { String::new() } else { format!(" (t = {} s)", Shown(secs)) }
 }
 
 /// The number of names that a message lists.
 const LISTED: usize = 50;
 
+/// Lists names as a formula spells them.
 fn list(names: &[String]) -> String {
-    match names.get(LISTED..) {
-        _ if names.is_empty() => "no signals".to_owned(),
-        Some(more) if !more.is_empty() => format!("{} and {} more", names[..LISTED].join(", "), more.len()),
-        _ => names.join(", "),
+    if names.is_empty() {
+        return "no signals".to_owned();
+    }
+    let listed: Vec<String> = names.iter().take(LISTED).map(|name| one_line(&spelled(name))).collect();
+    match names.len() - listed.len() {
+        0 => listed.join(", "),
+        more => format!("{} and {more} more", listed.join(", ")),
     }
 }

@@ -2,7 +2,8 @@
 
 use crate::clock::{Clock, Window};
 use crate::error::MonitorError;
-use crate::formula::{Formula, Node, write_number};
+use crate::formula::{Formula, Node};
+use crate::number::write_number;
 use crate::operator::Operator;
 use std::fmt;
 
@@ -28,8 +29,8 @@ impl Formula {
     /// none.
     ///
     /// # Errors
-    /// If the sampling period is not positive and finite, or an interval bound is not a whole
-    /// number of samples.
+    /// If the sampling period is unknown or not positive and finite, or an interval bound is not a
+    /// whole number of samples.
     ///
     /// # Example
     /// ```
@@ -46,6 +47,9 @@ impl Formula {
         unit: impl Fn(&str) -> &'a str,
     ) -> Result<Vec<String>, MonitorError> {
         clock.check()?;
+        if clock.period_secs().is_none() {
+            return Err(MonitorError::InvalidPeriod { period_secs: f64::NAN });
+        }
         let absolute = self.evaluated_at_start(time);
         // In postfix order the operands of an operator come before it, so deep nesting needs no
         // recursion.
@@ -91,6 +95,12 @@ impl Formula {
 }
 
 /// Returns the mathematical symbol of an operator.
+/// Returns the spelling of the operator that [`Formula::symbols`] prints as this character.
+pub(crate) fn spelling_of_symbol(character: char) -> Option<&'static str> {
+    let is_symbol = |operator: &Operator| symbol(*operator).chars().eq([character]);
+    Operator::all().find(is_symbol).map(Operator::name)
+}
+
 fn symbol(operator: Operator) -> &'static str {
     match operator {
         Operator::Always => "□",

@@ -1,7 +1,9 @@
 //! Formulas: operators and operands in postfix order, and their text.
 
-use crate::clock::Interval;
+use crate::clock::{Bound, Interval};
 use crate::error::ParseError;
+use crate::name::spelled;
+use crate::number::write_number;
 use crate::operator::{Operator, Shape};
 use crate::parser;
 use std::fmt;
@@ -19,56 +21,23 @@ pub(crate) enum Node {
 
 /// A formula of signal temporal logic, in RTAMT's syntax.
 ///
-/// # Syntax
-/// Operators in order of decreasing precedence; infix operators are left-associative:
+/// The reference page `docs/reference/formulas.md` has all operators with examples, their
+/// precedence, statements, names, limits and the differences from RTAMT. In short:
+/// - Precedence, decreasing: functions, sign, `*` `/`, `+` `-`, comparisons, `not`, `always` and
+///   other temporal operators, `until` and its relatives, `and`, `or`, `implies`, `iff`, `xor`.
+///   Infix operators are left-associative.
+/// - Bounds are numbers with an optional unit (`s`, `ms`, `us`, `ns`), or constants; the end may be
+///   `inf`. The [`Clock`](crate::Clock) defines the meaning of bounds without a unit.
+/// - A text may declare signals, define constants and name sub-formulas, separated by semicolons or
+///   line breaks. The last statement is the formula. The [`Monitor`](crate::Monitor) rejects a
+///   definition with the name of a signal of the trace, since `=` is often a typo for `==`.
+/// - A name that is no plain word stands in backquotes: `` `a/b[0]` ``.
+///   [`spelled`](crate::spelled) writes names this way.
+/// - **Comparisons are not chained**: as in RTAMT, `0.2 <= v <= 0.3` is `(0.2 <= v) <= 0.3`, which
+///   bounds `v - 0.2`. [`Formula::chains_comparisons`] detects such formulas.
 ///
-/// | operator | written |
-/// |---|---|
-/// | functions | `abs(x)` `sqrt(x)` `exp(x)` `ln(x)` `pow(x, y)` `rise(p)` `fall(p)` |
-/// | sign | `-x` |
-/// | arithmetic | `*` `/`, then `+` `-` |
-/// | comparison | `<=` `>=` `<` `>` `==` `!==` (or `!=`) |
-/// | negation | `not` `!` |
-/// | future | `always` `G`, `eventually` `F`, `next` `X`, `s_next` `sX` |
-/// | past | `historically` `H`, `once` `O`, `prev` `Y`, `s_prev` `sY` |
-/// | binary temporal | `until` `U` and `release` `R`, then `unless` `W`, then `since` `S` |
-/// | logic | `and` `&`, then `or` `\|`, then `implies` `->`, then `iff` `<->`, then `xor` |
-///
-/// `always`, `eventually`, `historically`, `once`, `until`, `release`, `unless` and `since` take an
-/// interval, `[a:b]` or `[a,b]`. Bounds are numbers with an optional unit (`s`, `ms`, `us`, `ns`),
-/// or constants; the end may be `inf`. If only the end has a unit, the begin has the same unit. The
-/// [`Clock`](crate::Clock) defines the meaning of bounds without a unit.
-///
-/// Numbers may have exponents and underscores. `true` is +∞ and `false` is −∞. Comments are `// …`
-/// and `/* … */`. A text may declare signals (`input float d`), define constants
-/// (`const float limit = 0.3`) and name sub-formulas (`near = d <= limit`). The last statement is
-/// the formula; it may have a name, too (`out = d <= 1`). Semicolons between statements are
-/// optional. The [`Monitor`](crate::Monitor) rejects a definition with the name of a signal of the
-/// trace, since `=` is often a typo for `==`. For the same reason the last statement may not be a
-/// number with a name.
-///
-/// **Comparisons are not chained**: as in RTAMT, `0.2 <= v <= 0.3` is `(0.2 <= v) <= 0.3`, which
-/// bounds `v - 0.2`. Write `0.2 <= v and v <= 0.3`. [`Formula::chains_comparisons`] detects such
-/// formulas.
-///
-/// # Differences from RTAMT
-/// In RTAMT 0.4.10 `+` binds tighter than `-` and `*` tighter than `/`: **it parses `a - b + c` as
-/// `a - (b + c)`** and `a / b * c` as `a / (b * c)`. Here they are `(a - b) + c` and `(a / b) * c`,
-/// as in arithmetic. A formula is printed with these parentheses, so that both parsers agree on the
-/// printed text. All other operators have RTAMT's precedence.
-///
-/// Further text that RTAMT rejects or misparses has its usual meaning here: `!=`, `-x`, `a - 1`
-/// (which RTAMT rejects at first), `x/y` (which RTAMT parses as one name), `ln`, `release`, `true`,
-/// `unless` without an interval, trailing semicolons, constants as bounds. Two things are rejected
-/// here only: annotations (`@topic`) and imports, which belong to ROS, and an interval whose begin
-/// has a unit and whose end has none.
-///
-/// # Limits
-/// A text has at most 256 KiB. All its statements together have at most 131,072 operators and
-/// operands, after the names in them are expanded: `p1 = p0 and p0; p2 = p1 and p1; …` doubles with
-/// every name. At most 64 operands wait for another one, as in `a and (b and (c and …))`; a monitor
-/// needs a number per sample for each. A bound is at most 2^43 samples. The length of a window does
-/// not matter: it takes no memory beyond that of the trace.
+/// A printed formula parses to the same formula, and RTAMT parses it alike if it has no names in
+/// backquotes: `a - b + c`, which is `a - (b + c)` in RTAMT, is printed as `(a - b) + c`.
 ///
 /// # Example
 /// ```
@@ -83,9 +52,6 @@ pub(crate) enum Node {
 /// assert_eq!(error.column(), 19);
 /// ```
 ///
-/// # Reference
-/// Nickovic and Yamaguchi, "RTAMT: Online Robustness Monitors from STL", ATVA 2020.
-///
 /// Two formulas are equal if their syntax trees are equal, whatever constants and sub-formulas
 /// their texts define.
 #[derive(Clone, Debug)]
@@ -95,7 +61,15 @@ pub struct Formula {
     /// In postfix order, so that deep nesting cannot overflow the call stack.
     pub(crate) nodes: Vec<Node>,
     /// All names that the text defines, whether used or not.
-    pub(crate) defined: Vec<String>,
+    pub(crate) defined: Vec<Definition>,
+}
+
+/// A name that the text of a formula defines.
+#[derive(Clone, Debug)]
+pub(crate) struct Definition {
+    pub name: String,
+    /// Whether another statement reads it, or it is the formula itself.
+    pub is_used: bool,
 }
 
 impl PartialEq for Formula {
@@ -124,12 +98,22 @@ impl Formula {
         !self.nodes.iter().any(|node| matches!(node, Node::Apply(operator, _) if operator.is_temporal()))
     }
 
-    /// Returns whether a bound of an interval has a unit of time, as in `always[0:2s](d <= 0.3)`.
-    pub fn has_time_units(&self) -> bool {
-        self.nodes.iter().any(|node| match node {
-            Node::Apply(_, Some(interval)) => interval.begin.unit.or(interval.end.unit).is_some(),
+    /// Returns whether the result depends on the sampling period: a bound is a time other than 0
+    /// and `inf`. Bounds without a unit are times with a clock that has RTAMT's convention.
+    pub fn needs_period(&self, has_rtamt_clock: bool) -> bool {
+        let is_time = |bound: Bound| {
+            (bound.unit.is_some() || has_rtamt_clock) && bound.value > 0.0 && bound.value.is_finite()
+        };
+        self.nodes.iter().any(|node| match *node {
+            Node::Apply(_, Some(interval)) => is_time(interval.begin) || is_time(interval.end),
             _ => false,
         })
+    }
+
+    /// Returns the names that the text defines and no later statement reads. A statement that is
+    /// missing an operator at its end loses its next line this way.
+    pub fn unused_definitions(&self) -> Vec<&str> {
+        self.defined.iter().filter(|found| !found.is_used).map(|found| found.name.as_str()).collect()
     }
 
     /// Returns whether the result of a comparison is compared again, as in `0.2 <= v <= 0.3`. This
@@ -207,7 +191,7 @@ impl Formula {
                 }
                 Piece::Node(index) => match self.nodes[index] {
                     Node::Constant(value) => write_number(f, value)?,
-                    Node::Signal(signal) => f.write_str(&self.signals[signal as usize])?,
+                    Node::Signal(signal) => f.write_str(&spelled(&self.signals[signal as usize]))?,
                     Node::Apply(operator, interval) => {
                         self.push_pieces(operator, spelling(operator), interval, index, starts, &mut pieces);
                     }
@@ -274,15 +258,5 @@ impl Formula {
             (Shape::Infix, _) => child.precedence() <= parent.precedence(),
         };
         if needs_parentheses { Piece::InParentheses(index) } else { Piece::Node(index) }
-    }
-}
-
-/// Writes the shortest text that parses to the same number; ±∞ are the truth values.
-pub(crate) fn write_number(f: &mut fmt::Formatter<'_>, value: f64) -> fmt::Result {
-    match value {
-        f64::INFINITY => f.write_str("true"),
-        f64::NEG_INFINITY => f.write_str("false"),
-        _ if value == 0.0 || (1e-5..1e16).contains(&value.abs()) => write!(f, "{value}"),
-        _ => write!(f, "{value:e}"),
     }
 }

@@ -1,12 +1,16 @@
 //! The lexer: text to tokens with positions.
 
-use crate::error::{ParseError, Position};
+use crate::error::{BACKQUOTES, ParseError, Position};
+use crate::explain::spelling_of_symbol;
+use crate::name;
 
 /// The kind of a token; words and symbols keep their text.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) enum Kind<'t> {
     Number(f64),
     Word(&'t str),
+    /// A name in backquotes: the text between them, in which backquotes are doubled.
+    Quoted(&'t str),
     Symbol(&'static str),
     End,
 }
@@ -17,14 +21,27 @@ pub(crate) struct Token<'t> {
     pub kind: Kind<'t>,
     pub at: Position,
     pub text: &'t str,
+    /// Whether a line break is between this token and the one before it.
+    pub starts_line: bool,
 }
 
-impl Token<'_> {
+impl<'t> Token<'t> {
+    /// Returns the name that the token can be: the text inside of backquotes, or a word that is not
+    /// reserved.
+    pub(crate) fn name(&self) -> Option<&'t str> {
+        match self.kind {
+            Kind::Quoted(inside) => Some(inside),
+            Kind::Word(word) if !name::is_reserved(word) => Some(word),
+            _ => None,
+        }
+    }
+
     /// Returns the token as error messages show it.
     pub(crate) fn found(&self) -> String {
         match self.kind {
             Kind::End => "the end of the formula".to_owned(),
-            _ => format!("`{}`", self.text),
+            Kind::Quoted(inside) => name::shown(&name::unescaped(inside)),
+            _ => format!("`{}`", name::one_line(self.text)),
         }
     }
 
@@ -46,13 +63,17 @@ pub(crate) fn tokens(text: &str) -> Result<Vec<Token<'_>>, ParseError> {
     let mut lexer = Lexer { rest: text, at: Position { line: 1, column: 1 } };
     let mut tokens = Vec::new();
     loop {
-        lexer.skip_blanks()?;
-        let token = lexer.token()?;
+        let starts_line = lexer.skip_blanks()?;
+        let token = Token { starts_line, ..lexer.token()? };
         tokens.push(token);
         if token.kind == Kind::End {
             return Ok(tokens);
         }
     }
+}
+
+fn token<'t>(kind: Kind<'t>, at: Position, text: &'t str) -> Token<'t> {
+    Token { kind, at, text, starts_line: false }
 }
 
 struct Lexer<'t> {
@@ -75,12 +96,14 @@ impl<'t> Lexer<'t> {
         taken
     }
 
-    fn skip_blanks(&mut self) -> Result<(), ParseError> {
+    /// Skips whitespace and comments. Returns whether a line break was among them.
+    fn skip_blanks(&mut self) -> Result<bool, ParseError> {
+        let mut breaks_line = false;
         loop {
             let blank = self.rest.len() - self.rest.trim_start().len();
-            self.take(blank);
+            breaks_line |= self.take(blank).contains(is_line_break);
             if self.rest.starts_with("//") {
-                let line = self.rest.find('\n').unwrap_or(self.rest.len());
+                let line = self.rest.find(is_line_break).unwrap_or(self.rest.len());
                 self.take(line);
             } else if self.rest.starts_with("/*") {
                 let at = self.at;
@@ -88,11 +111,11 @@ impl<'t> Lexer<'t> {
                     at,
                     expected: "`*/` to end the comment that starts here".to_owned(),
                     found: "the end of the formula".to_owned(),
-                    nearest: None,
+                    hint: None,
                 })?;
-                self.take(inside + 4);
+                breaks_line |= self.take(inside + 4).contains(is_line_break);
             } else {
-                return Ok(());
+                return Ok(breaks_line);
             }
         }
     }
@@ -100,26 +123,55 @@ impl<'t> Lexer<'t> {
     fn token(&mut self) -> Result<Token<'t>, ParseError> {
         let at = self.at;
         let Some(first) = self.rest.chars().next() else {
-            return Ok(Token { kind: Kind::End, at, text: "" });
+            return Ok(token(Kind::End, at, ""));
         };
+        if first == '`' {
+            return self.quoted();
+        }
         if first.is_ascii_digit() || (first == '.' && digits(&self.rest[1..], 10) > 0) {
             return self.number();
         }
         if is_word_start(first) {
             let end = self.rest.find(|c| !is_word_part(c)).unwrap_or(self.rest.len());
             let text = self.take(end);
-            return Ok(Token { kind: Kind::Word(text), at, text });
+            return Ok(token(Kind::Word(text), at, text));
         }
         if let Some(symbol) = SYMBOLS.iter().find(|symbol| self.rest.starts_with(**symbol)) {
             let text = self.take(symbol.len());
-            return Ok(Token { kind: Kind::Symbol(symbol), at, text });
+            return Ok(token(Kind::Symbol(symbol), at, text));
         }
         Err(ParseError::Unexpected {
             at,
             expected: "a name, a number or an operator".to_owned(),
-            found: format!("the character {first:?}"),
-            nearest: None,
+            found: format!("the character `{}`", name::one_line(first.encode_utf8(&mut [0; 4]))),
+            hint: Some(match spelling_of_symbol(first) {
+                Some(spelling) => format!("did you mean `{spelling}`?"),
+                None => BACKQUOTES.to_owned(),
+            }),
         })
+    }
+
+    /// Reads a name in backquotes. A backquote inside is doubled.
+    fn quoted(&mut self) -> Result<Token<'t>, ParseError> {
+        let at = self.at;
+        let mut length = 1;
+        loop {
+            let Some(inside) = self.rest[length..].find('`') else {
+                return Err(ParseError::Unexpected {
+                    at,
+                    expected: "a backquote to end the name that starts here".to_owned(),
+                    found: "the end of the formula".to_owned(),
+                    hint: None,
+                });
+            };
+            length += inside + 1;
+            if !self.rest[length..].starts_with('`') {
+                break;
+            }
+            length += 1;
+        }
+        let text = self.take(length);
+        Ok(token(Kind::Quoted(&text[1..length - 1]), at, text))
     }
 
     /// Reads a number: digits with an optional fraction and exponent, or hexadecimal or binary
@@ -137,7 +189,7 @@ impl<'t> Lexer<'t> {
             _ => {
                 let length = decimal_length(self.rest).map_err(|length| ParseError::BadNumber {
                     at,
-                    text: self.rest[..length].to_owned(),
+                    text: name::one_line(&self.rest[..length]),
                     expected: "digits in the exponent".to_owned(),
                 })?;
                 let text = self.take(length);
@@ -145,10 +197,10 @@ impl<'t> Lexer<'t> {
             }
         };
         match value.filter(|value| value.is_finite()) {
-            Some(value) => Ok(Token { kind: Kind::Number(value), at, text }),
+            Some(value) => Ok(token(Kind::Number(value), at, text)),
             None => Err(ParseError::BadNumber {
                 at,
-                text: text.to_owned(),
+                text: name::one_line(text),
                 expected: "a number within the range of a 64-bit float".to_owned(),
             }),
         }
@@ -183,11 +235,16 @@ fn digits(text: &str, radix: u32) -> usize {
     text[..end].trim_end_matches('_').len()
 }
 
-fn is_word_start(c: char) -> bool {
+/// The characters that end a line: those of files, and others that editors show as line breaks.
+fn is_line_break(c: char) -> bool {
+    matches!(c, '\n' | '\r' | '\u{b}' | '\u{c}' | '\u{85}' | '\u{2028}' | '\u{2029}')
+}
+
+pub(crate) fn is_word_start(c: char) -> bool {
     c.is_alphabetic() || c == '_' || c == '$'
 }
 
-fn is_word_part(c: char) -> bool {
+pub(crate) fn is_word_part(c: char) -> bool {
     is_word_start(c) || c.is_numeric() || c == '.'
 }
 
@@ -212,6 +269,24 @@ mod tests {
         check("pose.x_1>=.5", "pose.x_1 >= .5");
         check("a // to the end\n/* b\n c */ d", "a d");
         check("[1s:2ms]", "[ 1 s : 2 ms ]");
+        check("`a b`>`c``/d```", "`a b` > `c``/d```");
+        check("``+ ```` -`a\nb`", "`` + ```` - `a\nb`");
+    }
+
+    #[test]
+    fn a_token_knows_whether_it_starts_a_line() {
+        for (text, expected) in [
+            ("a b", false),
+            ("a\nb", true),
+            ("a // c\n b", true),
+            ("a // c\r b", true),
+            ("a /* c\r\n */ b", true),
+            ("a /* c */ b", false),
+            ("a\u{2028}b", true),
+            ("`a\n` b", false),
+        ] {
+            assert_eq!(tokens(text).unwrap()[1].starts_line, expected, "{text:?}");
+        }
     }
 
     #[test]

@@ -10,8 +10,8 @@
 //!
 //! # Differences from RTAMT
 //! RTAMT 0.4.10 parses `a - b + c` as `a - (b + c)` and `a / b * c` as `a / (b * c)`. Here `+` and
-//! `-` have the same precedence and associate to the left, and so do `*` and `/`. [`Formula`] lists
-//! the other differences in parsing, [`Monitor`] the differences in values.
+//! `-` have the same precedence and associate to the left, and so do `*` and `/`. The reference page
+//! `docs/reference/formulas.md` lists the other differences, beside all operators with examples.
 //!
 //! # Reference
 //! Maler and Nickovic, "Monitoring Temporal Properties of Continuous Signals", FORMATS 2004. Donzé
@@ -41,6 +41,8 @@ mod extremum;
 mod formula;
 mod lexer;
 mod monitor;
+mod name;
+mod number;
 mod operator;
 mod parser;
 mod pointwise;
@@ -55,10 +57,11 @@ mod verdict;
 
 pub use clock::{Clock, TimeUnit};
 pub use diagnosis::{DecisivePredicate, DecisiveSubformula, Diagnosis};
-pub use error::{MonitorError, ParseError, Position};
+pub use error::{MonitorError, ParseError, Position, name_hint};
 pub use explain::EvaluationTime;
 pub use formula::Formula;
 pub use monitor::Monitor;
+pub use name::{spelled, unquoted};
 pub use recording::Recording;
 pub use spelling::nearest;
 pub use subformula::{SubformulaMinimum, SubformulaNode};

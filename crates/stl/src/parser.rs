@@ -2,12 +2,13 @@
 //! (shunting yard).
 
 use crate::clock::{Bound, Interval, TimeUnit};
-use crate::error::{ParseError, Position};
-use crate::formula::{Formula, Node};
+use crate::error::{BACKQUOTES, ParseError, Position};
+use crate::formula::{Definition, Formula, Node};
 use crate::lexer::{Kind, Token, tokens};
+use crate::name::{is_reserved, unescaped};
 use crate::operator::{Operator, Shape};
 use crate::spelling::nearest_within;
-use std::collections::HashMap;
+use std::collections::{HashMap, HashSet};
 
 /// The maximum length of a text, bytes.
 const MAX_TEXT: usize = 1 << 18;
@@ -46,22 +47,26 @@ pub(crate) fn parse(text: &str) -> Result<Formula, ParseError> {
         indices: HashMap::new(),
         named: HashMap::new(),
         defined: Vec::new(),
+        used: HashSet::new(),
+        in_definition: false,
     };
     let nodes = parser.text()?;
-    let defined = parser.defined.iter().map(|name| (*name).to_owned()).collect();
+    let used = &parser.used;
+    let definition = |name: &&str| Definition { name: unescaped(name), is_used: used.contains(name) };
+    let defined = parser.defined.iter().map(definition).collect();
     Ok(with_own_signals(nodes, &parser.signals, defined))
 }
 
 /// Creates the formula of these nodes. Its signals are numbered by first appearance; signals of
 /// unused definitions are dropped.
-fn with_own_signals(mut nodes: Vec<Node>, names: &[&str], defined: Vec<String>) -> Formula {
+fn with_own_signals(mut nodes: Vec<Node>, names: &[&str], defined: Vec<Definition>) -> Formula {
     let mut own = vec![None; names.len()];
     let mut signals = Vec::new();
     for node in &mut nodes {
         if let Node::Signal(signal) = node {
             let name = *signal as usize;
             *signal = *own[name].get_or_insert_with(|| {
-                signals.push(names[name].to_owned());
+                signals.push(unescaped(names[name]));
                 signals.len() as u32 - 1
             });
         }
@@ -72,13 +77,17 @@ fn with_own_signals(mut nodes: Vec<Node>, names: &[&str], defined: Vec<String>) 
 struct Parser<'t> {
     tokens: &'t [Token<'t>],
     next: usize,
-    /// The signals found so far, and the index of each in this list.
+    /// The signals found so far, and the index of each in this list with the position of its first
+    /// use. A name is its text inside of its backquotes, if it has some: plain words contain none.
     signals: Vec<&'t str>,
-    indices: HashMap<&'t str, u32>,
+    indices: HashMap<&'t str, (u32, Position)>,
     /// Named constants and sub-formulas.
     named: HashMap<&'t str, Postfix>,
-    /// All defined names, in order.
+    /// All defined names, in order, and those of them that statements read.
     defined: Vec<&'t str>,
+    used: HashSet<&'t str>,
+    /// Whether the statement has the form `name = formula`, so that another one follows it.
+    in_definition: bool,
     /// The number of nodes of all named constants and sub-formulas.
     expanded: usize,
 }
@@ -94,12 +103,21 @@ struct Postfix {
     before: usize,
 }
 
+/// A formula, with the name before its `=` and the position of the name.
+type Statement<'t> = (Option<(&'t str, Position)>, Postfix);
+
 /// An operator or open bracket whose last operand is not complete.
 enum Pending {
     Operator(Operator, Option<Interval>),
     Parenthesis(Position),
     /// A call and the number of commas still expected.
     Call(Operator, usize, Position),
+}
+
+impl Pending {
+    fn is_bracket(&self) -> bool {
+        !matches!(self, Pending::Operator(..))
+    }
 }
 
 impl<'t> Parser<'t> {
@@ -127,7 +145,16 @@ impl<'t> Parser<'t> {
     fn unexpected<T>(&self, expected: impl Into<String>) -> Result<T, ParseError> {
         let token = self.peek();
         let (expected, found) = (expected.into(), token.found());
-        Err(ParseError::Unexpected { at: token.at, expected, found, nearest: None })
+        Err(ParseError::Unexpected { at: token.at, expected, found, hint: None })
+    }
+
+    /// The error where an operand must be.
+    fn no_operand<T>(&self) -> Result<T, ParseError> {
+        let token = self.peek();
+        let is_part_of_name = ["/", ".", ":", "@"].iter().any(|symbol| token.is_symbol(symbol));
+        let hint = is_part_of_name.then(|| BACKQUOTES.to_owned());
+        let (expected, found) = (OPERAND.to_owned(), token.found());
+        Err(ParseError::Unexpected { at: token.at, expected, found, hint })
     }
 
     fn expect(&mut self, symbol: &str, why: &str) -> Result<(), ParseError> {
@@ -138,31 +165,45 @@ impl<'t> Parser<'t> {
     fn text(&mut self) -> Result<Vec<Node>, ParseError> {
         loop {
             while self.accept(";") {}
-            let Some((name, formula)) = self.statement()? else { continue };
+            let Some((definition, formula)) = self.statement()? else {
+                self.end_declaration()?;
+                continue;
+            };
             let has_end = self.peek().is_symbol(";");
             while self.accept(";") {}
-            if self.peek().kind == Kind::End {
-                return match name {
-                    Some(token) if formula.is_number() => {
-                        Err(ParseError::NamesNumber { at: token.at, name: token.text.to_owned() })
+            let is_last = self.peek().kind == Kind::End;
+            let Some((name, at)) = definition else {
+                return match () {
+                    () if is_last => Ok(formula.nodes),
+                    () if has_end => {
+                        self.unexpected("the end of the formula; only the last statement may omit `name =`")
                     }
-                    _ => Ok(formula.nodes),
+                    () => self.unexpected("an operator or the end of the formula"),
                 };
+            };
+            if is_last && formula.is_number() {
+                return Err(ParseError::NamesNumber { at, name: unescaped(name) });
             }
-            match name {
-                Some(token) => self.define(token, formula)?,
-                None if has_end => {
-                    return self
-                        .unexpected("the end of the formula; only the last statement may omit `name =`");
-                }
-                None => return self.unexpected("an operator or the end of the formula"),
+            if is_last {
+                self.used.insert(name);
+                self.check_new(name, at)?;
+                return Ok(formula.nodes);
             }
+            self.define(name, at, formula)?;
         }
     }
 
+    /// Checks that no operator follows a declaration.
+    fn end_declaration(&mut self) -> Result<(), ParseError> {
+        if self.infix().is_none() {
+            return Ok(());
+        }
+        self.unexpected("`;` after a declaration, which has no operators; a constant is one number")
+    }
+
     /// Parses one statement: `None` for a declaration, otherwise a formula with the name before its
-    /// `=`, if any.
-    fn statement(&mut self) -> Result<Option<(Option<Token<'t>>, Postfix)>, ParseError> {
+    /// `=` and its position, if any.
+    fn statement(&mut self) -> Result<Option<Statement<'t>>, ParseError> {
         if self.peek().is_symbol("@") || (self.at_word("from") && self.is_name(1)) {
             return self.unexpected("a formula; RTAMT's ROS annotations and imports are not supported");
         }
@@ -178,12 +219,24 @@ impl<'t> Parser<'t> {
             self.next += 1;
             return Ok(None);
         }
-        let name = self.names_statement().then(|| self.peek());
-        if let Some(token) = name {
-            self.defined.push(token.text);
+        self.check_reserved()?;
+        let definition = self.name_of_statement().map(|name| (name, self.peek().at));
+        if let Some((name, _)) = definition {
+            self.defined.push(name);
             self.next += 2;
         }
-        Ok(Some((name, self.formula()?)))
+        self.in_definition = definition.is_some();
+        Ok(Some((definition, self.formula()?)))
+    }
+
+    /// Checks that the next tokens do not define a word that has a meaning.
+    fn check_reserved(&self) -> Result<(), ParseError> {
+        match self.peek() {
+            Token { kind: Kind::Word(word), at, .. } if is_reserved(word) && self.ahead(1).is_symbol("=") => {
+                Err(ParseError::Reserved { at, name: word.to_owned() })
+            }
+            _ => Ok(()),
+        }
     }
 
     fn at_word(&self, word: &str) -> bool {
@@ -192,12 +245,12 @@ impl<'t> Parser<'t> {
 
     /// Returns whether the token `n` after the next one can be a name.
     fn is_name(&self, n: usize) -> bool {
-        matches!(self.ahead(n).kind, Kind::Word(word) if !is_reserved(word))
+        self.ahead(n).name().is_some()
     }
 
-    /// Returns whether a statement starts here with `name =`.
-    fn names_statement(&self) -> bool {
-        self.is_name(0) && self.ahead(1).is_symbol("=")
+    /// Returns the name of the statement that starts here with `name =`.
+    fn name_of_statement(&self) -> Option<&'t str> {
+        self.peek().name().filter(|_| self.ahead(1).is_symbol("="))
     }
 
     /// Skips the direction and type (`input float`) if a declaration starts here; the next token is
@@ -217,27 +270,39 @@ impl<'t> Parser<'t> {
             return self.unexpected(format!("the constant's type: {}", TYPES.join(", ")));
         }
         self.next += 1;
-        if !self.is_name(0) {
+        self.check_reserved()?;
+        let Token { at, .. } = self.peek();
+        let Some(name) = self.advance().name() else {
+            self.next -= 1;
             return self.unexpected("the constant's name");
-        }
-        let name = self.advance();
+        };
         self.expect("=", "and the constant's value")?;
         let sign = if self.accept("-") { -1.0 } else { 1.0 };
         let Kind::Number(value) = self.peek().kind else {
             return self.unexpected("the constant's value, a number");
         };
         self.next += 1;
-        self.defined.push(name.text);
+        self.defined.push(name);
         let mut formula = Postfix { before: self.expanded, ..Postfix::default() };
-        formula.push(&[Node::Constant(sign * value)], 1, name.at)?;
-        self.define(name, formula)
+        formula.push(&[Node::Constant(sign * value)], 1, at)?;
+        self.define(name, at, formula)
     }
 
-    fn define(&mut self, name: Token<'t>, formula: Postfix) -> Result<(), ParseError> {
+    fn define(&mut self, name: &'t str, at: Position, formula: Postfix) -> Result<(), ParseError> {
+        self.check_new(name, at)?;
         self.expanded += formula.nodes.len();
-        match self.named.insert(name.text, formula) {
+        self.named.insert(name, formula);
+        Ok(())
+    }
+
+    /// Checks that no statement before defines or reads this name.
+    fn check_new(&self, name: &str, at: Position) -> Result<(), ParseError> {
+        if self.named.contains_key(name) {
+            return Err(ParseError::DefinedTwice { at, name: unescaped(name) });
+        }
+        match self.indices.get(name) {
+            Some((_, first)) => Err(ParseError::DefinedAfterUse { at, name: unescaped(name), first: *first }),
             None => Ok(()),
-            Some(_) => Err(ParseError::DefinedTwice { at: name.at, name: name.text.to_owned() }),
         }
     }
 
@@ -252,6 +317,11 @@ impl<'t> Parser<'t> {
                 continue;
             }
             let Some(operator) = self.infix() else { break };
+            self.check_reserved()?;
+            // A minus sign, or an operator that can be a name as well.
+            if self.can_end(&pending) && (self.peek().is_symbol("-") || self.is_name(0)) {
+                return self.ambiguous(self.peek());
+            }
             self.next += 1;
             let interval = self.interval(operator)?;
             reduce(&mut operands, &mut pending, operator.precedence());
@@ -261,11 +331,20 @@ impl<'t> Parser<'t> {
         Ok(operands)
     }
 
+    /// Returns whether the definition can end before the next token, because a line starts there.
+    fn can_end(&self, pending: &[Pending]) -> bool {
+        self.in_definition && self.peek().starts_line && !pending.iter().any(Pending::is_bracket)
+    }
+
+    fn ambiguous<T>(&self, token: Token<'_>) -> Result<T, ParseError> {
+        Err(ParseError::Ambiguous { at: token.at, found: token.found() })
+    }
+
     /// Returns the infix operator at the next token, if any. A name before `=` starts the next
     /// statement instead.
     fn infix(&self) -> Option<Operator> {
         match self.peek().kind {
-            Kind::Word(_) if self.names_statement() => None,
+            Kind::Word(_) if self.name_of_statement().is_some() => None,
             Kind::Word(word) => Operator::by_spelling(word, Shape::Infix),
             Kind::Symbol(symbol) => Operator::by_spelling(symbol, Shape::Infix),
             _ => None,
@@ -288,7 +367,8 @@ impl<'t> Parser<'t> {
                 }
                 Kind::Symbol("[") if self.next > 0 => return self.unexpected(NO_INTERVAL),
                 Kind::Symbol(text) | Kind::Word(text) => text,
-                Kind::End => return self.unexpected(OPERAND),
+                Kind::Quoted(_) => return self.name(operands),
+                Kind::End => return self.no_operand(),
             };
             if let Some(operator) = Operator::by_spelling(text, Shape::Prefix) {
                 self.next += 1;
@@ -296,6 +376,10 @@ impl<'t> Parser<'t> {
                 pending.push(Pending::Operator(operator, interval));
             } else if let Some(operator) = self.call() {
                 self.next += 1;
+                // The name `ln`, or the function.
+                if operator == Operator::Ln && self.can_end(pending) {
+                    return self.ambiguous(self.peek());
+                }
                 self.expect("(", &format!("after `{text}`"))?;
                 pending.push(Pending::Call(operator, operator.arity() - 1, token.at));
             } else {
@@ -323,16 +407,15 @@ impl<'t> Parser<'t> {
             self.next += 1;
             return operands.push(&[Node::Constant(value)], 1, token.at);
         }
-        if !self.is_name(0) {
-            return self.unexpected(OPERAND);
-        }
+        let Some(name) = token.name() else { return self.no_operand() };
         self.next += 1;
-        if let Some(part) = self.named.get(token.text) {
+        if let Some(part) = self.named.get(name) {
+            self.used.insert(name);
             return operands.push(&part.nodes, part.max_depth, token.at);
         }
-        let index = *self.indices.entry(token.text).or_insert_with(|| {
-            self.signals.push(token.text);
-            self.signals.len() as u32 - 1
+        let (index, _) = *self.indices.entry(name).or_insert_with(|| {
+            self.signals.push(name);
+            (self.signals.len() as u32 - 1, token.at)
         });
         operands.push(&[Node::Signal(index)], 1, token.at)
     }
@@ -380,6 +463,16 @@ impl<'t> Parser<'t> {
         reduce(operands, pending, 0);
         let expected = match pending.last() {
             None if self.ends_statement() => return Ok(()),
+            None if self.in_definition && self.peek().starts_line => {
+                "an operator or the next statement".to_owned()
+            }
+            None if self.in_definition => {
+                "an operator, or `;` or a line break before the next statement".to_owned()
+            }
+            None if self.peek().starts_line => {
+                "an operator or the end of the formula, since only the last statement may omit `name =`"
+                    .to_owned()
+            }
             None => "an operator or the end of the formula".to_owned(),
             Some(Pending::Parenthesis(at)) => format!("an operator or `)` to match the `(` at {at}"),
             Some(Pending::Call(operator, 0, at)) => {
@@ -391,13 +484,19 @@ impl<'t> Parser<'t> {
             // `reduce` applies every pending operator above a bracket.
             Some(Pending::Operator(..)) => return Ok(()),
         };
-        let (token, nearest) = (self.peek(), self.suggested_operator());
-        Err(ParseError::Unexpected { at: token.at, expected, found: token.found(), nearest })
+        let token = self.peek();
+        let is_index = token.is_symbol("[") && self.ahead(2).is_symbol("]");
+        let is_part_of_name = is_index || [".", ":", "@"].iter().any(|symbol| token.is_symbol(symbol));
+        let hint = match self.suggested_operator() {
+            Some(operator) => Some(format!("did you mean `{operator}`?")),
+            None => is_part_of_name.then(|| BACKQUOTES.to_owned()),
+        };
+        Err(ParseError::Unexpected { at: token.at, expected, found: token.found(), hint })
     }
 
     /// Returns a suggestion where an operator was expected: the infix operator most similar to the
-    /// next token, or the prefix operator most similar to the name before it, which was parsed as
-    /// an operand.
+    /// next token, or the operator most similar to the name before it, which was parsed as an
+    /// operand: a prefix operator, or at the start of a line an infix operator.
     fn suggested_operator(&self) -> Option<&'static str> {
         if self.peek().is_symbol("=") {
             return Some("==");
@@ -407,13 +506,21 @@ impl<'t> Parser<'t> {
             _ => None,
         };
         let before = self.next.checked_sub(1).map(|index| &self.tokens[index]);
+        let shapes = |token: &Token<'_>| match token.starts_line {
+            true => [Shape::Prefix, Shape::Call(0), Shape::Infix],
+            false => [Shape::Prefix, Shape::Call(0), Shape::Prefix],
+        };
         operator(&self.peek(), &[Shape::Infix])
-            .or_else(|| before.and_then(|token| operator(token, &[Shape::Prefix, Shape::Call(0)])))
+            .or_else(|| before.and_then(|token| operator(token, &shapes(token))))
     }
 
+    /// Returns whether the statement can end before the next token, which cannot continue it.
     fn ends_statement(&self) -> bool {
         let token = self.peek();
-        token.kind == Kind::End || token.is_symbol(";") || self.names_statement()
+        token.kind == Kind::End
+            || token.is_symbol(";")
+            || self.name_of_statement().is_some()
+            || self.in_definition && token.starts_line && starts_statement(token)
     }
 
     /// Parses the optional interval of `operator`.
@@ -455,11 +562,16 @@ impl<'t> Parser<'t> {
     fn bound(&mut self) -> Result<Bound, ParseError> {
         let value = match self.peek().kind {
             Kind::Number(value) => Some(value),
-            Kind::Word(word) => match self.named.get(word).map(|part| part.nodes.as_slice()) {
-                Some([Node::Constant(value)]) => Some(*value),
-                Some(_) => None,
-                None => (word == "inf").then_some(f64::INFINITY),
-            },
+            Kind::Word(name) | Kind::Quoted(name) => {
+                match self.named.get(name).map(|part| part.nodes.as_slice()) {
+                    Some([Node::Constant(value)]) => {
+                        self.used.insert(name);
+                        Some(*value)
+                    }
+                    Some(_) => None,
+                    None => self.at_word("inf").then_some(f64::INFINITY),
+                }
+            }
             _ => None,
         };
         let Some(value) = value.filter(|value| *value >= 0.0) else {
@@ -525,11 +637,13 @@ fn nearest_operator(word: &str, shapes: &[Shape]) -> Option<&'static str> {
     nearest_within(word.chars().count() / 3, word, words)
 }
 
-/// Returns whether `word` cannot name a signal or a sub-formula. `R`, `release` and `ln` are names
-/// in RTAMT, so their position decides whether they are operators.
-fn is_reserved(word: &str) -> bool {
-    let decided_by_position = [Operator::Release, Operator::Ln];
-    let is_operator =
-        |operator: Operator| operator.spellings().contains(&word) && !decided_by_position.contains(&operator);
-    ["true", "TRUE", "false", "FALSE"].contains(&word) || Operator::all().any(is_operator)
+/// Returns whether a statement can start with this token; the others are errors of the statement
+/// before it.
+fn starts_statement(token: Token<'_>) -> bool {
+    match token.kind {
+        Kind::Symbol(symbol) => {
+            ["(", "@"].contains(&symbol) || Operator::by_spelling(symbol, Shape::Prefix).is_some()
+        }
+        _ => true,
+    }
 }

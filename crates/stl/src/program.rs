@@ -4,6 +4,7 @@ use crate::clock::{Clock, Interval, Window};
 use crate::error::MonitorError;
 use crate::extremum;
 use crate::formula::{Formula, Node};
+use crate::name::split_name;
 use crate::operator::Operator;
 use crate::spelling::nearest;
 use crate::state::{State, TILE};
@@ -178,20 +179,22 @@ impl Program {
 
 /// Returns the columns and names of the signals that the formula reads.
 fn columns(formula: &Formula, names: &[String]) -> Result<Vec<(usize, String)>, MonitorError> {
-    if let Some(name) = formula.defined.iter().find(|name| names.contains(name)) {
-        return Err(MonitorError::ShadowsSignal { name: name.clone() });
+    if let Some(definition) = formula.defined.iter().find(|definition| names.contains(&definition.name)) {
+        return Err(MonitorError::ShadowsSignal { name: definition.name.clone() });
     }
-    formula.signals.iter().map(|name| column(name, names)).collect()
+    formula.signals.iter().map(|name| column(name, &formula.signals, names)).collect()
 }
 
-/// Returns the column of the signal, with its name.
-fn column(signal: &str, names: &[String]) -> Result<(usize, String), MonitorError> {
+/// Returns the column of one of the signals of a formula, with its name.
+fn column(signal: &str, signals: &[String], names: &[String]) -> Result<(usize, String), MonitorError> {
     match names.iter().position(|name| name == signal) {
         Some(index) => Ok((index, signal.to_owned())),
         None => Err(MonitorError::UnknownSignal {
             signal: signal.to_owned(),
             known: names.to_vec(),
-            nearest: nearest(signal, names.iter().map(String::as_str)).map(str::to_owned),
+            nearest: split_name(signal, signals, names)
+                .or_else(|| nearest(signal, names.iter().map(String::as_str)))
+                .map(str::to_owned),
         }),
     }
 }

@@ -9,5 +9,5 @@ mod shell_quote;
 
 pub use instant::instant;
 pub use invisible::{is_invisible, visible};
-pub use number::{decimal, p_value_text, plural, probability_text};
+pub use number::{decimal, number_text, p_value_text, plural, probability_text};
 pub use shell_quote::shell_quote;

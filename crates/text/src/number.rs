@@ -11,6 +11,22 @@ pub fn plural<N: Copy + Display + PartialEq + From<u8>>(count: N, noun: &str) ->
     format!("{count} {noun}{}", if count == N::from(1) { "" } else { "s" })
 }
 
+/// Formats a number with all its digits, in scientific notation where zeros would be many of them.
+///
+/// # Example
+/// ```
+/// assert_eq!(mishandle_text::number_text(0.1), "0.1");
+/// assert_eq!(mishandle_text::number_text(-1.5e307), "-1.5e307");
+/// assert_eq!(mishandle_text::number_text(f64::INFINITY), "inf");
+/// ```
+pub fn number_text(value: f64) -> String {
+    if value == 0.0 || !value.is_finite() || (1e-5..1e16).contains(&value.abs()) {
+        format!("{value}")
+    } else {
+        format!("{value:e}")
+    }
+}
+
 /// Formats a number with this many decimals, or in scientific notation from 10⁹ on, where decimals
 /// would be hundreds of digits.
 ///

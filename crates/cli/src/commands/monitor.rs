@@ -1,15 +1,18 @@
 mod log;
+mod times;
 
 use std::fs::File;
 use std::io::Read;
 use std::path::{Path, PathBuf};
 
-use anyhow::{Context, Result, ensure};
+use anyhow::{Context, Result, anyhow, bail, ensure};
 use clap::Args;
-use log::Log;
+use log::{Log, Samples};
 use mishandle::results::{self, Number};
-use mishandle::stl::{Clock, Formula, Monitor, Recording, TimeUnit, is_violated};
-use mishandle_text::plural;
+use mishandle::stl::{
+    Clock, Formula, Monitor, MonitorError, Recording, TimeUnit, is_violated, name_hint, unquoted,
+};
+use mishandle_text::{number_text, plural, shell_quote, visible};
 
 use crate::exit_status::ExitStatus;
 use crate::flags::numbers;
@@ -26,8 +29,10 @@ fn is_period(secs: f64) -> bool {
 /// Compute the robustness of a temporal logic formula on a recorded trace
 #[derive(Debug, Args)]
 #[command(after_help = "The trace is a CSV file: a header with the signal names, then one row of numbers per
-sample. The optional column `time` (seconds) determines the sampling period. Columns that
-the formula does not read may hold any text.
+sample. The optional column `time` (seconds) determines the sampling period; --time names
+another column. Columns that the formula does not read may have any name and hold any text.
+In a formula, the name of a column that is no plain word stands in backquotes:
+`/joint[0]/position`. In a shell, a formula with backquotes stands in single quotes.
 
 Windows that extend past the end of the trace are cut there, as in RTAMT. A cut window can
 satisfy a formula that the whole window would violate. --strict-horizon uses whole windows
@@ -40,17 +45,20 @@ Examples:
   mishandle monitor --formula 'always[0:2s](d <= 0.3)' --period 0.1 trace.csv
   mishandle monitor --formula 'always[0:2](d <= 0.3)' --period 0.1 --unit s trace.csv  as in RTAMT
 
-Exit code 1 means that the robustness at time 0 is negative.")]
+Exit code 1 means that the robustness at time 0 is negative. docs/reference/formulas.md describes
+the language of formulas.")]
 pub struct Arguments {
     /// Formula in the syntax of RTAMT
     #[arg(long, allow_hyphen_values = true)]
     pub formula: String,
     /// CSV file with the trace; - reads stdin
     pub trace: PathBuf,
-    /// Sampling period in seconds [default: mean step of the column `time`, or 1 without that
-    /// column]
+    /// Sampling period in seconds [default: that of the times; bounds in seconds need one of both]
     #[arg(long, value_name = "SECONDS", allow_negative_numbers = true, value_parser = numbers::number(PERIOD, is_period))]
     pub period: Option<f64>,
+    /// Column with the times of the samples in seconds [default: `time`, if there is one]
+    #[arg(long, value_name = "COLUMN")]
+    pub time: Option<String>,
     /// Unit of interval bounds without a unit: s, ms, us or ns [default: such bounds count samples]
     #[arg(long)]
     pub unit: Option<String>,
@@ -63,26 +71,38 @@ pub struct Arguments {
 }
 
 pub fn run(command: &Arguments) -> Result<ExitStatus> {
-    let formula = Formula::parse(&command.formula)
-        .map_err(|error| anyhow::anyhow!("{}", formula_error::message(&command.formula, &error)))?;
-    output::warn_of_chained_comparisons(&formula);
+    let unit = command.unit.as_deref().map(unit).transpose()?;
+    let parsed = Formula::parse(&command.formula);
+    if let Err(error) = &parsed
+        && let Some(hint) = hint(command)
+    {
+        bail!("{}\nhint: {hint}", formula_error::message(&command.formula, error));
+    }
+    let formula = parsed.map_err(|error| anyhow!("{}", formula_error::message(&command.formula, &error)))?;
+    output::warn_about(&formula);
     let trace_name = || format!("trace {}", command.trace.display());
     let log = Log::open(source(&command.trace).with_context(trace_name)?).with_context(trace_name)?;
-    // Only the columns of the formula are read later, so that errors about them could not name the
-    // others.
-    Recording::new(&formula, log.names().into())?;
-    let samples = log.samples(&formula).with_context(trace_name)?;
-    let period = samples.period(command.period).with_context(trace_name)?;
-    if command.period.is_none() && !samples.has_times() && formula.has_time_units() {
-        output::message(
-            "note: the trace has no column `time`, so its samples are taken to be 1 s apart; --period sets another period",
-        );
-    }
-    let clock = match &command.unit {
-        Some(unit) => Clock::rtamt(period, self::unit(unit)?),
-        None => Clock::steps(period),
+    log.check_signals(&formula).with_context(trace_name)?;
+    let likely_time = log.likely_time().filter(|name| visible(name) == *name).map(str::to_owned);
+    let samples = log.samples(&formula, command.time.as_deref()).with_context(trace_name)?;
+    let period = match &samples.times {
+        Some(times) => times.period(command.period).with_context(trace_name)?,
+        None => command.period,
     };
-    let mut monitor = Monitor::new(&formula, &samples.names, clock)?;
+    let clock = match (period, unit) {
+        (Some(period), Some(unit)) => Clock::rtamt(period, unit),
+        (Some(period), None) => Clock::steps(period),
+        (None, unit) if formula.needs_period(unit.is_some()) => {
+            bail!(no_period(&samples, likely_time.as_deref()))
+        }
+        (None, _) => Clock::unknown(),
+    };
+    let mut monitor = Monitor::new(&formula, &samples.names, clock).map_err(|error| match error {
+        MonitorError::NotAMultiple { .. } if samples.times.is_some() && command.period.is_none() => {
+            anyhow!("{error}; the steps are those of the times, in seconds; --period sets another one that fits them")
+        }
+        error => error.into(),
+    })?;
     let count = samples.recording.len();
     let cuts_windows = !command.strict_horizon && monitor.cuts_windows(count);
     let signal = signal(&mut monitor, samples.recording, command.strict_horizon)?;
@@ -97,7 +117,7 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
         })?;
     } else {
         let verdict = if is_violated(robustness) { "violated" } else { "satisfied" };
-        output::line(&format!("robustness {} at time 0: {verdict}", robustness + 0.0))?;
+        output::line(&format!("robustness {} at time 0: {verdict}", number_text(robustness + 0.0)))?;
         if cuts_windows {
             output::message(&format!(
                 "note: a window extends past the end of the trace, which has {}; it is cut there, as in RTAMT; \
@@ -107,6 +127,31 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
         }
     }
     Ok(if is_violated(robustness) { ExitStatus::Violated } else { ExitStatus::Done })
+}
+
+/// Returns the hint on a formula that does not parse, if it has the name of a column without the
+/// backquotes that it needs.
+fn hint(command: &Arguments) -> Option<String> {
+    let file = File::open(&command.trace).ok().filter(|_| command.trace.is_file())?;
+    let log = Log::open(file).ok()?;
+    name_hint(unquoted(&command.formula, log.names().iter().map(String::as_str))?)
+}
+
+/// Describes why the sampling period is unknown, although a bound is a time.
+fn no_period(samples: &Samples, likely_time: Option<&str>) -> String {
+    let needs = "a bound of the formula is a time, which needs the time between two samples";
+    match (&samples.times, likely_time) {
+        (Some(_), _) => format!("{needs}, but the trace has one sample; pass --period SECONDS"),
+        (None, Some(name)) => format!(
+            "{needs}, but the trace has no column `time`; if the column `{name}` has the times in seconds, pass --time {}, \
+             otherwise --period SECONDS",
+            shell_quote(name)
+        ),
+        (None, None) => format!(
+            "{needs}, but the trace has no column `time`; pass --period SECONDS, or the name of the column with the times \
+             as --time COLUMN"
+        ),
+    }
 }
 
 /// Returns the robustness signal: all samples with cut windows, or the decided ones, of which there

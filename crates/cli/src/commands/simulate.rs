@@ -56,7 +56,7 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
     plan.falsify = Some(falsify);
     plan = plan.only(RunKind::Falsify);
     let resolved = ResolvedPlan::new(&plan)?;
-    output::warn_of_chained_comparisons(&resolved.specification.requirement);
+    output::warn_about(&resolved.specification.requirement);
     let scenario = scenario(&resolved.space, &resolved.target.spaces, &command.at)?;
     resolved.space.check(&scenario)?;
     for (axis, value) in resolved.space.axes().iter().zip(scenario.values()) {

@@ -48,7 +48,7 @@ pub fn ask(
         plan => Ok(plan),
     };
     let (resolved, file) = open(file, kind, subject.controller.as_deref(), checked)?;
-    output::warn_of_chained_comparisons(&resolved.specification.requirement);
+    output::warn_about(&resolved.specification.requirement);
     let is_new = file.file().counts()?.simulations == 0;
     for warning in file.file().header().preflight.iter().filter(|_| is_new) {
         output::message(&format!("warning: {}", crate::show::escape::name(warning)));

@@ -11,7 +11,7 @@ const OMITTED: &str = "...";
 /// Describes an error with the line in which it is, or a part of a long line.
 pub fn message(formula: &str, error: &ParseError) -> String {
     let position = error.position();
-    let line = formula.split('\n').nth(position.line - 1).unwrap_or_default();
+    let line = formula.split('\n').nth(position.line - 1).unwrap_or_default().trim_end_matches('\r');
     let (shown, mark) = window(line, position.column - 1);
     format!("formula: {error}\n  {shown}\n  {}^", " ".repeat(mark))
 }
@@ -50,6 +50,7 @@ mod tests {
         assert_eq!(shown("d > "), ("d > ".to_string(), None));
         assert_eq!(shown("d >\t0 ä"), ("d > 0 ä".to_string(), Some('ä')));
         assert_eq!(shown("d > 0 and\nd > )\nor"), ("d > )".to_string(), Some(')')));
+        assert_eq!(shown("d > 0 and\r\nd > )\r\nor"), ("d > )".to_string(), Some(')')));
     }
 
     #[test]

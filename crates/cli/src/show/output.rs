@@ -11,7 +11,7 @@ use mishandle::MishandleError;
 use mishandle::files::{AtomicFile, is_same_file};
 use mishandle::results::Versioned;
 use mishandle::rollout::RolloutError;
-use mishandle::stl::{Formula, MonitorError};
+use mishandle::stl::{Formula, MonitorError, spelled};
 use serde::Serialize;
 use serde_json::Serializer;
 
@@ -139,12 +139,18 @@ fn shortened(text: &str) -> Cow<'_, str> {
     Cow::Owned(format!("{first} … ({} characters left out) … {last}", count - MAX_MESSAGE))
 }
 
-/// Warns about a chained comparison, whose meaning users rarely expect.
-pub fn warn_of_chained_comparisons(formula: &Formula) {
+/// Warns about what users rarely mean: chained comparisons and definitions without use.
+pub fn warn_about(formula: &Formula) {
     if formula.chains_comparisons() {
         message(&format!(
             "warning: comparisons do not chain: `0.2 <= v <= 0.3` means `(0.2 <= v) <= 0.3`, as in RTAMT; write \
              `0.2 <= v and v <= 0.3` instead. The formula is {formula}"
+        ));
+    }
+    for name in formula.unused_definitions() {
+        message(&format!(
+            "warning: no statement reads the definition `{}`; the formula is {formula}",
+            escape::name(&spelled(name))
         ));
     }
 }

@@ -1,21 +1,26 @@
 //! Reads recorded traces from CSV files.
 
+use std::borrow::Cow;
 use std::cell::Cell;
-use std::collections::HashMap;
 use std::io::{self, Read};
 use std::rc::Rc;
 use std::sync::Arc;
 
 use anyhow::{Context, Result, bail, ensure};
 use csv::{ByteRecord, Reader, Terminator, Trim};
-use mishandle::stl::{Formula, Recording};
-use mishandle_text::plural;
+use mishandle::stl::{Formula, Recording, nearest};
+use mishandle_text::{plural, visible};
 
-/// Column with the time of each sample, in seconds.
+use super::times::Times;
+
+/// Column with the time of each sample in seconds, if no other is named.
 const TIME: &str = "time";
 
-/// Largest deviation of a sampling interval from the period, as a fraction of the period.
-const JITTER: f64 = 1e-3;
+/// Words in the names of columns with times, in the logs of other programs.
+const TIME_WORDS: [&str; 8] = ["t", "ts", "sec", "secs", "second", "seconds", "elapsed", "clock"];
+
+/// Largest number of characters of a cell in a message.
+const SHOWN_CELL: usize = 40;
 
 /// Largest size of a row in bytes. A row of 80,000 numbers with all their digits has 2 MB.
 const MAX_ROW: usize = 16 << 20;
@@ -25,6 +30,8 @@ pub struct Log<R> {
     reader: Reader<RowLimit<R>>,
     row_bytes: Rc<Cell<usize>>,
     names: Vec<String>,
+    /// The columns whose names are not UTF-8, of which `names` has an approximation.
+    foreign: Vec<usize>,
 }
 
 /// Fails after [`MAX_ROW`] bytes of one row. The reader of CSV collects a whole row, and a hostile
@@ -65,12 +72,12 @@ pub struct Samples {
     /// The names of the columns that the formula reads.
     pub names: Arc<[String]>,
     pub recording: Recording,
-    times: Option<Times>,
+    pub times: Option<Times>,
 }
 
 impl<R: Read> Log<R> {
     /// Reads the header: the names of the columns. Spaces around a name and a byte order mark are
-    /// ignored.
+    /// ignored. A column that nobody reads may have any name, also none or that of another one.
     pub fn open(source: R) -> Result<Log<R>> {
         let row_bytes = Rc::new(Cell::new(0));
         let source = RowLimit { source, row_bytes: row_bytes.clone(), is_in_line: false };
@@ -79,28 +86,17 @@ impl<R: Read> Log<R> {
         let mut builder = csv::ReaderBuilder::new();
         builder.trim(Trim::Headers).terminator(Terminator::Any(b'\n')).flexible(true);
         let mut reader = builder.from_reader(source);
-        let mut names = Vec::new();
-        for (index, name) in reader.byte_headers()?.iter().enumerate() {
-            let name = std::str::from_utf8(name).ok().with_context(|| {
-                format!("the name of column {} is not UTF-8 text; save the file as UTF-8", index + 1)
-            })?;
-            names.push(name.trim().to_string());
+        let (mut names, mut foreign) = (Vec::new(), Vec::new());
+        for (column, name) in reader.byte_headers()?.iter().enumerate() {
+            if std::str::from_utf8(name).is_err() {
+                foreign.push(column);
+            }
+            names.push(String::from_utf8_lossy(name).trim().to_string());
         }
         row_bytes.set(0);
         check_separator(&names)?;
         ensure!(!names.is_empty(), "the file is empty; the first line must contain the signal names");
-        let mut columns = HashMap::with_capacity(names.len());
-        for (column, name) in names.iter().enumerate() {
-            ensure!(!name.is_empty(), "column {} has no name in the header", column + 1);
-            if let Some(first) = columns.insert(name.as_str(), column) {
-                bail!(
-                    "two columns are named `{name}`: {} and {}; rename one in the header",
-                    first + 1,
-                    column + 1
-                );
-            }
-        }
-        Ok(Log { reader, row_bytes, names })
+        Ok(Log { reader, row_bytes, names, foreign })
     }
 
     /// Returns the names of all columns.
@@ -108,25 +104,87 @@ impl<R: Read> Log<R> {
         &self.names
     }
 
-    /// Reads the samples of the signals of the formula and the times. Other columns may hold any
-    /// text.
-    pub fn samples(mut self, formula: &Formula) -> Result<Samples> {
+    /// Returns the column named `name`, if there is one.
+    ///
+    /// # Errors
+    /// If there are two.
+    fn column(&self, name: &str) -> Result<Option<usize>> {
+        let mut found = (0..self.names.len()).filter(|column| self.names[*column] == name);
+        let (first, second) = (found.next(), found.next());
+        if let (Some(first), Some(second)) = (first, second) {
+            bail!(
+                "two columns are named `{}`: {} and {}; rename one in the header",
+                visible(name),
+                first + 1,
+                second + 1
+            );
+        }
+        Ok(first)
+    }
+
+    /// Returns the column with the times: the one with this name, or else `time` if there is one.
+    fn time_column(&self, name: Option<&str>) -> Result<Option<usize>> {
+        let Some(name) = name else { return self.column(TIME) };
+        if let Some(column) = self.column(name.trim())? {
+            return Ok(Some(column));
+        }
+        let similar = nearest(name, self.names.iter().map(String::as_str));
+        let typed = similar.filter(|similar| visible(similar) == *similar);
+        let hint = typed.map(|similar| format!("; did you mean `{similar}`?"));
+        bail!("--time is `{}`, but no column has this name{}", visible(name), hint.unwrap_or_default())
+    }
+
+    /// Returns the name of a column that seems to have the times, if none is named `time`.
+    pub fn likely_time(&self) -> Option<&str> {
+        let is_time = |name: &&String| {
+            let name = name.to_lowercase();
+            let mut words = name.split(|c: char| !c.is_alphanumeric());
+            name.contains("time") || name.contains("stamp") || words.any(|word| TIME_WORDS.contains(&word))
+        };
+        self.names.iter().find(is_time).map(String::as_str)
+    }
+
+    /// Checks that the log has the signals of the formula, each of them once.
+    pub fn check_signals(&self, formula: &Formula) -> Result<()> {
+        for signal in formula.signals() {
+            if self.column(signal)?.is_none()
+                && let Some(column) = self.foreign.first()
+            {
+                bail!(
+                    "no column is named `{}`, and the name of column {} is not UTF-8 text; save the file as UTF-8",
+                    visible(signal),
+                    column + 1
+                );
+            }
+        }
+        // Errors about signals and definitions, with the names of all columns.
+        Recording::new(formula, self.names.as_slice().into())?;
+        Ok(())
+    }
+
+    /// Reads the samples of the signals of the formula, which the log must have, and the times from
+    /// the column named `time`. Other columns may hold any text.
+    pub fn samples(mut self, formula: &Formula, time: Option<&str>) -> Result<Samples> {
         let signals = formula.signals();
         let is_read = |name: &str| signals.contains(&name);
         let columns: Vec<usize> = (0..self.names.len()).filter(|i| is_read(&self.names[*i])).collect();
-        let time = self.names.iter().position(|name| name == TIME);
+        let time = self.time_column(time)?;
         let names: Arc<[String]> = columns.iter().map(|column| self.names[*column].clone()).collect();
         let mut recording = Recording::new(formula, Arc::clone(&names))?;
-        let mut times = None;
+        let mut times = time.map(|column| Times::new(&self.names[column]));
         let mut sample = vec![0.0; columns.len()];
         let mut record = ByteRecord::new();
+        let mut next_line = self.reader.position().line();
         while self.reader.read_byte_record(&mut record)? {
             self.row_bytes.set(0);
-            // A blank line of a file whose lines end with `\r\n`; the reader skips the others.
-            if record.as_slice() == b"\r" {
+            let line = self.line(&record);
+            // The reader skips blank lines, but for those of a file whose lines end with `\r\n`.
+            let is_blank = record.as_slice() == b"\r";
+            self.check_blank(if is_blank { line + 1 } else { line }, next_line)?;
+            next_line = self.reader.position().line();
+            if is_blank {
                 continue;
             }
-            let line = self.line(&record);
             ensure!(
                 record.len() == self.names.len(),
                 "line {line} has {}, but the header has {}; every line must have one cell for each name",
@@ -136,13 +194,25 @@ impl<R: Read> Log<R> {
             for (value, column) in sample.iter_mut().zip(&columns) {
                 *value = self.number(&record, *column, line)?;
             }
-            if let Some(column) = time {
-                Times::add(&mut times, self.number(&record, column, line)?, line)?;
+            if let (Some(times), Some(column)) = (&mut times, time) {
+                let secs = self.number(&record, column, line)?;
+                times.push(&cell(&record, column), secs, line)?;
             }
             recording.push(&sample);
         }
         ensure!(!recording.is_empty(), "the file has a header, but no samples");
+        self.check_blank(self.reader.position().line(), next_line)?;
         Ok(Samples { names, recording, times })
+    }
+
+    /// Checks that no blank line of a log with one column is before `line`: it would be a sample.
+    fn check_blank(&self, line: u64, next: u64) -> Result<()> {
+        ensure!(
+            self.names.len() > 1 || line <= next,
+            "line {next} is blank, so `{}` lacks a number there; write one, or remove the line",
+            visible(&self.names[0])
+        );
+        Ok(())
     }
 
     /// Returns the line on which the record begins, counted from 1. The reader has consumed it with
@@ -153,12 +223,20 @@ impl<R: Read> Log<R> {
     }
 
     fn number(&self, record: &ByteRecord, column: usize, line: u64) -> Result<f64> {
-        let cell = record.get(column).unwrap_or_default().trim_ascii();
-        std::str::from_utf8(cell).ok().and_then(|text| text.parse().ok()).with_context(|| {
-            let (name, cell) = (&self.names[column], String::from_utf8_lossy(cell));
-            format!("line {line}: `{name}` is `{cell}`; it must be a number such as 0.25")
+        let text = cell(record, column);
+        text.parse().ok().with_context(|| {
+            let name = visible(&self.names[column]);
+            let mut shown = visible(&text.chars().take(SHOWN_CELL).collect::<String>());
+            if text.chars().nth(SHOWN_CELL).is_some() {
+                shown += "...";
+            }
+            format!("line {line}: `{name}` is `{shown}`; it must be a number such as 0.25")
         })
     }
+}
+
+fn cell(record: &ByteRecord, column: usize) -> Cow<'_, str> {
+    String::from_utf8_lossy(record.get(column).unwrap_or_default().trim_ascii())
 }
 
 /// Recognizes a header that another character than a comma separates.
@@ -172,106 +250,20 @@ fn check_separator(names: &[String]) -> Result<()> {
     )
 }
 
-/// The range of the column `time` and its shortest and longest step.
-struct Times {
-    first: f64,
-    last: f64,
-    steps: usize,
-    shortest: Step,
-    longest: Step,
-}
-
-/// Two consecutive times, and the line of the second one.
-#[derive(Clone, Copy)]
-struct Step {
-    from: f64,
-    to: f64,
-    line: u64,
-}
-
-impl Step {
-    fn length(self) -> f64 {
-        self.to - self.from
-    }
-}
-
-impl Times {
-    fn add(times: &mut Option<Times>, time: f64, line: u64) -> Result<()> {
-        ensure!(
-            time.is_finite(),
-            "line {line}: `{TIME}` is {time}; every time must be a finite number of seconds"
-        );
-        let Some(times) = times else {
-            let none = Step { from: time, to: time, line };
-            *times = Some(Times { first: time, last: time, steps: 0, shortest: none, longest: none });
-            return Ok(());
-        };
-        let step = Step { from: times.last, to: time, line };
-        if times.steps == 0 || step.length() < times.shortest.length() {
-            times.shortest = step;
-        }
-        if times.steps == 0 || step.length() > times.longest.length() {
-            times.longest = step;
-        }
-        times.last = time;
-        times.steps += 1;
-        Ok(())
-    }
-
-    /// Returns the mean step.
-    fn period(&self) -> Result<f64> {
-        let Step { from, to, line } = self.shortest;
-        ensure!(
-            self.shortest.length() > 0.0,
-            "column `{TIME}` does not increase: it is {from} and then {to} in line {line}"
-        );
-        let period = (self.last - self.first) / self.steps as f64;
-        ensure!(period.is_finite(), "column `{TIME}` extends from {} to {}, too far", self.first, self.last);
-        let is_uneven = |step: &Step| (step.length() / period - 1.0).abs() > JITTER;
-        if let Some(Step { from, to, line }) = [self.shortest, self.longest].into_iter().find(is_uneven) {
-            bail!(
-                "samples must be evenly spaced; column `{TIME}` steps from {from} to {to} in line {line}, its mean step \
-                 is {period}"
-            );
-        }
-        Ok(period)
-    }
-}
-
-impl Samples {
-    /// Returns whether the log has the column `time`.
-    pub fn has_times(&self) -> bool {
-        self.times.is_some()
-    }
-
-    /// Returns the sampling period in seconds: `flag`, or else the mean step of the column `time`,
-    /// or else 1.
-    pub fn period(&self, flag: Option<f64>) -> Result<f64> {
-        let Some(times) = self.times.as_ref().filter(|times| times.steps > 0) else {
-            return Ok(flag.unwrap_or(1.0));
-        };
-        let found = times.period()?;
-        if let Some(period) = flag {
-            ensure!(
-                (period / found - 1.0).abs() <= JITTER,
-                "--period is {period} s, but the mean step of column `{TIME}` is {found} s; leave out --period"
-            );
-            return Ok(period);
-        }
-        // Rounded times, such as 0.03333 for 1/30, give an inexact period. A nearly integer
-        // sampling rate is meant exactly.
-        let rate = (1.0 / found).round();
-        Ok(if (found * rate - 1.0).abs() < 1e-4 { 1.0 / rate } else { found })
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
     use mishandle::stl::{Clock, Monitor};
 
     fn read(text: &str, formula: &str) -> Result<Samples> {
-        Log::open(text.as_bytes())?.samples(&Formula::parse(formula).unwrap())
+        let formula = Formula::parse(formula).unwrap();
+        let log = Log::open(text.as_bytes())?;
+        log.check_signals(&formula)?;
+        log.samples(&formula, None)
+    }
+
+    fn period(text: &str, formula: &str) -> Result<Option<f64>> {
+        read(text, formula)?.times.map_or(Ok(None), |times| times.period(None))
     }
 
     /// Returns the values of a column.
@@ -287,7 +279,7 @@ mod tests {
 
     #[track_caller]
     fn check(text: &str, message: &str) {
-        let error = read(text, "d").and_then(|samples| samples.period(None)).unwrap_err();
+        let error = period(text, "d").unwrap_err();
         assert!(error.to_string().contains(message), "{text:?}: {error}");
     }
 
@@ -300,7 +292,8 @@ mod tests {
             "\u{feff}d\n1\n2.5\n",
             "\"d\"\n\"1\"\n\"2.5\"\n",
             " d \n 1\n2.5 \n",
-            "d\n\n1\n\n2.5\n\n",
+            "\nd\n1\n2.5\n",
+            "d,\n\n1,\n\n2.5,\n\n",
             "e,d\n,1\ntext,2.5\n",
             "\"e\n,\",d\n\"a,\n\"\"b\"\"\",1\nc,2.5\n",
         ] {
@@ -312,7 +305,7 @@ mod tests {
     fn only_the_columns_of_the_formula_are_kept() {
         let samples = read("a,d,time,e\n1,2,0,4\n5,6,0.5,x\n", "d").unwrap();
         assert_eq!(samples.names[..], ["d".to_owned()]);
-        assert_eq!(samples.period(None).unwrap(), 0.5);
+        assert_eq!(samples.times.unwrap().period(None).unwrap(), Some(0.5));
         assert_eq!(read("time,d,e\n0,2,1\n", "d > time").unwrap().names[..], ["time", "d"]);
         assert_eq!(column("time,d\n0,2\n0.5,6\n", "time"), [0.0, 0.5]);
     }
@@ -320,7 +313,8 @@ mod tests {
     #[test]
     fn a_row_without_end_is_an_error() {
         let d = Formula::parse("d").unwrap();
-        let open = |source: &mut dyn Read| Log::open(source).and_then(|log| log.samples(&d)).err().unwrap();
+        let open =
+            |source: &mut dyn Read| Log::open(source).and_then(|log| log.samples(&d, None)).err().unwrap();
         let zeros = open(&mut io::repeat(0)).to_string();
         assert!(zeros.contains("more than 16 MiB"), "{zeros}");
         // A quoted cell contains any number of lines.
@@ -353,12 +347,10 @@ mod tests {
     fn malformed_files_are_errors_with_their_line() {
         check("", "the file is empty");
         check("d\n", "no samples");
-        check("d,,e\n1,2,3\n", "column 2 has no name");
-        check("d,e,d\n1,2,3\n", "two columns are named `d`: 1 and 3");
         check("d\n1\nx\n", "line 3: `d` is `x`");
         // A quoted cell may contain line ends.
         check("e,d\n\"a\nb\",1\nc,x\n", "line 4: `d` is `x`");
-        check("d\n\n", "no samples");
+        check("d,e\n\n", "no samples");
         check("d,e\n1,2\n3\n", "line 3 has 1 cell, but the header has 2 names");
         check("d\n1,2\n", "line 2 has 2 cells, but the header has 1 name;");
     }
@@ -366,10 +358,10 @@ mod tests {
     #[test]
     fn lines_are_those_of_the_file_also_after_blank_lines_and_with_other_line_ends() {
         for text in [
-            "d\n\n\n1\n\nx\n",
-            "d\n\n\n1\n\nx",
-            "\nd\n\n1\n\nx\n",
-            "d\r\n\r\n\r\n1\r\n\r\nx\r\n",
+            "d,\n\n\n1,\n\nx,\n",
+            "d,\n\n\n1,\n\nx,",
+            "\nd,\n\n1,\n\nx,\n",
+            "d,\r\n\r\n\r\n1,\r\n\r\nx,\r\n",
             "d\n1\n2\n3\n4\nx",
         ] {
             check(text, "line 6: `d` is `x`; it must be a number");
@@ -387,9 +379,37 @@ mod tests {
     }
 
     #[test]
-    fn a_name_that_is_not_utf_8_is_an_error() {
-        let error = Log::open(&b"d,\xff\n1,2\n"[..]).err().unwrap().to_string();
-        assert!(error.contains("the name of column 2 is not UTF-8 text"), "{error}");
+    fn a_column_that_nobody_reads_may_have_any_name() {
+        for text in ["d,,e\n1,,3\n", ",d\n0,1\n", "d,e,e\n1,2,3\n", "x,d,x,,\n,1,,,\n", "time,d,\n0,1,\n"] {
+            assert_eq!(values(text), [1.0], "{text:?}");
+        }
+        let d = Formula::parse("d").unwrap();
+        let log = Log::open(&b"d,\xff\n1,2\n"[..]).unwrap();
+        log.check_signals(&d).unwrap();
+        assert_eq!(log.samples(&d, None).unwrap().recording.len(), 1);
+        // A column without a name can be read, too.
+        assert_eq!(column(",d\n7,1\n", "``"), [7.0]);
+    }
+
+    #[test]
+    fn a_column_that_is_read_has_a_name_of_its_own() {
+        check("d,e,d\n1,2,3\n", "two columns are named `d`: 1 and 3; rename one");
+        check("time,d,time\n1,2,3\n", "two columns are named `time`: 1 and 3");
+        let error = read("d,,\n1,2,3\n", "``").err().unwrap().to_string();
+        assert!(error.contains("two columns are named ``: 2 and 3"), "{error}");
+        let log = Log::open(&b"d,gr\xf6\xdfe\n1,2\n"[..]).unwrap();
+        let error = log.check_signals(&Formula::parse("größe").unwrap()).unwrap_err().to_string();
+        assert!(error.contains("the name of column 2 is not UTF-8 text; save the file as UTF-8"), "{error}");
+    }
+
+    #[test]
+    fn a_blank_line_of_a_log_with_one_column_is_a_missing_sample() {
+        for text in ["d\n\n1\n", "d\r\n\r\n1\r\n", "d\n\n\n1", "d\r\n\r\n"] {
+            check(text, "line 2 is blank, so `d` lacks a number");
+        }
+        for text in ["d\n1\n\n2\n", "d\n1\n\n", "d\r\n1\r\n\r\n2", "d\r\n1\r\n\r\n", "d\n1\n\n\n2\n"] {
+            check(text, "line 3 is blank, so `d` lacks a number there; write one, or remove the line");
+        }
     }
 
     #[test]

@@ -1,0 +1,108 @@
+//! The examples of docs/reference/formulas.md: blocks of the language `formula`. A block has an
+//! optional line `period SECONDS s`, a line with name and samples for each signal, a blank line, and
+//! formulas. The line after a formula starts with `=>` and has the robustness at each sample, the
+//! decided values after `decided`, or a part of the message after `error: `.
+#![allow(clippy::unwrap_used)] // clippy's setting for tests does not cover helper functions
+
+use mishandle_stl::{Clock, Formula, Monitor, Trace};
+use std::sync::Arc;
+
+const PAGE: &str = include_str!("../../../docs/reference/formulas.md");
+
+fn numbers(text: &str) -> Vec<f64> {
+    text.split_whitespace().map(|word| word.parse().unwrap_or_else(|_| panic!("{word} in {text}"))).collect()
+}
+
+/// Returns the blocks of examples.
+fn blocks() -> impl Iterator<Item = &'static str> {
+    PAGE.split("\n```formula\n").skip(1).map(|rest| rest.split("\n```\n").next().unwrap())
+}
+
+/// Splits a line at the end of the name of the signal, which a formula can read.
+fn signal(line: &str) -> (String, Vec<f64>) {
+    let end = match line.rfind('`') {
+        Some(last) => last + 1,
+        None => line.find(' ').unwrap(),
+    };
+    let name = Formula::parse(&line[..end]).unwrap().signals()[0].to_owned();
+    (name, numbers(&line[end..]))
+}
+
+fn trace_and_clock(head: &str) -> (Trace, Clock) {
+    let period = head.lines().find_map(|line| line.strip_prefix("period ")?.strip_suffix(" s"));
+    let clock = period.map_or(Clock::unknown(), |secs| Clock::steps(secs.parse().unwrap()));
+    let signals = head.lines().filter(|line| !line.starts_with("period "));
+    let (names, columns): (Vec<String>, Vec<Vec<f64>>) = signals.map(signal).unzip();
+    let mut trace = Trace::new(Arc::from(names));
+    for step in 0..columns[0].len() {
+        trace.push(&columns.iter().map(|column| column[step]).collect::<Vec<_>>());
+    }
+    (trace, clock)
+}
+
+fn evaluate(text: &str, trace: &Trace, clock: Clock, only_decided: bool) -> Result<Vec<f64>, String> {
+    let formula = Formula::parse(text).map_err(|error| error.to_string())?;
+    let monitor = Monitor::new(&formula, trace.names(), clock);
+    let mut monitor = monitor.map_err(|error| error.to_string())?;
+    let found = match only_decided {
+        true => monitor.decided_robustness_signal(trace),
+        false => monitor.robustness_signal(trace),
+    };
+    found.map(<[f64]>::to_vec).map_err(|error| error.to_string())
+}
+
+#[test]
+fn the_examples_of_the_page_have_its_values() {
+    let (mut examples, mut wrong) = (0, Vec::new());
+    for block in blocks() {
+        let (head, formulas) = block.split_once("\n\n").unwrap();
+        let (trace, clock) = trace_and_clock(head);
+        let mut text = String::new();
+        for line in formulas.lines() {
+            let Some(expected) = line.strip_prefix("=>") else {
+                text += &format!("{line}\n");
+                continue;
+            };
+            let text = std::mem::take(&mut text);
+            let (expected, only_decided) = match expected.trim().strip_prefix("decided") {
+                Some(expected) => (expected, true),
+                None => (expected.trim(), false),
+            };
+            let found = evaluate(&text, &trace, clock, only_decided);
+            let is_right = match expected.strip_prefix("error: ") {
+                Some(part) => found.as_ref().is_err_and(|error| error.contains(part)),
+                None => found.as_ref() == Ok(&numbers(expected)),
+            };
+            examples += 1;
+            if !is_right {
+                wrong.push(format!("{text}=> {found:?}, not {expected}"));
+            }
+        }
+        assert!(text.is_empty(), "no value after {text}");
+    }
+    assert!(wrong.is_empty(), "{}", wrong.join("\n"));
+    assert!(examples > 100, "{examples}");
+}
+
+#[test]
+fn every_operator_and_unit_has_an_example() {
+    let examples: String = blocks().collect();
+    let is_part = |c: char| c.is_alphanumeric() || c == '_';
+    let words = "abs sqrt exp ln pow rise fall not always G eventually F historically H once O prev Y next X s_prev sY \
+                 s_next sX until U release R unless W since S and or implies iff xor true FALSE inf s ms const";
+    for word in words.split_whitespace() {
+        let stands = |(at, _): (usize, &str)| {
+            let (before, after) = (&examples[..at], &examples[at + word.len()..]);
+            !before.ends_with(|c: char| is_part(c) && !c.is_numeric()) && !after.starts_with(is_part)
+        };
+        assert!(examples.match_indices(word).any(stands), "no example of {word}");
+    }
+    for symbol in
+        ["*", "/", "+", "-", "<=", ">=", "<", ">", "==", "!==", "!=", "!", "&", "&&", "|", "||", "->", "<->"]
+    {
+        assert!(
+            examples.contains(&format!(" {symbol} ")) || examples.contains(&format!(" {symbol}")),
+            "{symbol}"
+        );
+    }
+}
