@@ -5,6 +5,7 @@
 //! - [`check`]: what a model may contain, before anything is computed.
 //! - [`cost`]: memory and time of each operator, from the shapes of its inputs.
 //! - [`interface`]: which input is the observation, which output the action.
+//! - [`order`]: the order in which values are computed.
 //! - [`policy`]: runs a model as a controller.
 //! - [`export`]: writes a controller as a model.
 
@@ -20,6 +21,8 @@ mod fields;
 #[cfg(feature = "onnx")]
 mod interface;
 mod message;
+#[cfg(feature = "onnx")]
+mod order;
 #[cfg(feature = "onnx")]
 mod policy;
 

@@ -2,6 +2,7 @@
 
 use std::cell::RefCell;
 use std::collections::HashSet;
+use std::ops::RangeInclusive;
 
 use mishandle_files::limits;
 use rten_onnx::onnx::{DataLocation, GraphProto, ModelProto, TensorProto};
@@ -51,6 +52,9 @@ impl Kind {
     }
 }
 
+/// The oldest and the newest set of operators that was compared with ONNX Runtime.
+const OPSETS: RangeInclusive<i64> = 7..=22;
+
 /// Parses a model of which the messages are nested to a known depth only: no subgraphs, no types
 /// but tensors.
 pub(super) fn parse(bytes: &[u8]) -> Result<ModelProto, OnnxProblem> {
@@ -59,6 +63,7 @@ pub(super) fn parse(bytes: &[u8]) -> Result<ModelProto, OnnxProblem> {
     let model = ModelProto::parse_buf(bytes).map_err(|error| format(error.to_string()))?;
     let graph = model.graph.as_ref().ok_or_else(|| format("it has no graph".to_string()))?;
     check_graph(graph)?;
+    check_opset(&model)?;
     Ok(model)
 }
 
@@ -90,6 +95,23 @@ fn check_fields(kind: Kind, message: &[u8]) -> Result<(), OnnxProblem> {
     Ok(())
 }
 
+/// Checks the version of the standard operators: another one may give an operator another meaning.
+fn check_opset(model: &ModelProto) -> Result<(), OnnxProblem> {
+    let is_standard = |domain: Option<&str>| matches!(domain.unwrap_or_default(), "" | "ai.onnx");
+    let mut opsets = model.opset_import.iter().filter(|opset| is_standard(opset.domain.as_deref()));
+    let found = opsets.next().and_then(|opset| opset.version);
+    if found.is_some_and(|found| OPSETS.contains(&found)) && opsets.next().is_none() {
+        return Ok(());
+    }
+    let (first, last) = (OPSETS.start(), OPSETS.end());
+    Err(OnnxProblem::Unsupported {
+        found: found.map_or("no opset".to_string(), |found| format!("the opset {found}")),
+        hint: format!(
+            "the opsets {first} to {last} are: export with `torch.onnx.export(..., opset_version=20)`"
+        ),
+    })
+}
+
 fn check_graph(graph: &GraphProto) -> Result<(), OnnxProblem> {
     let outputs = graph.node.iter().map(|node| node.output.len()).sum();
     for (what, found) in [
@@ -104,18 +126,18 @@ fn check_graph(graph: &GraphProto) -> Result<(), OnnxProblem> {
         }
     }
     let mut defined = HashSet::new();
-    let mut define = |name: &str| {
+    let define = |name: &str, defined: &mut HashSet<String>| {
         let reason = format!("two values have the name `{name}`");
         if defined.insert(name.to_string()) { Ok(()) } else { Err(OnnxProblem::Format { reason }) }
     };
     for tensor in &graph.initializer {
         check_tensor(tensor)?;
-        define(tensor.name.as_deref().unwrap_or_default())?;
+        define(tensor.name.as_deref().unwrap_or_default(), &mut defined)?;
     }
     // Old models list their weights as inputs, too.
     let names: HashSet<&str> = graph.initializer.iter().filter_map(|tensor| tensor.name.as_deref()).collect();
     let inputs = graph.input.iter().map(|input| input.name.as_deref().unwrap_or_default());
-    inputs.filter(|name| !names.contains(name)).try_for_each(&mut define)?;
+    inputs.filter(|name| !names.contains(name)).try_for_each(|name| define(name, &mut defined))?;
     for node in &graph.node {
         let operator = node.op_type.as_deref().unwrap_or_default();
         let is_standard = matches!(node.domain.as_deref().unwrap_or_default(), "" | "ai.onnx");
@@ -128,7 +150,12 @@ fn check_graph(graph: &GraphProto) -> Result<(), OnnxProblem> {
             });
         }
         node.attribute.iter().filter_map(|attribute| attribute.t.as_ref()).try_for_each(check_tensor)?;
-        node.output.iter().filter(|name| !name.is_empty()).try_for_each(|name| define(name))?;
+        // The runtime would look for a value that comes later by recursion.
+        if let Some(name) = node.input.iter().find(|name| !name.is_empty() && !defined.contains(*name)) {
+            let reason = format!("the operator `{operator}` reads `{name}`, which nothing before it writes");
+            return Err(OnnxProblem::Format { reason });
+        }
+        node.output.iter().filter(|name| !name.is_empty()).try_for_each(|name| define(name, &mut defined))?;
     }
     Ok(())
 }

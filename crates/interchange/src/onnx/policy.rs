@@ -16,11 +16,15 @@ use rten_tensor::Layout;
 use super::check::{self, Weights};
 use super::cost::{self, MAX_HELD, MAX_NUMBERS, MAX_PRODUCTS, bound, cost_of, determines_shape};
 use super::interface::Interface;
+use super::order;
 use crate::{InterchangeError, OnnxProblem};
 
 /// Largest number of tensors of the state, and of numbers in it: each row of a batch has a state.
 const MAX_STATES: usize = 100;
 const MAX_STATE_NUMBERS: usize = 1 << 16;
+
+/// Names by which exporters call the output with the action.
+const ACTION_NAMES: [&str; 2] = ["action", "actions"];
 
 /// A policy in an ONNX model.
 ///
@@ -43,7 +47,10 @@ struct Core {
     model: Model,
     observation: NodeId,
     observation_shape: Vec<usize>,
-    action: NodeId,
+    /// The values that a control step asks for; see [`order`].
+    asked: Vec<NodeId>,
+    /// The place of the action in `asked`.
+    action: usize,
     states: Vec<State>,
     sizes: (usize, usize),
 }
@@ -52,7 +59,8 @@ struct Core {
 #[derive(Debug)]
 struct State {
     input: NodeId,
-    output: NodeId,
+    /// The place of the output in the values that a control step asks for.
+    output: usize,
     shape: Vec<usize>,
 }
 
@@ -193,7 +201,9 @@ fn check_task(interface: &Interface, tasks: &[&str], layout: &TaskLayout) -> Res
 /// The names of the values that a control step reads and writes.
 struct Names {
     observation: String,
-    action: String,
+    /// The outputs that may be the action: the one that the description names, or all that are not
+    /// a state.
+    actions: Vec<String>,
     states: Vec<(String, String)>,
 }
 
@@ -209,26 +219,23 @@ impl Names {
         let inputs: Vec<String> =
             graph.input.iter().map(name).filter(|name| !weights.contains(name.as_str())).collect();
         let outputs: Vec<String> = graph.output.iter().map(name).collect();
-        let free = |names: &[String], is_state: &dyn Fn(&str) -> bool| {
-            names.iter().find(|name| !is_state(name)).cloned()
-        };
         if interface.state.len() > MAX_STATES {
             let found = interface.state.len();
             return Err(invalid(format!("the state has {found} tensors; the limit is {MAX_STATES}")));
         }
         let states = interface.state.clone();
         let observation = interface.observation.clone();
-        let observation =
-            observation.or_else(|| free(&inputs, &|name| states.iter().any(|(i, _)| i == name)));
-        let action = interface.action.clone();
-        let action = action.or_else(|| free(&outputs, &|name| states.iter().any(|(_, o)| o == name)));
-        let (Some(observation), Some(action)) = (observation, action) else {
+        let free = inputs.iter().find(|name| states.iter().all(|(input, _)| input != *name));
+        let observation = observation.or_else(|| free.cloned());
+        let free = outputs.iter().filter(|name| states.iter().all(|(_, output)| output != *name));
+        let actions = interface.action.clone().map_or_else(|| free.cloned().collect(), |action| vec![action]);
+        let Some(observation) = observation.filter(|_| !actions.is_empty()) else {
             return Err(invalid(
                 "the model needs an input for the observation and an output for the action".into(),
             ));
         };
         let read: Vec<&String> = std::iter::once(&observation).chain(states.iter().map(|(i, _)| i)).collect();
-        let written: Vec<&String> = std::iter::once(&action).chain(states.iter().map(|(_, o)| o)).collect();
+        let written: Vec<&String> = actions.iter().chain(states.iter().map(|(_, o)| o)).collect();
         for (kind, used, known) in [("input", &read, &inputs), ("output", &written, &outputs)] {
             if let Some(missing) = used.iter().find(|name| !known.contains(name)) {
                 let known = known.join(", ");
@@ -238,13 +245,44 @@ impl Names {
         if let Some(unused) = inputs.iter().find(|name| !read.contains(name)) {
             return Err(invalid(format!(
                 "nothing says what the input `{unused}` is; name the observation, and the pairs of inputs and outputs of the \
-                 state, in the metadata or in a side file (docs/guide/onnx.md)"
+                 state, in the metadata or in a side file (docs/guide/onnx.md); a task has one vector of observations, so join \
+                 the inputs of a dictionary in the model"
             )));
         }
         if read.iter().collect::<HashSet<_>>().len() != read.len() {
             return Err(invalid("an input has two roles".into()));
         }
-        Ok(Names { observation, action, states })
+        Ok(Names { observation, actions, states })
+    }
+}
+
+impl Names {
+    /// Returns the output with the action: the one that the description names, the only one, the
+    /// one with such a name, or the only one with such a size.
+    fn action(&self, values: &HashMap<String, Value>, size: usize) -> Result<&str, OnnxProblem> {
+        let missing = self.actions.iter().chain(self.states.iter().map(|(_, output)| output));
+        if let Some(missing) = missing.into_iter().find(|name| !values.contains_key(*name)) {
+            return Err(OnnxProblem::Format { reason: format!("no operator writes the output `{missing}`") });
+        }
+        let all: Vec<&String> = self.actions.iter().collect();
+        let named: Vec<&String> =
+            self.actions.iter().filter(|name| ACTION_NAMES.contains(&name.to_lowercase().as_str())).collect();
+        let fits = |name: &&String| values.get(*name).is_some_and(|value| is_action(value, size));
+        let fitting: Vec<&String> = self.actions.iter().filter(fits).collect();
+        match (&all[..], &named[..], &fitting[..]) {
+            ([action], _, _) | (_, [action], _) | (_, _, [action]) => Ok(action),
+            (_, _, fitting) => {
+                let found = if fitting.is_empty() { "none" } else { "several" };
+                Err(OnnxProblem::Interface {
+                    place: "its outputs".to_string(),
+                    reason: format!(
+                        "nothing says which output is the action: {}; {found} of them have {size} numbers; name it by \
+                         `action` in the metadata or in a side file (docs/guide/onnx.md)",
+                        self.actions.join(", ")
+                    ),
+                })
+            }
+        }
     }
 }
 
@@ -332,71 +370,58 @@ impl Core {
             let sizes = shape.iter().flat_map(|shape| &shape.dim).filter_map(|dim| dim.dim_value);
             sizes.map(|size| size as usize).collect::<Vec<usize>>()
         };
-        let states = names
-            .states
-            .iter()
-            .map(|(input, output)| Ok(State { input: id(input)?, output: id(output)?, shape: shape(input) }));
-        let core = Core {
-            observation: id(&names.observation)?,
-            observation_shape: shape(&names.observation),
-            action: id(&names.action)?,
-            states: states.collect::<Result<_, OnnxProblem>>()?,
-            sizes: (layout.observation_size(), layout.action_size()),
-            model,
-        };
-        let numbers = core.states.iter().try_fold(0_usize, |sum, state| {
-            let size = state.shape.iter().try_fold(1_usize, |size, dim| size.checked_mul(*dim))?;
+        let states: Vec<(Vec<usize>, &(String, String))> =
+            names.states.iter().map(|pair| (shape(&pair.0), pair)).collect();
+        let numbers = states.iter().try_fold(0_usize, |sum, (shape, _)| {
+            let size = shape.iter().try_fold(1_usize, |size, dim| size.checked_mul(*dim))?;
             sum.checked_add(size)
         });
         if numbers.is_none_or(|numbers| numbers > MAX_STATE_NUMBERS) {
             let reason = format!("its state has more than {MAX_STATE_NUMBERS} numbers");
             return Err(OnnxProblem::Size { reason });
         }
-        let inputs = std::iter::once((&names.observation, &core.observation_shape)).chain(
-            names.states.iter().map(|(input, _)| input).zip(core.states.iter().map(|state| &state.shape)),
-        );
-        let inputs = inputs.map(|(name, shape)| (name.clone(), zeros(shape))).collect();
+        let observation_shape = shape(&names.observation);
+        let inputs = std::iter::once((&names.observation, &observation_shape))
+            .chain(states.iter().map(|(shape, (input, _))| (input, shape)));
+        let inputs: HashMap<String, Vec<usize>> =
+            inputs.map(|(name, shape)| (name.clone(), shape.clone())).collect();
         let graph = proto.graph.as_ref().ok_or_else(|| format("it has no graph".to_string()))?;
-        let values = dry_run(&core.model, graph, inputs)?;
-        core.check_outputs(&values, names, task)?;
-        Ok(core)
-    }
-
-    /// Checks the shapes of the action and of the state after a control step.
-    fn check_outputs(
-        &self,
-        values: &HashMap<String, Value>,
-        names: &Names,
-        task: &str,
-    ) -> Result<(), OnnxProblem> {
-        if let Some(missing) = std::iter::once(&names.action)
+        let outputs: Vec<&str> = names
+            .actions
+            .iter()
             .chain(names.states.iter().map(|(_, output)| output))
-            .find(|name| !values.contains_key(*name))
-        {
-            let reason = format!("no operator writes the output `{missing}`");
-            return Err(OnnxProblem::Format { reason });
+            .map(String::as_str)
+            .collect();
+        let kept = order::asked_values(graph, &outputs);
+        let values = dry_run(&model, graph, &inputs, &kept)?;
+        let action = names.action(&values, layout.action_size())?;
+        let used: Vec<&str> =
+            std::iter::once(action).chain(names.states.iter().map(|(_, output)| output.as_str())).collect();
+        check_outputs(&values, action, &states, task, layout.action_size())?;
+        let asked = order::asked_values(graph, &used);
+        if asked != kept {
+            // Other values are held, so that other bounds hold.
+            dry_run(&model, graph, &inputs, &asked)?;
         }
-        let found = values.get(&names.action).and_then(float_shape);
-        let expected = self.sizes.1;
-        if !matches!(found.as_deref(), Some([1, size] | [size]) if *size == expected) {
-            let found = found.map_or("of integers".to_string(), |shape| format!("{shape:?}"));
-            let (task, name) = (task.to_string(), names.action.clone());
-            return Err(OnnxProblem::Shape { task, side: "action", name, found, expected });
-        }
-        for ((input, output), state) in names.states.iter().zip(&self.states) {
-            let found = values.get(output).and_then(float_shape);
-            if found.as_ref() != Some(&state.shape) {
-                return Err(OnnxProblem::Interface {
-                    place: "its state".to_string(),
-                    reason: format!(
-                        "the output `{output}` has the shape {:?}, but the input `{input}` has {:?}",
-                        found.unwrap_or_default(),
-                        state.shape
-                    ),
-                });
-            }
-        }
-        Ok(())
+        let place = |name: &str| {
+            let place = asked.iter().position(|asked| asked == name);
+            place.ok_or_else(|| format(format!("it has no value `{name}`")))
+        };
+        let core = Core {
+            observation: id(&names.observation)?,
+            observation_shape,
+            action: place(action)?,
+            asked: asked.iter().map(|name| id(name)).collect::<Result<_, OnnxProblem>>()?,
+            states: states
+                .into_iter()
+                .map(|(shape, (input, output))| {
+                    Ok(State { input: id(input)?, output: place(output)?, shape })
+                })
+                .collect::<Result<_, OnnxProblem>>()?,
+            sizes: (layout.observation_size(), layout.action_size()),
+            model,
+        };
+        Ok(core)
     }
 
     /// Computes a control step of one row; `None` if an operator fails or an output has another
@@ -420,22 +445,57 @@ impl Core {
             let numbers: Vec<f32> = own.iter().map(|x| *x as f32).collect();
             inputs.push((part.input, view(&part.shape, &numbers)?.into()));
         }
-        let outputs: Vec<NodeId> =
-            std::iter::once(self.action).chain(self.states.iter().map(|state| state.output)).collect();
         let values = without_panic(|| {
-            self.model.run(inputs, &outputs, Some(options.clone())).map_err(|e| e.to_string())
+            self.model.run(inputs, &self.asked, Some(options.clone())).map_err(|e| e.to_string())
         });
         let values = values.ok()?;
-        let (first, others) = values.split_first()?;
-        copy(first, action.len(), action.iter_mut(), |x| x)?;
+        copy(values.get(self.action)?, action.len(), action.iter_mut(), |x| x)?;
         let mut rest = state;
-        for (value, part) in others.iter().zip(&self.states) {
+        for part in &self.states {
             let (own, others) = rest.split_at_mut_checked(part.size())?;
-            copy(value, own.len(), own.iter_mut(), f64::from)?;
+            copy(values.get(part.output)?, own.len(), own.iter_mut(), f64::from)?;
             rest = others;
         }
         Some(())
     }
+}
+
+/// Checks the shapes of the action and of the state after a control step.
+fn check_outputs(
+    values: &HashMap<String, Value>,
+    action: &str,
+    states: &[(Vec<usize>, &(String, String))],
+    task: &str,
+    expected: usize,
+) -> Result<(), OnnxProblem> {
+    if !values.get(action).is_some_and(|value| is_action(value, expected)) {
+        let found = values.get(action).map_or("of no tensor".to_string(), type_text);
+        let (task, name) = (task.to_string(), action.to_string());
+        return Err(OnnxProblem::Shape { task, side: "action", name, found, expected });
+    }
+    for (shape, (input, output)) in states {
+        let found = values.get(output).and_then(float_shape);
+        if found.as_ref() != Some(shape) {
+            let found = values.get(output).map_or("no tensor".to_string(), type_text);
+            return Err(OnnxProblem::Interface {
+                place: "its state".to_string(),
+                reason: format!(
+                    "the output `{output}` has the shape {found}, but the input `{input}` has {shape:?}"
+                ),
+            });
+        }
+    }
+    Ok(())
+}
+
+fn is_action(value: &Value, expected: usize) -> bool {
+    matches!(float_shape(value).as_deref(), Some([1, size] | [size]) if *size == expected)
+}
+
+/// Returns the shape of a value, and that its numbers are integers if they are.
+fn type_text(value: &Value) -> String {
+    let integers = if float_shape(value).is_some() { "" } else { " of integers" };
+    format!("{:?}{integers}", value.shape().to_vec())
 }
 
 /// Copies a tensor of `size` numbers.
@@ -468,11 +528,13 @@ fn zeros(shape: &[usize]) -> Value {
 fn dry_run(
     model: &Model,
     graph: &GraphProto,
-    inputs: HashMap<String, Value>,
+    inputs: &HashMap<String, Vec<usize>>,
+    kept: &[String],
 ) -> Result<HashMap<String, Value>, OnnxProblem> {
     let run_problem = |reason: String| OnnxProblem::Run { reason };
     let mut depends_on_input: HashSet<String> = inputs.keys().cloned().collect();
-    let mut values = inputs;
+    let mut values: HashMap<String, Value> =
+        inputs.iter().map(|(name, shape)| (name.clone(), zeros(shape))).collect();
     let options = one_thread();
     let constants = graph.initializer.iter().filter_map(|tensor| tensor.name.as_deref());
     let nodes = graph.node.iter().filter(|node| node.op_type.as_deref() == Some("Constant"));
@@ -485,7 +547,7 @@ fn dry_run(
         last_readers.extend(node.input.iter().map(|name| (name.as_str(), index)));
     }
     // The outputs are read after all operators.
-    last_readers.extend(graph.output.iter().filter_map(|output| Some((output.name.as_deref()?, usize::MAX))));
+    last_readers.extend(kept.iter().map(|name| (name.as_str(), usize::MAX)));
     let (mut products, mut held) = (0_usize, 0_usize);
     for (index_of_node, node) in graph.node.iter().enumerate() {
         let operator = node.op_type.as_deref().unwrap_or_default();
