@@ -5,6 +5,8 @@
 //! - [`check`]: what a model may contain, before anything is computed.
 //! - [`cost`]: memory and time of each operator, from the shapes of its inputs.
 //! - [`interface`]: which input is the observation, which output the action.
+//! - [`names`]: the values that a control step reads and writes.
+//! - [`dry_run`]: computes a model once, with bounds.
 //! - [`order`]: the order in which values are computed.
 //! - [`policy`]: runs a model as a controller.
 //! - [`export`]: writes a controller as a model.
@@ -15,12 +17,16 @@ mod absent;
 mod check;
 #[cfg(feature = "onnx")]
 mod cost;
+#[cfg(feature = "onnx")]
+mod dry_run;
 mod export;
 #[cfg(feature = "onnx")]
 mod fields;
 #[cfg(feature = "onnx")]
 mod interface;
 mod message;
+#[cfg(feature = "onnx")]
+mod names;
 #[cfg(feature = "onnx")]
 mod order;
 #[cfg(feature = "onnx")]

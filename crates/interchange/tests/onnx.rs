@@ -295,10 +295,7 @@ fn operators_in_another_order_are_errors() {
     let mut reversed = chain(10_000);
     reversed.reverse();
     let message = load(&reversed, "[]").unwrap_err().to_string();
-    assert!(
-        message.contains("the operator `Neg` reads `x9999`, which nothing before it writes"),
-        "{message}"
-    );
+    assert!(message.contains("`Neg` of `a` reads `x9999` before an operator writes it"), "{message}");
 }
 
 /// Loads a model of the observation `o` with the outputs of these operators, one number each unless

@@ -126,18 +126,18 @@ fn check_graph(graph: &GraphProto) -> Result<(), OnnxProblem> {
         }
     }
     let mut defined = HashSet::new();
-    let define = |name: &str, defined: &mut HashSet<String>| {
+    let mut define = |name: &str| {
         let reason = format!("two values have the name `{name}`");
         if defined.insert(name.to_string()) { Ok(()) } else { Err(OnnxProblem::Format { reason }) }
     };
     for tensor in &graph.initializer {
         check_tensor(tensor)?;
-        define(tensor.name.as_deref().unwrap_or_default(), &mut defined)?;
+        define(tensor.name.as_deref().unwrap_or_default())?;
     }
     // Old models list their weights as inputs, too.
     let names: HashSet<&str> = graph.initializer.iter().filter_map(|tensor| tensor.name.as_deref()).collect();
     let inputs = graph.input.iter().map(|input| input.name.as_deref().unwrap_or_default());
-    inputs.filter(|name| !names.contains(name)).try_for_each(|name| define(name, &mut defined))?;
+    inputs.filter(|name| !names.contains(name)).try_for_each(&mut define)?;
     for node in &graph.node {
         let operator = node.op_type.as_deref().unwrap_or_default();
         let is_standard = matches!(node.domain.as_deref().unwrap_or_default(), "" | "ai.onnx");
@@ -150,12 +150,7 @@ fn check_graph(graph: &GraphProto) -> Result<(), OnnxProblem> {
             });
         }
         node.attribute.iter().filter_map(|attribute| attribute.t.as_ref()).try_for_each(check_tensor)?;
-        // The runtime would look for a value that comes later by recursion.
-        if let Some(name) = node.input.iter().find(|name| !name.is_empty() && !defined.contains(*name)) {
-            let reason = format!("the operator `{operator}` reads `{name}`, which nothing before it writes");
-            return Err(OnnxProblem::Format { reason });
-        }
-        node.output.iter().filter(|name| !name.is_empty()).try_for_each(|name| define(name, &mut defined))?;
+        node.output.iter().filter(|name| !name.is_empty()).try_for_each(|name| define(name))?;
     }
     Ok(())
 }

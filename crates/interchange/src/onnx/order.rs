@@ -2,7 +2,7 @@
 //!
 //! The runtime plans the operators of an output by recursion along its inputs, which would overflow
 //! the stack of a thread for a long chain. It stops at values that earlier outputs need, so that
-//! values at regular depths, asked for in their order, keep the recursion short.
+//! values at regular depths, requested in their order, keep the recursion short.
 
 use std::collections::{HashMap, HashSet};
 

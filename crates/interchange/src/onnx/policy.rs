@@ -1,6 +1,6 @@
 //! Runs a model as a controller.
 
-use std::collections::{HashMap, HashSet};
+use std::collections::HashMap;
 use std::panic::{AssertUnwindSafe, catch_unwind, set_hook, take_hook};
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Once};
@@ -9,22 +9,20 @@ use std::thread::current;
 use mishandle_controllers::{Layout as TaskLayout, bytes_hash};
 use mishandle_files::{limits, read_bounded};
 use mishandle_rollout::{Controller, ControllerWorker, Seed};
-use rten::{Model, ModelOptions, NodeId, RunOptions, ThreadPool, Value, ValueOrView, ValueView};
-use rten_onnx::onnx::{DataType, Dimension, GraphProto, ModelProto, TensorShapeProto, ValueInfoProto};
+use rten::{Model, ModelOptions, NodeId, RunOptions, ThreadPool, Value, ValueOrView};
+use rten_onnx::onnx::{DataType, Dimension, ModelProto, TensorShapeProto};
 use rten_tensor::Layout;
 
 use super::check::{self, Weights};
-use super::cost::{self, MAX_HELD, MAX_NUMBERS, MAX_PRODUCTS, bound, cost_of, determines_shape};
+use super::cost;
+use super::dry_run::dry_run;
 use super::interface::Interface;
+use super::names::{Names, check_outputs};
 use super::order;
 use crate::{InterchangeError, OnnxProblem};
 
-/// Largest number of tensors of the state, and of numbers in it: each row of a batch has a state.
-const MAX_STATES: usize = 100;
+/// Largest number of numbers of the state: each row of a batch has a state.
 const MAX_STATE_NUMBERS: usize = 1 << 16;
-
-/// Names by which exporters call the output with the action.
-const ACTION_NAMES: [&str; 2] = ["action", "actions"];
 
 /// A policy in an ONNX model.
 ///
@@ -196,94 +194,6 @@ fn check_task(interface: &Interface, tasks: &[&str], layout: &TaskLayout) -> Res
     }
     let differences = interface.layout.as_ref().map_or(vec![], |found| layout.differences(found));
     if differences.is_empty() { Ok(()) } else { Err(OnnxProblem::Layout { task, differences }) }
-}
-
-/// The names of the values that a control step reads and writes.
-struct Names {
-    observation: String,
-    /// The outputs that may be the action: the one that the description names, or all that are not
-    /// a state.
-    actions: Vec<String>,
-    states: Vec<(String, String)>,
-}
-
-impl Names {
-    fn new(proto: &ModelProto, interface: &Interface) -> Result<Names, OnnxProblem> {
-        let invalid = |reason: String| OnnxProblem::Interface { place: "by name".to_string(), reason };
-        let empty = GraphProto::default();
-        let graph = proto.graph.as_ref().unwrap_or(&empty);
-        let name = |value: &ValueInfoProto| value.name.clone().unwrap_or_default();
-        // Old models list their weights as inputs, too.
-        let weights: HashSet<&str> =
-            graph.initializer.iter().filter_map(|tensor| tensor.name.as_deref()).collect();
-        let inputs: Vec<String> =
-            graph.input.iter().map(name).filter(|name| !weights.contains(name.as_str())).collect();
-        let outputs: Vec<String> = graph.output.iter().map(name).collect();
-        if interface.state.len() > MAX_STATES {
-            let found = interface.state.len();
-            return Err(invalid(format!("the state has {found} tensors; the limit is {MAX_STATES}")));
-        }
-        let states = interface.state.clone();
-        let observation = interface.observation.clone();
-        let free = inputs.iter().find(|name| states.iter().all(|(input, _)| input != *name));
-        let observation = observation.or_else(|| free.cloned());
-        let free = outputs.iter().filter(|name| states.iter().all(|(_, output)| output != *name));
-        let actions = interface.action.clone().map_or_else(|| free.cloned().collect(), |action| vec![action]);
-        let Some(observation) = observation.filter(|_| !actions.is_empty()) else {
-            return Err(invalid(
-                "the model needs an input for the observation and an output for the action".into(),
-            ));
-        };
-        let read: Vec<&String> = std::iter::once(&observation).chain(states.iter().map(|(i, _)| i)).collect();
-        let written: Vec<&String> = actions.iter().chain(states.iter().map(|(_, o)| o)).collect();
-        for (kind, used, known) in [("input", &read, &inputs), ("output", &written, &outputs)] {
-            if let Some(missing) = used.iter().find(|name| !known.contains(name)) {
-                let known = known.join(", ");
-                return Err(invalid(format!("the model has no {kind} `{missing}`; its {kind}s: {known}")));
-            }
-        }
-        if let Some(unused) = inputs.iter().find(|name| !read.contains(name)) {
-            return Err(invalid(format!(
-                "nothing says what the input `{unused}` is; name the observation, and the pairs of inputs and outputs of the \
-                 state, in the metadata or in a side file (docs/guide/onnx.md); a task has one vector of observations, so join \
-                 the inputs of a dictionary in the model"
-            )));
-        }
-        if read.iter().collect::<HashSet<_>>().len() != read.len() {
-            return Err(invalid("an input has two roles".into()));
-        }
-        Ok(Names { observation, actions, states })
-    }
-}
-
-impl Names {
-    /// Returns the output with the action: the one that the description names, the only one, the
-    /// one with such a name, or the only one with such a size.
-    fn action(&self, values: &HashMap<String, Value>, size: usize) -> Result<&str, OnnxProblem> {
-        let missing = self.actions.iter().chain(self.states.iter().map(|(_, output)| output));
-        if let Some(missing) = missing.into_iter().find(|name| !values.contains_key(*name)) {
-            return Err(OnnxProblem::Format { reason: format!("no operator writes the output `{missing}`") });
-        }
-        let all: Vec<&String> = self.actions.iter().collect();
-        let named: Vec<&String> =
-            self.actions.iter().filter(|name| ACTION_NAMES.contains(&name.to_lowercase().as_str())).collect();
-        let fits = |name: &&String| values.get(*name).is_some_and(|value| is_action(value, size));
-        let fitting: Vec<&String> = self.actions.iter().filter(fits).collect();
-        match (&all[..], &named[..], &fitting[..]) {
-            ([action], _, _) | (_, [action], _) | (_, _, [action]) => Ok(action),
-            (_, _, fitting) => {
-                let found = if fitting.is_empty() { "none" } else { "several" };
-                Err(OnnxProblem::Interface {
-                    place: "its outputs".to_string(),
-                    reason: format!(
-                        "nothing says which output is the action: {}; {found} of them have {size} numbers; name it by \
-                         `action` in the metadata or in a side file (docs/guide/onnx.md)",
-                        self.actions.join(", ")
-                    ),
-                })
-            }
-        }
-    }
 }
 
 /// Makes the shapes of all inputs fixed, with a batch size of 1, and removes what the runtime does
@@ -460,44 +370,6 @@ impl Core {
     }
 }
 
-/// Checks the shapes of the action and of the state after a control step.
-fn check_outputs(
-    values: &HashMap<String, Value>,
-    action: &str,
-    states: &[(Vec<usize>, &(String, String))],
-    task: &str,
-    expected: usize,
-) -> Result<(), OnnxProblem> {
-    if !values.get(action).is_some_and(|value| is_action(value, expected)) {
-        let found = values.get(action).map_or("of no tensor".to_string(), type_text);
-        let (task, name) = (task.to_string(), action.to_string());
-        return Err(OnnxProblem::Shape { task, side: "action", name, found, expected });
-    }
-    for (shape, (input, output)) in states {
-        let found = values.get(output).and_then(float_shape);
-        if found.as_ref() != Some(shape) {
-            let found = values.get(output).map_or("no tensor".to_string(), type_text);
-            return Err(OnnxProblem::Interface {
-                place: "its state".to_string(),
-                reason: format!(
-                    "the output `{output}` has the shape {found}, but the input `{input}` has {shape:?}"
-                ),
-            });
-        }
-    }
-    Ok(())
-}
-
-fn is_action(value: &Value, expected: usize) -> bool {
-    matches!(float_shape(value).as_deref(), Some([1, size] | [size]) if *size == expected)
-}
-
-/// Returns the shape of a value, and that its numbers are integers if they are.
-fn type_text(value: &Value) -> String {
-    let integers = if float_shape(value).is_some() { "" } else { " of integers" };
-    format!("{:?}{integers}", value.shape().to_vec())
-}
-
 /// Copies a tensor of `size` numbers.
 fn copy<'a, T: 'a>(
     value: &Value,
@@ -513,131 +385,12 @@ fn copy<'a, T: 'a>(
     Some(())
 }
 
-fn float_shape(value: &Value) -> Option<Vec<usize>> {
-    matches!(value, Value::FloatTensor(_)).then(|| value.shape().to_vec())
-}
-
-fn zeros(shape: &[usize]) -> Value {
+pub(super) fn zeros(shape: &[usize]) -> Value {
     rten_tensor::Tensor::<f32>::zeros(shape).into()
 }
 
-/// Computes all operators one by one on an observation of zeros, each only after a bound of its
-/// memory and its time was checked.
-///
-/// As no shape depends on the numbers of an observation, the bounds hold for every observation.
-fn dry_run(
-    model: &Model,
-    graph: &GraphProto,
-    inputs: &HashMap<String, Vec<usize>>,
-    kept: &[String],
-) -> Result<HashMap<String, Value>, OnnxProblem> {
-    let run_problem = |reason: String| OnnxProblem::Run { reason };
-    let mut depends_on_input: HashSet<String> = inputs.keys().cloned().collect();
-    let mut values: HashMap<String, Value> =
-        inputs.iter().map(|(name, shape)| (name.clone(), zeros(shape))).collect();
-    let options = one_thread();
-    let constants = graph.initializer.iter().filter_map(|tensor| tensor.name.as_deref());
-    let nodes = graph.node.iter().filter(|node| node.op_type.as_deref() == Some("Constant"));
-    for name in constants.chain(nodes.flat_map(|node| node.output.iter().map(String::as_str))) {
-        let found = run(model, vec![], &[name], &options).map_err(run_problem)?;
-        values.extend(found.into_iter().map(|value| (name.to_string(), value)));
-    }
-    let mut last_readers: HashMap<&str, usize> = HashMap::new();
-    for (index, node) in graph.node.iter().enumerate() {
-        last_readers.extend(node.input.iter().map(|name| (name.as_str(), index)));
-    }
-    // The outputs are read after all operators.
-    last_readers.extend(kept.iter().map(|name| (name.as_str(), usize::MAX)));
-    let (mut products, mut held) = (0_usize, 0_usize);
-    for (index_of_node, node) in graph.node.iter().enumerate() {
-        let operator = node.op_type.as_deref().unwrap_or_default();
-        let Some(cost) = cost_of(operator) else { continue };
-        let label = |name: Option<&String>| format!("`{operator}` of `{}`", name.map_or("", String::as_str));
-        let mut arguments = Vec::new();
-        for (index, name) in node.input.iter().enumerate() {
-            if name.is_empty() {
-                arguments.push(None);
-                continue;
-            }
-            let depends = depends_on_input.contains(name);
-            if depends && determines_shape(operator, index) {
-                return Err(OnnxProblem::Unsupported {
-                    found: format!(
-                        "the operator {}, whose shape depends on the observation",
-                        label(node.output.first())
-                    ),
-                    hint: "export a policy whose shapes are constant".to_string(),
-                });
-            }
-            let value = values.get(name).ok_or_else(|| OnnxProblem::Format {
-                reason: format!("{} reads `{name}` before an operator writes it", label(node.output.first())),
-            })?;
-            arguments.push(Some(value));
-        }
-        let too_large = || OnnxProblem::Size {
-            reason: format!(
-                "{} has inputs of other shapes, more than {MAX_NUMBERS} numbers, or the model needs more than {MAX_PRODUCTS} multiplications \
-                 or {MAX_HELD} numbers at a time",
-                label(node.output.first())
-            ),
-        };
-        let transposed = ["transA", "transB"].map(|name| {
-            let mut attributes = node.attribute.iter();
-            attributes
-                .any(|attribute| attribute.name.as_deref() == Some(name) && attribute.i.unwrap_or(0) != 0)
-        });
-        let (numbers, own) = bound(cost, &arguments, transposed).ok_or_else(too_large)?;
-        products = products.saturating_add(own);
-        if numbers > MAX_NUMBERS || products > MAX_PRODUCTS || held.saturating_add(numbers) > MAX_HELD {
-            return Err(too_large());
-        }
-        let cuts_dependence = matches!(operator, "Shape" | "Size");
-        let depends = !cuts_dependence && node.input.iter().any(|name| depends_on_input.contains(name));
-        let known: HashSet<&str> =
-            node.input.iter().filter(|name| !name.is_empty()).map(String::as_str).collect();
-        let inputs = known.into_iter().filter_map(|name| Some((name, values.get(name)?))).collect();
-        let outputs: Vec<&str> =
-            node.output.iter().map(String::as_str).filter(|name| !name.is_empty()).collect();
-        let found = run(model, inputs, &outputs, &options)
-            .map_err(|reason| run_problem(format!("{}: {reason}", label(node.output.first()))))?;
-        for (output, value) in outputs.into_iter().zip(found) {
-            held += value.len();
-            values.insert(output.to_string(), value);
-            if depends {
-                depends_on_input.insert(output.to_string());
-            }
-        }
-        // As in a control step, a value is kept until the last operator has read it.
-        for name in node.input.iter().chain(&node.output) {
-            if last_readers.get(name.as_str()).is_none_or(|last| *last == index_of_node) {
-                let removed = values.remove(name).map_or(0, |value| value.len());
-                held = held.saturating_sub(removed);
-            }
-        }
-    }
-    Ok(values)
-}
-
-/// Computes values from others.
-fn run(
-    model: &Model,
-    inputs: Vec<(&str, &Value)>,
-    outputs: &[&str],
-    options: &RunOptions,
-) -> Result<Vec<Value>, String> {
-    let text = |error: rten::RunError| error.to_string();
-    let inputs: Vec<(NodeId, ValueOrView<'_>)> = inputs
-        .into_iter()
-        .map(|(name, value)| Ok((model.node_id(name)?, ValueView::from(value).into())))
-        .collect::<Result<_, _>>()
-        .map_err(text)?;
-    let outputs: Vec<NodeId> =
-        outputs.iter().map(|name| model.node_id(name)).collect::<Result<_, _>>().map_err(text)?;
-    without_panic(|| model.run(inputs, &outputs, Some(options.clone())).map_err(text))
-}
-
 /// Returns options for one thread: the runtime splits sums by the number of threads.
-fn one_thread() -> RunOptions {
+pub(super) fn one_thread() -> RunOptions {
     RunOptions::default().with_thread_pool(Some(Arc::new(one_thread_pool())))
 }
 
@@ -646,7 +399,7 @@ fn one_thread_pool() -> ThreadPool {
 }
 
 /// Turns a panic of the runtime into an error, without its message.
-fn without_panic<T>(run: impl FnOnce() -> Result<T, String>) -> Result<T, String> {
+pub(super) fn without_panic<T>(run: impl FnOnce() -> Result<T, String>) -> Result<T, String> {
     // The runtime panics for some numbers, such as the quotient of the least integer and -1, in
     // threads that it names.
     static HOOK: Once = Once::new();
