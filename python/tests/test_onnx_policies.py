@@ -198,7 +198,7 @@ class Outputs(Case):
             [found] = mishandle.simulate(
                 Line(), "always(x <= 9)", [Axis("x0", -1, 1)], policy=str(self.path), signals={"x": "obs[0]"}, steps=5
             )
-        self.assertEqual(found.end, "invalid action")
+        self.assertEqual(found.end, "invalid action 0 in control step 1")
 
 
 class States(Case):
@@ -284,7 +284,7 @@ class Tasks(Case):
         made = linear(inputs=[("o", ["N", 27])], outputs=[("a", ["N", 9])], weights=weights)
         self.path.write_bytes(made.SerializeToString())
         found = mishandle.evaluate("point-reaching", policy=str(self.path), episodes=2, rows=2)
-        self.assertEqual(found.episodes, 2)
+        self.assertEqual(found.success_rate.n, 2)
         self.path.write_bytes(linear().SerializeToString())
         with self.assertRaisesRegex(mishandle.MishandleError, r"shape \[N, 3\], but observations have the shape \[27\]"):
             mishandle.evaluate("point-reaching", policy=str(self.path), episodes=2)

@@ -5,6 +5,7 @@
 //! - [`check`]: what a model may contain, before anything is computed.
 //! - [`cost`]: memory and time of each operator, from the shapes of its inputs.
 //! - [`interface`]: which input is the observation, which output the action.
+//! - [`meaning`]: operators that the runtime computes in another way than the standard says.
 //! - [`names`]: the values that a control step reads and writes.
 //! - [`dry_run`]: computes a model once, with bounds.
 //! - [`order`]: the order in which values are computed.
@@ -24,6 +25,8 @@ mod export;
 mod fields;
 #[cfg(feature = "onnx")]
 mod interface;
+#[cfg(feature = "onnx")]
+mod meaning;
 mod message;
 #[cfg(feature = "onnx")]
 mod names;

@@ -95,17 +95,23 @@ fn check_fields(kind: Kind, message: &[u8]) -> Result<(), OnnxProblem> {
     Ok(())
 }
 
-/// Checks the version of the standard operators: another one may give an operator another meaning.
-fn check_opset(model: &ModelProto) -> Result<(), OnnxProblem> {
+/// Returns the version of the standard operators, if the model has one.
+pub(super) fn opset(model: &ModelProto) -> Option<i64> {
     let is_standard = |domain: Option<&str>| matches!(domain.unwrap_or_default(), "" | "ai.onnx");
     let mut opsets = model.opset_import.iter().filter(|opset| is_standard(opset.domain.as_deref()));
     let found = opsets.next().and_then(|opset| opset.version);
-    if found.is_some_and(|found| OPSETS.contains(&found)) && opsets.next().is_none() {
+    found.filter(|_| opsets.next().is_none())
+}
+
+/// Checks the version of the standard operators: another one may give an operator another meaning.
+fn check_opset(model: &ModelProto) -> Result<(), OnnxProblem> {
+    let found = opset(model);
+    if found.is_some_and(|found| OPSETS.contains(&found)) {
         return Ok(());
     }
     let (first, last) = (OPSETS.start(), OPSETS.end());
     Err(OnnxProblem::Unsupported {
-        found: found.map_or("no opset".to_string(), |found| format!("the opset {found}")),
+        found: found.map_or("no opset, or several".to_string(), |found| format!("the opset {found}")),
         hint: format!(
             "the opsets {first} to {last} are: export with `torch.onnx.export(..., opset_version=20)`"
         ),

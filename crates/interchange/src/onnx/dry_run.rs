@@ -7,6 +7,7 @@ use rten_onnx::onnx::GraphProto;
 use rten_tensor::Layout;
 
 use super::cost::{MAX_HELD, MAX_NUMBERS, MAX_PRODUCTS, bound, cost_of, determines_shape};
+use super::meaning::Context;
 use super::policy::{one_thread, without_panic, zeros};
 use crate::OnnxProblem;
 
@@ -18,6 +19,7 @@ use crate::OnnxProblem;
 pub(super) fn dry_run(
     model: &Model,
     graph: &GraphProto,
+    opset: i64,
     inputs: &HashMap<String, Vec<usize>>,
     kept: &[String],
 ) -> Result<HashMap<String, Value>, OnnxProblem> {
@@ -38,6 +40,7 @@ pub(super) fn dry_run(
     }
     // The outputs are read after all operators.
     last_readers.extend(kept.iter().map(|name| (name.as_str(), usize::MAX)));
+    let context = Context::new(graph, opset);
     let (mut products, mut held) = (0_usize, 0_usize);
     for (index_of_node, node) in graph.node.iter().enumerate() {
         let operator = node.op_type.as_deref().unwrap_or_default();
@@ -63,6 +66,13 @@ pub(super) fn dry_run(
                 reason: format!("{} reads `{name}` before an operator writes it", label(node.output.first())),
             })?;
             arguments.push(Some(value));
+        }
+        let rank = arguments.first().copied().flatten().map_or(0, Layout::ndim);
+        if let Some((what, way_out)) = context.difference(node, rank) {
+            return Err(OnnxProblem::Unsupported {
+                found: format!("the operator {}, which {what}", label(node.output.first())),
+                hint: way_out.to_string(),
+            });
         }
         let too_large = || OnnxProblem::Size {
             reason: format!(

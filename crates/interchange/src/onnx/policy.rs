@@ -215,7 +215,8 @@ fn prepare(proto: &mut ModelProto, names: &Names, task: &str, size: usize) -> Re
             let kind = tensor.elem_type.unwrap_or(DataType::FLOAT);
             return Err(OnnxProblem::Unsupported {
                 found: format!("the input `{name}` of the type {}", kind.name().unwrap_or("unknown")),
-                hint: "inputs must be tensors of 32-bit floating-point numbers".to_string(),
+                hint: "inputs must be tensors of 32-bit floating-point numbers: export `model.float()`"
+                    .to_string(),
             });
         }
         let dims: Option<Vec<Option<i64>>> =
@@ -302,8 +303,9 @@ impl Core {
             .chain(names.states.iter().map(|(_, output)| output))
             .map(String::as_str)
             .collect();
+        let opset = check::opset(proto).unwrap_or_default();
         let kept = order::asked_values(graph, &outputs);
-        let values = dry_run(&model, graph, &inputs, &kept)?;
+        let values = dry_run(&model, graph, opset, &inputs, &kept)?;
         let action = names.action(&values, layout.action_size())?;
         let used: Vec<&str> =
             std::iter::once(action).chain(names.states.iter().map(|(_, output)| output.as_str())).collect();
@@ -311,7 +313,7 @@ impl Core {
         let asked = order::asked_values(graph, &used);
         if asked != kept {
             // Other values are held, so that other bounds hold.
-            dry_run(&model, graph, &inputs, &asked)?;
+            dry_run(&model, graph, opset, &inputs, &asked)?;
         }
         let place = |name: &str| {
             let place = asked.iter().position(|asked| asked == name);
