@@ -157,17 +157,21 @@ class Import(unittest.TestCase):
                 (lstm("lengths"), "a part of the sequence"),
                 ([helper.make_node("ArgMax", ["h"], ["k"], axis=1), helper.make_node("Cast", ["k"], ["m"], to=1),
                   helper.make_node("Add", ["h", "m"], ["a"])], "operator `ArgMax`"),
+                ([helper.make_node("Cast", ["big"], ["m"], to=1), helper.make_node("Add", ["h", "m"], ["a"])], "more than 32 bits"),
             ]
             if opset >= 12:
                 less = [helper.make_node("Less", ["h", "half"], ["l"]), helper.make_node("Cast", ["l"], ["t"], to=types.BOOL),
                         helper.make_node("Not", ["t"], ["n"]), helper.make_node("Cast", ["n"], ["a"], to=1)]
                 cases.append((less, ""))
+                cases.append(([helper.make_node("Slice", ["h", "first", "last"], ["a"])], ""))
             weights = {"w": numbers(27, 9) * 9, "v": numbers(9, 9, seed=2), "cube": np.array([-1, 3, 3]), "flat": np.array([-1, 9]),
                        "steps": np.array([3, 1, 3]), "lw": numbers(1, 12, 3), "lr": numbers(1, 12, 3, seed=1),
-                       "lengths": np.array([2], np.int32), "half": np.float32(0.5)}
+                       "lengths": np.array([2], np.int32), "half": np.float32(0.5),
+                       "big": np.array(2**40), "first": np.array([0]), "last": np.array([2**63 - 1])}
             ends = [helper.make_node("MatMul", ["observation", "w"], ["h"]), helper.make_node("MatMul", ["a", "v"], ["action"])]
             for nodes, words in cases:
-                made = model([ends[0], *nodes, ends[1]], weights, opset=opset)
+                read = {name for each in [*nodes, *ends] for name in each.input}
+                made = model([ends[0], *nodes, ends[1]], {name: weights[name] for name in weights if name in read}, opset=opset)
                 made.ir_version = 8 if opset < 21 else 10
                 with self.subTest(opset=opset, nodes=[each.op_type for each in nodes], words=words):
                     if words:

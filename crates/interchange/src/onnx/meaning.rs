@@ -6,7 +6,7 @@
 
 use std::collections::HashSet;
 
-use rten_onnx::onnx::{DataType, GraphProto, NodeProto};
+use rten_onnx::onnx::{DataType, GraphProto, NodeProto, TensorProto};
 
 /// The first opset in which `Softmax` reduces its axis alone, and not all from its axis on.
 const SOFTMAX_OPSET: i64 = 13;
@@ -23,13 +23,25 @@ pub(super) struct Context<'g> {
     opset: i64,
     /// Values that are 0 or 1.
     logical: HashSet<&'g str>,
+    /// Constants with integers of more than 32 bits, which the runtime makes smaller.
+    large: HashSet<&'g str>,
 }
 
 impl<'g> Context<'g> {
     pub(super) fn new(graph: &'g GraphProto, opset: i64) -> Context<'g> {
         let is_logical = |node: &&NodeProto| LOGICAL.contains(&operator(node));
         let results = graph.node.iter().filter(is_logical).flat_map(|node| &node.output);
-        Context { opset, logical: results.map(String::as_str).collect() }
+        let tensors = graph.initializer.iter().map(|tensor| (tensor.name.as_deref(), tensor));
+        let constants = graph.node.iter().filter(|node| operator(node) == "Constant").flat_map(|node| {
+            let name = node.output.first().map(String::as_str);
+            node.attribute.iter().filter_map(move |attribute| Some((name, attribute.t.as_ref()?)))
+        });
+        let large = tensors.chain(constants).filter(|(_, tensor)| has_large_integers(tensor));
+        Context {
+            opset,
+            logical: results.map(String::as_str).collect(),
+            large: large.filter_map(|(name, _)| name).collect(),
+        }
     }
 
     /// Returns the difference for an operator whose first input has `rank` dimensions.
@@ -39,6 +51,12 @@ impl<'g> Context<'g> {
             attributes.find(|attribute| attribute.name.as_deref() == Some(name))?.i
         };
         let has_input = |index: usize| node.input.get(index).is_some_and(|name| !name.is_empty());
+        // The end of a slice may be any large number.
+        let is_bound = |index: usize| operator(node) == "Slice" && (1..=2).contains(&index);
+        let mut inputs = node.input.iter().enumerate();
+        if inputs.any(|(index, name)| self.large.contains(name.as_str()) && !is_bound(index)) {
+            return Some(("reads integers of more than 32 bits", "export the policy with smaller ones"));
+        }
         match operator(node) {
             "Softmax" | "LogSoftmax" if self.opset < SOFTMAX_OPSET => {
                 let (axis, last) = (attribute("axis").unwrap_or(1), rank as i64 - 1);
@@ -68,6 +86,14 @@ impl<'g> Context<'g> {
             _ => None,
         }
     }
+}
+
+fn has_large_integers(tensor: &TensorProto) -> bool {
+    let raw = tensor.raw_data.as_ref().map(|raw| raw.borrow());
+    let raw = raw.iter().flat_map(|raw| raw.as_chunks().0).map(|bytes| i64::from_le_bytes(*bytes));
+    let is_large = |number: i64| i32::try_from(number).is_err();
+    tensor.data_type == Some(DataType::INT64)
+        && (raw.into_iter().any(is_large) || tensor.int64_data.iter().copied().any(is_large))
 }
 
 fn operator(node: &NodeProto) -> &str {
