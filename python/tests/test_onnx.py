@@ -163,11 +163,11 @@ class Import(unittest.TestCase):
                 less = [helper.make_node("Less", ["h", "half"], ["l"]), helper.make_node("Cast", ["l"], ["t"], to=types.BOOL),
                         helper.make_node("Not", ["t"], ["n"]), helper.make_node("Cast", ["n"], ["a"], to=1)]
                 cases.append((less, ""))
-                cases.append(([helper.make_node("Slice", ["h", "first", "last"], ["a"])], ""))
+                cases.append(([helper.make_node("Slice", ["h", "first", "last", "one"], ["a"])], ""))
             weights = {"w": numbers(27, 9) * 9, "v": numbers(9, 9, seed=2), "cube": np.array([-1, 3, 3]), "flat": np.array([-1, 9]),
                        "steps": np.array([3, 1, 3]), "lw": numbers(1, 12, 3), "lr": numbers(1, 12, 3, seed=1),
                        "lengths": np.array([2], np.int32), "half": np.float32(0.5),
-                       "big": np.array(2**40), "first": np.array([0]), "last": np.array([2**63 - 1])}
+                       "big": np.array(2**40), "first": np.array([0]), "last": np.array([2**63 - 1]), "one": np.array([1])}
             ends = [helper.make_node("MatMul", ["observation", "w"], ["h"]), helper.make_node("MatMul", ["a", "v"], ["action"])]
             for nodes, words in cases:
                 read = {name for each in [*nodes, *ends] for name in each.input}

@@ -8,6 +8,8 @@ use std::collections::HashSet;
 
 use rten_onnx::onnx::{DataType, GraphProto, NodeProto, TensorProto};
 
+use super::cost::determines_shape;
+
 /// The first opset in which `Softmax` reduces its axis alone, and not all from its axis on.
 const SOFTMAX_OPSET: i64 = 13;
 
@@ -51,10 +53,10 @@ impl<'g> Context<'g> {
             attributes.find(|attribute| attribute.name.as_deref() == Some(name))?.i
         };
         let has_input = |index: usize| node.input.get(index).is_some_and(|name| !name.is_empty());
-        // The end of a slice may be any large number.
-        let is_bound = |index: usize| operator(node) == "Slice" && (1..=2).contains(&index);
+        // Sizes and the ends of slices have limits of their own.
+        let is_size = |index: usize| determines_shape(operator(node), index);
         let mut inputs = node.input.iter().enumerate();
-        if inputs.any(|(index, name)| self.large.contains(name.as_str()) && !is_bound(index)) {
+        if inputs.any(|(index, name)| self.large.contains(name.as_str()) && !is_size(index)) {
             return Some(("reads integers of more than 32 bits", "export the policy with smaller ones"));
         }
         match operator(node) {
