@@ -1,6 +1,6 @@
 //! Models of Stable-Baselines3, checkpoints of skrl and PyTorch.
 
-use mishandle::interchange::{ImportOptions, import};
+use mishandle::interchange::{ImportOptions, Normalization, import};
 use mishandle::rollout::Controller;
 use mishandle_network::Activation;
 
@@ -14,7 +14,7 @@ pub fn check(bytes: &[u8]) {
 
 fn check_archive(bytes: &[u8]) {
     let (activation, output_activation) = (Some(Activation::Elu), Some(Activation::Tanh));
-    let options = ImportOptions { activation, output_activation, normalizer: None };
+    let options = ImportOptions { activation, output_activation, normalizer: Normalization::OfFile };
     let Ok(imported) = import(bytes, &options) else { return };
     let policy = imported.policy;
     assert!(policy.network().parameters().iter().chain(policy.log_std()).all(|number| number.is_finite()));

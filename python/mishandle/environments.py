@@ -35,7 +35,11 @@ class PolicySystem(System):
         batched_policy: bool,
     ) -> None:
         check_time_limit(time_limit)
-        self.policy: Policy = as_policy(policy, batched_policy)
+        spaces = [
+            getattr(environment, f"single_{name}", None) or getattr(environment, name, None)
+            for name in ("observation_space", "action_space")
+        ]
+        self.policy: Policy = as_policy(policy, batched_policy, spaces=(spaces[0], spaces[1]))
         self._policy_source = policy
         self._environment = environment
         self.space = {axis.name: axis for axis in space}

@@ -13,7 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mishandle.controllers import Controller
-from mishandle.errors import InvalidTypeError, InvalidValueError, MissingPackageError
+from mishandle.errors import InvalidTypeError, InvalidValueError
+from mishandle.onnx_files import model_files
+from mishandle.onnx_policies import OnnxPolicy
 
 
 class Policy(Protocol):
@@ -26,7 +28,7 @@ class Policy(Protocol):
         """Returns one action per row."""
 
 
-def as_policy(policy: Any, batched: bool = False) -> Policy:
+def as_policy(policy: Any, batched: bool = False, *, spaces: tuple[Any, Any] | None = None, task: str | None = None) -> Policy:
     """Returns the adapter of a policy.
 
     Parameters
@@ -38,11 +40,17 @@ def as_policy(policy: Any, batched: bool = False) -> Policy:
         module, if it is callable, is called at the start of an episode.
     batched : bool
         Whether a function takes a batch of observations, with one row per environment.
+    spaces : tuple, optional
+        The spaces of observations and actions of one environment, which an ONNX file must fit.
+    task : str, optional
+        The name of the task, if the environment is one.
     """
     if isinstance(policy, Controller):
         return _Function(policy, batched=True)
     if isinstance(policy, (str, pathlib.Path)):
-        return _Onnx(pathlib.Path(policy))
+        if spaces is None:
+            raise InvalidValueError("an ONNX file needs the spaces of observations and actions")
+        return OnnxPolicy(pathlib.Path(policy), *spaces, task)
     if hasattr(policy, "predict"):
         return _Predicting(policy)
     if _is_skrl(policy):
@@ -130,7 +138,10 @@ def policy_hash(policy: Any) -> str:
     if isinstance(policy, Controller):
         return policy.hash
     if isinstance(policy, (str, pathlib.Path)):
-        return hashlib.sha256(pathlib.Path(policy).read_bytes()).hexdigest()
+        digest = hashlib.sha256()
+        for file in model_files(pathlib.Path(policy)):
+            digest.update(file.read_bytes())
+        return digest.hexdigest()
     digest = hashlib.sha256(source_text(policy).encode())
     for value in [policy, *_referred(policy)]:
         for name, array in _weights(value):
@@ -287,31 +298,3 @@ def _tensors(batch: Any, module: Any) -> Any:
         return {key: _tensors(value, module) for key, value in batch.items()}
     parameter = next(iter(module.parameters()), torch.zeros(1))
     return torch.as_tensor(batch, dtype=parameter.dtype, device=parameter.device)
-
-
-class _Onnx:
-    """A model in an ONNX file, run by ONNX Runtime."""
-
-    def __init__(self, path: pathlib.Path) -> None:
-        if path.suffix != ".onnx":
-            raise InvalidValueError(f"{path} is not the path of an .onnx file; load the policy and pass it as an object")
-        try:
-            import onnxruntime  # type: ignore[import-not-found, import-untyped, unused-ignore]
-        except ImportError as error:
-            raise MissingPackageError("ONNX policies need ONNX Runtime: pip install onnxruntime") from error
-        options = onnxruntime.SessionOptions()
-        # One thread gives the same sums on every machine.
-        options.intra_op_num_threads = 1
-        self._session = onnxruntime.InferenceSession(str(path), options, providers=["CPUExecutionProvider"])
-        self._input = self._session.get_inputs()[0].name
-        self._path = path
-
-    def __reduce__(self) -> tuple[type[_Onnx], tuple[pathlib.Path]]:
-        return _Onnx, (self._path,)
-
-    def reset(self, rows: int) -> None:
-        pass
-
-    def act(self, observations: Any, rows: int) -> Any:
-        batch = np.stack(observations).astype(np.float32)
-        return self._session.run(None, {self._input: batch})[0]

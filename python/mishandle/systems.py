@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from typing import Any, Union
 
 import numpy as np
+from gymnasium.spaces import Box
 from numpy.typing import NDArray
 
 from mishandle import _native
@@ -244,7 +245,10 @@ class TaskSystem(System):
         self._arguments = (task, policy, preset, rows, batched_policy, time_limit)
         self._native = _native.Simulator(task, rows, preset=preset, reward="shaped", threads=None)
         self._rows = rows
-        self._policy: Policy = as_policy(policy, batched_policy)
+        native = self._native
+        observations = Box(-np.inf, np.inf, (native.observation_size,))
+        spaces = (observations, Box(-1, 1, (native.action_size,)))
+        self._policy: Policy = as_policy(policy, batched_policy, spaces=spaces, task=task)
         self._policy_source = policy
         self._facts = (task, preset)
         self.name = task

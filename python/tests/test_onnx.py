@@ -129,6 +129,61 @@ class Import(unittest.TestCase):
             with self.subTest(nodes[0].op_type):
                 self.check(model([gemm, *nodes, last], weights | more, opset=opset))
 
+    def test_operators_that_the_runtime_computes_otherwise_are_refused(self):
+        """Each part goes from `h` [N, 9] to `a` [N, 9]. Those without words agree with ONNX Runtime."""
+        cube = helper.make_node("Reshape", ["h", "cube"], ["c"])
+        flat = helper.make_node("Reshape", ["d", "flat"], ["a"])
+        cast = lambda to: [helper.make_node("Cast", ["h"], ["k"], to=to), helper.make_node("Cast", ["k"], ["a"], to=1)]
+        types = onnx.TensorProto
+        lstm = lambda *more: [
+            helper.make_node("Reshape", ["h", "steps"], ["s"]),
+            helper.make_node("LSTM", ["s", "lw", "lr", "", *more], ["y"], hidden_size=3),
+            helper.make_node("Reshape", ["y", "flat"], ["a"]),
+        ]
+        for opset in (8, 12, 13, 17, 20, 22):
+            old = opset < 13
+            cases = [
+                ([cube, helper.make_node("Softmax", ["c"], ["d"]), flat], "reduces several dimensions" if old else ""),
+                ([cube, helper.make_node("LogSoftmax", ["c"], ["d"], axis=1), flat], "reduces several dimensions" if old else ""),
+                ([cube, helper.make_node("Softmax", ["c"], ["d"], axis=2), flat], ""),
+                ([helper.make_node("Softmax", ["h"], ["a"])], ""),
+                (cast(types.BOOL), "converts numbers to truth values"),
+                (cast(types.INT8), "rounds to 8 or 16 bits"),
+                (cast(types.UINT8), "rounds to 8 or 16 bits"),
+                (cast(types.FLOAT16), "rounds to 8 or 16 bits"),
+                (cast(types.INT32), ""),
+                (cast(types.INT64), ""),
+                (lstm(), ""),
+                (lstm("lengths"), "a part of the sequence"),
+                ([helper.make_node("ArgMax", ["h"], ["k"], axis=1), helper.make_node("Cast", ["k"], ["m"], to=1),
+                  helper.make_node("Add", ["h", "m"], ["a"])], "operator `ArgMax`"),
+                ([helper.make_node("Cast", ["big"], ["m"], to=1), helper.make_node("Add", ["h", "m"], ["a"])], "more than 32 bits"),
+            ]
+            if opset >= 12:
+                less = [helper.make_node("Less", ["h", "half"], ["l"]), helper.make_node("Cast", ["l"], ["t"], to=types.BOOL),
+                        helper.make_node("Not", ["t"], ["n"]), helper.make_node("Cast", ["n"], ["a"], to=1)]
+                cases.append((less, ""))
+                cases.append(([helper.make_node("Slice", ["h", "first", "last", "one"], ["a"])], ""))
+            weights = {"w": numbers(27, 9) * 9, "v": numbers(9, 9, seed=2), "cube": np.array([-1, 3, 3]), "flat": np.array([-1, 9]),
+                       "steps": np.array([3, 1, 3]), "lw": numbers(1, 12, 3), "lr": numbers(1, 12, 3, seed=1),
+                       "lengths": np.array([2], np.int32), "half": np.float32(0.5),
+                       "big": np.array(2**40), "first": np.array([0]), "last": np.array([2**63 - 1]), "one": np.array([1])}
+            ends = [helper.make_node("MatMul", ["observation", "w"], ["h"]), helper.make_node("MatMul", ["a", "v"], ["action"])]
+            for nodes, words in cases:
+                read = {name for each in [*nodes, *ends] for name in each.input}
+                made = model([ends[0], *nodes, ends[1]], {name: weights[name] for name in weights if name in read}, opset=opset)
+                made.ir_version = 8 if opset < 21 else 10
+                with self.subTest(opset=opset, nodes=[each.op_type for each in nodes], words=words):
+                    if words:
+                        with self.assertRaisesRegex(Exception, words):
+                            self.load(made)
+                        continue
+                    ours = self.load(made)(self.observations)
+                    run = session(made.SerializeToString()).run
+                    # Some of these models compute one row only.
+                    theirs = np.concatenate([run(None, {"observation": row[None]})[0] for row in self.observations])
+                    np.testing.assert_allclose(ours, theirs, atol=TOLERANCE, rtol=TOLERANCE)
+
     def test_the_opsets_from_7_to_22_agree_with_onnx_runtime(self):
         weights = {"w": numbers(16, 27), "b": numbers(16, seed=1), "v": numbers(9, 16, seed=2), "c": numbers(9, seed=3)}
         nodes = [

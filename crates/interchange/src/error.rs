@@ -85,15 +85,33 @@ pub enum TorchProblem {
         /// The part that does not fit.
         reason: String,
     },
-    /// The file does not say which activation the policy has.
-    #[error("the file does not say which {what} the policy has; give --{flag} NAME: {}", known.join(", "))]
+    /// The file does not say how the policy acts.
+    #[error("the file does not say which {what} the policy has{because}; {way_out}")]
     Unknown {
         /// The missing part.
         what: &'static str,
-        /// The flag that gives it.
-        flag: &'static str,
-        /// The allowed names.
-        known: Vec<&'static str>,
+        /// The reason, in parentheses, or nothing.
+        because: String,
+        /// Advice to the user.
+        way_out: String,
+    },
+    /// The user says something else than the file.
+    #[error("the file says that the {what} is {found}, not {given}; leave the flag out")]
+    Contradiction {
+        /// The part.
+        what: &'static str,
+        /// The value in the file.
+        found: String,
+        /// The value that the user gave.
+        given: String,
+    },
+    /// The policy acts in a way that a controller cannot follow.
+    #[error("an import would not act as the policy does: {reason}; {way_out}")]
+    Differs {
+        /// The part that a controller lacks.
+        reason: String,
+        /// Advice to the user.
+        way_out: String,
     },
     /// The policy does not fit the task.
     #[error("the policy does not fit {task}: it has {found} numbers per {side}, but the task has {expected}")]

@@ -16,4 +16,4 @@ pub use error::{InterchangeError, OnnxProblem, TorchProblem};
 #[cfg(feature = "onnx")]
 pub use onnx::Interface;
 pub use onnx::{OnnxPolicy, onnx_bytes};
-pub use torch::{ImportOptions, Imported, ObservationNormalizer, import};
+pub use torch::{ImportOptions, Imported, Normalization, ObservationNormalizer, import};

@@ -5,6 +5,10 @@
 //! - [`check`]: what a model may contain, before anything is computed.
 //! - [`cost`]: memory and time of each operator, from the shapes of its inputs.
 //! - [`interface`]: which input is the observation, which output the action.
+//! - [`meaning`]: operators that the runtime computes in another way than the standard says.
+//! - [`names`]: the values that a control step reads and writes.
+//! - [`dry_run`]: computes a model once, with bounds.
+//! - [`order`]: the order in which values are computed.
 //! - [`policy`]: runs a model as a controller.
 //! - [`export`]: writes a controller as a model.
 
@@ -14,12 +18,20 @@ mod absent;
 mod check;
 #[cfg(feature = "onnx")]
 mod cost;
+#[cfg(feature = "onnx")]
+mod dry_run;
 mod export;
 #[cfg(feature = "onnx")]
 mod fields;
 #[cfg(feature = "onnx")]
 mod interface;
+#[cfg(feature = "onnx")]
+mod meaning;
 mod message;
+#[cfg(feature = "onnx")]
+mod names;
+#[cfg(feature = "onnx")]
+mod order;
 #[cfg(feature = "onnx")]
 mod policy;
 

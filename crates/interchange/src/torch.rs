@@ -4,13 +4,19 @@
 //! - [`pickle`]: the data that a state dictionary consists of; everything else in a pickle is an
 //!   error.
 //! - [`tensor`]: the tensors of a checkpoint.
-//! - [`import`]: the layers of a policy of Stable-Baselines3, skrl or plain PyTorch.
+//! - [`chain`]: tensors as a chain of linear layers.
+//! - [`assemble`]: the policy of such a chain, and of what the file or the user says about it.
+//! - [`stable_baselines`]: the class, arguments and spaces of a policy of Stable-Baselines3.
+//! - [`import`]: recognizes a checkpoint; those of skrl and plain PyTorch.
 
+mod assemble;
+mod chain;
 mod import;
 mod normalizer;
 mod pickle;
+mod stable_baselines;
 mod tensor;
 mod zip;
 
-pub use import::{ImportOptions, Imported, import};
+pub use import::{ImportOptions, Imported, Normalization, import};
 pub use normalizer::ObservationNormalizer;

@@ -225,3 +225,120 @@ fn numbers_for_which_the_runtime_panics_and_missing_outputs_are_errors() {
     assert!(message(&[node("Relu", &["o"], &["b"])]).contains("no operator writes the output `a`"));
     assert!(message(&[node("Relu", &["o"], &["o"])]).contains("two values have the name `o`"));
 }
+
+/// Returns `count` operators that each negate the value before: `o` → `x1` → `x2` … → `a`.
+fn chain(count: usize) -> Vec<Vec<u8>> {
+    let name = |number: usize| match number {
+        0 => "o".to_string(),
+        _ if number == count => "a".to_string(),
+        _ => format!("x{number}"),
+    };
+    (0..count).map(|number| node("Neg", &[&name(number)], &[&name(number + 1)])).collect()
+}
+
+#[track_caller]
+fn act(policy: &OnnxPolicy, observation: f32) -> f32 {
+    let mut action = [0.0];
+    policy.worker().act(1, &[observation], &mut [], &mut action);
+    action[0]
+}
+
+#[test]
+fn chains_of_any_length_run_in_threads_with_small_stacks() {
+    let run = || {
+        for count in [1, 499, 500, 501, 1000, 6501, 9999, 10_000] {
+            let sign = if count % 2 == 0 { 1.0 } else { -1.0 };
+            assert_eq!(act(&load(&chain(count), "[]").unwrap(), 0.5), 0.5 * sign, "{count}");
+        }
+        let message = load(&chain(10_001), "[]").unwrap_err().to_string();
+        assert!(message.contains("10001 operators; the limit is 10000"), "{message}");
+    };
+    std::thread::Builder::new().stack_size(1 << 19).spawn(run).unwrap().join().unwrap();
+}
+
+#[test]
+fn deep_and_wide_graphs_act_as_their_sums() {
+    // A ladder: two chains whose rungs add them. 2,000 levels of three operators.
+    let mut parts = vec![node("Identity", &["o"], &["l0"]), node("Identity", &["o"], &["r0"])];
+    for level in 0..2000 {
+        let (next, name) = (level + 1, |side: &str, level: usize| format!("{side}{level}"));
+        let (l, r, m) = (name("l", level), name("r", level), name("m", level));
+        parts.push(node("Mean", &[&l, &r], &[&m]));
+        parts.push(node("Identity", &[&m], &[&name("l", next)]));
+        parts.push(node("Max", &[&m, &r], &[&name("r", next)]));
+    }
+    parts.push(node("Add", &["l2000", "r2000"], &["a"]));
+    assert_eq!(act(&load(&parts, "[]").unwrap(), 0.75), 1.5);
+    // 18 chains of 500 operators and a sum of them.
+    let mut parts = Vec::new();
+    let ends: Vec<String> = (0..18).map(|chain| format!("c{chain}x500")).collect();
+    for chain in 0..18 {
+        parts.push(node("Identity", &["o"], &[&format!("c{chain}x0")]));
+        for number in 0..500 {
+            let (from, to) = (format!("c{chain}x{number}"), format!("c{chain}x{}", number + 1));
+            parts.push(node("Neg", &[&from], &[&to]));
+        }
+    }
+    let ends: Vec<&str> = ends.iter().map(String::as_str).collect();
+    parts.push(node("Sum", &ends, &["a"]));
+    assert_eq!(act(&load(&parts, "[]").unwrap(), 0.25), 18.0 * 0.25);
+    // 9,998 operators side by side.
+    let names: Vec<String> = (0..9998).map(|number| format!("w{number}")).collect();
+    let mut parts: Vec<Vec<u8>> = names.iter().map(|name| node("Neg", &["o"], &[name])).collect();
+    let names: Vec<&str> = names.iter().map(String::as_str).collect();
+    parts.push(node("Max", &names, &["a"]));
+    assert_eq!(act(&load(&parts, "[]").unwrap(), 0.25), -0.25);
+}
+
+#[test]
+fn operators_in_another_order_are_errors() {
+    let mut reversed = chain(10_000);
+    reversed.reverse();
+    let message = load(&reversed, "[]").unwrap_err().to_string();
+    assert!(message.contains("`Neg` of `a` reads `x9999` before an operator writes it"), "{message}");
+}
+
+/// Loads a model of the observation `o` with the outputs of these operators, one number each unless
+/// the operator is `Shape`.
+fn load_outputs(outputs: &[(&str, &str)], side: &str, opset: i64) -> Result<OnnxPolicy, String> {
+    let nodes = outputs.iter().flat_map(|(operator, name)| node(operator, &["o"], &[name]));
+    let values = outputs.iter().flat_map(|(_, name)| value(12, name, &[1, 1]));
+    let graph = [nodes.chain(values).collect(), value(11, "o", &[1, 1])].concat();
+    let model = [integer(1, 8), bytes(7, &graph), bytes(8, &integer(2, opset))].concat();
+    let interface = mishandle_interchange::Interface::from_json(side).unwrap();
+    OnnxPolicy::from_bytes(&model, Some(interface), &["test"], &layout(1, 1))
+        .map_err(|error| error.to_string())
+}
+
+#[test]
+fn one_of_several_outputs_is_the_action_only_if_something_says_so() {
+    // By its size, by its name, by the description.
+    for (outputs, side) in [
+        (&[("Shape", "sizes"), ("Neg", "mean")][..], "{}"),
+        (&[("Abs", "value"), ("Neg", "actions"), ("Relu", "log_prob")], "{}"),
+        (&[("Abs", "value"), ("Neg", "mean")], r#"{"action": "mean"}"#),
+    ] {
+        assert_eq!(act(&load_outputs(outputs, side, 17).unwrap(), 0.5), -0.5, "{outputs:?}");
+    }
+    let message = load_outputs(&[("Abs", "value"), ("Neg", "mean")], "{}", 17).unwrap_err();
+    assert!(
+        message.contains("nothing says which output is the action: value, mean; several of them"),
+        "{message}"
+    );
+    assert!(message.contains("name it by `action` in the metadata or in a side file"), "{message}");
+    let message = load_outputs(&[("Shape", "action")], "{}", 17).unwrap_err();
+    assert!(message.contains("its action `action` has the shape [2] of integers"), "{message}");
+}
+
+#[test]
+fn opsets_that_were_not_compared_are_errors() {
+    let load = |opset| load_outputs(&[("Neg", "a")], "{}", opset);
+    for opset in 7..=22 {
+        assert_eq!(act(&load(opset).unwrap(), 0.5), -0.5);
+    }
+    for opset in [1, 6, 23, 99] {
+        let message = load(opset).unwrap_err();
+        assert!(message.contains(&format!("has the opset {opset}, which is not supported")), "{message}");
+        assert!(message.contains("opset_version=20"), "{message}");
+    }
+}

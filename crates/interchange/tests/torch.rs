@@ -3,8 +3,11 @@
 
 #![allow(clippy::unwrap_used)]
 
+mod checkpoint;
+
+use checkpoint::{archive, storage, text};
 use mishandle_controllers::Policy;
-use mishandle_interchange::{ImportOptions, ObservationNormalizer, TorchProblem, import};
+use mishandle_interchange::{ImportOptions, Normalization, ObservationNormalizer, TorchProblem, import};
 use mishandle_network::Activation;
 use mishandle_rollout::Controller;
 
@@ -15,7 +18,11 @@ fn file(name: &str) -> Vec<u8> {
 }
 
 fn given(activation: Activation, output: Activation) -> ImportOptions {
-    ImportOptions { activation: Some(activation), output_activation: Some(output), normalizer: None }
+    ImportOptions {
+        activation: Some(activation),
+        output_activation: Some(output),
+        normalizer: Normalization::OfFile,
+    }
 }
 
 fn actions(policy: &Policy) -> Vec<f32> {
@@ -54,12 +61,24 @@ fn models_of_stable_baselines3_have_its_actions() {
 
 #[test]
 fn a_checkpoint_of_skrl_has_its_actions_and_its_normalizer() {
-    let options = ImportOptions { activation: Some(Activation::Elu), ..ImportOptions::default() };
+    let options = given(Activation::Elu, Activation::Identity);
     let policy = check("skrl_agent.pt", &options, "skrl", [0.2608726, 0.5398161, 0.65475094]);
     assert_eq!(policy.observation_clip(), Some(5.0));
     assert!((policy.mean()[0] - 1.125).abs() < 1e-7);
-    let message = import(&file("skrl_agent.pt"), &ImportOptions::default()).unwrap_err().to_string();
-    assert!(message.contains("give --activation NAME: elu, relu"), "{message}");
+    // The activations are in the code or in the settings of skrl, such as `tanh(ACTIONS)`.
+    for (options, flag) in [
+        (ImportOptions::default(), "activation"),
+        (
+            ImportOptions { activation: Some(Activation::Elu), ..ImportOptions::default() },
+            "output-activation",
+        ),
+    ] {
+        let message = import(&file("skrl_agent.pt"), &options).unwrap_err().to_string();
+        assert!(message.contains(&format!("give --{flag} NAME: elu, relu")), "{message}");
+    }
+    let plain = ImportOptions { normalizer: Normalization::Nothing, ..options };
+    let plain = import(&file("skrl_agent.pt"), &plain).unwrap().policy;
+    assert_eq!((plain.mean()[0], plain.observation_clip()), (0.0, None));
 }
 
 #[test]
@@ -78,7 +97,7 @@ fn a_sequential_with_layer_normalization_has_the_outputs_of_pytorch() {
 fn the_statistics_of_vec_normalize_are_applied() {
     let text = r#"{"mean": [1.0, -1.0], "variance": [4.0, 0.0], "epsilon": 0.01, "clip": 2.0}"#;
     let normalizer = ObservationNormalizer::from_json(text).unwrap();
-    let options = ImportOptions { normalizer: Some(normalizer), ..ImportOptions::default() };
+    let options = ImportOptions { normalizer: Normalization::Given(normalizer), ..ImportOptions::default() };
     let normalized = import(&file("sb3_ppo.zip"), &options).unwrap().policy;
     let plain = import(&file("sb3_ppo.zip"), &ImportOptions::default()).unwrap().policy;
     // (o - mean) / √(variance + 0.01), clipped to ±2, computed by hand.
@@ -92,45 +111,6 @@ fn the_statistics_of_vec_normalize_are_applied() {
         assert!((found - expected).abs() < 1e-6, "{found}, expected {expected}");
     }
     assert!(ObservationNormalizer::from_json(r#"{"mean": [1.0], "var": [4.0]}"#).is_err());
-}
-
-/// CRC-32, bit by bit.
-fn crc32(bytes: &[u8]) -> u32 {
-    let bits = bytes.iter().flat_map(|byte| (0..8).map(move |bit| u32::from(byte >> bit & 1)));
-    !bits.fold(!0, |crc, bit| if (crc ^ bit) & 1 == 1 { crc >> 1 ^ 0xEDB8_8320 } else { crc >> 1 })
-}
-
-/// Returns an archive of stored entries, or with another method of compression in the directory.
-fn archive(entries: &[(&str, &[u8])], method: u16) -> Vec<u8> {
-    let (mut bytes, mut directory) = (Vec::new(), Vec::new());
-    for (name, content) in entries {
-        let offset = bytes.len() as u32;
-        let sizes = [content.len() as u32; 2].map(u32::to_le_bytes).concat();
-        let name_length = (name.len() as u16).to_le_bytes();
-        bytes.extend(b"PK\x03\x04\x14\0\0\0\0\0\0\0\0\0\0\0\0\0");
-        bytes.extend(&sizes);
-        bytes.extend(name_length);
-        bytes.extend([0, 0]);
-        bytes.extend(name.as_bytes());
-        bytes.extend(*content);
-        directory.extend(b"PK\x01\x02\x14\0\x14\0\0\0");
-        directory.extend(method.to_le_bytes());
-        directory.extend([0; 4]);
-        directory.extend(crc32(content).to_le_bytes());
-        directory.extend(&sizes);
-        directory.extend(name_length);
-        directory.extend([0; 12]);
-        directory.extend(offset.to_le_bytes());
-        directory.extend(name.as_bytes());
-    }
-    let (start, count) = (bytes.len() as u32, (entries.len() as u16).to_le_bytes());
-    let length = (directory.len() as u32).to_le_bytes();
-    bytes.extend(directory);
-    bytes.extend(
-        [b"PK\x05\x06\0\0\0\0", &[count, count].concat()[..], &length, &start.to_le_bytes(), &[0, 0]]
-            .concat(),
-    );
-    bytes
 }
 
 /// Returns the message for a checkpoint with this pickle and this storage `0`.
@@ -279,17 +259,6 @@ fn layers_that_are_no_perceptron_are_listed() {
     assert!(message.contains("its layers do not form a chain; found: weight [2, 1], bias [1]"), "{message}");
 }
 
-/// The operations for a text, and for a tensor of the storage `0` with the shape and the strides on
-/// the stack.
-fn text(text: &str) -> Vec<u8> {
-    [b"X", &(text.len() as u32).to_le_bytes()[..], text.as_bytes()].concat()
-}
-
-fn storage(name: &str, kind: &str) -> Vec<u8> {
-    let kind = format!("ctorch\n{kind}\n");
-    [b"(", &text("storage")[..], kind.as_bytes(), &text(name), &text("cpu"), b"K\x03tQ"].concat()
-}
-
 #[test]
 fn sizes_and_names_that_many_tensors_share_do_not_fill_the_memory() {
     // One tuple of 100,000 sizes, as the shape of 100,000 tensors: 20 GB if each had a copy.
@@ -353,41 +322,94 @@ fn weights_of_16_bits_and_statistics_below_zero_are_errors() {
     assert!(message(&nested, &[0; 4]).contains("found the keys: model; save `model.state_dict()` alone"));
     for variance in ["-1.0", "-1e-3"] {
         let text = format!(r#"{{"mean": [0.0, 0.0], "variance": [1.0, {variance}]}}"#);
-        let normalizer = Some(ObservationNormalizer::from_json(&text).unwrap());
+        let normalizer = Normalization::Given(ObservationNormalizer::from_json(&text).unwrap());
         let options = ImportOptions { normalizer, ..ImportOptions::default() };
         let message = import(&file("sb3_ppo.zip"), &options).unwrap_err().to_string();
         assert!(message.contains("variance"), "{message}");
     }
 }
 
-/// Returns a model of Stable-Baselines3 with tensors of these names, shapes and zeros.
-fn stable_baselines(tensors: &[(&str, &[u8])]) -> Vec<u8> {
-    let tuple = |sizes: &[u8]| {
-        [b"(", &sizes.iter().flat_map(|size| [b'K', *size]).collect::<Vec<u8>>()[..], b"t"].concat()
-    };
-    let items = tensors.iter().flat_map(|(name, shape)| {
-        let strides = vec![0; shape.len()];
-        let tensor =
-            [b"ctorch._utils\n_rebuild_tensor_v2\n(", &storage("0", "FloatStorage")[..], b"K\0"].concat();
-        [&text(name)[..], &tensor, &tuple(shape), &tuple(&strides), b"tR"].concat()
-    });
-    let pickle = [&b"\x80\x02}("[..], &items.collect::<Vec<u8>>(), b"u."].concat();
-    let weights = archive(&[("a/data.pkl", &pickle), ("a/data/0", &[0; 400])], 0);
-    archive(&[("policy.pth", &weights)], 0)
+/// A module of a `Sequential`, with the function that it computes.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Module {
+    Linear,
+    Relu,
+    LayerNorm,
+    /// A layer normalization without weights.
+    PlainNorm,
+    Dropout,
+}
+
+/// Returns the state dictionary of a `Sequential` from 2 numbers to 1, and its output.
+fn sequential(modules: &[Module], x: [f64; 2]) -> (Vec<u8>, f64) {
+    let linear = modules.iter().filter(|module| **module == Module::Linear).count();
+    let (mut parts, mut x, mut seen) = (Vec::new(), x.to_vec(), 0);
+    for (number, module) in modules.iter().enumerate() {
+        let standardized = || {
+            let mean = x.iter().sum::<f64>() / x.len() as f64;
+            let variance = x.iter().map(|x| (x - mean).powi(2)).sum::<f64>() / x.len() as f64;
+            x.iter().map(|x| (x - mean) / (variance + 1e-5).sqrt()).collect::<Vec<f64>>()
+        };
+        let mut push = |weight: &[f32], shape: Vec<usize>, bias: &[f32]| {
+            parts.push((format!("{number}.weight"), shape, weight.to_vec()));
+            parts.push((format!("{number}.bias"), vec![bias.len()], bias.to_vec()));
+        };
+        match module {
+            Module::Linear => {
+                seen += 1;
+                let outputs = if seen == linear { 1 } else { 2 };
+                let weight =
+                    |row: usize, column: usize| (1.0 + row as f64 - 1.5 * column as f64) / seen as f64;
+                let rows: Vec<Vec<f64>> =
+                    (0..outputs).map(|row| vec![weight(row, 0), weight(row, 1)]).collect();
+                let weights: Vec<f32> = rows.concat().iter().map(|w| *w as f32).collect();
+                push(&weights, vec![outputs, 2], &vec![0.25; outputs]);
+                let w = |row: usize, column: usize| f64::from(weights[2 * row + column]);
+                x = (0..outputs).map(|row| w(row, 0) * x[0] + w(row, 1) * x[1] + 0.25).collect();
+            }
+            Module::Relu => x.iter_mut().for_each(|x| *x = x.max(0.0)),
+            Module::LayerNorm => {
+                x = standardized().iter().map(|x| 1.5 * x - 0.5).collect();
+                push(&vec![1.5; x.len()], vec![x.len()], &vec![-0.5; x.len()]);
+            }
+            Module::PlainNorm => x = standardized(),
+            // In evaluation, it passes all numbers.
+            Module::Dropout => {}
+        }
+    }
+    (checkpoint::state_dictionary(&parts), x[0])
 }
 
 #[test]
-fn only_continuous_perceptrons_of_stable_baselines3_are_imported() {
-    let linear: [(&str, &[u8]); 3] =
-        [("log_std", &[1]), ("action_net.weight", &[1, 2]), ("action_net.bias", &[1])];
-    let policy = import(&stable_baselines(&linear), &ImportOptions::default()).unwrap().policy;
-    assert_eq!(policy.network().sizes(), [2, 1]);
-    let message = |tensors: &[(&str, &[u8])]| {
-        import(&stable_baselines(tensors), &ImportOptions::default()).unwrap_err().to_string()
-    };
-    assert!(message(&linear[1..]).contains("its actions are discrete"));
-    let recurrent = [&linear[..], &[("lstm_actor.weight_ih_l0", &[4, 2])]].concat();
-    assert!(message(&recurrent).contains("it is recurrent"));
-    let dqn = message(&[("q_net.q_net.0.weight", &[4, 2]), ("q_net.q_net.0.bias", &[4])]);
-    assert!(dqn.contains("expected a policy of PPO, A2C, SAC, TD3 or DDPG, found: q_net"), "{dqn}");
+fn a_sequential_acts_as_it_does_in_pytorch_or_is_refused() {
+    use Module::{Dropout, LayerNorm, Linear, PlainNorm, Relu};
+    let between = [Linear, Relu, LayerNorm, PlainNorm, Dropout];
+    let (mut accepted, mut refused) = (0, 0);
+    for number in 0..5_usize.pow(6) {
+        let digit = |place: u32| between[number / 5_usize.pow(place) % 5];
+        let (head, first, second) = (number % 3, 1 + number % 4, 1 + number / 4 % 3);
+        let mut modules: Vec<Module> = (0..head / 2).map(|_| digit(0)).collect();
+        modules.push(Linear);
+        modules.extend((0..first as u32).map(digit));
+        modules.push(Linear);
+        modules.extend((0..second as u32).map(|place| digit(place + 3)));
+        modules.push(Linear);
+        let x = [0.7, -1.3];
+        let (bytes, expected) = sequential(&modules, x);
+        let Ok(imported) = import(&bytes, &given(Activation::Relu, Activation::Identity)) else {
+            refused += 1;
+            continue;
+        };
+        accepted += 1;
+        let mut action = [0.0];
+        imported.policy.worker().act(1, &x.map(|x| x as f32), &mut [], &mut action);
+        // A normalization of almost equal numbers amplifies their rounding.
+        let is_plain = (f64::from(action[0]) - expected).abs() < 1e-4;
+        // A module between two layers without weights is an activation, as the user says.
+        let is_other = modules
+            .windows(3)
+            .any(|three| matches!(three, [Linear | LayerNorm, PlainNorm | Dropout, Linear]));
+        assert!(is_plain || is_other, "{action:?}, expected {expected}: {modules:?}");
+    }
+    assert!(accepted > 100 && refused > 10_000, "{accepted} accepted, {refused} refused");
 }

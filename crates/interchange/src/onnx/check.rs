@@ -2,6 +2,7 @@
 
 use std::cell::RefCell;
 use std::collections::HashSet;
+use std::ops::RangeInclusive;
 
 use mishandle_files::limits;
 use rten_onnx::onnx::{DataLocation, GraphProto, ModelProto, TensorProto};
@@ -51,6 +52,9 @@ impl Kind {
     }
 }
 
+/// The oldest and the newest set of operators that was compared with ONNX Runtime.
+const OPSETS: RangeInclusive<i64> = 7..=22;
+
 /// Parses a model of which the messages are nested to a known depth only: no subgraphs, no types
 /// but tensors.
 pub(super) fn parse(bytes: &[u8]) -> Result<ModelProto, OnnxProblem> {
@@ -59,6 +63,7 @@ pub(super) fn parse(bytes: &[u8]) -> Result<ModelProto, OnnxProblem> {
     let model = ModelProto::parse_buf(bytes).map_err(|error| format(error.to_string()))?;
     let graph = model.graph.as_ref().ok_or_else(|| format("it has no graph".to_string()))?;
     check_graph(graph)?;
+    check_opset(&model)?;
     Ok(model)
 }
 
@@ -88,6 +93,29 @@ fn check_fields(kind: Kind, message: &[u8]) -> Result<(), OnnxProblem> {
         }
     }
     Ok(())
+}
+
+/// Returns the version of the standard operators, if the model has one.
+pub(super) fn opset(model: &ModelProto) -> Option<i64> {
+    let is_standard = |domain: Option<&str>| matches!(domain.unwrap_or_default(), "" | "ai.onnx");
+    let mut opsets = model.opset_import.iter().filter(|opset| is_standard(opset.domain.as_deref()));
+    let found = opsets.next().and_then(|opset| opset.version);
+    found.filter(|_| opsets.next().is_none())
+}
+
+/// Checks the version of the standard operators: another one may give an operator another meaning.
+fn check_opset(model: &ModelProto) -> Result<(), OnnxProblem> {
+    let found = opset(model);
+    if found.is_some_and(|found| OPSETS.contains(&found)) {
+        return Ok(());
+    }
+    let (first, last) = (OPSETS.start(), OPSETS.end());
+    Err(OnnxProblem::Unsupported {
+        found: found.map_or("no opset, or several".to_string(), |found| format!("the opset {found}")),
+        hint: format!(
+            "the opsets {first} to {last} are: export with `torch.onnx.export(..., opset_version=20)`"
+        ),
+    })
 }
 
 fn check_graph(graph: &GraphProto) -> Result<(), OnnxProblem> {

@@ -29,7 +29,8 @@ pub struct Interface {
     pub task: Option<String>,
     /// The input for the observation; the first input that is not a state by default.
     pub observation: Option<String>,
-    /// The output with the action; the first output that is not a state by default.
+    /// The output with the action. By default, of the outputs that are not a state: the only one,
+    /// the one with the name `action` or `actions`, or the only one with the size of an action.
     pub action: Option<String>,
     /// Pairs of an input and the output that replaces it in the next control step. The initial
     /// value is 0.

@@ -1,6 +1,6 @@
 //! Runs a model as a controller.
 
-use std::collections::{HashMap, HashSet};
+use std::collections::HashMap;
 use std::panic::{AssertUnwindSafe, catch_unwind, set_hook, take_hook};
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Once};
@@ -9,17 +9,19 @@ use std::thread::current;
 use mishandle_controllers::{Layout as TaskLayout, bytes_hash};
 use mishandle_files::{limits, read_bounded};
 use mishandle_rollout::{Controller, ControllerWorker, Seed};
-use rten::{Model, ModelOptions, NodeId, RunOptions, ThreadPool, Value, ValueOrView, ValueView};
-use rten_onnx::onnx::{DataType, Dimension, GraphProto, ModelProto, TensorShapeProto, ValueInfoProto};
+use rten::{Model, ModelOptions, NodeId, RunOptions, ThreadPool, Value, ValueOrView};
+use rten_onnx::onnx::{DataType, Dimension, ModelProto, TensorShapeProto};
 use rten_tensor::Layout;
 
 use super::check::{self, Weights};
-use super::cost::{self, MAX_HELD, MAX_NUMBERS, MAX_PRODUCTS, bound, cost_of, determines_shape};
+use super::cost;
+use super::dry_run::dry_run;
 use super::interface::Interface;
+use super::names::{Names, check_outputs};
+use super::order;
 use crate::{InterchangeError, OnnxProblem};
 
-/// Largest number of tensors of the state, and of numbers in it: each row of a batch has a state.
-const MAX_STATES: usize = 100;
+/// Largest number of numbers of the state: each row of a batch has a state.
 const MAX_STATE_NUMBERS: usize = 1 << 16;
 
 /// A policy in an ONNX model.
@@ -43,7 +45,10 @@ struct Core {
     model: Model,
     observation: NodeId,
     observation_shape: Vec<usize>,
-    action: NodeId,
+    /// The values that a control step asks for; see [`order`].
+    asked: Vec<NodeId>,
+    /// The place of the action in `asked`.
+    action: usize,
     states: Vec<State>,
     sizes: (usize, usize),
 }
@@ -52,7 +57,8 @@ struct Core {
 #[derive(Debug)]
 struct State {
     input: NodeId,
-    output: NodeId,
+    /// The place of the output in the values that a control step asks for.
+    output: usize,
     shape: Vec<usize>,
 }
 
@@ -190,64 +196,6 @@ fn check_task(interface: &Interface, tasks: &[&str], layout: &TaskLayout) -> Res
     if differences.is_empty() { Ok(()) } else { Err(OnnxProblem::Layout { task, differences }) }
 }
 
-/// The names of the values that a control step reads and writes.
-struct Names {
-    observation: String,
-    action: String,
-    states: Vec<(String, String)>,
-}
-
-impl Names {
-    fn new(proto: &ModelProto, interface: &Interface) -> Result<Names, OnnxProblem> {
-        let invalid = |reason: String| OnnxProblem::Interface { place: "by name".to_string(), reason };
-        let empty = GraphProto::default();
-        let graph = proto.graph.as_ref().unwrap_or(&empty);
-        let name = |value: &ValueInfoProto| value.name.clone().unwrap_or_default();
-        // Old models list their weights as inputs, too.
-        let weights: HashSet<&str> =
-            graph.initializer.iter().filter_map(|tensor| tensor.name.as_deref()).collect();
-        let inputs: Vec<String> =
-            graph.input.iter().map(name).filter(|name| !weights.contains(name.as_str())).collect();
-        let outputs: Vec<String> = graph.output.iter().map(name).collect();
-        let free = |names: &[String], is_state: &dyn Fn(&str) -> bool| {
-            names.iter().find(|name| !is_state(name)).cloned()
-        };
-        if interface.state.len() > MAX_STATES {
-            let found = interface.state.len();
-            return Err(invalid(format!("the state has {found} tensors; the limit is {MAX_STATES}")));
-        }
-        let states = interface.state.clone();
-        let observation = interface.observation.clone();
-        let observation =
-            observation.or_else(|| free(&inputs, &|name| states.iter().any(|(i, _)| i == name)));
-        let action = interface.action.clone();
-        let action = action.or_else(|| free(&outputs, &|name| states.iter().any(|(_, o)| o == name)));
-        let (Some(observation), Some(action)) = (observation, action) else {
-            return Err(invalid(
-                "the model needs an input for the observation and an output for the action".into(),
-            ));
-        };
-        let read: Vec<&String> = std::iter::once(&observation).chain(states.iter().map(|(i, _)| i)).collect();
-        let written: Vec<&String> = std::iter::once(&action).chain(states.iter().map(|(_, o)| o)).collect();
-        for (kind, used, known) in [("input", &read, &inputs), ("output", &written, &outputs)] {
-            if let Some(missing) = used.iter().find(|name| !known.contains(name)) {
-                let known = known.join(", ");
-                return Err(invalid(format!("the model has no {kind} `{missing}`; its {kind}s: {known}")));
-            }
-        }
-        if let Some(unused) = inputs.iter().find(|name| !read.contains(name)) {
-            return Err(invalid(format!(
-                "nothing says what the input `{unused}` is; name the observation, and the pairs of inputs and outputs of the \
-                 state, in the metadata or in a side file (docs/guide/onnx.md)"
-            )));
-        }
-        if read.iter().collect::<HashSet<_>>().len() != read.len() {
-            return Err(invalid("an input has two roles".into()));
-        }
-        Ok(Names { observation, action, states })
-    }
-}
-
 /// Makes the shapes of all inputs fixed, with a batch size of 1, and removes what the runtime does
 /// not need: the names of operators, which may be those of values, and the shapes of other values,
 /// which may be wrong.
@@ -267,7 +215,8 @@ fn prepare(proto: &mut ModelProto, names: &Names, task: &str, size: usize) -> Re
             let kind = tensor.elem_type.unwrap_or(DataType::FLOAT);
             return Err(OnnxProblem::Unsupported {
                 found: format!("the input `{name}` of the type {}", kind.name().unwrap_or("unknown")),
-                hint: "inputs must be tensors of 32-bit floating-point numbers".to_string(),
+                hint: "inputs must be tensors of 32-bit floating-point numbers: export `model.float()`"
+                    .to_string(),
             });
         }
         let dims: Option<Vec<Option<i64>>> =
@@ -332,71 +281,59 @@ impl Core {
             let sizes = shape.iter().flat_map(|shape| &shape.dim).filter_map(|dim| dim.dim_value);
             sizes.map(|size| size as usize).collect::<Vec<usize>>()
         };
-        let states = names
-            .states
-            .iter()
-            .map(|(input, output)| Ok(State { input: id(input)?, output: id(output)?, shape: shape(input) }));
-        let core = Core {
-            observation: id(&names.observation)?,
-            observation_shape: shape(&names.observation),
-            action: id(&names.action)?,
-            states: states.collect::<Result<_, OnnxProblem>>()?,
-            sizes: (layout.observation_size(), layout.action_size()),
-            model,
-        };
-        let numbers = core.states.iter().try_fold(0_usize, |sum, state| {
-            let size = state.shape.iter().try_fold(1_usize, |size, dim| size.checked_mul(*dim))?;
+        let states: Vec<(Vec<usize>, &(String, String))> =
+            names.states.iter().map(|pair| (shape(&pair.0), pair)).collect();
+        let numbers = states.iter().try_fold(0_usize, |sum, (shape, _)| {
+            let size = shape.iter().try_fold(1_usize, |size, dim| size.checked_mul(*dim))?;
             sum.checked_add(size)
         });
         if numbers.is_none_or(|numbers| numbers > MAX_STATE_NUMBERS) {
             let reason = format!("its state has more than {MAX_STATE_NUMBERS} numbers");
             return Err(OnnxProblem::Size { reason });
         }
-        let inputs = std::iter::once((&names.observation, &core.observation_shape)).chain(
-            names.states.iter().map(|(input, _)| input).zip(core.states.iter().map(|state| &state.shape)),
-        );
-        let inputs = inputs.map(|(name, shape)| (name.clone(), zeros(shape))).collect();
+        let observation_shape = shape(&names.observation);
+        let inputs = std::iter::once((&names.observation, &observation_shape))
+            .chain(states.iter().map(|(shape, (input, _))| (input, shape)));
+        let inputs: HashMap<String, Vec<usize>> =
+            inputs.map(|(name, shape)| (name.clone(), shape.clone())).collect();
         let graph = proto.graph.as_ref().ok_or_else(|| format("it has no graph".to_string()))?;
-        let values = dry_run(&core.model, graph, inputs)?;
-        core.check_outputs(&values, names, task)?;
-        Ok(core)
-    }
-
-    /// Checks the shapes of the action and of the state after a control step.
-    fn check_outputs(
-        &self,
-        values: &HashMap<String, Value>,
-        names: &Names,
-        task: &str,
-    ) -> Result<(), OnnxProblem> {
-        if let Some(missing) = std::iter::once(&names.action)
+        let outputs: Vec<&str> = names
+            .actions
+            .iter()
             .chain(names.states.iter().map(|(_, output)| output))
-            .find(|name| !values.contains_key(*name))
-        {
-            let reason = format!("no operator writes the output `{missing}`");
-            return Err(OnnxProblem::Format { reason });
+            .map(String::as_str)
+            .collect();
+        let opset = check::opset(proto).unwrap_or_default();
+        let kept = order::asked_values(graph, &outputs);
+        let values = dry_run(&model, graph, opset, &inputs, &kept)?;
+        let action = names.action(&values, layout.action_size())?;
+        let used: Vec<&str> =
+            std::iter::once(action).chain(names.states.iter().map(|(_, output)| output.as_str())).collect();
+        check_outputs(&values, action, &states, task, layout.action_size())?;
+        let asked = order::asked_values(graph, &used);
+        if asked != kept {
+            // Other values are held, so that other bounds hold.
+            dry_run(&model, graph, opset, &inputs, &asked)?;
         }
-        let found = values.get(&names.action).and_then(float_shape);
-        let expected = self.sizes.1;
-        if !matches!(found.as_deref(), Some([1, size] | [size]) if *size == expected) {
-            let found = found.map_or("of integers".to_string(), |shape| format!("{shape:?}"));
-            let (task, name) = (task.to_string(), names.action.clone());
-            return Err(OnnxProblem::Shape { task, side: "action", name, found, expected });
-        }
-        for ((input, output), state) in names.states.iter().zip(&self.states) {
-            let found = values.get(output).and_then(float_shape);
-            if found.as_ref() != Some(&state.shape) {
-                return Err(OnnxProblem::Interface {
-                    place: "its state".to_string(),
-                    reason: format!(
-                        "the output `{output}` has the shape {:?}, but the input `{input}` has {:?}",
-                        found.unwrap_or_default(),
-                        state.shape
-                    ),
-                });
-            }
-        }
-        Ok(())
+        let place = |name: &str| {
+            let place = asked.iter().position(|asked| asked == name);
+            place.ok_or_else(|| format(format!("it has no value `{name}`")))
+        };
+        let core = Core {
+            observation: id(&names.observation)?,
+            observation_shape,
+            action: place(action)?,
+            asked: asked.iter().map(|name| id(name)).collect::<Result<_, OnnxProblem>>()?,
+            states: states
+                .into_iter()
+                .map(|(shape, (input, output))| {
+                    Ok(State { input: id(input)?, output: place(output)?, shape })
+                })
+                .collect::<Result<_, OnnxProblem>>()?,
+            sizes: (layout.observation_size(), layout.action_size()),
+            model,
+        };
+        Ok(core)
     }
 
     /// Computes a control step of one row; `None` if an operator fails or an output has another
@@ -420,18 +357,15 @@ impl Core {
             let numbers: Vec<f32> = own.iter().map(|x| *x as f32).collect();
             inputs.push((part.input, view(&part.shape, &numbers)?.into()));
         }
-        let outputs: Vec<NodeId> =
-            std::iter::once(self.action).chain(self.states.iter().map(|state| state.output)).collect();
         let values = without_panic(|| {
-            self.model.run(inputs, &outputs, Some(options.clone())).map_err(|e| e.to_string())
+            self.model.run(inputs, &self.asked, Some(options.clone())).map_err(|e| e.to_string())
         });
         let values = values.ok()?;
-        let (first, others) = values.split_first()?;
-        copy(first, action.len(), action.iter_mut(), |x| x)?;
+        copy(values.get(self.action)?, action.len(), action.iter_mut(), |x| x)?;
         let mut rest = state;
-        for (value, part) in others.iter().zip(&self.states) {
+        for part in &self.states {
             let (own, others) = rest.split_at_mut_checked(part.size())?;
-            copy(value, own.len(), own.iter_mut(), f64::from)?;
+            copy(values.get(part.output)?, own.len(), own.iter_mut(), f64::from)?;
             rest = others;
         }
         Some(())
@@ -453,129 +387,12 @@ fn copy<'a, T: 'a>(
     Some(())
 }
 
-fn float_shape(value: &Value) -> Option<Vec<usize>> {
-    matches!(value, Value::FloatTensor(_)).then(|| value.shape().to_vec())
-}
-
-fn zeros(shape: &[usize]) -> Value {
+pub(super) fn zeros(shape: &[usize]) -> Value {
     rten_tensor::Tensor::<f32>::zeros(shape).into()
 }
 
-/// Computes all operators one by one on an observation of zeros, each only after a bound of its
-/// memory and its time was checked.
-///
-/// As no shape depends on the numbers of an observation, the bounds hold for every observation.
-fn dry_run(
-    model: &Model,
-    graph: &GraphProto,
-    inputs: HashMap<String, Value>,
-) -> Result<HashMap<String, Value>, OnnxProblem> {
-    let run_problem = |reason: String| OnnxProblem::Run { reason };
-    let mut depends_on_input: HashSet<String> = inputs.keys().cloned().collect();
-    let mut values = inputs;
-    let options = one_thread();
-    let constants = graph.initializer.iter().filter_map(|tensor| tensor.name.as_deref());
-    let nodes = graph.node.iter().filter(|node| node.op_type.as_deref() == Some("Constant"));
-    for name in constants.chain(nodes.flat_map(|node| node.output.iter().map(String::as_str))) {
-        let found = run(model, vec![], &[name], &options).map_err(run_problem)?;
-        values.extend(found.into_iter().map(|value| (name.to_string(), value)));
-    }
-    let mut last_readers: HashMap<&str, usize> = HashMap::new();
-    for (index, node) in graph.node.iter().enumerate() {
-        last_readers.extend(node.input.iter().map(|name| (name.as_str(), index)));
-    }
-    // The outputs are read after all operators.
-    last_readers.extend(graph.output.iter().filter_map(|output| Some((output.name.as_deref()?, usize::MAX))));
-    let (mut products, mut held) = (0_usize, 0_usize);
-    for (index_of_node, node) in graph.node.iter().enumerate() {
-        let operator = node.op_type.as_deref().unwrap_or_default();
-        let Some(cost) = cost_of(operator) else { continue };
-        let label = |name: Option<&String>| format!("`{operator}` of `{}`", name.map_or("", String::as_str));
-        let mut arguments = Vec::new();
-        for (index, name) in node.input.iter().enumerate() {
-            if name.is_empty() {
-                arguments.push(None);
-                continue;
-            }
-            let depends = depends_on_input.contains(name);
-            if depends && determines_shape(operator, index) {
-                return Err(OnnxProblem::Unsupported {
-                    found: format!(
-                        "the operator {}, whose shape depends on the observation",
-                        label(node.output.first())
-                    ),
-                    hint: "export a policy whose shapes are constant".to_string(),
-                });
-            }
-            let value = values.get(name).ok_or_else(|| OnnxProblem::Format {
-                reason: format!("{} reads `{name}` before an operator writes it", label(node.output.first())),
-            })?;
-            arguments.push(Some(value));
-        }
-        let too_large = || OnnxProblem::Size {
-            reason: format!(
-                "{} has inputs of other shapes, more than {MAX_NUMBERS} numbers, or the model needs more than {MAX_PRODUCTS} multiplications \
-                 or {MAX_HELD} numbers at a time",
-                label(node.output.first())
-            ),
-        };
-        let transposed = ["transA", "transB"].map(|name| {
-            let mut attributes = node.attribute.iter();
-            attributes
-                .any(|attribute| attribute.name.as_deref() == Some(name) && attribute.i.unwrap_or(0) != 0)
-        });
-        let (numbers, own) = bound(cost, &arguments, transposed).ok_or_else(too_large)?;
-        products = products.saturating_add(own);
-        if numbers > MAX_NUMBERS || products > MAX_PRODUCTS || held.saturating_add(numbers) > MAX_HELD {
-            return Err(too_large());
-        }
-        let cuts_dependence = matches!(operator, "Shape" | "Size");
-        let depends = !cuts_dependence && node.input.iter().any(|name| depends_on_input.contains(name));
-        let known: HashSet<&str> =
-            node.input.iter().filter(|name| !name.is_empty()).map(String::as_str).collect();
-        let inputs = known.into_iter().filter_map(|name| Some((name, values.get(name)?))).collect();
-        let outputs: Vec<&str> =
-            node.output.iter().map(String::as_str).filter(|name| !name.is_empty()).collect();
-        let found = run(model, inputs, &outputs, &options)
-            .map_err(|reason| run_problem(format!("{}: {reason}", label(node.output.first()))))?;
-        for (output, value) in outputs.into_iter().zip(found) {
-            held += value.len();
-            values.insert(output.to_string(), value);
-            if depends {
-                depends_on_input.insert(output.to_string());
-            }
-        }
-        // As in a control step, a value is kept until the last operator has read it.
-        for name in node.input.iter().chain(&node.output) {
-            if last_readers.get(name.as_str()).is_none_or(|last| *last == index_of_node) {
-                let removed = values.remove(name).map_or(0, |value| value.len());
-                held = held.saturating_sub(removed);
-            }
-        }
-    }
-    Ok(values)
-}
-
-/// Computes values from others.
-fn run(
-    model: &Model,
-    inputs: Vec<(&str, &Value)>,
-    outputs: &[&str],
-    options: &RunOptions,
-) -> Result<Vec<Value>, String> {
-    let text = |error: rten::RunError| error.to_string();
-    let inputs: Vec<(NodeId, ValueOrView<'_>)> = inputs
-        .into_iter()
-        .map(|(name, value)| Ok((model.node_id(name)?, ValueView::from(value).into())))
-        .collect::<Result<_, _>>()
-        .map_err(text)?;
-    let outputs: Vec<NodeId> =
-        outputs.iter().map(|name| model.node_id(name)).collect::<Result<_, _>>().map_err(text)?;
-    without_panic(|| model.run(inputs, &outputs, Some(options.clone())).map_err(text))
-}
-
 /// Returns options for one thread: the runtime splits sums by the number of threads.
-fn one_thread() -> RunOptions {
+pub(super) fn one_thread() -> RunOptions {
     RunOptions::default().with_thread_pool(Some(Arc::new(one_thread_pool())))
 }
 
@@ -584,7 +401,7 @@ fn one_thread_pool() -> ThreadPool {
 }
 
 /// Turns a panic of the runtime into an error, without its message.
-fn without_panic<T>(run: impl FnOnce() -> Result<T, String>) -> Result<T, String> {
+pub(super) fn without_panic<T>(run: impl FnOnce() -> Result<T, String>) -> Result<T, String> {
     // The runtime panics for some numbers, such as the quotient of the least integer and -1, in
     // threads that it names.
     static HOOK: Once = Once::new();

@@ -1,10 +1,14 @@
-//! The layers of a policy in a checkpoint.
+//! Recognizes a checkpoint, and reads those of skrl and plain PyTorch.
+
+use std::rc::Rc;
 
 use mishandle_controllers::Policy;
-use mishandle_network::{Activation, Mlp, Tensor};
+use mishandle_network::Activation;
 
+use super::assemble::{Kind, Stated, assemble, layers};
 use super::normalizer::ObservationNormalizer;
 use super::pickle::Value;
+use super::stable_baselines;
 use super::tensor::{Checkpoint, NamedTensor};
 use super::zip::Archive;
 use crate::TorchProblem;
@@ -14,10 +18,22 @@ use crate::TorchProblem;
 pub struct ImportOptions {
     /// The activation of the hidden layers; by default that of the file, if it says so.
     pub activation: Option<Activation>,
-    /// The activation of the last layer; by default that of the algorithm.
+    /// The activation of the last layer; by default that of the algorithm, if the file shows it.
     pub output_activation: Option<Activation>,
-    /// The statistics that normalize observations; by default those of the file, or none.
-    pub normalizer: Option<ObservationNormalizer>,
+    /// The statistics that normalize observations.
+    pub normalizer: Normalization,
+}
+
+/// Where the statistics that normalize observations are from.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub enum Normalization {
+    /// From the checkpoint, if it has any.
+    #[default]
+    OfFile,
+    /// Observations are not normalized, whatever the checkpoint has.
+    Nothing,
+    /// From the user.
+    Given(ObservationNormalizer),
 }
 
 /// An imported policy.
@@ -29,144 +45,57 @@ pub struct Imported {
     pub source: &'static str,
 }
 
-/// A kind of checkpoint, recognized by the names of its tensors.
-struct Kind {
-    source: &'static str,
-    /// The start of the name of a tensor that only this kind has, if an archive can have several
-    /// kinds.
-    mark: &'static str,
-    /// Prefixes of the names of the hidden layers and of the last layer.
-    layers: &'static [&'static str],
-    hidden: Option<Activation>,
-    output: Option<Activation>,
-    log_std: Option<&'static str>,
-}
-
-/// The kinds of models of Stable-Baselines3. The activations are its defaults.
-const STABLE_BASELINES: [Kind; 3] = [
-    Kind {
-        source: "Stable-Baselines3 PPO or A2C",
-        mark: "action_net.",
-        layers: &["mlp_extractor.policy_net.", "action_net."],
-        hidden: Some(Activation::Tanh),
-        output: Some(Activation::Identity),
-        log_std: Some("log_std"),
-    },
-    Kind {
-        source: "Stable-Baselines3 SAC",
-        mark: "actor.latent_pi.",
-        layers: &["actor.latent_pi.", "actor.mu."],
-        hidden: Some(Activation::Relu),
-        output: Some(Activation::Tanh),
-        log_std: None,
-    },
-    Kind {
-        source: "Stable-Baselines3 TD3 or DDPG",
-        mark: "actor.mu.",
-        layers: &["actor.mu."],
-        hidden: Some(Activation::Relu),
-        output: Some(Activation::Tanh),
-        log_std: None,
-    },
-];
-
 const LOG_STD_PARAMETER: &str = "log_std_parameter";
 
-const SKRL: Kind = Kind {
-    source: "skrl",
-    mark: "",
-    layers: &["net_container.", "policy_layer."],
-    hidden: None,
-    output: None,
-    log_std: Some(LOG_STD_PARAMETER),
-};
+/// A policy that skrl made from its settings.
+const SKRL: Kind =
+    Kind { source: "skrl", layers: &["net_container.", "policy_layer."], log_std: Some(LOG_STD_PARAMETER) };
 
-const SEQUENTIAL: Kind = Kind {
-    source: "a state dictionary of PyTorch",
-    mark: "",
-    layers: &[""],
-    hidden: None,
-    output: None,
-    log_std: None,
-};
+const SEQUENTIAL: Kind = Kind { source: "a state dictionary of PyTorch", layers: &[""], log_std: None };
 
-/// log σ of a policy without standard deviations: its sampled actions are its means.
-const NO_NOISE: f32 = -20.0;
+/// The entries of a checkpoint of skrl that do not change the actions of its policy.
+const SKRL_ENTRIES: [&str; 19] = [
+    "critic",
+    "critic_1",
+    "critic_2",
+    "critic_optimizer",
+    "discriminator",
+    "entropy_optimizer",
+    "optimizer",
+    "policy",
+    "policy_optimizer",
+    "amp_observation_preprocessor",
+    "amp_state_preprocessor",
+    "target_critic",
+    "target_critic_1",
+    "target_critic_2",
+    "target_policy",
+    "target_value",
+    "value",
+    "value_optimizer",
+    "value_preprocessor",
+];
 
-/// Largest number of layers, as in controller files, and of inputs and outputs of a layer.
-const MAX_LAYERS: usize = 101;
-const MAX_SIZE: usize = 10_000;
-
-/// The names of the activations that `--activation` allows.
-const ACTIVATIONS: [&str; 7] = ["elu", "relu", "tanh", "silu", "gelu", "leaky_relu", "identity"];
+/// The entries with the statistics of a policy's observations: of skrl 2, and of skrl 1. Skrl 2 has
+/// both if a critic has observations of its own.
+const SKRL_NORMALIZERS: [&str; 2] = ["observation_preprocessor", "state_preprocessor"];
 
 /// Reads the policy in a model of Stable-Baselines3 (`.zip`), a checkpoint of skrl or a state
 /// dictionary (`.pt`).
 ///
-/// Only weights are read, and texts that name activations. Nothing is unpickled; see the module
-/// `pickle`.
+/// Weights are read, and the texts that describe a policy of Stable-Baselines3. Nothing is
+/// unpickled; see the module `pickle`.
 ///
 /// # Errors
-/// If the file is damaged, contains more than weights, or is not a multi-layer perceptron, or if it
-/// does not say which activation it has and `options` do not either.
+/// If the file is damaged, contains more than weights, or is not a multi-layer perceptron; if it
+/// does not say how the policy acts and `options` do not either; or if it says that the policy acts
+/// in a way that a controller cannot follow.
 pub fn import(bytes: &[u8], options: &ImportOptions) -> Result<Imported, TorchProblem> {
     let archive = Archive::read(bytes)?;
     match archive.entry("policy.pth") {
-        Some(weights) => {
-            let data = archive.entry("data").and_then(|data| serde_json::from_slice(data).ok());
-            stable_baselines(weights, &data.unwrap_or_default(), options)
-        }
+        Some(weights) => stable_baselines::read(weights, archive.entry("data"), options),
         None => checkpoint(&Checkpoint::of_archive(archive)?, options),
     }
-}
-
-fn stable_baselines(
-    weights: &[u8],
-    data: &serde_json::Value,
-    options: &ImportOptions,
-) -> Result<Imported, TorchProblem> {
-    let checkpoint = Checkpoint::read(weights)?;
-    let tensors = root_tensors(&checkpoint)?;
-    let has = |prefix: &str| tensors.iter().any(|tensor| tensor.name.starts_with(prefix));
-    let Some(kind) = STABLE_BASELINES.iter().find(|kind| has(kind.mark)) else {
-        return Err(layers(format!("expected a policy of PPO, A2C, SAC, TD3 or DDPG, {}", listed(&tensors))));
-    };
-    if has("features_extractor.") || has("actor.features_extractor.") {
-        return Err(layers("it has a features extractor with weights, such as that of images".to_string()));
-    }
-    if has("lstm_") || has("mlp_extractor.shared_net.") {
-        return Err(layers("it is recurrent or has layers that the critic shares".to_string()));
-    }
-    if kind.log_std.is_some_and(|name| !has(name)) {
-        return Err(layers("its actions are discrete, but those of the tasks are continuous".to_string()));
-    }
-    // Texts in a JSON file; the pickled values beside them are not read.
-    let described = &data["policy_kwargs"]["activation_fn"];
-    let hidden = match described.as_str().map(|text| (text, activation_of_class(text))) {
-        Some((text, None)) if options.activation.is_none() => {
-            return Err(layers(format!("the activation {text} is not supported")));
-        }
-        Some((_, found)) => found,
-        None => kind.hidden,
-    };
-    let is_squashed = data["policy_kwargs"]["squash_output"].as_bool() == Some(true);
-    let output = if is_squashed { Some(Activation::Tanh) } else { kind.output };
-    assemble(kind, &tensors, hidden, output, options)
-}
-
-/// Returns the activation of a text such as `<class 'torch.nn.modules.activation.ELU'>`.
-fn activation_of_class(text: &str) -> Option<Activation> {
-    let class = text.rsplit_once('.')?.1.trim_end_matches("'>");
-    Some(match class {
-        "ELU" => Activation::Elu,
-        "ReLU" => Activation::Relu,
-        "Tanh" => Activation::Tanh,
-        "SiLU" => Activation::Silu,
-        "GELU" => Activation::Gelu,
-        "LeakyReLU" => Activation::LeakyRelu,
-        "Identity" => Activation::Identity,
-        _ => return None,
-    })
 }
 
 /// Reads a checkpoint of skrl, whose dictionaries are those of its modules, or a state dictionary.
@@ -174,13 +103,8 @@ fn checkpoint(checkpoint: &Checkpoint<'_>, options: &ImportOptions) -> Result<Im
     let Value::Dictionary(root, _) = &checkpoint.value else {
         return Err(layers("the file has no dictionary of tensors".to_string()));
     };
-    let module = |names: &[&str]| {
-        root.iter().rev().find(|(name, _)| names.contains(&&**name)).and_then(|(_, value)| match value {
-            Value::Dictionary(dictionary, _) => Some(dictionary),
-            _ => None,
-        })
-    };
-    let Some(policy) = module(&["policy"]) else {
+    let unknown = || Stated::Unknown(String::new());
+    let Some(policy) = module(root, "policy") else {
         let tensors = checkpoint.tensors(root)?;
         if tensors.is_empty() {
             let keys: Vec<&str> = root.iter().take(20).map(|(name, _)| &**name).collect();
@@ -189,139 +113,58 @@ fn checkpoint(checkpoint: &Checkpoint<'_>, options: &ImportOptions) -> Result<Im
                 keys.join(", ")
             )));
         }
-        return assemble(&SEQUENTIAL, &tensors, None, None, options);
+        return assemble(&SEQUENTIAL, &tensors, unknown(), unknown(), options);
     };
+    let known = |name: &str| SKRL_ENTRIES.contains(&name) || SKRL_NORMALIZERS.contains(&name);
+    if let Some((name, _)) = root.iter().find(|(name, _)| !known(name)) {
+        return Err(TorchProblem::Differs {
+            reason: format!("it has the entry `{name}` beside its policy, which may change the actions"),
+            way_out:
+                "save the state dictionary of the policy alone, and give --normalizer FILE if it normalizes \
+                      observations (docs/guide/import.md)"
+                    .into(),
+        });
+    }
     let mut options = options.clone();
-    if let Some(scaler) =
-        module(&["observation_preprocessor", "state_preprocessor"]).filter(|_| options.normalizer.is_none())
-    {
-        options.normalizer = running_standard_scaler(&checkpoint.tensors(scaler)?);
+    let scaler = SKRL_NORMALIZERS.iter().find_map(|name| module(root, name));
+    if let Some(scaler) = scaler.filter(|_| options.normalizer == Normalization::OfFile) {
+        options.normalizer = Normalization::Given(running_standard_scaler(&checkpoint.tensors(scaler)?)?);
     }
     let tensors = checkpoint.tensors(policy)?;
-    let has = |prefix: &str| tensors.iter().any(|tensor| tensor.name.starts_with(prefix));
-    // The mean of a Gaussian has no activation, unless the user chose one.
-    let output = has(LOG_STD_PARAMETER).then_some(Activation::Identity);
+    let is_generated = tensors.iter().any(|tensor| tensor.name.starts_with(SKRL.layers[0]));
     // A model of the user's own has layers with any names.
-    let own = Kind { layers: SEQUENTIAL.layers, ..SKRL };
-    let kind = if has(SKRL.layers[0]) { &SKRL } else { &own };
-    assemble(kind, &tensors, None, output, &options)
+    let kind = if is_generated { SKRL } else { Kind { layers: SEQUENTIAL.layers, ..SKRL } };
+    let is_part =
+        |name: &str| name == LOG_STD_PARAMETER || kind.layers.iter().any(|part| name.starts_with(part));
+    if let Some(tensor) = tensors.iter().find(|tensor| !is_part(&tensor.name)) {
+        return Err(layers(format!("it has the tensor `{}`, which such a policy lacks", tensor.name)));
+    }
+    // The text after the last layer, such as `tanh(ACTIONS)`, is in the settings of skrl alone.
+    let because =
+        || " (it is in the settings or the code of the model, not in a checkpoint of skrl)".to_string();
+    assemble(&kind, &tensors, Stated::Unknown(because()), Stated::Unknown(because()), &options)
+}
+
+/// Returns the last entry of a dictionary with this name, if it is a dictionary.
+fn module<'v>(root: &'v [(Rc<str>, Value)], name: &str) -> Option<&'v [(Rc<str>, Value)]> {
+    match root.iter().rev().find(|(key, _)| &**key == name)?.1 {
+        Value::Dictionary(ref dictionary, _) => Some(dictionary),
+        _ => None,
+    }
 }
 
 /// Returns the statistics of skrl's `RunningStandardScaler`: clamp((o - mean) / (√variance +
 /// 1e-8), -5, 5).
-fn running_standard_scaler(tensors: &[NamedTensor]) -> Option<ObservationNormalizer> {
-    let find =
-        |name: &str| tensors.iter().find(|tensor| &*tensor.name == name).map(|tensor| tensor.numbers.clone());
-    let (mean, variance) = (find("running_mean")?, find("running_variance")?);
+fn running_standard_scaler(tensors: &[NamedTensor]) -> Result<ObservationNormalizer, TorchProblem> {
+    let find = |name: &str| tensors.iter().find(|tensor| &*tensor.name == name).map(|tensor| &tensor.numbers);
+    let Some((mean, variance)) = find("running_mean").zip(find("running_variance")) else {
+        return Err(TorchProblem::Differs {
+            reason: "its preprocessor of observations is no RunningStandardScaler".to_string(),
+            way_out: "give --normalizer FILE (docs/guide/import.md), or --normalizer none to leave it out"
+                .into(),
+        });
+    };
     // √v + 1e-8 = √(v'), with which `own_variance` returns v.
     let variance = variance.iter().map(|v| (v.sqrt() + 1e-8).powi(2)).collect();
-    Some(ObservationNormalizer { mean, variance, epsilon: 0.0, clip: Some(5.0) })
-}
-
-fn root_tensors(checkpoint: &Checkpoint<'_>) -> Result<Vec<NamedTensor>, TorchProblem> {
-    match &checkpoint.value {
-        Value::Dictionary(root, _) => checkpoint.tensors(root),
-        _ => Err(layers("the file has no dictionary of tensors".to_string())),
-    }
-}
-
-fn layers(reason: String) -> TorchProblem {
-    TorchProblem::Layers { reason }
-}
-
-fn listed(tensors: &[NamedTensor]) -> String {
-    let names: Vec<String> =
-        tensors.iter().take(20).map(|tensor| format!("{} {:?}", tensor.name, tensor.shape)).collect();
-    format!("found: {}", names.join(", "))
-}
-
-/// Makes the policy of the layers whose names start with the prefixes of `kind`.
-fn assemble(
-    kind: &Kind,
-    tensors: &[NamedTensor],
-    hidden: Option<Activation>,
-    output: Option<Activation>,
-    options: &ImportOptions,
-) -> Result<Imported, TorchProblem> {
-    let named = kind.layers.iter().flat_map(|prefix| {
-        tensors
-            .iter()
-            .filter(move |tensor| tensor.name.starts_with(prefix) && !tensor.name.starts_with("log_std"))
-    });
-    let named: Vec<&NamedTensor> = named.collect();
-    let (linear, norms) = split(&named)
-        .ok_or_else(|| layers(format!("its layers do not form a chain; {}", listed(tensors))))?;
-    let known = ACTIVATIONS.to_vec();
-    let unknown = |what, flag| TorchProblem::Unknown { what, flag, known: known.clone() };
-    let is_deep = linear.len() > 1;
-    let hidden = options.activation.or(hidden).or((!is_deep).then_some(Activation::Identity));
-    let hidden = hidden.ok_or_else(|| unknown("activation of the hidden layers", "activation"))?;
-    let output = options.output_activation.or(output);
-    let output = output.ok_or_else(|| unknown("activation of the last layer", "output-activation"))?;
-    let mut sizes = vec![linear[0].0.shape[1]];
-    sizes.extend(linear.iter().map(|(weight, _)| weight.shape[0]));
-    // Layers are padded in memory, which multiplies the size of layers that are long and thin.
-    if sizes.len() > MAX_LAYERS + 1 || sizes.iter().any(|size| *size > MAX_SIZE) {
-        return Err(layers(format!(
-            "it has more than {MAX_LAYERS} layers, or more than {MAX_SIZE} numbers in a layer"
-        )));
-    }
-    let error = |error: mishandle_network::NetworkError| TorchProblem::Controller(error.into());
-    let mut network = Mlp::<f32>::new(&sizes, hidden, output).map_err(error)?;
-    if !norms.is_empty() {
-        network = network.with_affine_layer_norm();
-    }
-    let values = |tensor: &NamedTensor| tensor.numbers.iter().map(|x| *x as f32).collect::<Vec<f32>>();
-    let mut parts: Vec<(String, Vec<usize>, Vec<f32>)> = Vec::new();
-    for (l, (weight, bias)) in linear.iter().enumerate() {
-        parts.push((format!("layers.{l}.weight"), weight.shape.clone(), values(weight)));
-        parts.push((format!("layers.{l}.bias"), bias.shape.clone(), values(bias)));
-    }
-    for (l, (gain, shift)) in norms.iter().enumerate() {
-        parts.push((format!("layers.{l}.norm.weight"), gain.shape.clone(), values(gain)));
-        parts.push((format!("layers.{l}.norm.bias"), shift.shape.clone(), values(shift)));
-    }
-    let parts: Vec<Tensor<'_, f32>> = parts
-        .iter()
-        .map(|(name, shape, values)| Tensor { name: name.clone(), shape: shape.clone(), values })
-        .collect();
-    network.set_tensors(&parts).map_err(error)?;
-    let actions = network.output_size();
-    // The noise of gSDE has one number per feature and action, and depends on the observation.
-    let log_std = kind.log_std.and_then(|name| tensors.iter().find(|tensor| &*tensor.name == name));
-    let log_std = log_std.filter(|tensor| tensor.numbers.len() == actions && output == Activation::Identity);
-    let log_std = log_std.map_or(vec![NO_NOISE; actions], values);
-    let normalizer =
-        options.normalizer.clone().unwrap_or_else(|| ObservationNormalizer::identity(network.input_size()));
-    let variance = normalizer.own_variance();
-    let policy =
-        Policy::new(normalizer.mean, variance, network, log_std)?.with_observation_clip(normalizer.clip)?;
-    Ok(Imported { policy, source: kind.source })
-}
-
-type Pair<'t> = (&'t NamedTensor, &'t NamedTensor);
-
-/// Splits tensors in the order of a `Sequential` into linear layers and layer normalizations, one
-/// after each hidden layer or none; `None` if they are something else.
-fn split<'t>(tensors: &[&'t NamedTensor]) -> Option<(Vec<Pair<'t>>, Vec<Pair<'t>>)> {
-    let (mut linear, mut norms): (Vec<Pair<'t>>, Vec<Pair<'t>>) = (Vec::new(), Vec::new());
-    for pair in tensors.chunks(2) {
-        let &[weight, bias] = pair else { return None };
-        let layer = weight.name.strip_suffix("weight")?;
-        if bias.name.strip_suffix("bias") != Some(layer) {
-            return None;
-        }
-        match weight.shape[..] {
-            [outputs, inputs] if bias.shape == [outputs] => {
-                if linear.last().is_some_and(|(before, _)| before.shape[0] != inputs) {
-                    return None;
-                }
-                linear.push((weight, bias));
-            }
-            [size] if bias.shape == [size] && linear.len() == norms.len() + 1 => norms.push((weight, bias)),
-            _ => return None,
-        }
-    }
-    let is_whole = !linear.is_empty() && (norms.is_empty() || norms.len() + 1 == linear.len());
-    is_whole.then_some((linear, norms))
+    Ok(ObservationNormalizer { mean: mean.clone(), variance, epsilon: 0.0, clip: Some(5.0) })
 }

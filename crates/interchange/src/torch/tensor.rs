@@ -45,6 +45,14 @@ impl<'b> Checkpoint<'b> {
         Ok(Checkpoint { value: pickle::read(pickle)?, archive, prefix })
     }
 
+    /// Returns the tensors of the root, which is a dictionary.
+    pub(super) fn root_tensors(&self) -> Result<Vec<NamedTensor>, TorchProblem> {
+        match &self.value {
+            Value::Dictionary(root, _) => self.tensors(root),
+            _ => Err(TorchProblem::Layers { reason: "the file has no dictionary of tensors".to_string() }),
+        }
+    }
+
     /// Returns the tensors of a dictionary, in its order.
     pub(super) fn tensors(&self, dictionary: &[(Rc<str>, Value)]) -> Result<Vec<NamedTensor>, TorchProblem> {
         let mut tensors = Vec::new();

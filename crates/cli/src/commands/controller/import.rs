@@ -1,9 +1,9 @@
 use std::io::Write;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result};
 use clap::Args;
-use mishandle::interchange::ImportOptions;
+use mishandle::interchange::{ImportOptions, Normalization};
 use mishandle::results::ControllerImport;
 use mishandle_text::plural;
 
@@ -19,8 +19,9 @@ use crate::show::output;
 
 FILE is a model of Stable-Baselines3 (PPO, A2C, SAC, TD3, DDPG), a checkpoint of skrl, or a state
 dictionary written by `torch.save(model.state_dict(), FILE)`. Its policy must be a multi-layer
-perceptron; other policies run as ONNX. Only weights are read: nothing in the file is unpickled or
-executed. docs/guide/import.md shows how to write the statistics of a VecNormalize.")]
+perceptron that acts as a controller can; other policies are refused with the reason and run as
+ONNX. Weights and texts are read: nothing in the file is unpickled or executed. docs/guide/import.md
+shows how to write the statistics of a VecNormalize.")]
 pub struct Arguments {
     /// Model or checkpoint: .zip, .pt or .pth
     pub file: PathBuf,
@@ -31,15 +32,16 @@ pub struct Arguments {
     #[arg(long, value_name = "FILE")]
     pub out: PathBuf,
     /// Activation of the hidden layers: elu, relu, tanh, silu, gelu, leaky_relu or identity
-    /// [default: that of the file]
+    /// [default: that of the file, if it says so]
     #[arg(long, value_name = "NAME")]
     pub activation: Option<String>,
     /// Activation of the last layer, by the same names [default: that of the algorithm, if the file
     /// shows it]
     #[arg(long, value_name = "NAME")]
     pub output_activation: Option<String>,
-    /// JSON file with the statistics that normalize observations: mean, variance, epsilon, clip
-    #[arg(long, value_name = "FILE")]
+    /// JSON file with the statistics that normalize observations (mean, variance, epsilon, clip),
+    /// or `none` if observations were not normalized [default: the statistics in the file]
+    #[arg(long, value_name = "FILE|none")]
     pub normalizer: Option<PathBuf>,
     /// Print one JSON document to stdout
     #[arg(long)]
@@ -50,16 +52,23 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
     let activation = command.activation.as_deref().map(str::parse).transpose().context("--activation")?;
     let output_activation =
         command.output_activation.as_deref().map(str::parse).transpose().context("--output-activation")?;
-    let normalizer = command.normalizer.as_deref().map(mishandle::resolve::read_normalizer).transpose()?;
+    let normalizer = match command.normalizer.as_deref() {
+        None => Normalization::OfFile,
+        Some(path) if path == Path::new("none") => Normalization::Nothing,
+        Some(path) => Normalization::Given(mishandle::resolve::read_normalizer(path)?),
+    };
     let options = ImportOptions { activation, output_activation, normalizer };
+    let is_given = matches!(options.normalizer, Normalization::Given(_));
     let file = mishandle::resolve::import_controller(&command.file, &command.task, &options)?;
+    let is_normalized = is_given || file.policy.observation_clip().is_some();
     output::write_new(&command.out, |out| Ok(out.write_all(&file.to_bytes())?))?;
     let network = file.policy.network();
     let (hidden, last) = (network.hidden_activation().to_string(), network.output_activation().to_string());
     let layers = network.sizes().len() - 1;
     let norm = if network.has_layer_norm() { ", layer normalization" } else { "" };
+    let normalized = if is_normalized { "normalized" } else { "not normalized" };
     output::message(&format!(
-        "wrote {}: {}, {}; activations {hidden} and {last}{norm}",
+        "wrote {}: {}, {}; activations {hidden} and {last}{norm}; observations are {normalized}",
         command.out.display(),
         file.header.training.command,
         plural(layers, "layer"),
@@ -73,7 +82,7 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
             hidden_activation: hidden,
             output_activation: last,
             layer_norm: network.has_layer_norm(),
-            normalized: command.normalizer.is_some() || file.policy.observation_clip().is_some(),
+            normalized: is_normalized,
             observation_clip: file.policy.observation_clip(),
             controller_hash: file.policy.hash(),
         })?;

@@ -1,0 +1,144 @@
+//! The values that a control step reads and writes: which output is the action.
+
+use std::collections::{HashMap, HashSet};
+
+use rten::Value;
+use rten_onnx::onnx::{GraphProto, ModelProto, ValueInfoProto};
+use rten_tensor::Layout;
+
+use super::interface::Interface;
+use crate::OnnxProblem;
+
+/// Largest number of tensors of the state.
+const MAX_STATES: usize = 100;
+
+/// Names by which exporters call the output with the action.
+const ACTION_NAMES: [&str; 2] = ["action", "actions"];
+
+/// The names of the values that a control step reads and writes.
+pub(super) struct Names {
+    pub observation: String,
+    /// The outputs that may be the action: the one that the description names, or all that are not
+    /// a state.
+    pub actions: Vec<String>,
+    pub states: Vec<(String, String)>,
+}
+
+impl Names {
+    pub(super) fn new(proto: &ModelProto, interface: &Interface) -> Result<Names, OnnxProblem> {
+        let invalid = |reason: String| OnnxProblem::Interface { place: "by name".to_string(), reason };
+        let empty = GraphProto::default();
+        let graph = proto.graph.as_ref().unwrap_or(&empty);
+        let name = |value: &ValueInfoProto| value.name.clone().unwrap_or_default();
+        // Old models list their weights as inputs, too.
+        let weights: HashSet<&str> =
+            graph.initializer.iter().filter_map(|tensor| tensor.name.as_deref()).collect();
+        let inputs: Vec<String> =
+            graph.input.iter().map(name).filter(|name| !weights.contains(name.as_str())).collect();
+        let outputs: Vec<String> = graph.output.iter().map(name).collect();
+        if interface.state.len() > MAX_STATES {
+            let found = interface.state.len();
+            return Err(invalid(format!("the state has {found} tensors; the limit is {MAX_STATES}")));
+        }
+        let states = interface.state.clone();
+        let observation = interface.observation.clone();
+        let free = inputs.iter().find(|name| states.iter().all(|(input, _)| input != *name));
+        let observation = observation.or_else(|| free.cloned());
+        let free = outputs.iter().filter(|name| states.iter().all(|(_, output)| output != *name));
+        let actions = interface.action.clone().map_or_else(|| free.cloned().collect(), |action| vec![action]);
+        let Some(observation) = observation.filter(|_| !actions.is_empty()) else {
+            return Err(invalid(
+                "the model needs an input for the observation and an output for the action".into(),
+            ));
+        };
+        let read: Vec<&String> = std::iter::once(&observation).chain(states.iter().map(|(i, _)| i)).collect();
+        let written: Vec<&String> = actions.iter().chain(states.iter().map(|(_, o)| o)).collect();
+        for (kind, used, known) in [("input", &read, &inputs), ("output", &written, &outputs)] {
+            if let Some(missing) = used.iter().find(|name| !known.contains(name)) {
+                let known = known.join(", ");
+                return Err(invalid(format!("the model has no {kind} `{missing}`; its {kind}s: {known}")));
+            }
+        }
+        if let Some(unused) = inputs.iter().find(|name| !read.contains(name)) {
+            return Err(invalid(format!(
+                "nothing says what the input `{unused}` is; name the observation, and the pairs of inputs and outputs of the \
+                 state, in the metadata or in a side file (docs/guide/onnx.md); a task has one vector of observations, so join \
+                 the inputs of a dictionary in the model"
+            )));
+        }
+        if read.iter().collect::<HashSet<_>>().len() != read.len() {
+            return Err(invalid("an input has two roles".into()));
+        }
+        Ok(Names { observation, actions, states })
+    }
+
+    /// Returns the output with the action: the one that the description names, the only one, the
+    /// one with such a name, or the only one with such a size.
+    pub(super) fn action(&self, values: &HashMap<String, Value>, size: usize) -> Result<&str, OnnxProblem> {
+        let missing = self.actions.iter().chain(self.states.iter().map(|(_, output)| output));
+        if let Some(missing) = missing.into_iter().find(|name| !values.contains_key(*name)) {
+            return Err(OnnxProblem::Format { reason: format!("no operator writes the output `{missing}`") });
+        }
+        let all: Vec<&String> = self.actions.iter().collect();
+        let named: Vec<&String> =
+            self.actions.iter().filter(|name| ACTION_NAMES.contains(&name.to_lowercase().as_str())).collect();
+        let fits = |name: &&String| values.get(*name).is_some_and(|value| is_action(value, size));
+        let fitting: Vec<&String> = self.actions.iter().filter(fits).collect();
+        match (&all[..], &named[..], &fitting[..]) {
+            ([action], _, _) | (_, [action], _) | (_, _, [action]) => Ok(action),
+            (_, _, fitting) => {
+                let found = if fitting.is_empty() { "none" } else { "several" };
+                Err(OnnxProblem::Interface {
+                    place: "its outputs".to_string(),
+                    reason: format!(
+                        "nothing says which output is the action: {}; {found} of them have {size} numbers; name it by \
+                         `action` in the metadata or in a side file (docs/guide/onnx.md)",
+                        self.actions.join(", ")
+                    ),
+                })
+            }
+        }
+    }
+}
+
+/// Checks the shapes of the action and of the state after a control step.
+pub(super) fn check_outputs(
+    values: &HashMap<String, Value>,
+    action: &str,
+    states: &[(Vec<usize>, &(String, String))],
+    task: &str,
+    expected: usize,
+) -> Result<(), OnnxProblem> {
+    if !values.get(action).is_some_and(|value| is_action(value, expected)) {
+        let found = values.get(action).map_or("of no tensor".to_string(), type_text);
+        let (task, name) = (task.to_string(), action.to_string());
+        return Err(OnnxProblem::Shape { task, side: "action", name, found, expected });
+    }
+    for (shape, (input, output)) in states {
+        let found = values.get(output).and_then(float_shape);
+        if found.as_ref() != Some(shape) {
+            let found = values.get(output).map_or("no tensor".to_string(), type_text);
+            return Err(OnnxProblem::Interface {
+                place: "its state".to_string(),
+                reason: format!(
+                    "the output `{output}` has the shape {found}, but the input `{input}` has {shape:?}"
+                ),
+            });
+        }
+    }
+    Ok(())
+}
+
+fn is_action(value: &Value, expected: usize) -> bool {
+    matches!(float_shape(value).as_deref(), Some([1, size] | [size]) if *size == expected)
+}
+
+/// Returns the shape of a value, and that its numbers are integers if they are.
+fn type_text(value: &Value) -> String {
+    let integers = if float_shape(value).is_some() { "" } else { " of integers" };
+    format!("{:?}{integers}", value.shape().to_vec())
+}
+
+fn float_shape(value: &Value) -> Option<Vec<usize>> {
+    matches!(value, Value::FloatTensor(_)).then(|| value.shape().to_vec())
+}
