@@ -126,7 +126,7 @@ fn run_requests(
     mut run: RunWriter,
     mut watch: impl FnMut(u64) -> ControlFlow<()>,
 ) -> Result<EvaluationOutcome, MishandleError> {
-    header::check(run.file().header(), resolved)?;
+    header::check_run(run.file(), resolved)?;
     check_trials(resolved, run.file())?;
     let (plan, roles) = (&resolved.plan, FormulaRoles::of(&resolved.specification));
     let mut metrics =
