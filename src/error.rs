@@ -327,7 +327,9 @@ pub enum MishandleError {
         found: String,
     },
     /// The plan lacks the table of the command.
-    #[error("cannot {table}: the plan has no table [{table}]; resume a run with the command that made it")]
+    #[error(
+        "the run has no settings of `{table}`; continue it with the command or the function that made it"
+    )]
     MissingPlanTable {
         /// Name of the missing table.
         table: &'static str,

@@ -1304,6 +1304,9 @@ class ComparedRun:
     """Hash of what the controller does; ``None`` without one."""
     target_hash: str
     """Hash of the target."""
+    not_covered: tuple[str, ...]
+    """Parts of the target that its hash does not cover, so that an equal hash does not say that
+    they are the same."""
     commit: str
     """Git commit of the program that made the run."""
 
@@ -1748,8 +1751,8 @@ class RegressionTest:
     values: tuple[float, float] | None
     """Values of its two sides."""
     same_target: bool | None
-    """Whether the target has the recorded hash; ``None`` after an error, and if the recorded
-    controller cannot be loaded."""
+    """Whether the target has the recorded hash; ``None`` after an error, if the recorded
+    controller cannot be loaded, and if the hash does not cover all of the target."""
     repeats: Repeats | None
     """Simulations with other seeds; ``None`` without ``--repeat``, without randomness and after
     an error."""

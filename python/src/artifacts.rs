@@ -99,7 +99,8 @@ pub fn regress(
     repeats: u64,
     max_failure_rate: f64,
 ) -> PyResult<(String, String)> {
-    let tested = Tested::Target { target: &target.target, baseline: baseline.map(|baseline| &baseline.target) };
+    let tested =
+        Tested::Target { target: &target.target, baseline: baseline.map(|baseline| &baseline.target) };
     let suite = Suite { folder: &folder, tested, repeats, max_failure_rate };
     let found = detached(py, target, || {
         let read = |source| Error::File { path: folder.clone(), source };

@@ -43,7 +43,8 @@ impl<T: Send> Pool<T> {
             check_range("`threads`", threads, MAX_THREADS)?;
             let cores = std::thread::available_parallelism().map_or(usize::MAX, usize::from);
             if threads > cores {
-                let message = format!("threads={threads} is more than the {cores} cores, which makes nothing faster");
+                let message =
+                    format!("threads={threads} is more than the {cores} cores, which makes nothing faster");
                 warn(&message, 1)?;
             }
         }

@@ -365,7 +365,9 @@ fn differences(a: &RunHeader, b: &RunHeader) -> Vec<String> {
         .map(|name| format!("{name}: A has {}, B has {}", fact(&a_facts, name), fact(&b_facts, name)))
         .collect();
     if !a_facts.contains_key("task preset") && !b_facts.contains_key("task preset") {
-        found.push("preset and noise: the plans of A and B cannot be read, so they are not compared".to_string());
+        found.push(
+            "preset and noise: the plans of A and B cannot be read, so they are not compared".to_string(),
+        );
     }
     found
 }

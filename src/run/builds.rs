@@ -79,8 +79,7 @@ pub(crate) fn differences_of_builds(
 /// Describes the present build with the versions of the target's software.
 fn description(resolved: &ResolvedPlan) -> String {
     let BuildRecord { program_version, git_commit, target, rustc, architecture } = build();
-    let mut parts =
-        vec![format!("mishandle {program_version} ({git_commit})"), rustc, target, architecture];
+    let mut parts = vec![format!("mishandle {program_version} ({git_commit})"), rustc, target, architecture];
     parts.extend(resolved.target.versions.iter().map(|(name, version)| format!("{name} {version}")));
     parts.join(", ")
 }

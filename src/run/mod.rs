@@ -25,8 +25,8 @@ pub(crate) mod screening;
 pub(crate) mod violation;
 
 pub use again::{run_simulations, run_trial};
-pub use builds::{admit_build, build_differences, continued_builds};
 pub(crate) use builds::differences_of_builds;
+pub use builds::{admit_build, build_differences, continued_builds};
 pub use campaign::{CampaignRun, campaign_runs, create_campaign, free_campaign_folder};
 pub use completion::unfinished;
 pub use end_text::end_text;
