@@ -547,11 +547,13 @@ def fingerprint(before: Walk, after: Walk, first: dict[str, str]) -> Fingerprint
         if then != now and not now.is_code and not is_new_code:
             changed.add(path)
     changed |= {path for path, leaf in before.leaves.items() if path not in after.leaves and not leaf.is_code}
-    for path, leaf in before.leaves.items():
-        if any(part in changed for part in _prefixes(path)):
-            first.setdefault(path, "" if leaf.changed is not None else leaf.digest)
-    for path in changed:
-        first.setdefault(path, "")
+    # What is in a part that changed before is not from the start.
+    known = set(first)
+    for path in {*before.leaves, *changed}:
+        parts = list(_prefixes(path))
+        if any(part in changed for part in parts) and not any(part in known for part in parts):
+            leaf = before.leaves.get(path)
+            first[path] = "" if leaf is None or leaf.changed is not None else leaf.digest
     digest = hashlib.sha256()
     for path, leaf in sorted({**before.leaves, **after.leaves}.items()):
         parts = list(_prefixes(path))
