@@ -224,6 +224,34 @@ pub enum MishandleError {
         /// Each difference, with the recorded and the expected value.
         differences: Vec<String>,
     },
+    /// Another build than those of the run would add rows to it.
+    #[error(
+        "another build made the run, and its rows would stand beside those of this one: {}; continue it with the build of the \
+         run, or pass --any-build (in Python any_build=True), which records this build in the run file, too",
+        differences.join("; ")
+    )]
+    OtherBuild {
+        /// Each difference, with the recorded and the present value.
+        differences: Vec<String>,
+    },
+    /// A system that is not part of this program does something else than in the run.
+    #[error(
+        "the system is not that of the run, although its hash is the recorded one: the first recorded simulation differs: {}; \
+         resume with the code, data and libraries of the run, or make a new run file",
+        differences.join("; ")
+    )]
+    OtherSystem {
+        /// Each difference, with the recorded and the repeated value.
+        differences: Vec<String>,
+    },
+    /// A recorded simulation has no digest of its trace, so that no replay could be compared with it.
+    #[error("the run file was changed: simulation {number} of trial {trial} has no digest of its trace")]
+    NoDigest {
+        /// Number of the trial.
+        trial: u32,
+        /// Number of the simulation.
+        number: u32,
+    },
     /// The simulation has no robustness.
     #[error(
         "simulation {number} of trial {trial} has no robustness, so there is nothing to explain; choose another one"
@@ -299,7 +327,9 @@ pub enum MishandleError {
         found: String,
     },
     /// The plan lacks the table of the command.
-    #[error("cannot {table}: the plan has no table [{table}]; resume a run with the command that made it")]
+    #[error(
+        "the run has no settings of `{table}`; continue it with the command or the function that made it"
+    )]
     MissingPlanTable {
         /// Name of the missing table.
         table: &'static str,

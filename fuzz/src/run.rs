@@ -46,6 +46,7 @@ pub fn header(signals: usize) -> RunHeader {
         signals: (0..signals).map(|i| SignalRecord { name: format!("d{i}"), unit: "m".into() }).collect(),
         axes: vec![axis("target_x", Some(0.5)), axis("target_y", None)],
         verdicts: vec!["strict_robustness".into()],
+        preflight: vec![],
     }
 }
 

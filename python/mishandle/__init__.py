@@ -1,5 +1,6 @@
 """Finds scenarios in which a robot controller fails."""
 
+from mishandle import sb3
 from mishandle._native import TrainingEpisodes, __version__
 from mishandle.axes import Attribute, Axis, ResetOption
 from mishandle.controllers import Controller, load_controller
@@ -15,8 +16,10 @@ from mishandle.explanations import Comparison, Explanation, compare
 from mishandle.falsification import Evaluation, Exports, Falsification, evaluate, falsify
 from mishandle.formulas import Formula, robustness
 from mishandle.margins import Margin, margin
+from mishandle.limits import TimeLimitExceeded
 from mishandle.objectives import Objective
 from mishandle.plots import plot_comparison, plot_robustness_map, plot_search_progress, plot_survival, plot_trace
+from mishandle.processes import JsonProcess
 from mishandle.ray import RayExecutor
 from mishandle.results import ComparedPair, Estimate, FailureMode, Regression, Repeats, Trial, Witness
 from mishandle.risks import Risk, risk
@@ -43,6 +46,7 @@ __all__ = [
     "InvalidStateError",
     "InvalidTypeError",
     "InvalidValueError",
+    "JsonProcess",
     "Margin",
     "Minimum",
     "MishandleError",
@@ -57,6 +61,7 @@ __all__ = [
     "Run",
     "Search",
     "Simulation",
+    "TimeLimitExceeded",
     "TaskEnv",
     "TaskVectorEnv",
     "TrainingEpisodes",
@@ -80,6 +85,7 @@ __all__ = [
     "replay",
     "risk",
     "robustness",
+    "sb3",
     "search_names",
     "simulate",
 ]

@@ -57,8 +57,10 @@ def check_number(name: str, value: object, least: int) -> None:
         raise InvalidValueError(f"{name} is {value!r}; it must be a whole number from {least} to {2**64 - 1}")
 
 
-def check_out(out: str | os.PathLike[str] | None, resume: bool) -> None:
+def check_out(out: str | os.PathLike[str] | None, resume: bool, any_build: bool) -> None:
     """Checks that a new run file does not exist and that a run to continue does."""
+    if any_build and not resume:
+        raise InvalidValueError("any_build=True continues a run of another build; it needs resume=True")
     if resume and out is None:
         raise InvalidValueError("resume=True needs the run file as `out`")
     if out is None or os.path.exists(out) == resume:

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable, Mapping, MutableMapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, fields
 from functools import lru_cache
 from typing import Any, Union
 
@@ -58,8 +58,9 @@ class Axis:
         Unit, for instance ``"m"``; empty for dimensionless numbers.
     values : str or sequence of str
         ``"continuous"``, ``"logarithmic"``, ``"integer"``, or the names of a categorical axis.
-    nominal : float, optional
-        Value in an undisturbed episode: by default the middle of the bounds, or the first name.
+    nominal : float or str, optional
+        Value in an undisturbed episode: by default the middle of the bounds, or the first name. A name can be given by its number,
+        from 0, too.
     kind : str
         ``"start"`` (initial state), ``"model"`` (constant of the system), ``"event"``, ``"input"`` or ``"noise"``.
     meaning : str
@@ -75,7 +76,9 @@ class Axis:
     >>> Axis("mass", 0.1, 10.0, "kg", values="logarithmic").nominal_value
     1.0
     >>> Axis("surface", values=["dry", "wet"]).nominal_value
-    0.0
+    'dry'
+    >>> Axis("surface", values=["dry", "wet"], nominal="wet").nominal
+    1.0
     """
 
     name: str
@@ -83,7 +86,7 @@ class Axis:
     high: float = 0.0
     unit: str = ""
     values: str | Sequence[str] = "continuous"
-    nominal: float | None = None
+    nominal: float | str | None = None
     kind: str = "start"
     meaning: str = ""
     apply: Application | None = None
@@ -103,11 +106,15 @@ class Axis:
             raise InvalidValueError(f"axis `{self.name}` needs at least two different names, got {list(self.values)!r}")
         object.__setattr__(self, "low", 0.0)
         object.__setattr__(self, "high", float(len(self.values) - 1))
+        if isinstance(self.nominal, str):
+            object.__setattr__(self, "nominal", self.number(self.nominal))
         self._check_nominal()
 
     def _check_nominal(self) -> None:
         if self.nominal is None:
             return
+        if isinstance(self.nominal, str):
+            raise InvalidValueError(f"the nominal value of axis `{self.name}` is {self.nominal!r}; the axis has no names")
         is_whole = self.values in ("continuous", "logarithmic") or float(self.nominal).is_integer()
         if not (self.low <= self.nominal <= self.high and is_whole):
             raise InvalidValueError(
@@ -116,12 +123,17 @@ class Axis:
             )
 
     @property
-    def nominal_value(self) -> float:
+    def nominal_value(self) -> Value:
+        """Value in an undisturbed episode, as the system receives it: a float, an integer or a name."""
+        return self.value(self.nominal_number)
+
+    @property
+    def nominal_number(self) -> float:
         """Number of the value in an undisturbed episode. Names are numbered from 0."""
         if self.nominal is not None:
             return float(self.nominal)
         if not isinstance(self.values, str):
-            return 0.0
+            return self.low
         if self.values == "logarithmic":
             return math.sqrt(self.low * self.high)
         middle = self.low * 0.5 + self.high * 0.5
@@ -137,21 +149,37 @@ class Axis:
             if isinstance(self.values, str) or value not in self.values:
                 names = "it has no names" if isinstance(self.values, str) else f"expected one of {list(self.values)!r}"
                 raise InvalidValueError(f"axis `{self.name}` has no value {value!r}; {names}")
-            return float(self.values.index(value))
+            return self.low + self.values.index(value)
         return float(value)
 
+    def value(self, number: float) -> Value:
+        """Returns the value of a number, as the system receives it.
+
+        >>> Axis("surface", values=["dry", "wet"]).value(1.0), Axis("delay", 0, 3, values="integer").value(2.0)
+        ('wet', 2)
+        """
+        if not isinstance(self.values, str):
+            return self.values[int(number - self.low)]
+        return int(number) if self.values == "integer" else number
+
     @classmethod
-    def from_native(cls, given: tuple[str, str, str, float, float, float | None, list[str], str]) -> Axis:
-        """Returns the axis of a task."""
+    def from_native(
+        cls, given: tuple[str, str, str, float, float, float | None, list[str], str], apply: Application | None = None
+    ) -> Axis:
+        """Returns an axis of the extension module. A setting can have left it one value only."""
         kind, name, unit, low, high, nominal, values, meaning = given
-        kinds: str | list[str] = values[0] if len(values) == 1 else values
-        return cls(name, low, high, unit, kinds, nominal, kind, meaning)
+        is_number = values[0] in ("continuous", "logarithmic", "integer") and len(values) == 1
+        kinds: str | list[str] = values[0] if is_number else values
+        axis = object.__new__(cls)
+        for each, value in zip(fields(cls), (name, low, high, unit, kinds, nominal, kind, meaning, apply)):
+            object.__setattr__(axis, each.name, value)
+        return axis
 
     def to_native(self) -> tuple[str, str, str, float, float, float | None, list[str], str]:
         """Returns the axis as the extension module takes it."""
         values = [self.values] if isinstance(self.values, str) else list(self.values)
         bounds = float(self.low), float(self.high)
-        return self.kind, self.name, self.unit, *bounds, self.nominal_value, values, self.meaning
+        return self.kind, self.name, self.unit, *bounds, self.nominal_number, values, self.meaning
 
 
 _SEGMENT = re.compile(r"([A-Za-z_]\w*)((?:\[\s*-?\d+\s*(?:,\s*-?\d+\s*)*\])*)")
@@ -190,32 +218,3 @@ def follower(segments: Sequence[tuple[str, tuple[Any, ...]]]) -> Callable[[Any],
         return start
 
     return follow
-
-
-def set_path(start: Any, path: str, value: Any) -> None:
-    """Sets the value at a path.
-
-    >>> settings = {"speeds": [20.0, 30.0]}
-    >>> set_path(settings, "speeds[0]", 25.0)
-    >>> settings
-    {'speeds': [25.0, 30.0]}
-    """
-    segments = parse_path(path)
-    *parents, (name, indexes) = segments
-    for parent, parent_indexes in parents:
-        start = start[parent] if isinstance(start, Mapping) else getattr(start, parent)
-        for index in parent_indexes:
-            start = start[index]
-    # Also raises if there is no such attribute: setting a new one would have no effect on the
-    # environment.
-    found = start[name] if isinstance(start, Mapping) else getattr(start, name)
-    if not indexes:
-        if isinstance(start, MutableMapping):
-            start[name] = value
-        else:
-            setattr(start, name, value)
-        return
-    start = found
-    for index in indexes[:-1]:
-        start = start[index]
-    start[indexes[-1]] = value

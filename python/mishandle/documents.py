@@ -5,14 +5,14 @@ from __future__ import annotations
 import json
 import os
 import pathlib
-from typing import Any, TypeVar, Union
+from typing import Any, TypeVar
 
 from mishandle import _native, results
 from mishandle.errors import MishandleError
+from mishandle.files import PathLike, write_text
 from mishandle.runs import open_run
 
 Result = TypeVar("Result")
-PathLike = Union[str, "os.PathLike[str]"]
 
 
 def read(kind: type[Result], text: str, **others: Any) -> Result:
@@ -25,8 +25,7 @@ def write_counterexample(run: PathLike, trial: int, simulation: int, path: PathL
     file = pathlib.Path(path)
     if file.suffix.lower() != ".json":
         raise MishandleError(f"the counterexample file is {os.fspath(path)}; its name must end with .json")
-    file.write_text(_native.counterexample(os.fspath(run), trial, simulation), encoding="utf-8")
-    return file
+    return write_text(file, _native.counterexample(os.fspath(run), trial, simulation))
 
 
 class RunResult:
@@ -67,4 +66,4 @@ class RunResult:
             open_run(self.path).report(path, simulate=simulate, probes=probes)
             return
         html = _native.report(self.remembered, os.fspath(self.path), probes)
-        pathlib.Path(path).write_text(html, encoding="utf-8")
+        write_text(path, html)

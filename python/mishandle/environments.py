@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import inspect
 import math
 import time
@@ -12,10 +13,11 @@ from typing import Any
 import gymnasium
 import numpy as np
 
-from mishandle.axes import Attribute, Axis, ResetOption, Value, follower, parse_path, set_path
+from mishandle.attributes import Attributes
+from mishandle.axes import Attribute, Axis, ResetOption, Value, follower, parse_path
 from mishandle.errors import InvalidScenario, InvalidTypeError, InvalidValueError
 from mishandle.limits import TimeLimitExceeded, check_time_limit, limited
-from mishandle.policies import Policy, as_policy, policy_hash, source_text
+from mishandle.policies import Policy, as_policy
 from mishandle.systems import Outcome, Scenario, Source, System
 
 
@@ -53,14 +55,9 @@ class PolicySystem(System):
         self.versions = [("gymnasium", gymnasium.__version__), ("numpy", np.__version__)]
         self.exceptions = []
 
-    def description(self) -> str:
-        spec = self._environment.spec
-        sources = [source if isinstance(source, str) else source_text(source) for source in self.sources]
-        applications = [
-            repr(axis.apply) if not callable(axis.apply) else source_text(axis.apply) for axis in self.space.values()
-        ]
-        parts = [spec.to_json() if spec is not None else "", source_text(self._environment.unwrapped)]
-        return "\n".join([*parts, policy_hash(self._policy_source), *sources, *applications])
+    def code(self) -> list[Any]:
+        applications = [axis.apply for axis in self.space.values()]
+        return [self._environment.unwrapped, self._policy_source, self.sources, applications]
 
     def first_sample(self, unwrapped: Any, observation: Any, info: Mapping[str, Any]) -> tuple[list[float], list[int]]:
         """Returns the signals after a reset, and the columns of values that only the ``info`` of a step contains; they are NaN
@@ -129,6 +126,11 @@ class EnvironmentSystem(PolicySystem):
         first = self._environments[0]
         if not isinstance(first, gymnasium.Env):
             raise InvalidTypeError(f"a {type(environment).__name__} is not a Gymnasium environment or a vector of them")
+        if len({id(each.unwrapped) for each in self._environments}) < len(self._environments):
+            raise InvalidValueError(
+                "two sub-environments of the vector environment are the same object, so they cannot have scenarios of their own; each "
+                "function of the vector environment must make a new one"
+            )
         super().__init__(first, policy, space, **options)
 
     def __getstate__(self) -> dict[str, Any]:
@@ -151,9 +153,20 @@ class EnvironmentSystem(PolicySystem):
         return [outcome for chunk in chunks for outcome in self._together(chunk)]
 
     def _together(self, chunk: Sequence[tuple[Scenario, int]]) -> list[Outcome]:
-        rows = [_Row(self, environment) for environment in self._environments[: len(chunk)]]
-        for row, (scenario, seed) in zip(rows, chunk):
-            row.reset(scenario, seed)
+        rows = [_Row(self, environment, *pair) for environment, pair in zip(self._environments, chunk)]
+        try:
+            return self._run(rows)
+        finally:
+            for row in reversed(rows):
+                row.attributes.restore()
+
+    def _run(self, rows: list[_Row]) -> list[Outcome]:
+        for row in rows:
+            row.set()
+        for row in rows:
+            row.check_own()
+        for row in rows:
+            row.reset()
         self.policy.reset(len(rows))
         for step in range(1, self.steps + 1):
             running = [row for row in rows if row.outcome is None]
@@ -171,26 +184,34 @@ class EnvironmentSystem(PolicySystem):
                 row.step(action, step)
         return [row.finish() for row in rows]
 
-    def apply(self, environment: Any, scenario: Scenario) -> tuple[dict[str, Any], list[tuple[Any, Value]]]:
-        """Sets attributes; returns the options of the reset and the functions to call after it."""
+    def applications(
+        self, scenario: Scenario
+    ) -> tuple[list[tuple[str, Value]], dict[str, Any], list[tuple[Callable[..., Any], Value]]]:
+        """Returns the attributes to set, the options of the reset, and the functions to call after it."""
+        attributes: list[tuple[str, Value]] = []
         options: dict[str, Any] = {}
-        later: list[tuple[Any, Value]] = []
+        later: list[tuple[Callable[..., Any], Value]] = []
         for name, value in scenario.items():
             application = self.space[name].apply
             if application is None or isinstance(application, ResetOption):
                 set_option(options, name if application is None else application.name, value)
             elif isinstance(application, Attribute):
-                set_path(environment.unwrapped, application.path, value)
+                attributes.append((application.path, value))
             else:
                 later.append((application, value))
-        return options, later
+        return attributes, options, later
 
 
 class _Row:
     """One simulation in one environment."""
 
-    def __init__(self, system: EnvironmentSystem, environment: Any) -> None:
+    def __init__(self, system: EnvironmentSystem, environment: Any, scenario: Scenario, seed: int) -> None:
         self._system = system
+        self._applications = system.applications(scenario)
+        # Some environments take seeds of 32 bits only.
+        self._seed = seed % 2**31
+        self.attributes = Attributes()
+        self._own: list[Any] = []
         self._environment = environment
         self._unwrapped: Any = None
         self._samples: list[list[float]] = []
@@ -201,14 +222,30 @@ class _Row:
         self.observation: Any = None
         self.outcome: Outcome | None = None
 
-    def reset(self, scenario: Scenario, seed: int) -> None:
-        self._guarded(self._start, (scenario, seed), 0)
+    def set(self) -> None:
+        """Sets the attributes of the scenario."""
+        self._guarded(self._set, None, 0)
 
-    def _start(self, start: tuple[Scenario, int], step: int) -> None:
-        scenario, seed = start
-        options, later = self._system.apply(self._environment, scenario)
-        # Some environments take seeds of 32 bits only.
-        observation, info = self._environment.reset(seed=seed % 2**31, options=options or None)
+    def _set(self, argument: None, step: int) -> None:
+        self.attributes.set(self._environment.unwrapped, self._applications[0])
+        self._own = copy.deepcopy(self.attributes.values())
+
+    def check_own(self) -> None:
+        """Checks that no other row has set the same attributes since."""
+        if self.outcome is None and not all(map(np.array_equal, self.attributes.values(), self._own)):
+            paths = ", ".join(path for path, _ in self._applications[0])
+            raise InvalidValueError(
+                f"the sub-environments of the vector environment share what the axes set ({paths}), so they cannot have scenarios of "
+                "their own; each sub-environment needs objects of its own"
+            )
+
+    def reset(self) -> None:
+        if self.outcome is None:
+            self._guarded(self._start, None, 0)
+
+    def _start(self, argument: None, step: int) -> None:
+        _, options, later = self._applications
+        observation, info = self._environment.reset(seed=self._seed, options=options or None)
         for function, value in later:
             changed = function(self._environment, value)
             observation = observation if changed is None else changed

@@ -9,6 +9,7 @@ import pathlib
 from typing import NamedTuple
 
 from mishandle import _native, results
+from mishandle.files import write_text
 
 
 class Explanation(results.Explanation):
@@ -42,7 +43,7 @@ class Comparison(results.Comparison):
     def report(self, path: str | os.PathLike[str]) -> None:
         """Writes a page about the comparison: one HTML file that loads nothing. An existing file is replaced."""
         html = _native.comparison_page(self.first.run, self.second.run)
-        pathlib.Path(path).write_text(html, encoding="utf-8")
+        write_text(path, html)
 
 
 def compare(first: str | os.PathLike[str], second: str | os.PathLike[str]) -> Comparison:

@@ -14,9 +14,10 @@ from typing_extensions import Unpack
 from mishandle import _native, results
 from mishandle.arguments import check_number, check_out
 from mishandle.axes import Axis
-from mishandle.documents import PathLike, RunResult, read
+from mishandle.documents import RunResult, read
 from mishandle.errors import InvalidTypeError, InvalidValueError, MishandleError
 from mishandle.explanations import Explanation
+from mishandle.files import PathLike, write_text
 from mishandle.interruption import Progress, deliver
 from mishandle.results import Trial
 from mishandle.runs import open_run
@@ -40,6 +41,8 @@ class Falsification(RunResult, results.Falsification):
     """Largest difference between two simulations of the nominal scenario with the same seed."""
     exceptions: list[str] = field(default_factory=list)
     """Tracebacks of exceptions of the system."""
+    not_covered: tuple[str, ...] = ()
+    """Parts of the system that its hash does not cover."""
 
     @property
     def counterexamples(self) -> list[Trial]:
@@ -73,9 +76,8 @@ class Falsification(RunResult, results.Falsification):
         if minimize and target is None:
             raise MishandleError("a copy of a result does not know its system; minimize with the result itself")
         text, files = _native.export(os.fspath(self.path), os.fspath(folder), target=target, budget=budget)
-        pathlib.Path(folder).mkdir(parents=True, exist_ok=True)
         for file, content in files:
-            pathlib.Path(file).write_text(content, encoding="utf-8")
+            write_text(file, content)
         return read(Exports, text)
 
 
@@ -87,6 +89,8 @@ class Evaluation(RunResult, results.Evaluation):
     """Largest difference between two simulations of the nominal scenario with the same seed."""
     exceptions: list[str] = field(default_factory=list)
     """Tracebacks of exceptions of the system."""
+    not_covered: tuple[str, ...] = ()
+    """Parts of the system that its hash does not cover."""
 
 
 def falsify(
@@ -107,6 +111,7 @@ def falsify(
     seed: int = 0,
     out: PathLike | None = None,
     resume: bool = False,
+    any_build: bool = False,
     durable: bool = False,
     progress: Progress | None = None,
     **target: Unpack[TargetOptions],
@@ -148,7 +153,11 @@ def falsify(
     out : path, optional
         Run file; by default the first free name in the folder ``runs``.
     resume : bool
-        Whether to continue the run in ``out``. Its recorded simulations are not repeated.
+        Whether to continue the run in ``out``. Its recorded simulations are not repeated, except for the first one of a system that is
+        deterministic: if it differs, the system is not that of the run.
+    any_build : bool
+        With ``resume``: whether this build of Mishandle, MuJoCo and the packages of the system may continue a run that another one
+        started. Both are then in the run file (:attr:`Run.builds`).
     durable : bool
         Whether each batch is synced to the disk, so that a power failure loses none.
     progress : callable, optional
@@ -156,8 +165,8 @@ def falsify(
     **target
         Arguments that describe the system, the same for all functions: ``policy``, ``batched_policy``, ``signals``, ``units``
         (of the signals of a function), ``steps`` (control steps of an episode), ``control_dt`` (seconds), ``termination``,
-        ``time_limit`` (seconds), ``preset``, ``axes``, ``stochastic``, ``action_noise``, ``observation_noise`` and ``rows`` (of a task),
-        ``name`` and ``executor``. See
+        ``time_limit`` (seconds), ``axes``, ``preset``, ``stochastic``, ``action_noise``, ``observation_noise`` and ``rows`` (of a task),
+        ``name``, ``version``, ``files`` and ``executor``. See
         :class:`mishandle.targets.TargetOptions`.
 
     Returns
@@ -183,7 +192,7 @@ def falsify(
     >>> found.counterexamples[0].scenario["speed"] > 8
     True
     """
-    check_out(out, resume)
+    check_out(out, resume, any_build)
     check_number("seed", seed, 0)
     for name, value in [("trials", trials), ("budget", budget), ("batch", batch)]:
         check_number(name, value, 1)
@@ -211,11 +220,10 @@ def falsify(
         new_mode_rate=new_mode_rate,
         repeats=repeats,
         seed=seed,
-        out=(None if out is None else os.fspath(out), resume, durable),
+        out=(None if out is None else os.fspath(out), resume, durable, any_build),
         progress=progress,
     )
-    others = {"largest_difference": found.largest_difference, "exceptions": found.system.exceptions}
-    result = deliver(read(Falsification, text, **others), interruption)
+    result = deliver(read(Falsification, text, **found.facts), interruption)
     result.remember(found.native)
     undecided = sum(trial.undecided for trial in result.trials)
     if undecided > 0:
@@ -244,6 +252,7 @@ def evaluate(
     seed: int = 0,
     out: PathLike | None = None,
     resume: bool = False,
+    any_build: bool = False,
     durable: bool = False,
     progress: Progress | None = None,
     **target: Unpack[TargetOptions],
@@ -261,7 +270,7 @@ def evaluate(
     >>> (found.success_rate.value, [point.successes for point in found.corners.points])
     (1.0, [1, 1, 1])
     """
-    check_out(out, resume)
+    check_out(out, resume, any_build)
     check_number("seed", seed, 0)
     check_number("episodes", episodes, 1)
     check_number("batch", batch, 1)
@@ -277,10 +286,9 @@ def evaluate(
         episodes=episodes,
         batch=batch,
         seed=seed,
-        out=(None if out is None else os.fspath(out), resume, durable),
+        out=(None if out is None else os.fspath(out), resume, durable, any_build),
         progress=progress,
     )
-    others = {"largest_difference": found.largest_difference, "exceptions": found.system.exceptions}
-    result = deliver(read(Evaluation, text, **others), interruption)
+    result = deliver(read(Evaluation, text, **found.facts), interruption)
     result.remember(found.native)
     return result

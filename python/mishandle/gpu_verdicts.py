@@ -130,6 +130,7 @@ def draws(axes: list[_native.AxisTuple], sample: Sample) -> list[tuple[list[floa
         depends_on_seed=True,
         termination="undecided",
         components=[],
+        not_covered=[],
         versions=[],
         simulate=simulate,
     )
@@ -141,7 +142,7 @@ def draws(axes: list[_native.AxisTuple], sample: Sample) -> list[tuple[list[floa
         batch=sample.simulations,
         distributions={},
         seed=sample.seed,
-        out=(None, False, False),
+        out=(None, False, False, False),
         progress=None,
     )
     return drawn

@@ -13,8 +13,9 @@ from typing_extensions import Unpack
 from mishandle import _native, results
 from mishandle.arguments import check_number, check_out
 from mishandle.axes import Axis
-from mishandle.documents import PathLike, RunResult, read, write_counterexample
+from mishandle.documents import RunResult, read, write_counterexample
 from mishandle.errors import MishandleError
+from mishandle.files import PathLike
 from mishandle.interruption import Progress, after_the_batch, deliver
 from mishandle.targets import Formulas, Space, TargetOptions, make_target
 
@@ -27,6 +28,8 @@ class Margin(RunResult, results.Margin):
     """Largest difference between two simulations of the nominal scenario with the same seed."""
     exceptions: list[str] = field(default_factory=list)
     """Tracebacks of exceptions of the system."""
+    not_covered: tuple[str, ...] = ()
+    """Parts of the system that its hash does not cover."""
 
     def export(self, path: PathLike) -> pathlib.Path:
         """Writes the witness as a counterexample file (``.json``), for :func:`replay` and :func:`regress`.
@@ -47,6 +50,7 @@ def margin(
     seed: int = 0,
     out: PathLike | None = None,
     resume: bool = False,
+    any_build: bool = False,
     durable: bool = False,
     progress: Progress | None = None,
     **target: Unpack[TargetOptions],
@@ -69,7 +73,11 @@ def margin(
     out : path, optional
         Run file; by default the first free name in the folder ``runs``.
     resume : bool
-        Whether to continue the run in ``out``. Its recorded simulations are not repeated.
+        Whether to continue the run in ``out``. Its recorded simulations are not repeated, except for the first one of a system that is
+        deterministic: if it differs, the system is not that of the run.
+    any_build : bool
+        With ``resume``: whether this build of Mishandle, MuJoCo and the packages of the system may continue a run that another one
+        started. Both are then in the run file (:attr:`Run.builds`).
     durable : bool
         Whether each batch is synced to the disk, so that a power failure loses none.
     progress : callable, optional
@@ -98,7 +106,7 @@ def margin(
     >>> 0.8 < found.witness.amplitude < 0.82
     True
     """
-    check_out(out, resume)
+    check_out(out, resume, any_build)
     check_number("seed", seed, 0)
     check_number("budget", budget, 1)
     if isinstance(system, str) and space is None and isinstance(target.get("policy", ""), (str, os.PathLike)):
@@ -108,12 +116,11 @@ def margin(
         _native.check_margin([axis.to_native() for axis in space], budget=budget)
 
     made = make_target(system, formula, space, target, check)
-    run = (None if out is None else os.fspath(out), resume, durable)
+    run = (None if out is None else os.fspath(out), resume, durable, any_build)
     with after_the_batch(progress) as report:
         numbers = {"budget": budget, "seed": seed}
         text, interruption, _ = _native.margin(made.native, formula=made.formula, out=run, progress=report, **numbers)
-    others = {"largest_difference": made.largest_difference, "exceptions": made.system.exceptions}
-    result = read(Margin, text, **others)
+    result = read(Margin, text, **made.facts)
     result.remember(made.native)
     if interruption is None and all(level.minimum_robustness is None for level in result.levels):
         raise untested(made.system.exceptions)

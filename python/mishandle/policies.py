@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
-import functools
 import hashlib
-import inspect
 import pathlib
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from typing import Any, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mishandle.controllers import Controller
 from mishandle.errors import InvalidTypeError, InvalidValueError
+from mishandle.fingerprints import fingerprint, walk
 from mishandle.onnx_files import model_files
 from mishandle.onnx_policies import OnnxPolicy
 
@@ -65,76 +63,8 @@ def as_policy(policy: Any, batched: bool = False, *, spaces: tuple[Any, Any] | N
     )
 
 
-def source_text(code: Any) -> str:
-    """Returns the source of a function or of the class of an object, or the bytecode if Python cannot find the source.
-
-    The arguments of a ``functools.partial`` and the numbers, texts and functions in the closure of a function are part of it.
-    Attributes of an object are not, because they can be its state.
-    """
-    if isinstance(code, functools.partial):
-        keywords = sorted(code.keywords.items())
-        values = [*code.args, *(value for _, value in keywords)]
-        names = [name for name, _ in keywords]
-        return "\n".join([source_text(code.func), repr(names), *(_value_text(value) for value in values)])
-    cells = getattr(code, "__closure__", None) or ()
-    return "\n".join([_own_source(code), *(_value_text(_contents(cell)) for cell in cells)])
-
-
-class BytecodeOnly:
-    """While it is entered, :func:`source_text` returns bytecode, which is the same where the source is not at hand."""
-
-    depth = 0
-
-    def __enter__(self) -> None:
-        BytecodeOnly.depth += 1
-
-    def __exit__(self, *exception: Any) -> None:
-        BytecodeOnly.depth -= 1
-
-
-def _own_source(code: Any) -> str:
-    kind = code if isinstance(code, type) or hasattr(code, "__code__") else type(code)
-    if BytecodeOnly.depth == 0:
-        try:
-            # Of the code, because `inspect` would return the source of the function that a
-            # decorator wraps.
-            return inspect.getsource(getattr(kind, "__code__", kind))
-        except (OSError, TypeError):
-            pass
-    name = f"{kind.__module__}.{kind.__qualname__}"
-    members = [value for _, value in sorted(vars(kind).items())] if isinstance(kind, type) else [kind]
-    return "\n".join([name, *(_bytecode(each.__code__) for each in members if hasattr(each, "__code__"))])
-
-
-def _bytecode(code: Any) -> str:
-    constants = [_bytecode(each) if hasattr(each, "co_code") else _value_text(each) for each in code.co_consts]
-    return "\n".join([code.co_code.hex(), repr(code.co_names), *constants])
-
-
-def _contents(cell: Any) -> Any:
-    try:
-        return cell.cell_contents
-    except ValueError:  # not assigned yet
-        return None
-
-
-def _value_text(value: Any) -> str:
-    """Returns a text of a plain value or a function; empty for other objects, whose texts can contain addresses."""
-    if isinstance(value, (tuple, list)):
-        return repr([_value_text(each) for each in value])
-    if isinstance(value, (set, frozenset)):
-        return repr(sorted(_value_text(each) for each in value))
-    if isinstance(value, (int, float, complex, str, bytes, type(None), type(...))):
-        return repr(value)
-    return _own_source(value) if hasattr(value, "__code__") else ""
-
-
 def policy_hash(policy: Any) -> str:
-    """Returns a SHA-256 hash that changes with the weights of a policy, or with the source of a function.
-
-    The hash of a function or an object covers the weights of the models that it refers to: as attributes, closure variables or
-    global variables. It does not cover numbers and arrays, because they can be the state of a controller.
-    """
+    """Returns a SHA-256 hash of what a policy is: its weights, or its code with the values that it reaches."""
     if isinstance(policy, Controller):
         return policy.hash
     if isinstance(policy, (str, pathlib.Path)):
@@ -142,49 +72,8 @@ def policy_hash(policy: Any) -> str:
         for file in model_files(pathlib.Path(policy)):
             digest.update(file.read_bytes())
         return digest.hexdigest()
-    digest = hashlib.sha256(source_text(policy).encode())
-    for value in [policy, *_referred(policy)]:
-        for name, array in _weights(value):
-            digest.update(name.encode())
-            digest.update(array.tobytes())
-    return digest.hexdigest()
-
-
-def _referred(policy: Any) -> list[Any]:
-    """Returns the values that a function or an object refers to directly, in a fixed order."""
-    while isinstance(policy, functools.partial):
-        policy = policy.func
-    owner = getattr(policy, "__self__", None)
-    found = [] if owner is None else [owner]
-    for value in (policy, owner):
-        attributes = getattr(value, "__dict__", {})
-        found += [attributes[name] for name in sorted(attributes)]
-    try:
-        variables = inspect.getclosurevars(policy)
-    except TypeError:
-        return found
-    for names in (variables.nonlocals, variables.globals):
-        found += [names[name] for name in sorted(names)]
-    return found
-
-
-def _weights(value: Any) -> Iterator[tuple[str, NDArray[Any]]]:
-    """Yields the named weights of a PyTorch module, and of a model of Stable-Baselines3 or skrl."""
-    if isinstance(value, type):
-        return
-    # Both libraries keep the module in the attribute `policy`; skrl keeps the normalizer of
-    # observations beside it.
-    modules: list[Any] = [value, getattr(value, "policy", None), getattr(value, "_observation_preprocessor", None)]
-    for module in modules:
-        if _is_torch(module):
-            for name, tensor in sorted(module.state_dict().items()):
-                yield name, tensor.detach().cpu().numpy()
-    normalizer = _vec_normalize(value)
-    if normalizer is not None and normalizer.norm_obs:
-        moments = normalizer.obs_rms if isinstance(normalizer.obs_rms, dict) else {"": normalizer.obs_rms}
-        for name in sorted(moments):
-            yield f"{name}.mean", moments[name].mean
-            yield f"{name}.var", moments[name].var
+    found = walk(policy)
+    return fingerprint(found, found, {}).digest
 
 
 def _vec_normalize(model: Any) -> Any:

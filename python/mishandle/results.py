@@ -1340,6 +1340,9 @@ class ComparedRun:
     """Hash of what the controller does; ``None`` without one."""
     target_hash: str
     """Hash of the target."""
+    not_covered: tuple[str, ...]
+    """Parts of the target that its hash does not cover, so that an equal hash does not say that
+    they are the same."""
     commit: str
     """Git commit of the program that made the run."""
 
@@ -1787,8 +1790,8 @@ class RegressionTest:
     values: tuple[float, float] | None
     """Values of its two sides."""
     same_target: bool | None
-    """Whether the target has the recorded hash; ``None`` after an error, and if the recorded
-    controller cannot be loaded."""
+    """Whether the target has the recorded hash; ``None`` after an error, if the recorded
+    controller cannot be loaded, and if the hash does not cover all of the target."""
     repeats: Repeats | None
     """Simulations with other seeds; ``None`` without ``--repeat``, without randomness and after
     an error."""
@@ -2038,13 +2041,13 @@ def _hints(kind: Any) -> dict[str, Any]:
 
 
 def _named(value: Any, axes: Mapping[str, Any]) -> Any:
-    """Returns a part of a document with the values of axes as Python has them. ``axes`` are the values that each axis can take."""
+    """Returns a part of a document with the values of axes as Python has them. ``axes`` are the facts of each axis."""
     if isinstance(value, list):
         return [_named(item, axes) for item in value]
     if not isinstance(value, Mapping):
         return value
     if "space_axes" in value:
-        axes = {axis["name"]: axis["values"] for axis in value["space_axes"]}
+        axes = {axis["name"]: axis for axis in value["space_axes"]}
     named = {key: _named(item, axes) for key, item in value.items()}
     if isinstance(named.get("scenario"), dict):
         drawn = named["scenario"].items()
@@ -2055,9 +2058,11 @@ def _named(value: Any, axes: Mapping[str, Any]) -> Any:
     return named
 
 
-def _axis_value(values: Any, number: float) -> Value:
-    if isinstance(values, list):
-        return cast("str", values[int(number)])
+def _axis_value(axis: Mapping[str, Any] | None, number: float) -> Value:
+    values = None if axis is None else axis["values"]
+    if axis is not None and isinstance(values, list):
+        # The first name is that of the lower bound.
+        return cast("str", values[int(number - axis["low"])])
     return int(number) if values == "integer" else number
 
 

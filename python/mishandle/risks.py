@@ -14,8 +14,9 @@ from typing_extensions import Unpack
 from mishandle import _native, results
 from mishandle.arguments import check_number, check_out
 from mishandle.axes import Axis
-from mishandle.documents import PathLike, RunResult, read, write_counterexample
+from mishandle.documents import RunResult, read, write_counterexample
 from mishandle.errors import InvalidTypeError, InvalidValueError
+from mishandle.files import PathLike
 from mishandle.interruption import Progress, after_the_batch, deliver
 from mishandle.margins import untested
 from mishandle.targets import Formulas, Space, TargetOptions, make_target
@@ -29,6 +30,8 @@ class Risk(RunResult, results.Risk):
     """Largest difference between two simulations of the nominal scenario with the same seed."""
     exceptions: list[str] = field(default_factory=list)
     """Tracebacks of exceptions of the system."""
+    not_covered: tuple[str, ...] = ()
+    """Parts of the system that its hash does not cover."""
 
     def export(self, path: PathLike, failure: int = 0) -> pathlib.Path:
         """Writes a failure as a counterexample file (``.json``), for :func:`replay` and :func:`regress`.
@@ -57,6 +60,7 @@ def risk(
     seed: int = 0,
     out: PathLike | None = None,
     resume: bool = False,
+    any_build: bool = False,
     durable: bool = False,
     progress: Progress | None = None,
     **target: Unpack[TargetOptions],
@@ -85,7 +89,11 @@ def risk(
     out : path, optional
         Run file; by default the first free name in the folder ``runs``.
     resume : bool
-        Whether to continue the run in ``out``. Its recorded simulations are not repeated.
+        Whether to continue the run in ``out``. Its recorded simulations are not repeated, except for the first one of a system that is
+        deterministic: if it differs, the system is not that of the run.
+    any_build : bool
+        With ``resume``: whether this build of Mishandle, MuJoCo and the packages of the system may continue a run that another one
+        started. Both are then in the run file (:attr:`Run.builds`).
     durable : bool
         Whether each batch is synced to the disk, so that a power failure loses none.
     progress : callable, optional
@@ -117,7 +125,7 @@ def risk(
     >>> found.failures[0].scenario["speed"] > 8
     True
     """
-    check_out(out, resume)
+    check_out(out, resume, any_build)
     check_number("seed", seed, 0)
     check_number("simulations", simulations, 1)
     check_number("batch", batch, 1)
@@ -139,13 +147,12 @@ def risk(
             batch=batch,
             distributions=distributions,
             seed=seed,
-            out=(None if out is None else os.fspath(out), resume, durable),
+            out=(None if out is None else os.fspath(out), resume, durable, any_build),
             progress=report,
         )
     for note in notes:
         warnings.warn(note, stacklevel=2)
-    others = {"largest_difference": made.largest_difference, "exceptions": made.system.exceptions}
-    result = read(Risk, text, **others)
+    result = read(Risk, text, **made.facts)
     result.remember(made.native)
     if interruption is None and result.monte_carlo.without_verdict == result.monte_carlo.simulations:
         raise untested(made.system.exceptions)

@@ -17,6 +17,7 @@ from mishandle import _native
 from mishandle.axes import Value
 from mishandle.errors import MissingPackageError
 from mishandle.explanations import Explanation
+from mishandle.files import write_text
 from mishandle.results import Counterexamples, FailureMode, build
 from mishandle.targets import Formulas, Space, TargetOptions, make_target
 
@@ -27,7 +28,7 @@ if TYPE_CHECKING:
 @dataclass(frozen=True)
 class RunAxis:
     """Axis of a recorded space. ``values`` is ``"continuous"``, ``"logarithmic"``, ``"integer"`` or ``"categorical"``; the
-    names of a categorical axis have the numbers 0, 1, and so on."""
+    names of a categorical axis have the numbers ``low``, ``low + 1``, and so on; ``low`` is 0 unless a setting narrowed the axis."""
 
     name: str
     unit: str
@@ -44,7 +45,7 @@ class RunAxis:
         """
         if self.values in ("continuous", "logarithmic"):
             return number
-        return self.names[int(number)] if self.names else int(number)
+        return self.names[int(number - self.low)] if self.names else int(number)
 
 
 class Run:
@@ -73,6 +74,10 @@ class Run:
         The space.
     signals : list of (str, str)
         Name and unit of each signal.
+    builds : list of str
+        The programs that made the run: the one that started it, and those that continued it with ``any_build=True``.
+    not_covered : list of str
+        Parts of the system that its hash does not cover.
     """
 
     def __init__(self, path: str | os.PathLike[str]) -> None:
@@ -88,6 +93,8 @@ class Run:
         self.steps: int = header["steps"]
         self.axes = [_axis(*axis) for axis in header["axes"]]
         self.signals: list[tuple[str, str]] = header["signals"]
+        self.builds: list[str] = header["builds"]
+        self.not_covered: list[str] = header["not_covered"]
 
     def columns(self) -> dict[str, list[Any]]:
         """Returns all simulations as lists: trial, number, seed, robustness, end, steps, a column per axis and verdict.
@@ -153,7 +160,7 @@ class Run:
         else:
             made = make_target(system, formula, space, target, lambda space: None)
             html = _native.report(made.native, os.fspath(self.path), probes)
-        pathlib.Path(path).write_text(html, encoding="utf-8")
+        write_text(path, html)
 
     def failure_modes(self) -> tuple[FailureMode, ...]:
         """Groups the failures by decisive predicate, region and time, the largest group first."""
@@ -164,7 +171,7 @@ def _axis(name: str, unit: str, low: float, high: float, values: str) -> RunAxis
     kind, _, text = values.partition(": ")
     names = tuple(text.split(", ")) if text else ()
     # Two names look like one name that contains a comma; the numbers remain then.
-    return RunAxis(name, unit, low, high, kind, names if len(names) == int(high) + 1 else ())
+    return RunAxis(name, unit, low, high, kind, names if len(names) == int(high - low) + 1 else ())
 
 
 def open_run(path: str | os.PathLike[str]) -> Run:

@@ -12,8 +12,9 @@ from typing_extensions import Unpack
 from mishandle import _native, results
 from mishandle.arguments import check_number
 from mishandle.axes import Value
-from mishandle.documents import PathLike, read
+from mishandle.documents import read
 from mishandle.errors import InvalidValueError
+from mishandle.files import PathLike, write_text
 from mishandle.results import Regression
 from mishandle.targets import Formulas, Simulation, Space, TargetOptions, make_target, scenario_numbers
 
@@ -115,8 +116,10 @@ def regress(
     formula: Formulas = None,
     space: Space = None,
     *,
+    baseline: Any = None,
     repeats: int = 0,
     max_failure_rate: float = 0.0,
+    junit: PathLike | None = None,
     **target: Unpack[TargetOptions],
 ) -> Regression:
     """Simulates the counterexample files of a folder with a system, such as a new version of a policy.
@@ -127,10 +130,15 @@ def regress(
         Folder with files ``*.json`` of :meth:`Falsification.export` or of ``mishandle counterexamples export``.
     system, formula, space, **target
         See :func:`falsify`. The axes must be those of the files.
+    baseline : optional
+        Version to compare with: another policy if there is a ``policy``, otherwise another function. Only a test that fails although it
+        passes with the baseline is then a ``"new failure"``.
     repeats : int
         Number of further simulations of each file with other seeds, which decide the test.
     max_failure_rate : float
         With ``repeats``: largest failure rate of a test that passes.
+    junit : path, optional
+        File for the results as JUnit XML, which continuous integration shows as tests; an existing file is replaced.
 
     Examples
     --------
@@ -144,15 +152,25 @@ def regress(
     >>> [test.result for test in regress(folder, system, "always(gap >= 2)", space, name="car").tests]
     ['still fails']
     >>> better = lambda scenario: {"gap": [10.0, 10.0 - 0.5 * scenario["speed"]]}
-    >>> regress(folder, better, "always(gap >= 2)", space, name="car").passes
-    1
+    >>> found = regress(folder, better, "always(gap >= 2)", space, name="car", baseline=system, junit=folder + "/report.xml")
+    >>> (found.passes, found.tests[0].result, open(folder + "/report.xml").read().count("<testcase"))
+    (1, 'fixed', 1)
     """
     check_number("repeats", repeats, 0)
     made = make_target(system, formula, space, target, lambda space: None)
-    text = _native.regress(made.native, os.fspath(folder), repeats=repeats, max_failure_rate=max_failure_rate)
+    other = None
+    if baseline is not None:
+        has_policy = target.get("policy") is not None
+        options: TargetOptions = {**target, "policy": baseline} if has_policy else target
+        other = make_target(system if has_policy else baseline, formula, space, options, lambda space: None).native
+    text, xml = _native.regress(
+        made.native, os.fspath(folder), baseline=other, repeats=repeats, max_failure_rate=max_failure_rate
+    )
     found = read(Regression, text)
     if not found.tests:
         raise InvalidValueError(f"there is no counterexample (*.json) in {os.fspath(folder)}; write some with `export`")
+    if junit is not None:
+        write_text(junit, xml)
     return found
 
 

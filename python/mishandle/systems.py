@@ -18,8 +18,9 @@ from numpy.typing import NDArray
 from mishandle import _native
 from mishandle.axes import Axis, Value
 from mishandle.errors import InvalidScenario, InvalidTypeError, InvalidValueError
+from mishandle.fingerprints import walk
 from mishandle.limits import TimeLimitExceeded, check_interruptible, check_time_limit, limited
-from mishandle.policies import Policy, as_policy, policy_hash, source_text
+from mishandle.policies import Policy, as_policy
 
 Scenario = dict[str, Value]
 
@@ -65,8 +66,8 @@ class System:
         """Simulates pairs of scenario and seed."""
         raise NotImplementedError
 
-    def description(self) -> str:
-        """Returns a text that changes if the code of the system changes."""
+    def code(self) -> list[Any]:
+        """Returns the functions and objects whose code the workers of a cluster need."""
         raise NotImplementedError
 
     def keep_exception(self) -> None:
@@ -161,7 +162,7 @@ class FunctionSystem(System):
         self.knows_control_dt = control_dt is not None
         self.exceptions = []
         self.versions = [("numpy", np.__version__)]
-        self._has_cut = False
+        self._has_cut = self._has_process = False
         check_time_limit(time_limit)
         check_interruptible(time_limit)
         # An exception in the undisturbed scenario is the user's, so it is not caught.
@@ -192,6 +193,7 @@ class FunctionSystem(System):
         except InvalidScenario:
             return Outcome("invalid scenario", nothing, 0)
         except TimeLimitExceeded:
+            self._warn_of_processes()
             return Outcome("timed out", nothing, 0)
         except Exception:
             self.keep_exception()
@@ -212,6 +214,20 @@ class FunctionSystem(System):
             return Outcome("terminated", samples, steps, step=steps)
         return Outcome("completed", samples, steps)
 
+    def _warn_of_processes(self) -> None:
+        """Warns of processes that live on after a time-out: the next scenario can get their late answers."""
+        if self._has_process:
+            return
+        for process in walk(self._function).processes:
+            if process.poll() is None:
+                self._has_process = True
+                warnings.warn(
+                    f"a simulation timed out, and the process {process.pid} that the function talks to still runs: unless its answers "
+                    "say to which scenario they belong, the next scenario gets the late one. Kill and restart the process when a "
+                    "mishandle.TimeLimitExceeded passes the function, or use mishandle.JsonProcess",
+                    stacklevel=2,
+                )
+
     def _warn_of_cut(self, scenario: Scenario, samples: int) -> None:
         if not self._has_cut:
             warnings.warn(
@@ -222,8 +238,8 @@ class FunctionSystem(System):
             )
         self._has_cut = True
 
-    def description(self) -> str:
-        return source_text(self._function)
+    def code(self) -> list[Any]:
+        return [self._function]
 
 
 def _takes_seed(function: Callable[..., Any]) -> bool:
@@ -249,8 +265,8 @@ class TaskSystem(System):
         observations = Box(-np.inf, np.inf, (native.observation_size,))
         spaces = (observations, Box(-1, 1, (native.action_size,)))
         self._policy: Policy = as_policy(policy, batched_policy, spaces=spaces, task=task)
-        self._policy_source = policy
-        self._facts = (task, preset)
+        self.policy_source = policy
+        self.facts = [task, preset]
         self.name = task
         self.signals = self._native.signals
         self.control_dt = self._native.control_dt
@@ -273,8 +289,8 @@ class TaskSystem(System):
             Axis(name, low, high, unit, meaning=meaning) for name, unit, low, high, meaning in self._native.axes
         ]
 
-    def description(self) -> str:
-        return "\n".join([*self._facts, policy_hash(self._policy_source)])
+    def code(self) -> list[Any]:
+        return [self.policy_source]
 
     def simulate(self, batch: Sequence[tuple[Scenario, int]]) -> list[Outcome]:
         chunks = [batch[first : first + self._rows] for first in range(0, len(batch), self._rows)]

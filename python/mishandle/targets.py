@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 import os
 import pathlib
@@ -25,10 +26,12 @@ from mishandle.arguments import (
     task_formulas,
 )
 from mishandle.axes import Axis, Value
-from mishandle.controllers import load_controller
+from mishandle.controllers import Controller, load_controller
 from mishandle.errors import InvalidStateError, InvalidTypeError, InvalidValueError
 from mishandle.formulas import Formula
+from mishandle.fingerprints import Fingerprint, Watch
 from mishandle.limits import check_time_limit
+from mishandle.packages import package_of
 from mishandle.policies import policy_hash
 from mishandle.ray import RayExecutor
 from mishandle.systems import FunctionSystem, NativeSystem, Outcome, Scenario, Source, System, TaskSystem
@@ -72,6 +75,17 @@ class Target:
     """Name or text of the requirement, if it is not the first formula of the target."""
     nominal: Sequence[float | None] | None = None
     """Nominal values of a task; the seed of a simulation draws those that are ``None``."""
+    not_covered: tuple[str, ...] = ()
+    """Parts of the system that its hash does not cover."""
+
+    @property
+    def facts(self) -> dict[str, Any]:
+        """What results in Python say about the system, besides their documents."""
+        return {
+            "largest_difference": self.largest_difference,
+            "exceptions": self.system.exceptions,
+            "not_covered": self.not_covered,
+        }
 
     def simulation(self, found: dict[str, Any]) -> Simulation:
         names = [name for name, _ in self.system.signals]
@@ -108,8 +122,8 @@ class TargetOptions(TypedDict, total=False):
     preset: str
     """Task preset: ``"paper"`` or ``"code"``."""
     axes: Mapping[str, float | tuple[float, float] | str]
-    """Axes of a task with one of our controllers that have a narrower range ``(low, high)``, a fixed value or a fixed category, by
-    name. Axes that the space lacks are added to it."""
+    """Axes that have a narrower range ``(low, high)``, a fixed value or a fixed category, by name. With one of our controllers, axes of
+    the task that the space lacks are added to it."""
     stochastic: bool
     """Whether actions of one of our controllers are sampled from its distribution."""
     action_noise: float
@@ -120,6 +134,10 @@ class TargetOptions(TypedDict, total=False):
     """Number of simulations of a task that are stepped together."""
     name: str
     """Name of the target; by default that of the function, the environment or the task."""
+    version: str
+    """Version of the system, for what its hash does not cover: another text is another system. See ``docs/guide/python.md``."""
+    files: Sequence[str | os.PathLike[str]]
+    """Files whose contents are a part of the system, such as a program that a function starts."""
     executor: str | RayExecutor
     """``"ray"`` or a :class:`mishandle.ray.RayExecutor` simulates batches on a Ray cluster. The rows of a run do not depend on
     it."""
@@ -153,7 +171,7 @@ def scenario_numbers(
         names = ", ".join(axis.name for axis in space)
         raise InvalidValueError(f"the space has no axis {', '.join(unknown)}; its axes: {names}")
     if nominal is None:
-        nominal = [axis.nominal_value for axis in space]
+        nominal = [axis.nominal_number for axis in space]
     return [axis.number(at[axis.name]) if axis.name in at else value for axis, value in zip(space, nominal)]
 
 
@@ -182,7 +200,9 @@ def make_target(
         return _task_in_space(system, formula, space or "starts", {"policy": "", **options}, check)
     if isinstance(system, str) and policy is None:
         raise InvalidValueError(f"the task {system} needs a policy")
-    if isinstance(system, str) and space is None and any(options.get(name) for name in NATIVE_OPTIONS):
+    has_file = isinstance(policy, (str, os.PathLike))
+    is_native = any(options.get(name) for name in NATIVE_OPTIONS) or (has_file and bool(options.get("axes")))
+    if isinstance(system, str) and space is None and is_native:
         space = "starts"
     if isinstance(system, str) and isinstance(space, str):
         return _task_in_space(system, formula, space, options, check)
@@ -208,10 +228,16 @@ def make_target(
         raise InvalidValueError("the space has no axes")
     formulas = named_formulas(formula)
     check_space(space, is_environment=hasattr(system, "reset") and hasattr(system, "step"))
+    space = _with_settings(space, options)
     check(space)
+    given = [f"{name} {digest}" for name, digest in _file_hashes(options.get("files", ()))]
+    version = options.get("version")
+    if version is not None and not isinstance(version, str):
+        raise InvalidTypeError(f"version is {version!r}; it must be a text")
+    watch = Watch(_roots(system, policy, space, options))
     under_test = _system(system, space, policy, options)
     check_time(formulas, under_test.knows_control_dt, under_test.control_dt)
-    nominal = {axis.name: _nominal(axis) for axis in space}
+    nominal = {axis.name: axis.nominal_value for axis in space}
     largest_difference = _probe(under_test, under_test, nominal)
     if executor is not None:
         distributed = (RayExecutor() if isinstance(executor, str) else executor).system(under_test)
@@ -224,12 +250,20 @@ def make_target(
             stacklevel=3,
         )
     target_name = "python/" + options.get("name", under_test.name)
-    content = [target_name, under_test.description(), repr(under_test.signals), repr(sorted(formulas.items()))]
+    found = watch.fingerprints()
+    not_covered = tuple(gap for each in found.values() for gap in each.gaps)
+    if not_covered and version is None:
+        warnings.warn(
+            f"the hash of the system does not cover {'; '.join(not_covered)}: pass `version`, a text that you change with them, so that "
+            "resumed runs and comparisons can tell two versions apart",
+            stacklevel=3,
+        )
+    content = [target_name, *(each.digest for each in found.values()), repr(under_test.signals), repr(sorted(formulas.items()))]
     content += [repr(axis.to_native()) for axis in space]
-    content += [repr((under_test.control_dt, under_test.steps, termination))]
+    content += [repr((under_test.control_dt, under_test.steps, termination)), repr(version), *given]
     components = []
     if policy is not None:
-        components.append(("policy", getattr(policy, "name", type(policy).__name__), policy_hash(policy)))
+        components.append(("policy", getattr(policy, "name", type(policy).__name__), _policy_hash(policy, found)))
     native = _native.Target(
         name=target_name,
         content="\n".join(content),
@@ -242,17 +276,65 @@ def make_target(
         depends_on_seed=under_test.depends_on_seed,
         termination=termination,
         components=components,
-        versions=under_test.versions,
+        not_covered=list(not_covered),
+        versions=_versions(under_test, found, version),
         simulate=lambda batch: [outcome.to_native() for outcome in under_test.simulate(batch)],
     )
-    return Target(native, under_test, space, largest_difference)
+    return Target(native, under_test, space, largest_difference, not_covered=not_covered)
+
+
+def _roots(system: Any, policy: Any, space: Sequence[Axis], options: TargetOptions) -> dict[str, Any]:
+    """Returns the functions and objects that decide how a system behaves."""
+    if isinstance(system, TaskSystem):
+        return {"task": system.facts, "policy": system.policy_source}
+    if isinstance(system, System):
+        return {"system": system.code()}
+    applications = {axis.name: axis.apply for axis in space}
+    return {"system": system, "policy": policy, "signals": dict(options.get("signals", {})), "axes": applications}
+
+
+def _policy_hash(policy: Any, found: Mapping[str, Fingerprint]) -> str:
+    is_file = isinstance(policy, (str, os.PathLike, Controller))
+    return policy_hash(policy) if is_file or "policy" not in found else found["policy"].digest
+
+
+def _versions(system: System, found: Mapping[str, Fingerprint], version: str | None) -> list[tuple[str, str]]:
+    """Returns the versions of the packages that the code of a system names, and its own version."""
+    versions = dict(system.versions)
+    for package in [package_of("sys"), *(item for each in found.values() for item in each.packages.items())]:
+        if package is not None:
+            versions[package[0]] = package[1]
+    if version is not None:
+        versions["the system"] = version
+    return sorted(versions.items())
+
+
+def _file_hashes(files: Sequence[str | os.PathLike[str]]) -> list[tuple[str, str]]:
+    """Returns the name and the SHA-256 of each file."""
+    if isinstance(files, (str, os.PathLike)):
+        raise InvalidTypeError(f"files is {files!r}; expected a list of paths")
+    found = []
+    for file in map(pathlib.Path, files):
+        try:
+            found.append((file.name, hashlib.sha256(file.read_bytes()).hexdigest()))
+        except OSError as error:
+            raise InvalidValueError(f"the file {file} in `files` cannot be read: {error.strerror}") from error
+    return found
+
+
+def _with_settings(space: Sequence[Axis], options: TargetOptions) -> Sequence[Axis]:
+    """Returns a space whose axes have the ranges and values in ``axes``."""
+    if not options.get("axes"):
+        return space
+    settled = _native.with_settings([axis.to_native() for axis in space], _settings(options))
+    return [Axis.from_native(native, axis.apply) for native, axis in zip(settled, space)]
 
 
 def _task_in_space(
     task: str, formula: Formulas, space: str, options: TargetOptions, check: Callable[[Sequence[Axis]], object]
 ) -> Target:
     """Returns a task with one of our controllers, which the Rust core simulates: only it has the axes of all spaces."""
-    check_applicable(options, ("policy", "preset", *NATIVE_OPTIONS), f"a task in the space {space!r}")
+    check_applicable(options, ("policy", "preset", "axes", *NATIVE_OPTIONS), f"a task in the space {space!r}")
     policy = options.get("policy")
     if not isinstance(policy, (str, os.PathLike)):
         raise InvalidTypeError(
@@ -299,7 +381,7 @@ def _system(system: Any, space: Sequence[Axis], policy: Any, options: TargetOpti
         check_applicable(options, FUNCTION_OPTIONS, "a function")
         return FunctionSystem(
             system,
-            nominal={axis.name: _nominal(axis) for axis in space},
+            nominal={axis.name: axis.nominal_value for axis in space},
             control_dt=options.get("control_dt"),
             steps=options.get("steps"),
             units=options.get("units", {}),
@@ -310,18 +392,11 @@ def _system(system: Any, space: Sequence[Axis], policy: Any, options: TargetOpti
     )
 
 
-NATIVE_OPTIONS = ("axes", "stochastic", "action_noise", "observation_noise")
-COMMON_OPTIONS = ("time_limit", "termination", "name", "executor")
+NATIVE_OPTIONS = ("stochastic", "action_noise", "observation_noise")
+COMMON_OPTIONS = ("time_limit", "termination", "name", "executor", "axes", "version", "files")
 FUNCTION_OPTIONS = ("control_dt", "steps", "units", *COMMON_OPTIONS)
 ENVIRONMENT_OPTIONS = ("policy", "batched_policy", "signals", "steps", "control_dt", *COMMON_OPTIONS)
 TASK_OPTIONS = ("policy", "batched_policy", "preset", "rows", *COMMON_OPTIONS)
-
-
-def _nominal(axis: Axis) -> Value:
-    number = axis.nominal_value
-    if not isinstance(axis.values, str):
-        return axis.values[int(number)]
-    return int(number) if axis.values == "integer" else number
 
 
 def _probe(system: System, other: System, nominal: Scenario) -> float:

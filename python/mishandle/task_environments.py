@@ -35,6 +35,7 @@ class _Simulations:
     """Simulations of one task with a random generator for each row."""
 
     def __init__(self, task: str, rows: int, preset: str, reward: str, threads: int | None) -> None:
+        self.settings = (task, preset, reward)
         self.native = _native.Simulator(task, rows, preset=preset, reward=reward, threads=threads)
         self.rows = rows
         self.axes = [name for name, *_ in self.native.axes]

@@ -116,7 +116,22 @@ class VectorSystem(PolicySystem):
 
     def simulate(self, batch: Sequence[tuple[Scenario, int]]) -> list[Outcome]:
         chunks = [batch[first : first + self._rows] for first in range(0, len(batch), self._rows)]
-        return [outcome for chunk in chunks for outcome in self._guarded(chunk)]
+        paths = [axis.apply.path for axis in self.space.values() if isinstance(axis.apply, Attribute)]
+        before = {path: self._environment.unwrapped.get_attr(path) for path in paths}
+        try:
+            return [outcome for chunk in chunks for outcome in self._guarded(chunk)]
+        finally:
+            self._restore(before)
+
+    def _restore(self, attributes: Mapping[str, Sequence[Any]]) -> None:
+        """Sets attributes to what they were. A call that Ctrl-C interrupted leaves processes that take no others."""
+        try:
+            for path, values in attributes.items():
+                self._environment.unwrapped.set_attr(path, list(values))
+        except Exception:
+            self._revive()
+            for path, values in attributes.items():
+                self._environment.unwrapped.set_attr(path, list(values))
 
     def _guarded(self, chunk: Sequence[tuple[Scenario, int]]) -> list[Outcome]:
         """Simulates together, or one by one if that fails, so that one scenario cannot spoil the others."""

@@ -2,6 +2,7 @@
 
 use std::ops::ControlFlow;
 use std::path::PathBuf;
+use std::time::Instant;
 
 use mishandle::counterexample::{Counterexample, Minimization, Suite, Tested};
 use mishandle::evaluation::{Lifetime, SurvivalCurve};
@@ -86,24 +87,35 @@ pub fn export(
     Ok((json(&found.result)?, found.files.into_iter().map(text).collect()))
 }
 
-/// Simulates the counterexamples of a folder with a target, each `repeats` times with other seeds.
-/// Returns the document.
+/// Simulates the counterexamples of a folder with a target, and with the target of a baseline, each
+/// `repeats` times with other seeds. Returns the document, and the report as JUnit XML.
 #[pyfunction]
-#[pyo3(signature = (target, folder, *, repeats, max_failure_rate))]
+#[pyo3(signature = (target, folder, *, baseline, repeats, max_failure_rate))]
 pub fn regress(
     py: Python<'_>,
     target: &PyTarget,
     folder: PathBuf,
+    baseline: Option<&PyTarget>,
     repeats: u64,
     max_failure_rate: f64,
-) -> PyResult<String> {
-    let tested = Tested::Target(&target.target);
+) -> PyResult<(String, String)> {
+    let tested =
+        Tested::Target { target: &target.target, baseline: baseline.map(|baseline| &baseline.target) };
     let suite = Suite { folder: &folder, tested, repeats, max_failure_rate };
     let found = detached(py, target, || {
         let read = |source| Error::File { path: folder.clone(), source };
-        let tests = suite.files().map_err(read)?.into_iter();
-        let tests = tests.map(|file| suite.test(&file, |_| work::report(target, None, 0, 0))).collect();
-        Ok(suite.result(tests, true))
-    })?;
-    json(&found)
+        let (mut tests, mut times) = (Vec::new(), Vec::new());
+        for file in suite.files().map_err(read)? {
+            let start = Instant::now();
+            tests.push(suite.test(&file, |_| work::report(target, None, 0, 0)));
+            times.push(start.elapsed());
+        }
+        Ok((suite.result(tests, true), times))
+    });
+    // An exception of the system of the baseline is its own.
+    if let Some(exception) = baseline.and_then(PyTarget::take_exception) {
+        return Err(exception);
+    }
+    let (found, times) = found?;
+    Ok((json(&found)?, mishandle_cli::junit(&found, &times)))
 }

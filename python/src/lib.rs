@@ -25,11 +25,12 @@ mod training_episodes;
 mod work;
 
 use std::error::Error as StdError;
+use std::ffi::CString;
 use std::iter::successors;
 
 use mishandle::MishandleError as Error;
 use mishandle::world::{MUJOCO_VERSION, mujoco_version};
-use pyo3::exceptions::PyImportError;
+use pyo3::exceptions::{PyImportError, PyUserWarning};
 use pyo3::prelude::*;
 
 use controller::PyController;
@@ -74,6 +75,7 @@ fn contents(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_function(wrap_pyfunction!(remote::campaign_runs, module)?)?;
     module.add_function(wrap_pyfunction!(remote::recorded_plan, module)?)?;
     module.add_function(wrap_pyfunction!(search::search_names, module)?)?;
+    module.add_function(wrap_pyfunction!(target::with_settings, module)?)?;
     module.add_function(wrap_pyfunction!(comparison::compare, module)?)?;
     module.add_function(wrap_pyfunction!(comparison::comparison_page, module)?)?;
     module.add_function(wrap_pyfunction!(artifacts::report, module)?)?;
@@ -101,6 +103,15 @@ fn contents(module: &Bound<'_, PyModule>) -> PyResult<()> {
 #[pyfunction]
 fn run_command(py: Python<'_>, arguments: Vec<std::ffi::OsString>) -> u8 {
     py.detach(|| mishandle_cli::exit_code_of(arguments, Some(&gpu::device())))
+}
+
+/// Warns in Python, at the line of the caller that is `level` frames above the extension module. A
+/// warning can be an exception there.
+fn warn(message: &str, level: i32) -> PyResult<()> {
+    Python::attach(|py| {
+        let message = CString::new(message.replace('\0', " ")).unwrap_or_default();
+        PyErr::warn(py, &py.get_type::<PyUserWarning>(), &message, level)
+    })
 }
 
 /// Converts an error in a formula or search, with its causes.
@@ -134,7 +145,9 @@ fn raised(error: impl Into<Error>) -> PyErr {
         | Error::File { .. }
         | Error::Write { .. }
         | Error::RunMismatch { .. }
+        | Error::OtherBuild { .. }
         | Error::OtherSettings { .. }
+        | Error::OtherSystem { .. }
         | Error::SimulationMismatch { .. }
         | Error::ComponentMismatch { .. }
         | Error::ForeignTarget { .. }

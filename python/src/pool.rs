@@ -7,7 +7,7 @@ use pyo3::exceptions::PyRuntimeError;
 use pyo3::prelude::*;
 use rayon::{ThreadPool, ThreadPoolBuilder};
 
-use crate::{InvalidTypeError, InvalidValueError, in_this_process};
+use crate::{InvalidTypeError, InvalidValueError, in_this_process, warn};
 
 /// Largest number of threads, more than any machine has cores.
 const MAX_THREADS: usize = 1024;
@@ -41,6 +41,12 @@ impl<T: Send> Pool<T> {
     pub(crate) fn new(threads: Option<usize>, state: impl FnOnce() -> T + Send) -> PyResult<Pool<T>> {
         if let Some(threads) = threads {
             check_range("`threads`", threads, MAX_THREADS)?;
+            let cores = std::thread::available_parallelism().map_or(usize::MAX, usize::from);
+            if threads > cores {
+                let message =
+                    format!("threads={threads} is more than the {cores} cores, which makes nothing faster");
+                warn(&message, 1)?;
+            }
         }
         let pool = ThreadPoolBuilder::new().num_threads(threads.unwrap_or_default()).build();
         let threads = pool.map_err(|error| PyRuntimeError::new_err(error.to_string()))?;

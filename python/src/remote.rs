@@ -190,13 +190,14 @@ impl RemoteSystem {
 ///
 /// Returns whether the run is complete.
 #[pyfunction]
-#[pyo3(signature = (folder, name, *, simulate, durable, progress))]
+#[pyo3(signature = (folder, name, *, simulate, durable, any_build, progress))]
 pub fn complete_run(
     py: Python<'_>,
     folder: PathBuf,
     name: String,
     simulate: Py<PyAny>,
     durable: bool,
+    any_build: bool,
     progress: Py<PyAny>,
 ) -> PyResult<bool> {
     let pending = Pending::default();
@@ -211,6 +212,9 @@ pub fn complete_run(
         let (mut run, mut resolved) = found.resume()?;
         if durable {
             run.set_durable()?;
+        }
+        if any_build {
+            mishandle::run::admit_build(&mut run, &resolved)?;
         }
         let shared = Arc::new(Shared {
             simulate,

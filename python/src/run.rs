@@ -53,6 +53,13 @@ impl PyRun {
         dict.set_item("axes", header.axes.iter().map(axis).collect::<Vec<_>>())?;
         let signal = |signal: &mishandle::store::SignalRecord| (signal.name.clone(), signal.unit.clone());
         dict.set_item("signals", header.signals.iter().map(signal).collect::<Vec<_>>())?;
+        let build = &header.build;
+        let started = format!("mishandle {} ({})", build.program_version, build.git_commit);
+        let continued = mishandle::run::continued_builds(header).map(|(_, build)| build.to_string());
+        dict.set_item("builds", std::iter::once(started).chain(continued).collect::<Vec<_>>())?;
+        let uncovered = header.components.iter().filter(|component| component.is_not_covered());
+        let uncovered: Vec<&str> = uncovered.map(|component| component.name.as_str()).collect();
+        dict.set_item("not_covered", uncovered)?;
         Ok(dict)
     }
 

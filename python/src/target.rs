@@ -9,6 +9,7 @@ use mishandle::rollout::{
     RolloutError, Signal, Space, Specification, SpecificationMonitor, System, Target, Verdict,
 };
 use mishandle::stl::{MonitorError, Trace};
+use mishandle::store::ComponentRecord;
 use mishandle::{Plan, ResolvedPlan};
 use numpy::PyReadonlyArray2;
 use numpy::ndarray::ArrayView2;
@@ -72,7 +73,7 @@ impl PyTarget {
     #[new]
     #[expect(clippy::too_many_arguments, reason = "the arguments are keywords in Python")]
     #[pyo3(signature = (*, name, content, axes, signals, formulas, control_dt, episode_steps, is_deterministic, depends_on_seed,
-        termination, components, versions, simulate))]
+        termination, components, not_covered, versions, simulate))]
     fn new(
         name: &str,
         content: &str,
@@ -85,6 +86,7 @@ impl PyTarget {
         depends_on_seed: bool,
         termination: &str,
         components: Vec<(String, String, String)>,
+        not_covered: Vec<String>,
         versions: Vec<(String, String)>,
         simulate: Py<PyAny>,
     ) -> PyResult<Self> {
@@ -126,9 +128,11 @@ impl PyTarget {
             hash,
             file_hash: String::new(),
         };
+        let uncovered = |name| (ComponentRecord::NOT_COVERED.to_string(), name, String::new());
+        let components = components.into_iter().chain(not_covered.into_iter().map(uncovered));
         let target = Target {
             identity: Identity::new("python", name, content),
-            components: components.into_iter().map(component).collect(),
+            components: components.map(component).collect(),
             axes: space.axes().to_vec(),
             spaces: vec![space.clone()],
             signals: signals.into_iter().map(|(name, unit)| Signal { name, unit }).collect(),
@@ -174,6 +178,7 @@ impl PyTarget {
             let checked = Plan { falsify: Some(FalsifyPlan::default()), ..plan.clone() };
             ResolvedPlan::new(&checked)
         });
+        // Its axes have the settings.
         let ResolvedPlan { target, space, .. } = resolved.map_err(raised)?;
         Ok(PyTarget { target, plan, space, pending: Pending::default(), process: std::process::id() })
     }
@@ -181,16 +186,6 @@ impl PyTarget {
     /// Axes of the space. A nominal value of `None` is drawn with the seed of the simulation.
     #[getter]
     fn axes(&self) -> Vec<AxisTuple> {
-        let values = |axis: &Axis| match &axis.values {
-            AxisValues::Continuous => vec!["continuous".to_string()],
-            AxisValues::Logarithmic => vec!["logarithmic".to_string()],
-            AxisValues::Integer => vec!["integer".to_string()],
-            AxisValues::Categorical(names) => names.to_vec(),
-        };
-        let tuple = |axis: &Axis| {
-            let Axis { name, unit, low, high, nominal, meaning, .. } = axis.clone();
-            (axis.kind.name().to_string(), name, unit, low, high, nominal, values(axis), meaning)
-        };
         self.space.axes().iter().map(tuple).collect()
     }
 
@@ -208,6 +203,11 @@ impl PyTarget {
 }
 
 impl PyTarget {
+    /// Returns the exception that ended the simulations, once.
+    pub(crate) fn take_exception(&self) -> Option<PyErr> {
+        self.pending.lock().unwrap_or_else(PoisonError::into_inner).take()
+    }
+
     /// Checks that this process made the target.
     pub(crate) fn check_process(&self) -> PyResult<()> {
         in_this_process(self.process)
@@ -216,6 +216,31 @@ impl PyTarget {
 
 /// Longest episode, in control steps.
 const MAX_STEPS: usize = 10_000_000;
+
+/// Returns axes with narrower ranges or fixed values.
+#[pyfunction]
+pub fn with_settings(
+    axes: Vec<AxisTuple>,
+    settings: BTreeMap<String, SettingArgument>,
+) -> PyResult<Vec<AxisTuple>> {
+    let settings = settings.into_iter().map(|(name, setting)| (name, setting.into())).collect();
+    let space = space(axes)?;
+    let known = space.axes().to_vec();
+    let space = mishandle::resolve::with_settings(space, &settings, &known).map_err(raised)?;
+    Ok(space.axes().iter().map(tuple).collect())
+}
+
+/// Returns an axis as Python takes it.
+fn tuple(axis: &Axis) -> AxisTuple {
+    let values = match &axis.values {
+        AxisValues::Continuous => vec!["continuous".to_string()],
+        AxisValues::Logarithmic => vec!["logarithmic".to_string()],
+        AxisValues::Integer => vec!["integer".to_string()],
+        AxisValues::Categorical(names) => names.to_vec(),
+    };
+    let Axis { name, unit, low, high, nominal, meaning, .. } = axis.clone();
+    (axis.kind.name().to_string(), name, unit, low, high, nominal, values, meaning)
+}
 
 /// Returns the space of all axes.
 pub(crate) fn space(axes: Vec<AxisTuple>) -> PyResult<Space> {
@@ -343,7 +368,10 @@ pub(crate) fn scenario<'py>(
     for (axis, value) in space.axes().iter().zip(values) {
         let Some(value) = *value else { continue };
         match &axis.values {
-            AxisValues::Categorical(names) => dict.set_item(&axis.name, names.get(value as usize))?,
+            // The first name is that of the lower bound.
+            AxisValues::Categorical(names) => {
+                dict.set_item(&axis.name, names.get((value - axis.low) as usize))?;
+            }
             AxisValues::Integer => dict.set_item(&axis.name, value as i64)?,
             AxisValues::Continuous | AxisValues::Logarithmic => dict.set_item(&axis.name, value)?,
         }

@@ -10,11 +10,12 @@ use mishandle::{MishandleError as Error, Plan, ResolvedPlan};
 use pyo3::prelude::*;
 use serde::Serialize;
 
-use crate::target::PyTarget;
+use crate::target::{PyTarget, keep};
 use crate::{MishandleError, raised};
 
-/// Where a run is stored: path, whether to continue the run there, and whether to sync each batch.
-pub(crate) type Out = (Option<PathBuf>, bool, bool);
+/// Where a run is stored: path, whether to continue the run there, whether to sync each batch, and
+/// whether this build may continue a run of another one.
+pub(crate) type Out = (Option<PathBuf>, bool, bool, bool);
 
 /// Returns the plan of a target with this seed.
 pub(crate) fn plan(target: &PyTarget, seed: u64) -> Plan {
@@ -27,16 +28,21 @@ pub(crate) fn in_run<T: Send>(
     py: Python<'_>,
     target: &PyTarget,
     plan: &Plan,
-    (path, is_resumed, is_durable): Out,
+    (path, is_resumed, is_durable, any_build): Out,
     work: impl FnOnce(&ResolvedPlan, RunWriter) -> Result<T, Error> + Send,
 ) -> PyResult<(T, Option<PyErr>)> {
     detached_until(py, target, || {
         let mut found = target.target.clone();
         let mut run = match &path {
             Some(path) if is_resumed => {
-                let run = RunWriter::resume(path)?;
+                let mut run = RunWriter::resume(path)?;
                 // The probe of a target that is not deterministic can find no difference by chance.
                 found.is_deterministic = run.file().header().target.is_deterministic;
+                let resolved = ResolvedPlan::with_target(plan, found.clone())?;
+                if any_build {
+                    mishandle::run::admit_build(&mut run, &resolved)?;
+                }
+                guard(target, run.file(), &resolved)?;
                 run
             }
             _ => {
@@ -48,6 +54,42 @@ pub(crate) fn in_run<T: Send>(
         }
         work(&ResolvedPlan::with_target(plan, found)?, run)
     })
+}
+
+/// Checks that the system of a run to continue does what it did, as far as that can be checked, and
+/// warns of the rest.
+fn guard(target: &PyTarget, run: &RunFile, resolved: &ResolvedPlan) -> Result<(), Error> {
+    let header = run.header();
+    let not_covered: Vec<&str> = header
+        .components
+        .iter()
+        .filter(|component| component.is_not_covered())
+        .map(|component| component.name.as_str())
+        .collect();
+    if !header.target.is_deterministic {
+        return warn(
+            target,
+            "the resumed system is not deterministic, so no recorded simulation was repeated to check it: that it is the \
+             system of the run is known from the hash of its code and settings only",
+        );
+    }
+    match mishandle::replay::replay_first(run, resolved)? {
+        Some(differences) if !differences.is_empty() => Err(Error::OtherSystem { differences }),
+        Some(_) if !not_covered.is_empty() => warn(
+            target,
+            &format!(
+                "the hash of the resumed system does not cover {}: it was checked by repeating the first recorded simulation, \
+                 and not by the others",
+                not_covered.join("; ")
+            ),
+        ),
+        _ => Ok(()),
+    }
+}
+
+/// Warns in Python. A warning can be an exception there.
+fn warn(target: &PyTarget, message: &str) -> Result<(), Error> {
+    crate::warn(message, 2).map_err(|exception| keep(&target.pending, exception).into())
 }
 
 /// Returns the plan of a run with a target.

@@ -1,19 +1,20 @@
 """Mistakes in arguments are errors instead of silent defaults."""
 
-import functools
+import math
 import pathlib
 import subprocess
 import sys
 import tempfile
+import time
 import unittest
 import warnings
+from xml.etree import ElementTree
 
 import gymnasium
 import mishandle
 import numpy as np
 import pandas
 from mishandle import Axis
-from mishandle.policies import BytecodeOnly, source_text
 
 SPACE = [Axis("speed", 0, 10, "m/s")]
 
@@ -116,30 +117,6 @@ class Arguments(unittest.TestCase):
         for name in ("", "a\nb"):
             with self.assertRaisesRegex(mishandle.MishandleError, "name of an axis"):
                 Axis(name, 0, 1)
-
-    def test_the_hash_of_a_system_covers_partials_closures_and_functions_without_source(self):
-        def add(scenario, k):
-            return scenario["speed"] + k
-
-        def closed(k):
-            return lambda scenario: scenario["speed"] * k
-
-        names = {}
-        exec("a = lambda s: 1\nb = lambda s: 2\nc = lambda s: s in {'x', 'y', 'z'}", names)
-        pairs = [
-            (functools.partial(add, k=1), functools.partial(add, k=2)),
-            (closed(1), closed(2)),
-            (names["a"], names["b"]),
-        ]
-        for one, other in pairs:
-            self.assertNotEqual(source_text(one), source_text(other))
-            self.assertEqual(source_text(one), source_text(one))
-            with BytecodeOnly():
-                self.assertNotEqual(source_text(one), source_text(other))
-        # A set has another order in each process.
-        code = "from mishandle.policies import source_text as t; n = {}; exec(\"c = lambda s: s in {'x', 'y', 'z'}\", n); print(t(n['c']))"
-        found = {subprocess.run([sys.executable, "-c", code], capture_output=True, text=True).stdout for _ in range(3)}
-        self.assertEqual(len(found), 1, found)
 
     def test_a_source_without_a_value_is_named(self):
         env = gymnasium.make("CartPole-v1")
@@ -288,6 +265,136 @@ class Arguments(unittest.TestCase):
         other = mishandle.replay(self.out, lambda scenario: {"gap": [4.0, 4.0]}, "always(gap >= 1)", SPACE)
         found = [text for text in other.differences if text.startswith("robustness:")]
         self.assertRegex(found[0], r"^robustness: recorded -?[\d.]+, replayed 3.0$")
+
+
+ROAD = [
+    Axis("speed", 0, 10, "m/s"),
+    Axis("delay", 0, 4, values="integer", kind="model"),
+    Axis("surface", values=["dry", "wet", "ice"], nominal="wet", kind="model"),
+]
+
+
+class Settings(unittest.TestCase):
+    """Axes of a system of the user that have narrower ranges, or fixed values."""
+
+    def setUp(self):
+        self.folder = pathlib.Path(self.enterContext(tempfile.TemporaryDirectory()))
+
+    def test_a_system_receives_the_nominal_value_that_its_axis_states(self):
+        self.assertEqual([axis.nominal_value for axis in ROAD], [5.0, 2, "wet"])
+        self.assertEqual([axis.nominal_number for axis in ROAD], [5.0, 2.0, 1.0])
+        self.assertEqual(Axis("surface", values=["dry", "wet"], nominal=1).nominal_value, "wet")
+        seen = []
+        mishandle.simulate(lambda s: seen.append(s) or {"gap": [1.0, 1.0]}, "always(gap >= 0)", ROAD)
+        self.assertEqual(seen[0], {"speed": 5.0, "delay": 2, "surface": "wet"})
+        for nominal in ("sand", 1.5):
+            with self.assertRaisesRegex(mishandle.MishandleError, "axis `surface`"):
+                Axis("surface", values=["dry", "wet"], nominal=nominal)
+        with self.assertRaisesRegex(mishandle.MishandleError, "nominal value of axis `x` is 'dry'; the axis has no names"):
+            Axis("x", 0, 1, nominal="dry")
+
+    def test_axes_of_functions_and_environments_are_fixed_and_narrowed(self):
+        seen = []
+
+        def system(scenario):
+            seen.append(scenario)
+            return {"gap": [10.0, 10.0 - scenario["speed"]]}
+
+        run = self.folder / "run.sqlite"
+        axes = {"surface": "ice", "speed": (2.0, 3.0), "delay": 4}
+        found = mishandle.falsify(system, "always(gap >= 0)", ROAD, axes=axes, search="random", trials=1, budget=20, out=run)
+        self.assertEqual(found.simulations, 20)
+        self.assertTrue(all(2 <= scenario["speed"] <= 3 for scenario in seen))
+        self.assertEqual({(scenario["surface"], scenario["delay"]) for scenario in seen}, {("ice", 4)})
+        columns = mishandle.open_run(run).columns()
+        self.assertEqual((set(columns["surface"]), set(columns["delay"])), ({"ice"}, {4}))
+        again = mishandle.replay(run, system, "always(gap >= 0)", ROAD, axes=axes, trial=1, number=3)
+        self.assertEqual((again.differences, again.repetition.scenario["surface"]), ((), "ice"))
+        env = gymnasium.make("CartPole-v1", max_episode_steps=3)
+        space = [Axis("low", -0.05, 0.0), Axis("length", 0.4, 0.6, kind="model", apply=mishandle.Attribute("length"))]
+        signals = {"length": lambda env: env.length}
+        kinds = {"policy": lambda o: 1, "signals": signals, "termination": "hold"}
+        [found] = mishandle.simulate(env, "always(length <= 9)", space, axes={"length": 0.45}, **kinds)
+        self.assertEqual(found.trace["length"].tolist(), [0.45] * 4)
+
+    def test_impossible_settings_are_errors(self):
+        for axes, message in [
+            ({"sped": 1}, "there is no axis `sped`.*did you mean `speed`"),
+            ({"delay": 9}, "delay cannot be 9: expected a whole number from 0 to 4"),
+            ({"surface": "sand"}, "there is no category `sand`"),
+            ({"speed": 1, "delay": 1, "surface": "dry"}, "at least 1"),
+        ]:
+            with self.assertRaisesRegex(mishandle.MishandleError, message):
+                mishandle.simulate(braking, "always(gap >= 0)", ROAD, axes=axes)
+
+    def test_a_category_of_a_narrowed_axis_keeps_its_name(self):
+        run = self.folder / "run.sqlite"
+        seen = []
+        system = lambda s: seen.append(s["surface"]) or {"gap": [1.0, 1.0]}
+        mishandle.evaluate(system, "always(gap >= 0)", ROAD, axes={"surface": (1, 2)}, episodes=20, out=run)
+        self.assertEqual(set(seen), {"wet", "ice"})
+        self.assertEqual(set(mishandle.open_run(run).columns()["surface"]), {"wet", "ice"})
+
+
+class Files(unittest.TestCase):
+    def setUp(self):
+        self.folder = pathlib.Path(self.enterContext(tempfile.TemporaryDirectory()))
+
+    def test_results_make_their_folders(self):
+        space = [Axis("speed", 0, 10, "m/s", nominal=0, kind="input")]
+        found = mishandle.margin(braking, "always(gap >= 2)", space, budget=50, out=self.folder / "run.sqlite")
+        self.assertTrue(found.export(self.folder / "new" / "inner" / "smallest.json").is_file())
+        found.report(self.folder / "pages" / "margin.html", simulate=False)
+        self.assertTrue((self.folder / "pages" / "margin.html").is_file())
+        self.assertEqual(sorted(path.name for path in (self.folder / "pages").iterdir()), ["margin.html"])
+
+    def test_runs_that_start_at_the_same_moment_have_files_of_their_own(self):
+        program = (
+            "import mishandle, sys, time\n"
+            "time.sleep(max(0.0, float(sys.argv[1]) - time.time()))\n"
+            "system = lambda s: {'gap': [1.0, s['speed']]}\n"
+            "space = [mishandle.Axis('speed', 0, 10)]\n"
+            "print(mishandle.evaluate(system, 'always(gap >= -1)', space, episodes=3, name='same').path)\n"
+        )
+        command = [sys.executable, "-c", program, str(time.time() + 3)]
+        started = [subprocess.Popen(command, cwd=self.folder, stdout=subprocess.PIPE, text=True) for _ in range(4)]
+        paths = {process.communicate()[0].strip() for process in started}
+        self.assertEqual(len(paths), 4, paths)
+        self.assertEqual({process.returncode for process in started}, {0})
+
+    def test_a_baseline_tells_new_failures_from_old_ones(self):
+        fast = lambda scenario: {"gap": [10.0, 10.0 - 2 * scenario["speed"]]}
+        slow = lambda scenario: {"gap": [10.0, 10.0 - 0.1 * scenario["speed"]]}
+        suite, report = self.folder / "suite", self.folder / "reports" / "junit.xml"
+        kinds = {"name": "car", "search": "random", "trials": 1, "budget": 50}
+        mishandle.falsify(braking, "always(gap >= 2)", SPACE, out=self.folder / "run.sqlite", **kinds).export(suite)
+        for system, baseline, result in [(fast, slow, "new failure"), (fast, braking, "still fails"), (slow, fast, "fixed"), (slow, slow, "passes")]:
+            found = mishandle.regress(suite, system, "always(gap >= 2)", SPACE, name="car", baseline=baseline, junit=report)
+            [test] = found.tests
+            self.assertEqual((test.result, found.new_failures), (result, int(result == "new failure")))
+            [case] = ElementTree.parse(report).iter("testcase")
+            self.assertEqual([part.tag for part in case], {"new failure": ["failure"], "still fails": ["skipped"]}.get(result, []))
+
+    def test_more_threads_than_cores_are_reported(self):
+        with self.assertWarnsRegex(UserWarning, "threads=1000 is more than the .* cores"):
+            mishandle.TaskVectorEnv("point-reaching", 2, threads=1000)
+
+    def test_a_comparison_of_huge_numbers_has_no_nan(self):
+        def constant(value):
+            return lambda scenario: {"gap": [value * (0.5 + scenario["speed"] / 20)] * 2}
+
+        runs = []
+        for number, value in enumerate([1.7e308, -1.7e308, 1.6e308]):
+            run = self.folder / f"{number}.sqlite"
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore")
+                mishandle.evaluate(constant(value), "always(gap >= 2)", SPACE, episodes=30, name="huge", out=run)
+            runs.append(run)
+        for pair in [(0, 1), (1, 0), (0, 2), (0, 0)]:
+            means = mishandle.compare(*(runs[each] for each in pair)).robustness
+            values = [means.first, means.second, means.difference.value, means.difference.low, means.difference.high]
+            self.assertFalse(any(value is not None and math.isnan(value) for value in values), (pair, values))
+            self.assertTrue(math.isfinite(means.first) and math.isfinite(means.second), (pair, values))
 
 
 if __name__ == "__main__":

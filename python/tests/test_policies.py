@@ -83,18 +83,23 @@ class Hashes(unittest.TestCase):
             self.assertNotEqual(policy_hash(maker([1.0])), policy_hash(maker([2.0])))
         self.assertNotEqual(policy_hash(Model([1.0], mean=0.0)), policy_hash(Model([1.0], mean=1.0)))
 
-    def test_the_state_of_a_controller_is_not_a_part_of_it(self):
+    def test_the_state_that_a_reset_clears_is_not_a_part_of_a_controller(self):
         class Integrator:
-            total = 0.0
+            def __init__(self, gain):
+                self.gain, self.total = gain, 0.0
+
+            def reset(self):
+                self.total = 0.0
 
             def __call__(self, observation):
-                self.total += float(observation[0])
+                self.total += self.gain * float(observation[0])
                 return self.total
 
-        controller = Integrator()
+        controller = Integrator(2.0)
         before = policy_hash(controller)
         controller(np.ones(1))
         self.assertEqual(policy_hash(controller), before)
+        self.assertNotEqual(policy_hash(Integrator(3.0)), before)
 
 
 class Predictions(unittest.TestCase):

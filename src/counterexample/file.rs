@@ -4,7 +4,7 @@ use mishandle_stl::is_satisfied;
 use std::collections::BTreeMap;
 
 use mishandle_store::{BuildRecord, ComponentRecord, SimulationEnd, TargetRecord};
-use serde::{Deserialize, Serialize};
+use serde::{Deserialize, Deserializer, Serialize};
 
 use super::{AxisValue, BESIDE, Counterexample, Decisive, Expected, MinimizedFrom};
 use crate::error::MishandleError;
@@ -36,9 +36,11 @@ struct Document {
     scenario: Vec<Value>,
     seed: String,
     expected: Outcome,
+    #[serde(deserialize_with = "present")]
     decisive: Option<Predicate>,
     trial: u32,
     simulation: u32,
+    #[serde(deserialize_with = "present")]
     minimized_from: Option<Origin>,
     build: Build,
     versions: BTreeMap<String, String>,
@@ -66,7 +68,9 @@ struct Component {
 #[serde(deny_unknown_fields)]
 struct Value {
     axis: String,
+    #[serde(deserialize_with = "present")]
     value: Option<f64>,
+    #[serde(deserialize_with = "present")]
     nominal: Option<f64>,
     unit: String,
 }
@@ -75,10 +79,11 @@ struct Value {
 #[serde(deny_unknown_fields)]
 struct Outcome {
     end: String,
+    #[serde(deserialize_with = "present")]
     end_step: Option<u32>,
     steps: u32,
     robustness: Number,
-    trace_digest: Option<String>,
+    trace_digest: String,
 }
 
 #[derive(Serialize, Deserialize)]
@@ -108,6 +113,12 @@ struct Build {
     target: String,
     rustc: String,
     architecture: String,
+}
+
+/// Reads a value that can be `null`. Its key must be there: an absent fact would be taken for a fact
+/// that agrees.
+fn present<'de, D: Deserializer<'de>, T: Deserialize<'de>>(from: D) -> Result<Option<T>, D::Error> {
+    Option::deserialize(from)
 }
 
 /// A number, or `"inf"` or `"-inf"`, which JSON numbers cannot be.
@@ -196,7 +207,7 @@ impl Document {
                 end_step: expected.end.step(),
                 steps: expected.steps,
                 robustness: Number::new(expected.robustness),
-                trace_digest: expected.trace_digest.map(|digest| format!("{digest:032x}")),
+                trace_digest: format!("{:032x}", expected.trace_digest),
             },
             decisive: from.decisive.as_ref().map(|known| Predicate {
                 predicate: known.predicate.clone(),
@@ -289,7 +300,7 @@ impl Document {
                 end: end(&self.expected.end, self.expected.end_step)?,
                 steps: self.expected.steps,
                 robustness,
-                trace_digest: self.expected.trace_digest.as_deref().map(digest).transpose()?,
+                trace_digest: digest(&self.expected.trace_digest)?,
             },
             decisive: decisive.transpose()?,
             trial: self.trial,
@@ -387,7 +398,7 @@ mod tests {
                 end: SimulationEnd::Terminated { step: 3 },
                 steps: 3,
                 robustness: f64::NEG_INFINITY,
-                trace_digest: Some(0xab),
+                trace_digest: 0xab,
             },
             decisive: Some(Decisive {
                 predicate: "x >= 1".to_string(),

@@ -19,8 +19,8 @@ use mishandle_store::{
 use crate::error::MishandleError;
 use crate::inspect::{ExplainedSimulation, explain, explain_episode};
 use crate::plan::{FalsifyPlan, Plan};
-use crate::replay::differences_of_builds;
 use crate::resolve::{ResolvedPlan, controller_name, is_path, resolve_recorded};
+use crate::run::differences_of_builds;
 use crate::shipped::shipped_controller;
 
 pub use export::{Chosen, Exported, Minimization, export, representatives};
@@ -105,8 +105,8 @@ pub struct Expected {
     pub steps: u32,
     /// Robustness; negative.
     pub robustness: f64,
-    /// Digest of the trace; `None` if it was not recorded.
-    pub trace_digest: Option<u128>,
+    /// Digest of the trace.
+    pub trace_digest: u128,
 }
 
 /// The predicate that sets the robustness, at its sample.
@@ -327,13 +327,24 @@ impl Counterexample {
         compare("end", &self.expected.end, &again.expected.end);
         compare("number of control steps", &self.expected.steps, &again.expected.steps);
         compare("robustness", &self.expected.robustness, &again.expected.robustness);
-        let digest = |of: &Counterexample| of.expected.trace_digest.map(|digest| format!("{digest:032x}"));
-        if self.expected.trace_digest.is_some() {
-            compare("digest of the trace", &digest(self), &digest(again));
-        }
+        let digest = |of: &Counterexample| format!("{:032x}", of.expected.trace_digest);
+        compare("digest of the trace", &digest(self), &digest(again));
+        // A controller that was moved can have another name.
+        let is_moved = self.plan.controller != again.plan.controller;
+        let components = |of: &Counterexample| {
+            of.components.iter().map(|component| facts(component, is_moved)).collect::<Vec<_>>()
+        };
+        compare("components", &components(self), &components(again));
         compare("decisive predicate", &self.decisive, &again.decisive);
         found
     }
+}
+
+/// Returns the facts of a component. The file of a controller can be in another folder.
+fn facts(component: &ComponentRecord, is_moved: bool) -> [String; 4] {
+    let ComponentRecord { role, name, hash, file_hash } = component;
+    let name = if is_moved { String::new() } else { controller_name(name) };
+    [role.clone(), name, hash.clone(), file_hash.clone()]
 }
 
 /// Describes a simulation, whatever its robustness.
@@ -363,7 +374,9 @@ fn describe(header: &RunHeader, explained: &ExplainedSimulation) -> Result<Count
         sides: predicate.sides.clone(),
         values: predicate.values,
     });
-    let Simulation { trial, number, seed, end, steps, trace_digest, .. } = *recorded;
+    let Simulation { trial, number, seed, end, steps, .. } = *recorded;
+    let trace_digest = recorded.trace_digest.or_else(|| Some(recorded.trace.as_ref()?.digest()));
+    let trace_digest = trace_digest.ok_or(MishandleError::NoDigest { trial, number })?;
     Ok(Counterexample {
         plan,
         target: header.target.clone(),

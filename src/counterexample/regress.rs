@@ -6,7 +6,7 @@ use std::path::Path;
 use mishandle_falsification::{repeat, repeat_seeds};
 use mishandle_results::Repeats;
 use mishandle_rollout::{Episode, Seed};
-use mishandle_store::RunHeader;
+use mishandle_store::{ComponentRecord, RunHeader};
 
 use crate::counterexample::Counterexample;
 use crate::error::MishandleError;
@@ -25,8 +25,8 @@ pub struct Regression {
     /// Simulations with other seeds; `None` if `repeats` is 0, or if nothing is random.
     pub repeats: Option<Repeats>,
     /// Whether the target is not the recorded one, so that its scenarios may have another meaning.
-    /// The hash of a target covers its controller, so this is `None` if the recorded controller
-    /// cannot be loaded.
+    /// `None` if that is not known: the hash of a target covers its controller, and the recorded
+    /// controller cannot be loaded; or the hash does not cover all parts of the target.
     pub has_other_target: Option<bool>,
 }
 
@@ -54,7 +54,7 @@ pub fn regress(
         Some(_) => counterexample.resolve(folder, None).ok().map(|recorded| recorded.target.identity.hash),
         None => Some(found.header.target.hash.clone()),
     };
-    let has_other_target = with_recorded.map(|hash| hash != counterexample.target.hash);
+    let has_other_target = with_recorded.and_then(|hash| has_other_target(counterexample, &hash));
     Ok(Regression { has_other_target, ..found })
 }
 
@@ -83,6 +83,14 @@ pub fn regress_with(
         _ if !depends_on_seed(resolved, &scenario) => None,
         n => Some(repeat(&mut *system, &scenario, repeat_seeds(Seed(counterexample.seed), n), watch)?),
     };
-    let has_other_target = Some(header.target.hash != counterexample.target.hash);
+    let has_other_target = has_other_target(counterexample, &header.target.hash);
     Ok(Regression { explained, header, episode, repeats, has_other_target })
+}
+
+/// Returns whether the target of a counterexample has another hash than `hash`; `None` if they are
+/// equal and do not cover all of it.
+fn has_other_target(counterexample: &Counterexample, hash: &str) -> Option<bool> {
+    let is_other = counterexample.target.hash != hash;
+    let is_covered = !counterexample.components.iter().any(ComponentRecord::is_not_covered);
+    (is_other || is_covered).then_some(is_other)
 }

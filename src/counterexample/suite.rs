@@ -36,7 +36,12 @@ pub enum Tested<'a> {
         baseline: Option<&'a str>,
     },
     /// A target that need not be part of this program.
-    Target(&'a Target),
+    Target {
+        /// The target.
+        target: &'a Target,
+        /// A target to compare with.
+        baseline: Option<&'a Target>,
+    },
 }
 
 /// A folder of counterexamples and how they are tested.
@@ -88,16 +93,12 @@ impl Suite<'_> {
             MishandleError::File { .. } => with_causes(&error),
             error => format!("{}: {}", path.display(), with_causes(&error)),
         });
-        let mut simulated = |controller| {
+        let mut simulated = |is_baseline| {
             let recorded = recorded.as_ref().map_err(Clone::clone)?;
-            self.simulate(recorded, controller, &mut watch).map_err(|error| with_causes(&error))
+            self.simulate(recorded, is_baseline, &mut watch).map_err(|error| with_causes(&error))
         };
-        let controller = match self.tested {
-            Tested::Controllers { controller, .. } => controller,
-            Tested::Target(_) => None,
-        };
-        let found: Simulated = simulated(controller);
-        let baseline: Option<Simulated> = self.baseline().map(|baseline| simulated(Some(baseline)));
+        let found: Simulated = simulated(false);
+        let baseline: Option<Simulated> = self.baseline().map(|_| simulated(true));
         let outcome = match (self.fails(&found), baseline.as_ref().map(|baseline| self.fails(baseline))) {
             (None, _) | (_, Some(None)) => ERROR,
             (Some(false), Some(Some(true))) => FIXED,
@@ -139,7 +140,7 @@ impl Suite<'_> {
         let with_baseline = |result| self.baseline().map(|_| number(&[result]));
         let controller = match self.tested {
             Tested::Controllers { controller, .. } => controller.map(str::to_string),
-            Tested::Target(_) => None,
+            Tested::Target { .. } => None,
         };
         results::Regression {
             folder: self.folder.to_string_lossy().into_owned(),
@@ -158,19 +159,23 @@ impl Suite<'_> {
     fn baseline(&self) -> Option<&str> {
         match self.tested {
             Tested::Controllers { baseline, .. } => baseline,
-            Tested::Target(_) => None,
+            Tested::Target { baseline, .. } => baseline.map(|baseline| baseline.identity.name.as_str()),
         }
     }
 
     fn simulate(
         &self,
         recorded: &Counterexample,
-        controller: Option<&str>,
+        is_baseline: bool,
         watch: &mut dyn FnMut(&Episode) -> ControlFlow<()>,
     ) -> Result<Regression, MishandleError> {
         match self.tested {
-            Tested::Controllers { .. } => regress(recorded, self.folder, controller, self.repeats, watch),
-            Tested::Target(target) => {
+            Tested::Controllers { controller, baseline } => {
+                let controller = if is_baseline { baseline } else { controller };
+                regress(recorded, self.folder, controller, self.repeats, watch)
+            }
+            Tested::Target { target, baseline } => {
+                let target = baseline.filter(|_| is_baseline).unwrap_or(target);
                 let plan = Plan { seed: 0, ..recorded.plan.clone() };
                 let resolved = ResolvedPlan::with_target(&plan, target.clone())?;
                 regress_with(recorded, &resolved, self.repeats, watch)

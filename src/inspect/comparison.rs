@@ -1,9 +1,11 @@
 //! Comparison of two evaluations on the same scenarios and seeds.
 
+use std::collections::{BTreeMap, BTreeSet};
+
 use mishandle_evaluation::{Corners, PairedCounts, paired_mean_difference, sign_test};
 use mishandle_results::{ComparedRun, PairedMeans, PairedRates};
 use mishandle_rollout::{Episode, Seed};
-use mishandle_store::{AxisRecord, RunFile, RunHeader, RunKind, Simulation};
+use mishandle_store::{AxisRecord, ComponentRecord, RunFile, RunHeader, RunKind, Simulation};
 
 use crate::error::MishandleError;
 use crate::plan::Plan;
@@ -85,10 +87,32 @@ impl Comparison {
         )
     }
 
+    /// Returns a sentence if controller and target of both have the same hashes.
+    pub fn sameness(&self) -> Option<String> {
+        sameness(&self.first, &self.second)
+    }
+
     /// Returns whether B fails anywhere where A succeeds.
     pub fn has_new_failures(&self) -> bool {
         !self.new_failures.is_empty()
     }
+}
+
+/// Returns a sentence if controller and target of two runs have the same hashes. It calls them the
+/// same only if the hashes cover all of them.
+pub fn sameness(a: &ComparedRun, b: &ComparedRun) -> Option<String> {
+    if a.controller_hash != b.controller_hash || a.target_hash != b.target_hash {
+        return None;
+    }
+    let parts: BTreeSet<&str> = a.not_covered.iter().chain(&b.not_covered).map(String::as_str).collect();
+    if parts.is_empty() {
+        return Some("A and B have the same controller and target".to_string());
+    }
+    let parts: Vec<&str> = parts.into_iter().collect();
+    Some(format!(
+        "A and B have the same code and settings as far as their hashes cover them; not covered, and possibly different: {}",
+        parts.join("; ")
+    ))
 }
 
 fn paired_rates(counts: PairedCounts) -> PairedRates {
@@ -100,8 +124,7 @@ fn paired_rates(counts: PairedCounts) -> PairedRates {
 
 fn paired_means(pairs: &[(f64, f64)], seed: Seed) -> PairedMeans {
     let (first, second): (Vec<f64>, Vec<f64>) = pairs.iter().copied().unzip();
-    let mean =
-        |values: &[f64]| (!values.is_empty()).then(|| values.iter().sum::<f64>() / values.len() as f64);
+    let mean = |values: &[f64]| (!values.is_empty()).then(|| mishandle_evaluation::mean(values));
     let count = |is: fn(&(f64, f64)) -> bool| pairs.iter().filter(|pair| is(pair)).count() as u64;
     let (smaller, larger) = (count(|(a, b)| b < a), count(|(a, b)| b > a));
     PairedMeans {
@@ -309,41 +332,56 @@ fn problem(a: &RunHeader, b: &RunHeader) -> Option<String> {
 
 /// Lists the facts that can cause differences although they do not prevent a comparison.
 fn differences(a: &RunHeader, b: &RunHeader) -> Vec<String> {
-    let settings = |header: &RunHeader| -> Vec<(String, String)> {
-        let plan = Plan::from_toml(&header.plan).ok();
-        let of_plan = |value: fn(&Plan) -> String| plan.as_ref().map_or("unknown".to_string(), value);
+    let settings = |header: &RunHeader| -> BTreeMap<String, String> {
+        let mut facts = vec![
+            ("program version", header.build.program_version.clone()),
+            ("commit", header.build.git_commit.clone()),
+            ("build target", header.build.target.clone()),
+            ("compiler", header.build.rustc.clone()),
+            ("instruction set", header.build.architecture.clone()),
+        ];
+        if let Ok(plan) = Plan::from_toml(&header.plan) {
+            facts.push(("task preset", plan.preset));
+            facts.push(("action noise", plan.action_noise.to_string()));
+            facts.push(("observation noise", plan.observation_noise.to_string()));
+            facts.push(("sampled actions", plan.stochastic.to_string()));
+        }
+        // The hash of a target with a controller covers the controller.
+        if header.components.iter().all(ComponentRecord::is_not_covered) {
+            facts.push(("hash of the target", header.target.hash.clone()));
+        }
+        let facts = facts.into_iter().map(|(name, fact)| (name.to_string(), fact));
         let versions =
             header.versions.iter().map(|(name, version)| (format!("version of {name}"), version.clone()));
-        let mut facts = vec![
-            ("task preset".to_string(), of_plan(|plan| plan.preset.clone())),
-            ("action noise".to_string(), of_plan(|plan| plan.action_noise.to_string())),
-            ("observation noise".to_string(), of_plan(|plan| plan.observation_noise.to_string())),
-            ("sampled actions".to_string(), of_plan(|plan| plan.stochastic.to_string())),
-            // The hash of a target with a controller covers the controller.
-            (
-                "hash of the target".to_string(),
-                if header.components.is_empty() { header.target.hash.clone() } else { String::new() },
-            ),
-            ("program version".to_string(), header.build.program_version.clone()),
-            ("commit".to_string(), header.build.git_commit.clone()),
-            ("build target".to_string(), header.build.target.clone()),
-            ("instruction set".to_string(), header.build.architecture.clone()),
-        ];
-        facts.extend(versions);
-        facts
+        facts.chain(versions).filter(|(_, fact)| !fact.is_empty()).collect()
     };
-    let pairs = settings(a).into_iter().zip(settings(b)).filter(|(a, b)| a != b);
-    pairs.map(|((what, a), (_, b))| format!("{what}: A has {a}, B has {b}")).collect()
+    let (a_facts, b_facts) = (settings(a), settings(b));
+    let names: BTreeSet<&String> = a_facts.keys().chain(b_facts.keys()).collect();
+    let fact = |facts: &BTreeMap<String, String>, name: &String| {
+        facts.get(name).map_or("no record of it", String::as_str).to_string()
+    };
+    let differs = names.into_iter().filter(|name| a_facts.get(*name) != b_facts.get(*name));
+    let mut found: Vec<String> = differs
+        .map(|name| format!("{name}: A has {}, B has {}", fact(&a_facts, name), fact(&b_facts, name)))
+        .collect();
+    if !a_facts.contains_key("task preset") && !b_facts.contains_key("task preset") {
+        found.push(
+            "preset and noise: the plans of A and B cannot be read, so they are not compared".to_string(),
+        );
+    }
+    found
 }
 
 fn compared_run(run: &RunFile) -> ComparedRun {
     let header = run.header();
-    let controller = header.components.first();
+    let controller = header.components.iter().find(|component| !component.is_not_covered());
+    let not_covered = header.components.iter().filter(|component| component.is_not_covered());
     ComparedRun {
         run: run.path().to_string_lossy().into_owned(),
         controller: controller.map(|controller| controller.name.clone()),
         controller_hash: controller.map(|controller| controller.hash.clone()),
         target_hash: header.target.hash.clone(),
+        not_covered: not_covered.map(|component| component.name.clone()).collect(),
         commit: header.build.git_commit.clone(),
     }
 }

@@ -17,7 +17,7 @@ mod smooth_region;
 mod space_coverage;
 
 pub use answer::whole_result;
-pub use comparison::{ComparedPair, Comparison, compare};
+pub use comparison::{ComparedPair, Comparison, compare, sameness};
 pub use event::{Event, EventKind, release};
 pub use explanation::{
     Conjunct, ExplainedSimulation, Explanation, PredicateHistory, explain, explain_episode, explain_recorded,

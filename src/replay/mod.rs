@@ -9,13 +9,13 @@ use mishandle_falsification::norms;
 use mishandle_results::Norms;
 use mishandle_rollout::{Episode, Scenario, Space, System};
 use mishandle_stl::is_violated;
-use mishandle_store::{BuildRecord, RunFile, RunHeader, RunKind, Simulation};
+use mishandle_store::{RunFile, RunKind, Simulation, SimulationEnd};
 
-use crate::build::build;
 use crate::error::MishandleError;
 use crate::resolve::{ResolvedPlan, recorded_plan};
 use crate::run::{header, record, recorded_axis};
 
+pub use crate::run::build_differences;
 pub use command::replay_command;
 
 /// A replay of a recorded simulation.
@@ -103,6 +103,31 @@ pub(crate) fn replay_in(
     })
 }
 
+/// Simulates the first recorded simulation of a run again, and lists how it differs. The hash of a
+/// target that is not part of this program can miss a part of what it does.
+///
+/// Returns `None` if the run has no simulation that does the same each time. A time limit depends
+/// on the clock.
+///
+/// # Errors
+/// If the run is of another plan, cannot be read, or the simulation cannot be run.
+pub fn replay_first(run: &RunFile, resolved: &ResolvedPlan) -> Result<Option<Vec<String>>, MishandleError> {
+    header::check(run.header(), resolved)?;
+    for recorded in run.simulations() {
+        let recorded = recorded?;
+        if matches!(recorded.end, SimulationEnd::TimedOut { .. }) {
+            continue;
+        }
+        resolved.space.check(&Scenario::new(recorded.scenario.clone()))?;
+        let request = record::request(&recorded, resolved.stored_subformulas > 0);
+        let episode = resolved.system()?.rollout(&[request])?.pop().ok_or(MishandleError::NoEpisode)?;
+        let again = Simulation { trace: None, ..record::record(&episode, resolved) };
+        let names = record::verdict_names(resolved);
+        return Ok(Some(simulation::differences(&recorded, &run.header().verdicts, &again, &names)));
+    }
+    Ok(None)
+}
+
 /// Selects a simulation to replay: the first counterexample, or else the simulation with the
 /// minimum robustness.
 ///
@@ -167,40 +192,4 @@ fn smallest_violation(run: &RunFile) -> Result<Option<(u32, u32)>, MishandleErro
         }
     }
     Ok(smallest.map(|(_, found)| found))
-}
-
-/// Lists the differences between the build that made a run and the present one.
-pub fn build_differences(header: &RunHeader, resolved: &ResolvedPlan) -> Vec<String> {
-    differences_of_builds(&header.build, &header.versions, resolved)
-}
-
-/// Lists the differences between a recorded build and the present one, with the versions of the
-/// target's software.
-pub(crate) fn differences_of_builds(
-    then: &BuildRecord,
-    versions: &[(String, String)],
-    resolved: &ResolvedPlan,
-) -> Vec<String> {
-    let now = build();
-    let mut parts = vec![
-        ("program", then.program_version.as_str(), now.program_version.as_str()),
-        ("commit", &then.git_commit, &now.git_commit),
-        ("compiler", &then.rustc, &now.rustc),
-        ("platform", &then.target, &now.target),
-        ("architecture", &then.architecture, &now.architecture),
-    ];
-    for (name, now) in &resolved.target.versions {
-        let then = versions.iter().find(|(known, _)| known == name).map_or("unknown", |(_, version)| version);
-        parts.push((name.as_str(), then, now.as_str()));
-    }
-    for (name, then) in versions {
-        if !resolved.target.versions.iter().any(|(known, _)| known == name) {
-            parts.push((name.as_str(), then.as_str(), "unknown"));
-        }
-    }
-    parts
-        .iter()
-        .filter(|(_, then, now)| then != now)
-        .map(|(part, then, now)| format!("recorded {part} {then}, now {now}"))
-        .collect()
 }

@@ -14,7 +14,7 @@ use mishandle_rollout::{Axis, AxisKind, AxisValues, RolloutError, Space};
 /// # Errors
 /// If no axis of `known` has a name, or a setting is outside of the bounds of its axis. The initial
 /// state may be set outside.
-pub(crate) fn with_settings(
+pub fn with_settings(
     space: Space,
     settings: &BTreeMap<String, AxisSetting>,
     known: &[Axis],

@@ -25,9 +25,9 @@ use mishandle_toys::TOYS;
 
 use crate::error::MishandleError;
 use crate::plan::{Plan, ScreeningPlan};
-use crate::resolve::axis_setting::with_settings;
 use crate::resolve::requirements::{joined, named_requirements, table_formula};
 
+pub use axis_setting::with_settings;
 pub use catalog::{search_result, target_result, task_result};
 pub use check::{check_evaluate, check_falsify, check_risk};
 pub(crate) use controller::is_path;

@@ -126,7 +126,7 @@ fn run_requests(
     mut run: RunWriter,
     mut watch: impl FnMut(u64) -> ControlFlow<()>,
 ) -> Result<EvaluationOutcome, MishandleError> {
-    header::check(run.file().header(), resolved)?;
+    header::check_run(run.file(), resolved)?;
     check_trials(resolved, run.file())?;
     let (plan, roles) = (&resolved.plan, FormulaRoles::of(&resolved.specification));
     let mut metrics =
@@ -280,7 +280,7 @@ mod tests {
         run.start_trial(TRIAL, 0).unwrap();
         let other = Evaluation::new(3, Seed(9)).request(&resolved.space, 1).unwrap();
         let episodes = resolved.system().unwrap().rollout(&[other]).unwrap();
-        run.record(&[record::record(&episodes[0], 0)]).unwrap();
+        run.record(&[record::record(&episodes[0], &resolved)]).unwrap();
         let error = evaluate(&resolved, run, |_| ControlFlow::Continue(())).unwrap_err();
         assert!(matches!(error, MishandleError::SimulationMismatch { number: 1 }), "{error}");
     }

@@ -33,7 +33,7 @@ pub fn falsify(
 ) -> Result<FalsificationOutcome, MishandleError> {
     let ResolvedPlan { plan, space, .. } = resolved;
     let falsify = plan.falsify.as_ref().ok_or(MishandleError::MissingPlanTable { table: "falsify" })?;
-    header::check(run.file().header(), resolved)?;
+    header::check_run(run.file(), resolved)?;
     let settings = settings(plan, falsify);
     let FalsifyPlan { trials, budget, .. } = *falsify;
     let mut campaign = Falsification::new(settings, space, new_search(falsify, space))?;

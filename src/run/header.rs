@@ -3,12 +3,23 @@
 use std::fmt::Debug;
 
 use mishandle_search::OptionValue;
-use mishandle_store::{AxisRecord, RunHeader};
+use mishandle_store::{AxisRecord, RunFile, RunHeader};
 
 use crate::error::MishandleError;
 use crate::plan::{FalsifyPlan, Plan};
 use crate::resolve::ResolvedPlan;
+use crate::run::builds::check_build;
 use crate::run::record;
+
+/// Checks that a plan may add rows to a run: the run has the header of the plan, and the present
+/// build is one of its builds.
+///
+/// # Errors
+/// The errors of [`check`], or [`OtherBuild`](MishandleError::OtherBuild).
+pub(crate) fn check_run(run: &RunFile, resolved: &ResolvedPlan) -> Result<(), MishandleError> {
+    check(run.header(), resolved)?;
+    check_build(run, resolved)
+}
 
 /// Checks that a run to resume has the header of its plan.
 ///
@@ -86,6 +97,7 @@ pub(crate) fn differences(
     for (what, entries) in LISTS {
         found.list(what, &entries(recorded), &entries(planned));
     }
+    found.compare("number of components", &recorded.components.len(), &planned.components.len());
     // A controller that was moved can have another name.
     let is_moved = Plan::from_toml(&recorded.plan)?.controller != resolved.plan.controller;
     for (then, now) in recorded.components.iter().zip(&planned.components) {

@@ -6,6 +6,7 @@
 //! physics engine proposes thousands of simulations; MuJoCo C gives every verdict.
 
 mod again;
+mod builds;
 mod campaign;
 mod completion;
 mod end_text;
@@ -26,6 +27,8 @@ pub(crate) mod screening;
 pub(crate) mod violation;
 
 pub use again::{run_simulations, run_trial};
+pub(crate) use builds::differences_of_builds;
+pub use builds::{admit_build, build_differences, continued_builds};
 pub use campaign::{CampaignRun, campaign_runs, create_campaign, free_campaign_folder};
 pub use completion::unfinished;
 pub use end_text::end_text;

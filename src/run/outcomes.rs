@@ -120,6 +120,7 @@ mod tests {
             dangerous_steps: Some(7),
             completion_step: Some(0),
             subformulas: vec![minimum(0.5, 3), minimum(-0.0, 0)],
+            others: Vec::new(),
         };
         let ends = (0..12).map(|code| end(code, code + 1, code + 2));
         let mut outcomes: Vec<ScreenedEpisode> = ends

@@ -108,7 +108,7 @@ pub fn ask(
     engine: Engine<'_>,
     watch: Watch<'_>,
 ) -> Result<Answer, MishandleError> {
-    header::check(run.file().header(), resolved)?;
+    header::check_run(run.file(), resolved)?;
     match (&resolved.plan.screening, engine) {
         (None, _) => ask_directly(resolved, run, watch),
         (Some(plan), Engine::Screening(device)) => {

@@ -7,7 +7,7 @@ use mishandle_files::NewFolders;
 use mishandle_rollout::{Axis, AxisKind, AxisValues, Episode, EpisodeEnd, Request, Scenario, Seed, Verdict};
 use mishandle_stl::{SubformulaMinimum, Trace};
 use mishandle_store as store;
-use mishandle_store::{AxisRecord, IfExists, RunHeader, RunWriter, Simulation, TargetRecord};
+use mishandle_store::{AxisRecord, IfExists, RunHeader, RunWriter, Simulation, StoreError, TargetRecord};
 
 use crate::build::build;
 use crate::error::MishandleError;
@@ -129,10 +129,27 @@ pub fn create_run(resolved: &ResolvedPlan, path: Option<&Path>) -> Result<RunWri
     if let Some(margin) = &resolved.plan.margin {
         mishandle_falsification::check_margin(margin.budget, &resolved.space)?;
     }
-    let path = match path {
-        Some(path) => path.to_path_buf(),
-        None => free_path(&resolved.plan)?,
+    let Some(path) = path else {
+        // Another process can take the free name first.
+        let is_taken = |created: &Result<RunWriter, MishandleError>| {
+            matches!(
+                created,
+                Err(MishandleError::Store(StoreError::Exists { .. } | StoreError::Locked { .. }))
+            )
+        };
+        let mut number = 1;
+        let mut created = create(resolved, &free_name(&resolved.plan, number));
+        while is_taken(&created) {
+            number += 1;
+            created = create(resolved, &free_name(&resolved.plan, number));
+        }
+        return created;
     };
+    create(resolved, path)
+}
+
+/// Creates the run file of a plan at `path`, with its folder.
+fn create(resolved: &ResolvedPlan, path: &Path) -> Result<RunWriter, MishandleError> {
     // Removes them again if the run cannot be created.
     let mut folders = NewFolders::default();
     if let Some(folder) = path.parent().filter(|folder| !folder.as_os_str().is_empty()) {
@@ -146,23 +163,16 @@ pub fn create_run(resolved: &ResolvedPlan, path: Option<&Path>) -> Result<RunWri
     Ok(RunWriter::create(path, &header, IfExists::Refuse)?)
 }
 
-/// Returns `runs/KIND-TARGET[-CONTROLLER][-SEARCH]-sSEED[-N].sqlite` with the first free number N.
-fn free_path(plan: &Plan) -> Result<PathBuf, MishandleError> {
-    let folder = PathBuf::from("runs");
-    std::fs::create_dir_all(&folder).map_err(|source| MishandleError::Write {
-        what: "folder",
-        path: folder.clone(),
-        source,
-    })?;
+/// Returns `runs/KIND-TARGET[-CONTROLLER][-SEARCH]-sSEED[-N].sqlite`. The first name has no number.
+fn free_name(plan: &Plan, number: u32) -> PathBuf {
     let target = plan.target.replace('/', "-");
     let kind = plan.kind().name();
     let search = plan.falsify.as_ref().map_or("", |falsify| falsify.search.as_str());
     let seed = format!("s{}", plan.seed);
     let parts = [kind, &target, &controller_name(&plan.controller), search, &seed];
-    let name = parts.into_iter().filter(|part| !part.is_empty()).collect::<Vec<_>>().join("-");
-    let candidates = (1..).map(|n: u32| if n == 1 { name.clone() } else { format!("{name}-{n}") });
-    let free = candidates.map(|name| folder.join(name + ".sqlite")).find(|path| !path.exists());
-    Ok(free.unwrap_or_default())
+    let number = if number == 1 { String::new() } else { number.to_string() };
+    let parts = parts.into_iter().chain([number.as_str()]).filter(|part| !part.is_empty());
+    Path::new("runs").join(parts.collect::<Vec<_>>().join("-") + ".sqlite")
 }
 
 /// Converts an episode of a plan to a stored simulation. Only a

@@ -31,6 +31,8 @@ use mishandle::run::Device;
 
 use crate::exit_status::ExitStatus;
 
+pub use regress::junit;
+
 /// The commands by what a person wants to do, in the order of the help. `help` is the parser's own.
 pub const GROUPS: [(&str, &[&str]); 6] = [
     ("Find failures", &["falsify", "margin", "campaign"]),

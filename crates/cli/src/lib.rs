@@ -17,6 +17,8 @@ use std::process::ExitCode;
 use mishandle::run::Device;
 use mishandle::tasks::Task;
 
+pub use commands::junit;
+
 use command_line::CommandLine;
 use exit_status::ExitStatus;
 use show::output;

@@ -21,6 +21,13 @@ pub use file::{differences_text, name, open, read, report_build_differences, rep
 /// Sets the size of rayon's global thread pool.
 pub fn set_threads(threads: Option<usize>) -> Result<()> {
     if let Some(threads) = threads {
+        let cores = std::thread::available_parallelism().map_or(usize::MAX, usize::from);
+        if threads > cores {
+            output::message(&format!(
+                "warning: --threads {threads} is more than the {}, which makes nothing faster",
+                plural(cores, "core")
+            ));
+        }
         rayon::ThreadPoolBuilder::new().num_threads(threads).build_global()?;
     }
     Ok(())

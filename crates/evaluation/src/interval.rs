@@ -146,8 +146,7 @@ pub fn bootstrap_mean(values: &[f64], seed: Seed) -> Estimate {
     if n == 0 {
         return Estimate::default();
     }
-    let mean = |sum: f64| sum / n as f64;
-    let value = Some(mean(values.iter().sum()));
+    let value = Some(mean(values));
     if values.len() < SMALLEST_SAMPLE || are_equal(values) {
         return Estimate { value, low: None, high: None, n };
     }
@@ -156,11 +155,21 @@ pub fn bootstrap_mean(values: &[f64], seed: Seed) -> Estimate {
     let mut means: Vec<f64> = (0..RESAMPLES)
         .map(|resample| {
             let mut sequence = Sequence::new(seed.child(resample).0, 0);
-            mean((0..n).map(|_| sorted[sequence.below(n) as usize]).sum())
+            let resampled: Vec<f64> = (0..n).map(|_| sorted[sequence.below(n) as usize]).collect();
+            mean(&resampled)
         })
         .collect();
     means.sort_by(f64::total_cmp);
     Estimate { value, low: Some(quantile(&means, 0.025)), high: Some(quantile(&means, 0.975)), n }
+}
+
+/// Returns the mean of numbers, which is finite if they are: also if their sum overflows.
+pub fn mean(values: &[f64]) -> f64 {
+    let n = values.len() as f64;
+    match values.iter().sum::<f64>() {
+        sum if sum.is_finite() => sum / n,
+        _ => values.iter().map(|value| value / n).sum(),
+    }
 }
 
 fn are_equal(values: &[f64]) -> bool {
@@ -173,7 +182,13 @@ fn are_equal(values: &[f64]) -> bool {
 fn quantile(sorted: &[f64], p: f64) -> f64 {
     let position = p * (sorted.len() - 1) as f64;
     let (below, above) = (position.floor() as usize, position.ceil() as usize);
-    sorted[below] + (position - below as f64) * (sorted[above] - sorted[below])
+    let share = position - below as f64;
+    let step = sorted[above] - sorted[below];
+    match step.is_finite() {
+        true => sorted[below] + share * step,
+        // The difference of two finite numbers overflows.
+        false => sorted[below] * (1.0 - share) + sorted[above] * share,
+    }
 }
 
 #[cfg(test)]

@@ -52,7 +52,7 @@ pub use effect::vargha_delaney;
 pub use error::EvaluationError;
 pub use exact::{fisher_test, sign_test};
 pub use holm::holm;
-pub use interval::{bootstrap_mean, bound_without_failures, clopper_pearson, wilson};
+pub use interval::{bootstrap_mean, bound_without_failures, clopper_pearson, mean, wilson};
 pub use kolmogorov_smirnov::kolmogorov_smirnov;
 pub use kruskal_wallis::{KruskalWallis, kruskal_wallis};
 pub use metrics::{FormulaRoles, MetricCounter};

@@ -4,7 +4,7 @@ use std::cmp::Ordering;
 
 use mishandle_random::Seed;
 
-use crate::{Estimate, bootstrap_mean, wilson};
+use crate::{Estimate, bootstrap_mean, mean, wilson};
 
 /// Numbers of pairs by who has a property, such as success.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -106,7 +106,11 @@ impl PairedCounts {
 /// assert!(found.low.unwrap() > 1.3 && found.high.unwrap() < 1.7);
 /// ```
 pub fn paired_mean_difference(first: &[f64], second: &[f64], seed: Seed) -> Estimate {
-    let differences: Vec<f64> = first.iter().zip(second).map(|(first, second)| second - first).collect();
+    // Half the difference of two finite numbers is finite.
+    let is_huge = first.iter().zip(second).any(|(first, second)| !(second - first).is_finite());
+    let scale = if is_huge { 0.5 } else { 1.0 };
+    let differences: Vec<f64> =
+        first.iter().zip(second).map(|(first, second)| scale * second - scale * first).collect();
     // The resamples pick sorted values, so those of the negated sample would be others. The
     // bootstrap gets the same sample for both directions: of the sorted differences and their
     // negatives, the one that is larger in lexicographic order.
@@ -125,12 +129,13 @@ pub fn paired_mean_difference(first: &[f64], second: &[f64], seed: Seed) -> Esti
         // The sample is symmetric, and so is its interval.
         None => {
             let found = direct();
-            let half = found.low.zip(found.high).map(|(low, high)| 0.5 * (high - low));
+            let half = found.low.zip(found.high).map(|(low, high)| 0.5 * high - 0.5 * low);
             Estimate { low: half.map(|half| -half), high: half, ..found }
         }
     };
-    let value = (n > 0).then(|| differences.iter().sum::<f64>() / n as f64);
-    Estimate { value, low, high, n }
+    let value = (n > 0).then(|| mean(&differences));
+    let unscaled = |value: Option<f64>| value.map(|value| value / scale);
+    Estimate { value: unscaled(value), low: unscaled(low), high: unscaled(high), n }
 }
 
 /// Returns the estimate of the negated sample.

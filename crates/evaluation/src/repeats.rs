@@ -71,6 +71,10 @@ pub fn variance_share(groups: &[Vec<f64>]) -> Estimate {
     }
     let degrees = ((groups.len() - 1) as u32, (groups.len() * (n - 1)) as u32);
     let (k, n) = (groups.len() as f64, n as f64);
+    // The share does not depend on the unit of the values, but squares of huge ones overflow.
+    let largest = groups.iter().flatten().fold(0.0, |largest: f64, x| largest.max(x.abs()));
+    let unit = if largest > 1e100 { largest } else { 1.0 };
+    let groups: Vec<Vec<f64>> = groups.iter().map(|group| group.iter().map(|x| x / unit).collect()).collect();
     let means: Vec<f64> = groups.iter().map(|group| group.iter().sum::<f64>() / n).collect();
     let mean = means.iter().sum::<f64>() / k;
     let between = n * means.iter().map(|m| (m - mean).powi(2)).sum::<f64>() / (k - 1.0);

@@ -52,6 +52,7 @@ impl System for ClosedForm {
                     dangerous_steps: Some(y as usize),
                     completion_step: Some(y as usize),
                     subformulas: Vec::new(),
+                    others: Vec::new(),
                 },
                 total_reward: 0.0,
                 trace,

@@ -86,12 +86,8 @@ fn html(found: &Comparison, headers: [&RunHeader; 2]) -> String {
         text(&found.verdict()) + &corners_text(found),
         tiles(found),
     );
-    let same = found.first.controller_hash == found.second.controller_hash
-        && found.first.target_hash == found.second.target_hash;
     let mut notes: Vec<String> = Vec::new();
-    if same {
-        notes.push("A and B have the same controller and target.".to_string());
-    }
+    notes.extend(found.sameness().map(|sentence| text(&sentence) + "."));
     notes.extend(found.differences.iter().map(|what| format!("A and B also differ in {}.", text(what))));
     if !notes.is_empty() {
         let notes: String = notes.iter().map(|note| format!("<li>{note}</li>")).collect();

@@ -55,6 +55,9 @@ pub struct ComparedRun {
     pub controller_hash: Option<String>,
     /// Hash of the target.
     pub target_hash: String,
+    /// Parts of the target that its hash does not cover, so that an equal hash does not say that
+    /// they are the same.
+    pub not_covered: Vec<String>,
     /// Git commit of the program that made the run.
     pub commit: String,
 }

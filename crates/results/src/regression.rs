@@ -49,8 +49,8 @@ pub struct RegressionTest {
     pub sample: Option<u64>,
     /// Values of its two sides.
     pub values: Option<[Number; 2]>,
-    /// Whether the target has the recorded hash; `null` after an error, and if the recorded
-    /// controller cannot be loaded.
+    /// Whether the target has the recorded hash; `null` after an error, if the recorded controller
+    /// cannot be loaded, and if the hash does not cover all of the target.
     pub same_target: Option<bool>,
     /// Simulations with other seeds; `null` without `--repeat`, without randomness and after an
     /// error.

@@ -1,4 +1,4 @@
-//! The header of a run, which is written once, when the file is created.
+//! The header of a run, which is written when the file is created. Later, versions can be added.
 
 /// Kind of a run.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
@@ -74,6 +74,16 @@ pub struct ComponentRecord {
     pub file_hash: String,
 }
 
+impl ComponentRecord {
+    /// Role of a part that no hash covers. Its name describes it, and its hashes are empty.
+    pub const NOT_COVERED: &str = "not covered";
+
+    /// Returns whether no hash covers this part.
+    pub fn is_not_covered(&self) -> bool {
+        self.role == Self::NOT_COVERED
+    }
+}
+
 /// A formula of the target.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct FormulaRecord {
@@ -124,7 +134,8 @@ pub struct RunHeader {
     pub kind: RunKind,
     /// The program that made the run.
     pub build: BuildRecord,
-    /// Name and version of each dependency that affects episodes, such as (`MuJoCo`, `3.17.0`).
+    /// Name and version of each dependency that affects episodes, such as (`MuJoCo`, `3.17.0`), and
+    /// each further program that continued the run.
     pub versions: Vec<(String, String)>,
     /// The resolved plan, as TOML.
     pub plan: String,

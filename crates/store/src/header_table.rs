@@ -192,6 +192,18 @@ pub(crate) fn write(connection: &Connection, header: &RunHeader) -> rusqlite::Re
     Ok(())
 }
 
+/// Writes the last version of a header that is in the file without it.
+pub(crate) fn add_version(connection: &Connection, header: &RunHeader) -> rusqlite::Result<()> {
+    let Some(((name, version), position)) = header.versions.last().zip(header.versions.len().checked_sub(1))
+    else {
+        return Ok(());
+    };
+    let sql = "INSERT INTO version (position, name, version) VALUES (?1, ?2, ?3)";
+    connection.execute(sql, params![position as i64, name, version])?;
+    connection.execute("UPDATE header SET value = ?2 WHERE key = ?1", params![HASH, hash(header)])?;
+    Ok(())
+}
+
 pub(crate) fn read(connection: &Connection, path: &Path) -> Result<RunHeader> {
     check_keys(connection, path)?;
     let kind: String = value(connection, path, "kind")?;

@@ -83,6 +83,11 @@ impl RunFile {
         &self.header
     }
 
+    /// Replaces the header by the one that was written to the file.
+    pub(crate) fn set_header(&mut self, header: RunHeader) {
+        self.header = header;
+    }
+
     /// Returns the trials of the question by number, with statistics of their simulations. Reads
     /// every simulation.
     ///

@@ -137,6 +137,20 @@ impl RunWriter {
         &self.file
     }
 
+    /// Adds a version to the header, such as that of another program that continues the run.
+    ///
+    /// # Errors
+    /// [`BadHeader`](StoreError::BadHeader) if there is a version of this name or the text is too
+    /// long, or an error of the file.
+    pub fn add_version(&mut self, name: &str, version: &str) -> Result<()> {
+        let mut header = self.file.header().clone();
+        header.versions.push((name.to_string(), version.to_string()));
+        header_table::guard(&header)?;
+        self.transact(|file| header_table::add_version(file.database.sql(), &header).in_file(&file.path))?;
+        self.file.set_header(header);
+        Ok(())
+    }
+
     /// Adds a trial with status [`Running`](TrialStatus::Running).
     ///
     /// # Errors

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import importlib
 import math
 import os
@@ -14,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from mishandle.errors import InvalidStateError, InvalidTypeError, InvalidValueError, MissingPackageError
-from mishandle.policies import BytecodeOnly
+from mishandle.fingerprints import code_hash
 from mishandle.systems import Outcome, Scenario, System
 
 Simulate = Callable[[list[Any]], list[Any]]
@@ -191,8 +190,8 @@ class _RaySystem(System):
         self.exceptions = system.exceptions
         self._shared = executor.share(_SystemFactory(system))
 
-    def description(self) -> str:
-        return self._system.description()
+    def code(self) -> list[Any]:
+        return self._system.code()
 
     def simulate(self, batch: Sequence[tuple[Scenario, int]]) -> list[Outcome]:
         found = self._executor.run(self._shared, batch, self._lost)
@@ -212,12 +211,13 @@ class _SystemFactory:
 
     def __init__(self, system: System) -> None:
         self._system = system
-        self._hash = _hash(system)
+        # Without values: an environment is made again, and the state of this one has changed.
+        self._hash = code_hash(system.code())
         self.name = system.name
 
     def __call__(self) -> Simulate:
         system = self._system
-        if _hash(system) != self._hash:
+        if code_hash(system.code()) != self._hash:
             raise InvalidStateError(
                 f"the code of the system `{system.name}` or of its policy on this worker differs from that of the sender: give "
                 "all nodes the same versions"
@@ -242,9 +242,3 @@ class _SystemFactory:
             return results
 
         return simulate
-
-
-def _hash(system: System) -> str:
-    # A worker has the code of a notebook, but not its source.
-    with BytecodeOnly():
-        return hashlib.sha256(system.description().encode()).hexdigest()

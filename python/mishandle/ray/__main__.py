@@ -26,6 +26,7 @@ def complete_runs(
     *,
     jobs: int,
     durable: bool = False,
+    any_build: bool = False,
     report: Callable[[str, int, int], None],
 ) -> None:
     """Completes the runs of the campaign in a folder on a cluster, ``jobs`` of them at a time.
@@ -51,6 +52,7 @@ def complete_runs(
                 name,
                 simulate=lambda requests: executor.run(shared, requests),
                 durable=durable,
+                any_build=any_build,
                 progress=progress,
             )
         except KeyboardInterrupt:
@@ -112,6 +114,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--jobs", type=int, default=16, metavar="N", help="runs at the same time (default: 16)")
     parser.add_argument("--chunk", type=int, metavar="N", help="simulations of a task (default: a batch in 4 tasks per CPU)")
     parser.add_argument("--durable", action="store_true", help="sync each batch to the disk")
+    parser.add_argument("--any-build", action="store_true", help="with --resume: continue runs that another build started")
     given = parser.parse_args(arguments)
     if (given.resume is None) == (given.campaign is None):
         parser.error("give a campaign FILE with --out DIR, or --resume DIR")
@@ -139,6 +142,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             [(name, os.fspath(path)) for name, path in runs],
             jobs=min(given.jobs, len(runs)),
             durable=given.durable,
+            any_build=given.any_build,
             report=progress,
         )
     except (RuntimeError, MishandleError) as error:

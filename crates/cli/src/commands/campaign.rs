@@ -40,6 +40,9 @@ pub struct Arguments {
     /// `local` to start one; needs the Python package with Ray
     #[arg(long, value_name = "ADDRESS")]
     pub ray: Option<String>,
+    /// Resume runs that another build started: the header of each run file then names both
+    #[arg(long, requires = "resume")]
+    pub any_build: bool,
     /// Wait after each batch until its records are on the disk
     #[arg(long)]
     pub durable: bool,
@@ -68,13 +71,14 @@ pub fn run(command: &Arguments, gpu: Option<&Device>) -> Result<ExitStatus> {
     let bar = Bar::new(0, "simulations");
     run::stop_on_signals(&bar)?;
     let (folder, runs) = open(command)?;
+    let opening = grid::Opening { durable: command.durable, any_build: command.any_build };
     let status = match &command.ray {
-        Some(address) => simulate_on_ray(&folder, address, command.durable)?,
+        Some(address) => simulate_on_ray(&folder, address, opening)?,
         None => ExitStatus::Done,
     };
     let mut finished = Vec::new();
     if status == ExitStatus::Done {
-        finished = grid::run_all(&runs, &bar, command.durable, command.jobs.unwrap_or(1), gpu)?;
+        finished = grid::run_all(&runs, &bar, opening, command.jobs.unwrap_or(1), gpu)?;
     }
     bar.clear();
     let found = Campaign {
@@ -155,11 +159,14 @@ fn check_ray() -> Result<()> {
 
 /// Simulates the runs of the folder on a Ray cluster. The run files are then complete, so that this
 /// program only reads them.
-fn simulate_on_ray(folder: &Path, address: &str, is_durable: bool) -> Result<ExitStatus> {
+fn simulate_on_ray(folder: &Path, address: &str, opening: grid::Opening) -> Result<ExitStatus> {
     let mut command = Command::new(PYTHON);
     command.args(["-m", MODULE, "--resume"]).arg(folder).args(["--address", address]);
-    if is_durable {
+    if opening.durable {
         command.arg("--durable");
+    }
+    if opening.any_build {
+        command.arg("--any-build");
     }
     // Ctrl-C reaches the other program as well, which saves its finished work.
     let status = command.status().with_context(|| format!("cannot start {PYTHON} -m {MODULE}"))?;

@@ -1,4 +1,4 @@
-mod junit;
+mod junit_xml;
 
 use std::path::{Path, PathBuf};
 use std::time::Instant;
@@ -13,6 +13,8 @@ use crate::flags::{self, numbers};
 use crate::run;
 use crate::show::progress::Bar;
 use crate::show::{output, regression};
+
+pub use junit_xml::report as junit;
 
 /// Failure rates.
 const RATE: &str = "a number from 0 to 1, such as 0.05";
@@ -106,7 +108,7 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
     let is_complete = tests.len() == files.len();
     let found = suite.result(tests, is_complete);
     if let (Some(path), true) = (&command.junit, is_complete) {
-        output::write_atomically(path, true, junit::report(&found, &times).as_bytes())?;
+        output::write_atomically(path, true, junit(&found, &times).as_bytes())?;
     }
     if command.json {
         output::json(&found)?;

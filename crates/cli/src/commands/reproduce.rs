@@ -99,6 +99,9 @@ pub struct ReproduceTable {
     /// Number of threads; does not affect the results [default: number of cores]
     #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = numbers::integer::<usize>(flags::THREADS))]
     pub threads: Option<usize>,
+    /// Continue runs that another build started: the header of each run file then names both
+    #[arg(long)]
+    pub any_build: bool,
     /// Wait after each batch until its records are on the disk
     #[arg(long)]
     pub durable: bool,
@@ -154,7 +157,8 @@ fn reproduce(name: &str, table: &ReproduceTable) -> Result<ExitStatus> {
     };
     let all_cores = || std::thread::available_parallelism().map_or(1, usize::from);
     let jobs = table.jobs.unwrap_or_else(all_cores);
-    let finished = grid::run_all(&runs, &bar, table.durable, jobs, None)?;
+    let opening = grid::Opening { durable: table.durable, any_build: table.any_build };
+    let finished = grid::run_all(&runs, &bar, opening, jobs, None)?;
     bar.clear();
     show(&tables::load(std::slice::from_ref(&folder))?, None, table.json)?;
     let quoted = shell_quote(&folder.to_string_lossy());

@@ -126,7 +126,8 @@ fn axis_value(axis: &Axis, text: &str) -> Result<f64> {
     if let AxisValues::Categorical(names) = &axis.values
         && let Some(index) = names.iter().position(|name| name == text)
     {
-        return Ok(index as f64);
+        // The first name is that of the lower bound.
+        return Ok(axis.low + index as f64);
     }
     let expected = || format!("--at {}: expected a number in {}, found `{text}`", axis.name, unit(axis));
     match text.parse::<f64>().with_context(expected)? {

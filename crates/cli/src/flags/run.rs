@@ -34,6 +34,10 @@ pub struct OpenRun {
     /// Do not check the whole run file before reading it; a record is still checked when it is read
     #[arg(long, requires = "resume")]
     pub skip_check: bool,
+    /// Resume a run that another build started: its rows and those of this build stand in one file,
+    /// whose header then names both
+    #[arg(long, requires = "resume")]
+    pub any_build: bool,
     /// Wait after each batch until its records are on the disk. Without it, a power failure can
     /// lose the last simulations; a kill loses at most the running batch. Not stored: a resumed run
     /// needs the flag again

@@ -44,10 +44,13 @@ pub fn open(
     );
     sync(&mut run)?;
     let resolved = mishandle::resolve::recorded_plan(run.file().header(), controller)?;
-    report_build_differences(
-        "started",
-        &mishandle::replay::build_differences(run.file().header(), &resolved),
-    );
+    if flags.any_build {
+        report_build_differences(
+            "started",
+            &mishandle::replay::build_differences(run.file().header(), &resolved),
+        );
+        mishandle::run::admit_build(&mut run, &resolved)?;
+    }
     Ok((resolved, run))
 }
 

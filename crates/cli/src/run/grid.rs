@@ -12,12 +12,21 @@ use super::file::report_build_differences;
 use crate::interrupt;
 use crate::show::progress::Bar;
 
+/// How the run files of a campaign are opened.
+#[derive(Clone, Copy)]
+pub struct Opening {
+    /// Whether each batch is synced to the disk.
+    pub durable: bool,
+    /// Whether this build may continue a run that another one started.
+    pub any_build: bool,
+}
+
 /// Runs or completes all runs in order, `jobs` at a time. Returns the finished ones, which are
 /// fewer if a signal interrupts them.
 pub fn run_all(
     runs: &[PlannedRun],
     bar: &Bar,
-    is_durable: bool,
+    opening: Opening,
     jobs: usize,
     gpu: Option<&Device>,
 ) -> Result<Vec<CampaignRun>> {
@@ -37,7 +46,7 @@ pub fn run_all(
                     interrupt::control_flow()
                 }
             };
-            let result = run_one(run, is_durable, gpu, watch).with_context(|| format!("run {}", run.name));
+            let result = run_one(run, opening, gpu, watch).with_context(|| format!("run {}", run.name));
             failed.fetch_or(result.is_err(), Ordering::Relaxed);
             finished.extend(result.transpose().map(|result| (index, result)));
         }
@@ -83,16 +92,19 @@ impl Progress<'_> {
 /// Runs or completes one run. Returns `None` if it was interrupted.
 fn run_one(
     run: &PlannedRun,
-    is_durable: bool,
+    opening: Opening,
     gpu: Option<&Device>,
     watch: impl Fn(u64, u64) -> ControlFlow<()> + Sync,
 ) -> Result<Option<CampaignRun>> {
     let (mut file, resolved) = run.resume()?;
-    if is_durable {
+    if opening.durable {
         file.set_durable()?;
     }
-    let differences = mishandle::replay::build_differences(file.file().header(), &resolved);
-    report_build_differences("started", &differences);
+    if opening.any_build {
+        let differences = mishandle::replay::build_differences(file.file().header(), &resolved);
+        report_build_differences("started", &differences);
+        mishandle::run::admit_build(&mut file, &resolved)?;
+    }
     let engine = gpu.map_or(Engine::Direct, |gpu| Engine::Screening(&*gpu.worlds));
     let answer = mishandle::run::ask(&resolved, file, engine, &mut |progress| {
         watch(progress.simulations, progress.max_simulations)

@@ -26,11 +26,7 @@ pub fn text(found: &Comparison) -> String {
         name(&found.first),
         name(&found.second),
     )];
-    if found.first.controller_hash == found.second.controller_hash
-        && found.first.target_hash == found.second.target_hash
-    {
-        parts.push("A and B have the same controller and target".to_string());
-    }
+    parts.extend(mishandle::inspect::sameness(&found.first, &found.second).map(|text| escape::name(&text)));
     if !found.differences.is_empty() {
         let listed: Vec<String> =
             found.differences.iter().map(|difference| escape::name(difference)).collect();

@@ -23,6 +23,11 @@ pub fn report_problems(found: &Regression) {
                 "warning: {file}: the target has changed since the counterexample was recorded, so its scenario may have \
                  another meaning"
             ));
+        } else if test.same_target.is_none() {
+            output::message(&format!(
+                "warning: {file}: it is not known whether the target is the one of the counterexample: the recorded controller \
+                 cannot be loaded, or the hash of the target does not cover all of it"
+            ));
         }
     }
 }

@@ -20,13 +20,13 @@ def _hints(kind: Any) -> dict[str, Any]:
 
 
 def _named(value: Any, axes: Mapping[str, Any]) -> Any:
-    """Returns a part of a document with the values of axes as Python has them. ``axes`` are the values that each axis can take."""
+    """Returns a part of a document with the values of axes as Python has them. ``axes`` are the facts of each axis."""
     if isinstance(value, list):
         return [_named(item, axes) for item in value]
     if not isinstance(value, Mapping):
         return value
     if "space_axes" in value:
-        axes = {axis["name"]: axis["values"] for axis in value["space_axes"]}
+        axes = {axis["name"]: axis for axis in value["space_axes"]}
     named = {key: _named(item, axes) for key, item in value.items()}
     if isinstance(named.get("scenario"), dict):
         drawn = named["scenario"].items()
@@ -37,9 +37,11 @@ def _named(value: Any, axes: Mapping[str, Any]) -> Any:
     return named
 
 
-def _axis_value(values: Any, number: float) -> Value:
-    if isinstance(values, list):
-        return cast("str", values[int(number)])
+def _axis_value(axis: Mapping[str, Any] | None, number: float) -> Value:
+    values = None if axis is None else axis["values"]
+    if axis is not None and isinstance(values, list):
+        # The first name is that of the lower bound.
+        return cast("str", values[int(number - axis["low"])])
     return int(number) if values == "integer" else number
 
 

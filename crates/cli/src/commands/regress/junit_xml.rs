@@ -7,8 +7,8 @@ use mishandle::results::{Regression, RegressionTest};
 
 use crate::show::escape;
 
-/// Returns the report of a folder. `times` are those of the tests.
-pub(super) fn report(found: &Regression, times: &[Duration]) -> String {
+/// Returns the report of a folder of counterexamples as JUnit XML. `times` are those of the tests.
+pub fn report(found: &Regression, times: &[Duration]) -> String {
     let seconds: f64 = times.iter().map(Duration::as_secs_f64).sum();
     let failures = found.new_failures.unwrap_or(found.fails);
     let counts = format!(
