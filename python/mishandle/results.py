@@ -304,6 +304,29 @@ class CornerPoint:
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
+class Requirement:
+    """A named requirement over the simulations of a run."""
+
+    name: str
+    """Name."""
+    formula: str
+    """Formula."""
+    simulations: int
+    """Number of simulations in which it has a verdict; without the corners of an evaluation."""
+    violated: int
+    """Number of these that violate it."""
+    violation_rate: Estimate | None
+    """Fraction of these that violate it, with its Wilson interval; ``None`` if a search chose
+    the simulations, because then it is no rate of the space."""
+    minimum_robustness: float | None
+    """Minimum robustness; ``None`` without a verdict."""
+    trial: int | None
+    """Trial of the simulation with the minimum robustness."""
+    simulation: int | None
+    """Number of this simulation."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
 class Screening:
     """Counts of a screening: another engine simulates everything, MuJoCo C confirms what it
     flags and an audit sample of the rest."""
@@ -451,6 +474,8 @@ class Evaluation:
     corners: Corners | None
     """Results at the corners and the center of the initial box; ``None`` if the space has no
     numeric axis of kind ``start``."""
+    requirements: tuple[Requirement, ...] | None = None
+    """Each named requirement over the random simulations; missing without one."""
     screening: Screening | None = None
     """Counts of the screening; missing without it. The rates are then those of a two-phase
     sample: see ``gpu.md``."""
@@ -750,6 +775,8 @@ class Falsification:
     failure_rate_bound: float | None
     """One-sided 95 % upper bound of the failure rate if no simulation of uniform random samples
     (``random``) fails; ``None`` otherwise."""
+    requirements: tuple[Requirement, ...] | None = None
+    """Each named requirement over all simulations; missing without one."""
     trials: tuple[Trial, ...]
     """The trials."""
     failures: int | None = None
@@ -1228,6 +1255,20 @@ class SignalRow:
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
+class RequirementVerdict:
+    """A named requirement on one simulation."""
+
+    name: str
+    """Name."""
+    formula: str
+    """Formula."""
+    robustness: float | None
+    """Its robustness; ``None`` without a verdict."""
+    violated: bool | None
+    """Whether it is violated; ``None`` without a verdict."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
 class Noise:
     """The share of the variance of the robustness that comes from the scenario; the rest comes
     from noise."""
@@ -1298,6 +1339,8 @@ class Simulation:
     ``<=``, ``>=`` and ``==`` hold, and ``<``, ``>`` and ``!=`` do not."""
     explanation: Explanation | None
     """The document of ``explain``, without ``schema`` and ``run``."""
+    requirements: tuple[RequirementVerdict, ...] | None = None
+    """Each named requirement; missing without one."""
     repeats: Repeats | None
     """Repeated simulations; ``None`` without ``--repeat``."""
     noise: Noise | None

@@ -183,6 +183,7 @@ mod tests {
                 dangerous_steps: Some(dangerous),
                 completion_step: completion,
                 subformulas: Vec::new(),
+                others: Vec::new(),
             },
             total_reward: 0.0,
             end: EpisodeEnd::Completed,
