@@ -139,6 +139,7 @@ class Run:
         *,
         simulate: bool = True,
         probes: int = 64,
+        sensitivity: int = 0,
         **target: Unpack[TargetOptions],
     ) -> None:
         """Writes a page about the run: one HTML file that loads nothing, for a browser or to send.
@@ -154,12 +155,15 @@ class Run:
             Whether to measure what takes simulations: sizes of failing patches, repeats with other seeds, noise, pictures.
         probes : int
             Number of random scenarios that estimate the size of a failing patch.
+        sensitivity : int
+            Number of random scenarios that measure the total effect of each axis on the robustness (Sobol index): each is simulated
+            twice and once more for each axis. 0 skips them.
         """
         if system is None or not simulate:
-            html = self._native.report(probes if simulate else None)
+            html = self._native.report(probes if simulate else None, sensitivity)
         else:
             made = make_target(system, formula, space, target, lambda space: None)
-            html = _native.report(made.native, os.fspath(self.path), probes)
+            html = _native.report(made.native, os.fspath(self.path), probes, sensitivity)
         write_text(path, html)
 
     def failure_modes(self) -> tuple[FailureMode, ...]:

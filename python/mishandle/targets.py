@@ -130,6 +130,9 @@ class TargetOptions(TypedDict, total=False):
     """Standard deviation of the noise that is added to the actions of one of our controllers."""
     observation_noise: float
     """Standard deviation of the noise that is added to the observations of one of our controllers."""
+    requirements: Mapping[str, str]
+    """Requirements by name: texts of formulas, or names of formulas of the target. Each has a result of its own from the same
+    simulations, and a search tries to violate any of them unless it has a ``formula``."""
     rows: int
     """Number of simulations of a task that are stepped together."""
     name: str
@@ -226,7 +229,7 @@ def make_target(
         raise InvalidTypeError('a space is a list of axes, such as [Axis("speed", 0, 10, "m/s")]')
     if not space:
         raise InvalidValueError("the space has no axes")
-    formulas = named_formulas(formula)
+    formulas = named_formulas(formula if formula is not None or not options.get("requirements") else requirements(options))
     check_space(space, is_environment=hasattr(system, "reset") and hasattr(system, "step"))
     space = _with_settings(space, options)
     check(space)
@@ -280,7 +283,16 @@ def make_target(
         versions=_versions(under_test, found, version),
         simulate=lambda batch: [outcome.to_native() for outcome in under_test.simulate(batch)],
     )
+    native = native.with_requirements(requirements(options))
     return Target(native, under_test, space, largest_difference, not_covered=not_covered)
+
+
+def requirements(options: TargetOptions) -> dict[str, str]:
+    """Returns the named requirements as a dictionary."""
+    found = options.get("requirements", {})
+    if not isinstance(found, Mapping) or not all(isinstance(part, str) for item in found.items() for part in item):
+        raise InvalidTypeError(f"requirements is {found!r}; expected a dictionary of formulas by name")
+    return dict(found)
 
 
 def _roots(system: Any, policy: Any, space: Sequence[Axis], options: TargetOptions) -> dict[str, Any]:
@@ -334,7 +346,7 @@ def _task_in_space(
     task: str, formula: Formulas, space: str, options: TargetOptions, check: Callable[[Sequence[Axis]], object]
 ) -> Target:
     """Returns a task with one of our controllers, which the Rust core simulates: only it has the axes of all spaces."""
-    check_applicable(options, ("policy", "preset", "axes", *NATIVE_OPTIONS), f"a task in the space {space!r}")
+    check_applicable(options, ("policy", "preset", "axes", "requirements", *NATIVE_OPTIONS), f"a task in the space {space!r}")
     policy = options.get("policy")
     if not isinstance(policy, (str, os.PathLike)):
         raise InvalidTypeError(
@@ -352,6 +364,7 @@ def _task_in_space(
     axes = [Axis.from_native(axis) for axis in native.axes]
     check(axes)
     nominal = [nominal for *_, nominal, _, _ in native.axes]
+    native = native.with_requirements(requirements(options))
     return Target(native, NativeSystem(native.signals), axes, 0.0, requirement, nominal)
 
 
@@ -393,7 +406,7 @@ def _system(system: Any, space: Sequence[Axis], policy: Any, options: TargetOpti
 
 
 NATIVE_OPTIONS = ("stochastic", "action_noise", "observation_noise")
-COMMON_OPTIONS = ("time_limit", "termination", "name", "executor", "axes", "version", "files")
+COMMON_OPTIONS = ("time_limit", "termination", "name", "executor", "axes", "requirements", "version", "files")
 FUNCTION_OPTIONS = ("control_dt", "steps", "units", *COMMON_OPTIONS)
 ENVIRONMENT_OPTIONS = ("policy", "batched_policy", "signals", "steps", "control_dt", *COMMON_OPTIONS)
 TASK_OPTIONS = ("policy", "batched_policy", "preset", "rows", *COMMON_OPTIONS)

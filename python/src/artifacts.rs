@@ -8,7 +8,7 @@ use mishandle::counterexample::{Counterexample, Minimization, Suite, Tested};
 use mishandle::evaluation::{Lifetime, SurvivalCurve};
 use mishandle::store::RunFile;
 use mishandle::{MishandleError as Error, ResolvedPlan};
-use mishandle_report::{Measurement, RunReport, page};
+use mishandle_report::{Measurement, RunReport, Samples, page};
 use pyo3::prelude::*;
 
 use crate::raised;
@@ -17,13 +17,21 @@ use crate::work::{self, detached, json, recorded};
 
 /// Returns a report of a run as HTML, measured with the target.
 #[pyfunction]
-pub fn report(py: Python<'_>, target: &PyTarget, path: PathBuf, probes: u32) -> PyResult<String> {
+pub fn report(
+    py: Python<'_>,
+    target: &PyTarget,
+    path: PathBuf,
+    probes: u32,
+    sensitivity: u32,
+) -> PyResult<String> {
     detached(py, target, || {
         let run = RunFile::open(&path)?;
         let resolved = recorded(target, &run)?;
         let mut report = RunReport::load(&run, &path.to_string_lossy())?;
         report.add_answer_of(&run, &resolved)?;
-        let measured = report.measure_with(&run, &resolved, probes, |_, _| ControlFlow::Continue(()))?;
+        let measured = report.measure_with(&run, &resolved, Samples { probes, sensitivity }, |_, _| {
+            ControlFlow::Continue(())
+        })?;
         if let Measurement::Skipped { reason } = &measured {
             report.note_no_simulations(reason);
         }

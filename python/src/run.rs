@@ -6,7 +6,7 @@ use std::sync::{Mutex, PoisonError};
 
 use mishandle::MishandleError;
 use mishandle::store::RunFile;
-use mishandle_report::{Measurement, RunReport, page};
+use mishandle_report::{Measurement, RunReport, Samples, page};
 use numpy::PyArray2;
 use numpy::ndarray::Array2;
 use pyo3::prelude::*;
@@ -130,12 +130,13 @@ impl PyRun {
     }
 
     /// Returns a report as HTML.
-    fn report(&self, py: Python<'_>, probes: Option<u32>) -> PyResult<String> {
+    fn report(&self, py: Python<'_>, probes: Option<u32>, sensitivity: u32) -> PyResult<String> {
         py.detach(|| {
             let run = self.run.lock().unwrap_or_else(PoisonError::into_inner);
             let mut report = RunReport::load(&run, &run.path().to_string_lossy())?;
             let measured = match probes {
-                Some(probes) => report.measure(&run, None, probes, |_, _| ControlFlow::Continue(()))?,
+                Some(probes) => report
+                    .measure(&run, None, Samples { probes, sensitivity }, |_, _| ControlFlow::Continue(()))?,
                 None => Measurement::Skipped { reason: "simulate=False was given".to_string() },
             };
             if let Measurement::Skipped { reason } = &measured {

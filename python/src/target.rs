@@ -151,6 +151,17 @@ impl PyTarget {
         Ok(PyTarget { target, plan, space, pending, process: std::process::id() })
     }
 
+    /// Returns the same target with named requirements.
+    fn with_requirements(&self, requirements: BTreeMap<String, String>) -> PyTarget {
+        PyTarget {
+            target: self.target.clone(),
+            plan: Plan { requirements, ..self.plan.clone() },
+            space: self.space.clone(),
+            pending: self.pending.clone(),
+            process: self.process,
+        }
+    }
+
     /// Returns a task with one of our controllers in a space of the task, as the command line
     /// simulates it. The last argument says whether actions are sampled, and the standard
     /// deviations of the noise of actions and observations.

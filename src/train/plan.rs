@@ -1,6 +1,7 @@
 use std::path::{Path, PathBuf};
 
 use crate::error::MishandleError;
+use crate::train::curve::has_no_rows;
 use mishandle_text::shell_quote;
 
 /// Extension of controller files.
@@ -130,7 +131,11 @@ impl TrainPlan {
             return if path.exists() { Ok(()) } else { Err(MishandleError::NoCheckpoint { path }) };
         }
         let files = self.outputs().into_iter().filter(|(.., flag)| *flag != "--tensorboard");
-        match files.into_iter().find(|(_, path, _)| path.exists()) {
+        // A run that was killed in its first iteration left it.
+        let is_started = |path: &Path| path.exists() && !has_no_rows(path);
+        let is_taken =
+            |path: &Path, flag: &str| if flag == "--csv" { is_started(path) } else { path.exists() };
+        match files.into_iter().find(|(_, path, flag)| is_taken(path, flag)) {
             Some((_, path, flag)) => Err(MishandleError::Exists { path, flag }),
             None => Ok(()),
         }

@@ -179,7 +179,7 @@ fn are_equal(values: &[f64]) -> bool {
 /// Returns the `p` quantile of sorted numbers, with linear interpolation between the order
 /// statistics around p (n - 1) (type 7 of Hyndman and Fan, "Sample Quantiles in Statistical
 /// Packages", The American Statistician 50, 1996).
-fn quantile(sorted: &[f64], p: f64) -> f64 {
+pub(crate) fn quantile(sorted: &[f64], p: f64) -> f64 {
     let position = p * (sorted.len() - 1) as f64;
     let (below, above) = (position.floor() as usize, position.ceil() as usize);
     let share = position - below as f64;

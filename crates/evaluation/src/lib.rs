@@ -40,6 +40,7 @@ mod paired;
 mod repeats;
 mod run;
 mod screened;
+mod sensitivity;
 mod smooth_region;
 mod survival;
 mod two_phase;
@@ -64,6 +65,7 @@ pub use screened::{
     EndCounts, EvaluationFailure, SCREENED_CHUNK, ScreenedEvaluation, ScreenedProgress, Selection,
     evaluate_screened, screen,
 };
+pub use sensitivity::{SensitivitySample, total_effects};
 pub use smooth_region::{NotSmooth, SmoothRegion, smooth_region};
 pub use survival::{Lifetime, LogRank, SurvivalCurve, SurvivalStep, log_rank};
 pub use two_phase::TwoPhase;

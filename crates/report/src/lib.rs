@@ -30,6 +30,7 @@ mod pictures;
 mod ranking;
 mod risk;
 mod section;
+mod sensitivity;
 mod space;
 mod survey;
 mod survival;
@@ -42,7 +43,7 @@ pub use comparison::comparison_page;
 pub use html::text as escaped;
 pub use learning_curve::learning_curve_page;
 pub use load::RunReport;
-pub use measure::Measurement;
+pub use measure::{Measurement, Samples};
 pub use page::{Document, page};
 pub use survival::{SurvivalLine, survival_figure};
 

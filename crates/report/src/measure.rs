@@ -13,7 +13,8 @@ use mishandle::{MishandleError, ResolvedPlan};
 
 use crate::RunReport;
 use crate::load::{MAX_MODES, Point};
-use crate::pictures::{self, Pictures};
+use crate::pictures::{self, PictureError, Pictures};
+use crate::sensitivity::{self, Sensitivity};
 
 /// By what fraction of an axis the box of a failure mode is widened on each side.
 const MARGIN: f64 = 0.1;
@@ -33,8 +34,20 @@ pub struct Measured {
     /// Pictures of the witness of a margin.
     pub witness: Option<Pictures>,
     pub noise: Option<Noise>,
+    /// Total effects of the axes.
+    pub sensitivity: Option<Sensitivity>,
     /// Corners and center of the initial box. For an evaluation, they are in the run file.
     pub corners: Vec<Point>,
+}
+
+/// Numbers of random scenarios of the simulations of a report.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Samples {
+    /// Scenarios that estimate the size of each failing patch; 0 skips it.
+    pub probes: u32,
+    /// Scenarios that measure the total effects of the axes, each simulated twice and once more for
+    /// each axis; 0 skips them.
+    pub sensitivity: u32,
 }
 
 /// How the simulations of a report ended.
@@ -68,7 +81,6 @@ impl RunReport {
     /// Calls `watch` after each simulation with the number of simulations so far and in total; it
     /// can end them after the running batch.
     ///
-    /// `probes` is the number of random scenarios that estimate the size of a patch; 0 skips it.
     /// `controller` is the present path of the run's controller, if the file was moved. Nothing is
     /// simulated if the target of the run cannot be.
     ///
@@ -78,11 +90,11 @@ impl RunReport {
         &mut self,
         run: &RunFile,
         controller: Option<&str>,
-        probes: u32,
+        samples: Samples,
         watch: impl FnMut(u64, u64) -> ControlFlow<()>,
     ) -> Result<Measurement, MishandleError> {
         match mishandle::resolve::recorded_plan(run.header(), controller) {
-            Ok(resolved) => self.measure_target(run, &resolved, controller, probes, watch),
+            Ok(resolved) => self.measure_target(run, &resolved, controller, samples, watch),
             Err(error) => Ok(Measurement::Skipped { reason: error.to_string() }),
         }
     }
@@ -96,10 +108,10 @@ impl RunReport {
         &mut self,
         run: &RunFile,
         resolved: &ResolvedPlan,
-        probes: u32,
+        samples: Samples,
         watch: impl FnMut(u64, u64) -> ControlFlow<()>,
     ) -> Result<Measurement, MishandleError> {
-        self.measure_target(run, resolved, None, probes, watch)
+        self.measure_target(run, resolved, None, samples, watch)
     }
 
     fn measure_target(
@@ -107,7 +119,7 @@ impl RunReport {
         run: &RunFile,
         resolved: &ResolvedPlan,
         controller: Option<&str>,
-        probes: u32,
+        samples: Samples,
         watch: impl FnMut(u64, u64) -> ControlFlow<()>,
     ) -> Result<Measurement, MishandleError> {
         let (then, now) = (&run.header().target, &resolved.target.identity);
@@ -115,7 +127,7 @@ impl RunReport {
             let reason = format!("the target {} is not the one of the run any more", then.name);
             return Ok(Measurement::Skipped { reason });
         }
-        self.measure_in(run, resolved, controller, probes, watch)
+        self.measure_in(run, resolved, controller, samples, watch)
     }
 
     fn measure_in(
@@ -123,9 +135,10 @@ impl RunReport {
         run: &RunFile,
         resolved: &ResolvedPlan,
         controller: Option<&str>,
-        probes: u32,
+        samples: Samples,
         mut watch: impl FnMut(u64, u64) -> ControlFlow<()>,
     ) -> Result<Measurement, MishandleError> {
+        let Samples { probes, sensitivity } = samples;
         let mut system = resolved.system()?;
         let axes = resolved.space.axes();
         let seed = Seed(self.header.seed).child(u64::MAX);
@@ -139,6 +152,7 @@ impl RunReport {
         let repeats = if depends_on_seed { Repeated::Representative.simulations() } else { 0 };
         let total = modes * (u64::from(probes) + repeats)
             + noise
+            + sensitivity::simulations(&resolved.space, sensitivity)
             + corners.as_ref().map_or(0, |corners| u64::from(corners.simulations()));
         let (mut done, is_interrupted) = (0, Cell::new(false));
         let mut count = |_: &Episode| {
@@ -174,6 +188,10 @@ impl RunReport {
             let (scenarios, repeats) = NOISE;
             measured.noise = measure_noise(&mut *system, seed, scenarios, repeats, &mut count)?;
         }
+        if sensitivity > 0 {
+            let sample = (seed.child(u64::MAX), sensitivity);
+            measured.sensitivity = sensitivity::measure(&mut *system, &resolved.space, sample, &mut count)?;
+        }
         if let Some(corners) = corners {
             let requests: Vec<Request> =
                 (1..=corners.simulations()).filter_map(|number| corners.request(number)).collect();
@@ -191,8 +209,12 @@ impl RunReport {
             return Ok(Measurement::Interrupted);
         }
         let witness = self.witness.as_slice();
-        let strips = pictures::strips(run, &self.representatives, controller);
-        match strips.and_then(|strips| Ok((strips, pictures::strips(run, witness, controller)?))) {
+        let mut must_end = || watch(done, total).is_break();
+        let strips = pictures::strips(run, &self.representatives, controller, &mut must_end);
+        let both = strips
+            .and_then(|strips| Ok((strips, pictures::strips(run, witness, controller, &mut must_end)?)));
+        match both {
+            Err(PictureError::Interrupted) => return Ok(Measurement::Interrupted),
             Ok((strips, witness)) => {
                 measured.strips = strips;
                 measured.witness = witness.into_iter().next();

@@ -53,7 +53,13 @@ pub enum PictureError {
     /// The scene cannot be rendered.
     #[error(transparent)]
     Render(#[from] WorldError),
+    /// The caller ended the drawing.
+    #[error("the drawing was interrupted")]
+    Interrupted,
 }
+
+/// Returns whether the drawing must end; called before each picture.
+pub type MustEnd<'a> = &'a mut dyn FnMut() -> bool;
 
 /// Renders some instants of each simulation, the decisive one among them, and a film around it.
 /// Other targets than tasks have no pictures.
@@ -61,6 +67,7 @@ pub fn strips(
     run: &RunFile,
     simulations: &[ExplainedSimulation],
     controller: Option<&str>,
+    must_end: MustEnd<'_>,
 ) -> Result<Vec<Pictures>, PictureError> {
     // A Python system can have the name of a task.
     if mishandle::resolve::is_python(&run.header().target.kind) {
@@ -75,7 +82,7 @@ pub fn strips(
     simulations
         .iter()
         .take(MAX_STRIPS)
-        .map(|explained| strip(&document, size, run, explained, controller))
+        .map(|explained| strip(&document, size, run, explained, (controller, &mut *must_end)))
         .collect()
 }
 
@@ -84,7 +91,7 @@ fn strip(
     size: Size,
     run: &RunFile,
     explained: &ExplainedSimulation,
-    controller: Option<&str>,
+    (controller, must_end): (Option<&str>, MustEnd<'_>),
 ) -> Result<Pictures, PictureError> {
     let (trial, number) = (explained.recorded.trial, explained.recorded.number);
     let (replayed, trajectory) = mishandle::picture::replay_states(run, trial, number, controller)?;
@@ -108,6 +115,9 @@ fn strip(
     let samples = mishandle::picture::strip_samples(event.and_then(|event| event.start), decisive, (0, last));
     renderer.fit(&samples.iter().map(|sample| states[*sample].as_slice()));
     let picture = |sample: usize| -> Result<Frame, PictureError> {
+        if must_end() {
+            return Err(PictureError::Interrupted);
+        }
         let picture = renderer.draw(sample, &states[sample])?;
         Ok(Frame { sample, png: png(PICTURE.0, PICTURE.1, picture.pixels())? })
     };
@@ -115,7 +125,7 @@ fn strip(
     drop(renderer);
     // A film has many frames; fine ones would take most of the time of the report.
     let mut renderer = renderer_of(Quality::Fast)?;
-    let film = film(&mut renderer, states, event.as_ref(), header.control_dt)?;
+    let film = film(&mut renderer, states, event.as_ref(), header.control_dt, must_end)?;
     Ok(Pictures { frames, film: Some(film) })
 }
 
@@ -125,6 +135,7 @@ fn film(
     states: &[Vec<f64>],
     event: Option<&Event>,
     control_dt: f64,
+    must_end: MustEnd<'_>,
 ) -> Result<Film, PictureError> {
     let last = states.len().saturating_sub(1);
     let (from, to) = mishandle::picture::Film::new(control_dt, last, event, Some(AROUND), SPEED).window;
@@ -138,6 +149,9 @@ fn film(
     renderer.fit(&samples.iter().map(|sample| states[*sample].as_slice()));
     let mut frames = Vec::with_capacity(samples.len());
     for (index, sample) in samples.iter().enumerate() {
+        if must_end() {
+            return Err(PictureError::Interrupted);
+        }
         let held = if is_marked(*sample) || *sample == to { HOLD } else { 0.0 };
         let next = samples.get(index + 1).copied().unwrap_or(*sample);
         let delay = 1000.0 * control_dt * (next - sample) as f64 / SPEED + held;

@@ -6,7 +6,7 @@ use mishandle::store::{RunHeader, RunKind};
 
 use crate::html::{number, percent, short, text};
 use crate::load::RunReport;
-use crate::{curves, map, margin, modes, risk, survey, tables, words};
+use crate::{curves, map, margin, modes, risk, sensitivity, survey, tables, words};
 
 /// Returns the section of a run. `id` is its number on the page, from 1.
 pub fn section(report: &RunReport, id: usize) -> String {
@@ -33,6 +33,9 @@ pub fn section(report: &RunReport, id: usize) -> String {
     out.push_str(&format!("<h3 id=\"r{id}-map\">{heading}</h3>\n{}", map::figures(report, id)));
     if let Some(corners) = tables::corners(report) {
         out.push_str(&format!("<h3>Corners</h3>\n{corners}"));
+    }
+    if let Some(found) = report.measured.as_ref().and_then(|measured| measured.sensitivity.as_ref()) {
+        out.push_str(&format!("<h3>Which axes matter</h3>\n{}", sensitivity::section(report, found)));
     }
     if let Some(noise) = report.measured.as_ref().and_then(|measured| measured.noise) {
         out.push_str(&format!("<h3>Noise</h3>\n<p>{}</p>\n", noise_text(&noise)));

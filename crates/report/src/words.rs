@@ -184,9 +184,11 @@ pub fn meaning(report: &RunReport) -> Vec<String> {
     } else if found > 0 {
         sentences.extend(random_rate(report));
         sentences.push(
-            "A trial is an independent search that ends at its first failure, so the share of falsified trials says how easily \
-             a search finds a failure, not how often the controller fails."
-                .to_string(),
+            format!(
+                "A trial is an independent search{}, so the share of falsified trials says how easily a search finds a failure, not how \
+                 often the controller fails.",
+                if report.survey.is_some() { " that goes on after its first failure" } else { " that ends at its first failure" }
+            ),
         );
     } else if trials > 0 {
         let n = report.counts.simulations - report.counts.undecided;

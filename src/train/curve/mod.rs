@@ -15,6 +15,7 @@ use row::{COLUMNS, REWARD};
 pub use row::CurveRow;
 pub use training_time::NoTrainingTime;
 pub(crate) use writer::CurveWriter;
+pub(crate) use writer::has_no_rows;
 
 /// Learning curve of a training run, as written by `mishandle train --csv FILE`.
 ///

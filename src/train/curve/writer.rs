@@ -3,8 +3,8 @@ use std::path::Path;
 
 use mishandle_training::{Checkpoint, TrainingProgress};
 
-use super::read;
 use super::row::{COLUMNS, CurveRow, REWARD, secs_cell};
+use super::{Curve, read};
 use crate::error::{CurveProblem, MishandleError};
 use mishandle_files::GrowingFile;
 
@@ -14,12 +14,23 @@ pub(crate) struct CurveWriter {
     file: GrowingFile,
 }
 
+/// Returns whether a file is a curve without rows.
+pub(crate) fn has_no_rows(path: &Path) -> bool {
+    let is_empty = std::fs::metadata(path).is_ok_and(|found| found.is_file() && found.len() == 0);
+    is_empty || Curve::load(path).is_ok_and(|curve| curve.rows.is_empty())
+}
+
 impl CurveWriter {
     /// Creates a new file.
     ///
     /// # Errors
     /// If the file exists or cannot be created.
+    ///
+    /// A file without rows, which a run that was killed in its first iteration leaves, is replaced.
     pub(crate) fn create(path: &Path, reward_terms: &[String]) -> Result<CurveWriter, MishandleError> {
+        if has_no_rows(path) {
+            std::fs::remove_file(path).map_err(|source| write_error(path, source))?;
+        }
         let columns = COLUMNS.iter().map(|name| (*name).to_string());
         let columns = columns.chain(reward_terms.iter().map(|name| format!("{REWARD}{name}")));
         let file = GrowingFile::create(path.to_path_buf(), &line(columns));

@@ -3,7 +3,7 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context, Result, bail};
 use clap::Args;
 use mishandle::train::Curve;
-use mishandle_report::{learning_curve_page, page};
+use mishandle_report::{Samples, learning_curve_page, page};
 
 use crate::exit_status::ExitStatus;
 use crate::flags::{self, numbers};
@@ -39,6 +39,17 @@ pub struct Arguments {
     #[arg(long, value_name = "N", default_value = "64", allow_negative_numbers = true)]
     #[arg(value_parser = numbers::integer::<u32>(flags::SCENARIOS), conflicts_with = "no_simulations")]
     pub probes: u32,
+    /// Number of random scenarios that measure the total effect of each axis on the robustness (Sobol
+    /// index); each is simulated twice and once more for each axis [default: 0, none]
+    #[arg(
+        long,
+        value_name = "N",
+        default_value = "0",
+        hide_default_value = true,
+        allow_negative_numbers = true
+    )]
+    #[arg(value_parser = numbers::integer::<u32>(flags::SCENARIOS), conflicts_with = "no_simulations")]
+    pub sensitivity: u32,
     /// Show only what the run files contain
     #[arg(long)]
     pub no_simulations: bool,
@@ -62,7 +73,8 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
     let bar = Bar::new(0, "simulations");
     run::stop_on_signals(&bar)?;
     let options = pages::Options {
-        simulations: (!command.no_simulations).then_some((command.probes, &bar)),
+        simulations: (!command.no_simulations)
+            .then_some((Samples { probes: command.probes, sensitivity: command.sensitivity }, &bar)),
         controller: command.controller.as_deref(),
         skip_check: command.skip_check,
         force: command.force,

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context, Result, bail};
 use mishandle::run::CampaignRun;
 use mishandle::store::RunFile;
-use mishandle_report::{Measurement, RunReport, RunSummary, campaign_page, run_page};
+use mishandle_report::{Measurement, RunReport, RunSummary, Samples, campaign_page, run_page};
 use mishandle_text::plural;
 use mishandle_text::shell_quote;
 
@@ -23,7 +23,7 @@ const RUNS: &str = "runs";
 /// Contents of pages.
 pub struct Options<'a> {
     /// Random scenarios around each failure mode, and the progress bar; `None` to simulate nothing.
-    pub simulations: Option<(u32, &'a Bar)>,
+    pub simulations: Option<(Samples, &'a Bar)>,
     /// Present path of the runs' controller, if the file was moved.
     pub controller: Option<&'a str>,
     pub skip_check: bool,
@@ -94,12 +94,12 @@ pub fn write_campaign(campaign: &Path, out: &Path, options: &Options<'_>) -> Res
 pub fn report(file: &RunFile, path: &Path, options: &Options<'_>) -> Result<Option<RunReport>> {
     let mut report = RunReport::load(file, &path.to_string_lossy())?;
     report.add_answer(file, options.controller)?;
-    let Some((probes, bar)) = options.simulations else {
+    let Some((samples, bar)) = options.simulations else {
         report.note_no_simulations(NO_SIMULATIONS);
         return Ok(Some(report));
     };
     bar.set_note(path.display().to_string());
-    let measured = report.measure(file, options.controller, probes, |done, total| {
+    let measured = report.measure(file, options.controller, samples, |done, total| {
         bar.set_length(total);
         bar.set_position(done);
         control_flow()
