@@ -244,7 +244,7 @@ pub enum MishandleError {
         /// Each difference, with the recorded and the repeated value.
         differences: Vec<String>,
     },
-    /// A recorded simulation has no digest of its trace, so that no replay could be compared with it.
+    /// A recorded simulation has no digest of its trace, so no replay could be compared with it.
     #[error("the run file was changed: simulation {number} of trial {trial} has no digest of its trace")]
     NoDigest {
         /// Number of the trial.
@@ -327,9 +327,7 @@ pub enum MishandleError {
         found: String,
     },
     /// The plan lacks the table of the command.
-    #[error(
-        "the run has no settings of `{table}`; continue it with the command or the function that made it"
-    )]
+    #[error("cannot {table}: the plan has no table [{table}]; resume a run with the command that made it")]
     MissingPlanTable {
         /// Name of the missing table.
         table: &'static str,

@@ -139,7 +139,13 @@ fn raised(error: impl Into<Error>) -> PyErr {
     let error = error.into();
     let hint = error.hint().map_or(String::new(), |hint| format!("; {hint}"));
     let causes = successors(Some(&error as &dyn StdError), |error| (*error).source());
-    let message = causes.map(ToString::to_string).collect::<Vec<_>>().join(": ") + &hint;
+    let message = match &error {
+        // A caller of a function has no table of a plan.
+        Error::MissingPlanTable { table } => {
+            format!("the run is not one of mishandle.{table}; continue it with the function that made it")
+        }
+        _ => causes.map(ToString::to_string).collect::<Vec<_>>().join(": ") + &hint,
+    };
     match error {
         Error::Store(_)
         | Error::File { .. }

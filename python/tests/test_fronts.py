@@ -192,7 +192,7 @@ class Fronts(unittest.TestCase):
                 self.assertEqual(tables(file), tables(out))
                 found = plain(results.build(question.kind, run["result"]))
                 # A campaign simulates nothing besides its runs.
-                left_out = {"run", "largest_difference", "exceptions", "smooth_region"}
+                left_out = {"run", "largest_difference", "exceptions", "not_covered", "smooth_region"}
                 left_out |= {field.name for field in dataclasses.fields(results.Falsification) if field.default is None}
                 for trial in expected.get("trials", ()):
                     trial["repeats"] = None

@@ -115,8 +115,8 @@ struct Build {
     architecture: String,
 }
 
-/// Reads a value that can be `null`. Its key must be there: an absent fact would be taken for a fact
-/// that agrees.
+/// Reads a value that can be `null`. Its key must be there, because an absent fact would be taken
+/// for one that agrees.
 fn present<'de, D: Deserializer<'de>, T: Deserialize<'de>>(from: D) -> Result<Option<T>, D::Error> {
     Option::deserialize(from)
 }
@@ -458,6 +458,46 @@ mod tests {
         }
         let deep = "[".repeat(100_000);
         assert!(read(&deep).is_err() && read("").is_err() && read("{\"schema\": 1}").is_err());
+    }
+
+    /// Returns each copy of a value that lacks one key, with the key.
+    fn without_a_key(value: &serde_json::Value) -> Vec<(String, serde_json::Value)> {
+        let mut found = Vec::new();
+        if let Some(object) = value.as_object() {
+            for (key, inner) in object {
+                let mut copy = object.clone();
+                copy.remove(key);
+                found.push((key.clone(), copy.into()));
+                for (name, changed) in without_a_key(inner) {
+                    let mut copy = object.clone();
+                    copy.insert(key.clone(), changed);
+                    found.push((name, copy.into()));
+                }
+            }
+        }
+        for (index, inner) in value.as_array().into_iter().flatten().enumerate() {
+            for (name, changed) in without_a_key(inner) {
+                let mut copy = value.clone();
+                copy[index] = changed;
+                found.push((name, copy));
+            }
+        }
+        found
+    }
+
+    #[test]
+    fn every_key_is_required() {
+        let whole: serde_json::Value = serde_json::from_str(&write(&example())).unwrap();
+        let lacking = without_a_key(&whole);
+        let has = |name: &str| lacking.iter().any(|(key, _)| key == name);
+        assert!(["trace_digest", "file_hash", "role", "name", "minimized_from"].into_iter().all(has));
+        for (key, document) in lacking {
+            // The versions are a list of any names.
+            if key != "MuJoCo" {
+                let error = read(&document.to_string()).unwrap_err().to_string();
+                assert!(error.contains(&format!("missing field `{key}`")), "{key}: {error}");
+            }
+        }
     }
 
     #[test]

@@ -114,3 +114,67 @@ fn is_admitted(run: &RunFile, resolved: &ResolvedPlan) -> bool {
     started(run.header(), resolved).is_empty()
         || continued_builds(run.header()).any(|(_, build)| build == present)
 }
+
+#[cfg(test)]
+mod tests {
+    use std::ops::ControlFlow;
+
+    use mishandle_store::IfExists;
+
+    use super::*;
+    use crate::plan::{EvaluatePlan, Plan};
+    use crate::run::{evaluate, header, record};
+
+    #[test]
+    fn another_build_adds_rows_only_if_the_header_names_it() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("run.sqlite");
+        let evaluation = EvaluatePlan { episodes: 6, batch: 2, ..EvaluatePlan::default() };
+        let plan = Plan { evaluate: Some(evaluation), ..Plan::new("toy/sphere-2d", "") };
+        let resolved = ResolvedPlan::new(&plan).unwrap();
+        let mut started = record::header(&resolved);
+        started.build.git_commit = "c0ffee".to_string();
+        started.versions.push(("engine".to_string(), "1.0".to_string()));
+        RunWriter::create(&path, &started, IfExists::Refuse).unwrap().close().unwrap();
+        let go = |simulations: u64| {
+            let watch = |done| {
+                if done >= simulations { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
+            };
+            evaluate(&resolved, RunWriter::resume(&path).unwrap(), watch).map(drop)
+        };
+        let error = go(2).unwrap_err().to_string();
+        for part in ["commit c0ffee", "recorded engine 1.0, now unknown", "--any-build"] {
+            assert!(error.contains(part), "{error}");
+        }
+        for _ in 0..2 {
+            let mut run = RunWriter::resume(&path).unwrap();
+            admit_build(&mut run, &resolved).unwrap();
+            run.close().unwrap();
+        }
+        go(2).unwrap();
+        let run = RunFile::open(&path).unwrap();
+        assert_eq!(run.header().build.git_commit, "c0ffee");
+        let continued: Vec<_> = continued_builds(run.header()).collect();
+        assert_eq!(continued, [("build 2", description(&resolved).as_str())]);
+        // The build that started the run is still another one for replays.
+        assert_eq!(build_differences(run.header(), &resolved).len(), 2);
+        assert!(header::differences(run.header(), &resolved).unwrap().is_empty());
+        drop(run);
+        go(u64::MAX).unwrap();
+        // A complete run gets no rows, so any build may read its answer.
+        let other = RunFile::open(&path).unwrap();
+        let unnamed = RunHeader { versions: started.versions.clone(), ..other.header().clone() };
+        assert_eq!(self::started(&unnamed, &resolved).len(), 2);
+        assert!(unfinished(&other).unwrap().is_none());
+    }
+
+    #[test]
+    fn a_header_without_a_component_is_a_difference() {
+        let plan = Plan::new("toy/sphere-2d", "");
+        let resolved = ResolvedPlan::new(&plan).unwrap();
+        let mut recorded = record::header(&resolved);
+        recorded.components.push(mishandle_store::ComponentRecord::default());
+        let found = header::differences(&recorded, &resolved).unwrap();
+        assert_eq!(found, ["number of components: recorded 1, expected 0"]);
+    }
+}

@@ -166,9 +166,11 @@ pub fn bootstrap_mean(values: &[f64], seed: Seed) -> Estimate {
 /// Returns the mean of numbers, which is finite if they are: also if their sum overflows.
 pub fn mean(values: &[f64]) -> f64 {
     let n = values.len() as f64;
-    match values.iter().sum::<f64>() {
-        sum if sum.is_finite() => sum / n,
-        _ => values.iter().map(|value| value / n).sum(),
+    let sum = values.iter().sum::<f64>();
+    match !sum.is_finite() && values.iter().all(|value| value.is_finite()) {
+        // Rounded parts of the largest number can have an infinite sum, too.
+        true => values.iter().map(|value| value / n).sum::<f64>().clamp(-f64::MAX, f64::MAX),
+        false => sum / n,
     }
 }
 

@@ -148,6 +148,26 @@ fn mirrored(found: Estimate) -> Estimate {
 mod tests {
     use super::*;
 
+    #[test]
+    fn differences_of_huge_numbers_are_never_nan() {
+        let huge = |signs: &[f64]| -> Vec<f64> {
+            (0..30).map(|i| signs[i % signs.len()] * f64::MAX / (1.0 + i as f64 / 100.0)).collect()
+        };
+        let samples = [huge(&[1.0]), huge(&[-1.0]), huge(&[1.0, -1.0]), vec![0.0; 30], vec![1.0; 30]];
+        for first in &samples {
+            for second in &samples {
+                let Estimate { value, low, high, .. } = paired_mean_difference(first, second, Seed(1));
+                for number in [value, low, high].into_iter().flatten() {
+                    assert!(!number.is_nan(), "{value:?} {low:?} {high:?}");
+                }
+                assert!(mean(first).is_finite());
+            }
+        }
+        // Half of the largest number and its negative: the difference is the largest number.
+        let (up, down) = (vec![f64::MAX / 2.0; 12], vec![-f64::MAX / 2.0; 12]);
+        assert_eq!(paired_mean_difference(&down, &up, Seed(1)).value, Some(f64::MAX));
+    }
+
     /// Newcombe, Statistics in Medicine 17, 1998, p. 2635: 36, 12, 2 and 0 of 50 pairs give 0.0569
     /// to 0.3404 by method 10, as first minus second.
     #[test]
