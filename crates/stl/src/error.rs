@@ -38,7 +38,7 @@ pub enum ParseError {
         /// The token in quotes, or "the end of the formula".
         found: String,
         /// A suggestion, such as the operator whose spelling is similar to this word.
-        hint: Option<String>,
+        hint: Option<Box<str>>,
     },
     /// A malformed number, or one outside the range of `f64`.
     #[error("{at}: expected {expected}, found the number `{text}`")]
@@ -314,7 +314,7 @@ pub fn name_hint(name: &str) -> Option<String> {
         .then(|| format!("to read the signal {}, write its name with the backquotes", spelled(name)))
 }
 
-fn after(hint: &Option<String>) -> String {
+fn after(hint: &Option<Box<str>>) -> String {
     hint.as_ref().map(|hint| format!("; {hint}")).unwrap_or_default()
 }
 
