@@ -234,8 +234,10 @@ mod tests {
         Ok(times(written)?.period(None)?.unwrap())
     }
 
+    type Write = fn(f64) -> String;
+
     /// The ways to write times, and the largest error of each below 1000 s.
-    const WAYS: [(fn(f64) -> String, f64); 8] = [
+    const WAYS: [(Write, f64); 8] = [
         (|time| format!("{time:.3}"), 5e-4),
         (|time| ((time * 1e4).round() / 1e4).to_string(), 5e-5),
         (|time| format!("{time:.6e}"), 5e-5),
