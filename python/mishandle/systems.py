@@ -102,13 +102,13 @@ def columns_of(
     if missing:
         suggestion = hint(known) if hint is not None else None
         raise InvalidValueError(
-            f"the trace lacks the signals {', '.join(missing)}; it has {', '.join(known) or 'none'}"
+            f"the trace lacks the signals {_listed(missing)}; it has {_listed(known) or 'none'}"
             + (f"; {suggestion}" if suggestion else "")
         )
     read = [(name, label) for name, label in zip(known, labels) if names is None or name in names]
     twice = [name for name, count in Counter(name for name, _ in read).items() if count > 1]
     if twice:
-        raise InvalidValueError(f"the trace has several columns of the same name: {', '.join(twice)}")
+        raise InvalidValueError(f"the trace has several columns of the same name: {_listed(twice)}")
     columns = {}
     for name, label in read:
         values = trace[label] if isinstance(trace, Mapping) else trace[label].to_numpy()
@@ -126,6 +126,11 @@ def columns_of(
     if len(set(lengths.values())) > 1:
         raise InvalidValueError(f"the signals of a trace must have the same length, got {lengths}")
     return columns
+
+
+def _listed(names: Sequence[str]) -> str:
+    """Lists names. Characters that nobody sees, such as those that reverse the text after them, appear as their escapes."""
+    return ", ".join("".join(c if c.isprintable() else ascii(c)[1:-1] for c in name) for name in names)
 
 
 def _numbers(values: Any) -> NDArray[np.float64]:

@@ -156,6 +156,10 @@ class Names(unittest.TestCase):
         with self.assertRaisesRegex(ValueError, "written in backquotes"):
             Formula("always(/arm/q <= 2)")
 
+    def test_messages_show_no_invisible_characters(self):
+        with self.assertRaisesRegex(ValueError, r"it has a\\u202eb\\n, größe$"):
+            mishandle.robustness("always(zz <= 2)", {"a\u202eb\n": [1.0], "größe": [1.0]})
+
     def test_only_columns_that_are_read_need_a_name_of_their_own(self):
         frame = __import__("pandas").DataFrame([[1.0, 2.0, 9.0], [3.0, 4.0, 9.0]], columns=["a", "b", "b"])
         self.assertEqual(mishandle.robustness("always(a <= 2)", frame), -1.0)

@@ -183,10 +183,11 @@ impl Clock {
         let samples = |bound: Bound| {
             self.samples(bound).map_err(|samples| {
                 let (operator, bound) = (operator.to_owned(), self.describe(bound));
-                match self.period_secs {
+                let period_secs = self.time_secs(1);
+                match samples {
                     _ if samples.is_nan() => MonitorError::UnknownPeriod { operator, bound },
                     _ if samples > MAX_BOUND => MonitorError::BoundTooLarge { operator, bound, samples },
-                    period_secs => MonitorError::NotAMultiple { operator, bound, samples, period_secs },
+                    _ => MonitorError::NotAMultiple { operator, bound, samples, period_secs },
                 }
             })
         };

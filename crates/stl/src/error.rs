@@ -38,7 +38,7 @@ pub enum ParseError {
         /// The token in quotes, or "the end of the formula".
         found: String,
         /// A suggestion, such as the operator whose spelling is similar to this word.
-        hint: Option<String>,
+        hint: Option<Box<str>>,
     },
     /// A malformed number, or one outside the range of `f64`.
     #[error("{at}: expected {expected}, found the number `{text}`")]
@@ -216,7 +216,7 @@ pub enum MonitorError {
     #[error(
         "bound {bound} of `{operator}` is {} steps{}; it must be a whole number of steps",
         Shown(*samples),
-        period_secs.map(|secs| format!(" of {} s", Shown(secs))).unwrap_or_default()
+        of_period(*period_secs)
     )]
     NotAMultiple {
         /// The operator that has the interval.
@@ -225,8 +225,8 @@ pub enum MonitorError {
         bound: String,
         /// The bound divided by the period.
         samples: f64,
-        /// The sampling period, s, if it is known.
-        period_secs: Option<f64>,
+        /// The sampling period, s; NaN if it is unknown.
+        period_secs: f64,
     },
     /// An interval bound so large that the sum of bounds could overflow.
     #[error(
@@ -314,8 +314,12 @@ pub fn name_hint(name: &str) -> Option<String> {
         .then(|| format!("to read the signal {}, write its name with the backquotes", spelled(name)))
 }
 
-fn after(hint: &Option<String>) -> String {
+fn after(hint: &Option<Box<str>>) -> String {
     hint.as_ref().map(|hint| format!("; {hint}")).unwrap_or_default()
+}
+
+fn of_period(secs: f64) -> String {
+    if secs.is_nan() { String::new() } else { format!(" of {} s", Shown(secs)) }
 }
 
 fn at_time(secs: f64) -> String {

@@ -31,7 +31,7 @@ pub(crate) enum Node {
 /// - A text may declare signals, define constants and name sub-formulas, separated by semicolons or
 ///   line breaks. The last statement is the formula. The [`Monitor`](crate::Monitor) rejects a
 ///   definition with the name of a signal of the trace, since `=` is often a typo for `==`.
-/// - A name that is no plain word stands in backquotes: `` `a/b[0]` ``.
+/// - A name that is not a plain word stands in backquotes: `` `a/b[0]` ``.
 ///   [`spelled`](crate::spelled) writes names this way.
 /// - **Comparisons are not chained**: as in RTAMT, `0.2 <= v <= 0.3` is `(0.2 <= v) <= 0.3`, which
 ///   bounds `v - 0.2`. [`Formula::chains_comparisons`] detects such formulas.

@@ -145,8 +145,8 @@ impl<'t> Lexer<'t> {
             expected: "a name, a number or an operator".to_owned(),
             found: format!("the character `{}`", name::one_line(first.encode_utf8(&mut [0; 4]))),
             hint: Some(match spelling_of_symbol(first) {
-                Some(spelling) => format!("did you mean `{spelling}`?"),
-                None => BACKQUOTES.to_owned(),
+                Some(spelling) => format!("did you mean `{spelling}`?").into(),
+                None => BACKQUOTES.into(),
             }),
         })
     }

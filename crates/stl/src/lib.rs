@@ -10,8 +10,8 @@
 //!
 //! # Differences from RTAMT
 //! RTAMT 0.4.10 parses `a - b + c` as `a - (b + c)` and `a / b * c` as `a / (b * c)`. Here `+` and
-//! `-` have the same precedence and associate to the left, and so do `*` and `/`. The reference page
-//! `docs/reference/formulas.md` lists the other differences, beside all operators with examples.
+//! `-` have the same precedence and associate to the left, and so do `*` and `/`. The page
+//! `docs/reference/formulas.md` lists the other differences, and all operators with examples.
 //!
 //! # Reference
 //! Maler and Nickovic, "Monitoring Temporal Properties of Continuous Signals", FORMATS 2004. Donzé

@@ -212,6 +212,15 @@ mod tests {
     }
 
     #[test]
+    fn every_spelling_is_on_the_reference_page() {
+        let page = include_str!("../../../docs/reference/formulas.md").replace("&#124;", "|");
+        for text in Operator::all().flat_map(Operator::spellings) {
+            let is_there = ["`", "<code>"].iter().any(|quote| page.contains(&format!("{quote}{text}")));
+            assert!(is_there, "{text}");
+        }
+    }
+
+    #[test]
     fn no_two_operators_of_one_shape_share_a_spelling() {
         for operator in Operator::all() {
             for text in operator.spellings() {

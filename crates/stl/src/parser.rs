@@ -152,7 +152,7 @@ impl<'t> Parser<'t> {
     fn no_operand<T>(&self) -> Result<T, ParseError> {
         let token = self.peek();
         let is_part_of_name = ["/", ".", ":", "@"].iter().any(|symbol| token.is_symbol(symbol));
-        let hint = is_part_of_name.then(|| BACKQUOTES.to_owned());
+        let hint = is_part_of_name.then(|| BACKQUOTES.into());
         let (expected, found) = (OPERAND.to_owned(), token.found());
         Err(ParseError::Unexpected { at: token.at, expected, found, hint })
     }
@@ -488,8 +488,8 @@ impl<'t> Parser<'t> {
         let is_index = token.is_symbol("[") && self.ahead(2).is_symbol("]");
         let is_part_of_name = is_index || [".", ":", "@"].iter().any(|symbol| token.is_symbol(symbol));
         let hint = match self.suggested_operator() {
-            Some(operator) => Some(format!("did you mean `{operator}`?")),
-            None => is_part_of_name.then(|| BACKQUOTES.to_owned()),
+            Some(operator) => Some(format!("did you mean `{operator}`?").into()),
+            None => is_part_of_name.then(|| BACKQUOTES.into()),
         };
         Err(ParseError::Unexpected { at: token.at, expected, found: token.found(), hint })
     }

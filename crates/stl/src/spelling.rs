@@ -6,7 +6,7 @@ use strsim::levenshtein;
 ///
 /// That is the first known name that starts with `name`, otherwise the one with the smallest edit
 /// distance (Levenshtein, ignoring case), if the distance is at most 2 or a third of the letters of
-/// `name`.
+/// `name`, and not all letters differ.
 ///
 /// # Example
 /// ```
@@ -30,8 +30,9 @@ pub(crate) fn nearest_within<'a>(
 ) -> Option<&'a str> {
     let ranked =
         known.into_iter().map(|known| (levenshtein(&name.to_lowercase(), &known.to_lowercase()), known));
+    let letters = |known: &str| name.chars().count().max(known.chars().count());
     ranked
-        .filter(|(distance, _)| *distance <= limit)
+        .filter(|(distance, known)| *distance <= limit && *distance < letters(known))
         .min_by_key(|(distance, _)| *distance)
         .map(|(_, known)| known)
 }
@@ -51,6 +52,8 @@ mod tests {
         check("door_yaw", Some("door_yaw_deg")); // four edits, but a prefix
         check("yaw_deg", None); // five edits, more than a third of seven letters
         check("x", None);
+        assert_eq!(nearest("x", ["", "d", "yz"]), None);
+        assert_eq!(nearest("dd", ["d"]), Some("d"));
         check("", None);
     }
 }

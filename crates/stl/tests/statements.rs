@@ -197,7 +197,8 @@ fn gaps(text: &str) -> Vec<usize> {
     pairs
         .filter(|((_, before), after)| {
             let is_symbol = "<>=!-&|*/".contains(*before) && "<>=!-&|*/".contains(*after);
-            !(is_word(*before) && is_word(*after)) && !is_symbol && !"+-".contains(*after)
+            let splits_word = is_word(*before) && is_word(*after);
+            !(splits_word || is_symbol || "+-".contains(*after))
         })
         .map(|((index, before), _)| index + before.len_utf8())
         .collect()

@@ -31,7 +31,7 @@ fn is_period(secs: f64) -> bool {
 #[command(after_help = "The trace is a CSV file: a header with the signal names, then one row of numbers per
 sample. The optional column `time` (seconds) determines the sampling period; --time names
 another column. Columns that the formula does not read may have any name and hold any text.
-In a formula, the name of a column that is no plain word stands in backquotes:
+In a formula, the name of a column that is not a plain word stands in backquotes:
 `/joint[0]/position`. In a shell, a formula with backquotes stands in single quotes.
 
 Windows that extend past the end of the trace are cut there, as in RTAMT. A cut window can

@@ -9,7 +9,7 @@
 mod grid;
 mod simplest;
 
-use anyhow::{Result, bail, ensure};
+use anyhow::{Result, anyhow, bail, ensure};
 use grid::Grid;
 use mishandle_text::{number_text, visible};
 use simplest::simplest;
@@ -134,7 +134,10 @@ impl Times {
         {
             return Ok(Some(flag));
         }
-        let found = self.found(mean, &rounding)?;
+        let found = self.found(mean, &rounding).map_err(|error| match flag {
+            Some(flag) => anyhow!("--period {} does not fit the times: {error}", number_text(flag)),
+            None => error,
+        })?;
         match flag {
             Some(flag) if (flag / found - 1.0).abs() > JITTER => bail!(
                 "--period is {} s, but the mean step of column `{}` is {} s; leave out --period",
@@ -231,8 +234,10 @@ mod tests {
         Ok(times(written)?.period(None)?.unwrap())
     }
 
+    type Write = fn(f64) -> String;
+
     /// The ways to write times, and the largest error of each below 1000 s.
-    const WAYS: [(fn(f64) -> String, f64); 8] = [
+    const WAYS: [(Write, f64); 8] = [
         (|time| format!("{time:.3}"), 5e-4),
         (|time| ((time * 1e4).round() / 1e4).to_string(), 5e-5),
         (|time| format!("{time:.6e}"), 5e-5),
@@ -337,7 +342,8 @@ mod tests {
         let coarse = || times((0..300).map(|sample| format!("{:.2}", f64::from(sample) / 30.0))).unwrap();
         assert!(coarse().period(None).is_err());
         assert_eq!(coarse().period(Some(1.0 / 30.0)).unwrap(), Some(1.0 / 30.0));
-        assert!(coarse().period(Some(0.04)).is_err());
+        let error = coarse().period(Some(0.04)).unwrap_err().to_string();
+        assert!(error.starts_with("--period 0.04 does not fit the times: samples must be evenly"), "{error}");
         let even = || times(["0", "0.5", "1"].map(str::to_owned)).unwrap();
         assert_eq!(even().period(Some(0.5)).unwrap(), Some(0.5));
         let error = even().period(Some(0.25)).unwrap_err().to_string();
