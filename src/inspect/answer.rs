@@ -14,8 +14,8 @@ use crate::resolve::ResolvedPlan;
 use crate::run::{Answer, counterexample_repeats};
 
 /// Returns the answer of a question as a result, with all that the question asks for: a
-/// falsification that keeps going has its failure modes, and a complete one the repeats and causes of
-/// its counterexamples and the smooth region.
+/// falsification that keeps going has its failure modes, and a complete one the repeats and causes
+/// of its counterexamples and the smooth region.
 ///
 /// `run` is the path of the run file, which must be closed. `repeats` and `watch` are those of
 /// [`counterexample_repeats`].

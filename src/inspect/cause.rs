@@ -81,7 +81,7 @@ impl Isolation {
         Some(found)
     }
 
-    /// Returns what tells this failure from those with another cause.
+    /// Returns the axes that stay off nominal, which differ from those of other causes.
     pub(crate) fn cause(&self) -> FailureCause {
         let axes = self.space.axes();
         let side = |index: &usize| {

@@ -1,5 +1,5 @@
-//! Several requirements by name: each has a robustness of its own, and a search tries to violate any
-//! of them.
+//! Several requirements by name: each has a robustness of its own, and a search tries to violate
+//! any of them.
 
 use mishandle_random::Seed;
 use mishandle_rollout::{Request, Space, Specification, Target};

@@ -101,7 +101,8 @@ mod tests {
         found
     }
 
-    /// y = 4 a + 2 b has the variances 16 / 12 and 4 / 12: the shares 0.8 and 0.2, also under noise.
+    /// y = 4 a + 2 b has the variances 16 / 12 and 4 / 12: the shares 0.8 and 0.2, also under
+    /// noise.
     #[test]
     fn total_effects_of_a_sum_are_its_shares_of_the_variance_also_under_noise() {
         for noise in [0.0, 1.0] {

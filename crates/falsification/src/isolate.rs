@@ -27,7 +27,7 @@ pub fn isolation_budget(budget: u32) -> u64 {
 /// simulations:
 ///
 /// 1. The nominal scenario, and each axis alone with its value of the failure. If one of these
-///    fails, the search goes on from the one with the lowest robustness.
+///    fails, the search continues from the one with the lowest robustness.
 /// 2. The failure with each axis alone at its nominal value.
 /// 3. If no axis alone fails, as many axes as possible go to nominal.
 /// 4. The rest moves toward nominal as in [`minimize`](crate::minimize()).
@@ -106,6 +106,7 @@ mod tests {
     use std::rc::Rc;
 
     use mishandle_rollout::{Axis, Scenario, Seed, Space};
+    use mishandle_stl::is_violated;
     use mishandle_toys::{FunctionSystem, SimulatedEnd};
 
     use super::*;
@@ -133,7 +134,7 @@ mod tests {
     fn nearest(rows: &[(Vec<f64>, f64)]) -> &[f64] {
         let off = |values: &[f64]| values.iter().filter(|x| **x != 0.0).count();
         let size = |values: &[f64]| (off(values), values.iter().sum::<f64>());
-        let failing = rows.iter().filter(|(_, rho)| *rho < 0.0);
+        let failing = rows.iter().filter(|(_, rho)| is_violated(*rho));
         let nearest = failing.min_by(|a, b| size(&a.0).partial_cmp(&size(&b.0)).unwrap());
         &nearest.unwrap().0
     }

@@ -78,9 +78,9 @@ pub struct ModeMembers {
 /// equal. r is the larger of 0.15 and 0.35 n^(-1/k) for n failures with this predicate and k axes.
 /// In a space of more than two axes, an axis matters if the failures are distributed differently
 /// along it than `others`, the simulations that do not fail: two-sample Kolmogorov-Smirnov test, p
-/// < 0.05 after Holm's correction. If no axis matters, predicate and time alone decide. `others` must
-/// be random scenarios, or empty: points that a search chose differ along every axis. Failures with
-/// different categories are never in one mode, and modes whose boxes overlap are one.
+/// < 0.05 after Holm's correction. If no axis matters, predicate and time alone decide. `others`
+/// must be random scenarios, or empty: points that a search chose differ along every axis. Failures
+/// with different categories are never in one mode, and modes whose boxes overlap are one.
 pub fn group_failures(
     failures: &[FailurePoint],
     others: &[UnitScenario],

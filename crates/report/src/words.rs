@@ -187,7 +187,7 @@ pub fn meaning(report: &RunReport) -> Vec<String> {
             format!(
                 "A trial is an independent search{}, so the share of falsified trials says how easily a search finds a failure, not how \
                  often the controller fails.",
-                if report.survey.is_some() { " that goes on after its first failure" } else { " that ends at its first failure" }
+                if report.survey.is_some() { " that continues after its first failure" } else { " that ends at its first failure" }
             ),
         );
     } else if trials > 0 {

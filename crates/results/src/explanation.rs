@@ -24,8 +24,8 @@ pub struct Explanation {
     pub formula: String,
     /// Robustness of the requirement.
     pub robustness: Number,
-    /// Whether the requirement is violated. At a robustness of 0, `<=`, `>=` and `==` hold, and `<`,
-    /// `>` and `!=` do not.
+    /// Whether the requirement is violated. At a robustness of 0, `<=`, `>=` and `==` hold, and
+    /// `<`, `>` and `!=` do not.
     pub violated: bool,
     /// First sample after which nothing can change whether the requirement is satisfied; `null` if
     /// the trace does not decide it.

@@ -124,7 +124,7 @@ pub struct Requirement {
     /// Number of these that violate it.
     pub violated: u64,
     /// Fraction of these that violate it, with its Wilson interval; `null` if a search chose the
-    /// simulations, because then it is no rate of the space.
+    /// simulations, because then it says nothing about the space.
     pub violation_rate: Option<Estimate>,
     /// Minimum robustness; `null` without a verdict.
     pub minimum_robustness: Option<Number>,

@@ -1,7 +1,7 @@
 use schemars::JsonSchema;
 use serde::Serialize;
 
-use crate::Number;
+use crate::{Number, RequirementVerdict};
 
 /// Robustness of a formula on a recorded trace.
 #[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
@@ -19,4 +19,8 @@ pub struct Monitor {
     /// Robustness at each sample; with `--strict-horizon` at the first samples, those whose windows
     /// are inside the trace.
     pub robustness_signal: Vec<Number>,
+    /// Each named requirement; missing without one. Without `--formula`, the other keys are those
+    /// of the first.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub requirements: Option<Vec<RequirementVerdict>>,
 }

@@ -5,8 +5,8 @@
 //! is parsed from text in the syntax of RTAMT. A [`Monitor`] evaluates a formula on traces. It
 //! returns the robustness: a number that is positive if the trace satisfies the formula, negative
 //! if the trace violates it, and whose size is the distance to the border between the two. The sign
-//! of a zero is the Boolean verdict, see [`is_satisfied`]. A [`Clock`] converts the time bounds of a formula to samples. A [`Recording`] takes the place of a
-//! long trace and needs less memory.
+//! of a zero is the Boolean verdict, see [`is_satisfied`]. A [`Clock`] converts the time bounds of
+//! a formula to samples. A [`Recording`] takes the place of a long trace and needs less memory.
 //!
 //! # Differences from RTAMT
 //! RTAMT 0.4.10 parses `a - b + c` as `a - (b + c)` and `a / b * c` as `a / (b * c)`. Here `+` and

@@ -8,16 +8,15 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context, Result, anyhow, bail, ensure};
 use clap::Args;
 use log::{Log, Samples};
-use mishandle::results::{self, Number};
+use mishandle::results::{self, Number, RequirementVerdict};
 use mishandle::stl::{
     Clock, Formula, Monitor, MonitorError, Recording, TimeUnit, is_violated, name_hint, unquoted,
 };
 use mishandle_text::{number_text, plural, shell_quote, visible};
 
 use crate::exit_status::ExitStatus;
-use crate::flags::numbers;
-use crate::show::formula_error;
-use crate::show::output;
+use crate::flags::{self, numbers};
+use crate::show::{formula_error, output, requirements};
 
 /// Sampling periods.
 const PERIOD: &str = "a number of seconds above 0, such as 0.1";
@@ -45,12 +44,15 @@ Examples:
   mishandle monitor --formula 'always[0:2s](d <= 0.3)' --period 0.1 trace.csv
   mishandle monitor --formula 'always[0:2](d <= 0.3)' --period 0.1 --unit s trace.csv  as in RTAMT
 
-Exit code 1 means that the robustness at time 0 is negative. docs/reference/formulas.md describes
+Exit code 1 means that a formula is violated at time 0. docs/reference/formulas.md describes
 the language of formulas.")]
 pub struct Arguments {
     /// Formula in the syntax of RTAMT
     #[arg(long, allow_hyphen_values = true)]
-    pub formula: String,
+    pub formula: Option<String>,
+    /// Formula with a name; repeat the flag for several. Each has a verdict of its own
+    #[arg(long, value_name = "NAME=FORMULA", allow_hyphen_values = true, value_parser = flags::named_formula)]
+    pub requirement: Vec<(String, String)>,
     /// CSV file with the trace; - reads stdin
     pub trace: PathBuf,
     /// Sampling period in seconds [default: that of the times; bounds in seconds need one of both]
@@ -71,14 +73,80 @@ pub struct Arguments {
 }
 
 pub fn run(command: &Arguments) -> Result<ExitStatus> {
-    let unit = command.unit.as_deref().map(unit).transpose()?;
-    let parsed = Formula::parse(&command.formula);
-    if let Err(error) = &parsed
-        && let Some(hint) = hint(command)
-    {
-        bail!("{}\nhint: {hint}", formula_error::message(&command.formula, error));
+    let formula = command.formula.iter().map(|text| (None, text));
+    let named = command.requirement.iter().map(|(name, text)| (Some(name), text));
+    ensure!(
+        command.formula.is_some() || !command.requirement.is_empty(),
+        "there is no formula: give --formula FORMULA, or --requirement NAME=FORMULA"
+    );
+    ensure!(
+        usize::from(command.formula.is_some()) + command.requirement.len() == 1
+            || command.trace.as_os_str() != "-",
+        "several formulas need a trace in a file, because stdin can be read once"
+    );
+    let found = formula
+        .chain(named)
+        .map(|(name, text)| Ok((name, evaluate(command, text)?)))
+        .collect::<Result<Vec<_>>>()?;
+    let verdict = |(name, found): &(Option<&String>, Evaluated)| {
+        let robustness = found.signal[0];
+        Some(RequirementVerdict {
+            name: (*name)?.clone(),
+            formula: found.formula.to_string(),
+            robustness: Some(robustness.into()),
+            violated: Some(is_violated(robustness)),
+        })
+    };
+    let verdicts: Vec<RequirementVerdict> = found.iter().filter_map(verdict).collect();
+    let (_, first) = &found[0];
+    let robustness = first.signal[0];
+    if command.json {
+        output::json(&results::Monitor {
+            robustness: robustness.into(),
+            violated: is_violated(robustness),
+            windows: if command.strict_horizon { "whole" } else { "cut" }.to_string(),
+            cuts_windows: first.cuts_windows,
+            robustness_signal: first.signal.iter().copied().map(Number).collect(),
+            requirements: (!verdicts.is_empty()).then_some(verdicts),
+        })?;
+    } else {
+        if command.formula.is_some() {
+            let verdict = if is_violated(robustness) { "violated" } else { "satisfied" };
+            output::line(&format!("robustness {} at time 0: {verdict}", number_text(robustness + 0.0)))?;
+        }
+        if !verdicts.is_empty() {
+            output::line(requirements::verdicts_text(Some(&verdicts)).trim_start())?;
+        }
+        if found.iter().any(|(_, found)| found.cuts_windows) {
+            output::message(&format!(
+                "note: a window extends past the end of the trace, which has {}; it is cut there, as in RTAMT; \
+                 samples after the end could change the value (--strict-horizon uses whole windows only)",
+                plural(first.samples, "sample")
+            ));
+        }
     }
-    let formula = parsed.map_err(|error| anyhow!("{}", formula_error::message(&command.formula, &error)))?;
+    let fails = found.iter().any(|(_, found)| is_violated(found.signal[0]));
+    Ok(if fails { ExitStatus::Violated } else { ExitStatus::Done })
+}
+
+/// A formula on the trace.
+struct Evaluated {
+    formula: Formula,
+    samples: usize,
+    cuts_windows: bool,
+    /// The robustness at each sample; at least one.
+    signal: Vec<f64>,
+}
+
+fn evaluate(command: &Arguments, text: &str) -> Result<Evaluated> {
+    let unit = command.unit.as_deref().map(unit).transpose()?;
+    let parsed = Formula::parse(text);
+    if let Err(error) = &parsed
+        && let Some(hint) = hint(command, text)
+    {
+        bail!("{}\nhint: {hint}", formula_error::message(text, error));
+    }
+    let formula = parsed.map_err(|error| anyhow!("{}", formula_error::message(text, &error)))?;
     output::warn_about(&formula);
     let trace_name = || format!("trace {}", command.trace.display());
     let log = Log::open(source(&command.trace).with_context(trace_name)?).with_context(trace_name)?;
@@ -105,36 +173,16 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
     })?;
     let count = samples.recording.len();
     let cuts_windows = !command.strict_horizon && monitor.cuts_windows(count);
-    let signal = signal(&mut monitor, samples.recording, command.strict_horizon)?;
-    let robustness = signal[0];
-    if command.json {
-        output::json(&results::Monitor {
-            robustness: robustness.into(),
-            violated: is_violated(robustness),
-            windows: if command.strict_horizon { "whole" } else { "cut" }.to_string(),
-            cuts_windows,
-            robustness_signal: signal.iter().copied().map(Number).collect(),
-        })?;
-    } else {
-        let verdict = if is_violated(robustness) { "violated" } else { "satisfied" };
-        output::line(&format!("robustness {} at time 0: {verdict}", number_text(robustness + 0.0)))?;
-        if cuts_windows {
-            output::message(&format!(
-                "note: a window extends past the end of the trace, which has {}; it is cut there, as in RTAMT; \
-                 samples after the end could change the value (--strict-horizon uses whole windows only)",
-                plural(count, "sample")
-            ));
-        }
-    }
-    Ok(if is_violated(robustness) { ExitStatus::Violated } else { ExitStatus::Done })
+    let signal = signal(&mut monitor, samples.recording, command.strict_horizon)?.to_vec();
+    Ok(Evaluated { formula, samples: count, cuts_windows, signal })
 }
 
 /// Returns the hint on a formula that does not parse, if it has the name of a column without the
 /// backquotes that it needs.
-fn hint(command: &Arguments) -> Option<String> {
+fn hint(command: &Arguments, text: &str) -> Option<String> {
     let file = File::open(&command.trace).ok().filter(|_| command.trace.is_file())?;
     let log = Log::open(file).ok()?;
-    name_hint(unquoted(&command.formula, log.names().iter().map(String::as_str))?)
+    name_hint(unquoted(text, log.names().iter().map(String::as_str))?)
 }
 
 /// Describes why the sampling period is unknown, although a bound is a time.

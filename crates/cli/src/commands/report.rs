@@ -39,8 +39,8 @@ pub struct Arguments {
     #[arg(long, value_name = "N", default_value = "64", allow_negative_numbers = true)]
     #[arg(value_parser = numbers::integer::<u32>(flags::SCENARIOS), conflicts_with = "no_simulations")]
     pub probes: u32,
-    /// Number of random scenarios that measure the total effect of each axis on the robustness (Sobol
-    /// index); each is simulated twice and once more for each axis [default: 0, none]
+    /// Number of random scenarios that measure the total effect of each axis on the robustness
+    /// (Sobol index); each is simulated twice and once more for each axis [default: 0, none]
     #[arg(
         long,
         value_name = "N",

@@ -65,7 +65,7 @@ pub struct Subject {
 }
 
 /// Parses `NAME=FORMULA`; a name alone is that of a formula of the target.
-fn named_formula(text: &str) -> Result<(String, String), String> {
+pub fn named_formula(text: &str) -> Result<(String, String), String> {
     match text.split_once('=') {
         Some((name, formula)) if !formula.trim().is_empty() && !formula.starts_with('=') => {
             Ok((name.trim().to_string(), formula.trim().to_string()))
