@@ -19,6 +19,16 @@ fn plans() -> Vec<Plan> {
     vec![
         Plan { evaluate: Some(evaluate), ..Plan::new("toy/noisy", "") },
         Plan { falsify: Some(falsify), ..Plan::new("toy/needle", "") },
+        // The counterexamples move toward nominal.
+        Plan {
+            falsify: Some(FalsifyPlan {
+                trials: 2,
+                budget: 60,
+                isolate: Some(true),
+                ..FalsifyPlan::default()
+            }),
+            ..car.clone()
+        },
         Plan { margin: Some(margin.clone()), ..car.clone() },
         // The witness is repeated with other seeds.
         Plan {

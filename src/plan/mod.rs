@@ -359,7 +359,8 @@ mod tests {
     fn the_documented_plan_contains_every_key_with_its_default() {
         let plan = Plan::from_toml(documented_plan()).unwrap();
         // The default formula is the target's first, which is `success` for a task.
-        let falsify = FalsifyPlan { formula: Some("success".to_string()), ..FalsifyPlan::default() };
+        let formula = Some("success".to_string());
+        let falsify = FalsifyPlan { formula, isolate: Some(true), ..FalsifyPlan::default() };
         let formula = Some("success".to_string());
         let risk = RiskPlan { formula: formula.clone(), ..RiskPlan::default() };
         let margin = Some(MarginPlan { formula, ..MarginPlan::default() });

@@ -346,7 +346,7 @@ mod tests {
             (
                 "\nbatch = 1",
                 "batch",
-                "seed, evaluate, falsify",
+                "seed, requirements, evaluate, falsify",
                 "did you mean `evaluate.batch` or `falsify.batch` or `risk.batch`?",
             ),
             (

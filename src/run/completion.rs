@@ -32,8 +32,16 @@ pub fn unfinished(run: &RunFile) -> Result<Option<String>, MishandleError> {
             has(trials.iter().map(|found| found.counts.simulations).sum(), planned, "simulation")
         }
         RunKind::Falsify => {
-            let planned = plan.and_then(|plan| plan.falsify).map_or(1, |falsify| u64::from(falsify.trials));
-            has(trials.len() as u64, planned, "trial")
+            let falsify = plan.and_then(|plan| plan.falsify);
+            let planned = falsify.as_ref().map_or(1, |falsify| u64::from(falsify.trials));
+            let is_isolated = falsify.is_some_and(|falsify| falsify.isolate == Some(true)) && !screened;
+            let falsified =
+                trials.iter().filter(|found| found.trial.status == TrialStatus::Falsified).count();
+            let done = run.derived_trials()?;
+            let done = done.iter().filter(|found| found.trial.status != TrialStatus::Running).count();
+            let isolated = || has(done as u64, falsified as u64, "counterexample, moved toward nominal");
+            let isolated = || if is_isolated { isolated() } else { None };
+            has(trials.len() as u64, planned, "trial").or_else(isolated)
         }
         RunKind::Evaluate => {
             let planned = plan.and_then(|plan| plan.evaluate).map_or(1, |evaluate| evaluate.episodes);

@@ -62,7 +62,7 @@ pub fn falsify(
         progress.falsified += u32::from(trial.trial.status == TrialStatus::Falsified);
     }
     let mut system = resolved.system()?;
-    let outcome = campaign.run(&mut *system, |batch| {
+    let mut outcome = campaign.run(&mut *system, |batch| {
         for episode in batch.episodes {
             let trial = episode.request.trial;
             if !std::mem::replace(&mut started[trial as usize - 1], true) {
@@ -89,9 +89,10 @@ pub fn falsify(
         }
     }
     if falsify.isolate == Some(true) && outcome.trials.iter().all(|trial| trial.end.is_some()) {
-        isolate_counterexamples(resolved, run, &outcome, &mut |done| {
+        let is_complete = isolate_counterexamples(resolved, run, &outcome, &mut |done| {
             watch(&Progress { simulations: progress.simulations + done, ..progress })
         })?;
+        outcome.is_interrupted = !is_complete;
     } else {
         run.close()?;
     }
@@ -99,19 +100,19 @@ pub fn falsify(
 }
 
 /// Moves the counterexample of each trial toward nominal. The simulations are trials of their own:
-/// see [`MAX_TRIALS`].
+/// see [`MAX_TRIALS`]. Returns whether they came to their end.
 fn isolate_counterexamples(
     resolved: &ResolvedPlan,
     run: RunWriter,
     outcome: &FalsificationOutcome,
     watch: &mut dyn FnMut(u64) -> ControlFlow<()>,
-) -> Result<(), MishandleError> {
+) -> Result<bool, MishandleError> {
     let mut failures = Vec::new();
     for trial in outcome.trials.iter().filter(|trial| trial.falsified()) {
         failures.extend(first_failure(resolved, run.file(), trial.trial)?);
     }
     let journal = Journal::new(resolved, run)?;
-    let (mut ended, mut done) = (Vec::new(), 0);
+    let (mut ended, mut done, count) = (Vec::new(), 0, failures.len());
     for failure in failures {
         let mut own = 0;
         let found = isolate_failure(&journal, &failure, |count| {
@@ -124,7 +125,9 @@ fn isolate_counterexamples(
         done += own;
         ended.push((failure.request.trial + MAX_TRIALS, TrialStatus::BudgetSpent));
     }
-    journal.close(ended)
+    let is_complete = ended.len() == count;
+    journal.close(ended)?;
+    Ok(is_complete)
 }
 
 /// Returns the first recorded failure of a trial.

@@ -73,7 +73,9 @@ impl Answer {
         match self {
             Answer::Evaluation(found) => found.is_complete,
             Answer::ScreenedEvaluation(found) => found.report.is_complete,
-            Answer::Falsification(found, _) => found.trials.iter().all(|trial| trial.end.is_some()),
+            Answer::Falsification(found, _) => {
+                !found.is_interrupted && found.trials.iter().all(|trial| trial.end.is_some())
+            }
             Answer::Margin(found) => found.is_complete,
             Answer::Risk(found) => found.is_complete,
             Answer::ScreenedRisk(found) => found.is_complete,

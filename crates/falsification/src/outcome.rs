@@ -184,6 +184,8 @@ pub struct FalsificationOutcome {
     /// Number of surplus simulations, which belong to no trial: in their batch they follow the end
     /// of their trial or its search.
     pub surplus: u64,
+    /// Whether the caller ended simulations of its own that follow the trials.
+    pub is_interrupted: bool,
 }
 
 impl FalsificationOutcome {
@@ -228,6 +230,7 @@ impl FalsificationOutcome {
             undecided: total(|trial| trial.undecided),
             undefined: total(|trial| trial.undefined),
             surplus: 0,
+            is_interrupted: false,
             trials,
         }
     }

@@ -23,7 +23,8 @@ pub fn falsification_result(
         run: Some(run.to_string_lossy().into_owned()),
         subject: resolved.subject(),
         is_complete: found.trials.iter().filter(|trial| trial.end.is_some()).count()
-            == falsify.trials as usize,
+            == falsify.trials as usize
+            && !found.is_interrupted,
         search_options: search_options(&falsify),
         formula: resolved.specification.requirement.to_string(),
         budget: falsify.budget,
