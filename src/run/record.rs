@@ -120,6 +120,9 @@ pub fn create_run(resolved: &ResolvedPlan, path: Option<&Path>) -> Result<RunWri
     }
     if let Some(margin) = &resolved.plan.margin {
         mishandle_falsification::check_margin(margin.budget, &resolved.space)?;
+        if margin.each_category {
+            mishandle_falsification::each_category(&resolved.space)?;
+        }
     }
     let path = match path {
         Some(path) => path.to_path_buf(),
