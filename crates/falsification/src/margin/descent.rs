@@ -6,8 +6,8 @@ use crate::FalsificationError;
 
 /// The first and the last relative distance of the next amplitude from that of the witness. An
 /// attack without a violation halves it.
-const FIRST_STEP: f64 = 0.3;
-const LAST_STEP: f64 = 0.05;
+pub(super) const FIRST_STEP: f64 = 0.3;
+pub(super) const LAST_STEP: f64 = 0.05;
 
 /// Share of the budget of one attack, and its fewest simulations.
 const ATTACK: f64 = 0.1;
@@ -17,9 +17,10 @@ const FEWEST: u64 = 16;
 const FRACTIONS: [f64; 8] = [0.9, 0.8, 0.7, 0.55, 0.4, 0.25, 0.1, 0.0];
 
 impl Attempt<'_> {
-    /// Searches at amplitudes below that of the witness, up to `end` simulations.
-    pub(super) fn descend(&mut self, end: u64) -> Result<(), FalsificationError> {
-        let (mut step, mut attacks) = (FIRST_STEP, 0_u64);
+    /// Searches at amplitudes below that of the witness, up to `end` simulations. The first one is
+    /// the fraction `step` below.
+    pub(super) fn descend(&mut self, end: u64, mut step: f64) -> Result<(), FalsificationError> {
+        let mut attacks = 0_u64;
         let share = ((ATTACK * self.settings.budget as f64) as u64).max(FEWEST);
         while let Some(witness) = self.witness.clone() {
             let left = end.saturating_sub(self.simulations).min(share);

@@ -19,6 +19,7 @@ pub use amplitude::norms;
 pub use categories::{Narrowed, category_axes, each_category};
 use amplitude::{is_disturbed, offsets};
 use attempt::Attempt;
+use descent::{FIRST_STEP, LAST_STEP};
 
 /// Share of the budget after which the axes of the witness are minimized, and share that is left
 /// for a second minimization.
@@ -127,10 +128,10 @@ pub fn margin(
     let mut attempt = Attempt::new(system, settings, &mut watch);
     let budget = settings.budget as f64;
     attempt.begin()?;
-    attempt.descend((DESCENT * budget) as u64)?;
+    attempt.descend((DESCENT * budget) as u64, FIRST_STEP)?;
     attempt.minimize(settings.budget)?;
     let before = attempt.smallest();
-    attempt.descend(((1.0 - LAST) * budget) as u64)?;
+    attempt.descend(((1.0 - LAST) * budget) as u64, LAST_STEP)?;
     if attempt.smallest() < before {
         attempt.minimize(settings.budget)?;
     }

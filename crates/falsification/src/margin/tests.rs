@@ -63,14 +63,14 @@ fn integer(name: &str, low: f64, high: f64) -> Axis {
 }
 
 /// Delays of 2 and 3 steps fail. Offsets are thirds of the range: 1/3 passes, 2/3 and 1 fail, and
-/// no delay is between 1/3 and 2/3.
+/// no delay is between 1/3 and 2/3. All four delays are simulated at 1, so 2/3 is known to fail.
 #[test]
 fn integers_are_bisected_by_whole_steps_and_each_scenario_is_simulated_once() {
     let (margin, _) = found(vec![integer("delay", 0.0, 3.0)], |x| 1.5 - x[0]);
     let tried: Vec<(f64, u64)> =
         margin.levels.iter().map(|level| (level.amplitude, level.simulations)).collect();
-    let thirds = [(1.0, 4), (1.0 / 3.0, 2), (2.0 / 3.0, 3)];
-    assert!(tried.len() == 3 && margin.levels.iter().all(|level| level.is_exhaustive), "{tried:?}");
+    let thirds = [(1.0, 4), (1.0 / 3.0, 2)];
+    assert!(tried.len() == 2 && margin.levels.iter().all(|level| level.is_exhaustive), "{tried:?}");
     for ((amplitude, simulations), (expected, scenarios)) in tried.into_iter().zip(thirds) {
         assert!((amplitude - expected).abs() < 1e-12 && simulations == scenarios, "{amplitude}");
     }
@@ -175,7 +175,7 @@ fn a_violation_that_the_first_sixteenth_of_the_budget_misses_is_found_by_the_res
     assert!((0.9..0.95).contains(&witness.norms.amplitude) && witness.axes == 8, "{:?}", witness.norms);
 }
 
-/// The half-space fails at 1 and 0.5 and passes at 0.25, where the search is interrupted.
+/// The half-space fails at 1 and 0.7 and passes below 0.3, where the search is interrupted.
 #[test]
 fn an_interrupted_amplitude_is_not_finished() {
     let axes = inputs(3);
@@ -187,7 +187,7 @@ fn an_interrupted_amplitude_is_not_finished() {
     };
     let sum = |request: &Request| 0.9 - request.scenario.values().iter().flatten().sum::<f64>();
     let all = run(u64::MAX, sum);
-    assert_eq!(all.levels[2].amplitude, 0.25);
+    assert!(all.levels[2].amplitude < 0.3);
     assert!(!all.levels[2].is_violated && all.levels[2].is_complete);
     let before: u64 = all.levels[..2].iter().map(|level| level.simulations).sum();
     let stopped = run(before + 100, sum);
@@ -413,8 +413,8 @@ fn each_category_has_its_own_margin_and_the_others_stay_nominal() {
         let found = margin(&mut system, settings(300), |_| ControlFlow::Continue(())).unwrap();
         (found.witness.unwrap().norms.amplitude, system.simulations())
     };
-    assert_eq!(smallest(&space).0, 0.8);
+    assert!((smallest(&space).0 - 0.8).abs() < 1e-9);
     let each: Vec<f64> = each_category(&space).unwrap().iter().map(|space| smallest(space).0).collect();
-    assert_eq!(each, [0.8, 0.3]);
+    assert!((each[0] - 0.8).abs() < 1e-9 && (each[1] - 0.3).abs() < 1e-9, "{each:?}");
     assert_eq!(category_axes(&space), [0]);
 }
