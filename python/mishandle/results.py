@@ -204,6 +204,9 @@ class Monitor:
 
     robustness: float
     """Robustness at time 0."""
+    violated: bool
+    """Whether the formula is violated. At a robustness of 0, ``<=``, ``>=`` and ``==`` hold, and
+    ``<``, ``>`` and ``!=`` do not."""
     windows: str
     """``cut``: windows are cut at the end of the trace, as in RTAMT; ``whole`` with
     ``--strict-horizon``."""
@@ -391,9 +394,9 @@ class Evaluation:
     observation_noise: float
     """Standard deviation of the noise that is added to observations."""
     seed: int
-    """Seed of the plan, from which the seeds of simulations are derived. For ``simulate`` and
-    ``margin`` it is the seed of the simulations themselves; only those of repeats are derived
-    from it."""
+    """Seed of the plan, from which the seeds of simulations are derived. For ``simulate``, and
+    for ``margin`` of a target without noise, it is the seed of the simulations themselves; only
+    those of repeats are derived from it."""
     space: str
     """Name of the scenario space."""
     axes: tuple[str, ...]
@@ -457,16 +460,18 @@ class Evaluation:
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class SmoothRegion:
-    """The part of a space that cannot fail if the robustness is as smooth there as at its
-    samples."""
+    """The part of a space that cannot fail if no predicate is steeper than its samples show."""
 
     slope: float | None
-    """Estimated 95 % upper bound of the change of the robustness per width of the space;
-    ``None`` if refused."""
+    """Largest of the estimated upper bounds (95 % together) of the change of each predicate per
+    width of the space, at any time; ``None`` if refused."""
     largest_slope: float | None
-    """Largest slope between adjacent samples; ``None`` if refused."""
+    """Largest slope of a predicate between adjacent samples; ``None`` if refused."""
+    predicates: int | None
+    """Number of predicates of the requirement; ``None`` if refused."""
     covered: float | None
-    """Fraction of the space within robustness / slope of a sample; ``None`` if refused."""
+    """Fraction of the space in which then no scenario fails: the lower end of a 95 % interval;
+    ``None`` if refused."""
     refusal: str | None
     """Why there is no region; ``None`` with one."""
 
@@ -667,9 +672,9 @@ class Falsification:
     observation_noise: float
     """Standard deviation of the noise that is added to observations."""
     seed: int
-    """Seed of the plan, from which the seeds of simulations are derived. For ``simulate`` and
-    ``margin`` it is the seed of the simulations themselves; only those of repeats are derived
-    from it."""
+    """Seed of the plan, from which the seeds of simulations are derived. For ``simulate``, and
+    for ``margin`` of a target without noise, it is the seed of the simulations themselves; only
+    those of repeats are derived from it."""
     space: str
     """Name of the scenario space."""
     axes: tuple[str, ...]
@@ -714,7 +719,7 @@ class Falsification:
     """Mean number of simulations over all trials; a trial without a counterexample counts as the
     budget. ``None`` if a trial was interrupted."""
     smooth_region: SmoothRegion | None
-    """The part of the space that cannot fail if the robustness is smooth; ``None`` where
+    """The part of the space that cannot fail if the requirement is smooth; ``None`` where
     ``failure_rate_bound`` is."""
     failure_rate_bound: float | None
     """One-sided 95 % upper bound of the failure rate if no simulation of uniform random samples
@@ -737,6 +742,26 @@ class Falsification:
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
+class CategoryMargin:
+    """The smallest disturbance at one combination of categories."""
+
+    categories: dict[str, str]
+    """The category of each categorical axis."""
+    simulations: int
+    """Number of simulations."""
+    is_complete: bool
+    """Whether the search was not interrupted."""
+    amplitude: float | None
+    """Amplitude of the smallest violation that was found; ``None`` without one."""
+    simulation: int | None
+    """Number of its simulation in the run; ``None`` without one."""
+    no_violation_up_to: float | None
+    """As in the whole document."""
+    no_violation_simulations: int | None
+    """As in the whole document."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
 class Level:
     """The simulations with disturbances up to an amplitude."""
 
@@ -745,8 +770,10 @@ class Level:
     to its bound."""
     simulations: int
     """Number of simulations."""
+    seeds: int
+    """Number of different seeds of these; 1 if the seed has no effect."""
     without_verdict: int
-    """Number of these without a verdict."""
+    """Number of simulations without a verdict."""
     minimum_robustness: float | None
     """Minimum robustness; ``None`` if no simulation has one."""
     is_violated: bool
@@ -811,9 +838,9 @@ class Margin:
     observation_noise: float
     """Standard deviation of the noise that is added to observations."""
     seed: int
-    """Seed of the plan, from which the seeds of simulations are derived. For ``simulate`` and
-    ``margin`` it is the seed of the simulations themselves; only those of repeats are derived
-    from it."""
+    """Seed of the plan, from which the seeds of simulations are derived. For ``simulate``, and
+    for ``margin`` of a target without noise, it is the seed of the simulations themselves; only
+    those of repeats are derived from it."""
     space: str
     """Name of the scenario space."""
     axes: tuple[str, ...]
@@ -829,9 +856,17 @@ class Margin:
     formula: str
     """The requirement."""
     simulations: int
-    """Number of simulations."""
+    """Number of simulations, without the repeats of the witness."""
+    is_random: bool
+    """Whether the seed has an effect. If so, the simulations of the search have different seeds."""
     is_complete: bool
     """Whether the search was not interrupted."""
+    categories: dict[str, str]
+    """Names of the categorical axes and the category at which each of them stays. A margin
+    varies numbers only."""
+    each_category: tuple[CategoryMargin, ...]
+    """The search for each combination of categories, if that was asked for; otherwise empty. The
+    other keys are those of the search with the smallest disturbance."""
     levels: tuple[Level, ...]
     """The amplitudes in the order in which they were tried."""
     no_violation_up_to: float | None
@@ -840,6 +875,8 @@ class Margin:
     no_violation_simulations: int | None
     """Number of simulations with a verdict on which ``no_violation_up_to`` rests; ``None``
     without one."""
+    no_violation_seeds: int | None
+    """Number of different seeds of these; ``None`` without one."""
     witness: Witness | None
     """The violation with the smallest disturbance; ``None`` without one."""
 
@@ -997,9 +1034,9 @@ class Risk:
     observation_noise: float
     """Standard deviation of the noise that is added to observations."""
     seed: int
-    """Seed of the plan, from which the seeds of simulations are derived. For ``simulate`` and
-    ``margin`` it is the seed of the simulations themselves; only those of repeats are derived
-    from it."""
+    """Seed of the plan, from which the seeds of simulations are derived. For ``simulate``, and
+    for ``margin`` of a target without noise, it is the seed of the simulations themselves; only
+    those of repeats are derived from it."""
     space: str
     """Name of the scenario space."""
     axes: tuple[str, ...]
@@ -1071,12 +1108,14 @@ class Explanation:
     """Requirement."""
     robustness: float
     """Robustness of the requirement."""
+    violated: bool
+    """Whether the requirement is violated. At a robustness of 0, ``<=``, ``>=`` and ``==`` hold,
+    and ``<``, ``>`` and ``!=`` do not."""
     decided: Instant | None
     """First sample after which nothing can change whether the requirement is satisfied; ``None``
-    if the trace does not decide it, or the robustness is 0."""
+    if the trace does not decide it."""
     predicate: Predicate | None
-    """Decisive predicate; ``None`` if an operator has an empty window or depends on two operands
-    (``iff``, ``xor``)."""
+    """Decisive predicate; ``None`` if an operator has an empty window."""
     window: Window | None
     """Samples at which the operator above evaluates the predicate; ``None`` without a predicate."""
     path: tuple[PathStep, ...]
@@ -1235,9 +1274,9 @@ class Simulation:
     observation_noise: float
     """Standard deviation of the noise that is added to observations."""
     seed: int
-    """Seed of the plan, from which the seeds of simulations are derived. For ``simulate`` and
-    ``margin`` it is the seed of the simulations themselves; only those of repeats are derived
-    from it."""
+    """Seed of the plan, from which the seeds of simulations are derived. For ``simulate``, and
+    for ``margin`` of a target without noise, it is the seed of the simulations themselves; only
+    those of repeats are derived from it."""
     space: str
     """Name of the scenario space."""
     axes: tuple[str, ...]
@@ -1260,6 +1299,9 @@ class Simulation:
     """Number of control steps."""
     robustness: float | None
     """Robustness of the requirement."""
+    violated: bool | None
+    """Whether the requirement is violated; ``None`` without a verdict. At a robustness of 0,
+    ``<=``, ``>=`` and ``==`` hold, and ``<``, ``>`` and ``!=`` do not."""
     explanation: Explanation | None
     """The document of ``explain``, without ``schema`` and ``run``."""
     repeats: Repeats | None
@@ -1553,6 +1595,9 @@ class Replay:
     """Number of control steps."""
     robustness: float | None
     """Robustness of the requirement; ``None`` without a verdict."""
+    violated: bool | None
+    """Whether the requirement is violated; ``None`` without a verdict. At a robustness of 0,
+    ``<=``, ``>=`` and ``==`` hold, and ``<``, ``>`` and ``!=`` do not."""
     same: bool
     """Whether everything recorded of the simulation agrees with the plan of the run and with the
     replay, bit for bit."""

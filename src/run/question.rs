@@ -189,8 +189,7 @@ fn margins(
     watch: Watch<'_>,
 ) -> Result<MarginOutcome, MishandleError> {
     let resolved = journal.resolved();
-    let table =
-        resolved.plan.margin.as_ref().ok_or(MishandleError::MissingPlanTable { table: "margin" })?;
+    let table = resolved.plan.margin.as_ref().ok_or(MishandleError::MissingPlanTable { table: "margin" })?;
     let settings = MarginSettings {
         seed: Seed(resolved.plan.seed),
         budget: table.budget,

@@ -61,7 +61,10 @@ fn the_witness_is_the_result_and_replays_to_the_same_bits() {
 fn a_safe_system_has_no_witness_and_impossible_requests_are_errors() {
     let bench = Bench::new();
     let said = bench.check(&format!("{CAR} --formula gap>=-1000"), 0);
-    assert!(said.contains("no violation in 600 simulations with 600 seeds, up to the largest disturbance"), "{said}");
+    assert!(
+        said.contains("no violation in 600 simulations with 600 seeds, up to the largest disturbance"),
+        "{said}"
+    );
     let found = bench.json(&format!("{CAR} --formula gap>=-1000 --json"), 0);
     let claim = ["no_violation_up_to", "no_violation_simulations", "no_violation_seeds", "simulations"];
     assert_eq!(claim.map(|key| found[key].as_f64().unwrap()), [1.0, 600.0, 600.0, 600.0]);

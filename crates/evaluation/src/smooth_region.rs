@@ -168,7 +168,10 @@ fn slope(
 /// Returns the largest difference of two values at one time; infinite if one has no difference.
 fn largest_difference(a: &[f64], b: &[f64]) -> f64 {
     let difference = |(a, b): (&f64, &f64)| if a == b { 0.0 } else { (a - b).abs() };
-    a.iter().zip(b).map(difference).fold(0.0, |largest, x| if x.is_nan() { f64::INFINITY } else { largest.max(x) })
+    a.iter()
+        .zip(b)
+        .map(difference)
+        .fold(0.0, |largest, x| if x.is_nan() { f64::INFINITY } else { largest.max(x) })
 }
 
 #[derive(Clone, Copy)]
@@ -368,9 +371,8 @@ mod tests {
         let points = uniform(300, 1, 5);
         let over_time = |u: &Vec<f64>| vec![0.5 + 0.1 * u[0], 30.0 * (1.2 - u[0])];
         let values: Vec<Vec<f64>> = points.iter().map(over_time).collect();
-        let least = |factor: f64| {
-            values.iter().map(|values| factor * values[0].min(values[1])).collect::<Vec<f64>>()
-        };
+        let least =
+            |factor: f64| values.iter().map(|values| factor * values[0].min(values[1])).collect::<Vec<f64>>();
         let found = smooth_region(&points, &[values.clone()], |factors| Some(least(factors[0])), 1).unwrap();
         assert!(found.slopes[0] >= 30.0 - 1e-9, "{:?}", found.slopes);
         let shorter = [vec![vec![1.0]; 299], vec![vec![1.0, 2.0]]].concat();

@@ -65,8 +65,8 @@ pub fn meaning(found: &Margin) -> Vec<String> {
     if let Some(level) = found.passed() {
         let all = match level {
             Level { is_exhaustive: true, .. } => ", which are all scenarios".to_string(),
-            Level { seeds: 0 | 1, .. } => String::new(),
-            Level { seeds, .. } => format!(" with {}", plural(*seeds, "seed")),
+            Level { seeds, .. } if found.is_random => format!(" with {}", plural(*seeds, "seed")),
+            _ => String::new(),
         };
         let proof = if level.is_exhaustive { "" } else { " This is evidence, not a proof." };
         sentences.push(format!(
@@ -188,12 +188,7 @@ fn each_category(found: &Margin) -> String {
     let of = |value: Option<f64>| value.map_or("–".to_string(), number);
     let row = |each: &CategoryMargin| {
         let CategoryMargin { simulations, amplitude, no_violation_up_to, .. } = each;
-        vec![
-            categories(&each.categories),
-            simulations.to_string(),
-            of(*amplitude),
-            of(*no_violation_up_to),
-        ]
+        vec![categories(&each.categories), simulations.to_string(), of(*amplitude), of(*no_violation_up_to)]
     };
     let head = ["categories", "simulations", "smallest amplitude", "no violation up to"];
     table("Searches for each category", &head, &found.each_category.iter().map(row).collect::<Vec<_>>())

@@ -20,7 +20,7 @@ pub fn text(found: &Margin) -> String {
     let conclusion = match (&found.witness, found.passed()) {
         (Some(witness), _) => witness_text(found, witness),
         (None, Some(level)) => {
-            format!("no violation in {}, up to the largest disturbance of the space", evidence(level))
+            format!("no violation in {}, up to the largest disturbance of the space", evidence(found, level))
         }
         (None, None) if found.is_complete => "no violation, but most simulations have no verdict".to_string(),
         (None, None) => "no violation so far, but the search is not finished".to_string(),
@@ -59,9 +59,8 @@ fn categories_text(found: &Margin) -> String {
 }
 
 fn category_names(categories: &Named<String>) -> String {
-    let name = |(axis, category): &(String, String)| {
-        format!("{} = {}", escape::name(axis), escape::name(category))
-    };
+    let name =
+        |(axis, category): &(String, String)| format!("{} = {}", escape::name(axis), escape::name(category));
     categories.0.iter().map(name).collect::<Vec<_>>().join(", ")
 }
 
@@ -81,11 +80,11 @@ fn result(level: &Level, found: &Margin) -> String {
 }
 
 /// Describes the simulations on which a claim that nothing fails rests.
-fn evidence(level: &Level) -> String {
+fn evidence(found: &Margin, level: &Level) -> String {
     let all = match level {
         Level { is_exhaustive: true, .. } => ", which are all scenarios".to_string(),
-        Level { seeds: 0 | 1, .. } => String::new(),
-        Level { seeds, .. } => format!(" with {}", plural(*seeds, "seed")),
+        Level { seeds, .. } if found.is_random => format!(" with {}", plural(*seeds, "seed")),
+        _ => String::new(),
     };
     format!("{}{all}", plural(level.verdicts(), "simulation"))
 }
@@ -127,7 +126,7 @@ fn witness_text(found: &Margin, witness: &Witness) -> String {
         text.push_str(&format!(
             "\nup to amplitude {}, no violation in {}",
             decimal(level.amplitude, 4),
-            evidence(level)
+            evidence(found, level)
         ));
     }
     text

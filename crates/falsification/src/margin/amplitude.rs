@@ -80,7 +80,8 @@ pub(super) fn between(space: &Space, passes: f64, fails: f64) -> Option<f64> {
         return Some(middle);
     }
     let below = rooms(space).map(|room| whole_steps(middle, room) / room).fold(0.0, f64::max);
-    let above = rooms(space).map(|room| (whole_steps(passes, room) + 1.0) / room).fold(f64::INFINITY, f64::min);
+    let above =
+        rooms(space).map(|room| (whole_steps(passes, room) + 1.0) / room).fold(f64::INFINITY, f64::min);
     let amplitude = if below > passes + TOLERANCE { below } else { above };
     (amplitude < fails - TOLERANCE).then_some(amplitude)
 }

@@ -186,7 +186,7 @@ impl<'a> Attempt<'a> {
             return Ok(self.level().is_violated);
         }
         let start = (before > 0).then(|| self.space.axes().iter().map(|_| self.random.uniform()).collect());
-        self.evolve(start, None, Seeds::New, end)?;
+        self.evolve(start, None, end)?;
         Ok(self.level().is_violated)
     }
 
@@ -205,13 +205,11 @@ impl<'a> Attempt<'a> {
     }
 
     /// Searches by CMA-ES from a point of the unit cube, or else from its center, up to `end`
-    /// simulations of the present amplitude or the first batch with a violation. Returns the best
-    /// point.
+    /// simulations of the present amplitude or the first batch with a violation.
     pub(super) fn evolve(
         &mut self,
         start: Option<Vec<f64>>,
         deviation: Option<f64>,
-        seeds: Seeds,
         end: u64,
     ) -> Result<(), FalsificationError> {
         let amplitude = self.level().amplitude;
@@ -232,7 +230,7 @@ impl<'a> Attempt<'a> {
             }
             let scenarios: Vec<Scenario> =
                 points.iter().map(|u| scenario_at(&self.space, u, amplitude)).collect();
-            let values = self.rollout(&scenarios, seeds)?;
+            let values = self.rollout(&scenarios, Seeds::New)?;
             for (u, value) in points.iter().zip(&values) {
                 search.tell(u, &value.unwrap_or(f64::INFINITY).into())?;
             }
@@ -307,9 +305,9 @@ impl<'a> Attempt<'a> {
         self.is_interrupted = (self.watch)(self.simulations).is_break();
         let values = episodes.iter().map(Episode::robustness).collect();
         if is_random && self.levels.len() == 1 {
-            let found = episodes.iter().filter_map(|episode| {
-                Some((episode.robustness()?, episode.request.scenario.clone()))
-            });
+            let found = episodes
+                .iter()
+                .filter_map(|episode| Some((episode.robustness()?, episode.request.scenario.clone())));
             self.lowest.extend(found);
             self.lowest.sort_by(|a, b| a.0.total_cmp(&b.0));
             self.lowest.truncate(LOWEST);

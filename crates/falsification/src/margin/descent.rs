@@ -53,9 +53,9 @@ impl Attempt<'_> {
 
     /// Returns whether all scenarios up to an amplitude were simulated without a violation.
     fn is_exhausted(&self, amplitude: f64) -> bool {
-        self.levels.iter().any(|level| {
-            level.is_exhaustive && !level.is_violated && level.amplitude >= amplitude
-        })
+        self.levels
+            .iter()
+            .any(|level| level.is_exhaustive && !level.is_violated && level.amplitude >= amplitude)
     }
 
     /// Scales the witness toward nominal, in one batch of at most as many simulations as are left

@@ -16,9 +16,9 @@ use mishandle_stl::is_satisfied;
 
 use crate::{FalsificationError, minimize};
 pub use amplitude::norms;
-pub use categories::{Narrowed, category_axes, each_category};
 use amplitude::{is_disturbed, offsets};
 use attempt::Attempt;
+pub use categories::{Narrowed, category_axes, each_category};
 use descent::{FIRST_STEP, LAST_STEP};
 
 /// Share of the budget after which the axes of the witness are minimized, and share that is left

@@ -298,10 +298,7 @@ fn an_interruption_keeps_the_witness_so_far() {
     assert!(largest < 0.32, "{largest}");
 }
 
-fn random_system(
-    axes: Vec<Axis>,
-    fails: impl Fn(&[f64], f64) -> bool + 'static,
-) -> FunctionSystem {
+fn random_system(axes: Vec<Axis>, fails: impl Fn(&[f64], f64) -> bool + 'static) -> FunctionSystem {
     let outcome = move |request: &Request| {
         let values: Vec<f64> = request.scenario.values().iter().map(|value| value.unwrap()).collect();
         let draw = request.seed.uniform(Stream::ActionNoise, 0, 0);
