@@ -233,6 +233,7 @@ def margin(
     *,
     formula: str | None,
     budget: int,
+    each_category: bool,
     seed: int,
     out: Out,
     progress: Callable[[int, int], None] | None,

@@ -47,6 +47,7 @@ def margin(
     space: Space = None,
     *,
     budget: int = 3000,
+    each_category: bool = False,
     seed: int = 0,
     out: PathLike | None = None,
     resume: bool = False,
@@ -68,8 +69,11 @@ def margin(
     budget : int
         Largest number of simulations. A system that depends on its seed is simulated up to 100 times more: the witness with other
         seeds.
+    each_category : bool
+        Whether to search once for each combination of categories, each time with the whole budget. Otherwise categorical axes stay at
+        their nominal categories, which ``categories`` of the result names.
     seed : int
-        Seed of all simulations but the repeats.
+        Seed of the search. A deterministic system is simulated with it, one that depends on its seed with many derived seeds.
     out : path, optional
         Run file; by default the first free name in the folder ``runs``.
     resume : bool
@@ -118,7 +122,7 @@ def margin(
     made = make_target(system, formula, space, target, check)
     run = (None if out is None else os.fspath(out), resume, durable, any_build)
     with after_the_batch(progress) as report:
-        numbers = {"budget": budget, "seed": seed}
+        numbers = {"budget": budget, "each_category": each_category, "seed": seed}
         text, interruption, _ = _native.margin(made.native, formula=made.formula, out=run, progress=report, **numbers)
     result = read(Margin, text, **made.facts)
     result.remember(made.native)

@@ -417,9 +417,9 @@ class Evaluation:
     observation_noise: float
     """Standard deviation of the noise that is added to observations."""
     seed: int
-    """Seed of the plan, from which the seeds of simulations are derived. For ``simulate`` and
-    ``margin`` it is the seed of the simulations themselves; only those of repeats are derived
-    from it."""
+    """Seed of the plan, from which the seeds of simulations are derived. For ``simulate``, and
+    for ``margin`` of a target without noise, it is the seed of the simulations themselves; only
+    those of repeats are derived from it."""
     space: str
     """Name of the scenario space."""
     axes: tuple[str, ...]
@@ -485,16 +485,18 @@ class Evaluation:
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class SmoothRegion:
-    """The part of a space that cannot fail if the robustness is as smooth there as at its
-    samples."""
+    """The part of a space that cannot fail if no predicate is steeper than its samples show."""
 
     slope: float | None
-    """Estimated 95 % upper bound of the change of the robustness per width of the space;
-    ``None`` if refused."""
+    """Largest of the estimated upper bounds (95 % together) of the change of each predicate per
+    width of the space, at any time; ``None`` if refused."""
     largest_slope: float | None
-    """Largest slope between adjacent samples; ``None`` if refused."""
+    """Largest slope of a predicate between adjacent samples; ``None`` if refused."""
+    predicates: int | None
+    """Number of predicates of the requirement; ``None`` if refused."""
     covered: float | None
-    """Fraction of the space within robustness / slope of a sample; ``None`` if refused."""
+    """Fraction of the space in which then no scenario fails: the lower end of a 95 % interval;
+    ``None`` if refused."""
     refusal: str | None
     """Why there is no region; ``None`` with one."""
 
@@ -723,9 +725,9 @@ class Falsification:
     observation_noise: float
     """Standard deviation of the noise that is added to observations."""
     seed: int
-    """Seed of the plan, from which the seeds of simulations are derived. For ``simulate`` and
-    ``margin`` it is the seed of the simulations themselves; only those of repeats are derived
-    from it."""
+    """Seed of the plan, from which the seeds of simulations are derived. For ``simulate``, and
+    for ``margin`` of a target without noise, it is the seed of the simulations themselves; only
+    those of repeats are derived from it."""
     space: str
     """Name of the scenario space."""
     axes: tuple[str, ...]
@@ -770,7 +772,7 @@ class Falsification:
     """Mean number of simulations over all trials; a trial without a counterexample counts as the
     budget. ``None`` if a trial was interrupted."""
     smooth_region: SmoothRegion | None
-    """The part of the space that cannot fail if the robustness is smooth; ``None`` where
+    """The part of the space that cannot fail if the requirement is smooth; ``None`` where
     ``failure_rate_bound`` is."""
     failure_rate_bound: float | None
     """One-sided 95 % upper bound of the failure rate if no simulation of uniform random samples
@@ -795,6 +797,26 @@ class Falsification:
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
+class CategoryMargin:
+    """The smallest disturbance at one combination of categories."""
+
+    categories: dict[str, str]
+    """The category of each categorical axis."""
+    simulations: int
+    """Number of simulations."""
+    is_complete: bool
+    """Whether the search was not interrupted."""
+    amplitude: float | None
+    """Amplitude of the smallest violation that was found; ``None`` without one."""
+    simulation: int | None
+    """Number of its simulation in the run; ``None`` without one."""
+    no_violation_up_to: float | None
+    """As in the whole document."""
+    no_violation_simulations: int | None
+    """As in the whole document."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
 class Level:
     """The simulations with disturbances up to an amplitude."""
 
@@ -803,8 +825,10 @@ class Level:
     to its bound."""
     simulations: int
     """Number of simulations."""
+    seeds: int
+    """Number of different seeds of these; 1 if the seed has no effect."""
     without_verdict: int
-    """Number of these without a verdict."""
+    """Number of simulations without a verdict."""
     minimum_robustness: float | None
     """Minimum robustness; ``None`` if no simulation has one."""
     is_violated: bool
@@ -869,9 +893,9 @@ class Margin:
     observation_noise: float
     """Standard deviation of the noise that is added to observations."""
     seed: int
-    """Seed of the plan, from which the seeds of simulations are derived. For ``simulate`` and
-    ``margin`` it is the seed of the simulations themselves; only those of repeats are derived
-    from it."""
+    """Seed of the plan, from which the seeds of simulations are derived. For ``simulate``, and
+    for ``margin`` of a target without noise, it is the seed of the simulations themselves; only
+    those of repeats are derived from it."""
     space: str
     """Name of the scenario space."""
     axes: tuple[str, ...]
@@ -887,9 +911,17 @@ class Margin:
     formula: str
     """The requirement."""
     simulations: int
-    """Number of simulations."""
+    """Number of simulations, without the repeats of the witness."""
+    is_random: bool
+    """Whether the seed has an effect. If so, the simulations of the search have different seeds."""
     is_complete: bool
     """Whether the search was not interrupted."""
+    categories: dict[str, str]
+    """Names of the categorical axes and the category at which each of them stays. A margin
+    varies numbers only."""
+    each_category: tuple[CategoryMargin, ...]
+    """The search for each combination of categories, if that was asked for; otherwise empty. The
+    other keys are those of the search with the smallest disturbance."""
     levels: tuple[Level, ...]
     """The amplitudes in the order in which they were tried."""
     no_violation_up_to: float | None
@@ -898,6 +930,8 @@ class Margin:
     no_violation_simulations: int | None
     """Number of simulations with a verdict on which ``no_violation_up_to`` rests; ``None``
     without one."""
+    no_violation_seeds: int | None
+    """Number of different seeds of these; ``None`` without one."""
     witness: Witness | None
     """The violation with the smallest disturbance; ``None`` without one."""
 
@@ -1055,9 +1089,9 @@ class Risk:
     observation_noise: float
     """Standard deviation of the noise that is added to observations."""
     seed: int
-    """Seed of the plan, from which the seeds of simulations are derived. For ``simulate`` and
-    ``margin`` it is the seed of the simulations themselves; only those of repeats are derived
-    from it."""
+    """Seed of the plan, from which the seeds of simulations are derived. For ``simulate``, and
+    for ``margin`` of a target without noise, it is the seed of the simulations themselves; only
+    those of repeats are derived from it."""
     space: str
     """Name of the scenario space."""
     axes: tuple[str, ...]
@@ -1309,9 +1343,9 @@ class Simulation:
     observation_noise: float
     """Standard deviation of the noise that is added to observations."""
     seed: int
-    """Seed of the plan, from which the seeds of simulations are derived. For ``simulate`` and
-    ``margin`` it is the seed of the simulations themselves; only those of repeats are derived
-    from it."""
+    """Seed of the plan, from which the seeds of simulations are derived. For ``simulate``, and
+    for ``margin`` of a target without noise, it is the seed of the simulations themselves; only
+    those of repeats are derived from it."""
     space: str
     """Name of the scenario space."""
     axes: tuple[str, ...]

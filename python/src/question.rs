@@ -164,17 +164,19 @@ pub fn evaluate(
 
 /// Searches for the smallest disturbance that violates the requirement.
 #[pyfunction]
-#[pyo3(signature = (target, *, formula, budget, seed, out, progress))]
+#[pyo3(signature = (target, *, formula, budget, each_category, seed, out, progress))]
 pub fn margin(
     py: Python<'_>,
     target: &PyTarget,
     formula: Option<String>,
     budget: u64,
+    each_category: bool,
     seed: u64,
     out: Out,
     progress: Option<Py<PyAny>>,
 ) -> PyResult<Answered> {
-    let plan = Plan { margin: Some(MarginPlan { formula, budget }), ..plan(target, seed) };
+    let margin = MarginPlan { formula, budget, each_category };
+    let plan = Plan { margin: Some(margin), ..plan(target, seed) };
     ask(py, target, &plan, out, None, progress)
 }
 

@@ -27,7 +27,7 @@ pub fn whole_result(
     answer: &Answer,
     run: &Path,
     repeats: Option<u64>,
-    watch: impl FnMut(u64, u64) -> ControlFlow<()>,
+    mut watch: impl FnMut(u64, u64) -> ControlFlow<()>,
 ) -> Result<results::Answer, MishandleError> {
     let mut result = answer.result(resolved, run)?;
     if !resolved.plan.requirements.is_empty() {
@@ -54,12 +54,12 @@ pub fn whole_result(
         }
     }
     if answer.is_complete() {
-        let mut repeated = counterexample_repeats(resolved, outcome, repeats, watch)?;
+        let mut repeated = counterexample_repeats(resolved, outcome, repeats, &mut watch)?;
         for trial in &mut found.trials {
             trial.repeats = repeated.remove(&trial.trial);
         }
         if counts.is_none() {
-            found.smooth_region = smooth_region_of(resolved, outcome, run)?;
+            found.smooth_region = smooth_region_of(resolved, outcome, run, &mut watch)?;
         }
     }
     Ok(result)

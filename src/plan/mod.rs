@@ -108,11 +108,15 @@ pub struct MarginPlan {
     pub formula: Option<String>,
     /// Largest number of simulations, without the repeats of the witness.
     pub budget: u64,
+    /// Search once for each combination of categories, each time with the whole budget. Otherwise
+    /// categorical axes stay at their nominal categories.
+    #[serde(skip_serializing_if = "std::ops::Not::not")]
+    pub each_category: bool,
 }
 
 impl Default for MarginPlan {
     fn default() -> Self {
-        MarginPlan { formula: None, budget: 3000 }
+        MarginPlan { formula: None, budget: 3000, each_category: false }
     }
 }
 

@@ -49,7 +49,7 @@ const fn key<T: DeserializeOwned>(name: &'static str, allowed: &'static str) -> 
     Key { name, allowed, reads: reads::<T> }
 }
 
-const KEYS: [Key; 34] = [
+const KEYS: [Key; 35] = [
     key::<u32>("format", "2"),
     key::<String>("target", "a string, such as \"ball-balancing\""),
     key::<String>("space", "a string, such as \"starts\""),
@@ -79,6 +79,7 @@ const KEYS: [Key; 34] = [
     Key { name: OPTIONS, allowed: "a table, as [falsify.options]", reads: is_table },
     key::<String>("margin.formula", "a string, such as \"strict\""),
     key::<u64>("margin.budget", "an integer from 1 to 1000000"),
+    key::<bool>("margin.each-category", "true or false"),
     key::<String>("risk.formula", "a string, such as \"strict\""),
     key::<u64>("risk.simulations", "an integer from 100 to 1000000000"),
     key::<String>("risk.method", "\"auto\", \"monte-carlo\", \"importance\" or \"splitting\""),

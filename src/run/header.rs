@@ -58,6 +58,7 @@ fn settings(recorded: &Plan, given: &Plan) -> Vec<String> {
     }
     if let (Some(then), Some(now)) = (&recorded.margin, &given.margin) {
         found.compare("budget", &then.budget, &now.budget);
+        found.compare("each-category", &then.each_category, &now.each_category);
     }
     if let (Some(then), Some(now)) = (&recorded.risk, &given.risk) {
         found.compare("simulations", &then.simulations, &now.simulations);

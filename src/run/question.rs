@@ -6,20 +6,21 @@ use std::sync::atomic::Ordering;
 
 use mishandle_evaluation::{Corners, Repeats, ScreenedProgress};
 use mishandle_falsification::{
-    FalsificationOutcome, Margin, Repeated, ScreenedCounts, margin, repeat, repeat_seeds,
+    FalsificationOutcome, Margin, MarginSettings, Narrowed, Repeated, ScreenedCounts, each_category, margin,
+    repeat, repeat_seeds,
 };
 use mishandle_random::Seed;
 use mishandle_risk::{Report, ScreenedReport, ScreenedSettings, screened_risk};
-use mishandle_rollout::Request;
+use mishandle_rollout::{Request, Space};
 use mishandle_store::{RunFile, RunKind, RunWriter, TrialStatus};
 use mishandle_world::WorldDevice;
 
 use crate::error::MishandleError;
 use crate::plan::ScreeningPlan;
-use crate::resolve::{ResolvedPlan, depends_on_seed};
+use crate::resolve::{ResolvedPlan, depends_on_seed, space_depends_on_seed};
 use crate::run::evaluate::{self, EvaluationOutcome};
 use crate::run::falsify::{self, falsify};
-use crate::run::journal::{Journal, JournalScreening, Numbering};
+use crate::run::journal::{Journal, JournalScreening, JournalSystem, Numbering};
 use crate::run::screening::{self, ScreenedEvaluationOutcome};
 use crate::run::{header, risk};
 
@@ -86,8 +87,14 @@ impl Answer {
 /// The smallest disturbance, with the repeats of its witness.
 #[derive(Clone, Debug)]
 pub struct MarginOutcome {
-    /// The search.
+    /// The search; with a search for each combination of categories, the one with the smallest
+    /// disturbance.
     pub margin: Margin,
+    /// The searches for each combination of categories, if the plan asks for them. The categories
+    /// are the fixed values of the space.
+    pub each_category: Vec<(Space, Margin)>,
+    /// Number of simulations of all searches.
+    pub simulations: u64,
     /// Simulations of the witness with other seeds; `None` without a witness, or if the seed has no
     /// effect.
     pub repeats: Option<Repeats>,
@@ -158,25 +165,74 @@ fn recorded(journal: &Journal<'_>, watch: Watch<'_>) -> Result<Answer, Mishandle
         let found = risk::risk(resolved, &mut numbered(TRIAL)?, watch);
         return Ok(Answer::Risk(journal.result(found)?));
     }
-    let table = plan.margin.as_ref().ok_or(MishandleError::MissingPlanTable { table: "margin" })?;
-    let mut watch =
-        |simulations| watch(&Progress { simulations, max_simulations: table.budget, ..Progress::default() });
-    let found = margin(&mut numbered(TRIAL)?, Seed(plan.seed), table.budget, &mut watch);
-    let margin = journal.result(found)?;
-    let mut outcome = MarginOutcome { is_complete: margin.is_complete, repeats: None, margin };
+    let mut outcome = margins(journal, &mut numbered(TRIAL)?, &mut *watch)?;
+    let max_simulations = outcome.simulations;
+    let mut watch = |simulations| watch(&Progress { simulations, max_simulations, ..Progress::default() });
     let witness = outcome.margin.witness.as_ref().filter(|_| outcome.is_complete);
     if let Some(Request { scenario, seed, .. }) = witness.map(|witness| &witness.episode.request)
         && depends_on_seed(resolved, scenario)
     {
         let planned = Repeated::Counterexample.simulations();
         let seeds = repeat_seeds(*seed, planned);
-        let done = outcome.margin.simulations;
+        let done = outcome.simulations;
         let repeats = repeat(&mut numbered(REPEATS)?, scenario, seeds, |_| watch(done));
         let repeats = journal.result(repeats)?;
         outcome.is_complete = repeats.simulations == planned;
         outcome.repeats = Some(repeats);
     }
     Ok(Answer::Margin(outcome))
+}
+
+/// Searches for the smallest disturbance, once for each combination of categories if the plan asks
+/// for that.
+fn margins(
+    journal: &Journal<'_>,
+    system: &mut JournalSystem<'_>,
+    watch: Watch<'_>,
+) -> Result<MarginOutcome, MishandleError> {
+    let resolved = journal.resolved();
+    let table = resolved.plan.margin.as_ref().ok_or(MishandleError::MissingPlanTable { table: "margin" })?;
+    let settings = MarginSettings {
+        seed: Seed(resolved.plan.seed),
+        budget: table.budget,
+        is_random: space_depends_on_seed(resolved),
+    };
+    let spaces = match table.each_category {
+        true => each_category(&resolved.space)?,
+        false => vec![resolved.space.clone()],
+    };
+    let max_simulations = table.budget.saturating_mul(spaces.len() as u64);
+    let (mut found, mut simulations, mut is_complete) = (Vec::new(), 0, true);
+    for space in &spaces {
+        let mut part = Narrowed { system: &mut *system, space };
+        let result = margin(&mut part, settings, |done| {
+            watch(&Progress { simulations: simulations + done, max_simulations, ..Progress::default() })
+        });
+        let margin = journal.result(result)?;
+        simulations += margin.simulations;
+        is_complete = margin.is_complete;
+        found.push(margin);
+        if !is_complete {
+            break;
+        }
+    }
+    // Of equal amplitudes, the last one counts, as in a run file.
+    let order = |margin: &Margin| {
+        let witness = margin.witness.as_ref().map(|witness| witness.norms.amplitude);
+        let passed = margin.largest_without_violation().map_or(0.0, |level| level.amplitude);
+        (witness.unwrap_or(f64::INFINITY), passed)
+    };
+    let smallest = found.iter().rev().min_by(|a, b| {
+        let ((a, a_passed), (b, b_passed)) = (order(a), order(b));
+        a.total_cmp(&b).then(a_passed.total_cmp(&b_passed))
+    });
+    let smallest = smallest.cloned().ok_or(MishandleError::MissingPlanTable { table: "margin" })?;
+    let margin = Margin { is_complete, ..smallest };
+    let each_category = match table.each_category {
+        true => spaces.into_iter().zip(found).collect(),
+        false => Vec::new(),
+    };
+    Ok(MarginOutcome { margin, each_category, simulations, repeats: None, is_complete })
 }
 
 /// Asks a question whose simulations a device proposes.

@@ -128,6 +128,9 @@ pub fn create_run(resolved: &ResolvedPlan, path: Option<&Path>) -> Result<RunWri
     }
     if let Some(margin) = &resolved.plan.margin {
         mishandle_falsification::check_margin(margin.budget, &resolved.space)?;
+        if margin.each_category {
+            mishandle_falsification::each_category(&resolved.space)?;
+        }
     }
     let Some(path) = path else {
         // Another process can take the free name first.

@@ -197,10 +197,24 @@ fn without_a_failure_a_smooth_robustness_excludes_failures_between_the_samples()
     assert!(slope > 1.9 && slope < 3.0 && region["covered"].as_f64().unwrap() > 0.99, "{region}");
     let said = bench.check(safe, 0);
     assert!(
-        said.contains("if the samples missed no cliff")
+        said.contains("if no part of the formula is steeper than the samples show")
             && said.contains("no scenario in 99 % of the space fails"),
         "{said}"
     );
+    // The second predicate decides only within 0.05 m of the center, where few samples are. It is 20
+    // times as steep as the first one: 40 per width.
+    let steep = "always((0.3*distance+0.5>=0)&(20*distance-0.5>=0))";
+    let safe =
+        format!("falsify toy/sphere-2d --formula {steep} --trials 1 --budget 60 --search random --json");
+    let mut bounded = 0;
+    for seed in 0..10 {
+        let region = bench.json(&format!("{safe} --seed {seed}"), 0)["smooth_region"].clone();
+        if let Some(slope) = region["slope"].as_f64() {
+            assert!(slope > 30.0 && region["predicates"] == 2, "{region}");
+            bounded += 1;
+        }
+    }
+    assert!(bounded > 0);
     for (target, reason) in [
         ("toy/noisy --formula always(height>=-9)", "random"),
         ("toy/sphere-2d --formula always(distance>=-1) --early-stopping", "bounds"),

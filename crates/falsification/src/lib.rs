@@ -56,7 +56,9 @@ pub use error::FalsificationError;
 pub use falsification::{Falsification, FalsificationBatch, FalsificationSettings};
 pub use isolate::{isolate, isolation_budget};
 pub use keep_going::{KeepGoing, SignatureOf, simulations_without_mode};
-pub use margin::{Margin, Witness, check_margin, margin, norms};
+pub use margin::{
+    Margin, MarginSettings, Narrowed, Witness, category_axes, check_margin, each_category, margin, norms,
+};
 pub use minimize::{Minimized, axes_off_nominal, is_close, minimize, off_nominal};
 pub use modes::{
     FailurePoint, MAX_FAILURES, MAX_OTHERS, ModeMembers, Signature, UnitScenario, group_failures,

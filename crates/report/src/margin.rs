@@ -1,7 +1,7 @@
 //! The answer of a margin: the verdict, the amplitudes that were tried, and the witness.
 
 use mishandle::falsification::norms;
-use mishandle::results::{Level, Margin, Witness};
+use mishandle::results::{CategoryMargin, Level, Margin, Named, Witness};
 use mishandle::rollout::{Scenario, Space};
 use mishandle::stl::is_violated;
 use mishandle_charts::{Chart, Mark, Panel, Series};
@@ -53,6 +53,9 @@ pub fn meaning(found: &Margin) -> Vec<String> {
     if found.subject.space_axes.iter().any(|axis| axis.kind == "start") {
         sentences.push("Initial states vary in their whole range at every amplitude.".to_string());
     }
+    if !found.categories.0.is_empty() {
+        sentences.push(format!("Categories stay: {}.", categories(&found.categories)));
+    }
     if found.witness.is_some() {
         sentences.push(
             "The amplitude is an upper bound of the margin: a smaller disturbance that violates the requirement may exist."
@@ -60,7 +63,11 @@ pub fn meaning(found: &Margin) -> Vec<String> {
         );
     }
     if let Some(level) = found.passed() {
-        let all = if level.is_exhaustive { ", which are all scenarios" } else { "" };
+        let all = match level {
+            Level { is_exhaustive: true, .. } => ", which are all scenarios".to_string(),
+            Level { seeds, .. } if found.is_random => format!(" with {}", plural(*seeds, "seed")),
+            _ => String::new(),
+        };
         let proof = if level.is_exhaustive { "" } else { " This is evidence, not a proof." };
         sentences.push(format!(
             "Up to amplitude {}, there is no violation in {}{all}.{proof}",
@@ -97,8 +104,9 @@ pub fn tiles(found: &Margin) -> Vec<(String, String)> {
 /// Returns the amplitudes and the witness as HTML.
 pub fn section(report: &RunReport, found: &Margin, id: usize) -> String {
     let mut out = format!(
-        "<h3 id=\"r{id}-search\">How large a disturbance must be</h3>\n<div class=\"grid\">{}</div>\n{}",
+        "<h3 id=\"r{id}-search\">How large a disturbance must be</h3>\n<div class=\"grid\">{}</div>\n{}{}",
         chart(report, found),
+        each_category(found),
         levels(found)
     );
     if let Some(witness) = &found.witness {
@@ -164,10 +172,34 @@ fn chart(report: &RunReport, found: &Margin) -> String {
     )
 }
 
+/// Returns the names of categories as HTML.
+fn categories(named: &Named<String>) -> String {
+    let name = |(axis, category): &(String, String)| {
+        format!("{} = {}", text(&short(axis, 40)), text(&short(category, 40)))
+    };
+    named.0.iter().map(name).collect::<Vec<_>>().join(", ")
+}
+
+/// Returns the table of the searches for each combination of categories.
+fn each_category(found: &Margin) -> String {
+    if found.each_category.is_empty() {
+        return String::new();
+    }
+    let of = |value: Option<f64>| value.map_or("–".to_string(), number);
+    let row = |each: &CategoryMargin| {
+        let CategoryMargin { simulations, amplitude, no_violation_up_to, .. } = each;
+        vec![categories(&each.categories), simulations.to_string(), of(*amplitude), of(*no_violation_up_to)]
+    };
+    let head = ["categories", "simulations", "smallest amplitude", "no violation up to"];
+    table("Searches for each category", &head, &found.each_category.iter().map(row).collect::<Vec<_>>())
+}
+
 /// Returns the table of the amplitudes that were tried.
 fn levels(found: &Margin) -> String {
+    let smallest = found.witness.as_ref().map_or(f64::INFINITY, |witness| witness.norms.amplitude);
     let result = |level: &Level| match level {
         Level { is_violated: true, .. } => "violated",
+        Level { amplitude, .. } if *amplitude >= smallest => "missed a violation",
         Level { is_complete: false, .. } => "interrupted",
         Level { minimum_robustness: None, .. } => "no verdict",
         _ => "no violation",

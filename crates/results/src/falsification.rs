@@ -48,7 +48,7 @@ pub struct Falsification {
     /// Mean number of simulations over all trials; a trial without a counterexample counts as the
     /// budget. `null` if a trial was interrupted.
     pub restricted_mean_simulations: Option<f64>,
-    /// The part of the space that cannot fail if the robustness is smooth; `null` where
+    /// The part of the space that cannot fail if the requirement is smooth; `null` where
     /// `failure_rate_bound` is.
     pub smooth_region: Option<SmoothRegion>,
     /// One-sided 95 % upper bound of the failure rate if no simulation of uniform random samples
@@ -170,15 +170,18 @@ pub struct Unevaluated {
     pub end: String,
 }
 
-/// The part of a space that cannot fail if the robustness is as smooth there as at its samples.
+/// The part of a space that cannot fail if no predicate is steeper than its samples show.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, JsonSchema)]
 pub struct SmoothRegion {
-    /// Estimated 95 % upper bound of the change of the robustness per width of the space; `null` if
-    /// refused.
+    /// Largest of the estimated upper bounds (95 % together) of the change of each predicate per
+    /// width of the space, at any time; `null` if refused.
     pub slope: Option<f64>,
-    /// Largest slope between adjacent samples; `null` if refused.
+    /// Largest slope of a predicate between adjacent samples; `null` if refused.
     pub largest_slope: Option<f64>,
-    /// Fraction of the space within robustness / slope of a sample; `null` if refused.
+    /// Number of predicates of the requirement; `null` if refused.
+    pub predicates: Option<u64>,
+    /// Fraction of the space in which then no scenario fails: the lower end of a 95 % interval;
+    /// `null` if refused.
     pub covered: Option<f64>,
     /// Why there is no region; `null` with one.
     pub refusal: Option<String>,

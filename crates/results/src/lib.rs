@@ -66,7 +66,7 @@ pub use explanation::{
     SignalTable, Window,
 };
 pub use falsification::{Cause, Falsification, Requirement, SearchValue, SmoothRegion, Trial, Unevaluated};
-pub use margin::{Level, Margin, Norms, Witness};
+pub use margin::{CategoryMargin, Level, Margin, Norms, Witness};
 pub use modes::{Coverage, FailureMode, FirstInMode, FoundMode, Modes, UnseenModes};
 pub use monitor::Monitor;
 pub use regression::{BaselineTest, Regression, RegressionTest};

@@ -1,7 +1,7 @@
 use schemars::JsonSchema;
 use serde::Serialize;
 
-use crate::{Number, Repeats, Scenario, Seed, Subject, optional_number};
+use crate::{Named, Number, Repeats, Scenario, Seed, Subject, optional_number};
 
 /// The smallest disturbance that violates a requirement.
 #[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
@@ -14,10 +14,18 @@ pub struct Margin {
     pub subject: Subject,
     /// The requirement.
     pub formula: String,
-    /// Number of simulations.
+    /// Number of simulations, without the repeats of the witness.
     pub simulations: u64,
+    /// Whether the seed has an effect. If so, the simulations of the search have different seeds.
+    pub is_random: bool,
     /// Whether the search was not interrupted.
     pub is_complete: bool,
+    /// Names of the categorical axes and the category at which each of them stays. A margin varies
+    /// numbers only.
+    pub categories: Named<String>,
+    /// The search for each combination of categories, if that was asked for; otherwise empty. The
+    /// other keys are those of the search with the smallest disturbance.
+    pub each_category: Vec<CategoryMargin>,
     /// The amplitudes in the order in which they were tried.
     pub levels: Vec<Level>,
     /// Largest amplitude below that of the witness at which a finished search found no violation
@@ -26,6 +34,8 @@ pub struct Margin {
     /// Number of simulations with a verdict on which `no_violation_up_to` rests; `null` without
     /// one.
     pub no_violation_simulations: Option<u64>,
+    /// Number of different seeds of these; `null` without one.
+    pub no_violation_seeds: Option<u64>,
     /// The violation with the smallest disturbance; `null` without one.
     pub witness: Option<Witness>,
 }
@@ -44,6 +54,25 @@ impl Margin {
     }
 }
 
+/// The smallest disturbance at one combination of categories.
+#[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
+pub struct CategoryMargin {
+    /// The category of each categorical axis.
+    pub categories: Named<String>,
+    /// Number of simulations.
+    pub simulations: u64,
+    /// Whether the search was not interrupted.
+    pub is_complete: bool,
+    /// Amplitude of the smallest violation that was found; `null` without one.
+    pub amplitude: Option<f64>,
+    /// Number of its simulation in the run; `null` without one.
+    pub simulation: Option<u32>,
+    /// As in the whole document.
+    pub no_violation_up_to: Option<f64>,
+    /// As in the whole document.
+    pub no_violation_simulations: Option<u64>,
+}
+
 /// The simulations with disturbances up to an amplitude.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, JsonSchema)]
 pub struct Level {
@@ -52,7 +81,9 @@ pub struct Level {
     pub amplitude: f64,
     /// Number of simulations.
     pub simulations: u64,
-    /// Number of these without a verdict.
+    /// Number of different seeds of these; 1 if the seed has no effect.
+    pub seeds: u64,
+    /// Number of simulations without a verdict.
     pub without_verdict: u64,
     /// Minimum robustness; `null` if no simulation has one.
     #[serde(serialize_with = "optional_number")]
@@ -73,6 +104,7 @@ impl Level {
         Level {
             amplitude,
             simulations: 0,
+            seeds: 0,
             without_verdict: 0,
             minimum_robustness: None,
             is_violated: false,

@@ -30,9 +30,9 @@ pub struct Subject {
     pub action_noise: f64,
     /// Standard deviation of the noise that is added to observations.
     pub observation_noise: f64,
-    /// Seed of the plan, from which the seeds of simulations are derived. For `simulate` and
-    /// `margin` it is the seed of the simulations themselves; only those of repeats are derived
-    /// from it.
+    /// Seed of the plan, from which the seeds of simulations are derived. For `simulate`, and for
+    /// `margin` of a target without noise, it is the seed of the simulations themselves; only those
+    /// of repeats are derived from it.
     pub seed: Seed,
     /// Name of the scenario space.
     pub space: String,

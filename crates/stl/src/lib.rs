@@ -48,6 +48,7 @@ mod parser;
 mod pointwise;
 mod program;
 mod recording;
+mod skeleton;
 mod spelling;
 mod state;
 mod subformula;

@@ -1,15 +1,16 @@
 use std::path::Path;
 
-use mishandle_falsification::Witness;
+use mishandle_falsification::{Margin, Witness, category_axes};
 use mishandle_results as results;
-use mishandle_results::{Repeats, Seed};
+use mishandle_results::{CategoryMargin, Named, Repeats, Seed};
+use mishandle_rollout::{AxisValues, Space};
 
-use crate::resolve::{ResolvedPlan, named_scenario};
+use crate::resolve::{ResolvedPlan, named_scenario, space_depends_on_seed};
 use crate::run::MarginOutcome;
 
 /// Returns the result of a search for the smallest disturbance. `run` is the path of its run file.
 pub fn margin_result(resolved: &ResolvedPlan, found: &MarginOutcome, run: &Path) -> results::Margin {
-    let MarginOutcome { margin, repeats, .. } = found;
+    let MarginOutcome { margin, each_category, simulations, repeats, is_complete: _ } = found;
     let passed = margin.largest_without_violation();
     let witness = |witness: &Witness| {
         let Witness { episode, norms, axes } = witness;
@@ -28,11 +29,54 @@ pub fn margin_result(resolved: &ResolvedPlan, found: &MarginOutcome, run: &Path)
         run: Some(run.to_string_lossy().into_owned()),
         subject: resolved.subject(),
         formula: resolved.specification.requirement.to_string(),
-        simulations: margin.simulations,
+        simulations: *simulations,
+        is_random: space_depends_on_seed(resolved),
         is_complete: margin.is_complete,
+        categories: categories(&resolved.space, space_of(found).unwrap_or(&resolved.space)),
+        each_category: each_category
+            .iter()
+            .map(|(space, margin)| category_margin(categories(&resolved.space, space), margin))
+            .collect(),
         levels: margin.levels.clone(),
         no_violation_up_to: passed.map(|level| level.amplitude),
         no_violation_simulations: passed.map(|level| level.verdicts()),
+        no_violation_seeds: passed.map(|level| level.seeds),
         witness: margin.witness.as_ref().map(witness),
     }
+}
+
+/// Returns the space of the search with the smallest disturbance, if there is one for each
+/// combination of categories.
+fn space_of(found: &MarginOutcome) -> Option<&Space> {
+    let simulation = |margin: &Margin| margin.witness.as_ref().map(|witness| witness.episode.request.number);
+    let is_smallest = |(_, margin): &&(Space, Margin)| {
+        margin.levels == found.margin.levels && simulation(margin) == simulation(&found.margin)
+    };
+    found.each_category.iter().find(is_smallest).map(|(space, _)| space)
+}
+
+fn category_margin(categories: Named<String>, margin: &Margin) -> CategoryMargin {
+    let Margin { simulations, is_complete, .. } = *margin;
+    let (witness, passed) = (margin.witness.as_ref(), margin.largest_without_violation());
+    CategoryMargin {
+        categories,
+        simulations,
+        is_complete,
+        amplitude: witness.map(|witness| witness.norms.amplitude),
+        simulation: witness.map(|witness| witness.episode.request.number),
+        no_violation_up_to: passed.map(|level| level.amplitude),
+        no_violation_simulations: passed.map(|level| level.verdicts()),
+    }
+}
+
+/// Returns the category at which each categorical axis of a space with a choice stays in a part of
+/// the space: its nominal one.
+fn categories(space: &Space, part: &Space) -> Named<String> {
+    let named = |index: usize| {
+        let (axis, nominal) = (&space.axes()[index], part.axes()[index].nominal);
+        let AxisValues::Categorical(names) = &axis.values else { return None };
+        let name = names.get((nominal? - axis.low) as usize)?;
+        Some((axis.name.clone(), name.clone()))
+    };
+    category_axes(space).into_iter().filter_map(named).collect()
 }

@@ -34,6 +34,10 @@ pub struct Arguments {
     #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = numbers::integer::<u64>(Plan::BUDGET))]
     #[arg(conflicts_with = "resume")]
     pub budget: Option<u64>,
+    /// Search once for each combination of categories, each time with the whole budget; otherwise
+    /// categories stay nominal
+    #[arg(long, conflicts_with = "resume")]
+    pub each_category: bool,
     #[command(flatten)]
     pub file: flags::OpenRun,
     #[command(flatten)]
@@ -71,6 +75,7 @@ fn plan(command: &Arguments) -> Result<Plan> {
     let mut margin = plan.margin.take().unwrap_or_default();
     margin.formula = command.formula.clone().or(margin.formula);
     margin.budget = command.budget.unwrap_or(margin.budget);
+    margin.each_category |= command.each_category;
     plan.margin = Some(margin);
     Ok(plan.only(RunKind::Margin))
 }

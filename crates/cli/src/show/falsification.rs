@@ -19,8 +19,12 @@ fn region_text(region: &SmoothRegion) -> String {
             "\nno statement about the space between the samples: they are too far apart for such steep changes of the robustness".into()
         }
         (Some(slope), Some(covered)) => format!(
-            "\nif the samples missed no cliff, the robustness changes by at most {} per width of the space (estimate, 95 % confidence); then \
-             no scenario in {:.0} % of the space fails",
+            "\nif no part of the formula is steeper than the samples show, {} by at most {} per width of the space (estimate, 95 % \
+             confidence); then no scenario in {:.0} % of the space fails",
+            match region.predicates {
+                Some(2..) => "its predicates change",
+                _ => "its predicate changes",
+            },
             decimal(slope, 4),
             // A share that was measured at random points is never 100 %.
             (100.0 * covered).floor().min(99.0)

@@ -1,9 +1,9 @@
 //! The smallest disturbance, as text.
 
-use mishandle::results::{AxisFacts, Level, Margin, Scenario, Witness};
+use mishandle::results::{AxisFacts, CategoryMargin, Level, Margin, Named, Scenario, Witness};
 use mishandle_text::{decimal, plural};
 
-use super::{output, scenario, subject};
+use super::{escape, output, scenario, subject};
 
 /// Returns the amplitudes that were tried, and the witness.
 pub fn text(found: &Margin) -> String {
@@ -13,29 +13,62 @@ pub fn text(found: &Margin) -> String {
             decimal(level.amplitude, 4),
             level.simulations.to_string(),
             level.minimum_robustness.map_or("-".to_string(), |rho| decimal(rho, 4)),
-            result(level),
+            result(level, found),
         ]
     };
     let rows: Vec<Vec<String>> = std::iter::once(header).chain(found.levels.iter().map(row)).collect();
     let conclusion = match (&found.witness, found.passed()) {
         (Some(witness), _) => witness_text(found, witness),
         (None, Some(level)) => {
-            format!("no violation in {}, up to the largest disturbance of the space", evidence(level))
+            format!("no violation in {}, up to the largest disturbance of the space", evidence(found, level))
         }
         (None, None) if found.is_complete => "no violation, but most simulations have no verdict".to_string(),
         (None, None) => "no violation so far, but the search is not finished".to_string(),
     };
     format!(
-        "{}\nformula {}\n\n{}\n\n{conclusion}",
+        "{}\nformula {}\n{}\n{}\n\n{conclusion}",
         subject::heading(&found.subject),
         found.formula,
+        categories_text(found),
         output::table(&rows)
     )
 }
 
-fn result(level: &Level) -> String {
+/// Names the categories, which a margin does not vary, and the search for each of them.
+fn categories_text(found: &Margin) -> String {
+    if found.categories.0.is_empty() {
+        return String::new();
+    }
+    let chosen = category_names(&found.categories);
+    if found.each_category.is_empty() {
+        return format!("numbers vary, categories stay: {chosen}; --each-category searches each of them\n");
+    }
+    let header = ["categories", "simulations", "smallest amplitude", "no violation up to"].map(String::from);
+    let row = |each: &CategoryMargin| {
+        let passed = each.no_violation_up_to.map(|amplitude| decimal(amplitude, 4));
+        vec![
+            category_names(&each.categories),
+            each.simulations.to_string(),
+            each.amplitude.map_or("-".to_string(), |amplitude| decimal(amplitude, 4)),
+            passed.unwrap_or("-".to_string()),
+        ]
+    };
+    let rows: Vec<Vec<String>> =
+        std::iter::once(header.to_vec()).chain(found.each_category.iter().map(row)).collect();
+    format!("\n{}\n\nthe smallest is that of {chosen}:\n", output::table(&rows))
+}
+
+fn category_names(categories: &Named<String>) -> String {
+    let name =
+        |(axis, category): &(String, String)| format!("{} = {}", escape::name(axis), escape::name(category));
+    categories.0.iter().map(name).collect::<Vec<_>>().join(", ")
+}
+
+fn result(level: &Level, found: &Margin) -> String {
+    let smallest = found.witness.as_ref().map_or(f64::INFINITY, |witness| witness.norms.amplitude);
     let result = match level {
         Level { is_violated: true, .. } => "violated",
+        Level { is_violated: false, amplitude, .. } if *amplitude >= smallest => "missed a violation",
         Level { is_complete: false, .. } => "interrupted",
         Level { minimum_robustness: None, .. } => "no verdict",
         _ => "no violation",
@@ -47,8 +80,12 @@ fn result(level: &Level) -> String {
 }
 
 /// Describes the simulations on which a claim that nothing fails rests.
-fn evidence(level: &Level) -> String {
-    let all = if level.is_exhaustive { ", which are all scenarios" } else { "" };
+fn evidence(found: &Margin, level: &Level) -> String {
+    let all = match level {
+        Level { is_exhaustive: true, .. } => ", which are all scenarios".to_string(),
+        Level { seeds, .. } if found.is_random => format!(" with {}", plural(*seeds, "seed")),
+        _ => String::new(),
+    };
     format!("{}{all}", plural(level.verdicts(), "simulation"))
 }
 
@@ -89,7 +126,7 @@ fn witness_text(found: &Margin, witness: &Witness) -> String {
         text.push_str(&format!(
             "\nup to amplitude {}, no violation in {}",
             decimal(level.amplitude, 4),
-            evidence(level)
+            evidence(found, level)
         ));
     }
     text

@@ -19,7 +19,7 @@ pub(super) fn is_disturbed(axis: &Axis) -> bool {
 
 /// Returns whether an axis varies in its whole range at any amplitude: the initial state, and times
 /// of events, since an event disturbs by its magnitude.
-fn varies_freely(axis: &Axis) -> bool {
+pub(super) fn varies_freely(axis: &Axis) -> bool {
     axis.kind == AxisKind::Start || is_time(axis)
 }
 
@@ -76,18 +76,62 @@ pub(super) fn between(space: &Space, passes: f64, fails: f64) -> Option<f64> {
         return None;
     }
     let middle = f64::midpoint(passes, fails);
-    let disturbed = || space.axes().iter().filter(|axis| is_disturbed(axis));
-    if disturbed().any(|axis| axis.levels().is_none()) {
+    if !steps_only(space) {
         return Some(middle);
     }
-    let rooms = || {
-        let of = |axis: &Axis| axis.nominal.map_or([0.0; 2], |x| [x - axis.low, axis.high - x]);
-        disturbed().flat_map(of).filter(|room| *room > 0.0)
-    };
-    let below = rooms().map(|room| whole_steps(middle, room) / room).fold(0.0, f64::max);
-    let above = rooms().map(|room| (whole_steps(passes, room) + 1.0) / room).fold(f64::INFINITY, f64::min);
+    let below = rooms(space).map(|room| whole_steps(middle, room) / room).fold(0.0, f64::max);
+    let above =
+        rooms(space).map(|room| (whole_steps(passes, room) + 1.0) / room).fold(f64::INFINITY, f64::min);
     let amplitude = if below > passes + TOLERANCE { below } else { above };
     (amplitude < fails - TOLERANCE).then_some(amplitude)
+}
+
+/// Returns whether all disturbed axes are discrete.
+pub(super) fn steps_only(space: &Space) -> bool {
+    space.axes().iter().filter(|axis| is_disturbed(axis)).all(|axis| axis.levels().is_some())
+}
+
+/// Returns the amplitude that is the fraction `step` below that of a violation; `None` if there are
+/// no smaller disturbances. If all disturbed axes are discrete, it is the amplitude of the largest
+/// offset below `fails`.
+pub(super) fn below(space: &Space, fails: f64, step: f64) -> Option<f64> {
+    let has_free = space.axes().iter().any(|axis| varies_freely(axis) && !axis.is_fixed());
+    if fails <= 0.0 {
+        return None;
+    }
+    if !steps_only(space) {
+        let amplitude = if fails <= RESOLUTION { 0.0 } else { fails - (step * fails).max(RESOLUTION / 2.0) };
+        return (amplitude > 0.0 || has_free).then_some(amplitude);
+    }
+    let smaller = rooms(space).map(|room| ((fails * room - TOLERANCE).ceil() - 1.0) / room);
+    Some(smaller.fold(0.0, f64::max))
+}
+
+/// Returns the numbers of steps from the nominal value to a bound, of all discrete disturbed axes.
+fn rooms(space: &Space) -> impl Iterator<Item = f64> {
+    let disturbed = space.axes().iter().filter(|axis| is_disturbed(axis) && axis.levels().is_some());
+    let of = |axis: &Axis| axis.nominal.map_or([0.0; 2], |x| [x - axis.low, axis.high - x]);
+    disturbed.flat_map(of).filter(|room| *room > 0.0)
+}
+
+/// Returns the point of the unit cube whose scenario at an amplitude is nearest to a scenario: the
+/// inverse of [`scenario_at`] if no offset is larger.
+pub(super) fn relative(space: &Space, scenario: &Scenario, amplitude: f64) -> Vec<f64> {
+    let coordinate = |(axis, value): (&Axis, &Option<f64>)| match (*value, axis.nominal) {
+        (Some(value), Some(nominal)) if is_disturbed(axis) => {
+            if axis.levels().is_some() {
+                let [low, high] = discrete_range(axis, nominal, amplitude);
+                return ((value - low + 0.5) / (high - low + 1.0)).clamp(0.0, 1.0);
+            }
+            let (center, u) = (axis.unit_coordinate(nominal), axis.unit_coordinate(value));
+            let room = if u < center { center - lowest(axis) } else { 1.0 - lowest(axis) - center };
+            let side = if u == center { 0.0 } else { (u - center) / room / amplitude };
+            0.5 + 0.5 * side.clamp(-1.0, 1.0)
+        }
+        (Some(value), _) => axis.unit_coordinate(value).clamp(0.0, 1.0),
+        (None, _) => 0.5,
+    };
+    space.axes().iter().zip(scenario.values()).map(coordinate).collect()
 }
 
 /// Returns the scenario at a point of the unit cube: disturbed axes are scaled to the amplitude.
