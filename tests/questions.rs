@@ -19,16 +19,6 @@ fn plans() -> Vec<Plan> {
     vec![
         Plan { evaluate: Some(evaluate), ..Plan::new("toy/noisy", "") },
         Plan { falsify: Some(falsify), ..Plan::new("toy/needle", "") },
-        // The counterexamples move toward nominal.
-        Plan {
-            falsify: Some(FalsifyPlan {
-                trials: 2,
-                budget: 60,
-                isolate: Some(true),
-                ..FalsifyPlan::default()
-            }),
-            ..car.clone()
-        },
         Plan { margin: Some(margin.clone()), ..car.clone() },
         // The witness is repeated with other seeds.
         Plan {
@@ -38,7 +28,18 @@ fn plans() -> Vec<Plan> {
             ..Plan::new("ball-balancing", "ppo")
         },
         Plan { risk: Some(risk.clone()), ..Plan::new("toy/hidden-corner", "") },
-        Plan { risk: Some(RiskPlan { simulations: 300, ..risk }), ..car },
+        Plan { risk: Some(RiskPlan { simulations: 300, ..risk }), ..car.clone() },
+        // The counterexamples move toward nominal.
+        Plan {
+            falsify: Some(FalsifyPlan {
+                trials: 2,
+                budget: 60,
+                batch: 1,
+                isolate: Some(true),
+                ..FalsifyPlan::default()
+            }),
+            ..car
+        },
     ]
 }
 

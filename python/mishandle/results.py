@@ -199,6 +199,20 @@ class Search:
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
+class RequirementVerdict:
+    """A named requirement on one simulation."""
+
+    name: str
+    """Name."""
+    formula: str
+    """Formula."""
+    robustness: float | None
+    """Its robustness; ``None`` without a verdict."""
+    violated: bool | None
+    """Whether it is violated; ``None`` without a verdict."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
 class Monitor:
     """Robustness of a formula on a recorded trace."""
 
@@ -215,6 +229,9 @@ class Monitor:
     robustness_signal: tuple[float, ...]
     """Robustness at each sample; with ``--strict-horizon`` at the first samples, those whose
     windows are inside the trace."""
+    requirements: tuple[RequirementVerdict, ...] | None = None
+    """Each named requirement; missing without one. Without ``--formula``, the other keys are
+    those of the first."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -317,7 +334,7 @@ class Requirement:
     """Number of these that violate it."""
     violation_rate: Estimate | None
     """Fraction of these that violate it, with its Wilson interval; ``None`` if a search chose
-    the simulations, because then it is no rate of the space."""
+    the simulations, because then it says nothing about the space."""
     minimum_robustness: float | None
     """Minimum robustness; ``None`` without a verdict."""
     trial: int | None
@@ -1286,20 +1303,6 @@ class SignalRow:
     """Sample, from 0."""
     values: tuple[float | None, ...]
     """One value per column; ``None`` if the trace does not have it."""
-
-
-@dataclasses.dataclass(frozen=True, kw_only=True)
-class RequirementVerdict:
-    """A named requirement on one simulation."""
-
-    name: str
-    """Name."""
-    formula: str
-    """Formula."""
-    robustness: float | None
-    """Its robustness; ``None`` without a verdict."""
-    violated: bool | None
-    """Whether it is violated; ``None`` without a verdict."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)

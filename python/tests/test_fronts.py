@@ -66,9 +66,9 @@ QUESTIONS = {
     ),
     "falsify and keep going": Question(
         results.Falsification,
-        ["falsify", "toy/pits", *RANDOM, "--keep-going"],
+        ["falsify", "toy/pits", *RANDOM, "--keep-going", "--isolate"],
         f'target = "toy/pits"\nseed = 3\n[falsify]\nkeep-going = true\n{RANDOM_PLAN}',
-        lambda out: falsify(out, "toy/pits", keep_going=True),
+        lambda out: falsify(out, "toy/pits", keep_going=True, isolate=True),
     ),
     "falsify a task": Question(
         results.Falsification,

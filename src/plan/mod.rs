@@ -110,7 +110,6 @@ pub struct MarginPlan {
     pub budget: u64,
     /// Search once for each combination of categories, each time with the whole budget. Otherwise
     /// categorical axes stay at their nominal categories.
-    #[serde(skip_serializing_if = "std::ops::Not::not")]
     pub each_category: bool,
 }
 
