@@ -50,7 +50,7 @@ class RunResult:
     def remembered(self) -> _native.Target | None:
         return self.__dict__.get("_target")
 
-    def report(self, path: PathLike, *, simulate: bool = True, probes: int = 64) -> None:
+    def report(self, path: PathLike, *, simulate: bool = True, probes: int = 64, sensitivity: int = 0) -> None:
         """Writes a page about the run: one HTML file that loads nothing, for a browser or to send.
 
         Parameters
@@ -61,9 +61,11 @@ class RunResult:
             Whether to measure with the system of this result: sizes of failing patches, repeats with other seeds, noise, corners.
         probes : int
             Number of random scenarios that estimate the size of a failing patch.
+        sensitivity : int
+            Number of random scenarios that measure the total effect of each axis on the robustness (Sobol index). 0 skips them.
         """
         if self.remembered is None or not simulate:
-            open_run(self.path).report(path, simulate=simulate, probes=probes)
+            open_run(self.path).report(path, simulate=simulate, probes=probes, sensitivity=sensitivity)
             return
-        html = _native.report(self.remembered, os.fspath(self.path), probes)
+        html = _native.report(self.remembered, os.fspath(self.path), probes, sensitivity)
         write_text(path, html)

@@ -122,8 +122,9 @@ def margin(
     made = make_target(system, formula, space, target, check)
     run = (None if out is None else os.fspath(out), resume, durable, any_build)
     with after_the_batch(progress) as report:
-        numbers = {"budget": budget, "each_category": each_category, "seed": seed}
-        text, interruption, _ = _native.margin(made.native, formula=made.formula, out=run, progress=report, **numbers)
+        text, interruption, _ = _native.margin(
+            made.native, formula=made.formula, budget=budget, each_category=each_category, seed=seed, out=run, progress=report
+        )
     result = read(Margin, text, **made.facts)
     result.remember(made.native)
     if interruption is None and all(level.minimum_robustness is None for level in result.levels):

@@ -21,7 +21,7 @@ from mishandle import results
 COMMAND = pathlib.Path(sys.executable).with_name("mishandle")
 
 RANDOM = ["--search", "random", "--trials", "2", "--budget", "40", "--seed", "3"]
-RANDOM_PLAN = 'search = "random"\ntrials = 2\nbudget = 40'
+RANDOM_PLAN = 'search = "random"\ntrials = 2\nbudget = 40\nisolate = true'
 CAR = ["toy/car-following", "--space", "dynamics+events"]
 
 

@@ -187,6 +187,8 @@ impl RunReport {
                 index += 1;
             }
         }
+        let preflight = header.preflight.iter();
+        let preflight = preflight.map(|warning| format!("Before the first simulation: {warning}.")).collect();
         Ok(RunReport {
             path: path.to_string(),
             plan,
@@ -204,7 +206,7 @@ impl RunReport {
             answer: None,
             witness: None,
             measured: None,
-            notes: Vec::new(),
+            notes: preflight,
         })
     }
 
