@@ -5,6 +5,8 @@ from __future__ import annotations
 import json
 import os
 import pathlib
+import warnings
+from collections.abc import Sequence
 from typing import Any, TypeVar
 
 from mishandle import _native, results
@@ -13,6 +15,12 @@ from mishandle.files import PathLike, write_text
 from mishandle.runs import open_run
 
 Result = TypeVar("Result")
+
+
+def warn_all(notes: Sequence[str]) -> None:
+    """Warns the caller of the function that asked a question."""
+    for note in notes:
+        warnings.warn(note, stacklevel=3)
 
 
 def read(kind: type[Result], text: str, **others: Any) -> Result:

@@ -14,7 +14,7 @@ from typing_extensions import Unpack
 from mishandle import _native, results
 from mishandle.arguments import check_number, check_out
 from mishandle.axes import Axis
-from mishandle.documents import RunResult, read
+from mishandle.documents import RunResult, read, warn_all
 from mishandle.errors import InvalidTypeError, InvalidValueError, MishandleError
 from mishandle.explanations import Explanation
 from mishandle.files import PathLike, write_text
@@ -206,7 +206,7 @@ def falsify(
         _native.check_falsify(axes, search=search, options=search_options, new_mode_rate=new_mode_rate, **numbers)
 
     found = make_target(system, formula, space, target, check)
-    text, interruption, _ = _native.falsify(
+    text, interruption, notes = _native.falsify(
         found.native,
         formula=found.formula,
         search=search,
@@ -223,6 +223,7 @@ def falsify(
         out=(None if out is None else os.fspath(out), resume, durable, any_build),
         progress=progress,
     )
+    warn_all(notes)
     result = deliver(read(Falsification, text, **found.facts), interruption)
     result.remember(found.native)
     undecided = sum(trial.undecided for trial in result.trials)
@@ -281,7 +282,7 @@ def evaluate(
     if isinstance(space, str) and formula is not None:
         raise InvalidTypeError(f"an evaluation in the space {space!r} of a task uses the formulas of the task; leave out `formula`")
     found = make_target(system, formula, space, target, check)
-    text, interruption, _ = _native.evaluate(
+    text, interruption, notes = _native.evaluate(
         found.native,
         episodes=episodes,
         batch=batch,
@@ -289,6 +290,7 @@ def evaluate(
         out=(None if out is None else os.fspath(out), resume, durable, any_build),
         progress=progress,
     )
+    warn_all(notes)
     result = deliver(read(Evaluation, text, **found.facts), interruption)
     result.remember(found.native)
     return result

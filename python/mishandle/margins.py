@@ -13,7 +13,7 @@ from typing_extensions import Unpack
 from mishandle import _native, results
 from mishandle.arguments import check_number, check_out
 from mishandle.axes import Axis
-from mishandle.documents import RunResult, read, write_counterexample
+from mishandle.documents import RunResult, read, warn_all, write_counterexample
 from mishandle.errors import MishandleError
 from mishandle.files import PathLike
 from mishandle.interruption import Progress, after_the_batch, deliver
@@ -122,9 +122,10 @@ def margin(
     made = make_target(system, formula, space, target, check)
     run = (None if out is None else os.fspath(out), resume, durable, any_build)
     with after_the_batch(progress) as report:
-        text, interruption, _ = _native.margin(
+        text, interruption, notes = _native.margin(
             made.native, formula=made.formula, budget=budget, each_category=each_category, seed=seed, out=run, progress=report
         )
+    warn_all(notes)
     result = read(Margin, text, **made.facts)
     result.remember(made.native)
     if interruption is None and all(level.minimum_robustness is None for level in result.levels):

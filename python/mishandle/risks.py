@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import pathlib
-import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
@@ -14,7 +13,7 @@ from typing_extensions import Unpack
 from mishandle import _native, results
 from mishandle.arguments import check_number, check_out
 from mishandle.axes import Axis
-from mishandle.documents import RunResult, read, write_counterexample
+from mishandle.documents import RunResult, read, warn_all, write_counterexample
 from mishandle.errors import InvalidTypeError, InvalidValueError
 from mishandle.files import PathLike
 from mishandle.interruption import Progress, after_the_batch, deliver
@@ -150,8 +149,7 @@ def risk(
             out=(None if out is None else os.fspath(out), resume, durable, any_build),
             progress=report,
         )
-    for note in notes:
-        warnings.warn(note, stacklevel=2)
+    warn_all(notes)
     result = read(Risk, text, **made.facts)
     result.remember(made.native)
     if interruption is None and result.monte_carlo.without_verdict == result.monte_carlo.simulations:

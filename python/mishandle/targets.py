@@ -229,7 +229,10 @@ def make_target(
         raise InvalidTypeError('a space is a list of axes, such as [Axis("speed", 0, 10, "m/s")]')
     if not space:
         raise InvalidValueError("the space has no axes")
-    formulas = named_formulas(formula if formula is not None or not options.get("requirements") else requirements(options))
+    named = requirements(options)
+    if formula is None and named:
+        formula = " and ".join(f"({text})" for text in named.values())
+    formulas = named_formulas(formula)
     check_space(space, is_environment=hasattr(system, "reset") and hasattr(system, "step"))
     space = _with_settings(space, options)
     check(space)

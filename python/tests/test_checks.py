@@ -118,7 +118,7 @@ class AdaptiveTest(unittest.TestCase):
         for trial in found.trials:
             cause = trial.cause
             assert cause is not None
-            self.assertEqual((cause.axes, cause.sufficient, cause.necessary), (["a"], ["a"], ["a"]))
+            self.assertEqual((cause.axes, cause.sufficient, cause.necessary), (("a",), ("a",), ("a",)))
             self.assertLessEqual(cause.simulations, 30)
 
 
