@@ -14,10 +14,10 @@ const HOLDS: &str = "always(0 * distance == 0)";
 const FAILS: &str = "always(0 * distance < 0)";
 
 /// Asks a question and returns its answer, the run and the plan.
-fn ask(plan: Plan) -> (Answer, RunFile, ResolvedPlan, tempfile::TempDir) {
+fn ask(plan: &Plan) -> (Answer, RunFile, ResolvedPlan, tempfile::TempDir) {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("run.sqlite");
-    let resolved = ResolvedPlan::new(&plan).unwrap();
+    let resolved = ResolvedPlan::new(plan).unwrap();
     let run = mishandle::run::create_run(&resolved, Some(&path)).unwrap();
     let answer =
         mishandle::run::ask(&resolved, run, Engine::Direct, &mut |_| ControlFlow::Continue(())).unwrap();
@@ -38,13 +38,13 @@ fn falsify(formula: &str, search: &str) -> Plan {
 #[test]
 fn a_trial_ends_at_the_first_violation_of_robustness_0() {
     for search in ["random", "portfolio"] {
-        let (answer, run, resolved, _folder) = ask(falsify(FAILS, search));
+        let (answer, run, resolved, _folder) = ask(&falsify(FAILS, search));
         let Answer::Falsification(found, _) = answer else { panic!() };
         assert_eq!((found.falsified_trials, found.simulations), (2, 2), "{search}");
         assert_eq!(mishandle::run::failure_rate_bound(&resolved, &found), None);
         assert_eq!(run.counts().unwrap().falsified, 2);
 
-        let (answer, run, resolved, _folder) = ask(falsify(HOLDS, search));
+        let (answer, run, resolved, _folder) = ask(&falsify(HOLDS, search));
         let Answer::Falsification(found, _) = answer else { panic!() };
         assert_eq!((found.falsified_trials, run.counts().unwrap().falsified), (0, 0), "{search}");
         // 40 uniform samples without a violation: the rate is below 1 - 0.05^(1/40).
@@ -63,7 +63,7 @@ fn a_failure_probability_counts_violations_of_robustness_0() {
             method: "monte-carlo".to_string(),
             ..RiskPlan::default()
         };
-        let (_, run, ..) = ask(Plan { risk: Some(risk), ..Plan::new("toy/sphere-2d", "") });
+        let (_, run, ..) = ask(&Plan { risk: Some(risk), ..Plan::new("toy/sphere-2d", "") });
         assert_eq!(run.counts().unwrap().falsified, failures, "{formula}");
     }
 }
@@ -76,7 +76,7 @@ fn a_margin_is_0_where_every_scenario_violates_with_robustness_0() {
             Plan { margin: Some(margin), space: "events".to_string(), ..Plan::new("toy/car-following", "") };
         let formula = formula.replace("distance", "gap");
         let margin = plan.margin.as_ref().map(|table| MarginPlan { formula: Some(formula), ..table.clone() });
-        let (answer, ..) = ask(Plan { margin, ..plan });
+        let (answer, ..) = ask(&Plan { margin, ..plan });
         let Answer::Margin(found) = answer else { panic!() };
         assert_eq!(found.margin.witness.is_some(), is_violated);
     }
@@ -88,7 +88,7 @@ fn each_named_requirement_has_a_verdict_of_its_own() {
     let requirements = requirements.map(|(name, text)| (name.to_string(), text.to_string())).into();
     let evaluate = EvaluatePlan { episodes: 10, ..EvaluatePlan::default() };
     let plan = Plan { requirements, evaluate: Some(evaluate), ..Plan::new("toy/sphere-2d", "") };
-    let (answer, run, resolved, _folder) = ask(plan);
+    let (answer, run, resolved, _folder) = ask(&plan);
     let found = mishandle::inspect::whole_result(&resolved, &answer, run.path(), None, |_, _| {
         ControlFlow::Continue(())
     });

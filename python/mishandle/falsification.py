@@ -32,6 +32,12 @@ class Exports(results.Exports):
         """The written files."""
         return [pathlib.Path(each.file) for each in self.files if each.file is not None]
 
+    def __len__(self) -> int:
+        return len(self.paths)
+
+    def __getitem__(self, index: int) -> pathlib.Path:
+        return self.paths[index]
+
 
 @dataclass(frozen=True, kw_only=True)
 class Falsification(RunResult, results.Falsification):

@@ -164,6 +164,7 @@ pub fn evaluate(
 
 /// Searches for the smallest disturbance that violates the requirement.
 #[pyfunction]
+#[expect(clippy::too_many_arguments, reason = "the arguments are keywords in Python")]
 #[pyo3(signature = (target, *, formula, budget, each_category, seed, out, progress))]
 pub fn margin(
     py: Python<'_>,

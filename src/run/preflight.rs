@@ -17,7 +17,7 @@ const TIME: Duration = Duration::from_secs(1);
 /// Share of the question's simulations that may be probes however long they take.
 const SHARE: f64 = 0.01;
 
-/// Share of an axis at which the other axes of its kind are held while it is probed: away from
+/// Share of an axis at which the other disturbances are held while one is probed: away from
 /// nominal, because the time of a push means nothing without its force.
 const AWAY: f64 = 0.8;
 
@@ -122,37 +122,51 @@ fn axes_without_effect(
             None => vec![axis.low, axis.high],
         }
     };
-    let base = |index: usize| -> Vec<Option<f64>> {
-        let is_away = |other: &Axis| {
-            axes[index].kind != AxisKind::Start
-                && other.kind == axes[index].kind
-                && !other.is_fixed()
-                && !matches!(other.values, AxisValues::Categorical(_))
+    let is_category = |axis: &Axis| matches!(axis.values, AxisValues::Categorical(_));
+    // The scenarios in which an axis is probed: with each category of another axis, because the
+    // severity of a fault means nothing without the fault.
+    let bases = |index: usize| -> Vec<Vec<Option<f64>>> {
+        if axes[index].kind == AxisKind::Start {
+            return vec![axes.iter().map(|axis| axis.nominal).collect()];
+        }
+        let is_away = |other: &Axis| other.kind != AxisKind::Start && !other.is_fixed();
+        let value = |other: &Axis| if is_away(other) { Some(other.at(AWAY)) } else { other.nominal };
+        let base: Vec<Option<f64>> = axes.iter().map(value).collect();
+        let others = axes.iter().enumerate();
+        let category = others.filter(|(other, axis)| *other != index && is_category(axis) && is_away(axis));
+        let Some((place, axis)) = { category }.next() else { return vec![base] };
+        let with = |value: f64| {
+            let mut base = base.clone();
+            base[place] = Some(value);
+            base
         };
-        axes.iter().map(|other| if is_away(other) { Some(other.at(AWAY)) } else { other.nominal }).collect()
+        values(axis).into_iter().map(with).collect()
     };
     let mut requests = Vec::new();
     let mut probed = Vec::new();
     for (index, axis) in axes.iter().enumerate().filter(|(_, axis)| !axis.is_fixed()) {
-        let values = values(axis);
-        if requests.len() + values.len() > limit {
+        let (bases, values) = (bases(index), values(axis));
+        let count = bases.len() * values.len();
+        if requests.len() + count > limit {
             break;
         }
-        probed.push((index, requests.len()..requests.len() + values.len()));
-        requests.extend(values.into_iter().map(|value| {
-            let mut scenario = base(index);
-            scenario[index] = Some(value);
-            Request::new(Scenario::new(scenario), seed)
-        }));
+        probed.push((index, values.len(), requests.len()..requests.len() + count));
+        for base in bases {
+            requests.extend(values.iter().map(|value| {
+                let mut scenario = base.clone();
+                scenario[index] = Some(*value);
+                Request::new(Scenario::new(scenario), seed)
+            }));
+        }
     }
     let episodes = rollout(system, requests);
-    for (index, range) in probed {
-        let Some([first, others @ ..]) = episodes.get(range) else { continue };
-        let is_comparable = |episode: &Episode| episode.end.has_verdict() && !episode.trace.is_empty();
-        if !is_comparable(first) || !others.iter().all(is_comparable) {
+    let is_comparable = |episode: &Episode| episode.end.has_verdict() && !episode.trace.is_empty();
+    for (index, count, range) in probed {
+        let Some(found) = episodes.get(range).filter(|found| found.iter().all(is_comparable)) else {
             continue;
-        }
-        if others.iter().all(|other| is_same(&first.trace, &other.trace)) {
+        };
+        let changes = |group: &[Episode]| group.iter().any(|other| !is_same(&group[0].trace, &other.trace));
+        if !found.chunks(count).any(changes) {
             warnings.push(format!(
                 "axis `{}` changes no trace: all signals are equal at its {}; is its name right, and does the system read it?",
                 axes[index].name,

@@ -241,6 +241,8 @@ mod tests {
 
     use super::*;
 
+    type Predicate<'a> = &'a dyn Fn(&[f64]) -> f64;
+
     fn uniform(n: usize, d: usize, seed: u64) -> Vec<Vec<f64>> {
         let mut random = Sequence::new(seed, 0);
         (0..n).map(|_| (0..d).map(|_| random.uniform()).collect()).collect()
@@ -251,10 +253,7 @@ mod tests {
     }
 
     /// The region of `always (p1 and p2 ...)` of constant predicates.
-    fn conjunction(
-        points: &[Vec<f64>],
-        predicates: &[&dyn Fn(&[f64]) -> f64],
-    ) -> Result<SmoothRegion, NotSmooth> {
+    fn conjunction(points: &[Vec<f64>], predicates: &[Predicate<'_>]) -> Result<SmoothRegion, NotSmooth> {
         let values = |predicate: &&dyn Fn(&[f64]) -> f64| -> Vec<Vec<f64>> {
             points.iter().map(|u| vec![predicate(u); 2]).collect()
         };
@@ -373,7 +372,9 @@ mod tests {
         let values: Vec<Vec<f64>> = points.iter().map(over_time).collect();
         let least =
             |factor: f64| values.iter().map(|values| factor * values[0].min(values[1])).collect::<Vec<f64>>();
-        let found = smooth_region(&points, &[values.clone()], |factors| Some(least(factors[0])), 1).unwrap();
+        let found =
+            smooth_region(&points, std::slice::from_ref(&values), |factors| Some(least(factors[0])), 1)
+                .unwrap();
         assert!(found.slopes[0] >= 30.0 - 1e-9, "{:?}", found.slopes);
         let shorter = [vec![vec![1.0]; 299], vec![vec![1.0, 2.0]]].concat();
         let refused = smooth_region(&points, &[shorter], |_| Some(vec![1.0; 300]), 1);

@@ -84,7 +84,7 @@ impl Unit {
             simulations: simulations.len() as u32,
             seed: trial.seed,
             status: trial.status,
-            violations: count(|row| row.is_violated()),
+            violations: count(Simulation::is_violated),
             stopped: count(is_stopped),
             lowest: values().reduce(f64::min),
             highest: values().reduce(f64::max),

@@ -16,7 +16,7 @@ const GROUPS: usize = 5;
 const MAX_LEVELS: usize = 8;
 
 /// Level of the tests, after Holm's correction.
-const SIGNIFICANT: f64 = 0.05;
+const SIGNIFICANT: f64 = 0.01;
 
 /// The axes of a space in the order of their effect.
 pub struct Ranking {
@@ -125,7 +125,7 @@ impl Ranking {
     }
 }
 
-const TEST: &str = "Kruskal-Wallis test, Holm's correction, 5 %";
+const TEST: &str = "Kruskal-Wallis test, Holm's correction, 1 %";
 
 /// Groups results by the values of an axis: by level, or by intervals with the same number of
 /// values. Equal values are in one group.

@@ -181,8 +181,8 @@ fn cause_text(found: &Falsification, cause: &Cause) -> String {
     let kept: Vec<_> = values.filter(|(axis, _)| cause.axes.contains(&axis.name)).collect();
     let nearest = match kept.len() {
         0 => "the nominal scenario fails".to_string(),
-        n if n == axes.len() => scenario::text(kept.into_iter()),
-        _ => format!("{}, all else nominal", scenario::text(kept.into_iter())),
+        n if n == axes.len() => scenario::text(kept),
+        _ => format!("{}, all else nominal", scenario::text(kept)),
     };
     let mut text = format!(
         "\nmoved toward nominal with {}: {nearest}: robustness {}",

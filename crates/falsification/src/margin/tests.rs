@@ -376,7 +376,7 @@ fn an_exhaustive_claim_holds_for_every_scenario() {
 /// within a factor of 1.3.
 #[test]
 fn all_seeds_come_back_below_an_amplitude_that_passed() {
-    let sign = |i: usize| if i % 3 == 0 { 1.0 } else { -1.0 };
+    let sign = |i: usize| if i.is_multiple_of(3) { 1.0 } else { -1.0 };
     let robustness = move |request: &Request| {
         let x: Vec<f64> = request.scenario.values().iter().map(|value| value.unwrap()).collect();
         let along: f64 = x.iter().enumerate().map(|(i, x)| sign(i) * x).sum::<f64>() / 12.0;
