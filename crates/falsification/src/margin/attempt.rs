@@ -105,7 +105,7 @@ impl<'a> Attempt<'a> {
             is_interrupted |= flow.is_break();
             flow
         })?;
-        self.is_interrupted = is_interrupted;
+        self.is_interrupted |= is_interrupted;
         self.simulations += minimized.simulations;
         self.witness = Some(minimized.episode);
         Ok(())
@@ -176,9 +176,9 @@ impl<'a> Attempt<'a> {
         });
         let end = before + share;
         if let Some((scenario, seed)) = known
-            && self.simulate(&[scenario], Seeds::Of(seed))?
+            && (self.simulate(&[scenario], Seeds::Of(seed))? || self.is_interrupted)
         {
-            return Ok(true);
+            return Ok(self.level().is_violated);
         }
         let signs = ((SIGNS * share as f64) as u64).max(1).min(end - self.level().simulations);
         let scenarios: Vec<Scenario> = (0..signs).map(|_| self.random_signs(amplitude)).collect();
@@ -302,7 +302,7 @@ impl<'a> Attempt<'a> {
         level.without_verdict +=
             episodes.iter().filter(|episode| episode.robustness().is_none()).count() as u64;
         self.simulations += episodes.len() as u64;
-        self.is_interrupted = (self.watch)(self.simulations).is_break();
+        self.is_interrupted |= (self.watch)(self.simulations).is_break();
         let values = episodes.iter().map(Episode::robustness).collect();
         if is_random && self.levels.len() == 1 {
             let found = episodes
