@@ -51,7 +51,7 @@ fn they_count_in_no_number_and_replay() {
 }
 
 /// Braking needs both a duration and a deceleration: neither causes a failure alone, and without
-/// either there is none.
+/// either, nothing fails.
 #[test]
 fn the_axes_of_a_cause_are_those_without_which_nothing_fails() {
     let (answer, _, resolved, _folder) = falsified(Some(true));

@@ -84,7 +84,7 @@ class Margins(unittest.TestCase):
             Push(), "always(abs(x) <= 1)", space, policy=policy, signals={"x": "x"}, steps=10, budget=300
         )
         assert found.witness is not None
-        self.assertTrue(0.55 <= found.witness.amplitude < 0.56, found.witness)
+        self.assertTrue(0.55 <= found.witness.amplitude < 0.57, found.witness)
 
     def test_a_random_system_is_repeated_with_other_seeds(self) -> None:
         def system(scenario: dict[str, Any], seed: int) -> dict[str, list[float]]:
@@ -127,7 +127,7 @@ class Margins(unittest.TestCase):
         system = lambda scenario: {"y": [limits[scenario["ground"]] - scenario["a"]] * 2}
         found = mishandle.margin(system, "always(y >= 0)", space, budget=200)
         assert found.witness is not None
-        self.assertEqual((found.categories, found.each_category), ({"ground": "dry"}, []))
+        self.assertEqual((found.categories, found.each_category), ({"ground": "dry"}, ()))
         self.assertTrue(0.8 <= found.witness.amplitude < 0.82)
         found = mishandle.margin(system, "always(y >= 0)", space, budget=200, each_category=True)
         assert found.witness is not None
@@ -213,13 +213,13 @@ class Margins(unittest.TestCase):
         def system(scenario: dict[str, Any]) -> dict[str, list[float]]:
             nonlocal calls
             calls += 1
-            if calls in (400, 402):
+            if calls in (400, 401):
                 os.kill(os.getpid(), signal.SIGINT)
             return half_space(scenario)
 
         with self.assertRaises(KeyboardInterrupt) as raised:
             mishandle.margin(system, "always(y >= 0)", INPUTS)
-        self.assertEqual((calls, hasattr(raised.exception, "result")), (402, False))
+        self.assertEqual((calls, hasattr(raised.exception, "result")), (401, False))
 
     def test_exceptions_are_kept(self) -> None:
         def system(scenario: dict[str, Any]) -> dict[str, list[float]]:

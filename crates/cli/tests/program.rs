@@ -201,8 +201,8 @@ fn without_a_failure_a_smooth_robustness_excludes_failures_between_the_samples()
             && said.contains("no scenario in 99 % of the space fails"),
         "{said}"
     );
-    // The second predicate decides only within 0.05 m of the center, where few samples are. It is 20
-    // times as steep as the first one: 40 per width.
+    // The second predicate decides only within 0.05 m of the center, where few samples are. It is
+    // 20 times as steep as the first one: 40 per width.
     let steep = "always((0.3*distance+0.5>=0)&(20*distance-0.5>=0))";
     let safe =
         format!("falsify toy/sphere-2d --formula {steep} --trials 1 --budget 60 --search random --json");

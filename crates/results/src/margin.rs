@@ -23,7 +23,7 @@ pub struct Margin {
     /// Names of the categorical axes and the category at which each of them stays. A margin varies
     /// numbers only.
     pub categories: Named<String>,
-    /// The search for each combination of categories, if that was asked for; otherwise empty. The
+    /// The search for each combination of categories, if that was requested; otherwise empty. The
     /// other keys are those of the search with the smallest disturbance.
     pub each_category: Vec<CategoryMargin>,
     /// The amplitudes in the order in which they were tried.

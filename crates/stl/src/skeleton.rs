@@ -89,8 +89,8 @@ mod tests {
     use super::*;
     use crate::{Clock, Monitor, Trace};
 
-    /// The robustness of the skeleton over the values of the predicates is that of the formula; with
-    /// positive factors it has the same sign.
+    /// The robustness of the skeleton over the values of the predicates is that of the formula;
+    /// with positive factors it has the same sign.
     #[test]
     fn a_skeleton_over_its_predicates_has_the_robustness_of_the_formula() {
         let names = vec!["a".to_string(), "b".to_string()];

@@ -30,8 +30,8 @@ impl Attempt<'_> {
     }
 
     /// Attacks from `start`, a point of the unit cube, up to `stop` simulations of the present
-    /// amplitude: first along the axes with these seeds, then by CMA-ES with new ones, since a claim
-    /// about a random system needs many. Returns whether there is a violation.
+    /// amplitude: first along the axes with these seeds, then by CMA-ES with new ones, since a
+    /// claim about a random system needs many. Returns whether there is a violation.
     pub(super) fn attack(
         &mut self,
         start: Vec<f64>,

@@ -238,7 +238,7 @@ impl<'a> Attempt<'a> {
         Ok(())
     }
 
-    /// Begins with another amplitude; the same one goes on.
+    /// Begins with another amplitude; the same one continues.
     pub(super) fn enter(&mut self, amplitude: f64) {
         if self.levels.last().is_none_or(|level| level.is_violated || level.amplitude != amplitude) {
             self.levels.push(Level::new(amplitude));

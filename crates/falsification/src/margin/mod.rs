@@ -82,7 +82,7 @@ impl Margin {
     }
 }
 
-/// What a [`margin`] needs besides the system.
+/// Settings of a [`margin`].
 #[derive(Clone, Copy, Debug)]
 pub struct MarginSettings {
     /// Seed of the search. A deterministic system is simulated with it, a random one with its
@@ -104,7 +104,7 @@ pub struct MarginSettings {
 /// simulation of the search has a new seed, and only steps from a violation keep its seed.
 ///
 /// The search begins at amplitude 1 with random signs and CMA-ES. A violation there is scaled
-/// toward nominal. Then the search goes on at amplitudes below the smallest violation, a third
+/// toward nominal. Then the search continues at amplitudes below the smallest violation, a third
 /// below at first and a twentieth at last, in turns from that violation and from random scenarios.
 /// If all disturbed axes are discrete, the amplitude is bisected before, and if the scenarios are
 /// few, all of them are tried. Three quarters into the budget, [`minimize`] removes as many axes as

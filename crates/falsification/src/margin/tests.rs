@@ -287,7 +287,12 @@ fn an_interruption_keeps_the_witness_so_far() {
     let mut largest = f64::INFINITY;
     for stop in [1, all / 8, all / 2, 3 * all / 4] {
         let mut system = system();
-        let watch = |done| if done >= stop { ControlFlow::Break(()) } else { ControlFlow::Continue(()) };
+        let mut has_ended = false;
+        let watch = |done| {
+            assert!(!has_ended, "a simulation after the end");
+            has_ended = done >= stop;
+            if has_ended { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
+        };
         let found = margin(&mut system, settings(BUDGET), watch).unwrap();
         assert!(!found.is_complete && found.simulations < stop + 2 * BATCH as u64, "{stop}");
         assert_eq!(system.simulations() as u64, found.simulations);
@@ -414,4 +419,30 @@ fn each_category_has_its_own_margin_and_the_others_stay_nominal() {
     let each: Vec<f64> = each_category(&space).unwrap().iter().map(|space| smallest(space).0).collect();
     assert!((each[0] - 0.8).abs() < 1e-9 && (each[1] - 0.3).abs() < 1e-9, "{each:?}");
     assert_eq!(category_axes(&space), [0]);
+}
+
+/// Whole numbers and a random system take other paths, each of which ends at once.
+#[test]
+fn nothing_is_simulated_after_the_end() {
+    for (axes, is_random) in [
+        (vec![integer("a", 0.0, 40.0), integer("b", 0.0, 40.0)], false),
+        (vec![integer("a", 0.0, 40.0), integer("b", 0.0, 40.0)], true),
+        ([vec![Axis::start("s", "m", 0.0, 1.0)], inputs(2)].concat(), true),
+    ] {
+        let outcome = |request: &Request| {
+            let sum: f64 = request.scenario.values().iter().flatten().map(|x| x.abs()).sum();
+            SimulatedEnd::Robustness(1.3 - sum)
+        };
+        for stop in 1..30 {
+            let mut system = FunctionSystem::new(Space::new("d", axes.clone()).unwrap(), outcome);
+            let mut left = stop;
+            let settings = MarginSettings { seed: Seed(1), budget: 600, is_random };
+            let found = margin(&mut system, settings, |_| {
+                assert!(left > 0, "a simulation after the end, {stop}");
+                left -= 1;
+                if left > 0 { ControlFlow::Continue(()) } else { ControlFlow::Break(()) }
+            });
+            assert_eq!(found.unwrap().is_complete, left > 0);
+        }
+    }
 }
