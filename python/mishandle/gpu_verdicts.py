@@ -145,7 +145,8 @@ def draws(axes: list[_native.AxisTuple], sample: Sample) -> list[tuple[list[floa
         out=(None, False, False, False),
         progress=None,
     )
-    return drawn
+    # Probes come before the question.
+    return drawn[-sample.simulations :]
 
 
 def moved(scenario: list[float], axes: list[_native.AxisTuple], move: float = MOVE) -> list[float]:

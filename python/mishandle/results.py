@@ -937,7 +937,7 @@ class Margin:
     """Names of the categorical axes and the category at which each of them stays. A margin
     varies numbers only."""
     each_category: tuple[CategoryMargin, ...]
-    """The search for each combination of categories, if that was asked for; otherwise empty. The
+    """The search for each combination of categories, if that was requested; otherwise empty. The
     other keys are those of the search with the smallest disturbance."""
     levels: tuple[Level, ...]
     """The amplitudes in the order in which they were tried."""

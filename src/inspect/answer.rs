@@ -29,15 +29,7 @@ pub fn whole_result(
     repeats: Option<u64>,
     mut watch: impl FnMut(u64, u64) -> ControlFlow<()>,
 ) -> Result<results::Answer, MishandleError> {
-    let mut result = answer.result(resolved, run)?;
-    if !resolved.plan.requirements.is_empty() {
-        let found = requirements(&RunFile::open_unchecked(run)?)?;
-        match &mut result {
-            results::Answer::Falsification(result) => result.requirements = found,
-            results::Answer::Evaluation(result) => result.requirements = found,
-            _ => {}
-        }
-    }
+    let mut result = recorded_result(resolved, answer, run)?;
     let (Answer::Falsification(outcome, counts), results::Answer::Falsification(found)) =
         (answer, &mut result)
     else {
@@ -47,12 +39,6 @@ pub fn whole_result(
         let run = RunFile::open_unchecked(run)?;
         found.modes = Some(mode_survey(&run)?.result(run.header()));
     }
-    if resolved.plan.falsify.as_ref().is_some_and(|falsify| falsify.isolate == Some(true)) {
-        let run = RunFile::open_unchecked(run)?;
-        for trial in &mut found.trials {
-            trial.cause = isolation(&run, trial.trial)?.map(|isolation| isolation.result());
-        }
-    }
     if answer.is_complete() {
         let mut repeated = counterexample_repeats(resolved, outcome, repeats, &mut watch)?;
         for trial in &mut found.trials {
@@ -61,6 +47,36 @@ pub fn whole_result(
         if counts.is_none() {
             found.smooth_region = smooth_region_of(resolved, outcome, run, &mut watch)?;
         }
+    }
+    Ok(result)
+}
+
+/// Returns the answer of a question as a result, with what its run file says besides: the named
+/// requirements, and the causes of counterexamples. It simulates nothing.
+///
+/// # Errors
+/// If the run file at `run`, which must be closed, cannot be read.
+pub fn recorded_result(
+    resolved: &ResolvedPlan,
+    answer: &Answer,
+    run: &Path,
+) -> Result<results::Answer, MishandleError> {
+    let mut result = answer.result(resolved, run)?;
+    let falsify = resolved.plan.falsify.as_ref();
+    let is_isolated = falsify.is_some_and(|falsify| falsify.isolate == Some(true));
+    if resolved.plan.requirements.is_empty() && !is_isolated {
+        return Ok(result);
+    }
+    let run = RunFile::open_unchecked(run)?;
+    match &mut result {
+        results::Answer::Falsification(found) => {
+            found.requirements = requirements(&run)?;
+            for trial in &mut found.trials {
+                trial.cause = isolation(&run, trial.trial)?.map(|isolation| isolation.result());
+            }
+        }
+        results::Answer::Evaluation(found) => found.requirements = requirements(&run)?,
+        _ => {}
     }
     Ok(result)
 }

@@ -1,5 +1,3 @@
-use std::ops::ControlFlow;
-
 use anyhow::{Result, bail, ensure};
 use clap::Args;
 use mishandle::Plan;
@@ -43,11 +41,8 @@ pub struct Arguments {
 pub fn run(command: &Arguments, gpu: Option<&Device>) -> Result<ExitStatus> {
     run::set_threads(command.run.threads)?;
     let asked = question::ask(RunKind::Evaluate, &command.subject, &command.file, gpu, || plan(command))?;
-    let no_repeats = |_, _| ControlFlow::Continue(());
     let question::Asked { resolved, answer, path, .. } = &asked;
-    let Answer::Evaluation(found) =
-        mishandle::inspect::whole_result(resolved, answer, path, None, no_repeats)?
-    else {
+    let Answer::Evaluation(found) = mishandle::inspect::recorded_result(resolved, answer, path)? else {
         bail!("the answer is that of another question");
     };
     let report = &found.metrics;

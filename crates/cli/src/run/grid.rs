@@ -115,6 +115,6 @@ fn run_one(
     Ok(Some(CampaignRun {
         name: run.name.clone(),
         kind: resolved.plan.kind().name().to_string(),
-        result: answer.result(&resolved, &run.path)?,
+        result: mishandle::inspect::recorded_result(&resolved, &answer, &run.path)?,
     }))
 }
