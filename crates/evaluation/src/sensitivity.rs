@@ -62,17 +62,27 @@ pub fn total_effects(sample: &SensitivitySample, seed: Seed) -> Vec<Estimate> {
 }
 
 /// Returns the total effects in these rows; `None` without variance.
+///
+/// The variance is that of both samples that are compared, so that a rare large value in one of
+/// them makes no share above 1.
 fn effects(sample: &SensitivitySample, rows: &[usize]) -> Option<Vec<f64>> {
     let n = rows.len() as f64;
     let half_mean_square = |other: &[f64]| {
         rows.iter().map(|row| (sample.first[*row] - other[*row]).powi(2)).sum::<f64>() / (2.0 * n)
     };
-    let mean = rows.iter().map(|row| sample.first[*row]).sum::<f64>() / n;
-    let variance = rows.iter().map(|row| (sample.first[*row] - mean).powi(2)).sum::<f64>() / (n - 1.0);
+    let variance = |other: &[f64]| {
+        let both = || rows.iter().flat_map(|row| [sample.first[*row], other[*row]]);
+        let mean = both().sum::<f64>() / (2.0 * n);
+        both().map(|value| (value - mean).powi(2)).sum::<f64>() / (2.0 * n - 1.0)
+    };
     let noise = half_mean_square(&sample.again);
-    let caused = variance - noise;
-    (caused.is_finite() && caused > 1e-12 * variance.max(f64::MIN_POSITIVE)).then(|| {
-        sample.moved.iter().map(|moved| ((half_mean_square(moved) - noise) / caused).max(0.0)).collect()
+    let own = variance(&sample.again);
+    (own.is_finite() && own - noise > 1e-12 * own.max(f64::MIN_POSITIVE)).then(|| {
+        let effect = |moved: &Vec<f64>| {
+            let caused = variance(moved) - noise;
+            if caused > 0.0 { ((half_mean_square(moved) - noise) / caused).clamp(0.0, 1.0) } else { 0.0 }
+        };
+        sample.moved.iter().map(effect).collect()
     })
 }
 
