@@ -150,7 +150,7 @@ def falsify(
         budget.
     isolate : bool, optional
         Whether to move the counterexample of each trial toward nominal, to find the axes that cause it (``Trial.cause``): at most 30
-        simulations, or a tenth of a larger budget. By default only without ``keep_going``.
+        simulations, or a tenth of a larger budget. By default only without ``keep_going``, where it is the first of each trial.
     repeats : int, optional
         Number of simulations of each counterexample with other seeds, if the system depends on its seed; by default 100. In total,
         they are at most as many as the run has. 0 skips them.

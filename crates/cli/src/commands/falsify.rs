@@ -62,7 +62,7 @@ pub struct Arguments {
     /// (at most 30 simulations, or a tenth of a larger budget) [default with --keep-going]
     #[arg(long, conflicts_with_all = ["resume", "isolate"])]
     pub no_isolate: bool,
-    /// Move counterexamples toward nominal with --keep-going too
+    /// With --keep-going, move the first counterexample of each trial toward nominal
     #[arg(long, conflicts_with = "resume")]
     pub isolate: bool,
     /// If the target is random: number of simulations of each counterexample with other seeds,
