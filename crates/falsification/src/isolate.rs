@@ -5,7 +5,7 @@ use std::ops::ControlFlow;
 use mishandle_rollout::{Episode, Request, System};
 
 use crate::FalsificationError;
-use crate::minimize::{Search, Stop};
+use crate::minimize::{Search, Stop, lowest_violation};
 use crate::repeat::repeat_seeds;
 
 /// Simulations of the result with other seeds, if the target is random.
@@ -80,17 +80,13 @@ fn run<W: FnMut(u64) -> ControlFlow<()>>(search: &mut Search<'_, W>, budget: u64
         let without: Vec<_> = off.iter().map(|axis| search.at_nominal(&[*axis])).collect();
         let mut alone = search.simulate(&alone)?;
         let without = search.simulate(&without)?;
-        let nominal_fails = alone[0].is_violated();
         // The nominal scenario comes first: nothing is nearer to it.
-        alone.truncate(if nominal_fails { 1 } else { alone.len() });
-        let robustness = |episode: &Episode| episode.robustness().unwrap_or(f64::INFINITY);
-        let least = |episodes: Vec<Episode>| {
-            let failures = episodes.into_iter().filter(Episode::is_violated);
-            failures.min_by(|a, b| robustness(a).total_cmp(&robustness(b)))
-        };
-        if let Some(least) = least(alone) {
+        if alone.first().is_some_and(Episode::is_violated) {
+            alone.truncate(1);
+        }
+        if let Some(least) = lowest_violation(alone) {
             (search.best, alone_fails) = (least, true);
-        } else if let Some(least) = least(without) {
+        } else if let Some(least) = lowest_violation(without) {
             search.best = least;
         }
     }

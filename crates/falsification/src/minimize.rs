@@ -29,7 +29,7 @@ pub struct Minimized {
 }
 
 /// Moves the scenario of a failing request toward the nominal scenario while the simulation still
-/// fails (robustness below 0). The seed stays.
+/// fails. The seed stays.
 ///
 /// First it sets as many axes as possible to nominal: it tries all sets of axes by increasing size
 /// while half of the budget allows that, and otherwise removes groups of axes, the ones with the
@@ -166,9 +166,7 @@ impl<'a, W: FnMut(u64) -> ControlFlow<()>> Search<'a, W> {
     /// Simulates the scenarios. If any fails, the one with the lowest robustness becomes the
     /// present one.
     fn try_any(&mut self, scenarios: &[Scenario]) -> Result<bool, Stop> {
-        let failures = self.simulate(scenarios)?.into_iter().filter(Episode::is_violated);
-        let robustness = |episode: &Episode| episode.robustness().unwrap_or(f64::INFINITY);
-        let least = failures.min_by(|a, b| robustness(a).total_cmp(&robustness(b)));
+        let least = lowest_violation(self.simulate(scenarios)?);
         let has_failed = least.is_some();
         self.best = least.unwrap_or_else(|| self.best.clone());
         Ok(has_failed)
@@ -335,6 +333,13 @@ impl<'a, W: FnMut(u64) -> ControlFlow<()>> Search<'a, W> {
         }
         Ok(())
     }
+}
+
+/// Returns the violation with the lowest robustness; `None` without one.
+pub(crate) fn lowest_violation(episodes: Vec<Episode>) -> Option<Episode> {
+    let robustness = |episode: &Episode| episode.robustness().unwrap_or(f64::INFINITY);
+    let violations = episodes.into_iter().filter(Episode::is_violated);
+    violations.min_by(|a, b| robustness(a).total_cmp(&robustness(b)))
 }
 
 /// Returns the number of subsets with `size` of `n` elements; `u64::MAX` if a product on the way is
