@@ -43,6 +43,11 @@ fn they_count_in_no_number_and_replay() {
         let cause = trial.cause.as_ref().unwrap();
         assert_eq!(cause.simulations, rows.len() as u64);
         assert!(rows.len() <= 30);
+        // The rate with other seeds is that of the scenario that the cause names.
+        let others: Vec<_> = rows.iter().filter(|row| row.seed != trial.seed.unwrap().0).collect();
+        assert_eq!(cause.other_seeds.as_ref().unwrap().n, others.len() as u64);
+        let named: Vec<Option<f64>> = cause.scenario.values().copied().collect();
+        assert!(!others.is_empty() && others.iter().all(|row| row.scenario == named));
         for row in &rows {
             let again = mishandle::replay::replay(&run, trial.trial + MAX_TRIALS, row.number, None).unwrap();
             assert_eq!(again.differences, Vec::<String>::new());

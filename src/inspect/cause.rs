@@ -49,8 +49,12 @@ pub(crate) fn isolation(run: &RunFile, trial: u32) -> Result<Option<Isolation>, 
         let l1 = norms(&space, &Scenario::new(simulation.scenario.clone())).l1;
         (off(simulation).len(), l1)
     };
+    let scenario = |simulation: &Simulation| Scenario::new(simulation.scenario.clone());
+    // What other seeds say is true of the scenario that has them.
+    let repeated = rows.iter().find(|row| row.seed != original.seed).map(scenario);
+    let is_repeated = |row: &&Simulation| repeated.as_ref().is_none_or(|at| at.is_same(&scenario(row)));
     let failing = rows.iter().filter(|row| row.seed == original.seed && row.is_violated());
-    let closest = failing.chain([&original]).min_by(|a, b| {
+    let closest = failing.chain([&original]).filter(is_repeated).min_by(|a, b| {
         let (a, b) = (distance(a), distance(b));
         a.0.cmp(&b.0).then(a.1.total_cmp(&b.1))
     });
