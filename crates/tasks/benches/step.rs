@@ -148,11 +148,10 @@ impl Episode {
                 self.world.switch_all(false);
             }
             for _ in 0..self.environment.definition().n_substeps {
-                panda.set_servos(targets, &mut self.world);
+                panda.step(targets, &mut self.world);
                 let mut controls = [0.0; JOINTS];
                 controls.copy_from_slice(self.world.ctrl());
                 self.controls.push((controls, *holds));
-                self.world.step();
             }
         }
         // The comparison is valid only if both runs end in the same state.

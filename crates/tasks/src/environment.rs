@@ -578,8 +578,7 @@ impl EnvironmentWorker for TaskWorker {
                 let force = push.substep_force(tail[0], substep, world.model().timestep());
                 self.elements.push.iter().for_each(|body| world.push(*body, force));
             }
-            self.functions.panda.set_servos(targets, world);
-            world.step();
+            self.functions.panda.step(targets, world);
         }
         if world.take_divergence() {
             return StepStatus::Diverged;

@@ -25,24 +25,28 @@ pub const TARGET_STEP: f64 = 7.5 / 60.0;
 /// moves the fingers.
 pub const FINGER_STEP: f64 = 0.1 * TARGET_STEP;
 
-/// Time constant of the servos: damping over stiffness, s (80 / 400 for the arm, 100 / 10,000 for
-/// the fingers).
-pub(crate) const SERVO_LAG: [f64; JOINTS] = [0.2, 0.2, 0.2, 0.2, 0.2, 0.2, 0.2, 0.01, 0.01];
+/// Stiffness of the servos, N m/rad and N/m.
+const STIFFNESS: [f64; JOINTS] = [400.0, 400.0, 400.0, 400.0, 400.0, 400.0, 400.0, 10_000.0, 10_000.0];
 
-/// Velocity limits of the joints, rad/s for the arm, m/s for the fingers.
-pub const VELOCITY_LIMIT: [f64; JOINTS] = [2.175, 2.175, 2.175, 2.175, 2.61, 2.61, 2.61, 0.2, 0.2];
+/// Damping of the servos, N m s/rad and N s/m.
+const DAMPING: [f64; JOINTS] = [80.0, 80.0, 80.0, 80.0, 80.0, 80.0, 80.0, 100.0, 100.0];
 
-/// Maximum distance of a servo's setpoint from its joint position, rad or m: the velocity limit
-/// times the lag.
-const MAX_LEAD: [f64; JOINTS] = {
-    let mut lead = VELOCITY_LIMIT;
+/// Time constant of the servos: damping over stiffness, s.
+pub(crate) const SERVO_LAG: [f64; JOINTS] = {
+    let mut lag = DAMPING;
     let mut i = 0;
     while i < JOINTS {
-        lead[i] *= SERVO_LAG[i];
+        lag[i] /= STIFFNESS[i];
         i += 1;
     }
-    lead
+    lag
 };
+
+/// Velocity limits of the joints, rad/s for the arm, m/s for the fingers, from Franka's data sheet.
+pub const VELOCITY_LIMIT: [f64; JOINTS] = [2.175, 2.175, 2.175, 2.175, 2.61, 2.61, 2.61, 0.2, 0.2];
+
+/// Effort limits of the joints, N m for the arm, N for the fingers.
+pub const EFFORT_LIMIT: [f64; JOINTS] = [87.0, 87.0, 87.0, 87.0, 12.0, 12.0, 12.0, 200.0, 200.0];
 
 /// The robot's elements in a compiled model.
 #[derive(Clone, Copy, Debug)]
@@ -121,15 +125,21 @@ impl Panda {
         }
     }
 
-    /// Returns the servos of the joints. Their setpoints stay so near the joint positions that the
-    /// velocity limits hold.
+    /// Returns the servos of the joints, which keep the velocity limits.
     pub fn servos(&self) -> [Servo; JOINTS] {
-        std::array::from_fn(|i| Servo { qpos: self.joints[i].qpos, max_lead: MAX_LEAD[i] })
+        std::array::from_fn(|i| Servo {
+            qpos: self.joints[i].qpos,
+            dof: self.joints[i].dof,
+            stiffness: STIFFNESS[i],
+            damping: DAMPING[i],
+            max_velocity: VELOCITY_LIMIT[i],
+            max_effort: EFFORT_LIMIT[i],
+        })
     }
 
-    /// Sets the setpoints of the servos for one physics step towards `targets`.
-    pub fn set_servos(&self, targets: &[f64], world: &mut World) {
-        world.set_servos(&self.servos(), targets);
+    /// Advances the world by one physics step in which the servos move towards `targets`.
+    pub fn step(&self, targets: &[f64], world: &mut World) {
+        world.step_servos(&self.servos(), targets);
     }
 
     /// Writes the first 18 numbers of an observation: joint positions mapped from their limits to

@@ -117,8 +117,7 @@ impl Bench {
     }
 
     fn step(&mut self) {
-        self.panda.set_servos(&self.targets, &mut self.world);
-        self.world.step();
+        self.panda.step(&self.targets, &mut self.world);
     }
 
     fn steps(&self, seconds: f64) -> usize {

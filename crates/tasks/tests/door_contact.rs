@@ -135,8 +135,7 @@ impl Bench {
             let targets: [f64; 9] =
                 std::array::from_fn(|i| if i < 7 { q[i] + 0.2 * full * velocity[i] } else { fingers });
             for _ in 0..self.n_substeps {
-                self.panda.set_servos(&targets, &mut self.world);
-                self.world.step();
+                self.panda.step(&targets, &mut self.world);
                 self.deepest = self.deepest.max(self.world.penetration());
             }
         }

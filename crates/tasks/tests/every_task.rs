@@ -108,8 +108,7 @@ fn the_document_has_the_dynamics_of_the_environment() {
             let (panda, mut world) = (Panda::new(model).unwrap(), model.world());
             panda.place(&task.definition().start, &mut world);
             for _ in 0..100 {
-                panda.set_servos(&[0.3, -0.5, 0.2, -1.5, 0.1, 1.5, 0.5, 0.02, 0.02], &mut world);
-                world.step();
+                panda.step(&[0.3, -0.5, 0.2, -1.5, 0.1, 1.5, 0.5, 0.02, 0.02], &mut world);
             }
             world.qpos().iter().map(|q| q.to_bits()).collect::<Vec<_>>()
         };

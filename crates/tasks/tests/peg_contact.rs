@@ -68,8 +68,7 @@ impl Bench {
     }
 
     fn step(&mut self) {
-        self.panda.set_servos(&self.targets, &mut self.world);
-        self.world.step();
+        self.panda.step(&self.targets, &mut self.world);
     }
 
     /// Runs the simulation and returns the maximum penetration, m.

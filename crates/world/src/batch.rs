@@ -2,25 +2,7 @@
 //! physics engine.
 
 use crate::rows::Tree;
-use crate::{Body, Model, ModelField, Rows, World, WorldError};
-
-/// A position servo whose setpoint stays near the joint position. MuJoCo has no velocity limits: a
-/// servo whose setpoint is at most `max_lead` ahead of the joint settles at `max_lead` divided by
-/// its lag.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Servo {
-    /// Index of the joint's generalized position.
-    pub qpos: usize,
-    /// Maximum distance of the setpoint from the joint position, rad or m.
-    pub max_lead: f64,
-}
-
-impl Servo {
-    /// Returns the setpoint of a physics step that starts at position `q`, for a target.
-    pub fn setpoint(&self, q: f64, target: f64) -> f64 {
-        q + (target - q).clamp(-self.max_lead, self.max_lead)
-    }
-}
+use crate::{Body, Model, ModelField, Rows, Servo, World, WorldError};
 
 /// Facts that a device needs to make a batch.
 #[derive(Clone, Debug)]
@@ -370,8 +352,7 @@ impl WorldBatch for CpuWorlds {
                 if let Some(force) = force {
                     pushed.iter().for_each(|body| world.push(*body, *force));
                 }
-                world.set_servos(servos, &self.targets[row * servos.len()..]);
-                world.step();
+                world.step_servos(servos, &self.targets[row * servos.len()..]);
             }
             let has_diverged = world.take_divergence();
             world.read_state(state);

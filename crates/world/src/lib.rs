@@ -24,11 +24,11 @@ mod kinematics;
 mod model;
 mod render;
 mod rows;
+mod servo;
 mod state;
 
 pub use batch::{
-    BatchBuffers, BatchLayout, BatchSpec, CpuDevice, CpuWorlds, Outputs, RowStatus, Servo, WorldBatch,
-    WorldDevice,
+    BatchBuffers, BatchLayout, BatchSpec, CpuDevice, CpuWorlds, Outputs, RowStatus, WorldBatch, WorldDevice,
 };
 pub use change::Change;
 pub use contacts::ContactParts;
@@ -43,6 +43,7 @@ pub use render::{
     animated_png, png,
 };
 pub use rows::Rows;
+pub use servo::Servo;
 pub use state::World;
 
 /// The robot, a Franka Emika Panda with its hand, as MJCF document.

@@ -4,7 +4,7 @@ use mujoco_rs::prelude::*;
 
 use crate::model::INTEGRATION;
 use crate::rows::Tree;
-use crate::{Actuator, Body, Equality, Joint, Mocap, Model, Rows, Servo};
+use crate::{Actuator, Body, Equality, Joint, Mocap, Model, Rows};
 
 /// A simulation of a [`Model`] on one thread.
 ///
@@ -200,15 +200,6 @@ impl World {
     /// Switches each equality constraint on or off.
     pub fn set_active(&mut self, active: &[bool]) {
         self.data.eq_active_mut().copy_from_slice(active);
-    }
-
-    /// Sets the controls of the first actuators to the setpoints of `servos` for one physics step
-    /// towards `targets`, rad or m.
-    pub fn set_servos(&mut self, servos: &[Servo], targets: &[f64]) {
-        for (actuator, (servo, target)) in servos.iter().zip(targets).enumerate() {
-            let setpoint = servo.setpoint(self.qpos()[servo.qpos], *target);
-            self.ctrl_mut()[actuator] = setpoint;
-        }
     }
 
     /// Returns whether each equality constraint is active.
