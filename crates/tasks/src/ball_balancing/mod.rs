@@ -41,7 +41,7 @@ const DEFINITION: Definition = Definition {
     start: [0.0, -0.872, 0.0, -2.0, 0.0, 2.618, 0.785, 0.004, 0.004],
     start_noise: 0.0,
     grip: GripperMode::Fixed(0.004),
-    n_substeps: 2,
+    n_substeps: 8,
     velocity_scale: 0.1,
     signals: &[
         scalar(

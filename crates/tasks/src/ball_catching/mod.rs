@@ -57,7 +57,7 @@ const DEFINITION: Definition = Definition {
     grip: GripperMode::Fixed(0.04),
     // At 5 m/s the ball moves 1 cm in a physics step of 1/480 s, and the floor is 2 cm thick. Of
     // 100 throws the expert loses two at 1/240 s, and none at 1/480, 1/960 and 1/1920 s.
-    n_substeps: 8,
+    n_substeps: 20,
     velocity_scale: 0.1,
     signals: &[
         scalar(

@@ -49,7 +49,7 @@ const DEFINITION: Definition = Definition {
         "no effect: the fingers press on the cube until, before a control step, the cubes' centres are less than 8 cm \
          apart and the held one is at least 2.5 cm higher; then they open, and the cube is let go for good",
     ),
-    n_substeps: 4,
+    n_substeps: 8,
     velocity_scale: 0.1,
     signals: &[
         scalar("cube_target_horizontal_distance", "m", "horizontal distance between the cubes' centers"),

@@ -27,7 +27,7 @@ const DEFINITION: Definition = Definition {
     start: [0.0, -0.872, 0.0, -2.0, 0.0, 2.618, 0.785, 0.01, 0.01],
     start_noise: 0.0,
     grip: GripperMode::Fixed(0.01),
-    n_substeps: 2,
+    n_substeps: 4,
     velocity_scale: 0.1,
     signals: &[
         scalar("finger_target_distance", "m", "distance between the midpoint of the fingers and the target"),
