@@ -34,7 +34,7 @@ const DEFINITION: Definition = Definition {
     start: [1.157, -1.066, -0.155, -2.239, -1.841, 1.003, 0.469, 0.035, 0.035],
     start_noise: 0.125,
     grip: GripperMode::Fixed(0.015),
-    n_substeps: 4,
+    n_substeps: 8,
     velocity_scale: 0.01,
     signals: &[
         scalar(

@@ -44,7 +44,7 @@ const DEFINITION: Definition = Definition {
     start: [1.157, -1.066, -0.155, -2.239, -1.841, 1.003, 0.469, 0.035, 0.035],
     start_noise: 0.125,
     grip: GripperMode::Scene("the fingers' targets, moved by 0.0125 m at 1, within 0 and 0.04 m"),
-    n_substeps: 4,
+    n_substeps: 8,
     velocity_scale: 0.1,
     signals: &[
         scalar("door_yaw_deg", "deg", "yaw angle of the door; 0 is closed"),

@@ -65,7 +65,7 @@ const DEFINITION: Definition = Definition {
         "no effect: the fingers hold the peg until, before a control step, it is within 2.4 cm of the point on the hole's \
          axis 4 cm above its floor; then they open and the peg is let go for good; away from there they close again",
     ),
-    n_substeps: 4,
+    n_substeps: 8,
     velocity_scale: 0.02,
     signals: &[
         scalar(
