@@ -133,10 +133,9 @@ def physics_graph(whole: gpu.WarpBatch, with_servos: bool) -> object:
     with wp.ScopedCapture(stream=whole._stream) as capture:
         for _ in range(whole._substeps):
             if with_servos:
-                servos = (whole._rows, whole._servo_qpos.size)
-                inputs = [whole.data.qpos, whole._there["targets"], whole._servo_qpos, whole._servo_lead]
-                wp.launch(gpu.kernels.set_servos, servos, inputs=inputs, outputs=[whole.data.ctrl])
-            gpu.step(whole._model, whole.data)
+                whole.physics_step()
+            else:
+                gpu.step(whole._model, whole.data, lambda: None)
     return capture.graph
 
 

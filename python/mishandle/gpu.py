@@ -12,7 +12,7 @@ import importlib
 import os
 import sys
 import threading
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -28,6 +28,7 @@ try:
     wp.config.log_level = wp.LOG_ERROR
     mjw: Any = importlib.import_module("mujoco_warp")
     kernels: Any = importlib.import_module("mishandle.gpu_kernels")
+    servo_rule: Any = importlib.import_module("mishandle.gpu_servos")
 except ImportError as error:
     raise ImportError(f"the device gpu needs an extra: pip install 'mishandle[gpu]' ({error})") from error
 
@@ -65,8 +66,9 @@ CPU_LOCK = threading.Lock()
 """Held while kernels run on the CPU: they are not made for several threads."""
 
 
-def step(model: Any, data: Any) -> None:
-    """Advances all worlds by one physics step, as ``mujoco_warp.step`` with the integrator ``implicitfast``.
+def step(model: Any, data: Any, set_controls: Callable[[], None]) -> None:
+    """Advances all worlds by one physics step, as ``mujoco_warp.step`` with the integrator ``implicitfast``. ``set_controls`` is called
+    when the mass matrix and the bias torques are those of the state.
 
     ``mujoco_warp.step`` 3.17.0 makes the constraints before it computes the velocities of the bodies. The bias of a weld then comes from
     the velocities of the previous step, which are those of another state after a reset. MuJoCo C uses the current ones. Tendons,
@@ -79,6 +81,7 @@ def step(model: Any, data: Any) -> None:
     mjw.make_constraint(model, data)
     mjw.transmission(model, data)
     mjw.fwd_velocity(model, data)
+    set_controls()
     mjw.fwd_actuation(model, data)
     mjw.fwd_acceleration(model, data, factorize=True)
     mjw.solve(model, data)
@@ -141,9 +144,9 @@ class _Announcement:
 class WarpBatch:
     """Worlds of one model, one per row, that MuJoCo Warp steps together.
 
-    Arguments: the MJCF document, the physics step (s), the number of worlds, the number of physics steps per control step, the index of
-    each servo's joint position and the maximum distance of its setpoint from it, the bodies that ``forces`` push, the fields of the model
-    that :meth:`write_fields` replaces, such as ``geom_friction`` or ``opt.gravity``, and the device.
+    Arguments: the MJCF document, the physics step (s), the number of worlds, the number of physics steps per control step, the servos
+    (rows with the columns ``gpu_servos.COLUMNS``), the bodies that ``forces`` push, the fields of the model that :meth:`write_fields`
+    replaces, such as ``geom_friction`` or ``opt.gravity``, and the device.
     """
 
     def __init__(
@@ -152,8 +155,7 @@ class WarpBatch:
         timestep: float,
         rows: int,
         substeps: int,
-        servo_qpos: Sequence[int],
-        servo_lead: Sequence[float],
+        servos: Sequence[Sequence[float]],
         pushed: Sequence[int] = (),
         fields: Sequence[str] = (),
         device: str | None = None,
@@ -164,7 +166,7 @@ class WarpBatch:
         with _Announcement(), wp.ScopedDevice(self._device):
             model = compile_model(xml, timestep)
             self._put_model(model, fields)
-            self._allocate(model, servo_qpos, servo_lead, pushed, constraint_rows)
+            self._allocate(model, servos, pushed, constraint_rows)
             self._record()
 
     def _put_model(self, model: Any, fields: Sequence[str]) -> None:
@@ -199,8 +201,7 @@ class WarpBatch:
     def _allocate(
         self,
         model: Any,
-        servo_qpos: Sequence[int],
-        servo_lead: Sequence[float],
+        servos: Sequence[Sequence[float]],
         pushed: Sequence[int],
         constraint_rows: int | None,
     ) -> None:
@@ -213,8 +214,7 @@ class WarpBatch:
             njmax=constraint_rows or (FLEX_CONSTRAINT_ROWS if has_flex else CONSTRAINT_ROWS),
         )
         data = self.data
-        self._servo_qpos = wp.array(list(servo_qpos), dtype=int)
-        self._servo_lead = wp.array(list(servo_lead), dtype=wp.float64)
+        self._servos = wp.array(np.array(servos).reshape(-1, len(servo_rule.COLUMNS)), dtype=wp.float64)
         self._pushed = wp.array(list(pushed), dtype=int)
         self._status = wp.zeros(rows, dtype=int)
         self._parts = [
@@ -232,7 +232,7 @@ class WarpBatch:
         ]
         self._output_size = sum(part.shape[1] for part in self._parts) + 1
         sizes = {
-            "targets": len(servo_qpos),
+            "targets": len(servos),
             "active": model.neq,
             "mocap": 7 * model.nmocap,
             "forces": 3 * self._substeps if pushed else 0,
@@ -310,10 +310,7 @@ class WarpBatch:
                 )
                 dim = (rows, self._pushed.size, 3)
                 wp.launch(kernels.set_forces, dim, inputs=[there["forces"], substep, self._pushed], outputs=[force])
-            servos = (rows, self._servo_qpos.size)
-            inputs = [data.qpos, there["targets"], self._servo_qpos, self._servo_lead]
-            wp.launch(kernels.set_servos, servos, inputs=inputs, outputs=[data.ctrl])
-            step(self._model, data)
+            self.physics_step()
             wp.launch(kernels.watch, rows, inputs=[data.qpos, data.qvel, data.overflow], outputs=[self._status])
         # The poses of the step belong to its start.
         mjw.kinematics(self._model, data)
@@ -325,6 +322,18 @@ class WarpBatch:
         wp.launch(kernels.write_status, rows, inputs=[self._status, offset], outputs=[there["outputs"]])
         if self._device.is_cuda:
             wp.copy(self._host["outputs"], there["outputs"])
+
+    def physics_step(self) -> None:
+        """Launches the kernels of a physics step."""
+        step(self._model, self.data, self._set_servos)
+
+    def _set_servos(self) -> None:
+        model, data, servos = self._model, self.data, self._servos
+        if servos.shape[0] == 0:
+            return
+        inputs = [servos.shape[0], model.opt.timestep, servos, self._there["targets"], data.qpos, data.qvel, data.qfrc_passive]
+        inputs += [data.qfrc_bias, model.dof_damping, data.M, model.M_rowadr, model.M_rownnz, model.M_colind]
+        wp.launch(servo_rule.make_kernel(servos.shape[0]), self._rows, inputs=inputs, outputs=[data.ctrl])
 
     def buffers(self) -> dict[str, tuple[int, int]]:
         """Returns the address and the number of elements of each buffer of the host. All are row-major; ``active`` has bytes, ``outputs``

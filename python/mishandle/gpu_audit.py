@@ -132,7 +132,7 @@ class CpuPhysics:
         self.model = gpu.compile_model(arguments["xml"], arguments["timestep"])
         self.model.opt.disableflags &= ~int(mujoco.mjtDisableBit.mjDSBL_NATIVECCD)
         self.data = mujoco.MjData(self.model)
-        self.servo_qpos, self.servo_lead = np.array(arguments["servo_qpos"]), np.array(arguments["servo_lead"])
+        self.servos = np.array(arguments["servos"])
         self.pushed, self.fields = list(arguments.get("pushed", ())), list(arguments.get("fields", ()))
 
     def start(self, state: NDArray[np.float64], inputs: dict[str, NDArray[Any]], row: int) -> None:
@@ -148,16 +148,16 @@ class CpuPhysics:
         self.data.mocap_pos[:], self.data.mocap_quat[:] = poses[:, :3], poses[:, 3:]
 
     def set_inputs(self, inputs: dict[str, NDArray[Any]], row: int, substep: int) -> None:
-        """Sets the setpoints of the servos and the push of a physics step."""
-        q = self.data.qpos[self.servo_qpos]
-        self.data.ctrl[: len(q)] = q + np.clip(inputs["targets"][row] - q, -self.servo_lead, self.servo_lead)
+        """Takes the first half of a physics step, and sets the controls of the servos and the push."""
+        mujoco.mj_step1(self.model, self.data)
+        self.data.ctrl[: len(self.servos)] = gpu.servo_rule.find_controls(self.servos, inputs["targets"][row], self.model, self.data)
         if self.pushed:
             self.data.xfrc_applied[self.pushed, :3] = inputs["forces"][row, 3 * substep : 3 * substep + 3]
 
     def step(self, inputs: dict[str, NDArray[Any]], row: int, substep: int) -> None:
         """Takes a physics step of a control step."""
         self.set_inputs(inputs, row, substep)
-        mujoco.mj_step(self.model, self.data)
+        mujoco.mj_step2(self.model, self.data)
 
     def output(self) -> NDArray[np.float64]:
         """Returns the output row of the present state."""

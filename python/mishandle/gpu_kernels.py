@@ -25,20 +25,6 @@ OVERFLOWS = wp.constant(int(_OVERFLOWS))
 
 
 @wp.kernel
-def set_servos(
-    qpos: wp.array2d(dtype=float),
-    targets: wp.array2d(dtype=wp.float64),
-    address: wp.array(dtype=int),
-    lead: wp.array(dtype=wp.float64),
-    ctrl: wp.array2d(dtype=float),
-) -> None:
-    row, servo = wp.tid()
-    q = wp.float64(qpos[row, address[servo]])
-    ahead = wp.clamp(targets[row, servo] - q, -lead[servo], lead[servo])
-    ctrl[row, servo] = float(q + ahead)
-
-
-@wp.kernel
 def set_forces(
     forces: wp.array2d(dtype=wp.float64),
     substep: int,

@@ -6,7 +6,7 @@ use std::sync::Arc;
 
 use mishandle::network::{Activation, DeviceBuffers, DeviceNetwork, Mlp, NetworkDevice, NetworkError};
 use mishandle::run::Device;
-use mishandle::world::{BatchBuffers, BatchSpec, Outputs, WorldBatch, WorldDevice, WorldError};
+use mishandle::world::{BatchBuffers, BatchSpec, Outputs, Servo, WorldBatch, WorldDevice, WorldError};
 use numpy::{PyArray1, PyArrayMethods};
 use pyo3::prelude::*;
 
@@ -64,13 +64,20 @@ impl WorldDevice for WarpWorldDevice {
 }
 
 fn make(py: Python<'_>, spec: &BatchSpec) -> PyResult<WarpWorlds> {
-    let qpos: Vec<usize> = spec.servos.iter().map(|servo| servo.qpos).collect();
-    let lead: Vec<f64> = spec.servos.iter().map(|servo| servo.max_lead).collect();
+    // The columns of `gpu_servos.COLUMNS`.
+    let servos: Vec<[f64; 6]> = spec
+        .servos
+        .iter()
+        .map(|servo| {
+            let Servo { qpos, dof, stiffness, damping, max_velocity, max_effort } = *servo;
+            [qpos as f64, dof as f64, stiffness, damping, max_velocity, max_effort]
+        })
+        .collect();
     let pushed: Vec<usize> = spec.pushed.iter().map(|body| body.index()).collect();
     let fields: Vec<&str> = spec.fields.iter().map(|field| field.name()).collect();
     let forces = if pushed.is_empty() { 0 } else { 3 * spec.rows * spec.substeps };
     let (document, timestep) = (spec.model.document(), spec.model.timestep());
-    let arguments = (document, timestep, spec.rows, spec.substeps, qpos, lead, pushed, fields);
+    let arguments = (document, timestep, spec.rows, spec.substeps, servos, pushed, fields);
     let object = py.import("mishandle.gpu")?.getattr("WarpBatch")?.call1(arguments)?;
     let buffer = buffers(&object)?;
     let layout = mishandle::world::BatchLayout::new(&spec.model);

@@ -9,6 +9,7 @@ import sys
 import tempfile
 import unittest
 import unittest.mock
+from pathlib import Path
 
 import numpy as np
 
@@ -40,6 +41,10 @@ CHANGEABLE = """<mujoco><option integrator="implicitfast"/><worldbody>
 </worldbody><contact><pair geom1="floor" geom2="ball" friction="0.4 0.4 0.005 0.0001 0.0001"/></contact>
 <equality><weld body1="arm" body2="held" relpose="0.4 0 0 1 0 0 0"/></equality>
 <actuator><position joint="hinge" kp="20" kv="1"/></actuator></mujoco>"""
+
+# The robot without contacts.
+ARM = (Path(__file__).parents[2] / "crates/world/assets/panda.xml").read_text()
+ARM = ARM.replace("<worldbody>", '<option><flag contact="disable"/></option><worldbody>', 1)
 
 DERIVED = ["body_subtreemass", "body_invweight0", "dof_invweight0", "dof_M0", "dof_length", "actuator_acc0"]
 
@@ -168,9 +173,40 @@ class Physics(unittest.TestCase):
         self.assertLess(found["corrected"], 1e-4)
         self.assertGreater(found["plain"], 100 * found["corrected"])
 
+    def test_servos_brake_as_in_mujoco_c(self):
+        """Random states of the arm near its velocity limits: the kernel and a second implementation give the same controls."""
+        model = gpu.compile_model(ARM, 1 / 480)
+        servos = [[i, i, 400, 80, 2.175 if i < 4 else 2.61, 87 if i < 4 else 12] for i in range(7)]
+        random, rows = np.random.default_rng(0), 64
+        batch = gpu.WarpBatch(ARM, 1 / 480, rows, 1, servos, device="cpu")
+        data, states = mujoco.MjData(model), []
+        limits = np.array(servos)[:, 4]
+        for _ in range(rows):
+            mujoco.mj_resetData(model, data)
+            data.qpos[:7] = random.uniform(*model.jnt_range[:7].T)
+            data.qvel[:7] = limits * random.uniform(-1, 1, 7)
+            states.append(state_of(model, data))
+        batch.write_states(np.arange(rows, dtype=np.int32), np.array(states))
+        targets = np.array(states)[:, 1:8] + random.uniform(-1, 1, (rows, 7))
+        batch.arrays()["targets"][:] = targets
+        batch.step()
+        found, braking = batch.data.ctrl.numpy()[:, :7], 0
+        for row in range(rows):
+            mujoco.mj_setState(model, data, states[row], mujoco.mjtState.mjSTATE_INTEGRATION)
+            mujoco.mj_step1(model, data)
+            expected = gpu.servo_rule.find_controls(np.array(servos), targets[row], model, data)
+            q = data.qpos[:7].copy()
+            braking += np.abs(expected - q - np.clip(targets[row] - q, -limits / 5, limits / 5)).max() > 1e-6
+            self.assertLess(np.abs(found[row] - expected).max(), 2e-4)
+            # No joint that moves freely exceeds its limit.
+            data.ctrl[:7] = expected
+            mujoco.mj_step2(model, data)
+            self.assertLess((np.abs(data.qvel[:7]) / limits).max(), 1.02)
+        self.assertGreater(braking, rows // 4)
+
     def test_an_overflow_is_the_status_of_its_row_and_lasts_one_control_step(self):
         model = mujoco.MjModel.from_xml_string(TWO_BOXES)
-        batch = gpu.WarpBatch(TWO_BOXES, 0.002, 2, 3, [], [], device="cpu", constraint_rows=8)
+        batch = gpu.WarpBatch(TWO_BOXES, 0.002, 2, 3, [], device="cpu", constraint_rows=8)
         data = mujoco.MjData(model)
         touching = state_of(model, data)
         data.qpos[2] = 2.0
@@ -184,7 +220,7 @@ class Physics(unittest.TestCase):
 
     def test_a_divergence_is_the_status_of_its_row(self):
         model = mujoco.MjModel.from_xml_string(TWO_BOXES)
-        batch = gpu.WarpBatch(TWO_BOXES, 0.002, 2, 3, [], [], device="cpu")
+        batch = gpu.WarpBatch(TWO_BOXES, 0.002, 2, 3, [], device="cpu")
         data = mujoco.MjData(model)
         data.qpos[2] = 2.0
         flying = state_of(model, data)
@@ -198,7 +234,7 @@ class Physics(unittest.TestCase):
             gpu.find_device("tpu")
 
     def test_a_device_that_does_not_finish_a_step_is_an_error(self):
-        batch = gpu.WarpBatch(TWO_BOXES, 0.002, 2, 3, [], [], device="cpu")
+        batch = gpu.WarpBatch(TWO_BOXES, 0.002, 2, 3, [], device="cpu")
         batch.step()
         batch._control_step = lambda: None
         with self.assertRaisesRegex(RuntimeError, "did not finish"):
@@ -210,7 +246,7 @@ class Physics(unittest.TestCase):
         Everything moves, touches something or is welded.
         """
         rows, pushed = len(models), [models[0].body("held").id]
-        batch = gpu.WarpBatch(CHANGEABLE, 1 / 240, rows, 1, [0], [0.1], pushed, fields, device="cpu")
+        batch = gpu.WarpBatch(CHANGEABLE, 1 / 240, rows, 1, [[0, 0, 100, 0.2, 50, 1e9]], pushed, fields, device="cpu")
         data = mujoco.MjData(models[0])
         data.qpos[0], data.qvel[0] = 0.1, 0.5
         for body in ("box", "ball"):
@@ -260,7 +296,7 @@ class Physics(unittest.TestCase):
 
     def test_fields_that_worlds_share_are_an_error(self):
         with self.assertRaisesRegex(RuntimeError, "cannot vary geom_type.*use MuJoCo C"):
-            gpu.WarpBatch(TWO_BOXES, 0.002, 2, 3, [], [], [], ["geom_type"], device="cpu")
+            gpu.WarpBatch(TWO_BOXES, 0.002, 2, 3, [], [], ["geom_type"], device="cpu")
 
 
 AUDIT = """

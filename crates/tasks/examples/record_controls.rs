@@ -140,6 +140,12 @@ impl Recorder {
         let mut end = vec![0.0; physics];
         world.read_state(&mut end);
         assert_eq!(end, state[..physics], "the recorded controls give another episode");
+        if std::env::var_os("SIGNALS").is_some() {
+            for step in (0..=EPISODE_STEPS).step_by(30) {
+                let sample: Vec<f64> = (0..signals.len()).map(|i| trace.column(i)[step]).collect();
+                println!("{step} {sample:.3?}");
+            }
+        }
         let verdict = self.monitor.verdict(&trace, trace.len()).unwrap();
         (verdict.is_success(), verdict.is_strict_success())
     }

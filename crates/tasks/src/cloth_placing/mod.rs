@@ -75,7 +75,7 @@ const DEFINITION: Definition = Definition {
          centroid is within 7 cm of the marker's axis, above the marker, and the mean velocity of its vertices is below \
          0.1 m/s. The cloth is let go for good then, or when a finger is open by more than 5 mm",
     ),
-    n_substeps: 4,
+    n_substeps: 6,
     velocity_scale: 0.1,
     signals: &[
         scalar(

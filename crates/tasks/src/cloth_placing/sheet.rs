@@ -132,10 +132,10 @@ impl Sheet {
         let offset = self.offset(place);
         let [x, y, z] = [0, 1, 2].map(|axis| CENTER[axis] + offset[axis]);
         let mass = MASS / (self.vertices * self.vertices) as f64;
-        // All vertices collide with table and ground (8). Only vertices below the fingertips
-        // collide with the fingers (1): a part of the cloth that folds over from above passes
-        // through the hand, which it does not collide with, and would get caught on a finger.
-        let conaffinity = if place[1] < self.pinched_cell()[1] { 9 } else { 8 };
+        // All vertices collide with table, ground and links (4). Only vertices below the fingertips
+        // collide with the fingers (16): the part above them starts inside the hand, which no
+        // vertex collides with, and would get caught on a finger when it folds over.
+        let conaffinity = if place[1] < self.pinched_cell()[1] { 20 } else { 4 };
         let site = if pinched { format!("<site name=\"{name}\"/>") } else { String::new() };
         format!(
             "<body name=\"{name}\" pos=\"{x} {y} {z}\" childclass=\"cloth\"><joint axis=\"1 0 0\"/>\
