@@ -166,7 +166,7 @@ fn the_cloth_hangs_from_the_cell_between_the_fingertips() {
         assert!((0.2..0.32).contains(&(tips[2] - lowest)), "{name}: it hangs down {} m", tips[2] - lowest);
         let below = sub(mean(&vertices), tips);
         assert!(
-            norm_xy(below) < 0.02 && below[2] < -0.05,
+            norm_xy(below) < 0.03 && below[2] < -0.05,
             "{name}: the centroid is at {below:?} from the tips"
         );
         let longest = stretch(&vertices, side);
@@ -257,7 +257,7 @@ fn a_cloth_with_nine_tenths_beyond_an_edge_slides_off() {
     for grid in GRIDS {
         let mut bench = Bench::new(grid, ledge);
         bench.lay_out([0.62, 3.0, 0.4 + RADIUS]);
-        bench.run(3.0);
+        bench.run(5.0);
         let highest = bench.vertices().iter().map(|v| v[2]).fold(0.0, f64::max);
         assert!(highest < 0.2, "{grid:?}: a vertex is still at {highest}");
     }

@@ -23,6 +23,11 @@ const PUSH_SPEED: f64 = 0.5;
 /// Forward speed of the ball at which the push ends, m/s.
 const STRUCK: f64 = 0.3;
 
+/// Forward speed below which a ball on the way is pushed again, m/s, and its distance from the hole
+/// while it is on the way, m. A ball that hops off the finger loses most of its speed.
+const SLOW: f64 = 0.2;
+const ON_THE_WAY: f64 = 0.25;
+
 /// Forward lean of the fingers from straight down, rad. With friction coefficients of 1 an upright
 /// finger and the table jam the ball. A leaning finger touches the ball below its equator and lets
 /// it roll.
@@ -51,6 +56,7 @@ impl ExpertPolicy for Push {
             TRAVEL if norm_xy(sub(above, grasp)) < 0.02 => DESCEND,
             DESCEND if norm(sub(behind, grasp)) < 0.015 => PUSH,
             PUSH if input.point(0)[0] > STRUCK => DONE,
+            DONE if input.point(0)[0] < SLOW && norm_xy(to_hole) > ON_THE_WAY => PUSH,
             phase => phase,
         };
         let linear = match memory[0] {

@@ -132,7 +132,7 @@ impl Sheet {
         let offset = self.offset(place);
         let [x, y, z] = [0, 1, 2].map(|axis| CENTER[axis] + offset[axis]);
         let mass = MASS / (self.vertices * self.vertices) as f64;
-        // All vertices collide with table, ground and links (4). Only vertices below the fingertips
+        // All vertices collide with table and ground (4). Only vertices below the fingertips
         // collide with the fingers (16): the part above them starts inside the hand, which no
         // vertex collides with, and would get caught on a finger when it folds over.
         let conaffinity = if place[1] < self.pinched_cell()[1] { 20 } else { 4 };

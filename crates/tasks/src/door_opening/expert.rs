@@ -14,10 +14,10 @@ use crate::robot::{ARM_JOINTS, JOINTS, VELOCITY_LIMIT};
 
 /// Grasp point on the lever relative to the handle point, in the panel's frame, m: the front of its
 /// bar at half height. The lever of the farthest door is grasped at its free end, which is nearest,
-/// and from above, because the upper finger reaches farther. There it must pass 2 mm above the
+/// and from above, because the upper finger reaches farther. There it must pass just above the
 /// lever: the stretched arm hangs 3 mm below its goal.
 const FRONT: [f64; 3] = [-0.0137, 0.024, -0.0017];
-const FRONT_FAR: [f64; 3] = [-0.0137, 0.0018, -0.0205];
+const FRONT_FAR: [f64; 3] = [-0.0137, 0.0018, -0.014];
 
 /// Horizontal distances of the handle point of a closed door from the robot's axis between which
 /// the grasp point changes from [`FRONT`] to [`FRONT_FAR`], m.
