@@ -140,6 +140,7 @@ impl PyTarget {
             control_dt,
             episode_steps,
             is_deterministic,
+            signals_on_request: Vec::new(),
             can_fail: true,
             depends_on_seed: depends_on_seed || !is_deterministic,
             random_axes: Vec::new(),

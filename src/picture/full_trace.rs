@@ -32,7 +32,7 @@ pub fn full_trace(resolved: &ResolvedPlan, episode: &Episode) -> Result<Vec<Trac
         });
     }
     let target = task_target(&resolved.plan)?;
-    let environment = Arc::new(target.environment(&resolved.space)?);
+    let environment = Arc::new(target.environment(&resolved.space, &resolved.specification)?);
     let (recorder, recording) = RecordingEnvironment::new(environment.clone());
     let mut system = target.system_in(Arc::new(recorder), &resolved.space, &resolved.specification)?;
     let again = system.rollout(std::slice::from_ref(&episode.request))?.pop();

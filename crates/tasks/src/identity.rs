@@ -96,9 +96,11 @@ fn variations_text(variations: &Variations) -> String {
 }
 
 fn formulas_text(formulas: &TaskFormulas) -> String {
-    let TaskFormulas { success, strict, safe, completion } = formulas;
+    let TaskFormulas { success, strict, careful: _, safe, completion } = formulas;
+    let careful = formulas.careful().unwrap_or_default();
     format!(
-        "Formulas {{ success: {success:?}, strict: {strict:?}, safe: {safe:?}, completion: {completion:?} }}"
+        "Formulas {{ success: {success:?}, strict: {strict:?}, careful: {careful:?}, safe: {safe:?}, \
+         completion: {completion:?} }}"
     )
 }
 
