@@ -259,3 +259,36 @@ impl MannerRecorder {
         ]);
     }
 }
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests {
+    use super::*;
+    use crate::document::compose;
+    use crate::task;
+
+    #[test]
+    fn what_the_hand_holds_belongs_to_the_robot() {
+        let task = task("peg-in-hole").unwrap();
+        let model = Model::from_xml(&compose(task).unwrap()).unwrap();
+        let manner = Manner::new(task.definition(), &model, Panda::new(&model).unwrap()).unwrap();
+        assert!(manner.weld.is_some());
+        let mut forces = PartForces::default();
+        for (a, b, force) in [
+            (Part::Object, Part::Fixture, 1.0),
+            (Part::Fingers, Part::Fixture, 2.0),
+            (Part::Arm, Part::Fixture, 4.0),
+            (Part::Ground, Part::Object, 8.0),
+            (Part::Arm, Part::Ground, 16.0),
+            (Part::Arm, Part::Arm, 32.0),
+            (Part::Fingers, Part::Arm, 64.0),
+            (Part::Fingers, Part::Fingers, 128.0),
+            (Part::Object, Part::Fingers, 256.0),
+            (Part::Object, Part::Arm, 512.0),
+        ] {
+            forces.add(a, b, force);
+        }
+        assert_eq!(manner.forces(&forces, true), [7.0, 24.0, 224.0, 768.0, 512.0]);
+        assert_eq!(manner.forces(&forces, false), [6.0, 16.0, 224.0, 768.0, 512.0]);
+    }
+}

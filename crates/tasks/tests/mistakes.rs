@@ -79,7 +79,7 @@ impl Scene for WriteCounts {
 }
 
 const FORMULAS: TaskFormulas =
-    TaskFormulas { success: "a > 0", strict: "a > 0", safe: "a > 0", completion: "a > 0" };
+    TaskFormulas { success: "a > 0", strict: "a > 0", careful: None, safe: "a > 0", completion: "a > 0" };
 const VALID: WriteCounts = WriteCounts { signals: 2, observe: 4, reward: 1, place: 1 };
 
 fn leak<T>(list: Vec<T>) -> &'static [T] {

@@ -42,6 +42,11 @@ impl PartForces {
     pub fn between(&self, a: Part, b: Part) -> f64 {
         self.0[a.min(b) as usize][a.max(b) as usize]
     }
+
+    /// Adds a force between two parts, N.
+    pub fn add(&mut self, a: Part, b: Part, force: f64) {
+        self.0[a.min(b) as usize][a.max(b) as usize] += force;
+    }
 }
 
 impl Model {
@@ -118,7 +123,7 @@ impl World {
             if a <= Part::Object
                 && let Ok([normal, ..]) = self.data.try_contact_force(index)
             {
-                forces.0[a as usize][b as usize] += normal;
+                forces.add(a, b, normal);
             }
         }
         forces
