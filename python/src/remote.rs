@@ -106,7 +106,8 @@ fn sent<'py>(py: Python<'py>, episode: &Episode) -> EpisodeTuple<Bound<'py, PyAr
     let subformulas = verdict.subformulas.iter().map(|found| (found.minimum, found.step)).collect();
     let Verdict { robustness, success, strict, careful, dangerous_steps, completion_step, .. } = *verdict;
     let others = verdict.others.clone();
-    let verdict = (robustness, success, strict, careful, dangerous_steps, completion_step, subformulas, others);
+    let verdict =
+        (robustness, success, strict, careful, dangerous_steps, completion_step, subformulas, others);
     (end.to_string(), step, index, *steps, verdict, *total_reward, digest, samples)
 }
 
@@ -164,7 +165,8 @@ impl RemoteSystem {
             Some(samples) => trace(names, samples.as_array(), *episode_steps)?,
             None => Trace::new(names.clone()),
         };
-        let (robustness, success, strict, careful, dangerous_steps, completion_step, subformulas, others) = verdict;
+        let (robustness, success, strict, careful, dangerous_steps, completion_step, subformulas, others) =
+            verdict;
         let subformulas =
             subformulas.into_iter().map(|(minimum, step)| SubformulaMinimum { minimum, step }).collect();
         Ok(Episode {

@@ -196,9 +196,8 @@ pub fn compare(first: &RunFile, second: &RunFile) -> Result<Comparison, Mishandl
     }
     let is_random = |pair: &&Pair| pair.rows[0].trial != Corners::TRIAL;
     let random: Vec<&Pair> = pairs.iter().filter(is_random).collect();
-    let has = |name: &str| {
-        [a, b].iter().all(|header| header.formulas.iter().any(|formula| formula.name == name))
-    };
+    let has =
+        |name: &str| [a, b].iter().all(|header| header.formulas.iter().any(|formula| formula.name == name));
     let rates = |holds: fn(&Episode) -> bool| {
         let mut counts = PairedCounts::default();
         random.iter().for_each(|pair| counts.add(holds(&pair.episodes[0]), holds(&pair.episodes[1])));

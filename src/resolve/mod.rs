@@ -206,9 +206,9 @@ fn leave_out_careful(
                        them; ask without --gpu",
         });
     }
-    let is_free = careful.as_ref().is_none_or(|formula| {
-        formula.signals().iter().all(|name| !on_request.contains(name))
-    });
+    let is_free = careful
+        .as_ref()
+        .is_none_or(|formula| formula.signals().iter().all(|name| !on_request.contains(name)));
     let has_metric = plan.evaluate.is_some() && plan.screening.is_none();
     specification.careful = careful.filter(|_| is_free || is_read || has_metric);
     Ok(())

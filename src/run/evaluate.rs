@@ -200,7 +200,11 @@ pub(crate) fn corner_report(resolved: &ResolvedPlan, corners: &Corners) -> Corne
     let reachable = |scenario: &Scenario| {
         resolved.target.reachable.as_ref().map(|reachable| reachable(&resolved.space, scenario))
     };
-    corners.report(FormulaRoles::of(&resolved.specification), starts == Some(StartRegion::Reachable), reachable)
+    corners.report(
+        FormulaRoles::of(&resolved.specification),
+        starts == Some(StartRegion::Reachable),
+        reachable,
+    )
 }
 
 /// Checks that a run has no trials but those of an evaluation.

@@ -7,8 +7,8 @@ use mishandle_rollout::{
     Axis, AxisKind, AxisValues, Episode, EpisodeEnd, Request, Scenario, Seed, Space, System,
 };
 
-use crate::{EvaluationError, FormulaRoles};
 use crate::run::simulate;
+use crate::{EvaluationError, FormulaRoles};
 
 /// Largest number of axes of which all corners are evaluated.
 const ALL_CORNERS: usize = 4;
@@ -320,7 +320,8 @@ mod tests {
     #[test]
     fn simulations_without_a_verdict_are_counted_by_reason() {
         let corners = Corners::new(&space(2), true, Seed(0)).unwrap();
-        let mut report = corners.report(FormulaRoles { strict: true, ..FormulaRoles::default() }, false, |_| None);
+        let mut report =
+            corners.report(FormulaRoles { strict: true, ..FormulaRoles::default() }, false, |_| None);
         let episode = |end, success: Option<f64>| Episode {
             request: corners.request(1).unwrap(),
             trace: Trace::new(Arc::from([])),

@@ -88,7 +88,7 @@ impl Episode {
         let formulas = task.definition().paper;
         let mut specification = formulas.specification().expect("the formulas parse");
         if with_manner {
-            environment = environment.with_manner().expect("the object exists");
+            environment = environment.with_manner();
             specification.careful =
                 formulas.careful().map(|text| Formula::parse(&text).expect("the formula parses"));
         }

@@ -76,6 +76,11 @@ fn check_quantities(definition: &Definition) -> Result<(), TaskError> {
             return Err(field_error(definition, field, problem));
         }
     }
+    let is_taken = |signal: &&Quantity| MANNER.iter().any(|known| known.name == signal.name);
+    if let Some(Quantity { name, .. }) = definition.signals.iter().find(is_taken) {
+        let problem = format!("`{name}` is the name of a signal of every task; choose another one");
+        return Err(field_error(definition, "signals", problem));
+    }
     // A signal must be an identifier of the formula language.
     let is_identifier = |name: &str| Formula::parse(name).is_ok_and(|formula| formula.signals() == [name]);
     match definition.signals.iter().find(|signal| !is_identifier(signal.name)) {

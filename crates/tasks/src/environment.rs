@@ -70,8 +70,8 @@ pub struct TaskEnvironment {
     space_parameters: Arc<[Parameter]>,
     elements: Elements,
     signals: Arc<[String]>,
-    /// Elements of the signals of the manner; `None` if they are not computed.
-    manner: Option<Manner>,
+    manner: Manner,
+    has_manner: bool,
     reward_terms: Vec<String>,
 }
 
@@ -108,6 +108,7 @@ impl TaskEnvironment {
         let panda = Panda::new(&model).map_err(scene_error)?;
         let scene = task.bind(&model, &panda).map_err(scene_error)?;
         check_scene(definition, &model, &panda, &*scene)?;
+        let manner = Manner::new(definition, &model, panda).map_err(scene_error)?;
         let environment = TaskEnvironment {
             definition,
             elements: Elements::new(definition, &model, panda).map_err(scene_error)?,
@@ -119,7 +120,8 @@ impl TaskEnvironment {
             space: definition.starts(preset).map_err(data_error)?,
             space_parameters: (0..definition.initial_box.len()).map(Parameter::Start).collect(),
             signals: definition.signals.iter().map(|signal| signal.name.to_string()).collect(),
-            manner: None,
+            manner,
+            has_manner: false,
             reward_terms: definition.reward(reward).iter().map(|term| term.name.to_string()).collect(),
         };
         Ok(environment)
@@ -144,20 +146,14 @@ impl TaskEnvironment {
 
     /// Returns the environment that also computes the [signals of the manner](MANNER), after those
     /// of the task. The other signals keep their bits.
-    ///
-    /// # Errors
-    /// If the object that the definition names is missing.
-    pub fn with_manner(&self) -> Result<TaskEnvironment, TaskError> {
-        let definition = self.definition;
-        let manner = Manner::new(definition, &self.model, self.panda)
-            .map_err(|source| TaskError::Scene { task: definition.name, source })?;
-        let names = definition.signals.iter().chain(MANNER).map(|signal| signal.name.to_string());
-        Ok(TaskEnvironment { manner: Some(manner), signals: names.collect(), ..self.clone() })
+    pub fn with_manner(&self) -> TaskEnvironment {
+        let names = self.definition.signals.iter().chain(MANNER).map(|signal| signal.name.to_string());
+        TaskEnvironment { signals: names.collect(), has_manner: true, ..self.clone() }
     }
 
     /// Returns whether the environment computes the signals of the manner.
     pub(crate) fn has_manner(&self) -> bool {
-        self.manner.is_some()
+        self.has_manner
     }
 
     /// Returns the compiled model.
@@ -223,7 +219,7 @@ impl TaskEnvironment {
             worlds: self.world_cache(),
             current: 0,
             values: self.nominal(),
-            manner: self.manner.clone().map(|manner| MannerRecorder::new(manner, &self.model)),
+            manner: self.has_manner.then(|| MannerRecorder::new(self.manner.clone(), &self.model)),
             observation: vec![0.0; self.observation_size()],
         }
     }

@@ -108,7 +108,7 @@ impl TaskTarget {
         let environment = self.starts.with_space(space)?;
         let manner: Vec<&str> = MANNER.iter().map(|signal| signal.name).collect();
         match specification.reads_any(&manner) {
-            true => environment.with_manner(),
+            true => Ok(environment.with_manner()),
             false => Ok(environment),
         }
     }

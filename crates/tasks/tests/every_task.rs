@@ -142,7 +142,7 @@ fn the_document_contains_the_initial_state() {
 fn every_formula_has_known_signals_and_is_decided_by_an_episode() {
     for task in TASKS {
         for preset in PRESETS {
-            let environment = environment(*task, preset, Reward::Original).with_manner().unwrap();
+            let environment = environment(*task, preset, Reward::Original).with_manner();
             let formulas = task.definition().formulas(preset);
             let mut specification = formulas.specification().unwrap();
             specification.careful = formulas.careful().map(|text| Formula::parse(&text).unwrap());

@@ -1,0 +1,69 @@
+//! Arrows at the contact points of a picture.
+
+use mujoco_rs::prelude::*;
+use mujoco_rs::wrappers::mj_visualization::MjvScene;
+
+use crate::World;
+use crate::frame::{add, norm, scale, sub};
+
+/// Largest number of arrows. A picture with more contacts, such as that of a cloth, shows those with
+/// the largest forces.
+pub(super) const MOST: u32 = 64;
+
+/// Smallest force with an arrow, N.
+const LEAST_FORCE: f64 = 0.2;
+
+/// Length of an arrow per force, m/N, and its bounds, m.
+const LENGTH: f64 = 0.001;
+const LENGTHS: [f64; 2] = [0.04, 0.5];
+
+/// Place of the arrows between the camera and their points, as a fraction of the distance. So close
+/// to the camera nothing hides them, and they look as if they were at the points.
+const CLOSENESS: f64 = 0.15;
+
+/// Radius of an arrow's shaft, m, and color.
+const RADIUS: f64 = 0.006;
+const COLOR: [f32; 4] = [0.9, 0.15, 0.05, 1.0];
+
+/// A force at a contact point, in world axes.
+pub(super) struct ContactForce {
+    pub point: [f64; 3],
+    /// Force on one of the two bodies, N.
+    pub force: [f64; 3],
+}
+
+/// Returns the forces at the contact points of the last evaluation of the dynamics, largest first.
+pub(super) fn contact_forces(world: &World) -> Vec<ContactForce> {
+    let mut found: Vec<ContactForce> = (world.data.contact().iter().enumerate())
+        .filter_map(|(index, contact)| {
+            let local = world.data.try_contact_force(index).ok()?;
+            // The rows of the frame are the axes of the contact in world axes.
+            let axis = |row: usize| -> [f64; 3] { std::array::from_fn(|i| contact.frame[3 * row + i]) };
+            let force = (0..3).fold([0.0; 3], |sum, row| add(sum, scale(axis(row), local[row])));
+            Some(ContactForce { point: contact.pos, force })
+        })
+        .collect();
+    found.sort_by(|a, b| norm(b.force).total_cmp(&norm(a.force)));
+    found
+}
+
+/// Replaces the arrows of a scene by those of these forces, as a camera at `eye` sees them. Each has
+/// a head at both ends, because both bodies feel the force.
+pub(super) fn draw(forces: &[ContactForce], eye: [f64; 3], scene: &mut MjvScene) {
+    let closer = |point: [f64; 3]| add(eye, scale(sub(point, eye), CLOSENESS));
+    scene.clear_geom();
+    for ContactForce { point, force } in forces.iter().take(MOST as usize) {
+        let size = norm(*force);
+        if size < LEAST_FORCE {
+            break;
+        }
+        let length = (LENGTH * size).clamp(LENGTHS[0], LENGTHS[1]);
+        let half = scale(*force, 0.5 * length / size);
+        // SAFETY: the arrow refers to no element of the model: it has no texture and no mesh.
+        #[allow(unsafe_code)]
+        let arrow = unsafe { scene.try_create_geom(MjtGeom::mjGEOM_ARROW2, None, None, None, Some(COLOR)) };
+        if let Ok(arrow) = arrow {
+            arrow.connect(CLOSENESS * RADIUS, closer(sub(*point, half)), closer(add(*point, half)));
+        }
+    }
+}
