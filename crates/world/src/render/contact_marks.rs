@@ -6,9 +6,12 @@ use mujoco_rs::wrappers::mj_visualization::MjvScene;
 use crate::World;
 use crate::frame::{add, norm, scale, sub};
 
-/// Largest number of arrows. A picture with more contacts, such as that of a cloth, shows those with
+/// Largest number of marked contacts. A picture with more, such as that of a cloth, shows those with
 /// the largest forces.
-pub(super) const MOST: u32 = 64;
+const MOST: usize = 64;
+
+/// Number of arrows that a scene must hold.
+pub(super) const ARROWS: u32 = 2 * MOST as u32;
 
 /// Smallest force with an arrow, N.
 const LEAST_FORCE: f64 = 0.2;
@@ -47,23 +50,28 @@ pub(super) fn contact_forces(world: &World) -> Vec<ContactForce> {
     found
 }
 
-/// Replaces the arrows of a scene by those of these forces, as a camera at `eye` sees them. Each has
-/// a head at both ends, because both bodies feel the force.
+/// Replaces the arrows of a scene by those of these forces, as a camera at `eye` sees them. Two arrows
+/// leave each point, because both bodies feel the force.
 pub(super) fn draw(forces: &[ContactForce], eye: [f64; 3], scene: &mut MjvScene) {
     let closer = |point: [f64; 3]| add(eye, scale(sub(point, eye), CLOSENESS));
     scene.clear_geom();
-    for ContactForce { point, force } in forces.iter().take(MOST as usize) {
+    for ContactForce { point, force } in forces.iter().take(MOST) {
         let size = norm(*force);
         if size < LEAST_FORCE {
             break;
         }
         let length = (LENGTH * size).clamp(LENGTHS[0], LENGTHS[1]);
         let half = scale(*force, 0.5 * length / size);
-        // SAFETY: the arrow refers to no element of the model: it has no texture and no mesh.
-        #[allow(unsafe_code)]
-        let arrow = unsafe { scene.try_create_geom(MjtGeom::mjGEOM_ARROW2, None, None, None, Some(COLOR)) };
-        if let Ok(arrow) = arrow {
-            arrow.connect(CLOSENESS * RADIUS, closer(sub(*point, half)), closer(add(*point, half)));
+        for end in [add(*point, half), sub(*point, half)] {
+            // SAFETY: the arrow refers to no element of the model: it has no texture and no mesh.
+            #[allow(unsafe_code)]
+            let arrow =
+                unsafe { scene.try_create_geom(MjtGeom::mjGEOM_ARROW, None, None, None, Some(COLOR)) };
+            if let Ok(arrow) = arrow {
+                // Shadows of the scene do not darken it.
+                arrow.emission = 1.0;
+                arrow.connect(CLOSENESS * RADIUS, closer(*point), closer(end));
+            }
         }
     }
 }

@@ -83,7 +83,7 @@ impl Renderer {
             .width(width)
             .height(height)
             .camera(camera)
-            .num_visual_user_geom(contact_marks::MOST)
+            .num_visual_user_geom(contact_marks::ARROWS)
             .opts(options)
             .build(&model.inner)
             .map_err(|error| WorldError::Render(error_chain(&error)))?;
