@@ -204,7 +204,7 @@ impl PyTarget {
     /// Name and unit of each signal.
     #[getter]
     fn signals(&self) -> Vec<(String, String)> {
-        self.target.signals.iter().map(|signal| (signal.name.clone(), signal.unit.clone())).collect()
+        self.target.all_signals().map(|signal| (signal.name.clone(), signal.unit.clone())).collect()
     }
 
     /// Name and text of each formula, the requirement first.

@@ -170,7 +170,7 @@ mod tests {
 
     use super::*;
 
-    const ALL: FormulaRoles = FormulaRoles { strict: true, careful: false, safe: true, completion: true };
+    const ALL: FormulaRoles = FormulaRoles { strict: true, careful: true, safe: true, completion: true };
 
     /// Makes a simulation of four control steps.
     fn episode(
@@ -190,6 +190,7 @@ mod tests {
                 robustness: success,
                 success,
                 strict,
+                careful: strict,
                 dangerous_steps: Some(dangerous),
                 completion_step: completion,
                 subformulas: Vec::new(),
@@ -238,7 +239,7 @@ mod tests {
     }
 
     #[test]
-    fn a_strict_success_without_success_does_not_count() {
+    fn a_strict_or_careful_success_without_success_does_not_count() {
         let report = report(&[
             episode(Some(-0.1), Some(0.2), 0, None),
             episode(None, Some(0.2), 0, None),
@@ -246,6 +247,7 @@ mod tests {
         ]);
         assert_eq!(report.success_rate, wilson(1, 3));
         assert_eq!(report.strict_success_rate, Some(wilson(1, 3)));
+        assert_eq!(report.careful_success_rate, Some(wilson(1, 3)));
     }
 
     #[test]
@@ -322,6 +324,7 @@ mod tests {
         let report = metrics.report(Seed(0));
         assert_eq!(report.success_rate.value, Some(1.0));
         assert_eq!(report.strict_success_rate, None);
+        assert_eq!((report.careful_success_rate, report.careful_undecided), (None, None));
         assert_eq!((report.dangerous_behavior_rate, report.dangerous_episode_rate), (None, None));
         assert_eq!(report.task_completion_time, None);
     }

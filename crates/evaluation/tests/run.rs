@@ -49,6 +49,7 @@ impl System for ClosedForm {
                     robustness: rho,
                     success: rho,
                     strict: rho,
+                    careful: rho,
                     dangerous_steps: Some(y as usize),
                     completion_step: Some(y as usize),
                     subformulas: Vec::new(),

@@ -124,7 +124,7 @@ const DEFINITION: Definition = Definition {
         strict: STRICT,
         careful: Some(&[
             "always[0:300](peg_insertion_depth > 0.005 implies peg_tilt <= 0.1)",
-            "always[0:299](peg_held > 0.5 and eventually[1:1](peg_held <= 0.5) implies peg_speed <= 0.1)",
+            "always[0:299](peg_held > 0.5 and next(peg_held <= 0.5) implies peg_speed <= 0.1)",
         ]),
         safe: SAFE,
         completion: "peg_hole_horizontal_distance <= 0.12",
@@ -134,7 +134,7 @@ const DEFINITION: Definition = Definition {
         strict: STRICT,
         careful: Some(&[
             "always[0:300](peg_insertion_depth > 0.005 implies peg_tilt <= 0.1)",
-            "always[0:299](peg_held > 0.5 and eventually[1:1](peg_held <= 0.5) implies peg_speed <= 0.1)",
+            "always[0:299](peg_held > 0.5 and next(peg_held <= 0.5) implies peg_speed <= 0.1)",
         ]),
         safe: SAFE,
         completion: "peg_hole_horizontal_distance <= 0.1",
