@@ -114,7 +114,7 @@ const DEFINITION: Definition = Definition {
 const FORMULAS: TaskFormulas = TaskFormulas {
     success: "eventually[0:300](ball_hole_distance <= 0.3)",
     strict: "eventually[0:270](always[0:30](ball_hole_horizontal_distance <= 0.15 and ball_height <= 0.36))",
-    careful: Some(&["always[0:300](arm_object_force <= 1)"]),
+    careful: Some(&["always[0:300](arm_object_force <= 0.1)"]),
     safe: "ball_hole_distance <= 0.5",
     completion: "always[0:4](ball_hole_distance <= 0.3)",
 };
