@@ -168,7 +168,7 @@ impl ExpertPolicy for Flip {
             TIP => add(scale(cross(across, sub(tips, edge)), 0.8), scale(forward, 0.06)),
             _ => clamp_norm(scale(sub([0.35, 0.0, 0.5], tips), 3.0), 0.3),
         };
-        // The fingers point down and are parallel to the edge: its direction times (0, 0, -1) is this.
+        // The fingers point down and are parallel to the edge.
         let down = [-across[1], across[0], 0.0, across[0], across[1], 0.0, 0.0, 0.0, -1.0];
         let angular = clamp_norm(scale(rotation_between(&arm.rotation(), &down), 4.0), 2.0);
         arm.twist(&input.q, linear, angular)

@@ -24,8 +24,8 @@ use crate::{InvalidStateError, raised};
 /// A simulation to run: scenario, seed, and whether the minima of sub-formulas are needed.
 type RequestTuple = (Vec<Option<f64>>, u64, bool, Option<f64>);
 
-/// Robustness of requirement, success, strict and careful success, dangerous steps, completion step,
-/// and minimum and sample of each sub-formula.
+/// Robustness of requirement, success, strict and careful success, dangerous steps, completion
+/// step, and minimum and sample of each sub-formula.
 type VerdictTuple = (
     Option<f64>,
     Option<f64>,

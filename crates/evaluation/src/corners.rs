@@ -100,8 +100,8 @@ impl Corners {
         Some(Request { trial: Corners::TRIAL, number, ..Request::new(scenario, seed) })
     }
 
-    /// Returns the report before the first simulation, of the formulas in `roles`. `is_reachable` returns whether success is
-    /// possible from a point, `None` if this is unknown.
+    /// Returns the report before the first simulation, of the formulas in `roles`. `is_reachable`
+    /// returns whether success is possible from a point, `None` if this is unknown.
     pub fn report(
         &self,
         roles: FormulaRoles,

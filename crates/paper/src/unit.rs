@@ -11,8 +11,8 @@ use crate::PaperError;
 /// Number of simulations of a unit of an evaluation.
 pub const UNIT_OF_EVALUATION: u32 = 100;
 
-/// Number of verdicts that a digest covers: success, strict and careful success, dangerous steps and
-/// completion step.
+/// Number of verdicts that a digest covers: success, strict and careful success, dangerous steps
+/// and completion step.
 const VERDICTS: usize = 5;
 
 /// A trial of a falsification, or a hundred simulations of an evaluation.

@@ -1,7 +1,8 @@
-//! The examples of docs/reference/formulas.md and docs/guide/manner.md: blocks of the language `formula`. A block has an
-//! optional line `period SECONDS s`, a line with name and samples for each signal, a blank line,
-//! and formulas. The line after a formula starts with `=>` and has the robustness at each sample,
-//! the decided values after `decided`, or a part of the message after `error: `.
+//! The examples of docs/reference/formulas.md and docs/guide/manner.md: blocks of the language
+//! `formula`. A block has an optional line `period SECONDS s`, a line with name and samples for
+//! each signal, a blank line, and formulas. The line after a formula starts with `=>` and has the
+//! robustness at each sample, the decided values after `decided`, or a part of the message after
+//! `error: `.
 #![allow(clippy::unwrap_used)] // clippy's setting for tests does not cover helper functions
 
 use mishandle_stl::{Clock, Formula, Monitor, Trace};

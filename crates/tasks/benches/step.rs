@@ -81,7 +81,8 @@ struct Episode {
 }
 
 impl Episode {
-    /// Records an episode, with the signals of the manner and the formula `careful` or without them.
+    /// Records an episode, with the signals of the manner and the formula `careful` or without
+    /// them.
     fn record(task: &dyn Task, with_manner: bool) -> Episode {
         let mut environment =
             TaskEnvironment::new(task, Preset::Paper, Reward::Shaped).expect("the task is valid");

@@ -66,8 +66,8 @@ pub static MANNER: &[Quantity] = &[
 /// Conditions of careful success for every task.
 ///
 /// The forces are the limits of ISO/TS 15066 for hands and fingers, for quasi-static and transient
-/// contact. They are limits for people, and are used for fixtures here. 1.7 m/s is Franka's limit of
-/// the speed of the hand. The servos exceed the velocity limit of a joint by up to 5 % in free
+/// contact. They are limits for people, and are used for fixtures here. 1.7 m/s is Franka's limit
+/// of the speed of the hand. The servos exceed the velocity limit of a joint by up to 5 % in free
 /// motion. The robot is at rest if it has been for the last quarter of a second.
 pub const CAREFUL: &str = "always[0:300](fixture_force <= 280 and fixture_force_mean <= 140 and ground_force <= 280 \
      and ground_force_mean <= 140 and tool_speed <= 1.7 and joint_speed_share <= 1.05) and always[300:300](rest_time >= 0.25)";

@@ -50,8 +50,8 @@ impl PartForces {
 }
 
 impl Model {
-    /// Returns the part of each shape. `object` is the name of a body, which counts with all that is
-    /// attached to it, or of a flex.
+    /// Returns the part of each shape. `object` is the name of a body, which counts with all that
+    /// is attached to it, or of a flex.
     ///
     /// # Errors
     /// If the robot, or a body or flex with the name `object`, is missing.

@@ -6,8 +6,8 @@ use mujoco_rs::wrappers::mj_visualization::MjvScene;
 use crate::World;
 use crate::frame::{add, norm, scale, sub};
 
-/// Largest number of marked contacts. A picture with more, such as that of a cloth, shows those with
-/// the largest forces.
+/// Largest number of marked contacts. A picture with more, such as that of a cloth, shows those
+/// with the largest forces.
 const MOST: usize = 64;
 
 /// Number of arrows that a scene must hold.
@@ -50,8 +50,8 @@ pub(super) fn contact_forces(world: &World) -> Vec<ContactForce> {
     found
 }
 
-/// Replaces the arrows of a scene by those of these forces, as a camera at `eye` sees them. Two arrows
-/// leave each point, because both bodies feel the force.
+/// Replaces the arrows of a scene by those of these forces, as a camera at `eye` sees them. Two
+/// arrows leave each point, because both bodies feel the force.
 pub(super) fn draw(forces: &[ContactForce], eye: [f64; 3], scene: &mut MjvScene) {
     let closer = |point: [f64; 3]| add(eye, scale(sub(point, eye), CLOSENESS));
     scene.clear_geom();

@@ -99,8 +99,8 @@ impl Renderer {
         })
     }
 
-    /// Draws an arrow at each contact point in the following pictures. Its length is proportional to
-    /// the force, 0.1 m for 100 N, from 0.04 to 0.5 m.
+    /// Draws an arrow at each contact point in the following pictures. Its length is proportional
+    /// to the force, 0.1 m for 100 N, from 0.04 to 0.5 m.
     pub fn mark_contacts(&mut self) {
         self.marks_contacts = true;
     }
