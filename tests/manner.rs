@@ -4,6 +4,7 @@
 
 use std::ops::ControlFlow;
 
+use mishandle::counterexample::Counterexample;
 use mishandle::plan::{EvaluatePlan, FalsifyPlan, RiskPlan, ScreeningPlan};
 use mishandle::rollout::{Episode, Request, Seed};
 use mishandle::store::RunFile;
@@ -54,6 +55,30 @@ fn a_trace_has_the_signals_of_the_manner_if_a_formula_reads_one() {
         }
         assert_eq!(episode.verdict.success, plain.verdict.success);
     }
+}
+
+/// A counterexample asks another question than an evaluation, but its trace is the recorded one.
+#[test]
+fn a_failure_of_an_evaluation_is_exported_and_replays_to_the_same_bits() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("run.sqlite");
+    let evaluate = EvaluatePlan { episodes: 20, ..EvaluatePlan::default() };
+    let plan = Plan { evaluate: Some(evaluate), action_noise: 2.0, ..Plan::new("point-reaching", "ppo") };
+    let resolved = resolved(&plan);
+    let run = mishandle::run::create_run(&resolved, Some(&path)).unwrap();
+    mishandle::evaluate(&resolved, run, |_| ControlFlow::Continue(())).unwrap();
+    let run = RunFile::open(&path).unwrap();
+    let (trial, number) = mishandle::replay::select_simulation(&run, None, None).unwrap().unwrap();
+    let exported = Counterexample::from_run(&run, trial, number).unwrap();
+    let again = exported.resolve(folder.path(), None).unwrap();
+    assert_eq!(exported.replay(&again).unwrap().differences, Vec::<String>::new());
+}
+
+#[test]
+fn a_plan_may_ask_for_careful_success() {
+    let plan = Plan { careful: true, ..falsification("success") };
+    assert_eq!(Plan::from_toml(&plan.to_toml()).unwrap(), plan);
+    assert!(episode(&resolved(&plan)).verdict.careful.is_some());
 }
 
 #[test]

@@ -186,7 +186,7 @@ impl ResolvedPlan {
 }
 
 /// Leaves out the formula of careful success where it would need signals that nothing else reads:
-/// only an evaluation has a metric of it.
+/// only an evaluation has a metric of it, and a plan may ask for it.
 ///
 /// # Errors
 /// If a screening needs such signals.
@@ -209,8 +209,8 @@ fn leave_out_careful(
     let is_free = careful
         .as_ref()
         .is_none_or(|formula| formula.signals().iter().all(|name| !on_request.contains(name)));
-    let has_metric = plan.evaluate.is_some() && plan.screening.is_none();
-    specification.careful = careful.filter(|_| is_free || is_read || has_metric);
+    let is_asked = (plan.careful || plan.evaluate.is_some()) && plan.screening.is_none();
+    specification.careful = careful.filter(|_| is_free || is_read || is_asked);
     Ok(())
 }
 

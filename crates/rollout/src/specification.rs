@@ -345,6 +345,31 @@ mod tests {
     }
 
     #[test]
+    fn a_careful_success_counts_with_success_only() {
+        let named = |(name, text): (&str, &str)| NamedFormula { name: name.into(), text: text.into() };
+        let formulas = [("success", "always(d <= 2)"), ("careful", "eventually(d <= 1)")].map(named);
+        let specification = Specification::from_formulas(&formulas, parse("d >= 0").unwrap()).unwrap();
+        let signals: Arc<[String]> = Arc::from(["d".to_string()]);
+        let mut monitor = SpecificationMonitor::new(&specification, &signals, 1.0 / 60.0).unwrap();
+        // The least value is 0.5 in both; the largest is 1.5 and 2.5.
+        for (values, success) in [([1.5, 0.5], true), ([2.5, 0.5], false)] {
+            let verdict = monitor.verdict(&trace(&values), 2).unwrap();
+            assert_eq!((verdict.careful, verdict.strict), (Some(0.5), None));
+            assert_eq!((verdict.is_success(), verdict.is_careful_success()), (success, success));
+        }
+    }
+
+    #[test]
+    fn a_specification_knows_which_signals_it_reads() {
+        let mut specification = Specification::new(parse("always(a <= 1 and b >= 0)").unwrap());
+        assert!(specification.reads_any(&["x", "b"]) && !specification.reads_any(&["c", "d"]));
+        specification.careful = Some(parse("c <= 1").unwrap());
+        specification.others.push(("named".to_string(), parse("d <= 1").unwrap()));
+        assert!(specification.reads_any(&["c"]) && specification.reads_any(&["d"]));
+        assert!(!specification.reads_any(&[]));
+    }
+
+    #[test]
     fn subformula_minima_have_the_index_of_their_first_sample() {
         let specification = Specification::new(parse("always[0:2](d <= 2.5 and d >= 1)").unwrap());
         let mut monitor =

@@ -75,3 +75,32 @@ pub(super) fn draw(forces: &[ContactForce], eye: [f64; 3], scene: &mut MjvScene)
         }
     }
 }
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests {
+    use super::*;
+    use crate::Model;
+
+    #[test]
+    fn a_ball_at_rest_has_one_mark_with_its_weight_at_its_lowest_point() {
+        let scene = r#"<mujoco><option gravity="0 0 -10" timestep="0.002"/><worldbody>
+            <geom type="plane" size="1 1 0.1"/>
+            <body pos="0.2 0.1 0.05"><freejoint/><geom size="0.05" mass="0.5"/></body>
+            </worldbody></mujoco>"#;
+        let model = Model::from_xml(scene).unwrap();
+        let mut world = model.world();
+        (0..2000).for_each(|_| world.step());
+        world.data.forward();
+        let found = contact_forces(&world);
+        assert_eq!(found.len(), 1);
+        assert!((norm(found[0].force) - 5.0).abs() < 1e-3, "{:?}", found[0].force);
+        let [x, y, z] = found[0].point;
+        assert!((x - 0.2).abs() < 1e-3 && (y - 0.1).abs() < 1e-3 && z.abs() < 1e-3, "{:?}", found[0].point);
+        let mut scene = MjvScene::new(&model.inner, ARROWS as usize);
+        draw(&found, [2.0, 0.0, 1.0], &mut scene);
+        assert_eq!(scene.ffi().ngeom, 2, "an arrow to each side");
+        draw(&[], [2.0, 0.0, 1.0], &mut scene);
+        assert_eq!(scene.ffi().ngeom, 0);
+    }
+}
