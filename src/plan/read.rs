@@ -348,7 +348,7 @@ mod tests {
             (
                 "\nbatch = 1",
                 "batch",
-                "seed, requirements, evaluate, falsify",
+                "seed, careful, requirements, evaluate, falsify",
                 "did you mean `evaluate.batch` or `falsify.batch` or `risk.batch`?",
             ),
             (
