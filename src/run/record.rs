@@ -18,7 +18,7 @@ use crate::resolve::{ResolvedPlan, controller_name, is_path};
 /// sub-formulas, two verdicts per sub-formula of the requirement follow: its minimum and the sample
 /// of the minimum. The robustness of each named requirement comes last.
 const VERDICTS: [&str; 6] =
-    ["success", "strict", "careful", "dangerous_steps", "completion_step", "total_reward"];
+    ["success", "strict", "dangerous_steps", "completion_step", "total_reward", "careful"];
 
 /// Start of the names of the verdicts of named requirements.
 pub(crate) const REQUIREMENT: &str = "requirement_";
@@ -193,10 +193,10 @@ pub(crate) fn record(episode: &Episode, resolved: &ResolvedPlan) -> Simulation {
     let verdicts = [
         verdict.success,
         verdict.strict,
-        verdict.careful,
         verdict.dangerous_steps.map(|steps| steps as f64),
         verdict.completion_step.map(|step| step as f64),
         episode.total_reward.is_finite().then_some(episode.total_reward),
+        verdict.careful,
     ];
     // An episode without a verdict has none of them.
     let others = (0..resolved.specification.others.len()).map(|i| verdict.others.get(i).copied().flatten());

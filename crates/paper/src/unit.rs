@@ -11,9 +11,9 @@ use crate::PaperError;
 /// Number of simulations of a unit of an evaluation.
 pub const UNIT_OF_EVALUATION: u32 = 100;
 
-/// Number of verdicts that a digest covers: success, strict and careful success, dangerous steps
-/// and completion step.
-const VERDICTS: usize = 5;
+/// Number of verdicts that a digest covers: success, strict success, dangerous steps and completion
+/// step.
+const VERDICTS: usize = 4;
 
 /// A trial of a falsification, or a hundred simulations of an evaluation.
 #[derive(Clone, Debug, PartialEq)]
@@ -171,7 +171,7 @@ fn digest(simulations: &[Simulation], is_evaluation: bool) -> String {
 }
 
 /// Returns a simulation as a line of text: trial, number, seed, robustness, name, step and index of
-/// the end, control steps, the values of the scenario, and for an evaluation five verdicts. A float
+/// the end, control steps, the values of the scenario, and for an evaluation four verdicts. A float
 /// has the shortest text with the same bits; a missing value is empty.
 fn row_text(row: &Simulation, is_evaluation: bool) -> String {
     let float =
