@@ -80,7 +80,8 @@ impl TaskFormulas {
     /// operator of the robot would accept.
     pub fn careful(&self) -> Option<String> {
         let conditions = [self.strict, CAREFUL].into_iter().chain(self.careful?.iter().copied());
-        Some(conditions.collect::<Vec<_>>().join(" and "))
+        // Any of them may be a disjunction.
+        Some(conditions.map(|condition| format!("({condition})")).collect::<Vec<_>>().join(" and "))
     }
 
     /// Parses the formulas, except `careful`. The requirement is `success`.
@@ -360,4 +361,27 @@ pub trait Scene: Send + Sync {
     /// Returns whether the state is terminal: a training episode ends here, because the task has
     /// failed.
     fn is_terminal(&self, rows: &Rows<'_>, signals: &[f64]) -> bool;
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn all_conditions_of_careful_success_must_hold() {
+        let formulas = |careful| TaskFormulas {
+            success: "a > 0",
+            strict: "a > 0 or b > 0",
+            careful,
+            safe: "a > 0",
+            completion: "a > 0",
+        };
+        let text = formulas(Some(&["c > 0 or d > 0"])).careful();
+        assert_eq!(text, Some(format!("(a > 0 or b > 0) and ({CAREFUL}) and (c > 0 or d > 0)")));
+        let names = |formulas: TaskFormulas| -> Vec<String> {
+            formulas.named().into_iter().map(|formula| formula.name).collect()
+        };
+        assert_eq!(names(formulas(Some(&[]))), ["success", "strict", "careful", "safe", "completion"]);
+        assert_eq!(names(formulas(None)), ["success", "strict", "safe", "completion"]);
+    }
 }
