@@ -203,7 +203,7 @@ pub(crate) fn entry(
         _ if !reasons.is_empty() => unfinished(folder, training, &expected, reasons.join("; ")),
         Some(record)
             if (is_recorded && record.is_of(&conditions))
-                || (!training.is_shipped() && !is_recorded && record.is_of_except_additions(&conditions)) =>
+                || (!training.is_shipped() && !is_recorded && record.is_of_except_corners(&conditions)) =>
         {
             match record.falsification.is_none() && training.is_falsified() {
                 true => TrainingState::NeedsFalsification,

@@ -518,9 +518,12 @@ impl Record {
         write(&path, (text + "\n").as_bytes())
     }
 
-    /// Returns whether the controller was measured under these conditions.
+    /// Returns whether the controller was measured under these conditions, with or without careful
+    /// success.
     pub fn is_of(&self, conditions: &Conditions) -> bool {
-        self.conditions == *conditions
+        let own = self.conditions.clone();
+        let careful = own.careful.clone().or(conditions.careful.clone());
+        Conditions { careful, ..own } == *conditions
     }
 
     /// Describes how the conditions of the measurement differ from these.
@@ -547,19 +550,13 @@ impl Record {
         if own.corners != conditions.corners {
             differences.push("corners not measured".to_string());
         }
-        if own.careful.is_none() && conditions.careful.is_some() {
-            differences.push("careful success not measured".to_string());
-        }
         differences
     }
 
     /// Returns whether the controller was measured under these conditions, with or without corners
     /// and careful success. A controller that was not kept cannot be measured again.
-    pub fn is_of_except_additions(&self, conditions: &Conditions) -> bool {
-        let Conditions { corners, careful, .. } = conditions;
-        let own = self.conditions.clone();
-        let careful = own.careful.clone().or(careful.clone());
-        Conditions { corners: *corners, careful, ..own } == *conditions
+    pub fn is_of_except_corners(&self, conditions: &Conditions) -> bool {
+        self.is_of(&Conditions { corners: self.conditions.corners, ..conditions.clone() })
     }
 
     /// Returns the evaluation at a noise level, counted from 0.
