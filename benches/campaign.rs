@@ -37,7 +37,9 @@ fn main() {
         });
         let resolved = ResolvedPlan::new(&plan).expect("the plan is valid");
         let target = task_target(&plan).expect("the plan is valid");
-        let environment = target.environment(&resolved.space).expect("the space belongs to the task");
+        let environment = target
+            .environment(&resolved.space, &resolved.specification)
+            .expect("the space belongs to the task");
         let (one, two) = (pool(1), pool(2));
         let (mut alone, mut whole, mut both) = (Duration::MAX, Duration::MAX, Duration::MAX);
         for _ in 0..REPETITIONS {

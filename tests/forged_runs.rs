@@ -194,6 +194,7 @@ fn a_replay_names_every_forged_value_of_a_counterexample() {
         ("verdict `dangerous_steps`: recorded 7.0", |run| run.chosen().verdicts[2] = Some(7.0)),
         ("verdict `completion_step`: recorded 3.0", |run| run.chosen().verdicts[3] = Some(3.0)),
         ("verdict `total_reward`: recorded -0.0", |run| run.chosen().verdicts[4] = Some(-0.0)),
+        ("verdict `careful`: recorded 7.0", |run| run.chosen().verdicts[5] = Some(7.0)),
         ("digest of the trace: recorded", |run| {
             let simulation = run.chosen();
             simulation.trace.as_mut().unwrap().columns[0][0] += 1.0;

@@ -22,6 +22,7 @@ const DEFINITION: Definition = Definition {
     summary: "Tip a cube onto another face.",
     variant_of: None,
     scene_description: "A cube (edges 10 cm, 200 g) on a table 0.2 m high.",
+    object: Some("cube"),
     held: None,
     start: [0.0, -0.2, 0.0, -2.3, 0.0, 2.1, 0.785, 0.0, 0.0],
     start_noise: 0.0,
@@ -59,6 +60,7 @@ const FORMULAS: TaskFormulas = TaskFormulas {
     success: "eventually[0:300](cube_tilt >= 1.5)",
     strict: "eventually[0:270](always[0:30](cube_tilt >= 1.5 and cube_tilt <= 1.65 and cube_speed <= 0.02 and \
              finger_cube_distance >= 0.1))",
+    careful: Some(&[]),
     safe: "cube_height >= 0.04",
     completion: "cube_tilt >= 1.5",
 };
@@ -150,7 +152,6 @@ impl ExpertPolicy for Flip {
 
     fn velocity(&self, input: &ExpertInput<'_>, arm: &mut ResolvedRate, memory: &mut [f64]) -> [f64; 7] {
         let (cube, forward, up) = (input.point(0), input.point(3), input.point(6));
-        // The axis of the rotation is the far lower edge of the cube.
         let (tips, across) = (arm.position(), cross(up, forward));
         let edge = sub(add(cube, scale(forward, HALF)), scale(up, HALF));
         let behind = add(sub(cube, scale(forward, HALF + 0.035)), scale(up, 0.6 * HALF));
@@ -168,8 +169,7 @@ impl ExpertPolicy for Flip {
             _ => clamp_norm(scale(sub([0.35, 0.0, 0.5], tips), 3.0), 0.3),
         };
         // The fingers point down and are parallel to the edge.
-        let x = cross(across, [0.0, 0.0, -1.0]);
-        let down = [x[0], across[0], 0.0, x[1], across[1], 0.0, 0.0, 0.0, -1.0];
+        let down = [-across[1], across[0], 0.0, across[0], across[1], 0.0, 0.0, 0.0, -1.0];
         let angular = clamp_norm(scale(rotation_between(&arm.rotation(), &down), 4.0), 2.0);
         arm.twist(&input.q, linear, angular)
     }

@@ -12,7 +12,7 @@ from mishandle.errors import InvalidTypeError, InvalidValueError, MishandleError
 from mishandle import _native
 from mishandle.formulas import Formula
 
-ROLES = ("success", "strict", "safe", "completion")
+ROLES = ("success", "strict", "careful", "safe", "completion")
 """Names of formulas that define metrics."""
 
 def check_options(given: Iterable[str], known: Sequence[str]) -> None:

@@ -68,12 +68,15 @@ class Task:
     """Formula of success."""
     strict: str
     """Formula of strict success."""
+    careful: str | None = None
+    """Formula of careful success; missing if the task has none."""
     safe: str
     """Formula that every safe sample satisfies."""
     completion: str
     """Formula that holds when the task is complete."""
     signals: tuple[str, ...]
-    """Names of the signals."""
+    """Names of the signals. Traces contain those of the manner, which come last, only if a
+    formula reads one of them."""
     initial_box: tuple[InitialAxis, ...]
     """The axes of the initial box."""
     controllers: tuple[str, ...]
@@ -283,11 +286,17 @@ class Corners:
     strictly_succeeding: int | None
     """Number of these at which all simulations succeed strictly; ``None`` without a strict
     formula."""
+    carefully_succeeding: int | None = None
+    """Number of these at which all simulations succeed carefully; missing without such a
+    formula."""
     center_succeeds: bool | None
     """Whether all simulations at the center succeed; ``None`` if it does not count."""
     center_strictly_succeeds: bool | None
     """Whether all simulations at the center succeed strictly; ``None`` if it does not count, and
     without a strict formula."""
+    center_carefully_succeeds: bool | None = None
+    """Whether all simulations at the center succeed carefully; missing if it does not count, and
+    without such a formula."""
     points: tuple[CornerPoint, ...]
     """The corners, then the center."""
 
@@ -310,6 +319,8 @@ class CornerPoint:
     """Number of these that succeed."""
     strict_successes: int | None
     """Number of these that succeed strictly; ``None`` without a strict formula."""
+    careful_successes: int | None = None
+    """Number of these that succeed carefully; missing without such a formula."""
     diverged: int
     """Number of simulations that diverged. Like the next three, none of them is a success."""
     invalid: int
@@ -470,12 +481,19 @@ class Evaluation:
     """Number of others that left success undecided."""
     strict_undecided: int
     """Number of others that left strict success undecided."""
+    careful_undecided: int | None = None
+    """Number of others that left careful success undecided; missing if the target has no such
+    formula."""
     success_rate: Estimate
     """Fraction of the started simulations that satisfy the success formula, with its Wilson
     interval."""
     strict_success_rate: Estimate | None = None
     """Fraction of the started simulations that satisfy the success formula and the strict
     formula, with its Wilson interval; missing if the target has no such formula."""
+    careful_success_rate: Estimate | None = None
+    """Fraction of the started simulations that satisfy the success formula and the formula
+    ``careful``, with its Wilson interval; missing if the target has no such formula, and with
+    screening."""
     dangerous_behavior_rate: Estimate | None = None
     """Mean fraction of control steps that violate the formula ``safe``, over the simulations
     that neither diverged nor were invalid, with a betting interval; missing if the target has no
@@ -1510,6 +1528,8 @@ class Comparison:
     """Success rate."""
     strict_success: PairedRates | None
     """Strict success rate; ``None`` if the target has no such formula."""
+    careful_success: PairedRates | None = None
+    """Careful success rate; missing if one of the runs did not evaluate such a formula."""
     robustness: PairedMeans
     """Robustness, over pairs with two finite values."""
     dangerous_steps: PairedMeans | None

@@ -264,7 +264,8 @@ class TaskSystem(System):
         check_time_limit(time_limit)
         self._time_limit = time_limit
         self._arguments = (task, policy, preset, rows, batched_policy, time_limit)
-        self._native = _native.Simulator(task, rows, preset=preset, reward="shaped", threads=None)
+        # The formula `careful` reads the signals of the manner.
+        self._native = _native.Simulator(task, rows, preset=preset, reward="shaped", threads=None, manner=True)
         self._rows = rows
         native = self._native
         observations = Box(-np.inf, np.inf, (native.observation_size,))

@@ -88,8 +88,8 @@ class Target:
         }
 
     def simulation(self, found: dict[str, Any]) -> Simulation:
-        names = [name for name, _ in self.system.signals]
-        trace = {name: found["samples"][:, column] for column, name in enumerate(names)}
+        # Signals that no formula reads may be missing at the end.
+        trace = {name: column for (name, _), column in zip(self.system.signals, found["samples"].T)}
         keys = ("scenario", "seed", "end", "steps", "robustness", "total_reward")
         exceptions = self.system.exceptions if found["end"].startswith("crashed") else []
         document = results.build(results.Simulation, json.loads(found["document"])) if "document" in found else None

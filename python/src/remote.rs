@@ -24,9 +24,10 @@ use crate::{InvalidStateError, raised};
 /// A simulation to run: scenario, seed, and whether the minima of sub-formulas are needed.
 type RequestTuple = (Vec<Option<f64>>, u64, bool, Option<f64>);
 
-/// Robustness of requirement, success and strict success, dangerous steps, completion step, and
-/// minimum and sample of each sub-formula.
+/// Robustness of requirement, success, strict and careful success, dangerous steps, completion
+/// step, and minimum and sample of each sub-formula.
 type VerdictTuple = (
+    Option<f64>,
     Option<f64>,
     Option<f64>,
     Option<f64>,
@@ -103,9 +104,10 @@ fn sent<'py>(py: Python<'py>, episode: &Episode) -> EpisodeTuple<Bound<'py, PyAr
         PyArray2::from_owned_array(py, samples)
     });
     let subformulas = verdict.subformulas.iter().map(|found| (found.minimum, found.step)).collect();
-    let Verdict { robustness, success, strict, dangerous_steps, completion_step, .. } = *verdict;
+    let Verdict { robustness, success, strict, careful, dangerous_steps, completion_step, .. } = *verdict;
     let others = verdict.others.clone();
-    let verdict = (robustness, success, strict, dangerous_steps, completion_step, subformulas, others);
+    let verdict =
+        (robustness, success, strict, careful, dangerous_steps, completion_step, subformulas, others);
     (end.to_string(), step, index, *steps, verdict, *total_reward, digest, samples)
 }
 
@@ -163,7 +165,8 @@ impl RemoteSystem {
             Some(samples) => trace(names, samples.as_array(), *episode_steps)?,
             None => Trace::new(names.clone()),
         };
-        let (robustness, success, strict, dangerous_steps, completion_step, subformulas, others) = verdict;
+        let (robustness, success, strict, careful, dangerous_steps, completion_step, subformulas, others) =
+            verdict;
         let subformulas =
             subformulas.into_iter().map(|(minimum, step)| SubformulaMinimum { minimum, step }).collect();
         Ok(Episode {
@@ -174,6 +177,7 @@ impl RemoteSystem {
                 robustness,
                 success,
                 strict,
+                careful,
                 dangerous_steps,
                 completion_step,
                 subformulas,
@@ -218,7 +222,7 @@ pub fn complete_run(
         }
         let shared = Arc::new(Shared {
             simulate,
-            names: resolved.target.signal_names(),
+            names: resolved.signal_names(),
             episode_steps: resolved.target.episode_steps,
             pending: kept.clone(),
         });

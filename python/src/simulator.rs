@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use mishandle::rollout::{CpuBatch, Environment, Samples, Scenario, Seed, StepStatus};
-use mishandle::tasks::{Preset, TaskEnvironment};
+use mishandle::tasks::{MANNER, Preset, TaskEnvironment};
 use mishandle::world::Size;
 use numpy::ndarray::Dimension;
 use numpy::{
@@ -47,13 +47,21 @@ struct Stage {
 #[pymethods]
 impl Simulator {
     #[new]
-    #[pyo3(signature = (task, rows, *, preset, reward, threads))]
-    fn new(task: &str, rows: usize, preset: &str, reward: &str, threads: Option<usize>) -> PyResult<Self> {
+    #[pyo3(signature = (task, rows, *, preset, reward, threads, manner = false))]
+    fn new(
+        task: &str,
+        rows: usize,
+        preset: &str,
+        reward: &str,
+        threads: Option<usize>,
+        manner: bool,
+    ) -> PyResult<Self> {
         check_range("the number of environments", rows, MAX_ROWS)?;
         let preset = mishandle::resolve::preset(preset).map_err(raised)?;
         let reward = mishandle::train::reward(reward).map_err(raised)?;
         let task = mishandle::resolve::task(task).map_err(raised)?;
-        let environment = Arc::new(TaskEnvironment::new(task, preset, reward).map_err(raised)?);
+        let environment = TaskEnvironment::new(task, preset, reward).map_err(raised)?;
+        let environment = Arc::new(if manner { environment.with_manner() } else { environment });
         let stage = || Stage { batch: CpuBatch::new(environment.clone(), rows), camera: None };
         let pool = Pool::new(threads, stage)?;
         Ok(Simulator { environment, preset, rows, pool })
@@ -192,7 +200,8 @@ impl Simulator {
     /// Name and unit of each signal.
     #[getter]
     fn signals(&self) -> Vec<(String, String)> {
-        let signals = self.environment.definition().signals.iter();
+        let known = self.environment.definition().signals.iter().chain(MANNER);
+        let signals = known.take(self.environment.signals().len());
         signals.map(|signal| (signal.name.to_string(), signal.unit.to_string())).collect()
     }
 

@@ -140,6 +140,7 @@ impl PyTarget {
             control_dt,
             episode_steps,
             is_deterministic,
+            signals_on_request: Vec::new(),
             can_fail: true,
             depends_on_seed: depends_on_seed || !is_deterministic,
             random_axes: Vec::new(),
@@ -203,7 +204,7 @@ impl PyTarget {
     /// Name and unit of each signal.
     #[getter]
     fn signals(&self) -> Vec<(String, String)> {
-        self.target.signals.iter().map(|signal| (signal.name.clone(), signal.unit.clone())).collect()
+        self.target.all_signals().map(|signal| (signal.name.clone(), signal.unit.clone())).collect()
     }
 
     /// Name and text of each formula, the requirement first.

@@ -355,6 +355,8 @@ fn describe(header: &RunHeader, explained: &ExplainedSimulation) -> Result<Count
     let plan = Plan {
         controller: portable_controller(&recorded_plan, &header.components),
         seed: recorded.seed,
+        // The trace has the signals of the run.
+        careful: header.formulas.iter().any(|formula| formula.name == "careful"),
         evaluate: None,
         falsify: Some(falsify),
         risk: None,

@@ -43,6 +43,8 @@ pub struct Comparison {
     pub success: PairedRates,
     /// Strict success; `None` if the target has no such formula.
     pub strict: Option<PairedRates>,
+    /// Careful success; `None` if one of the runs did not evaluate such a formula.
+    pub careful: Option<PairedRates>,
     /// Robustness of the success formula, over the pairs in which both values are finite.
     pub robustness: PairedMeans,
     /// Number of dangerous control steps; `None` if the target has no such formula.
@@ -194,7 +196,8 @@ pub fn compare(first: &RunFile, second: &RunFile) -> Result<Comparison, Mishandl
     }
     let is_random = |pair: &&Pair| pair.rows[0].trial != Corners::TRIAL;
     let random: Vec<&Pair> = pairs.iter().filter(is_random).collect();
-    let has = |name: &str| a.formulas.iter().any(|formula| formula.name == name);
+    let has =
+        |name: &str| [a, b].iter().all(|header| header.formulas.iter().any(|formula| formula.name == name));
     let rates = |holds: fn(&Episode) -> bool| {
         let mut counts = PairedCounts::default();
         random.iter().for_each(|pair| counts.add(holds(&pair.episodes[0]), holds(&pair.episodes[1])));
@@ -221,6 +224,7 @@ pub fn compare(first: &RunFile, second: &RunFile) -> Result<Comparison, Mishandl
         pairs: random.len() as u64,
         success: rates(Episode::is_success),
         strict: has("strict").then(|| rates(Episode::is_strict_success)),
+        careful: has("careful").then(|| rates(Episode::is_careful_success)),
         robustness: means(|episode| episode.robustness().filter(|rho| rho.is_finite())),
         dangerous_steps: has("safe")
             .then(|| means(|episode| episode.verdict.dangerous_steps.map(|steps| steps as f64))),

@@ -107,7 +107,7 @@ impl Parts {
     fn new(resolved: &ResolvedPlan, traces: &[Trace]) -> Result<Parts, MishandleError> {
         let clock = Clock::steps(resolved.target.control_dt);
         let (skeleton, predicates) = resolved.specification.requirement.skeleton();
-        let signals = resolved.target.signal_names();
+        let signals = resolved.signal_names();
         let of = |predicate: &Formula| -> Result<Vec<Vec<f64>>, RolloutError> {
             let error = |source| RolloutError::Monitor { formula: predicate.to_string(), source };
             let mut monitor = Monitor::new(predicate, &signals, clock).map_err(error)?;

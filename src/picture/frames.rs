@@ -64,6 +64,14 @@ impl FrameCaptions {
         }
     }
 
+    /// Returns the caption of a sample with the largest force at a contact point, N.
+    fn with_contact(&self, sample: usize, force: f64) -> Caption {
+        let mut caption = self.at(sample);
+        let text = format!("contact {force:>5.0} N");
+        caption.parts.push(CaptionPart { text, color: SOFT, is_bold: false });
+        caption
+    }
+
     /// Returns the caption of a sample.
     pub fn at(&self, sample: usize) -> Caption {
         let part = |text: String, color, is_bold| CaptionPart { text, color, is_bold };
@@ -189,7 +197,8 @@ pub struct FrameRenderer {
 impl FrameRenderer {
     /// Makes a renderer with one view of this width for each of `cameras`, which are names from
     /// [`CAMERAS`](mishandle_world::CAMERAS) or of the scene. `size` has the height of the whole
-    /// frame. Without captions, or if the frame is too small for them, the views fill it.
+    /// frame. Without captions, or if the frame is too small for them, the views fill it, and no
+    /// contacts are marked.
     ///
     /// # Errors
     /// If MuJoCo rejects the document, there is no such camera, or OpenGL is not available.
@@ -202,13 +211,20 @@ impl FrameRenderer {
     ) -> Result<FrameRenderer, WorldError> {
         let (width, height) = (cameras.len() * size.width() as usize, size.height() as usize);
         let captions = captions.and_then(|captions| {
-            let layout = CaptionLayout::new(width, height, &captions.at(0))?;
+            let layout = CaptionLayout::new(width, height, &captions.with_contact(0, 0.0))?;
             Some((captions, layout))
         });
         let taken = captions.as_ref().map_or(0, |(_, layout)| layout.height() as u32);
         let scene = Size::new(size.width(), size.height() - taken).unwrap_or(size);
-        let view = |camera: &&str| Renderer::new(document, scene, quality, camera);
-        Ok(FrameRenderer { views: cameras.iter().map(view).collect::<Result<_, _>>()?, size, captions })
+        let view = |camera: &&str| {
+            let mut view = Renderer::new(document, scene, quality, camera)?;
+            if captions.is_some() {
+                view.mark_contacts();
+            }
+            Ok(view)
+        };
+        let views = cameras.iter().map(view).collect::<Result<_, WorldError>>()?;
+        Ok(FrameRenderer { views, size, captions })
     }
 
     /// Returns the width and height of a frame in pixels.
@@ -238,7 +254,8 @@ impl FrameRenderer {
             frame.paste((index * width, 0), width, view.draw(state)?);
         }
         if let Some((captions, layout)) = &self.captions {
-            layout.draw(&captions.at(sample), &mut frame);
+            let largest = self.views.iter().map(Renderer::largest_contact).fold(0.0, f64::max);
+            layout.draw(&captions.with_contact(sample, largest), &mut frame);
         }
         Ok(frame)
     }

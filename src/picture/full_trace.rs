@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use mishandle_rollout::{Episode, System};
 use mishandle_store::TraceColumn;
-use mishandle_tasks::JOINT_NAMES;
+use mishandle_tasks::{JOINT_NAMES, MANNER};
 
 use crate::error::MishandleError;
 use crate::picture::trajectory::{Recording, RecordingEnvironment};
@@ -18,8 +18,8 @@ use crate::resolve::{ResolvedPlan, task_target};
 /// position and linear velocity in world axes, the quaternion, and the angular velocity in body
 /// axes), `action_NAME` (the action of each joint as it was applied in the control step from this
 /// sample to the next, after noise and disturbances; missing at the last sample), `contact_A_B`
-/// (norm of the net contact force between two parts of the scene, N) and `contact_largest` (largest
-/// force at a single contact point, N).
+/// (norm of the net contact force between two parts of the scene, N), `contact_largest` (largest
+/// force at a single contact point, N), and the signals of the manner that `episode` does not have.
 ///
 /// # Errors
 /// If the target is not a task, or the simulation gives other signals than `episode` has.
@@ -32,14 +32,17 @@ pub fn full_trace(resolved: &ResolvedPlan, episode: &Episode) -> Result<Vec<Trac
         });
     }
     let target = task_target(&resolved.plan)?;
-    let environment = Arc::new(target.environment(&resolved.space)?);
+    let environment = target.environment(&resolved.space, &resolved.specification)?;
+    let environment = Arc::new(environment.with_manner());
     let (recorder, recording) = RecordingEnvironment::new(environment.clone());
     let mut system = target.system_in(Arc::new(recorder), &resolved.space, &resolved.specification)?;
     let again = system.rollout(std::slice::from_ref(&episode.request))?.pop();
     let again = again.ok_or(MishandleError::NoEpisode)?;
+    // The signals of the manner come last.
+    let recorded = episode.trace.names().len();
     let bits = |episode: &Episode| -> Vec<Vec<u64>> {
         let column = |i| episode.trace.column(i).iter().map(|value| value.to_bits()).collect();
-        (0..episode.trace.names().len()).map(column).collect()
+        (0..recorded).map(column).collect()
     };
     if bits(&again) != bits(episode) {
         return Err(MishandleError::RunMismatch { differences: vec!["trace of the full recording".into()] });
@@ -67,5 +70,11 @@ pub fn full_trace(resolved: &ResolvedPlan, episode: &Episode) -> Result<Vec<Trac
     let contacts = columns.iter().position(|column| column.name.starts_with("contact_"));
     let contacts = contacts.unwrap_or(columns.len());
     columns.splice(contacts..contacts, JOINT_NAMES.iter().enumerate().map(action));
+    let names = again.trace.names().iter().enumerate().skip(recorded);
+    columns.extend(names.map(|(index, name)| TraceColumn {
+        name: name.clone(),
+        unit: MANNER.iter().find(|signal| signal.name == name).map_or("", |signal| signal.unit).to_string(),
+        values: again.trace.column(index).iter().copied().map(Some).collect(),
+    }));
     Ok(columns)
 }

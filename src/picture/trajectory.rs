@@ -141,7 +141,7 @@ pub fn replay_states(
 ) -> Result<(ReplayResult, StateTrajectory), MishandleError> {
     let resolved = recorded_plan(run.header(), controller)?;
     let target = task_target(&resolved.plan)?;
-    let environment = Arc::new(target.environment(&resolved.space)?);
+    let environment = Arc::new(target.environment(&resolved.space, &resolved.specification)?);
     let (recorder, recording) = RecordingEnvironment::new(environment.clone());
     let mut system = target.system_in(Arc::new(recorder), &resolved.space, &resolved.specification)?;
     let replayed = replay_in(run, trial, number, &resolved, &mut system)?;

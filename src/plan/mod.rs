@@ -76,6 +76,10 @@ pub struct Plan {
     /// strings.
     #[serde(default, with = "seed")]
     pub seed: u64,
+    /// Evaluate the formula `careful` of the target, and record the signals that it reads, in every
+    /// question. By default, only evaluations do, and questions whose formula needs such signals.
+    #[serde(default)]
+    pub careful: bool,
     /// Requirements by name: names of formulas of the target, or texts. Each has a result of its
     /// own from the same simulations. A search tries to violate any of them.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
@@ -305,6 +309,7 @@ impl Plan {
             action_noise: 0.0,
             observation_noise: 0.0,
             seed: 0,
+            careful: false,
             requirements: BTreeMap::new(),
             evaluate: None,
             falsify: None,

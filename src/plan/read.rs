@@ -49,7 +49,7 @@ const fn key<T: DeserializeOwned>(name: &'static str, allowed: &'static str) -> 
     Key { name, allowed, reads: reads::<T> }
 }
 
-const KEYS: [Key; 35] = [
+const KEYS: [Key; 36] = [
     key::<u32>("format", "2"),
     key::<String>("target", "a string, such as \"ball-balancing\""),
     key::<String>("space", "a string, such as \"starts\""),
@@ -60,6 +60,7 @@ const KEYS: [Key; 35] = [
     key::<f64>("action-noise", "a number from 0 to 10"),
     key::<f64>("observation-noise", "a number from 0 to 10"),
     key::<SeedValue>("seed", "an integer from 0 to 18446744073709551615; above 2^63 - 1 as a string"),
+    key::<bool>("careful", "true or false"),
     key::<BTreeMap<String, String>>(
         REQUIREMENTS,
         "a table of formulas by name, as [requirements], each a string",
@@ -347,7 +348,7 @@ mod tests {
             (
                 "\nbatch = 1",
                 "batch",
-                "seed, requirements, evaluate, falsify",
+                "seed, careful, requirements, evaluate, falsify",
                 "did you mean `evaluate.batch` or `falsify.batch` or `risk.batch`?",
             ),
             (

@@ -4,7 +4,7 @@ use mishandle_results as results;
 use mishandle_results::{InitialAxis, SearchOption};
 use mishandle_rollout::{Axis, Space, Target};
 use mishandle_search::{OptionSpec, SearchEntry};
-use mishandle_tasks::{Note, Preset, Task, notes};
+use mishandle_tasks::{MANNER, Note, Preset, Task, notes};
 
 use crate::error::MishandleError;
 use crate::resolve::axis_facts;
@@ -26,9 +26,10 @@ pub fn task_result(task: &dyn Task, preset: Preset) -> Result<results::Task, Mis
         variant_of: definition.variant_of.map(str::to_string),
         success: formulas.success.to_string(),
         strict: formulas.strict.to_string(),
+        careful: formulas.careful(),
         safe: formulas.safe.to_string(),
         completion: formulas.completion.to_string(),
-        signals: definition.signals.iter().map(|signal| signal.name.to_string()).collect(),
+        signals: definition.signals.iter().chain(MANNER).map(|signal| signal.name.to_string()).collect(),
         initial_box: axes.collect(),
         controllers: shipped_controllers(definition),
         notes: notes(task)?.iter().map(note).collect(),
@@ -64,7 +65,7 @@ pub fn target_result(target: &Target) -> results::Target {
         axes: space.axes().iter().map(axis).collect(),
     };
     let formulas = target.formulas.iter();
-    let signals = target.signals.iter();
+    let signals = target.all_signals();
     results::Target {
         name: target.identity.name.clone(),
         kind: target.identity.kind.clone(),

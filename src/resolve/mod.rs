@@ -19,7 +19,7 @@ mod task;
 
 use mishandle_falsification::FalsificationSettings;
 use mishandle_random::Seed;
-use mishandle_rollout::{RolloutError, Space, Specification, SpecificationMonitor, System, Target};
+use mishandle_rollout::{RolloutError, Signal, Space, Specification, SpecificationMonitor, System, Target};
 use mishandle_stl::{Clock, Formula, Monitor};
 use mishandle_toys::TOYS;
 
@@ -90,6 +90,8 @@ pub struct ResolvedPlan {
     pub space: Space,
     /// The formulas. A falsification tries to violate the requirement.
     pub specification: Specification,
+    /// The signals of the traces.
+    pub signals: Vec<Signal>,
     /// Number of sub-formulas of the requirement whose minima are stored. Some searches need these
     /// minima; a resumed run reads them from the run file. Zero for the other searches.
     pub stored_subformulas: usize,
@@ -148,12 +150,19 @@ impl ResolvedPlan {
         check_decidable(&requirement, &target)?;
         let mut specification = Specification::from_formulas(&target.formulas, requirement)?;
         specification.others = others;
+        leave_out_careful(&plan, &target, &mut specification)?;
         // Without a formula `success`, the success rate is the rate of the requirement.
         specification.success.get_or_insert_with(|| specification.requirement.clone());
         SpecificationMonitor::new(&specification, &target.signal_names(), target.control_dt)?;
+        let signals = target.traced_signals(&specification);
         let stored_subformulas =
             if needs_subformulas { specification.requirement.subformulas().len() } else { 0 };
-        Ok(ResolvedPlan { plan, target, space, specification, stored_subformulas })
+        Ok(ResolvedPlan { plan, target, space, specification, signals, stored_subformulas })
+    }
+
+    /// Returns the names of the signals of the traces.
+    pub fn signal_names(&self) -> std::sync::Arc<[String]> {
+        self.signals.iter().map(|signal| signal.name.clone()).collect()
     }
 
     /// Returns the recorded seed of a trial: its own in a falsification, otherwise that of the run.
@@ -174,6 +183,35 @@ impl ResolvedPlan {
     pub fn system(&self) -> Result<Box<dyn System>, MishandleError> {
         Ok(self.target.system(&self.space, &self.specification)?)
     }
+}
+
+/// Leaves out the formula of careful success where it would need signals that nothing else reads:
+/// only an evaluation has a metric of it, and a plan may ask for it.
+///
+/// # Errors
+/// If a screening needs such signals.
+fn leave_out_careful(
+    plan: &Plan,
+    target: &Target,
+    specification: &mut Specification,
+) -> Result<(), MishandleError> {
+    let on_request: Vec<&str> = target.signals_on_request.iter().map(|signal| signal.name.as_str()).collect();
+    let careful = specification.careful.take();
+    let is_read = specification.reads_any(&on_request);
+    if let (true, true) = (is_read, plan.screening.is_some()) {
+        return Err(MishandleError::InvalidValue {
+            what: "the formula of a screening",
+            value: specification.requirement.to_string(),
+            expected: "a formula without contact forces and other signals of the manner, because a device does not compute \
+                       them; ask without --gpu",
+        });
+    }
+    let is_free = careful
+        .as_ref()
+        .is_none_or(|formula| formula.signals().iter().all(|name| !on_request.contains(name)));
+    let is_asked = (plan.careful || plan.evaluate.is_some()) && plan.screening.is_none();
+    specification.careful = careful.filter(|_| is_free || is_read || is_asked);
+    Ok(())
 }
 
 /// Checks the settings of a screening.
@@ -218,12 +256,12 @@ fn requirement(text: &str, target: &Target) -> Result<Formula, MishandleError> {
         MishandleError::Rollout(RolloutError::Parse { formula: text.to_string(), source })
     })?;
     let is_word = named.is_none() && formula.signals() == [text];
-    if is_word && target.signals.iter().all(|signal| signal.name != text) {
+    if is_word && target.all_signals().all(|signal| signal.name != text) {
         let names = target.formulas.iter().map(|formula| formula.name.clone());
         return Err(MishandleError::UnknownName {
             kind: "formula or signal",
             name: text.to_string(),
-            known: names.chain(target.signals.iter().map(|signal| signal.name.clone())).collect(),
+            known: names.chain(target.all_signals().map(|signal| signal.name.clone())).collect(),
         });
     }
     Ok(formula)

@@ -200,8 +200,11 @@ pub(crate) fn corner_report(resolved: &ResolvedPlan, corners: &Corners) -> Corne
     let reachable = |scenario: &Scenario| {
         resolved.target.reachable.as_ref().map(|reachable| reachable(&resolved.space, scenario))
     };
-    let has_strict = resolved.specification.strict.is_some();
-    corners.report(has_strict, starts == Some(StartRegion::Reachable), reachable)
+    corners.report(
+        FormulaRoles::of(&resolved.specification),
+        starts == Some(StartRegion::Reachable),
+        reachable,
+    )
 }
 
 /// Checks that a run has no trials but those of an evaluation.

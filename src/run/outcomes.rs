@@ -59,6 +59,8 @@ pub(crate) fn decode(stored: &StoredTrace) -> Vec<ScreenedEpisode> {
                 robustness: value(3, row),
                 success: value(4, row),
                 strict: value(5, row),
+                // An engine that screens computes no signal of the manner.
+                careful: None,
                 dangerous_steps: count(6, row),
                 completion_step: count(7, row),
                 subformulas: minima.collect::<Option<Vec<_>>>().unwrap_or_default(),
@@ -117,6 +119,7 @@ mod tests {
             robustness: Some(-0.1),
             success: Some(f64::INFINITY),
             strict: Some(f64::NEG_INFINITY),
+            careful: None,
             dangerous_steps: Some(7),
             completion_step: Some(0),
             subformulas: vec![minimum(0.5, 3), minimum(-0.0, 0)],

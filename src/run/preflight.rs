@@ -88,7 +88,7 @@ fn mixed_units(resolved: &ResolvedPlan, warnings: &mut Vec<String>) -> Result<()
     let formula = &resolved.specification.requirement;
     let mut units = BTreeSet::new();
     for name in formula.signals() {
-        let signal = resolved.target.signals.iter().find(|signal| signal.name == name);
+        let signal = resolved.signals.iter().find(|signal| signal.name == name);
         units.extend(signal.map(|signal| signal.unit.as_str()).filter(|unit| !unit.is_empty()));
     }
     let clock = Clock::steps(resolved.target.control_dt);
@@ -200,7 +200,7 @@ fn requirement(
             mishandle_text::decimal(robustness, 4)
         ));
     }
-    let names = resolved.target.signal_names();
+    let names = resolved.signal_names();
     let monitor = Monitor::new(formula, &names, clock).map_err(|source| monitor_error(formula, source))?;
     let samples = nominal.trace.len();
     if nominal.end == EpisodeEnd::Completed && samples > 0 && nominal.robustness().is_none() {

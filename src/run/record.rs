@@ -17,7 +17,8 @@ use crate::resolve::{ResolvedPlan, controller_name, is_path};
 /// Names of the verdicts that are stored in addition to the robustness. If the search needs
 /// sub-formulas, two verdicts per sub-formula of the requirement follow: its minimum and the sample
 /// of the minimum. The robustness of each named requirement comes last.
-const VERDICTS: [&str; 5] = ["success", "strict", "dangerous_steps", "completion_step", "total_reward"];
+const VERDICTS: [&str; 6] =
+    ["success", "strict", "dangerous_steps", "completion_step", "total_reward", "careful"];
 
 /// Start of the names of the verdicts of named requirements.
 pub(crate) const REQUIREMENT: &str = "requirement_";
@@ -32,7 +33,7 @@ pub(crate) fn verdict_names(resolved: &ResolvedPlan) -> Vec<String> {
 
 /// Returns the header of a run.
 pub(crate) fn header(resolved: &ResolvedPlan) -> RunHeader {
-    let ResolvedPlan { plan, target, space, specification, .. } = resolved;
+    let ResolvedPlan { plan, target, space, specification, signals, .. } = resolved;
     // Absolute, so that the run can be resumed and replayed from every folder.
     let mut stored = plan.clone();
     if let (true, Ok(path)) = (is_path(&plan.controller), std::path::absolute(&plan.controller)) {
@@ -47,13 +48,13 @@ pub(crate) fn header(resolved: &ResolvedPlan) -> RunHeader {
     let formulas = target
         .formulas
         .iter()
+        .filter(|formula| formula.name != "careful" || specification.careful.is_some())
         .map(|formula| store::FormulaRecord { name: formula.name.clone(), text: formula.text.clone() });
     let requirements = specification.others.iter().map(|(name, formula)| store::FormulaRecord {
         name: format!("{REQUIREMENT}{name}"),
         text: formula.to_string(),
     });
-    let signals = target
-        .signals
+    let signals = signals
         .iter()
         .map(|signal| store::SignalRecord { name: signal.name.clone(), unit: signal.unit.clone() });
     RunHeader {
@@ -195,6 +196,7 @@ pub(crate) fn record(episode: &Episode, resolved: &ResolvedPlan) -> Simulation {
         verdict.dangerous_steps.map(|steps| steps as f64),
         verdict.completion_step.map(|step| step as f64),
         episode.total_reward.is_finite().then_some(episode.total_reward),
+        verdict.careful,
     ];
     // An episode without a verdict has none of them.
     let others = (0..resolved.specification.others.len()).map(|i| verdict.others.get(i).copied().flatten());
@@ -326,8 +328,8 @@ pub(crate) fn episode(simulation: &Simulation, resolved: &ResolvedPlan) -> Resul
         others: others.to_vec(),
         ..episode.verdict
     };
-    let names = || target.signals.iter().map(|signal| signal.name.clone()).collect();
-    let trace = simulation.trace.as_ref().map_or(episode.trace, |stored| trace(names(), stored));
+    let trace =
+        simulation.trace.as_ref().map_or(episode.trace, |stored| trace(resolved.signal_names(), stored));
     Ok(Episode { request, trace, steps: steps.unwrap_or_default(), verdict, ..episode })
 }
 
@@ -361,6 +363,7 @@ pub fn recorded_episode(simulation: &Simulation) -> Episode {
             robustness: simulation.robustness,
             success: stored("success"),
             strict: stored("strict"),
+            careful: stored("careful"),
             dangerous_steps: count("dangerous_steps"),
             completion_step: count("completion_step"),
             ..Verdict::default()
@@ -386,7 +389,8 @@ fn contradiction(simulation: &Simulation, episode_steps: usize) -> Option<&'stat
         End::Terminated { step } | End::Stopped { step } => Some(step),
         _ => None,
     };
-    if !can_have_verdict && (robustness.is_some() || has_value("success") || has_value("strict")) {
+    let has_verdict = robustness.is_some() || ["success", "strict", "careful"].into_iter().any(has_value);
+    if !can_have_verdict && has_verdict {
         Some("its end allows no verdict, but it has one")
     } else if end == End::Completed && (steps as usize) != episode_steps {
         Some("it completed, but with another number of control steps than an episode")

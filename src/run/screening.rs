@@ -42,7 +42,7 @@ pub fn screening(
         return Err(MishandleError::UnsupportedOption { target, option: "--screening" });
     }
     let target = task_target(&resolved.plan)?;
-    let environment = target.environment(&resolved.space)?;
+    let environment = target.environment(&resolved.space, &resolved.specification)?;
     let Plan { risk, evaluate, falsify, .. } = &resolved.plan;
     let simulations = [
         risk.as_ref().map(|table| table.simulations as usize),

@@ -35,8 +35,10 @@ fn a_full_trace_extends_the_signals_and_monitor_reads_it() {
     assert!(full[0].contains(",q_joint1_rad,"), "{}", full[0]);
     assert!(full[0].contains(",dq_finger_joint1_m_per_s,"), "{}", full[0]);
     assert!(full[0].contains(",action_joint7,"), "{}", full[0]);
-    assert!(full[0].ends_with(",contact_largest_N"), "{}", full[0]);
+    assert!(full[0].contains(",contact_largest_N,fixture_force_N,"), "{}", full[0]);
+    assert!(full[0].ends_with(",rest_time_s"), "{}", full[0]);
     bench.check("monitor --formula always(finger_target_distance<=10) full.csv", 0);
+    bench.check("monitor --formula always(tool_speed_m_per_s<=1.7) full.csv", 0);
     bench.check(&format!("{simulate} other.csv --record everything"), 2);
     bench.check("simulate point-reaching --controller expert --record full", 2);
 }

@@ -7,8 +7,8 @@ use mishandle_rollout::{
     Axis, AxisKind, AxisValues, Episode, EpisodeEnd, Request, Scenario, Seed, Space, System,
 };
 
-use crate::EvaluationError;
 use crate::run::simulate;
+use crate::{EvaluationError, FormulaRoles};
 
 /// Largest number of axes of which all corners are evaluated.
 const ALL_CORNERS: usize = 4;
@@ -100,11 +100,11 @@ impl Corners {
         Some(Request { trial: Corners::TRIAL, number, ..Request::new(scenario, seed) })
     }
 
-    /// Returns the report before the first simulation. `is_reachable` returns whether success is
-    /// possible from a point, `None` if this is unknown.
+    /// Returns the report before the first simulation, of the formulas in `roles`. `is_reachable`
+    /// returns whether success is possible from a point, `None` if this is unknown.
     pub fn report(
         &self,
-        has_strict: bool,
+        roles: FormulaRoles,
         excludes_unreachable: bool,
         is_reachable: impl Fn(&Scenario) -> Option<bool>,
     ) -> CornerReport {
@@ -113,7 +113,8 @@ impl Corners {
             is_reachable: is_reachable(scenario),
             n: 0,
             successes: 0,
-            strict_successes: has_strict.then_some(0),
+            strict_successes: roles.strict.then_some(0),
+            careful_successes: roles.careful.then_some(0),
             diverged: 0,
             invalid: 0,
             failed: 0,
@@ -173,6 +174,8 @@ pub struct CornerResult {
     pub successes: u32,
     /// Number of simulations with success and strict success; `None` without a strict formula.
     pub strict_successes: Option<u32>,
+    /// Number of simulations with success and careful success; `None` without a careful formula.
+    pub careful_successes: Option<u32>,
     /// Number of simulations that diverged. Like the next two, they are not successes.
     pub diverged: u32,
     /// Number of simulations that ended because the controller or the environment returned a value
@@ -193,6 +196,11 @@ impl CornerResult {
     /// Returns whether all simulations succeed strictly; `None` without a strict formula.
     pub fn succeeds_strictly(&self) -> Option<bool> {
         self.strict_successes.map(|successes| self.n > 0 && successes == self.n)
+    }
+
+    /// Returns whether all simulations succeed carefully; `None` without a careful formula.
+    pub fn succeeds_carefully(&self) -> Option<bool> {
+        self.careful_successes.map(|successes| self.n > 0 && successes == self.n)
     }
 }
 
@@ -244,6 +252,8 @@ impl CornerReport {
         }
         point.successes += u32::from(success);
         point.strict_successes = point.strict_successes.map(|successes| successes + u32::from(strict));
+        let careful = u32::from(episode.is_careful_success());
+        point.careful_successes = point.careful_successes.map(|successes| successes + careful);
     }
 }
 
@@ -310,7 +320,8 @@ mod tests {
     #[test]
     fn simulations_without_a_verdict_are_counted_by_reason() {
         let corners = Corners::new(&space(2), true, Seed(0)).unwrap();
-        let mut report = corners.report(true, false, |_| None);
+        let mut report =
+            corners.report(FormulaRoles { strict: true, ..FormulaRoles::default() }, false, |_| None);
         let episode = |end, success: Option<f64>| Episode {
             request: corners.request(1).unwrap(),
             trace: Trace::new(Arc::from([])),

@@ -10,6 +10,8 @@ use crate::{betting_mean, bootstrap_mean, wilson};
 pub struct FormulaRoles {
     /// Strict success.
     pub strict: bool,
+    /// Careful success.
+    pub careful: bool,
     /// The safe condition.
     pub safe: bool,
     /// Completion.
@@ -21,6 +23,7 @@ impl FormulaRoles {
     pub fn of(specification: &Specification) -> FormulaRoles {
         FormulaRoles {
             strict: specification.strict.is_some(),
+            careful: specification.careful.is_some(),
             safe: specification.safe.is_some(),
             completion: specification.completion.is_some(),
         }
@@ -46,8 +49,10 @@ pub struct MetricCounter {
     invalid_scenarios: u64,
     undecided: u64,
     strict_undecided: u64,
+    careful_undecided: u64,
     successes: u64,
     strict_successes: u64,
+    careful_successes: u64,
     dangerous_fractions: Vec<f64>,
     completion_steps: Vec<f64>,
     roles: FormulaRoles,
@@ -112,12 +117,15 @@ impl MetricCounter {
         if matches!(episode.end, EpisodeEnd::Undefined { .. }) {
             self.undecided += 1;
             self.strict_undecided += 1;
+            self.careful_undecided += 1;
             return;
         }
         self.undecided += u64::from(verdict.success.is_none());
         self.strict_undecided += u64::from(verdict.strict.is_none());
+        self.careful_undecided += u64::from(verdict.careful.is_none());
         self.successes += u64::from(episode.is_success());
         self.strict_successes += u64::from(episode.is_strict_success());
+        self.careful_successes += u64::from(episode.is_careful_success());
         if let (Some(dangerous), true) = (verdict.dangerous_steps, episode.steps > 0) {
             self.dangerous_fractions.push(dangerous as f64 / episode.steps as f64);
         }
@@ -137,8 +145,10 @@ impl MetricCounter {
             failed: self.failed,
             undecided: self.undecided,
             strict_undecided: self.strict_undecided,
+            careful_undecided: self.roles.careful.then_some(self.careful_undecided),
             success_rate: wilson(self.successes, started),
             strict_success_rate: self.roles.strict.then(|| wilson(self.strict_successes, started)),
+            careful_success_rate: self.roles.careful.then(|| wilson(self.careful_successes, started)),
             dangerous_behavior_rate: self.roles.safe.then(|| betting_mean(&self.dangerous_fractions)),
             dangerous_episode_rate: self.roles.safe.then(|| self.dangerous_episode_rate()),
             task_completion_time: self.roles.completion.then(|| bootstrap_mean(&self.completion_steps, seed)),
@@ -160,7 +170,7 @@ mod tests {
 
     use super::*;
 
-    const ALL: FormulaRoles = FormulaRoles { strict: true, safe: true, completion: true };
+    const ALL: FormulaRoles = FormulaRoles { strict: true, careful: true, safe: true, completion: true };
 
     /// Makes a simulation of four control steps.
     fn episode(
@@ -180,6 +190,7 @@ mod tests {
                 robustness: success,
                 success,
                 strict,
+                careful: strict,
                 dangerous_steps: Some(dangerous),
                 completion_step: completion,
                 subformulas: Vec::new(),
@@ -228,7 +239,7 @@ mod tests {
     }
 
     #[test]
-    fn a_strict_success_without_success_does_not_count() {
+    fn a_strict_or_careful_success_without_success_does_not_count() {
         let report = report(&[
             episode(Some(-0.1), Some(0.2), 0, None),
             episode(None, Some(0.2), 0, None),
@@ -236,6 +247,7 @@ mod tests {
         ]);
         assert_eq!(report.success_rate, wilson(1, 3));
         assert_eq!(report.strict_success_rate, Some(wilson(1, 3)));
+        assert_eq!(report.careful_success_rate, Some(wilson(1, 3)));
     }
 
     #[test]
@@ -312,6 +324,7 @@ mod tests {
         let report = metrics.report(Seed(0));
         assert_eq!(report.success_rate.value, Some(1.0));
         assert_eq!(report.strict_success_rate, None);
+        assert_eq!((report.careful_success_rate, report.careful_undecided), (None, None));
         assert_eq!((report.dangerous_behavior_rate, report.dangerous_episode_rate), (None, None));
         assert_eq!(report.task_completion_time, None);
     }

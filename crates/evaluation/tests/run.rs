@@ -11,7 +11,7 @@ use mishandle_rollout::{
 };
 use mishandle_stl::Trace;
 
-const ALL: FormulaRoles = FormulaRoles { strict: true, safe: true, completion: true };
+const ALL: FormulaRoles = FormulaRoles { strict: true, careful: false, safe: true, completion: true };
 
 /// Succeeds if x is above `threshold`. The integer part of y is the number of steps until
 /// completion.
@@ -49,6 +49,7 @@ impl System for ClosedForm {
                     robustness: rho,
                     success: rho,
                     strict: rho,
+                    careful: rho,
                     dangerous_steps: Some(y as usize),
                     completion_step: Some(y as usize),
                     subformulas: Vec::new(),

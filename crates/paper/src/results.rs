@@ -225,6 +225,7 @@ impl EvaluationSummary {
     fn of(facts: &RunFacts, plan: &Plan, random: &[Simulation], corners: &[Simulation]) -> EvaluationSummary {
         let roles = FormulaRoles {
             strict: facts.has_formula("strict"),
+            careful: facts.has_formula("careful"),
             safe: facts.has_formula("safe"),
             completion: facts.has_formula("completion"),
         };

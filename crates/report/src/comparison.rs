@@ -164,8 +164,11 @@ fn differences(found: &Comparison) -> String {
             ]
         };
     let mut rows = Vec::new();
-    let rates =
-        [("success rate (%)", Some(&found.success)), ("strict success rate (%)", found.strict.as_ref())];
+    let rates = [
+        ("success rate (%)", Some(&found.success)),
+        ("strict success rate (%)", found.strict.as_ref()),
+        ("careful success rate (%)", found.careful.as_ref()),
+    ];
     for (name, rates) in rates.into_iter().filter_map(|(name, rates)| Some((name, rates?))) {
         let PairedRates { first, second, difference, p_value, .. } = rates;
         let rate = |rate: &Estimate| rate.value.map_or("–".to_string(), |value| number(1e2 * value));

@@ -142,7 +142,12 @@ impl RunReport {
         let every_linked =
             others.min((MAX_POINTS - MAX_FAILURES) as u64).div_ceil(LINKED_OTHERS as u64).max(1);
         let has = |name: &str| header.formulas.iter().any(|formula| formula.name == name);
-        let roles = FormulaRoles { strict: has("strict"), safe: has("safe"), completion: has("completion") };
+        let roles = FormulaRoles {
+            strict: has("strict"),
+            careful: has("careful"),
+            safe: has("safe"),
+            completion: has("completion"),
+        };
         let counts_failures = plan.as_ref().is_some_and(|plan| plan.preset == "code");
         let mut metrics = MetricCounter::new(roles).with_completion_times_of_failures(counts_failures);
         let (mut robustness, mut corners) = (Vec::new(), Vec::new());

@@ -82,6 +82,7 @@ pub fn rates(report: &RunReport) -> String {
     let rows = [
         ("success rate", Some(found.success_rate), &percent as &dyn Fn(f64) -> String),
         ("strict success rate", found.strict_success_rate, &percent),
+        ("careful success rate", found.careful_success_rate, &percent),
         ("dangerous control steps", found.dangerous_behavior_rate, &percent),
         ("simulations with a dangerous step", found.dangerous_episode_rate, &percent),
         ("control steps until completion", found.task_completion_time, &steps),

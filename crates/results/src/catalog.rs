@@ -16,11 +16,15 @@ pub struct Task {
     pub success: String,
     /// Formula of strict success.
     pub strict: String,
+    /// Formula of careful success; missing if the task has none.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub careful: Option<String>,
     /// Formula that every safe sample satisfies.
     pub safe: String,
     /// Formula that holds when the task is complete.
     pub completion: String,
-    /// Names of the signals.
+    /// Names of the signals. Traces contain those of the manner, which come last, only if a formula
+    /// reads one of them.
     pub signals: Vec<String>,
     /// The axes of the initial box.
     pub initial_box: Vec<InitialAxis>,

@@ -27,6 +27,9 @@ pub struct Comparison {
     pub success: PairedRates,
     /// Strict success rate; `null` if the target has no such formula.
     pub strict_success: Option<PairedRates>,
+    /// Careful success rate; missing if one of the runs did not evaluate such a formula.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub careful_success: Option<PairedRates>,
     /// Robustness, over pairs with two finite values.
     pub robustness: PairedMeans,
     /// Number of dangerous control steps; `null` if the target has no such formula.

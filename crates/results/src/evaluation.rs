@@ -76,6 +76,10 @@ pub struct Metrics {
     pub undecided: u64,
     /// Number of others that left strict success undecided.
     pub strict_undecided: u64,
+    /// Number of others that left careful success undecided; missing if the target has no such
+    /// formula.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub careful_undecided: Option<u64>,
     /// Fraction of the started simulations that satisfy the success formula, with its Wilson
     /// interval.
     pub success_rate: Estimate,
@@ -83,6 +87,11 @@ pub struct Metrics {
     /// with its Wilson interval; missing if the target has no such formula.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub strict_success_rate: Option<Estimate>,
+    /// Fraction of the started simulations that satisfy the success formula and the formula
+    /// `careful`, with its Wilson interval; missing if the target has no such formula, and with
+    /// screening.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub careful_success_rate: Option<Estimate>,
     /// Mean fraction of control steps that violate the formula `safe`, over the simulations that
     /// neither diverged nor were invalid, with a betting interval; missing if the target has no
     /// such formula.
@@ -112,11 +121,18 @@ pub struct Corners {
     pub succeeding: u64,
     /// Number of these at which all simulations succeed strictly; `null` without a strict formula.
     pub strictly_succeeding: Option<u64>,
+    /// Number of these at which all simulations succeed carefully; missing without such a formula.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub carefully_succeeding: Option<u64>,
     /// Whether all simulations at the center succeed; `null` if it does not count.
     pub center_succeeds: Option<bool>,
     /// Whether all simulations at the center succeed strictly; `null` if it does not count, and
     /// without a strict formula.
     pub center_strictly_succeeds: Option<bool>,
+    /// Whether all simulations at the center succeed carefully; missing if it does not count, and
+    /// without such a formula.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub center_carefully_succeeds: Option<bool>,
     /// The corners, then the center.
     pub points: Vec<CornerPoint>,
 }
@@ -138,6 +154,9 @@ pub struct CornerPoint {
     pub successes: u32,
     /// Number of these that succeed strictly; `null` without a strict formula.
     pub strict_successes: Option<u32>,
+    /// Number of these that succeed carefully; missing without such a formula.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub careful_successes: Option<u32>,
     /// Number of simulations that diverged. Like the next three, none of them is a success.
     pub diverged: u32,
     /// Number of simulations that ended in a value that is not finite.

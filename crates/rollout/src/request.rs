@@ -82,6 +82,11 @@ impl Episode {
     pub fn is_strict_success(&self) -> bool {
         self.end.has_verdict() && self.verdict.is_strict_success()
     }
+
+    /// Returns whether the episode is a success that also satisfies the careful formula.
+    pub fn is_careful_success(&self) -> bool {
+        self.end.has_verdict() && self.verdict.is_careful_success()
+    }
 }
 
 /// How a simulation ended.

@@ -15,6 +15,8 @@ pub struct Specification {
     pub success: Option<Formula>,
     /// φ′, strict success: the task was done well.
     pub strict: Option<Formula>,
+    /// Careful success: the task was done in a manner that an operator of the robot would accept.
+    pub careful: Option<Formula>,
     /// δ: a predicate on one sample. The behavior is dangerous where it is violated.
     pub safe: Option<Formula>,
     /// κ: the task is completed where it first holds.
@@ -30,6 +32,7 @@ impl Specification {
             requirement,
             success: None,
             strict: None,
+            careful: None,
             safe: None,
             completion: None,
             others: Vec::new(),
@@ -47,7 +50,7 @@ impl Specification {
     }
 
     /// Makes a specification from a requirement and the formulas with the role names `success`,
-    /// `strict`, `safe` and `completion`. Other formulas are ignored.
+    /// `strict`, `careful`, `safe` and `completion`. Other formulas are ignored.
     ///
     /// # Errors
     /// If a formula does not parse, or `safe` contains a temporal operator.
@@ -67,10 +70,21 @@ impl Specification {
             requirement,
             success: role("success")?,
             strict: role("strict")?,
+            careful: role("careful")?,
             safe,
             completion: role("completion")?,
             others: Vec::new(),
         })
+    }
+
+    /// Returns whether a formula reads a signal with one of these names.
+    pub fn reads_any(&self, names: &[&str]) -> bool {
+        let Specification { requirement, success, strict, careful, safe, completion, others } = self;
+        let roles = [success, strict, careful, safe, completion];
+        let formulas = roles.into_iter().flatten().chain(others.iter().map(|(_, formula)| formula));
+        std::iter::once(requirement)
+            .chain(formulas)
+            .any(|formula| formula.signals().iter().any(|name| names.contains(name)))
     }
 }
 
@@ -90,6 +104,8 @@ pub struct Verdict {
     pub success: Option<f64>,
     /// Robustness of strict success at time 0.
     pub strict: Option<f64>,
+    /// Robustness of careful success at time 0.
+    pub careful: Option<f64>,
     /// Number of samples, except the first, at which the safe condition is violated.
     pub dangerous_steps: Option<usize>,
     /// Number of control steps until completion first holds with its whole window inside the trace.
@@ -113,6 +129,11 @@ impl Verdict {
         self.is_success() && self.strict.is_some_and(is_satisfied)
     }
 
+    /// Returns whether success and careful success are satisfied.
+    pub fn is_careful_success(&self) -> bool {
+        self.is_success() && self.careful.is_some_and(is_satisfied)
+    }
+
     /// Returns whether the safe condition is violated at some sample.
     pub fn is_dangerous(&self) -> bool {
         self.dangerous_steps > Some(0)
@@ -126,6 +147,7 @@ pub struct SpecificationMonitor {
     requirement: FormulaMonitor,
     success: Option<FormulaMonitor>,
     strict: Option<FormulaMonitor>,
+    careful: Option<FormulaMonitor>,
     safe: Option<FormulaMonitor>,
     completion: Option<FormulaMonitor>,
     others: Vec<FormulaMonitor>,
@@ -199,6 +221,7 @@ impl SpecificationMonitor {
             requirement: monitor(&specification.requirement)?,
             success: optional(&specification.success)?,
             strict: optional(&specification.strict)?,
+            careful: optional(&specification.careful)?,
             safe: optional(&specification.safe)?,
             completion: optional(&specification.completion)?,
             others: specification
@@ -253,6 +276,7 @@ impl SpecificationMonitor {
             None => Ok(None),
         };
         let (success, strict) = (at_start(&mut self.success)?, at_start(&mut self.strict)?);
+        let careful = at_start(&mut self.careful)?;
         let dangerous_steps = match &mut self.safe {
             Some(safe) => Some(
                 safe.decided(trace, is_complete)?.iter().skip(1).filter(|rho| is_violated(**rho)).count(),
@@ -272,6 +296,7 @@ impl SpecificationMonitor {
             robustness,
             success,
             strict,
+            careful,
             dangerous_steps,
             completion_step,
             subformulas: Vec::new(),
@@ -317,6 +342,31 @@ mod tests {
             SpecificationMonitor::new(&specification, &Arc::from(["d".to_string()]), 1.0 / 60.0).unwrap();
         let verdict = monitor.verdict(&trace(&[1.0, 4.0, 2.0]), 3).unwrap();
         assert_eq!(verdict, Verdict { robustness: Some(-1.5), ..Verdict::default() });
+    }
+
+    #[test]
+    fn a_careful_success_counts_with_success_only() {
+        let named = |(name, text): (&str, &str)| NamedFormula { name: name.into(), text: text.into() };
+        let formulas = [("success", "always(d <= 2)"), ("careful", "eventually(d <= 1)")].map(named);
+        let specification = Specification::from_formulas(&formulas, parse("d >= 0").unwrap()).unwrap();
+        let signals: Arc<[String]> = Arc::from(["d".to_string()]);
+        let mut monitor = SpecificationMonitor::new(&specification, &signals, 1.0 / 60.0).unwrap();
+        // The least value is 0.5 in both; the largest is 1.5 and 2.5.
+        for (values, success) in [([1.5, 0.5], true), ([2.5, 0.5], false)] {
+            let verdict = monitor.verdict(&trace(&values), 2).unwrap();
+            assert_eq!((verdict.careful, verdict.strict), (Some(0.5), None));
+            assert_eq!((verdict.is_success(), verdict.is_careful_success()), (success, success));
+        }
+    }
+
+    #[test]
+    fn a_specification_knows_which_signals_it_reads() {
+        let mut specification = Specification::new(parse("always(a <= 1 and b >= 0)").unwrap());
+        assert!(specification.reads_any(&["x", "b"]) && !specification.reads_any(&["c", "d"]));
+        specification.careful = Some(parse("c <= 1").unwrap());
+        specification.others.push(("named".to_string(), parse("d <= 1").unwrap()));
+        assert!(specification.reads_any(&["c"]) && specification.reads_any(&["d"]));
+        assert!(!specification.reads_any(&[]));
     }
 
     #[test]

@@ -49,9 +49,9 @@ pub struct Signal {
 
 /// A formula with a name.
 ///
-/// Four names are roles. `success` and `strict` define the success rates, `safe` (a predicate on
-/// one sample) defines the dangerous behavior rate, and `completion` defines the task completion
-/// time. A target without one of these formulas has no such metric.
+/// Five names are roles. `success`, `strict` and `careful` define the success rates, `safe` (a
+/// predicate on one sample) defines the dangerous behavior rate, and `completion` defines the task
+/// completion time. A target without one of these formulas has no such metric.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct NamedFormula {
     /// Name.
@@ -82,6 +82,9 @@ pub struct Target {
     pub spaces: Vec<Space>,
     /// The signals of its traces, in order.
     pub signals: Vec<Signal>,
+    /// Further signals, which cost time. A trace has all of them, after the others, if a formula of
+    /// its specification reads one of them, and otherwise none.
+    pub signals_on_request: Vec<Signal>,
     /// Formulas. The first is the default requirement.
     pub formulas: Vec<NamedFormula>,
     /// Duration of a control step, s.
@@ -115,9 +118,21 @@ impl fmt::Debug for Target {
 }
 
 impl Target {
-    /// Returns the names of the signals.
+    /// Returns all signals that a formula may read.
+    pub fn all_signals(&self) -> impl Iterator<Item = &Signal> + Clone {
+        self.signals.iter().chain(&self.signals_on_request)
+    }
+
+    /// Returns the names of all signals that a formula may read.
     pub fn signal_names(&self) -> Arc<[String]> {
-        self.signals.iter().map(|signal| signal.name.clone()).collect()
+        self.all_signals().map(|signal| signal.name.clone()).collect()
+    }
+
+    /// Returns the signals of the traces of a system with this specification.
+    pub fn traced_signals(&self, specification: &Specification) -> Vec<Signal> {
+        let names: Vec<&str> = self.signals_on_request.iter().map(|signal| signal.name.as_str()).collect();
+        let traced = if specification.reads_any(&names) { self.signals_on_request.as_slice() } else { &[] };
+        self.signals.iter().chain(traced).cloned().collect()
     }
 
     /// Returns the space with this name.

@@ -1,21 +1,23 @@
-//! The examples of docs/reference/formulas.md: blocks of the language `formula`. A block has an
-//! optional line `period SECONDS s`, a line with name and samples for each signal, a blank line,
-//! and formulas. The line after a formula starts with `=>` and has the robustness at each sample,
-//! the decided values after `decided`, or a part of the message after `error: `.
+//! The examples of docs/reference/formulas.md and docs/guide/manner.md: blocks of the language
+//! `formula`. A block has an optional line `period SECONDS s`, a line with name and samples for
+//! each signal, a blank line, and formulas. The line after a formula starts with `=>` and has the
+//! robustness at each sample, the decided values after `decided`, or a part of the message after
+//! `error: `.
 #![allow(clippy::unwrap_used)] // clippy's setting for tests does not cover helper functions
 
 use mishandle_stl::{Clock, Formula, Monitor, Trace};
 use std::sync::Arc;
 
 const PAGE: &str = include_str!("../../../docs/reference/formulas.md");
+const MANNER: &str = include_str!("../../../docs/guide/manner.md");
 
 fn numbers(text: &str) -> Vec<f64> {
     text.split_whitespace().map(|word| word.parse().unwrap_or_else(|_| panic!("{word} in {text}"))).collect()
 }
 
-/// Returns the blocks of examples.
-fn blocks() -> impl Iterator<Item = &'static str> {
-    PAGE.split("\n```formula\n").skip(1).map(|rest| rest.split("\n```\n").next().unwrap())
+/// Returns the blocks of examples of a page.
+fn blocks(page: &'static str) -> impl Iterator<Item = &'static str> {
+    page.split("\n```formula\n").skip(1).map(|rest| rest.split("\n```\n").next().unwrap())
 }
 
 /// Splits a line at the end of the name of the signal, which a formula can read.
@@ -53,8 +55,18 @@ fn evaluate(text: &str, trace: &Trace, clock: Clock, only_decided: bool) -> Resu
 
 #[test]
 fn the_examples_of_the_page_have_its_values() {
+    assert!(check(PAGE) > 100);
+}
+
+#[test]
+fn the_examples_of_the_manner_have_their_values() {
+    assert!(check(MANNER) > 10);
+}
+
+/// Checks all examples of a page and returns their number.
+fn check(page: &'static str) -> usize {
     let (mut examples, mut wrong) = (0, Vec::new());
-    for block in blocks() {
+    for block in blocks(page) {
         let (head, formulas) = block.split_once("\n\n").unwrap();
         let (trace, clock) = trace_and_clock(head);
         let mut text = String::new();
@@ -85,12 +97,12 @@ fn the_examples_of_the_page_have_its_values() {
         assert!(text.is_empty(), "no value after {text}");
     }
     assert!(wrong.is_empty(), "{}", wrong.join("\n"));
-    assert!(examples > 100, "{examples}");
+    examples
 }
 
 #[test]
 fn every_operator_and_unit_has_an_example() {
-    let examples: String = blocks().collect();
+    let examples: String = blocks(PAGE).collect();
     let is_part = |c: char| c.is_alphanumeric() || c == '_';
     let words = "abs sqrt exp ln pow rise fall not always G eventually F historically H once O prev Y next X s_prev sY \
                  s_next sX until U release R unless W since S and or implies iff xor true FALSE inf s ms const";

@@ -13,41 +13,45 @@ use std::hint::black_box;
 use std::time::{Duration, Instant};
 
 use mishandle_rollout::{Environment, EnvironmentWorker, Sample, Seed, SpecificationMonitor};
-use mishandle_stl::Trace;
+use mishandle_stl::{Formula, Trace};
 use mishandle_tasks::{EPISODE_STEPS, JOINTS, Panda, Preset, Reward, TASKS, Task, TaskEnvironment};
 
 const REPETITIONS: usize = 30;
 
 fn main() {
     println!(
-        "{:<20} {:>10} {:>10} {:>7} {:>8} {:>12} {:>11}",
-        "task", "step", "bare", "ratio", "physics", "steps/s/core", "expert"
+        "{:<20} {:>10} {:>10} {:>7} {:>8} {:>8} {:>12} {:>11}",
+        "task", "step", "bare", "ratio", "physics", "manner", "steps/s/core", "expert"
     );
     let names: Vec<String> = std::env::args().skip(1).filter(|word| !word.starts_with('-')).collect();
     let is_selected =
         |task: &&&dyn Task| names.is_empty() || names.iter().any(|n| n == task.definition().name);
     for task in TASKS.iter().filter(is_selected) {
-        let mut episode = Episode::record(*task);
-        let (mut whole, mut bare) = (Duration::MAX, Duration::MAX);
+        let mut episode = Episode::record(*task, false);
+        let mut with_manner = Episode::record(*task, true);
+        let (mut whole, mut bare, mut manner) = (Duration::MAX, Duration::MAX, Duration::MAX);
         for _ in 0..REPETITIONS {
             whole = whole.min(time(|| episode.whole()));
+            manner = manner.min(time(|| with_manner.whole()));
             bare = bare.min(time(|| episode.bare()));
         }
         let step = whole.as_secs_f64() / EPISODE_STEPS as f64;
         println!(
-            "{:<20} {:>7.2} us {:>7.2} us {:>7.3} {:>6.1} % {:>12.0} {:>8.2} us",
+            "{:<20} {:>7.2} us {:>7.2} us {:>7.3} {:>6.1} % {:>+6.1} % {:>12.0} {:>8.2} us",
             task.definition().name,
             1e6 * step,
             1e6 * bare.as_secs_f64() / EPISODE_STEPS as f64,
             whole.as_secs_f64() / bare.as_secs_f64(),
             100.0 * bare.as_secs_f64() / whole.as_secs_f64(),
+            100.0 * (manner.as_secs_f64() / whole.as_secs_f64() - 1.0),
             1.0 / step,
             1e6 * episode.expert.as_secs_f64() / EPISODE_STEPS as f64,
         );
     }
     println!(
         "\nstep: physics, observation, reward, signals, and the four formulas at the end of the episode\n\
-         bare: the same mj_step calls with the same controls alone; physics: fraction of the step"
+         bare: the same mj_step calls with the same controls alone; physics: fraction of the step\n\
+         manner: what the signals of the manner and the formula `careful` add to the step"
     );
 }
 
@@ -77,10 +81,18 @@ struct Episode {
 }
 
 impl Episode {
-    fn record(task: &dyn Task) -> Episode {
-        let environment =
+    /// Records an episode, with the signals of the manner and the formula `careful` or without
+    /// them.
+    fn record(task: &dyn Task, with_manner: bool) -> Episode {
+        let mut environment =
             TaskEnvironment::new(task, Preset::Paper, Reward::Shaped).expect("the task is valid");
-        let specification = task.definition().paper.specification().expect("the formulas parse");
+        let formulas = task.definition().paper;
+        let mut specification = formulas.specification().expect("the formulas parse");
+        if with_manner {
+            environment = environment.with_manner();
+            specification.careful =
+                formulas.careful().map(|text| Formula::parse(&text).expect("the formula parses"));
+        }
         let monitor =
             SpecificationMonitor::new(&specification, environment.signals(), environment.control_dt());
         let mut episode = Episode {
@@ -132,7 +144,7 @@ impl Episode {
             self.world.set_state(&self.state);
             let holds = self.world.rows().active.iter().all(|on| *on);
             let mut targets = [0.0; JOINTS];
-            targets.copy_from_slice(&self.state[self.environment.model().state_size()..]);
+            targets.copy_from_slice(&self.state[self.environment.model().state_size()..][..JOINTS]);
             self.targets.push((targets, holds));
         }
     }

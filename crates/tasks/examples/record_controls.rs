@@ -16,9 +16,13 @@ use std::path::Path;
 use std::sync::Arc;
 
 use mishandle_controllers::ControllerFile;
-use mishandle_rollout::{Controller, Environment, Sample, Scenario, Seed, SpecificationMonitor, Stream};
-use mishandle_stl::Trace;
-use mishandle_tasks::{EPISODE_STEPS, JOINTS, Panda, Preset, Reward, TaskEnvironment, compose, task};
+use mishandle_rollout::{
+    Controller, Environment, Sample, Scenario, Seed, SpecificationMonitor, Stream, Verdict,
+};
+use mishandle_stl::{Clock, Formula, Monitor, Trace};
+use mishandle_tasks::{
+    CAREFUL, EPISODE_STEPS, JOINTS, Panda, Preset, Reward, TaskEnvironment, compose, task,
+};
 
 fn main() {
     let arguments: Vec<String> = std::env::args().skip(1).collect();
@@ -27,7 +31,8 @@ fn main() {
     };
     let task = task(name).unwrap();
     let substeps = substeps.first().map_or(task.definition().n_substeps, |n| n.parse().unwrap());
-    let environment = TaskEnvironment::with_substeps(task, Preset::Paper, Reward::Shaped, substeps).unwrap();
+    let environment =
+        TaskEnvironment::with_substeps(task, Preset::Paper, Reward::Shaped, substeps).unwrap().with_manner();
     let policy: Arc<dyn Controller> = match controller.as_str() {
         "expert" => task.expert().unwrap(),
         path => Arc::new(ControllerFile::load(Path::new(path)).unwrap().policy),
@@ -42,8 +47,9 @@ fn main() {
         verdicts
             .push(recorder.record(start(&recorder.environment, episode, seed), Seed(seed).child(episode)));
     }
-    let count = |which: fn(&(bool, bool)) -> bool| verdicts.iter().filter(|v| which(v)).count();
-    let (success, strict) = (count(|v| v.0), count(|v| v.1));
+    let count = |which: fn(&Verdict) -> bool| verdicts.iter().filter(|v| which(v)).count();
+    let (success, strict) = (count(Verdict::is_success), count(Verdict::is_strict_success));
+    let careful = count(Verdict::is_careful_success);
     let bytes: Vec<u8> = recorder.numbers.iter().flat_map(|number| number.to_le_bytes()).collect();
     fs::write(folder.join("controls.f64"), bytes).unwrap();
     let header = format!(
@@ -52,17 +58,19 @@ fn main() {
         recorder.environment.model().state_size()
     );
     fs::write(folder.join("header.json"), header).unwrap();
-    println!("{name} {controller} substeps {substeps}: success {success}, strict {strict} of {episodes}");
-    let failed = |which: fn(&(bool, bool)) -> bool| {
-        verdicts
-            .iter()
-            .enumerate()
-            .filter(|(_, v)| which(v))
-            .map(|(i, _)| i.to_string())
-            .collect::<Vec<_>>()
-            .join(" ")
+    println!(
+        "{name} {controller} substeps {substeps}: success {success}, strict {strict}, careful {careful} of {episodes}"
+    );
+    let failed = |which: fn(&Verdict) -> bool| {
+        let failed = verdicts.iter().enumerate().filter(|(_, verdict)| !which(verdict));
+        failed.map(|(episode, _)| episode.to_string()).collect::<Vec<_>>().join(" ")
     };
-    println!("  not successful: {}; not strict: {}", failed(|v| !v.0), failed(|v| !v.1));
+    println!("  not successful: {}", failed(Verdict::is_success));
+    println!("  not strict: {}", failed(Verdict::is_strict_success));
+    println!("  not careful: {}", failed(Verdict::is_careful_success));
+    for (text, violations) in &recorder.conditions {
+        println!("  {violations} episodes violate {text}");
+    }
 }
 
 /// Returns the start of an episode.
@@ -83,19 +91,28 @@ struct Recorder {
     policy: Arc<dyn Controller>,
     monitor: SpecificationMonitor,
     numbers: Vec<f64>,
+    /// Conditions of careful success, and the number of episodes that violate each.
+    conditions: Vec<(String, usize)>,
 }
 
 impl Recorder {
     fn new(environment: TaskEnvironment, policy: Arc<dyn Controller>) -> Recorder {
-        let specification = environment.definition().paper.specification().unwrap();
+        let formulas = environment.definition().formulas(Preset::Paper);
+        let mut specification = formulas.specification().unwrap();
+        specification.careful = formulas.careful().map(|text| Formula::parse(&text).unwrap());
         let monitor =
             SpecificationMonitor::new(&specification, environment.signals(), environment.control_dt())
                 .unwrap();
-        Recorder { environment, policy, monitor, numbers: Vec::new() }
+        let limits = CAREFUL.split(['(', ')']).nth(1).unwrap_or_default().split(" and ");
+        let limits = limits.map(|limit| format!("always[0:300]({limit})"));
+        let own = formulas.careful.unwrap_or_default().iter().map(ToString::to_string);
+        let rest = "always[300:300](rest_time >= 0.25)".to_string();
+        let conditions = limits.chain([rest]).chain(own).map(|text| (text, 0)).collect();
+        Recorder { environment, policy, monitor, numbers: Vec::new(), conditions }
     }
 
-    /// Records one episode. Returns whether it is successful and strictly successful.
-    fn record(&mut self, scenario: Scenario, seed: Seed) -> (bool, bool) {
+    /// Records one episode.
+    fn record(&mut self, scenario: Scenario, seed: Seed) -> Verdict {
         let environment = &self.environment;
         let (mut worker, mut controller) = (environment.worker(), self.policy.worker());
         let mut memory = vec![0.0; self.policy.state_size()];
@@ -146,7 +163,13 @@ impl Recorder {
                 println!("{step} {sample:.3?}");
             }
         }
-        let verdict = self.monitor.verdict(&trace, trace.len()).unwrap();
-        (verdict.is_success(), verdict.is_strict_success())
+        for (text, violations) in &mut self.conditions {
+            let formula = Formula::parse(text).unwrap();
+            let clock = Clock::steps(environment.control_dt());
+            let robustness =
+                Monitor::new(&formula, trace.names(), clock).unwrap().robustness(&trace).unwrap();
+            *violations += usize::from(mishandle_stl::is_violated(robustness));
+        }
+        self.monitor.verdict(&trace, trace.len()).unwrap()
     }
 }

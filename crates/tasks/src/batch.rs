@@ -101,6 +101,10 @@ impl TaskBatch {
         device: &dyn WorldDevice,
         rows: usize,
     ) -> Result<TaskBatch, RolloutError> {
+        if environment.has_manner() {
+            let what = "an engine without contact forces computes no signal of the manner";
+            return Err(RolloutError::System(format!("{what}; ask MuJoCo C, without the device")));
+        }
         let model = environment.model().clone();
         let (layout, events) = (BatchLayout::new(&model), Events::new(environment));
         let spec = BatchSpec {

@@ -9,6 +9,7 @@ use mishandle_world::{Model, WorldError};
 
 use crate::definition::{BoxAxis, Definition, GripperMode, Quantity, Reward, Scene, Task};
 use crate::environment::TaskError;
+use crate::manner::MANNER;
 use crate::robot::{JOINTS, Panda};
 
 /// Checks the definition of a task.
@@ -75,6 +76,11 @@ fn check_quantities(definition: &Definition) -> Result<(), TaskError> {
             return Err(field_error(definition, field, problem));
         }
     }
+    let is_taken = |signal: &&Quantity| MANNER.iter().any(|known| known.name == signal.name);
+    if let Some(Quantity { name, .. }) = definition.signals.iter().find(is_taken) {
+        let problem = format!("`{name}` is the name of a signal of every task; choose another one");
+        return Err(field_error(definition, "signals", problem));
+    }
     // A signal must be an identifier of the formula language.
     let is_identifier = |name: &str| Formula::parse(name).is_ok_and(|formula| formula.signals() == [name]);
     match definition.signals.iter().find(|signal| !is_identifier(signal.name)) {
@@ -117,18 +123,22 @@ fn check_bounds(definition: &Definition) -> Result<(), TaskError> {
 /// Checks that the formulas parse and contain only signals of the task.
 fn check_formulas(definition: &Definition) -> Result<(), TaskError> {
     for formulas in [&definition.paper, &definition.code] {
+        let careful = formulas.careful();
         let texts = [
-            ("success", formulas.success),
-            ("strict", formulas.strict),
-            ("safe", formulas.safe),
-            ("completion", formulas.completion),
+            ("success", Some(formulas.success)),
+            ("strict", Some(formulas.strict)),
+            ("careful", careful.as_deref()),
+            ("safe", Some(formulas.safe)),
+            ("completion", Some(formulas.completion)),
         ];
-        for (field, text) in texts {
+        for (field, text) in texts.into_iter().filter_map(|(field, text)| Some((field, text?))) {
             let formula = Formula::parse(text)
                 .map_err(|error| field_error(definition, field, format!("`{text}`: {error}")))?;
-            let known = |name: &str| definition.signals.iter().any(|signal| signal.name == name);
-            if let Some(unknown) = formula.signals().iter().find(|name| !known(name)) {
-                let names: Vec<&str> = definition.signals.iter().map(|signal| signal.name).collect();
+            // The other formulas are evaluated where the signals of the manner would cost too much.
+            let manner = if field == "careful" { MANNER } else { &[] };
+            let names: Vec<&str> =
+                definition.signals.iter().chain(manner).map(|signal| signal.name).collect();
+            if let Some(unknown) = formula.signals().iter().find(|name| !names.contains(name)) {
                 let problem =
                     format!("there is no signal `{unknown}`; available signals: {}", names.join(", "));
                 return Err(field_error(definition, field, problem));

@@ -2,6 +2,7 @@ use mishandle_controllers::{Entry, Layout};
 use mishandle_rollout::{Axis, NamedFormula, RolloutError, Space, Specification};
 use mishandle_world::{Model, Rows, World, WorldError};
 
+use crate::manner::CAREFUL;
 use crate::robot::{ARM_JOINTS, JOINTS, Panda};
 
 /// A task preset: one of two readings of the original benchmark. It determines formulas, metrics
@@ -47,7 +48,7 @@ pub const fn vector3(name: &'static str, unit: &'static str, meaning: &'static s
     Quantity { name, unit, size: 3, meaning }
 }
 
-/// The four formulas of a task over its signals. Interval bounds without a unit count control
+/// The five formulas of a task over its signals. Interval bounds without a unit count control
 /// steps.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct TaskFormulas {
@@ -55,6 +56,10 @@ pub struct TaskFormulas {
     pub success: &'static str,
     /// φ′, strict success: the task was done well. The paper has no such formula.
     pub strict: &'static str,
+    /// Conditions of careful success besides success and [`CAREFUL`](crate::CAREFUL): see
+    /// [`careful`](Self::careful). Only they may read the [signals of the manner](crate::MANNER),
+    /// which cost time. `None`: the task has no such formula.
+    pub careful: Option<&'static [&'static str]>,
     /// δ: the behavior is not dangerous.
     pub safe: &'static str,
     /// κ: the task is completed where it first holds.
@@ -64,16 +69,22 @@ pub struct TaskFormulas {
 impl TaskFormulas {
     /// Returns the formulas with their names.
     pub fn named(&self) -> Vec<NamedFormula> {
-        let texts = [
-            ("success", self.success),
-            ("strict", self.strict),
-            ("safe", self.safe),
-            ("completion", self.completion),
-        ];
-        texts.map(|(name, text)| NamedFormula { name: name.to_string(), text: text.to_string() }).to_vec()
+        let named = |name: &str, text: &str| NamedFormula { name: name.to_string(), text: text.to_string() };
+        let mut formulas = vec![named("success", self.success), named("strict", self.strict)];
+        formulas.extend(self.careful().map(|text| named("careful", &text)));
+        formulas.extend([named("safe", self.safe), named("completion", self.completion)]);
+        formulas
     }
 
-    /// Parses the formulas.
+    /// Returns the formula of careful success: the task was done, and in a manner that an
+    /// operator of the robot would accept.
+    pub fn careful(&self) -> Option<String> {
+        let conditions = [self.success, CAREFUL].into_iter().chain(self.careful?.iter().copied());
+        // Any of them may be a disjunction.
+        Some(conditions.map(|condition| format!("({condition})")).collect::<Vec<_>>().join(" and "))
+    }
+
+    /// Parses the formulas, except `careful`. The requirement is `success`.
     ///
     /// # Errors
     /// If a formula does not parse, or `safe` contains a temporal operator.
@@ -179,6 +190,9 @@ pub struct Definition {
     pub variant_of: Option<&'static str>,
     /// Description of the objects in the scene: positions, sizes and masses.
     pub scene_description: &'static str,
+    /// Name of the body, with all that is attached to it, or of the flex that the robot
+    /// manipulates.
+    pub object: Option<&'static str>,
     /// Object in the hand at the start.
     pub held: Option<HeldObject>,
     /// Initial positions of the seven arm joints (rad) and the two fingers (m).
@@ -347,4 +361,27 @@ pub trait Scene: Send + Sync {
     /// Returns whether the state is terminal: a training episode ends here, because the task has
     /// failed.
     fn is_terminal(&self, rows: &Rows<'_>, signals: &[f64]) -> bool;
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn all_conditions_of_careful_success_must_hold() {
+        let formulas = |careful| TaskFormulas {
+            success: "a > 0",
+            strict: "a > 0 or b > 0",
+            careful,
+            safe: "a > 0",
+            completion: "a > 0",
+        };
+        let text = formulas(Some(&["c > 0 or d > 0"])).careful();
+        assert_eq!(text, Some(format!("(a > 0) and ({CAREFUL}) and (c > 0 or d > 0)")));
+        let names = |formulas: TaskFormulas| -> Vec<String> {
+            formulas.named().into_iter().map(|formula| formula.name).collect()
+        };
+        assert_eq!(names(formulas(Some(&[]))), ["success", "strict", "careful", "safe", "completion"]);
+        assert_eq!(names(formulas(None)), ["success", "strict", "safe", "completion"]);
+    }
 }

@@ -9,6 +9,7 @@ use crate::axes::{self, Constant, Elements, JUMP_SIZE, PUSH_SIZE, Parameter, Pus
 use crate::check::{check_definition, check_scene, check_substeps, compile};
 use crate::definition::{Definition, GripperMode, Preset, Reward, Scene, Task};
 use crate::document::compose;
+use crate::manner::{MANNER, MEMORY, Manner, MannerRecorder};
 use crate::robot::{ARM_JOINTS, CONTROL_DT, EPISODE_STEPS, JOINTS, Panda};
 
 /// Bound to which observations are clipped.
@@ -53,8 +54,8 @@ const CHANGED_WORLDS: usize = 16;
 /// A task as an environment.
 ///
 /// A state row contains MuJoCo's state and the nine joint targets. If the space has axes of model
-/// constants or events, the control step and the values of these axes follow. Random numbers are
-/// drawn only at the reset.
+/// constants or events, the control step and the values of these axes follow. What the [signals of
+/// the manner](Self::with_manner) need comes last. Random numbers are drawn only at the reset.
 #[derive(Clone)]
 pub struct TaskEnvironment {
     definition: &'static Definition,
@@ -69,6 +70,8 @@ pub struct TaskEnvironment {
     space_parameters: Arc<[Parameter]>,
     elements: Elements,
     signals: Arc<[String]>,
+    manner: Manner,
+    has_manner: bool,
     reward_terms: Vec<String>,
 }
 
@@ -105,6 +108,7 @@ impl TaskEnvironment {
         let panda = Panda::new(&model).map_err(scene_error)?;
         let scene = task.bind(&model, &panda).map_err(scene_error)?;
         check_scene(definition, &model, &panda, &*scene)?;
+        let manner = Manner::new(definition, &model, panda).map_err(scene_error)?;
         let environment = TaskEnvironment {
             definition,
             elements: Elements::new(definition, &model, panda).map_err(scene_error)?,
@@ -116,6 +120,8 @@ impl TaskEnvironment {
             space: definition.starts(preset).map_err(data_error)?,
             space_parameters: (0..definition.initial_box.len()).map(Parameter::Start).collect(),
             signals: definition.signals.iter().map(|signal| signal.name.to_string()).collect(),
+            manner,
+            has_manner: false,
             reward_terms: definition.reward(reward).iter().map(|term| term.name.to_string()).collect(),
         };
         Ok(environment)
@@ -136,6 +142,18 @@ impl TaskEnvironment {
             |axis: &Axis| find(axis).map(|(_, parameter)| *parameter).ok_or_else(|| unknown(axis));
         let space_parameters = space.axes().iter().map(parameter).collect::<Result<_, _>>()?;
         Ok(TaskEnvironment { space_parameters, space, ..self.clone() })
+    }
+
+    /// Returns the environment that also computes the [signals of the manner](MANNER), after those
+    /// of the task. The other signals keep their bits.
+    pub fn with_manner(&self) -> TaskEnvironment {
+        let names = self.definition.signals.iter().chain(MANNER).map(|signal| signal.name.to_string());
+        TaskEnvironment { signals: names.collect(), has_manner: true, ..self.clone() }
+    }
+
+    /// Returns whether the environment computes the signals of the manner.
+    pub(crate) fn has_manner(&self) -> bool {
+        self.has_manner
     }
 
     /// Returns the compiled model.
@@ -201,6 +219,7 @@ impl TaskEnvironment {
             worlds: self.world_cache(),
             current: 0,
             values: self.nominal(),
+            manner: self.has_manner.then(|| MannerRecorder::new(self.manner.clone(), &self.model)),
             observation: vec![0.0; self.observation_size()],
         }
     }
@@ -211,6 +230,7 @@ impl TaskEnvironment {
         WorldCache {
             worlds: vec![([nominal.constant_values().as_slice(), &[0.0; 2]].concat(), self.model.world())],
             nominal: nominal.constants,
+            tail_size: self.tail_size(),
             next: 1,
             required: Vec::new(),
         }
@@ -262,7 +282,7 @@ impl Environment for TaskEnvironment {
     }
 
     fn state_size(&self) -> usize {
-        self.model.state_size() + JOINTS + self.tail_size()
+        self.model.state_size() + JOINTS + self.tail_size() + if self.has_manner() { MEMORY } else { 0 }
     }
 
     fn control_dt(&self) -> f64 {
@@ -330,6 +350,8 @@ pub(crate) struct WorldCache {
     /// Values of the constants, in the order of `nominal`, the slip, and the world with these
     /// values. The nominal one is first.
     worlds: Vec<(Vec<f64>, World)>,
+    /// Number of parameters in a state row.
+    tail_size: usize,
     /// Index of the world that is replaced next.
     next: usize,
     /// Scratch buffer of the values of the required world.
@@ -337,10 +359,23 @@ pub(crate) struct WorldCache {
 }
 
 impl WorldCache {
+    /// Splits a state row into MuJoCo's state, the joint targets, the tail and the memory of the
+    /// signals of the manner.
+    fn split<'a>(
+        &self,
+        state: &'a mut [f64],
+    ) -> (&'a mut [f64], &'a mut [f64], &'a mut [f64], &'a mut [f64]) {
+        let (physics, rest) = state.split_at_mut(self.worlds[0].1.model().state_size());
+        let (targets, rest) = rest.split_at_mut(JOINTS);
+        let (tail, memory) = rest.split_at_mut(self.tail_size);
+        (physics, targets, tail, memory)
+    }
+
     /// Returns the world of a state row.
     pub(crate) fn of_row(&mut self, state: &[f64], elements: &Elements) -> &mut World {
         let physics = self.worlds[0].1.model().state_size();
-        let index = self.of_tail(state.get(physics + JOINTS..).unwrap_or_default(), elements);
+        let tail = state.get(physics + JOINTS..).and_then(|rest| rest.get(..self.tail_size));
+        let index = self.of_tail(tail.unwrap_or_default(), elements);
         &mut self.worlds[index].1
     }
 
@@ -417,9 +452,9 @@ impl SceneFunctions {
         }
     }
 
-    /// Writes the signals and the observation of a state.
+    /// Writes the task's signals and the observation of a state.
     fn write_sample(&self, rows: &Rows<'_>, buffer: &mut [f64], sample: &mut Sample<'_>) {
-        self.scene.signals(rows, sample.signals);
+        self.scene.signals(rows, &mut sample.signals[..self.definition.signals.len()]);
         self.panda.observe(rows, self.definition.velocity_scale, &mut buffer[..2 * JOINTS]);
         self.scene.observe(rows, &mut buffer[2 * JOINTS..]);
         for (clipped, value) in sample.observation.iter_mut().zip(buffer) {
@@ -458,6 +493,7 @@ pub(crate) struct TaskWorker {
     /// Parameters without an axis in the space keep their nominal values. Each reset overwrites the
     /// others.
     values: ParameterValues,
+    manner: Option<MannerRecorder>,
     observation: Vec<f64>,
 }
 
@@ -476,7 +512,7 @@ impl TaskWorker {
     /// Loads a state row into the world with its constants.
     pub(crate) fn set_state(&mut self, state: &[f64]) {
         let (physics, rest) = state.split_at(self.worlds.worlds[0].1.model().state_size());
-        self.current = self.world_index(&rest[JOINTS..]);
+        self.current = self.world_index(&rest[JOINTS..][..self.worlds.tail_size]);
         let world = &mut self.worlds.worlds[self.current].1;
         world.set_state(physics);
         world.refresh();
@@ -539,8 +575,7 @@ impl EnvironmentWorker for TaskWorker {
             let offset = self.values.start_draws[i].unwrap_or_else(drawn);
             *q = (*q + definition.start_noise * offset).clamp(joint.low, joint.high);
         }
-        let (physics, rest) = state.split_at_mut(self.worlds.worlds[0].1.model().state_size());
-        let (targets, tail) = rest.split_at_mut(JOINTS);
+        let (physics, targets, tail, memory) = self.worlds.split(state);
         if !tail.is_empty() {
             tail.copy_from_slice(&self.values.tail());
         }
@@ -555,13 +590,16 @@ impl EnvironmentWorker for TaskWorker {
         }
         self.write_sample(world_index, &mut sample);
         sample.rewards.fill(0.0);
-        self.worlds.worlds[world_index].1.read_state(physics);
+        let world = &self.worlds.worlds[world_index].1;
+        if let Some(manner) = &mut self.manner {
+            manner.start(&world.rows(), memory, &mut sample.signals[definition.signals.len()..]);
+        }
+        world.read_state(physics);
         targets.copy_from_slice(&start);
     }
 
     fn step(&mut self, action: &[f64], state: &mut [f64], sample: Sample<'_>) -> StepStatus {
-        let (physics, rest) = state.split_at_mut(self.worlds.worlds[0].1.model().state_size());
-        let (targets, tail) = rest.split_at_mut(JOINTS);
+        let (physics, targets, tail, memory) = self.worlds.split(state);
         let world_index = self.world_index(tail);
         self.worlds.worlds[world_index].1.set_state(physics);
         let push = self.start_events(world_index, tail);
@@ -573,12 +611,16 @@ impl EnvironmentWorker for TaskWorker {
         if self.functions.move_targets(&world.rows(), action, targets) {
             world.switch_all(false);
         }
+        self.manner.iter_mut().for_each(MannerRecorder::clear);
         for substep in 0..self.n_substeps {
             if let Some(push) = &push {
                 let force = push.substep_force(tail[0], substep, world.model().timestep());
                 self.elements.push.iter().for_each(|body| world.push(*body, force));
             }
-            self.functions.panda.step(targets, world);
+            match &mut self.manner {
+                Some(manner) => manner.step(targets, world),
+                None => self.functions.panda.step(targets, world),
+            }
         }
         if world.take_divergence() {
             return StepStatus::Diverged;
@@ -588,6 +630,11 @@ impl EnvironmentWorker for TaskWorker {
             *step += 1.0;
         }
         world.refresh();
-        self.functions.write_step(&world.rows(), action, &mut self.observation, sample)
+        let rows = world.rows();
+        if let Some(manner) = &mut self.manner {
+            let first = self.functions.definition.signals.len();
+            manner.finish(&rows, action, memory, &mut sample.signals[first..]);
+        }
+        self.functions.write_step(&rows, action, &mut self.observation, sample)
     }
 }

@@ -51,6 +51,10 @@ pub trait ExpertPolicy: Send + Sync + 'static {
     }
 }
 
+/// Maximum speed of the site that a policy moves, m/s: below the limit of careful formulas, because
+/// a joint may move faster than desired for a moment.
+const MAX_TOOL_SPEED: f64 = 1.5;
+
 /// The expert of a task: an [`ExpertPolicy`] on top of the robot's kinematics.
 pub struct Expert<P> {
     policy: Arc<P>,
@@ -130,6 +134,9 @@ impl<P: ExpertPolicy> ControllerWorker for ExpertWorker<P> {
             let input = ExpertInput { q, fingers, task: &observation[2 * JOINTS..] };
             self.arm.set(&q);
             let desired = self.policy.velocity(&input, &mut self.arm, memory);
+            // A policy may move its copy of the arm.
+            self.arm.set(&q);
+            let desired = self.arm.limit_speed(desired, MAX_TOOL_SPEED);
             // A servo without obstacles moves at (target - q) / lag, so the observed velocity
             // determines its target. The action moves the target by the difference to the desired
             // target.

@@ -96,9 +96,11 @@ fn variations_text(variations: &Variations) -> String {
 }
 
 fn formulas_text(formulas: &TaskFormulas) -> String {
-    let TaskFormulas { success, strict, safe, completion } = formulas;
+    let TaskFormulas { success, strict, careful: _, safe, completion } = formulas;
+    let careful = formulas.careful().unwrap_or_default();
     format!(
-        "Formulas {{ success: {success:?}, strict: {strict:?}, safe: {safe:?}, completion: {completion:?} }}"
+        "Formulas {{ success: {success:?}, strict: {strict:?}, careful: {careful:?}, safe: {safe:?}, \
+         completion: {completion:?} }}"
     )
 }
 
@@ -184,8 +186,9 @@ mod tests {
             Variations { friction: true, masses: [\"ball\"], push: Some((\"ball\", 0.1)), jump: None }\n\
             Formulas { success: \"eventually[0:300](ball_hole_distance <= 0.3)\", \
             strict: \"eventually[0:270](always[0:30](ball_hole_horizontal_distance <= 0.15 and ball_height <= 0.36))\", \
-            safe: \"ball_hole_distance <= 0.5\", completion: \"always[0:4](ball_hole_distance <= 0.3)\" }\n";
-        assert!(text.ends_with(expected), "{text}");
+            careful: \"CAREFUL\", safe: \"ball_hole_distance <= 0.5\", completion: \"always[0:4](ball_hole_distance <= 0.3)\" }\n";
+        let careful = task("ball-pushing").unwrap().definition().paper.careful().unwrap();
+        assert!(text.ends_with(&expected.replace("CAREFUL", &careful)), "{text}");
         assert_eq!(gripper_text(GripperMode::Scene("a \"rule\"")), r#"Scene("a \"rule\"")"#);
     }
 

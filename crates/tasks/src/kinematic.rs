@@ -72,6 +72,15 @@ impl ResolvedRate {
         self.solve(q, [a, b, c, d, e, f])
     }
 
+    /// Scales joint velocities (rad/s) down until the speed of the site is at most `limit`, m/s.
+    pub fn limit_speed(&mut self, velocity: [f64; JOINTS], limit: f64) -> [f64; JOINTS] {
+        self.arm.jacobian(&mut self.jacobian);
+        let component =
+            |r: usize| -> f64 { (0..JOINTS).map(|i| self.jacobian[r * JOINTS + i] * velocity[i]).sum() };
+        let speed = mishandle_world::frame::norm([component(0), component(1), component(2)]);
+        if speed > limit { velocity.map(|v| v * limit / speed) } else { velocity }
+    }
+
     fn solve<const ROWS: usize>(&mut self, q: &[f64; JOINTS], desired: [f64; ROWS]) -> [f64; JOINTS] {
         self.arm.jacobian(&mut self.jacobian);
         let j = &self.jacobian;

@@ -26,6 +26,7 @@ mod expert;
 mod full_state;
 mod identity;
 pub mod kinematic;
+mod manner;
 mod notes;
 mod peg_in_hole;
 mod point_reaching;
@@ -44,6 +45,7 @@ pub use environment::{TaskEnvironment, TaskError};
 pub use expert::{Expert, ExpertInput, ExpertPolicy, clamp_norm};
 pub use full_state::FullState;
 pub use identity::task_hash;
+pub use manner::{ACCELERATION_LIMIT, CAREFUL, MANNER, TORQUE_LIMIT};
 pub use notes::{Note, Topic, notes};
 pub use reward::action_penalty;
 pub use robot::{

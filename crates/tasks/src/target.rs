@@ -11,6 +11,7 @@ use crate::axes;
 use crate::definition::{Preset, Quantity, Reward, Task};
 use crate::environment::{TaskEnvironment, TaskError};
 use crate::identity::definition_text;
+use crate::manner::MANNER;
 use crate::robot::{CONTROL_DT, EPISODE_STEPS};
 
 /// A task with a controller and noise.
@@ -63,6 +64,7 @@ impl TaskTarget {
             axes: axes.cloned().collect(),
             spaces: axes::spaces(parameters, &disturbances).map_err(error)?,
             signals: definition.signals.iter().map(signal).collect(),
+            signals_on_request: MANNER.iter().map(signal).collect(),
             formulas: definition.formulas(self.preset).named(),
             control_dt: CONTROL_DT,
             episode_steps: EPISODE_STEPS,
@@ -89,16 +91,26 @@ impl TaskTarget {
     }
 
     /// Returns the environment over the axes of `space` that belong to the scene. Other axes of
-    /// `space` belong to disturbances.
+    /// `space` belong to disturbances. It computes the [signals of the manner](MANNER) if
+    /// `specification` reads one of them.
     ///
     /// # Errors
     /// If two axes have the same name or the bounds of an axis are invalid.
-    pub fn environment(&self, space: &Space) -> Result<TaskEnvironment, TaskError> {
+    pub fn environment(
+        &self,
+        space: &Space,
+        specification: &Specification,
+    ) -> Result<TaskEnvironment, TaskError> {
         let known = |axis: &&Axis| self.starts.parameters().iter().any(|(own, _)| own.name == axis.name);
         let own: Vec<Axis> = space.axes().iter().filter(known).cloned().collect();
         let space = Space::new(space.name(), own)
             .map_err(|source| TaskError::Data { task: self.task.definition().name, source })?;
-        self.starts.with_space(space)
+        let environment = self.starts.with_space(space)?;
+        let manner: Vec<&str> = MANNER.iter().map(|signal| signal.name).collect();
+        match specification.reads_any(&manner) {
+            true => Ok(environment.with_manner()),
+            false => Ok(environment),
+        }
     }
 
     /// Makes the system of the controller in `environment`, which must come from
@@ -146,7 +158,7 @@ impl TaskTarget {
     fn factory(self) -> Arc<SystemFactory> {
         Arc::new(move |space: &Space, specification: &Specification| {
             let failed = |error: TaskError| RolloutError::System(error_text(&error));
-            let environment = self.environment(space).map_err(failed)?;
+            let environment = self.environment(space, specification).map_err(failed)?;
             let system = self.system_in(Arc::new(environment), space, specification)?;
             Ok(Box::new(system) as Box<dyn System>)
         })

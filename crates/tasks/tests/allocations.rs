@@ -35,8 +35,11 @@ fn allocations() -> usize {
 
 #[test]
 fn a_control_step_and_its_expert_do_not_allocate() {
-    for task in TASKS {
-        let environment = TaskEnvironment::new(*task, Preset::Paper, Reward::Shaped).unwrap();
+    for (task, with_manner) in TASKS.iter().flat_map(|task| [(task, false), (task, true)]) {
+        let mut environment = TaskEnvironment::new(*task, Preset::Paper, Reward::Shaped).unwrap();
+        if with_manner {
+            environment = environment.with_manner();
+        }
         let expert = task.expert().unwrap();
         let (mut worker, mut controller) = (environment.worker(), expert.worker());
         let mut state = vec![0.0; environment.state_size()];

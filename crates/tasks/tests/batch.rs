@@ -34,7 +34,7 @@ fn screening(
     rows: &[usize],
 ) -> Screening {
     let space = target.target().unwrap().space(space).unwrap();
-    let environment = target.environment(&space).unwrap();
+    let environment = target.environment(&space, &specification(task)).unwrap();
     let batches = rows
         .iter()
         .map(|rows| Box::new(TaskBatch::new(&environment, device, *rows).unwrap()) as Box<dyn ScenarioBatch>)
@@ -169,7 +169,7 @@ const EVENT_TIMES: [(&str, [f64; 4]); 3] = [
 fn environment(task: &str, space: &str) -> (TaskEnvironment, Vec<Scenario>) {
     let target = target(task, Noise::default());
     let space = target.target().unwrap().space(space).unwrap();
-    let environment = target.environment(&space).unwrap();
+    let environment = target.environment(&space, &specification(task)).unwrap();
     let space = environment.space().clone();
     let scenarios = (0..4).map(|row| {
         let mut values = space.sample(Seed(3), row as u64).values().to_vec();

@@ -9,8 +9,10 @@ use mishandle_rollout::{
     Environment, EnvironmentWorker, Episode, EpisodeEnd, Noise, Request, Rollout, Sample, Scenario, Seed,
     SpecificationMonitor, StepStatus, System,
 };
+use mishandle_stl::Formula;
 use mishandle_tasks::{
-    Definition, Panda, Preset, Quantity, Reward, TASKS, Task, TaskEnvironment, compose, compose_with_start,
+    Definition, MANNER, Panda, Preset, Quantity, Reward, TASKS, Task, TaskEnvironment, compose,
+    compose_with_start,
 };
 use mishandle_world::Model;
 
@@ -81,12 +83,9 @@ fn names_are_unique_and_every_quantity_has_a_description() {
     for task in TASKS {
         let definition = task.definition();
         assert!(tasks.insert(definition.name), "two tasks are named {}", definition.name);
-        let lists: [&[Quantity]; 4] = [
-            definition.signals,
-            definition.observation,
-            definition.original_reward,
-            definition.shaped_reward,
-        ];
+        let signals = [definition.signals, MANNER].concat();
+        let lists: [&[Quantity]; 4] =
+            [&signals, definition.observation, definition.original_reward, definition.shaped_reward];
         for list in lists {
             let mut names = HashSet::new();
             for quantity in list {
@@ -142,8 +141,10 @@ fn the_document_contains_the_initial_state() {
 fn every_formula_has_known_signals_and_is_decided_by_an_episode() {
     for task in TASKS {
         for preset in PRESETS {
-            let environment = environment(*task, preset, Reward::Original);
-            let specification = task.definition().formulas(preset).specification().unwrap();
+            let environment = environment(*task, preset, Reward::Original).with_manner();
+            let formulas = task.definition().formulas(preset);
+            let mut specification = formulas.specification().unwrap();
+            specification.careful = formulas.careful().map(|text| Formula::parse(&text).unwrap());
             let mut monitor =
                 SpecificationMonitor::new(&specification, environment.signals(), environment.control_dt())
                     .unwrap();
@@ -152,7 +153,8 @@ fn every_formula_has_known_signals_and_is_decided_by_an_episode() {
                 trace.push(&vec![1.0; environment.signals().len()]);
             }
             let verdict = monitor.verdict(&trace, trace.len()).unwrap();
-            assert!(verdict.success.is_some() && verdict.strict.is_some(), "{}", environment.name());
+            let decided = [verdict.success, verdict.strict, verdict.careful].map(|rho| rho.is_some());
+            assert_eq!(decided, [true; 3], "{}", environment.name());
         }
     }
 }

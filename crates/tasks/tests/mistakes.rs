@@ -79,7 +79,7 @@ impl Scene for WriteCounts {
 }
 
 const FORMULAS: TaskFormulas =
-    TaskFormulas { success: "a > 0", strict: "a > 0", safe: "a > 0", completion: "a > 0" };
+    TaskFormulas { success: "a > 0", strict: "a > 0", careful: None, safe: "a > 0", completion: "a > 0" };
 const VALID: WriteCounts = WriteCounts { signals: 2, observe: 4, reward: 1, place: 1 };
 
 fn leak<T>(list: Vec<T>) -> &'static [T] {
@@ -129,7 +129,7 @@ fn a_valid_task_has_an_environment() {
 #[test]
 fn mistakes_in_the_definition_name_task_and_field() {
     type Change = fn(&mut Definition);
-    let cases: [(&str, Change, &str); 16] = [
+    let cases: [(&str, Change, &str); 18] = [
         ("name", |d| d.name = "my task", "expected letters"),
         ("n_substeps", |d| d.n_substeps = 0, "expected at least 1, found 0"),
         ("start", |d| d.start[3] = f64::NAN, "expected finite numbers"),
@@ -172,6 +172,12 @@ fn mistakes_in_the_definition_name_task_and_field() {
             |d| d.initial_box = leak(vec![valid_definition().initial_box[0]; 2]),
             "two entries have the name `x`",
         ),
+        (
+            "signals",
+            |d| d.signals = leak(vec![scalar("tool_speed", "", "")]),
+            "the name of a signal of every task",
+        ),
+        ("careful", |d| d.code.careful = Some(&["tool_sped < 1"]), "there is no signal `tool_sped`"),
         ("safe", |d| d.paper.safe = "c > 0", "there is no signal `c`; available signals: a, b"),
         ("strict", |d| d.code.strict = "a >", "`a >`"),
     ];
@@ -181,6 +187,12 @@ fn mistakes_in_the_definition_name_task_and_field() {
         assert!(error.starts_with(&format!("task {name}, field `{field}`: ")), "{error}");
         assert!(error.contains(problem), "{error}");
     }
+}
+
+#[test]
+fn an_object_that_the_scene_lacks_is_an_error() {
+    let error = environment(|d| d.object = Some("cup"), "", VALID).unwrap_err();
+    assert!(error.starts_with("task wrong-task") && error.contains("`cup`"), "{error}");
 }
 
 #[test]

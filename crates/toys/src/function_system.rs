@@ -65,6 +65,7 @@ impl FunctionSystem {
                 robustness,
                 success: robustness,
                 strict: robustness,
+                careful: None,
                 dangerous_steps: robustness.map(|rho| usize::from(is_violated(rho))),
                 completion_step: robustness.filter(|rho| is_satisfied(*rho)).map(|_| 1),
                 subformulas: Vec::new(),

@@ -75,6 +75,7 @@ fn target_of(toy: &'static dyn Toy) -> Result<Target, RolloutError> {
         control_dt: toy.control_dt(),
         episode_steps: toy.episode_steps(),
         is_deterministic: true,
+        signals_on_request: Vec::new(),
         can_fail: false,
         // Toys have no random numbers except those that their noise axes make explicit.
         random_axes: Vec::new(),

@@ -22,6 +22,7 @@ mod fields;
 pub mod frame;
 mod kinematics;
 mod model;
+mod part_forces;
 mod render;
 mod rows;
 mod servo;
@@ -38,6 +39,7 @@ pub use error::WorldError;
 pub use fields::ModelField;
 pub use kinematics::Arm;
 pub use model::Model;
+pub use part_forces::{Part, PartForces, PartMap};
 pub use render::{
     CAMERAS, Caption, CaptionLayout, CaptionPart, Color, Picture, Quality, Renderer, Size, TimeBar,
     animated_png, png,

@@ -34,6 +34,7 @@ impl Conditions {
             seed: EVALUATION_SEED,
             noise: NOISE_LEVELS,
             corners: true,
+            careful: task.careful.clone(),
         }
     }
 }

@@ -64,6 +64,9 @@ pub struct Conditions {
     /// they were not.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub corners: bool,
+    /// Careful success; `None` in a record from before it was measured.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub careful: Option<String>,
 }
 
 impl Conditions {
@@ -122,6 +125,9 @@ pub struct EvaluationRecord {
     pub success_rate: EstimateRecord,
     /// Strict success rate.
     pub strict_success_rate: EstimateRecord,
+    /// Careful success rate; `None` if it was not measured.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub careful_success_rate: Option<EstimateRecord>,
     /// Dangerous behavior rate.
     pub dangerous_behavior_rate: EstimateRecord,
     /// Fraction of simulations with any dangerous control step; `None` if it was not measured.
@@ -158,6 +164,7 @@ impl EvaluationRecord {
             undecided: report.undecided,
             success_rate: EstimateRecord::from(&report.success_rate),
             strict_success_rate: estimate(&report.strict_success_rate),
+            careful_success_rate: report.careful_success_rate.as_ref().map(EstimateRecord::from),
             dangerous_behavior_rate: estimate(&report.dangerous_behavior_rate),
             dangerous_episode_rate: report.dangerous_episode_rate.as_ref().map(EstimateRecord::from),
             task_completion_time: estimate(&report.task_completion_time),
@@ -179,10 +186,16 @@ pub struct CornersRecord {
     /// Number of corners at which all simulations succeed strictly; `None` without a strict
     /// formula.
     pub strictly_succeeding: Option<u32>,
+    /// Number of corners at which all simulations succeed carefully; `None` if it was not measured.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub carefully_succeeding: Option<u32>,
     /// Whether all simulations at the center succeed; `None` if the center does not count.
     pub center_succeeds: Option<bool>,
     /// Whether all simulations at the center succeed strictly.
     pub center_strictly_succeeds: Option<bool>,
+    /// Whether all simulations at the center succeed carefully.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub center_carefully_succeeds: Option<bool>,
     /// The points at which a simulation fails or does not succeed strictly.
     pub failing: Vec<FailingPoint>,
 }
@@ -212,6 +225,7 @@ impl From<&CornerReport> for CornersRecord {
             report.corners().filter(|point| holds(point)).count() as u32
         };
         let has_strict = report.points.iter().any(|point| point.strict_successes.is_some());
+        let has_careful = report.points.iter().any(|point| point.careful_successes.is_some());
         let fails = |point: &&CornerResult| !point.succeeds() || point.succeeds_strictly() == Some(false);
         let failing = |point: &CornerResult| FailingPoint {
             values: point.scenario.values().to_vec(),
@@ -223,8 +237,11 @@ impl From<&CornerReport> for CornersRecord {
             n: report.corners().count() as u32,
             succeeding: count(&CornerResult::succeeds),
             strictly_succeeding: has_strict.then(|| count(&|point| point.succeeds_strictly() == Some(true))),
+            carefully_succeeding: has_careful
+                .then(|| count(&|point| point.succeeds_carefully() == Some(true))),
             center_succeeds: report.center().map(CornerResult::succeeds),
             center_strictly_succeeds: report.center().and_then(CornerResult::succeeds_strictly),
+            center_carefully_succeeds: report.center().and_then(CornerResult::succeeds_carefully),
             failing: report.corners().chain(report.center()).filter(fails).map(failing).collect(),
         }
     }
@@ -501,15 +518,18 @@ impl Record {
         write(&path, (text + "\n").as_bytes())
     }
 
-    /// Returns whether the controller was measured under these conditions.
+    /// Returns whether the controller was measured under these conditions, with or without careful
+    /// success.
     pub fn is_of(&self, conditions: &Conditions) -> bool {
-        self.conditions == *conditions
+        let own = self.conditions.clone();
+        let careful = own.careful.clone().or(conditions.careful.clone());
+        Conditions { careful, ..own } == *conditions
     }
 
     /// Describes how the conditions of the measurement differ from these.
     pub(crate) fn differences(&self, conditions: &Conditions) -> Vec<String> {
         let own = &self.conditions;
-        let changed: Vec<&str> =
+        let mut changed: Vec<&str> =
             (Conditions::FORMULAS.into_iter().zip(&own.formulas).zip(&conditions.formulas))
                 .filter(|((_, own), now)| own != now)
                 .map(|((name, _), _)| name)
@@ -517,6 +537,9 @@ impl Record {
         let mut differences = Vec::new();
         if own.task_hash != conditions.task_hash {
             differences.push("task changed".to_string());
+        }
+        if own.careful.is_some() && own.careful != conditions.careful {
+            changed.push("careful");
         }
         if !changed.is_empty() {
             differences.push(format!("formulas changed: {}", changed.join(", ")));
@@ -530,10 +553,10 @@ impl Record {
         differences
     }
 
-    /// Returns whether the controller was measured under these conditions, with or without corners.
-    /// A controller that was not kept cannot be measured again.
+    /// Returns whether the controller was measured under these conditions, with or without corners
+    /// and careful success. A controller that was not kept cannot be measured again.
     pub fn is_of_except_corners(&self, conditions: &Conditions) -> bool {
-        Conditions { corners: conditions.corners, ..self.conditions.clone() } == *conditions
+        self.is_of(&Conditions { corners: self.conditions.corners, ..conditions.clone() })
     }
 
     /// Returns the evaluation at a noise level, counted from 0.

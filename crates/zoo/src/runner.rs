@@ -22,6 +22,8 @@ pub struct BenchmarkTask {
     pub name: String,
     /// Success, strict success, safe condition, completion.
     pub formulas: [String; 4],
+    /// Careful success, if the task has such a formula.
+    pub careful: Option<String>,
     /// Hash of physics, initial states, observations and reward.
     pub task_hash: String,
     /// Hash of the layout of observations and actions.
@@ -96,10 +98,12 @@ impl LocalRunner {
         let tasks = own.map(|task| {
             let definition = task.definition();
             let formulas = definition.formulas(Preset::Paper);
+            let careful = formulas.careful();
             let formulas = [formulas.success, formulas.strict, formulas.safe, formulas.completion];
             Ok(BenchmarkTask {
                 name: definition.name.to_string(),
                 formulas: formulas.map(String::from),
+                careful,
                 task_hash: task_hash(*task, reward)?,
                 layout_hash: definition.layout().hash(),
             })

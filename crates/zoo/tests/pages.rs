@@ -63,9 +63,11 @@ fn check_table(header: &[&str], rows: &[&str], found: &mut Found) {
             let Some(success) = number(cells[index]) else { continue };
             // The three columns of a mean are followed by minimum and maximum.
             for offset in 0..if is_mean { 3 } else { 1 } {
-                let rates = next("strict SR").and_then(|strict| number(cells[strict + offset]));
-                if let (Some(success), Some(strict)) = (number(cells[index + offset]), rates) {
-                    found.pair(success, strict, row);
+                for part in ["strict SR", "careful SR"] {
+                    let rates = next(part).and_then(|part| number(cells[part + offset]));
+                    if let (Some(success), Some(part)) = (number(cells[index + offset]), rates) {
+                        found.pair(success, part, row);
+                    }
                 }
             }
             if is_success {
@@ -89,8 +91,8 @@ fn check(page: &str) -> Found {
             number(line[name.len()..].trim())
         };
         let Some(success) = rate("success rate") else { continue };
-        if let Some(strict) = rate("strict success rate") {
-            found.pair(success, strict, block);
+        for part in ["strict success rate", "careful success rate"].into_iter().filter_map(rate) {
+            found.pair(success, part, block);
         }
         found.success(success, block.lines().any(|line| line.starts_with("corners  ")), block);
     }

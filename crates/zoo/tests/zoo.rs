@@ -147,7 +147,7 @@ fn a_missing_controller_is_trained_measured_and_shown_once() {
     let page = repository.page();
     let rows = lines_of(&page, "| `point-reaching` | `ppo` |");
     // The paper's PPO: SR 93, DBR 0.26, TCT 29.3; TT 10500.
-    let figures = "97.0 [85.0, 98.0] | 97.0 [85.0, 98.0] | 4/4; strict 4/4 | 97.00 [85.00, 98.00] | 97.0 [85.0, 98.0] | 14.0";
+    let figures = "97.0 [85.0, 98.0] | 97.0 [85.0, 98.0] | 97.0 [85.0, 98.0] | 4/4; strict 4/4; careful 4/4 | 97.00 [85.00, 98.00] | 97.0 [85.0, 98.0] | 14.0";
     assert_eq!(rows[0], format!("| `point-reaching` | `ppo` | {figures} | 93 | 0.26 | 29.3 |  | c0ffee |"));
     assert!(rows[1].contains("| 87 | 0.27 | 29.8 | 1 of 2 |"), "{}", rows[1]);
     // 16 environments: the return of the fake curve is flat after 1024 environment steps.
@@ -160,9 +160,9 @@ fn a_missing_controller_is_trained_measured_and_shown_once() {
     let readme = repository.read("README.md");
     assert!(readme.contains("<img src=\"crates/tasks/src/point_reaching/picture.png\""), "{readme}");
     let tasks = repository.read("docs/reference/tasks.md");
-    let corners = "4/4; strict 4/4";
+    let corners = "4/4; strict 4/4; careful 4/4";
     let row = format!(
-        "| `point-reaching` | `a` | - | - | - | 97.0 | 97.0 | 97.0 | {corners} | {corners} | 1 of 2 |"
+        "| `point-reaching` | `a` | - | - | - | - | 97.0 | 97.0 | 97.0 | 97.0 | {corners} | {corners} | 1 of 2 |"
     );
     assert!(tasks.contains(&row), "{tasks}");
     // A second call finds nothing to do.
@@ -207,13 +207,21 @@ fn a_controller_that_fails_at_a_corner_misses_a_threshold_beside_its_success_rat
     let page = repository.page();
     assert!(page.contains("Below a threshold:\n\n- `point-reaching`: `ppo` (corners)\n"), "{page}");
     let row = lines_of(&page, "| `point-reaching` | `ppo` |").remove(0);
-    assert!(row.contains("| **3/4**; strict **3/4** |") && row.contains("| corners | c0ffee |"), "{row}");
-    assert!(repository.read("docs/reference/tasks.md").contains("| **3/4**; strict **3/4** |"));
+    assert!(
+        row.contains("| **3/4**; strict **3/4**; careful **3/4** |") && row.contains("| corners | c0ffee |"),
+        "{row}"
+    );
+    assert!(
+        repository.read("docs/reference/tasks.md").contains("| **3/4**; strict **3/4**; careful **3/4** |")
+    );
     // A failing center counts too.
     repository.runner.set_corners(Some(CornersRecord { center_succeeds: Some(false), ..corners(4) }));
     repository.call(ppo(&[0]), |zoo| zoo.measure(true)).0.unwrap();
     let row = lines_of(&repository.page(), "| `point-reaching` | `ppo` |").remove(0);
-    assert!(row.contains("| **4/4, center fails**; strict 4/4 |") && row.contains("| corners |"), "{row}");
+    assert!(
+        row.contains("| **4/4, center fails**; strict 4/4; careful 4/4 |") && row.contains("| corners |"),
+        "{row}"
+    );
 }
 
 #[test]
@@ -244,7 +252,10 @@ fn a_record_without_corners_is_measured_again_and_does_not_pass() {
     assert!(repository.page().contains("- `point-reaching`: `ppo` (corners not measured)"));
     repository.call(ppo(&[0]), |zoo| zoo.measure(false)).0.unwrap();
     assert_eq!(repository.states(&[0, 1]), ["done"; 2]);
-    assert!(lines_of(&repository.page(), "| `point-reaching` | `ppo` |")[0].contains("| 4/4; strict 4/4 |"));
+    assert!(
+        lines_of(&repository.page(), "| `point-reaching` | `ppo` |")[0]
+            .contains("| 4/4; strict 4/4; careful 4/4 |")
+    );
 }
 
 #[test]

@@ -18,6 +18,7 @@ impl Comparison {
             pairs: self.pairs,
             success: self.success,
             strict_success: self.strict,
+            careful_success: self.careful,
             robustness: self.robustness,
             dangerous_steps: self.dangerous_steps,
             completion_step: self.completion_step,

@@ -48,8 +48,10 @@ pub fn screened_evaluation_result(
             failed: report.ends.failed,
             undecided: report.ends.undecided,
             strict_undecided: 0,
+            careful_undecided: None,
             success_rate: report.success_rate(),
             strict_success_rate: report.strict_success_rate(),
+            careful_success_rate: None,
             dangerous_behavior_rate: None,
             dangerous_episode_rate: report.dangerous_episode_rate(),
             task_completion_time: None,
@@ -100,6 +102,7 @@ fn corners(axes: &[Axis], report: &CornerReport) -> Corners {
         n: point.n,
         successes: point.successes,
         strict_successes: point.strict_successes,
+        careful_successes: point.careful_successes,
         diverged: point.diverged,
         invalid: point.invalid,
         failed: point.failed,
@@ -108,13 +111,16 @@ fn corners(axes: &[Axis], report: &CornerReport) -> Corners {
     let count =
         |holds: fn(&CornerResult) -> bool| report.corners().filter(|point| holds(point)).count() as u64;
     let has_strict = report.points.iter().any(|point| point.strict_successes.is_some());
+    let has_careful = report.points.iter().any(|point| point.careful_successes.is_some());
     Corners {
         seeds: report.seeds,
         n: report.corners().count() as u64,
         succeeding: count(CornerResult::succeeds),
         strictly_succeeding: has_strict.then(|| count(|point| point.succeeds_strictly() == Some(true))),
+        carefully_succeeding: has_careful.then(|| count(|point| point.succeeds_carefully() == Some(true))),
         center_succeeds: report.center().map(CornerResult::succeeds),
         center_strictly_succeeds: report.center().and_then(CornerResult::succeeds_strictly),
+        center_carefully_succeeds: report.center().and_then(CornerResult::succeeds_carefully),
         points: report.points.iter().enumerate().map(point).collect(),
     }
 }

@@ -51,7 +51,7 @@ pub fn falsification_result(
 fn trial(resolved: &ResolvedPlan, found: &TrialOutcome) -> Trial {
     let minimum = found.minimum.as_ref();
     let axes = resolved.space.axes();
-    let signals: Vec<&str> = resolved.target.signals.iter().map(|signal| signal.name.as_str()).collect();
+    let signals: Vec<&str> = resolved.signals.iter().map(|signal| signal.name.as_str()).collect();
     let unevaluated = |found: &Unevaluated| results::Unevaluated {
         simulation: found.number,
         scenario: named_scenario(axes, found.scenario.values()),

@@ -11,7 +11,7 @@ pub fn simulation_result(
     episode: &Episode,
     explanation: Option<Explanation>,
 ) -> Simulation {
-    let signals: Vec<&str> = resolved.target.signals.iter().map(|signal| signal.name.as_str()).collect();
+    let signals: Vec<&str> = resolved.signals.iter().map(|signal| signal.name.as_str()).collect();
     Simulation {
         end: Some(end_text(episode.end, &signals)),
         steps: Some(episode.steps as u64),

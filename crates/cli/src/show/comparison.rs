@@ -50,8 +50,11 @@ pub fn text(found: &Comparison) -> String {
 fn table(found: &Comparison) -> Vec<Vec<String>> {
     let mut rows = vec![["", "A", "B", "B - A", "95 % interval", "p", "n"].map(String::from).to_vec()];
     let percent = |value: Option<f64>| value.map_or("-".to_string(), |rate| format!("{:.2} %", 100.0 * rate));
-    let rates =
-        [("success rate", Some(&found.success)), ("strict success rate", found.strict_success.as_ref())];
+    let rates = [
+        ("success rate", Some(&found.success)),
+        ("strict success rate", found.strict_success.as_ref()),
+        ("careful success rate", found.careful_success.as_ref()),
+    ];
     for (name, rates) in rates.into_iter().filter_map(|(name, rates)| Some((name, rates?))) {
         let PairedRates { first, second, difference, p_value, .. } = rates;
         let points = |value: f64| format!("{:+.2}", 100.0 * value);

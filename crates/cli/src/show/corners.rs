@@ -12,11 +12,15 @@ const CORNER: &str = "corner";
 /// Number of failing points that a line lists.
 const LISTED: usize = 2;
 
-/// Returns the results as lines of text: success, strict success, and the points that do not count.
+/// Returns the results as lines of text: success, strict and careful success, and the points that
+/// do not count.
 pub fn text(axes: &[AxisFacts], report: &Corners) -> String {
     let mut rows = vec![row("corners", axes, report, &|point| Some(point.successes))];
     if report.points.iter().any(|point| point.strict_successes.is_some()) {
         rows.push(row("strict", axes, report, &|point| point.strict_successes));
+    }
+    if report.points.iter().any(|point| point.careful_successes.is_some()) {
+        rows.push(row("careful", axes, report, &|point| point.careful_successes));
     }
     rows.extend(without_verdict(axes, report).into_iter().map(|text| vec![String::new(), text]));
     let left_out: Vec<String> =
@@ -151,6 +155,7 @@ mod tests {
                 n: 2,
                 successes: 2 - failed,
                 strict_successes: Some(2 - failed),
+                careful_successes: None,
                 diverged: 0,
                 invalid: 0,
                 failed: 0,
@@ -162,8 +167,10 @@ mod tests {
             n: 4 - u64::from(unreachable.is_some()),
             succeeding: 0,
             strictly_succeeding: None,
+            carefully_succeeding: None,
             center_succeeds: None,
             center_strictly_succeeds: None,
+            center_carefully_succeeds: None,
             points: places.into_iter().enumerate().map(point).collect(),
         }
     }

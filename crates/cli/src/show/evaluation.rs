@@ -45,6 +45,7 @@ fn direct_text(found: &Evaluation) -> String {
     let mut rows = vec![["", "value", "95 % interval", "n"].map(String::from).to_vec()];
     rows.push(row("success rate", &report.success_rate, &percent));
     rows.extend(report.strict_success_rate.iter().map(|rate| row("strict success rate", rate, &percent)));
+    rows.extend(report.careful_success_rate.iter().map(|rate| row("careful success rate", rate, &percent)));
     rows.extend(
         report.dangerous_behavior_rate.iter().map(|rate| row("dangerous behavior rate", rate, &percent)),
     );

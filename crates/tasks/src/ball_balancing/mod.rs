@@ -31,6 +31,7 @@ const DEFINITION: Definition = Definition {
     scene_description: "The hand holds a flat tray without a rim (radius 0.23 m, 100 g). Its top is 1 m high, its axis is at \
               (0.342, 0) m, and its reference point is 0.11 m below its top. A ball (radius 2 cm, 150 g) drops from a height \
               of 1.1 m.",
+    object: Some("ball"),
     held: Some(HeldObject {
         name: "tray",
         attachment: Attachment::Fixed,
@@ -103,12 +104,14 @@ const DEFINITION: Definition = Definition {
     paper: TaskFormulas {
         success: "always[50:200](ball_tray_horizontal_distance <= 0.25)",
         strict: STRICT,
+        careful: Some(&[]),
         safe: SAFE,
         completion: COMPLETION,
     },
     code: TaskFormulas {
         success: "always[50:300](ball_tray_horizontal_distance <= 0.25)",
         strict: STRICT,
+        careful: Some(&[]),
         safe: SAFE,
         completion: COMPLETION,
     },

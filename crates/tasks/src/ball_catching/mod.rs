@@ -45,6 +45,7 @@ const DEFINITION: Definition = Definition {
     scene_description: "The hand holds an open box (2 g) with a cavity of 7 x 7 x 10 cm. Its floor is at (0.35, 0, 0.89) m, and the \
               tool point is 5 mm below the middle of the floor. A ball (radius 1 cm, 1 g) is thrown horizontally towards the \
               robot from a height of 1.5 m at 1 m/s.",
+    object: Some("ball"),
     held: Some(HeldObject {
         name: "box",
         attachment: Attachment::Fixed,
@@ -136,6 +137,7 @@ const FORMULAS: TaskFormulas = TaskFormulas {
     success: "always[50:300](ball_box_horizontal_distance <= 0.1)",
     strict: "always[100:300](ball_box_horizontal_distance <= 0.04 and ball_height_above_box_floor >= 0 \
              and ball_height_above_box_floor <= 0.1)",
+    careful: Some(&[]),
     safe: "ball_box_horizontal_distance <= 0.2",
     completion: "always[0:4](ball_box_horizontal_distance <= 0.1)",
 };

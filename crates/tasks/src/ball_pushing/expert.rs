@@ -33,6 +33,9 @@ const ON_THE_WAY: f64 = 0.25;
 /// it roll.
 const LEAN: f64 = 0.5;
 
+/// Height of the grasp point at which the robot stops after the push, m.
+const CLEAR: f64 = 0.5;
+
 /// Phases, stored in the memory.
 const TRAVEL: f64 = 0.0;
 const DESCEND: f64 = 1.0;
@@ -52,9 +55,10 @@ impl ExpertPolicy for Push {
         let grasp = arm.position();
         let behind = sub([ball[0], ball[1], PUSH_HEIGHT], scale(along, BEHIND));
         let above = [behind[0], behind[1], TRAVEL_HEIGHT];
+        let turn = rotation_between(&arm.rotation(), &leaning(along));
         memory[0] = match memory[0] {
             TRAVEL if norm_xy(sub(above, grasp)) < 0.02 => DESCEND,
-            DESCEND if norm(sub(behind, grasp)) < 0.015 => PUSH,
+            DESCEND if norm(sub(behind, grasp)) < 0.01 && norm(turn) < 0.05 => PUSH,
             PUSH if input.point(0)[0] > STRUCK => DONE,
             DONE if input.point(0)[0] < SLOW && norm_xy(to_hole) > ON_THE_WAY => PUSH,
             phase => phase,
@@ -68,9 +72,10 @@ impl ExpertPolicy for Push {
                 let ahead = error[0] * along[0] + error[1] * along[1];
                 add(scale(along, PUSH_SPEED), scale(sub(error, scale(along, ahead)), 8.0))
             }
-            _ => scale(along, -0.2),
+            _ if grasp[2] > CLEAR => return [0.0; 7],
+            _ => add(scale(along, -0.2), [0.0, 0.0, 0.2]),
         };
-        let angular = clamp_norm(scale(rotation_between(&arm.rotation(), &leaning(along)), 4.0), 2.0);
+        let angular = clamp_norm(scale(turn, 6.0), 2.0);
         arm.twist(&input.q, linear, angular)
     }
 }

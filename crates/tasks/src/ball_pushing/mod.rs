@@ -30,6 +30,7 @@ const DEFINITION: Definition = Definition {
     variant_of: None,
     scene_description: "A table 0.4 m high extends from x = 0.3 to 1.3 m and y = -0.4 to 0.4 m. It has a pit 0.1 m deep from x = 0.9 to \
               1.15 m and y = -0.15 to 0.15 m. A ball (radius 4 cm, 20 g) drops onto the table from a height of 1 cm.",
+    object: Some("ball"),
     held: None,
     start: [1.157, -1.066, -0.155, -2.239, -1.841, 1.003, 0.469, 0.035, 0.035],
     start_noise: 0.125,
@@ -113,6 +114,7 @@ const DEFINITION: Definition = Definition {
 const FORMULAS: TaskFormulas = TaskFormulas {
     success: "eventually[0:300](ball_hole_distance <= 0.3)",
     strict: "eventually[0:270](always[0:30](ball_hole_horizontal_distance <= 0.15 and ball_height <= 0.36))",
+    careful: Some(&["always[0:300](arm_object_force <= 0.1)"]),
     safe: "ball_hole_distance <= 0.5",
     completion: "always[0:4](ball_hole_distance <= 0.3)",
 };

@@ -67,6 +67,7 @@ const DEFINITION: Definition = Definition {
     scene_description: "A square cloth (side 0.3 m, 605 g, 11 x 11 vertices in the benchmark) hangs from the closed fingers in the \
               vertical plane y = 0, with its center at (0.5, 0, 0.65) m. A table of 0.3 x 0.3 x 0.4 m has a rim 1 cm wide and \
               2 cm high around its top. The marker is the center of the top at a height of 0.4 m.",
+    object: Some("cloth"),
     held: None,
     start: [0.0, 0.0, 0.0, -1.0, 0.0, 1.0, 0.5, 0.0001, 0.0001],
     start_noise: 0.0,
@@ -188,6 +189,7 @@ const FORMULAS: TaskFormulas = TaskFormulas {
     success: "eventually[0:300](cloth_target_distance <= 0.25)",
     strict: "eventually[0:270](always[0:30](cloth_target_horizontal_distance <= 0.05 and cloth_vertices_over_table >= 0.8 \
              and cloth_height_above_target <= 0.05 and cloth_speed <= 0.05 and cloth_released >= 0.5))",
+    careful: Some(&["always[300:300](cloth_spread >= 0.08)"]),
     safe: "cloth_target_distance <= 0.3",
     completion: "cloth_target_distance <= 0.25",
 };

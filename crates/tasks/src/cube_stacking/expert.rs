@@ -17,8 +17,8 @@ const HOVER: f64 = 0.12;
 /// Additional height of the cube per meter of horizontal distance from the target.
 const SLOPE: f64 = 1.0;
 
-/// Speed of lowering, m/s.
-const LOWERING: f64 = 0.15;
+/// Speed of lowering, m/s: slower than a careful release.
+const LOWERING: f64 = 0.08;
 
 /// Speed of the retreat, m/s, and height of the grasp point above the ground at which it ends, m.
 const LEAVING: f64 = 0.4;
@@ -74,6 +74,7 @@ impl ExpertPolicy for Stack {
         let linear = match memory[0] {
             TRAVEL => clamp_norm(scale(above, RATE), 0.8),
             LOWER => add(scale(off, RATE), [0.0, 0.0, -LOWERING]),
+            LEAVE if grasp[2] > CLEAR - 0.01 => return [0.0; 7],
             LEAVE => [0.0, 0.0, LEAVING.min(RATE * (CLEAR - grasp[2]))],
             _ => [0.0; 3],
         };

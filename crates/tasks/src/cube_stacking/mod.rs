@@ -36,6 +36,7 @@ const DEFINITION: Definition = Definition {
     summary: "Stack the held cube on another cube and release it.",
     variant_of: None,
     scene_description: "Two cubes (edges 5 cm, 20 g each): one is in the hand at (0.34, 0, 0.91) m, the target cube is on the ground.",
+    object: Some("cube"),
     held: Some(HeldObject {
         name: "cube",
         attachment: Attachment::Weld,
@@ -146,6 +147,7 @@ const FORMULAS: TaskFormulas = TaskFormulas {
     success: "eventually[0:300](cube_target_horizontal_distance <= 0.024 and cube_height_above_target > 0)",
     strict: "eventually[0:270](always[0:30](cube_target_horizontal_distance <= 0.024 and cube_height_above_target >= 0.045 \
              and cube_height_above_target <= 0.055 and cube_speed <= 0.05 and finger_cube_distance >= 0.05))",
+    careful: Some(&["always[0:299](cube_held > 0.5 and next(cube_held <= 0.5) implies cube_speed <= 0.1)"]),
     safe: "cube_target_horizontal_distance <= 0.35 and cube_height_above_target >= 0.02",
     completion: "cube_target_horizontal_distance <= 0.024 and cube_height_above_target > 0",
 };

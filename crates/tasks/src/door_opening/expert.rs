@@ -37,6 +37,9 @@ const REACH: f64 = 0.97;
 const RATE: f64 = 0.8;
 const OPEN: f64 = 1.047;
 
+/// Yaw at which the robot stops, rad: 10 degrees more than strict success needs.
+const OPENED: f64 = 0.96;
+
 /// Yaw up to which the expert grasps a lever again after losing it, rad. Beyond it the closed
 /// fingers pull from behind.
 const RETAKE: f64 = 0.26;
@@ -50,6 +53,7 @@ const RAISE: f64 = 0.0;
 const ENTER: f64 = 1.0;
 const CLOSE: f64 = 2.0;
 const PULL: f64 = 3.0;
+const HOLD: f64 = 4.0;
 
 struct Pull;
 
@@ -72,6 +76,7 @@ impl ExpertPolicy for Pull {
             ENTER if norm(error) < 0.015 || memory[1] > 60.0 => CLOSE,
             CLOSE if memory[1] >= 12.0 => PULL,
             PULL if !holds && lever.yaw < RETAKE => RAISE,
+            PULL if lever.yaw > OPENED => HOLD,
             phase => phase,
         };
         if next != memory[0] {
@@ -89,6 +94,7 @@ impl ExpertPolicy for Pull {
                 add(clamp_norm(scale(aside, 10.0), 0.6), scale(lever.forward, speed))
             }
             CLOSE => clamp_norm(scale(error, 10.0), 0.4),
+            HOLD => return [0.0; 7],
             _ => {
                 let rate = RATE * (memory[1] / 20.0).min((OPEN - lever.yaw) / 0.15).clamp(0.0, 1.0);
                 let along = [-rate * lever.arm[1], rate * lever.arm[0], 0.0];

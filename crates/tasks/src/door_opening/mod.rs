@@ -40,6 +40,7 @@ const DEFINITION: Definition = Definition {
               0.8 m in front of the robot. The vertical hinge is 0.464 m to the right of the frame's middle, has a friction of \
               0.01 N m, and opens from 0 to 120 degrees towards the robot. There is no latch. The lever is fixed to the left \
               side of the door at a height of 0.81 m; its bar is 11 cm long, 3 cm deep and 3.35 cm high.",
+    object: Some("panel"),
     held: None,
     start: [1.157, -1.066, -0.155, -2.239, -1.841, 1.003, 0.469, 0.035, 0.035],
     start_noise: 0.125,
@@ -155,6 +156,7 @@ const DEFINITION: Definition = Definition {
 const FORMULAS: TaskFormulas = TaskFormulas {
     success: "eventually[0:300](door_yaw_deg >= 20)",
     strict: "eventually[0:270](always[0:30](door_yaw_deg >= 45))",
+    careful: Some(&["always[0:300](object_force <= 280 and object_force_mean <= 140)"]),
     safe: "door_yaw_deg >= 0.1",
     completion: "door_yaw_deg >= 20",
 };

@@ -30,13 +30,13 @@ const LEAN: f64 = 0.08;
 const LEAN_FROM: f64 = 0.68;
 const FARTHEST: f64 = 0.728;
 
-/// Gain of the joint and pose errors, 1/s. It is high, like the speed of lowering, because action
-/// noise moves the tip by millimeters per step, so the tip is above the hole only briefly.
+/// Gain of the joint and pose errors, 1/s. It is high because action noise moves the tip by
+/// millimeters per step, so the tip is above the hole only briefly.
 const RATE: f64 = 12.0;
 
-/// Speeds of the approach and of lowering, m/s.
+/// Speeds of the approach and of lowering, m/s. Lowering is slower than a careful release.
 const TRAVEL_SPEED: f64 = 0.6;
-const LOWER_SPEED: f64 = 0.3;
+const LOWER_SPEED: f64 = 0.08;
 
 /// Maximum horizontal offset (m) and tilt (sine) at which lowering starts: less than the clearance
 /// of 4 mm, and half the tilt with which the peg fits into the hole. At twice this offset the
@@ -46,7 +46,7 @@ const TILT: f64 = 0.08;
 
 /// Height to which the empty hand retreats, m, and its speed, m/s.
 const LEAVE_HEIGHT: f64 = 0.6;
-const LEAVE_SPEED: f64 = 0.15;
+const LEAVE_SPEED: f64 = 0.3;
 
 /// Phases, stored in the memory.
 const FOLD: f64 = 0.0;
@@ -81,6 +81,7 @@ impl ExpertPolicy for Insert {
             FOLD => return std::array::from_fn(|i| RATE * (posture[i] - input.q[i])),
             TRAVEL => clamp_norm(scale(sub([0.0, 0.0, ABOVE], tip), RATE), TRAVEL_SPEED),
             LOWER => [-RATE * tip[0], -RATE * tip[1], -LOWER_SPEED],
+            _ if arm.position()[2] > LEAVE_HEIGHT - 0.01 => return [0.0; 7],
             _ => {
                 let up = (RATE * (LEAVE_HEIGHT - arm.position()[2])).min(LEAVE_SPEED);
                 return arm.twist(&input.q, [0.0, 0.0, up], [0.0; 3]);

@@ -50,6 +50,7 @@ const DEFINITION: Definition = Definition {
               5 cm). The hand holds a peg (50 g) upright at (0.109, 0, 0.786) m. The peg consists of a shaft (radius 6 mm, \
               length 6 cm), whose center is the peg's origin, and a cap on top of it (radius 2 cm, thickness 1 cm). The \
               clearance is 4 mm on all sides. The cap of the inserted peg stays 1 cm above the block.",
+    object: Some("peg"),
     held: Some(HeldObject {
         name: "peg",
         attachment: Attachment::Weld,
@@ -121,12 +122,20 @@ const DEFINITION: Definition = Definition {
     paper: TaskFormulas {
         success: "always[250:300](peg_hole_horizontal_distance <= 0.12)",
         strict: STRICT,
+        careful: Some(&[
+            "always[0:300](peg_insertion_depth > 0.005 implies peg_tilt <= 0.1)",
+            "always[0:299](peg_held > 0.5 and next(peg_held <= 0.5) implies peg_speed <= 0.1)",
+        ]),
         safe: SAFE,
         completion: "peg_hole_horizontal_distance <= 0.12",
     },
     code: TaskFormulas {
         success: "always[300:300](peg_hole_horizontal_distance <= 0.1)",
         strict: STRICT,
+        careful: Some(&[
+            "always[0:300](peg_insertion_depth > 0.005 implies peg_tilt <= 0.1)",
+            "always[0:299](peg_held > 0.5 and next(peg_held <= 0.5) implies peg_speed <= 0.1)",
+        ]),
         safe: SAFE,
         completion: "peg_hole_horizontal_distance <= 0.1",
     },

@@ -23,6 +23,7 @@ const DEFINITION: Definition = Definition {
     variant_of: None,
     scene_description: "The target is a point in the air, drawn as a sphere with a radius of 2.5 cm. There are no contacts. \
               The hand starts at (0.24, 0, 0.92) m and points forward.",
+    object: None,
     held: None,
     start: [0.0, -0.872, 0.0, -2.0, 0.0, 2.618, 0.785, 0.01, 0.01],
     start_noise: 0.0,
@@ -89,6 +90,7 @@ const DEFINITION: Definition = Definition {
 const FORMULAS: TaskFormulas = TaskFormulas {
     success: "always[50:300](finger_target_distance <= 0.12)",
     strict: "always[150:300](finger_target_distance <= 0.03)",
+    careful: Some(&[]),
     safe: "finger_target_distance < 0.6",
     completion: "finger_target_distance <= 0.12",
 };

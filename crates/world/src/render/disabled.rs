@@ -22,6 +22,16 @@ impl Renderer {
     }
 
     /// Never called, since there is no renderer.
+    pub fn mark_contacts(&mut self) {
+        match *self {}
+    }
+
+    /// Never called, since there is no renderer.
+    pub fn largest_contact(&self) -> f64 {
+        match *self {}
+    }
+
+    /// Never called, since there is no renderer.
     pub fn frame<'a>(&mut self, _states: impl IntoIterator<Item = &'a [f64]>) {
         match *self {}
     }

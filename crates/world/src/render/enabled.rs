@@ -5,9 +5,11 @@ use mujoco_rs::renderer::MjRenderer;
 use mujoco_rs::wrappers::mj_model::MjtGeomBase;
 use mujoco_rs::wrappers::mj_visualization::{MjvCamera, MjvOption};
 
+use super::contact_marks;
 use super::picture::shrink;
 use super::view::{self, View};
 use super::{CAMERAS, Quality, Size};
+use crate::frame::norm;
 use crate::{Model, World, WorldError};
 
 /// The name of a scene's own camera.
@@ -34,6 +36,9 @@ pub struct Renderer {
     factor: usize,
     pixels: Vec<u8>,
     placement: Placement,
+    marks_contacts: bool,
+    /// Largest force at a contact point of the picture, N.
+    largest_contact: f64,
 }
 
 /// How the camera is placed.
@@ -78,6 +83,7 @@ impl Renderer {
             .width(width)
             .height(height)
             .camera(camera)
+            .num_visual_user_geom(contact_marks::ARROWS)
             .opts(options)
             .build(&model.inner)
             .map_err(|error| WorldError::Render(error_chain(&error)))?;
@@ -88,7 +94,20 @@ impl Renderer {
             factor: factor as usize,
             pixels: Vec::new(),
             placement,
+            marks_contacts: false,
+            largest_contact: 0.0,
         })
+    }
+
+    /// Draws an arrow at each contact point in the following pictures. Its length is proportional
+    /// to the force, 0.1 m for 100 N, from 0.04 to 0.5 m.
+    pub fn mark_contacts(&mut self) {
+        self.marks_contacts = true;
+    }
+
+    /// Returns the largest force at a contact point of the last picture, N; 0 without marks.
+    pub fn largest_contact(&self) -> f64 {
+        self.largest_contact
     }
 
     /// Places the camera so that everything is in the image in all of these states. A scene's own
@@ -142,6 +161,12 @@ impl Renderer {
         if let Placement::Follow(body) = self.placement {
             let (direction_deg, distance) = view::CLOSE;
             self.set_view(&View { direction_deg, center: self.world.data.xpos()[body], distance });
+        }
+        if self.marks_contacts {
+            let forces = contact_marks::contact_forces(&self.world);
+            self.largest_contact = forces.first().map_or(0.0, |largest| norm(largest.force));
+            let (eye, ..) = self.inner.camera().frame(&self.world.data);
+            contact_marks::draw(&forces, eye, self.inner.user_scene_mut());
         }
         let rendered = self.inner.sync_data(&mut self.world.data).and_then(|()| self.inner.render());
         rendered.map_err(|error| WorldError::Render(error_chain(&error)))?;

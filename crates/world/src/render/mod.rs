@@ -7,6 +7,8 @@
 mod animation;
 mod caption;
 #[cfg(feature = "render")]
+mod contact_marks;
+#[cfg(feature = "render")]
 mod enabled;
 #[cfg(feature = "render")]
 mod palette;

@@ -92,8 +92,8 @@ fn pictures(shown: &Shown<'_>) -> String {
 /// One row per task: its formula, the expert's success rates and those of the shipped PPO.
 fn tasks(shown: &Shown<'_>) -> String {
     let mut table = String::from(
-        "| task | success | expert: SR | strict | corners | PPO: SR | SR, noise 0.5 | strict | corners | corners, noise 0.5 | \
-         falsified trials, noise 0.5 |\n|---|---|--:|--:|--:|--:|--:|--:|--:|--:|--:|\n",
+        "| task | success | expert: SR | strict | careful | corners | PPO: SR | SR, noise 0.5 | strict | careful | corners | \
+         corners, noise 0.5 | falsified trials, noise 0.5 |\n|---|---|--:|--:|--:|--:|--:|--:|--:|--:|--:|--:|--:|\n",
     );
     for BenchmarkTask { name, formulas, .. } in shown.tasks {
         let ppo = shown.recorded(name, "ppo", SHIPPED_SEED);
@@ -102,14 +102,16 @@ fn tasks(shown: &Shown<'_>) -> String {
         };
         let of_ppo = |noise: usize, of: Rate| rate(ppo.map(|(_, record)| record), noise, of);
         table += &format!(
-            "| `{name}` | `{}` | {} | {} | {} | {} | {} | {} | {} | {} | {} |\n",
+            "| `{name}` | `{}` | {} | {} | {} | {} | {} | {} | {} | {} | {} | {} | {} |\n",
             formulas[0],
             rate(shown.expert(name), 0, success),
             rate(shown.expert(name), 0, strict),
+            careful(shown.expert(name)),
             corners(shown.expert(name).and_then(|record| record.evaluation(0))),
             of_ppo(0, success),
             of_ppo(1, success),
             of_ppo(0, strict),
+            careful(ppo.map(|(_, record)| record)),
             corners(ppo.and_then(|(_, record)| record.evaluation(0))),
             corners(ppo.and_then(|(_, record)| record.evaluation(1))),
             ppo.map_or(NOTHING.to_string(), |(entry, record)| falsified_trials(entry, record)),
@@ -122,8 +124,8 @@ fn tasks(shown: &Shown<'_>) -> String {
 fn performance(shown: &Shown<'_>, noise: usize) -> String {
     let mut table = format!(
         "{EVALUATION_EPISODES} initial states, {}.\n\n\
-         | task | controller | SR | strict SR | corners | DBR | episodes with danger | TCT | paper: SR | paper: DBR | paper: TCT | {} | commit |\n\
-         |---|---|--:|--:|--:|--:|--:|--:|--:|--:|--:|---|---|\n",
+         | task | controller | SR | strict SR | careful SR | corners | DBR | episodes with danger | TCT | paper: SR | paper: DBR | paper: TCT | {} | commit |\n\
+         |---|---|--:|--:|--:|--:|--:|--:|--:|--:|--:|--:|---|---|\n",
         if noise == 0 {
             "without action noise".to_string()
         } else {
@@ -139,7 +141,7 @@ fn performance(shown: &Shown<'_>, noise: usize) -> String {
                         if noise == 0 { remarks(entry, record) } else { falsified_trials(entry, record) };
                     table += &rows(record, algorithm, noise, &last);
                 }
-                None => table += &format!("| `{task}` | `{algorithm}` | {NOT_RUN} | | | | | | | | | | |\n"),
+                None => table += &format!("| `{task}` | `{algorithm}` | {NOT_RUN} | | | | | | | | | | | |\n"),
             }
         }
         if let Some(expert) = shown.expert(task) {
@@ -205,6 +207,12 @@ fn strict(evaluation: &EvaluationRecord) -> &EstimateRecord {
     &evaluation.strict_success_rate
 }
 
+/// Returns the careful success rate without noise as a cell.
+fn careful(record: Option<&Record>) -> String {
+    let rate = record.and_then(|record| record.evaluation(0)?.careful_success_rate?.value);
+    percent(rate, 1)
+}
+
 fn value(record: &Record, noise: usize, rate: Rate) -> Option<f64> {
     rate(record.evaluation(noise)?).value
 }
@@ -219,8 +227,8 @@ fn shown_estimate(estimate: EstimateRecord, show: &dyn Fn(Option<f64>) -> String
     }
 }
 
-/// Returns at how many corners a controller succeeds, and succeeds strictly: `4/4, strict 3/4`. A
-/// failure is in bold.
+/// Returns at how many corners a controller succeeds, and succeeds strictly and carefully: `4/4;
+/// strict 3/4; careful 2/4`. A failure is in bold.
 fn corners(evaluation: Option<&EvaluationRecord>) -> String {
     let Some(evaluation) = evaluation else { return NOTHING.to_string() };
     let Some(found) = &evaluation.corners else { return NOT_MEASURED.to_string() };
@@ -229,9 +237,14 @@ fn corners(evaluation: Option<&EvaluationRecord>) -> String {
         let text = format!("{count}/{}{center}", found.n);
         if count == found.n && center.is_empty() { text } else { format!("**{text}**") }
     };
-    let strict = found.strictly_succeeding.map(|count| cell(count, found.center_strictly_succeeds));
-    let success = cell(found.succeeding, found.center_succeeds);
-    strict.map_or(success.clone(), |strict| format!("{success}; strict {strict}"))
+    let mut text = cell(found.succeeding, found.center_succeeds);
+    if let Some(count) = found.strictly_succeeding {
+        text += &format!("; strict {}", cell(count, found.center_strictly_succeeds));
+    }
+    if let Some(count) = found.carefully_succeeding {
+        text += &format!("; careful {}", cell(count, found.center_carefully_succeeds));
+    }
+    text
 }
 
 /// The averages of an evaluation with their intervals and the corners, as cells.
@@ -250,6 +263,10 @@ fn figures(evaluation: Option<&EvaluationRecord>) -> String {
     [
         cell(success, &|value| percent(value, 1)),
         cell(strict, &|value| percent(value, 1)),
+        shown_estimate(
+            evaluation.and_then(|evaluation| evaluation.careful_success_rate).unwrap_or_default(),
+            &|value| percent(value, 1),
+        ),
         corners(evaluation),
         danger,
         shown_estimate(dangerous.copied().unwrap_or_default(), &|value| percent(value, 1)),

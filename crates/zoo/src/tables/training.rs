@@ -93,7 +93,7 @@ pub(super) fn further_seeds(shown: &Shown<'_>) -> String {
     }
     String::from(
         "| task | algorithm | seed | environment steps | best after | wall clock, s | TT, control steps | TT, s | SR | \
-         strict SR | corners | DBR | episodes with danger | TCT | with noise: SR | strict SR | corners | DBR | episodes with danger | TCT | below threshold | commit |\n\
-         |---|---|--:|--:|--:|--:|--:|--:|--:|--:|--:|--:|--:|--:|--:|--:|--:|--:|--:|--:|---|---|\n",
+         strict SR | careful SR | corners | DBR | episodes with danger | TCT | with noise: SR | strict SR | careful SR | corners | DBR | episodes with danger | TCT | below threshold | commit |\n\
+         |---|---|--:|--:|--:|--:|--:|--:|--:|--:|--:|--:|--:|--:|--:|--:|--:|--:|--:|--:|--:|--:|---|---|\n",
     ) + &table
 }

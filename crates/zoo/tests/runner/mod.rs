@@ -49,8 +49,10 @@ pub fn corners(succeeding: u32) -> CornersRecord {
         n: 4,
         succeeding,
         strictly_succeeding: Some(succeeding),
+        carefully_succeeding: Some(succeeding),
         center_succeeds: Some(true),
         center_strictly_succeeds: Some(true),
+        center_carefully_succeeds: Some(true),
         failing: Vec::new(),
     }
 }
@@ -71,6 +73,7 @@ impl FakeRunner {
         let task = BenchmarkTask {
             name: "point-reaching".to_string(),
             formulas: ["a", "b", "c", "d"].map(String::from),
+            careful: Some("e".to_string()),
             task_hash: "aa".to_string(),
             layout_hash: file.header.layout.hash(),
         };
@@ -209,6 +212,7 @@ impl Runner for FakeRunner {
             undecided: 0,
             success_rate: estimate,
             strict_success_rate: estimate,
+            careful_success_rate: Some(estimate),
             dangerous_behavior_rate: estimate,
             dangerous_episode_rate: Some(estimate),
             task_completion_time: EstimateRecord { value: Some(14.0), ..EstimateRecord::default() },

@@ -3,7 +3,7 @@
 use anyhow::Result;
 use mishandle::stl::{Clock, EvaluationTime, Formula};
 use mishandle::tasks::{
-    CONTROL_DT, Definition, EPISODE_STEPS, GripperMode, JOINT_NAMES, Note, Preset, Quantity, Reward,
+    CONTROL_DT, Definition, EPISODE_STEPS, GripperMode, JOINT_NAMES, MANNER, Note, Preset, Quantity, Reward,
     TARGET_STEP, Topic,
 };
 
@@ -27,6 +27,10 @@ pub fn page(definition: &Definition, notes: &[Note], preset: Preset, columns: us
         section("Formulas", &formulas(definition, preset, width)?),
         section("Initial box (bounds in task presets paper and code)", &initial_box(definition, width)),
         section("Signals", &table_in(&quantities(definition.signals), width)),
+        section(
+            "Signals of the manner (computed if a formula reads one of them)",
+            &table_in(&quantities(MANNER), width),
+        ),
         section(
             &format!("Observation ({} numbers, clipped to ±5)", definition.layout().observation_size()),
             &table_in(&numbered(&definition.whole_observation()), width),
@@ -91,9 +95,14 @@ fn scene(definition: &Definition, width: usize) -> String {
 }
 
 /// The formulas of a task: name, time at which they are evaluated, and meaning.
-const ROLES: [(&str, EvaluationTime, &str); 4] = [
+const ROLES: [(&str, EvaluationTime, &str); 5] = [
     ("success", EvaluationTime::Start, "the episode is successful"),
     ("strict", EvaluationTime::Start, "the episode is successful under a stricter formula than the paper's"),
+    (
+        "careful",
+        EvaluationTime::Start,
+        "the episode is strictly successful, in a manner that an operator of the robot would accept",
+    ),
     (
         "safe",
         EvaluationTime::Any,
@@ -105,7 +114,8 @@ const ROLES: [(&str, EvaluationTime, &str); 4] = [
 fn formulas(definition: &Definition, preset: Preset, width: usize) -> Result<String> {
     let texts = |preset| {
         let formulas = definition.formulas(preset);
-        [formulas.success, formulas.strict, formulas.safe, formulas.completion]
+        let named = formulas.named();
+        ROLES.map(|(role, ..)| named.iter().find(|known| known.name == role).map(|found| found.text.clone()))
     };
     let [shown, other] = match preset {
         Preset::Paper => [Preset::Paper, Preset::Code],
@@ -118,9 +128,11 @@ fn formulas(definition: &Definition, preset: Preset, width: usize) -> Result<Str
     )];
     for (((role, moment, meaning), text), other_text) in ROLES.into_iter().zip(texts(shown)).zip(texts(other))
     {
-        let formula = Formula::parse(text)?;
+        let Some(text) = text else { continue };
+        let formula = Formula::parse(&text)?;
         let unit = |signal: &str| {
-            definition.signals.iter().find(|known| known.name == signal).map_or("", |known| known.unit)
+            let mut known = definition.signals.iter().chain(MANNER);
+            known.find(|known| known.name == signal).map_or("", |known| known.unit)
         };
         lines.push(format!("\n{role}: {meaning}"));
         lines.push(format!("  {text}"));
@@ -128,7 +140,7 @@ fn formulas(definition: &Definition, preset: Preset, width: usize) -> Result<Str
         lines.extend(
             formula.explain(&Clock::steps(CONTROL_DT), moment, unit)?.iter().map(|line| format!("  {line}")),
         );
-        if other_text != text {
+        if let Some(other_text) = other_text.filter(|other| *other != text) {
             lines.push(format!("  task preset {}: {other_text}", name(other)));
         }
     }
