@@ -35,6 +35,10 @@ pub trait ExpertPolicy: Send + Sync + 'static {
     /// Rest posture for the null space of the inverse kinematics, rad.
     const REST: [f64; ARM_JOINTS];
 
+    /// Maximum desired speed of the site, m/s: below the limit of careful formulas, because the
+    /// joints reach their desired velocities one after the other.
+    const MAX_SPEED: f64 = 1.5;
+
     /// Returns the desired joint velocities, rad/s.
     fn velocity(
         &self,
@@ -50,10 +54,6 @@ pub trait ExpertPolicy: Send + Sync + 'static {
         [0.0; JOINTS - ARM_JOINTS]
     }
 }
-
-/// Maximum speed of the site that a policy moves, m/s: below the limit of careful formulas, because
-/// a joint may move faster than desired for a moment.
-const MAX_TOOL_SPEED: f64 = 1.5;
 
 /// The expert of a task: an [`ExpertPolicy`] on top of the robot's kinematics.
 pub struct Expert<P> {
@@ -136,7 +136,7 @@ impl<P: ExpertPolicy> ControllerWorker for ExpertWorker<P> {
             let desired = self.policy.velocity(&input, &mut self.arm, memory);
             // A policy may move its copy of the arm.
             self.arm.set(&q);
-            let desired = self.arm.limit_speed(desired, MAX_TOOL_SPEED);
+            let desired = self.arm.limit_speed(desired, P::MAX_SPEED);
             // A servo without obstacles moves at (target - q) / lag, so the observed velocity
             // determines its target. The action moves the target by the difference to the desired
             // target.

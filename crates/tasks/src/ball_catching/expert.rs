@@ -26,6 +26,9 @@ const AIM: f64 = 0.085;
 const MEET_RATE: f64 = 20.0;
 const HOME_RATE: f64 = 4.0;
 
+/// Time before the ball at which the box should arrive, s.
+const EARLY: f64 = 0.01;
+
 /// Maximum joint velocity of the return to the initial posture, rad/s.
 const HOME_SPEED: f64 = 0.8;
 
@@ -82,7 +85,9 @@ impl ExpertPolicy for Catch {
             _ if self.holds(&arm.rotation(), from_tool) => (home(), HOME_RATE, HOME_SPEED),
             Some(time) => {
                 let met = [ball[0] + velocity[0] * time, ball[1] + velocity[1] * time, HEIGHT];
-                (self.posture(arm, met), MEET_RATE, f64::INFINITY)
+                // As slow as the time allows.
+                let rate = MEET_RATE.min(1.0 / (time - EARLY).max(1e-3));
+                (self.posture(arm, met), rate, f64::INFINITY)
             }
             None => return [0.0; 7],
         };

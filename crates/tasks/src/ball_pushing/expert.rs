@@ -15,7 +15,7 @@ const BEHIND: f64 = 0.075;
 
 /// Heights of the grasp point during the approach and during the push, m.
 const TRAVEL_HEIGHT: f64 = 0.56;
-const PUSH_HEIGHT: f64 = 0.425;
+const PUSH_HEIGHT: f64 = 0.43;
 
 /// Speed of the push, m/s.
 const PUSH_SPEED: f64 = 0.5;
