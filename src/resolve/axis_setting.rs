@@ -36,12 +36,27 @@ pub fn with_settings(
             None => axes.push(axis),
         }
     }
-    let space = Space::new(space.name(), axes)?;
+    let space = without_idle(Space::new(space.name(), axes)?, settings)?;
     if space.axes().iter().all(Axis::is_fixed) {
         let (what, expected) = ("the number of axes without a fixed value", "at least 1");
         return Err(MishandleError::InvalidValue { what, value: "0".to_string(), expected });
     }
     Ok(space)
+}
+
+/// Returns the space without the axes that have no effect, because others are fixed.
+fn without_idle(space: Space, settings: &BTreeMap<String, AxisSetting>) -> Result<Space, MishandleError> {
+    let idle = space.idle_axes();
+    if idle.is_empty() {
+        return Ok(space);
+    }
+    let axes = space.axes();
+    if let Some(axis) = idle.iter().map(|index| &axes[*index]).find(|axis| settings.contains_key(&axis.name)) {
+        let needed: Vec<String> = axis.conditions.iter().map(|needed| needed.axis.clone()).collect();
+        return Err(MishandleError::IdleAxis { axis: axis.name.clone(), needed });
+    }
+    let kept = axes.iter().enumerate().filter(|(index, _)| !idle.contains(index));
+    Ok(Space::new(space.name(), kept.map(|(_, axis)| axis.clone()).collect())?)
 }
 
 fn restricted(axis: &Axis, setting: &AxisSetting) -> Result<Axis, MishandleError> {

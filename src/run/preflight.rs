@@ -134,7 +134,9 @@ fn axes_without_effect(
         let base: Vec<Option<f64>> = axes.iter().map(value).collect();
         let others = axes.iter().enumerate();
         let category = others.filter(|(other, axis)| *other != index && is_category(axis) && is_away(axis));
-        let Some((place, axis)) = { category }.next() else { return vec![base] };
+        // The one that decides whether the axis has an effect, if there is one.
+        let decides = |other: &Axis| axes[index].conditions.iter().any(|needed| needed.axis == other.name);
+        let Some((place, axis)) = category.min_by_key(|(_, other)| !decides(other)) else { return vec![base] };
         let with = |value: f64| {
             let mut base = base.clone();
             base[place] = Some(value);
@@ -155,7 +157,7 @@ fn axes_without_effect(
             requests.extend(values.iter().map(|value| {
                 let mut scenario = base.clone();
                 scenario[index] = Some(*value);
-                Request::new(Scenario::new(scenario), seed)
+                Request::new(resolved.space.canonical(Scenario::new(scenario)), seed)
             }));
         }
     }

@@ -79,6 +79,12 @@ pub(crate) fn canonical(gates: &[Gate], axes: &[Axis], scenario: Scenario) -> Sc
     Scenario::new(values)
 }
 
+/// Returns the index of an axis and those of the axes that its conditions name.
+pub(crate) fn needed(gates: &[Gate], index: usize) -> Vec<usize> {
+    let own = gates.iter().filter(|gate| gate.axis == index).flat_map(|gate| &gate.conditions);
+    std::iter::once(index).chain(own.filter_map(|(place, _)| *place)).collect()
+}
+
 /// Returns the indices of the axes that have an effect in no scenario of a space.
 pub(crate) fn idle(gates: &[Gate], axes: &[Axis]) -> Vec<usize> {
     let can_hold = |(place, condition): &(Option<usize>, Condition)| match place {

@@ -1,7 +1,7 @@
 use std::fmt;
 use std::sync::Arc;
 
-use crate::condition::{Gate, canonical, gates, idle};
+use crate::condition::{Gate, canonical, gates, idle, needed};
 use crate::{Condition, RolloutError, Seed, Stream};
 
 /// Kind of quantity that an [`Axis`] varies.
@@ -83,6 +83,9 @@ impl Distribution {
         }
     }
 }
+
+/// Ending of the name of an axis that is the time at which a fault begins.
+pub(crate) const ONSET: &str = "_onset";
 
 /// One quantity that a scenario sets.
 #[derive(Clone, Debug, PartialEq)]
@@ -166,6 +169,11 @@ impl Axis {
     /// Returns whether the axis has a single value.
     pub fn is_fixed(&self) -> bool {
         self.low == self.high
+    }
+
+    /// Returns whether the axis is the time at which a fault begins.
+    pub fn is_onset(&self) -> bool {
+        self.kind == AxisKind::Fault && self.name.ends_with(ONSET)
     }
 
     /// Returns the value at `u` in \[0, 1\]. The bounds are exact at 0 and 1.
@@ -340,6 +348,11 @@ impl Space {
     /// scenarios with equal episodes are equal: see [`Axis::conditions`].
     pub fn canonical(&self, scenario: Scenario) -> Scenario {
         canonical(&self.gates, &self.axes, scenario)
+    }
+
+    /// Returns the index of an axis and those of the axes that its conditions name.
+    pub fn with_needed(&self, index: usize) -> Vec<usize> {
+        needed(&self.gates, index)
     }
 
     /// Returns the indices of the axes that have an effect in no scenario of this space.

@@ -4,6 +4,7 @@ use std::sync::Arc;
 
 use super::kind::{Description, Fill, Side};
 use super::site::FaultSite;
+use crate::space::ONSET;
 use crate::{Axis, AxisKind, AxisValues, Condition, Disturbance, Effect, Holds};
 
 /// Largest lateness of a command, control steps.
@@ -104,7 +105,7 @@ impl Parameter {
             P::Kind => "",
             P::Channel => "_channel",
             P::Partner => "_partner",
-            P::Onset => "_onset",
+            P::Onset => ONSET,
             P::Duration => "_duration",
             P::Recovery => "_recovery",
             P::Filling => "_fill",
