@@ -51,7 +51,8 @@ fn without_idle(space: Space, settings: &BTreeMap<String, AxisSetting>) -> Resul
         return Ok(space);
     }
     let axes = space.axes();
-    if let Some(axis) = idle.iter().map(|index| &axes[*index]).find(|axis| settings.contains_key(&axis.name)) {
+    if let Some(axis) = idle.iter().map(|index| &axes[*index]).find(|axis| settings.contains_key(&axis.name))
+    {
         let needed: Vec<String> = axis.conditions.iter().map(|needed| needed.axis.clone()).collect();
         return Err(MishandleError::IdleAxis { axis: axis.name.clone(), needed });
     }

@@ -136,7 +136,9 @@ fn axes_without_effect(
         let category = others.filter(|(other, axis)| *other != index && is_category(axis) && is_away(axis));
         // The one that decides whether the axis has an effect, if there is one.
         let decides = |other: &Axis| axes[index].conditions.iter().any(|needed| needed.axis == other.name);
-        let Some((place, axis)) = category.min_by_key(|(_, other)| !decides(other)) else { return vec![base] };
+        let Some((place, axis)) = category.min_by_key(|(_, other)| !decides(other)) else {
+            return vec![base];
+        };
         let with = |value: f64| {
             let mut base = base.clone();
             base[place] = Some(value);

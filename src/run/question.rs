@@ -6,8 +6,8 @@ use std::sync::atomic::Ordering;
 
 use mishandle_evaluation::{Corners, Repeats, ScreenedProgress};
 use mishandle_falsification::{
-    FalsificationOutcome, Margin, MarginSettings, Narrowed, Repeated, ScreenedCounts, each_category, each_fault,
-    margin, repeat, repeat_seeds,
+    FalsificationOutcome, Margin, MarginSettings, Narrowed, Repeated, ScreenedCounts, each_category,
+    each_fault, margin, repeat, repeat_seeds,
 };
 use mishandle_random::Seed;
 use mishandle_risk::{Report, ScreenedReport, ScreenedSettings, screened_risk};

@@ -5,7 +5,8 @@ use std::sync::Arc;
 
 use mishandle_files::NewFolders;
 use mishandle_rollout::{
-    Axis, AxisKind, AxisValues, Condition, Episode, EpisodeEnd, Holds, Request, Scenario, Seed, Space, Verdict,
+    Axis, AxisKind, AxisValues, Condition, Episode, EpisodeEnd, Holds, Request, Scenario, Seed, Space,
+    Verdict,
 };
 use mishandle_stl::{SubformulaMinimum, Trace};
 use mishandle_store as store;

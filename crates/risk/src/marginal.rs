@@ -233,7 +233,8 @@ fn rates_problem(rates: &[(String, f64)], axis: &Axis) -> Option<String> {
         return Some("it has no kinds of faults; use it for an axis such as sensor_fault".to_string());
     };
     let nominal = axis.nominal.and_then(|nominal| names.get((nominal - axis.low) as usize));
-    let mut kinds: Vec<&str> = names.iter().filter(|name| Some(*name) != nominal).map(String::as_str).collect();
+    let mut kinds: Vec<&str> =
+        names.iter().filter(|name| Some(*name) != nominal).map(String::as_str).collect();
     if axis.kind != AxisKind::Fault {
         return Some("its categories are not the kinds of a fault; use weights".to_string());
     }
@@ -392,7 +393,9 @@ mod tests {
         let n = 20_000;
         let at = |i: u32| marginal.value(&kinds(), normal::quantile((f64::from(i) + 0.5) / f64::from(n)));
         let share = |kind: f64| (0..n).filter(|i| at(*i) == kind).count() as f64 / f64::from(n);
-        for (kind, expected) in [(0.0, none), (1.0, 0.75 * (1.0 - none)), (2.0, 0.0), (3.0, 0.25 * (1.0 - none))] {
+        for (kind, expected) in
+            [(0.0, none), (1.0, 0.75 * (1.0 - none)), (2.0, 0.0), (3.0, 0.25 * (1.0 - none))]
+        {
             assert!((share(kind) - expected).abs() < 2e-4, "{kind}: {}", share(kind));
         }
         // A rare fault has its rate times the duration as probability.

@@ -2,7 +2,36 @@
 
 use std::collections::VecDeque;
 
-use crate::{Seed, Stream};
+use crate::{Axis, AxisKind, AxisValues, Disturbance, Effect, Seed, Stream};
+
+/// Maximum delay, control steps: 50 ms at 60 control steps a second.
+const MAX_DELAY: f64 = 3.0;
+
+/// Largest number of control steps between two observations: 10 observations of 60 a second.
+const MAX_PERIOD: f64 = 6.0;
+
+/// Returns the axes of constant delays, of delays that vary during an episode, and of rare
+/// observations.
+pub fn delays() -> Vec<Disturbance> {
+    let jitter = |value: &str| format!("largest additional delay of {value}, drawn in each control step");
+    let axes = [
+        ("action_delay", "delay between controller and robot".to_string(), Effect::ActionDelay),
+        ("observation_delay", "delay between sensors and controller".to_string(), Effect::ObservationDelay),
+        ("action_jitter", jitter("actions"), Effect::ActionJitter),
+        ("observation_jitter", jitter("observations"), Effect::ObservationJitter),
+        (
+            "observation_period",
+            "control steps between two observations".to_string(),
+            Effect::ObservationPeriod,
+        ),
+    ];
+    let disturbance = |(name, meaning, effect): (&str, String, Effect)| {
+        let bounds = if effect == Effect::ObservationPeriod { [1.0, MAX_PERIOD] } else { [0.0, MAX_DELAY] };
+        let axis = Axis::new(AxisKind::Model, name, "control steps", bounds, Some(bounds[0]));
+        Disturbance { axis: axis.with_values(AxisValues::Integer).meaning(&meaning), effect }
+    };
+    axes.map(disturbance).into()
+}
 
 /// How late and how rarely values arrive.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]

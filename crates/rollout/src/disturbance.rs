@@ -74,6 +74,17 @@ pub enum Effect {
     },
 }
 
+impl Effect {
+    /// Returns whether an episode depends on its seed if the value is not nominal.
+    pub fn is_random(&self) -> bool {
+        match self {
+            Effect::ObservationNoise { .. } | Effect::ObservationJitter | Effect::ActionJitter => true,
+            Effect::Fault { parameter, .. } => parameter.is_random(),
+            _ => false,
+        }
+    }
+}
+
 /// Weight of a disturbance in each control step, counted from 0.
 #[derive(Clone, Debug, PartialEq)]
 pub enum TimeProfile {

@@ -51,6 +51,11 @@ impl ActiveInterface {
         self.0.is_paused(step)
     }
 
+    /// Returns whether the controller is not asked for its action in any control step.
+    pub fn has_pause(&self) -> bool {
+        self.0.has_pause()
+    }
+
     /// Replaces the clipped action of a control step by the one that the environment gets. Returns
     /// whether a disturbance acts in this step.
     pub fn act(&mut self, step: usize, action: &mut [f64]) -> bool {

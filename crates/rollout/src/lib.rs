@@ -50,6 +50,7 @@ pub use mishandle_random::{Seed, Stream};
 pub use batch::{CpuBatch, Samples};
 pub use condition::{Condition, Holds};
 pub use controller::{Controller, ControllerWorker};
+pub use delay::delays;
 pub use disturbance::{Disturbance, Effect, TimeProfile};
 pub use environment::{Environment, EnvironmentWorker, Sample, StepStatus};
 pub use environment_batch::{BatchFactory, EnvironmentBatch, EnvironmentSpec};

@@ -350,6 +350,18 @@ impl Space {
         canonical(&self.gates, &self.axes, scenario)
     }
 
+    /// Returns the axes whose values have no effect in a scenario and are not nominal.
+    pub fn ineffective(&self, scenario: &Scenario) -> Vec<&Axis> {
+        let canonical = self.canonical(scenario.clone());
+        let values = scenario.values().iter().zip(canonical.values());
+        self.axes
+            .iter()
+            .zip(values)
+            .filter(|(_, (given, kept))| given != kept)
+            .map(|(axis, _)| axis)
+            .collect()
+    }
+
     /// Returns the index of an axis and those of the axes that its conditions name.
     pub fn with_needed(&self, index: usize) -> Vec<usize> {
         needed(&self.gates, index)

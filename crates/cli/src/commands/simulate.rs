@@ -60,8 +60,8 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
     let given = scenario(&resolved.space, &resolved.target.spaces, &command.at)?;
     resolved.space.check(&given)?;
     let scenario = resolved.space.canonical(given.clone());
-    for name in ineffective(&resolved.space, &given, &scenario) {
-        output::message(&format!("warning: {name} has no effect with the other values of --at"));
+    for axis in resolved.space.ineffective(&given) {
+        output::message(&format!("warning: {} has no effect with the other values of --at", axis.name));
     }
     for (axis, value) in resolved.space.axes().iter().zip(scenario.values()) {
         if let Some(value) = value.filter(|value| !(axis.low..=axis.high).contains(value)) {
@@ -77,16 +77,6 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
         Some(repeat) => repeated(command, &resolved, &scenario, repeat),
         None => once(command, &resolved, &scenario),
     }
-}
-
-/// Returns the names of the axes whose given value has no effect.
-fn ineffective<'a>(
-    space: &'a Space,
-    given: &'a Scenario,
-    canonical: &'a Scenario,
-) -> impl Iterator<Item = &'a str> {
-    let values = given.values().iter().zip(canonical.values());
-    space.axes().iter().zip(values).filter(|(_, (a, b))| a != b).map(|(axis, _)| axis.name.as_str())
 }
 
 /// Returns the scenario with the values of `--at`: those of all axes without a fixed value in

@@ -26,8 +26,22 @@ pub fn text<'a>(values: impl IntoIterator<Item = (&'a AxisFacts, Option<f64>)>) 
 }
 
 fn format<'a>(values: impl IntoIterator<Item = (&'a AxisFacts, Option<f64>)>, max_values: usize) -> String {
-    let mut shown: Vec<(usize, &AxisFacts, f64)> =
-        (0..).zip(values).filter_map(|(index, (axis, value))| Some((index, axis, value?))).collect();
+    let values: Vec<(&AxisFacts, Option<f64>)> = values.into_iter().collect();
+    // Others are nominal whatever the search chose.
+    let has_effect = |axis: &AxisFacts| {
+        axis.has_effect(|name| {
+            values.iter().find(|(other, _)| other.name == name).and_then(|(_, value)| *value)
+        })
+    };
+    let mut shown: Vec<(usize, &AxisFacts, f64)> = values
+        .iter()
+        .enumerate()
+        .filter(|(_, (axis, _))| has_effect(axis))
+        .filter_map(|(index, (axis, value))| Some((index, *axis, (*value)?)))
+        .collect();
+    if shown.is_empty() && values.iter().any(|(_, value)| value.is_some()) {
+        return "nominal".to_string();
+    }
     // ", and 1 more" would be as long as the value itself.
     let omitted = if shown.len() > max_values.saturating_add(1) { shown.len() - max_values } else { 0 };
     if omitted > 0 {

@@ -16,9 +16,10 @@ pub(crate) struct ActiveFault {
     site: Arc<FaultSite>,
     kind: FaultKind,
     life: LifeCycle,
-    /// Entries of the channel, and of the one with which it is exchanged.
+    /// Entries of the channel.
     entries: Vec<usize>,
-    partner: Vec<usize>,
+    /// Exchanged entries, each with the entry of its value.
+    exchanged: Vec<(usize, usize)>,
     fill: Fill,
     /// The number that belongs to the kind: offset, level, step, probability, loss or limit.
     magnitude: f64,
@@ -41,8 +42,7 @@ impl ActiveFault {
         let value = |parameter: Parameter| values[parameter as usize];
         let description = site.kinds().nth(value(P::Kind) as usize)?;
         let kind = description.kind;
-        let recovers = description.parameters.contains(&P::Recovery);
-        let recovery = if recovers { value(P::Recovery) } else { 0.0 };
+        let recovery = if description.recovers() { value(P::Recovery) } else { 0.0 };
         let life = LifeCycle::from_seconds(value(P::Onset), value(P::Duration), recovery, site.control_dt);
         // Without a magnitude there is no fault.
         let (magnitude, nominal) = match kind {
@@ -52,19 +52,21 @@ impl ActiveFault {
             FaultKind::AuthorityLoss => (value(P::Loss), Some(0.0)),
             FaultKind::Saturation => (value(P::Limit), Some(1.0)),
             FaultKind::ClockJitter => (value(P::Lateness), Some(0.0)),
-            FaultKind::Swap => (value(P::Partner), Some(value(P::Channel))),
             FaultKind::None | FaultKind::Dropout | FaultKind::Freeze | FaultKind::SignFlip => (0.0, None),
-            FaultKind::Hold | FaultKind::Pause => (0.0, None),
+            FaultKind::Swap | FaultKind::Hold | FaultKind::Pause => (0.0, None),
             FaultKind::Stuck => (value(P::Level), None),
         };
         if kind == FaultKind::None || life.duration == 0 || nominal == Some(magnitude) {
             return None;
         }
-        let channel = |parameter: Parameter| site.channels.get(value(parameter) as usize);
         let has_channel = description.parameters.contains(&P::Channel);
-        let entries = match channel(P::Channel).filter(|_| has_channel) {
-            Some(channel) => channel.entries.clone(),
-            None => (0..site.ranges.len()).collect(),
+        let entries = match has_channel {
+            true => site.entries(value(P::Channel) as usize),
+            false => (0..site.ranges.len()).collect(),
+        };
+        let exchanged = match kind {
+            FaultKind::Swap => site.exchanged(value(P::Channel) as usize, value(P::Partner) as usize),
+            _ => Vec::new(),
         };
         let jitter = if kind == FaultKind::ClockJitter { magnitude as usize } else { 0 };
         let held = match site.side {
@@ -75,8 +77,8 @@ impl ActiveFault {
         Some(ActiveFault {
             kind,
             life,
-            partner: channel(P::Partner).map_or(Vec::new(), |channel| channel.entries.clone()),
             entries,
+            exchanged,
             fill: site.fills().get(value(P::Filling) as usize).map_or(Fill::Last, |(fill, _)| *fill),
             magnitude,
             burst: value(P::Burst).max(1.0) as usize,
@@ -117,8 +119,9 @@ impl ActiveFault {
                 return is_lost;
             }
             FaultKind::Swap if is_whole => {
-                for (a, b) in self.entries.iter().zip(&self.partner) {
-                    values.swap(*a, *b);
+                let from: Vec<T> = self.exchanged.iter().map(|(_, from)| values[*from]).collect();
+                for ((to, _), value) in self.exchanged.iter().zip(from) {
+                    values[*to] = value;
                 }
             }
             FaultKind::ClockJitter => return self.delay(step, is_whole, values),

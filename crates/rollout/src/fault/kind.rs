@@ -80,6 +80,13 @@ pub struct Description {
     pub needs_numbers: bool,
 }
 
+impl Description {
+    /// Returns whether the fault decreases slowly after its duration.
+    pub fn recovers(&self) -> bool {
+        self.parameters.contains(&Recovery)
+    }
+}
+
 const fn of(
     kind: FaultKind,
     name: &'static str,

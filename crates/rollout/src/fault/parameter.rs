@@ -27,9 +27,9 @@ const LATEST: f64 = 0.8;
 pub enum Parameter {
     /// The kind, by its number: see [`Side::kinds`].
     Kind,
-    /// Number of the channel.
+    /// Number of the channel: 0 for all, if there is more than one.
     Channel,
-    /// Number of the channel with which it is exchanged.
+    /// Number of the channel with which it is exchanged, from 1; 0 for the next one.
     Partner,
     /// Time at which the fault begins, s.
     Onset,
@@ -100,7 +100,7 @@ impl Parameter {
     }
 
     /// Returns the ending of the name of the axis. The kind has the name of the site.
-    fn suffix(self) -> &'static str {
+    pub fn suffix(self) -> &'static str {
         match self {
             P::Kind => "",
             P::Channel => "_channel",
@@ -133,7 +133,8 @@ impl Parameter {
         let last = |count: usize| count.saturating_sub(1) as f64;
         match self {
             P::Kind => [0.0, last(site.kinds().count())],
-            P::Channel | P::Partner => [0.0, last(site.channels.len())],
+            P::Channel => [0.0, last(site.choices().len())],
+            P::Partner => [0.0, last(site.partners().len())],
             P::Onset => [0.0, LATEST * end],
             P::Duration => [0.0, LONGEST * end],
             P::Recovery => [0.0, LONGEST_RECOVERY * end],
@@ -153,7 +154,8 @@ impl Parameter {
         };
         match self {
             P::Kind => names(site.kinds().map(|kind| kind.name).collect()),
-            P::Channel | P::Partner => names(site.channels.iter().map(|c| c.name.as_str()).collect()),
+            P::Channel => names(site.choices()),
+            P::Partner => names(site.partners()),
             P::Filling => names(site.fills().iter().map(|(_, name)| *name).collect()),
             P::Burst | P::Lateness => AxisValues::Integer,
             _ => AxisValues::Continuous,
@@ -172,7 +174,9 @@ impl Parameter {
         match self {
             P::Kind => format!("kind of a fault of the {quantity}{order}"),
             P::Channel => format!("channel of the {quantity} that has the fault"),
-            P::Partner => "channel with which it is exchanged".to_string(),
+            P::Partner => {
+                "channel with which it is exchanged; all channels are shifted by one entry".to_string()
+            }
             P::Onset => "time at which the fault begins".to_string(),
             P::Duration => "duration of the fault".to_string(),
             P::Recovery => "time in which the fault decreases to nothing after its duration".to_string(),
@@ -224,6 +228,14 @@ impl Parameter {
         match self {
             P::Kind => vec![duration()],
             P::Duration => vec![kinds()],
+            P::Partner => {
+                let one = Condition {
+                    axis: site.axis_name(P::Channel),
+                    nominal: P::Channel.nominal(),
+                    holds: Holds::Except(0.0),
+                };
+                vec![duration(), kinds(), one]
+            }
             _ => vec![duration(), kinds()],
         }
     }

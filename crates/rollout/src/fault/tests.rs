@@ -8,7 +8,7 @@ use crate::{Axis, AxisValues, Disturbance, Scenario, Seed, Space};
 const ENTRIES: usize = 5;
 const STEPS: usize = 100;
 
-/// A site with the channels all, a (entries 0 and 1), b (2 and 3) and c (4). A control step takes
+/// A site with the channels a (entries 0 and 1), b (2 and 3) and c (4). A control step takes
 /// 0.1 s, and each entry has the range from -2 to 2.
 fn site(side: Side, number: u32) -> FaultSite {
     let channel = |name: &str, entries: &[usize]| Channel { name: name.into(), entries: entries.into() };
@@ -16,12 +16,7 @@ fn site(side: Side, number: u32) -> FaultSite {
         side,
         name: format!("fault{number}"),
         number,
-        channels: vec![
-            channel("all", &[0, 1, 2, 3, 4]),
-            channel("a", &[0, 1]),
-            channel("b", &[2, 3]),
-            channel("c", &[4]),
-        ],
+        channels: vec![channel("a", &[0, 1]), channel("b", &[2, 3]), channel("c", &[4])],
         ranges: vec![[-2.0, 2.0]; ENTRIES],
         has_numbers: true,
         control_dt: 0.1,
@@ -142,6 +137,13 @@ fn each_sensor_fault_has_the_stated_values_in_its_life_cycle() {
     check_differs(&swapped, &[0, 1, 2, 3], 20..30);
     for [before, after] in &swapped[20..30] {
         assert_eq!([after[0], after[1], after[2], after[3]], [before[2], before[3], before[0], before[1]]);
+    }
+    // The next channel of b is c, which has one entry; all channels are shifted by one entry.
+    let next = fault(s, "swap", &[("fault0_channel", "b"), ("fault0_partner", "next")]);
+    check_differs(&next, &[2, 4], 20..30);
+    let shifted = fault(s, "swap", &[("fault0_channel", "all")]);
+    for [before, after] in &shifted[20..30] {
+        assert_eq!(*after, [before[1], before[2], before[3], before[4], before[0]]);
     }
 }
 

@@ -3,7 +3,7 @@
 
 use std::ops::Range;
 
-use mishandle_rollout::{Axis, AxisKind, AxisValues, Distribution, Disturbance, Effect, TimeProfile};
+use mishandle_rollout::{Axis, AxisKind, Distribution, Disturbance, Effect, TimeProfile, delays};
 
 use super::XYZ;
 use crate::definition::Definition;
@@ -14,12 +14,6 @@ const SEGMENT: usize = 60;
 
 /// Control steps of the knots of a piecewise-linear drift of an observation.
 const DRIFT_KNOTS: [usize; 3] = [0, 150, 300];
-
-/// Maximum delay, control steps: 50 ms.
-const MAX_DELAY: f64 = 3.0;
-
-/// Largest number of control steps between two observations: 10 observations a second.
-const MAX_PERIOD: f64 = 6.0;
 
 /// Maximum bias or drift of an observed position, m.
 const MAX_BIAS: f64 = 0.02;
@@ -37,7 +31,6 @@ const MAX_DRAW: f64 = 4.0;
 /// only if there is noise.
 pub(crate) fn disturbances(definition: &Definition, panda: &Panda, action_noise: bool) -> Vec<Disturbance> {
     let mut all = delays();
-    all.extend(timing());
     all.extend(biases(definition, panda));
     all.extend(sensor_noise(definition, panda));
     for (name, unit, entry) in positions(definition) {
@@ -142,48 +135,7 @@ fn joint_factors(panda: &Panda) -> [f64; ARM_JOINTS] {
 
 /// Returns the names of the axes that add randomness.
 pub(crate) fn random_axes(disturbances: &[Disturbance]) -> Vec<String> {
-    let is_random = |d: &&Disturbance| match &d.effect {
-        Effect::ObservationNoise { .. } | Effect::ObservationJitter | Effect::ActionJitter => true,
-        Effect::Fault { parameter, .. } => parameter.is_random(),
-        _ => false,
-    };
-    disturbances.iter().filter(is_random).map(|d| d.axis.name.clone()).collect()
-}
-
-fn delays() -> Vec<Disturbance> {
-    [
-        ("action_delay", "delay between controller and robot", Effect::ActionDelay),
-        ("observation_delay", "delay between sensors and controller", Effect::ObservationDelay),
-    ]
-    .map(|(name, meaning, effect)| {
-        let axis = Axis::new(AxisKind::Model, name, "control steps", [0.0, MAX_DELAY], Some(0.0));
-        Disturbance { axis: axis.with_values(AxisValues::Integer).meaning(meaning), effect }
-    })
-    .to_vec()
-}
-
-/// Returns the axes of delays that vary during an episode, and of rare observations.
-fn timing() -> Vec<Disturbance> {
-    let axis = |name: &str, bounds: [f64; 2], meaning: &str| {
-        Axis::new(AxisKind::Model, name, "control steps", bounds, Some(bounds[0]))
-            .with_values(AxisValues::Integer)
-            .meaning(meaning)
-    };
-    let of = |value: &str| format!("largest additional delay of {value}, drawn in each control step");
-    vec![
-        Disturbance {
-            axis: axis("action_jitter", [0.0, MAX_DELAY], &of("actions")),
-            effect: Effect::ActionJitter,
-        },
-        Disturbance {
-            axis: axis("observation_jitter", [0.0, MAX_DELAY], &of("observations")),
-            effect: Effect::ObservationJitter,
-        },
-        Disturbance {
-            axis: axis("observation_period", [1.0, MAX_PERIOD], "control steps between two observations"),
-            effect: Effect::ObservationPeriod,
-        },
-    ]
+    disturbances.iter().filter(|d| d.effect.is_random()).map(|d| d.axis.name.clone()).collect()
 }
 
 /// Makes an axis with bounds symmetric about 0.

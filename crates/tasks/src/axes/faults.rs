@@ -15,9 +15,12 @@ const MAX_COORDINATE: f64 = 1.0;
 
 /// Returns the axes of a fault of the observation and of a fault of the action.
 pub(super) fn faults(definition: &Definition) -> Vec<Disturbance> {
-    let mut all = sensing(definition).disturbances();
-    all.extend(actuation().disturbances());
-    all
+    sites(definition).into_iter().flat_map(FaultSite::disturbances).collect()
+}
+
+/// Returns the places of faults: the observation and the action.
+pub(crate) fn sites(definition: &Definition) -> [FaultSite; 2] {
+    [sensing(definition), actuation()]
 }
 
 fn sensing(definition: &Definition) -> FaultSite {
@@ -54,9 +57,7 @@ fn actuation() -> FaultSite {
     site(Side::Actuation, "actuator_fault", channels, vec![[-1.0, 1.0]; JOINTS])
 }
 
-/// Returns the site of a fault whose nominal channel is the whole observation or action.
-fn site(side: Side, name: &str, mut channels: Vec<Channel>, ranges: Vec<[f64; 2]>) -> FaultSite {
-    channels.insert(0, Channel { name: "all".to_string(), entries: (0..ranges.len()).collect() });
+fn site(side: Side, name: &str, channels: Vec<Channel>, ranges: Vec<[f64; 2]>) -> FaultSite {
     FaultSite {
         side,
         name: name.to_string(),

@@ -12,6 +12,7 @@ use mishandle_rollout::{Axis, AxisKind, Disturbance, Effect, RolloutError, Space
 pub(crate) use constants::{Constant, Elements};
 pub(crate) use disturbances::{disturbances, random_axes};
 pub(crate) use events::{JUMP_SIZE, PUSH_SIZE, Push, SLIP_SIZE, jump, slip};
+pub(crate) use faults::sites;
 
 use crate::definition::{Definition, Preset};
 use crate::robot::{ARM_JOINTS, JOINT_NAMES};
