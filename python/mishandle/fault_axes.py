@@ -145,9 +145,9 @@ def faults(
         control_dt=control_period(environment) if control_dt is None else control_dt,
     )
     made = settings.native()
-    wanted = {"sensor_fault": sensing, "actuator_fault": actuation}
+    kept = {"sensor_fault": sensing, "actuator_fault": actuation}
     axes = [Axis.from_native(native, FaultParameter(settings)) for native in made.axes]
-    return [axis for axis in axes if all(keep or not axis.name.startswith(side) for side, keep in wanted.items())]
+    return [axis for axis in axes if all(keep or not axis.name.startswith(side) for side, keep in kept.items())]
 
 
 def _single_space(environment: Any, name: str) -> Any:
@@ -191,7 +191,7 @@ def _numbers(space: Any, what: str) -> tuple[dict[str, tuple[int, ...]], list[tu
         return channels, bounds
     if isinstance(space, gymnasium_spaces.Box):
         pairs = zip(space.low.reshape(-1).tolist(), space.high.reshape(-1).tolist())
-        # A number without finite bounds, such as the largest one of its type, has no range of its own.
+        # The largest number of a type is not a bound.
         own = [(low, high) if -1e30 < low < high < 1e30 else (-1.0, 1.0) for low, high in pairs]
         return {f"{what}[{i}]": (i,) for i in range(len(own))}, own
     if isinstance(space, gymnasium_spaces.Discrete):
@@ -239,7 +239,7 @@ class FaultLine:
         return None if active is None else Disturbed(active, self._settings)
 
     def pauses(self, scenario: Mapping[str, Any], seed: int) -> bool:
-        """Whether the policy is not asked for an action in some control step."""
+        """Whether a fault pauses the policy in some control step."""
         found = self.start(scenario, seed)
         return found is not None and found.has_pause
 

@@ -173,7 +173,7 @@ class VectorSystem(PolicySystem):
 
     def _together(self, chunk: Sequence[tuple[Scenario, int]]) -> list[Outcome]:
         if len(chunk) > 1 and any(self.faults.pauses(*pair) for pair in chunk):
-            # A policy that is not asked for one row cannot be asked for another one.
+            # A policy cannot be paused for one row and act for another one.
             return [outcome for pair in chunk for outcome in self._together([pair])]
         count = len(chunk)
         clock = Time()

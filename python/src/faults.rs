@@ -112,12 +112,12 @@ impl ActiveFaults {
         Ok(())
     }
 
-    /// Returns whether the policy is not asked for an action in a control step.
+    /// Returns whether a fault pauses the policy in a control step.
     fn is_paused(&self, step: usize) -> bool {
         self.0.is_paused(step)
     }
 
-    /// Returns whether the policy is not asked for an action in any control step.
+    /// Returns whether a fault pauses the policy in any control step.
     fn has_pause(&self) -> bool {
         self.0.has_pause()
     }

@@ -228,7 +228,7 @@ class ContractTest(unittest.TestCase):
                 axes={"sensor_fault": "stuck", "sensor_fault_level": -0.5, "sensor_fault_channel": "all", "sensor_fault_recovery": 0.0},
                 signals={"action": lambda env: env.action},
             )
-        # Only a fault up to the last control step shows, and its latest onset is 0.8 of the episode, 3.2 s.
+        # Only a fault up to the end shows, and its latest onset is 0.8 of the episode, 3.2 s.
         self.assertAlmostEqual(found.witness.scenario["sensor_fault_duration"], 0.8, delta=0.06)
 
 

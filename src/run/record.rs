@@ -133,7 +133,7 @@ fn recorded_conditions(text: &str) -> Vec<Condition> {
             ("not", [value]) => Holds::Except(*value),
             _ => return None,
         };
-        // Its axis is in the record, so the nominal value is not asked for.
+        // Its axis is in the record, so the nominal value is not needed.
         Some(Condition { axis: axis.to_string(), nominal: 0.0, holds })
     };
     text.split(" and ").filter_map(condition).collect()

@@ -26,9 +26,9 @@ pub fn isolation_budget(budget: u32) -> u64 {
 /// Simulates which axes of a failure cause it, and moves it toward nominal, with at most `budget`
 /// simulations:
 ///
-/// 1. The nominal scenario, and each axis alone with its value of the failure; an axis that has an
-///    effect only with others, such as the magnitude of a fault, together with them. If one of these
-///    fails, the search continues from the one with the lowest robustness.
+/// 1. The nominal scenario, and each axis alone with its value of the failure. An axis that has an
+///    effect only with others, such as the magnitude of a fault, keeps these. If one of the
+///    scenarios fails, the search continues from the one with the lowest robustness.
 /// 2. The failure with each axis alone at its nominal value.
 /// 3. If no axis alone fails, as many axes as possible go to nominal.
 /// 4. The rest moves toward nominal as in [`minimize`](crate::minimize()).

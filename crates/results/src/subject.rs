@@ -66,8 +66,8 @@ pub struct AxisFacts {
     /// `continuous`, `logarithmic`, `integer`, or the names of the categories, whose values count
     /// from 0.
     pub values: AxisValues,
-    /// What the axis needs for an effect, all of it; missing if it always has one. In other
-    /// scenarios it is nominal.
+    /// Values of other axes that the axis needs for an effect, all of them; missing if it always has
+    /// one. In other scenarios it is nominal.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub only_if: Option<Vec<NeededAxis>>,
 }

@@ -320,7 +320,7 @@ impl ActiveDisturbances {
         self.faults.iter().any(ActiveFault::is_pause)
     }
 
-    /// Returns whether the controller is not asked for its action in a control step.
+    /// Returns whether a fault pauses the controller in a control step.
     pub(crate) fn is_paused(&self, step: usize) -> bool {
         self.faults.iter().any(|fault| fault.is_pausing(step))
     }

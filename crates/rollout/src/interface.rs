@@ -45,13 +45,13 @@ impl ActiveInterface {
         self.0.fail(Side::Sensing, step, observation);
     }
 
-    /// Returns whether the controller is not asked for its action in a control step, so that its
-    /// last one is held.
+    /// Returns whether a fault pauses the controller in a control step, so that its last action is
+    /// held.
     pub fn is_paused(&self, step: usize) -> bool {
         self.0.is_paused(step)
     }
 
-    /// Returns whether the controller is not asked for its action in any control step.
+    /// Returns whether a fault pauses the controller in any control step.
     pub fn has_pause(&self) -> bool {
         self.0.has_pause()
     }

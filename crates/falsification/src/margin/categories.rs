@@ -110,7 +110,7 @@ fn with_fixed(space: &Space, fixed: &[(usize, f64)]) -> Result<Space, Falsificat
     Ok(Space::new(space.name(), axes)?)
 }
 
-/// Returns the parts with an axis that a margin varies; all if there is none.
+/// Returns the parts with an axis that a margin varies; all parts if no part has one.
 fn with_disturbances(spaces: Vec<Space>) -> Vec<Space> {
     let (varied, rest): (Vec<Space>, Vec<Space>) =
         spaces.into_iter().partition(|space| space.axes().iter().any(is_disturbed));

@@ -94,7 +94,7 @@ impl ActiveFault {
         &self.site
     }
 
-    /// Returns whether the controller is not asked for its action in a control step.
+    /// Returns whether a fault pauses the controller in a control step.
     pub(crate) fn is_pausing(&self, step: usize) -> bool {
         self.is_pause() && self.life.is_whole(step)
     }
@@ -217,7 +217,7 @@ impl ActiveFault {
         is_whole
     }
 
-    /// Returns whether a burst of losses has begun during the fault and lasts.
+    /// Returns whether a burst of losses that started during the fault lasts.
     fn is_in_burst(&self, step: usize) -> bool {
         let first = (step + 1).saturating_sub(self.burst).max(self.life.onset);
         (first..=step)

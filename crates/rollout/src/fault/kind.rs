@@ -46,11 +46,11 @@ pub enum FaultKind {
     Saturation,
     /// Commands arrive late by whole control steps, at random.
     ClockJitter,
-    /// The controller is not asked for an action. Its last action is held.
+    /// The controller does not act, and its state does not change. Its last action is held.
     Pause,
 }
 
-/// What a controller sees of a lost sample.
+/// Value that a controller sees instead of a lost sample.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Fill {
     /// The last sample that was not lost.

@@ -106,8 +106,8 @@ fn check_values(rows: &[[[f32; ENTRIES]; 2]], expected: impl Fn(usize, usize, f6
     for (step, [before, after]) in rows.iter().enumerate() {
         for entry in [0, 1] {
             let (x, found) = (f64::from(before[entry]), f64::from(after[entry]));
-            let wanted = expected(step, entry, x);
-            assert!((found - wanted).abs() < 1e-6, "{found} is not {wanted} in step {step}");
+            let value = expected(step, entry, x);
+            assert!((found - value).abs() < 1e-6, "{found} is not {value} in step {step}");
         }
     }
 }
@@ -212,9 +212,9 @@ fn losses_come_in_bursts_of_the_stated_length_with_the_stated_probability() {
         assert_eq!(all[3], lost(3, "1"), "the seed decides");
         let bursts = lost(5, "6");
         let starts = lost(5, "1");
-        for step in 10..50 {
+        for (step, is_lost) in bursts.iter().enumerate().take(50).skip(10) {
             let expected = (10.max(step.max(15) - 5)..=step).any(|start| starts[start]);
-            assert_eq!(bursts[step], expected, "a burst lasts six control steps: step {step}");
+            assert_eq!(*is_lost, expected, "a burst lasts six control steps: step {step}");
         }
     }
 }
