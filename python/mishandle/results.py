@@ -140,7 +140,7 @@ class Axis:
     """``continuous``, ``logarithmic``, ``integer``, or the names of the categories, whose values
     count from 0."""
     only_if: tuple[NeededAxis, ...] | None = None
-    """Values of other axes that the axis needs for an effect, all of them; missing if it always
+    """Values of other axes that this axis needs for an effect, all of them; missing if it always
     has one. In other scenarios it is nominal."""
     distribution: str
     """Distribution of drawn values: ``uniform`` (of the logarithm for ``logarithmic``) or
@@ -156,8 +156,8 @@ class NeededAxis:
     axis: str
     """Name of the axis."""
     one_of: tuple[float, ...] | None
-    """Its values with an effect; ``None``: all but ``except``."""
-    except: float | None
+    """Its values with an effect; ``None``: all but ``other_than``."""
+    other_than: float | None
     """Its value without an effect; ``None``: all but those in ``one_of``."""
 
 
@@ -269,7 +269,7 @@ class AxisFacts:
     """``continuous``, ``logarithmic``, ``integer``, or the names of the categories, whose values
     count from 0."""
     only_if: tuple[NeededAxis, ...] | None = None
-    """Values of other axes that the axis needs for an effect, all of them; missing if it always
+    """Values of other axes that this axis needs for an effect, all of them; missing if it always
     has one. In other scenarios it is nominal."""
 
 

@@ -56,11 +56,11 @@ pub fn axis_facts(axis: &rollout::Axis) -> AxisFacts {
 }
 
 fn needed(condition: &rollout::Condition) -> NeededAxis {
-    let (one_of, except) = match &condition.holds {
+    let (one_of, other_than) = match &condition.holds {
         rollout::Holds::OneOf(values) => (Some(values.to_vec()), None),
         rollout::Holds::Except(value) => (None, Some(*value)),
     };
-    NeededAxis { axis: condition.axis.clone(), one_of, except }
+    NeededAxis { axis: condition.axis.clone(), one_of, other_than }
 }
 
 /// Returns a scenario with the names of its axes.

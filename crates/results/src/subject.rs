@@ -66,8 +66,8 @@ pub struct AxisFacts {
     /// `continuous`, `logarithmic`, `integer`, or the names of the categories, whose values count
     /// from 0.
     pub values: AxisValues,
-    /// Values of other axes that the axis needs for an effect, all of them; missing if it always has
-    /// one. In other scenarios it is nominal.
+    /// Values of other axes that this axis needs for an effect, all of them; missing if it always
+    /// has one. In other scenarios it is nominal.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub only_if: Option<Vec<NeededAxis>>,
 }
@@ -77,10 +77,10 @@ pub struct AxisFacts {
 pub struct NeededAxis {
     /// Name of the axis.
     pub axis: String,
-    /// Its values with an effect; `null`: all but `except`.
+    /// Its values with an effect; `null`: all but `other_than`.
     pub one_of: Option<Vec<f64>>,
     /// Its value without an effect; `null`: all but those in `one_of`.
-    pub except: Option<f64>,
+    pub other_than: Option<f64>,
 }
 
 /// The values that an axis can take between its bounds.
@@ -107,9 +107,9 @@ impl AxisFacts {
     /// one has no effect on this.
     pub fn has_effect(&self, value: impl Fn(&str) -> Option<f64>) -> bool {
         self.only_if.iter().flatten().all(|needed| {
-            value(&needed.axis).is_none_or(|value| match (&needed.one_of, needed.except) {
+            value(&needed.axis).is_none_or(|value| match (&needed.one_of, needed.other_than) {
                 (Some(values), _) => values.contains(&value),
-                (None, except) => Some(value) != except,
+                (None, other) => Some(value) != other,
             })
         })
     }
