@@ -87,7 +87,7 @@ def faults(
 
     A fault acts between the environment and the policy. ``sensor_fault`` is the kind of a fault of what the policy observes,
     ``actuator_fault`` that of what the environment gets. Signals are those of the environment, without the faults. At their
-    nominal values the axes change nothing. ``docs/reference/faults.md`` describes the kinds.
+    nominal values the axes change nothing. ``docs/guide/faults.md`` describes the kinds.
 
     Parameters
     ----------

@@ -144,7 +144,9 @@ impl Isolation {
                 .collect(),
             robustness: self.closest.robustness.unwrap_or_default().into(),
             axes: names(self.axes.clone()),
-            sufficient: self.axes_where(alone, Simulation::is_violated).map(names),
+            sufficient: self
+                .axes_where(alone, Simulation::is_violated)
+                .map(|axes| names(self.space.without_dependent(&axes))),
             necessary: self.axes_where(without, passes).map(names),
             other_seeds: self.other_seeds(),
         }

@@ -362,6 +362,13 @@ impl Space {
             .collect()
     }
 
+    /// Returns these axes without those that need another one of them, which does not need them.
+    pub fn without_dependent(&self, axes: &[usize]) -> Vec<usize> {
+        let needs = |axis: usize, other: usize| self.with_needed(axis).contains(&other);
+        let depends = |axis: usize| axes.iter().any(|other| needs(axis, *other) && !needs(*other, axis));
+        axes.iter().copied().filter(|axis| !depends(*axis)).collect()
+    }
+
     /// Returns the index of an axis and those of the axes that its conditions name.
     pub fn with_needed(&self, index: usize) -> Vec<usize> {
         needed(&self.gates, index)
