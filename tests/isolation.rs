@@ -77,8 +77,8 @@ fn the_axes_of_a_cause_are_those_without_which_nothing_fails() {
     }
 }
 
-/// A fault needs its kind and its duration. An axis without a meaning for the kind is no cause, and
-/// nominal in every simulation.
+/// A fault needs its kind and its duration. An axis without a meaning for the kind causes nothing,
+/// and is nominal in every simulation.
 #[test]
 fn a_fault_is_caused_by_axes_that_have_a_meaning_for_its_kind() {
     let folder = tempfile::tempdir().unwrap();

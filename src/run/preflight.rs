@@ -123,13 +123,22 @@ fn axes_without_effect(
         }
     };
     let is_category = |axis: &Axis| matches!(axis.values, AxisValues::Categorical(_));
+    let is_same_fault = |index: usize, other: &Axis| {
+        let place = axes.iter().position(|axis| axis.name == other.name).unwrap_or(index);
+        let (own, others) = (resolved.space.with_needed(index), resolved.space.with_needed(place));
+        own.iter().any(|needed| others.contains(needed))
+    };
     // The scenarios in which an axis is probed: with each category of another axis, because the
     // severity of a fault means nothing without the fault.
     let bases = |index: usize| -> Vec<Vec<Option<f64>>> {
         if axes[index].kind == AxisKind::Start {
             return vec![axes.iter().map(|axis| axis.nominal).collect()];
         }
-        let is_away = |other: &Axis| other.kind != AxisKind::Start && !other.is_fixed();
+        // Another fault would hide the effect, and a late onset comes after the end of an episode.
+        let hides = |other: &Axis| {
+            other.kind == AxisKind::Fault && (other.is_onset() || !is_same_fault(index, other))
+        };
+        let is_away = |other: &Axis| other.kind != AxisKind::Start && !other.is_fixed() && !hides(other);
         let value = |other: &Axis| if is_away(other) { Some(other.at(AWAY)) } else { other.nominal };
         let base: Vec<Option<f64>> = axes.iter().map(value).collect();
         let others = axes.iter().enumerate();
