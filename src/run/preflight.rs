@@ -3,7 +3,9 @@
 use std::collections::BTreeSet;
 use std::time::{Duration, Instant};
 
-use mishandle_rollout::{Axis, AxisKind, AxisValues, Episode, EpisodeEnd, Request, Scenario, Seed, System};
+use mishandle_rollout::{
+    Axis, AxisKind, AxisValues, Episode, EpisodeEnd, Holds, Request, Scenario, Seed, System,
+};
 use mishandle_stl::{Clock, Formula, Monitor, Trace, is_satisfied};
 
 use crate::error::MishandleError;
@@ -128,6 +130,15 @@ fn axes_without_effect(
         let (own, others) = (resolved.space.with_needed(index), resolved.space.with_needed(place));
         own.iter().any(|needed| others.contains(needed))
     };
+    // The values of the other axis with which the axis has an effect, if they are listed.
+    let effective = |axis: &Axis, other: &Axis| {
+        axis.conditions.iter().filter(|needed| needed.axis == other.name).find_map(|needed| {
+            match &needed.holds {
+                Holds::OneOf(values) => Some(values.iter().copied().take(MAX_LEVELS).collect::<Vec<f64>>()),
+                Holds::Except(_) => None,
+            }
+        })
+    };
     // The scenarios in which an axis is probed: with each category of another axis, because the
     // severity of a fault means nothing without the fault.
     let bases = |index: usize| -> Vec<Vec<Option<f64>>> {
@@ -153,7 +164,7 @@ fn axes_without_effect(
             base[place] = Some(value);
             base
         };
-        values(axis).into_iter().map(with).collect()
+        effective(&axes[index], axis).unwrap_or_else(|| values(axis)).into_iter().map(with).collect()
     };
     let mut requests = Vec::new();
     let mut probed = Vec::new();

@@ -119,9 +119,10 @@ impl ActiveFault {
                 return is_lost;
             }
             FaultKind::Swap if is_whole => {
-                let from: Vec<T> = self.exchanged.iter().map(|(_, from)| values[*from]).collect();
-                for ((to, _), value) in self.exchanged.iter().zip(from) {
-                    values[*to] = value;
+                self.held.clear();
+                self.held.extend(self.exchanged.iter().map(|(_, from)| values[*from].to_f64()));
+                for ((to, _), held) in self.exchanged.iter().zip(&self.held) {
+                    values[*to] = T::nearest(*held);
                 }
             }
             FaultKind::ClockJitter => return self.delay(step, is_whole, values),
