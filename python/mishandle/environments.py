@@ -53,7 +53,7 @@ class PolicySystem(System):
         self.steps = episode_steps(environment, steps)
         self.control_dt = control_dt if control_dt is not None else control_period(environment)
         self.knows_control_dt = control_dt is not None or states_control_dt(environment)
-        self.faults = FaultLine(space, self.control_dt)
+        self.faults = FaultLine(space, self.control_dt, (spaces[0], spaces[1]))
         self.idle = idle_action(spaces[1]) if self.faults.is_used else None
         self.versions = [("gymnasium", gymnasium.__version__), ("numpy", np.__version__)]
         self.exceptions = []

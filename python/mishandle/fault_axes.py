@@ -131,11 +131,15 @@ def faults(
         raise InvalidValueError("there is no fault: count must be at least 1, and sensing, actuation or delays True")
     # A task knows its channels and what its sensors can measure.
     layouts = getattr(environment.unwrapped, "fault_layouts", None)
-    if layouts is not None and channels is None and actions is None and ranges is None:
-        observation, action = (Layout.from_native(layout) for layout in layouts)
+    known = [] if layouts is None else [Layout.from_native(layout) for layout in layouts]
+    spaces = (_single_space(environment, "observation_space"), _single_space(environment, "action_space"))
+    # A wrapper may have changed its spaces.
+    is_own = all(_size(space) == len(layout.ranges) for space, layout in zip(spaces, known))
+    if known and is_own and channels is None and actions is None and ranges is None:
+        observation, action = known
     else:
-        observation = _layout(_single_space(environment, "observation_space"), channels, ranges, "obs")
-        action = _layout(_single_space(environment, "action_space"), actions, None, "action")
+        observation = _layout(spaces[0], channels, ranges, "obs")
+        action = _layout(spaces[1], actions, None, "action")
     settings = FaultSettings(
         observation=observation if sensing or delays else None,
         action=action if actuation or delays else None,
@@ -175,6 +179,11 @@ def _layout(space: Any, channels: Channels | None, ranges: Ranges | None, what: 
     return Layout(tuple(named.items()), tuple(bounds), has_numbers)
 
 
+def _size(space: Any) -> int:
+    """Returns the number of numbers of a space."""
+    return sum(int(np.prod(part.shape)) for part in _leaves(space))
+
+
 def _leaves(space: Any) -> list[Any]:
     return list(space.spaces.values()) if isinstance(space, gymnasium_spaces.Dict) else [space]
 
@@ -205,7 +214,7 @@ def _numbers(space: Any, what: str) -> tuple[dict[str, tuple[int, ...]], list[tu
 class FaultLine:
     """The faults between the environment and the policy of a system. Without fault axes it does nothing."""
 
-    def __init__(self, space: Sequence[Axis], control_dt: float) -> None:
+    def __init__(self, space: Sequence[Axis], control_dt: float, spaces: tuple[Any, Any]) -> None:
         fault_axes = {axis.name: axis for axis in space if isinstance(axis.apply, FaultParameter)}
         found = {axis.apply.settings for axis in fault_axes.values() if isinstance(axis.apply, FaultParameter)}
         if len(found) > 1:
@@ -217,6 +226,14 @@ class FaultLine:
                 f"the faults were made for a control period of {self._settings.control_dt:g} s, but that of the system is {control_dt:g} s, so "
                 "their times would be wrong; pass the same `control_dt` to mishandle.faults and to the question"
             )
+
+        layouts = () if self._settings is None else (self._settings.observation, self._settings.action)
+        for what, layout, found in zip(("observation", "action"), layouts, spaces):
+            if layout is not None and _size(found) != len(layout.ranges):
+                raise InvalidValueError(
+                    f"the faults were made for an environment whose {what} has {len(layout.ranges)} numbers, but that of the system has "
+                    f"{_size(found)}; pass the same environment to mishandle.faults and to the question"
+                )
 
     @property
     def is_used(self) -> bool:

@@ -290,7 +290,7 @@ class TaskSystem(System):
         self.name = task
         self.signals = self._native.signals
         self.control_dt = self._native.control_dt
-        self.faults = FaultLine(space, self.control_dt)
+        self.faults = FaultLine(space, self.control_dt, spaces)
         self._idle = idle_action(spaces[1])
         self.steps = self._native.episode_steps
         self.versions = [("numpy", np.__version__)]

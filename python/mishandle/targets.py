@@ -244,6 +244,7 @@ def make_target(
         raise InvalidTypeError(f"version is {version!r}; it must be a text")
     watch = Watch(_roots(system, policy, space, options))
     under_test = _system(system, space, policy, options)
+    random_axes = under_test.random_axes
     check_time(formulas, under_test.knows_control_dt, under_test.control_dt)
     nominal = {axis.name: axis.nominal_value for axis in space}
     largest_difference = _probe(under_test, under_test, nominal)
@@ -286,7 +287,7 @@ def make_target(
         components=components,
         not_covered=list(not_covered),
         versions=_versions(under_test, found, version),
-        random_axes=under_test.random_axes,
+        random_axes=random_axes,
         simulate=lambda batch: [outcome.to_native() for outcome in under_test.simulate(batch)],
     )
     native = native.with_requirements(requirements(options))

@@ -3,6 +3,7 @@
 import unittest
 import warnings
 
+import cloudpickle
 import gymnasium
 import numpy as np
 from gymnasium.spaces import Box, Discrete
@@ -217,6 +218,26 @@ class ContractTest(unittest.TestCase):
                 Recorder(), "always(count >= 0)", space, policy=Seen(), steps=STEPS, signals={"count": "obs[0]"}, control_dt=0.5
             )
 
+    def test_the_faults_of_another_environment_are_refused(self):
+        with self.assertRaisesRegex(mishandle.InvalidValueError, "observation has 4 numbers, but that of the system has 2"):
+            simulate(
+                Recorder(), "always(count >= 0)", mishandle.faults(gymnasium.make("CartPole-v1"), control_dt=0.1), policy=Seen(),
+                steps=STEPS, signals={"count": "obs[0]"},
+            )
+
+    def test_a_system_on_a_cluster_keeps_its_faults(self):
+        env = Recorder()
+        system = mishandle.vector_environments.environment_system(
+            env, Seen(), mishandle.faults(env, steps=STEPS), signals={"count": "obs[0]"}, steps=STEPS, control_dt=0.1,
+            time_limit=None, batched_policy=False,
+        )
+        copy = cloudpickle.loads(cloudpickle.dumps(system))
+        at = {axis.name: axis.nominal_value for axis in system.space.values()} | LIFE | {"sensor_fault": "freeze"}
+        for each in (system, copy):
+            each.simulate([(at, 3)])
+            self.assertEqual([seen[0] for seen in each._policy_source.observations[9:15]], [9] * 6)
+        self.assertEqual(set(system.random_axes), {"sensor_fault_probability", "actuator_fault_probability", "actuator_fault_lateness"})
+
     def test_the_shortest_fault_is_found_by_bisection(self):
         env = Recorder()
         space = mishandle.faults(env, steps=STEPS, actuation=False)
@@ -242,6 +263,36 @@ class Informed(Recorder):
     def reset(self, *, seed=None, options=None):
         observation, _ = super().reset(seed=seed)
         return observation, {"action": 0.0}
+
+
+class ConditionTest(unittest.TestCase):
+    def test_an_axis_of_a_function_can_be_conditional(self):
+        seen = []
+
+        def road(scenario):
+            seen.append(scenario)
+            return {"y": [1.0, 1.0 - scenario["depth"]]}
+
+        space = [
+            Axis("surface", values=["dry", "wet", "ice"], kind="model"),
+            Axis("depth", 0.0, 0.2, "m", nominal=0.0, kind="model", when={"surface": ["wet"]}),
+        ]
+        mishandle.evaluate(road, "always(y >= 0)", space, episodes=200)
+        self.assertTrue(all(each["depth"] == 0.0 for each in seen if each["surface"] != "wet"))
+        self.assertGreater(sum(each["depth"] > 0.0 for each in seen), 30)
+        with self.assertRaisesRegex(mishandle.InvalidValueError, "`damp` of the axis `surface`, which has no such value"):
+            mishandle.evaluate(road, "always(y >= 0)", [space[0], Axis("depth", 0, 1, when={"surface": ["damp"]})], episodes=3)
+
+    def test_channels_and_ranges_that_do_not_fit_are_errors(self):
+        for options, problem in [
+            ({"channels": {"x": [0, 7]}}, "there are 2, from 0 on"),
+            ({"channels": {"x": []}}, "has the numbers"),
+            ({"ranges": {"x": (0, 1)}}, "there is no channel `x`"),
+            ({"channels": {"x": 0}, "ranges": {"x": (1, 0)}}, "the lower value first"),
+            ({"count": 0}, "count must be at least 1"),
+        ]:
+            with self.subTest(options), self.assertRaisesRegex(mishandle.InvalidValueError, problem):
+                mishandle.faults(Recorder(), steps=STEPS, **options)
 
 
 class TaskTest(unittest.TestCase):

@@ -170,6 +170,26 @@ mod tests {
     }
 
     #[test]
+    fn an_axis_without_an_effect_is_left_out_and_cannot_be_set() {
+        let target = crate::resolve::target(&crate::plan::Plan::new("ball-balancing", "ppo")).unwrap();
+        let of = |settings: &[(&str, AxisSetting)]| {
+            let settings =
+                settings.iter().map(|(name, setting)| ((*name).to_string(), setting.clone())).collect();
+            with_settings(target.space("faults-sensing").unwrap(), &settings, &target.axes)
+        };
+        let category = |name: &str| AxisSetting::Category(name.to_string());
+        let space = of(&[("sensor_fault", category("bias"))]).unwrap();
+        let names: Vec<&str> = space.axes().iter().map(|axis| axis.name.as_str()).collect();
+        let expected = ["", "_channel", "_onset", "_duration", "_recovery", "_offset"];
+        assert_eq!(names, expected.map(|suffix| format!("sensor_fault{suffix}")));
+        let freeze = [("sensor_fault", category("freeze")), ("sensor_fault_offset", AxisSetting::Value(0.1))];
+        let error = of(&freeze).unwrap_err().to_string();
+        assert!(error.contains("sensor_fault_offset has no effect: set sensor_fault_duration"), "{error}");
+        let error = of(&[("sensor_fault", category("none"))]).unwrap_err().to_string();
+        assert!(error.contains("at least 1"), "{error}");
+    }
+
+    #[test]
     fn settings_survive_a_round_trip_through_toml() {
         let category = AxisSetting::Category("ice".to_string());
         let axes =
