@@ -80,6 +80,14 @@ pub enum MishandleError {
         /// Allowed values.
         expected: String,
     },
+    /// A plan sets an axis that has no effect with the values of the other axes.
+    #[error("the axis {axis} has no effect: set {} so that it has one", needed.join(" and "))]
+    IdleAxis {
+        /// Name of the axis.
+        axis: String,
+        /// Names of the axes that decide.
+        needed: Vec<String>,
+    },
     /// The plan has a newer format.
     #[error("the plan has format {found}, this program reads format {known}: use a newer Mishandle")]
     NewerPlan {

@@ -76,3 +76,45 @@ fn the_axes_of_a_cause_are_those_without_which_nothing_fails() {
         assert!(episode.is_violated());
     }
 }
+
+/// A fault needs its kind and its duration. An axis without a meaning for the kind causes nothing,
+/// and is nominal in every simulation.
+#[test]
+fn a_fault_is_caused_by_axes_that_have_a_meaning_for_its_kind() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("run.sqlite");
+    let falsify = FalsifyPlan { trials: 6, budget: 60, isolate: Some(true), ..FalsifyPlan::default() };
+    let space = "faults-sensing+faults-actuation".to_string();
+    let plan = Plan { falsify: Some(falsify), space, seed: 4, ..Plan::new("ball-balancing", "ppo") };
+    let resolved = ResolvedPlan::new(&plan).unwrap();
+    let run = mishandle::run::create_run(&resolved, Some(&path)).unwrap();
+    let go = |_: &_| ControlFlow::Continue(());
+    let answer = mishandle::run::ask(&resolved, run, Engine::Direct, &mut { go }).unwrap();
+    let result =
+        mishandle::inspect::whole_result(&resolved, &answer, &path, None, |_, _| ControlFlow::Continue(()));
+    let Answer::Falsification(found) = result.unwrap() else { panic!() };
+    let run = RunFile::open(&path).unwrap();
+    let recorded: Vec<_> = run.header().axes.iter().map(mishandle::run::recorded_axis).collect();
+    for (axis, own) in recorded.iter().zip(resolved.space.axes()) {
+        assert_eq!((&axis.conditions, &axis.values), (&own.conditions, &own.values), "{}", axis.name);
+    }
+    let derived = (1..=6).flat_map(|trial| run.derived_simulations(trial));
+    for row in run.simulations().chain(derived) {
+        let scenario = mishandle::rollout::Scenario::new(row.unwrap().scenario);
+        assert!(resolved.space.ineffective(&scenario).is_empty(), "{scenario:?}");
+    }
+    let causes: Vec<_> = found.trials.iter().filter_map(|trial| trial.cause.as_ref()).collect();
+    assert!(causes.len() >= 3, "the controller fails under most faults");
+    for cause in causes {
+        let has = |axis: &str| cause.axes.iter().any(|named| named == axis);
+        let sides = ["sensor_fault", "actuator_fault"].into_iter().filter(|side| has(side));
+        for side in sides.clone() {
+            assert!(has(&format!("{side}_duration")), "{:?}", cause.axes);
+        }
+        assert!(sides.count() > 0, "{:?}", cause.axes);
+        let scenario = mishandle::rollout::Scenario::new(cause.scenario.values().copied().collect());
+        assert!(resolved.space.ineffective(&scenario).is_empty());
+        // All of its simulations were run: none differs from the one that is asked about.
+        assert!(cause.sufficient.is_some() && cause.necessary.is_some());
+    }
+}

@@ -28,6 +28,28 @@ fn plans() -> Vec<Plan> {
             ..Plan::new("ball-balancing", "ppo")
         },
         Plan { risk: Some(risk.clone()), ..Plan::new("toy/hidden-corner", "") },
+        // Every kind of fault of the sensors, and random faults of both sides.
+        Plan {
+            margin: Some(MarginPlan { budget: 20, ..MarginPlan::default() }),
+            space: "faults-sensing".to_string(),
+            ..Plan::new("ball-balancing", "ppo")
+        },
+        Plan {
+            evaluate: Some(EvaluatePlan { episodes: 40, batch: 8, ..EvaluatePlan::default() }),
+            space: "starts+timing+faults-sensing+faults-actuation".to_string(),
+            ..Plan::new("ball-balancing", "ppo")
+        },
+        Plan {
+            falsify: Some(FalsifyPlan {
+                trials: 2,
+                budget: 40,
+                batch: 1,
+                isolate: Some(true),
+                ..FalsifyPlan::default()
+            }),
+            space: "faults-sensing+faults-actuation".to_string(),
+            ..Plan::new("ball-balancing", "ppo")
+        },
         Plan { risk: Some(RiskPlan { simulations: 300, ..risk }), ..car.clone() },
         // The counterexamples move toward nominal.
         Plan {

@@ -366,15 +366,17 @@ fn a_wrong_engine_cannot_falsify_a_trial_and_with_all_repeated_it_changes_nothin
 }
 
 #[test]
-fn changed_constants_and_events_have_the_counterexamples_of_the_system() {
-    let plan = Plan { space: "starts+dynamics+events".to_string(), ..falsification(24).plan };
-    let resolved = ResolvedPlan::new(&plan).unwrap();
-    let folder = tempfile::tempdir().unwrap();
-    let run = mishandle::run::create_run(&resolved, Some(&folder.path().join("run.sqlite"))).unwrap();
-    let plain = mishandle::falsify(&resolved, run, |_| ControlFlow::Continue(())).unwrap();
-    let (found, counts) = falsified_by(&screening(resolved, 0.1), &CpuDevice);
-    assert!(found.trials.iter().map(evidence).eq(plain.trials.iter().map(evidence)));
-    assert_eq!(counts.sampled.violations, 0);
+fn changed_constants_events_and_faults_have_the_counterexamples_of_the_system() {
+    for space in ["starts+dynamics+events", "starts+timing+faults-sensing+faults-actuation"] {
+        let plan = Plan { space: space.to_string(), ..falsification(24).plan };
+        let resolved = ResolvedPlan::new(&plan).unwrap();
+        let folder = tempfile::tempdir().unwrap();
+        let run = mishandle::run::create_run(&resolved, Some(&folder.path().join("run.sqlite"))).unwrap();
+        let plain = mishandle::falsify(&resolved, run, |_| ControlFlow::Continue(())).unwrap();
+        let (found, counts) = falsified_by(&screening(resolved, 0.1), &CpuDevice);
+        assert!(found.trials.iter().map(evidence).eq(plain.trials.iter().map(evidence)), "{space}");
+        assert_eq!(counts.sampled.violations, 0, "{space}");
+    }
 }
 
 /// A device that is lost at its first step.

@@ -2,7 +2,7 @@
 
 from mishandle import sb3
 from mishandle._native import TrainingEpisodes, __version__
-from mishandle.axes import Attribute, Axis, ResetOption
+from mishandle.axes import Attribute, Axis, Except, ResetOption
 from mishandle.controllers import Controller, load_controller
 from mishandle.errors import (
     InvalidScenario,
@@ -14,6 +14,7 @@ from mishandle.errors import (
 )
 from mishandle.explanations import Comparison, Explanation, compare
 from mishandle.falsification import Evaluation, Exports, Falsification, evaluate, falsify
+from mishandle.fault_axes import faults
 from mishandle.formulas import Formula, robustness
 from mishandle.margins import Margin, margin
 from mishandle.limits import TimeLimitExceeded
@@ -37,6 +38,7 @@ __all__ = [
     "Controller",
     "Estimate",
     "Evaluation",
+    "Except",
     "Explanation",
     "Exports",
     "FailureMode",
@@ -71,6 +73,7 @@ __all__ = [
     "compare",
     "evaluate",
     "falsify",
+    "faults",
     "find_minimum",
     "load_controller",
     "margin",

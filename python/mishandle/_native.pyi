@@ -10,7 +10,9 @@ __version__: str
 
 Samples = tuple[NDArray[np.float32], NDArray[np.float64], NDArray[np.float64], NDArray[np.bool_], NDArray[np.bool_]]
 Outcome = tuple[str, int, int, NDArray[np.float64], int, float]
-AxisTuple = tuple[str, str, str, float, float, float | None, list[str], str]
+AxisTuple = tuple[
+    str, str, str, float, float, float | None, list[str], str, list[tuple[str, bool, list[float | str]]]
+]
 Node = tuple[str | None, tuple[int, int | None] | None, list[int], list[str] | None]
 
 
@@ -77,6 +79,31 @@ def regress(
 def with_settings(axes: list[AxisTuple], settings: Mapping[str, Any]) -> list[AxisTuple]: ...
 def comparison_page(first: str, second: str) -> str: ...
 
+Layout = tuple[list[tuple[str, list[int]]], list[tuple[float, float]], bool]
+
+class Faults:
+    def __new__(
+        cls,
+        *,
+        observation: Layout | None,
+        action: Layout | None,
+        count: int,
+        has_delays: bool,
+        control_dt: float,
+        episode_steps: int,
+    ) -> Faults: ...
+    @property
+    def axes(self) -> list[AxisTuple]: ...
+    @property
+    def random_axes(self) -> list[str]: ...
+    def start(self, values: dict[str, float], seed: int) -> ActiveFaults | None: ...
+
+class ActiveFaults:
+    def observe(self, step: int, observation: NDArray[np.float64]) -> None: ...
+    def is_paused(self, step: int) -> bool: ...
+    def has_pause(self) -> bool: ...
+    def act(self, step: int, action: NDArray[np.float64]) -> bool: ...
+
 class Controller:
     def __new__(cls, name: str, task: str | None = None) -> Controller: ...
     @property
@@ -112,6 +139,8 @@ class Simulator:
     def axes(self) -> list[tuple[str, str, float, float, str]]: ...
     @property
     def observation_names(self) -> list[str]: ...
+    @property
+    def fault_layouts(self) -> list[Layout]: ...
     def arrays(self) -> Samples: ...
     def reset(
         self,
@@ -140,6 +169,7 @@ class Target:
         components: Sequence[tuple[str, str, str]],
         not_covered: Sequence[str],
         versions: Sequence[tuple[str, str]],
+        random_axes: Sequence[str],
         simulate: Callable[[list[tuple[dict[str, Any], int]]], list[Outcome]],
     ) -> Target: ...
     def with_requirements(self, requirements: dict[str, str]) -> Target: ...

@@ -7,7 +7,7 @@ import numbers
 import os
 from collections.abc import Iterable, Mapping, Sequence
 
-from mishandle.axes import Attribute, Axis, ResetOption, parse_path
+from mishandle.axes import Attribute, Axis, FaultParameter, ResetOption, parse_path
 from mishandle.errors import InvalidTypeError, InvalidValueError, MishandleError
 from mishandle import _native
 from mishandle.formulas import Formula
@@ -78,7 +78,7 @@ def check_termination(termination: object) -> None:
         raise InvalidValueError(f"termination is {termination!r}; it must be 'undecided', 'hold' or 'evaluate'")
 
 
-def check_space(space: Sequence[Axis], is_environment: bool) -> None:
+def check_space(space: Sequence[Axis], is_environment: bool, has_steps: bool = True) -> None:
     """Checks that each axis has a name of its own and, for an environment, that no two axes set the same thing.
 
     >>> check_space([Axis("mass", 1, 2, apply=Attribute("m")), Axis("weight", 1, 2, apply=Attribute("m"))], True)
@@ -91,6 +91,16 @@ def check_space(space: Sequence[Axis], is_environment: bool) -> None:
         if axis.name in names:
             raise InvalidValueError(f"two axes have the name `{axis.name}`; the name of each axis must be different")
         names.add(axis.name)
+    faulty = next((axis for axis in space if axis.kind == "fault" or isinstance(axis.apply, FaultParameter)), None)
+    if faulty is not None and not has_steps:
+        raise InvalidTypeError(
+            f"the axis `{faulty.name}` is a fault between an environment and its policy, but a function has no control steps between "
+            "which a fault could act; use an environment with a policy, or an axis of another kind that the function itself applies"
+        )
+    if faulty is not None and not isinstance(faulty.apply, FaultParameter):
+        raise InvalidValueError(
+            f"the axis `{faulty.name}` has the kind 'fault', but nothing applies it: mishandle.faults makes the axes of faults"
+        )
     if not is_environment:
         return
     setters: list[tuple[str, str, tuple[object, ...], str]] = []

@@ -5,14 +5,20 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, field, fields
 from functools import lru_cache
-from typing import Any, Union
+from typing import TYPE_CHECKING, Any, Union
 
 from mishandle.errors import InvalidValueError
 
+if TYPE_CHECKING:
+    from mishandle.fault_axes import FaultSettings
+
 Value = Union[float, int, str]
 """Value of an axis in a scenario: a float, an integer for integer axes, a name for categorical axes."""
+
+NativeAxis = tuple[str, str, str, float, float, Union[float, None], list[str], str, list[tuple[str, bool, list[Any]]]]
+"""An axis as the extension module takes it."""
 
 
 @dataclass(frozen=True)
@@ -39,7 +45,21 @@ class Attribute:
         parse_path(self.path)
 
 
-Application = Union[ResetOption, Attribute, Callable[[Any, Value], Any]]
+@dataclass(frozen=True)
+class FaultParameter:
+    """Sets a parameter of a fault or delay between the environment and the policy: see :func:`mishandle.faults`."""
+
+    settings: FaultSettings
+
+
+@dataclass(frozen=True)
+class Except:
+    """Any other value than this one: see ``Axis.when``."""
+
+    value: Value
+
+
+Application = Union[ResetOption, Attribute, FaultParameter, Callable[[Any, Value], Any]]
 """How an environment gets the value of an axis. A callable gets the environment and the value after the reset; it returns
 the observation if it changes it, otherwise ``None``."""
 
@@ -62,12 +82,16 @@ class Axis:
         Value in an undisturbed episode: by default the middle of the bounds, or the first name. A name can be given by its number,
         from 0, too.
     kind : str
-        ``"start"`` (initial state), ``"model"`` (constant of the system), ``"event"``, ``"input"`` or ``"noise"``.
+        ``"start"`` (initial state), ``"model"`` (constant of the system), ``"event"``, ``"input"`` or ``"noise"``. The axes of
+        :func:`mishandle.faults` have the kind ``"fault"``.
     meaning : str
         Description.
     apply : ResetOption, Attribute or callable, optional
         How an environment gets the value; by default the reset option with the name of the axis. Functions get a
         dictionary instead and ignore it.
+    when : mapping, optional
+        Values of other axes, by name, without which this axis has no effect. It is then nominal, no search varies it, and no
+        explanation names it.
 
     Examples
     --------
@@ -79,6 +103,7 @@ class Axis:
     'dry'
     >>> Axis("surface", values=["dry", "wet"], nominal="wet").nominal
     1.0
+    >>> depth = Axis("depth", 0.0, 0.2, "m", nominal=0.0, when={"surface": ["wet"]})
     """
 
     name: str
@@ -90,6 +115,7 @@ class Axis:
     kind: str = "start"
     meaning: str = ""
     apply: Application | None = None
+    when: Mapping[str, Sequence[Value] | Except] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         if not self.name or not self.name.isprintable():
@@ -164,22 +190,27 @@ class Axis:
 
     @classmethod
     def from_native(
-        cls, given: tuple[str, str, str, float, float, float | None, list[str], str], apply: Application | None = None
+        cls, given: NativeAxis, apply: Application | None = None
     ) -> Axis:
         """Returns an axis of the extension module. A setting can have left it one value only."""
-        kind, name, unit, low, high, nominal, values, meaning = given
+        kind, name, unit, low, high, nominal, values, meaning, needed = given
+        when = {other: Except(levels[0]) if is_except else levels for other, is_except, levels in needed}
         is_number = values[0] in ("continuous", "logarithmic", "integer") and len(values) == 1
         kinds: str | list[str] = values[0] if is_number else values
         axis = object.__new__(cls)
-        for each, value in zip(fields(cls), (name, low, high, unit, kinds, nominal, kind, meaning, apply)):
+        for each, value in zip(fields(cls), (name, low, high, unit, kinds, nominal, kind, meaning, apply, when)):
             object.__setattr__(axis, each.name, value)
         return axis
 
-    def to_native(self) -> tuple[str, str, str, float, float, float | None, list[str], str]:
+    def to_native(self) -> NativeAxis:
         """Returns the axis as the extension module takes it."""
         values = [self.values] if isinstance(self.values, str) else list(self.values)
         bounds = float(self.low), float(self.high)
-        return self.kind, self.name, self.unit, *bounds, self.nominal_number, values, self.meaning
+        needed = [
+            (name, isinstance(levels, Except), [levels.value] if isinstance(levels, Except) else list(levels))
+            for name, levels in self.when.items()
+        ]
+        return self.kind, self.name, self.unit, *bounds, self.nominal_number, values, self.meaning, needed
 
 
 _SEGMENT = re.compile(r"([A-Za-z_]\w*)((?:\[\s*-?\d+\s*(?:,\s*-?\d+\s*)*\])*)")

@@ -14,7 +14,8 @@ import gymnasium
 import numpy as np
 
 from mishandle.attributes import Attributes
-from mishandle.axes import Attribute, Axis, ResetOption, Value, follower, parse_path
+from mishandle.axes import Attribute, Axis, FaultParameter, ResetOption, Value, follower, parse_path
+from mishandle.fault_axes import FaultLine, idle_action
 from mishandle.errors import InvalidScenario, InvalidTypeError, InvalidValueError
 from mishandle.limits import TimeLimitExceeded, check_time_limit, limited
 from mishandle.policies import Policy, as_policy
@@ -52,6 +53,8 @@ class PolicySystem(System):
         self.steps = episode_steps(environment, steps)
         self.control_dt = control_dt if control_dt is not None else control_period(environment)
         self.knows_control_dt = control_dt is not None or states_control_dt(environment)
+        self.faults = FaultLine(space, self.control_dt, (spaces[0], spaces[1]))
+        self.idle = idle_action(spaces[1]) if self.faults.is_used else None
         self.versions = [("gymnasium", gymnasium.__version__), ("numpy", np.__version__)]
         self.exceptions = []
 
@@ -153,6 +156,9 @@ class EnvironmentSystem(PolicySystem):
         return [outcome for chunk in chunks for outcome in self._together(chunk)]
 
     def _together(self, chunk: Sequence[tuple[Scenario, int]]) -> list[Outcome]:
+        if len(chunk) > 1 and any(self.faults.pauses(*pair) for pair in chunk):
+            # A policy cannot be paused for one row and act for another one.
+            return [outcome for pair in chunk for outcome in self._together([pair])]
         rows = [_Row(self, environment, *pair) for environment, pair in zip(self._environments, chunk)]
         try:
             return self._run(rows)
@@ -174,7 +180,13 @@ class EnvironmentSystem(PolicySystem):
                 break
             # Ended rows keep their last observation, so that the rows of a recurrent policy stay in
             # place. A row without one did not start.
-            observations = [running[0].observation if row.observation is None else row.observation for row in rows]
+            for row in running:
+                row.see(step - 1)
+            if all(row.is_paused(step - 1) for row in running):
+                for row in running:
+                    row.step(None, step)
+                continue
+            observations = [running[0].seen if row.seen is None else row.seen for row in rows]
             end, actions = self.act(observations, [] if self.time_limit is None else [row.time for row in running])
             if end is not None:
                 for row in rows:
@@ -197,7 +209,7 @@ class EnvironmentSystem(PolicySystem):
                 set_option(options, name if application is None else application.name, value)
             elif isinstance(application, Attribute):
                 attributes.append((application.path, value))
-            else:
+            elif not isinstance(application, FaultParameter):
                 later.append((application, value))
         return attributes, options, later
 
@@ -210,6 +222,7 @@ class _Row:
         self._applications = system.applications(scenario)
         # Some environments take seeds of 32 bits only.
         self._seed = seed % 2**31
+        self._faults = system.faults.start(scenario, seed)
         self.attributes = Attributes()
         self._own: list[Any] = []
         self._environment = environment
@@ -220,6 +233,7 @@ class _Row:
         self._steps = 0
         self.time = Time()
         self.observation: Any = None
+        self.seen: Any = None
         self.outcome: Outcome | None = None
 
     def set(self) -> None:
@@ -255,12 +269,23 @@ class _Row:
         sample, self._late = self._system.first_sample(self._unwrapped, observation, info)
         self._samples.append(sample)
 
+    def see(self, step: int) -> None:
+        """Sets what the policy sees in a control step, counted from 0."""
+        self.seen = self.observation if self._faults is None else self._faults.observe(step, self.observation)
+
+    def is_paused(self, step: int) -> bool:
+        """Returns whether a fault keeps the policy from acting in a control step, counted from 0."""
+        return self._faults is not None and self._faults.is_paused(step)
+
     def step(self, action: Any, step: int) -> None:
         if self.outcome is not None:
             return
+        if self._faults is not None:
+            action = self._faults.answer(step - 1, action, self._system.idle)
         index = _first_not_finite(action)
         if index is None:
-            self._guarded(self._advance, action, step)
+            given = action if self._faults is None else self._faults.act(step - 1, action)
+            self._guarded(self._advance, given, step)
         else:
             self.end("invalid action", step, index)
 

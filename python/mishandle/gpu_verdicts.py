@@ -132,6 +132,7 @@ def draws(axes: list[_native.AxisTuple], sample: Sample) -> list[tuple[list[floa
         components=[],
         not_covered=[],
         versions=[],
+        random_axes=[],
         simulate=simulate,
     )
     _native.risk(

@@ -129,7 +129,7 @@ def margin(
     warn_all(notes)
     result = read(Margin, text, **made.facts)
     result.remember(made.native)
-    if result.categories and not each_category:
+    if result.categories and not result.each_category:
         fixed = ", ".join(f"{name} = {category}" for name, category in result.categories.items())
         warnings.warn(f"a margin varies numeric axes only, so {fixed} stayed; each_category=True searches each category", stacklevel=2)
     if interruption is None and all(level.minimum_robustness is None for level in result.levels):

@@ -130,7 +130,7 @@ class Axis:
     name: str
     """Name."""
     kind: str
-    """Kind of quantity: ``start``, ``model``, ``event``, ``input`` or ``noise``."""
+    """Kind of quantity: ``start``, ``model``, ``event``, ``fault``, ``input`` or ``noise``."""
     unit: str
     """Unit; empty without one."""
     low: float
@@ -142,11 +142,26 @@ class Axis:
     values: str | tuple[str, ...]
     """``continuous``, ``logarithmic``, ``integer``, or the names of the categories, whose values
     count from 0."""
+    only_if: tuple[NeededAxis, ...] | None = None
+    """Values of other axes that this axis needs for an effect, all of them; missing if it always
+    has one. In other scenarios it is nominal."""
     distribution: str
     """Distribution of drawn values: ``uniform`` (of the logarithm for ``logarithmic``) or
     ``normal``."""
     meaning: str
     """Quantity that the axis sets."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class NeededAxis:
+    """Values of an axis without which another one has no effect."""
+
+    axis: str
+    """Name of the axis."""
+    one_of: tuple[float, ...] | None
+    """Its values with an effect; ``None``: all but ``other_than``."""
+    other_than: float | None
+    """Its value without an effect; ``None``: all but those in ``one_of``."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -244,7 +259,7 @@ class AxisFacts:
     name: str
     """Name."""
     kind: str
-    """Kind of quantity: ``start``, ``model``, ``event``, ``input`` or ``noise``."""
+    """Kind of quantity: ``start``, ``model``, ``event``, ``fault``, ``input`` or ``noise``."""
     unit: str
     """Unit; empty without one."""
     low: float
@@ -256,6 +271,9 @@ class AxisFacts:
     values: str | tuple[str, ...]
     """``continuous``, ``logarithmic``, ``integer``, or the names of the categories, whose values
     count from 0."""
+    only_if: tuple[NeededAxis, ...] | None = None
+    """Values of other axes that this axis needs for an effect, all of them; missing if it always
+    has one. In other scenarios it is nominal."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from mishandle import _native
 from mishandle.axes import Axis, Value
 from mishandle.errors import InvalidScenario, InvalidTypeError, InvalidValueError
+from mishandle.fault_axes import FaultLine, idle_action
 from mishandle.fingerprints import walk
 from mishandle.limits import TimeLimitExceeded, check_interruptible, check_time_limit, limited
 from mishandle.policies import Policy, as_policy
@@ -61,6 +62,12 @@ class System:
     depends_on_seed: bool = True
     knows_control_dt: bool = True
     """Whether ``control_dt`` was given or stated by the system."""
+
+    @property
+    def random_axes(self) -> list[str]:
+        """Names of the axes that make an episode depend on its seed."""
+        faults: FaultLine | None = getattr(self, "faults", None)
+        return [] if faults is None else faults.random_axes
 
     def simulate(self, batch: Sequence[tuple[Scenario, int]]) -> list[Outcome]:
         """Simulates pairs of scenario and seed."""
@@ -259,11 +266,19 @@ class TaskSystem(System):
     """One of the tasks with a policy. A whole batch is stepped together, with the bits of the command line."""
 
     def __init__(
-        self, task: str, policy: Any, *, preset: str, rows: int, batched_policy: bool, time_limit: float | None = None
+        self,
+        task: str,
+        policy: Any,
+        *,
+        preset: str,
+        rows: int,
+        batched_policy: bool,
+        time_limit: float | None = None,
+        space: Sequence[Axis] = (),
     ) -> None:
         check_time_limit(time_limit)
         self._time_limit = time_limit
-        self._arguments = (task, policy, preset, rows, batched_policy, time_limit)
+        self._arguments = (task, policy, preset, rows, batched_policy, time_limit, space)
         # The formula `careful` reads the signals of the manner.
         self._native = _native.Simulator(task, rows, preset=preset, reward="shaped", threads=None, manner=True)
         self._rows = rows
@@ -276,6 +291,8 @@ class TaskSystem(System):
         self.name = task
         self.signals = self._native.signals
         self.control_dt = self._native.control_dt
+        self.faults = FaultLine(space, self.control_dt, spaces)
+        self._idle = idle_action(spaces[1])
         self.steps = self._native.episode_steps
         self.versions = [("numpy", np.__version__)]
         self.exceptions = []
@@ -303,11 +320,15 @@ class TaskSystem(System):
         return [outcome for chunk in chunks for outcome in self._together(chunk)]
 
     def _together(self, chunk: Sequence[tuple[Scenario, int]]) -> list[Outcome]:
+        if len(chunk) > 1 and any(self.faults.pauses(*pair) for pair in chunk):
+            # A policy cannot be paused for one row and act for another one.
+            return [outcome for pair in chunk for outcome in self._together([pair])]
         count, rows = len(chunk), self._rows
         # The other rows repeat the last scenario; their results are dropped.
         padded = [*chunk, *[chunk[-1]] * (rows - count)]
-        names = [name for name, *_ in self._native.axes]
-        scenarios = np.array([[float(scenario[name]) for name in names] for scenario, _ in padded])
+        nominal = {axis.name: axis.nominal_number for axis in self.space}
+        scenarios = np.array([[float(scenario.get(name, value)) for name, value in nominal.items()] for scenario, _ in padded])
+        disturbed = [self.faults.start(*pair) for pair in padded]
         seeds = np.array([seed for _, seed in padded], dtype=np.uint64)
         observations, _, signals, _, _ = self._native.reset(np.ones(rows, dtype=bool), seeds, scenarios)
         samples = [signals]
@@ -318,9 +339,16 @@ class TaskSystem(System):
         left = None if self._time_limit is None else self._time_limit * rows
         for step in range(1, self.steps + 1):
             started = time.monotonic()
+            seen = observations
+            for place, each in enumerate(disturbed):
+                if each is not None:
+                    seen = seen.copy() if seen is observations else seen
+                    seen[place] = each.observe(step - 1, observations[place])
+            is_paused = all(each is not None and each.is_paused(step - 1) for each in disturbed)
             try:
                 with limited(left):
-                    actions = np.asarray(self._policy.act(observations, rows), dtype=np.float32).reshape(rows, -1)
+                    given = [self._idle] * rows if is_paused else self._policy.act(seen, rows)
+                actions = np.array(given, dtype=np.float32).reshape(rows, -1)
             except TimeLimitExceeded:
                 ends = [end or ("timed out", step, 0) for end in ends]
                 break
@@ -330,6 +358,11 @@ class TaskSystem(System):
                 break
             if left is not None:
                 left = max(left - (time.monotonic() - started), 1e-3)
+            for place, each in enumerate(disturbed):
+                if each is not None:
+                    actions[place] = each.answer(step - 1, actions[place], self._idle)
+                    if np.isfinite(actions[place]).all():
+                        actions[place] = each.act(step - 1, actions[place])
             if not np.isfinite(actions).all():
                 for row, column in np.argwhere(~np.isfinite(actions)):
                     ends[row] = ends[row] or ("invalid action", step, int(column))
@@ -350,8 +383,14 @@ class TaskSystem(System):
 
 
 def _task_system(
-    task: str, policy: Any, preset: str, rows: int, batched_policy: bool, time_limit: float | None
+    task: str,
+    policy: Any,
+    preset: str,
+    rows: int,
+    batched_policy: bool,
+    time_limit: float | None,
+    space: Sequence[Axis],
 ) -> TaskSystem:
     return TaskSystem(
-        task, policy, preset=preset, rows=rows, batched_policy=batched_policy, time_limit=time_limit
+        task, policy, preset=preset, rows=rows, batched_policy=batched_policy, time_limit=time_limit, space=space
     )

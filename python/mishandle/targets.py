@@ -221,6 +221,7 @@ def make_target(
             rows=options.get("rows", 64),
             batched_policy=options.get("batched_policy", False),
             time_limit=options.get("time_limit"),
+            space=[axis for axis in space or [] if isinstance(axis, Axis)],
         )
     if isinstance(system, TaskSystem):
         formula = task_formulas(formula, system.formulas, [name for name, _ in system.signals])
@@ -233,7 +234,8 @@ def make_target(
     if formula is None and named:
         formula = " and ".join(f"({text})" for text in named.values())
     formulas = named_formulas(formula)
-    check_space(space, is_environment=hasattr(system, "reset") and hasattr(system, "step"))
+    is_environment = hasattr(system, "reset") and hasattr(system, "step")
+    check_space(space, is_environment, has_steps=is_environment or isinstance(system, System))
     space = _with_settings(space, options)
     check(space)
     given = [f"{name} {digest}" for name, digest in _file_hashes(options.get("files", ()))]
@@ -242,6 +244,7 @@ def make_target(
         raise InvalidTypeError(f"version is {version!r}; it must be a text")
     watch = Watch(_roots(system, policy, space, options))
     under_test = _system(system, space, policy, options)
+    random_axes = under_test.random_axes
     check_time(formulas, under_test.knows_control_dt, under_test.control_dt)
     nominal = {axis.name: axis.nominal_value for axis in space}
     largest_difference = _probe(under_test, under_test, nominal)
@@ -284,6 +287,7 @@ def make_target(
         components=components,
         not_covered=list(not_covered),
         versions=_versions(under_test, found, version),
+        random_axes=random_axes,
         simulate=lambda batch: [outcome.to_native() for outcome in under_test.simulate(batch)],
     )
     native = native.with_requirements(requirements(options))
@@ -342,7 +346,9 @@ def _with_settings(space: Sequence[Axis], options: TargetOptions) -> Sequence[Ax
     if not options.get("axes"):
         return space
     settled = _native.with_settings([axis.to_native() for axis in space], _settings(options))
-    return [Axis.from_native(native, axis.apply) for native, axis in zip(settled, space)]
+    # Axes that a fixed value deprives of their effect are gone.
+    applications = {axis.name: axis.apply for axis in space}
+    return [Axis.from_native(native, applications[native[1]]) for native in settled]
 
 
 def _task_in_space(
@@ -366,7 +372,7 @@ def _task_in_space(
         Formula(requirement if isinstance(named, str) else dict(native.formulas)[requirement])
     axes = [Axis.from_native(axis) for axis in native.axes]
     check(axes)
-    nominal = [nominal for *_, nominal, _, _ in native.axes]
+    nominal = [axis[5] for axis in native.axes]
     native = native.with_requirements(requirements(options))
     return Target(native, NativeSystem(native.signals), axes, 0.0, requirement, nominal)
 

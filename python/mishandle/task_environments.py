@@ -109,6 +109,16 @@ class TaskEnv(gymnasium.Env[Floats, Floats]):
         """Duration of a control step, in seconds."""
         return self._simulations.native.control_dt
 
+    @property
+    def max_episode_steps(self) -> int:
+        """Number of control steps of an episode."""
+        return self._simulations.native.episode_steps
+
+    @property
+    def fault_layouts(self) -> list[_native.Layout]:
+        """The channels of observation and action that :func:`mishandle.faults` uses, and their ranges."""
+        return self._simulations.native.fault_layouts
+
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Floats, dict[str, Any]]:

@@ -12,7 +12,7 @@ from gymnasium.vector import AsyncVectorEnv, AutoresetMode, SyncVectorEnv, Vecto
 from gymnasium.vector.utils import concatenate, create_empty_array, iterate
 from numpy.typing import NDArray
 
-from mishandle.axes import Attribute, Axis, ResetOption
+from mishandle.axes import Attribute, Axis, FaultParameter, ResetOption
 from mishandle.environments import EnvironmentSystem, PolicySystem, Time, complete, set_option
 from mishandle.errors import InvalidScenario, InvalidTypeError, InvalidValueError
 from mishandle.limits import TimeLimitExceeded, limited
@@ -71,7 +71,7 @@ class VectorSystem(PolicySystem):
         vector = self._environment.unwrapped
         one = vector.env_fns[0]() if isinstance(vector, AsyncVectorEnv) else None
         for axis in self.space.values():
-            if axis.apply is None or isinstance(axis.apply, ResetOption):
+            if axis.apply is None or isinstance(axis.apply, (ResetOption, FaultParameter)):
                 continue
             if not isinstance(axis.apply, Attribute) or one is None:
                 text = "an attribute" if isinstance(axis.apply, Attribute) else "a function"
@@ -172,6 +172,9 @@ class VectorSystem(PolicySystem):
         self._restarts, self._is_new = False, True
 
     def _together(self, chunk: Sequence[tuple[Scenario, int]]) -> list[Outcome]:
+        if len(chunk) > 1 and any(self.faults.pauses(*pair) for pair in chunk):
+            # A policy cannot be paused for one row and act for another one.
+            return [outcome for pair in chunk for outcome in self._together([pair])]
         count = len(chunk)
         clock = Time()
         rollout = _Rollout(self, count)
@@ -183,21 +186,30 @@ class VectorSystem(PolicySystem):
         rollout.start(rows, info)
         self.policy.reset(self._rows)
         space = self._environment.single_action_space
+        disturbed = [self.faults.start(*pair) for pair in padded]
         idle = next(iter(iterate(space_batch(space), create_empty_array(space, 1, np.zeros))))
         for step in range(1, self.steps + 1):
             running = rollout.running()
             if not running:
                 break
-            end, given = self.act(rows, [clock])
-            if end is not None:
-                rollout.end_all(end, step)
-                break
-            actions = [given[row] for row in range(self._rows)]
-            for row in range(self._rows):
+            seen = [row if each is None else each.observe(step - 1, row) for row, each in zip(rows, disturbed)]
+            if all(each is not None and each.is_paused(step - 1) for each in disturbed):
+                actions: list[Any] = [idle] * self._rows
+            else:
+                end, given = self.act(seen, [clock])
+                if end is not None:
+                    rollout.end_all(end, step)
+                    break
+                actions = [given[row] for row in range(self._rows)]
+            for row, each in enumerate(disturbed):
+                if each is not None:
+                    actions[row] = each.answer(step - 1, actions[row], idle)
                 bad = np.flatnonzero(~np.isfinite(np.asarray(_flat(actions[row]), dtype=np.float64)))
                 if len(bad) > 0:
                     actions[row] = idle
                     rollout.end(row, "invalid action", step, int(bad[0]))
+                elif each is not None:
+                    actions[row] = each.act(step - 1, actions[row])
             joint: Any = create_empty_array(space, self._rows)
             joint = concatenate(space, actions, joint)
             with self._timed(clock, len(running)):
@@ -237,7 +249,7 @@ class VectorSystem(PolicySystem):
             options: dict[str, Any] = {}
             for name, value in scenario.items():
                 application = self.space[name].apply
-                if not isinstance(application, Attribute):
+                if not isinstance(application, (Attribute, FaultParameter)):
                     set_option(options, application.name if isinstance(application, ResetOption) else name, value)
             if self._rows > 1:
                 options["reset_mask"] = np.arange(self._rows) == row

@@ -10,6 +10,7 @@ mod artifacts;
 mod camera;
 mod comparison;
 mod controller;
+mod faults;
 mod formula;
 mod gpu;
 mod objective;
@@ -34,6 +35,7 @@ use pyo3::exceptions::{PyImportError, PyUserWarning};
 use pyo3::prelude::*;
 
 use controller::PyController;
+use faults::Faults;
 use formula::PyFormula;
 use objective::Objective;
 use remote::PlanWorker;
@@ -64,6 +66,7 @@ fn contents(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_class::<PyTarget>()?;
     module.add_class::<PyFormula>()?;
     module.add_class::<PySearch>()?;
+    module.add_class::<Faults>()?;
     module.add_class::<Objective>()?;
     module.add_class::<PyRun>()?;
     module.add_class::<PyController>()?;

@@ -15,14 +15,24 @@ use numpy::ndarray::Array2;
 use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyList};
 
-use crate::InvalidValueError;
 use crate::target::{PyTarget, scenario};
 use crate::work::{detached, json, plan, recorded, report};
+use crate::{InvalidValueError, raised, warn};
 
 /// Returns the plan of simulations with this requirement and seed.
 fn simulation_plan(target: &PyTarget, formula: Option<String>, seed: u64) -> Plan {
     let falsify = FalsifyPlan { formula, ..FalsifyPlan::default() };
     Plan { falsify: Some(falsify), ..plan(target, seed) }
+}
+
+/// Returns the scenario of some values. Warns of values that have no effect, which become nominal.
+fn canonical(target: &PyTarget, values: Vec<Option<f64>>) -> PyResult<Scenario> {
+    let given = Scenario::new(values);
+    target.space.check(&given).map_err(raised)?;
+    for axis in target.space.ineffective(&given) {
+        warn(&format!("{} has no effect with the other values of `at`", axis.name), 3)?;
+    }
+    Ok(target.space.canonical(given))
 }
 
 /// Simulates a scenario with `seed`, or several times with seeds that are derived from it. Returns
@@ -38,13 +48,14 @@ pub fn simulate<'py>(
     seed: u64,
 ) -> PyResult<Bound<'py, PyList>> {
     let plan = simulation_plan(target, formula, seed);
+    let scenario = canonical(target, values)?;
     let seeds: Vec<Seed> = match repeat {
         1 => vec![Seed(seed)],
         n => repeat_seeds(Seed(seed), n).collect(),
     };
     let simulated = detached(py, target, || {
         let resolved = ResolvedPlan::with_target(&plan, target.target.clone())?;
-        mishandle::inspect::simulate(&resolved, &Scenario::new(values), seeds)
+        mishandle::inspect::simulate(&resolved, &scenario, seeds)
     })?;
     let list = PyList::empty(py);
     for Simulated { episode: found, result, .. } in &simulated {
@@ -69,10 +80,10 @@ pub fn repeat(
     seed: u64,
 ) -> PyResult<String> {
     let plan = simulation_plan(target, formula, seed);
+    let scenario = canonical(target, values)?;
     let watch = |_, _| -> ControlFlow<()> { report(target, None, 0, 0) };
     let found = detached(py, target, || {
         let resolved = ResolvedPlan::with_target(&plan, target.target.clone())?;
-        let scenario = Scenario::new(values);
         mishandle::run::repeat_scenario(&resolved, &scenario, repeats, scenarios, watch)
     })?;
     json(&found.result)

@@ -225,6 +225,14 @@ impl Simulator {
             .collect()
     }
 
+    /// The observation and the action as places of faults: channels by name, and the range of each
+    /// number.
+    #[getter]
+    fn fault_layouts(&self) -> Vec<crate::faults::Layout> {
+        let sites = self.environment.definition().fault_sites();
+        sites.iter().map(crate::faults::layout).collect()
+    }
+
     /// Name of each number of an observation, with an index for quantities of several numbers.
     #[getter]
     fn observation_names(&self) -> Vec<String> {

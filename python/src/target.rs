@@ -5,8 +5,8 @@ use std::sync::{Arc, Mutex, PoisonError};
 
 use mishandle::plan::{AxisSetting, FalsifyPlan};
 use mishandle::rollout::{
-    Axis, AxisKind, AxisValues, Component, Episode, EpisodeEnd, Identity, NamedFormula, Request,
-    RolloutError, Signal, Space, Specification, SpecificationMonitor, System, Target, Verdict,
+    Axis, AxisKind, AxisValues, Component, Condition, Episode, EpisodeEnd, Holds, Identity, NamedFormula,
+    Request, RolloutError, Signal, Space, Specification, SpecificationMonitor, System, Target, Verdict,
 };
 use mishandle::stl::{MonitorError, Trace};
 use mishandle::store::ComponentRecord;
@@ -54,8 +54,19 @@ enum Termination {
     Undecided,
 }
 
-/// An axis as Python passes it: kind, name, unit, bounds, nominal value, values and meaning.
-pub(crate) type AxisTuple = (String, String, String, f64, f64, Option<f64>, Vec<String>, String);
+/// An axis as Python passes it: kind, name, unit, bounds, nominal value, values, meaning, and what
+/// it needs for an effect.
+pub(crate) type AxisTuple = (String, String, String, f64, f64, Option<f64>, Vec<String>, String, Vec<Needed>);
+
+/// The name of another axis, and its values with an effect; or, after `true`, without one.
+type Needed = (String, bool, Vec<Level>);
+
+/// A value of another axis: a number, or the name of a category.
+#[derive(Clone, FromPyObject, IntoPyObject)]
+pub(crate) enum Level {
+    Number(f64),
+    Name(String),
+}
 
 /// A target whose episodes a Python function simulates.
 #[pyclass(frozen, module = "mishandle._native", name = "Target")]
@@ -73,7 +84,7 @@ impl PyTarget {
     #[new]
     #[expect(clippy::too_many_arguments, reason = "the arguments are keywords in Python")]
     #[pyo3(signature = (*, name, content, axes, signals, formulas, control_dt, episode_steps, is_deterministic, depends_on_seed,
-        termination, components, not_covered, versions, simulate))]
+        termination, components, not_covered, versions, random_axes, simulate))]
     fn new(
         name: &str,
         content: &str,
@@ -88,6 +99,7 @@ impl PyTarget {
         components: Vec<(String, String, String)>,
         not_covered: Vec<String>,
         versions: Vec<(String, String)>,
+        random_axes: Vec<String>,
         simulate: Py<PyAny>,
     ) -> PyResult<Self> {
         let termination = match termination {
@@ -143,7 +155,7 @@ impl PyTarget {
             signals_on_request: Vec::new(),
             can_fail: true,
             depends_on_seed: depends_on_seed || !is_deterministic,
-            random_axes: Vec::new(),
+            random_axes,
             versions,
             reachable: None,
             factory: Arc::new(factory),
@@ -243,7 +255,7 @@ pub fn with_settings(
 }
 
 /// Returns an axis as Python takes it.
-fn tuple(axis: &Axis) -> AxisTuple {
+pub(crate) fn tuple(axis: &Axis) -> AxisTuple {
     let values = match &axis.values {
         AxisValues::Continuous => vec!["continuous".to_string()],
         AxisValues::Logarithmic => vec!["logarithmic".to_string()],
@@ -251,16 +263,56 @@ fn tuple(axis: &Axis) -> AxisTuple {
         AxisValues::Categorical(names) => names.to_vec(),
     };
     let Axis { name, unit, low, high, nominal, meaning, .. } = axis.clone();
-    (axis.kind.name().to_string(), name, unit, low, high, nominal, values, meaning)
+    let needed = |condition: &Condition| match &condition.holds {
+        Holds::OneOf(values) => {
+            (condition.axis.clone(), false, values.iter().copied().map(Level::Number).collect())
+        }
+        Holds::Except(value) => (condition.axis.clone(), true, vec![Level::Number(*value)]),
+    };
+    let conditions = axis.conditions.iter().map(needed).collect();
+    (axis.kind.name().to_string(), name, unit, low, high, nominal, values, meaning, conditions)
+}
+
+/// Returns the conditions of an axis in a space of these axes.
+fn conditions(axis: &str, needed: &[Needed], axes: &[AxisTuple]) -> PyResult<Vec<Condition>> {
+    let error = |problem: String| InvalidValueError::new_err(format!("axis `{axis}` needs {problem}"));
+    let condition = |(name, is_except, values): &Needed| {
+        // Without its axis in the space, which it does not vary, it holds.
+        let Some((_, _, _, low, _, nominal, names, ..)) = axes.iter().find(|other| other.1 == *name) else {
+            return Ok(None);
+        };
+        let number = |level: &Level| match level {
+            Level::Number(number) => Ok(*number),
+            Level::Name(level) => {
+                let index = names.iter().position(|known| known == level);
+                let unknown =
+                    || error(format!("the value `{level}` of the axis `{name}`, which has no such value"));
+                index.map(|index| low + index as f64).ok_or_else(unknown)
+            }
+        };
+        let nominal = nominal.unwrap_or_default();
+        let values = values.iter().map(number).collect::<PyResult<Vec<f64>>>()?;
+        let holds = match (is_except, values.as_slice()) {
+            (true, [value]) => Holds::Except(*value),
+            (true, _) => return Err(error(format!("one excluded value of the axis `{name}`"))),
+            (false, values) => Holds::OneOf(values.into()),
+        };
+        Ok(Some(Condition { axis: name.clone(), nominal, holds }))
+    };
+    Ok(needed.iter().map(condition).collect::<PyResult<Vec<_>>>()?.into_iter().flatten().collect())
 }
 
 /// Returns the space of all axes.
 pub(crate) fn space(axes: Vec<AxisTuple>) -> PyResult<Space> {
-    let axes = axes.into_iter().map(axis).collect::<PyResult<Vec<Axis>>>()?;
+    let made = |given: &AxisTuple| {
+        let (_, name, .., needed) = given;
+        Ok(axis(given.clone())?.only_if(conditions(name, needed, &axes)?))
+    };
+    let axes = axes.iter().map(made).collect::<PyResult<Vec<Axis>>>()?;
     Space::new(SPACE, axes).map_err(raised)
 }
 
-fn axis((kind, name, unit, low, high, nominal, values, meaning): AxisTuple) -> PyResult<Axis> {
+fn axis((kind, name, unit, low, high, nominal, values, meaning, _): AxisTuple) -> PyResult<Axis> {
     let kinds = AxisKind::ALL;
     let known = || kinds.map(|(_, name)| name).join(", ");
     let (kind, _) = kinds.into_iter().find(|(_, known)| *known == kind).ok_or_else(|| {

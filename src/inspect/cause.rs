@@ -68,13 +68,13 @@ impl Isolation {
     /// counterexample and the scenario that `of` returns; `None` if one was not simulated.
     fn axes_where(
         &self,
-        of: impl Fn(usize) -> Vec<Option<f64>>,
+        of: impl Fn(usize) -> Scenario,
         is_wanted: impl Fn(&Simulation) -> bool,
     ) -> Option<Vec<usize>> {
         let original = Scenario::new(self.original.scenario.clone());
         let mut found = Vec::new();
         for axis in off_nominal(&self.space, &original) {
-            let scenario = Scenario::new(of(axis));
+            let scenario = of(axis);
             let is_asked = |row: &&Simulation| {
                 row.seed == self.original.seed && Scenario::new(row.scenario.clone()).is_same(&scenario)
             };
@@ -124,16 +124,16 @@ impl Isolation {
         let axes = self.space.axes();
         let off = off_nominal(&self.space, &Scenario::new(self.original.scenario.clone()));
         let names = |found: Vec<usize>| found.into_iter().map(|axis| axes[axis].name.clone()).collect();
+        let without_all = |left_out: &mut dyn Iterator<Item = usize>| {
+            let mut scenario = self.original.scenario.clone();
+            left_out.for_each(|axis| scenario[axis] = axes[axis].nominal);
+            self.space.canonical(Scenario::new(scenario))
+        };
         let alone = |kept: usize| {
-            let mut scenario = self.original.scenario.clone();
-            off.iter().filter(|axis| **axis != kept).for_each(|axis| scenario[*axis] = axes[*axis].nominal);
-            scenario
+            let kept = self.space.with_needed(kept);
+            without_all(&mut off.iter().copied().filter(|axis| !kept.contains(axis)))
         };
-        let without = |axis: usize| {
-            let mut scenario = self.original.scenario.clone();
-            scenario[axis] = axes[axis].nominal;
-            scenario
-        };
+        let without = |axis: usize| without_all(&mut std::iter::once(axis));
         let passes = |row: &Simulation| row.robustness.is_some() && !row.is_violated();
         Cause {
             simulations: self.rows.len() as u64,
@@ -144,7 +144,9 @@ impl Isolation {
                 .collect(),
             robustness: self.closest.robustness.unwrap_or_default().into(),
             axes: names(self.axes.clone()),
-            sufficient: self.axes_where(alone, Simulation::is_violated).map(names),
+            sufficient: self
+                .axes_where(alone, Simulation::is_violated)
+                .map(|axes| names(self.space.without_dependent(&axes))),
             necessary: self.axes_where(without, passes).map(names),
             other_seeds: self.other_seeds(),
         }

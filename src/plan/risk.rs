@@ -60,7 +60,11 @@ impl RiskPlan {
     ///
     /// # Errors
     /// If the text of a distribution is invalid.
-    pub(crate) fn marginals(&self) -> Result<BTreeMap<String, Marginal>, MishandleError> {
-        self.distributions.iter().map(|(axis, text)| Ok((axis.clone(), text.parse()?))).collect()
+    pub(crate) fn marginals(&self, hours: f64) -> Result<BTreeMap<String, Marginal>, MishandleError> {
+        let named = |(axis, text): (&String, &String)| {
+            let marginal: Marginal = text.parse()?;
+            Ok((axis.clone(), marginal.lasting(hours)))
+        };
+        self.distributions.iter().map(named).collect()
     }
 }

@@ -36,12 +36,28 @@ pub fn with_settings(
             None => axes.push(axis),
         }
     }
-    let space = Space::new(space.name(), axes)?;
+    let space = without_idle(Space::new(space.name(), axes)?, settings)?;
     if space.axes().iter().all(Axis::is_fixed) {
         let (what, expected) = ("the number of axes without a fixed value", "at least 1");
         return Err(MishandleError::InvalidValue { what, value: "0".to_string(), expected });
     }
     Ok(space)
+}
+
+/// Returns the space without the axes that have no effect, because others are fixed.
+fn without_idle(space: Space, settings: &BTreeMap<String, AxisSetting>) -> Result<Space, MishandleError> {
+    let idle = space.idle_axes();
+    if idle.is_empty() {
+        return Ok(space);
+    }
+    let axes = space.axes();
+    if let Some(axis) = idle.iter().map(|index| &axes[*index]).find(|axis| settings.contains_key(&axis.name))
+    {
+        let needed: Vec<String> = axis.conditions.iter().map(|needed| needed.axis.clone()).collect();
+        return Err(MishandleError::IdleAxis { axis: axis.name.clone(), needed });
+    }
+    let kept = axes.iter().enumerate().filter(|(index, _)| !idle.contains(index));
+    Ok(Space::new(space.name(), kept.map(|(_, axis)| axis.clone()).collect())?)
 }
 
 fn restricted(axis: &Axis, setting: &AxisSetting) -> Result<Axis, MishandleError> {
@@ -151,6 +167,26 @@ mod tests {
         // The start may be outside of its box; the midpoint stays nominal if it is inside.
         let wider = set(&[("x", AxisSetting::Range([-1.0, 2.0]))]).unwrap();
         assert_eq!((wider.axes()[0].low, wider.axes()[0].nominal), (-1.0, Some(0.5)));
+    }
+
+    #[test]
+    fn an_axis_without_an_effect_is_left_out_and_cannot_be_set() {
+        let target = crate::resolve::target(&crate::plan::Plan::new("ball-balancing", "ppo")).unwrap();
+        let of = |settings: &[(&str, AxisSetting)]| {
+            let settings =
+                settings.iter().map(|(name, setting)| ((*name).to_string(), setting.clone())).collect();
+            with_settings(target.space("faults-sensing").unwrap(), &settings, &target.axes)
+        };
+        let category = |name: &str| AxisSetting::Category(name.to_string());
+        let space = of(&[("sensor_fault", category("bias"))]).unwrap();
+        let names: Vec<&str> = space.axes().iter().map(|axis| axis.name.as_str()).collect();
+        let expected = ["", "_channel", "_onset", "_duration", "_recovery", "_offset"];
+        assert_eq!(names, expected.map(|suffix| format!("sensor_fault{suffix}")));
+        let freeze = [("sensor_fault", category("freeze")), ("sensor_fault_offset", AxisSetting::Value(0.1))];
+        let error = of(&freeze).unwrap_err().to_string();
+        assert!(error.contains("sensor_fault_offset has no effect: set sensor_fault_duration"), "{error}");
+        let error = of(&[("sensor_fault", category("none"))]).unwrap_err().to_string();
+        assert!(error.contains("at least 1"), "{error}");
     }
 
     #[test]

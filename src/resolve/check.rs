@@ -96,6 +96,6 @@ pub fn check_risk(risk: &RiskPlan, space: &Space) -> Result<(), MishandleError> 
         let (what, expected) = ("the number of simulations", "from 100 to 1000000000");
         return Err(MishandleError::InvalidValue { what, value: risk.simulations.to_string(), expected });
     }
-    Scenarios::new(space, &risk.marginals()?, true)?;
+    Scenarios::new(space, &risk.marginals(1.0)?, true)?;
     Ok(())
 }

@@ -1,6 +1,6 @@
 //! The subject of a plan as a result: target, controller, noise and scenario space.
 
-use mishandle_results::{AxisFacts, AxisValues, Named, Scenario, Seed, Subject};
+use mishandle_results::{AxisFacts, AxisValues, Named, NeededAxis, Scenario, Seed, Subject};
 use mishandle_rollout as rollout;
 
 use crate::resolve::ResolvedPlan;
@@ -50,7 +50,17 @@ pub fn axis_facts(axis: &rollout::Axis) -> AxisFacts {
             rollout::AxisValues::Integer => AxisValues::Kind("integer".to_string()),
             rollout::AxisValues::Categorical(names) => AxisValues::Categories(names.to_vec()),
         },
+        only_if: Some(axis.conditions.iter().map(needed).collect())
+            .filter(|needed: &Vec<_>| !needed.is_empty()),
     }
+}
+
+fn needed(condition: &rollout::Condition) -> NeededAxis {
+    let (one_of, other_than) = match &condition.holds {
+        rollout::Holds::OneOf(values) => (Some(values.to_vec()), None),
+        rollout::Holds::Except(value) => (None, Some(*value)),
+    };
+    NeededAxis { axis: condition.axis.clone(), one_of, other_than }
 }
 
 /// Returns a scenario with the names of its axes.

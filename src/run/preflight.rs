@@ -3,7 +3,9 @@
 use std::collections::BTreeSet;
 use std::time::{Duration, Instant};
 
-use mishandle_rollout::{Axis, AxisKind, AxisValues, Episode, EpisodeEnd, Request, Scenario, Seed, System};
+use mishandle_rollout::{
+    Axis, AxisKind, AxisValues, Episode, EpisodeEnd, Holds, Request, Scenario, Seed, System,
+};
 use mishandle_stl::{Clock, Formula, Monitor, Trace, is_satisfied};
 
 use crate::error::MishandleError;
@@ -123,24 +125,46 @@ fn axes_without_effect(
         }
     };
     let is_category = |axis: &Axis| matches!(axis.values, AxisValues::Categorical(_));
+    let is_same_fault = |index: usize, other: &Axis| {
+        let place = axes.iter().position(|axis| axis.name == other.name).unwrap_or(index);
+        let (own, others) = (resolved.space.with_needed(index), resolved.space.with_needed(place));
+        own.iter().any(|needed| others.contains(needed))
+    };
+    // The values of the other axis with which the axis has an effect, if they are listed.
+    let effective = |axis: &Axis, other: &Axis| {
+        axis.conditions.iter().filter(|needed| needed.axis == other.name).find_map(|needed| {
+            match &needed.holds {
+                Holds::OneOf(values) => Some(values.iter().copied().take(MAX_LEVELS).collect::<Vec<f64>>()),
+                Holds::Except(_) => None,
+            }
+        })
+    };
     // The scenarios in which an axis is probed: with each category of another axis, because the
     // severity of a fault means nothing without the fault.
     let bases = |index: usize| -> Vec<Vec<Option<f64>>> {
         if axes[index].kind == AxisKind::Start {
             return vec![axes.iter().map(|axis| axis.nominal).collect()];
         }
-        let is_away = |other: &Axis| other.kind != AxisKind::Start && !other.is_fixed();
+        // Another fault would hide the effect, and a late onset comes after the end of an episode.
+        let hides = |other: &Axis| {
+            other.kind == AxisKind::Fault && (other.is_onset() || !is_same_fault(index, other))
+        };
+        let is_away = |other: &Axis| other.kind != AxisKind::Start && !other.is_fixed() && !hides(other);
         let value = |other: &Axis| if is_away(other) { Some(other.at(AWAY)) } else { other.nominal };
         let base: Vec<Option<f64>> = axes.iter().map(value).collect();
         let others = axes.iter().enumerate();
         let category = others.filter(|(other, axis)| *other != index && is_category(axis) && is_away(axis));
-        let Some((place, axis)) = { category }.next() else { return vec![base] };
+        // The one that decides whether the axis has an effect, if there is one.
+        let decides = |other: &Axis| axes[index].conditions.iter().any(|needed| needed.axis == other.name);
+        let Some((place, axis)) = category.min_by_key(|(_, other)| !decides(other)) else {
+            return vec![base];
+        };
         let with = |value: f64| {
             let mut base = base.clone();
             base[place] = Some(value);
             base
         };
-        values(axis).into_iter().map(with).collect()
+        effective(&axes[index], axis).unwrap_or_else(|| values(axis)).into_iter().map(with).collect()
     };
     let mut requests = Vec::new();
     let mut probed = Vec::new();
@@ -155,7 +179,7 @@ fn axes_without_effect(
             requests.extend(values.iter().map(|value| {
                 let mut scenario = base.clone();
                 scenario[index] = Some(*value);
-                Request::new(Scenario::new(scenario), seed)
+                Request::new(resolved.space.canonical(Scenario::new(scenario)), seed)
             }));
         }
     }

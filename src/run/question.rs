@@ -6,8 +6,8 @@ use std::sync::atomic::Ordering;
 
 use mishandle_evaluation::{Corners, Repeats, ScreenedProgress};
 use mishandle_falsification::{
-    FalsificationOutcome, Margin, MarginSettings, Narrowed, Repeated, ScreenedCounts, each_category, margin,
-    repeat, repeat_seeds,
+    FalsificationOutcome, Margin, MarginSettings, Narrowed, Repeated, ScreenedCounts, each_category,
+    each_fault, margin, repeat, repeat_seeds,
 };
 use mishandle_random::Seed;
 use mishandle_risk::{Report, ScreenedReport, ScreenedSettings, screened_risk};
@@ -183,8 +183,8 @@ fn recorded(journal: &Journal<'_>, watch: Watch<'_>) -> Result<Answer, Mishandle
     Ok(Answer::Margin(outcome))
 }
 
-/// Searches for the smallest disturbance, once for each combination of categories if the plan asks
-/// for that.
+/// Searches for the smallest disturbance, once for each kind of a fault, or for each combination of
+/// categories if the plan asks for that.
 fn margins(
     journal: &Journal<'_>,
     system: &mut JournalSystem<'_>,
@@ -199,7 +199,7 @@ fn margins(
     };
     let spaces = match table.each_category {
         true => each_category(&resolved.space)?,
-        false => vec![resolved.space.clone()],
+        false => each_fault(&resolved.space)?,
     };
     let max_simulations = table.budget.saturating_mul(spaces.len() as u64);
     let (mut found, mut simulations, mut is_complete) = (Vec::new(), 0, true);
@@ -228,7 +228,7 @@ fn margins(
     });
     let smallest = smallest.cloned().ok_or(MishandleError::MissingPlanTable { table: "margin" })?;
     let margin = Margin { is_complete, ..smallest };
-    let each_category = match table.each_category {
+    let each_category = match table.each_category || spaces.len() > 1 {
         true => spaces.into_iter().zip(found).collect(),
         false => Vec::new(),
     };

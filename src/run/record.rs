@@ -4,7 +4,10 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use mishandle_files::NewFolders;
-use mishandle_rollout::{Axis, AxisKind, AxisValues, Episode, EpisodeEnd, Request, Scenario, Seed, Verdict};
+use mishandle_rollout::{
+    Axis, AxisKind, AxisValues, Condition, Episode, EpisodeEnd, Holds, Request, Scenario, Seed, Space,
+    Verdict,
+};
 use mishandle_stl::{SubformulaMinimum, Trace};
 use mishandle_store as store;
 use mishandle_store::{AxisRecord, IfExists, RunHeader, RunWriter, Simulation, StoreError, TargetRecord};
@@ -77,13 +80,19 @@ pub(crate) fn header(resolved: &ResolvedPlan) -> RunHeader {
         control_dt: target.control_dt,
         episode_steps: target.episode_steps as u32,
         signals: signals.collect(),
-        axes: space.axes().iter().map(axis).collect(),
+        axes: space.axes().iter().map(|each| axis(space, each)).collect(),
         verdicts: verdict_names(resolved),
         preflight: vec![],
     }
 }
 
-fn axis(axis: &Axis) -> AxisRecord {
+fn axis(space: &Space, axis: &Axis) -> AxisRecord {
+    let values = match &axis.values {
+        AxisValues::Continuous => "continuous".to_string(),
+        AxisValues::Logarithmic => "logarithmic".to_string(),
+        AxisValues::Integer => "integer".to_string(),
+        AxisValues::Categorical(names) => format!("categorical: {}", names.join(", ")),
+    };
     AxisRecord {
         name: axis.name.clone(),
         unit: axis.unit.clone(),
@@ -91,30 +100,63 @@ fn axis(axis: &Axis) -> AxisRecord {
         low: axis.low,
         high: axis.high,
         nominal: axis.nominal,
-        values: match &axis.values {
-            AxisValues::Continuous => "continuous".to_string(),
-            AxisValues::Logarithmic => "logarithmic".to_string(),
-            AxisValues::Integer => "integer".to_string(),
-            AxisValues::Categorical(names) => format!("categorical: {}", names.join(", ")),
-        },
+        values: values + &conditions_text(space, axis),
         meaning: axis.meaning.clone(),
     }
+}
+
+/// Text between the values of an axis and its conditions.
+const ONLY_IF: &str = "; only if ";
+
+/// Returns the conditions of an axis: the other axes and the numbers of their values.
+fn conditions_text(space: &Space, axis: &Axis) -> String {
+    let has_axis = |condition: &&Condition| space.axes().iter().any(|axis| axis.name == condition.axis);
+    let text = |condition: &Condition| match &condition.holds {
+        Holds::OneOf(values) => {
+            let values: Vec<String> = values.iter().map(ToString::to_string).collect();
+            format!("`{}` in {}", condition.axis, values.join("|"))
+        }
+        Holds::Except(value) => format!("`{}` not {value}", condition.axis),
+    };
+    // Others are constant: the space has no axis without an effect.
+    let texts: Vec<String> = axis.conditions.iter().filter(has_axis).map(text).collect();
+    if texts.is_empty() { String::new() } else { ONLY_IF.to_string() + &texts.join(" and ") }
+}
+
+/// Reads what [`conditions_text`] wrote.
+fn recorded_conditions(text: &str) -> Vec<Condition> {
+    let condition = |text: &str| {
+        let (axis, holds) = text.strip_prefix('`')?.split_once("` ")?;
+        let (word, values) = holds.split_once(' ')?;
+        let values = values.split('|').map(|value| value.parse().ok()).collect::<Option<Vec<f64>>>()?;
+        let holds = match (word, values.as_slice()) {
+            ("in", values) => Holds::OneOf(values.into()),
+            ("not", [value]) => Holds::Except(*value),
+            _ => return None,
+        };
+        // Its axis is in the record, so the nominal value is not needed.
+        Some(Condition { axis: axis.to_string(), nominal: 0.0, holds })
+    };
+    text.split(" and ").filter_map(condition).collect()
 }
 
 /// Returns the axis that a run file describes. Its kind matters for sampling and checks only, which
 /// a description does not need.
 pub fn recorded_axis(record: &AxisRecord) -> Axis {
-    let values = match record.values.split_once(": ") {
+    let (values, conditions) = record.values.rsplit_once(ONLY_IF).unwrap_or((&record.values, ""));
+    let values = match values.split_once(": ") {
         Some(("categorical", names)) => {
             AxisValues::Categorical(names.split(", ").map(str::to_string).collect())
         }
-        _ if record.values == "logarithmic" => AxisValues::Logarithmic,
-        _ if record.values == "integer" => AxisValues::Integer,
+        _ if values == "logarithmic" => AxisValues::Logarithmic,
+        _ if values == "integer" => AxisValues::Integer,
         _ => AxisValues::Continuous,
     };
     let bounds = [record.low, record.high];
     let kind = AxisKind::by_name(&record.kind).unwrap_or(AxisKind::Start);
-    Axis::new(kind, &record.name, &record.unit, bounds, record.nominal).with_values(values)
+    Axis::new(kind, &record.name, &record.unit, bounds, record.nominal)
+        .with_values(values)
+        .only_if(recorded_conditions(conditions))
 }
 
 /// Creates the run file of a plan at `path`, with its folder. Without a path, chooses the first

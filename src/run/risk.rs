@@ -17,7 +17,8 @@ use mishandle_text::{plural, probability_text};
 pub fn risk_scenarios(resolved: &ResolvedPlan) -> Result<Scenarios, MishandleError> {
     let space = &resolved.space;
     let center = space.at(&vec![0.5; space.dimension()]);
-    Ok(Scenarios::new(space, &table(resolved)?.marginals()?, depends_on_seed(resolved, &center))?)
+    let hours = resolved.target.episode_steps as f64 * resolved.target.control_dt / 3600.0;
+    Ok(Scenarios::new(space, &table(resolved)?.marginals(hours)?, depends_on_seed(resolved, &center))?)
 }
 
 /// Estimates the probability that a simulation violates the requirement of a plan: see

@@ -19,7 +19,7 @@ use anyhow::{Context, Result, bail, ensure};
 
 use crate::process::{cargo, run};
 
-const PAGES: [&str; 7] = [
+const PAGES: [&str; 8] = [
     "README.md",
     "docs/guide/tour.md",
     "docs/reference/scenarios.md",
@@ -27,6 +27,7 @@ const PAGES: [&str; 7] = [
     "docs/guide/margin.md",
     "docs/guide/keep_going.md",
     "docs/guide/risk.md",
+    "docs/guide/faults.md",
 ];
 /// Time limit for one command, s.
 const LIMIT_SECS: u32 = 180;

@@ -26,8 +26,9 @@ pub fn isolation_budget(budget: u32) -> u64 {
 /// Simulates which axes of a failure cause it, and moves it toward nominal, with at most `budget`
 /// simulations:
 ///
-/// 1. The nominal scenario, and each axis alone with its value of the failure. If one of these
-///    fails, the search continues from the one with the lowest robustness.
+/// 1. The nominal scenario, and each axis alone with its value of the failure. An axis that has an
+///    effect only with others, such as the magnitude of a fault, keeps these. If one of the
+///    scenarios fails, the search continues from the one with the lowest robustness.
 /// 2. The failure with each axis alone at its nominal value.
 /// 3. If no axis alone fails, as many axes as possible go to nominal.
 /// 4. The rest moves toward nominal as in [`minimize`](crate::minimize()).
@@ -73,10 +74,12 @@ fn run<W: FnMut(u64) -> ControlFlow<()>>(search: &mut Search<'_, W>, budget: u64
     }
     let mut alone_fails = false;
     if 2 * n < budget {
-        let others = |kept: Option<usize>| off.iter().copied().filter(move |axis| Some(*axis) != kept);
-        let alone = std::iter::once(None).chain(off.iter().copied().map(Some));
-        let alone: Vec<_> =
-            alone.map(|kept| search.at_nominal(&others(kept).collect::<Vec<usize>>())).collect();
+        let only = |kept: &[usize]| {
+            let others: Vec<usize> = off.iter().copied().filter(|axis| !kept.contains(axis)).collect();
+            search.at_nominal(&others)
+        };
+        let alone = off.iter().map(|axis| only(&search.with_needed(*axis)));
+        let alone: Vec<_> = std::iter::once(only(&[])).chain(alone).collect();
         let without: Vec<_> = off.iter().map(|axis| search.at_nominal(&[*axis])).collect();
         let mut alone = search.simulate(&alone)?;
         let without = search.simulate(&without)?;

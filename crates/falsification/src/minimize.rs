@@ -144,15 +144,21 @@ impl<'a, W: FnMut(u64) -> ControlFlow<()>> Search<'a, W> {
         }
     }
 
+    /// Returns an axis and those that it needs for an effect.
+    pub(crate) fn with_needed(&self, index: usize) -> Vec<usize> {
+        self.space.with_needed(index)
+    }
+
     pub(crate) fn off_axes(&self) -> Vec<usize> {
         off_nominal(&self.space, &self.best.request.scenario)
     }
 
-    /// Returns the present scenario with other values on some axes.
+    /// Returns the present scenario with other values on some axes. Axes that have no effect with
+    /// them are nominal.
     fn with(&self, values: impl IntoIterator<Item = (usize, f64)>) -> Scenario {
         let mut scenario = self.best.request.scenario.values().to_vec();
         values.into_iter().for_each(|(index, value)| scenario[index] = Some(value));
-        Scenario::new(scenario)
+        self.space.canonical(Scenario::new(scenario))
     }
 
     fn nominal(&self, index: usize) -> f64 {

@@ -48,6 +48,8 @@ pub enum Stream {
     Shuffle = 9,
     /// Noise of a sensor, whose standard deviation is part of the scenario.
     SensorNoise = 10,
+    /// Losses and late commands of a fault, whose probability is part of the scenario.
+    Fault = 11,
 }
 
 impl Seed {

@@ -77,7 +77,7 @@ pub use risk::{
 pub use runs::{RunFacts, RunSummary};
 pub use screening::{Confirmed, Finding, Screening};
 pub use simulation::{Noise, RequirementVerdict, Simulation};
-pub use subject::{AxisFacts, AxisValues, Subject};
+pub use subject::{AxisFacts, AxisValues, NeededAxis, Subject};
 pub use tables::{Table, TablePage, Tables};
 pub use training::{Training, TrainingPlan, TrainingTime};
 pub use values::{Named, Number, Scenario, Seed};

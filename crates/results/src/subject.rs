@@ -53,7 +53,7 @@ pub struct Subject {
 pub struct AxisFacts {
     /// Name.
     pub name: String,
-    /// Kind of quantity: `start`, `model`, `event`, `input` or `noise`.
+    /// Kind of quantity: `start`, `model`, `event`, `fault`, `input` or `noise`.
     pub kind: String,
     /// Unit; empty without one.
     pub unit: String,
@@ -66,6 +66,21 @@ pub struct AxisFacts {
     /// `continuous`, `logarithmic`, `integer`, or the names of the categories, whose values count
     /// from 0.
     pub values: AxisValues,
+    /// Values of other axes that this axis needs for an effect, all of them; missing if it always
+    /// has one. In other scenarios it is nominal.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub only_if: Option<Vec<NeededAxis>>,
+}
+
+/// Values of an axis without which another one has no effect.
+#[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
+pub struct NeededAxis {
+    /// Name of the axis.
+    pub axis: String,
+    /// Its values with an effect; `null`: all but `other_than`.
+    pub one_of: Option<Vec<f64>>,
+    /// Its value without an effect; `null`: all but those in `one_of`.
+    pub other_than: Option<f64>,
 }
 
 /// The values that an axis can take between its bounds.
@@ -86,6 +101,17 @@ impl AxisFacts {
             AxisValues::Kind(kind) => kind == "integer",
             AxisValues::Categories(_) => true,
         }
+    }
+
+    /// Returns whether the axis has an effect. `value` returns the values of other axes; an absent
+    /// one has no effect on this.
+    pub fn has_effect(&self, value: impl Fn(&str) -> Option<f64>) -> bool {
+        self.only_if.iter().flatten().all(|needed| {
+            value(&needed.axis).is_none_or(|value| match (&needed.one_of, needed.other_than) {
+                (Some(values), _) => values.contains(&value),
+                (None, other) => Some(value) != other,
+            })
+        })
     }
 
     /// Returns whether the axis has one value only.

@@ -3,12 +3,12 @@
 use std::fmt;
 use std::str::FromStr;
 
-use mishandle_rollout::{Axis, AxisValues, Distribution};
+use mishandle_rollout::{Axis, AxisKind, AxisValues, Distribution};
 
 use crate::{RiskError, normal};
 
 /// The distributions, for messages.
-const KNOWN: &str = "uniform, log-uniform, normal:MEAN:STD, triangular:MODE, or weights:W0:W1:... with a weight for each value";
+const KNOWN: &str = "uniform, log-uniform, normal:MEAN:STD, triangular:MODE, weights:W0:W1:... with a weight for each value, or per-hour:KIND=RATE:... for the kind of a fault";
 
 /// The distribution of the values of an axis, truncated to its bounds.
 ///
@@ -45,6 +45,15 @@ pub enum Marginal {
     /// One weight for each value of an axis of whole numbers or categories, in order. The
     /// probabilities are proportional to them.
     Weights(Vec<f64>),
+    /// Rates of the kinds of a fault. An episode has at most one fault: none with the probability
+    /// that a Poisson process with the sum of the rates has no event in the episode, otherwise each
+    /// kind in proportion to its rate.
+    PerHour {
+        /// Name and rate of each kind that occurs, per hour.
+        rates: Vec<(String, f64)>,
+        /// Duration of an episode, h.
+        hours: f64,
+    },
 }
 
 impl FromStr for Marginal {
@@ -52,6 +61,14 @@ impl FromStr for Marginal {
 
     fn from_str(text: &str) -> Result<Marginal, RiskError> {
         let error = || RiskError::Syntax { text: text.to_string(), expected: KNOWN };
+        if let Some(rates) = text.strip_prefix("per-hour:") {
+            let rate = |word: &str| {
+                let (kind, rate) = word.split_once('=')?;
+                Some((kind.to_string(), rate.parse().ok()?))
+            };
+            let rates = rates.split(':').map(rate).collect::<Option<Vec<(String, f64)>>>();
+            return Ok(Marginal::PerHour { rates: rates.ok_or_else(error)?, hours: 0.0 });
+        }
         let mut words = text.split(':');
         let name = words.next().unwrap_or_default();
         let numbers = words.map(str::parse).collect::<Result<Vec<f64>, _>>().map_err(|_| error())?;
@@ -77,6 +94,10 @@ impl fmt::Display for Marginal {
                 f.write_str("weights")?;
                 weights.iter().try_for_each(|weight| write!(f, ":{weight}"))
             }
+            Marginal::PerHour { rates, .. } => {
+                f.write_str("per-hour")?;
+                rates.iter().try_for_each(|(kind, rate)| write!(f, ":{kind}={rate}"))
+            }
         }
     }
 }
@@ -91,6 +112,38 @@ impl Marginal {
         }
     }
 
+    /// Returns the distribution for episodes of this duration, h. Only rates depend on it.
+    #[must_use]
+    pub fn lasting(self, hours: f64) -> Marginal {
+        match self {
+            Marginal::PerHour { rates, .. } => Marginal::PerHour { rates, hours },
+            other => other,
+        }
+    }
+
+    /// Returns the probability of a fault in an episode; `None` if the distribution has no rates.
+    pub fn fault_probability(&self) -> Option<f64> {
+        let Marginal::PerHour { rates, hours } = self else { return None };
+        let total: f64 = rates.iter().map(|(_, rate)| rate).sum();
+        Some(-(-total * hours).exp_m1())
+    }
+
+    /// Returns the probability of each value of an axis of the kinds of a fault.
+    fn kind_weights(&self, axis: &Axis) -> Vec<f64> {
+        let (Marginal::PerHour { rates, .. }, AxisValues::Categorical(names), Some(faulty)) =
+            (self, &axis.values, self.fault_probability())
+        else {
+            return Vec::new();
+        };
+        let total: f64 = rates.iter().map(|(_, rate)| rate).sum();
+        let weight = |(index, name): (usize, &String)| {
+            let rate = rates.iter().filter(|(kind, _)| kind == name).map(|(_, rate)| rate).sum::<f64>();
+            let is_nominal = axis.nominal == Some(axis.low + index as f64);
+            if is_nominal { 1.0 - faulty } else { faulty * rate / total }
+        };
+        names.iter().enumerate().map(weight).collect()
+    }
+
     /// Checks that the distribution fits an axis.
     ///
     /// # Errors
@@ -100,6 +153,7 @@ impl Marginal {
         let [a, b] = support(axis);
         let problem = match self {
             Marginal::Uniform => None,
+            Marginal::PerHour { rates, .. } => rates_problem(rates, axis),
             Marginal::LogUniform if axis.low <= 0.0 => Some("its lower bound is not positive".to_string()),
             Marginal::LogUniform if axis.levels().is_some() => Some("its values are discrete".to_string()),
             Marginal::Normal { .. } | Marginal::Triangular { .. } if is_categorical => {
@@ -166,10 +220,37 @@ impl Marginal {
             Marginal::Normal { mean, std } => truncated_normal(*mean, *std, [a, b], u),
             Marginal::Triangular { mode } => triangular(*mode, [a, b], u),
             Marginal::Weights(weights) => return axis.low + level(weights, u) as f64,
+            Marginal::PerHour { .. } => return axis.low + level(&self.kind_weights(axis), u) as f64,
         };
         let value = if axis.levels().is_some() { value.round() } else { value };
         value.clamp(axis.low, axis.high)
     }
+}
+
+/// Returns why rates do not fit an axis; `None` if they do.
+fn rates_problem(rates: &[(String, f64)], axis: &Axis) -> Option<String> {
+    let AxisValues::Categorical(names) = &axis.values else {
+        return Some("it has no kinds of faults; use it for an axis such as sensor_fault".to_string());
+    };
+    let nominal = axis.nominal.and_then(|nominal| names.get((nominal - axis.low) as usize));
+    let mut kinds: Vec<&str> =
+        names.iter().filter(|name| Some(*name) != nominal).map(String::as_str).collect();
+    if axis.kind != AxisKind::Fault {
+        return Some("its categories are not the kinds of a fault; use weights".to_string());
+    }
+    if let Some((unknown, _)) = rates.iter().find(|(kind, _)| !kinds.contains(&kind.as_str())) {
+        return Some(format!("it has no kind `{unknown}`; its kinds: {}", kinds.join(", ")));
+    }
+    let is_twice = |kind: &&str| rates.iter().filter(|(other, _)| other == kind).count() > 1;
+    kinds.retain(is_twice);
+    if let Some(kind) = kinds.first() {
+        return Some(format!("it has two rates of `{kind}`"));
+    }
+    let is_rate = |(_, rate): &(String, f64)| rate.is_finite() && *rate >= 0.0;
+    if !rates.iter().all(is_rate) || rates.iter().all(|(_, rate)| *rate == 0.0) {
+        return Some("rates must not be negative, and one must be positive".to_string());
+    }
+    None
 }
 
 /// Returns the bounds of the continuous number that is rounded to the value of a discrete axis, or
@@ -220,8 +301,6 @@ fn level(weights: &[f64], u: f64) -> usize {
 
 #[cfg(test)]
 mod tests {
-    use mishandle_rollout::AxisKind;
-
     use super::*;
 
     fn axis(bounds: [f64; 2], values: AxisValues) -> Axis {
@@ -291,6 +370,55 @@ mod tests {
             ("normal:1:1", 1.0, 0.413_087),
         ] {
             assert!((share(text, level) - expected).abs() < 2e-4, "{text} {level}: {}", share(text, level));
+        }
+    }
+
+    /// The kinds none, dropout, freeze and bias.
+    fn kinds() -> Axis {
+        let names = ["none", "dropout", "freeze", "bias"].map(String::from);
+        Axis::new(AxisKind::Fault, "fault", "", [0.0, 3.0], Some(0.0))
+            .with_values(AxisValues::Categorical(names.into()))
+    }
+
+    #[test]
+    fn rates_per_hour_give_at_most_one_fault_per_episode() {
+        let marginal: Marginal = "per-hour:dropout=30:bias=10".parse().unwrap();
+        assert_eq!(marginal.to_string(), "per-hour:dropout=30:bias=10");
+        // 40 faults an hour, episodes of 3 minutes: two are expected, and e^-2 is the probability
+        // of none.
+        let marginal = marginal.lasting(0.05);
+        marginal.check(&kinds()).unwrap();
+        let none = (-2.0_f64).exp();
+        assert!((marginal.fault_probability().unwrap() - (1.0 - none)).abs() < 1e-15);
+        let n = 20_000;
+        let at = |i: u32| marginal.value(&kinds(), normal::quantile((f64::from(i) + 0.5) / f64::from(n)));
+        let share = |kind: f64| (0..n).filter(|i| at(*i) == kind).count() as f64 / f64::from(n);
+        for (kind, expected) in
+            [(0.0, none), (1.0, 0.75 * (1.0 - none)), (2.0, 0.0), (3.0, 0.25 * (1.0 - none))]
+        {
+            assert!((share(kind) - expected).abs() < 2e-4, "{kind}: {}", share(kind));
+        }
+        // A rare fault has its rate times the duration as probability.
+        let rare = "per-hour:freeze=0.001".parse::<Marginal>().unwrap().lasting(0.01);
+        assert!((rare.fault_probability().unwrap() / 1e-5 - 1.0).abs() < 1e-4);
+    }
+
+    #[test]
+    fn rates_that_do_not_fit_a_fault_are_errors() {
+        for (text, part) in [
+            ("per-hour:none=1", "no kind `none`"),
+            ("per-hour:frozen=1", "its kinds: dropout, freeze, bias"),
+            ("per-hour:bias=1:bias=2", "two rates"),
+            ("per-hour:bias=0", "one must be positive"),
+            ("per-hour:bias=-1", "must not be negative"),
+        ] {
+            let error = text.parse::<Marginal>().unwrap().check(&kinds()).unwrap_err().to_string();
+            assert!(error.contains(part), "{error}");
+        }
+        let delay = axis([0.0, 3.0], AxisValues::Integer);
+        assert!("per-hour:bias=1".parse::<Marginal>().unwrap().check(&delay).is_err());
+        for text in ["per-hour:", "per-hour:bias", "per-hour:bias=x", "per-hour"] {
+            assert!(text.parse::<Marginal>().is_err(), "{text}");
         }
     }
 

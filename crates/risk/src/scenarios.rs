@@ -98,7 +98,7 @@ impl Scenarios {
         for (index, z) in self.free.iter().zip(latent) {
             values[*index] = self.marginals[*index].value(&self.space.axes()[*index], *z);
         }
-        values.into()
+        self.space.canonical(values.into())
     }
 
     /// Returns the types of the coordinates of a search in the unit cube of quantiles.

@@ -1,15 +1,18 @@
 //! Disturbances between environment and controller, which every environment supports: biases and
-//! offsets of observations and actions, delays, and explicit draws of the action noise.
+//! offsets of observations and actions, delays, faults, and explicit draws of the action noise.
 
-use std::collections::VecDeque;
 use std::ops::Range;
+use std::sync::Arc;
 
+use crate::delay::{DelayLine, Lateness};
+use crate::fault::{ActiveFault, FaultSite, Parameter, Side};
+use crate::real::Real;
 use crate::{Axis, RolloutError, Scenario, Seed, Space, Stream};
 
 /// An axis whose value disturbs observations or actions.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Disturbance {
-    /// The axis. Its nominal value is 0, or `None` for an explicit draw.
+    /// The axis. Its value has no effect if it is nominal.
     pub axis: Axis,
     /// The effect of its value.
     pub effect: Effect,
@@ -43,8 +46,14 @@ pub enum Effect {
     /// Delays observations by this number of control steps. The first observation fills the gap at
     /// the start.
     ObservationDelay,
+    /// Largest additional delay of observations, control steps, drawn in each control step.
+    ObservationJitter,
+    /// Number of control steps between two observations. Each is repeated until the next one.
+    ObservationPeriod,
     /// Delays actions by this number of control steps. Actions of 0 fill the gap at the start.
     ActionDelay,
+    /// Largest additional delay of actions, control steps, drawn in each control step.
+    ActionJitter,
     /// Sets the mean of the action noise of one entry over these n control steps.
     ///
     /// The value is in units of the standard deviation of that mean, 1 / sqrt(n). The draws keep
@@ -56,6 +65,24 @@ pub enum Effect {
         /// Control steps, from 0.
         steps: Range<usize>,
     },
+    /// Sets a parameter of a fault.
+    Fault {
+        /// Place of the fault.
+        site: Arc<FaultSite>,
+        /// The parameter.
+        parameter: Parameter,
+    },
+}
+
+impl Effect {
+    /// Returns whether an episode depends on its seed if the value is not nominal.
+    pub fn is_random(&self) -> bool {
+        match self {
+            Effect::ObservationNoise { .. } | Effect::ObservationJitter | Effect::ActionJitter => true,
+            Effect::Fault { parameter, .. } => parameter.is_random(),
+            _ => false,
+        }
+    }
 }
 
 /// Weight of a disturbance in each control step, counted from 0.
@@ -157,11 +184,17 @@ pub(crate) struct ActiveDisturbances {
     seed: Seed,
     /// Entry, control steps and offset of the draws.
     draws: Vec<(usize, Range<usize>, f64)>,
-    observation_delay: usize,
-    action_delay: usize,
-    past_observations: VecDeque<Vec<f32>>,
-    past_actions: VecDeque<Vec<f64>>,
+    observation_lateness: Lateness,
+    action_lateness: Lateness,
+    past_observations: DelayLine,
+    past_actions: DelayLine,
+    /// Faults in the order of their application.
+    faults: Vec<ActiveFault>,
 }
+
+/// Indices of the random numbers of late observations and actions in their stream.
+const LATE_OBSERVATIONS: (Stream, u32) = (Stream::Delay, 0);
+const LATE_ACTIONS: (Stream, u32) = (Stream::Delay, 1);
 
 impl ActiveDisturbances {
     /// Returns the disturbances of a scenario. Nominal values have no effect.
@@ -178,11 +211,13 @@ impl ActiveDisturbances {
             sensor_draws: Vec::new(),
             seed,
             draws: Vec::new(),
-            observation_delay: 0,
-            action_delay: 0,
-            past_observations: VecDeque::new(),
-            past_actions: VecDeque::new(),
+            observation_lateness: Lateness::default(),
+            action_lateness: Lateness::default(),
+            past_observations: DelayLine::default(),
+            past_actions: DelayLine::default(),
+            faults: Vec::new(),
         };
+        let mut faults: Vec<(&Arc<FaultSite>, [f64; Parameter::COUNT])> = Vec::new();
         for (place, effect) in &routing.effects {
             let Some(value) = scenario.get(*place) else { continue };
             match effect {
@@ -190,6 +225,14 @@ impl ActiveDisturbances {
                     let count = steps.len() as f64;
                     let mean = mean_draw(seed, *entry, steps, action_size);
                     disturbed.draws.push((*entry, steps.clone(), value / count.sqrt() - mean));
+                }
+                Effect::Fault { site, parameter } => {
+                    let index = faults.iter().position(|(known, _)| Arc::ptr_eq(known, site));
+                    let index = index.unwrap_or_else(|| {
+                        faults.push((site, Parameter::nominal_values()));
+                        faults.len() - 1
+                    });
+                    faults[index].1[*parameter as usize] = value;
                 }
                 _ if value == 0.0 => {}
                 Effect::Observation { entry, factor, profile } => {
@@ -201,48 +244,56 @@ impl ActiveDisturbances {
                         .extend(entries.iter().map(|(entry, factor)| (*entry, factor * value)));
                 }
                 Effect::Action { entry, profile } => disturbed.action.push((*entry, profile.clone(), value)),
-                Effect::ObservationDelay => disturbed.observation_delay = value as usize,
-                Effect::ActionDelay => disturbed.action_delay = value as usize,
+                Effect::ObservationDelay => disturbed.observation_lateness.delay = value as usize,
+                Effect::ObservationJitter => disturbed.observation_lateness.jitter = value as usize,
+                Effect::ObservationPeriod => disturbed.observation_lateness.skipped = value as usize - 1,
+                Effect::ActionDelay => disturbed.action_lateness.delay = value as usize,
+                Effect::ActionJitter => disturbed.action_lateness.jitter = value as usize,
             }
         }
+        faults.sort_by_key(|(site, _)| site.number);
+        let active = |(site, values): &(&Arc<FaultSite>, _)| ActiveFault::new(Arc::clone(site), values, seed);
+        disturbed.faults = faults.iter().filter_map(active).collect();
         disturbed
     }
 
-    /// Replaces `observation` by the disturbed observation of control step `step`.
-    pub(crate) fn observe(&mut self, step: usize, observation: &mut [f32]) {
-        if self.observation_delay > 0 {
-            // The buffer of the oldest observation is reused, so that a full queue does not
-            // allocate.
-            let full = self.past_observations.len() > self.observation_delay;
-            let oldest = if full { self.past_observations.pop_front() } else { None };
-            let mut newest = oldest.unwrap_or_else(|| vec![0.0; observation.len()]);
-            newest.copy_from_slice(observation);
-            self.past_observations.push_back(newest);
-            observation.copy_from_slice(&self.past_observations[0]);
+    /// Replaces `observation` by the observation of control step `step` with its disturbances, but
+    /// without faults.
+    pub(crate) fn observe<T: Real>(&mut self, step: usize, observation: &mut [T]) {
+        if !self.observation_lateness.is_none() {
+            let (line, lateness) = (&mut self.past_observations, &self.observation_lateness);
+            line.push(lateness, observation.iter().map(|value| value.to_f64()));
+            let arrival = lateness.arrival(step, self.seed, LATE_OBSERVATIONS);
+            let late = if line.show(arrival).is_some() { line.show(arrival) } else { line.oldest() };
+            for (value, late) in observation.iter_mut().zip(late.unwrap_or_default()) {
+                *value = T::nearest(*late);
+            }
         }
         for (entry, profile, value) in &self.observation {
             let added = value * profile.weight(step);
             if added != 0.0 {
-                observation[*entry] += added as f32;
+                observation[*entry] = observation[*entry].plus(added);
             }
         }
         if !self.sensor_noise.is_empty() {
             self.sensor_draws.resize(observation.len(), 0.0);
             self.seed.normals(Stream::SensorNoise, step as u64, &mut self.sensor_draws);
             for (entry, deviation) in &self.sensor_noise {
-                observation[*entry] += (deviation * self.sensor_draws[*entry]) as f32;
+                observation[*entry] = observation[*entry].plus(deviation * self.sensor_draws[*entry]);
             }
         }
     }
 
-    /// Replaces the clipped `action` by the disturbed action of control step `step`.
+    /// Replaces the clipped `action` by the action of control step `step` with its disturbances,
+    /// but without faults.
     pub(crate) fn act(&mut self, step: usize, action: &mut [f64]) {
-        if self.action_delay > 0 {
-            let full = self.past_actions.len() == self.action_delay;
-            let oldest = if full { self.past_actions.pop_front() } else { None };
-            let mut oldest = oldest.unwrap_or_else(|| vec![0.0; action.len()]);
-            action.swap_with_slice(&mut oldest);
-            self.past_actions.push_back(oldest);
+        if !self.action_lateness.is_none() {
+            self.past_actions.push(&self.action_lateness, action.iter().copied());
+            let arrival = self.action_lateness.arrival(step, self.seed, LATE_ACTIONS);
+            match self.past_actions.show(arrival) {
+                Some(late) => action.copy_from_slice(late),
+                None => action.fill(0.0),
+            }
         }
         for (entry, profile, value) in &self.action {
             let added = value * profile.weight(step);
@@ -250,6 +301,28 @@ impl ActiveDisturbances {
                 action[*entry] += added;
             }
         }
+    }
+
+    /// Applies the faults of one side in control step `step`, which come after everything else.
+    /// Returns whether any acts in this step.
+    pub(crate) fn fail<T: Real>(&mut self, side: Side, step: usize, values: &mut [T]) -> bool {
+        let faults = self.faults.iter_mut().filter(|fault| fault.site().side == side);
+        faults.fold(false, |acts, fault| fault.apply(step, values) | acts)
+    }
+
+    /// Returns whether actions are late or have offsets.
+    pub(crate) fn disturbs_actions(&self) -> bool {
+        !self.action_lateness.is_none() || !self.action.is_empty()
+    }
+
+    /// Returns whether the controller can pause in any control step.
+    pub(crate) fn has_pause(&self) -> bool {
+        self.faults.iter().any(ActiveFault::is_pause)
+    }
+
+    /// Returns whether a fault pauses the controller in a control step.
+    pub(crate) fn is_paused(&self, step: usize) -> bool {
+        self.faults.iter().any(|fault| fault.is_pausing(step))
     }
 
     /// Shifts the standard normal draws of control step `step` to their explicit mean.
@@ -317,9 +390,9 @@ mod tests {
     #[test]
     fn an_action_delay_fills_the_start_with_zeros() {
         let mut disturbed = disturbed(Effect::ActionDelay, 2.0);
-        let applied: Vec<f64> = (1..7)
+        let applied: Vec<f64> = (0..6)
             .map(|step| {
-                let mut action = [f64::from(step), 0.0];
+                let mut action = [f64::from(step + 1), 0.0];
                 disturbed.act(step as usize, &mut action);
                 action[0]
             })

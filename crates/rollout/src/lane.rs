@@ -4,6 +4,7 @@
 use mishandle_stl::{MonitorError, Trace};
 
 use crate::disturbance::ActiveDisturbances;
+use crate::fault::Side;
 use crate::rollout::Rollout;
 use crate::{
     ControllerWorker, EpisodeEnd, Request, RolloutError, Sample, Seed, SpecificationMonitor, StepStatus,
@@ -47,6 +48,14 @@ pub(crate) struct LaneRows {
     controller_states: Vec<f64>,
     /// Disturbances of each row; `None` if the space has no axis of a disturbance.
     disturbances: [Option<ActiveDisturbances>; ROWS],
+    /// Last answer and state of the controller of each row that a fault can pause.
+    answers: [Option<Answer>; ROWS],
+}
+
+/// Last action of a controller, and its state after it.
+struct Answer {
+    action: Vec<f32>,
+    state: Vec<f64>,
 }
 
 impl LaneRows {
@@ -54,6 +63,7 @@ impl LaneRows {
         LaneRows {
             controller_states: vec![0.0; ROWS * rollout.controller.state_size()],
             disturbances: Default::default(),
+            answers: Default::default(),
         }
     }
 }
@@ -113,7 +123,11 @@ impl Lane {
             ActiveDisturbances::new(&rollout.routing, &request.scenario, request.seed, self.action.len())
         });
         let size = rollout.controller.state_size();
-        self.controller.reset(&mut rows.controller_states[row * size..][..size], request.seed);
+        let state = &mut rows.controller_states[row * size..][..size];
+        self.controller.reset(state, request.seed);
+        let can_pause = rows.disturbances[row].as_ref().is_some_and(ActiveDisturbances::has_pause);
+        let action = vec![0.0; if can_pause { self.action.len() } else { 0 }];
+        rows.answers[row] = can_pause.then(|| Answer { action, state: state.to_vec() });
     }
 
     /// Computes the actions of the next control step of each row. Ends the simulations with an
@@ -135,6 +149,10 @@ impl Lane {
             if let (Some(index), true) = (invalid, progress.is_running()) {
                 progress.end = EpisodeEnd::InvalidObservation { step, index };
             }
+            // After the check: a fault may show NaN to the controller.
+            if let Some(disturbed) = disturbed {
+                disturbed.fail(Side::Sensing, step, observation);
+            }
         }
         self.controller.act(
             count,
@@ -142,10 +160,31 @@ impl Lane {
             &mut rows.controller_states[..count * rollout.controller.state_size()],
             &mut self.actions[..count * action_size],
         );
+        self.hold_paused(rollout, rows, progress);
         for (actions, progress) in self.actions.chunks(action_size).zip(progress) {
             let invalid = actions.iter().position(|action| !action.is_finite());
             if let (Some(index), true) = (invalid, progress.is_running()) {
                 progress.end = EpisodeEnd::InvalidAction { step: progress.steps + 1, index };
+            }
+        }
+    }
+
+    /// Takes back the answers of controllers that a fault pauses, as if they had not been asked.
+    fn hold_paused(&mut self, rollout: &Rollout, rows: &mut LaneRows, progress: &[Progress]) {
+        let (action_size, state_size) = (self.action.len(), rollout.controller.state_size());
+        let LaneRows { controller_states, disturbances, answers } = rows;
+        for (row, ((answer, disturbed), progress)) in
+            answers.iter_mut().zip(disturbances).zip(progress).enumerate()
+        {
+            let (Some(answer), Some(disturbed)) = (answer, disturbed) else { continue };
+            let action = &mut self.actions[row * action_size..][..action_size];
+            let state = &mut controller_states[row * state_size..][..state_size];
+            if disturbed.is_paused(progress.steps) {
+                action.copy_from_slice(&answer.action);
+                state.copy_from_slice(&answer.state);
+            } else {
+                answer.action.copy_from_slice(action);
+                answer.state.copy_from_slice(state);
             }
         }
     }
@@ -163,10 +202,13 @@ impl Lane {
         }
         let draws = &mut self.draws[..action_size];
         rollout.noise.on_action(progress.seed, step as u64, &mut self.action, draws, |draws| {
-            if let Some(disturbed) = disturbed {
+            if let Some(disturbed) = &disturbed {
                 disturbed.draw(step, draws);
             }
         });
+        if let Some(disturbed) = disturbed {
+            disturbed.fail(Side::Actuation, step, &mut self.action);
+        }
     }
 
     /// Returns how the signals after the reset end an episode; `None` if it runs.

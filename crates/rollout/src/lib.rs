@@ -24,14 +24,19 @@
 //! CPU. Other implementations may run on a GPU or in another process.
 
 mod batch;
+mod condition;
 mod controller;
+mod delay;
 mod disturbance;
 mod environment;
 mod environment_batch;
 mod error;
+pub mod fault;
+mod interface;
 mod lane;
 mod noise;
 mod per_thread;
+mod real;
 mod request;
 mod rollout;
 mod screening;
@@ -43,13 +48,17 @@ mod target;
 pub use mishandle_random::{Seed, Stream};
 
 pub use batch::{CpuBatch, Samples};
+pub use condition::{Condition, Holds};
 pub use controller::{Controller, ControllerWorker};
+pub use delay::delays;
 pub use disturbance::{Disturbance, Effect, TimeProfile};
 pub use environment::{Environment, EnvironmentWorker, Sample, StepStatus};
 pub use environment_batch::{BatchFactory, EnvironmentBatch, EnvironmentSpec};
 pub use error::RolloutError;
+pub use interface::{ActiveInterface, Interface};
 pub use noise::Noise;
 pub use per_thread::PerThread;
+pub use real::Real;
 pub use request::{Episode, EpisodeEnd, Request};
 pub use rollout::Rollout;
 pub use screening::{

@@ -1,7 +1,8 @@
 use std::fmt;
 use std::sync::Arc;
 
-use crate::{RolloutError, Seed, Stream};
+use crate::condition::{Gate, canonical, gates, idle, needed};
+use crate::{Condition, RolloutError, Seed, Stream};
 
 /// Kind of quantity that an [`Axis`] varies.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -13,6 +14,9 @@ pub enum AxisKind {
     Model,
     /// An event at a point in time: a push, a jump of the target. Several axes describe one event.
     Event,
+    /// A fault of a channel of observations or actions, with onset, duration and magnitude. Several
+    /// axes describe one fault.
+    Fault,
     /// One knot or segment of a disturbance of actions or observations.
     Input,
     /// A random draw made explicit. Its nominal value is `None`, for which its random stream
@@ -22,10 +26,11 @@ pub enum AxisKind {
 
 impl AxisKind {
     /// All kinds with their names in records and output.
-    pub const ALL: [(AxisKind, &'static str); 5] = [
+    pub const ALL: [(AxisKind, &'static str); 6] = [
         (AxisKind::Start, "start"),
         (AxisKind::Model, "model"),
         (AxisKind::Event, "event"),
+        (AxisKind::Fault, "fault"),
         (AxisKind::Input, "input"),
         (AxisKind::Noise, "noise"),
     ];
@@ -79,6 +84,9 @@ impl Distribution {
     }
 }
 
+/// Ending of the name of an axis that is the time at which a fault begins.
+pub(crate) const ONSET: &str = "_onset";
+
 /// One quantity that a scenario sets.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Axis {
@@ -100,6 +108,8 @@ pub struct Axis {
     pub distribution: Distribution,
     /// Description of the quantity.
     pub meaning: String,
+    /// The axis has an effect only if all of them hold. In other scenarios it is nominal.
+    pub conditions: Vec<Condition>,
 }
 
 impl Axis {
@@ -122,6 +132,7 @@ impl Axis {
             values: AxisValues::Continuous,
             distribution: Distribution::Uniform,
             meaning: String::new(),
+            conditions: Vec::new(),
         }
     }
 
@@ -140,6 +151,11 @@ impl Axis {
         Axis { meaning: meaning.to_string(), ..self }
     }
 
+    /// Returns the axis with conditions.
+    pub fn only_if(self, conditions: impl IntoIterator<Item = Condition>) -> Axis {
+        Axis { conditions: conditions.into_iter().collect(), ..self }
+    }
+
     /// Returns the number of values of a discrete axis; `None` for a continuous one.
     pub fn levels(&self) -> Option<usize> {
         match self.values {
@@ -153,6 +169,11 @@ impl Axis {
     /// Returns whether the axis has a single value.
     pub fn is_fixed(&self) -> bool {
         self.low == self.high
+    }
+
+    /// Returns whether the axis is the time at which a fault begins.
+    pub fn is_onset(&self) -> bool {
+        self.kind == AxisKind::Fault && self.name.ends_with(ONSET)
     }
 
     /// Returns the value at `u` in \[0, 1\]. The bounds are exact at 0 and 1.
@@ -279,6 +300,7 @@ impl<const N: usize> From<[f64; N]> for Scenario {
 pub struct Space {
     name: String,
     axes: Arc<[Axis]>,
+    gates: Arc<[Gate]>,
 }
 
 impl Space {
@@ -294,7 +316,7 @@ impl Space {
                 return Err(RolloutError::Axis { axis: axis.name.clone(), what: "two axes have this name" });
             }
         }
-        Ok(Space { name: name.to_string(), axes: axes.into() })
+        Ok(Space { name: name.to_string(), gates: gates(&axes), axes: axes.into() })
     }
 
     /// Returns the name.
@@ -319,7 +341,42 @@ impl Space {
 
     /// Returns the scenario at the point `u` of \[0,1\]^d. The bounds are exact at 0 and 1.
     pub fn at(&self, u: &[f64]) -> Scenario {
-        Scenario(self.axes.iter().zip(u).map(|(axis, u)| Some(axis.at(*u))).collect())
+        self.canonical(Scenario(self.axes.iter().zip(u).map(|(axis, u)| Some(axis.at(*u))).collect()))
+    }
+
+    /// Returns the scenario with the nominal value on each axis that has no effect in it, so that
+    /// scenarios with equal episodes are equal: see [`Axis::conditions`].
+    pub fn canonical(&self, scenario: Scenario) -> Scenario {
+        canonical(&self.gates, &self.axes, scenario)
+    }
+
+    /// Returns the axes whose values have no effect in a scenario and are not nominal.
+    pub fn ineffective(&self, scenario: &Scenario) -> Vec<&Axis> {
+        let canonical = self.canonical(scenario.clone());
+        let values = scenario.values().iter().zip(canonical.values());
+        self.axes
+            .iter()
+            .zip(values)
+            .filter(|(_, (given, kept))| given != kept)
+            .map(|(axis, _)| axis)
+            .collect()
+    }
+
+    /// Returns these axes without those that need another one of them, which does not need them.
+    pub fn without_dependent(&self, axes: &[usize]) -> Vec<usize> {
+        let needs = |axis: usize, other: usize| self.with_needed(axis).contains(&other);
+        let depends = |axis: usize| axes.iter().any(|other| needs(axis, *other) && !needs(*other, axis));
+        axes.iter().copied().filter(|axis| !depends(*axis)).collect()
+    }
+
+    /// Returns the index of an axis and those of the axes that its conditions name.
+    pub fn with_needed(&self, index: usize) -> Vec<usize> {
+        needed(&self.gates, index)
+    }
+
+    /// Returns the indices of the axes that have an effect in no scenario of this space.
+    pub fn idle_axes(&self) -> Vec<usize> {
+        idle(&self.gates, &self.axes)
     }
 
     /// Returns the point of a scenario, the inverse of [`at`](Self::at) up to rounding; `None` if a
@@ -344,7 +401,7 @@ impl Space {
             Distribution::Uniform => axis.at(seed.uniform(Stream::InitialConfiguration, index, number)),
             Distribution::Normal => normal_within(axis, seed.child(index).child(u64::from(number))),
         };
-        Scenario((0..).zip(self.axes.iter()).map(draw).map(Some).collect())
+        self.canonical(Scenario((0..).zip(self.axes.iter()).map(draw).map(Some).collect()))
     }
 
     /// Checks that `scenario` has an allowed value for every axis.

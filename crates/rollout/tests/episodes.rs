@@ -5,6 +5,7 @@
 
 use std::sync::{Arc, Mutex};
 
+use mishandle_rollout::fault::{Channel, FaultSite, Side};
 use mishandle_rollout::{
     Axis, AxisKind, AxisValues, Controller, ControllerWorker, CpuBatch, Disturbance, Effect, Environment,
     EnvironmentWorker, Episode, EpisodeEnd, Noise, Request, Rollout, RolloutError, Sample, Samples, Scenario,
@@ -584,4 +585,96 @@ fn an_action_delay_applies_to_its_own_row() {
     // The first action arrives in the third control step and has the same effect as without a
     // delay.
     assert_eq!(late[3] - late[2], prompt[1] - prompt[0]);
+}
+
+/// A system of a line with faults of its observation and its action. A control step takes 0.1 s.
+fn with_faults(line: Line, gain: f32, noise: Noise) -> Rollout {
+    let site = |side, name: &str| FaultSite {
+        side,
+        name: name.to_string(),
+        number: 0,
+        channels: vec![Channel { name: "x".to_string(), entries: vec![0] }],
+        ranges: vec![[-1.0, 1.0]],
+        has_numbers: true,
+        control_dt: line.control_dt(),
+        episode_steps: line.episode_steps(),
+    };
+    let mut disturbances = site(Side::Sensing, "sensor").disturbances();
+    disturbances.extend(site(Side::Actuation, "actuator").disturbances());
+    let axes = line.space.axes().iter().chain(disturbances.iter().map(|d| &d.axis));
+    let space = Space::new("s", axes.cloned().collect()).unwrap();
+    rollout(line, gain, noise).with_disturbances(space, &disturbances).unwrap()
+}
+
+/// A request with a fault of a kind for control steps 4 to 7.
+fn faulty(system: &Rollout, side: Side, kind: &str, more: &[(&str, f64)]) -> Request {
+    let name = if side == Side::Sensing { "sensor" } else { "actuator" };
+    let number = side.kinds().iter().position(|known| known.name == kind).unwrap() as f64;
+    let life = [("", number), ("_onset", 0.4), ("_duration", 0.4)];
+    let values: Vec<(String, f64)> =
+        life.iter().chain(more).map(|(suffix, value)| (format!("{name}{suffix}"), *value)).collect();
+    let value = |axis: &Axis| {
+        let set = values.iter().find(|(name, _)| *name == axis.name);
+        set.map_or(axis.nominal, |(_, value)| Some(*value))
+    };
+    let scenario = Scenario::new(system.space().axes().iter().map(value).collect());
+    assert!(system.space().ineffective(&scenario).is_empty());
+    Request::new(scenario, Seed(3))
+}
+
+#[test]
+fn a_paused_controller_in_a_batch_keeps_its_state_and_the_others_theirs() {
+    let mut system = with_faults(Line::new(1e9), 0.0, Noise::default());
+    let healthy = Request::new(system.space().nominal(), Seed(3));
+    let paused = faulty(&system, Side::Actuation, "pause", &[]);
+    let episodes = system.rollout(&[healthy.clone(), paused.clone(), healthy]).unwrap();
+    // The action of call k is 0.001 k, and moves the point by a tenth.
+    let moves = |episode: &Episode| -> Vec<f64> {
+        positions(episode).windows(2).map(|pair| ((pair[1] - pair[0]) * 1e4).round()).collect()
+    };
+    let calls: Vec<f64> = (0..20).map(f64::from).collect();
+    assert_eq!((moves(&episodes[0]), moves(&episodes[2])), (calls.clone(), calls));
+    let expected = [0, 1, 2, 3, 3, 3, 3, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15].map(f64::from);
+    assert_eq!(moves(&episodes[1]), expected);
+    let alone = system.rollout(&[paused]).unwrap().remove(0);
+    assert_eq!(positions(&alone), positions(&episodes[1]));
+}
+
+#[test]
+fn faults_come_after_noise_so_that_controller_and_environment_get_what_they_state() {
+    let line = Line::new(1e9);
+    let received = Arc::clone(&line.received);
+    let mut system = with_faults(line, 1.0, NOISE);
+    // A sensor that is stuck at 0.5: the controller answers 0.5, and its noise is held, too.
+    let stuck = faulty(&system, Side::Sensing, "stuck", &[("_level", 0.5)]);
+    received.lock().unwrap().clear();
+    system.rollout(&[stuck]).unwrap();
+    let noise = |step: u64| {
+        let mut draws = [0.0];
+        Seed(3).normals(Stream::ActionNoise, step, &mut draws);
+        NOISE.action_std * draws[0]
+    };
+    for step in 4..8 {
+        // The controller adds 0.001 per call.
+        let expected = 0.5 + 0.001 * step as f64 + noise(step as u64);
+        let found = received.lock().unwrap()[step];
+        assert!((found - expected).abs() < 1e-6, "control step {step}: {found}, not {expected}");
+    }
+    let limited = faulty(&system, Side::Actuation, "saturation", &[("_limit", 0.05)]);
+    received.lock().unwrap().clear();
+    system.rollout(&[limited]).unwrap();
+    let actions = received.lock().unwrap().clone();
+    assert!(actions[4..8].iter().all(|action| action.abs() <= 0.05 + 1e-9), "{actions:?}");
+    assert!(actions.iter().any(|action| action.abs() > 0.05));
+}
+
+#[test]
+fn nan_of_a_fault_reaches_the_controller_and_its_nan_is_an_invalid_action() {
+    let mut system = with_faults(Line::new(1e9), 1.0, Noise::default());
+    let lost = faulty(&system, Side::Sensing, "dropout", &[("_fill", 2.0)]);
+    let healthy = Request::new(system.space().nominal(), Seed(3));
+    let episodes = system.rollout(&[lost, healthy]).unwrap();
+    assert_eq!(episodes[0].end, EpisodeEnd::InvalidAction { step: 5, index: 0 });
+    assert_eq!((episodes[0].robustness(), episodes[0].steps), (None, 4));
+    assert_eq!(episodes[1].end, EpisodeEnd::Completed);
 }

@@ -1,4 +1,5 @@
 use mishandle_controllers::{Entry, Layout};
+use mishandle_rollout::fault::FaultSite;
 use mishandle_rollout::{Axis, NamedFormula, RolloutError, Space, Specification};
 use mishandle_world::{Model, Rows, World, WorldError};
 
@@ -274,6 +275,12 @@ impl Definition {
                 entry("finger_target_steps", "", JOINTS - ARM_JOINTS),
             ],
         }
+    }
+
+    /// Returns the observation and the action as places of faults: their channels and the range of
+    /// each number.
+    pub fn fault_sites(&self) -> [FaultSite; 2] {
+        crate::axes::sites(self)
     }
 
     /// Returns the initial box of a preset as a space.

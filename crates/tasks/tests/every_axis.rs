@@ -91,7 +91,19 @@ fn every_task_has_axes_of_every_kind() {
             );
         }
         let spaces: Vec<&str> = target.spaces.iter().map(Space::name).collect();
-        let expected = ["starts", "dynamics", "delay", "sensing", "drift", "events", "disturbance", "noise"];
+        let expected = [
+            "starts",
+            "dynamics",
+            "delay",
+            "timing",
+            "sensing",
+            "drift",
+            "events",
+            "faults-sensing",
+            "faults-actuation",
+            "disturbance",
+            "noise",
+        ];
         assert_eq!(spaces, expected, "{}", task.definition().name);
         let in_spaces: usize = target.spaces.iter().map(Space::dimension).sum();
         assert_eq!(in_spaces, target.axes.len(), "each axis is in exactly one space");
@@ -100,13 +112,15 @@ fn every_task_has_axes_of_every_kind() {
 
 /// Selects the axes of the test. From axes that differ only by joint or observed number it takes
 /// the first and the last, and only the first segment, because later disturbances may have no
-/// effect, for instance on a cloth at rest.
+/// effect, for instance on a cloth at rest. Axes of faults have no effect alone: see `faults.rs`.
 fn representatives(axes: &[Axis]) -> Vec<&Axis> {
     let family = |axis: &Axis| axis.name.split('_').next().unwrap_or_default().to_string();
     let is_repeated = |axis: &Axis| ["bias", "drift", "disturbance", "draw"].contains(&family(axis).as_str());
     let segment = |axis: &Axis| axis.name.rsplit('_').next().and_then(|part| part.parse::<u32>().ok());
-    let axes: Vec<&Axis> =
-        axes.iter().filter(|axis| segment(axis).is_none_or(|segment| segment == 1)).collect();
+    let axes: Vec<&Axis> = axes
+        .iter()
+        .filter(|axis| axis.kind != AxisKind::Fault && segment(axis).is_none_or(|segment| segment == 1))
+        .collect();
     let is_same =
         |axis: &Axis, other: Option<&&Axis>| other.is_some_and(|other| family(other) == family(axis));
     let is_kept = |i: usize| {
@@ -188,7 +202,17 @@ impl Stepper {
         let task = task(name).unwrap();
         let target = target(task);
         let of_loop = |axis: &Axis| {
-            let loops = ["bias", "noise", "drift", "disturbance", "draw", "action", "observation"];
+            let loops = [
+                "bias",
+                "noise",
+                "drift",
+                "disturbance",
+                "draw",
+                "action",
+                "observation",
+                "sensor",
+                "actuator",
+            ];
             loops.contains(&axis.name.split('_').next().unwrap())
         };
         let axes = target.axes.iter().filter(|axis| !of_loop(axis)).cloned().collect();

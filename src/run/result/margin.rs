@@ -74,6 +74,9 @@ fn category_margin(categories: Named<String>, margin: &Margin) -> CategoryMargin
 fn categories(space: &Space, part: &Space) -> Named<String> {
     let named = |index: usize| {
         let (axis, nominal) = (&space.axes()[index], part.axes()[index].nominal);
+        if part.idle_axes().contains(&index) {
+            return None;
+        }
         let AxisValues::Categorical(names) = &axis.values else { return None };
         let name = names.get((nominal? - axis.low) as usize)?;
         Some((axis.name.clone(), name.clone()))

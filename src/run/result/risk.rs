@@ -10,6 +10,8 @@ use mishandle_risk::{
 };
 use mishandle_rollout::Axis;
 
+use mishandle_text::probability_text;
+
 use crate::resolve::{ResolvedPlan, named_scenario};
 use crate::run::{risk_assumption, risk_refusals};
 
@@ -100,7 +102,7 @@ fn shared(resolved: &ResolvedPlan, scenarios: &Scenarios, failures: &[Failure], 
     };
     let distribution = |(axis, marginal): (&Axis, &Marginal)| AxisDistribution {
         axis: axis.name.clone(),
-        distribution: if axis.is_fixed() { "fixed".to_string() } else { marginal.to_string() },
+        distribution: if axis.is_fixed() { "fixed".to_string() } else { distribution_text(marginal) },
         low: axis.low,
         high: axis.high,
         unit: axis.unit.clone(),
@@ -124,6 +126,17 @@ fn shared(resolved: &ResolvedPlan, scenarios: &Scenarios, failures: &[Failure], 
         splitting: None,
         failures: failures.iter().map(failure).collect(),
         screening: None,
+    }
+}
+
+/// Returns a distribution as text. Rates of faults say what they mean for an episode.
+fn distribution_text(marginal: &Marginal) -> String {
+    match marginal.fault_probability() {
+        None => marginal.to_string(),
+        Some(probability) => format!(
+            "{marginal} (at most one fault per episode, which has one with probability {})",
+            probability_text(probability)
+        ),
     }
 }
 

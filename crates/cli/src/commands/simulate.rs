@@ -57,8 +57,12 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
     plan = plan.only(RunKind::Falsify);
     let resolved = ResolvedPlan::new(&plan)?;
     output::warn_about(&resolved.specification.requirement);
-    let scenario = scenario(&resolved.space, &resolved.target.spaces, &command.at)?;
-    resolved.space.check(&scenario)?;
+    let given = scenario(&resolved.space, &resolved.target.spaces, &command.at)?;
+    resolved.space.check(&given)?;
+    let scenario = resolved.space.canonical(given.clone());
+    for axis in resolved.space.ineffective(&given) {
+        output::message(&format!("warning: {} has no effect with the other values of --at", axis.name));
+    }
     for (axis, value) in resolved.space.axes().iter().zip(scenario.values()) {
         if let Some(value) = value.filter(|value| !(axis.low..=axis.high).contains(value)) {
             let Axis { name, low, high, .. } = axis;

@@ -26,8 +26,16 @@ pub fn text<'a>(values: impl IntoIterator<Item = (&'a AxisFacts, Option<f64>)>) 
 }
 
 fn format<'a>(values: impl IntoIterator<Item = (&'a AxisFacts, Option<f64>)>, max_values: usize) -> String {
-    let mut shown: Vec<(usize, &AxisFacts, f64)> =
-        (0..).zip(values).filter_map(|(index, (axis, value))| Some((index, axis, value?))).collect();
+    let values: Vec<(&AxisFacts, Option<f64>)> = values.into_iter().collect();
+    let mut shown: Vec<(usize, &AxisFacts, f64)> = values
+        .iter()
+        .enumerate()
+        .filter(|(_, (axis, _))| has_effect(axis, &values))
+        .filter_map(|(index, (axis, value))| Some((index, *axis, (*value)?)))
+        .collect();
+    if shown.is_empty() && values.iter().any(|(_, value)| value.is_some()) {
+        return "nominal".to_string();
+    }
     // ", and 1 more" would be as long as the value itself.
     let omitted = if shown.len() > max_values.saturating_add(1) { shown.len() - max_values } else { 0 };
     if omitted > 0 {
@@ -43,6 +51,12 @@ fn format<'a>(values: impl IntoIterator<Item = (&'a AxisFacts, Option<f64>)>, ma
     let values: Vec<String> = shown.iter().map(value).collect();
     let rest = if omitted > 0 { format!(", and {omitted} more") } else { String::new() };
     values.join(", ") + &rest
+}
+
+/// Returns whether an axis has an effect with the values of the others. Without one, it is nominal
+/// whatever the search chose.
+fn has_effect(axis: &AxisFacts, values: &[(&AxisFacts, Option<f64>)]) -> bool {
+    axis.has_effect(|name| values.iter().find(|(other, _)| other.name == name).and_then(|(_, value)| *value))
 }
 
 /// Returns an axis with the bounds and the scale that the facts describe.
@@ -61,9 +75,11 @@ fn scale(axis: &AxisFacts) -> Axis {
 
 /// Formats the first values of a scenario, also those that are drawn at random.
 pub fn first_text(axes: &[AxisFacts], scenario: &Scenario, max_values: usize) -> String {
-    let named = axes.iter().zip(scenario.values()).take(max_values);
-    let values: Vec<String> = named.map(|(axis, value)| axis_text(axis, *value)).collect();
-    let omitted = axes.len().saturating_sub(max_values);
+    let all: Vec<(&AxisFacts, Option<f64>)> = axes.iter().zip(scenario.values().copied()).collect();
+    let shown: Vec<_> = all.iter().filter(|(axis, _)| has_effect(axis, &all)).collect();
+    let values: Vec<String> =
+        shown.iter().take(max_values).map(|(axis, value)| axis_text(axis, *value)).collect();
+    let omitted = shown.len().saturating_sub(max_values);
     let rest = if omitted > 0 { format!(", and {omitted} more") } else { String::new() };
     values.join(", ") + &rest
 }

@@ -17,14 +17,15 @@ pub(super) fn is_disturbed(axis: &Axis) -> bool {
     !varies_freely(axis) && axis.nominal.is_some() && !axis.is_fixed() && is_ordered
 }
 
-/// Returns whether an axis varies in its whole range at any amplitude: the initial state, and times
-/// of events, since an event disturbs by its magnitude.
+/// Returns whether an axis varies in its whole range at any amplitude: the initial state, times of
+/// events, since an event disturbs by its magnitude, and onsets of faults, which disturb by their
+/// durations and magnitudes.
 pub(super) fn varies_freely(axis: &Axis) -> bool {
     axis.kind == AxisKind::Start || is_time(axis)
 }
 
 pub(super) fn is_time(axis: &Axis) -> bool {
-    axis.kind == AxisKind::Event && axis.unit == "s"
+    axis.unit == "s" && (axis.kind == AxisKind::Event || axis.is_onset())
 }
 
 /// Returns the norms of the disturbance of a scenario: those of the offsets of the axes that
@@ -143,7 +144,7 @@ pub(super) fn scenario_at(space: &Space, u: &[f64], amplitude: f64) -> Scenario 
         Some(_) if varies_freely(axis) => Some(axis.at(*u)),
         nominal => nominal,
     };
-    Scenario::new(space.axes().iter().zip(u).map(value).collect())
+    space.canonical(Scenario::new(space.axes().iter().zip(u).map(value).collect()))
 }
 
 /// Returns the value of a disturbed axis at `u` of \[0, 1\]. At 0 and 1 it is the fraction
@@ -175,7 +176,7 @@ pub(super) fn scaled(space: &Space, scenario: &Scenario, amplitude: f64) -> Scen
         }
         (value, _) => value,
     };
-    Scenario::new(space.axes().iter().zip(scenario.values()).map(value).collect())
+    space.canonical(Scenario::new(space.axes().iter().zip(scenario.values()).map(value).collect()))
 }
 
 /// Returns all scenarios up to an amplitude, if there are at most `limit`.
@@ -208,5 +209,11 @@ pub(super) fn all_scenarios(space: &Space, amplitude: f64, limit: u64) -> Option
         };
         all = all.iter().flat_map(extended).collect();
     }
-    Some(all.into_iter().map(Scenario::new).collect())
+    let mut scenarios: Vec<Scenario> = Vec::with_capacity(all.len());
+    for scenario in all.into_iter().map(|values| space.canonical(Scenario::new(values))) {
+        if !scenarios.iter().any(|known| known.is_same(&scenario)) {
+            scenarios.push(scenario);
+        }
+    }
+    Some(scenarios)
 }

@@ -1,8 +1,9 @@
 //! Categories: a margin varies numbers only, so it is searched at one category of each axis, or
 //! once for each combination of categories.
 
-use mishandle_rollout::{Axis, AxisValues, Episode, Request, RolloutError, Space, System};
+use mishandle_rollout::{Axis, AxisKind, AxisValues, Episode, Request, RolloutError, Space, System};
 
+use super::amplitude::is_disturbed;
 use crate::FalsificationError;
 
 /// Largest number of combinations of categories.
@@ -14,7 +15,8 @@ pub fn category_axes(space: &Space) -> Vec<usize> {
     (0..space.dimension()).filter(|index| has_choice(&space.axes()[*index])).collect()
 }
 
-/// Returns the space once for each combination of categories, with these axes fixed.
+/// Returns the space once for each combination of categories, with these axes fixed. A category
+/// that has no effect in a combination stays nominal.
 ///
 /// # Errors
 /// If there are more than 1000 combinations.
@@ -32,28 +34,87 @@ pub fn category_axes(space: &Space) -> Vec<usize> {
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
 pub fn each_category(space: &Space) -> Result<Vec<Space>, FalsificationError> {
-    let axes = category_axes(space);
-    let levels = |index: &usize| space.axes()[*index].levels().unwrap_or(1) as u64;
-    let count = axes.iter().map(levels).fold(1_u64, u64::saturating_mul);
-    if count > MOST {
-        return Err(FalsificationError::InvalidValue {
-            what: "the number of combinations of categories",
-            value: count.to_string(),
-            expected: "at most 1000: fix an axis",
-        });
+    let mut spaces = vec![space.clone()];
+    for index in category_axes(space) {
+        let mut parts = Vec::new();
+        for part in &spaces {
+            if part.axes()[index].is_fixed() {
+                parts.push(part.clone());
+                continue;
+            }
+            for value in values(&space.axes()[index]) {
+                parts.push(with_fixed(part, &[(index, value)])?);
+            }
+        }
+        if parts.len() as u64 > MOST {
+            return Err(FalsificationError::InvalidValue {
+                what: "the number of combinations of categories",
+                value: format!("{} or more", parts.len()),
+                expected: "at most 1000: fix an axis",
+            });
+        }
+        spaces = parts;
     }
-    let mut spaces = vec![space.axes().to_vec()];
-    for index in axes {
-        let fixed = |known: &Vec<Axis>, category: u64| {
-            let mut axes = known.clone();
-            let value = axes[index].low + category as f64;
-            (axes[index].low, axes[index].high, axes[index].nominal) = (value, value, Some(value));
-            axes
-        };
-        let all = |known: &Vec<Axis>| (0..levels(&index)).map(|c| fixed(known, c)).collect::<Vec<_>>();
-        spaces = spaces.iter().flat_map(all).collect();
+    Ok(with_disturbances(spaces))
+}
+
+/// Returns the space once for each kind of each fault, the only fault then; the space itself if it
+/// has no fault. Without a kind, a fault has no number that a margin could vary.
+///
+/// # Errors
+/// If a part is not a valid space.
+pub fn each_fault(space: &Space) -> Result<Vec<Space>, FalsificationError> {
+    let is_fault = |index: &usize| space.axes()[*index].kind == AxisKind::Fault && decides(space, *index);
+    let faults: Vec<usize> = category_axes(space).into_iter().filter(is_fault).collect();
+    if faults.is_empty() {
+        return Ok(vec![space.clone()]);
     }
-    Ok(spaces.into_iter().map(|axes| Space::new(space.name(), axes)).collect::<Result<_, _>>()?)
+    let nominal = |index: usize| space.axes()[index].nominal.unwrap_or_default();
+    let healthy: Vec<(usize, f64)> = faults.iter().map(|index| (*index, nominal(*index))).collect();
+    let mut spaces = vec![with_fixed(space, &healthy)?];
+    for (place, index) in faults.iter().enumerate() {
+        for value in values(&space.axes()[*index]).filter(|value| *value != nominal(*index)) {
+            let mut fixed = healthy.clone();
+            fixed[place].1 = value;
+            spaces.push(with_fixed(space, &fixed)?);
+        }
+    }
+    Ok(with_disturbances(spaces))
+}
+
+/// Returns whether other axes have an effect only for some values of an axis.
+fn decides(space: &Space, index: usize) -> bool {
+    let name = &space.axes()[index].name;
+    space.axes().iter().any(|axis| axis.conditions.iter().any(|condition| condition.axis == *name))
+}
+
+/// Returns the values of a categorical axis.
+fn values(axis: &Axis) -> impl Iterator<Item = f64> + use<> {
+    let low = axis.low;
+    (0..axis.levels().unwrap_or(1)).map(move |level| low + level as f64)
+}
+
+/// Returns the space with fixed values on some axes, and the nominal value on those that have no
+/// effect with them.
+fn with_fixed(space: &Space, fixed: &[(usize, f64)]) -> Result<Space, FalsificationError> {
+    let mut axes = space.axes().to_vec();
+    let fix = |axis: &mut Axis, value: f64| {
+        (axis.low, axis.high, axis.nominal) = (value, value, Some(value));
+    };
+    fixed.iter().for_each(|(index, value)| fix(&mut axes[*index], *value));
+    let part = Space::new(space.name(), axes.clone())?;
+    for index in part.idle_axes() {
+        let nominal = axes[index].nominal.unwrap_or_default();
+        fix(&mut axes[index], nominal);
+    }
+    Ok(Space::new(space.name(), axes)?)
+}
+
+/// Returns the parts with an axis that a margin varies; all parts if no part has one.
+fn with_disturbances(spaces: Vec<Space>) -> Vec<Space> {
+    let (varied, rest): (Vec<Space>, Vec<Space>) =
+        spaces.into_iter().partition(|space| space.axes().iter().any(is_disturbed));
+    if varied.is_empty() { rest } else { varied }
 }
 
 /// A system in a part of its space.

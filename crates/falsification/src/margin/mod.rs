@@ -18,7 +18,7 @@ use crate::{FalsificationError, minimize};
 pub use amplitude::norms;
 use amplitude::{is_disturbed, offsets};
 use attempt::Attempt;
-pub use categories::{Narrowed, category_axes, each_category};
+pub use categories::{Narrowed, category_axes, each_category, each_fault};
 use descent::{FIRST_STEP, LAST_STEP};
 
 /// Share of the budget after which the axes of the witness are minimized, and share that is left

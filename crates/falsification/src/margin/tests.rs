@@ -1,4 +1,4 @@
-use mishandle_rollout::{Axis, AxisKind, AxisValues, Request, Scenario, Stream};
+use mishandle_rollout::{Axis, AxisKind, AxisValues, Condition, Holds, Request, Scenario, Stream};
 use mishandle_toys::{FunctionSystem, SimulatedEnd};
 
 use super::amplitude::{all_scenarios, between, scaled, scenario_at};
@@ -445,4 +445,55 @@ fn nothing_is_simulated_after_the_end() {
             assert_eq!(found.unwrap().is_complete, left > 0);
         }
     }
+}
+
+/// Axes of a fault whose kinds are none, dropout and bias, with a duration and an offset.
+fn fault() -> Space {
+    let condition = |axis: &str, holds| Condition { axis: axis.to_string(), nominal: 0.0, holds };
+    let kinds = |kinds: &[f64]| condition("fault", Holds::OneOf(kinds.into()));
+    let lasts = || condition("fault_duration", Holds::Except(0.0));
+    let axis = |name: &str, unit: &str, bounds| Axis::new(AxisKind::Fault, name, unit, bounds, Some(0.0));
+    let names = AxisValues::Categorical(["none", "dropout", "bias"].map(String::from).into());
+    let axes = vec![
+        axis("fault", "", [0.0, 2.0]).with_values(names).only_if([lasts()]),
+        axis("fault_onset", "s", [0.0, 4.0]).only_if([lasts(), kinds(&[1.0, 2.0])]),
+        axis("fault_duration", "s", [0.0, 2.0]).only_if([kinds(&[1.0, 2.0])]),
+        axis("fault_offset", "m", [-0.5, 0.5]).only_if([lasts(), kinds(&[2.0])]),
+    ];
+    Space::new("faults", axes).unwrap()
+}
+
+#[test]
+fn the_shortest_fault_of_each_kind_is_found_at_any_onset() {
+    // A dropout of more than 0.5 s after 3 s fails; a bias fails by its size times its duration.
+    let outcome = |request: &Request| {
+        let [kind, onset, duration, offset] = [0, 1, 2, 3].map(|i| request.scenario.get(i).unwrap());
+        SimulatedEnd::Robustness(match kind {
+            1.0 => (0.5 - duration).max((3.0 - onset) / 10.0),
+            2.0 => 0.3 - offset * duration,
+            _ => 1.0,
+        })
+    };
+    let space = fault();
+    let parts = each_fault(&space).unwrap();
+    let kinds: Vec<f64> = parts.iter().map(|part| part.axes()[0].low).collect();
+    assert_eq!(kinds, [1.0, 2.0], "without a fault nothing is disturbed");
+    assert!(parts[0].axes()[3].is_fixed(), "a dropout has no offset");
+    let mut system = FunctionSystem::new(space.clone(), outcome);
+    let mut smallest = |part: &Space| {
+        let mut system = Narrowed { system: &mut system, space: part };
+        let found = margin(&mut system, settings(600), |_| ControlFlow::Continue(())).unwrap();
+        found.witness.unwrap().episode.request.scenario
+    };
+    let dropout = smallest(&parts[0]);
+    let duration = dropout.get(2).unwrap();
+    assert!(duration > 0.5 && duration < 0.53, "1 % of 2 s above the threshold of 0.5 s: {duration}");
+    assert!(dropout.get(1).unwrap() > 3.0 && space.ineffective(&dropout).is_empty());
+    // Both the duration and the offset are off nominal.
+    let bias = smallest(&parts[1]);
+    assert!(bias.get(3).unwrap() * bias.get(2).unwrap() > 0.3);
+    assert_eq!(each_category(&space).unwrap().len(), 2);
+    // A space without a fault stays as it is.
+    let plain = Space::new("d", vec![integer("delay", 0.0, 10.0)]).unwrap();
+    assert_eq!(each_fault(&plain).unwrap(), [plain]);
 }

@@ -3,7 +3,7 @@
 
 use std::ops::Range;
 
-use mishandle_rollout::{Axis, AxisKind, AxisValues, Distribution, Disturbance, Effect, TimeProfile};
+use mishandle_rollout::{Axis, AxisKind, Distribution, Disturbance, Effect, TimeProfile, delays};
 
 use super::XYZ;
 use crate::definition::Definition;
@@ -14,9 +14,6 @@ const SEGMENT: usize = 60;
 
 /// Control steps of the knots of a piecewise-linear drift of an observation.
 const DRIFT_KNOTS: [usize; 3] = [0, 150, 300];
-
-/// Maximum delay, control steps: 50 ms.
-const MAX_DELAY: f64 = 3.0;
 
 /// Maximum bias or drift of an observed position, m.
 const MAX_BIAS: f64 = 0.02;
@@ -63,6 +60,7 @@ pub(crate) fn disturbances(definition: &Definition, panda: &Panda, action_noise:
             effect: Effect::Action { entry: joint, profile: TimeProfile::Constant(steps) },
         });
     }
+    all.extend(super::faults::faults(definition));
     if action_noise {
         for (joint, segment, steps) in segments() {
             let name = format!("draw_{}_{segment}", JOINT_NAMES[joint]);
@@ -137,20 +135,7 @@ fn joint_factors(panda: &Panda) -> [f64; ARM_JOINTS] {
 
 /// Returns the names of the axes that add randomness.
 pub(crate) fn random_axes(disturbances: &[Disturbance]) -> Vec<String> {
-    let is_random = |d: &&Disturbance| matches!(d.effect, Effect::ObservationNoise { .. });
-    disturbances.iter().filter(is_random).map(|d| d.axis.name.clone()).collect()
-}
-
-fn delays() -> Vec<Disturbance> {
-    [
-        ("action_delay", "delay between controller and robot", Effect::ActionDelay),
-        ("observation_delay", "delay between sensors and controller", Effect::ObservationDelay),
-    ]
-    .map(|(name, meaning, effect)| {
-        let axis = Axis::new(AxisKind::Model, name, "control steps", [0.0, MAX_DELAY], Some(0.0));
-        Disturbance { axis: axis.with_values(AxisValues::Integer).meaning(meaning), effect }
-    })
-    .to_vec()
+    disturbances.iter().filter(|d| d.effect.is_random()).map(|d| d.axis.name.clone()).collect()
 }
 
 /// Makes an axis with bounds symmetric about 0.

@@ -4,12 +4,15 @@
 mod constants;
 mod disturbances;
 mod events;
+mod faults;
 
+use mishandle_rollout::fault::Side;
 use mishandle_rollout::{Axis, AxisKind, Disturbance, Effect, RolloutError, Space};
 
 pub(crate) use constants::{Constant, Elements};
 pub(crate) use disturbances::{disturbances, random_axes};
 pub(crate) use events::{JUMP_SIZE, PUSH_SIZE, Push, SLIP_SIZE, jump, slip};
+pub(crate) use faults::sites;
 
 use crate::definition::{Definition, Preset};
 use crate::robot::{ARM_JOINTS, JOINT_NAMES};
@@ -65,6 +68,16 @@ fn is_event(parameter: Parameter) -> bool {
     matches!(parameter, P::Push(_) | P::Jump(_) | P::Slip(_) | P::ThrowSpeed)
 }
 
+/// Returns whether a disturbance changes when values arrive during an episode.
+fn is_timing(disturbance: &Disturbance) -> bool {
+    use Effect as E;
+    matches!(disturbance.effect, E::ActionJitter | E::ObservationJitter | E::ObservationPeriod)
+}
+
+fn is_fault(disturbance: &Disturbance, side: Side) -> bool {
+    matches!(&disturbance.effect, Effect::Fault { site, .. } if site.side == side)
+}
+
 /// Returns the named spaces of a task, `starts` first, without empty ones.
 pub(crate) fn spaces(
     parameters: &[(Axis, Parameter)],
@@ -82,6 +95,7 @@ pub(crate) fn spaces(
         ("starts", of_scene(|parameter| matches!(parameter, Parameter::Start(_)))),
         ("dynamics", of_scene(|parameter| matches!(parameter, Parameter::Constant(_)))),
         ("delay", of_loop(|d| matches!(d.effect, Effect::ActionDelay | Effect::ObservationDelay))),
+        ("timing", of_loop(is_timing)),
         (
             "sensing",
             of_loop(|d| {
@@ -95,6 +109,8 @@ pub(crate) fn spaces(
             of_loop(|d| d.axis.kind == AxisKind::Input && matches!(d.effect, Effect::Observation { .. })),
         ),
         ("events", of_scene(is_event)),
+        ("faults-sensing", of_loop(|d| is_fault(d, Side::Sensing))),
+        ("faults-actuation", of_loop(|d| is_fault(d, Side::Actuation))),
         ("disturbance", of_loop(|d| matches!(d.effect, Effect::Action { .. }))),
         ("noise", [start_draws, action_draws].concat()),
     ]
