@@ -153,10 +153,10 @@ impl Stage {
         let noise = Noise::default();
         let target = TaskTarget::new(task, Preset::Paper, (controller, component), noise).unwrap();
         let space = target.target().unwrap().space(spaces).unwrap();
-        let environment = target.environment(&space).unwrap();
+        let specification = definition.paper.specification().unwrap();
+        let environment = target.environment(&space, &specification).unwrap();
         let got = Log::default();
         let robot = Robot { environment, got: Arc::clone(&got) };
-        let specification = definition.paper.specification().unwrap();
         let system = target.system_in(Arc::new(robot), &space, &specification).unwrap();
         Stage { space, sites, system: Box::new(system), seen, got }
     }
