@@ -133,7 +133,7 @@ fn a_full_trace_has_the_weights_of_the_stack_and_the_actions_that_moved_the_arm(
     );
     assert!(near(at_end(&nominal, "contact_cube_target"), 0.02));
     assert_eq!(at_end(&nominal, "contact_robot_cube"), 0.0, "the hand has released the cube");
-    assert!(find(&nominal, "contact_robot_cube")[1].unwrap() > 1.0, "the fingers press on the cube");
+    assert!(find(&nominal, "contact_largest")[1].unwrap() > 1.0, "the fingers press on the cube");
     // Masses that the scenario changes count.
     let (_, heavy) = columns(2.0);
     assert!(near(at_end(&heavy, "contact_ground_target"), 0.06));

@@ -27,7 +27,7 @@ const DEFINITION: Definition = Definition {
     start: [0.0, -0.2, 0.0, -2.3, 0.0, 2.1, 0.785, 0.0, 0.0],
     start_noise: 0.0,
     grip: GripperMode::Fixed(0.0),
-    n_substeps: 4,
+    n_substeps: 8,
     velocity_scale: 0.1,
     signals: &[
         scalar("cube_tilt", "rad", "angle between the initially upward face normal and the vertical"),

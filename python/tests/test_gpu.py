@@ -127,7 +127,7 @@ class Physics(unittest.TestCase):
         if not flag:
             model.opt.disableflags &= ~int(mujoco.mjtDisableBit.mjDSBL_NATIVECCD)
         warp_model, data = mjw.put_model(model), mjw.put_data(model, mujoco.MjData(model))
-        gpu.step(warp_model, data)
+        gpu.step(warp_model, data, lambda: None)
         return int(data.nacon.numpy()[0])
 
     def test_other_versions_of_the_packages_are_refused(self):
@@ -162,7 +162,7 @@ class Physics(unittest.TestCase):
         mujoco.mj_step(model, expected)
         found = {}
         with gpu.wp.ScopedDevice("cpu"):
-            for name, step in (("corrected", gpu.step), ("plain", mjw.step)):
+            for name, step in (("corrected", lambda m, d: gpu.step(m, d, lambda: None)), ("plain", mjw.step)):
                 # The data hold the velocities of another state, as after a reset of the row.
                 warp_model, data = mjw.put_model(model), mjw.put_data(model, slow)
                 step(warp_model, data)
@@ -179,15 +179,16 @@ class Physics(unittest.TestCase):
         servos = [[i, i, 400, 80, 2.175 if i < 4 else 2.61, 87 if i < 4 else 12] for i in range(7)]
         random, rows = np.random.default_rng(0), 64
         batch = gpu.WarpBatch(ARM, 1 / 480, rows, 1, servos, device="cpu")
-        data, states = mujoco.MjData(model), []
+        data, states, targets = mujoco.MjData(model), [], []
         limits = np.array(servos)[:, 4]
         for _ in range(rows):
             mujoco.mj_resetData(model, data)
             data.qpos[:7] = random.uniform(*model.jnt_range[:7].T)
-            data.qvel[:7] = limits * random.uniform(-1, 1, 7)
+            directions = random.choice([-1, 1], 7)
+            data.qvel[:7] = limits * directions * random.uniform(0.9, 1, 7)
             states.append(state_of(model, data))
+            targets.append(data.qpos[:7] + directions)
         batch.write_states(np.arange(rows, dtype=np.int32), np.array(states))
-        targets = np.array(states)[:, 1:8] + random.uniform(-1, 1, (rows, 7))
         batch.arrays()["targets"][:] = targets
         batch.step()
         found, braking = batch.data.ctrl.numpy()[:, :7], 0
@@ -321,7 +322,7 @@ class OneStep(unittest.TestCase):
         "point-reaching": ((1.1e-6, 1.2e-6), (5e-6, 9e-6)),
         "cube-stacking": ((3.3e-5, 1.3e-4), (1.7e-2, 6e-2)),
         "ball-balancing": ((2.8e-6, 1.3e-5), (6.5e-4, 3.4e-3)),
-        "ball-catching": ((2.9e-5, 1e-4), (2.8e-2, 1e-1)),
+        "ball-catching": ((2.9e-5, 2e-4), (2.8e-2, 6e-1)),
         "ball-pushing": ((1.1e-6, 1.1e-5), (1.3e-4, 5e-3)),
         "door-opening": ((1.7e-6, 2.2e-6), (3.8e-4, 5e-4)),
         # A bound of the maximum would say nothing: in some states the colliders of the engines find

@@ -216,7 +216,7 @@ fn the_hinge_stops_at_both_limits_with_a_small_rebound() {
         bench.stand_aside();
         bench.swing(from, rate);
         let (mut beyond, mut back): (f64, f64) = (0.0, 0.0);
-        for _ in 0..480 {
+        for _ in 0..960 {
             bench.world.step();
             beyond = beyond.max((bench.yaw() - end) * rate.signum());
             back = back.max(-bench.rate() * rate.signum());

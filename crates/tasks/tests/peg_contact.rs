@@ -158,9 +158,12 @@ fn a_peg_beside_the_hole_stands_on_the_block() {
 #[test]
 fn a_peg_bounces_on_the_ground_with_a_restitution_of_0_4_and_not_on_the_block() {
     let restitution = |offset: [f64; 2], surface: f64, fall: f64| {
-        let mut bench = Bench::loose(offset, surface + 0.5 * SHAFT + fall, UPRIGHT);
+        // Below a cylinder that stands exactly upright, MuJoCo finds two contacts that are 1.5 radii
+        // deeper than its end. They throw it up.
+        let (sin, cos) = (0.25 * std::f64::consts::PI + 0.05).sin_cos();
+        let mut bench = Bench::loose(offset, surface + 0.5 * SHAFT + fall, [cos, sin, 0.0, 0.0]);
         let (mut down, mut up): (f64, f64) = (0.0, 0.0);
-        for _ in 0..240 {
+        for _ in 0..480 {
             bench.step();
             let v = bench.world.rows().free_velocity(bench.peg)[2];
             down = down.min(v);
@@ -279,7 +282,7 @@ fn the_full_force_of_the_arm_does_not_press_the_peg_into_the_block() {
     let (mut lowest, mut speed): (f64, f64) = (f64::INFINITY, 0.0);
     for _ in 0..120 {
         bench.panda.move_targets(&[0.0, 1.0, 0.0, -1.0, 0.0, 0.0, 0.0], &mut bench.targets);
-        for _ in 0..4 {
+        for _ in 0..8 {
             bench.step();
             let axis = rotate(bench.quaternion(), [0.0, 1.0, 0.0]);
             let tip = bench.position()[2] - 0.5 * SHAFT * axis[2] - SHAFT_RADIUS * norm_xy(axis);
@@ -287,10 +290,10 @@ fn the_full_force_of_the_arm_does_not_press_the_peg_into_the_block() {
             lowest = lowest.min(tip);
         }
     }
-    // The peg comes down at 1.7 m/s, 7 mm per physics step. This is the maximum penetration, also
+    // The peg comes down at 1.7 m/s, 3.5 mm per physics step. This is the maximum penetration, also
     // under the full torque after the contact.
     assert!(speed > 1.5, "it comes down at {speed} m/s");
-    assert!(lowest > 0.4 - 1.1 * speed / 240.0, "its tip gets down to {lowest} at {speed} m/s");
+    assert!(lowest > 0.4 - 1.1 * speed / 480.0, "its tip gets down to {lowest} at {speed} m/s");
     let now = bench.in_hand();
     assert!(
         norm(sub(now.0, start.0)) < 1e-3 && norm(sub(now.1, start.1)) < 0.01,

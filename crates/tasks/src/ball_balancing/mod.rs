@@ -118,7 +118,7 @@ const DEFINITION: Definition = Definition {
     termination: "the ball is farther than 0.54 m from the tray's reference point, or lower than 0.5 m",
     differences: "The original holds the tray by friction alone. Here the tray is a part of the hand, because dropping it \
                   is not the failure under study. The ball hits the ground with a restitution of 0.4. The tray's handle \
-                  collides with nothing, and neither tray nor robot collides with the ground.",
+                  collides with nothing.",
 };
 
 const STRICT: &str = "always[50:300](ball_tray_horizontal_distance <= 0.2 and ball_height_above_tray > 0) \

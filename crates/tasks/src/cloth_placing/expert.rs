@@ -94,6 +94,7 @@ impl ExpertPolicy for Place {
             LOWER => [x, y, rise(LOW, 8.0, LOWER_SPEED)],
             GO_BEYOND => clamp_norm(scale(sub(above, grasp), 5.0), 0.6),
             DESCEND => [0.0, 0.0, rise(PUSH_HEIGHT, 5.0, 0.3)],
+            LEAVE if grasp[2] > ABOVE - 0.01 => return [0.0; 7],
             PUSH => [-PUSH_SPEED * away[0], -PUSH_SPEED * away[1], rise(PUSH_HEIGHT, 5.0, 0.1)],
             _ => [0.0, 0.0, rise(ABOVE, 4.0, 0.3)],
         };

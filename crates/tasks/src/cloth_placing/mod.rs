@@ -189,7 +189,7 @@ const FORMULAS: TaskFormulas = TaskFormulas {
     success: "eventually[0:300](cloth_target_distance <= 0.25)",
     strict: "eventually[0:270](always[0:30](cloth_target_horizontal_distance <= 0.05 and cloth_vertices_over_table >= 0.8 \
              and cloth_height_above_target <= 0.05 and cloth_speed <= 0.05 and cloth_released >= 0.5))",
-    careful: Some(&["always[300:300](cloth_spread >= 0.08)"]),
+    careful: Some(&["always[300:300](cloth_spread >= 0.03)"]),
     safe: "cloth_target_distance <= 0.3",
     completion: "cloth_target_distance <= 0.25",
 };

@@ -140,7 +140,7 @@ const DEFINITION: Definition = Definition {
     differences: "In the original, friction alone holds the cube. Here the fingers press on it in the same way, and a weld \
                   to the hand keeps it in place until the gripper first opens, because dropping the cube on the way is not the \
                   failure under study. A released cube is as free as in the original. Its torsional friction comes from \
-                  its contact points alone, without the patch friction of PhysX. The ground stops hand and arm.",
+                  its contact points alone, without the patch friction of PhysX.",
 };
 
 const FORMULAS: TaskFormulas = TaskFormulas {

@@ -145,8 +145,8 @@ const DEFINITION: Definition = Definition {
                   peg's cap, 6.3 mm beside the middle of the hand, instead of being pressed 5 mm into it. After that the \
                   fingers follow the rule of the original. The hole is a polygon with 16 sides around its circle, so the \
                   clearance of the peg is between 4 mm and 4.08 mm. No part of the robot fits into the hole, so the robot \
-                  collides with the block as a single box. The base and the first link cannot reach the block and do not \
-                  collide with it.",
+                  collides with the block as a single box. Hand and link 5 do not collide: in the initial pose of the \
+                  original the hand is inside link 5.",
 };
 
 const STRICT: &str = "eventually[0:270](always[0:30](peg_hole_horizontal_distance <= 0.005 and \
