@@ -13,17 +13,6 @@ use mishandle::store::RunFile;
 use mishandle::{Plan, ResolvedPlan};
 use serde_json::Value;
 
-/// Returns the strict formula of a task when the golden file was made: its name, or its text if it
-/// changed since.
-fn strict(task: &str) -> &'static str {
-    match task {
-        "ball-pushing" => {
-            "eventually[0:270](always[0:30](ball_hole_horizontal_distance <= 0.13 and ball_height <= 0.36))"
-        }
-        _ => "strict",
-    }
-}
-
 #[test]
 fn simulations_are_bit_identical_to_an_earlier_commit() {
     let golden: Value = serde_json::from_str(include_str!("golden/bits.json")).unwrap();
@@ -32,7 +21,7 @@ fn simulations_are_bit_identical_to_an_earlier_commit() {
         let (task, search) = (case["task"].as_str().unwrap(), case["search"].as_str().unwrap());
         let expected = case["simulations"].as_array().unwrap();
         let falsify = FalsifyPlan {
-            formula: Some(strict(task).to_string()),
+            formula: Some("strict".to_string()),
             search: search.to_string(),
             trials: 1,
             // The budget limits the evaluations of nelder-mead, so it must be the budget of the

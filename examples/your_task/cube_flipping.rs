@@ -165,7 +165,7 @@ impl ExpertPolicy for Flip {
         let linear = match memory[0] {
             TRAVEL => clamp_norm(scale(sub(above, tips), 5.0), 0.6),
             DESCEND => clamp_norm(scale(sub(behind, tips), 5.0), 0.3),
-            TIP => add(scale(cross(across, sub(tips, edge)), 0.8), scale(forward, 0.06)),
+            TIP => add(scale(cross(across, sub(tips, edge)), 0.6), scale(forward, 0.06)),
             _ => clamp_norm(scale(sub([0.35, 0.0, 0.5], tips), 3.0), 0.3),
         };
         // The fingers point down and are parallel to the edge.

@@ -220,7 +220,7 @@ fn a_controller_made_worse_on_purpose_is_caught() {
 #[test]
 fn modes_with_the_same_minimized_scenario_are_one_test() {
     let bench = Bench::new();
-    let falsify = "falsify ball-balancing --controller ppo --space starts+delay+events --search random --trials 8 --budget 60 --seed 1";
+    let falsify = "falsify ball-balancing --controller ppo --space starts+delay+events --search random --trials 8 --budget 60 --seed 2";
     bench.check(&format!("{falsify} --out run.sqlite"), 1);
     let exported = bench.json("counterexamples export run.sqlite --all --minimize --out suite --json", 0);
     let files = exported["files"].as_array().unwrap();
