@@ -25,13 +25,13 @@ def find_controls(table, targets, model, data):
     h, q, v = model.opt.timestep, data.qpos[qpos], data.qvel[dofs]
     limit = max_velocity * damping / stiffness
     lead = np.clip(targets - q, -limit, limit)
-    wanted = stiffness * lead - damping * v
-    effort = np.clip(wanted, -max_effort, max_effort)
+    required = stiffness * lead - damping * v
+    effort = np.clip(required, -max_effort, max_effort)
     mass = np.zeros((model.nv, model.nv))
     mujoco.mj_fullM(model, data, mass)
     inertia = mass[np.ix_(dofs, dofs)] + h * np.diag(model.dof_damping[dofs])
     other = data.qfrc_passive[dofs] - data.qfrc_bias[dofs]
-    implicit = np.abs(wanted) < max_effort
+    implicit = np.abs(required) < max_effort
     acceleration = np.linalg.solve(inertia + h * np.diag(damping * implicit), effort + other)
     brakes = np.abs(v + h * acceleration) > max_velocity
     if not brakes.any():
@@ -119,9 +119,9 @@ def make_kernel(servos: int):
             lead = wp.clamp(targets[row, i] - q, -limit, limit)
             ctrl[row, i] = float(q + lead)
             velocity[i] = v
-            wanted = table[i, 2] * lead - table[i, 3] * v
-            effort[i] = wp.clamp(wanted, -table[i, 5], table[i, 5])
-            implicit[i] = wp.where(wp.abs(wanted) < table[i, 5], h * table[i, 3], wp.float64(0.0))
+            required = table[i, 2] * lead - table[i, 3] * v
+            effort[i] = wp.clamp(required, -table[i, 5], table[i, 5])
+            implicit[i] = wp.where(wp.abs(required) < table[i, 5], h * table[i, 3], wp.float64(0.0))
             torque[i] = wp.float64(passive[row, first + i] - bias[row, first + i])
             start = addresses[first + i]
             for entry in range(start, start + counts[first + i]):

@@ -45,7 +45,7 @@ fn main() {
     let mut verdicts = Vec::new();
     for episode in 0..episodes {
         verdicts
-            .push(recorder.record(start(&recorder.environment, episode, seed), Seed(seed).child(episode)));
+            .push(recorder.record(&start(&recorder.environment, episode, seed), Seed(seed).child(episode)));
     }
     let count = |which: fn(&Verdict) -> bool| verdicts.iter().filter(|v| which(v)).count();
     let (success, strict) = (count(Verdict::is_success), count(Verdict::is_strict_success));
@@ -112,7 +112,7 @@ impl Recorder {
     }
 
     /// Records one episode.
-    fn record(&mut self, scenario: Scenario, seed: Seed) -> Verdict {
+    fn record(&mut self, scenario: &Scenario, seed: Seed) -> Verdict {
         let environment = &self.environment;
         let (mut worker, mut controller) = (environment.worker(), self.policy.worker());
         let mut memory = vec![0.0; self.policy.state_size()];
@@ -132,7 +132,7 @@ impl Recorder {
                 Sample { observation: &mut observation, signals: &mut signals, rewards: &mut rewards }
             };
         }
-        worker.reset(&scenario, seed, &mut state, sample!());
+        worker.reset(scenario, seed, &mut state, sample!());
         trace.push(&signals);
         self.numbers.extend_from_slice(&state[..physics]);
         world.set_state(&state[..physics]);

@@ -158,8 +158,8 @@ fn a_peg_beside_the_hole_stands_on_the_block() {
 #[test]
 fn a_peg_bounces_on_the_ground_with_a_restitution_of_0_4_and_not_on_the_block() {
     let restitution = |offset: [f64; 2], surface: f64, fall: f64| {
-        // Below a cylinder that stands exactly upright, MuJoCo finds two contacts that are 1.5 radii
-        // deeper than its end. They throw it up.
+        // Below a cylinder that stands exactly upright, MuJoCo finds two contacts that are 1.5
+        // radii deeper than its end. They throw it up.
         let (sin, cos) = (0.25 * std::f64::consts::PI + 0.05).sin_cos();
         let mut bench = Bench::loose(offset, surface + 0.5 * SHAFT + fall, [cos, sin, 0.0, 0.0]);
         let (mut down, mut up): (f64, f64) = (0.0, 0.0);

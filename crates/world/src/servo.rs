@@ -64,7 +64,7 @@ impl World {
             let lead = (target - q).clamp(-limit, limit);
             setpoints[i] = q + lead;
             motion.velocity[i] = qvel[servo.dof];
-            motion.wanted[i] = servo.stiffness * lead - servo.damping * qvel[servo.dof];
+            motion.required[i] = servo.stiffness * lead - servo.damping * qvel[servo.dof];
         }
         self.read_inertia(servos, &mut motion);
         let braking = motion.braking(servos);
@@ -108,8 +108,8 @@ struct Motion {
     /// Mass matrix, with the damping of the joints.
     mass: [Vector; MAX_SERVOS],
     velocity: Vector,
-    /// Efforts that the servos want, without their limits.
-    wanted: Vector,
+    /// Efforts that the servos require, without their limits.
+    required: Vector,
     /// All other torques but those of contacts.
     other: Vector,
 }
@@ -120,11 +120,11 @@ impl Motion {
         let n = servos.len();
         let mut braking = [None; MAX_SERVOS];
         let mut effort: Vector = std::array::from_fn(|i| match servos.get(i) {
-            Some(servo) => self.wanted[i].clamp(-servo.max_effort, servo.max_effort),
+            Some(servo) => self.required[i].clamp(-servo.max_effort, servo.max_effort),
             None => 0.0,
         });
         let mut is_implicit: [bool; MAX_SERVOS] = std::array::from_fn(|i| {
-            servos.get(i).is_some_and(|servo| self.wanted[i].abs() < servo.max_effort)
+            servos.get(i).is_some_and(|servo| self.required[i].abs() < servo.max_effort)
         });
         let torque = |effort: &Vector| -> Vector { std::array::from_fn(|i| effort[i] + self.other[i]) };
         let accelerations = solve(n, self.factor(servos, &is_implicit), torque(&effort));

@@ -1,8 +1,8 @@
 //! The cloth's part of the MJCF document: a square grid of point masses.
 //!
 //! Each point mass is a body with three slide joints along the world axes and a small sphere that
-//! collides with table, ground and fingers (bits 4 and 16 of `panda.xml`). A flex connects the masses. Its edges (rows, columns
-//! and one diagonal per cell) are equality constraints.
+//! collides with table, ground and fingers (bits 4 and 16 of `panda.xml`). A flex connects the
+//! masses. Its edges (rows, columns and one diagonal per cell) are equality constraints.
 //!
 //! The benchmark has a grid of 11 x 11. A grid of 7 x 7 takes less than half the time: a control
 //! step of the expert's episodes took 1.37 ms and 0.63 ms of CPU time in total, which is 728 and
