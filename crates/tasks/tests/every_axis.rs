@@ -387,8 +387,7 @@ fn a_held_object_slips_by_the_offset_in_the_hand_and_stays_there() {
             let after = slipped(40);
             for i in 0..3 {
                 let expected = if i == along { 0.01 } else { 0.0 };
-                // The friction of the fingers holds the object back by half a millimeter.
-                assert!((after[i] - expected).abs() < 1e-3, "{name} {axis}: {after:?}");
+                assert!((after[i] - expected).abs() < 5e-4, "{name} {axis}: {after:?}");
             }
         }
     }
