@@ -127,7 +127,7 @@ impl Motion {
             servos.get(i).is_some_and(|servo| self.required[i].abs() < servo.max_effort)
         });
         let torque = |effort: &Vector| -> Vector { std::array::from_fn(|i| effort[i] + self.other[i]) };
-        let accelerations = solve(n, self.factor(servos, &is_implicit), torque(&effort));
+        let accelerations = solve(n, &self.factor(servos, &is_implicit), torque(&effort));
         let is_too_fast = |i: usize, acceleration: f64| {
             (self.velocity[i] + self.h * acceleration).abs() > servos[i].max_velocity
         };
@@ -148,10 +148,10 @@ impl Motion {
         }
         let factor = self.factor(servos, &is_implicit);
         let inverse: [Vector; MAX_SERVOS] = std::array::from_fn(|i| match i < n {
-            true => solve(n, factor, std::array::from_fn(|j| if i == j { 1.0 } else { 0.0 })),
+            true => solve(n, &factor, std::array::from_fn(|j| if i == j { 1.0 } else { 0.0 })),
             false => [0.0; MAX_SERVOS],
         });
-        let mut accelerations = solve(n, factor, torque(&effort));
+        let mut accelerations = solve(n, &factor, torque(&effort));
         let start = effort;
         for _ in 0..SWEEPS {
             for i in 0..n {
@@ -204,7 +204,7 @@ impl Motion {
 }
 
 /// Solves L Lᵀ x = b for the lower triangle L of the first n rows of `factor`.
-fn solve(n: usize, factor: [Vector; MAX_SERVOS], mut b: Vector) -> Vector {
+fn solve(n: usize, factor: &[Vector; MAX_SERVOS], mut b: Vector) -> Vector {
     for i in 0..n {
         let sum: f64 = (0..i).map(|k| factor[i][k] * b[k]).sum();
         b[i] = (b[i] - sum) / factor[i][i];
