@@ -11,7 +11,7 @@ use mishandle::train::{TrainObserver, TrainPlan, reward};
 use mishandle::{Plan, ResolvedPlan};
 
 use crate::folder::{create_parent, remove};
-use crate::measure::{CAMPAIGN_TRIALS, EVALUATION_EPISODES, EVALUATION_SEED};
+use crate::measure::{CAMPAIGN_TRIALS, EVALUATION_SEED, evaluation_episodes};
 use crate::provenance::REWARD;
 use crate::{EvaluationRecord, FalsificationRecord, ZooError};
 
@@ -83,7 +83,8 @@ pub trait Runner: Sync {
 #[derive(Clone, Debug)]
 pub struct LocalRunner {
     tasks: Vec<BenchmarkTask>,
-    episodes: u64,
+    /// Episodes per evaluation of a task.
+    episodes: fn(&str) -> u64,
     trials: u32,
 }
 
@@ -110,7 +111,7 @@ impl LocalRunner {
         });
         Ok(LocalRunner {
             tasks: tasks.collect::<Result<_, ZooError>>()?,
-            episodes: EVALUATION_EPISODES,
+            episodes: evaluation_episodes,
             trials: CAMPAIGN_TRIALS,
         })
     }
@@ -159,7 +160,8 @@ impl Runner for LocalRunner {
         action_noise: f64,
         stop: &(dyn Fn() -> bool + Sync),
     ) -> Result<EvaluationRecord, ZooError> {
-        let evaluate = EvaluatePlan { episodes: self.episodes, starts, ..EvaluatePlan::default() };
+        let evaluate =
+            EvaluatePlan { episodes: (self.episodes)(&subject.task), starts, ..EvaluatePlan::default() };
         let plan = Plan { evaluate: Some(evaluate), ..LocalRunner::plan(subject, action_noise) };
         let resolved = ResolvedPlan::new(&plan)?;
         with_run_file(&subject.run, || {
@@ -198,7 +200,7 @@ mod tests {
     use super::*;
 
     fn runner() -> LocalRunner {
-        LocalRunner { episodes: 3, trials: 1, ..LocalRunner::new().unwrap() }
+        LocalRunner { episodes: |_| 3, trials: 1, ..LocalRunner::new().unwrap() }
     }
 
     fn subject(folder: &Path, controller: &str) -> ControllerUnderTest {

@@ -56,9 +56,9 @@ A training run that fails does not end the others.")]
   zoo measure                            what is missing or out of date
   zoo measure --only cloth-placing/ppo --again
 
-A measurement is an evaluation of 1000 episodes without noise, one with action noise 0.5, and for
-the shipped PPO controllers a falsification of 10 trials by random search. Only missing parts are
-measured, unless --again is given.")]
+A measurement is an evaluation of 1000 episodes (300 in cloth-placing) without noise, one with
+action noise 0.5, and for the shipped PPO controllers a falsification of 10 trials by random search.
+Only missing parts are measured, unless --again is given.")]
     Measure {
         #[command(flatten)]
         part: Part,
