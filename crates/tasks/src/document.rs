@@ -10,9 +10,9 @@ use crate::robot::{CONTROL_DT, JOINTS, Panda};
 /// steps of 1/120 s.
 const HARD_CONTACT: &str = "solref=\"0.0208 1.28\"";
 
-/// The time constant of hard contacts, physics steps. MuJoCo's limit is 2, but an arm that scrapes
-/// over a table chatters there, with forces of more than 100 kN, and its motion depends on the
-/// step.
+/// The time constant of hard contacts, physics steps. At MuJoCo's limit of 2, an arm that scrapes
+/// over a table chatters, and its motion depends on the step: `ppo` pushes the ball into the pit in
+/// 178 of 200 episodes with steps of 1/480 s, and in 197 with halved ones. With 2.5 it is 196.
 const HARD_CONTACT_STEPS: f64 = 2.5;
 
 /// Returns the MJCF document of a task: the robot, the held object and the scene.
