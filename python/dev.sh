@@ -20,7 +20,16 @@ PATH="$VIRTUAL_ENV/bin:$PATH" maturin develop --quiet
 # In another folder, so that the tests import the installed package.
 root="$PWD"
 cd "$VIRTUAL_ENV"
-bin/python -m unittest discover --start-directory "$root/python/tests" "$@"
-if [ $# -eq 0 ]; then
-    bin/python "$root/python/notebooks/run.py" --check
+tests="$root/python/tests"
+if [ $# -gt 0 ]; then
+    exec bin/python -m unittest discover --start-directory "$tests" "$@"
 fi
+# One process per module, as many at a time as there are cores, the largest modules first.
+(cd "$tests" && ls -S test_*.py) | xargs -P "$(nproc)" -I{} bash -c '
+    if log=$(bin/python -m unittest discover --start-directory "$1" --pattern "$2" 2>&1); then
+        echo "$2: $(grep "^Ran " <<< "$log")"
+    else
+        printf "%s\n%s\n" "$2" "$log" >&2
+        exit 1
+    fi' _ "$tests" {}
+bin/python "$root/python/notebooks/run.py" --check

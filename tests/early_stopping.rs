@@ -14,7 +14,7 @@ use tempfile::TempDir;
 fn simulations(folder: &TempDir, task: &str, search: &str, early_stopping: bool) -> Vec<Simulation> {
     let falsify = FalsifyPlan {
         search: search.to_string(),
-        trials: 2,
+        trials: 1,
         budget: 30,
         early_stopping,
         ..FalsifyPlan::default()

@@ -25,19 +25,19 @@ fn plans() -> Vec<Plan> {
             margin: Some(MarginPlan { budget: 60, ..margin }),
             space: "starts+delay".to_string(),
             action_noise: 0.3,
-            ..Plan::new("ball-balancing", "ppo")
+            ..Plan::new("point-reaching", "ppo")
         },
         Plan { risk: Some(risk.clone()), ..Plan::new("toy/hidden-corner", "") },
         // Every kind of fault of the sensors, and random faults of both sides.
         Plan {
             margin: Some(MarginPlan { budget: 20, ..MarginPlan::default() }),
             space: "faults-sensing".to_string(),
-            ..Plan::new("ball-balancing", "ppo")
+            ..Plan::new("point-reaching", "ppo")
         },
         Plan {
             evaluate: Some(EvaluatePlan { episodes: 40, batch: 8, ..EvaluatePlan::default() }),
             space: "starts+timing+faults-sensing+faults-actuation".to_string(),
-            ..Plan::new("ball-balancing", "ppo")
+            ..Plan::new("point-reaching", "ppo")
         },
         Plan {
             falsify: Some(FalsifyPlan {
@@ -48,7 +48,7 @@ fn plans() -> Vec<Plan> {
                 ..FalsifyPlan::default()
             }),
             space: "faults-sensing+faults-actuation".to_string(),
-            ..Plan::new("ball-balancing", "ppo")
+            ..Plan::new("point-reaching", "ppo")
         },
         Plan { risk: Some(RiskPlan { simulations: 300, ..risk }), ..car.clone() },
         // The counterexamples move toward nominal.

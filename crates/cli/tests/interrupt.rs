@@ -75,8 +75,8 @@ fn simulate_keeps_the_repeats_and_a_report_is_not_written() {
     bench.check("falsify ball-balancing --controller ppo --space events --formula always(ball_speed<=0.1) --trials 1 --out r.sqlite", 1);
     let (_, said) = interrupted(&bench, "report r.sqlite --probes 1000000 --out r.html");
     assert!(said.contains("r.html is not written") && !bench.path("r.html").exists(), "{said}");
-    bench.check("evaluate ball-balancing --controller ppo --episodes 2000 --out e.sqlite", 0);
-    let (out, said) = interrupted(&bench, "explain e.sqlite --masking=2000 --skip-check");
+    bench.check("evaluate ball-balancing --controller ppo --episodes 300 --out e.sqlite", 0);
+    let (out, said) = interrupted(&bench, "explain e.sqlite --masking=300 --skip-check");
     assert!(out.is_empty() && said.contains("the counts of the conjuncts are lost"), "{out}{said}");
 }
 

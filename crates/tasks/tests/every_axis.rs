@@ -132,7 +132,8 @@ fn representatives(axes: &[Axis]) -> Vec<&Axis> {
 
 #[test]
 fn every_axis_changes_the_trace() {
-    for task in TASKS {
+    // The small cloth has the axes of the large one and is faster.
+    for task in TASKS.iter().filter(|task| task.definition().name != "cloth-placing") {
         let (target, name) = (target(*task), task.definition().name);
         let all = target.space("all").unwrap();
         let mut system = system(&target, *task, &all);

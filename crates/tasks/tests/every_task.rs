@@ -397,8 +397,10 @@ fn an_episode_depends_on_neither_batch_nor_threads() {
             let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
             pool.install(|| expert_episodes(*task, environment(*task, Preset::Paper, Reward::Shaped), starts))
         };
-        let together = run(2, 19);
-        assert_eq!(together, run(3, 19));
+        // More episodes than a batch has rows; fewer with a cloth, whose steps are slow.
+        let starts = if task.definition().name.starts_with("cloth") { 4 } else { 19 };
+        let together = run(2, starts);
+        assert_eq!(together, run(3, starts));
         assert_eq!(together[..1], run(1, 1));
     }
 }
