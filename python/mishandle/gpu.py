@@ -333,6 +333,7 @@ class WarpBatch:
             return
         inputs = [servos.shape[0], model.opt.timestep, servos, self._there["targets"], data.qpos, data.qvel, data.qfrc_passive]
         inputs += [data.qfrc_bias, model.dof_damping, data.M, model.M_rowadr, model.M_rownnz, model.M_colind]
+        inputs += [model.actuator_gainprm, model.actuator_biasprm]
         wp.launch(servo_rule.make_kernel(servos.shape[0]), self._rows, inputs=inputs, outputs=[data.ctrl])
 
     def buffers(self) -> dict[str, tuple[int, int]]:

@@ -9,19 +9,21 @@ import functools
 import mujoco
 import numpy as np
 import warp as wp
+from mujoco_warp._src.types import vec10
 
 BRAKING_SHARE = wp.constant(wp.float64(0.98))
 SWEEPS = wp.constant(4)
 """As in ``servo.rs``."""
 
-COLUMNS = ("qpos", "dof", "stiffness", "damping", "max_velocity", "max_effort")
-"""Columns of the table of servos: the indices of a joint's position and velocity, then the numbers of the servo."""
+COLUMNS = ("qpos", "dof", "max_velocity", "max_effort")
+"""Columns of the table of servos: the indices of a joint's position and velocity, then the limits of the servo. The gains are those of the model."""
 
 
 def find_controls(table, targets, model, data):
     """Returns the controls of one world of MuJoCo C after ``mj_step1``, for audits of the kernel."""
     qpos, dofs = table[:, 0].astype(int), table[:, 1].astype(int)
-    stiffness, damping, max_velocity, max_effort = table[:, 2:].T
+    max_velocity, max_effort = table[:, 2:].T
+    stiffness, damping = model.actuator_gainprm[: len(table), 0], -model.actuator_biasprm[: len(table), 2]
     h, q, v = model.opt.timestep, data.qpos[qpos], data.qvel[dofs]
     limit = max_velocity * damping / stiffness
     lead = np.clip(targets - q, -limit, limit)
@@ -106,22 +108,27 @@ def make_kernel(servos: int):
         addresses: wp.array(dtype=int),
         counts: wp.array(dtype=int),
         columns: wp.array(dtype=int),
+        gains: wp.array2d(dtype=vec10),
+        biases: wp.array2d(dtype=vec10),
         ctrl: wp.array2d(dtype=float),
     ):
         row = wp.tid()
         h = wp.float64(timestep[0])
         first = int(table[0, 1])
         inertia, implicit = Matrix(), Vector()
+        stiffness, damping = Vector(), Vector()
         velocity, effort, torque = Vector(), Vector(), Vector()
         for i in range(n):
+            stiffness[i] = wp.float64(gains[row % gains.shape[0], i][0])
+            damping[i] = -wp.float64(biases[row % biases.shape[0], i][2])
             q, v = wp.float64(qpos[row, int(table[i, 0])]), wp.float64(qvel[row, first + i])
-            limit = table[i, 4] * table[i, 3] / table[i, 2]
+            limit = table[i, 2] * damping[i] / stiffness[i]
             lead = wp.clamp(targets[row, i] - q, -limit, limit)
             ctrl[row, i] = float(q + lead)
             velocity[i] = v
-            required = table[i, 2] * lead - table[i, 3] * v
-            effort[i] = wp.clamp(required, -table[i, 5], table[i, 5])
-            implicit[i] = wp.where(wp.abs(required) < table[i, 5], h * table[i, 3], wp.float64(0.0))
+            required = stiffness[i] * lead - damping[i] * v
+            effort[i] = wp.clamp(required, -table[i, 3], table[i, 3])
+            implicit[i] = wp.where(wp.abs(required) < table[i, 3], h * damping[i], wp.float64(0.0))
             torque[i] = wp.float64(passive[row, first + i] - bias[row, first + i])
             start = addresses[first + i]
             for entry in range(start, start + counts[first + i]):
@@ -129,8 +136,8 @@ def make_kernel(servos: int):
                 if j >= 0:
                     inertia[i, j] = wp.float64(mass[row, entry])
                     inertia[j, i] = inertia[i, j]
-            damping = dof_damping[row % dof_damping.shape[0], first + i]
-            inertia[i, i] = inertia[i, i] + h * wp.float64(damping)
+            viscous = dof_damping[row % dof_damping.shape[0], first + i]
+            inertia[i, i] = inertia[i, i] + h * wp.float64(viscous)
         damped = inertia
         for i in range(n):
             damped[i, i] = damped[i, i] + implicit[i]
@@ -138,7 +145,7 @@ def make_kernel(servos: int):
         brakes = Vector()
         some = int(0)
         for i in range(n):
-            if wp.abs(velocity[i] + h * acceleration[i]) > table[i, 4]:
+            if wp.abs(velocity[i] + h * acceleration[i]) > table[i, 2]:
                 brakes[i] = wp.float64(1.0)
                 some = 1
         if some == 0:
@@ -146,8 +153,8 @@ def make_kernel(servos: int):
         damped = inertia
         for i in range(n):
             if brakes[i] > wp.float64(0.0):
-                implicit[i] = h * table[i, 3]
-                most = BRAKING_SHARE * table[i, 5]
+                implicit[i] = h * damping[i]
+                most = BRAKING_SHARE * table[i, 3]
                 effort[i] = wp.clamp(effort[i], -most, most)
             damped[i, i] = damped[i, i] + implicit[i]
         lower = factor(damped, n)
@@ -163,7 +170,7 @@ def make_kernel(servos: int):
         for _sweep in range(SWEEPS):
             for i in range(n):
                 after = velocity[i] + h * acceleration[i]
-                limit = table[i, 4]
+                limit = table[i, 2]
                 change = effort[i] - begin[i]
                 bound = wp.clamp(after, -limit, limit)
                 if change > wp.float64(0.0):
@@ -171,7 +178,7 @@ def make_kernel(servos: int):
                 elif change < wp.float64(0.0):
                     bound = limit
                 if after != bound:
-                    most = BRAKING_SHARE * table[i, 5]
+                    most = BRAKING_SHARE * table[i, 3]
                     next = wp.clamp(effort[i] + (bound - after) / (h * inverse[i, i]), -most, most)
                     if change * (next - begin[i]) < wp.float64(0.0):
                         next = begin[i]
@@ -180,7 +187,7 @@ def make_kernel(servos: int):
                     effort[i] = next
         for i in range(n):
             if brakes[i] > wp.float64(0.0) or effort[i] != begin[i]:
-                setpoint = (effort[i] + table[i, 3] * velocity[i]) / table[i, 2]
+                setpoint = (effort[i] + damping[i] * velocity[i]) / stiffness[i]
                 ctrl[row, i] = float(wp.float64(qpos[row, int(table[i, 0])]) + setpoint)
 
     return set_servos

@@ -65,12 +65,12 @@ impl WorldDevice for WarpWorldDevice {
 
 fn make(py: Python<'_>, spec: &BatchSpec) -> PyResult<WarpWorlds> {
     // The columns of `gpu_servos.COLUMNS`.
-    let servos: Vec<[f64; 6]> = spec
+    let servos: Vec<[f64; 4]> = spec
         .servos
         .iter()
         .map(|servo| {
-            let Servo { qpos, dof, stiffness, damping, max_velocity, max_effort } = *servo;
-            [qpos as f64, dof as f64, stiffness, damping, max_velocity, max_effort]
+            let Servo { qpos, dof, max_velocity, max_effort } = *servo;
+            [qpos as f64, dof as f64, max_velocity, max_effort]
         })
         .collect();
     let pushed: Vec<usize> = spec.pushed.iter().map(|body| body.index()).collect();

@@ -25,22 +25,8 @@ pub const TARGET_STEP: f64 = 7.5 / 60.0;
 /// moves the fingers.
 pub const FINGER_STEP: f64 = 0.1 * TARGET_STEP;
 
-/// Stiffness of the servos, N m/rad and N/m.
-const STIFFNESS: [f64; JOINTS] = [400.0, 400.0, 400.0, 400.0, 400.0, 400.0, 400.0, 10_000.0, 10_000.0];
-
-/// Damping of the servos, N m s/rad and N s/m.
-const DAMPING: [f64; JOINTS] = [80.0, 80.0, 80.0, 80.0, 80.0, 80.0, 80.0, 100.0, 100.0];
-
 /// Time constant of the servos: damping over stiffness, s.
-pub(crate) const SERVO_LAG: [f64; JOINTS] = {
-    let mut lag = DAMPING;
-    let mut i = 0;
-    while i < JOINTS {
-        lag[i] /= STIFFNESS[i];
-        i += 1;
-    }
-    lag
-};
+pub(crate) const SERVO_LAG: [f64; JOINTS] = [0.2, 0.2, 0.2, 0.2, 0.2, 0.2, 0.2, 0.01, 0.01];
 
 /// Velocity limits of the joints, rad/s for the arm, m/s for the fingers, from Franka's data sheet.
 pub const VELOCITY_LIMIT: [f64; JOINTS] = [2.175, 2.175, 2.175, 2.175, 2.61, 2.61, 2.61, 0.2, 0.2];
@@ -130,8 +116,6 @@ impl Panda {
         std::array::from_fn(|i| Servo {
             qpos: self.joints[i].qpos,
             dof: self.joints[i].dof,
-            stiffness: STIFFNESS[i],
-            damping: DAMPING[i],
             max_velocity: VELOCITY_LIMIT[i],
             max_effort: EFFORT_LIMIT[i],
         })

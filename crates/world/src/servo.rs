@@ -1,8 +1,9 @@
 //! Position servos that keep velocity limits.
 
-use crate::World;
+use crate::{Model, World};
 
-/// A position servo that keeps a velocity limit, which MuJoCo does not have.
+/// A position servo that keeps a velocity limit, which MuJoCo does not have. Servo i drives the
+/// model's actuator i, whose gains kp and kv are those of the model, also if they were changed.
 ///
 /// Two rules set the control of a physics step.
 ///
@@ -13,17 +14,14 @@ use crate::World;
 ///    efforts, as much as the limits demand and together, because each of them moves the others.
 ///
 /// The predicted velocity is v + h a, where M a = τ - h D a: h is the physics step, M the mass
-/// matrix, τ all torques but those of contacts, and D the damping that MuJoCo treats implicitly.
+/// matrix, τ all torques but those of contacts, and D the damping that MuJoCo treats implicitly: that
+/// of servos below their effort limits when the rule begins.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Servo {
     /// Index of the joint's generalized position.
     pub qpos: usize,
     /// Index of the joint's generalized velocity. The servos of a robot have consecutive ones.
     pub dof: usize,
-    /// Stiffness kp, N m/rad or N/m.
-    pub stiffness: f64,
-    /// Damping kv, N m s/rad or N s/m.
-    pub damping: f64,
     /// Velocity limit, rad/s or m/s.
     pub max_velocity: f64,
     /// Effort limit, N m or N.
@@ -59,19 +57,23 @@ impl World {
     fn set_servos(&mut self, servos: &[Servo], targets: &[f64]) {
         let (mut motion, mut setpoints) = (Motion::default(), [0.0; MAX_SERVOS]);
         let (qpos, qvel) = (self.data.qpos(), self.data.qvel());
+        let model = self.model();
         for ((i, servo), target) in servos.iter().enumerate().zip(targets) {
-            let (q, limit) = (qpos[servo.qpos], servo.max_velocity * servo.damping / servo.stiffness);
+            let (kp, kv) = model.servo_gains(i);
+            let (q, limit) = (qpos[servo.qpos], servo.max_velocity * kv / kp);
             let lead = (target - q).clamp(-limit, limit);
             setpoints[i] = q + lead;
             motion.velocity[i] = qvel[servo.dof];
-            motion.required[i] = servo.stiffness * lead - servo.damping * qvel[servo.dof];
+            motion.damping[i] = kv;
+            motion.required[i] = kp * lead - kv * qvel[servo.dof];
         }
         self.read_inertia(servos, &mut motion);
         let braking = motion.braking(servos);
         for (i, effort) in braking.into_iter().enumerate().take(servos.len()) {
             if let Some(effort) = effort {
-                let Servo { qpos: q, dof, stiffness, damping, .. } = servos[i];
-                setpoints[i] = qpos[q] + (effort + damping * qvel[dof]) / stiffness;
+                let Servo { qpos: q, dof, .. } = servos[i];
+                let (kp, kv) = model.servo_gains(i);
+                setpoints[i] = qpos[q] + (effort + kv * qvel[dof]) / kp;
             }
         }
         self.data.ctrl_mut()[..servos.len()].copy_from_slice(&setpoints[..servos.len()]);
@@ -101,6 +103,14 @@ impl World {
     }
 }
 
+impl Model {
+    /// Returns stiffness kp (N m/rad or N/m) and damping kv (N m s/rad or N s/m) of actuator
+    /// `index`, a position servo.
+    fn servo_gains(&self, index: usize) -> (f64, f64) {
+        (self.inner.actuator_gainprm()[index][0], -self.inner.actuator_biasprm()[index][2])
+    }
+}
+
 /// The joints of the servos at the start of a physics step.
 #[derive(Default)]
 struct Motion {
@@ -108,6 +118,8 @@ struct Motion {
     /// Mass matrix, with the damping of the joints.
     mass: [Vector; MAX_SERVOS],
     velocity: Vector,
+    /// Damping of the servos, N m s/rad or N s/m.
+    damping: Vector,
     /// Efforts that the servos require, without their limits.
     required: Vector,
     /// All other torques but those of contacts.
@@ -127,7 +139,7 @@ impl Motion {
             servos.get(i).is_some_and(|servo| self.required[i].abs() < servo.max_effort)
         });
         let torque = |effort: &Vector| -> Vector { std::array::from_fn(|i| effort[i] + self.other[i]) };
-        let accelerations = solve(n, &self.factor(servos, &is_implicit), torque(&effort));
+        let accelerations = solve(n, &self.factor(n, &is_implicit), torque(&effort));
         let is_too_fast = |i: usize, acceleration: f64| {
             (self.velocity[i] + self.h * acceleration).abs() > servos[i].max_velocity
         };
@@ -146,7 +158,7 @@ impl Motion {
                 effort[i] = effort[i].clamp(-most[i], most[i]);
             }
         }
-        let factor = self.factor(servos, &is_implicit);
+        let factor = self.factor(n, &is_implicit);
         let inverse: [Vector; MAX_SERVOS] = std::array::from_fn(|i| match i < n {
             true => solve(n, &factor, std::array::from_fn(|j| if i == j { 1.0 } else { 0.0 })),
             false => [0.0; MAX_SERVOS],
@@ -186,14 +198,14 @@ impl Motion {
 
     /// Returns the Cholesky factor of the mass matrix with the damping of the servos that MuJoCo
     /// treats implicitly.
-    fn factor(&self, servos: &[Servo], is_implicit: &[bool; MAX_SERVOS]) -> [Vector; MAX_SERVOS] {
+    fn factor(&self, n: usize, is_implicit: &[bool; MAX_SERVOS]) -> [Vector; MAX_SERVOS] {
         let mut a = self.mass;
-        for (i, servo) in servos.iter().enumerate() {
+        for i in 0..n {
             if is_implicit[i] {
-                a[i][i] += self.h * servo.damping;
+                a[i][i] += self.h * self.damping[i];
             }
         }
-        for i in 0..servos.len() {
+        for i in 0..n {
             for k in 0..=i {
                 let sum: f64 = (0..k).map(|m| a[i][m] * a[k][m]).sum();
                 a[i][k] = if i == k { (a[i][i] - sum).sqrt() } else { (a[i][k] - sum) / a[k][k] };
