@@ -277,9 +277,9 @@ pub(crate) fn tuple(axis: &Axis) -> AxisTuple {
 fn conditions(axis: &str, needed: &[Needed], axes: &[AxisTuple]) -> PyResult<Vec<Condition>> {
     let error = |problem: String| InvalidValueError::new_err(format!("axis `{axis}` needs {problem}"));
     let condition = |(name, is_except, values): &Needed| {
-        // Without its axis in the space, which it does not vary, it holds.
+        // Without the other axis nobody could say whether this one has an effect.
         let Some((_, _, _, low, _, nominal, names, ..)) = axes.iter().find(|other| other.1 == *name) else {
-            return Ok(None);
+            return Err(error(format!("the axis `{name}`, which is not among the axes; add it")));
         };
         let number = |level: &Level| match level {
             Level::Number(number) => Ok(*number),
@@ -297,9 +297,9 @@ fn conditions(axis: &str, needed: &[Needed], axes: &[AxisTuple]) -> PyResult<Vec
             (true, _) => return Err(error(format!("one excluded value of the axis `{name}`"))),
             (false, values) => Holds::OneOf(values.into()),
         };
-        Ok(Some(Condition { axis: name.clone(), nominal, holds }))
+        Ok(Condition { axis: name.clone(), nominal, holds })
     };
-    Ok(needed.iter().map(condition).collect::<PyResult<Vec<_>>>()?.into_iter().flatten().collect())
+    needed.iter().map(condition).collect()
 }
 
 /// Returns the space of all axes.

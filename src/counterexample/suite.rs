@@ -207,7 +207,11 @@ fn reason(found: &Simulated, baseline: Option<&Simulated>) -> String {
     let robustness = found.episode.robustness().unwrap_or(f64::NAN);
     let decisive = found.explained.explanation.diagnosis.predicate.as_ref().map(|predicate| {
         let at = mishandle_text::instant(predicate.sample, found.header.control_dt);
-        format!("{} at {at}: {}", predicate.text, compared_values(predicate))
+        format!(
+            "{} at {at}: {}",
+            predicate.text,
+            compared_values(predicate, &found.explained.explanation.unit)
+        )
     });
     let rate = found.repeats.as_ref().map(failure_text);
     let parts = [rate, Some(format!("robustness {}", decimal(robustness, 4))), decisive];

@@ -29,6 +29,8 @@ pub struct Explanation {
     pub conjuncts: Vec<Conjunct>,
     /// Texts of all predicates, in the order of the formula.
     pub predicates: Vec<String>,
+    /// Unit of the decisive predicate, that of its signals; empty if they have none or several.
+    pub unit: String,
     /// Requirements of the operators on the chain, in sentences: see [`Explanation::sentences`].
     pub(crate) events: Vec<OperatorEvent>,
 }
@@ -138,7 +140,7 @@ pub fn explain_trace(
         .collect::<Result<_, MishandleError>>()?;
     let events = events(&diagnosis, &robustness_of)?;
     let decided = decided(formula, trace, clock, diagnosis.robustness())?;
-    Ok(Explanation { diagnosis, history, decided, conjuncts, predicates, events })
+    Ok(Explanation { diagnosis, history, decided, conjuncts, predicates, unit: String::new(), events })
 }
 
 /// Describes the operators of a violated chain that ask for more than a sample of one predicate.
@@ -247,8 +249,22 @@ pub fn explain_recorded(
 ) -> Result<ExplainedSimulation, MishandleError> {
     let formula = Formula::parse(&header.formula)
         .map_err(|source| RolloutError::Parse { formula: header.formula.clone(), source })?;
-    let explanation = explain_trace(&formula, &trace, header.control_dt)?;
+    let mut explanation = explain_trace(&formula, &trace, header.control_dt)?;
+    if let Some(predicate) = &explanation.diagnosis.predicate {
+        explanation.unit = unit(header, &predicate.text);
+    }
     Ok(ExplainedSimulation { recorded, trace, explanation })
+}
+
+/// Returns the unit of the signals of a formula; empty if they have none or several.
+pub fn unit(header: &RunHeader, formula: &str) -> String {
+    let Ok(formula) = Formula::parse(formula) else { return String::new() };
+    let of = |name: &str| {
+        header.signals.iter().find(|signal| signal.name == name).map(|signal| signal.unit.clone())
+    };
+    let mut units: Vec<String> = formula.signals().into_iter().filter_map(of).collect();
+    units.dedup();
+    if units.len() == 1 { units.remove(0) } else { String::new() }
 }
 
 /// Explains an episode that is in no run file. The header describes its target, space and formula

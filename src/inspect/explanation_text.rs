@@ -26,7 +26,7 @@ impl Explanation {
             self.decided.map(|sample| format!("From {} on, nothing can {verdict} the formula.", at(sample)));
         let mut sentences: Vec<String> = decided.into_iter().collect();
         if let (Some(predicate), Some(history)) = (&self.diagnosis.predicate, &self.history) {
-            sentences.push(decision(predicate, &at));
+            sentences.push(decision(predicate, &self.unit, &at));
             sentences.push(violation(history, predicate.is_negated, self.one_is_enough(), &at));
         }
         sentences.extend(self.events.iter().map(|event| event_text(event, &at)));
@@ -47,9 +47,9 @@ impl Explanation {
 }
 
 /// Describes the values of the two sides of a predicate, such as
-/// `gap is 1.2000, the threshold 2.0000`.
-pub fn compared_values(predicate: &DecisivePredicate) -> String {
-    let [left, right] = predicate.values.map(|value| decimal(value, 4));
+/// `gap is 1.2000 m, the threshold 2.0000 m`.
+pub fn compared_values(predicate: &DecisivePredicate, unit: &str) -> String {
+    let [left, right] = predicate.values.map(|value| quantity(value, unit));
     let [left_text, right_text] = &predicate.sides;
     let is_number = |side: &str| side.parse::<f64>().is_ok();
     match [is_number(left_text), is_number(right_text)] {
@@ -59,9 +59,14 @@ pub fn compared_values(predicate: &DecisivePredicate) -> String {
     }
 }
 
-fn decision(predicate: &DecisivePredicate, at: &dyn Fn(usize) -> String) -> String {
-    let compared = compared_values(predicate);
-    let margin = decimal(predicate.robustness.abs(), 4);
+fn quantity(value: f64, unit: &str) -> String {
+    let number = decimal(value, 4);
+    if unit.is_empty() { number } else { format!("{number} {unit}") }
+}
+
+fn decision(predicate: &DecisivePredicate, unit: &str, at: &dyn Fn(usize) -> String) -> String {
+    let compared = compared_values(predicate, unit);
+    let margin = quantity(predicate.robustness.abs(), unit);
     let side = match (is_violated(predicate.robustness), predicate.is_negated) {
         (true, false) => format!("violates it by {margin}"),
         (false, false) => format!("satisfies it by {margin}"),

@@ -134,7 +134,10 @@ fn axes_without_effect(
     let effective = |axis: &Axis, other: &Axis| {
         axis.conditions.iter().filter(|needed| needed.axis == other.name).find_map(|needed| {
             match &needed.holds {
-                Holds::OneOf(values) => Some(values.iter().copied().take(MAX_LEVELS).collect::<Vec<f64>>()),
+                Holds::OneOf(values) => {
+                    let in_space = values.iter().copied().filter(|x| (other.low..=other.high).contains(x));
+                    Some(in_space.take(MAX_LEVELS).collect::<Vec<f64>>())
+                }
                 Holds::Except(_) => None,
             }
         })

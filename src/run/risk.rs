@@ -7,7 +7,7 @@ use mishandle_rollout::{Seed, System};
 
 use crate::error::MishandleError;
 use crate::plan::RiskPlan;
-use crate::resolve::{ResolvedPlan, depends_on_seed};
+use crate::resolve::{ResolvedPlan, space_depends_on_seed};
 use mishandle_text::{plural, probability_text};
 
 /// Returns the distribution of the scenarios of a plan.
@@ -16,9 +16,8 @@ use mishandle_text::{plural, probability_text};
 /// If the plan has no table `[risk]`, or nothing is random.
 pub fn risk_scenarios(resolved: &ResolvedPlan) -> Result<Scenarios, MishandleError> {
     let space = &resolved.space;
-    let center = space.at(&vec![0.5; space.dimension()]);
     let hours = resolved.target.episode_steps as f64 * resolved.target.control_dt / 3600.0;
-    Ok(Scenarios::new(space, &table(resolved)?.marginals(hours)?, depends_on_seed(resolved, &center))?)
+    Ok(Scenarios::new(space, &table(resolved)?.marginals(hours)?, space_depends_on_seed(resolved))?)
 }
 
 /// Estimates the probability that a simulation violates the requirement of a plan: see

@@ -42,8 +42,8 @@ fn flags_edit_the_table_of_a_plan_and_a_stored_run_is_replayed() {
     bench.check("explain run.sqlite", 1);
     // The values of the axes that are not fixed are enough.
     let at =
-        bench.json("simulate ball-balancing --controller ppo --set action_delay=2 --at 0.3,0.1 --json", 1);
-    let named = "simulate ball-balancing --controller ppo --space starts+delay --at ball_x=0.3,ball_y=0.1,action_delay=2 --json";
+        bench.json("simulate ball-balancing --controller ppo --set action_delay=3 --at 0.3,0.1 --json", 1);
+    let named = "simulate ball-balancing --controller ppo --space starts+delay --at ball_x=0.3,ball_y=0.1,action_delay=3 --json";
     assert_eq!(at["robustness"], bench.json(named, 1)["robustness"]);
 }
 

@@ -19,7 +19,7 @@ fn a_page_has_the_verdict_the_modes_and_their_patches() {
     for part in [
         "<h2>toy/sphere-2d violates its requirement in 6 of 12 trials.",
         "median of 57 simulations",
-        "Mode 1: <code>distance &gt;= 0.1</code>",
+        "Mode 1: moved toward nominal, <code>distance &gt;= 0.1</code>",
         "95 % interval",
         "Corners",
         "mishandle replay run.sqlite --trial 10 --simulation 47",

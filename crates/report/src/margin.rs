@@ -187,8 +187,8 @@ fn each_category(found: &Margin) -> String {
     }
     let of = |value: Option<f64>| value.map_or("–".to_string(), number);
     let row = |each: &CategoryMargin| {
-        let CategoryMargin { simulations, amplitude, no_violation_up_to, .. } = each;
-        vec![categories(&each.categories), simulations.to_string(), of(*amplitude), of(*no_violation_up_to)]
+        let passed = each.no_violation_text(number).unwrap_or("–".to_string());
+        vec![categories(&each.categories), each.simulations.to_string(), of(each.amplitude), passed]
     };
     let head = ["categories", "simulations", "smallest amplitude", "no violation up to"];
     table("Searches for each category", &head, &found.each_category.iter().map(row).collect::<Vec<_>>())

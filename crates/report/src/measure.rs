@@ -7,7 +7,7 @@ use mishandle::evaluation::{Corners, Estimate, Repeats, wilson};
 use mishandle::falsification::{Repeated, measure_noise, repeat, repeat_seeds};
 use mishandle::inspect::FailureMode;
 use mishandle::results::Noise;
-use mishandle::rollout::{Axis, Episode, Request, Scenario, Seed, Stream, System};
+use mishandle::rollout::{Axis, AxisValues, Episode, Request, Scenario, Seed, Space, Stream, System};
 use mishandle::store::RunFile;
 use mishandle::{MishandleError, ResolvedPlan};
 
@@ -167,7 +167,7 @@ impl RunReport {
             measured.patches.push(match unit_box {
                 Some(bounds) => {
                     let seed = seed.child(index);
-                    Some(patch(&mut *system, axes, &bounds, (seed, probes), &mut count)?)
+                    Some(patch(&mut *system, &resolved.space, &bounds, (seed, probes), &mut count)?)
                 }
                 None => None,
             });
@@ -226,21 +226,24 @@ impl RunReport {
     }
 }
 
-/// Returns the box of a mode in unit coordinates, widened by [`MARGIN`]; the whole unit interval
-/// for axes by which failures were not grouped, and for those that are drawn at random. Returns
-/// `None` if an axis has no valid bounds.
+/// Returns the box of a mode in unit coordinates, widened by [`MARGIN`] except for categories, which
+/// a mode never mixes; the whole unit interval for other axes by which failures were not grouped,
+/// and for those that are drawn at random. Returns `None` if an axis has no valid bounds.
 fn unit_box(axes: &[Axis], mode: &FailureMode) -> Option<Vec<[f64; 2]>> {
     axes.iter()
         .zip(&mode.region)
         .enumerate()
         .map(|(index, (axis, region))| {
-            let Some((low, high)) = region.filter(|_| mode.axes.contains(&index)) else {
+            let has_categories = matches!(axis.values, AxisValues::Categorical(_));
+            let is_grouped = has_categories || mode.axes.contains(&index);
+            let Some((low, high)) = region.filter(|_| is_grouped) else {
                 return Some([0.0, 1.0]);
             };
+            let margin = if has_categories { 0.0 } else { MARGIN };
             // A discrete value is a whole interval of the coordinate.
             let half = axis.levels().map_or(0.0, |levels| 0.5 / levels as f64);
-            let low = (axis.unit_coordinate(low) - half - MARGIN).clamp(0.0, 1.0);
-            let high = (axis.unit_coordinate(high) + half + MARGIN).clamp(0.0, 1.0);
+            let low = (axis.unit_coordinate(low) - half - margin).clamp(0.0, 1.0);
+            let high = (axis.unit_coordinate(high) + half + margin).clamp(0.0, 1.0);
             (low < high).then_some([low, high])
         })
         .collect()
@@ -248,7 +251,7 @@ fn unit_box(axes: &[Axis], mode: &FailureMode) -> Option<Vec<[f64; 2]>> {
 
 fn patch(
     system: &mut dyn System,
-    axes: &[Axis],
+    space: &Space,
     bounds: &[[f64; 2]],
     (seed, probes): (Seed, u32),
     mut watch: impl FnMut(&Episode) -> ControlFlow<()>,
@@ -258,7 +261,8 @@ fn patch(
             let u = seed.uniform(Stream::InitialConfiguration, u64::from(probe), number);
             axis.at(low + (high - low) * u)
         };
-        Scenario::from((0..).zip(axes.iter().zip(bounds)).map(value).collect::<Vec<f64>>())
+        let values: Vec<f64> = (0..).zip(space.axes().iter().zip(bounds)).map(value).collect();
+        space.canonical(Scenario::from(values))
     };
     let requests: Vec<Request> = (1..=probes)
         .map(|number| Request { number, ..Request::new(scenario(number), seed.child(u64::from(number))) })

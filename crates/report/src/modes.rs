@@ -73,8 +73,10 @@ fn card(
         "" => "the whole formula".to_string(),
         predicate => format!("<code>{}</code>", text(predicate)),
     };
+    // The predicate and the instant are those of the failures after they were moved.
+    let moved = if mode.is_isolated { "moved toward nominal, " } else { "" };
     let mut out = format!(
-        "<article class=\"mode\" id=\"{}\">\n<h4>Mode {}: {predicate} is violated <span class=\"count\">{} of {}</span></h4>\n\
+        "<article class=\"mode\" id=\"{}\">\n<h4>Mode {}: {moved}{predicate} is violated <span class=\"count\">{} of {}</span></h4>\n\
          <p>{when}, nothing can satisfy the requirement.",
         tables::mode_id(id, index),
         index + 1,
@@ -96,10 +98,7 @@ fn card(
     }
     out.push_str(&format!(
         "<li>Robustness {}.</li>",
-        with_unit(
-            representative.robustness,
-            &text(&short(&trace::unit(header, mode.representative().predicate.as_str()), 20))
-        )
+        with_unit(representative.robustness, &text(&short(&explained.explanation.unit, 20)))
     ));
     let repeats = measured.and_then(|measured| measured.repeats.get(index)).and_then(Option::as_ref);
     if let Some(repeats) = repeats {

@@ -6,10 +6,14 @@ use mishandle_text::{plural, probability_text as probability};
 
 use crate::html::{short, table, text};
 use crate::load::RunReport;
+use crate::space::value_text;
 use crate::words;
 
 /// Largest number of rows in the table of distributions.
 const MAX_AXES: usize = 24;
+
+/// Largest number of characters of a distribution: the rates of several faults are long.
+const MAX_DISTRIBUTION: usize = 240;
 
 /// Returns the verdict: one sentence of HTML.
 pub fn headline(report: &RunReport, found: &Risk) -> String {
@@ -94,12 +98,12 @@ pub fn tiles(found: &Risk) -> Vec<(String, String)> {
 }
 
 /// Returns the parts of the estimation and the distribution as HTML.
-pub fn section(found: &Risk, id: usize) -> String {
+pub fn section(report: &RunReport, found: &Risk, id: usize) -> String {
     let screening = found.screening.as_ref().map_or(String::new(), screening_text);
     format!(
         "<h3 id=\"r{id}-search\">How it was estimated</h3>\n{screening}{}<h3>Distribution</h3>\n{}",
         parts(found),
-        distribution(found)
+        distribution(report, found)
     )
 }
 
@@ -149,12 +153,17 @@ fn screening_text(counts: &Screening) -> String {
     )
 }
 
-fn distribution(found: &Risk) -> String {
+fn distribution(report: &RunReport, found: &Risk) -> String {
     let varying: Vec<&AxisDistribution> =
         found.distribution.iter().filter(|axis| axis.distribution != "fixed").collect();
     let row = |axis: &&AxisDistribution| {
-        let range = format!("{} to {} {}", axis.low, axis.high, short(&axis.unit, 20));
-        [short(&axis.axis, 40), short(&axis.distribution, 60), range.trim_end().to_string()]
+        let known = report.axes.iter().find(|known| known.name == axis.axis);
+        let value = |value: f64| match known {
+            Some(axis) => value_text(axis, Some(value)),
+            None => value.to_string(),
+        };
+        let range = format!("{} to {}", value(axis.low), value(axis.high));
+        [short(&axis.axis, 40), short(&axis.distribution, MAX_DISTRIBUTION), range]
             .iter()
             .map(|cell| text(cell))
             .collect()

@@ -23,7 +23,7 @@ pub fn section(report: &RunReport, id: usize) -> String {
     }
     out.push_str(&match &report.answer {
         Some(Answer::Margin(found)) => margin::section(report, found, id),
-        Some(Answer::Risk(found)) => risk::section(found, id),
+        Some(Answer::Risk(found)) => risk::section(report, found, id),
         _ => String::new(),
     });
     if report.modes.failures > 0 {

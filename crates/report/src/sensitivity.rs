@@ -56,11 +56,13 @@ pub fn measure(
         let rows = first..n.min(first + (BATCH / columns).max(1) as u32);
         let mut requests = Vec::new();
         for row in rows {
-            let (own, other) = (space.sample(seed, row.into()), space.sample(seed.child(1), row.into()));
+            // A value that has no effect with the own kind of a fault may have one with another kind.
+            let (drawn, other) = (space.draw(seed, row.into()), space.draw(seed.child(1), row.into()));
+            let own = space.canonical(drawn.clone());
             let moved = axes.iter().map(|axis| {
-                let mut values = own.values().to_vec();
+                let mut values = drawn.values().to_vec();
                 values[*axis] = other.get(*axis);
-                Scenario::new(values)
+                space.canonical(Scenario::new(values))
             });
             let scenarios = [own.clone(), own.clone()].into_iter().chain(moved);
             // Each simulation has a seed of its own, so that the noise of all is alike.
@@ -125,7 +127,7 @@ pub fn section(report: &RunReport, found: &Sensitivity) -> String {
 
 #[cfg(test)]
 mod tests {
-    use mishandle::rollout::Axis;
+    use mishandle::rollout::{Axis, AxisKind, AxisValues, Condition, Holds};
     use mishandle::toys::{FunctionSystem, SimulatedEnd};
 
     use super::*;
@@ -142,5 +144,25 @@ mod tests {
         assert_eq!(found.effects[0].0, 1);
         assert!((found.effects[0].1.value.unwrap() - 1.0).abs() < 0.2, "{found:?}");
         assert_eq!(found.effects[1].1.value, Some(0.0));
+    }
+
+    #[test]
+    fn a_value_that_has_an_effect_with_another_kind_only_counts_for_both() {
+        // The depth x of water has an effect on a wet road (k = 1), not on a dry one (k = 0). Of
+        // f = k x, with k and x uniform, the variance is 5/48; E[Var(f | x)] is 1/12 and
+        // E[Var(f | k)] is 1/24, so the total effects are 0.8 and 0.4.
+        let names = ["dry", "wet"].map(String::from);
+        let road = Axis::new(AxisKind::Model, "road", "", [0.0, 1.0], Some(0.0));
+        let road = road.with_values(AxisValues::Categorical(names.into()));
+        let wet = Condition { axis: "road".to_string(), nominal: 0.0, holds: Holds::OneOf([1.0].into()) };
+        let depth = Axis::new(AxisKind::Model, "depth", "m", [0.0, 1.0], Some(0.0)).only_if([wet]);
+        let space = Space::new("roads", vec![road, depth]).unwrap();
+        let outcome = |request: &Request| SimulatedEnd::Robustness(request.scenario.get(1).unwrap() - 0.3);
+        let mut system = FunctionSystem::new(space.clone(), outcome);
+        let found =
+            measure(&mut system, &space, (Seed(1), 2000), |_| ControlFlow::Continue(())).unwrap().unwrap();
+        let effect = |axis: usize| found.effects.iter().find(|(index, _)| *index == axis).unwrap().1.value;
+        assert!((effect(0).unwrap() - 0.8).abs() < 0.06, "{found:?}");
+        assert!((effect(1).unwrap() - 0.4).abs() < 0.06, "{found:?}");
     }
 }

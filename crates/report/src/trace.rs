@@ -1,6 +1,6 @@
 //! Charts of a failing simulation: signals over time with their thresholds and the violation.
 
-use mishandle::inspect::ExplainedSimulation;
+use mishandle::inspect::{ExplainedSimulation, unit};
 use mishandle::stl::{Clock, Formula, Monitor, Trace, is_satisfied};
 use mishandle::store::RunHeader;
 use mishandle_charts::{Area, Chart, Mark, Panel, Series};
@@ -140,17 +140,6 @@ fn values(term: &str, trace: &Trace, control_dt: f64) -> Option<Vec<f64>> {
     let formula = Formula::parse(term).ok()?;
     let mut monitor = Monitor::new(&formula, trace.names(), Clock::steps(control_dt)).ok()?;
     Some(monitor.robustness_signal(trace).ok()?.to_vec())
-}
-
-/// Returns the unit of a term: that of its signals if they have the same one.
-pub fn unit(header: &RunHeader, term: &str) -> String {
-    let Ok(formula) = Formula::parse(term) else { return String::new() };
-    let of = |name: &str| {
-        header.signals.iter().find(|signal| signal.name == name).map(|signal| signal.unit.clone())
-    };
-    let mut units: Vec<String> = formula.signals().into_iter().filter_map(of).collect();
-    units.dedup();
-    if units.len() == 1 { units.remove(0) } else { String::new() }
 }
 
 /// Returns the first and last sample of each violation within the window.

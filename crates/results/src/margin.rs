@@ -73,6 +73,15 @@ pub struct CategoryMargin {
     pub no_violation_simulations: Option<u64>,
 }
 
+impl CategoryMargin {
+    /// Returns the largest amplitude without a violation and the number of simulations with a
+    /// verdict on which it rests, in words.
+    pub fn no_violation_text(&self, amplitude: impl Fn(f64) -> String) -> Option<String> {
+        let verdicts = self.no_violation_simulations.unwrap_or(0);
+        self.no_violation_up_to.map(|largest| format!("{} ({verdicts} with a verdict)", amplitude(largest)))
+    }
+}
+
 /// The simulations with disturbances up to an amplitude.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, JsonSchema)]
 pub struct Level {

@@ -235,7 +235,8 @@ fn rates_problem(rates: &[(String, f64)], axis: &Axis) -> Option<String> {
     let nominal = axis.nominal.and_then(|nominal| names.get((nominal - axis.low) as usize));
     let mut kinds: Vec<&str> =
         names.iter().filter(|name| Some(*name) != nominal).map(String::as_str).collect();
-    if axis.kind != AxisKind::Fault {
+    // The other categories of a fault depend on its kind.
+    if axis.kind != AxisKind::Fault || !axis.conditions.is_empty() {
         return Some("its categories are not the kinds of a fault; use weights".to_string());
     }
     if let Some((unknown, _)) = rates.iter().find(|(kind, _)| !kinds.contains(&kind.as_str())) {
@@ -302,6 +303,7 @@ fn level(weights: &[f64], u: f64) -> usize {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use mishandle_rollout::{Condition, Holds};
 
     fn axis(bounds: [f64; 2], values: AxisValues) -> Axis {
         Axis::new(AxisKind::Model, "a", "", bounds, Some(bounds[0])).with_values(values)
@@ -415,6 +417,9 @@ mod tests {
             let error = text.parse::<Marginal>().unwrap().check(&kinds()).unwrap_err().to_string();
             assert!(error.contains(part), "{error}");
         }
+        let needed = Condition { axis: "kind".into(), nominal: 0.0, holds: Holds::Except(0.0) };
+        let channel = kinds().only_if([needed]);
+        assert!("per-hour:bias=1".parse::<Marginal>().unwrap().check(&channel).is_err());
         let delay = axis([0.0, 3.0], AxisValues::Integer);
         assert!("per-hour:bias=1".parse::<Marginal>().unwrap().check(&delay).is_err());
         for text in ["per-hour:", "per-hour:bias", "per-hour:bias=x", "per-hour"] {

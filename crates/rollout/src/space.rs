@@ -396,12 +396,18 @@ impl Space {
 
     /// Returns random scenario number `index` of `seed`. Each axis has its own distribution.
     pub fn sample(&self, seed: Seed, index: u64) -> Scenario {
+        self.canonical(self.draw(seed, index))
+    }
+
+    /// Returns the values of [`sample`](Self::sample) before those without an effect become nominal:
+    /// they are independent of each other.
+    pub fn draw(&self, seed: Seed, index: u64) -> Scenario {
         let draw = |(number, axis): (u32, &Axis)| match axis.distribution {
             _ if axis.is_fixed() => axis.low,
             Distribution::Uniform => axis.at(seed.uniform(Stream::InitialConfiguration, index, number)),
             Distribution::Normal => normal_within(axis, seed.child(index).child(u64::from(number))),
         };
-        self.canonical(Scenario((0..).zip(self.axes.iter()).map(draw).map(Some).collect()))
+        Scenario((0..).zip(self.axes.iter()).map(draw).map(Some).collect())
     }
 
     /// Checks that `scenario` has an allowed value for every axis.

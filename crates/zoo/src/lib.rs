@@ -33,7 +33,9 @@ mod zoo;
 pub use error::{CurveFileProblem, PageProblem, ZooError};
 pub use folder::ZooFolder;
 pub use jobs::JobOutcome;
-pub use measure::{CAMPAIGN_TRIALS, EVALUATION_SEED, NOISE_LEVELS, evaluation_episodes};
+pub use measure::{
+    CAMPAIGN_TRIALS, EVALUATION_EPISODES, EVALUATION_SEED, FEWER_EPISODES, NOISE_LEVELS, evaluation_episodes,
+};
 pub use plan::{SHIPPED_SEED, Training, algorithms, plan, seeds};
 pub use plan_entry::{PlanEntry, TrainingState};
 pub use provenance::{Difference, TrainingInputs, TrainingSummary, TrainingTime};

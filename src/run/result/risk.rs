@@ -134,7 +134,7 @@ fn distribution_text(marginal: &Marginal) -> String {
     match marginal.fault_probability() {
         None => marginal.to_string(),
         Some(probability) => format!(
-            "{marginal} (at most one fault per episode, which has one with probability {})",
+            "{marginal} (at most one fault of this axis per episode, which has one with probability {})",
             probability_text(probability)
         ),
     }

@@ -97,6 +97,8 @@ fn axis_value(text: &str) -> Result<(String, AxisSetting), String> {
     {
         return Err(format!("expected one value, found a range; give --axis {name}={value}"));
     }
-    let setting = value.parse().map_or_else(|_| AxisSetting::Category(value.to_string()), AxisSetting::Value);
+    // A category may have the name `nan`.
+    let number = value.parse().ok().filter(|number: &f64| number.is_finite());
+    let setting = number.map_or_else(|| AxisSetting::Category(value.to_string()), AxisSetting::Value);
     Ok((name.to_string(), setting))
 }

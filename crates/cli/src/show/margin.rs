@@ -45,7 +45,7 @@ fn categories_text(found: &Margin) -> String {
     }
     let header = ["categories", "simulations", "smallest amplitude", "no violation up to"].map(String::from);
     let row = |each: &CategoryMargin| {
-        let passed = each.no_violation_up_to.map(|amplitude| decimal(amplitude, 4));
+        let passed = each.no_violation_text(|amplitude| decimal(amplitude, 4));
         vec![
             category_names(&each.categories),
             each.simulations.to_string(),

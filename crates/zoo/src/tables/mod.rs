@@ -7,8 +7,9 @@ mod training;
 use crate::folder::ZooFolder;
 use crate::pages::replace;
 use crate::{
-    BenchmarkTask, CornerThreshold, CornersRecord, EstimateRecord, EvaluationRecord, NOISE_LEVELS, PlanEntry,
-    Rates, Record, SHIPPED_SEED, TrainingState, ZooError, algorithms, evaluation_episodes, missed_thresholds,
+    BenchmarkTask, CornerThreshold, CornersRecord, EVALUATION_EPISODES, EstimateRecord, EvaluationRecord,
+    FEWER_EPISODES, NOISE_LEVELS, PlanEntry, Rates, Record, SHIPPED_SEED, TrainingState, ZooError,
+    algorithms, missed_thresholds,
 };
 use mishandle_paper::{PaperPerformance, paper_performance};
 
@@ -121,12 +122,12 @@ fn tasks(shown: &Shown<'_>) -> String {
 
 /// The measurements of the shipped controllers and the experts at one noise level.
 fn performance(shown: &Shown<'_>, noise: usize) -> String {
+    let fewer: String =
+        FEWER_EPISODES.iter().map(|(task, episodes)| format!(" ({episodes} in {task})")).collect();
     let mut table = format!(
-        "{} initial states ({} in cloth-placing), {}.\n\n\
+        "{EVALUATION_EPISODES} initial states{fewer}, {}.\n\n\
          | task | controller | SR | strict SR | careful SR | corners | DBR | episodes with danger | TCT | paper: SR | paper: DBR | paper: TCT | {} | commit |\n\
          |---|---|--:|--:|--:|--:|--:|--:|--:|--:|--:|--:|---|---|\n",
-        evaluation_episodes(""),
-        evaluation_episodes("cloth-placing"),
         if noise == 0 {
             "without action noise".to_string()
         } else {
