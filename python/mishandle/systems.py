@@ -18,8 +18,9 @@ from numpy.typing import NDArray
 from mishandle import _native
 from mishandle.axes import Axis, Value
 from mishandle.errors import InvalidScenario, InvalidTypeError, InvalidValueError
-from mishandle.fault_axes import FaultLine, idle_action
+from mishandle.fault_lines import Disturbed, FaultLine
 from mishandle.fingerprints import walk
+from mishandle.flat_values import idle_action
 from mishandle.limits import TimeLimitExceeded, check_interruptible, check_time_limit, limited
 from mishandle.policies import Policy, as_policy
 
@@ -291,9 +292,9 @@ class TaskSystem(System):
         self.name = task
         self.signals = self._native.signals
         self.control_dt = self._native.control_dt
-        self.faults = FaultLine(space, self.control_dt, spaces)
-        self._idle = idle_action(spaces[1])
         self.steps = self._native.episode_steps
+        self.faults = FaultLine(space, self.control_dt, self.steps, spaces)
+        self._idle = idle_action(spaces[1])
         self.versions = [("numpy", np.__version__)]
         self.exceptions = []
 
@@ -317,18 +318,16 @@ class TaskSystem(System):
 
     def simulate(self, batch: Sequence[tuple[Scenario, int]]) -> list[Outcome]:
         chunks = [batch[first : first + self._rows] for first in range(0, len(batch), self._rows)]
-        return [outcome for chunk in chunks for outcome in self._together(chunk)]
+        return [
+            outcome for chunk in chunks for part in self.faults.start_all(chunk) for outcome in self._together(*part)
+        ]
 
-    def _together(self, chunk: Sequence[tuple[Scenario, int]]) -> list[Outcome]:
-        if len(chunk) > 1 and any(self.faults.pauses(*pair) for pair in chunk):
-            # A policy cannot be paused for one row and act for another one.
-            return [outcome for pair in chunk for outcome in self._together([pair])]
+    def _together(self, chunk: Sequence[tuple[Scenario, int]], faults: Sequence[Disturbed | None]) -> list[Outcome]:
         count, rows = len(chunk), self._rows
         # The other rows repeat the last scenario; their results are dropped.
         padded = [*chunk, *[chunk[-1]] * (rows - count)]
         nominal = {axis.name: axis.nominal_number for axis in self.space}
         scenarios = np.array([[float(scenario.get(name, value)) for name, value in nominal.items()] for scenario, _ in padded])
-        disturbed = [self.faults.start(*pair) for pair in padded]
         seeds = np.array([seed for _, seed in padded], dtype=np.uint64)
         observations, _, signals, _, _ = self._native.reset(np.ones(rows, dtype=bool), seeds, scenarios)
         samples = [signals]
@@ -340,11 +339,11 @@ class TaskSystem(System):
         for step in range(1, self.steps + 1):
             started = time.monotonic()
             seen = observations
-            for place, each in enumerate(disturbed):
+            for place, each in enumerate(faults):
                 if each is not None:
                     seen = seen.copy() if seen is observations else seen
                     seen[place] = each.observe(step - 1, observations[place])
-            is_paused = all(each is not None and each.is_paused(step - 1) for each in disturbed)
+            is_paused = all(each is not None and each.is_paused(step - 1) for each in faults)
             try:
                 with limited(left):
                     given = [self._idle] * rows if is_paused else self._policy.act(seen, rows)
@@ -358,7 +357,7 @@ class TaskSystem(System):
                 break
             if left is not None:
                 left = max(left - (time.monotonic() - started), 1e-3)
-            for place, each in enumerate(disturbed):
+            for place, each in enumerate(faults):
                 if each is not None:
                     actions[place] = each.answer(step - 1, actions[place], self._idle)
                     if np.isfinite(actions[place]).all():

@@ -18,6 +18,8 @@ from mishandle import _native, results
 from mishandle.arguments import (
     check_applicable,
     check_options,
+    check_period,
+    check_settings,
     check_space,
     check_steps,
     check_termination,
@@ -187,6 +189,8 @@ def make_target(
     termination = options.get("termination", "undecided")
     check_termination(termination)
     check_time_limit(options.get("time_limit"))
+    check_period(options.get("control_dt"))
+    check_settings(options.get("axes", {}))
     executor = options.get("executor")
     if isinstance(executor, str) and executor != "ray":
         raise InvalidValueError(f"there is no executor {executor!r}; expected 'ray' or a RayExecutor")
