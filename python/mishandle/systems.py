@@ -7,7 +7,7 @@ import time
 import traceback
 import warnings
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Union
 
@@ -280,26 +280,40 @@ class TaskSystem(System):
         check_time_limit(time_limit)
         self._time_limit = time_limit
         self._arguments = (task, policy, preset, rows, batched_policy, time_limit, space)
-        # The formula `careful` reads the signals of the manner.
-        self._native = _native.Simulator(task, rows, preset=preset, reward="shaped", threads=None, manner=True)
         self._rows = rows
-        native = self._native
+        native = self._simulate(manner=False)
+        self.own_signals = native.signals
         observations = Box(-np.inf, np.inf, (native.observation_size,))
         spaces = (observations, Box(-1, 1, (native.action_size,)))
         self._policy: Policy = as_policy(policy, batched_policy, spaces=spaces, task=task)
         self.policy_source = policy
         self.facts = [task, preset]
         self.name = task
-        self.signals = self._native.signals
-        self.control_dt = self._native.control_dt
-        self.steps = self._native.episode_steps
+        self.control_dt = native.control_dt
+        self.steps = native.episode_steps
         self.faults = FaultLine(space, self.control_dt, self.steps, spaces)
         self._idle = idle_action(spaces[1])
         self.versions = [("numpy", np.__version__)]
         self.exceptions = []
 
     def __reduce__(self) -> tuple[Callable[..., TaskSystem], tuple[Any, ...]]:
-        return _task_system, self._arguments
+        return _task_system, (*self._arguments, len(self.signals) > len(self.own_signals))
+
+    def _simulate(self, manner: bool) -> _native.Simulator:
+        task, _, preset, rows, *_ = self._arguments
+        self._native = _native.Simulator(task, rows, preset=preset, reward="shaped", threads=None, manner=manner)
+        self.signals = self._native.signals
+        return self._native
+
+    def reads_manner(self, formulas: Iterable[str]) -> bool:
+        """Whether a formula reads a signal that is not one of its own, such as a contact force."""
+        own = {name for name, _ in self.own_signals}
+        return any(not own.issuperset(_native.Formula(text).signals) for text in formulas)
+
+    def compute_manner(self) -> None:
+        """Computes the signals of the manner from now on, after its own."""
+        if len(self.signals) == len(self.own_signals):
+            self._simulate(manner=True)
 
     @property
     def formulas(self) -> dict[str, str]:
@@ -389,7 +403,11 @@ def _task_system(
     batched_policy: bool,
     time_limit: float | None,
     space: Sequence[Axis],
+    manner: bool,
 ) -> TaskSystem:
-    return TaskSystem(
+    system = TaskSystem(
         task, policy, preset=preset, rows=rows, batched_policy=batched_policy, time_limit=time_limit, space=space
     )
+    if manner:
+        system.compute_manner()
+    return system

@@ -1,5 +1,6 @@
 """Faults between an environment and its policy."""
 
+import tempfile
 import unittest
 import warnings
 from unittest import mock
@@ -676,6 +677,32 @@ class TaskTest(unittest.TestCase):
             ours, theirs = ((*each.observation.ranges, *each.action.ranges) for each in settings)
             changed = sum(one != other for one, other in zip(ours, theirs))
             self.assertEqual(changed, 0 if "ranges" not in options else len(dict(settings[1].observation.channels)["ball"]))
+
+    def test_signals_of_the_manner_are_computed_only_where_a_formula_reads_one(self):
+        task, force = "point-reaching", "ground_force"
+        options = {"policy": lambda observation: np.zeros(9, np.float32), "rows": 2}
+
+        def signals(formula=None, **more):
+            found = simulate(task, formula, **options, **more)
+            return set(found.trace)
+
+        own = {"finger_target_distance", "finger_twist"}
+        self.assertEqual([signals(each) for each in (None, "success", "strict", "always(finger_twist <= 9)")], [own] * 4)
+        for read in [
+            signals("careful"), signals(f"always({force} <= 1e9)"), signals(requirements={"gentle": f"always({force} <= 1e9)"}),
+            signals(requirements={"gentle": "careful"}), signals({"success": "always(finger_twist <= 9)", "careful": f"{force} <= 9"}),
+        ]:
+            self.assertLess(own | {force}, read)
+        with warnings.catch_warnings(), tempfile.TemporaryDirectory() as folder:
+            warnings.simplefilter("ignore")
+            search, rates = f"{folder}/search.sqlite", f"{folder}/rates.sqlite"
+            mishandle.falsify(task, trials=1, budget=2, batch=2, search="random", isolate=False, out=search, **options)
+            found = mishandle.evaluate(task, episodes=2, out=rates, **options)
+            self.assertIsNotNone(found.careful_success_rate)
+            # The question does not change which system it is.
+            for path, trial, count in ((search, 1, len(own)), (rates, None, 18)):
+                again = mishandle.replay(path, task, trial=trial, number=1, **options)
+                self.assertEqual((again.differences, len(again.repetition.trace)), ((), count))
 
 
 if __name__ == "__main__":
