@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import difflib
+import math
 import numbers
 import os
 from collections.abc import Iterable, Mapping, Sequence
+
+from typing_extensions import TypeGuard
 
 from mishandle.axes import Attribute, Axis, FaultParameter, ResetOption, parse_path
 from mishandle.errors import InvalidTypeError, InvalidValueError, MishandleError
@@ -41,11 +44,52 @@ def check_applicable(given: Mapping[str, object], applicable: Sequence[str], kin
 
 def check_steps(steps: object) -> None:
     """Checks the number of control steps."""
-    if steps is not None and (not isinstance(steps, numbers.Integral) or steps < 1):
+    if steps is not None and (not isinstance(steps, numbers.Integral) or isinstance(steps, bool) or steps < 1):
         raise InvalidValueError(f"steps is {steps!r}; it must be a whole number of at least 1")
 
 
-def check_number(name: str, value: object, least: int) -> None:
+def check_period(control_dt: object) -> None:
+    """Checks the duration of a control step.
+
+    >>> check_period(0)
+    Traceback (most recent call last):
+        ...
+    mishandle.errors.InvalidValueError: control_dt is 0; it must be positive and finite, in seconds
+    """
+    if control_dt is None:
+        return
+    if not is_real(control_dt) or not 0 < float(control_dt) < math.inf:
+        raise InvalidValueError(f"control_dt is {control_dt!r}; it must be positive and finite, in seconds")
+
+
+def is_real(value: object) -> TypeGuard[numbers.Real]:
+    """Returns whether a value is a real number. Python counts Booleans as numbers; here they are none.
+
+    >>> is_real(2), is_real(0.5), is_real(True), is_real("2")
+    (True, True, False, False)
+    """
+    return isinstance(value, numbers.Real) and not isinstance(value, bool)
+
+
+def check_settings(axes: object) -> None:
+    """Checks the ranges and values of axes.
+
+    >>> check_settings({"kind": ["bias", "ramp"]})
+    Traceback (most recent call last):
+        ...
+    mishandle.errors.InvalidTypeError: axes["kind"] is ['bias', 'ramp']; expected a number, two numbers or one name; leave it out to keep all names
+    """
+    if not isinstance(axes, Mapping):
+        raise InvalidTypeError(f'axes is {axes!r}; expected a dictionary of values or ranges by name, such as {{"speed": (0, 5)}}')
+    for name, setting in axes.items():
+        is_range = isinstance(setting, (tuple, list)) and len(setting) == 2 and all(map(is_real, setting))
+        if not isinstance(name, str) or not (isinstance(setting, str) or is_real(setting) or is_range):
+            raise InvalidTypeError(
+                f'axes["{name}"] is {setting!r}; expected a number, two numbers or one name; leave it out to keep all names'
+            )
+
+
+def check_number(name: str, value: object, least: int, most: int = 2**64 - 1) -> None:
     """Checks a count or a random seed.
 
     >>> check_number("batch", 0, 1)
@@ -53,8 +97,8 @@ def check_number(name: str, value: object, least: int) -> None:
         ...
     mishandle.errors.InvalidValueError: batch is 0; it must be a whole number from 1 to 18446744073709551615
     """
-    if not isinstance(value, numbers.Integral) or isinstance(value, bool) or not least <= int(value) < 2**64:
-        raise InvalidValueError(f"{name} is {value!r}; it must be a whole number from {least} to {2**64 - 1}")
+    if not isinstance(value, numbers.Integral) or isinstance(value, bool) or not least <= int(value) <= most:
+        raise InvalidValueError(f"{name} is {value!r}; it must be a whole number from {least} to {most}")
 
 
 def check_out(out: str | os.PathLike[str] | None, resume: bool, any_build: bool) -> None:

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, Union
 from mishandle.errors import InvalidValueError
 
 if TYPE_CHECKING:
-    from mishandle.fault_axes import FaultSettings
+    from mishandle.fault_layouts import FaultSettings
 
 Value = Union[float, int, str]
 """Value of an axis in a scenario: a float, an integer for integer axes, a name for categorical axes."""

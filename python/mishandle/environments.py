@@ -15,8 +15,9 @@ import numpy as np
 
 from mishandle.attributes import Attributes
 from mishandle.axes import Attribute, Axis, FaultParameter, ResetOption, Value, follower, parse_path
-from mishandle.fault_axes import FaultLine, idle_action
 from mishandle.errors import InvalidScenario, InvalidTypeError, InvalidValueError
+from mishandle.fault_lines import Disturbed, FaultLine
+from mishandle.flat_values import all_numbers, idle_action
 from mishandle.limits import TimeLimitExceeded, check_time_limit, limited
 from mishandle.policies import Policy, as_policy
 from mishandle.systems import Outcome, Scenario, Source, System
@@ -53,7 +54,7 @@ class PolicySystem(System):
         self.steps = episode_steps(environment, steps)
         self.control_dt = control_dt if control_dt is not None else control_period(environment)
         self.knows_control_dt = control_dt is not None or states_control_dt(environment)
-        self.faults = FaultLine(space, self.control_dt, (spaces[0], spaces[1]))
+        self.faults = FaultLine(space, self.control_dt, self.steps, (spaces[0], spaces[1]))
         self.idle = idle_action(spaces[1]) if self.faults.is_used else None
         self.versions = [("gymnasium", gymnasium.__version__), ("numpy", np.__version__)]
         self.exceptions = []
@@ -153,13 +154,13 @@ class EnvironmentSystem(PolicySystem):
     def simulate(self, batch: Sequence[tuple[Scenario, int]]) -> list[Outcome]:
         size = len(self._environments)
         chunks = [batch[first : first + size] for first in range(0, len(batch), size)]
-        return [outcome for chunk in chunks for outcome in self._together(chunk)]
+        return [
+            outcome for chunk in chunks for part in self.faults.start_all(chunk) for outcome in self._together(*part)
+        ]
 
-    def _together(self, chunk: Sequence[tuple[Scenario, int]]) -> list[Outcome]:
-        if len(chunk) > 1 and any(self.faults.pauses(*pair) for pair in chunk):
-            # A policy cannot be paused for one row and act for another one.
-            return [outcome for pair in chunk for outcome in self._together([pair])]
-        rows = [_Row(self, environment, *pair) for environment, pair in zip(self._environments, chunk)]
+    def _together(self, chunk: Sequence[tuple[Scenario, int]], faults: Sequence[Disturbed | None]) -> list[Outcome]:
+        given = zip(self._environments, chunk, faults)
+        rows = [_Row(self, environment, *pair, disturbed) for environment, pair, disturbed in given]
         try:
             return self._run(rows)
         finally:
@@ -217,12 +218,12 @@ class EnvironmentSystem(PolicySystem):
 class _Row:
     """One simulation in one environment."""
 
-    def __init__(self, system: EnvironmentSystem, environment: Any, scenario: Scenario, seed: int) -> None:
+    def __init__(self, system: EnvironmentSystem, environment: Any, scenario: Scenario, seed: int, faults: Disturbed | None) -> None:
         self._system = system
         self._applications = system.applications(scenario)
         # Some environments take seeds of 32 bits only.
         self._seed = seed % 2**31
-        self._faults = system.faults.start(scenario, seed)
+        self._faults = faults
         self.attributes = Attributes()
         self._own: list[Any] = []
         self._environment = environment
@@ -284,13 +285,14 @@ class _Row:
             action = self._faults.answer(step - 1, action, self._system.idle)
         index = _first_not_finite(action)
         if index is None:
-            given = action if self._faults is None else self._faults.act(step - 1, action)
-            self._guarded(self._advance, given, step)
+            self._guarded(self._advance, action, step)
         else:
             self.end("invalid action", step, index)
 
     def _advance(self, action: Any, step: int) -> None:
         system = self._system
+        if self._faults is not None:
+            action = self._faults.act(step - 1, action)
         observation, given, terminated, truncated, info = self._environment.step(action)
         reward = float(given)
         self.observation = observation
@@ -356,8 +358,8 @@ _FEW = 32
 def _first_not_finite(action: Any) -> int | None:
     """Returns the index of the first number of an action that is NaN or infinite.
 
-    >>> _first_not_finite(np.array([0.5, np.nan])), _first_not_finite([0.5, 1.0]), _first_not_finite({"gear": 1})
-    (1, None, None)
+    >>> _first_not_finite(np.array([0.5, np.nan])), _first_not_finite([0.5, 1.0]), _first_not_finite({"gear": 1, "force": np.inf})
+    (1, None, 0)
     """
     # Most actions are short arrays, which Python checks faster than NumPy.
     if type(action) is np.ndarray and action.ndim == 1 and action.dtype.kind == "f" and len(action) <= _FEW:
@@ -366,7 +368,7 @@ def _first_not_finite(action: Any) -> int | None:
     elif isinstance(action, (int, np.integer)):
         return None
     try:
-        values = np.asarray(action, dtype=np.float64)
+        values = np.asarray(all_numbers(action), dtype=np.float64)
     except (TypeError, ValueError):
         return None  # Actions of other spaces than boxes; the environment checks them.
     finite = np.isfinite(values)

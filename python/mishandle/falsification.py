@@ -287,7 +287,7 @@ def evaluate(
 
     if isinstance(space, str) and formula is not None:
         raise InvalidTypeError(f"an evaluation in the space {space!r} of a task uses the formulas of the task; leave out `formula`")
-    found = make_target(system, formula, space, target, check)
+    found = make_target(system, formula, space, target, check, has_metrics=True)
     text, interruption, notes = _native.evaluate(
         found.native,
         episodes=episodes,

@@ -96,6 +96,11 @@ class Run:
         self.builds: list[str] = header["builds"]
         self.not_covered: list[str] = header["not_covered"]
 
+    @property
+    def is_evaluation(self) -> bool:
+        """Whether :func:`evaluate` made the run."""
+        return "[evaluate]" in self.plan.splitlines()
+
     def columns(self) -> dict[str, list[Any]]:
         """Returns all simulations as lists: trial, number, seed, robustness, end, steps, a column per axis and verdict.
 
@@ -162,7 +167,7 @@ class Run:
         if system is None or not simulate:
             html = self._native.report(probes if simulate else None, sensitivity)
         else:
-            made = make_target(system, formula, space, target, lambda space: None)
+            made = make_target(system, formula, space, target, lambda space: None, has_metrics=self.is_evaluation)
             html = _native.report(made.native, os.fspath(self.path), probes, sensitivity)
         write_text(path, html)
 

@@ -16,6 +16,7 @@ from mishandle.documents import read
 from mishandle.errors import InvalidValueError
 from mishandle.files import PathLike, write_text
 from mishandle.results import Regression
+from mishandle.runs import Run
 from mishandle.targets import Formulas, Simulation, Space, TargetOptions, make_target, scenario_numbers
 
 
@@ -192,7 +193,9 @@ def replay(
     is_counterexample = os.fspath(path).lower().endswith(".json")
     if is_counterexample and not (trial is None and number is None):
         raise InvalidValueError("a counterexample file has one simulation; leave out `trial` and `number`")
-    found = make_target(system, formula, space, target, lambda space: None)
+    # A counterexample file comes from a search.
+    is_evaluation = not is_counterexample and Run(path).is_evaluation
+    found = make_target(system, formula, space, target, lambda space: None, has_metrics=is_evaluation)
     if is_counterexample:
         again = _native.replay_counterexample(found.native, os.fspath(path))
     else:

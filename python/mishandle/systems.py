@@ -7,7 +7,7 @@ import time
 import traceback
 import warnings
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Union
 
@@ -18,8 +18,9 @@ from numpy.typing import NDArray
 from mishandle import _native
 from mishandle.axes import Axis, Value
 from mishandle.errors import InvalidScenario, InvalidTypeError, InvalidValueError
-from mishandle.fault_axes import FaultLine, idle_action
+from mishandle.fault_lines import Disturbed, FaultLine
 from mishandle.fingerprints import walk
+from mishandle.flat_values import idle_action
 from mishandle.limits import TimeLimitExceeded, check_interruptible, check_time_limit, limited
 from mishandle.policies import Policy, as_policy
 
@@ -279,26 +280,40 @@ class TaskSystem(System):
         check_time_limit(time_limit)
         self._time_limit = time_limit
         self._arguments = (task, policy, preset, rows, batched_policy, time_limit, space)
-        # The formula `careful` reads the signals of the manner.
-        self._native = _native.Simulator(task, rows, preset=preset, reward="shaped", threads=None, manner=True)
         self._rows = rows
-        native = self._native
+        native = self._simulate(manner=False)
+        self.own_signals = native.signals
         observations = Box(-np.inf, np.inf, (native.observation_size,))
         spaces = (observations, Box(-1, 1, (native.action_size,)))
         self._policy: Policy = as_policy(policy, batched_policy, spaces=spaces, task=task)
         self.policy_source = policy
         self.facts = [task, preset]
         self.name = task
-        self.signals = self._native.signals
-        self.control_dt = self._native.control_dt
-        self.faults = FaultLine(space, self.control_dt, spaces)
+        self.control_dt = native.control_dt
+        self.steps = native.episode_steps
+        self.faults = FaultLine(space, self.control_dt, self.steps, spaces)
         self._idle = idle_action(spaces[1])
-        self.steps = self._native.episode_steps
         self.versions = [("numpy", np.__version__)]
         self.exceptions = []
 
     def __reduce__(self) -> tuple[Callable[..., TaskSystem], tuple[Any, ...]]:
-        return _task_system, self._arguments
+        return _task_system, (*self._arguments, len(self.signals) > len(self.own_signals))
+
+    def _simulate(self, manner: bool) -> _native.Simulator:
+        task, _, preset, rows, *_ = self._arguments
+        self._native = _native.Simulator(task, rows, preset=preset, reward="shaped", threads=None, manner=manner)
+        self.signals = self._native.signals
+        return self._native
+
+    def reads_manner(self, formulas: Iterable[str]) -> bool:
+        """Whether a formula reads a signal that is not one of its own, such as a contact force."""
+        own = {name for name, _ in self.own_signals}
+        return any(not own.issuperset(_native.Formula(text).signals) for text in formulas)
+
+    def compute_manner(self) -> None:
+        """Computes the signals of the manner from now on, after its own."""
+        if len(self.signals) == len(self.own_signals):
+            self._simulate(manner=True)
 
     @property
     def formulas(self) -> dict[str, str]:
@@ -317,18 +332,16 @@ class TaskSystem(System):
 
     def simulate(self, batch: Sequence[tuple[Scenario, int]]) -> list[Outcome]:
         chunks = [batch[first : first + self._rows] for first in range(0, len(batch), self._rows)]
-        return [outcome for chunk in chunks for outcome in self._together(chunk)]
+        return [
+            outcome for chunk in chunks for part in self.faults.start_all(chunk) for outcome in self._together(*part)
+        ]
 
-    def _together(self, chunk: Sequence[tuple[Scenario, int]]) -> list[Outcome]:
-        if len(chunk) > 1 and any(self.faults.pauses(*pair) for pair in chunk):
-            # A policy cannot be paused for one row and act for another one.
-            return [outcome for pair in chunk for outcome in self._together([pair])]
+    def _together(self, chunk: Sequence[tuple[Scenario, int]], faults: Sequence[Disturbed | None]) -> list[Outcome]:
         count, rows = len(chunk), self._rows
         # The other rows repeat the last scenario; their results are dropped.
         padded = [*chunk, *[chunk[-1]] * (rows - count)]
         nominal = {axis.name: axis.nominal_number for axis in self.space}
         scenarios = np.array([[float(scenario.get(name, value)) for name, value in nominal.items()] for scenario, _ in padded])
-        disturbed = [self.faults.start(*pair) for pair in padded]
         seeds = np.array([seed for _, seed in padded], dtype=np.uint64)
         observations, _, signals, _, _ = self._native.reset(np.ones(rows, dtype=bool), seeds, scenarios)
         samples = [signals]
@@ -340,11 +353,11 @@ class TaskSystem(System):
         for step in range(1, self.steps + 1):
             started = time.monotonic()
             seen = observations
-            for place, each in enumerate(disturbed):
+            for place, each in enumerate(faults):
                 if each is not None:
                     seen = seen.copy() if seen is observations else seen
                     seen[place] = each.observe(step - 1, observations[place])
-            is_paused = all(each is not None and each.is_paused(step - 1) for each in disturbed)
+            is_paused = all(each is not None and each.is_paused(step - 1) for each in faults)
             try:
                 with limited(left):
                     given = [self._idle] * rows if is_paused else self._policy.act(seen, rows)
@@ -358,7 +371,7 @@ class TaskSystem(System):
                 break
             if left is not None:
                 left = max(left - (time.monotonic() - started), 1e-3)
-            for place, each in enumerate(disturbed):
+            for place, each in enumerate(faults):
                 if each is not None:
                     actions[place] = each.answer(step - 1, actions[place], self._idle)
                     if np.isfinite(actions[place]).all():
@@ -390,7 +403,11 @@ def _task_system(
     batched_policy: bool,
     time_limit: float | None,
     space: Sequence[Axis],
+    manner: bool,
 ) -> TaskSystem:
-    return TaskSystem(
+    system = TaskSystem(
         task, policy, preset=preset, rows=rows, batched_policy=batched_policy, time_limit=time_limit, space=space
     )
+    if manner:
+        system.compute_manner()
+    return system

@@ -18,6 +18,8 @@ from mishandle import _native, results
 from mishandle.arguments import (
     check_applicable,
     check_options,
+    check_period,
+    check_settings,
     check_space,
     check_steps,
     check_termination,
@@ -179,14 +181,23 @@ def scenario_numbers(
 
 
 def make_target(
-    system: Any, formula: Formulas, space: Space, options: TargetOptions, check: Callable[[Sequence[Axis]], object]
+    system: Any,
+    formula: Formulas,
+    space: Space,
+    options: TargetOptions,
+    check: Callable[[Sequence[Axis]], object],
+    *,
+    has_metrics: bool = False,
 ) -> Target:
-    """Returns the target of the arguments. ``check`` gets the space before the system is called for the first time."""
+    """Returns the target of the arguments. ``check`` gets the space before the system is called for the first time. ``has_metrics``
+    says whether the question has a metric of each formula of a task, as an evaluation does."""
     check_options(options, list(TargetOptions.__annotations__))
     check_steps(options.get("steps"))
     termination = options.get("termination", "undecided")
     check_termination(termination)
     check_time_limit(options.get("time_limit"))
+    check_period(options.get("control_dt"))
+    check_settings(options.get("axes", {}))
     executor = options.get("executor")
     if isinstance(executor, str) and executor != "ray":
         raise InvalidValueError(f"there is no executor {executor!r}; expected 'ray' or a RayExecutor")
@@ -223,14 +234,15 @@ def make_target(
             time_limit=options.get("time_limit"),
             space=[axis for axis in space or [] if isinstance(axis, Axis)],
         )
+    named = requirements(options)
+    known: Formulas = None
     if isinstance(system, TaskSystem):
-        formula = task_formulas(formula, system.formulas, [name for name, _ in system.signals])
+        known, formula = _formulas_of_task(system, formula, named, has_metrics)
         space = system.space if space is None else space
     if isinstance(space, (str, Mapping)) or not all(isinstance(axis, Axis) for axis in space or []):
         raise InvalidTypeError('a space is a list of axes, such as [Axis("speed", 0, 10, "m/s")]')
     if not space:
         raise InvalidValueError("the space has no axes")
-    named = requirements(options)
     if formula is None and named:
         formula = " and ".join(f"({text})" for text in named.values())
     formulas = named_formulas(formula)
@@ -267,7 +279,10 @@ def make_target(
             "resumed runs and comparisons can tell two versions apart",
             stacklevel=3,
         )
-    content = [target_name, *(each.digest for each in found.values()), repr(under_test.signals), repr(sorted(formulas.items()))]
+    # A task is the same system whatever a question needs of it.
+    signals = system.own_signals if isinstance(system, TaskSystem) else under_test.signals
+    stated = formulas if known is None else named_formulas(known)
+    content = [target_name, *(each.digest for each in found.values()), repr(signals), repr(sorted(stated.items()))]
     content += [repr(axis.to_native()) for axis in space]
     content += [repr((under_test.control_dt, under_test.steps, termination)), repr(version), *given]
     components = []
@@ -292,6 +307,26 @@ def make_target(
     )
     native = native.with_requirements(requirements(options))
     return Target(native, under_test, space, largest_difference, not_covered=not_covered)
+
+
+def _formulas_of_task(
+    system: TaskSystem, formula: Formulas, named: Mapping[str, str], has_metrics: bool
+) -> tuple[Formulas, Formulas]:
+    """Returns all formulas that a question to a task knows, and those that it evaluates. As in the Rust core, only an evaluation
+    evaluates careful success if nothing else reads the signals of the manner, which are computed only if a formula reads them."""
+    all_of_task = system.formulas
+    if isinstance(formula, (str, Formula)) and str(formula) not in all_of_task and system.reads_manner([str(formula)]):
+        system.compute_manner()
+    known = task_formulas(formula, all_of_task, [name for name, _ in system.signals])
+    texts = {"success": str(known)} if isinstance(known, (str, Formula)) else {name: str(text) for name, text in known.items()}
+    asked = [all_of_task.get(text, text) for text in named.values()]
+    is_given = isinstance(formula, Mapping) or formula == "careful" or "careful" in named.values()
+    others = {name: text for name, text in texts.items() if name != "careful"}
+    if "careful" in texts and not (has_metrics or is_given or system.reads_manner([*others.values(), *asked])):
+        return known, others
+    if system.reads_manner([*texts.values(), *asked]):
+        system.compute_manner()
+    return known, known
 
 
 def requirements(options: TargetOptions) -> dict[str, str]:

@@ -230,6 +230,16 @@ class TaskVectorEnv(gymnasium.vector.VectorEnv[Floats, Floats, NDArray[Any]]):
         """Duration of a control step, in seconds."""
         return self._simulations.native.control_dt
 
+    @property
+    def max_episode_steps(self) -> int:
+        """Number of control steps until truncation."""
+        return self._limit
+
+    @property
+    def fault_layouts(self) -> list[_native.Layout]:
+        """The channels of observation and action of one environment that :func:`mishandle.faults` uses, and their ranges."""
+        return self._simulations.native.fault_layouts
+
     def reset(
         self, *, seed: int | Sequence[int | None] | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Floats, dict[str, Any]]:

@@ -6,7 +6,6 @@ import time
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-import gymnasium
 import numpy as np
 from gymnasium.vector import AsyncVectorEnv, AutoresetMode, SyncVectorEnv, VectorEnv
 from gymnasium.vector.utils import concatenate, create_empty_array, iterate
@@ -15,6 +14,8 @@ from numpy.typing import NDArray
 from mishandle.axes import Attribute, Axis, FaultParameter, ResetOption
 from mishandle.environments import EnvironmentSystem, PolicySystem, Time, complete, set_option
 from mishandle.errors import InvalidScenario, InvalidTypeError, InvalidValueError
+from mishandle.fault_lines import Disturbed
+from mishandle.flat_values import all_numbers, idle_action
 from mishandle.limits import TimeLimitExceeded, limited
 from mishandle.systems import Outcome, Scenario, System
 
@@ -40,6 +41,7 @@ class VectorSystem(PolicySystem):
     def __init__(self, environment: Any, policy: Any, space: Sequence[Axis], **options: Any) -> None:
         super().__init__(environment, policy, space, **options)
         self._rows: int = environment.num_envs
+        self.idle = idle_action(environment.single_action_space)
         self._mode = AutoresetMode(environment.metadata.get("autoreset_mode", AutoresetMode.NEXT_STEP))
         # A row that ended in the last step would restart in the next one, also after a reset in
         # some versions of Gymnasium.
@@ -96,7 +98,7 @@ class VectorSystem(PolicySystem):
         environment = self._environment
 
         def rows(batched: Any) -> list[NDArray[Any]]:
-            return [np.copy(_flat(row)) for row in iterate(environment.observation_space, batched)]
+            return [np.copy(all_numbers(row)) for row in iterate(environment.observation_space, batched)]
 
         def same(one: NDArray[Any], other: NDArray[Any]) -> bool:
             return np.array_equal(one, other, equal_nan=True)
@@ -119,7 +121,9 @@ class VectorSystem(PolicySystem):
         paths = [axis.apply.path for axis in self.space.values() if isinstance(axis.apply, Attribute)]
         before = {path: self._environment.unwrapped.get_attr(path) for path in paths}
         try:
-            return [outcome for chunk in chunks for outcome in self._guarded(chunk)]
+            return [
+                outcome for chunk in chunks for part in self.faults.start_all(chunk) for outcome in self._guarded(*part)
+            ]
         finally:
             self._restore(before)
 
@@ -133,11 +137,11 @@ class VectorSystem(PolicySystem):
             for path, values in attributes.items():
                 self._environment.unwrapped.set_attr(path, list(values))
 
-    def _guarded(self, chunk: Sequence[tuple[Scenario, int]]) -> list[Outcome]:
+    def _guarded(self, chunk: Sequence[tuple[Scenario, int]], faults: Sequence[Disturbed | None]) -> list[Outcome]:
         """Simulates together, or one by one if that fails, so that one scenario cannot spoil the others."""
         end = None
         try:
-            return self._together(chunk)
+            return self._together(chunk, faults)
         except InvalidScenario:
             end = "invalid scenario"
         except TimeLimitExceeded:
@@ -148,7 +152,7 @@ class VectorSystem(PolicySystem):
                 self.keep_exception()
         self._revive()
         if len(chunk) > 1:
-            return [outcome for one in chunk for outcome in self._guarded([one])]
+            return [outcome for one in chunk for outcome in self._guarded([one], [self.faults.start(*one)])]
         return [Outcome(end, np.zeros((0, len(self.signals))), 0)]
 
     def _revive(self) -> None:
@@ -171,10 +175,7 @@ class VectorSystem(PolicySystem):
         old.__dict__, fresh.__dict__ = fresh.__dict__, {}
         self._restarts, self._is_new = False, True
 
-    def _together(self, chunk: Sequence[tuple[Scenario, int]]) -> list[Outcome]:
-        if len(chunk) > 1 and any(self.faults.pauses(*pair) for pair in chunk):
-            # A policy cannot be paused for one row and act for another one.
-            return [outcome for pair in chunk for outcome in self._together([pair])]
+    def _together(self, chunk: Sequence[tuple[Scenario, int]], faults: Sequence[Disturbed | None]) -> list[Outcome]:
         count = len(chunk)
         clock = Time()
         rollout = _Rollout(self, count)
@@ -186,14 +187,14 @@ class VectorSystem(PolicySystem):
         rollout.start(rows, info)
         self.policy.reset(self._rows)
         space = self._environment.single_action_space
-        disturbed = [self.faults.start(*pair) for pair in padded]
-        idle = next(iter(iterate(space_batch(space), create_empty_array(space, 1, np.zeros))))
+        disturbed = [*faults, *[None] * (self._rows - count)]
+        idle = self.idle
         for step in range(1, self.steps + 1):
             running = rollout.running()
             if not running:
                 break
             seen = [row if each is None else each.observe(step - 1, row) for row, each in zip(rows, disturbed)]
-            if all(each is not None and each.is_paused(step - 1) for each in disturbed):
+            if all(each is not None and each.is_paused(step - 1) for each in faults):
                 actions: list[Any] = [idle] * self._rows
             else:
                 end, given = self.act(seen, [clock])
@@ -204,7 +205,7 @@ class VectorSystem(PolicySystem):
             for row, each in enumerate(disturbed):
                 if each is not None:
                     actions[row] = each.answer(step - 1, actions[row], idle)
-                bad = np.flatnonzero(~np.isfinite(np.asarray(_flat(actions[row]), dtype=np.float64)))
+                bad = np.flatnonzero(~np.isfinite(np.asarray(all_numbers(actions[row]), dtype=np.float64)))
                 if len(bad) > 0:
                     actions[row] = idle
                     rollout.end(row, "invalid action", step, int(bad[0]))
@@ -364,17 +365,3 @@ def row_info(info: Mapping[str, Any], row: int) -> dict[str, Any]:
             one = value[row]
             found[key] = one.item() if isinstance(one, np.generic) else one
     return found
-
-
-def _flat(value: Any) -> NDArray[Any]:
-    """Returns all numbers of an observation or action in one array."""
-    if isinstance(value, Mapping):
-        return np.concatenate([_flat(value[key]) for key in sorted(value)])
-    if isinstance(value, tuple):
-        return np.concatenate([_flat(part) for part in value])
-    return np.asarray(value).reshape(-1)
-
-
-def space_batch(space: gymnasium.Space[Any]) -> gymnasium.Space[Any]:
-    """Returns the space of one batched value."""
-    return gymnasium.vector.utils.batch_space(space, 1)
