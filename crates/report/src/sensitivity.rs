@@ -56,7 +56,7 @@ pub fn measure(
         let rows = first..n.min(first + (BATCH / columns).max(1) as u32);
         let mut requests = Vec::new();
         for row in rows {
-            // A value that has no effect with the own kind of a fault may have one with another kind.
+            // A value without an effect for the own kind of a fault may have one for another kind.
             let (drawn, other) = (space.draw(seed, row.into()), space.draw(seed.child(1), row.into()));
             let own = space.canonical(drawn.clone());
             let moved = axes.iter().map(|axis| {

@@ -14,8 +14,8 @@ use crate::{Model, World};
 ///    efforts, as much as the limits demand and together, because each of them moves the others.
 ///
 /// The predicted velocity is v + h a, where M a = τ - h D a: h is the physics step, M the mass
-/// matrix, τ all torques but those of contacts, and D the damping that MuJoCo treats implicitly: that
-/// of servos below their effort limits when the rule begins.
+/// matrix, τ all torques but those of contacts, and D the damping that MuJoCo treats implicitly:
+/// that of servos below their effort limits when the rule begins.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Servo {
     /// Index of the joint's generalized position.
