@@ -52,5 +52,6 @@ pub use on_policy::trpo::conjugate_gradient::conjugate_gradient;
 pub use on_policy::{gae, ppo, trpo};
 pub use registry::{ALGORITHMS, AlgorithmEntry};
 pub use settings::{
-    BASES, BEST, Choice, EpisodeSettings, RunSettings, Setting, TimeoutHandling, TomlSettings,
+    AxisSetting, BASES, BEST, Choice, EpisodeSettings, RunSettings, ScenarioSettings, SelectionWeights,
+    Setting, TimeoutHandling, TomlSettings,
 };

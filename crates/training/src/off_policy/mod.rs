@@ -62,8 +62,8 @@ impl<A: Agent> BuildLearner for OffPolicy<A> {
     type Settings = A::Settings;
 
     fn common(settings: &A::Settings) -> CommonSettings<'_> {
-        let OffPolicySettings { run, episodes, .. } = settings.shared();
-        CommonSettings { run, episodes }
+        let OffPolicySettings { run, episodes, scenarios, .. } = settings.shared();
+        CommonSettings { run, episodes, scenarios }
     }
 
     fn build(
@@ -71,10 +71,10 @@ impl<A: Agent> BuildLearner for OffPolicy<A> {
         environments: &dyn BatchFactory,
         seed: Seed,
     ) -> Result<OffPolicy<A>, TrainingError> {
-        let OffPolicySettings { gamma, steps_per_iteration, episodes, replay, policy, .. } =
+        let OffPolicySettings { gamma, steps_per_iteration, episodes, scenarios, replay, policy, .. } =
             settings.shared();
         let rows = episodes.environments;
-        let episodes = Episodes::of_training(environments, episodes, seed)?;
+        let episodes = Episodes::of_training(environments, episodes, scenarios, seed)?;
         let (observation_size, action_size) = (episodes.spec().observation_size, episodes.spec().action_size);
         let agent = A::new((observation_size, action_size), settings, seed)?;
         let outputs = agent.behavior_policy().network().output_size();

@@ -8,7 +8,7 @@ use crate::settings::declare::{choice, settings};
 use crate::settings::setting::{
     ARRAY_SIZE, AT_LEAST_1, CAPACITY, INITIALIZATION, LAYER_SIZES, NOT_NEGATIVE, POSITIVE, kind, require,
 };
-use crate::{EpisodeSettings, Initialization, RunSettings, TrainingError};
+use crate::{EpisodeSettings, Initialization, RunSettings, ScenarioSettings, TrainingError};
 
 /// Settings that off-policy algorithms share.
 pub(crate) struct OffPolicySettings<'a> {
@@ -16,6 +16,7 @@ pub(crate) struct OffPolicySettings<'a> {
     pub steps_per_iteration: usize,
     pub run: &'a RunSettings,
     pub episodes: &'a EpisodeSettings,
+    pub scenarios: &'a ScenarioSettings,
     pub replay: &'a ReplayBufferSettings,
     pub policy: &'a ActorSettings,
 }

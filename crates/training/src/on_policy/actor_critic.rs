@@ -54,9 +54,11 @@ impl ActorCritic {
         shared: &OnPolicySettings<'_>,
         seed: Seed,
     ) -> Result<ActorCritic, TrainingError> {
-        let OnPolicySettings { rollout_steps, gamma, gae_lambda, episodes, policy, critic, .. } = *shared;
+        let OnPolicySettings {
+            rollout_steps, gamma, gae_lambda, episodes, scenarios, policy, critic, ..
+        } = *shared;
         let rows = episodes.environments;
-        let episodes = Episodes::of_training(environments, episodes, seed)?;
+        let episodes = Episodes::of_training(environments, episodes, scenarios, seed)?;
         let (inputs, outputs) = (episodes.spec().observation_size, episodes.spec().action_size);
         let network = initial_network(
             (inputs, &policy.hidden, outputs),
