@@ -80,8 +80,9 @@ impl ActiveInterface {
         self.0.has_pause()
     }
 
-    /// Replaces the clipped action of a control step by the one that the environment gets: with its
-    /// disturbances, if there are any, and noise from `seed`. `draws` is a scratch buffer of the same length.
+    /// Replaces the clipped action of a control step by the one that the environment gets: with
+    /// its disturbances, if there are any, and noise from `seed`. `draws` is a scratch buffer of
+    /// the same length.
     pub fn command(
         disturbed: Option<&mut ActiveInterface>,
         noise: Noise,

@@ -159,8 +159,8 @@ impl Target {
     }
 }
 
-/// Returns the space with a name: one of `spaces`, the union of several joined by `+`, or `all`, the
-/// space of all `axes`.
+/// Returns the space with a name: one of `spaces`, the union of several joined by `+`, or `all`,
+/// the space of all `axes`.
 ///
 /// # Errors
 /// [`RolloutError::UnknownSpace`] with the available names.

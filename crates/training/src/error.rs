@@ -45,7 +45,7 @@ pub enum TrainingError {
         setting: &'static str,
         /// Its value.
         expected: String,
-        /// What the environments have.
+        /// Scenarios of the environments.
         found: String,
     },
     /// The settings are not valid TOML.

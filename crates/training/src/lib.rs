@@ -37,7 +37,8 @@ pub use episodes::{Boundary, EpisodeStatistics, Episodes};
 pub use error::TrainingError;
 pub use initialization::Initialization;
 pub use learner::progress::{
-    Observer, TimeShares, TrainingControl, TrainingProgress, TrainingResult, Validation, format_duration,
+    Observer, Rates, TimeShares, TrainingControl, TrainingProgress, TrainingResult, Validation,
+    format_duration,
 };
 pub use learner::selection::{BestPolicy, PolicySelection};
 pub use off_policy::settings::{

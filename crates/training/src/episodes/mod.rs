@@ -32,9 +32,10 @@ const EPISODES: u64 = 0;
 /// A batch of parallel environments. An environment resets to a random initial state when its
 /// episode ends.
 ///
-/// Episode k of row r has the seed `seed.child(r).child(k)`, independent of the other rows. The seed
-/// also decides the scenario. The policy sees and acts through the disturbances of the scenario, as
-/// in a [`Rollout`](mishandle_rollout::Rollout) with the same scenario and seed. An episode ends when the task terminates it, when it diverges (the final observation is then that
+/// Episode k of row r has the seed `seed.child(r).child(k)`, independent of the other rows. The
+/// seed also decides the scenario. The policy sees and acts through the disturbances of the
+/// scenario, as in a [`Rollout`](mishandle_rollout::Rollout) with the same scenario and seed. An
+/// episode ends when the task terminates it, when it diverges (the final observation is then that
 /// of the previous step), or at the time limit. With staggered starts, part of the time limit of
 /// each first episode has already elapsed, so that the rows are not in phase.
 pub struct Episodes {

@@ -82,7 +82,7 @@ pub(crate) fn train(
     let iterations = iterations(run, learner.iteration_steps());
     let environment_steps = |learner: &dyn Learner| learner.iteration() * learner.iteration_steps();
     let mut stopwatch = Stopwatch { start: Instant::now(), secs_before: 0.0, steps_before: 0 };
-    let mut selection = new_selection(run);
+    let mut selection = new_selection(settings);
     let mut last_validation = None;
     if let Some(checkpoint) = resume {
         load(checkpoint, settings, seed, &mut *learner, &mut selection)?;
@@ -150,11 +150,11 @@ pub(crate) fn check_resumption(
     settings.check()?;
     check_scenarios(settings, environments)?;
     let mut learner = settings.learner(environments, seed)?;
-    load(checkpoint, settings, seed, &mut *learner, &mut new_selection(settings.run()))
+    load(checkpoint, settings, seed, &mut *learner, &mut new_selection(settings))
 }
 
-/// Checks that the environments draw from the scenarios that the settings name. Their axes are known
-/// to the caller only.
+/// Checks that the environments draw from the scenarios that the settings name. Their axes are
+/// known to the caller only.
 fn check_scenarios(
     settings: &AlgorithmSettings,
     environments: &dyn BatchFactory,
@@ -178,8 +178,10 @@ fn check_scenarios(
     }
 }
 
-fn new_selection(run: &RunSettings) -> PolicySelection {
-    PolicySelection::new(run.stop_success, run.stop_strict, run.stop_validations)
+fn new_selection(settings: &AlgorithmSettings) -> PolicySelection {
+    let RunSettings { stop_success, stop_strict, stop_validations, .. } = *settings.run();
+    let selection = PolicySelection::new(stop_success, stop_strict, stop_validations);
+    selection.with_weights(settings.scenarios().selection)
 }
 
 /// Restores learner and selection from a checkpoint.
