@@ -22,7 +22,7 @@ use mishandle_rollout::{BatchFactory, Seed, Stream};
 use rayon::prelude::*;
 
 use crate::algorithm::{BuildLearner, CommonSettings};
-use crate::inference::{BatchInference, INFERENCE_ROWS};
+use crate::inference::{BatchInference, INFERENCE_ROWS, observation_normalizer};
 use crate::learner::{Learner, progress_of};
 use crate::{Checkpoint, Episodes, ReplayBufferSettings, TimeShares, TrainingError, TrainingProgress};
 use agent::{Agent, BehaviorPolicy, HasOffPolicySettings};
@@ -91,7 +91,11 @@ impl<A: Agent> BuildLearner for OffPolicy<A> {
             replay_settings: replay.clone(),
             normalize: policy.normalize_observations,
             learning_rate: policy.learning_rate,
-            normalizer: RunningNormalizer::new(observation_size),
+            normalizer: observation_normalizer(
+                episodes.spec(),
+                policy.normalize_observations,
+                policy.std_floor,
+            ),
             iteration: 0,
             updates: 0,
             batch: TransitionBatch::default(),
@@ -211,7 +215,7 @@ impl<A: Agent> Learner for OffPolicy<A> {
         self.iteration = checkpoint.u64s("iteration", 1)?[0];
         self.updates = checkpoint.u64s("updates", 1)?[0];
         let columns = self.agent.behavior_policy().network().input_size();
-        self.normalizer = RunningNormalizer::from_moments(checkpoint.moments("normalizer", columns)?)?;
+        self.normalizer.restore(checkpoint.moments("normalizer", columns)?)?;
         self.agent.load(checkpoint)?;
         self.episodes.load(checkpoint)?;
         self.replay_buffer.load(checkpoint)
