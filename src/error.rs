@@ -340,6 +340,26 @@ pub enum MishandleError {
         /// Name of the missing table.
         table: &'static str,
     },
+    /// A file of scenarios is wrong.
+    #[error("the scenarios {}: {problem}", path.display())]
+    ScenarioFile {
+        /// The file.
+        path: PathBuf,
+        /// The problem.
+        problem: String,
+    },
+    /// Training shall show NaN to the policy.
+    #[error(
+        "{axis} may show NaN to the policy, from which none can learn: give --axis {axis}={}:{}",
+        allowed[0],
+        allowed[1]
+    )]
+    NotANumberInTraining {
+        /// Axis of the fault.
+        axis: String,
+        /// Values without NaN.
+        allowed: [f64; 2],
+    },
     /// A value is out of its range.
     #[error("{what} is {value}; it must be {expected}")]
     InvalidValue {

@@ -42,6 +42,8 @@ fn plan(folder: &Path, device: &str) -> TrainPlan {
         device: device.to_string(),
         settings: Some(settings),
         steps: None,
+        space: None,
+        axes: Default::default(),
         seed: 4,
         out: folder.join(format!("{device}.safetensors")),
         csv: None,

@@ -89,6 +89,8 @@ fn a_training_run_without_shipped_settings_uses_the_defaults() {
         reward: "shaped".to_string(),
         settings: settings.map(Into::into),
         steps: Some(512),
+        space: None,
+        axes: Default::default(),
         seed: 0,
         out: "unused.safetensors".into(),
         csv: None,

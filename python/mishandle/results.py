@@ -1970,6 +1970,18 @@ class TrainingTime:
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
+class ScenarioRates:
+    """Rates of a validation on scenarios."""
+
+    success_rate: float
+    """Success rate."""
+    strict_success_rate: float
+    """Strict success rate."""
+    mean_return: float
+    """Mean undiscounted return."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
 class Training:
     """A finished training run."""
 
@@ -1998,9 +2010,15 @@ class Training:
     no_training_time: str | None
     """Why there is no training time; ``None`` with one."""
     success_rate: float | None
-    """Success rate of the best policy in validation; ``None`` without validation."""
+    """Success rate of the best policy in validation, on random starts without disturbances;
+    ``None`` without validation."""
     strict_success_rate: float | None
-    """Strict success rate of the best policy in validation; ``None`` without validation."""
+    """Strict success rate of the best policy in the same validation; ``None`` without
+    validation."""
+    space: ScenarioRates | None
+    """Its validation on random scenarios of the space; ``None`` without a space."""
+    corners: ScenarioRates | None
+    """Its validation at corners of the space; ``None`` without a space."""
     controller_hash: str
     """Hash of the best policy."""
     best: str

@@ -9,7 +9,7 @@ use std::sync::Arc;
 
 use mishandle::rollout::{Environment, Seed};
 use mishandle::tasks::{Preset, Reward, TaskEnvironment};
-use mishandle::training::{Boundary, EpisodeSettings, Episodes};
+use mishandle::training::{Boundary, EpisodeSettings, Episodes, ScenarioSettings};
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
     let arguments: Vec<String> = std::env::args().skip(1).collect();
@@ -25,7 +25,8 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         action_noise: 0.25,
         ..EpisodeSettings::default()
     };
-    let mut episodes = Episodes::of_training(&environment, &settings, Seed(seed as u64))?;
+    let mut episodes =
+        Episodes::of_training(&environment, &settings, &ScenarioSettings::default(), Seed(seed as u64))?;
     let mut bytes = Vec::new();
     let floats = |bytes: &mut Vec<u8>, numbers: &[f32]| {
         bytes.extend(numbers.iter().flat_map(|number| number.to_le_bytes()));

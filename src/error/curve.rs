@@ -70,6 +70,15 @@ pub enum CurveProblem {
         /// Environment steps of the line before.
         before: u64,
     },
+    /// The curve is that of a training run on other scenarios.
+    #[error(
+        "it {} columns of validations on scenarios, unlike this training; choose another --csv",
+        if *found { "has" } else { "lacks" }
+    )]
+    Scenarios {
+        /// Whether the file has these columns.
+        found: bool,
+    },
     /// The curve has other reward terms.
     #[error("its reward terms are {}, those of this training are {}", listed(found), listed(expected))]
     RewardTerms {

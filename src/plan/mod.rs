@@ -2,7 +2,6 @@
 //!
 //! A [`Plan`] is read from TOML or made from flags. This room looks nothing up: `resolve` does.
 
-mod axis_setting;
 mod grid;
 mod read;
 mod risk;
@@ -18,8 +17,8 @@ use serde::{Deserialize, Serialize};
 
 use crate::error::MishandleError;
 
-pub use axis_setting::AxisSetting;
 pub use grid::{GridRun, read_grid};
+pub use mishandle_training::AxisSetting;
 pub use risk::RiskPlan;
 pub use search_options::search_option_value;
 
@@ -52,7 +51,7 @@ pub struct Plan {
     #[serde(default = "starts")]
     pub space: String,
     /// Axes with a narrower range or a fixed value, by name. Axes that the space lacks are added to
-    /// it.
+    /// it: the table `[axes]`, and the flags `--axis` and `--set`.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     pub axes: BTreeMap<String, AxisSetting>,
     /// Task preset: the initial boxes and formulas of the benchmark's `paper` or of its `code`.

@@ -1,5 +1,3 @@
-use std::sync::Arc;
-
 use mishandle_controllers::WRITTEN_VERSIONS;
 use mishandle_rollout::{Environment, Seed};
 use mishandle_tasks::task_hash;
@@ -8,7 +6,8 @@ use mishandle_training::{AlgorithmSettings, Checkpoint};
 use crate::error::MishandleError;
 use crate::resolve::task;
 use crate::run::Device;
-use crate::train::{TrainPlan, batches, check_outputs, environment, reward, settings};
+use crate::train::curve::CurveColumns;
+use crate::train::{Prepared, TrainPlan, batches, check_outputs, prepare, reward};
 
 /// Facts that determine the result of a training run and the format of its controller files.
 #[derive(Clone, Debug, PartialEq)]
@@ -30,15 +29,19 @@ pub struct TrainingFacts {
 /// The errors of [`train`](crate::train::train()) before its first step.
 pub fn training_facts(plan: &TrainPlan, gpu: Option<&Device>) -> Result<TrainingFacts, MishandleError> {
     let task = task(&plan.task)?;
-    let settings = settings(plan)?;
-    let environment = Arc::new(environment(plan)?);
+    let Prepared { settings, environment, scenarios } = prepare(plan)?;
     let checkpoint = plan.checkpoint();
     let resumed = plan.resume && checkpoint.exists();
     let resumed = resumed.then(|| Checkpoint::load(&checkpoint)).transpose()?;
-    check_outputs(plan, environment.reward_terms(), resumed.as_ref())?;
-    let batches = batches(plan, gpu, environment)?;
+    let has_scenarios = settings.scenarios().is_used();
+    check_outputs(
+        plan,
+        CurveColumns { reward_terms: environment.reward_terms(), has_scenarios },
+        resumed.as_ref(),
+    )?;
+    let batches = batches(plan, gpu, environment, scenarios)?;
     if let Some(checkpoint) = &resumed {
-        settings.check_resumption(&*batches, Seed(plan.seed), checkpoint)?;
+        settings.check_resumption(&batches, Seed(plan.seed), checkpoint)?;
     }
     Ok(TrainingFacts {
         task_hash: task_hash(task, reward(&plan.reward)?)?,

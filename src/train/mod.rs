@@ -6,6 +6,7 @@ mod output_check;
 mod plan;
 mod recorder;
 mod result;
+mod scenarios;
 pub(crate) mod tensorboard;
 mod write_failures;
 
@@ -14,7 +15,7 @@ use std::sync::Arc;
 
 use mishandle_controllers::{ControllerFile, Header, Policy, TrainingRecord, ValidationRecord};
 use mishandle_files::{FileLock, NewFolders, limits, read_text_bounded};
-use mishandle_rollout::{BatchFactory, Seed};
+use mishandle_rollout::{BatchFactory, ScenarioBatches, Seed, TrainingScenarios};
 use mishandle_tasks::{Preset, Reward, Task, TaskBatches, TaskEnvironment, task_hash};
 use mishandle_training::{
     ALGORITHMS, AlgorithmSettings, BASES, BEST, Checkpoint, TrainingControl, TrainingProgress,
@@ -95,24 +96,23 @@ pub fn train(
     observer: &mut dyn TrainObserver,
 ) -> Result<TrainReport, MishandleError> {
     let task = task(&plan.task)?;
-    let settings = settings(plan)?;
     plan.check_extension()?;
     plan.check_distinct_outputs()?;
-    let environment = Arc::new(environment(plan)?);
+    let prepared = prepare(plan)?;
     let mut folders = NewFolders::default();
     let _locks = lock(plan, &mut folders)?;
     plan.check_existing_files()?;
     let hash = task_hash(task, reward(&plan.reward)?)?;
     let specification = task.definition().formulas(Preset::Paper).specification()?;
     let resumed = if plan.resume { Some(Checkpoint::load(&plan.checkpoint())?) } else { None };
-    let mut recorder =
-        TrainingRecorder::new(plan, environment.clone(), specification, resumed.as_ref(), observer)?;
-    let batches = batches(plan, gpu, environment)?;
+    let mut recorder = TrainingRecorder::new(plan, &prepared, specification, resumed.as_ref(), observer)?;
+    let Prepared { settings, environment, scenarios } = prepared;
+    let batches = batches(plan, gpu, environment, scenarios)?;
     let (seed, resumed) = (Seed(plan.seed), resumed.as_ref());
     let networks = gpu.and_then(|gpu| gpu.networks.as_deref());
     let trained = match networks.filter(|_| plan.device == "gpu") {
-        Some(networks) => settings.train_on(&*batches, networks, seed, resumed, &mut recorder),
-        None => settings.train(&*batches, seed, resumed, &mut recorder),
+        Some(networks) => settings.train_on(&batches, networks, seed, resumed, &mut recorder),
+        None => settings.train(&batches, seed, resumed, &mut recorder),
     };
     let result = match recorder.take_error().map_or(trained.map_err(MishandleError::from), Err) {
         Ok(result) => result,
@@ -160,10 +160,22 @@ fn lock(plan: &TrainPlan, folders: &mut NewFolders) -> Result<Vec<FileLock>, Mis
         .collect()
 }
 
-/// Creates the environment of a plan.
-pub(crate) fn environment(plan: &TrainPlan) -> Result<TaskEnvironment, MishandleError> {
-    let reward = reward(&plan.reward)?;
-    Ok(TaskEnvironment::new(task(&plan.task)?, Preset::Paper, reward)?)
+/// Settings, environment and scenarios of a plan.
+pub(crate) struct Prepared {
+    /// All settings.
+    pub settings: AlgorithmSettings,
+    /// The environment over the axes of the scene.
+    pub environment: Arc<TaskEnvironment>,
+    /// The scenarios of the episodes.
+    pub scenarios: TrainingScenarios,
+}
+
+/// Looks up the names of a plan and of its settings.
+pub(crate) fn prepare(plan: &TrainPlan) -> Result<Prepared, MishandleError> {
+    let mut settings = settings(plan)?;
+    let environment = TaskEnvironment::new(task(&plan.task)?, Preset::Paper, reward(&plan.reward)?)?;
+    let (environment, scenarios) = scenarios::scenarios(environment, &mut settings)?;
+    Ok(Prepared { settings, environment: Arc::new(environment), scenarios })
 }
 
 /// Returns the factory of a plan's training environments.
@@ -171,19 +183,21 @@ pub(crate) fn batches(
     plan: &TrainPlan,
     gpu: Option<&Device>,
     environment: Arc<TaskEnvironment>,
-) -> Result<Box<dyn BatchFactory>, MishandleError> {
+    scenarios: TrainingScenarios,
+) -> Result<ScenarioBatches<Box<dyn BatchFactory>>, MishandleError> {
     known("device", &plan.device, &["cpu", "gpu"])?;
-    Ok(match plan.device == "gpu" {
+    let batches: Box<dyn BatchFactory> = match plan.device == "gpu" {
         true => {
             let gpu = gpu.ok_or_else(|| MishandleError::NoDevice { device: plan.device.clone() })?;
             Box::new(TaskBatches::new(environment, gpu.worlds.clone()))
         }
         false => Box::new(environment),
-    })
+    };
+    Ok(ScenarioBatches { batches, scenarios })
 }
 
 /// Reads the settings of a plan.
-pub(crate) fn settings(plan: &TrainPlan) -> Result<AlgorithmSettings, MishandleError> {
+fn settings(plan: &TrainPlan) -> Result<AlgorithmSettings, MishandleError> {
     known_algorithm(&plan.algorithm)?;
     let (path, text) = match plan.settings.as_deref().filter(|path| *path != Path::new(BEST)) {
         Some(path) => (path.to_path_buf(), given_settings(path)?),
@@ -193,6 +207,9 @@ pub(crate) fn settings(plan: &TrainPlan) -> Result<AlgorithmSettings, MishandleE
     let mut settings =
         settings.map_err(|source| MishandleError::Settings { path, source: Box::new(source) })?;
     settings.run_mut().total_steps = plan.steps.unwrap_or(settings.run().total_steps);
+    let scenarios = settings.scenarios_mut();
+    scenarios.space = plan.space.clone().or(scenarios.space.take());
+    scenarios.axes.extend(plan.axes.clone());
     settings.check()?;
     Ok(settings)
 }

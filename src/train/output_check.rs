@@ -6,7 +6,7 @@ use mishandle_training::Checkpoint;
 
 use super::TrainPlan;
 use crate::error::MishandleError;
-use crate::train::curve::CurveWriter;
+use crate::train::curve::{CurveColumns, CurveWriter};
 use crate::train::tensorboard::EventFile;
 
 /// Checks that all output files of a plan can be written; `resumed` is the checkpoint to resume
@@ -16,7 +16,7 @@ use crate::train::tensorboard::EventFile;
 /// The errors with which training would fail before its first step.
 pub(crate) fn check(
     plan: &TrainPlan,
-    reward_terms: &[String],
+    columns: CurveColumns<'_>,
     resumed: Option<&Checkpoint>,
 ) -> Result<(), MishandleError> {
     plan.check_extension()?;
@@ -28,7 +28,7 @@ pub(crate) fn check(
         check_folder(csv.parent().unwrap_or(here))?;
         if let Some(checkpoint) = resumed.filter(|_| csv.exists()) {
             // Opening a curve writes nothing.
-            CurveWriter::resume(csv, reward_terms, checkpoint)?;
+            CurveWriter::resume(csv, columns, checkpoint)?;
         }
     }
     if let Some(folder) = &plan.tensorboard {

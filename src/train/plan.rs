@@ -1,4 +1,7 @@
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
+
+use mishandle_training::AxisSetting;
 
 use crate::error::MishandleError;
 use crate::train::curve::has_no_rows;
@@ -24,6 +27,10 @@ pub struct TrainPlan {
     pub settings: Option<PathBuf>,
     /// Total number of environment steps; overrides the settings.
     pub steps: Option<u64>,
+    /// Scenario space of the episodes; overrides the settings.
+    pub space: Option<String>,
+    /// Axes with a narrower range or a fixed value; each overrides that of the settings.
+    pub axes: BTreeMap<String, AxisSetting>,
     /// Random seed.
     pub seed: u64,
     /// File of the best controller; the last controller and the checkpoint are written beside it.
@@ -68,6 +75,17 @@ impl TrainPlan {
         }
         if let Some(steps) = self.steps {
             command += &format!(" --steps {steps}");
+        }
+        if let Some(space) = &self.space {
+            command += &format!(" --space {}", shell_quote(space));
+        }
+        for (name, setting) in &self.axes {
+            let (flag, value) = match setting {
+                AxisSetting::Value(value) => ("--set", value.to_string()),
+                AxisSetting::Range([low, high]) => ("--axis", format!("{low}:{high}")),
+                AxisSetting::Category(category) => ("--set", category.clone()),
+            };
+            command += &format!(" {flag} {}", shell_quote(&format!("{name}={value}")));
         }
         command + &format!(" --seed {}", self.seed)
     }
@@ -175,6 +193,8 @@ mod tests {
             device: "cpu".to_string(),
             settings: None,
             steps: None,
+            space: None,
+            axes: Default::default(),
             seed: 3,
             out: out.into(),
             csv: None,

@@ -3,18 +3,23 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use mishandle_controllers::Policy;
-use mishandle_rollout::{Environment, Episode, Noise, Request, Rollout, Seed, Specification, System};
+use mishandle_rollout::{
+    Environment, Episode, Noise, Request, Rollout, Scenario, Seed, Specification, System, TrainingScenarios,
+};
 use mishandle_tasks::TaskEnvironment;
-use mishandle_training::{Checkpoint, Observer, TrainingControl, TrainingProgress, Validation};
+use mishandle_training::{Checkpoint, Observer, Rates, TrainingControl, TrainingProgress, Validation};
 
 use super::write_failures::WriteFailures;
-use super::{TrainObserver, TrainPlan};
+use super::{Prepared, TrainObserver, TrainPlan};
 use crate::error::MishandleError;
-use crate::train::curve::CurveWriter;
+use crate::train::curve::{CurveColumns, CurveWriter};
 use crate::train::tensorboard::EventFile;
 
 /// Seed of the initial states of validations; no evaluation has it by default.
 const VALIDATION_SEED: Seed = Seed(0x7661_6c69_6461_7465);
+
+/// Draws the scenario with a number.
+type Draw = fn(&TrainingScenarios, Seed, u64) -> Scenario;
 
 /// Maximum time between checkpoints, so that a crash loses at most this much work.
 const CHECKPOINT_INTERVAL: Duration = Duration::from_secs(60);
@@ -23,6 +28,9 @@ const CHECKPOINT_INTERVAL: Duration = Duration::from_secs(60);
 /// checkpoint, and forwards the progress to the user's observer.
 pub(super) struct TrainingRecorder<'a> {
     environment: Arc<TaskEnvironment>,
+    scenarios: TrainingScenarios,
+    /// Whether the scenarios contain more than random starts.
+    has_scenarios: bool,
     specification: Specification,
     checkpoint: PathBuf,
     records: Records,
@@ -46,15 +54,15 @@ struct Records {
 impl Records {
     fn open(
         plan: &TrainPlan,
-        reward_terms: &[String],
+        columns: CurveColumns<'_>,
         resumed: Option<&Checkpoint>,
     ) -> Result<Records, MishandleError> {
         let events = plan.tensorboard.as_ref();
-        let events = events.map(|folder| EventFile::create(folder, reward_terms, resumed.is_some()));
+        let events = events.map(|folder| EventFile::create(folder, columns.reward_terms, resumed.is_some()));
         let events = events.transpose()?;
         let curve = match (&plan.csv, resumed) {
-            (Some(path), Some(checkpoint)) => Some(CurveWriter::resume(path, reward_terms, checkpoint)),
-            (Some(path), None) => Some(CurveWriter::create(path, reward_terms)),
+            (Some(path), Some(checkpoint)) => Some(CurveWriter::resume(path, columns, checkpoint)),
+            (Some(path), None) => Some(CurveWriter::create(path, columns)),
             (None, _) => None,
         };
         match curve.transpose() {
@@ -81,14 +89,18 @@ impl<'a> TrainingRecorder<'a> {
     /// If a file cannot be opened.
     pub(super) fn new(
         plan: &TrainPlan,
-        environment: Arc<TaskEnvironment>,
+        Prepared { settings, environment, scenarios }: &Prepared,
         specification: Specification,
         resumed: Option<&Checkpoint>,
         observer: &'a mut dyn TrainObserver,
     ) -> Result<TrainingRecorder<'a>, MishandleError> {
+        let has_scenarios = settings.scenarios().is_used();
+        let columns = CurveColumns { has_scenarios, reward_terms: environment.reward_terms() };
         Ok(TrainingRecorder {
-            records: Records::open(plan, environment.reward_terms(), resumed)?,
-            environment,
+            records: Records::open(plan, columns, resumed)?,
+            environment: environment.clone(),
+            scenarios: scenarios.clone(),
+            has_scenarios,
             specification,
             checkpoint: plan.checkpoint(),
             observer,
@@ -139,21 +151,27 @@ impl<'a> TrainingRecorder<'a> {
             Arc::new(policy.clone()),
             self.specification.clone(),
             Noise::default(),
-        )?;
-        let space = self.environment.space();
-        let requests: Vec<Request> = (0..episodes as u64)
-            .map(|i| Request::new(space.sample(VALIDATION_SEED, i), VALIDATION_SEED.child(i)))
-            .collect();
-        let episodes_run = rollout.rollout(&requests)?;
-        let rate = |holds: &dyn Fn(&Episode) -> bool| {
-            episodes_run.iter().filter(|episode| holds(episode)).count() as f64 / episodes as f64
+        )?
+        .with_disturbances(self.scenarios.space.clone(), &self.scenarios.disturbances)?;
+        let mut measure = |scenario: Draw| -> Result<Rates, MishandleError> {
+            let request =
+                |i| Request::new(scenario(&self.scenarios, VALIDATION_SEED, i), VALIDATION_SEED.child(i));
+            let found = rollout.rollout(&(0..episodes as u64).map(request).collect::<Vec<Request>>())?;
+            let rate = |holds: &dyn Fn(&Episode) -> bool| {
+                found.iter().filter(|episode| holds(episode)).count() as f64 / episodes as f64
+            };
+            Ok(Rates {
+                success_rate: rate(&Episode::is_success),
+                strict_success_rate: rate(&Episode::is_strict_success),
+                mean_return: found.iter().map(|episode| episode.total_reward).sum::<f64>() / episodes as f64,
+            })
         };
-        Ok(Validation {
-            success_rate: rate(&Episode::is_success),
-            strict_success_rate: rate(&Episode::is_strict_success),
-            mean_return: episodes_run.iter().map(|episode| episode.total_reward).sum::<f64>()
-                / episodes as f64,
-        })
+        let starts = Validation::of_starts(measure(TrainingScenarios::nominal)?);
+        if !self.has_scenarios {
+            return Ok(starts);
+        }
+        let space = Some(measure(TrainingScenarios::random)?);
+        Ok(Validation { space, corners: Some(measure(TrainingScenarios::corner)?), ..starts })
     }
 }
 

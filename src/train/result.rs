@@ -1,8 +1,8 @@
 use std::path::Path;
 
 use mishandle_controllers::ControllerFile;
-use mishandle_results::{Controller, Seed, Training, TrainingPlan, TrainingTime, Validation};
-use mishandle_training::RunSettings;
+use mishandle_results::{Controller, ScenarioRates, Seed, Training, TrainingPlan, TrainingTime, Validation};
+use mishandle_training::{Rates, RunSettings};
 
 use crate::train::{CurveRow, NoTrainingTime, TrainPlan, TrainReport, TrainingFacts};
 
@@ -30,12 +30,22 @@ impl TrainReport {
             no_training_time,
             success_rate: validation.map(|validation| validation.success_rate.into()),
             strict_success_rate: validation.map(|validation| validation.strict_success_rate.into()),
+            space: validation.and_then(|validation| validation.space).map(rates),
+            corners: validation.and_then(|validation| validation.corners).map(rates),
             controller_hash: result.best.hash(),
             best: path(&plan.out),
             last: path(&plan.last()),
             csv: plan.csv.as_deref().map(path),
             tensorboard: plan.tensorboard.as_deref().map(path),
         }
+    }
+}
+
+fn rates(rates: Rates) -> ScenarioRates {
+    ScenarioRates {
+        success_rate: rates.success_rate.into(),
+        strict_success_rate: rates.strict_success_rate.into(),
+        mean_return: rates.mean_return.into(),
     }
 }
 

@@ -13,7 +13,7 @@ pub use plan::plan;
 pub use recorded::{Recorded, TraceFile, check_flags, is_file};
 pub use run::{OpenRun, Run};
 pub use screening::Screening;
-pub use subject::{Subject, named_formula};
+pub use subject::{Axes, Subject, named_formula};
 
 /// Random seeds.
 pub const SEEDS: RangeInclusive<u64> = 0..=u64::MAX;

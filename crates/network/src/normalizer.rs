@@ -161,6 +161,8 @@ impl Moments {
 #[derive(Debug, Clone, PartialEq)]
 pub struct RunningNormalizer {
     moments: Moments,
+    /// Smallest variance of each column; empty without a floor.
+    floor: Vec<f64>,
 }
 
 impl RunningNormalizer {
@@ -168,6 +170,7 @@ impl RunningNormalizer {
     pub fn new(columns: usize) -> RunningNormalizer {
         RunningNormalizer {
             moments: Moments { count: 1.0, mean: vec![0.0; columns], squares: vec![1.0; columns] },
+            floor: Vec::new(),
         }
     }
 
@@ -180,7 +183,7 @@ impl RunningNormalizer {
         check_statistics(&mean, variance)?;
         check_numbers("count", &[count], "finite and above 0", |count| count.is_finite() && count > 0.0)?;
         let squares = variance.iter().map(|variance| variance * count).collect();
-        Ok(RunningNormalizer { moments: Moments { count, mean, squares } })
+        Ok(RunningNormalizer { moments: Moments { count, mean, squares }, floor: Vec::new() })
     }
 
     /// Restores a normalizer bit for bit from its [`moments`](RunningNormalizer::moments).
@@ -189,7 +192,44 @@ impl RunningNormalizer {
     /// If the count of the moments is not positive.
     pub fn from_moments(moments: Moments) -> Result<RunningNormalizer, NetworkError> {
         check_numbers("count", &[moments.count], "above 0", |count| count > 0.0)?;
-        Ok(RunningNormalizer { moments })
+        Ok(RunningNormalizer { moments, floor: Vec::new() })
+    }
+
+    /// Sets the smallest standard deviation of each column. Without it, a column that was constant
+    /// so far makes any later change huge.
+    ///
+    /// # Example
+    /// ```
+    /// use mishandle_network::RunningNormalizer;
+    /// let mut normalizer = RunningNormalizer::new(1).with_floor(&[0.5]);
+    /// assert_eq!(normalizer.variance(), [1.0]);
+    /// normalizer.update(&[0.0_f32; 99]); // variance 1 / 100
+    /// assert_eq!(normalizer.variance(), [0.25]);
+    /// ```
+    ///
+    /// # Panics
+    /// If the number of columns differs.
+    #[must_use]
+    pub fn with_floor(self, std: &[f64]) -> RunningNormalizer {
+        let columns = self.moments.mean.len();
+        assert!(std.len() == columns, "expected {columns} columns, found {}", std.len());
+        RunningNormalizer { floor: std.iter().map(|std| std * std).collect(), ..self }
+    }
+
+    /// Replaces the moments and keeps the floor.
+    ///
+    /// # Errors
+    /// If the count of the moments is not positive.
+    ///
+    /// # Panics
+    /// If there is a floor with another number of columns.
+    pub fn restore(&mut self, moments: Moments) -> Result<(), NetworkError> {
+        let restored = RunningNormalizer::from_moments(moments)?;
+        let floor = std::mem::take(&mut self.floor);
+        let columns = restored.moments.mean.len();
+        assert!(floor.is_empty() || floor.len() == columns, "expected {} columns", floor.len());
+        *self = RunningNormalizer { floor, ..restored };
+        Ok(())
     }
 
     /// Returns the accumulated moments.
@@ -223,14 +263,21 @@ impl RunningNormalizer {
         &self.moments.mean
     }
 
-    /// Returns the variance of each column.
+    /// Returns the variance of each column, at least its floor.
     pub fn variance(&self) -> Vec<f64> {
-        self.moments.variance().collect()
+        let mut variance: Vec<f64> = self.moments.variance().collect();
+        for (variance, floor) in variance.iter_mut().zip(&self.floor) {
+            // NaN remains, which the training loop reports.
+            if *variance < *floor {
+                *variance = *floor;
+            }
+        }
+        variance
     }
 
     /// Returns a normalizer with the current mean and variance.
     pub fn freeze<T: Scalar>(&self) -> Normalizer<T> {
-        Normalizer::with_statistics(&self.moments.mean, self.moments.variance())
+        Normalizer::with_statistics(&self.moments.mean, self.variance().into_iter())
     }
 }
 

@@ -131,3 +131,39 @@ fn invalid_statistics_are_errors() {
     assert!(RunningNormalizer::resume(vec![0.0], &[1.0], 0.0).is_err());
     assert!(RunningNormalizer::resume(vec![0.0], &[1.0], f64::NAN).is_err());
 }
+
+#[test]
+fn noise_on_a_constant_input_explodes_without_a_floor_and_not_with_one() {
+    // A million rows of the constant 0.7; with the initial row of mean 0 and variance 1, the
+    // variance is (1 + 0.7²) / 10⁶, the standard deviation 0.0012.
+    let trained = |floor: f64| {
+        let mut normalizer = RunningNormalizer::new(1).with_floor(&[floor]);
+        let rows = Moments::of_rows(&[0.7_f64; 1000], 1);
+        (0..1000).for_each(|_| normalizer.merge(&rows));
+        normalizer.freeze::<f64>()
+    };
+    let noisy = |floor: f64| {
+        let mut seen = [0.7, 0.71, 0.69];
+        trained(floor).normalize(&mut seen);
+        seen
+    };
+    let [still, up, down] = noisy(0.0);
+    assert!(still.abs() < 1e-3 && up == 5.0 && down == -5.0, "clipped: {up}, {down}");
+    let [still, up, down] = noisy(0.02);
+    assert!(still.abs() < 1e-3 && (up - 0.5).abs() < 1e-3 && (down + 0.5).abs() < 1e-3, "0.01 / 0.02");
+}
+
+#[test]
+fn a_floor_below_all_deviations_changes_no_bit_and_survives_a_restoration() {
+    let rows: Vec<f32> = (0..300).map(|i| (0.37 * i as f32).sin() * (1 + i % 3) as f32).collect();
+    let mut plain = RunningNormalizer::new(3);
+    plain.update(&rows);
+    let mut floored = RunningNormalizer::new(3).with_floor(&[1e-3, 9.0, 0.0]);
+    floored.update(&rows);
+    let (expected, found) = (plain.variance(), floored.variance());
+    assert_eq!([found[0], found[2]].map(f64::to_bits), [expected[0], expected[2]].map(f64::to_bits));
+    assert_eq!((found[1], floored.moments()), (81.0, plain.moments()));
+    let mut restored = RunningNormalizer::new(3).with_floor(&[1e-3, 9.0, 0.0]);
+    restored.restore(floored.moments().clone()).unwrap();
+    assert_eq!(restored, floored);
+}

@@ -50,6 +50,8 @@ pub enum Stream {
     SensorNoise = 10,
     /// Losses and late commands of a fault, whose probability is part of the scenario.
     Fault = 11,
+    /// Choice of the scenario of a training episode.
+    Scenario = 12,
 }
 
 impl Seed {

@@ -79,7 +79,7 @@ pub use screening::{Confirmed, Finding, Screening};
 pub use simulation::{Noise, RequirementVerdict, Simulation};
 pub use subject::{AxisFacts, AxisValues, NeededAxis, Subject};
 pub use tables::{Table, TablePage, Tables};
-pub use training::{Training, TrainingPlan, TrainingTime};
+pub use training::{ScenarioRates, Training, TrainingPlan, TrainingTime};
 pub use values::{Named, Number, Scenario, Seed};
 pub use verification::{Verification, VerifiedUnit};
 

@@ -30,10 +30,15 @@ pub struct Training {
     pub training_time: Option<TrainingTime>,
     /// Why there is no training time; `null` with one.
     pub no_training_time: Option<String>,
-    /// Success rate of the best policy in validation; `null` without validation.
+    /// Success rate of the best policy in validation, on random starts without disturbances; `null`
+    /// without validation.
     pub success_rate: Option<Number>,
-    /// Strict success rate of the best policy in validation; `null` without validation.
+    /// Strict success rate of the best policy in the same validation; `null` without validation.
     pub strict_success_rate: Option<Number>,
+    /// Its validation on random scenarios of the space; `null` without a space.
+    pub space: Option<ScenarioRates>,
+    /// Its validation at corners of the space; `null` without a space.
+    pub corners: Option<ScenarioRates>,
     /// Hash of the best policy.
     pub controller_hash: String,
     /// Path of the best controller.
@@ -44,6 +49,17 @@ pub struct Training {
     pub csv: Option<String>,
     /// Path of the folder for TensorBoard; `null` without `--tensorboard`.
     pub tensorboard: Option<String>,
+}
+
+/// Rates of a validation on scenarios.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, JsonSchema)]
+pub struct ScenarioRates {
+    /// Success rate.
+    pub success_rate: Number,
+    /// Strict success rate.
+    pub strict_success_rate: Number,
+    /// Mean undiscounted return.
+    pub mean_return: Number,
 }
 
 /// Time until the return of a training run converged.

@@ -3,7 +3,7 @@ use std::sync::Arc;
 use rayon::prelude::*;
 
 use crate::{
-    Environment, EnvironmentBatch, EnvironmentWorker, RolloutError, Sample, Scenario, Seed, StepStatus,
+    Environment, EnvironmentBatch, EnvironmentWorker, RolloutError, Sample, Scenario, Seed, Start, StepStatus,
 };
 
 /// Chunks of rows per thread. More than one balances the load between threads.
@@ -20,8 +20,8 @@ pub struct CpuBatch<E: Environment + ?Sized = dyn Environment> {
     rows: usize,
     buffers: Buffers,
     statuses: Vec<StepStatus>,
-    /// Seeds of the rows that [`EnvironmentBatch::reset`] resets.
-    seeds: Vec<Option<Seed>>,
+    /// Index of the start of each row that [`EnvironmentBatch::reset`] resets.
+    starting: Vec<Option<usize>>,
 }
 
 /// Output buffers of a whole batch. Each is row-major, with one row per simulation.
@@ -77,7 +77,7 @@ impl<E: Environment + ?Sized> CpuBatch<E> {
                 rewards: vec![0.0; rows * environment.reward_terms().len()],
             },
             statuses: vec![StepStatus::Running; rows],
-            seeds: vec![None; rows],
+            starting: vec![None; rows],
             environment,
         }
     }
@@ -210,15 +210,14 @@ impl<E: Environment + ?Sized> EnvironmentBatch for CpuBatch<E> {
         self.rows
     }
 
-    fn reset(&mut self, rows: &[(usize, Seed)]) -> Result<(), RolloutError> {
-        for (row, seed) in rows {
-            self.seeds[*row] = Some(*seed);
-        }
-        let seeds = std::mem::take(&mut self.seeds);
-        let environment = self.environment.clone();
-        CpuBatch::reset(self, |row| seeds[row].map(|seed| (environment.space().sample(seed, 0), seed)));
-        self.seeds = seeds;
-        self.seeds.fill(None);
+    fn reset(&mut self, starts: &[Start]) -> Result<(), RolloutError> {
+        let mut starting = std::mem::take(&mut self.starting);
+        starts.iter().enumerate().for_each(|(index, start)| starting[start.row] = Some(index));
+        CpuBatch::reset(self, |row| {
+            starting[row].map(|index| (starts[index].scenario.clone(), starts[index].seed))
+        });
+        starting.fill(None);
+        self.starting = starting;
         Ok(())
     }
 

@@ -2,6 +2,7 @@
 
 use std::collections::VecDeque;
 
+use crate::memory::Memory;
 use crate::{Axis, AxisKind, AxisValues, Disturbance, Effect, Seed, Stream};
 
 /// Maximum delay, control steps: 50 ms at 60 control steps a second.
@@ -96,6 +97,18 @@ impl DelayLine {
         self.shown = self.shown.max(arrival);
         let first = self.count - self.past.len();
         self.past.get(self.shown?.saturating_sub(first)).map(Vec::as_slice)
+    }
+
+    /// Saves or restores the kept values.
+    pub(crate) fn visit_memory(&mut self, memory: &mut dyn Memory) {
+        memory.count(&mut self.count);
+        let mut shown = self.shown.map_or(0, |step| step + 1);
+        memory.count(&mut shown);
+        self.shown = shown.checked_sub(1);
+        let mut kept = self.past.len();
+        memory.count(&mut kept);
+        self.past.resize(kept, Vec::new());
+        self.past.iter_mut().for_each(|values| memory.numbers(values));
     }
 
     /// Returns the oldest values that are kept.

@@ -5,9 +5,10 @@ use std::ops::Range;
 use std::sync::Arc;
 
 use crate::delay::{DelayLine, Lateness};
-use crate::fault::{ActiveFault, FaultSite, Parameter, Side};
+use crate::fault::{ActiveFault, FaultSite, Fill, Parameter, Side};
+use crate::memory::Memory;
 use crate::real::Real;
-use crate::{Axis, RolloutError, Scenario, Seed, Space, Stream};
+use crate::{Axis, Noise, RolloutError, Scenario, Seed, Space, Stream};
 
 /// An axis whose value disturbs observations or actions.
 #[derive(Clone, Debug, PartialEq)]
@@ -82,6 +83,13 @@ impl Effect {
             Effect::Fault { parameter, .. } => parameter.is_random(),
             _ => false,
         }
+    }
+
+    /// Returns the lowest value of the axis under which the controller can see NaN; `None` if it
+    /// never does.
+    pub(crate) fn first_not_a_number(&self) -> Option<f64> {
+        let Effect::Fault { site, parameter: Parameter::Filling } = self else { return None };
+        site.fills().iter().position(|(fill, _)| *fill == Fill::NotANumber).map(|number| number as f64)
     }
 }
 
@@ -325,13 +333,42 @@ impl ActiveDisturbances {
         self.faults.iter().any(|fault| fault.is_pausing(step))
     }
 
+    /// Saves or restores what depends on earlier control steps.
+    pub(crate) fn visit_memory(&mut self, memory: &mut dyn Memory) {
+        self.past_observations.visit_memory(memory);
+        self.past_actions.visit_memory(memory);
+        self.faults.iter_mut().for_each(|fault| fault.visit_memory(memory));
+    }
+
     /// Shifts the standard normal draws of control step `step` to their explicit mean.
-    pub(crate) fn draw(&self, step: usize, draws: &mut [f64]) {
+    fn draw(&self, step: usize, draws: &mut [f64]) {
         for (entry, steps, shift) in &self.draws {
             if steps.contains(&step) {
                 draws[*entry] += shift;
             }
         }
+    }
+}
+
+/// Replaces the clipped `action` by the one that the environment gets in a control step: with its
+/// disturbances, then noise, then faults. `draws` is a scratch buffer of the same length.
+pub(crate) fn command(
+    mut disturbed: Option<&mut ActiveDisturbances>,
+    noise: Noise,
+    (seed, step): (Seed, usize),
+    action: &mut [f64],
+    draws: &mut [f64],
+) {
+    if let Some(disturbed) = &mut disturbed {
+        disturbed.act(step, action);
+    }
+    noise.on_action(seed, step as u64, action, draws, |draws| {
+        if let Some(disturbed) = &disturbed {
+            disturbed.draw(step, draws);
+        }
+    });
+    if let Some(disturbed) = disturbed {
+        disturbed.fail(Side::Actuation, step, action);
     }
 }
 

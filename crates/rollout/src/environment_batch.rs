@@ -1,6 +1,6 @@
 use std::sync::Arc;
 
-use crate::{CpuBatch, Environment, RolloutError, Seed, StepStatus};
+use crate::{CpuBatch, Environment, RolloutError, Scenario, Seed, Space, StepStatus, TrainingScenarios};
 
 /// A vectorized environment: many simulations that are stepped together, one per row.
 ///
@@ -12,14 +12,13 @@ pub trait EnvironmentBatch: Send {
     /// Returns the number of rows.
     fn rows(&self) -> usize;
 
-    /// Starts a new episode in each of these rows, at a random initial state drawn with the row's
-    /// seed.
+    /// Starts these episodes.
     ///
     /// A row may occur at most once. All rows must be reset before the first step.
     ///
     /// # Errors
     /// If the batch fails as a whole.
-    fn reset(&mut self, rows: &[(usize, Seed)]) -> Result<(), RolloutError>;
+    fn reset(&mut self, starts: &[Start]) -> Result<(), RolloutError>;
 
     /// Advances every row by one control step. `actions` has the shape `[rows, action_size]` and is
     /// not clipped.
@@ -51,6 +50,17 @@ pub trait EnvironmentBatch: Send {
     fn write_states(&mut self, states: &[f64], observations: &[f32]) -> Result<(), RolloutError>;
 }
 
+/// Start of an episode in a row of a batch.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Start {
+    /// The row.
+    pub row: usize,
+    /// Scenario in the [space of the batch](EnvironmentSpec::space).
+    pub scenario: Scenario,
+    /// Seed of the random numbers of the reset.
+    pub seed: Seed,
+}
+
 /// Makes environment batches.
 ///
 /// An [`Arc`] of an [`Environment`] makes batches on the CPU.
@@ -63,6 +73,12 @@ pub trait BatchFactory: Send + Sync {
     /// # Errors
     /// If the batch cannot be made.
     fn batch(&self, rows: usize) -> Result<Box<dyn EnvironmentBatch>, RolloutError>;
+
+    /// Returns the scenarios of training episodes: by default those of the space of the batches,
+    /// without disturbances.
+    fn scenarios(&self) -> TrainingScenarios {
+        TrainingScenarios::of(self.spec().space)
+    }
 }
 
 /// Sizes and names that a training algorithm must know about an environment.
@@ -70,8 +86,12 @@ pub trait BatchFactory: Send + Sync {
 pub struct EnvironmentSpec {
     /// Name, for messages and checkpoints.
     pub name: String,
+    /// Space of the scenarios that a reset accepts.
+    pub space: Space,
     /// Length of an observation.
     pub observation_size: usize,
+    /// Largest absolute value of each entry of an observation that its sensor can measure.
+    pub observation_scales: Vec<f64>,
     /// Number of actions. The range of each is [-1, 1].
     pub action_size: usize,
     /// Length of a state row, which determines the future of its simulation.
@@ -89,7 +109,9 @@ impl EnvironmentSpec {
     pub fn of(environment: &(impl Environment + ?Sized)) -> EnvironmentSpec {
         EnvironmentSpec {
             name: environment.name().to_string(),
+            space: environment.space().clone(),
             observation_size: environment.observation_size(),
+            observation_scales: environment.observation_scales(),
             action_size: environment.action_size(),
             state_size: environment.state_size(),
             signal_count: environment.signals().len(),

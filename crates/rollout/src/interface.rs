@@ -1,12 +1,13 @@
-//! Delays and faults of an environment that this crate does not step.
+//! Delays and faults between an environment and a controller that other code steps.
 
-use crate::disturbance::{ActiveDisturbances, AxisRouting};
+use crate::disturbance::{ActiveDisturbances, AxisRouting, command};
 use crate::fault::Side;
+use crate::memory::Saved;
 use crate::real::Real;
-use crate::{Disturbance, RolloutError, Scenario, Seed, Space};
+use crate::{Disturbance, Noise, RolloutError, Scenario, Seed, Space};
 
 /// The disturbances between an environment and a controller that other code steps, for instance in
-/// Python.
+/// Python or in training.
 #[derive(Clone, Debug)]
 pub struct Interface {
     routing: AxisRouting,
@@ -23,8 +24,31 @@ impl Interface {
         disturbances: &[Disturbance],
         action_size: usize,
     ) -> Result<Interface, RolloutError> {
-        let nothing = Space::new(space.name(), Vec::new())?;
-        Ok(Interface { routing: AxisRouting::new(space, &nothing, disturbances)?, action_size })
+        Interface::around(&Space::new(space.name(), Vec::new())?, space, disturbances, action_size)
+    }
+
+    /// Makes the interface of the scenarios of `space`. The other axes belong to an environment
+    /// with the space `environment`.
+    ///
+    /// # Errors
+    /// If the name of an axis is unknown, or an axis of the environment is missing from `space`.
+    pub fn around(
+        environment: &Space,
+        space: &Space,
+        disturbances: &[Disturbance],
+        action_size: usize,
+    ) -> Result<Interface, RolloutError> {
+        Ok(Interface { routing: AxisRouting::new(space, environment, disturbances)?, action_size })
+    }
+
+    /// Returns whether the space has an axis of a disturbance.
+    pub fn has_effects(&self) -> bool {
+        self.routing.has_effects()
+    }
+
+    /// Returns the environment's part of a scenario.
+    pub fn environment(&self, scenario: &Scenario) -> Scenario {
+        self.routing.environment(scenario)
     }
 
     /// Starts an episode.
@@ -54,6 +78,29 @@ impl ActiveInterface {
     /// Returns whether a fault pauses the controller in any control step.
     pub fn has_pause(&self) -> bool {
         self.0.has_pause()
+    }
+
+    /// Replaces the clipped action of a control step by the one that the environment gets: with
+    /// its disturbances, if there are any, and noise from `seed`. `draws` is a scratch buffer of
+    /// the same length.
+    pub fn command(
+        disturbed: Option<&mut ActiveInterface>,
+        noise: Noise,
+        (seed, step): (Seed, usize),
+        action: &mut [f64],
+        draws: &mut [f64],
+    ) {
+        command(disturbed.map(|active| &mut active.0), noise, (seed, step), action, draws);
+    }
+
+    /// Appends what depends on earlier control steps to a list.
+    pub fn save(&mut self, saved: &mut Vec<f64>) {
+        self.0.visit_memory(saved);
+    }
+
+    /// Restores what [`save`](Self::save) appended. The scenario and the seed must be the same.
+    pub fn restore(&mut self, saved: &[f64]) {
+        self.0.visit_memory(&mut Saved(saved));
     }
 
     /// Replaces the clipped action of a control step by the one that the environment gets. Returns

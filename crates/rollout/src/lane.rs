@@ -3,7 +3,7 @@
 
 use mishandle_stl::{MonitorError, Trace};
 
-use crate::disturbance::ActiveDisturbances;
+use crate::disturbance::{ActiveDisturbances, command};
 use crate::fault::Side;
 use crate::rollout::Rollout;
 use crate::{
@@ -195,20 +195,8 @@ impl Lane {
         for (clipped, action) in self.action.iter_mut().zip(&self.actions[row * action_size..]) {
             *clipped = f64::from(*action).clamp(-1.0, 1.0);
         }
-        let step = progress.steps;
-        let mut disturbed = rows.disturbances[row].as_mut();
-        if let Some(disturbed) = &mut disturbed {
-            disturbed.act(step, &mut self.action);
-        }
-        let draws = &mut self.draws[..action_size];
-        rollout.noise.on_action(progress.seed, step as u64, &mut self.action, draws, |draws| {
-            if let Some(disturbed) = &disturbed {
-                disturbed.draw(step, draws);
-            }
-        });
-        if let Some(disturbed) = disturbed {
-            disturbed.fail(Side::Actuation, step, &mut self.action);
-        }
+        let (disturbed, draws) = (rows.disturbances[row].as_mut(), &mut self.draws[..action_size]);
+        command(disturbed, rollout.noise, (progress.seed, progress.steps), &mut self.action, draws);
     }
 
     /// Returns how the signals after the reset end an episode; `None` if it runs.

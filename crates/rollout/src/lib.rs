@@ -34,6 +34,7 @@ mod error;
 pub mod fault;
 mod interface;
 mod lane;
+mod memory;
 mod noise;
 mod per_thread;
 mod real;
@@ -44,6 +45,7 @@ mod space;
 mod specification;
 mod system;
 mod target;
+mod training_scenarios;
 
 pub use mishandle_random::{Seed, Stream};
 
@@ -53,7 +55,7 @@ pub use controller::{Controller, ControllerWorker};
 pub use delay::delays;
 pub use disturbance::{Disturbance, Effect, TimeProfile};
 pub use environment::{Environment, EnvironmentWorker, Sample, StepStatus};
-pub use environment_batch::{BatchFactory, EnvironmentBatch, EnvironmentSpec};
+pub use environment_batch::{BatchFactory, EnvironmentBatch, EnvironmentSpec, Start};
 pub use error::RolloutError;
 pub use interface::{ActiveInterface, Interface};
 pub use noise::Noise;
@@ -67,4 +69,7 @@ pub use screening::{
 pub use space::{Axis, AxisKind, AxisValues, Distribution, Scenario, Space};
 pub use specification::{Specification, SpecificationMonitor, Verdict};
 pub use system::{DEFAULT_BATCH_SIZE, System};
-pub use target::{Component, Identity, NamedFormula, ReachabilityCheck, Signal, SystemFactory, Target};
+pub use target::{
+    Component, Identity, NamedFormula, ReachabilityCheck, Signal, SystemFactory, Target, named_space,
+};
+pub use training_scenarios::{ScenarioBatches, TrainingScenarios};

@@ -142,24 +142,7 @@ impl Target {
     /// # Errors
     /// [`RolloutError::UnknownSpace`] with the available names.
     pub fn space(&self, name: &str) -> Result<Space, RolloutError> {
-        let parts: Vec<&str> = name.split('+').collect();
-        if parts.contains(&ALL_AXES) {
-            return Space::new(name, self.axes.clone());
-        }
-        let mut axes: Vec<Axis> = Vec::new();
-        for part in parts {
-            let Some(space) = self.spaces.iter().find(|space| space.name() == part) else {
-                let known = self.spaces.iter().map(|space| space.name().to_string());
-                let known = known.chain([ALL_AXES.to_string()]).collect();
-                return Err(RolloutError::UnknownSpace { name: part.to_string(), known });
-            };
-            for axis in space.axes() {
-                if axes.iter().all(|known| known.name != axis.name) {
-                    axes.push(axis.clone());
-                }
-            }
-        }
-        Space::new(name, axes)
+        named_space(name, &self.axes, &self.spaces)
     }
 
     /// Makes the system that simulates scenarios of `space` and evaluates `specification`.
@@ -174,6 +157,32 @@ impl Target {
     ) -> Result<Box<dyn System>, RolloutError> {
         (self.factory)(space, specification)
     }
+}
+
+/// Returns the space with a name: one of `spaces`, the union of several joined by `+`, or `all`,
+/// the space of all `axes`.
+///
+/// # Errors
+/// [`RolloutError::UnknownSpace`] with the available names.
+pub fn named_space(name: &str, axes: &[Axis], spaces: &[Space]) -> Result<Space, RolloutError> {
+    let parts: Vec<&str> = name.split('+').collect();
+    if parts.contains(&ALL_AXES) {
+        return Space::new(name, axes.to_vec());
+    }
+    let mut joined: Vec<Axis> = Vec::new();
+    for part in parts {
+        let Some(space) = spaces.iter().find(|space| space.name() == part) else {
+            let known = spaces.iter().map(|space| space.name().to_string());
+            let known = known.chain([ALL_AXES.to_string()]).collect();
+            return Err(RolloutError::UnknownSpace { name: part.to_string(), known });
+        };
+        for axis in space.axes() {
+            if joined.iter().all(|known| known.name != axis.name) {
+                joined.push(axis.clone());
+            }
+        }
+    }
+    Space::new(name, joined)
 }
 
 /// Name of the space of all axes of a target.

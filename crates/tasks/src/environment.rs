@@ -1,7 +1,8 @@
 use std::sync::Arc;
 
 use mishandle_rollout::{
-    Axis, Environment, EnvironmentWorker, RolloutError, Sample, Scenario, Seed, Space, StepStatus, Stream,
+    Axis, Disturbance, Environment, EnvironmentWorker, RolloutError, Sample, Scenario, Seed, Space,
+    StepStatus, Stream,
 };
 use mishandle_world::{BatchLayout, Change, Model, ModelField, Rows, World, WorldError};
 
@@ -144,6 +145,42 @@ impl TaskEnvironment {
         Ok(TaskEnvironment { space_parameters, space, ..self.clone() })
     }
 
+    /// Returns the environment over the axes of `space` that belong to the scene. The others must
+    /// belong to [disturbances](Self::disturbances).
+    ///
+    /// # Errors
+    /// If two axes have the same name or the bounds of an axis are invalid.
+    pub fn with_scene_axes(&self, space: &Space) -> Result<TaskEnvironment, TaskError> {
+        let known = |axis: &&Axis| self.parameters.iter().any(|(own, _)| own.name == axis.name);
+        let own: Vec<Axis> = space.axes().iter().filter(known).cloned().collect();
+        self.with_space(Space::new(space.name(), own).map_err(|source| self.data_error(source))?)
+    }
+
+    /// Returns the disturbances of observations and actions. Explicit draws of the action noise
+    /// exist only if there is noise.
+    pub fn disturbances(&self, action_noise: bool) -> Vec<Disturbance> {
+        axes::disturbances(self.definition, &self.panda, action_noise)
+    }
+
+    /// Returns all axes of the scene and of these disturbances, and the named spaces, `starts`
+    /// first.
+    ///
+    /// # Errors
+    /// If two axes have the same name.
+    pub fn axes_and_spaces(
+        &self,
+        disturbances: &[Disturbance],
+    ) -> Result<(Vec<Axis>, Vec<Space>), TaskError> {
+        let axes = self.parameters.iter().map(|(axis, _)| axis).chain(disturbances.iter().map(|d| &d.axis));
+        let spaces =
+            axes::spaces(&self.parameters, disturbances).map_err(|source| self.data_error(source))?;
+        Ok((axes.cloned().collect(), spaces))
+    }
+
+    fn data_error(&self, source: RolloutError) -> TaskError {
+        TaskError::Data { task: self.definition.name, source }
+    }
+
     /// Returns the environment that also computes the [signals of the manner](MANNER), after those
     /// of the task. The other signals keep their bits.
     pub fn with_manner(&self) -> TaskEnvironment {
@@ -164,11 +201,6 @@ impl TaskEnvironment {
     /// Returns the definition of the task.
     pub fn definition(&self) -> &'static Definition {
         self.definition
-    }
-
-    /// Returns all axes of the scene and their parameters, axes of the initial box first.
-    pub(crate) fn parameters(&self) -> &[(Axis, Parameter)] {
-        &self.parameters
     }
 
     /// Returns the parameters of an undisturbed episode.
@@ -275,6 +307,11 @@ impl Environment for TaskEnvironment {
 
     fn observation_size(&self) -> usize {
         self.definition.layout().observation_size()
+    }
+
+    fn observation_scales(&self) -> Vec<f64> {
+        let [sensing, _] = self.definition.fault_sites();
+        sensing.ranges.iter().map(|[_, high]| *high).collect()
     }
 
     fn action_size(&self) -> usize {

@@ -7,7 +7,7 @@ use mishandle_rollout::{
     RolloutError, Scenario, Signal, Space, Specification, System, SystemFactory, Target,
 };
 
-use crate::axes;
+use crate::axes::random_axes;
 use crate::definition::{Preset, Quantity, Reward, Task};
 use crate::environment::{TaskEnvironment, TaskError};
 use crate::identity::definition_text;
@@ -54,15 +54,14 @@ impl TaskTarget {
     pub fn target(&self) -> Result<Target, TaskError> {
         let definition = self.task.definition();
         let error = |source| TaskError::Data { task: definition.name, source };
-        let parameters = self.starts.parameters();
         let disturbances = self.disturbances();
-        let axes = parameters.iter().map(|(axis, _)| axis).chain(disturbances.iter().map(|d| &d.axis));
+        let (axes, spaces) = self.starts.axes_and_spaces(&disturbances)?;
         let signal = |q: &Quantity| Signal { name: q.name.to_string(), unit: q.unit.to_string() };
         let target = Target {
             identity: self.identity()?,
             components: vec![self.component.clone()],
-            axes: axes.cloned().collect(),
-            spaces: axes::spaces(parameters, &disturbances).map_err(error)?,
+            axes,
+            spaces,
             signals: definition.signals.iter().map(signal).collect(),
             signals_on_request: MANNER.iter().map(signal).collect(),
             formulas: definition.formulas(self.preset).named(),
@@ -73,7 +72,7 @@ impl TaskTarget {
             depends_on_seed: definition.start_noise > 0.0
                 || self.noise.action_std > 0.0
                 || self.noise.observation_std > 0.0,
-            random_axes: axes::random_axes(&disturbances),
+            random_axes: random_axes(&disturbances),
             versions: vec![("MuJoCo".to_string(), mishandle_world::mujoco_version())],
             reachable: Some(self.reachability_check()),
             factory: self.clone().factory(),
@@ -101,11 +100,7 @@ impl TaskTarget {
         space: &Space,
         specification: &Specification,
     ) -> Result<TaskEnvironment, TaskError> {
-        let known = |axis: &&Axis| self.starts.parameters().iter().any(|(own, _)| own.name == axis.name);
-        let own: Vec<Axis> = space.axes().iter().filter(known).cloned().collect();
-        let space = Space::new(space.name(), own)
-            .map_err(|source| TaskError::Data { task: self.task.definition().name, source })?;
-        let environment = self.starts.with_space(space)?;
+        let environment = self.starts.with_scene_axes(space)?;
         let manner: Vec<&str> = MANNER.iter().map(|signal| signal.name).collect();
         match specification.reads_any(&manner) {
             true => Ok(environment.with_manner()),
@@ -129,7 +124,7 @@ impl TaskTarget {
     }
 
     fn disturbances(&self) -> Vec<Disturbance> {
-        axes::disturbances(self.task.definition(), self.starts.panda(), self.noise.action_std > 0.0)
+        self.starts.disturbances(self.noise.action_std > 0.0)
     }
 
     fn identity(&self) -> Result<Identity, TaskError> {

@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use mishandle_rollout::{
     BatchFactory, BatchStatus, Environment, EnvironmentBatch, EnvironmentSpec, GROUP_ROWS, RolloutError,
-    Sample, ScenarioBatch, ScenarioRows, Seed, StepStatus,
+    Sample, ScenarioBatch, ScenarioRows, Start, StepStatus,
 };
 use mishandle_world::WorldDevice;
 
@@ -47,14 +47,12 @@ impl BatchFactory for TaskBatches {
                 signals: self.environment.signals().len(),
                 rewards: reward_terms.len(),
             },
-            environment: self.environment.clone(),
         }))
     }
 }
 
 struct TrainingBatch {
     batch: TaskBatch,
-    environment: Arc<TaskEnvironment>,
     observations: Vec<f32>,
     rewards: Vec<f64>,
     statuses: Vec<StepStatus>,
@@ -108,16 +106,15 @@ impl EnvironmentBatch for TrainingBatch {
         self.batch.rows()
     }
 
-    fn reset(&mut self, rows: &[(usize, Seed)]) -> Result<(), RolloutError> {
-        let (environment, sizes) = (self.environment.clone(), self.sizes);
-        let mut seeds = vec![None; self.rows()];
-        rows.iter().for_each(|(row, seed)| seeds[*row] = Some(*seed));
+    fn reset(&mut self, starts: &[Start]) -> Result<(), RolloutError> {
+        let sizes = self.sizes;
+        let mut starting = vec![None; self.rows()];
+        starts.iter().for_each(|start| starting[start.row] = Some(start));
         self.visit(|first, rows, mut samples| {
             let mut signals = vec![0.0; sizes.signals];
             for row in 0..rows.len() {
-                if let Some(seed) = seeds[first + row] {
-                    let scenario = environment.space().sample(seed, 0);
-                    rows.start(row, &scenario, seed, sizes.sample(row, &mut samples, &mut signals));
+                if let Some(Start { scenario, seed, .. }) = starting[first + row] {
+                    rows.start(row, scenario, *seed, sizes.sample(row, &mut samples, &mut signals));
                     samples.statuses[row] = StepStatus::Running;
                 }
             }

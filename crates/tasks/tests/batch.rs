@@ -6,7 +6,7 @@ use std::sync::{Arc, Mutex};
 
 use mishandle_rollout::{
     BatchFactory, BatchStatus, Component, Environment, EnvironmentBatch, EpisodeEnd, Noise, Request, Sample,
-    Scenario, ScenarioBatch, Screen, Screening, Seed, Specification, StepStatus, Stream,
+    Scenario, ScenarioBatch, Screen, Screening, Seed, Space, Specification, Start, StepStatus, Stream,
 };
 use mishandle_tasks::{Preset, Reward, TaskBatch, TaskBatches, TaskEnvironment, TaskTarget, tasks};
 use mishandle_world::{BatchSpec, CpuDevice, ModelField, Outputs, WorldBatch, WorldDevice, WorldError};
@@ -387,10 +387,16 @@ fn screened_episodes_over_all_axes_have_the_verdicts_of_the_system() {
     }
 }
 
+/// Returns the start of a random scenario in a row.
+fn start(space: &Space, row: usize, seed: Seed) -> Start {
+    Start { row, scenario: space.sample(seed, 0), seed }
+}
+
 /// Steps a batch with random actions from `first` to `last`, and resets a row in every step.
 /// Returns all samples.
 fn samples(
     batch: &mut dyn EnvironmentBatch,
+    space: &Space,
     steps: std::ops::Range<u64>,
 ) -> Vec<(Vec<f32>, Vec<f64>, Vec<StepStatus>)> {
     let mut actions = vec![0.0; batch.rows() * 9];
@@ -398,7 +404,8 @@ fn samples(
         Seed(5).normals(Stream::Policy, step, &mut actions);
         batch.step(&actions).unwrap();
         let sample = (batch.observations().to_vec(), batch.rewards().to_vec(), batch.statuses().to_vec());
-        batch.reset(&[(step as usize % batch.rows(), Seed(1000 + step))]).unwrap();
+        let row = step as usize % batch.rows();
+        batch.reset(&[start(space, row, Seed(1000 + step))]).unwrap();
         sample
     };
     steps.map(&mut after).collect()
@@ -410,13 +417,14 @@ fn training_environments_on_the_cpu_have_the_bits_of_the_environment() {
     for (task, space) in tasks.flat_map(|task| [(task, "starts"), (task, "dynamics+events")]) {
         let environment = Arc::new(environment(task, space).0);
         let factory = TaskBatches::new(environment.clone(), Arc::new(CpuDevice));
-        let starts: Vec<_> = (0..5).map(|row| (row, Seed(10 + row as u64))).collect();
+        let own = environment.space();
+        let starts: Vec<_> = (0..5).map(|row| start(own, row, Seed(10 + row as u64))).collect();
         let mut expected = environment.batch(5).unwrap();
         let mut found = factory.batch(5).unwrap();
         expected.reset(&starts).unwrap();
         found.reset(&starts).unwrap();
         assert_eq!(found.observations(), expected.observations());
-        assert_eq!(samples(&mut *found, 0..40), samples(&mut *expected, 0..40), "{task}, {space}");
+        assert_eq!(samples(&mut *found, own, 0..40), samples(&mut *expected, own, 0..40), "{task}, {space}");
 
         // Restored from their states, as from a checkpoint, they continue to the same bits.
         let mut states = vec![0.0; 5 * factory.spec().state_size];
@@ -424,7 +432,11 @@ fn training_environments_on_the_cpu_have_the_bits_of_the_environment() {
         let mut restored = factory.batch(5).unwrap();
         restored.write_states(&states, found.observations()).unwrap();
         assert_eq!(restored.observations(), found.observations());
-        assert_eq!(samples(&mut *restored, 40..80), samples(&mut *expected, 40..80), "{task}, {space}");
+        assert_eq!(
+            samples(&mut *restored, own, 40..80),
+            samples(&mut *expected, own, 40..80),
+            "{task}, {space}"
+        );
     }
 }
 
@@ -432,8 +444,9 @@ fn training_environments_on_the_cpu_have_the_bits_of_the_environment() {
 fn a_training_environment_with_too_little_memory_diverges() {
     let task = mishandle_tasks::task("point-reaching").unwrap();
     let environment = Arc::new(TaskEnvironment::new(task, Preset::Paper, Reward::Shaped).unwrap());
+    let starts = [start(environment.space(), 0, Seed(1)), start(environment.space(), 1, Seed(2))];
     let mut batch = TaskBatches::new(environment, Arc::new(Faulty(2.0))).batch(2).unwrap();
-    batch.reset(&[(0, Seed(1)), (1, Seed(2))]).unwrap();
+    batch.reset(&starts).unwrap();
     let statuses: Vec<_> = (0..3)
         .map(|_| {
             batch.step(&[0.0; 18]).unwrap();

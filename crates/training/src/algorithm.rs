@@ -8,8 +8,8 @@ use mishandle_rollout::{BatchFactory, Seed};
 
 use crate::learner::Learner;
 use crate::{
-    ALGORITHMS, Checkpoint, EpisodeSettings, Observer, RunSettings, Setting, TomlSettings, TrainingError,
-    TrainingResult, learner,
+    ALGORITHMS, Checkpoint, EpisodeSettings, Observer, RunSettings, ScenarioSettings, Setting, TomlSettings,
+    TrainingError, TrainingResult, learner,
 };
 
 /// Settings of one algorithm. Each algorithm implements this trait in its own folder and has a line
@@ -23,6 +23,9 @@ pub(crate) trait Algorithm: TomlSettings + Clone + Debug + PartialEq + Send + Sy
 
     /// Returns the `[run]` table for modification.
     fn run_mut(&mut self) -> &mut RunSettings;
+
+    /// Returns the `[scenarios]` table for modification.
+    fn scenarios_mut(&mut self) -> &mut ScenarioSettings;
 }
 
 /// A learner that can be built from settings. The on-policy and the off-policy learner implement it
@@ -49,6 +52,7 @@ pub(crate) trait BuildLearner: Learner + Sized + 'static {
 pub(crate) struct CommonSettings<'a> {
     pub run: &'a RunSettings,
     pub episodes: &'a EpisodeSettings,
+    pub scenarios: &'a ScenarioSettings,
 }
 
 /// Object-safe form of [`Algorithm`].
@@ -60,6 +64,7 @@ trait ErasedSettings: Debug + Send + Sync {
     fn depends_on_total_steps(&self) -> Option<&'static str>;
     fn common(&self) -> CommonSettings<'_>;
     fn run_mut(&mut self) -> &mut RunSettings;
+    fn scenarios_mut(&mut self) -> &mut ScenarioSettings;
     fn learner(&self, environments: &dyn BatchFactory, seed: Seed)
     -> Result<Box<dyn Learner>, TrainingError>;
     fn boxed_clone(&self) -> Box<dyn ErasedSettings>;
@@ -94,6 +99,10 @@ impl<S: Algorithm> ErasedSettings for S {
 
     fn run_mut(&mut self) -> &mut RunSettings {
         Algorithm::run_mut(self)
+    }
+
+    fn scenarios_mut(&mut self) -> &mut ScenarioSettings {
+        Algorithm::scenarios_mut(self)
     }
 
     fn learner(
@@ -196,6 +205,16 @@ impl AlgorithmSettings {
     /// Returns the `[episodes]` table: the parallel environments.
     pub fn episodes(&self) -> &EpisodeSettings {
         self.0.common().episodes
+    }
+
+    /// Returns the `[scenarios]` table: the scenarios of the episodes.
+    pub fn scenarios(&self) -> &ScenarioSettings {
+        self.0.common().scenarios
+    }
+
+    /// Returns the `[scenarios]` table for modification.
+    pub fn scenarios_mut(&mut self) -> &mut ScenarioSettings {
+        self.0.scenarios_mut()
     }
 
     /// Returns the `[run]` table for modification.

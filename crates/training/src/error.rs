@@ -35,6 +35,19 @@ pub enum TrainingError {
         /// Names of all settings.
         known: Vec<&'static str>,
     },
+    /// The environments draw other scenarios than the settings name.
+    #[error(
+        "the setting `scenarios.{setting}` is {expected}, but the environments have {found}; wrap them in \
+         `ScenarioBatches`"
+    )]
+    OtherScenarios {
+        /// Key of the table `[scenarios]`.
+        setting: &'static str,
+        /// Its value.
+        expected: String,
+        /// Scenarios of the environments.
+        found: String,
+    },
     /// The settings are not valid TOML.
     #[error("line {line}: invalid TOML: {message}")]
     NotToml {

@@ -1,9 +1,25 @@
 //! Policy inference for all rows of a control step.
 
-use mishandle_network::{ChunkPool, Mlp, Normalizer, Workspace};
+use mishandle_network::{ChunkPool, Mlp, Normalizer, RunningNormalizer, Workspace};
+use mishandle_rollout::EnvironmentSpec;
 
 /// Rows per inference task: few, so that all threads get some.
 pub(crate) const INFERENCE_ROWS: usize = 64;
+
+/// Returns the normalizer of observations before the first update. `std_floor` is a share of the
+/// scale of each entry.
+pub(crate) fn observation_normalizer(
+    spec: &EnvironmentSpec,
+    normalizes: bool,
+    std_floor: f64,
+) -> RunningNormalizer {
+    let normalizer = RunningNormalizer::new(spec.observation_size);
+    if !normalizes || std_floor == 0.0 {
+        return normalizer;
+    }
+    let floor: Vec<f64> = spec.observation_scales.iter().map(|scale| std_floor * scale).collect();
+    normalizer.with_floor(&floor)
+}
 
 /// Network outputs and random numbers from which the actions of a control step are sampled.
 pub(crate) struct BatchInference {

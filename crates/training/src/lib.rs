@@ -37,7 +37,8 @@ pub use episodes::{Boundary, EpisodeStatistics, Episodes};
 pub use error::TrainingError;
 pub use initialization::Initialization;
 pub use learner::progress::{
-    Observer, TimeShares, TrainingControl, TrainingProgress, TrainingResult, Validation, format_duration,
+    Observer, Rates, TimeShares, TrainingControl, TrainingProgress, TrainingResult, Validation,
+    format_duration,
 };
 pub use learner::selection::{BestPolicy, PolicySelection};
 pub use off_policy::settings::{
@@ -52,5 +53,6 @@ pub use on_policy::trpo::conjugate_gradient::conjugate_gradient;
 pub use on_policy::{gae, ppo, trpo};
 pub use registry::{ALGORITHMS, AlgorithmEntry};
 pub use settings::{
-    BASES, BEST, Choice, EpisodeSettings, RunSettings, Setting, TimeoutHandling, TomlSettings,
+    AxisSetting, BASES, BEST, Choice, EpisodeSettings, RunSettings, ScenarioSettings, SelectionWeights,
+    Setting, TimeoutHandling, TomlSettings,
 };

@@ -1,5 +1,5 @@
 //! Sampling a batch and computing the losses of SAC, the most complex ones, allocate memory only
-//! the first time.
+//! the first time. A control step with delays and faults allocates none once its delays are full.
 #![allow(unsafe_code)] // a counting global allocator needs it
 #![allow(clippy::unwrap_used)]
 
@@ -11,10 +11,11 @@ use std::cell::Cell;
 
 use line::Line;
 use mishandle_network::{Activation, Mlp, Normalizer};
-use mishandle_rollout::{Seed, Stream};
+use mishandle_rollout::fault::{Channel, FaultSite, Side};
+use mishandle_rollout::{Axis, Environment, ScenarioBatches, Seed, Space, Stream, TrainingScenarios, delays};
 use mishandle_training::replay_buffer::{ReplayBuffer, Sampling, TransitionBatch};
 use mishandle_training::sac::{Actor, CriticLoss, CriticScratch, Distribution, PolicyLoss, PolicyScratch};
-use mishandle_training::{EpisodeSettings, Episodes};
+use mishandle_training::{Boundary, EpisodeSettings, Episodes, ScenarioSettings};
 
 thread_local! {
     static ALLOCATIONS: Cell<usize> = const { Cell::new(0) };
@@ -45,7 +46,8 @@ fn network(inputs: usize, outputs: usize) -> Mlp<f32> {
 fn later_updates_allocate_no_memory() {
     let mut replay = ReplayBuffer::new(1000, 2, 2, 1);
     let settings = EpisodeSettings { environments: 2, staggered: false, ..EpisodeSettings::default() };
-    let mut episodes = Episodes::new(&Line::new(0.0), &settings, Seed(0)).unwrap();
+    let scenarios = ScenarioSettings::default();
+    let mut episodes = Episodes::new(&Line::new(0.0), &settings, &scenarios, Seed(0)).unwrap();
     for _ in 0..20 {
         let observations = episodes.observations().to_vec();
         episodes.step(&[0.5, 0.25]).unwrap();
@@ -74,4 +76,41 @@ fn later_updates_allocate_no_memory() {
     };
     assert!(update(0) > 0, "the first update allocates memory");
     assert_eq!(update(1) + update(2), 0);
+}
+
+#[test]
+fn a_control_step_with_disturbances_allocates_no_memory() {
+    let mut disturbances = delays();
+    let site = FaultSite {
+        side: Side::Sensing,
+        name: "fault".to_string(),
+        number: 0,
+        channels: vec![Channel { name: "both".to_string(), entries: vec![0, 1] }],
+        ranges: vec![[-1.0, 1.0]; 2],
+        has_numbers: false,
+        control_dt: 0.1,
+        episode_steps: 40,
+    };
+    disturbances.extend(site.disturbances());
+    let line = Line::new(0.0);
+    let axes = line.space().axes().iter().chain(disturbances.iter().map(|known| &known.axis));
+    let space = Space::new("all", axes.cloned().collect::<Vec<Axis>>()).unwrap();
+    let scenarios = TrainingScenarios { space, disturbances, given: Vec::new() };
+    let settings = EpisodeSettings { environments: 8, staggered: false, ..EpisodeSettings::default() };
+    let settings = EpisodeSettings { action_noise: 0.1, ..settings };
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap();
+    let counts = pool.install(|| {
+        let batches = ScenarioBatches { batches: line, scenarios };
+        let mut episodes = Episodes::new(&batches, &settings, &ScenarioSettings::default(), Seed(0)).unwrap();
+        let mut step = || {
+            let before = ALLOCATIONS.with(Cell::get);
+            episodes.step(&[0.1; 8]).unwrap();
+            let ends = episodes.boundaries().iter().any(|boundary| *boundary != Boundary::Running);
+            (!ends).then(|| ALLOCATIONS.with(Cell::get) - before)
+        };
+        // The longest age of an observation is 3 + 3 + 5 control steps, a new one replaces the
+        // oldest. Resets allocate.
+        (0..39).map(|_| step()).skip(12).collect::<Vec<_>>()
+    });
+    assert!(counts.iter().flatten().count() > 15 && counts.iter().flatten().all(|n| *n == 0), "{counts:?}");
 }

@@ -10,7 +10,7 @@ use line::Line;
 use mishandle_controllers::Policy;
 use mishandle_rollout::{
     BatchFactory, Controller, Environment, EnvironmentBatch, EnvironmentSpec, RolloutError, Sample, Seed,
-    StepStatus, Stream,
+    Space, Start, StepStatus, Stream,
 };
 use mishandle_training::{
     AlgorithmSettings, Checkpoint, Observer, TrainingControl, TrainingError, TrainingProgress,
@@ -35,7 +35,9 @@ impl BatchFactory for HomingFactory {
     fn spec(&self) -> EnvironmentSpec {
         EnvironmentSpec {
             name: "homing".to_string(),
+            space: Space::new("nothing", Vec::new()).unwrap(),
             observation_size: 1,
+            observation_scales: vec![1.0],
             action_size: 1,
             state_size: 1,
             signal_count: 0,
@@ -59,8 +61,8 @@ impl EnvironmentBatch for Homing {
         self.x.len()
     }
 
-    fn reset(&mut self, rows: &[(usize, Seed)]) -> Result<(), RolloutError> {
-        for (row, seed) in rows {
+    fn reset(&mut self, starts: &[Start]) -> Result<(), RolloutError> {
+        for Start { row, seed, .. } in starts {
             self.x[*row] = (2.0 * seed.uniform(Stream::Reset, 0, 0) - 1.0) as f32;
         }
         Ok(())
@@ -203,10 +205,11 @@ impl SampleBuffers {
 fn the_cpu_batch_gives_the_same_bits_as_single_workers() {
     let line = Line::new(0.3);
     let mut batch = line.batch(7).unwrap();
-    let seeds: Vec<(usize, Seed)> = (0..7).map(|row| (row, Seed(4).child(row as u64))).collect();
-    batch.reset(&seeds).unwrap();
+    let start = |row, seed| Start { row, scenario: line.space().sample(seed, 0), seed };
+    let starts: Vec<Start> = (0..7).map(|row| start(row, Seed(4).child(row as u64))).collect();
+    batch.reset(&starts).unwrap();
     // Two rows are reset after the first step, in arbitrary order; the other rows continue.
-    let later = [(5, Seed(8)), (1, Seed(9))];
+    let later = [start(5, Seed(8)), start(1, Seed(9))];
     let (before, after): (Vec<f64>, Vec<f64>) = (0..7).map(|row| (0.1 * row as f64, -0.2)).unzip();
     batch.step(&before).unwrap();
     batch.reset(&later).unwrap();
@@ -217,9 +220,9 @@ fn the_cpu_batch_gives_the_same_bits_as_single_workers() {
         let mut worker = line.worker();
         let mut state = vec![0.0; line.state_size()];
         let mut buffers = SampleBuffers::default();
-        let again = later.iter().find(|(other, _)| *other == row);
-        let seed = again.map_or(seeds[row].1, |(_, seed)| *seed);
-        worker.reset(&line.space().sample(seed, 0), seed, &mut state, buffers.sample());
+        let again = later.iter().find(|other| other.row == row);
+        let Start { scenario, seed, .. } = again.unwrap_or(&starts[row]);
+        worker.reset(scenario, *seed, &mut state, buffers.sample());
         if again.is_none() {
             worker.step(&before[row..=row], &mut state, buffers.sample());
         }

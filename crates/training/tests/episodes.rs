@@ -7,7 +7,9 @@ mod toy;
 use std::sync::Arc;
 
 use mishandle_rollout::{EnvironmentWorker, Sample, Scenario, Seed, StepStatus};
-use mishandle_training::{Boundary, EpisodeSettings, Episodes, RolloutBuffer, TimeoutHandling};
+use mishandle_training::{
+    Boundary, EpisodeSettings, Episodes, RolloutBuffer, ScenarioSettings, TimeoutHandling,
+};
 use toy::{Toy, names, space};
 
 /// Environment whose observation is (control step, 100) and whose reward is the action. The axis
@@ -58,7 +60,7 @@ fn settings(environments: usize, time_limit: usize) -> EpisodeSettings {
 
 fn episodes(low: f64, rows: usize, time_limit: usize, action_noise: f64, staggered: bool) -> Episodes {
     let settings = EpisodeSettings { action_noise, staggered, ..settings(rows, time_limit) };
-    Episodes::new(&counter(low), &settings, Seed(3)).unwrap()
+    Episodes::new(&counter(low), &settings, &ScenarioSettings::default(), Seed(3)).unwrap()
 }
 
 /// Steps one row with the action 0.5 until its episode ends; checks the step, the boundary and the
@@ -97,7 +99,8 @@ fn a_diverged_row_terminates_with_its_last_finite_observation() {
 #[test]
 fn a_terminal_timeout_terminates_but_does_not_count_as_terminated_in_the_statistics() {
     let settings = EpisodeSettings { timeouts: TimeoutHandling::Terminal, ..settings(1, 7) };
-    let mut episodes = Episodes::new(&counter(0.0), &settings, Seed(3)).unwrap();
+    let scenarios = ScenarioSettings::default();
+    let mut episodes = Episodes::new(&counter(0.0), &settings, &scenarios, Seed(3)).unwrap();
     (0..7).for_each(|_| episodes.step(&[0.5]).unwrap());
     assert_eq!(episodes.boundaries(), [Boundary::Terminated]);
     assert_eq!(episodes.observations(), [0.0, 100.0]);

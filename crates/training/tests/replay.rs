@@ -9,7 +9,7 @@ use std::sync::Arc;
 use mishandle_network::Normalizer;
 use mishandle_rollout::{EnvironmentWorker, Sample, Scenario, Seed, StepStatus};
 use mishandle_training::replay_buffer::{ReplayBuffer, Sampling, TransitionBatch};
-use mishandle_training::{Checkpoint, EpisodeSettings, Episodes};
+use mishandle_training::{Checkpoint, EpisodeSettings, Episodes, ScenarioSettings};
 use toy::{Toy, names, space};
 
 /// Environment whose observation is the control step and whose reward in step k, counted from 0, is
@@ -52,7 +52,8 @@ fn filled(fate: f64, rows: usize, steps: usize, capacity: usize) -> (ReplayBuffe
     let mut replay = ReplayBuffer::new(capacity, rows, 1, 1);
     let settings = EpisodeSettings { environments: rows, time_limit: Some(5), ..EpisodeSettings::default() };
     let settings = EpisodeSettings { staggered: false, ..settings };
-    let mut episodes = Episodes::new(&powers(fate), &settings, Seed(3)).unwrap();
+    let scenarios = ScenarioSettings::default();
+    let mut episodes = Episodes::new(&powers(fate), &settings, &scenarios, Seed(3)).unwrap();
     for step in 0..steps {
         step_once(&mut replay, &mut episodes, step);
     }

@@ -5,7 +5,7 @@ use std::fs;
 use std::path::Path;
 
 use mishandle::train::Curve;
-use mishandle::training::{AlgorithmSettings, RunSettings, Validation};
+use mishandle::training::{AlgorithmSettings, Validation};
 
 use crate::folder::{read, remove, write};
 use crate::measure::Bench;
@@ -41,7 +41,7 @@ pub(crate) fn take_in(
     let unreadable = || problem(CurveFileProblem::Settings { algorithm: training.algorithm.clone() });
     let config = summary.config().ok_or_else(unreadable)?;
     let curve = Curve::load(csv)?;
-    check_ended(&curve, config.run()).map_err(problem)?;
+    check_ended(&curve, &config).map_err(problem)?;
     summary.training_time = training_time(&curve, &config);
     summary.trained_steps = curve.rows.last().map(|row| row.environment_steps);
     let record = bench.record(task, training, &summary, controller)?;
@@ -148,7 +148,8 @@ fn unknown_controllers(source: &Path, entries: &[PlanEntry]) -> Result<Vec<Strin
 }
 
 /// Checks that a training run reached its end: all its steps, or enough good validations in a row.
-fn check_ended(curve: &Curve, run: &RunSettings) -> Result<(), CurveFileProblem> {
+fn check_ended(curve: &Curve, settings: &AlgorithmSettings) -> Result<(), CurveFileProblem> {
+    let run = settings.run();
     if let Some(first) = curve.rows.first().filter(|row| row.iteration != 1) {
         return Err(CurveFileProblem::MissingStart { iteration: first.iteration });
     }
@@ -158,8 +159,9 @@ fn check_ended(curve: &Curve, run: &RunSettings) -> Result<(), CurveFileProblem>
     }
     let validations = curve.rows.iter().rev().filter_map(|row| row.validation);
     let is_good = |found: &Validation| {
-        run.stop_success.is_none_or(|least| found.success_rate >= least)
-            && run.stop_strict.is_none_or(|least| found.strict_success_rate >= least)
+        let rates = found.mixture(&settings.scenarios().selection);
+        run.stop_success.is_none_or(|least| rates.success_rate >= least)
+            && run.stop_strict.is_none_or(|least| rates.strict_success_rate >= least)
     };
     let streak = validations.take_while(is_good).count() as u64;
     let stops_early = run.stop_success.is_some() || run.stop_strict.is_some();
@@ -172,7 +174,7 @@ fn check_ended(curve: &Curve, run: &RunSettings) -> Result<(), CurveFileProblem>
 #[cfg(test)]
 mod tests {
     use mishandle::train::CurveRow;
-    use mishandle::training::TimeShares;
+    use mishandle::training::{Rates, TimeShares};
 
     use super::*;
 
@@ -185,11 +187,11 @@ mod tests {
             mean_return: None,
             mean_episode_steps: None,
             terminated_rate: None,
-            validation: Some(Validation {
+            validation: Some(Validation::of_starts(Rates {
                 success_rate: *rate,
                 strict_success_rate: *rate,
                 mean_return: 0.0,
-            }),
+            })),
             kl: None,
             entropy: None,
             learning_rate: 0.0,
@@ -197,9 +199,9 @@ mod tests {
             reward_terms: vec![],
         };
         let rows: Vec<CurveRow> = rows.iter().enumerate().map(row).collect();
-        let curve = Curve { reward_terms: vec![], rows, is_truncated: false };
+        let curve = Curve { has_scenarios: false, reward_terms: vec![], rows, is_truncated: false };
         let config = AlgorithmSettings::from_toml("ppo", settings).unwrap().unwrap();
-        let found = check_ended(&curve, config.run());
+        let found = check_ended(&curve, &config);
         assert_eq!(found.is_ok(), ended, "{settings}: {found:?}");
     }
 

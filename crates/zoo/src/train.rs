@@ -46,6 +46,8 @@ pub(crate) fn train(
         reward: REWARD.to_string(),
         settings: None,
         steps: None,
+        space: None,
+        axes: Default::default(),
         seed: training.seed,
         out: file(CONTROLLER),
         csv: Some(file(CURVE)),

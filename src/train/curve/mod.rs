@@ -10,12 +10,12 @@ use csv::{ReaderBuilder, StringRecord};
 use mishandle_files::{limits, read_bounded};
 
 use crate::error::{CurveProblem, MishandleError};
-use row::{COLUMNS, REWARD};
+use row::{COLUMNS, REWARD, SCENARIO_COLUMNS, has_scenario_columns};
 
 pub use row::CurveRow;
 pub use training_time::NoTrainingTime;
-pub(crate) use writer::CurveWriter;
 pub(crate) use writer::has_no_rows;
+pub(crate) use writer::{CurveColumns, CurveWriter};
 
 /// Learning curve of a training run, as written by `mishandle train --csv FILE`.
 ///
@@ -35,6 +35,8 @@ pub(crate) use writer::has_no_rows;
 /// ```
 #[derive(Clone, Debug, PartialEq)]
 pub struct Curve {
+    /// Whether it has the columns of the validations on scenarios.
+    pub has_scenarios: bool,
     /// Names of the reward terms.
     pub reward_terms: Vec<String>,
     /// One row per iteration, without gaps. The first iteration is not 1 if a resumed run created
@@ -74,7 +76,9 @@ fn parse(bytes: &[u8], last: Option<u64>) -> Result<(Curve, u64), CurveProblem> 
     let mut reader = ReaderBuilder::new().flexible(true).from_reader(text);
     let columns = reader.headers()?.clone();
     let is_truncated = whole < bytes.len();
-    let mut curve = Curve { reward_terms: reward_terms(&columns)?, rows: Vec::new(), is_truncated };
+    let reward_terms = reward_terms(&columns)?;
+    let has_scenarios = has_scenario_columns(&columns);
+    let mut curve = Curve { has_scenarios, reward_terms, rows: Vec::new(), is_truncated };
     let mut record = StringRecord::new();
     while reader.read_record(&mut record)? {
         let line = || line_of(text, &record);
@@ -124,12 +128,14 @@ fn reward_terms(columns: &StringRecord) -> Result<Vec<String>, CurveProblem> {
     {
         return Err(CurveProblem::Separator { separator });
     }
-    for (at, name) in COLUMNS.iter().enumerate() {
-        if columns.get(at) != Some(name) {
+    let on_scenarios = SCENARIO_COLUMNS.iter().filter(|_| has_scenario_columns(columns));
+    let expected: Vec<&&str> = COLUMNS.iter().chain(on_scenarios).collect();
+    for (at, name) in expected.iter().enumerate() {
+        if columns.get(at) != Some(**name) {
             return Err(wrong(at, format!("`{name}`")));
         }
     }
-    let rest = columns.iter().enumerate().skip(COLUMNS.len());
+    let rest = columns.iter().enumerate().skip(expected.len());
     rest.map(|(at, name)| {
         let term = name.strip_prefix(REWARD).map(String::from);
         term.ok_or_else(|| wrong(at, format!("`{REWARD}` and the name of a reward term")))

@@ -1,5 +1,5 @@
 use csv::StringRecord;
-use mishandle_training::{TimeShares, TrainingProgress, Validation};
+use mishandle_training::{Rates, TimeShares, TrainingProgress, Validation};
 
 use crate::error::CurveProblem;
 
@@ -20,6 +20,17 @@ pub(super) const COLUMNS: [&str; 15] = [
     "physics_share",
     "inference_share",
     "learning_share",
+];
+
+/// Columns between these and those of the reward terms, in the curve of a training run on
+/// scenarios.
+pub(super) const SCENARIO_COLUMNS: [&str; 6] = [
+    "space_success_rate",
+    "space_strict_success_rate",
+    "space_return",
+    "corners_success_rate",
+    "corners_strict_success_rate",
+    "corners_return",
 ];
 
 /// Prefix of the column of a reward term.
@@ -82,9 +93,9 @@ impl CurveRow {
         self.environment_steps / environments as u64
     }
 
-    /// Returns the cells, in the order of [`COLUMNS`]. Numbers round-trip exactly, except for
+    /// Returns the cells, in the order of the columns. Numbers round-trip exactly, except for
     /// times, which are rounded.
-    pub(super) fn cells(&self) -> Vec<String> {
+    pub(super) fn cells(&self, has_scenarios: bool) -> Vec<String> {
         let optional = |number: Option<f64>| number.map_or(String::new(), |number| number.to_string());
         let validation = |rate: fn(&Validation) -> f64| optional(self.validation.as_ref().map(rate));
         let share = |share: f64| format!("{share:.4}");
@@ -105,6 +116,15 @@ impl CurveRow {
             share(self.time_shares.inference),
             share(self.time_shares.learning),
         ];
+        let parts: [fn(&Validation) -> Option<Rates>; 2] =
+            [|validation| validation.space, |validation| validation.corners];
+        for part in parts.into_iter().filter(|_| has_scenarios) {
+            let rates = self.validation.as_ref().and_then(part);
+            let rate = |rate: fn(&Rates) -> f64| optional(rates.as_ref().map(rate));
+            cells.push(rate(|rates| rates.success_rate));
+            cells.push(rate(|rates| rates.strict_success_rate));
+            cells.push(rate(|rates| rates.mean_return));
+        }
         cells.extend(self.reward_terms.iter().map(f64::to_string));
         cells
     }
@@ -116,14 +136,14 @@ impl CurveRow {
         line: &dyn Fn() -> u64,
     ) -> Result<CurveRow, CurveProblem> {
         let mut cells = Cells { columns, record, line, next: 0 };
-        Ok(CurveRow {
+        let mut row = CurveRow {
             iteration: cells.count()?,
             environment_steps: cells.count()?,
             wall_clock_secs: cells.number()?,
             mean_return: cells.optional()?,
             mean_episode_steps: cells.optional()?,
             terminated_rate: cells.optional()?,
-            validation: cells.validation()?,
+            validation: cells.rates()?.map(Validation::of_starts),
             kl: cells.optional()?,
             entropy: cells.optional()?,
             learning_rate: cells.number()?,
@@ -132,9 +152,20 @@ impl CurveRow {
                 inference: cells.number()?,
                 learning: cells.number()?,
             },
-            reward_terms: (COLUMNS.len()..columns.len()).map(|_| cells.number()).collect::<Result<_, _>>()?,
-        })
+            reward_terms: Vec::new(),
+        };
+        if has_scenario_columns(columns) {
+            let (space, corners) = (cells.rates()?, cells.rates()?);
+            row.validation = row.validation.map(|starts| Validation { space, corners, ..starts });
+        }
+        row.reward_terms = (cells.next..columns.len()).map(|_| cells.number()).collect::<Result<_, _>>()?;
+        Ok(row)
     }
+}
+
+/// Returns whether a curve has the columns of a training run on scenarios.
+pub(super) fn has_scenario_columns(columns: &StringRecord) -> bool {
+    columns.get(COLUMNS.len()) == Some(SCENARIO_COLUMNS[0])
 }
 
 /// Formats seconds with the nanosecond resolution of the clock, so that the times identify a
@@ -184,10 +215,10 @@ impl Cells<'_> {
         }
     }
 
-    fn validation(&mut self) -> Result<Option<Validation>, CurveProblem> {
+    fn rates(&mut self) -> Result<Option<Rates>, CurveProblem> {
         match (self.optional()?, self.optional()?, self.optional()?) {
             (Some(success_rate), Some(strict_success_rate), Some(mean_return)) => {
-                Ok(Some(Validation { success_rate, strict_success_rate, mean_return }))
+                Ok(Some(Rates { success_rate, strict_success_rate, mean_return }))
             }
             (None, None, None) => Ok(None),
             _ => Err(self.wrong("a number beside both success rates, or three empty cells")),

@@ -1,5 +1,5 @@
 use super::*;
-use mishandle_training::{Checkpoint, TimeShares, TrainingProgress, Validation};
+use mishandle_training::{Checkpoint, Rates, TimeShares, TrainingProgress, Validation};
 
 /// Returns the progress of a run with two reward terms; an iteration has 512 environment steps and
 /// takes 0.5 s.
@@ -15,13 +15,21 @@ fn progress(iteration: u64) -> TrainingProgress {
         terminated_rate: (iteration > 1).then_some(1.0 / 3.0),
         diverged: 0,
         reward_terms: vec![0.1 + 0.2, -1e-9],
-        validation: Some(Validation { success_rate: 0.75, strict_success_rate: 0.5, mean_return: -7.0 }),
+        validation: Some(Validation::of_starts(Rates {
+            success_rate: 0.75,
+            strict_success_rate: 0.5,
+            mean_return: -7.0,
+        })),
         validation_is_fresh: iteration.is_multiple_of(2),
         kl: Some(0.01),
         entropy: None,
         learning_rate: 1e-5,
         time_shares: TimeShares { physics: 0.5, inference: 0.25, learning: 0.25 },
     }
+}
+
+fn columns(reward_terms: &[String]) -> CurveColumns<'_> {
+    CurveColumns { has_scenarios: false, reward_terms }
 }
 
 fn terms() -> Vec<String> {
@@ -43,7 +51,7 @@ impl Example {
     /// Writes a curve of three iterations.
     fn new() -> Example {
         let example = Example { folder: tempfile::tempdir().unwrap() };
-        let mut writer = CurveWriter::create(&example.path(), &terms()).unwrap();
+        let mut writer = CurveWriter::create(&example.path(), columns(&terms())).unwrap();
         for iteration in 1..=3 {
             writer.write(&progress(iteration)).unwrap();
         }
@@ -59,7 +67,7 @@ impl Example {
     }
 
     fn resume(&self, terms: &[String], iteration: u64) -> Result<CurveWriter, MishandleError> {
-        CurveWriter::resume(&self.path(), terms, &checkpoint(iteration))
+        CurveWriter::resume(&self.path(), columns(terms), &checkpoint(iteration))
     }
 }
 
@@ -139,12 +147,12 @@ fn a_curve_of_another_training_run_is_an_error_and_unchanged() {
     );
     let mut other = checkpoint(2);
     other.put("wall_clock_secs", vec![1.000_000_002]);
-    let message = CurveWriter::resume(&example.path(), &terms(), &other).unwrap_err().to_string();
+    let message = CurveWriter::resume(&example.path(), columns(&terms()), &other).unwrap_err().to_string();
     assert!(
         message.ends_with("time of iteration 2 is 1.000000000 s, in the checkpoint 1.000000002 s"),
         "{message}"
     );
-    assert!(CurveWriter::create(&example.path(), &terms()).is_err());
+    assert!(CurveWriter::create(&example.path(), columns(&terms())).is_err());
     assert_eq!(example.text(), whole);
     // A missing file is created.
     std::fs::remove_file(example.path()).unwrap();
@@ -170,7 +178,7 @@ fn infinite_values_of_a_diverging_run_round_trip() {
     let diverging =
         TrainingProgress { mean_return: Some(f64::NEG_INFINITY), kl: Some(f64::INFINITY), ..progress(1) };
     std::fs::remove_file(example.path()).unwrap();
-    CurveWriter::create(&example.path(), &terms()).unwrap().write(&diverging).unwrap();
+    CurveWriter::create(&example.path(), columns(&terms())).unwrap().write(&diverging).unwrap();
     assert_eq!(Curve::load(&example.path()).unwrap().rows, [CurveRow::from(&diverging)]);
 }
 
@@ -235,4 +243,25 @@ fn files_that_are_not_text_are_errors() {
     let device = Curve::load(Path::new("/dev/zero")).unwrap_err();
     let cause = std::error::Error::source(&device).unwrap().to_string();
     assert_eq!(cause, "expected a regular file, found a device");
+}
+
+#[test]
+fn validations_on_scenarios_have_columns_of_their_own() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("curve.csv");
+    let terms = terms();
+    let shape = CurveColumns { has_scenarios: true, reward_terms: &terms };
+    let mut writer = CurveWriter::create(&path, shape).unwrap();
+    let rates = |success_rate| Rates { success_rate, strict_success_rate: 0.25, mean_return: 1.0 / 3.0 };
+    let starts = progress(2).validation.unwrap();
+    let validation = Some(Validation { space: Some(rates(0.5)), corners: Some(rates(0.125)), ..starts });
+    let expected = [1, 2].map(|iteration| TrainingProgress { validation, ..progress(iteration) });
+    expected.iter().for_each(|progress| writer.write(progress).unwrap());
+    let curve = Curve::load(&path).unwrap();
+    assert_eq!(curve.rows, expected.each_ref().map(CurveRow::from));
+    assert!(curve.has_scenarios && curve.rows[0].validation.is_none());
+    assert_eq!((curve.rows[1].validation, &curve.reward_terms), (validation, &terms));
+    assert!(CurveWriter::resume(&path, shape, &checkpoint(2)).is_ok());
+    let error = CurveWriter::resume(&path, columns(&terms), &checkpoint(2)).unwrap_err().to_string();
+    assert!(error.contains("has columns of validations on scenarios"), "{error}");
 }

@@ -121,7 +121,7 @@ mod tests {
             reward_terms: vec![],
         };
         let rows = returns.iter().zip(1..).map(row).collect();
-        Curve { reward_terms: vec![], rows, is_truncated: false }
+        Curve { has_scenarios: false, reward_terms: vec![], rows, is_truncated: false }
     }
 
     /// Returns 40 returns that rise from -100 by 10 per iteration to 0 in row 11. The window has a

@@ -3,7 +3,7 @@ use std::path::Path;
 
 use mishandle_training::{Checkpoint, TrainingProgress};
 
-use super::row::{COLUMNS, CurveRow, REWARD, secs_cell};
+use super::row::{COLUMNS, CurveRow, REWARD, SCENARIO_COLUMNS, secs_cell};
 use super::{Curve, read};
 use crate::error::{CurveProblem, MishandleError};
 use mishandle_files::GrowingFile;
@@ -12,6 +12,16 @@ use mishandle_files::GrowingFile;
 #[derive(Debug)]
 pub(crate) struct CurveWriter {
     file: GrowingFile,
+    has_scenarios: bool,
+}
+
+/// Columns of a curve besides those of every curve.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct CurveColumns<'a> {
+    /// Whether it has the validations on scenarios.
+    pub has_scenarios: bool,
+    /// Names of the reward terms.
+    pub reward_terms: &'a [String],
 }
 
 /// Returns whether a file is a curve without rows.
@@ -27,14 +37,16 @@ impl CurveWriter {
     /// If the file exists or cannot be created.
     ///
     /// A file without rows, which a run that was killed in its first iteration leaves, is replaced.
-    pub(crate) fn create(path: &Path, reward_terms: &[String]) -> Result<CurveWriter, MishandleError> {
+    pub(crate) fn create(path: &Path, shape: CurveColumns<'_>) -> Result<CurveWriter, MishandleError> {
         if has_no_rows(path) {
             std::fs::remove_file(path).map_err(|source| write_error(path, source))?;
         }
-        let columns = COLUMNS.iter().map(|name| (*name).to_string());
+        let CurveColumns { has_scenarios, reward_terms } = shape;
+        let columns = COLUMNS.iter().chain(SCENARIO_COLUMNS.iter().filter(|_| has_scenarios));
+        let columns = columns.map(|name| (*name).to_string());
         let columns = columns.chain(reward_terms.iter().map(|name| format!("{REWARD}{name}")));
         let file = GrowingFile::create(path.to_path_buf(), &line(columns));
-        Ok(CurveWriter { file: file.map_err(|source| write_error(path, source))? })
+        Ok(CurveWriter { file: file.map_err(|source| write_error(path, source))?, has_scenarios })
     }
 
     /// Resumes a curve after the row of the checkpoint. The next write removes later rows, because
@@ -44,16 +56,20 @@ impl CurveWriter {
     /// If the file is not a curve, belongs to another training run, or ends before the checkpoint.
     pub(crate) fn resume(
         path: &Path,
-        reward_terms: &[String],
+        shape: CurveColumns<'_>,
         checkpoint: &Checkpoint,
     ) -> Result<CurveWriter, MishandleError> {
         if !path.exists() {
-            return CurveWriter::create(path, reward_terms);
+            return CurveWriter::create(path, shape);
         }
         let wrong = |problem| MishandleError::Curve { path: path.to_path_buf(), problem };
         let iteration = checkpoint.u64s("iteration", 1)?[0];
         let expected = secs_cell(checkpoint.f64s("wall_clock_secs", 1)?[0]);
         let (curve, length) = read(path, Some(iteration))?;
+        let CurveColumns { has_scenarios, reward_terms } = shape;
+        if curve.has_scenarios != has_scenarios {
+            return Err(wrong(CurveProblem::Scenarios { found: curve.has_scenarios }));
+        }
         if curve.reward_terms != reward_terms {
             let expected = reward_terms.to_vec();
             return Err(wrong(CurveProblem::RewardTerms { expected, found: curve.reward_terms }));
@@ -69,7 +85,7 @@ impl CurveWriter {
         }
         let file =
             GrowingFile::open(path.to_path_buf(), length).map_err(|source| write_error(path, source))?;
-        Ok(CurveWriter { file })
+        Ok(CurveWriter { file, has_scenarios })
     }
 
     /// Deletes the file if this writer created it.
@@ -79,7 +95,7 @@ impl CurveWriter {
 
     /// Writes the row of an iteration. The next call repeats a failed write.
     pub(crate) fn write(&mut self, progress: &TrainingProgress) -> Result<(), MishandleError> {
-        let written = self.file.append(&line(CurveRow::from(progress).cells()));
+        let written = self.file.append(&line(CurveRow::from(progress).cells(self.has_scenarios)));
         written.map_err(|source| write_error(self.file.path(), source))
     }
 

@@ -10,7 +10,7 @@ use std::io;
 use std::path::{Path, PathBuf};
 use std::time::{SystemTime, UNIX_EPOCH};
 
-use mishandle_training::{TrainingProgress, Validation};
+use mishandle_training::{Rates, TrainingProgress, Validation};
 
 use crate::error::MishandleError;
 use encoding::{put_bytes, put_double, put_float, put_integer, record};
@@ -149,10 +149,19 @@ fn session_start(environment_steps: u64) -> Vec<u8> {
 fn scalars(progress: &TrainingProgress, reward_terms: &[String]) -> Vec<u8> {
     let validation = progress.validation.filter(|_| progress.validation_is_fresh);
     let validated = |rate: fn(&Validation) -> f64| validation.as_ref().map(rate);
+    let (space, corners) = validation.map_or((None, None), |found| (found.space, found.corners));
+    let on_space = |rate: fn(&Rates) -> f64| space.as_ref().map(rate);
+    let at_corners = |rate: fn(&Rates) -> f64| corners.as_ref().map(rate);
     let named = [
         ("validation/success_rate", validated(|validation| validation.success_rate)),
         ("validation/strict_success_rate", validated(|validation| validation.strict_success_rate)),
         ("validation/mean_return", validated(|validation| validation.mean_return)),
+        ("validation/space/success_rate", on_space(|rates| rates.success_rate)),
+        ("validation/space/strict_success_rate", on_space(|rates| rates.strict_success_rate)),
+        ("validation/space/mean_return", on_space(|rates| rates.mean_return)),
+        ("validation/corners/success_rate", at_corners(|rates| rates.success_rate)),
+        ("validation/corners/strict_success_rate", at_corners(|rates| rates.strict_success_rate)),
+        ("validation/corners/mean_return", at_corners(|rates| rates.mean_return)),
         ("train/mean_return", progress.mean_return),
         ("train/mean_episode_steps", progress.mean_episode_steps),
         ("train/terminated_rate", progress.terminated_rate),

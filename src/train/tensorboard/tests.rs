@@ -111,7 +111,11 @@ fn progress(environment_steps: u64) -> TrainingProgress {
         terminated_rate: None,
         diverged: 0,
         reward_terms: vec![-0.25, 3.0],
-        validation: Some(Validation { success_rate: 0.75, strict_success_rate: 0.5, mean_return: -7.0 }),
+        validation: Some(Validation::of_starts(Rates {
+            success_rate: 0.75,
+            strict_success_rate: 0.5,
+            mean_return: -7.0,
+        })),
         validation_is_fresh: false,
         kl: Some(0.0625),
         entropy: None,

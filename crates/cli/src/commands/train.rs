@@ -36,6 +36,7 @@ static ALGORITHM_HELP: LazyLock<String> = LazyLock::new(|| {
   mishandle train ball-balancing --algorithm sac --csv curve.csv --tensorboard board
   mishandle train ball-balancing --algorithm sac --dry-run      check and print all settings
   mishandle train cube-stacking --algorithm ppo --device gpu    thousands of worlds on a GPU
+  mishandle train ball-balancing --space delay+sensing --axis action_delay=0:2
 
 The best controller by validation is written to --out, the last one beside it: FILE.safetensors and
 FILE.last.safetensors. Training also writes a checkpoint there. --resume continues from the
@@ -55,6 +56,13 @@ pub struct Arguments {
     /// rounded up to whole iterations [default: run.total_steps of the settings]
     #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = numbers::integer::<u64>(STEPS))]
     pub steps: Option<u64>,
+    /// Scenario space of the training episodes, or several joined by +: delays, sensor errors,
+    /// faults, changed models. Random starts always belong to it [default: scenarios.space of the
+    /// settings]
+    #[arg(long, value_name = "NAME")]
+    pub space: Option<String>,
+    #[command(flatten)]
+    pub axes: flags::Axes,
     /// Reward: shaped or original
     #[arg(long, default_value = "shaped")]
     pub reward: String,
@@ -97,7 +105,7 @@ pub enum PhysicsDevice {
 
 pub fn run(command: &Arguments, gpu: Option<&Device>) -> Result<ExitStatus> {
     run::set_threads(command.run.threads)?;
-    let plan = plan(command);
+    let plan = plan(command)?;
     if mishandle::train::uses_default_settings(&plan)? {
         output::message(&format!(
             "note: no settings are shipped for {} with {}; using the defaults in docs/reference/algorithms/settings.md",
@@ -191,9 +199,9 @@ fn dry_run(plan: &TrainPlan, gpu: Option<&Device>, as_json: bool) -> Result<Exit
     Ok(ExitStatus::Done)
 }
 
-fn plan(command: &Arguments) -> TrainPlan {
+fn plan(command: &Arguments) -> Result<TrainPlan> {
     let seed = command.run.seed.unwrap_or(0);
-    TrainPlan {
+    Ok(TrainPlan {
         task: command.task.clone(),
         algorithm: command.algorithm.clone(),
         reward: command.reward.clone(),
@@ -203,12 +211,14 @@ fn plan(command: &Arguments) -> TrainPlan {
         },
         settings: command.settings.clone(),
         steps: command.steps,
+        space: command.space.clone(),
+        axes: command.axes.settings()?,
         seed,
         out: command.out.clone().unwrap_or_else(|| default_out(&command.task, &command.algorithm, seed)),
         csv: command.csv.clone(),
         tensorboard: command.tensorboard.clone(),
         resume: command.resume,
-    }
+    })
 }
 
 /// Returns the result as lines for the terminal.
@@ -227,6 +237,12 @@ fn lines(found: &Training) -> Vec<String> {
             plural(found.best_environment_steps, "step")
         ));
     }
+    let scenarios = [("in the space", &found.space), ("at its corners", &found.corners)];
+    lines.extend(scenarios.into_iter().filter_map(|(place, rates)| {
+        let rates = rates.as_ref()?;
+        let [success, strict] = [rates.success_rate, rates.strict_success_rate].map(|rate| 100.0 * rate.0);
+        Some(format!("{place}: success {success:.1} %, strict {strict:.1} %"))
+    }));
     lines
 }
 

@@ -1,11 +1,8 @@
 //! The plan that flags describe.
 
-use std::collections::BTreeMap;
-
 use anyhow::{Context, Result, bail, ensure};
 use mishandle::Plan;
 use mishandle::files::{limits, read_text_bounded};
-use mishandle::plan::AxisSetting;
 
 use super::{Run, Subject};
 
@@ -29,7 +26,7 @@ pub fn plan(subject: &Subject, run: &Run) -> Result<Plan> {
     edit(&mut plan.space, &subject.space);
     edit(&mut plan.controller, &subject.controller);
     edit(&mut plan.preset, &subject.preset);
-    plan.axes.extend(settings(subject)?);
+    plan.axes.extend(subject.axes.settings()?);
     for (name, formula) in &subject.requirement {
         let earlier = plan.requirements.insert(name.clone(), formula.clone());
         let is_once = subject.requirement.iter().filter(|(other, _)| other == name).count() == 1;
@@ -41,14 +38,4 @@ pub fn plan(subject: &Subject, run: &Run) -> Result<Plan> {
     plan.seed = run.seed.unwrap_or(plan.seed);
     ensure!(!plan.target.is_empty(), "there is no target: name one in the plan or as an argument");
     Ok(plan)
-}
-
-/// Returns the settings of axes, each of which may be given once.
-fn settings(subject: &Subject) -> Result<BTreeMap<String, AxisSetting>> {
-    let mut settings = BTreeMap::new();
-    for (name, setting) in subject.axis.iter().chain(&subject.set) {
-        let earlier = settings.insert(name.clone(), setting.clone());
-        ensure!(earlier.is_none(), "the axis {name} is set twice by --axis and --set");
-    }
-    Ok(settings)
 }

@@ -1,7 +1,9 @@
 //! The target of a command and its scenarios.
 
+use std::collections::BTreeMap;
 use std::path::PathBuf;
 
+use anyhow::{Result, ensure};
 use clap::Args;
 use mishandle::Plan;
 use mishandle::plan::AxisSetting;
@@ -29,14 +31,8 @@ pub struct Subject {
     /// disturbance]
     #[arg(long, value_name = "NAME")]
     pub space: Option<String>,
-    /// Vary this axis only from LOW to HIGH; repeat the flag for several axes. An axis outside of
-    /// the space is added to it
-    #[arg(long, value_name = "NAME=LOW:HIGH", allow_hyphen_values = true, value_parser = axis_range)]
-    pub axis: Vec<(String, AxisSetting)>,
-    /// Fix this axis at a value, or at a category; repeat the flag for several axes. It may be
-    /// outside of the space
-    #[arg(long, value_name = "NAME=VALUE", allow_hyphen_values = true, value_parser = axis_value)]
-    pub set: Vec<(String, AxisSetting)>,
+    #[command(flatten)]
+    pub axes: Axes,
     /// Requirement with a name: the name of a formula of the target, or a text; repeat the flag for
     /// several. Each has a result of its own from the same simulations, and a search tries to
     /// violate any of them
@@ -64,8 +60,33 @@ pub struct Subject {
     pub plan: Option<PathBuf>,
 }
 
+/// Flags that set single axes.
+#[derive(Debug, Args)]
+pub struct Axes {
+    /// Vary this axis only from LOW to HIGH; repeat the flag for several axes. An axis outside of
+    /// the space is added to it
+    #[arg(long, value_name = "NAME=LOW:HIGH", allow_hyphen_values = true, value_parser = axis_range)]
+    pub axis: Vec<(String, AxisSetting)>,
+    /// Fix this axis at a value, or at a category; repeat the flag for several axes. It may be
+    /// outside of the space
+    #[arg(long, value_name = "NAME=VALUE", allow_hyphen_values = true, value_parser = axis_value)]
+    pub set: Vec<(String, AxisSetting)>,
+}
+
+impl Axes {
+    /// Returns the settings of axes, each of which may be given once.
+    pub fn settings(&self) -> Result<BTreeMap<String, AxisSetting>> {
+        let mut settings = BTreeMap::new();
+        for (name, setting) in self.axis.iter().chain(&self.set) {
+            let earlier = settings.insert(name.clone(), setting.clone());
+            ensure!(earlier.is_none(), "the axis {name} is set twice by --axis and --set");
+        }
+        Ok(settings)
+    }
+}
+
 /// Parses `NAME=FORMULA`; a name alone is that of a formula of the target.
-pub fn named_formula(text: &str) -> Result<(String, String), String> {
+pub fn named_formula(text: &str) -> std::result::Result<(String, String), String> {
     match text.split_once('=') {
         Some((name, formula)) if !formula.trim().is_empty() && !formula.starts_with('=') => {
             Ok((name.trim().to_string(), formula.trim().to_string()))
@@ -76,7 +97,7 @@ pub fn named_formula(text: &str) -> Result<(String, String), String> {
 }
 
 /// Parses `NAME=LOW:HIGH`.
-fn axis_range(text: &str) -> Result<(String, AxisSetting), String> {
+fn axis_range(text: &str) -> std::result::Result<(String, AxisSetting), String> {
     let parsed = text.split_once('=').and_then(|(name, range)| {
         let (low, high) = range.split_once(':')?;
         Some((name.to_string(), AxisSetting::Range([low.parse().ok()?, high.parse().ok()?])))
@@ -86,7 +107,7 @@ fn axis_range(text: &str) -> Result<(String, AxisSetting), String> {
 }
 
 /// Parses `NAME=VALUE`.
-fn axis_value(text: &str) -> Result<(String, AxisSetting), String> {
+fn axis_value(text: &str) -> std::result::Result<(String, AxisSetting), String> {
     let (name, value) = text
         .split_once('=')
         .filter(|(_, value)| !value.is_empty())

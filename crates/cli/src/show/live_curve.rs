@@ -86,7 +86,7 @@ fn status_line(progress: &TrainingProgress, columns: usize) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use mishandle::training::{TimeShares, Validation};
+    use mishandle::training::{Rates, TimeShares, Validation};
 
     fn progress() -> TrainingProgress {
         TrainingProgress {
@@ -100,7 +100,11 @@ mod tests {
             terminated_rate: Some(0.0),
             diverged: 0,
             reward_terms: vec![],
-            validation: Some(Validation { success_rate: 0.75, strict_success_rate: 0.5, mean_return: 100.0 }),
+            validation: Some(Validation::of_starts(Rates {
+                success_rate: 0.75,
+                strict_success_rate: 0.5,
+                mean_return: 100.0,
+            })),
             validation_is_fresh: true,
             kl: None,
             entropy: None,

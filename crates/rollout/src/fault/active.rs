@@ -7,6 +7,7 @@ use super::life_cycle::LifeCycle;
 use super::parameter::Parameter;
 use super::site::FaultSite;
 use crate::delay::{DelayLine, Lateness};
+use crate::memory::Memory;
 use crate::real::Real;
 use crate::{Seed, Stream};
 
@@ -92,6 +93,12 @@ impl ActiveFault {
 
     pub(crate) fn site(&self) -> &FaultSite {
         &self.site
+    }
+
+    /// Saves or restores what depends on earlier control steps.
+    pub(crate) fn visit_memory(&mut self, memory: &mut dyn Memory) {
+        memory.numbers(&mut self.held);
+        self.line.visit_memory(memory);
     }
 
     /// Returns whether a fault pauses the controller in a control step.

@@ -1,13 +1,18 @@
 //! Parallel environments that restart automatically.
 
+mod disturbed;
+mod draw;
 mod saved;
 
 use mishandle_rollout::{
-    BatchFactory, EnvironmentBatch, EnvironmentSpec, RolloutError, Seed, StepStatus, Stream,
+    ActiveInterface, BatchFactory, EnvironmentBatch, EnvironmentSpec, Noise, RolloutError, Seed, Start,
+    StepStatus, Stream,
 };
 use rayon::prelude::*;
 
-use crate::{EpisodeSettings, TimeoutHandling};
+use crate::{EpisodeSettings, ScenarioSettings, TimeoutHandling};
+use disturbed::Disturbed;
+use draw::ScenarioDraw;
 
 /// State of an episode after a control step.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -27,7 +32,9 @@ const EPISODES: u64 = 0;
 /// A batch of parallel environments. An environment resets to a random initial state when its
 /// episode ends.
 ///
-/// Episode k of row r has the seed `seed.child(r).child(k)`, independent of the other rows. An
+/// Episode k of row r has the seed `seed.child(r).child(k)`, independent of the other rows. The
+/// seed also decides the scenario. The policy sees and acts through the disturbances of the
+/// scenario, as in a [`Rollout`](mishandle_rollout::Rollout) with the same scenario and seed. An
 /// episode ends when the task terminates it, when it diverges (the final observation is then that
 /// of the previous step), or at the time limit. With staggered starts, part of the time limit of
 /// each first episode has already elapsed, so that the rows are not in phase.
@@ -38,14 +45,19 @@ pub struct Episodes {
     time_limit: usize,
     /// Boundary of an episode at the time limit.
     at_time_limit: Boundary,
-    action_noise: f64,
+    noise: Noise,
+    scenarios: ScenarioDraw,
+    /// Disturbances between environments and policy; `None` if no axis belongs to one.
+    disturbed: Option<Disturbed>,
     row_states: Vec<RowState>,
     actions: Vec<f64>,
+    /// Scratch buffer of the draws of the action noise.
+    draws: Vec<f64>,
     rewards: Vec<f64>,
     boundaries: Vec<Boundary>,
     final_observations: Vec<f32>,
-    /// Rows to reset, with the seeds of their new episodes.
-    resets: Vec<(usize, Seed)>,
+    /// Starts of the new episodes.
+    starts: Vec<Start>,
     statistics: EpisodeStatistics,
 }
 
@@ -86,21 +98,28 @@ impl Episodes {
     /// episodes.
     ///
     /// # Errors
-    /// If the batch cannot be created or reset.
+    /// If the batch cannot be created or reset, or the space of the scenarios does not fit it.
     pub fn new(
         environments: &dyn BatchFactory,
         settings: &EpisodeSettings,
+        scenarios: &ScenarioSettings,
         seed: Seed,
     ) -> Result<Episodes, RolloutError> {
         let spec = environments.spec();
+        let scenarios = ScenarioDraw::new(environments.scenarios(), scenarios);
+        let nominal = scenarios.scenarios().space.nominal();
+        let interface = scenarios.scenarios().interface(&spec.space, spec.action_size)?;
         let rows = settings.environments;
         let time_limit = settings.time_limit.unwrap_or(spec.episode_steps);
         let mut episodes = Episodes {
             actions: vec![0.0; rows * spec.action_size],
+            draws: vec![0.0; rows * spec.action_size],
             rewards: vec![0.0; rows],
             boundaries: vec![Boundary::Running; rows],
             final_observations: vec![0.0; rows * spec.observation_size],
-            resets: Vec::with_capacity(rows),
+            starts: Vec::with_capacity(rows),
+            disturbed: interface.map(|interface| Disturbed::new(interface, &nominal, rows, &spec)),
+            scenarios,
             statistics: EpisodeStatistics {
                 reward_terms: vec![0.0; spec.reward_terms.len()],
                 ..EpisodeStatistics::default()
@@ -113,7 +132,7 @@ impl Episodes {
                 TimeoutHandling::Bootstrap => Boundary::Truncated,
                 TimeoutHandling::Terminal => Boundary::Terminated,
             },
-            action_noise: settings.action_noise,
+            noise: Noise { action_std: settings.action_noise, observation_std: 0.0 },
             row_states: vec![RowState::default(); rows],
         };
         for (row, row_state) in episodes.row_states.iter_mut().enumerate() {
@@ -129,13 +148,14 @@ impl Episodes {
     /// Creates the environments of a training run with the seed `seed`.
     ///
     /// # Errors
-    /// If the batch cannot be created or reset.
+    /// As for [`new`](Self::new).
     pub fn of_training(
         environments: &dyn BatchFactory,
         settings: &EpisodeSettings,
+        scenarios: &ScenarioSettings,
         seed: Seed,
     ) -> Result<Episodes, RolloutError> {
-        Episodes::new(environments, settings, seed.child(EPISODES))
+        Episodes::new(environments, settings, scenarios, seed.child(EPISODES))
     }
 
     /// Returns the number of rows (parallel environments).
@@ -148,10 +168,16 @@ impl Episodes {
         &self.spec
     }
 
-    /// Returns the current observations, `[rows, observation_size]`; after a reset, those of the
-    /// new episode.
+    /// Returns the current observations with their disturbances, `[rows, observation_size]`; after
+    /// a reset, those of the new episode.
     pub fn observations(&self) -> &[f32] {
-        self.batch.observations()
+        self.disturbed.as_ref().map_or_else(|| self.batch.observations(), Disturbed::observations)
+    }
+
+    /// Returns the actions of the last step that the environments got: clipped, with disturbances
+    /// and noise, `[rows, action_size]`.
+    pub fn applied_actions(&self) -> &[f64] {
+        &self.actions
     }
 
     /// Returns the rewards of the last step, `[rows]`.
@@ -193,19 +219,41 @@ impl Episodes {
     pub fn step(&mut self, actions: &[f32]) -> Result<(), RolloutError> {
         self.set_actions(actions);
         // A diverged row keeps its observation from before the step.
-        self.final_observations.copy_from_slice(self.batch.observations());
+        let before =
+            self.disturbed.as_ref().map_or_else(|| self.batch.observations(), Disturbed::observations);
+        self.final_observations.copy_from_slice(before);
         self.batch.step(&self.actions)?;
+        if let Some(disturbed) = &mut self.disturbed {
+            let (statuses, row_states) = (self.batch.statuses(), &self.row_states);
+            disturbed.observe(self.batch.observations(), |row| {
+                let is_valid = statuses[row] != StepStatus::Diverged;
+                is_valid.then(|| row_states[row].step as usize + 1)
+            });
+        }
         self.record_step();
         self.reset_rows(|boundary| boundary != Boundary::Running)
     }
 
     /// Resets the rows whose boundary satisfies the condition.
-    fn reset_rows(&mut self, resets_at: impl Fn(Boundary) -> bool) -> Result<(), RolloutError> {
-        let Episodes { batch, row_states, boundaries, resets, seed, .. } = self;
-        resets.clear();
+    fn reset_rows(&mut self, resets_at: impl Fn(Boundary) -> bool + Sync) -> Result<(), RolloutError> {
+        let Episodes { batch, row_states, boundaries, starts, scenarios, disturbed, seed, .. } = self;
+        starts.clear();
         let ended = boundaries.iter().enumerate().filter(|(_, boundary)| resets_at(**boundary));
-        resets.extend(ended.map(|(row, _)| (row, episode_seed(*seed, row, &row_states[row]))));
-        if resets.is_empty() { Ok(()) } else { batch.reset(resets) }
+        starts.extend(ended.map(|(row, _)| {
+            let seed = episode_seed(*seed, row, &row_states[row]);
+            Start { row, scenario: scenarios.draw(seed), seed }
+        }));
+        if starts.is_empty() {
+            return Ok(());
+        }
+        if let Some(disturbed) = disturbed {
+            starts.iter_mut().for_each(|start| disturbed.start(start));
+        }
+        batch.reset(starts)?;
+        if let Some(disturbed) = disturbed {
+            disturbed.observe(batch.observations(), |row| resets_at(boundaries[row]).then_some(0));
+        }
+        Ok(())
     }
 
     /// Returns the statistics and sets them to 0.
@@ -218,26 +266,41 @@ impl Episodes {
     }
 
     fn set_actions(&mut self, actions: &[f32]) {
-        let Episodes { seed, action_noise, row_states, actions: noisy_actions, .. } = self;
-        let (seed, action_noise, row_states) = (*seed, *action_noise, &*row_states);
+        let Episodes { seed, noise, row_states, disturbed, actions: applied, draws, .. } = self;
+        let (seed, noise, row_states) = (*seed, *noise, &*row_states);
         let size = actions.len() / row_states.len();
-        let rows =
-            noisy_actions.par_chunks_mut(size).zip(actions.par_chunks(size)).with_min_len(ROWS_PER_TASK);
-        rows.enumerate().for_each(|(row, (noisy, actions))| {
-            if action_noise > 0.0 {
-                let row_state = &row_states[row];
-                episode_seed(seed, row, row_state).normals(Stream::ActionNoise, row_state.step, noisy);
+        let position = |row: usize| {
+            let row_state = &row_states[row];
+            (episode_seed(seed, row, row_state), row_state.step as usize)
+        };
+        let rows = actions.par_chunks(size).zip(applied.par_chunks_mut(size)).zip(draws.par_chunks_mut(size));
+        let rows = rows.with_min_len(ROWS_PER_TASK);
+        match disturbed {
+            None => rows.enumerate().for_each(|(row, ((action, applied), draws))| {
+                clip(action, applied);
+                ActiveInterface::command(None, noise, position(row), applied, draws);
+            }),
+            Some(disturbed) => {
+                rows.zip(disturbed.rows_mut()).enumerate().for_each(|(row, (buffers, active))| {
+                    let ((action, applied), draws) = buffers;
+                    clip(active.answer(position(row).1, action), applied);
+                    ActiveInterface::command(
+                        Some(&mut active.interface),
+                        noise,
+                        position(row),
+                        applied,
+                        draws,
+                    );
+                });
             }
-            for (noisy, action) in noisy.iter_mut().zip(actions) {
-                let noise = if action_noise > 0.0 { action_noise * *noisy } else { 0.0 };
-                *noisy = f64::from(*action).clamp(-1.0, 1.0) + noise;
-            }
-        });
+        }
     }
 
-    /// Returns the identity of the environment: its name and reward terms.
+    /// Returns the identity of the environment: its name, its reward terms, and the given
+    /// scenarios.
     pub(crate) fn identity(&self) -> String {
-        format!("{} ({})", self.spec.name, self.spec.reward_terms.join(", "))
+        let given = self.scenarios.identity_of_given();
+        format!("{} ({}){given}", self.spec.name, self.spec.reward_terms.join(", "))
     }
 
     /// Computes rewards, boundaries and statistics of the last step and advances the state of each
@@ -286,6 +349,13 @@ impl Episodes {
 
 /// Rows per task that draws random numbers: about 50 µs of work.
 const ROWS_PER_TASK: usize = 64;
+
+/// Clips an action to [-1, 1].
+fn clip(action: &[f32], clipped: &mut [f64]) {
+    for (clipped, action) in clipped.iter_mut().zip(action) {
+        *clipped = f64::from(*action).clamp(-1.0, 1.0);
+    }
+}
 
 fn episode_seed(seed: Seed, row: usize, row_state: &RowState) -> Seed {
     seed.child(row as u64).child(row_state.episode)

@@ -2,7 +2,7 @@
 
 use mishandle_rollout::{EnvironmentSpec, RolloutError};
 
-use super::{Episodes, RowState};
+use super::{Episodes, RowState, episode_seed};
 use crate::{Checkpoint, TrainingError};
 
 impl Episodes {
@@ -14,7 +14,10 @@ impl Episodes {
         let mut states = vec![0.0; self.rows() * self.spec.state_size];
         self.batch.read_states(&mut states)?;
         checkpoint.put("episodes.states", states);
-        checkpoint.put("episodes.observations", self.observations().to_vec());
+        checkpoint.put("episodes.observations", self.batch.observations().to_vec());
+        if let Some(disturbed) = &mut self.disturbed {
+            disturbed.save(checkpoint);
+        }
         let row_states = || self.row_states.iter();
         checkpoint.put("episodes.episode", row_states().map(|c| c.episode).collect::<Vec<_>>());
         checkpoint.put("episodes.step", row_states().map(|c| c.step).collect::<Vec<_>>());
@@ -45,6 +48,10 @@ impl Episodes {
                 total_reward: total_reward[row],
             };
         }
-        Ok(())
+        let Episodes { disturbed, row_states, seed, .. } = self;
+        match disturbed {
+            Some(disturbed) => disturbed.load(checkpoint, |row| episode_seed(*seed, row, &row_states[row])),
+            None => Ok(()),
+        }
     }
 }

@@ -10,8 +10,8 @@ use mishandle_network::{Mlp, NetworkDevice};
 use mishandle_rollout::{BatchFactory, Seed};
 
 use crate::{
-    AlgorithmSettings, Checkpoint, EpisodeStatistics, Observer, PolicySelection, RunSettings, TimeShares,
-    TrainingControl, TrainingError, TrainingProgress, TrainingResult,
+    AlgorithmSettings, Checkpoint, EpisodeStatistics, Observer, PolicySelection, RunSettings,
+    ScenarioSettings, TimeShares, TrainingControl, TrainingError, TrainingProgress, TrainingResult,
 };
 
 /// An algorithm with the state of a training run.
@@ -73,6 +73,7 @@ pub(crate) fn train(
     observer: &mut dyn Observer,
 ) -> Result<TrainingResult, TrainingError> {
     settings.check()?;
+    check_scenarios(settings, environments)?;
     let run = settings.run();
     let mut learner = settings.learner(environments, seed)?;
     if let Some(device) = networks {
@@ -81,7 +82,7 @@ pub(crate) fn train(
     let iterations = iterations(run, learner.iteration_steps());
     let environment_steps = |learner: &dyn Learner| learner.iteration() * learner.iteration_steps();
     let mut stopwatch = Stopwatch { start: Instant::now(), secs_before: 0.0, steps_before: 0 };
-    let mut selection = new_selection(run);
+    let mut selection = new_selection(settings);
     let mut last_validation = None;
     if let Some(checkpoint) = resume {
         load(checkpoint, settings, seed, &mut *learner, &mut selection)?;
@@ -147,12 +148,40 @@ pub(crate) fn check_resumption(
     checkpoint: &Checkpoint,
 ) -> Result<(), TrainingError> {
     settings.check()?;
+    check_scenarios(settings, environments)?;
     let mut learner = settings.learner(environments, seed)?;
-    load(checkpoint, settings, seed, &mut *learner, &mut new_selection(settings.run()))
+    load(checkpoint, settings, seed, &mut *learner, &mut new_selection(settings))
 }
 
-fn new_selection(run: &RunSettings) -> PolicySelection {
-    PolicySelection::new(run.stop_success, run.stop_strict, run.stop_validations)
+/// Checks that the environments draw from the scenarios that the settings name. Their axes are
+/// known to the caller only.
+fn check_scenarios(
+    settings: &AlgorithmSettings,
+    environments: &dyn BatchFactory,
+) -> Result<(), TrainingError> {
+    let ScenarioSettings { space, file, .. } = settings.scenarios();
+    let found = environments.scenarios();
+    match space {
+        Some(space) if space != found.space.name() => Err(TrainingError::OtherScenarios {
+            setting: "space",
+            expected: space.clone(),
+            found: format!("the space `{}`", found.space.name()),
+        }),
+        _ => match file {
+            Some(file) if found.given.is_empty() => Err(TrainingError::OtherScenarios {
+                setting: "file",
+                expected: file.clone(),
+                found: "no given scenario".to_string(),
+            }),
+            _ => Ok(()),
+        },
+    }
+}
+
+fn new_selection(settings: &AlgorithmSettings) -> PolicySelection {
+    let RunSettings { stop_success, stop_strict, stop_validations, .. } = *settings.run();
+    let selection = PolicySelection::new(stop_success, stop_strict, stop_validations);
+    selection.with_weights(settings.scenarios().selection)
 }
 
 /// Restores learner and selection from a checkpoint.

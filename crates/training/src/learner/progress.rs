@@ -4,7 +4,7 @@ use std::fmt;
 
 use mishandle_controllers::Policy;
 
-use crate::Checkpoint;
+use crate::{Checkpoint, SelectionWeights};
 
 /// Progress of a training run after an iteration.
 #[derive(Clone, Debug, PartialEq)]
@@ -81,9 +81,14 @@ impl fmt::Display for TrainingProgress {
         if let Some(mean_return) = self.mean_return {
             write!(f, ", return {mean_return:.1}")?;
         }
-        if let Some(Validation { success_rate, strict_success_rate, .. }) = self.validation {
+        if let Some(Validation { success_rate, strict_success_rate, space, corners, .. }) = self.validation {
             let (success, strict) = (100.0 * success_rate, 100.0 * strict_success_rate);
             write!(f, ", success {success:.1} %, strict {strict:.1} %")?;
+            for (name, rates) in [("space", space), ("corners", corners)] {
+                if let Some(rates) = rates {
+                    write!(f, ", {name} {:.1} %", 100.0 * rates.success_rate)?;
+                }
+            }
         }
         if self.diverged > 0 {
             write!(f, ", {} diverged", self.diverged)?;
@@ -122,7 +127,7 @@ impl TimeShares {
     }
 }
 
-/// Result of a validation.
+/// Result of a validation: of random starts without disturbances, and of scenarios.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Validation {
     /// Fraction of the episodes that satisfied the success formula.
@@ -131,6 +136,63 @@ pub struct Validation {
     pub strict_success_rate: f64,
     /// Mean undiscounted return.
     pub mean_return: f64,
+    /// Results of random scenarios of the space; `None` if training draws none.
+    pub space: Option<Rates>,
+    /// Results at corners of the space; `None` if training draws no scenarios.
+    pub corners: Option<Rates>,
+}
+
+/// Results of the episodes of a validation.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Rates {
+    /// Fraction that satisfied the success formula.
+    pub success_rate: f64,
+    /// Fraction that satisfied the strict success formula.
+    pub strict_success_rate: f64,
+    /// Mean undiscounted return.
+    pub mean_return: f64,
+}
+
+impl Validation {
+    /// Makes the validation of a training run without scenarios.
+    pub fn of_starts(nominal: Rates) -> Validation {
+        let Rates { success_rate, strict_success_rate, mean_return } = nominal;
+        Validation { success_rate, strict_success_rate, mean_return, space: None, corners: None }
+    }
+
+    /// Returns the results of random starts without disturbances.
+    pub fn nominal(&self) -> Rates {
+        let Validation { success_rate, strict_success_rate, mean_return, .. } = *self;
+        Rates { success_rate, strict_success_rate, mean_return }
+    }
+
+    /// Returns the weighted mean of the results, which decides between policies; without weights,
+    /// the nominal results.
+    pub fn mixture(&self, weights: &SelectionWeights) -> Rates {
+        let parts = [
+            (Some(self.nominal()), weights.nominal),
+            (self.space, weights.space),
+            (self.corners, weights.corners),
+        ];
+        let parts = parts.into_iter().filter_map(|(rates, weight)| Some((rates?, weight)));
+        let parts: Vec<(Rates, f64)> = parts.filter(|(_, weight)| *weight > 0.0).collect();
+        let total = parts.iter().map(|(_, weight)| weight).sum::<f64>();
+        match parts[..] {
+            [] => self.nominal(),
+            // Not rounded.
+            [(rates, _)] => rates,
+            _ => {
+                let mean = |value: fn(&Rates) -> f64| {
+                    parts.iter().map(|(rates, weight)| weight * value(rates)).sum::<f64>() / total
+                };
+                Rates {
+                    success_rate: mean(|rates| rates.success_rate),
+                    strict_success_rate: mean(|rates| rates.strict_success_rate),
+                    mean_return: mean(|rates| rates.mean_return),
+                }
+            }
+        }
+    }
 }
 
 /// Decision of the training loop after an iteration.
@@ -166,8 +228,8 @@ pub trait Observer {
 /// Result of a training run.
 #[derive(Clone, Debug)]
 pub struct TrainingResult {
-    /// The best policy by validation (strict success, then success, then return); the last policy
-    /// without a validation.
+    /// The best policy by validation (strict success, then success, then return, each a mixture of
+    /// the validations); the last policy without a validation.
     pub best: Policy,
     /// Validation of the best policy.
     pub best_validation: Option<Validation>,
@@ -202,11 +264,11 @@ mod tests {
             terminated_rate: Some(0.0),
             diverged: 0,
             reward_terms: vec![],
-            validation: Some(Validation {
+            validation: Some(Validation::of_starts(Rates {
                 success_rate: 0.985,
                 strict_success_rate: 0.9,
                 mean_return: 100.0,
-            }),
+            })),
             validation_is_fresh: false,
             kl: Some(0.01),
             entropy: Some(2.0),
@@ -223,5 +285,20 @@ mod tests {
         assert!(slow.contains(" steps, 500 steps/s, ") && slow.ends_with(", 10:16:40 left"), "{slow}");
         let short = TrainingProgress { environment_steps: 1024, total_steps: 2048, diverged: 1, ..progress };
         assert!(short.to_string().starts_with("1.02k of 2.05k steps, "), "{short}");
+    }
+
+    #[test]
+    fn the_mixture_weighs_the_validations_that_exist() {
+        let rates = |success_rate| Rates { success_rate, strict_success_rate: 0.1, mean_return: -3.0 };
+        let starts = Validation::of_starts(rates(0.9));
+        let all = Validation { space: Some(rates(0.5)), corners: Some(rates(0.1)), ..starts };
+        let mixture = |validation: &Validation, nominal, space, corners| {
+            validation.mixture(&SelectionWeights { nominal, space, corners }).success_rate
+        };
+        assert_eq!(mixture(&starts, 0.3, 0.7, 0.0), 0.9, "exactly");
+        assert_eq!(mixture(&starts, 0.0, 1.0, 1.0), 0.9);
+        // (1·0.9 + 2·0.5 + 1·0.1) / 4
+        assert!((mixture(&all, 1.0, 2.0, 1.0) - 0.5).abs() < 1e-15);
+        assert_eq!(mixture(&all, 0.0, 0.0, 3.0), 0.1);
     }
 }

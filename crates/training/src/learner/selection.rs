@@ -3,7 +3,7 @@
 use mishandle_controllers::Policy;
 use mishandle_network::Mlp;
 
-use crate::{Checkpoint, TrainingError, Validation};
+use crate::{Checkpoint, Rates, SelectionWeights, TrainingError, Validation};
 
 /// Keeps the best policy and the last validation, and counts consecutive validations that reached
 /// the target rates.
@@ -12,6 +12,7 @@ pub struct PolicySelection {
     stop_success: Option<f64>,
     stop_strict: Option<f64>,
     stop_validations: u64,
+    weights: SelectionWeights,
     best: Option<BestPolicy>,
     /// The last validation and its environment steps.
     last: Option<(Validation, u64)>,
@@ -37,17 +38,31 @@ impl PolicySelection {
         stop_strict: Option<f64>,
         stop_validations: u64,
     ) -> PolicySelection {
-        PolicySelection { stop_success, stop_strict, stop_validations, best: None, last: None, streak: 0 }
+        PolicySelection {
+            stop_success,
+            stop_strict,
+            stop_validations,
+            weights: SelectionWeights::default(),
+            best: None,
+            last: None,
+            streak: 0,
+        }
+    }
+
+    /// Returns the selection by another [mixture](Validation::mixture) of the validations.
+    pub fn with_weights(self, weights: SelectionWeights) -> PolicySelection {
+        PolicySelection { weights, ..self }
     }
 
     /// Records a validated policy.
     pub fn record(&mut self, policy: &Policy, validation: Validation, environment_steps: u64) {
         let reached = |target: Option<f64>, rate: f64| target.is_none_or(|target| rate >= target);
-        let both_reached = reached(self.stop_success, validation.success_rate)
-            && reached(self.stop_strict, validation.strict_success_rate);
+        let rates = validation.mixture(&self.weights);
+        let both_reached = reached(self.stop_success, rates.success_rate)
+            && reached(self.stop_strict, rates.strict_success_rate);
         self.streak = if both_reached { self.streak + 1 } else { 0 };
         self.last = Some((validation, environment_steps));
-        if self.best.as_ref().is_none_or(|best| better(&validation, &best.validation)) {
+        if self.best.as_ref().is_none_or(|best| better(rates, best.validation.mixture(&self.weights))) {
             self.best = Some(BestPolicy { policy: policy.clone(), validation, environment_steps });
         }
     }
@@ -78,11 +93,11 @@ impl PolicySelection {
         checkpoint.put("selection.streak", vec![self.streak]);
         if let Some(BestPolicy { policy, validation, environment_steps }) = &self.best {
             checkpoint.put_policy("selection.best", policy);
-            checkpoint.put("selection.validation", rates(validation));
+            put(checkpoint, "selection.validation", validation);
             checkpoint.put("selection.environment_steps", vec![*environment_steps]);
         }
         if let Some((validation, environment_steps)) = &self.last {
-            checkpoint.put("selection.last_validation", rates(validation));
+            put(checkpoint, "selection.last_validation", validation);
             checkpoint.put("selection.last_environment_steps", vec![*environment_steps]);
         }
     }
@@ -110,21 +125,34 @@ impl PolicySelection {
     }
 }
 
-/// Returns a validation as a checkpoint stores it.
-fn rates(validation: &Validation) -> Vec<f64> {
-    let Validation { success_rate, strict_success_rate, mean_return } = *validation;
-    vec![success_rate, strict_success_rate, mean_return]
+/// Adds a validation to a checkpoint.
+fn put(checkpoint: &mut Checkpoint, name: &str, validation: &Validation) {
+    let parts =
+        [("", Some(validation.nominal())), (".space", validation.space), (".corners", validation.corners)];
+    for (part, rates) in parts {
+        if let Some(Rates { success_rate, strict_success_rate, mean_return }) = rates {
+            checkpoint.put(&format!("{name}{part}"), vec![success_rate, strict_success_rate, mean_return]);
+        }
+    }
 }
 
 fn validation(checkpoint: &Checkpoint, name: &str) -> Result<Validation, TrainingError> {
-    let rates = checkpoint.f64s(name, 3)?;
-    Ok(Validation { success_rate: rates[0], strict_success_rate: rates[1], mean_return: rates[2] })
+    let rates = |name: &str| -> Result<Rates, TrainingError> {
+        let rates = checkpoint.f64s(name, 3)?;
+        Ok(Rates { success_rate: rates[0], strict_success_rate: rates[1], mean_return: rates[2] })
+    };
+    let optional = |part: &str| {
+        let name = format!("{name}.{part}");
+        checkpoint.contains(&name).then(|| rates(&name)).transpose()
+    };
+    let (space, corners) = (optional("space")?, optional("corners")?);
+    Ok(Validation { space, corners, ..Validation::of_starts(rates(name)?) })
 }
 
 /// Compares by strict success, then success, then return. A later policy does not replace an equal
 /// one.
-fn better(new: &Validation, old: &Validation) -> bool {
-    let key = |v: &Validation| (v.strict_success_rate, v.success_rate, v.mean_return);
+fn better(new: Rates, old: Rates) -> bool {
+    let key = |v: Rates| (v.strict_success_rate, v.success_rate, v.mean_return);
     key(new) > key(old)
 }
 
@@ -140,7 +168,7 @@ mod tests {
     }
 
     fn validation_of(success_rate: f64, strict_success_rate: f64, mean_return: f64) -> Validation {
-        Validation { success_rate, strict_success_rate, mean_return }
+        Validation::of_starts(Rates { success_rate, strict_success_rate, mean_return })
     }
 
     #[test]
@@ -160,6 +188,24 @@ mod tests {
     }
 
     #[test]
+    fn the_mixture_of_the_validations_decides() {
+        // Policy 1 is better without disturbances, policy 0 in the space.
+        let validations = [(0.8, 0.6), (0.9, 0.3)].map(|(nominal, space)| Validation {
+            space: Some(validation_of(space, 0.0, 0.0).nominal()),
+            ..validation_of(nominal, 0.0, 0.0)
+        });
+        for (nominal, space, best) in [(0.5, 0.5, 0), (1.0, 0.0, 1), (0.9, 0.1, 1), (0.0, 1.0, 0)] {
+            let weights = SelectionWeights { nominal, space, corners: 0.0 };
+            let mut selection = PolicySelection::new(Some(0.5), None, 2).with_weights(weights);
+            for (validation, number) in validations.into_iter().zip(0..) {
+                selection.record(&policy(0.0), validation, number);
+            }
+            assert_eq!(selection.best().unwrap().environment_steps, best);
+            assert_eq!(selection.target_reached(), space < 1.0, "the second has 0.3 in the space");
+        }
+    }
+
+    #[test]
     fn target_is_reached_after_enough_consecutive_validations() {
         let mut selection = PolicySelection::new(Some(0.9), Some(0.5), 2);
         let mut reached = vec![];
@@ -174,14 +220,16 @@ mod tests {
     fn a_selection_is_restored_from_a_checkpoint() {
         let mut selection = PolicySelection::new(Some(0.9), None, 3);
         selection.record(&policy(0.25), validation_of(0.95, 0.1, 3.0), 77);
-        selection.record(&policy(0.5), validation_of(0.92, 0.1, 4.0), 90);
+        let space = Some(Rates { success_rate: 0.92, strict_success_rate: 0.0, mean_return: 4.0 });
+        let last = Validation { space, ..validation_of(0.92, 0.1, 4.0) };
+        selection.record(&policy(0.5), last, 90);
         let mut checkpoint = Checkpoint::new("ppo", "toy", 0, "");
         selection.save(&mut checkpoint);
         let mut resumed = PolicySelection::new(Some(0.9), None, 3);
         resumed.load(&checkpoint, policy(0.0).network()).unwrap();
         assert_eq!(resumed.best().unwrap().policy.hash(), policy(0.25).hash());
         assert_eq!(resumed.best().unwrap().environment_steps, 77);
-        assert_eq!(resumed.last_validation(), Some(validation_of(0.92, 0.1, 4.0)));
+        assert_eq!(resumed.last_validation(), Some(last));
         assert_eq!((resumed.validation_at(90), resumed.validation_at(77)), (resumed.last_validation(), None));
         resumed.record(&policy(0.0), validation_of(0.9, 0.0, 0.0), 91);
         assert!(resumed.target_reached());

@@ -28,6 +28,8 @@ macro_rules! off_policy_settings {
                 /// The parallel environments; 128 by default.
                 pub episodes: $crate::EpisodeSettings =
                     $crate::EpisodeSettings { environments: 128, ..Default::default() };
+                /// The scenarios of the episodes.
+                pub scenarios: $crate::ScenarioSettings = Default::default();
                 /// The replay buffer and the number of updates.
                 pub replay: $crate::ReplayBufferSettings = Default::default();
                 /// The policy.
@@ -48,6 +50,7 @@ macro_rules! off_policy_settings {
 
             fn check(&self) -> Result<(), $crate::TrainingError> {
                 self.check_constraints()?;
+                self.scenarios.check_shares()?;
                 self.replay.check_sizes(&self.episodes)
             }
         }
@@ -59,6 +62,7 @@ macro_rules! off_policy_settings {
                     steps_per_iteration: self.steps_per_iteration,
                     run: &self.run,
                     episodes: &self.episodes,
+                    scenarios: &self.scenarios,
                     replay: &self.replay,
                     policy: &self.policy,
                 }

@@ -22,7 +22,7 @@ use mishandle_rollout::{BatchFactory, Seed, Stream};
 use rayon::prelude::*;
 
 use crate::algorithm::{BuildLearner, CommonSettings};
-use crate::inference::{BatchInference, INFERENCE_ROWS};
+use crate::inference::{BatchInference, INFERENCE_ROWS, observation_normalizer};
 use crate::learner::{Learner, progress_of};
 use crate::{Checkpoint, Episodes, ReplayBufferSettings, TimeShares, TrainingError, TrainingProgress};
 use agent::{Agent, BehaviorPolicy, HasOffPolicySettings};
@@ -62,8 +62,8 @@ impl<A: Agent> BuildLearner for OffPolicy<A> {
     type Settings = A::Settings;
 
     fn common(settings: &A::Settings) -> CommonSettings<'_> {
-        let OffPolicySettings { run, episodes, .. } = settings.shared();
-        CommonSettings { run, episodes }
+        let OffPolicySettings { run, episodes, scenarios, .. } = settings.shared();
+        CommonSettings { run, episodes, scenarios }
     }
 
     fn build(
@@ -71,10 +71,10 @@ impl<A: Agent> BuildLearner for OffPolicy<A> {
         environments: &dyn BatchFactory,
         seed: Seed,
     ) -> Result<OffPolicy<A>, TrainingError> {
-        let OffPolicySettings { gamma, steps_per_iteration, episodes, replay, policy, .. } =
+        let OffPolicySettings { gamma, steps_per_iteration, episodes, scenarios, replay, policy, .. } =
             settings.shared();
         let rows = episodes.environments;
-        let episodes = Episodes::of_training(environments, episodes, seed)?;
+        let episodes = Episodes::of_training(environments, episodes, scenarios, seed)?;
         let (observation_size, action_size) = (episodes.spec().observation_size, episodes.spec().action_size);
         let agent = A::new((observation_size, action_size), settings, seed)?;
         let outputs = agent.behavior_policy().network().output_size();
@@ -91,7 +91,11 @@ impl<A: Agent> BuildLearner for OffPolicy<A> {
             replay_settings: replay.clone(),
             normalize: policy.normalize_observations,
             learning_rate: policy.learning_rate,
-            normalizer: RunningNormalizer::new(observation_size),
+            normalizer: observation_normalizer(
+                episodes.spec(),
+                policy.normalize_observations,
+                policy.std_floor,
+            ),
             iteration: 0,
             updates: 0,
             batch: TransitionBatch::default(),
@@ -211,7 +215,7 @@ impl<A: Agent> Learner for OffPolicy<A> {
         self.iteration = checkpoint.u64s("iteration", 1)?[0];
         self.updates = checkpoint.u64s("updates", 1)?[0];
         let columns = self.agent.behavior_policy().network().input_size();
-        self.normalizer = RunningNormalizer::from_moments(checkpoint.moments("normalizer", columns)?)?;
+        self.normalizer.restore(checkpoint.moments("normalizer", columns)?)?;
         self.agent.load(checkpoint)?;
         self.episodes.load(checkpoint)?;
         self.replay_buffer.load(checkpoint)

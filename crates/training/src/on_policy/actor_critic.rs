@@ -10,7 +10,7 @@ use rayon::prelude::*;
 use super::gae;
 use super::settings::OnPolicySettings;
 use crate::gaussian::DiagonalGaussian;
-use crate::inference::{BatchInference, INFERENCE_ROWS};
+use crate::inference::{BatchInference, INFERENCE_ROWS, observation_normalizer};
 use crate::initialization::initial_network;
 use crate::{Checkpoint, Critic, Episodes, ObservationMoments, RolloutBuffer, TrainingError};
 
@@ -54,9 +54,11 @@ impl ActorCritic {
         shared: &OnPolicySettings<'_>,
         seed: Seed,
     ) -> Result<ActorCritic, TrainingError> {
-        let OnPolicySettings { rollout_steps, gamma, gae_lambda, episodes, policy, critic, .. } = *shared;
+        let OnPolicySettings {
+            rollout_steps, gamma, gae_lambda, episodes, scenarios, policy, critic, ..
+        } = *shared;
         let rows = episodes.environments;
-        let episodes = Episodes::of_training(environments, episodes, seed)?;
+        let episodes = Episodes::of_training(environments, episodes, scenarios, seed)?;
         let (inputs, outputs) = (episodes.spec().observation_size, episodes.spec().action_size);
         let network = initial_network(
             (inputs, &policy.hidden, outputs),
@@ -72,7 +74,11 @@ impl ActorCritic {
             gae_lambda,
             normalize: policy.normalize_observations,
             observation_moments: policy.observation_moments,
-            normalizer: RunningNormalizer::new(inputs),
+            normalizer: observation_normalizer(
+                episodes.spec(),
+                policy.normalize_observations,
+                policy.std_floor,
+            ),
             log_std: vec![policy.initial_log_std as f32; outputs],
             log_std_range: (policy.min_log_std as f32, policy.max_log_std as f32),
             network,
@@ -228,7 +234,7 @@ impl ActorCritic {
         self.network.update(|parameters| parameters.copy_from_slice(own));
         self.log_std = checkpoint.f32s("policy.log_std", self.log_std.len())?.to_vec();
         let columns = self.network.input_size();
-        self.normalizer = RunningNormalizer::from_moments(checkpoint.moments("normalizer", columns)?)?;
+        self.normalizer.restore(checkpoint.moments("normalizer", columns)?)?;
         self.critic.load(checkpoint)?;
         self.episodes.load(checkpoint)
     }

@@ -6,8 +6,8 @@ use mishandle_rollout::Seed;
 use super::minibatches::{MinibatchScheme, Minibatches, check_minibatch_count};
 use crate::settings::activation_name;
 use crate::settings::declare::{choice, settings};
-use crate::settings::setting::{FINITE, INITIALIZATION, LAYER_SIZES, POSITIVE, require};
-use crate::{EpisodeSettings, Initialization, RunSettings, TrainingError};
+use crate::settings::setting::{FINITE, FRACTION, INITIALIZATION, LAYER_SIZES, POSITIVE, require};
+use crate::{EpisodeSettings, Initialization, RunSettings, ScenarioSettings, TrainingError};
 
 /// Maximum number of rows of a rollout; see [`ARRAY_SIZE`](crate::settings::setting::ARRAY_SIZE).
 const MAX_ROLLOUT_ROWS: usize = 100_000_000;
@@ -25,6 +25,7 @@ pub(crate) struct OnPolicySettings<'a> {
     pub minibatch_count: usize,
     pub run: &'a RunSettings,
     pub episodes: &'a EpisodeSettings,
+    pub scenarios: &'a ScenarioSettings,
     pub policy: &'a PolicySettings,
     pub critic: &'a CriticSettings,
 }
@@ -41,6 +42,7 @@ macro_rules! on_policy_settings {
             minibatch_count: $settings.minibatch_count,
             run: &$settings.run,
             episodes: &$settings.episodes,
+            scenarios: &$settings.scenarios,
             policy: &$settings.policy,
             critic: &$settings.critic,
         }
@@ -61,6 +63,7 @@ impl OnPolicySettings<'_> {
         if self.minibatches == MinibatchScheme::Slices {
             check_minibatch_count(rows, self.minibatch_count)?;
         }
+        self.scenarios.check_shares()?;
         self.policy.check_bounds()
     }
 
@@ -91,6 +94,11 @@ settings! {
         pub max_log_std: f64 = 0.5, FINITE;
         /// Whether policy and critic see observations normalized by running moments.
         pub normalize_observations: bool = true;
+        /// Smallest standard deviation of the running moments of each number of the observation, as
+        /// a share of the largest value that its sensor can measure, which follows from its unit:
+        /// 1 m, 2 m/s, π rad, 10 rad/s. A number that is constant during training then stays
+        /// harmless if noise changes it later. 0 means no floor.
+        pub std_floor: f64 = 0.0, FRACTION;
         /// When the running moments are updated.
         pub observation_moments: ObservationMoments = ObservationMoments::Rollout;
     }

@@ -5,6 +5,7 @@ pub(crate) mod bases;
 pub(crate) mod declare;
 mod listing;
 mod read;
+pub(crate) mod scenarios;
 pub(crate) mod setting;
 
 use serde::Serialize;
@@ -15,6 +16,7 @@ use declare::{choice, settings};
 use setting::{ARRAY_SIZE, AT_LEAST_1, FRACTION, NOISE};
 
 pub use bases::{BASES, BEST};
+pub use scenarios::{AxisSetting, ScenarioSettings, SelectionWeights};
 pub use setting::{Choice, Setting};
 
 /// Settings of an algorithm, readable from TOML.

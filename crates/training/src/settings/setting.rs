@@ -55,7 +55,7 @@ pub(crate) struct Constraint {
     pub holds: fn(&[f64]) -> bool,
 }
 
-const fn constraint(allowed: &'static str, holds: fn(&[f64]) -> bool) -> Constraint {
+pub(crate) const fn constraint(allowed: &'static str, holds: fn(&[f64]) -> bool) -> Constraint {
     Constraint { allowed, holds }
 }
 

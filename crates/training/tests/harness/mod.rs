@@ -5,7 +5,8 @@
 use mishandle_controllers::Policy;
 use mishandle_rollout::{Controller, Environment, Seed};
 use mishandle_training::{
-    AlgorithmSettings, Checkpoint, Observer, TrainingControl, TrainingProgress, TrainingResult, Validation,
+    AlgorithmSettings, Checkpoint, Observer, Rates, TrainingControl, TrainingProgress, TrainingResult,
+    Validation,
 };
 
 use crate::line::Line;
@@ -26,7 +27,7 @@ impl Observer for RecordingObserver {
     fn validate(&mut self, policy: &Policy, episodes: usize) -> Option<Validation> {
         let mean_return = mean_return(policy, episodes);
         let success_rate = (mean_return / 40.0).clamp(0.0, 1.0);
-        Some(Validation { success_rate, strict_success_rate: 0.0, mean_return })
+        Some(Validation::of_starts(Rates { success_rate, strict_success_rate: 0.0, mean_return }))
     }
     fn iteration_finished(&mut self, progress: &TrainingProgress) -> TrainingControl {
         self.progress.push(progress.clone());

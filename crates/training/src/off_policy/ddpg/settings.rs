@@ -4,7 +4,7 @@ use crate::off_policy::OffPolicy;
 use crate::off_policy::declare::off_policy_settings;
 use crate::off_policy::deterministic::Exploration;
 use crate::settings::setting::{AT_LEAST_1, DECAY, NOT_NEGATIVE_RANGE};
-use crate::{ExplorationDecay, RunSettings};
+use crate::{ExplorationDecay, RunSettings, ScenarioSettings};
 
 off_policy_settings! {
     /// Settings of DDPG. In TOML, each field is a key and the last five are tables;
@@ -45,6 +45,10 @@ impl Algorithm for DdpgSettings {
 
     fn run_mut(&mut self) -> &mut RunSettings {
         &mut self.run
+    }
+
+    fn scenarios_mut(&mut self) -> &mut ScenarioSettings {
+        &mut self.scenarios
     }
 }
 

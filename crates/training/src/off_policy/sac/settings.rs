@@ -1,10 +1,10 @@
 use super::Sac;
 use super::distribution::Distribution;
-use crate::RunSettings;
 use crate::algorithm::Algorithm;
 use crate::off_policy::OffPolicy;
 use crate::off_policy::declare::off_policy_settings;
 use crate::settings::setting::{AT_LEAST_1, POSITIVE};
+use crate::{RunSettings, ScenarioSettings};
 
 off_policy_settings! {
     /// Settings of SAC. In TOML, each field is a key and the last five are tables;
@@ -42,6 +42,10 @@ impl Algorithm for SacSettings {
 
     fn run_mut(&mut self) -> &mut RunSettings {
         &mut self.run
+    }
+
+    fn scenarios_mut(&mut self) -> &mut ScenarioSettings {
+        &mut self.scenarios
     }
 }
 

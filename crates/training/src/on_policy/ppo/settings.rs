@@ -8,12 +8,12 @@ use crate::settings::setting::{
     ARRAY_SIZE, AT_LEAST_1, AT_LEAST_2, FINITE, FRACTION, POSITIVE, POSITIVE_RANGE, require,
 };
 use crate::{
-    CriticSettings, EpisodeSettings, MinibatchScheme, PolicySettings, RunSettings, Setting, TomlSettings,
-    TrainingError,
+    CriticSettings, EpisodeSettings, MinibatchScheme, PolicySettings, RunSettings, ScenarioSettings, Setting,
+    TomlSettings, TrainingError,
 };
 
 settings! {
-    /// Settings of PPO. In TOML, each field is a key and the last four are tables; [`TomlSettings`]
+    /// Settings of PPO. In TOML, each field is a key and the last five are tables; [`TomlSettings`]
     /// describes missing keys.
     ///
     /// # Example
@@ -78,6 +78,8 @@ settings! {
         pub run: RunSettings = RunSettings::default();
         /// The parallel environments.
         pub episodes: EpisodeSettings = EpisodeSettings::default();
+        /// The scenarios of the episodes.
+        pub scenarios: ScenarioSettings = ScenarioSettings::default();
         /// The policy.
         pub policy: PolicySettings = PolicySettings::default();
         /// The critic.
@@ -159,6 +161,10 @@ impl Algorithm for PpoSettings {
 
     fn run_mut(&mut self) -> &mut RunSettings {
         &mut self.run
+    }
+
+    fn scenarios_mut(&mut self) -> &mut ScenarioSettings {
+        &mut self.scenarios
     }
 }
 

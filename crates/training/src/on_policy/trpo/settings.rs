@@ -6,12 +6,12 @@ use crate::settings::bases::SKRL_0_10;
 use crate::settings::declare::{choice, settings};
 use crate::settings::setting::{ARRAY_SIZE, AT_LEAST_1, AT_LEAST_2, FRACTION, NOT_NEGATIVE, POSITIVE};
 use crate::{
-    CriticSettings, EpisodeSettings, MinibatchScheme, PolicySettings, RunSettings, Setting, TomlSettings,
-    TrainingError,
+    CriticSettings, EpisodeSettings, MinibatchScheme, PolicySettings, RunSettings, ScenarioSettings, Setting,
+    TomlSettings, TrainingError,
 };
 
 settings! {
-    /// Settings of TRPO. In TOML, each field is a key and the last four are tables;
+    /// Settings of TRPO. In TOML, each field is a key and the last five are tables;
     /// [`TomlSettings`] describes missing keys.
     ///
     /// # Example
@@ -65,6 +65,8 @@ settings! {
         pub run: RunSettings = RunSettings::default();
         /// The parallel environments.
         pub episodes: EpisodeSettings = EpisodeSettings::default();
+        /// The scenarios of the episodes.
+        pub scenarios: ScenarioSettings = ScenarioSettings::default();
         /// The policy.
         pub policy: PolicySettings = PolicySettings::default();
         /// The critic.
@@ -119,5 +121,9 @@ impl Algorithm for TrpoSettings {
 
     fn run_mut(&mut self) -> &mut RunSettings {
         &mut self.run
+    }
+
+    fn scenarios_mut(&mut self) -> &mut ScenarioSettings {
+        &mut self.scenarios
     }
 }

@@ -1,0 +1,62 @@
+//! The scenario of each episode.
+
+use std::fmt::Write;
+
+use mishandle_controllers::bytes_hash;
+use mishandle_rollout::{Scenario, Seed, Stream, TrainingScenarios};
+
+use crate::ScenarioSettings;
+
+/// Draws scenarios with the shares of the settings. A scenario depends on the seed of its episode
+/// only.
+pub(super) struct ScenarioDraw {
+    scenarios: TrainingScenarios,
+    /// Upper ends, in [0, 1], of the shares of nominal episodes, corners and given scenarios.
+    shares: [f64; 3],
+}
+
+impl ScenarioDraw {
+    pub fn new(scenarios: TrainingScenarios, settings: &ScenarioSettings) -> ScenarioDraw {
+        let ScenarioSettings { nominal, corners, file_share, .. } = *settings;
+        ScenarioDraw { scenarios, shares: [nominal, nominal + corners, nominal + corners + file_share] }
+    }
+
+    pub fn scenarios(&self) -> &TrainingScenarios {
+        &self.scenarios
+    }
+
+    /// Returns the scenario of the episode with this seed.
+    pub fn draw(&self, seed: Seed) -> Scenario {
+        let [nominal, corners, given] = self.shares;
+        let uniform = |index: u32| seed.uniform(Stream::Scenario, 0, index);
+        match if given > 0.0 { uniform(0) } else { 1.0 } {
+            u if u < nominal => self.scenarios.nominal(seed, 0),
+            u if u < corners => self.scenarios.corner(seed, 0),
+            u if u < given => match self.scenarios.given(uniform(1)) {
+                Some(scenario) => self.with_random_start(scenario, seed),
+                None => self.scenarios.random(seed, 0),
+            },
+            _ => self.scenarios.random(seed, 0),
+        }
+    }
+
+    /// Returns a given scenario, with a random value for each initial state that it leaves open.
+    fn with_random_start(&self, scenario: &Scenario, seed: Seed) -> Scenario {
+        let nominal = self.scenarios.nominal(seed, 0);
+        let values = scenario.values().iter().zip(nominal.values());
+        let filled = Scenario::new(values.map(|(given, drawn)| given.or(*drawn)).collect());
+        self.scenarios.space.canonical(filled)
+    }
+
+    /// Returns a text that identifies the given scenarios; empty without any.
+    pub fn identity_of_given(&self) -> String {
+        if self.scenarios.given.is_empty() {
+            return String::new();
+        }
+        let mut text = String::new();
+        for (scenario, weight) in &self.scenarios.given {
+            writeln!(text, "{:?} {weight}", scenario.values()).expect("writing to a text does not fail");
+        }
+        format!(" with scenarios {}", &bytes_hash(text.as_bytes())[..12])
+    }
+}

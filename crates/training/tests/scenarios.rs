@@ -1,0 +1,389 @@
+//! Training episodes draw scenarios with the stated shares, and their policy sees and acts exactly
+//! as in an evaluation.
+
+#![allow(clippy::unwrap_used, reason = "helpers of tests")]
+
+mod line;
+mod toy;
+
+use std::ops::Range;
+use std::sync::{Arc, Mutex};
+
+use line::Line;
+use mishandle_rollout::fault::{Channel, FaultSite, Side};
+use mishandle_rollout::{
+    Axis, AxisKind, AxisValues, Controller, ControllerWorker, Disturbance, Effect, Environment,
+    EnvironmentWorker, Noise, Request, Rollout, Sample, Scenario, ScenarioBatches, Seed, Space,
+    Specification, StepStatus, System, TimeProfile, TrainingScenarios, delays,
+};
+use mishandle_training::{
+    AlgorithmSettings, Boundary, Checkpoint, EpisodeSettings, Episodes, Observer, ScenarioSettings,
+    TrainingControl, TrainingError, TrainingProgress, Validation,
+};
+use toy::{Toy, names};
+
+/// Number of control steps of an episode.
+const STEPS: usize = 30;
+
+/// Environment with a moving observation of three numbers. Its signals are the two actions that it
+/// got, and its reward depends on both and on its initial state.
+#[derive(Clone)]
+struct Drifter;
+
+fn drifter() -> Arc<Toy<Drifter>> {
+    Arc::new(Toy {
+        name: "drifter",
+        space: toy::space(&[("start", -1.0, 1.0)]),
+        signals: names(&["first", "second", "reward"]),
+        reward_terms: names(&["reward"]),
+        observation_size: 3,
+        action_size: 2,
+        state_size: 3,
+        episode_steps: STEPS,
+        worker: Drifter,
+    })
+}
+
+impl Drifter {
+    fn show(state: &[f64], action: &[f64], sample: &mut Sample<'_>) {
+        let angle = 0.2 * state[0];
+        let shown = [state[1] + angle.sin(), state[2], angle.cos()];
+        sample.observation.iter_mut().zip(shown).for_each(|(seen, value)| *seen = value as f32);
+        sample.rewards[0] = state[1] * action[0] - action[1] * action[1];
+        sample.signals.copy_from_slice(&[action[0], action[1], sample.rewards[0]]);
+    }
+}
+
+impl EnvironmentWorker for Drifter {
+    fn reset(&mut self, scenario: &Scenario, seed: Seed, state: &mut [f64], mut sample: Sample<'_>) {
+        assert_eq!(scenario.values().len(), 1, "the environment gets its own axes only");
+        let random = seed.uniform(mishandle_rollout::Stream::Reset, 0, 0);
+        state.copy_from_slice(&[0.0, scenario.get(0).unwrap(), random]);
+        Self::show(state, &[0.0; 2], &mut sample);
+    }
+
+    fn step(&mut self, action: &[f64], state: &mut [f64], mut sample: Sample<'_>) -> StepStatus {
+        state[0] += 1.0;
+        state[1] = 0.9 * state[1] + 0.1 * action[0];
+        state[2] -= 0.05 * action[1];
+        Self::show(state, action, &mut sample);
+        StepStatus::Running
+    }
+}
+
+/// The policy of the tests: it reacts to each entry of the observation.
+fn act(observation: &[f32]) -> [f32; 2] {
+    let [x, y, z] = observation else { panic!("three entries") };
+    [0.8 * x - 0.3 * z + 0.1, 1.5 * y * z - 0.2 * x]
+}
+
+/// Runs [`act`] and keeps what it saw.
+struct Recorder(Arc<Mutex<Vec<Vec<f32>>>>);
+
+impl Controller for Recorder {
+    fn observation_size(&self) -> usize {
+        3
+    }
+    fn action_size(&self) -> usize {
+        2
+    }
+    fn state_size(&self) -> usize {
+        0
+    }
+    fn worker(&self) -> Box<dyn ControllerWorker> {
+        Box::new(Recorder(self.0.clone()))
+    }
+}
+
+impl ControllerWorker for Recorder {
+    fn reset(&mut self, _state: &mut [f64], _seed: Seed) {}
+
+    fn act(&mut self, rows: usize, observations: &[f32], _states: &mut [f64], actions: &mut [f32]) {
+        assert_eq!(rows, 1);
+        self.0.lock().unwrap().push(observations.to_vec());
+        actions.copy_from_slice(&act(observations));
+    }
+}
+
+fn site(side: Side, name: &str, entries: usize) -> FaultSite {
+    let channel = |entry: usize| Channel { name: format!("e{entry}"), entries: vec![entry] };
+    FaultSite {
+        side,
+        name: name.to_string(),
+        number: 0,
+        channels: (0..entries).map(channel).collect(),
+        ranges: vec![[-1.0, 1.0]; entries],
+        has_numbers: true,
+        control_dt: 0.1,
+        episode_steps: STEPS,
+    }
+}
+
+/// One or more disturbances of every kind.
+fn disturbances(steps: Range<usize>) -> Vec<Disturbance> {
+    let offset = |name: &str, kind, bound: f64| Axis::new(kind, name, "", [-bound, bound], Some(0.0));
+    let drift = TimeProfile::Linear { before: 0, at: 10, after: 25 };
+    let constant = TimeProfile::Constant(0..STEPS);
+    let mut all = delays();
+    all.extend([
+        Disturbance {
+            axis: offset("bias", AxisKind::Model, 0.2),
+            effect: Effect::Observation { entry: 0, factor: 2.0, profile: constant.clone() },
+        },
+        Disturbance {
+            axis: offset("drift", AxisKind::Input, 0.3),
+            effect: Effect::Observation { entry: 1, factor: 1.0, profile: drift },
+        },
+        Disturbance {
+            axis: Axis::new(AxisKind::Model, "noise", "", [0.0, 0.1], Some(0.0)),
+            effect: Effect::ObservationNoise { entries: vec![(0, 1.0), (2, 0.5)] },
+        },
+        Disturbance {
+            axis: offset("wind", AxisKind::Input, 0.5),
+            effect: Effect::Action { entry: 1, profile: constant },
+        },
+        Disturbance {
+            axis: Axis::new(AxisKind::Noise, "draw", "", [-3.0, 3.0], None),
+            effect: Effect::ActionDraw { entry: 0, steps },
+        },
+    ]);
+    all.extend(site(Side::Sensing, "sensor", 3).disturbances());
+    all.extend(site(Side::Actuation, "actuator", 2).disturbances());
+    all
+}
+
+/// All scenarios of the drifter from which a policy can learn.
+fn scenarios() -> TrainingScenarios {
+    let disturbances = disturbances(5..20);
+    let axes = drifter().space.axes().to_vec();
+    let mut axes: Vec<Axis> =
+        axes.into_iter().chain(disturbances.iter().map(|known| known.axis.clone())).collect();
+    let whole = TrainingScenarios {
+        space: Space::new("all", axes.clone()).unwrap(),
+        disturbances: disturbances.clone(),
+        given: Vec::new(),
+    };
+    let (axis, allowed) = whole.not_a_number().unwrap();
+    let fill = axes.iter_mut().find(|known| known.name == axis.name).unwrap();
+    let AxisValues::Categorical(fills) = &fill.values else { panic!("a category") };
+    assert_eq!((fill.name.as_str(), &fills[2]), ("sensor_fill", &"nan".to_string()));
+    fill.values = AxisValues::Categorical(fills[..2].into());
+    (fill.low, fill.high) = allowed.into_inner();
+    let scenarios =
+        TrainingScenarios { space: Space::new("all", axes).unwrap(), disturbances, given: Vec::new() };
+    assert!(scenarios.not_a_number().is_none());
+    scenarios
+}
+
+fn settings(rows: usize, action_noise: f64) -> EpisodeSettings {
+    EpisodeSettings { environments: rows, action_noise, staggered: false, ..EpisodeSettings::default() }
+}
+
+fn episodes(scenarios: &TrainingScenarios, shares: &ScenarioSettings, rows: usize, noise: f64) -> Episodes {
+    let batches = ScenarioBatches { batches: drifter(), scenarios: scenarios.clone() };
+    Episodes::new(&batches, &settings(rows, noise), shares, Seed(3)).unwrap()
+}
+
+fn step(episodes: &mut Episodes) {
+    let actions: Vec<f32> = episodes.observations().chunks(3).flat_map(act).collect();
+    episodes.step(&actions).unwrap();
+}
+
+/// Bits of what the policy saw in an evaluation, and of the actions and rewards of each step.
+fn evaluated(scenario: Scenario, seed: Seed, noise: f64) -> (Vec<Vec<u32>>, Vec<[u64; 3]>) {
+    let scenarios = scenarios();
+    let seen = Arc::new(Mutex::new(Vec::new()));
+    let noise = Noise { action_std: noise, observation_std: 0.0 };
+    let formula = Specification::parse("first < 9", "first < 9", "first < 9", "first < 9").unwrap();
+    let rollout = Rollout::new(drifter(), Arc::new(Recorder(seen.clone())), formula, noise).unwrap();
+    let mut rollout = rollout.with_disturbances(scenarios.space, &scenarios.disturbances).unwrap();
+    let episode = rollout.rollout(&[Request::new(scenario, seed)]).unwrap().remove(0);
+    assert_eq!(episode.steps, STEPS, "{:?}", episode.end);
+    let trace = &episode.trace;
+    let signals =
+        (1..trace.len()).map(|sample| [0, 1, 2].map(|signal| trace.column(signal)[sample].to_bits()));
+    let seen = seen.lock().unwrap().iter().map(|observation| float_bits(observation)).collect();
+    (seen, signals.collect())
+}
+
+fn float_bits(numbers: &[f32]) -> Vec<u32> {
+    numbers.iter().map(|x| x.to_bits()).collect()
+}
+
+#[test]
+fn the_policy_sees_and_acts_as_in_an_evaluation_of_the_same_scenario_and_seed() {
+    let scenarios = scenarios();
+    for noise in [0.0, 0.4] {
+        let mut episodes = episodes(&scenarios, &ScenarioSettings::default(), 60, noise);
+        for episode in 0..2 {
+            let (mut seen, mut done) = (vec![Vec::new(); 60], vec![Vec::new(); 60]);
+            for _ in 0..STEPS {
+                let observations = episodes.observations().chunks(3).zip(&mut seen);
+                observations.for_each(|(observation, seen)| seen.push(float_bits(observation)));
+                step(&mut episodes);
+                let steps = episodes.applied_actions().chunks(2).zip(episodes.rewards()).zip(&mut done);
+                steps.for_each(|((a, reward), done)| done.push([a[0], a[1], *reward].map(f64::to_bits)));
+            }
+            assert!(episodes.boundaries().iter().all(|boundary| *boundary == Boundary::Truncated));
+            for row in 0..60 {
+                let seed = Seed(3).child(row as u64).child(episode);
+                let expected = evaluated(scenarios.random(seed, 0), seed, noise);
+                assert_eq!((&seen[row], &done[row]), (&expected.0, &expected.1), "row {row}");
+            }
+        }
+    }
+}
+
+#[test]
+fn a_restored_batch_continues_to_the_same_bits_within_delays_and_faults() {
+    let scenarios = scenarios();
+    let make = || episodes(&scenarios, &ScenarioSettings::default(), 40, 0.3);
+    for pause in [0, 7, 13, 29, 41] {
+        let mut whole = make();
+        (0..pause).for_each(|_| step(&mut whole));
+        let mut checkpoint = Checkpoint::new("ppo", "drifter", 3, "");
+        whole.save(&mut checkpoint).unwrap();
+        let mut restored = make();
+        restored.load(&checkpoint).unwrap();
+        for _ in 0..35 {
+            assert_eq!(float_bits(restored.observations()), float_bits(whole.observations()));
+            step(&mut whole);
+            step(&mut restored);
+            let bits = |x: &Episodes| {
+                x.applied_actions().iter().chain(x.rewards()).map(|x| x.to_bits()).collect::<Vec<_>>()
+            };
+            assert_eq!(bits(&restored), bits(&whole), "{pause}");
+        }
+    }
+}
+
+#[test]
+fn nominal_axes_and_nominal_episodes_change_no_bit() {
+    let whole = scenarios();
+    let fixed = |axis: &Axis| match axis.nominal {
+        Some(nominal) if axis.kind != AxisKind::Start => {
+            let values = match &axis.values {
+                AxisValues::Categorical(names) => AxisValues::Categorical(names[..1].into()),
+                other => other.clone(),
+            };
+            Axis { low: nominal, high: nominal, values, ..axis.clone() }
+        }
+        _ => axis.clone(),
+    };
+    let axes = whole.space.axes().iter().filter(|axis| axis.nominal.is_some()).map(fixed).collect();
+    let still = TrainingScenarios { space: Space::new("still", axes).unwrap(), ..whole.clone() };
+    let nominal = ScenarioSettings { nominal: 1.0, ..ScenarioSettings::default() };
+    let plain = TrainingScenarios::of(drifter().space.clone());
+    let shares = ScenarioSettings::default();
+    let mut all = [
+        episodes(&plain, &shares, 20, 0.3),
+        episodes(&still, &shares, 20, 0.3),
+        episodes(&whole, &nominal, 20, 0.3),
+    ];
+    for _ in 0..70 {
+        all.iter_mut().for_each(step);
+        let bits = all.each_ref().map(|x| {
+            let seen = x.observations().iter().map(|x| u64::from(x.to_bits()));
+            seen.chain(x.rewards().iter().map(|x| x.to_bits())).collect::<Vec<_>>()
+        });
+        assert!(bits[0] == bits[1] && bits[0] == bits[2]);
+    }
+}
+
+#[test]
+fn shares_are_met_within_binomial_bounds() {
+    // The initial state is 0.5 in given scenarios, -1 or 1 at corners and otherwise any other.
+    // A bias of 0 is nominal.
+    let bias = &disturbances(0..1)[5..6];
+    let axes = [drifter().space.axes()[0].clone(), bias[0].axis.clone()];
+    let given = [(Some(0.5), 0.1, 3.0), (Some(0.5), -0.1, 1.0)];
+    let given = given.map(|(start, bias, weight)| (Scenario::new(vec![start, Some(bias)]), weight));
+    let scenarios = TrainingScenarios {
+        space: Space::new("two", axes.to_vec()).unwrap(),
+        disturbances: bias.to_vec(),
+        given: given.to_vec(),
+    };
+    let text = "scenarios = { nominal = 0.2, corners = 0.3, file = \"a\", file_share = 0.1 }";
+    let shares = AlgorithmSettings::from_toml("ppo", text).unwrap().unwrap();
+    let n = 20_000;
+    let mut episodes = episodes(&scenarios, shares.scenarios(), n, 0.0);
+    let mut checkpoint = Checkpoint::new("ppo", "drifter", 3, "");
+    episodes.save(&mut checkpoint).unwrap();
+    let drawn: Vec<&[f64]> = checkpoint.f64s("disturbed.scenarios", 2 * n).unwrap().chunks(2).collect();
+    let check = |what: &str, share: f64, holds: &dyn Fn(f64, f64) -> bool| {
+        let count = drawn.iter().filter(|values| holds(values[0], values[1])).count() as f64;
+        // Five standard deviations.
+        let bound = 5.0 * (n as f64 * share * (1.0 - share)).sqrt();
+        assert!((count - n as f64 * share).abs() < bound, "{what}: {count} of {n}");
+    };
+    check("nominal", 0.2, &|_, bias| bias == 0.0);
+    check("corners", 0.3, &|start, bias| start.abs() == 1.0 && bias.abs() == 0.2);
+    check("one corner", 0.075, &|start, bias| start == 1.0 && bias == -0.2);
+    check("given", 0.1, &|start, _| start == 0.5);
+    check("the first given", 0.075, &|start, bias| start == 0.5 && bias == 0.1);
+    check("random", 0.4, &|start, bias| start.abs() < 1.0 && start != 0.5 && bias != 0.0);
+    // The scenario of an episode depends on its seed only, not on the number of rows.
+    let few = self::episodes(&scenarios, shares.scenarios(), 10, 0.0);
+    assert_eq!(few.observations(), &episodes.observations()[..30]);
+}
+
+/// Stops after `stop_after` iterations and keeps the checkpoint.
+#[derive(Default)]
+struct Keeper {
+    stop_after: u64,
+    checkpoint: Option<Checkpoint>,
+}
+
+impl Observer for Keeper {
+    fn validate(&mut self, _policy: &mishandle_controllers::Policy, _episodes: usize) -> Option<Validation> {
+        None
+    }
+    fn iteration_finished(&mut self, progress: &TrainingProgress) -> TrainingControl {
+        match progress.iteration == self.stop_after {
+            true => TrainingControl::Stop,
+            false => TrainingControl::Continue,
+        }
+    }
+    fn save_checkpoint(&mut self, checkpoint: &Checkpoint) {
+        self.checkpoint = Some(checkpoint.clone());
+    }
+}
+
+#[test]
+fn every_algorithm_trains_on_scenarios_and_resumes_to_the_same_bits() {
+    let scenarios = scenarios();
+    for algorithm in ["ppo", "trpo", "sac", "td3", "ddpg"] {
+        let own = match algorithm {
+            "ppo" => "rollout_steps = 12\nminibatch_size = 48",
+            "trpo" => "rollout_steps = 12",
+            _ => "steps_per_iteration = 12\nreplay = { warmup_steps = 50, batch_size = 32 }",
+        };
+        let common = "run.total_steps = 600\nepisodes.environments = 8\npolicy.hidden = [8]\ncritic.hidden = [8]\n\
+                      scenarios = { space = \"all\", nominal = 0.2, corners = 0.3 }\n";
+        let settings = AlgorithmSettings::from_toml(algorithm, &format!("{common}{own}")).unwrap().unwrap();
+        let batches = ScenarioBatches { batches: drifter(), scenarios: scenarios.clone() };
+        let train = |resume: Option<&Checkpoint>, keeper: &mut Keeper| {
+            settings.train(&batches, Seed(2), resume, keeper).unwrap()
+        };
+        let trained = train(None, &mut Keeper::default());
+        let mut first = Keeper { stop_after: 3, ..Keeper::default() };
+        train(None, &mut first);
+        let resumed = train(first.checkpoint.as_ref(), &mut Keeper::default());
+        assert_eq!(resumed.last.hash(), trained.last.hash(), "{algorithm}");
+        // Another table is another training run.
+        let mut other = settings.clone();
+        other.scenarios_mut().corners = 0.2;
+        let error = other.check_resumption(&batches, Seed(2), first.checkpoint.as_ref().unwrap());
+        assert!(error.unwrap_err().to_string().contains("scenarios.corners"), "{algorithm}");
+    }
+}
+
+#[test]
+fn environments_without_the_scenarios_of_the_settings_are_an_error() {
+    let text = "scenarios = { space = \"delay\" }";
+    let settings = AlgorithmSettings::from_toml("ppo", text).unwrap().unwrap();
+    let error = settings.train(&Line::new(0.0), Seed(2), None, &mut Keeper::default()).unwrap_err();
+    assert!(matches!(error, TrainingError::OtherScenarios { .. }), "{error}");
+    let found = drifter().space().name().to_string();
+    assert!(error.to_string().contains(&format!("`{found}`")), "{error}");
+}

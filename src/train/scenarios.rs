@@ -1,0 +1,224 @@
+//! The scenarios of a training run: names in the settings become axes of the task.
+
+use std::path::Path;
+
+use csv::{ReaderBuilder, StringRecord};
+use mishandle_files::{limits, read_text_bounded};
+use mishandle_rollout::{
+    Axis, AxisKind, AxisValues, Environment, RolloutError, Scenario, Space, TrainingScenarios, named_space,
+};
+use mishandle_tasks::TaskEnvironment;
+use mishandle_training::{AlgorithmSettings, AxisSetting};
+
+use crate::error::MishandleError;
+use crate::resolve::with_settings;
+
+/// Name of the space of the initial states.
+const STARTS: &str = "starts";
+
+/// Column of the weights in a file of scenarios.
+const WEIGHT: &str = "weight";
+
+/// Returns the scenarios that settings name, and the environment over their axes of the scene.
+///
+/// A fault that shows NaN to the policy is excluded in the settings, because no policy can learn
+/// from it.
+///
+/// # Errors
+/// If a name is unknown, an axis is set to a value that it cannot have, the settings ask for NaN,
+/// or the file of scenarios cannot be read.
+pub(super) fn scenarios(
+    environment: TaskEnvironment,
+    settings: &mut AlgorithmSettings,
+) -> Result<(TaskEnvironment, TrainingScenarios), MishandleError> {
+    if !settings.scenarios().is_used() {
+        let scenarios = TrainingScenarios::of(environment.space().clone());
+        return Ok((environment, scenarios));
+    }
+    let disturbances = environment.disturbances(settings.episodes().action_noise > 0.0);
+    let (axes, spaces) = environment.axes_and_spaces(&disturbances)?;
+    let name = settings.scenarios().space.clone().unwrap_or_else(|| STARTS.to_string());
+    let named = space_with_starts(&name, &axes, &spaces)?;
+    let scenarios = loop {
+        let space = with_settings(named.clone(), &settings.scenarios().axes, &axes)?;
+        let found = TrainingScenarios { space, disturbances: disturbances.clone(), given: Vec::new() };
+        let Some((axis, allowed)) = found.not_a_number() else { break found };
+        let name = axis.name.clone();
+        if settings.scenarios().axes.contains_key(&name) {
+            return Err(MishandleError::NotANumberInTraining {
+                axis: name,
+                allowed: allowed.into_inner().into(),
+            });
+        }
+        settings.scenarios_mut().axes.insert(name, AxisSetting::Range(allowed.into_inner().into()));
+    };
+    let given = match &settings.scenarios().file {
+        Some(file) => read(Path::new(file), &scenarios.space)?,
+        None => Vec::new(),
+    };
+    Ok((environment.with_scene_axes(&scenarios.space)?, TrainingScenarios { given, ..scenarios }))
+}
+
+/// Returns a named space with the axes of the initial state first, so that a start has the same
+/// random numbers in every space.
+fn space_with_starts(name: &str, axes: &[Axis], spaces: &[Space]) -> Result<Space, MishandleError> {
+    let unknown = |error| match error {
+        RolloutError::UnknownSpace { name, known } => {
+            MishandleError::UnknownName { kind: "space", name, known }
+        }
+        error => error.into(),
+    };
+    let named = named_space(name, axes, spaces).map_err(unknown)?;
+    let mut joined = named_space(STARTS, axes, spaces).map_err(unknown)?.axes().to_vec();
+    joined.extend(named.axes().iter().filter(|axis| axis.kind != AxisKind::Start).cloned());
+    Ok(Space::new(name, joined)?)
+}
+
+/// Reads the scenarios of a file, each with its weight.
+fn read(path: &Path, space: &Space) -> Result<Vec<(Scenario, f64)>, MishandleError> {
+    let text = read_text_bounded(path, limits::SETTINGS)
+        .map_err(|source| MishandleError::File { path: path.to_path_buf(), source })?;
+    parse(&text, space).map_err(|problem| MishandleError::ScenarioFile { path: path.to_path_buf(), problem })
+}
+
+fn parse(text: &str, space: &Space) -> Result<Vec<(Scenario, f64)>, String> {
+    let mut reader = ReaderBuilder::new().from_reader(text.as_bytes());
+    let columns = reader.headers().map_err(|error| error.to_string())?.clone();
+    let mut places = Vec::new();
+    for (number, column) in columns.iter().enumerate() {
+        let place = space.axes().iter().position(|axis| axis.name == column);
+        if place.is_none() && column != WEIGHT {
+            let names: Vec<&str> = space.axes().iter().map(|axis| axis.name.as_str()).collect();
+            let known = names.join(", ");
+            return Err(format!("column `{column}` is not an axis of the space; expected weight, {known}"));
+        }
+        if columns.iter().take(number).any(|before| before == column) {
+            return Err(format!("two columns have the name `{column}`"));
+        }
+        places.push(place);
+    }
+    let mut scenarios = Vec::new();
+    for record in reader.records() {
+        let record = record.map_err(|error| error.to_string())?;
+        let line = record.position().map_or(0, csv::Position::line);
+        let row = row(&record, &places, space).map_err(|problem| format!("line {line}: {problem}"))?;
+        scenarios.push(row);
+    }
+    match scenarios.iter().any(|(_, weight)| *weight > 0.0) {
+        true => Ok(scenarios),
+        false => Err("it has no scenario with a weight above 0".to_string()),
+    }
+}
+
+/// Reads a scenario and its weight. An empty cell is nominal, or random on an axis of the start.
+fn row(record: &StringRecord, places: &[Option<usize>], space: &Space) -> Result<(Scenario, f64), String> {
+    let axes = space.axes();
+    let open = |axis: &Axis| if axis.kind == AxisKind::Start { None } else { axis.nominal };
+    let (mut values, mut weight): (Vec<Option<f64>>, f64) = (axes.iter().map(open).collect(), 1.0);
+    for (cell, place) in record.iter().zip(places).filter(|(cell, _)| !cell.trim().is_empty()) {
+        match place {
+            Some(place) => values[*place] = Some(value(cell.trim(), &axes[*place])?),
+            None => weight = cell.trim().parse().unwrap_or(f64::NAN),
+        }
+    }
+    if !(weight >= 0.0 && weight.is_finite()) {
+        return Err("a weight must be a number of at least 0".to_string());
+    }
+    let filled = values.iter().zip(axes).map(|(value, axis)| value.or(axis.nominal));
+    space.check(&Scenario::new(filled.collect())).map_err(|error| error.to_string())?;
+    Ok((Scenario::new(values), weight))
+}
+
+/// Returns the value of a cell: a number, or the name of a category.
+fn value(cell: &str, axis: &Axis) -> Result<f64, String> {
+    let category = match &axis.values {
+        AxisValues::Categorical(names) => names.iter().position(|name| name == cell),
+        _ => None,
+    };
+    let number = category.map(|index| axis.low + index as f64).or_else(|| cell.parse().ok());
+    number.ok_or_else(|| format!("`{}` is `{cell}`; expected a value of the axis", axis.name))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use mishandle_tasks::{Preset, Reward};
+
+    fn resolved(
+        text: &str,
+    ) -> Result<(AlgorithmSettings, TaskEnvironment, TrainingScenarios), MishandleError> {
+        let task = mishandle_tasks::task("ball-balancing").unwrap();
+        let environment = TaskEnvironment::new(task, Preset::Paper, Reward::Shaped).unwrap();
+        let mut settings = AlgorithmSettings::from_toml("ppo", text).unwrap()?;
+        let (environment, scenarios) = scenarios(environment, &mut settings)?;
+        Ok((settings, environment, scenarios))
+    }
+
+    fn error(text: &str) -> String {
+        resolved(text).map(|_| ()).unwrap_err().to_string()
+    }
+
+    #[test]
+    fn starts_come_first_in_every_space() {
+        let (_, plain, starts) = resolved("").unwrap();
+        for name in ["delay", "dynamics+starts", "all"] {
+            let (_, environment, found) = resolved(&format!("scenarios.space = \"{name}\"")).unwrap();
+            assert_eq!(found.space.name(), name);
+            assert_eq!(found.space.axes()[..plain.space().dimension()], *starts.space.axes());
+            let scene = environment.space().axes();
+            assert!(scene.iter().all(|axis| found.space.axes().contains(axis)));
+        }
+    }
+
+    #[test]
+    fn nan_is_excluded_and_cannot_be_asked_for() {
+        let (settings, _, found) = resolved("scenarios.space = \"faults-sensing\"").unwrap();
+        assert!(found.not_a_number().is_none());
+        let axes = &settings.scenarios().axes;
+        assert_eq!(axes["sensor_fault_fill"], AxisSetting::Range([0.0, 1.0]), "last and zero");
+        let (again, ..) = resolved(&settings.to_toml()).unwrap();
+        assert_eq!(again, settings, "stated settings resolve to themselves");
+        let text = "scenarios = { space = \"faults-sensing\", axes.sensor_fault_fill = \"nan\" }";
+        assert!(error(text).contains("sensor_fault_fill"), "{}", error(text));
+    }
+
+    #[test]
+    fn mistakes_in_names_and_values_are_errors() {
+        for (text, part) in [
+            ("scenarios.space = \"delays\"", "delays"),
+            ("scenarios.axes.action_delai = 1", "action_delai"),
+            ("scenarios.axes.action_delay = 7", "from 0 to 3"),
+            ("scenarios = { file = \"/none/a.csv\", file_share = 0.1 }", "/none/a.csv"),
+        ] {
+            assert!(error(text).contains(part), "{}", error(text));
+        }
+    }
+
+    #[test]
+    fn a_file_of_scenarios_states_weights_values_and_categories() {
+        let (_, _, found) = resolved("scenarios.space = \"delay+faults-actuation\"").unwrap();
+        let space = &found.space;
+        let at = |name: &str| space.axes().iter().position(|axis| axis.name == name).unwrap();
+        let text = "weight,action_delay,actuator_fault,ball_x\n2,3,pause,\n,,,0.3\n";
+        let read = parse(text, space).unwrap();
+        let get = |row: usize, name: &str| read[row].0.get(at(name));
+        assert_eq!((read[0].1, read[1].1), (2.0, 1.0));
+        assert_eq!((get(0, "action_delay"), get(0, "observation_delay")), (Some(3.0), Some(0.0)));
+        assert_eq!((get(0, "actuator_fault"), get(1, "actuator_fault")), (Some(7.0), Some(0.0)));
+        assert_eq!((get(0, "ball_x"), get(1, "ball_x")), (None, Some(0.3)), "an empty start is random");
+        for (text, part) in [
+            ("action_delai\n1\n", "`action_delai` is not an axis"),
+            ("action_delay,action_delay\n1,1\n", "two columns"),
+            ("action_delay\n0.5\n", "line 2"),
+            ("action_delay\nsoon\n", "expected a value of the axis"),
+            ("weight\n-1\n", "at least 0"),
+            ("weight\nnan\n", "at least 0"),
+            ("weight\n0\n", "no scenario"),
+            ("action_delay,weight\n1\n", "record"),
+            ("action_delay\n", "no scenario"),
+        ] {
+            let error = parse(text, space).unwrap_err();
+            assert!(error.contains(part), "{text}: {error}");
+        }
+    }
+}

@@ -1,0 +1,272 @@
+//! Training on scenarios: the policy sees and acts as in an evaluation, on the CPU and through the
+//! interface of other engines, and a run that is resumed has the same bits.
+
+#![allow(clippy::unwrap_used)]
+
+use std::path::Path;
+use std::sync::{Arc, Mutex};
+
+use mishandle::MishandleError;
+use mishandle::plan::AxisSetting;
+use mishandle::run::Device;
+use mishandle::tasks::{Preset, Reward, TaskBatches, TaskEnvironment};
+use mishandle::train::{Curve, TrainObserver, TrainPlan, TrainReport};
+use mishandle::training::{
+    Boundary, EpisodeSettings, Episodes, ScenarioSettings, TrainingControl, TrainingProgress,
+};
+use mishandle_rollout::{
+    Axis, AxisValues, BatchFactory, Controller, ControllerWorker, Environment, EnvironmentWorker, Noise,
+    Request, Rollout, Sample, Scenario, ScenarioBatches, Seed, Space, StepStatus, System, TrainingScenarios,
+    named_space,
+};
+use mishandle_world::CpuDevice;
+
+/// A policy that reacts to each entry of the observation, and keeps what it saw.
+struct Recorder {
+    sizes: (usize, usize),
+    seen: Arc<Mutex<Vec<Vec<u32>>>>,
+}
+
+fn act(observation: &[f32], actions: &mut [f32]) {
+    for (index, action) in actions.iter_mut().enumerate() {
+        let waves = observation.iter().zip(1..).map(|(x, k)| (x * (k + index) as f32).sin());
+        *action = 0.7 * waves.sum::<f32>().sin();
+    }
+}
+
+fn bits(numbers: &[f32]) -> Vec<u32> {
+    numbers.iter().map(|x| x.to_bits()).collect()
+}
+
+impl Controller for Recorder {
+    fn observation_size(&self) -> usize {
+        self.sizes.0
+    }
+    fn action_size(&self) -> usize {
+        self.sizes.1
+    }
+    fn worker(&self) -> Box<dyn ControllerWorker> {
+        Box::new(Recorder { sizes: self.sizes, seen: self.seen.clone() })
+    }
+}
+
+impl ControllerWorker for Recorder {
+    fn act(&mut self, _rows: usize, observations: &[f32], _states: &mut [f64], actions: &mut [f32]) {
+        self.seen.lock().unwrap().push(bits(observations));
+        act(observations, actions);
+    }
+}
+
+/// Actions and reward of each control step.
+type Steps = Arc<Mutex<Vec<(Vec<u64>, u64)>>>;
+
+fn step_bits(actions: &[f64], reward: f64) -> (Vec<u64>, u64) {
+    (actions.iter().map(|x| x.to_bits()).collect(), reward.to_bits())
+}
+
+/// A task that keeps the actions that it gets, and its rewards.
+struct Watched(Arc<TaskEnvironment>, Steps);
+
+impl Environment for Watched {
+    fn name(&self) -> &str {
+        self.0.name()
+    }
+    fn space(&self) -> &Space {
+        self.0.space()
+    }
+    fn signals(&self) -> &Arc<[String]> {
+        self.0.signals()
+    }
+    fn reward_terms(&self) -> &[String] {
+        self.0.reward_terms()
+    }
+    fn observation_size(&self) -> usize {
+        self.0.observation_size()
+    }
+    fn action_size(&self) -> usize {
+        self.0.action_size()
+    }
+    fn state_size(&self) -> usize {
+        self.0.state_size()
+    }
+    fn control_dt(&self) -> f64 {
+        self.0.control_dt()
+    }
+    fn episode_steps(&self) -> usize {
+        self.0.episode_steps()
+    }
+    fn worker(&self) -> Box<dyn EnvironmentWorker> {
+        Box::new(WatchedWorker(self.0.worker(), self.1.clone()))
+    }
+}
+
+struct WatchedWorker(Box<dyn EnvironmentWorker>, Steps);
+
+impl EnvironmentWorker for WatchedWorker {
+    fn reset(&mut self, scenario: &Scenario, seed: Seed, state: &mut [f64], sample: Sample<'_>) {
+        self.0.reset(scenario, seed, state, sample);
+    }
+
+    fn step(&mut self, action: &[f64], state: &mut [f64], sample: Sample<'_>) -> StepStatus {
+        let Sample { observation, signals, rewards } = sample;
+        let inner = Sample { observation, signals, rewards: &mut *rewards };
+        let status = self.0.step(action, state, inner);
+        self.1.lock().unwrap().push(step_bits(action, rewards.iter().sum()));
+        status
+    }
+}
+
+/// All axes of a task, without faults that show NaN.
+fn scenarios_of(environment: &TaskEnvironment) -> TrainingScenarios {
+    let disturbances = environment.disturbances(true);
+    let (axes, spaces) = environment.axes_and_spaces(&disturbances).unwrap();
+    let all = named_space("all", &axes, &spaces).unwrap();
+    let whole = TrainingScenarios { space: all, disturbances: disturbances.clone(), given: Vec::new() };
+    let (fill, allowed) = whole.not_a_number().unwrap();
+    let (low, high) = allowed.into_inner();
+    let narrow = |axis: &Axis| match &axis.values {
+        AxisValues::Categorical(names) if axis.name == fill.name => {
+            Axis { low, high, values: AxisValues::Categorical(names[..2].into()), ..axis.clone() }
+        }
+        _ => axis.clone(),
+    };
+    let axes = whole.space.axes().iter().map(narrow).collect();
+    TrainingScenarios { space: Space::new("all", axes).unwrap(), disturbances, given: Vec::new() }
+}
+
+#[test]
+fn training_episodes_have_the_bits_of_evaluated_ones_under_every_kind_of_axis() {
+    const ROWS: usize = 6;
+    for task in ["point-reaching", "ball-balancing", "cube-stacking"] {
+        let task = mishandle::tasks::task(task).unwrap();
+        let starts = TaskEnvironment::new(task, Preset::Paper, Reward::Shaped).unwrap();
+        let scenarios = scenarios_of(&starts);
+        let environment = Arc::new(starts.with_scene_axes(&scenarios.space).unwrap());
+        let settings =
+            EpisodeSettings { environments: ROWS, action_noise: 0.2, ..EpisodeSettings::default() };
+        let settings = EpisodeSettings { staggered: false, ..settings };
+        let on_cpu: Box<dyn BatchFactory> = Box::new(environment.clone());
+        let on_device: Box<dyn BatchFactory> =
+            Box::new(TaskBatches::new(environment.clone(), Arc::new(CpuDevice)));
+        let sizes = (environment.observation_size(), environment.action_size());
+        let specification = task.definition().formulas(Preset::Paper).specification().unwrap();
+        for batches in [on_cpu, on_device] {
+            let batches = ScenarioBatches { batches, scenarios: scenarios.clone() };
+            let mut episodes =
+                Episodes::new(&batches, &settings, &ScenarioSettings::default(), Seed(8)).unwrap();
+            let (mut seen, mut steps) = (vec![Vec::new(); ROWS], vec![Vec::new(); ROWS]);
+            let mut actions = vec![0.0; ROWS * sizes.1];
+            let mut running = [true; ROWS];
+            for _ in 0..environment.episode_steps() {
+                let rows = episodes.observations().chunks(sizes.0).zip(actions.chunks_mut(sizes.1));
+                for (row, (observation, action)) in rows.enumerate() {
+                    act(observation, action);
+                    if running[row] {
+                        seen[row].push(bits(observation));
+                    }
+                }
+                episodes.step(&actions).unwrap();
+                for row in 0..ROWS {
+                    if !running[row] {
+                        continue;
+                    }
+                    let applied = &episodes.applied_actions()[row * sizes.1..][..sizes.1];
+                    steps[row].push(step_bits(applied, episodes.rewards()[row]));
+                    running[row] = episodes.boundaries()[row] == Boundary::Running;
+                }
+            }
+            for row in 0..ROWS {
+                let seed = Seed(8).child(row as u64).child(0);
+                let recorder = Recorder { sizes, seen: Arc::default() };
+                let (expected, watched) = (recorder.seen.clone(), Steps::default());
+                let spied = Arc::new(Watched(environment.clone(), watched.clone()));
+                let noise = Noise { action_std: 0.2, observation_std: 0.0 };
+                let rollout = Rollout::new(spied, Arc::new(recorder), specification.clone(), noise).unwrap();
+                let mut rollout =
+                    rollout.with_disturbances(scenarios.space.clone(), &scenarios.disturbances).unwrap();
+                let request = Request::new(scenarios.random(seed, 0), seed);
+                let episode = rollout.rollout(&[request]).unwrap().remove(0);
+                let (count, task) = (steps[row].len(), environment.name());
+                assert!(count >= 10 && episode.steps >= count, "{task} {row}: {count}");
+                assert_eq!(seen[row], expected.lock().unwrap()[..count], "{task} {row}");
+                assert_eq!(steps[row], watched.lock().unwrap()[..count], "{task} {row}");
+            }
+        }
+    }
+}
+
+struct Silent;
+
+impl TrainObserver for Silent {
+    fn iteration_finished(&mut self, _progress: &TrainingProgress) -> TrainingControl {
+        TrainingControl::Continue
+    }
+
+    fn write_failed(&mut self, error: &MishandleError) {
+        panic!("{error}");
+    }
+}
+
+const SETTINGS: &str = "
+rollout_steps = 16
+minibatch_size = 64
+policy.hidden = [8]
+critic.hidden = [8]
+run.validation_interval = 1
+run.total_steps = 256
+run.validation_episodes = 4
+episodes.environments = 8
+scenarios = { nominal = 0.25, corners = 0.25 }
+";
+
+fn plan(folder: &Path, name: &str, device: &str) -> TrainPlan {
+    let settings = folder.join("settings.toml");
+    std::fs::write(&settings, SETTINGS).unwrap();
+    TrainPlan {
+        task: "ball-balancing".to_string(),
+        algorithm: "ppo".to_string(),
+        reward: "shaped".to_string(),
+        device: device.to_string(),
+        settings: Some(settings),
+        steps: None,
+        space: Some("delay+dynamics+sensing+faults-sensing".to_string()),
+        axes: [("action_delay".to_string(), AxisSetting::Range([0.0, 2.0]))].into(),
+        seed: 4,
+        out: folder.join(format!("{name}.safetensors")),
+        csv: Some(folder.join(format!("{name}.csv"))),
+        tensorboard: None,
+        resume: false,
+    }
+}
+
+fn train(plan: &TrainPlan) -> Result<TrainReport, Box<MishandleError>> {
+    let device = Device { worlds: Arc::new(CpuDevice), networks: None };
+    mishandle::train::train(plan, Some(&device), &mut Silent).map_err(Box::new)
+}
+
+#[test]
+fn a_run_on_scenarios_reports_them_apart_resumes_to_the_same_bits_and_records_its_table() {
+    let folder = tempfile::tempdir().unwrap();
+    let whole = train(&plan(folder.path(), "whole", "cpu")).unwrap();
+    let other_engine = train(&plan(folder.path(), "engine", "gpu")).unwrap();
+    assert_eq!(whole.result.last.hash(), other_engine.result.last.hash());
+
+    let half = TrainPlan { steps: Some(128), ..plan(folder.path(), "half", "cpu") };
+    train(&half).unwrap();
+    let rest = TrainPlan { steps: None, resume: true, ..half };
+    assert_eq!(train(&rest).unwrap().result.last.hash(), whole.result.last.hash());
+    // Other scenarios are another training run.
+    let other = TrainPlan { space: Some("delay".to_string()), ..rest };
+    assert!(train(&other).unwrap_err().to_string().contains("scenarios.space"), "the setting is named");
+
+    let curve = Curve::load(&folder.path().join("whole.csv")).unwrap();
+    let validation = curve.rows[0].validation.unwrap();
+    assert!(validation.space.is_some() && validation.corners.is_some());
+    let recorded = whole.settings.scenarios();
+    assert_eq!(recorded.space.as_deref(), Some("delay+dynamics+sensing+faults-sensing"));
+    assert_eq!(recorded.axes["action_delay"], AxisSetting::Range([0.0, 2.0]));
+    assert_eq!(recorded.axes["sensor_fault_fill"], AxisSetting::Range([0.0, 1.0]), "without NaN");
+    let command = plan(folder.path(), "whole", "cpu").command();
+    let flags = "--space delay+dynamics+sensing+faults-sensing --axis action_delay=0:2 --seed 4";
+    assert!(command.ends_with(flags), "{command}");
+}
