@@ -2,7 +2,7 @@ use std::sync::Arc;
 
 use mishandle::rollout::{Environment, RolloutError, Seed};
 use mishandle::tasks::TaskEnvironment;
-use mishandle::training::{Boundary, EpisodeSettings, Episodes, TrainingError};
+use mishandle::training::{Boundary, EpisodeSettings, Episodes, ScenarioSettings, TrainingError};
 use numpy::{IntoPyArray, PyArray1, PyArray2, PyArrayMethods};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
@@ -102,7 +102,12 @@ impl TrainingEpisodes {
     /// RuntimeError in a process made by fork after the environments were created.
     fn reset<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f32>>> {
         let observations = self.pool.with(py, |current| -> Result<_, RolloutError> {
-            let episodes = Episodes::of_training(&self.environment, &self.settings, self.seed)?;
+            let episodes = Episodes::of_training(
+                &self.environment,
+                &self.settings,
+                &ScenarioSettings::default(),
+                self.seed,
+            )?;
             let observations = episodes.observations().to_vec();
             *current = Some(episodes);
             Ok(observations)
