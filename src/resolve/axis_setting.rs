@@ -68,8 +68,8 @@ fn restricted(axis: &Axis, setting: &AxisSetting) -> Result<Axis, MishandleError
             let AxisValues::Categorical(names) = &axis.values else {
                 let number = name.replace(',', ".");
                 let written = match number.parse::<f64>() {
-                    Ok(_) => format!(", written {number}"),
-                    Err(_) => String::new(),
+                    Ok(found) if found.is_finite() => format!(", written {number}"),
+                    _ => String::new(),
                 };
                 let expected = values_text(axis) + &written;
                 let (axis, setting) = (axis.name.clone(), name.clone());

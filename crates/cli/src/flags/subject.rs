@@ -118,8 +118,8 @@ fn axis_value(text: &str) -> std::result::Result<(String, AxisSetting), String> 
     {
         return Err(format!("expected one value, found a range; give --axis {name}={value}"));
     }
-    // A category may have the name `nan`.
-    let number = value.parse().ok().filter(|number: &f64| number.is_finite());
+    // `nan` is the name of a category of lost samples, and no axis has it as a number.
+    let number = value.parse::<f64>().ok().filter(|number| number.is_finite());
     let setting = number.map_or_else(|| AxisSetting::Category(value.to_string()), AxisSetting::Value);
     Ok((name.to_string(), setting))
 }
