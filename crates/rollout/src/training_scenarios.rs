@@ -83,7 +83,7 @@ impl TrainingScenarios {
             let disturbance = self.disturbances.iter().find(|known| known.axis.name == axis.name)?;
             let first = disturbance.effect.first_not_a_number()?;
             // The numbers of categories remain those of the whole axis.
-            (axis.high >= first).then_some((axis, axis.low..=first - 1.0))
+            (axis.high >= first).then_some((axis, disturbance.axis.low..=first - 1.0))
         })
     }
 }
