@@ -227,8 +227,8 @@ impl RunReport {
 }
 
 /// Returns the box of a mode in unit coordinates, widened by [`MARGIN`] except for categories,
-/// which a mode never mixes; the whole unit interval for other axes by which failures were not grouped,
-/// and for those that are drawn at random. Returns `None` if an axis has no valid bounds.
+/// which a mode never mixes; the whole unit interval for other axes by which failures were not
+/// grouped, and for those that are drawn at random. Returns `None` if an axis has no valid bounds.
 fn unit_box(axes: &[Axis], mode: &FailureMode) -> Option<Vec<[f64; 2]>> {
     axes.iter()
         .zip(&mode.region)
