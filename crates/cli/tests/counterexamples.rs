@@ -232,16 +232,14 @@ fn modes_with_the_same_minimized_scenario_are_one_test() {
         // The delays are whole numbers and the other axes nominal, so close scenarios are equal.
         assert_eq!(same["scenario"], file["scenario"]);
     }
+    let subject = "simulate ball-balancing --controller ppo --space starts+delay+events";
+    let nominal = bench.json(&format!("{subject} --json"), 0);
     for file in written {
         let values = file["scenario"].as_object().unwrap();
+        let off = values.iter().filter(|(name, value)| nominal["scenario"][name.as_str()] != **value).count();
+        assert_eq!(file["minimized"]["axes_off_nominal"][1], off);
         let at: Vec<String> = values.iter().map(|(name, value)| format!("{name}={value}")).collect();
-        let simulated = bench.json(
-            &format!(
-                "simulate ball-balancing --controller ppo --space starts+delay+events --at {} --json",
-                at.join(",")
-            ),
-            1,
-        );
+        let simulated = bench.json(&format!("{subject} --at {} --json", at.join(",")), 1);
         assert_eq!(simulated["robustness"], file["robustness"]);
     }
     // Another controller is not a change of the target.
