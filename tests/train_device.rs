@@ -3,26 +3,17 @@
 
 #![allow(clippy::unwrap_used, reason = "a test")]
 
+mod silent;
+
 use std::path::Path;
 use std::sync::Arc;
 
 use mishandle::MishandleError;
 use mishandle::run::Device;
-use mishandle::train::{TrainObserver, TrainPlan, TrainReport};
-use mishandle::training::{TrainingControl, TrainingProgress};
+use mishandle::train::{TrainPlan, TrainReport};
 use mishandle::world::CpuDevice;
 
-struct Silent;
-
-impl TrainObserver for Silent {
-    fn iteration_finished(&mut self, _progress: &TrainingProgress) -> TrainingControl {
-        TrainingControl::Continue
-    }
-
-    fn write_failed(&mut self, error: &MishandleError) {
-        panic!("{error}");
-    }
-}
+use silent::Silent;
 
 const SETTINGS: &str = "
 rollout_steps = 8

@@ -3,6 +3,8 @@
 
 #![allow(clippy::unwrap_used)]
 
+mod silent;
+
 use std::path::Path;
 use std::sync::{Arc, Mutex};
 
@@ -10,16 +12,16 @@ use mishandle::MishandleError;
 use mishandle::plan::AxisSetting;
 use mishandle::run::Device;
 use mishandle::tasks::{Preset, Reward, TaskBatches, TaskEnvironment};
-use mishandle::train::{Curve, TrainObserver, TrainPlan, TrainReport};
-use mishandle::training::{
-    Boundary, EpisodeSettings, Episodes, ScenarioSettings, TrainingControl, TrainingProgress,
-};
+use mishandle::train::{Curve, TrainPlan, TrainReport};
+use mishandle::training::{Boundary, EpisodeSettings, Episodes, ScenarioSettings};
 use mishandle_rollout::{
     Axis, AxisValues, BatchFactory, Controller, ControllerWorker, Environment, EnvironmentWorker, Noise,
     Request, Rollout, Sample, Scenario, ScenarioBatches, Seed, Space, StepStatus, System, TrainingScenarios,
     named_space,
 };
 use mishandle_world::CpuDevice;
+
+use silent::Silent;
 
 /// A policy that reacts to each entry of the observation, and keeps what it saw.
 struct Recorder {
@@ -192,18 +194,6 @@ fn training_episodes_have_the_bits_of_evaluated_ones_under_every_kind_of_axis() 
                 assert_eq!(steps[row], watched.lock().unwrap()[..count], "{task} {row}");
             }
         }
-    }
-}
-
-struct Silent;
-
-impl TrainObserver for Silent {
-    fn iteration_finished(&mut self, _progress: &TrainingProgress) -> TrainingControl {
-        TrainingControl::Continue
-    }
-
-    fn write_failed(&mut self, error: &MishandleError) {
-        panic!("{error}");
     }
 }
 
