@@ -43,7 +43,7 @@ pub struct RunReport {
     pub(crate) points: Vec<Point>,
     /// Of an evaluation: the robustness of all random simulations, and the simulations of corners.
     pub(crate) robustness: Vec<f64>,
-    pub(crate) corners: Vec<Point>,
+    pub(crate) corners: Vec<CornerSimulation>,
     /// Of an evaluation: the rates over all random simulations.
     pub(crate) rates: Option<Metrics>,
     pub(crate) modes: FailureModes,
@@ -82,6 +82,15 @@ pub struct Point {
     pub robustness: Option<f64>,
     pub end: &'static str,
     pub is_linked: bool,
+}
+
+/// A simulation at a corner or the center of the initial box.
+#[derive(Clone, Debug)]
+pub struct CornerSimulation {
+    pub point: Point,
+    /// Whether it succeeds strictly, and carefully; `None` without such a formula.
+    pub strict: Option<bool>,
+    pub careful: Option<bool>,
 }
 
 impl Point {
@@ -166,16 +175,22 @@ impl RunReport {
                     trial.first_failure = Some(number);
                 }
             }
-            if header.kind == RunKind::Evaluate && simulation.trial != Corners::TRIAL {
-                metrics.add(&mishandle::run::recorded_episode(&simulation));
-            }
-            let mut point = Point::from(simulation);
-            if header.kind == RunKind::Evaluate {
-                match point.trial {
-                    Corners::TRIAL => corners.push(point.clone()),
-                    _ => robustness.extend(rho),
+            let episode = || mishandle::run::recorded_episode(&simulation);
+            match simulation.trial {
+                _ if header.kind != RunKind::Evaluate => {}
+                Corners::TRIAL => {
+                    let episode = episode();
+                    let point = Point::from(simulation.clone());
+                    let strict = roles.strict.then(|| episode.is_strict_success());
+                    let careful = roles.careful.then(|| episode.is_careful_success());
+                    corners.push(CornerSimulation { point, strict, careful });
+                }
+                _ => {
+                    metrics.add(&episode());
+                    robustness.extend(rho);
                 }
             }
+            let mut point = Point::from(simulation);
             let is_chosen = is_representative(point.trial, point.number);
             if point.fails() {
                 failures += 1;

@@ -12,7 +12,7 @@ use mishandle::store::RunFile;
 use mishandle::{MishandleError, ResolvedPlan};
 
 use crate::RunReport;
-use crate::load::{MAX_MODES, Point};
+use crate::load::{CornerSimulation, MAX_MODES, Point};
 use crate::pictures::{self, PictureError, Pictures};
 use crate::sensitivity::{self, Sensitivity};
 
@@ -37,7 +37,7 @@ pub struct Measured {
     /// Total effects of the axes.
     pub sensitivity: Option<Sensitivity>,
     /// Corners and center of the initial box. For an evaluation, they are in the run file.
-    pub corners: Vec<Point>,
+    pub corners: Vec<CornerSimulation>,
 }
 
 /// Numbers of random scenarios of the simulations of a report.
@@ -201,7 +201,11 @@ impl RunReport {
                 }
                 for episode in system.rollout(batch)? {
                     let _ = count(&episode);
-                    measured.corners.push(point(&episode));
+                    measured.corners.push(CornerSimulation {
+                        point: point(&episode),
+                        strict: None,
+                        careful: None,
+                    });
                 }
             }
         }

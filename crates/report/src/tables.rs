@@ -4,7 +4,7 @@ use mishandle::evaluation::Estimate;
 use mishandle::store::TrialStatus;
 
 use crate::html::{number, percent, table, text};
-use crate::load::{Point, RunReport};
+use crate::load::{CornerSimulation, Point, RunReport};
 use crate::map::axis_label;
 use crate::space::value_text;
 
@@ -191,6 +191,27 @@ pub fn axes(report: &RunReport) -> String {
     table("Axes of the space", &head, &rows) + &more(report.axes.len(), MAX_AXES, "axes")
 }
 
+/// Says at how many corners all simulations succeed strictly and carefully; empty without such
+/// formulas.
+fn manner(report: &RunReport, simulations: &[&CornerSimulation]) -> String {
+    type Holds = fn(&CornerSimulation) -> Option<bool>;
+    let manners: [(&str, Holds); 2] =
+        [("strictly", |found| found.strict), ("carefully", |found| found.careful)];
+    let sentence = |(name, holds): (&str, Holds)| {
+        let mut corners: Vec<(&[Option<f64>], bool)> = Vec::new();
+        for simulation in simulations.iter().filter(|found| !is_center(report, &found.point.scenario)) {
+            let (scenario, holds) = (&simulation.point.scenario[..], holds(simulation)?);
+            match corners.iter_mut().find(|(known, _)| *known == scenario) {
+                Some((_, all)) => *all &= holds,
+                None => corners.push((scenario, holds)),
+            }
+        }
+        let all = corners.iter().filter(|(_, holds)| *holds).count();
+        Some(format!(" All simulations succeed {name} at {all} of {} corners.", corners.len()))
+    };
+    manners.into_iter().filter_map(sentence).collect()
+}
+
 /// Returns whether a scenario is the center of the initial box: not at the end of an axis of the
 /// initial state.
 fn is_center(report: &RunReport, scenario: &[Option<f64>]) -> bool {
@@ -201,13 +222,13 @@ fn is_center(report: &RunReport, scenario: &[Option<f64>]) -> bool {
 /// Returns what happens at the corners and the center of the initial box; `None` if they were not
 /// simulated.
 pub fn corners(report: &RunReport) -> Option<String> {
-    let recorded: Vec<&Point> = match report.is_evaluation() {
+    let recorded: Vec<&CornerSimulation> = match report.is_evaluation() {
         true => report.corners.iter().collect(),
         false => report.measured.iter().flat_map(|measured| &measured.corners).collect(),
     };
     // Points with their numbers of failing, decided and all simulations.
     let mut places: Vec<(&Point, [u32; 3])> = Vec::new();
-    for point in recorded {
+    for CornerSimulation { point, .. } in &recorded {
         let counts = [u32::from(point.fails()), u32::from(point.robustness.is_some()), 1];
         match places.iter_mut().find(|(place, _)| place.scenario == point.scenario) {
             Some((_, known)) => known.iter_mut().zip(counts).for_each(|(known, count)| *known += count),
@@ -239,9 +260,10 @@ pub fn corners(report: &RunReport) -> Option<String> {
         0 => String::new(),
         n => format!(" {} without a verdict.", mishandle_text::plural(n as u64, "corner")),
     };
+    let manner = manner(report, &recorded);
     let intro = format!(
-        "<p>{failing_corners} of the {} corners of the initial box {verb}{each}; its center {center}.{rest} Random scenarios \
-         hardly ever meet a corner.</p>\n",
+        "<p>{failing_corners} of the {} corners of the initial box {verb}{each}; its center {center}.{rest}{manner} Random \
+         scenarios hardly ever meet a corner.</p>\n",
         corners.len()
     );
     let rows: Vec<Vec<String>> = failing

@@ -60,22 +60,23 @@ pub(crate) fn gates(axes: &[Axis]) -> Arc<[Gate]> {
     axes.iter().enumerate().filter(|(_, axis)| !axis.conditions.is_empty()).map(gate).collect()
 }
 
+/// Returns the indices of the axes that have no effect in a scenario.
+pub(crate) fn inactive(gates: &[Gate], scenario: &Scenario) -> impl Iterator<Item = usize> {
+    let holds = |(place, condition): &(Option<usize>, Condition)| match place {
+        None => condition.holds(condition.nominal),
+        // A value that a random stream draws can be any.
+        Some(place) => scenario.get(*place).is_none_or(|value| condition.holds(value)),
+    };
+    gates.iter().filter(move |gate| !gate.conditions.iter().all(holds)).map(|gate| gate.axis)
+}
+
 /// Sets the axes without an effect to their nominal values.
 pub(crate) fn canonical(gates: &[Gate], axes: &[Axis], scenario: Scenario) -> Scenario {
     if gates.is_empty() {
         return scenario;
     }
     let mut values = scenario.values().to_vec();
-    for gate in gates {
-        let holds = |(place, condition): &(Option<usize>, Condition)| match place {
-            None => condition.holds(condition.nominal),
-            // A value that a random stream draws can be any.
-            Some(place) => scenario.get(*place).is_none_or(|value| condition.holds(value)),
-        };
-        if !gate.conditions.iter().all(holds) {
-            values[gate.axis] = axes[gate.axis].nominal;
-        }
-    }
+    inactive(gates, &scenario).for_each(|index| values[index] = axes[index].nominal);
     Scenario::new(values)
 }
 

@@ -140,11 +140,12 @@ impl Lane {
             observations.zip(&mut rows.disturbances).zip(&mut *progress)
         {
             let step = progress.steps;
+            let draws = &mut self.draws[..observation_size];
+            // Before the delays: a late or repeated observation has the noise of its measurement.
+            rollout.noise.on_observation(progress.seed, step as u64, observation, draws);
             if let Some(disturbed) = disturbed {
                 disturbed.observe(step, observation);
             }
-            let draws = &mut self.draws[..observation_size];
-            rollout.noise.on_observation(progress.seed, step as u64, observation, draws);
             let invalid = observation.iter().position(|value| !value.is_finite());
             if let (Some(index), true) = (invalid, progress.is_running()) {
                 progress.end = EpisodeEnd::InvalidObservation { step, index };

@@ -1,7 +1,7 @@
 use std::fmt;
 use std::sync::Arc;
 
-use crate::condition::{Gate, canonical, gates, idle, needed};
+use crate::condition::{Gate, canonical, gates, idle, inactive, needed};
 use crate::{Condition, RolloutError, Seed, Stream};
 
 /// Kind of quantity that an [`Axis`] varies.
@@ -352,14 +352,13 @@ impl Space {
 
     /// Returns the axes whose values have no effect in a scenario and are not nominal.
     pub fn ineffective(&self, scenario: &Scenario) -> Vec<&Axis> {
-        let canonical = self.canonical(scenario.clone());
-        let values = scenario.values().iter().zip(canonical.values());
-        self.axes
-            .iter()
-            .zip(values)
-            .filter(|(_, (given, kept))| given != kept)
-            .map(|(axis, _)| axis)
-            .collect()
+        let is_off = |axis: &usize| scenario.get(*axis) != self.axes[*axis].nominal;
+        self.inactive(scenario).filter(is_off).map(|axis| &self.axes[axis]).collect()
+    }
+
+    /// Returns the indices of the axes that have no effect in a scenario, whatever their values.
+    pub fn inactive(&self, scenario: &Scenario) -> impl Iterator<Item = usize> {
+        inactive(&self.gates, scenario)
     }
 
     /// Returns these axes without those that need another one of them, which does not need them.

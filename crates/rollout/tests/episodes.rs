@@ -566,6 +566,22 @@ fn sensor_noise_has_the_deviation_of_its_axis_and_another_draw_in_each_step() {
 }
 
 #[test]
+fn a_repeated_observation_has_the_noise_of_its_measurement() {
+    let noise = Noise { action_std: 0.0, observation_std: 0.1 };
+    let late = positions(&disturbed(Effect::ObservationPeriod, Some(3.0), -0.1, noise));
+    // The point moves by a tenth of the action, which has 0.001 per call besides the observation.
+    let seen: Vec<f64> = late
+        .windows(2)
+        .enumerate()
+        .map(|(step, pair)| (10.0 * (pair[1] - pair[0]) - 0.001 * step as f64) / -0.1)
+        .collect();
+    for (first, three) in (0..).step_by(3).zip(seen.chunks_exact(3)) {
+        assert!(three.iter().all(|x| (x - three[0]).abs() < 1e-5), "from control step {first}: {three:?}");
+    }
+    assert!(seen.windows(4).all(|four| (four[3] - four[0]).abs() > 1e-5), "other draws: {seen:?}");
+}
+
+#[test]
 fn an_action_delay_applies_to_its_own_row() {
     let run = |delay: f64| {
         let axis = Axis::new(AxisKind::Model, "delay", "control steps", [0.0, 3.0], Some(0.0))

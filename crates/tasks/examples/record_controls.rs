@@ -19,10 +19,8 @@ use mishandle_controllers::ControllerFile;
 use mishandle_rollout::{
     Controller, Environment, Sample, Scenario, Seed, SpecificationMonitor, Stream, Verdict,
 };
-use mishandle_stl::{Clock, Formula, Monitor, Trace};
-use mishandle_tasks::{
-    CAREFUL, EPISODE_STEPS, JOINTS, Panda, Preset, Reward, TaskEnvironment, compose, task,
-};
+use mishandle_stl::{Formula, Trace};
+use mishandle_tasks::{EPISODE_STEPS, JOINTS, Panda, Preset, Reward, TaskEnvironment, compose, task};
 
 fn main() {
     let arguments: Vec<String> = std::env::args().skip(1).collect();
@@ -68,9 +66,6 @@ fn main() {
     println!("  not successful: {}", failed(Verdict::is_success));
     println!("  not strict: {}", failed(Verdict::is_strict_success));
     println!("  not careful: {}", failed(Verdict::is_careful_success));
-    for (text, violations) in &recorder.conditions {
-        println!("  {violations} episodes violate {text}");
-    }
 }
 
 /// Returns the start of an episode.
@@ -91,8 +86,6 @@ struct Recorder {
     policy: Arc<dyn Controller>,
     monitor: SpecificationMonitor,
     numbers: Vec<f64>,
-    /// Conditions of careful success, and the number of episodes that violate each.
-    conditions: Vec<(String, usize)>,
 }
 
 impl Recorder {
@@ -103,12 +96,7 @@ impl Recorder {
         let monitor =
             SpecificationMonitor::new(&specification, environment.signals(), environment.control_dt())
                 .unwrap();
-        let limits = CAREFUL.split(['(', ')']).nth(1).unwrap_or_default().split(" and ");
-        let limits = limits.map(|limit| format!("always[0:300]({limit})"));
-        let own = formulas.careful.unwrap_or_default().iter().map(ToString::to_string);
-        let rest = "always[300:300](rest_time >= 0.25)".to_string();
-        let conditions = limits.chain([rest]).chain(own).map(|text| (text, 0)).collect();
-        Recorder { environment, policy, monitor, numbers: Vec::new(), conditions }
+        Recorder { environment, policy, monitor, numbers: Vec::new() }
     }
 
     /// Records one episode.
@@ -157,19 +145,6 @@ impl Recorder {
         let mut end = vec![0.0; physics];
         world.read_state(&mut end);
         assert_eq!(end, state[..physics], "the recorded controls give another episode");
-        if std::env::var_os("SIGNALS").is_some() {
-            for step in (0..=EPISODE_STEPS).step_by(30) {
-                let sample: Vec<f64> = (0..signals.len()).map(|i| trace.column(i)[step]).collect();
-                println!("{step} {sample:.3?}");
-            }
-        }
-        for (text, violations) in &mut self.conditions {
-            let formula = Formula::parse(text).unwrap();
-            let clock = Clock::steps(environment.control_dt());
-            let robustness =
-                Monitor::new(&formula, trace.names(), clock).unwrap().robustness(&trace).unwrap();
-            *violations += usize::from(mishandle_stl::is_violated(robustness));
-        }
         self.monitor.verdict(&trace, trace.len()).unwrap()
     }
 }

@@ -60,8 +60,14 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
     let given = scenario(&resolved.space, &resolved.target.spaces, &command.at)?;
     resolved.space.check(&given)?;
     let scenario = resolved.space.canonical(given.clone());
-    for axis in resolved.space.ineffective(&given) {
-        output::message(&format!("warning: {} has no effect with the other values of --at", axis.name));
+    for axis in resolved.space.inactive(&given) {
+        let (value, axis) = (given.get(axis), &resolved.space.axes()[axis]);
+        // A value of --set is the nominal one.
+        if value != axis.nominal || resolved.plan.axes.contains_key(&axis.name) {
+            let needed: Vec<&str> = axis.conditions.iter().map(|needed| needed.axis.as_str()).collect();
+            let (name, needed) = (&axis.name, needed.join(", "));
+            output::message(&format!("warning: {name} has no effect with these values of {needed}"));
+        }
     }
     for (axis, value) in resolved.space.axes().iter().zip(scenario.values()) {
         if let Some(value) = value.filter(|value| !(axis.low..=axis.high).contains(value)) {

@@ -45,19 +45,9 @@ impl ActiveFault {
         let kind = description.kind;
         let recovery = if description.recovers() { value(P::Recovery) } else { 0.0 };
         let life = LifeCycle::from_seconds(value(P::Onset), value(P::Duration), recovery, site.control_dt);
-        // Without a magnitude there is no fault.
-        let (magnitude, nominal) = match kind {
-            FaultKind::Bias | FaultKind::Ramp | FaultKind::Spike => (value(P::Offset), Some(0.0)),
-            FaultKind::Quantization => (value(P::Quantum), Some(0.0)),
-            FaultKind::BurstLoss | FaultKind::CommandLoss => (value(P::Probability), Some(0.0)),
-            FaultKind::AuthorityLoss => (value(P::Loss), Some(0.0)),
-            FaultKind::Saturation => (value(P::Limit), Some(1.0)),
-            FaultKind::ClockJitter => (value(P::Lateness), Some(0.0)),
-            FaultKind::None | FaultKind::Dropout | FaultKind::Freeze | FaultKind::SignFlip => (0.0, None),
-            FaultKind::Swap | FaultKind::Hold | FaultKind::Pause => (0.0, None),
-            FaultKind::Stuck => (value(P::Level), None),
-        };
-        if kind == FaultKind::None || life.duration == 0 || nominal == Some(magnitude) {
+        let magnitude = description.parameters.iter().copied().find(|parameter| parameter.is_magnitude());
+        let is_nominal = magnitude.is_some_and(|parameter| parameter.is_nominal(value(parameter)));
+        if kind == FaultKind::None || life.duration == 0 || is_nominal {
             return None;
         }
         let has_channel = description.parameters.contains(&P::Channel);
@@ -69,6 +59,7 @@ impl ActiveFault {
             FaultKind::Swap => site.exchanged(value(P::Channel) as usize, value(P::Partner) as usize),
             _ => Vec::new(),
         };
+        let magnitude = magnitude.map_or(0.0, value);
         let jitter = if kind == FaultKind::ClockJitter { magnitude as usize } else { 0 };
         let held = match site.side {
             Side::Sensing => Vec::new(),

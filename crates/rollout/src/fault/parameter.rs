@@ -92,6 +92,16 @@ impl Parameter {
         matches!(self, P::Probability | P::Lateness)
     }
 
+    /// Returns whether this is the size of the effect of a kind of fault. A kind has at most one.
+    pub(crate) fn is_magnitude(self) -> bool {
+        matches!(self, P::Offset | P::Level | P::Quantum | P::Probability | P::Loss | P::Limit | P::Lateness)
+    }
+
+    /// Returns whether a fault of this magnitude has no effect. A constant value always has one.
+    pub(crate) fn is_nominal(self, magnitude: f64) -> bool {
+        self != P::Level && magnitude == self.nominal()
+    }
+
     fn nominal(self) -> f64 {
         match self {
             P::Burst | P::Limit => 1.0,
