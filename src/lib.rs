@@ -23,6 +23,7 @@
 pub mod build;
 pub mod counterexample;
 mod error;
+pub mod harden;
 pub mod inspect;
 pub mod picture;
 pub mod plan;

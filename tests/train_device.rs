@@ -32,6 +32,7 @@ fn plan(folder: &Path, device: &str) -> TrainPlan {
         reward: "shaped".to_string(),
         device: device.to_string(),
         settings: Some(settings),
+        from: None,
         steps: None,
         space: None,
         axes: Default::default(),

@@ -218,6 +218,7 @@ fn plan(folder: &Path, name: &str, device: &str) -> TrainPlan {
         reward: "shaped".to_string(),
         device: device.to_string(),
         settings: Some(settings),
+        from: None,
         steps: None,
         space: Some("delay+dynamics+sensing+faults-sensing".to_string()),
         axes: [("action_delay".to_string(), AxisSetting::Range([0.0, 2.0]))].into(),

@@ -88,6 +88,7 @@ fn a_training_run_without_shipped_settings_uses_the_defaults() {
         algorithm: "sac".to_string(),
         reward: "shaped".to_string(),
         settings: settings.map(Into::into),
+        from: None,
         steps: Some(512),
         space: None,
         axes: Default::default(),

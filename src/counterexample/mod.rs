@@ -360,6 +360,7 @@ fn describe(header: &RunHeader, explained: &ExplainedSimulation) -> Result<Count
         evaluate: None,
         falsify: Some(falsify),
         risk: None,
+        harden: None,
         margin: None,
         ..recorded_plan
     };

@@ -3,6 +3,7 @@
 //! A [`Plan`] is read from TOML or made from flags. This room looks nothing up: `resolve` does.
 
 mod grid;
+mod harden;
 mod read;
 mod risk;
 pub(crate) mod search_options;
@@ -18,6 +19,7 @@ use serde::{Deserialize, Serialize};
 use crate::error::MishandleError;
 
 pub use grid::{GridRun, read_grid};
+pub use harden::HardenPlan;
 pub use mishandle_training::AxisSetting;
 pub use risk::RiskPlan;
 pub use search_options::search_option_value;
@@ -95,6 +97,9 @@ pub struct Plan {
     /// Settings of an estimation of the failure probability.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub risk: Option<RiskPlan>,
+    /// Settings of a hardening.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub harden: Option<HardenPlan>,
     /// Settings of a screening: another device proposes simulations, and the target's system
     /// confirms them. `None`: the system computes all simulations.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -314,6 +319,7 @@ impl Plan {
             falsify: None,
             margin: None,
             risk: None,
+            harden: None,
             screening: None,
         }
     }
@@ -371,6 +377,8 @@ mod tests {
         let formula = Some("success".to_string());
         let risk = RiskPlan { formula: formula.clone(), ..RiskPlan::default() };
         let margin = Some(MarginPlan { formula, ..MarginPlan::default() });
+        let settings = Some("my_settings.toml".to_string());
+        let harden = Some(HardenPlan { settings, ..HardenPlan::default() });
         let screening = Some(ScreeningPlan::default());
         let evaluate = EvaluatePlan::default();
         let defaults = Plan {
@@ -378,13 +386,22 @@ mod tests {
             falsify: Some(falsify),
             risk: Some(risk),
             margin,
+            harden,
             screening,
             ..plan.clone()
         };
         let named = Plan { target: plan.target.clone(), controller: plan.controller.clone(), ..defaults };
         assert_eq!(plan, named);
         assert_eq!(
-            Plan { evaluate: None, falsify: None, margin: None, risk: None, screening: None, ..plan.clone() },
+            Plan {
+                evaluate: None,
+                falsify: None,
+                margin: None,
+                risk: None,
+                harden: None,
+                screening: None,
+                ..plan.clone()
+            },
             Plan::new("ball-balancing", "ppo")
         );
         // `to_toml` writes every key, so the example must contain the same keys.

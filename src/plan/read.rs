@@ -49,7 +49,7 @@ const fn key<T: DeserializeOwned>(name: &'static str, allowed: &'static str) -> 
     Key { name, allowed, reads: reads::<T> }
 }
 
-const KEYS: [Key; 36] = [
+const KEYS: [Key; 50] = [
     key::<u32>("format", "2"),
     key::<String>("target", "a string, such as \"ball-balancing\""),
     key::<String>("space", "a string, such as \"starts\""),
@@ -89,6 +89,20 @@ const KEYS: [Key; 36] = [
         DISTRIBUTIONS,
         "a table of distributions of axes, as [risk.distributions], each a string, such as \"normal:1:0.1\"",
     ),
+    key::<u32>("harden.rounds", "an integer from 1 to 1000"),
+    key::<u64>("harden.steps", "an integer from 1 to 10^12"),
+    key::<String>("harden.device", "\"cpu\" or \"gpu\""),
+    key::<String>("harden.settings", "a string: the path of a file of training settings"),
+    key::<Vec<String>>("harden.searches", "a list of strings, such as [\"portfolio\"]"),
+    key::<u32>("harden.budget", "an integer from 1 to 1000000"),
+    key::<u64>("harden.validation", "an integer from 1 to 1000000000"),
+    key::<u64>("harden.episodes", "an integer from 1 to 1000000000"),
+    key::<u64>("harden.risk", "an integer from 100 to 1000000000"),
+    key::<u64>("harden.margin", "an integer from 1 to 1000000"),
+    key::<f64>("harden.nominal", "a number from 0 to 1"),
+    key::<f64>("harden.corners", "a number from 0 to 1"),
+    key::<f64>("harden.archive", "a number from 0 to 1"),
+    key::<Vec<String>>("harden.allow", "a list of strings, such as [\"strict\"]"),
     key::<String>("screening.device", "\"gpu\""),
     key::<u32>("screening.rows", "an integer from 1 to 1048576"),
     key::<f64>("screening.confirm", "a number from 0 to 1"),
@@ -126,7 +140,8 @@ pub(super) fn read_lists(text: &str) -> Result<toml::Table, MishandleError> {
 /// Returns whether a key of a plan may have a list of values in a campaign.
 pub(super) fn may_be_list(name: &str) -> bool {
     // The other values are tables already.
-    !["format", "screening.device", AXES, REQUIREMENTS, OPTIONS, DISTRIBUTIONS].contains(&name)
+    let others = ["format", "screening.device", AXES, REQUIREMENTS, OPTIONS, DISTRIBUTIONS];
+    !others.contains(&name) && !name.starts_with("harden.")
 }
 
 /// Returns the names of all keys with their tables.

@@ -29,7 +29,7 @@ pub struct TrainingFacts {
 /// The errors of [`train`](crate::train::train()) before its first step.
 pub fn training_facts(plan: &TrainPlan, gpu: Option<&Device>) -> Result<TrainingFacts, MishandleError> {
     let task = task(&plan.task)?;
-    let Prepared { settings, environment, scenarios } = prepare(plan)?;
+    let Prepared { settings, environment, scenarios, .. } = prepare(plan)?;
     let checkpoint = plan.checkpoint();
     let resumed = plan.resume && checkpoint.exists();
     let resumed = resumed.then(|| Checkpoint::load(&checkpoint)).transpose()?;

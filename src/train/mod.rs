@@ -7,6 +7,7 @@ mod plan;
 mod recorder;
 mod result;
 mod scenarios;
+mod start;
 pub(crate) mod tensorboard;
 mod write_failures;
 
@@ -18,7 +19,7 @@ use mishandle_files::{FileLock, NewFolders, limits, read_text_bounded};
 use mishandle_rollout::{BatchFactory, ScenarioBatches, Seed, TrainingScenarios};
 use mishandle_tasks::{Preset, Reward, Task, TaskBatches, TaskEnvironment, task_hash};
 use mishandle_training::{
-    ALGORITHMS, AlgorithmSettings, BASES, BEST, Checkpoint, TrainingControl, TrainingProgress,
+    ALGORITHMS, AlgorithmSettings, BASES, BEST, Checkpoint, Origin, TrainingControl, TrainingProgress,
     TrainingResult, Validation,
 };
 
@@ -30,12 +31,18 @@ use crate::shipped::{check_home, shipped_settings};
 pub(crate) use output_check::check as check_outputs;
 use plan::with_suffix;
 use recorder::TrainingRecorder;
+pub(crate) use start::start_controller;
 
 pub use crate::error::CurveProblem;
 pub use curve::{Curve, CurveRow, NoTrainingTime};
 pub use facts::{TrainingFacts, training_facts};
 pub use plan::{TrainPlan, default_out};
 pub use result::controller_result;
+pub use start::algorithm_of;
+
+/// Total steps per step in which only the critic learns, if training starts from a controller and
+/// the user gives no settings.
+const CRITIC_SHARE: u64 = 20;
 
 /// Receives the progress of a training run.
 pub trait TrainObserver {
@@ -106,13 +113,18 @@ pub fn train(
     let specification = task.definition().formulas(Preset::Paper).specification()?;
     let resumed = if plan.resume { Some(Checkpoint::load(&plan.checkpoint())?) } else { None };
     let mut recorder = TrainingRecorder::new(plan, &prepared, specification, resumed.as_ref(), observer)?;
-    let Prepared { settings, environment, scenarios } = prepared;
+    let Prepared { settings, start, environment, scenarios } = prepared;
     let batches = batches(plan, gpu, environment, scenarios)?;
-    let (seed, resumed) = (Seed(plan.seed), resumed.as_ref());
+    let seed = Seed(plan.seed);
+    let origin = match (&resumed, &start) {
+        (Some(checkpoint), _) => Origin::Checkpoint(checkpoint),
+        (None, Some(policy)) => Origin::Policy(policy),
+        (None, None) => Origin::New,
+    };
     let networks = gpu.and_then(|gpu| gpu.networks.as_deref());
     let trained = match networks.filter(|_| plan.device == "gpu") {
-        Some(networks) => settings.train_on(&batches, networks, seed, resumed, &mut recorder),
-        None => settings.train(&batches, seed, resumed, &mut recorder),
+        Some(networks) => settings.train_on(&batches, networks, seed, origin, &mut recorder),
+        None => settings.train(&batches, seed, origin, &mut recorder),
     };
     let result = match recorder.take_error().map_or(trained.map_err(MishandleError::from), Err) {
         Ok(result) => result,
@@ -164,6 +176,8 @@ fn lock(plan: &TrainPlan, folders: &mut NewFolders) -> Result<Vec<FileLock>, Mis
 pub(crate) struct Prepared {
     /// All settings.
     pub settings: AlgorithmSettings,
+    /// The policy from which training starts, if it is that of a controller.
+    pub start: Option<Policy>,
     /// The environment over the axes of the scene.
     pub environment: Arc<TaskEnvironment>,
     /// The scenarios of the episodes.
@@ -175,7 +189,10 @@ pub(crate) fn prepare(plan: &TrainPlan) -> Result<Prepared, MishandleError> {
     let mut settings = settings(plan)?;
     let environment = TaskEnvironment::new(task(&plan.task)?, Preset::Paper, reward(&plan.reward)?)?;
     let (environment, scenarios) = scenarios::scenarios(environment, &mut settings)?;
-    Ok(Prepared { settings, environment: Arc::new(environment), scenarios })
+    let start = settings.run().from.as_deref();
+    let start = start.map(|name| start_controller(task(&plan.task)?.definition(), name)).transpose()?;
+    let start = start.map(|file| file.policy);
+    Ok(Prepared { settings, start, environment: Arc::new(environment), scenarios })
 }
 
 /// Returns the factory of a plan's training environments.
@@ -199,19 +216,40 @@ pub(crate) fn batches(
 /// Reads the settings of a plan.
 fn settings(plan: &TrainPlan) -> Result<AlgorithmSettings, MishandleError> {
     known_algorithm(&plan.algorithm)?;
-    let (path, text) = match plan.settings.as_deref().filter(|path| *path != Path::new(BEST)) {
-        Some(path) => (path.to_path_buf(), given_settings(path)?),
-        None => shipped(plan)?.unwrap_or_default(),
+    let (path, text) = match (&plan.settings, &plan.from) {
+        (Some(path), _) if path != Path::new(BEST) => (path.clone(), given_settings(path)?),
+        (None, Some(from)) => recorded_settings(plan, from)?,
+        _ => shipped(plan)?.unwrap_or_default(),
     };
     let settings = AlgorithmSettings::from_toml(&plan.algorithm, &text).expect("the algorithm is known");
     let mut settings =
         settings.map_err(|source| MishandleError::Settings { path, source: Box::new(source) })?;
     settings.run_mut().total_steps = plan.steps.unwrap_or(settings.run().total_steps);
+    if let Some(from) = &plan.from {
+        let run = settings.run_mut();
+        run.from = Some(from.clone());
+        if plan.settings.is_none() {
+            run.critic_steps = run.total_steps / CRITIC_SHARE;
+        }
+    }
     let scenarios = settings.scenarios_mut();
     scenarios.space = plan.space.clone().or(scenarios.space.take());
     scenarios.axes.extend(plan.axes.clone());
     settings.check()?;
     Ok(settings)
+}
+
+/// Returns path and text of the settings by which a controller was trained.
+fn recorded_settings(plan: &TrainPlan, from: &str) -> Result<(PathBuf, String), MishandleError> {
+    let header = start_controller(task(&plan.task)?.definition(), from)?.header;
+    if header.algorithm != plan.algorithm {
+        return Err(MishandleError::InvalidValue {
+            what: "--algorithm",
+            value: plan.algorithm.clone(),
+            expected: "that of the controller to start from; for another one, give --settings",
+        });
+    }
+    Ok((PathBuf::from(from), header.training.settings))
 }
 
 /// Returns the text of the settings file or settings base that the user named.
@@ -243,7 +281,8 @@ fn shipped(plan: &TrainPlan) -> Result<Option<(PathBuf, String)>, MishandleError
 /// If a name is unknown, or shipped settings cannot be read.
 pub fn uses_default_settings(plan: &TrainPlan) -> Result<bool, MishandleError> {
     known_algorithm(&plan.algorithm)?;
-    let names_settings = plan.settings.as_deref().is_some_and(|path| path != Path::new(BEST));
+    let names_settings =
+        plan.from.is_some() || plan.settings.as_deref().is_some_and(|path| path != Path::new(BEST));
     Ok(!names_settings && shipped(plan)?.is_none())
 }
 

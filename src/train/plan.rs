@@ -25,6 +25,9 @@ pub struct TrainPlan {
     /// Settings file, or name of a settings base. `None` and `best` mean the shipped settings of
     /// task and algorithm, or the algorithm's defaults if none are shipped.
     pub settings: Option<PathBuf>,
+    /// Controller from which training starts: a path, or the name of a shipped one. Without
+    /// settings, those by which it was trained are used.
+    pub from: Option<String>,
     /// Total number of environment steps; overrides the settings.
     pub steps: Option<u64>,
     /// Scenario space of the episodes; overrides the settings.
@@ -72,6 +75,9 @@ impl TrainPlan {
         }
         if let Some(settings) = &self.settings {
             command += &format!(" --settings {}", shell_quote(&settings.to_string_lossy()));
+        }
+        if let Some(from) = &self.from {
+            command += &format!(" --from {}", shell_quote(from));
         }
         if let Some(steps) = self.steps {
             command += &format!(" --steps {steps}");
@@ -192,6 +198,7 @@ mod tests {
             reward: "shaped".to_string(),
             device: "cpu".to_string(),
             settings: None,
+            from: None,
             steps: None,
             space: None,
             axes: Default::default(),

@@ -89,7 +89,7 @@ impl<'a> TrainingRecorder<'a> {
     /// If a file cannot be opened.
     pub(super) fn new(
         plan: &TrainPlan,
-        Prepared { settings, environment, scenarios }: &Prepared,
+        Prepared { settings, environment, scenarios, .. }: &Prepared,
         specification: Specification,
         resumed: Option<&Checkpoint>,
         observer: &'a mut dyn TrainObserver,

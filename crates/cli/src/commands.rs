@@ -9,6 +9,7 @@ mod evaluate;
 mod explain;
 mod export;
 mod falsify;
+mod harden;
 mod man;
 mod margin;
 mod monitor;
@@ -39,7 +40,7 @@ pub const GROUPS: [(&str, &[&str]); 6] = [
     ("Measure", &["evaluate", "risk", "compare", "reproduce"]),
     ("Understand", &["explain", "simulate", "replay", "render", "report", "monitor"]),
     ("Keep", &["runs", "counterexamples", "regress", "export"]),
-    ("Train", &["train", "controller"]),
+    ("Train", &["train", "harden", "controller"]),
     ("Look up", &["tasks", "targets", "searches", "completions", "man", "help"]),
 ];
 
@@ -64,6 +65,7 @@ pub enum Command {
     Regress(regress::Arguments),
     Export(export::Arguments),
     Train(train::Arguments),
+    Harden(harden::Arguments),
     Controller(controller::Arguments),
     Tasks(tasks::Arguments),
     Targets(targets::Arguments),
@@ -94,6 +96,7 @@ pub fn run(command: &Command, gpu: Option<&Device>, program: fn() -> clap::Comma
         Command::Regress(arguments) => regress::run(arguments),
         Command::Export(arguments) => export::run(arguments),
         Command::Train(arguments) => train::run(arguments, gpu),
+        Command::Harden(arguments) => harden::run(arguments, gpu),
         Command::Controller(arguments) => controller::run(arguments),
         Command::Tasks(arguments) => tasks::run(arguments),
         Command::Targets(arguments) => targets::run(arguments),

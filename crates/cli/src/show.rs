@@ -9,6 +9,7 @@ pub mod explanation;
 pub mod exports;
 pub mod falsification;
 pub mod formula_error;
+pub mod hardening;
 pub mod live_curve;
 pub mod margin;
 pub mod mode_survey;

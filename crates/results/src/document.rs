@@ -6,8 +6,8 @@ use serde::Serialize;
 
 use crate::{
     Campaign, Comparison, Controller, ControllerExport, ControllerImport, Counterexamples, Evaluation,
-    Explanation, Exports, Falsification, Margin, Masking, Monitor, Regression, Replay, Risk, RunSummary,
-    Search, Simulation, Tables, Target, Targets, Task, Training, TrainingPlan, Verification,
+    Explanation, Exports, Falsification, Hardening, Margin, Masking, Monitor, Regression, Replay, Risk,
+    RunSummary, Search, Simulation, Tables, Target, Targets, Task, Training, TrainingPlan, Verification,
 };
 
 /// Version of the documents. Within a version, keys are only added.
@@ -66,6 +66,7 @@ impl Document {
             Document::object::<Exports>("counterexamples export"),
             Document::object::<Regression>("regress"),
             Document::object::<Training>("train"),
+            Document::object::<Hardening>("harden"),
             Document::object::<TrainingPlan>("train --dry-run"),
             Document::object::<Controller>("controller"),
             Document::object::<ControllerExport>("controller export"),

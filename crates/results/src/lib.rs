@@ -11,7 +11,7 @@
 //! - [`Explanation`], [`Masking`], [`Replay`], [`Counterexamples`], [`Regression`], [`Comparison`]:
 //!   about recorded simulations.
 //! - [`Campaign`], [`RunSummary`], [`Tables`], [`Verification`]: about several runs.
-//! - [`Training`], [`TrainingPlan`], [`Controller`]: about controllers.
+//! - [`Training`], [`TrainingPlan`], [`Hardening`], [`Controller`]: about controllers.
 //! - [`Task`], [`Targets`], [`Target`], [`Search`]: what can be named.
 //! - [`Number`], [`Seed`], [`Named`]: values that JSON cannot hold as they are.
 //!
@@ -36,6 +36,7 @@ mod estimate;
 mod evaluation;
 mod explanation;
 mod falsification;
+mod hardening;
 mod margin;
 mod modes;
 mod monitor;
@@ -66,6 +67,10 @@ pub use explanation::{
     SignalTable, Window,
 };
 pub use falsification::{Cause, Falsification, Requirement, SearchValue, SmoothRegion, Trial, Unevaluated};
+pub use hardening::{
+    HardenedArchive, HardenedCorners, HardenedMargin, HardenedMeasure, HardenedMode, HardenedSearch,
+    Hardening, HardeningRound,
+};
 pub use margin::{CategoryMargin, Level, Margin, Norms, Witness};
 pub use modes::{Coverage, FailureMode, FirstInMode, FoundMode, Modes, UnseenModes};
 pub use monitor::Monitor;

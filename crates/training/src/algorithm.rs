@@ -7,6 +7,7 @@ use mishandle_network::NetworkDevice;
 use mishandle_rollout::{BatchFactory, Seed};
 
 use crate::learner::Learner;
+use crate::learner::origin::Origin;
 use crate::{
     ALGORITHMS, Checkpoint, EpisodeSettings, Observer, RunSettings, ScenarioSettings, Setting, TomlSettings,
     TrainingError, TrainingResult, learner,
@@ -254,21 +255,21 @@ impl AlgorithmSettings {
     /// [`Arc`](std::sync::Arc) of an [`Environment`](mishandle_rollout::Environment) creates
     /// batches on the CPU.
     ///
-    /// With a checkpoint of the same settings, training resumes there and produces the same bits as
+    /// From a checkpoint of the same settings, training resumes there and produces the same bits as
     /// an uninterrupted run. Only `run.total_steps` may differ, and only if the learning does not
     /// depend on it.
     ///
     /// # Errors
-    /// If a setting has a value that is not allowed, the checkpoint belongs to another training
-    /// run, a weight becomes NaN or infinite, or the environment batch fails.
+    /// If a setting has a value that is not allowed, the origin is not that of the settings, a
+    /// weight becomes NaN or infinite, or the environment batch fails.
     pub fn train(
         &self,
         environments: &dyn BatchFactory,
         seed: Seed,
-        resume: Option<&Checkpoint>,
+        origin: Origin<'_>,
         observer: &mut dyn Observer,
     ) -> Result<TrainingResult, TrainingError> {
-        learner::train(self, environments, None, seed, resume, observer)
+        learner::train(self, environments, None, seed, origin, observer)
     }
 
     /// As [`train`](Self::train), with the networks of the learner on another device, where the
@@ -282,10 +283,10 @@ impl AlgorithmSettings {
         environments: &dyn BatchFactory,
         networks: &dyn NetworkDevice,
         seed: Seed,
-        resume: Option<&Checkpoint>,
+        origin: Origin<'_>,
         observer: &mut dyn Observer,
     ) -> Result<TrainingResult, TrainingError> {
-        learner::train(self, environments, Some(networks), seed, resume, observer)
+        learner::train(self, environments, Some(networks), seed, origin, observer)
     }
 
     /// Builds the learner in its state before the first iteration.

@@ -48,6 +48,26 @@ pub enum TrainingError {
         /// Scenarios of the environments.
         found: String,
     },
+    /// Training does not start from the controller that the settings name.
+    #[error("the setting `run.from` names {expected}, but training starts from {found}")]
+    OtherStart {
+        /// The controller of the settings, or none.
+        expected: String,
+        /// The start that the caller passes.
+        found: &'static str,
+    },
+    /// The policy of a controller cannot continue with these settings.
+    #[error(
+        "this training cannot start from the controller: its {what} is {found}, that of the settings {expected}"
+    )]
+    OtherPolicy {
+        /// The property that differs.
+        what: &'static str,
+        /// Its value in the settings.
+        expected: String,
+        /// Its value in the controller.
+        found: String,
+    },
     /// The settings are not valid TOML.
     #[error("line {line}: invalid TOML: {message}")]
     NotToml {

@@ -1,7 +1,10 @@
 //! Policy inference for all rows of a control step.
 
-use mishandle_network::{ChunkPool, Mlp, Normalizer, RunningNormalizer, Workspace};
+use mishandle_controllers::Policy;
+use mishandle_network::{ChunkPool, Mlp, Moments, Normalizer, RunningNormalizer, Workspace};
 use mishandle_rollout::EnvironmentSpec;
+
+use crate::TrainingError;
 
 /// Rows per inference task: few, so that all threads get some.
 pub(crate) const INFERENCE_ROWS: usize = 64;
@@ -19,6 +22,18 @@ pub(crate) fn observation_normalizer(
     }
     let floor: Vec<f64> = spec.observation_scales.iter().map(|scale| std_floor * scale).collect();
     normalizer.with_floor(&floor)
+}
+
+/// Replaces the moments of a normalizer by those of a policy. Its floor remains.
+///
+/// # Errors
+/// Never; the policy has the moments of its inputs.
+pub(crate) fn restore_normalizer(
+    normalizer: &mut RunningNormalizer,
+    policy: &Policy,
+) -> Result<(), TrainingError> {
+    let moments = Moments::resume(1.0, policy.mean().to_vec(), policy.variance().to_vec())?;
+    Ok(normalizer.restore(moments)?)
 }
 
 /// Network outputs and random numbers from which the actions of a control step are sampled.

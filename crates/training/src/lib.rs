@@ -36,6 +36,7 @@ pub use checkpoint::{Checkpoint, CheckpointArray};
 pub use episodes::{Boundary, EpisodeStatistics, Episodes};
 pub use error::TrainingError;
 pub use initialization::Initialization;
+pub use learner::origin::Origin;
 pub use learner::progress::{
     Observer, Rates, TimeShares, TrainingControl, TrainingProgress, TrainingResult, Validation,
     format_duration,

@@ -13,7 +13,7 @@ use mishandle_rollout::{
     Space, Start, StepStatus, Stream,
 };
 use mishandle_training::{
-    AlgorithmSettings, Checkpoint, Observer, TrainingControl, TrainingError, TrainingProgress,
+    AlgorithmSettings, Checkpoint, Observer, Origin, TrainingControl, TrainingError, TrainingProgress,
     TrainingResult, Validation,
 };
 
@@ -139,7 +139,14 @@ fn settings(algorithm: &str) -> AlgorithmSettings {
 }
 
 fn train(algorithm: &str, resume: Option<&Checkpoint>, keeper: &mut Keeper) -> TrainingResult {
-    settings(algorithm).train(&HomingFactory { steps: u64::MAX }, Seed(2), resume, keeper).unwrap()
+    settings(algorithm)
+        .train(
+            &HomingFactory { steps: u64::MAX },
+            Seed(2),
+            resume.map_or(Origin::New, Origin::Checkpoint),
+            keeper,
+        )
+        .unwrap()
 }
 
 /// Returns the mean return of 20 control steps from a grid of initial states.
@@ -178,8 +185,12 @@ fn training_on_a_custom_batch_learns_and_resumes_to_the_same_bits() {
 #[test]
 fn a_failing_batch_ends_the_training_with_its_error() {
     for algorithm in ["ppo", "sac"] {
-        let failed =
-            settings(algorithm).train(&HomingFactory { steps: 30 }, Seed(2), None, &mut Keeper::default());
+        let failed = settings(algorithm).train(
+            &HomingFactory { steps: 30 },
+            Seed(2),
+            Origin::New,
+            &mut Keeper::default(),
+        );
         let error = failed.unwrap_err();
         assert!(matches!(error, TrainingError::Environment(_)), "{algorithm}: {error}");
         assert_eq!(error.to_string(), "the environment batch failed: the process was killed");

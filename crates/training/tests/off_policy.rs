@@ -10,7 +10,7 @@ mod toy;
 use harness::{RecordingObserver, best_return, check_resumption, check_threads, mean_return, run};
 use line::Line;
 use mishandle_rollout::Seed;
-use mishandle_training::AlgorithmSettings;
+use mishandle_training::{AlgorithmSettings, Origin};
 
 const ALGORITHMS: [&str; 3] = ["sac", "td3", "ddpg"];
 
@@ -37,7 +37,7 @@ fn each_algorithm_learns_the_line() {
             "run.total_steps = 24_000\ngamma = 0.9\ntau = 0.01\nreplay.n_steps = 1\n\
              replay.updates_per_step = 0.5\nreplay.reward_scale = 1.0\npolicy.learning_rate = 0.003",
         );
-        let trained = run(2, &settings, None, &mut RecordingObserver::default());
+        let trained = run(2, &settings, Origin::New, &mut RecordingObserver::default());
         let (found, best) = (mean_return(&trained.last, 500), best_return(500));
         assert!(found > 0.97 * best, "{algorithm}: mean return {found}, optimal {best}");
     }
@@ -70,11 +70,16 @@ fn a_resumed_training_gives_the_same_bits() {
 fn resuming_with_other_settings_is_an_error() {
     let settings = settings_of("td3", "run.total_steps = 400");
     let mut observer = RecordingObserver::default();
-    run(1, &settings, None, &mut observer);
+    run(1, &settings, Origin::New, &mut observer);
     let checkpoint = observer.checkpoint.unwrap();
     let resume = |settings: &AlgorithmSettings| {
         settings
-            .train(&Line::new(0.0), Seed(5), Some(&checkpoint), &mut RecordingObserver::default())
+            .train(
+                &Line::new(0.0),
+                Seed(5),
+                Origin::Checkpoint(&checkpoint),
+                &mut RecordingObserver::default(),
+            )
             .map(|_| ())
     };
     assert!(
@@ -95,8 +100,9 @@ fn resuming_with_other_settings_is_an_error() {
 fn diverging_weights_are_an_error() {
     for algorithm in ALGORITHMS {
         let settings = settings_of(algorithm, "critic.learning_rate = 1e30\nrun.total_steps = 100_000");
-        let error =
-            settings.train(&Line::new(0.0), Seed(1), None, &mut RecordingObserver::default()).unwrap_err();
+        let error = settings
+            .train(&Line::new(0.0), Seed(1), Origin::New, &mut RecordingObserver::default())
+            .unwrap_err();
         let message = error.to_string();
         assert!(message.contains("training diverged") || message.contains("must be finite"), "{message}");
     }

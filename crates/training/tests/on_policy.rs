@@ -11,7 +11,7 @@ use harness::{RecordingObserver, best_return, check_resumption, check_threads, m
 use line::Line;
 use mishandle_network::{DeviceBuffers, DeviceNetwork, Mlp, NetworkDevice, NetworkError, Workspace};
 use mishandle_rollout::Seed;
-use mishandle_training::{AlgorithmSettings, TrainingError};
+use mishandle_training::{AlgorithmSettings, Origin, TrainingError};
 
 const ALGORITHMS: [&str; 2] = ["ppo", "trpo"];
 
@@ -40,7 +40,7 @@ fn all_variants() -> impl Iterator<Item = (&'static str, &'static str)> {
 /// Checks that training on the line environment reaches at least 98 % of the optimal return.
 #[track_caller]
 fn check_learned(settings: &AlgorithmSettings, observer: &mut RecordingObserver) {
-    let trained = run(2, settings, None, observer);
+    let trained = run(2, settings, Origin::New, observer);
     let (found, best) = (mean_return(&trained.last, 500), best_return(500));
     assert!(found > 0.98 * best, "mean return {found}, optimal {best}");
     // A policy that does not move reaches a third: the mean of |x - goal| over the space is 2/3.
@@ -73,7 +73,7 @@ fn log_std_stays_within_its_bounds() {
         let text =
             format!("{text}policy.min_log_std = -0.55\npolicy.max_log_std = -0.5\nrun.total_steps = 20_000");
         let mut observer = RecordingObserver::default();
-        run(2, &settings_of(algorithm, &text), None, &mut observer);
+        run(2, &settings_of(algorithm, &text), Origin::New, &mut observer);
         // The entropy of one action dimension is log σ + ½ log 2πe.
         let constant = 0.5 * (std::f64::consts::TAU.ln() + 1.0);
         let log_stds: Vec<f64> =
@@ -107,7 +107,7 @@ fn a_resumed_training_gives_the_same_bits() {
 fn every_variant_gives_other_weights() {
     let hash = |(algorithm, variant): (&str, &str)| {
         let settings = settings_of(algorithm, &format!("{variant}run.total_steps = 4_600"));
-        run(2, &settings, None, &mut RecordingObserver::default()).last.hash().to_string()
+        run(2, &settings, Origin::New, &mut RecordingObserver::default()).last.hash().to_string()
     };
     let mut hashes: Vec<String> = all_variants().map(hash).collect();
     hashes.sort();
@@ -119,11 +119,11 @@ fn every_variant_gives_other_weights() {
 fn an_additional_checkpoint_changes_nothing_and_can_be_resumed() {
     let settings = settings_of("ppo", "run.total_steps = 4_600");
     assert!(settings.run().checkpoint_interval > 6, "the settings request no checkpoint before the end");
-    let trained = run(2, &settings, None, &mut RecordingObserver::default());
+    let trained = run(2, &settings, Origin::New, &mut RecordingObserver::default());
     let mut saving = RecordingObserver { save_after: Some(2), ..RecordingObserver::default() };
-    assert_eq!(run(2, &settings, None, &mut saving).last.hash(), trained.last.hash());
+    assert_eq!(run(2, &settings, Origin::New, &mut saving).last.hash(), trained.last.hash());
     let mut rest = RecordingObserver::default();
-    let resumed = run(2, &settings, saving.first_checkpoint.as_ref(), &mut rest);
+    let resumed = run(2, &settings, Origin::Checkpoint(saving.first_checkpoint.as_ref().unwrap()), &mut rest);
     assert_eq!(rest.progress[0].iteration, 3);
     assert_eq!(resumed.last.hash(), trained.last.hash());
 }
@@ -132,9 +132,9 @@ fn an_additional_checkpoint_changes_nothing_and_can_be_resumed() {
 fn resuming_a_finished_training_returns_its_controller() {
     let settings = settings_of("ppo", "run.total_steps = 1_000");
     let mut observer = RecordingObserver::default();
-    let trained = run(1, &settings, None, &mut observer);
+    let trained = run(1, &settings, Origin::New, &mut observer);
     let mut nothing = RecordingObserver::default();
-    let resumed = run(1, &settings, observer.checkpoint.as_ref(), &mut nothing);
+    let resumed = run(1, &settings, Origin::Checkpoint(observer.checkpoint.as_ref().unwrap()), &mut nothing);
     assert_eq!(resumed.last.hash(), trained.last.hash());
     assert!(nothing.progress.is_empty());
 }
@@ -143,7 +143,8 @@ fn resuming_a_finished_training_returns_its_controller() {
 fn different_seeds_give_different_weights() {
     let settings = settings_of("ppo", "run.total_steps = 1_000");
     let hash = |seed| {
-        let trained = settings.train(&Line::new(0.0), Seed(seed), None, &mut RecordingObserver::default());
+        let trained =
+            settings.train(&Line::new(0.0), Seed(seed), Origin::New, &mut RecordingObserver::default());
         trained.unwrap().last.hash()
     };
     assert_ne!(hash(1), hash(2));
@@ -155,7 +156,7 @@ fn training_stops_early_when_it_reaches_the_target_rates() {
     let settings =
         settings_of("ppo", "run.total_steps = 1_000_000\nrun.stop_success = 0.1\nrun.stop_validations = 2");
     let mut observer = RecordingObserver::default();
-    let trained = run(2, &settings, None, &mut observer);
+    let trained = run(2, &settings, Origin::New, &mut observer);
     assert!(trained.reached_target);
     assert_eq!(observer.progress.len(), 4);
 }
@@ -165,11 +166,16 @@ fn resuming_with_another_seed_or_other_settings_is_an_error() {
     let text = "run.total_steps = 1_000\n";
     let settings = settings_of("ppo", text);
     let mut observer = RecordingObserver::default();
-    run(1, &settings, None, &mut observer);
+    run(1, &settings, Origin::New, &mut observer);
     let checkpoint = observer.checkpoint.unwrap();
     let resume_error = |settings: &AlgorithmSettings, seed| {
         settings
-            .train(&Line::new(0.0), Seed(seed), Some(&checkpoint), &mut RecordingObserver::default())
+            .train(
+                &Line::new(0.0),
+                Seed(seed),
+                Origin::Checkpoint(&checkpoint),
+                &mut RecordingObserver::default(),
+            )
             .unwrap_err()
             .to_string()
     };
@@ -183,8 +189,12 @@ fn resuming_with_another_seed_or_other_settings_is_an_error() {
     );
     let mut longer = settings.clone();
     longer.run_mut().total_steps = 2_000;
-    let resumed =
-        longer.train(&Line::new(0.0), Seed(5), Some(&checkpoint), &mut RecordingObserver::default());
+    let resumed = longer.train(
+        &Line::new(0.0),
+        Seed(5),
+        Origin::Checkpoint(&checkpoint),
+        &mut RecordingObserver::default(),
+    );
     assert!(resumed.is_ok(), "only the number of steps may differ");
     let error = resume_error(&settings_of("ppo", "run.total_steps = 1"), 5);
     assert!(error.ends_with(" environment steps; `run.total_steps` = 1 is fewer"), "{error}");
@@ -195,7 +205,7 @@ fn a_training_that_depends_on_its_length_cannot_resume_with_another_length() {
     let of = |steps: u64, more: &str| settings_of("ppo", &format!("run.total_steps = {steps}\n{more}"));
     let linear = "learning_rate_schedule = \"linear\"";
     let mut observer = RecordingObserver::default();
-    run(1, &of(1_000, linear), None, &mut observer);
+    run(1, &of(1_000, linear), Origin::New, &mut observer);
     let checkpoint = observer.checkpoint.unwrap();
     let checked =
         |settings: &AlgorithmSettings| settings.check_resumption(&Line::new(0.0), Seed(5), &checkpoint);
@@ -208,7 +218,7 @@ fn a_training_that_depends_on_its_length_cannot_resume_with_another_length() {
         let trained = of(steps, linear).train(
             &Line::new(0.0),
             Seed(5),
-            Some(&checkpoint),
+            Origin::Checkpoint(&checkpoint),
             &mut RecordingObserver::default(),
         );
         assert!(trained.is_err());
@@ -225,7 +235,7 @@ fn diverging_weights_are_an_error() {
         "learning_rate = 1e30\nlearning_rate_schedule = \"constant\"\nrun.total_steps = 100_000",
     );
     let error =
-        settings.train(&Line::new(0.0), Seed(1), None, &mut RecordingObserver::default()).unwrap_err();
+        settings.train(&Line::new(0.0), Seed(1), Origin::New, &mut RecordingObserver::default()).unwrap_err();
     assert!(matches!(error, TrainingError::NotFinite { .. } | TrainingError::Network(_)), "{error}");
 }
 
@@ -284,10 +294,10 @@ fn networks_on_another_device_give_the_same_training_up_to_rounding() {
     // Minibatches of 300, 300 and 168 rows.
     let settings = settings_of("ppo", "run.total_steps = 2304\nentropy_coef = 0.01\n");
     let train_on = |device: &dyn NetworkDevice| {
-        settings.train_on(&Line::new(0.05), device, Seed(5), None, &mut RecordingObserver::default())
+        settings.train_on(&Line::new(0.05), device, Seed(5), Origin::New, &mut RecordingObserver::default())
     };
     let expected =
-        settings.train(&Line::new(0.05), Seed(5), None, &mut RecordingObserver::default()).unwrap();
+        settings.train(&Line::new(0.05), Seed(5), Origin::New, &mut RecordingObserver::default()).unwrap();
     let found = train_on(&OtherDevice { passes: usize::MAX }).unwrap();
     let numbers = |policy: &mishandle_controllers::Policy| {
         let (weights, log_std) = (policy.network().parameters().to_vec(), policy.log_std().to_vec());

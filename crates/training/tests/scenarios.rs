@@ -17,7 +17,7 @@ use mishandle_rollout::{
     Specification, StepStatus, System, TimeProfile, TrainingScenarios, delays,
 };
 use mishandle_training::{
-    AlgorithmSettings, Boundary, Checkpoint, EpisodeSettings, Episodes, Observer, ScenarioSettings,
+    AlgorithmSettings, Boundary, Checkpoint, EpisodeSettings, Episodes, Observer, Origin, ScenarioSettings,
     TrainingControl, TrainingError, TrainingProgress, Validation,
 };
 use toy::{Toy, names};
@@ -363,7 +363,7 @@ fn every_algorithm_trains_on_scenarios_and_resumes_to_the_same_bits() {
         let settings = AlgorithmSettings::from_toml(algorithm, &format!("{common}{own}")).unwrap().unwrap();
         let batches = ScenarioBatches { batches: drifter(), scenarios: scenarios.clone() };
         let train = |resume: Option<&Checkpoint>, keeper: &mut Keeper| {
-            settings.train(&batches, Seed(2), resume, keeper).unwrap()
+            settings.train(&batches, Seed(2), resume.map_or(Origin::New, Origin::Checkpoint), keeper).unwrap()
         };
         let trained = train(None, &mut Keeper::default());
         let mut first = Keeper { stop_after: 3, ..Keeper::default() };
@@ -382,7 +382,7 @@ fn every_algorithm_trains_on_scenarios_and_resumes_to_the_same_bits() {
 fn environments_without_the_scenarios_of_the_settings_are_an_error() {
     let text = "scenarios = { space = \"delay\" }";
     let settings = AlgorithmSettings::from_toml("ppo", text).unwrap().unwrap();
-    let error = settings.train(&Line::new(0.0), Seed(2), None, &mut Keeper::default()).unwrap_err();
+    let error = settings.train(&Line::new(0.0), Seed(2), Origin::New, &mut Keeper::default()).unwrap_err();
     assert!(matches!(error, TrainingError::OtherScenarios { .. }), "{error}");
     let found = drifter().space().name().to_string();
     assert!(error.to_string().contains(&format!("`{found}`")), "{error}");

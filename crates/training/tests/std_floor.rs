@@ -9,7 +9,7 @@ use line::Line;
 use mishandle_controllers::Policy;
 use mishandle_rollout::Seed;
 use mishandle_training::{
-    AlgorithmSettings, Checkpoint, Observer, TrainingControl, TrainingProgress, Validation,
+    AlgorithmSettings, Checkpoint, Observer, Origin, TrainingControl, TrainingProgress, Validation,
 };
 
 /// Stops after the first iteration if `stops`, and keeps the checkpoint.
@@ -42,7 +42,9 @@ fn train(algorithm: &str, policy: &str, resume: Option<&Checkpoint>, stops: bool
     );
     let settings = AlgorithmSettings::from_toml(algorithm, &text).unwrap().unwrap();
     let mut keeper = Keeper { stops, checkpoint: None };
-    let result = settings.train(&Line::new(0.05), Seed(5), resume, &mut keeper).unwrap();
+    let result = settings
+        .train(&Line::new(0.05), Seed(5), resume.map_or(Origin::New, Origin::Checkpoint), &mut keeper)
+        .unwrap();
     (result.last, keeper.checkpoint.unwrap())
 }
 

@@ -45,6 +45,7 @@ pub(crate) fn train(
         algorithm: training.algorithm.clone(),
         reward: REWARD.to_string(),
         settings: None,
+        from: None,
         steps: None,
         space: None,
         axes: Default::default(),

@@ -23,7 +23,7 @@ const STEPS: RangeInclusive<u64> = 1..=1_000_000_000_000;
 /// Help text of `--algorithm`, from the list of algorithms.
 static ALGORITHM_HELP: LazyLock<String> = LazyLock::new(|| {
     let names: Vec<&str> = mishandle::training::ALGORITHMS.iter().map(|entry| entry.name).collect();
-    format!("Training algorithm: {}", names.join(", "))
+    format!("Training algorithm: {} [default: that of --from, or ppo]", names.join(", "))
 });
 
 /// Train a controller
@@ -37,6 +37,7 @@ static ALGORITHM_HELP: LazyLock<String> = LazyLock::new(|| {
   mishandle train ball-balancing --algorithm sac --dry-run      check and print all settings
   mishandle train cube-stacking --algorithm ppo --device gpu    thousands of worlds on a GPU
   mishandle train ball-balancing --space delay+sensing --axis action_delay=0:2
+  mishandle train ball-balancing --from ppo --space delay --steps 2e6   continue a controller
 
 The best controller by validation is written to --out, the last one beside it: FILE.safetensors and
 FILE.last.safetensors. Training also writes a checkpoint there. --resume continues from the
@@ -50,8 +51,12 @@ All settings: docs/reference/algorithms/settings.md.")]
 pub struct Arguments {
     /// Name of a task
     pub task: String,
-    #[arg(long, default_value = "ppo", help = ALGORITHM_HELP.as_str())]
-    pub algorithm: String,
+    #[arg(long, value_name = "NAME", help = ALGORITHM_HELP.as_str())]
+    pub algorithm: Option<String>,
+    /// Start from this controller instead of random weights: a name or a file. Only the critic
+    /// learns at first. Without --settings, training uses the settings that trained it
+    #[arg(long, value_name = "CONTROLLER")]
+    pub from: Option<String>,
     /// Total number of environment steps (control steps of all parallel environments), such as 1e6;
     /// rounded up to whole iterations [default: run.total_steps of the settings]
     #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = numbers::integer::<u64>(STEPS))]
@@ -201,9 +206,17 @@ fn dry_run(plan: &TrainPlan, gpu: Option<&Device>, as_json: bool) -> Result<Exit
 
 fn plan(command: &Arguments) -> Result<TrainPlan> {
     let seed = command.run.seed.unwrap_or(0);
+    let algorithm = match (&command.algorithm, &command.from) {
+        (Some(algorithm), _) => algorithm.clone(),
+        (None, Some(from)) => mishandle::train::algorithm_of(&command.task, from)?,
+        (None, None) => "ppo".to_string(),
+    };
+    let out = || default_out(&command.task, &algorithm, seed);
     Ok(TrainPlan {
         task: command.task.clone(),
-        algorithm: command.algorithm.clone(),
+        out: command.out.clone().unwrap_or_else(out),
+        algorithm,
+        from: command.from.clone(),
         reward: command.reward.clone(),
         device: match command.device {
             Some(PhysicsDevice::Gpu) => "gpu".to_string(),
@@ -214,7 +227,6 @@ fn plan(command: &Arguments) -> Result<TrainPlan> {
         space: command.space.clone(),
         axes: command.axes.settings()?,
         seed,
-        out: command.out.clone().unwrap_or_else(|| default_out(&command.task, &command.algorithm, seed)),
         csv: command.csv.clone(),
         tensorboard: command.tensorboard.clone(),
         resume: command.resume,

@@ -1,5 +1,6 @@
 //! The training loop of all algorithms: iterate, validate, keep the best policy, save checkpoints.
 
+pub(crate) mod origin;
 pub(crate) mod progress;
 pub(crate) mod selection;
 
@@ -9,6 +10,7 @@ use mishandle_controllers::Policy;
 use mishandle_network::{Mlp, NetworkDevice};
 use mishandle_rollout::{BatchFactory, Seed};
 
+use self::origin::Origin;
 use crate::{
     AlgorithmSettings, Checkpoint, EpisodeStatistics, Observer, PolicySelection, RunSettings,
     ScenarioSettings, TimeShares, TrainingControl, TrainingError, TrainingProgress, TrainingResult,
@@ -24,6 +26,13 @@ pub(crate) trait Learner {
     fn use_device(&mut self, _device: &dyn NetworkDevice) -> Result<(), TrainingError> {
         Ok(())
     }
+
+    /// Replaces the random policy of the start by that of a controller, and its normalizer, which
+    /// then stays as it is.
+    ///
+    /// # Errors
+    /// If it has another form.
+    fn start_from(&mut self, policy: &Policy) -> Result<(), TrainingError>;
 
     /// Returns the number of completed iterations.
     fn iteration(&self) -> u64;
@@ -63,16 +72,17 @@ pub(crate) fn iterations(run: &RunSettings, iteration_steps: u64) -> u64 {
     run.total_steps.div_ceil(iteration_steps)
 }
 
-/// Trains until the last step or until early stopping, from a checkpoint if one is given.
+/// Trains until the last step or until early stopping.
 pub(crate) fn train(
     settings: &AlgorithmSettings,
     environments: &dyn BatchFactory,
     networks: Option<&dyn NetworkDevice>,
     seed: Seed,
-    resume: Option<&Checkpoint>,
+    origin: Origin<'_>,
     observer: &mut dyn Observer,
 ) -> Result<TrainingResult, TrainingError> {
     settings.check()?;
+    origin.check(settings.run())?;
     check_scenarios(settings, environments)?;
     let run = settings.run();
     let mut learner = settings.learner(environments, seed)?;
@@ -84,11 +94,15 @@ pub(crate) fn train(
     let mut stopwatch = Stopwatch { start: Instant::now(), secs_before: 0.0, steps_before: 0 };
     let mut selection = new_selection(settings);
     let mut last_validation = None;
-    if let Some(checkpoint) = resume {
-        load(checkpoint, settings, seed, &mut *learner, &mut selection)?;
-        stopwatch.secs_before = checkpoint.f64s("wall_clock_secs", 1)?[0];
-        stopwatch.steps_before = environment_steps(&*learner);
-        last_validation = selection.last_validation();
+    match origin {
+        Origin::New => {}
+        Origin::Policy(policy) => learner.start_from(policy)?,
+        Origin::Checkpoint(checkpoint) => {
+            load(checkpoint, settings, seed, &mut *learner, &mut selection)?;
+            stopwatch.secs_before = checkpoint.f64s("wall_clock_secs", 1)?[0];
+            stopwatch.steps_before = environment_steps(&*learner);
+            last_validation = selection.last_validation();
+        }
     }
     let mut finished = learner.iteration() >= iterations || selection.target_reached();
     if !finished {

@@ -42,6 +42,12 @@ impl NetworkWithTarget {
         Ok(NetworkWithTarget::new(network, settings.learning_rate))
     }
 
+    /// Replaces network and target network by a network of the same sizes.
+    pub fn replace(&mut self, network: &Mlp<f32>) {
+        self.network = network.clone();
+        self.target = network.clone();
+    }
+
     /// Applies one optimizer step.
     pub fn step(&mut self, gradient: &[f32]) {
         let NetworkWithTarget { network, adam, .. } = self;

@@ -54,11 +54,23 @@ pub(crate) trait Agent: Sized + 'static {
     /// Returns the current behavior policy.
     fn behavior_policy(&self) -> &Self::BehaviorPolicy;
 
-    /// Performs update `index` from a batch; `seed` is for the random numbers of the update.
+    /// Replaces the policy by that of a controller with a network of the same form.
+    ///
+    /// # Errors
+    /// If its actions have another distribution.
+    fn start_from(&mut self, policy: &Policy) -> Result<(), TrainingError>;
+
+    /// Performs an update from a batch. `randomness`, a seed and the number of the update,
+    /// determines its random numbers. If `learns_policy` is false, only the critics learn.
     ///
     /// # Errors
     /// If a loss is NaN or infinite; returns its name.
-    fn update(&mut self, batch: &TransitionBatch<f32>, seed: Seed, index: u64) -> Result<(), &'static str>;
+    fn update(
+        &mut self,
+        batch: &TransitionBatch<f32>,
+        randomness: (Seed, u64),
+        learns_policy: bool,
+    ) -> Result<(), &'static str>;
 
     /// Returns the entropy of the policy in the last update; `None` for deterministic policies.
     fn entropy(&self) -> Option<f64> {

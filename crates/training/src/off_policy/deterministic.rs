@@ -70,6 +70,14 @@ impl DeterministicActor {
     }
 }
 
+impl DeterministicActor {
+    /// Replaces μ and its target network by the network of a policy. Its exploration noise is not
+    /// used.
+    pub fn start_from(&mut self, policy: &Policy) {
+        self.policy.replace(policy.network());
+    }
+}
+
 impl BehaviorPolicy for DeterministicActor {
     fn network(&self) -> &Mlp<f32> {
         &self.policy.network

@@ -22,9 +22,12 @@ use mishandle_rollout::{BatchFactory, Seed, Stream};
 use rayon::prelude::*;
 
 use crate::algorithm::{BuildLearner, CommonSettings};
-use crate::inference::{BatchInference, INFERENCE_ROWS, observation_normalizer};
+use crate::inference::{BatchInference, INFERENCE_ROWS, observation_normalizer, restore_normalizer};
+use crate::learner::origin::check_policy;
 use crate::learner::{Learner, progress_of};
-use crate::{Checkpoint, Episodes, ReplayBufferSettings, TimeShares, TrainingError, TrainingProgress};
+use crate::{
+    Checkpoint, Episodes, ReplayBufferSettings, RunSettings, TimeShares, TrainingError, TrainingProgress,
+};
 use agent::{Agent, BehaviorPolicy, HasOffPolicySettings};
 use batch_gradient::LEARNING_ROWS;
 use replay_buffer::{ReplayBuffer, Sampling};
@@ -41,6 +44,7 @@ pub(crate) struct OffPolicy<A> {
     agent: A,
     seed: Seed,
     steps_per_iteration: usize,
+    run: RunSettings,
     replay_settings: ReplayBufferSettings,
     sampling: Sampling,
     normalize: bool,
@@ -71,7 +75,7 @@ impl<A: Agent> BuildLearner for OffPolicy<A> {
         environments: &dyn BatchFactory,
         seed: Seed,
     ) -> Result<OffPolicy<A>, TrainingError> {
-        let OffPolicySettings { gamma, steps_per_iteration, episodes, scenarios, replay, policy, .. } =
+        let OffPolicySettings { gamma, steps_per_iteration, run, episodes, scenarios, replay, policy } =
             settings.shared();
         let rows = episodes.environments;
         let episodes = Episodes::of_training(environments, episodes, scenarios, seed)?;
@@ -89,7 +93,8 @@ impl<A: Agent> BuildLearner for OffPolicy<A> {
             },
             replay_buffer: ReplayBuffer::new(replay.capacity, rows, observation_size, action_size),
             replay_settings: replay.clone(),
-            normalize: policy.normalize_observations,
+            normalize: policy.normalize_observations && run.from.is_none(),
+            run: run.clone(),
             learning_rate: policy.learning_rate,
             normalizer: observation_normalizer(
                 episodes.spec(),
@@ -120,7 +125,8 @@ impl<A: Agent> OffPolicy<A> {
         let OffPolicy { agent, episodes, inference, observations, actions, .. } = self;
         let policy = agent.behavior_policy();
         observations.copy_from_slice(episodes.observations());
-        if steps < self.replay_settings.warmup_steps {
+        // A controller explores around what it does already.
+        if steps < self.replay_settings.warmup_steps && self.run.from.is_none() {
             sample_uniform_actions(self.seed.child(WARMUP), step / policy.noise_hold(), actions);
             return;
         }
@@ -139,17 +145,25 @@ impl<A: Agent> OffPolicy<A> {
         });
     }
 
-    fn update(&mut self, normalizer: &Normalizer<f32>) -> Result<(), TrainingError> {
+    fn update(&mut self, step: u64, normalizer: &Normalizer<f32>) -> Result<(), TrainingError> {
+        let learns_policy = self.run.learns_policy(self.steps_before(step));
         let batches = (self.seed.child(BATCHES), self.updates);
         let rows = self.replay_settings.batch_size;
         self.replay_buffer.sample(&self.sampling, batches, rows, normalizer, &mut self.batch);
-        let updated = self.agent.update(&self.batch, self.seed.child(UPDATES), self.updates);
+        let randomness = (self.seed.child(UPDATES), self.updates);
+        let updated = self.agent.update(&self.batch, randomness, learns_policy);
         self.updates += 1;
         updated.map_err(|what| TrainingError::NotFinite { iteration: self.iteration + 1, what })
     }
 }
 
 impl<A: Agent> Learner for OffPolicy<A> {
+    fn start_from(&mut self, policy: &Policy) -> Result<(), TrainingError> {
+        check_policy(policy, self.agent.behavior_policy().network())?;
+        self.agent.start_from(policy)?;
+        restore_normalizer(&mut self.normalizer, policy)
+    }
+
     fn iteration(&self) -> u64 {
         self.iteration
     }
@@ -175,7 +189,7 @@ impl<A: Agent> Learner for OffPolicy<A> {
             }
             let before = Instant::now();
             while self.updates < self.replay_settings.updates_due(step + 1, rows) {
-                self.update(&normalizer)?;
+                self.update(step, &normalizer)?;
             }
             learning += before.elapsed().as_secs_f64();
         }

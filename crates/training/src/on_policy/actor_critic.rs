@@ -10,8 +10,9 @@ use rayon::prelude::*;
 use super::gae;
 use super::settings::OnPolicySettings;
 use crate::gaussian::DiagonalGaussian;
-use crate::inference::{BatchInference, INFERENCE_ROWS, observation_normalizer};
+use crate::inference::{BatchInference, INFERENCE_ROWS, observation_normalizer, restore_normalizer};
 use crate::initialization::initial_network;
+use crate::learner::origin::check_policy;
 use crate::{Checkpoint, Critic, Episodes, ObservationMoments, RolloutBuffer, TrainingError};
 
 /// Indices of child seeds. Episodes use 0, minibatches 3.
@@ -55,7 +56,15 @@ impl ActorCritic {
         seed: Seed,
     ) -> Result<ActorCritic, TrainingError> {
         let OnPolicySettings {
-            rollout_steps, gamma, gae_lambda, episodes, scenarios, policy, critic, ..
+            rollout_steps,
+            gamma,
+            gae_lambda,
+            run,
+            episodes,
+            scenarios,
+            policy,
+            critic,
+            ..
         } = *shared;
         let rows = episodes.environments;
         let episodes = Episodes::of_training(environments, episodes, scenarios, seed)?;
@@ -72,7 +81,7 @@ impl ActorCritic {
             rollout_steps,
             gamma,
             gae_lambda,
-            normalize: policy.normalize_observations,
+            normalize: policy.normalize_observations && run.from.is_none(),
             observation_moments: policy.observation_moments,
             normalizer: observation_normalizer(
                 episodes.spec(),
@@ -97,6 +106,22 @@ impl ActorCritic {
     /// Returns the number of environment steps of a rollout.
     pub fn rollout_size(&self) -> u64 {
         self.buffer.count() as u64
+    }
+
+    /// Replaces policy and normalizer by those of a controller.
+    ///
+    /// # Errors
+    /// If it has another form.
+    pub fn start_from(&mut self, policy: &Policy) -> Result<(), TrainingError> {
+        check_policy(policy, &self.network)?;
+        if policy.log_std().len() != self.log_std.len() {
+            let (what, expected) = ("distribution", "a Gaussian".to_string());
+            return Err(TrainingError::OtherPolicy { what, expected, found: "squashed".to_string() });
+        }
+        self.network = policy.network().clone();
+        self.log_std = policy.log_std().to_vec();
+        self.clamp_log_std();
+        restore_normalizer(&mut self.normalizer, policy)
     }
 
     pub fn policy(&self) -> Result<Policy, TrainingError> {

@@ -130,6 +130,10 @@ impl<A: PolicyOptimizer> Learner for OnPolicy<A> {
         self.optimizer.use_device(device, &self.actor_critic)
     }
 
+    fn start_from(&mut self, policy: &Policy) -> Result<(), TrainingError> {
+        self.actor_critic.start_from(policy)
+    }
+
     fn iteration(&self) -> u64 {
         self.iteration
     }

@@ -133,9 +133,9 @@ fn check_sac(kind: &'static str) {
     let (batch, count) = (case.batch(), sac.actor.parameter_count());
     let (mut critic_losses, mut policy_losses, mut temperatures) = (vec![], vec![], vec![]);
     for (step, pair) in case.noise().chunks(2).enumerate() {
-        let losses = sac.train_batch(&batch, &[pair[0].clone(), pair[1].clone()]).unwrap();
-        critic_losses.push(losses[0]);
-        policy_losses.push(losses[1]);
+        let losses = sac.train_batch(&batch, &[pair[0].clone(), pair[1].clone()], true).unwrap();
+        critic_losses.push(losses.0);
+        policy_losses.extend(losses.1);
         temperatures.push(sac.log_temperature[0].exp() as f32);
         let (first, second) = halves(&sac.critics_gradient.sums);
         case.check_gradient("critic_1", step, first);
@@ -170,7 +170,7 @@ fn check_td3(kind: &'static str, name: &'static str, smoothing: &str) {
     case.initialize_both(&mut td3.critics.0[1], "critic_2");
     let (batch, mut critic_losses, mut policy_losses) = (case.batch(), vec![], vec![]);
     for (step, noise) in case.noise().iter().enumerate() {
-        let (critic_loss, policy_loss) = td3.train_batch(&batch, noise, step as u64).unwrap();
+        let (critic_loss, policy_loss) = td3.train_batch(&batch, noise, step as u64, true).unwrap();
         let (first, second) = halves(&td3.critics_gradient.sums);
         case.check_gradient("critic_1", step, first);
         case.check_gradient("critic_2", step, second);
@@ -202,9 +202,9 @@ fn check_ddpg(kind: &'static str) {
     case.initialize_both(&mut ddpg.critic, "critic");
     let (batch, mut critic_losses, mut policy_losses) = (case.batch(), vec![], vec![]);
     for step in 0..case.of("critic_losses").as_array().unwrap().len() {
-        let [critic_loss, policy_loss] = ddpg.train_batch(&batch).unwrap();
+        let (critic_loss, policy_loss) = ddpg.train_batch(&batch, true).unwrap();
         critic_losses.push(critic_loss);
-        policy_losses.push(policy_loss);
+        policy_losses.extend(policy_loss);
         case.check_gradient(
             "critic",
             step,

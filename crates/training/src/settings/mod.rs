@@ -65,6 +65,12 @@ settings! {
     pub struct RunSettings in "run." {
         /// Total number of environment steps (control steps times environments).
         pub total_steps: u64 = 20_000_000, AT_LEAST_1;
+        /// Controller from which training starts, with its normalizer, which then stays as it is.
+        /// Without it, the policy is random at first.
+        pub from: Option<String> = None;
+        /// Number of environment steps at the start in which only the critic learns: a controller
+        /// has no critic in its file, and a random one would spoil it.
+        pub critic_steps: u64 = 0;
         /// Number of iterations between two validations.
         pub validation_interval: u64 = 20, AT_LEAST_1;
         /// Number of episodes of a validation.
@@ -107,6 +113,13 @@ choice! {
         Bootstrap = "bootstrap",
         /// Termination: the value after the last step is 0.
         Terminal = "terminal",
+    }
+}
+
+impl RunSettings {
+    /// Returns whether the policy learns after `steps` environment steps, or only the critic.
+    pub(crate) fn learns_policy(&self, steps: u64) -> bool {
+        steps >= self.critic_steps
     }
 }
 

@@ -5,8 +5,8 @@
 use mishandle_controllers::Policy;
 use mishandle_rollout::{Controller, Environment, Seed};
 use mishandle_training::{
-    AlgorithmSettings, Checkpoint, Observer, Rates, TrainingControl, TrainingProgress, TrainingResult,
-    Validation,
+    AlgorithmSettings, Checkpoint, Observer, Origin, Rates, TrainingControl, TrainingProgress,
+    TrainingResult, Validation,
 };
 
 use crate::line::Line;
@@ -47,11 +47,11 @@ impl Observer for RecordingObserver {
 pub fn run(
     threads: usize,
     settings: &AlgorithmSettings,
-    resume: Option<&Checkpoint>,
+    origin: Origin<'_>,
     observer: &mut RecordingObserver,
 ) -> TrainingResult {
     let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-    pool.install(|| settings.train(&Line::new(0.05), Seed(5), resume, observer)).unwrap()
+    pool.install(|| settings.train(&Line::new(0.05), Seed(5), origin, observer)).unwrap()
 }
 
 /// Checks that training produces the same bits on 1, 2 and 4 threads; returns the number of
@@ -59,10 +59,10 @@ pub fn run(
 #[track_caller]
 pub fn check_threads(settings: &AlgorithmSettings) -> usize {
     let mut one = RecordingObserver::default();
-    let trained = run(1, settings, None, &mut one);
+    let trained = run(1, settings, Origin::New, &mut one);
     for threads in [2, 4] {
         let mut many = RecordingObserver::default();
-        let again = run(threads, settings, None, &mut many);
+        let again = run(threads, settings, Origin::New, &mut many);
         assert_eq!(trained.last.hash(), again.last.hash(), "{}, {threads} threads", settings.algorithm());
         assert_eq!(trained.best.hash(), again.best.hash(), "{}, {threads} threads", settings.algorithm());
         assert_eq!(facts(&one), facts(&many), "{}, {threads} threads", settings.algorithm());
@@ -75,15 +75,15 @@ pub fn check_threads(settings: &AlgorithmSettings) -> usize {
 #[track_caller]
 pub fn check_resumption(settings: &AlgorithmSettings, stops: &[u64]) -> usize {
     let mut whole = RecordingObserver::default();
-    let trained = run(2, settings, None, &mut whole);
+    let trained = run(2, settings, Origin::New, &mut whole);
     for stop in stops {
         let mut first = RecordingObserver { stop_after: Some(*stop), ..RecordingObserver::default() };
-        run(2, settings, None, &mut first);
+        run(2, settings, Origin::New, &mut first);
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("line.checkpoint");
         first.checkpoint.unwrap().save(&path).unwrap();
         let mut second = RecordingObserver::default();
-        let resumed = run(3, settings, Some(&Checkpoint::load(&path).unwrap()), &mut second);
+        let resumed = run(3, settings, Origin::Checkpoint(&Checkpoint::load(&path).unwrap()), &mut second);
         assert_eq!(resumed.last.hash(), trained.last.hash(), "{}", settings.algorithm());
         assert_eq!(resumed.best.hash(), trained.best.hash(), "{}", settings.algorithm());
         assert_eq!(resumed.environment_steps, trained.environment_steps);

@@ -1,3 +1,4 @@
+use mishandle_controllers::Policy;
 use mishandle_rollout::Seed;
 
 use super::loss::{CriticLoss, CriticScratch};
@@ -18,11 +19,15 @@ pub(crate) struct Ddpg {
 }
 
 impl Ddpg {
-    /// Updates both networks; returns the losses of critic and policy.
+    /// Updates both networks, or the critic only; returns the losses of critic and policy.
     ///
     /// # Errors
     /// If a loss is NaN or infinite; returns its name.
-    pub fn train_batch(&mut self, batch: &TransitionBatch<f32>) -> Result<[f32; 2], &'static str> {
+    pub fn train_batch(
+        &mut self,
+        batch: &TransitionBatch<f32>,
+        learns_policy: bool,
+    ) -> Result<(f32, Option<f32>), &'static str> {
         let Ddpg {
             actor: DeterministicActor { policy: actor, .. },
             critic,
@@ -39,6 +44,10 @@ impl Ddpg {
         let (gradient, critic_loss) = critic_gradient
             .compute(batch.rows(), |rows, scratch, gradient| loss.add_gradient(rows, scratch, gradient))?;
         critic.step(gradient);
+        if !learns_policy {
+            critic.soft_update(self.tau);
+            return Ok((critic_loss, None));
+        }
 
         let loss = PolicyLoss { batch, actor: &actor.network, critic: &critic.network };
         let (gradient, policy_loss) = actor_gradient
@@ -47,7 +56,7 @@ impl Ddpg {
 
         critic.soft_update(self.tau);
         actor.soft_update(self.tau);
-        Ok([critic_loss, policy_loss])
+        Ok((critic_loss, Some(policy_loss)))
     }
 }
 
@@ -72,8 +81,18 @@ impl Agent for Ddpg {
         &self.actor
     }
 
-    fn update(&mut self, batch: &TransitionBatch<f32>, _seed: Seed, _index: u64) -> Result<(), &'static str> {
-        self.train_batch(batch).map(|_| ())
+    fn start_from(&mut self, policy: &Policy) -> Result<(), TrainingError> {
+        self.actor.start_from(policy);
+        Ok(())
+    }
+
+    fn update(
+        &mut self,
+        batch: &TransitionBatch<f32>,
+        _randomness: (Seed, u64),
+        learns_policy: bool,
+    ) -> Result<(), &'static str> {
+        self.train_batch(batch, learns_policy).map(|_| ())
     }
 
     fn save(&self, checkpoint: &mut Checkpoint) {

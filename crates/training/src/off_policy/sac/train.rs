@@ -40,7 +40,8 @@ pub(crate) struct Sac {
 }
 
 impl Sac {
-    /// Updates all networks and the temperature; returns the losses of critics and policy.
+    /// Updates all networks and the temperature, or the critics only; returns the losses of critics
+    /// and policy.
     ///
     /// # Errors
     /// If a loss is NaN or infinite; returns its name.
@@ -48,7 +49,8 @@ impl Sac {
         &mut self,
         batch: &TransitionBatch<f32>,
         noise: &[Vec<f64>; 2],
-    ) -> Result<[f32; 2], &'static str> {
+        learns_policy: bool,
+    ) -> Result<(f32, Option<f32>), &'static str> {
         let Sac { distribution, actor, log_std, critics, critics_gradient, actor_gradient, .. } = self;
         let policy = Actor { distribution: *distribution, network: actor, log_std };
         let temperature = self.log_temperature[0].exp();
@@ -63,6 +65,10 @@ impl Sac {
         let (gradient, critic_loss) = critics_gradient
             .compute(batch.rows(), |rows, scratch, gradient| loss.add_gradient(rows, scratch, gradient))?;
         critics.step(gradient);
+        if !learns_policy {
+            critics.soft_update(self.tau);
+            return Ok((critic_loss, None));
+        }
 
         let loss =
             PolicyLoss { batch, noise: &noise[1], temperature, actor: policy, critics: critics.networks() };
@@ -83,7 +89,7 @@ impl Sac {
         self.temperature_adam.step(&mut self.log_temperature, &[slope]);
         self.entropy = -mean_log_prob;
         critics.soft_update(self.tau);
-        Ok([critic_loss, policy_loss])
+        Ok((critic_loss, Some(policy_loss)))
     }
 }
 
@@ -161,12 +167,29 @@ impl Agent for Sac {
         self
     }
 
-    fn update(&mut self, batch: &TransitionBatch<f32>, seed: Seed, index: u64) -> Result<(), &'static str> {
+    fn start_from(&mut self, policy: &Policy) -> Result<(), TrainingError> {
+        if policy.log_std().len() != self.log_std.len() {
+            let name = |log_stds: usize| if log_stds == 0 { "squashed" } else { "a clipped Gaussian" };
+            let (expected, found) = (name(self.log_std.len()), name(policy.log_std().len()));
+            let (expected, found) = (expected.to_string(), found.to_string());
+            return Err(TrainingError::OtherPolicy { what: "distribution", expected, found });
+        }
+        self.actor = policy.network().clone();
+        self.log_std = policy.log_std().to_vec();
+        Ok(())
+    }
+
+    fn update(
+        &mut self,
+        batch: &TransitionBatch<f32>,
+        (seed, index): (Seed, u64),
+        learns_policy: bool,
+    ) -> Result<(), &'static str> {
         let mut noise = std::mem::take(&mut self.noise);
         for (noise, child) in noise.iter_mut().zip(0..) {
             sample_noise(seed.child(child), index, batch.rows(), noise);
         }
-        let trained = self.train_batch(batch, &noise);
+        let trained = self.train_batch(batch, &noise, learns_policy);
         self.noise = noise;
         trained.map(|_| ())
     }

@@ -1,3 +1,4 @@
+use mishandle_controllers::Policy;
 use mishandle_rollout::Seed;
 
 use super::loss::{CriticLoss, CriticScratch, TargetSmoothing};
@@ -32,6 +33,7 @@ impl Td3 {
         batch: &TransitionBatch<f32>,
         noise: &[f64],
         index: u64,
+        learns_policy: bool,
     ) -> Result<(f32, Option<f32>), &'static str> {
         let Td3 {
             actor: DeterministicActor { policy: actor, .. },
@@ -52,6 +54,10 @@ impl Td3 {
             .compute(batch.rows(), |rows, scratch, gradient| loss.add_gradient(rows, scratch, gradient))?;
         critics.step(gradient);
         if !(index + 1).is_multiple_of(self.policy_delay) {
+            return Ok((critic_loss, None));
+        }
+        if !learns_policy {
+            critics.soft_update(self.tau);
             return Ok((critic_loss, None));
         }
 
@@ -90,10 +96,20 @@ impl Agent for Td3 {
         &self.actor
     }
 
-    fn update(&mut self, batch: &TransitionBatch<f32>, seed: Seed, index: u64) -> Result<(), &'static str> {
+    fn start_from(&mut self, policy: &Policy) -> Result<(), TrainingError> {
+        self.actor.start_from(policy);
+        Ok(())
+    }
+
+    fn update(
+        &mut self,
+        batch: &TransitionBatch<f32>,
+        (seed, index): (Seed, u64),
+        learns_policy: bool,
+    ) -> Result<(), &'static str> {
         let mut noise = std::mem::take(&mut self.noise);
         sample_noise(seed, index, batch.rows(), &mut noise);
-        let trained = self.train_batch(batch, &noise, index);
+        let trained = self.train_batch(batch, &noise, index, learns_policy);
         self.noise = noise;
         trained.map(|_| ())
     }

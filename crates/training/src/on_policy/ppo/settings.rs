@@ -193,7 +193,7 @@ mod tests {
             "line 2: ppo has no setting `lamda`; settings outside of tables: rollout_steps, ",
         );
         let expected =
-            "line 2: ppo has no setting `run.steps`; settings of [run]: total_steps, validation_interval, ";
+            "line 2: ppo has no setting `run.steps`; settings of [run]: total_steps, from, critic_steps, ";
         check_error("[run]\nsteps = 9", expected);
         check_error("polices.hidden = [9]", "line 1: ppo has no setting `polices`");
         check_error("run = 3", "line 1: the setting `run` must be a table, as [run], found 3");

@@ -45,6 +45,7 @@ impl Ppo {
         &mut self,
         actor_critic: &mut ActorCritic,
         first: bool,
+        learns_policy: bool,
         rollout_moments: Option<(f64, f64)>,
     ) -> Result<f64, UpdateError> {
         let all = self.minibatches.order().len() as f64;
@@ -59,7 +60,7 @@ impl Ppo {
             if self.settings.kl_threshold.is_some_and(|threshold| minibatch_kl > threshold) {
                 break;
             }
-            self.step(actor_critic);
+            self.step(actor_critic, learns_policy);
         }
         Ok(kl * (all / evaluated as f64))
     }
@@ -109,8 +110,8 @@ impl Ppo {
         }
     }
 
-    /// Applies one step of all optimizers.
-    fn step(&mut self, actor_critic: &mut ActorCritic) {
+    /// Applies one step of all optimizers, or of that of the critic only.
+    fn step(&mut self, actor_critic: &mut ActorCritic, learns_policy: bool) {
         let Ppo { settings, gradient, network_adam, log_std_adam, .. } = self;
         let weights = actor_critic.network.parameter_count();
         let policy = weights + actor_critic.log_std.len();
@@ -124,9 +125,11 @@ impl Ppo {
                 clip_norm(&mut gradient[..all], settings.max_grad_norm);
             }
         }
-        actor_critic.network.update(|parameters| network_adam.step(parameters, &gradient[..weights]));
-        log_std_adam.step(&mut actor_critic.log_std, &gradient[weights..policy]);
-        actor_critic.clamp_log_std();
+        if learns_policy {
+            actor_critic.network.update(|parameters| network_adam.step(parameters, &gradient[..weights]));
+            log_std_adam.step(&mut actor_critic.log_std, &gradient[weights..policy]);
+            actor_critic.clamp_log_std();
+        }
         actor_critic.critic.step(&gradient[policy..all]);
     }
 }
@@ -181,11 +184,12 @@ impl PolicyOptimizer for Ppo {
         let advantages = &actor_critic.buffer.advantages;
         let rollout_moments = (self.settings.advantage_normalization == AdvantageNormalization::Rollout)
             .then(|| mean_and_inverse_std(advantages.iter().copied()));
+        let learns_policy = self.settings.run.learns_policy(iteration * actor_critic.rollout_size());
         let mut kl = 0.0;
         for epoch in 0..epochs {
             self.minibatches.start_epoch(iteration * epochs + epoch);
-            kl = self.run_epoch(actor_critic, epoch == 0, rollout_moments)?;
-            if schedule == LearningRateSchedule::Adaptive {
+            kl = self.run_epoch(actor_critic, epoch == 0, learns_policy, rollout_moments)?;
+            if schedule == LearningRateSchedule::Adaptive && learns_policy {
                 let learning_rate =
                     adapted_learning_rate(self.network_adam.learning_rate, kl, &self.settings);
                 self.set_learning_rate(learning_rate, &mut actor_critic.critic);

@@ -186,7 +186,10 @@ impl PolicyOptimizer for Trpo {
         actor_critic: &mut ActorCritic,
         iteration: u64,
     ) -> Result<UpdateStatistics, UpdateError> {
-        let step = self.step_policy(actor_critic)?;
+        let step = match self.settings.run.learns_policy(iteration * actor_critic.rollout_size()) {
+            true => self.step_policy(actor_critic)?,
+            false => Step { kl: 0.0, fraction: 0.0 },
+        };
         self.train_critic(actor_critic, iteration)?;
         Ok(UpdateStatistics { kl: step.kl, learning_rate: step.fraction })
     }

@@ -1,0 +1,133 @@
+//! `mishandle harden`: makes a controller fail less often in a space, with evidence.
+
+use std::path::PathBuf;
+
+use anyhow::{Context, Result};
+use clap::Args;
+use mishandle::harden::{HardenProgress, harden, harden_folder, resume};
+use mishandle::plan::HardenPlan;
+use mishandle::run::Device;
+use mishandle::{MishandleError, Plan};
+
+use crate::exit_status::ExitStatus;
+use crate::flags::{self, numbers};
+use crate::run::{self, control_flow};
+use crate::show::progress::Bar;
+use crate::show::{hardening, output};
+
+/// Train a controller on its failures until it fails less often, and prove it
+#[derive(Debug, Args)]
+#[command(after_help = "Examples:
+  mishandle harden ball-balancing --controller ppo --space starts+delay --out better.safetensors
+  mishandle harden ball-balancing --controller ppo --space delay+sensing --axis action_delay=0:2 \\
+    --rounds 2 --steps 1e6 --out better.safetensors
+  mishandle harden --resume better.harden
+
+A round searches for failures in the space, trains the controller on them, and is accepted if the
+upper bound of the failure rate falls and no other measure gets worse (--allow names exceptions).
+The final comparison uses scenarios and seeds that no search, training or decision used. Everything
+is in the folder beside --out: better.harden for better.safetensors. Exit code 0: a controller was
+accepted and written. 1: none was.")]
+pub struct Arguments {
+    #[command(flatten)]
+    pub subject: flags::Subject,
+    /// File of the accepted controller
+    #[arg(long, value_name = "FILE", required_unless_present = "resume", conflicts_with = "resume")]
+    pub out: Option<PathBuf>,
+    /// Largest number of rounds [default: 3]
+    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = numbers::integer::<u32>(HardenPlan::ROUNDS))]
+    pub rounds: Option<u32>,
+    /// Environment steps of the training of a round, such as 1e6 [default: 2e6]
+    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = numbers::integer::<u64>(HardenPlan::STEPS))]
+    pub steps: Option<u64>,
+    /// Simulations of each search in a round, and in the final comparison [default: 300]
+    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = numbers::integer::<u32>(Plan::BUDGET))]
+    pub budget: Option<u32>,
+    /// Simulations of each measure of the final comparison; a validation takes half of it
+    /// [default: 1000]
+    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = numbers::integer::<u64>(Plan::EPISODES))]
+    pub episodes: Option<u64>,
+    /// Training settings (TOML) [default: those by which the controller was trained]
+    #[arg(long, value_name = "FILE")]
+    pub settings: Option<String>,
+    /// Measure that may get worse; repeat the flag for several: success, strict, careful, noise,
+    /// corners
+    #[arg(long, value_name = "MEASURE")]
+    pub allow: Vec<String>,
+    /// Device of the training's physics: cpu or gpu [default: cpu]
+    #[arg(long, value_name = "NAME")]
+    pub device: Option<String>,
+    /// Continue the hardening of this folder
+    #[arg(long, value_name = "FOLDER", conflicts_with_all = PLANNED)]
+    pub resume: Option<PathBuf>,
+    #[command(flatten)]
+    pub run: flags::Run,
+}
+
+/// Arguments that a resumed hardening takes from its plan.
+const PLANNED: [&str; 13] = [
+    "target",
+    "controller",
+    "space",
+    "axis",
+    "set",
+    "plan",
+    "rounds",
+    "steps",
+    "budget",
+    "episodes",
+    "settings",
+    "allow",
+    "seed",
+];
+
+pub fn run(command: &Arguments, gpu: Option<&Device>) -> Result<ExitStatus> {
+    run::set_threads(command.run.threads)?;
+    let bar = Bar::new(0, "");
+    run::stop_on_signals(&bar)?;
+    let mut watch = |progress: &HardenProgress| {
+        bar.set_length(progress.all);
+        bar.set_position(progress.done);
+        bar.set_note(format!("{}, {}", progress.unit, progress.phase));
+        control_flow()
+    };
+    let (folder, found) = match (&command.resume, &command.out) {
+        (Some(folder), _) => (folder.clone(), resume(folder, gpu, &mut watch)),
+        (None, Some(out)) => (harden_folder(out), harden(&plan(command)?, out, gpu, &mut watch)),
+        (None, None) => {
+            return Err(MishandleError::MissingPlanTable { table: "harden" }).context("--out is missing");
+        }
+    };
+    bar.clear();
+    let quoted = mishandle_text::shell_quote(&folder.to_string_lossy());
+    let Some(found) = found? else {
+        output::message(&format!("Resume with: mishandle harden --resume {quoted}"));
+        return Ok(ExitStatus::Interrupted);
+    };
+    if command.run.json {
+        output::json(&found)?;
+    } else {
+        output::line(&hardening::text(&found))?;
+    }
+    output::message(&format!("Folder of all runs: {quoted}"));
+    Ok(if found.after.is_some() { ExitStatus::Done } else { ExitStatus::Violated })
+}
+
+fn plan(command: &Arguments) -> Result<Plan> {
+    let mut plan = flags::plan(&command.subject, &command.run)?;
+    let mut table = plan.harden.take().unwrap_or_default();
+    table.rounds = command.rounds.unwrap_or(table.rounds);
+    table.steps = command.steps.unwrap_or(table.steps);
+    table.budget = command.budget.unwrap_or(table.budget);
+    if let Some(episodes) = command.episodes {
+        (table.episodes, table.validation) = (episodes, episodes.div_ceil(2));
+    }
+    table.settings = command.settings.clone().or(table.settings);
+    table.device = command.device.clone().unwrap_or(table.device);
+    if !command.allow.is_empty() {
+        table.allow.clone_from(&command.allow);
+    }
+    plan.harden = Some(table);
+    (plan.evaluate, plan.falsify, plan.margin, plan.risk) = (None, None, None, None);
+    Ok(plan)
+}

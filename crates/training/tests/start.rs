@@ -1,0 +1,145 @@
+//! Training that starts from the policy of a controller: `run.from` and `run.critic_steps`.
+
+#![allow(clippy::unwrap_used, reason = "helpers of tests")]
+
+mod line;
+mod toy;
+
+use line::Line;
+use mishandle_controllers::Policy;
+use mishandle_rollout::Seed;
+use mishandle_training::{
+    ALGORITHMS, AlgorithmSettings, Checkpoint, Observer, Origin, TrainingControl, TrainingError,
+    TrainingProgress, Validation,
+};
+
+/// Stops after an iteration, and keeps the checkpoint.
+#[derive(Default)]
+struct Keeper {
+    stop_after: Option<u64>,
+    checkpoint: Option<Checkpoint>,
+}
+
+impl Observer for Keeper {
+    fn validate(&mut self, _policy: &Policy, _episodes: usize) -> Option<Validation> {
+        None
+    }
+    fn iteration_finished(&mut self, progress: &TrainingProgress) -> TrainingControl {
+        match Some(progress.iteration) == self.stop_after {
+            true => TrainingControl::Stop,
+            false => TrainingControl::Continue,
+        }
+    }
+    fn save_checkpoint(&mut self, checkpoint: &Checkpoint) {
+        self.checkpoint = Some(checkpoint.clone());
+    }
+}
+
+fn train(
+    settings: &AlgorithmSettings,
+    origin: Origin<'_>,
+    keeper: &mut Keeper,
+) -> Result<Policy, TrainingError> {
+    Ok(settings.train(&Line::new(0.05), Seed(5), origin, keeper)?.last)
+}
+
+/// Settings of a short training run with other settings of the table `[run]`.
+fn settings(algorithm: &str, table: &str) -> AlgorithmSettings {
+    let own = match algorithm {
+        "ppo" => "rollout_steps = 12\nminibatch_size = 48",
+        "trpo" => "rollout_steps = 12",
+        _ => "steps_per_iteration = 12\nreplay = { warmup_steps = 50, batch_size = 32 }",
+    };
+    let text = format!(
+        "run = {{ {table} }}\nepisodes.environments = 8\npolicy.hidden = [8]\ncritic.hidden = [8]\n{own}"
+    );
+    AlgorithmSettings::from_toml(algorithm, &text).unwrap().unwrap()
+}
+
+/// Trains a policy from scratch.
+fn first(algorithm: &str) -> Policy {
+    train(&settings(algorithm, "total_steps = 600"), Origin::New, &mut Keeper::default()).unwrap()
+}
+
+fn continued(algorithm: &str, table: &str, policy: &Policy) -> Result<Policy, TrainingError> {
+    let settings = settings(algorithm, &format!("from = \"first\", {table}"));
+    train(&settings, Origin::Policy(policy), &mut Keeper::default())
+}
+
+#[test]
+fn while_only_the_critic_learns_the_policy_stays_and_then_it_learns_with_the_same_normalizer() {
+    for algorithm in ALGORITHMS.iter().map(|entry| entry.name) {
+        let policy = first(algorithm);
+        let held = continued(algorithm, "total_steps = 600, critic_steps = 600", &policy).unwrap();
+        assert_eq!(held.hash(), policy.hash(), "{algorithm}: a whole run of the critic");
+        let learned = continued(algorithm, "total_steps = 600, critic_steps = 300", &policy).unwrap();
+        assert_ne!(learned.network().parameters(), policy.network().parameters(), "{algorithm}");
+        assert_eq!(learned.mean(), policy.mean(), "{algorithm}");
+        assert_eq!(learned.variance(), policy.variance(), "{algorithm}");
+        let at_once = continued(algorithm, "total_steps = 600", &policy).unwrap();
+        assert_ne!(at_once.hash(), learned.hash(), "{algorithm}: the critic learned first");
+    }
+}
+
+#[test]
+fn a_resumed_training_from_a_controller_gives_the_same_bits() {
+    for algorithm in ALGORITHMS.iter().map(|entry| entry.name) {
+        let policy = first(algorithm);
+        let settings = settings(algorithm, "from = \"first\", total_steps = 900, critic_steps = 200");
+        let whole = train(&settings, Origin::Policy(&policy), &mut Keeper::default()).unwrap();
+        for stop_after in [1, 4] {
+            let mut keeper = Keeper { stop_after: Some(stop_after), ..Default::default() };
+            train(&settings, Origin::Policy(&policy), &mut keeper).unwrap();
+            let origin = Origin::Checkpoint(keeper.checkpoint.as_ref().unwrap());
+            let resumed = train(&settings, origin, &mut Keeper::default()).unwrap();
+            assert_eq!(resumed.hash(), whole.hash(), "{algorithm} after {stop_after}");
+        }
+    }
+}
+
+#[test]
+fn a_controller_of_another_form_is_an_error() {
+    let other = |algorithm: &str, policy: &Policy| {
+        let text =
+            "run = { from = \"first\", total_steps = 600 }\npolicy = { hidden = [8], activation = \"tanh\" }";
+        let settings = AlgorithmSettings::from_toml(algorithm, text).unwrap().unwrap();
+        train(&settings, Origin::Policy(policy), &mut Keeper::default()).unwrap_err().to_string()
+    };
+    let (ppo, sac, td3) = (first("ppo"), first("sac"), first("td3"));
+    let error = other("ppo", &ppo);
+    assert!(
+        error.contains("its activation is Elu and Identity at the end, that of the settings Tanh"),
+        "{error}"
+    );
+    // The network of SAC has two outputs per action, that of TD3 ends in tanh.
+    for (algorithm, policy, part) in [
+        ("ppo", &sac, "layers"),
+        ("sac", &ppo, "layers"),
+        ("ppo", &td3, "Tanh at the end"),
+        ("td3", &ppo, "Identity at the end"),
+    ] {
+        let error = continued(algorithm, "total_steps = 600", policy).unwrap_err().to_string();
+        assert!(error.contains(part), "{algorithm}: {error}");
+    }
+}
+
+#[test]
+fn settings_and_origin_must_agree() {
+    let policy = first("ppo");
+    for (table, origin, expected) in [
+        (
+            "from = \"first\"",
+            Origin::New,
+            "the setting `run.from` names `first`, but training starts from a random policy",
+        ),
+        (
+            "total_steps = 600",
+            Origin::Policy(&policy),
+            "the setting `run.from` names no controller, but training starts from the policy of a controller",
+        ),
+    ] {
+        let settings = settings("ppo", table);
+        let trained = train(&settings, origin, &mut Keeper::default());
+        assert_eq!(trained.unwrap_err().to_string(), expected);
+    }
+}

@@ -1,0 +1,143 @@
+//! The folder of a hardening: its plan, the controller before, and the runs of each phase.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use mishandle_files::{limits, read_text_bounded, write_atomically};
+use mishandle_results as results;
+use mishandle_store::{RunFile, RunWriter};
+
+use crate::error::MishandleError;
+use crate::plan::Plan;
+use crate::resolve::ResolvedPlan;
+use crate::run::{Answer, Engine, Progress, ask, create_run};
+
+use super::Watch;
+
+/// Plan of the hardening.
+const PLAN: &str = "harden.toml";
+
+/// The controller before.
+const BEFORE: &str = "before.safetensors";
+
+/// The folder of a hardening.
+pub(super) struct Folder {
+    pub path: PathBuf,
+}
+
+impl Folder {
+    /// Creates the folder of a plan. `before` are the bytes of the controller.
+    ///
+    /// # Errors
+    /// If it exists, or a file cannot be written.
+    pub fn create(path: &Path, plan: &Plan, before: &[u8]) -> Result<Folder, MishandleError> {
+        let folder = Folder { path: path.to_path_buf() };
+        if path.exists() {
+            return Err(MishandleError::Exists { path: path.to_path_buf(), flag: "--out" });
+        }
+        folder.write(&folder.before(), before)?;
+        folder.write(&path.join(PLAN), plan.to_toml().as_bytes())?;
+        Ok(folder)
+    }
+
+    /// Opens the folder of a hardening, and reads its plan.
+    ///
+    /// # Errors
+    /// If it contains no plan.
+    pub fn open(path: &Path) -> Result<(Folder, Plan), MishandleError> {
+        let file = path.join(PLAN);
+        let text = read_text_bounded(&file, limits::PLAN)
+            .map_err(|source| MishandleError::File { path: file.clone(), source })?;
+        Ok((Folder { path: path.to_path_buf() }, Plan::from_toml(&text)?))
+    }
+
+    pub fn before(&self) -> PathBuf {
+        self.path.join(BEFORE)
+    }
+
+    /// Returns the path of a file of a round.
+    pub fn of_round(&self, round: u32, name: &str) -> PathBuf {
+        self.path.join(format!("round-{round}")).join(name)
+    }
+
+    /// Writes a file, with its folder.
+    pub fn write(&self, path: &Path, bytes: &[u8]) -> Result<(), MishandleError> {
+        let folder = path.parent().unwrap_or(&self.path);
+        let write = |what| move |source| MishandleError::Write { what, path: path.to_path_buf(), source };
+        fs::create_dir_all(folder).map_err(write("folder"))?;
+        write_atomically(path, bytes).map_err(write("file"))
+    }
+
+    /// Asks a question, or continues it. Returns `None` if it was interrupted.
+    ///
+    /// # Errors
+    /// If a simulation cannot be run or stored, or the file is of another plan.
+    pub fn ask(
+        &self,
+        plan: &Plan,
+        path: &Path,
+        phase: &str,
+        watch: Watch<'_>,
+    ) -> Result<Option<Asked>, MishandleError> {
+        let resolved = ResolvedPlan::new(plan)?;
+        let run = match path.exists() {
+            true => RunWriter::resume(path)?,
+            false => create_run(&resolved, Some(path))?,
+        };
+        let mut watch = |progress: &Progress| {
+            watch(&super::HardenProgress {
+                phase: phase.to_string(),
+                done: progress.simulations,
+                all: progress.max_simulations,
+                unit: "simulations",
+            })
+        };
+        let answer = ask(&resolved, run, Engine::Direct, &mut watch)?;
+        let is_complete = answer.is_complete();
+        Ok(is_complete.then(|| Asked { resolved, answer, path: path.to_path_buf() }))
+    }
+
+    /// Returns the number of simulations of all runs in the folder.
+    pub fn simulations(&self) -> Result<u64, MishandleError> {
+        let mut runs = Vec::new();
+        list(&self.path, &mut runs)
+            .map_err(|source| MishandleError::File { path: self.path.clone(), source })?;
+        let mut all = 0;
+        for path in runs {
+            all += RunFile::open(&path)?.counts()?.simulations;
+        }
+        Ok(all)
+    }
+}
+
+/// Adds the run files in a folder and its folders.
+fn list(folder: &Path, runs: &mut Vec<PathBuf>) -> std::io::Result<()> {
+    for entry in fs::read_dir(folder)? {
+        let (path, kind) = entry.and_then(|entry| Ok((entry.path(), entry.file_type()?)))?;
+        if kind.is_dir() {
+            list(&path, runs)?;
+        } else if path.extension().is_some_and(|extension| extension == "sqlite") {
+            runs.push(path);
+        }
+    }
+    Ok(())
+}
+
+/// A question of a hardening, and its answer.
+pub(super) struct Asked {
+    pub resolved: ResolvedPlan,
+    answer: Answer,
+    pub path: PathBuf,
+}
+
+impl Asked {
+    /// Opens its run file.
+    pub fn run(&self) -> Result<RunFile, MishandleError> {
+        Ok(RunFile::open(&self.path)?)
+    }
+
+    /// Returns its answer as a result.
+    pub fn result(&self) -> Result<results::Answer, MishandleError> {
+        self.answer.result(&self.resolved, &self.path)
+    }
+}

@@ -1,0 +1,118 @@
+//! The measures of a controller: what validations and the final comparison simulate.
+
+use std::path::{Path, PathBuf};
+
+use mishandle_results as results;
+use mishandle_rollout::Seed;
+use mishandle_store::RunFile;
+
+use super::Watch;
+use super::decision::{CornerCounts, Measure, failure_bound};
+use super::folder::{Asked, Folder};
+use crate::error::MishandleError;
+use crate::inspect::compare;
+use crate::plan::{EvaluatePlan, Plan};
+
+/// Standard deviation of the action noise of the measure `noise`, as in the benchmark.
+const ACTION_NOISE: f64 = 0.5;
+
+/// Evaluations of a controller.
+pub(super) struct Measured {
+    /// From random starts.
+    starts: Asked,
+    /// From random starts, with action noise.
+    noise: Asked,
+    /// In the space.
+    space: Asked,
+}
+
+/// Evaluates a controller. The run files have names that begin with `prefix`. Returns `None` if it
+/// was interrupted.
+///
+/// # Errors
+/// If a simulation cannot be run or stored.
+pub(super) fn measure(
+    folder: &Folder,
+    base: &Plan,
+    controller: &Path,
+    (prefix, seed, episodes): (&Path, Seed, u64),
+    phase: &str,
+    watch: Watch<'_>,
+) -> Result<Option<Measured>, MishandleError> {
+    let plan = |space: &str, action_noise: f64| Plan {
+        space: space.to_string(),
+        axes: if space == base.space { base.axes.clone() } else { Default::default() },
+        action_noise,
+        controller: controller.to_string_lossy().into_owned(),
+        seed: seed.0,
+        evaluate: Some(EvaluatePlan { episodes, ..EvaluatePlan::default() }),
+        harden: None,
+        ..base.clone()
+    };
+    let starts = Plan::new("", "").space;
+    let mut ask = |plan: Plan, name: &str| {
+        let path = path_of(prefix, name);
+        folder.ask(&plan, &path, &format!("{phase}: {name}"), &mut *watch)
+    };
+    let Some(starts_asked) = ask(plan(&starts, base.action_noise), "starts")? else { return Ok(None) };
+    let Some(noise) = ask(plan(&starts, ACTION_NOISE), "noise")? else { return Ok(None) };
+    let Some(space) = ask(plan(&base.space, base.action_noise), "space")? else { return Ok(None) };
+    Ok(Some(Measured { starts: starts_asked, noise, space }))
+}
+
+/// Returns the path of a run file whose name begins with that of `prefix`.
+pub(super) fn path_of(prefix: &Path, name: &str) -> PathBuf {
+    let stem = prefix.file_name().unwrap_or_default().to_string_lossy();
+    prefix.with_file_name(format!("{stem}-{name}.sqlite"))
+}
+
+impl Measured {
+    /// Returns the upper bound of the failure rate in the space.
+    ///
+    /// # Errors
+    /// If the evaluation has no rates.
+    pub fn bound(&self) -> Result<f64, MishandleError> {
+        Ok(failure_bound(&self.evaluation(&self.space)?.metrics.success_rate))
+    }
+
+    fn evaluation(&self, asked: &Asked) -> Result<results::Evaluation, MishandleError> {
+        match asked.result()? {
+            results::Answer::Evaluation(found) => Ok(*found),
+            _ => Err(MishandleError::MissingPlanTable { table: "evaluate" }),
+        }
+    }
+
+    /// Returns the corners of the initial box, and at how many of them all simulations succeed.
+    ///
+    /// # Errors
+    /// If the evaluation has no result.
+    fn corners(&self) -> Result<Option<[u64; 2]>, MishandleError> {
+        let corners = self.evaluation(&self.starts)?.corners;
+        Ok(corners.map(|corners| [corners.n, corners.succeeding]))
+    }
+
+    /// Compares this controller with another one on the same scenarios and seeds. A controller that
+    /// is compared with itself gives its own rates.
+    ///
+    /// # Errors
+    /// If the run files cannot be read.
+    pub fn compare(&self, other: &Measured) -> Result<(Vec<Measure>, Option<CornerCounts>), MishandleError> {
+        let open = |asked: &Asked| -> Result<RunFile, MishandleError> { asked.run() };
+        let space = compare(&open(&self.space)?, &open(&other.space)?)?;
+        let starts = compare(&open(&self.starts)?, &open(&other.starts)?)?;
+        let noise = compare(&open(&self.noise)?, &open(&other.noise)?)?;
+        let found = [
+            ("space", Some(space.success)),
+            ("success", Some(starts.success)),
+            ("strict", starts.strict),
+            ("careful", starts.careful),
+            ("noise", Some(noise.success)),
+        ];
+        let measures = found.into_iter().filter_map(|(name, rates)| Some(Measure { name, rates: rates? }));
+        let corners = match (self.corners()?, other.corners()?) {
+            (Some([all, first]), Some([_, second])) => Some(CornerCounts { all, first, second }),
+            _ => None,
+        };
+        Ok((measures.collect(), corners))
+    }
+}

@@ -1,0 +1,217 @@
+//! Hardening: a controller and a space in, a better controller with evidence out.
+//!
+//! A round searches for failures, trains on them, and is accepted or not. Three sets of seeds are
+//! disjoint: that of searches and training, that of validations, which decide, and that of the
+//! final comparison, which is simulated once, after the last decision. Each phase is a run file or
+//! a training run in the folder of the hardening, so that a hardening continues where it stopped.
+
+mod archive;
+mod decision;
+mod folder;
+mod measure;
+mod result;
+mod round;
+mod search;
+
+use std::fs;
+use std::ops::ControlFlow;
+use std::path::{Path, PathBuf};
+
+use mishandle_controllers::ControllerFile;
+use mishandle_files::{limits, read_text_bounded};
+use mishandle_results::{Hardening, HardeningRound};
+use mishandle_rollout::Seed;
+use mishandle_training::AlgorithmSettings;
+
+use crate::error::MishandleError;
+use crate::plan::{EvaluatePlan, HardenPlan, Plan};
+use crate::resolve::{ResolvedPlan, task};
+use crate::run::Device;
+use crate::train::start_controller;
+use decision::decide;
+use folder::Folder;
+use measure::measure;
+use round::{RoundEnd, run_round};
+
+/// Indices of the child seeds of validations and of the final comparison. Searches and training
+/// runs have others.
+const VALIDATION: u64 = 3 << 32;
+const FINAL: u64 = 4 << 32;
+
+/// Progress of a hardening.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct HardenProgress {
+    /// Phase, such as `round 1: training`.
+    pub phase: String,
+    /// Finished part of the phase.
+    pub done: u64,
+    /// The whole phase.
+    pub all: u64,
+    /// Unit of both.
+    pub unit: &'static str,
+}
+
+/// Gets the progress now and then, and can end the hardening, which a later call continues.
+pub type Watch<'w> = &'w mut (dyn FnMut(&HardenProgress) -> ControlFlow<()> + Send);
+
+/// Returns the folder of the runs of a hardening that writes its controller to `out`.
+pub fn harden_folder(out: &Path) -> PathBuf {
+    out.with_extension("harden")
+}
+
+/// Hardens the controller of a plan and writes the accepted one to `out`. Returns `None` if it was
+/// interrupted: [`resume`] continues it.
+///
+/// # Errors
+/// If the plan has no table `[harden]` or is wrong, the controller is not a network of this
+/// program, an output exists, or a simulation, a training run or a file fails.
+pub fn harden(
+    plan: &Plan,
+    out: &Path,
+    gpu: Option<&Device>,
+    watch: Watch<'_>,
+) -> Result<Option<Hardening>, MishandleError> {
+    let table = plan.harden.clone().ok_or(MishandleError::MissingPlanTable { table: "harden" })?;
+    table.check()?;
+    let before = start(plan)?;
+    let settings = settings(&table, &before)?;
+    check(plan, &table, &settings)?;
+    if out.exists() {
+        return Err(MishandleError::Exists { path: out.to_path_buf(), flag: "--out" });
+    }
+    let folder = Folder::create(&harden_folder(out), plan, &before.to_bytes())?;
+    Hardener { plan, table: &table, settings: &settings, folder: &folder, gpu }.run(out, watch)
+}
+
+/// Continues the hardening of a folder.
+///
+/// # Errors
+/// If the folder contains no hardening, or as for [`harden`].
+pub fn resume(
+    folder: &Path,
+    gpu: Option<&Device>,
+    watch: Watch<'_>,
+) -> Result<Option<Hardening>, MishandleError> {
+    let (folder, plan) = Folder::open(folder)?;
+    let table = plan.harden.clone().ok_or(MishandleError::MissingPlanTable { table: "harden" })?;
+    let settings = settings(&table, &ControllerFile::load(&folder.before())?)?;
+    let out = folder.path.with_extension("safetensors");
+    Hardener { plan: &plan, table: &table, settings: &settings, folder: &folder, gpu }.run(&out, watch)
+}
+
+/// Returns the controller of a plan, which can be trained.
+fn start(plan: &Plan) -> Result<ControllerFile, MishandleError> {
+    start_controller(task(&plan.target)?.definition(), &plan.controller)
+}
+
+/// Returns the training settings of a controller, or those that the plan names.
+fn settings(table: &HardenPlan, before: &ControllerFile) -> Result<AlgorithmSettings, MishandleError> {
+    let (path, text) = match &table.settings {
+        Some(file) => {
+            let path = PathBuf::from(file);
+            let text = read_text_bounded(&path, limits::SETTINGS);
+            let text = text.map_err(|source| MishandleError::File { path: path.clone(), source })?;
+            (path, text)
+        }
+        None => (PathBuf::from("the controller"), before.header.training.settings.clone()),
+    };
+    let unknown = || MishandleError::UnknownName {
+        kind: "training algorithm",
+        name: before.header.algorithm.clone(),
+        known: mishandle_training::ALGORITHMS.iter().map(|entry| entry.name.to_string()).collect(),
+    };
+    let settings = AlgorithmSettings::from_toml(&before.header.algorithm, &text).ok_or_else(unknown)?;
+    settings.map_err(|source| MishandleError::Settings { path, source: Box::new(source) })
+}
+
+/// Checks what all phases need, before the first one.
+fn check(plan: &Plan, table: &HardenPlan, settings: &AlgorithmSettings) -> Result<(), MishandleError> {
+    let evaluate = Plan { evaluate: Some(EvaluatePlan::default()), harden: None, ..plan.clone() };
+    ResolvedPlan::new(&evaluate)?;
+    for name in &table.searches {
+        crate::resolve::search_entry(name)?;
+    }
+    let no_file = HardenPlan { archive: 0.0, ..table.clone() };
+    round::round_settings(settings, (plan, &no_file), Path::new("")).check()?;
+    Ok(())
+}
+
+/// A hardening with its parts.
+struct Hardener<'a> {
+    plan: &'a Plan,
+    table: &'a HardenPlan,
+    settings: &'a AlgorithmSettings,
+    folder: &'a Folder,
+    gpu: Option<&'a Device>,
+}
+
+impl Hardener<'_> {
+    fn run(&self, out: &Path, watch: Watch<'_>) -> Result<Option<Hardening>, MishandleError> {
+        let before = self.folder.before();
+        let mut current = before.clone();
+        let Some(mut validated) = self.validate(0, &current, &mut *watch)? else { return Ok(None) };
+        let (mut rounds, mut accepted) = (Vec::new(), None);
+        for number in 1..=self.table.rounds {
+            let parts = (self.plan, self.table);
+            let end =
+                run_round(self.folder, parts, self.settings, (number, &current), self.gpu, &mut *watch)?;
+            let bound = validated.bound()?;
+            let round = |failures, environment_steps, accepted, reason| HardeningRound {
+                number,
+                failures,
+                environment_steps,
+                bound_before: Some(bound),
+                bound_after: None,
+                accepted,
+                reason,
+            };
+            match end {
+                RoundEnd::Interrupted => return Ok(None),
+                RoundEnd::NothingFound => {
+                    rounds.push(round(0, 0, false, "the searches found no failure".to_string()));
+                    break;
+                }
+                RoundEnd::Diverged { failures, reason } => rounds.push(round(failures, 0, false, reason)),
+                RoundEnd::Trained { candidate, failures, environment_steps } => {
+                    let Some(found) = self.validate(number, &candidate, &mut *watch)? else {
+                        return Ok(None);
+                    };
+                    let (measures, corners) = validated.compare(&found)?;
+                    let decision = decide(&measures, corners, [bound, found.bound()?], &self.table.allow);
+                    rounds.push(HardeningRound {
+                        bound_after: Some(found.bound()?),
+                        ..round(failures, environment_steps, decision.accepted, decision.reason)
+                    });
+                    if decision.accepted {
+                        accepted = Some(candidate.clone());
+                        (current, validated) = (candidate, found);
+                        // Kept if a later phase is interrupted.
+                        self.folder.write(out, &read(&current)?)?;
+                    }
+                    if !decision.improves {
+                        break;
+                    }
+                }
+            }
+        }
+        self.conclude(&before, accepted.as_deref(), out, rounds, watch)
+    }
+
+    /// Measures a controller on the validation set, the same in every round.
+    fn validate(
+        &self,
+        round: u32,
+        controller: &Path,
+        watch: Watch<'_>,
+    ) -> Result<Option<measure::Measured>, MishandleError> {
+        let prefix = self.folder.of_round(round, "validation");
+        let seed = Seed(self.plan.seed).child(VALIDATION);
+        let numbers = (prefix.as_path(), seed, self.table.validation);
+        let phase = format!("round {round}: validation");
+        measure(self.folder, self.plan, controller, numbers, &phase, watch)
+    }
+}
+
+fn read(path: &Path) -> Result<Vec<u8>, MishandleError> {
+    fs::read(path).map_err(|source| MishandleError::File { path: path.to_path_buf(), source })
+}

@@ -1,0 +1,147 @@
+//! A round: search for failures, train on them.
+
+use std::path::{Path, PathBuf};
+
+use mishandle_rollout::Seed;
+use mishandle_training::{AlgorithmSettings, TrainingControl, TrainingError, TrainingProgress};
+
+use super::archive::{csv, weighted};
+use super::folder::Folder;
+use super::search::search;
+use super::{HardenProgress, Watch};
+use crate::error::MishandleError;
+use crate::plan::{HardenPlan, Plan};
+use crate::resolve::ResolvedPlan;
+use crate::run::Device;
+use crate::train::{TrainObserver, TrainPlan, train};
+
+/// Index of the child seed of the searches, and of the training, of round 0. Each round has its
+/// own.
+const SEARCHES: u64 = 1 << 32;
+const TRAINING: u64 = 2 << 32;
+
+/// Total steps per step in which only the critic learns.
+const CRITIC_SHARE: u64 = 10;
+
+/// End of a round.
+pub(super) enum RoundEnd {
+    /// A controller was trained.
+    Trained { candidate: PathBuf, failures: u64, environment_steps: u64 },
+    /// The search found nothing to train on.
+    NothingFound,
+    /// Training failed: weights became infinite.
+    Diverged { failures: u64, reason: String },
+    /// It was interrupted.
+    Interrupted,
+}
+
+/// Runs a round from a controller.
+///
+/// # Errors
+/// If a simulation or the training cannot be run, or a file cannot be written.
+pub(super) fn run_round(
+    folder: &Folder,
+    (base, table): (&Plan, &HardenPlan),
+    settings: &AlgorithmSettings,
+    (round, controller): (u32, &Path),
+    gpu: Option<&Device>,
+    watch: Watch<'_>,
+) -> Result<RoundEnd, MishandleError> {
+    let seed = Seed(base.seed);
+    let phase = format!("round {round}: search");
+    let prefix = folder.of_round(round, "search");
+    let seeds = (prefix.as_path(), seed.child(SEARCHES + u64::from(round)));
+    let Some(searched) = search(folder, (base, table), controller, seeds, &phase, &mut *watch)? else {
+        return Ok(RoundEnd::Interrupted);
+    };
+    let (simulated, _) = searched.simulated()?;
+    let failures = simulated.iter().filter(|found| found.robustness.is_sign_negative()).count() as u64;
+    if failures == 0 {
+        return Ok(RoundEnd::NothingFound);
+    }
+    let resolved =
+        ResolvedPlan::new(&Plan { harden: None, controller: base.controller.clone(), ..base.clone() })?;
+    let archive = folder.of_round(round, "archive.csv");
+    folder.write(&archive, csv(resolved.space.axes(), &weighted(&simulated)).as_bytes())?;
+    let settings = round_settings(settings, (base, table), &archive);
+    let file = folder.of_round(round, "settings.toml");
+    folder.write(&file, settings.to_toml().as_bytes())?;
+    let out = folder.of_round(round, "controller.safetensors");
+    let mut plan = TrainPlan {
+        task: base.target.clone(),
+        algorithm: settings.algorithm().to_string(),
+        reward: "shaped".to_string(),
+        device: table.device.clone(),
+        settings: Some(file),
+        from: Some(controller.to_string_lossy().into_owned()),
+        steps: None,
+        space: None,
+        axes: Default::default(),
+        seed: seed.child(TRAINING + u64::from(round)).0,
+        csv: Some(folder.of_round(round, "curve.csv")),
+        tensorboard: None,
+        resume: false,
+        out,
+    };
+    plan.resume = plan.checkpoint().exists();
+    let mut observer = Observer { phase: format!("round {round}: training"), watch, stopped: false };
+    match train(&plan, gpu, &mut observer) {
+        Ok(_) if observer.stopped => Ok(RoundEnd::Interrupted),
+        Ok(mut report) => match report.write_failures.pop() {
+            Some(error) => Err(error),
+            None => Ok(RoundEnd::Trained {
+                candidate: plan.out,
+                failures,
+                environment_steps: report.result.environment_steps,
+            }),
+        },
+        Err(MishandleError::Training(error)) if matches!(error, TrainingError::NotFinite { .. }) => {
+            Ok(RoundEnd::Diverged { failures, reason: error.to_string() })
+        }
+        Err(error) => Err(error),
+    }
+}
+
+/// Returns the settings of a round: those of the controller, with the scenarios of the plan.
+pub(super) fn round_settings(
+    settings: &AlgorithmSettings,
+    (base, table): (&Plan, &HardenPlan),
+    archive: &Path,
+) -> AlgorithmSettings {
+    let mut settings = settings.clone();
+    let run = settings.run_mut();
+    run.total_steps = table.steps;
+    run.critic_steps = table.steps / CRITIC_SHARE;
+    (run.stop_success, run.stop_strict) = (None, None);
+    let scenarios = settings.scenarios_mut();
+    scenarios.space = Some(base.space.clone());
+    scenarios.axes = base.axes.clone();
+    scenarios.nominal = table.nominal;
+    scenarios.corners = table.corners;
+    scenarios.file_share = table.archive;
+    scenarios.file = (table.archive > 0.0).then(|| archive.to_string_lossy().into_owned());
+    settings
+}
+
+/// Forwards the progress of a training run.
+struct Observer<'w> {
+    phase: String,
+    watch: Watch<'w>,
+    stopped: bool,
+}
+
+impl TrainObserver for Observer<'_> {
+    fn iteration_finished(&mut self, progress: &TrainingProgress) -> TrainingControl {
+        let progress = HardenProgress {
+            phase: self.phase.clone(),
+            done: progress.environment_steps,
+            all: progress.total_steps,
+            unit: "environment steps",
+        };
+        self.stopped = (self.watch)(&progress).is_break();
+        if self.stopped { TrainingControl::Stop } else { TrainingControl::Continue }
+    }
+
+    /// The report has the errors that remain.
+    fn write_failed(&mut self, _error: &MishandleError) {}
+}

@@ -1,0 +1,121 @@
+//! Settings of a hardening.
+
+use std::ops::RangeInclusive;
+
+use serde::{Deserialize, Serialize};
+
+use crate::error::MishandleError;
+use crate::plan::{Plan, RiskPlan};
+
+/// Settings of a hardening: the table `[harden]` of a plan. The plan's space is the one in which
+/// the controller shall fail less often.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default, rename_all = "kebab-case")]
+pub struct HardenPlan {
+    /// Largest number of rounds.
+    pub rounds: u32,
+    /// Environment steps of the training of a round.
+    pub steps: u64,
+    /// Device of the training's physics: `cpu` or `gpu`.
+    pub device: String,
+    /// Training settings: a file. `None`: those by which the controller was trained.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub settings: Option<String>,
+    /// Names of the searches that look for failures.
+    pub searches: Vec<String>,
+    /// Simulations of each search in a round, and in the final comparison.
+    pub budget: u32,
+    /// Simulations of each validation, which accepts or rejects a round.
+    pub validation: u64,
+    /// Simulations of each measure of the final comparison.
+    pub episodes: u64,
+    /// Simulations of the failure probability in the final comparison.
+    pub risk: u64,
+    /// Simulations of the search for the smallest disturbance in the final comparison.
+    pub margin: u64,
+    /// Share of the training episodes without disturbances.
+    pub nominal: f64,
+    /// Share of the training episodes at corners of the space.
+    pub corners: f64,
+    /// Share of the training episodes with an archived failure, or a scenario that passed nearby.
+    pub archive: f64,
+    /// Measures that may get worse: `success`, `strict`, `careful`, `noise`, `corners`.
+    pub allow: Vec<String>,
+}
+
+impl Default for HardenPlan {
+    fn default() -> HardenPlan {
+        HardenPlan {
+            rounds: 3,
+            steps: 2_000_000,
+            device: "cpu".to_string(),
+            settings: None,
+            searches: ["portfolio", "cma-es", "random"].map(String::from).to_vec(),
+            budget: 300,
+            validation: 500,
+            episodes: 1000,
+            risk: 2000,
+            margin: 500,
+            nominal: 0.25,
+            corners: 0.1,
+            archive: 0.25,
+            allow: Vec::new(),
+        }
+    }
+}
+
+impl HardenPlan {
+    /// Names of the measures that a plan may allow to get worse.
+    pub const MEASURES: [&str; 5] = ["success", "strict", "careful", "noise", "corners"];
+
+    /// Allowed numbers of rounds.
+    pub const ROUNDS: RangeInclusive<u64> = 1..=1000;
+
+    /// Allowed numbers of environment steps of a round.
+    pub const STEPS: RangeInclusive<u64> = 1..=1_000_000_000_000;
+
+    /// Checks the values.
+    ///
+    /// # Errors
+    /// If a number is out of its range, a name is unknown, or the shares exceed the whole.
+    pub fn check(&self) -> Result<(), MishandleError> {
+        let invalid =
+            |what, value: String, expected| Err(MishandleError::InvalidValue { what, value, expected });
+        for (what, value, allowed, expected) in [
+            ("harden.rounds", self.rounds.into(), HardenPlan::ROUNDS, "an integer from 1 to 1000"),
+            ("harden.steps", self.steps, HardenPlan::STEPS, "an integer from 1 to 10^12"),
+            ("harden.budget", self.budget.into(), Plan::BUDGET, "an integer from 1 to 1000000"),
+            ("harden.validation", self.validation, Plan::EPISODES, "an integer from 1 to 1000000000"),
+            ("harden.episodes", self.episodes, Plan::EPISODES, "an integer from 1 to 1000000000"),
+            ("harden.risk", self.risk, RiskPlan::SIMULATIONS, "an integer from 100 to 1000000000"),
+            ("harden.margin", self.margin, Plan::BUDGET, "an integer from 1 to 1000000"),
+        ] {
+            if !allowed.contains(&value) {
+                return invalid(what, value.to_string(), expected);
+            }
+        }
+        for (what, share) in [
+            ("harden.nominal", self.nominal),
+            ("harden.corners", self.corners),
+            ("harden.archive", self.archive),
+        ] {
+            if !(0.0..=1.0).contains(&share) {
+                return invalid(what, share.to_string(), "a number from 0 to 1");
+            }
+        }
+        let shares = self.nominal + self.corners + self.archive;
+        // The sum of shares that a user writes as decimal numbers may be rounded up.
+        if shares > 1.0 + 1e-9 {
+            let expected = "at most 1 together with `harden.nominal` and `harden.corners`";
+            return invalid("harden.archive", self.archive.to_string(), expected);
+        }
+        if self.searches.is_empty() {
+            return invalid("harden.searches", "empty".to_string(), "the name of at least one search");
+        }
+        if let Some(name) = self.allow.iter().find(|name| !HardenPlan::MEASURES.contains(&name.as_str())) {
+            let known = HardenPlan::MEASURES.map(String::from).to_vec();
+            return Err(MishandleError::UnknownName { kind: "measure", name: name.clone(), known });
+        }
+        Ok(())
+    }
+}
