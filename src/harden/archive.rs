@@ -71,6 +71,12 @@ pub(super) fn csv(axes: &[Axis], weighted: &[(f64, &Simulated)]) -> String {
     text
 }
 
+/// Returns whether a fault of a scenario shows NaN to the policy. No policy can learn from it.
+pub(super) fn shows_nan(axes: &[Axis], scenario: &[Option<f64>]) -> bool {
+    let is_nan = |(axis, value): (&Axis, &Option<f64>)| cell(axis, *value) == "nan";
+    axes.iter().zip(scenario).any(is_nan)
+}
+
 fn cell(axis: &Axis, value: Option<f64>) -> String {
     match (value, &axis.values) {
         (None, _) => String::new(),

@@ -15,7 +15,10 @@ use crate::run::{Answer, Engine, Progress, ask, create_run};
 use super::Watch;
 
 /// Plan of the hardening.
-const PLAN: &str = "harden.toml";
+pub(super) const PLAN: &str = "harden.toml";
+
+/// Result of a finished hardening.
+pub(super) const RESULT: &str = "result.json";
 
 /// The controller before.
 const BEFORE: &str = "before.safetensors";

@@ -83,7 +83,19 @@ pub fn harden(
     Hardener { plan, table: &table, settings: &settings, folder: &folder, gpu }.run(out, watch)
 }
 
-/// Continues the hardening of a folder.
+/// Returns whether a folder is that of a hardening, and whether that is finished.
+pub fn is_hardening(folder: &Path) -> Option<bool> {
+    folder.join(folder::PLAN).exists().then(|| folder.join(folder::RESULT).exists())
+}
+
+/// Returns the run files of the final comparison with failures to look at: of random scenarios in
+/// the space, before and after.
+pub fn final_runs(folder: &Path) -> Vec<PathBuf> {
+    let path = |name: &str| measure::path_of(&folder.join("final").join(name), "space");
+    ["before", "after"].map(path).into_iter().filter(|path| path.exists()).collect()
+}
+
+/// Continues the hardening of a folder, or reads a finished one.
 ///
 /// # Errors
 /// If the folder contains no hardening, or as for [`harden`].

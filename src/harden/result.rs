@@ -10,6 +10,7 @@ use mishandle_results::{
 use mishandle_rollout::{Request, Scenario, Seed};
 
 use super::decision::{CornerCounts, Measure, adjusted, worse};
+use super::folder::RESULT;
 use super::measure::{measure, path_of};
 use super::search::{ModeKey, search};
 use super::{FINAL, Hardener, Watch};
@@ -79,7 +80,7 @@ impl Hardener<'_> {
             simulations: self.folder.simulations()?,
         };
         let json = serde_json::to_string_pretty(&results::Versioned::new(&hardening)).unwrap_or_default();
-        self.folder.write(&self.folder.path.join("result.json"), json.as_bytes())?;
+        self.folder.write(&self.folder.path.join(RESULT), json.as_bytes())?;
         Ok(Some(hardening))
     }
 

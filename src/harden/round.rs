@@ -2,10 +2,12 @@
 
 use std::path::{Path, PathBuf};
 
+use mishandle_files::{limits, read_text_bounded};
 use mishandle_rollout::Seed;
 use mishandle_training::{AlgorithmSettings, TrainingControl, TrainingError, TrainingProgress};
+use serde::{Deserialize, Serialize};
 
-use super::archive::{csv, weighted};
+use super::archive::{Simulated, csv, shows_nan, weighted};
 use super::folder::Folder;
 use super::search::search;
 use super::{HardenProgress, Watch};
@@ -62,7 +64,9 @@ pub(super) fn run_round(
     let resolved =
         ResolvedPlan::new(&Plan { harden: None, controller: base.controller.clone(), ..base.clone() })?;
     let archive = folder.of_round(round, "archive.csv");
-    folder.write(&archive, csv(resolved.space.axes(), &weighted(&simulated)).as_bytes())?;
+    let trainable: Vec<Simulated> =
+        simulated.into_iter().filter(|found| !shows_nan(resolved.space.axes(), &found.scenario)).collect();
+    folder.write(&archive, csv(resolved.space.axes(), &weighted(&trainable)).as_bytes())?;
     let settings = round_settings(settings, (base, table), &archive);
     let file = folder.of_round(round, "settings.toml");
     folder.write(&file, settings.to_toml().as_bytes())?;
@@ -83,22 +87,50 @@ pub(super) fn run_round(
         resume: false,
         out,
     };
+    let marker = folder.of_round(round, MARKER);
+    if let Some(trained) = Trained::read(&marker) {
+        return Ok(trained.end(plan.out, failures));
+    }
     plan.resume = plan.checkpoint().exists();
     let mut observer = Observer { phase: format!("round {round}: training"), watch, stopped: false };
-    match train(&plan, gpu, &mut observer) {
-        Ok(_) if observer.stopped => Ok(RoundEnd::Interrupted),
+    let trained = match train(&plan, gpu, &mut observer) {
+        Ok(_) if observer.stopped => return Ok(RoundEnd::Interrupted),
         Ok(mut report) => match report.write_failures.pop() {
-            Some(error) => Err(error),
-            None => Ok(RoundEnd::Trained {
-                candidate: plan.out,
-                failures,
-                environment_steps: report.result.environment_steps,
-            }),
+            Some(error) => return Err(error),
+            None => Trained { environment_steps: report.result.environment_steps, diverged: None },
         },
         Err(MishandleError::Training(error)) if matches!(error, TrainingError::NotFinite { .. }) => {
-            Ok(RoundEnd::Diverged { failures, reason: error.to_string() })
+            Trained { environment_steps: 0, diverged: Some(error.to_string()) }
         }
-        Err(error) => Err(error),
+        Err(error) => return Err(error),
+    };
+    folder.write(&marker, toml::to_string(&trained).unwrap_or_default().as_bytes())?;
+    Ok(trained.end(plan.out, failures))
+}
+
+/// File that says that the training of a round has ended, and how.
+const MARKER: &str = "training.toml";
+
+/// End of a training run.
+#[derive(Debug, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Trained {
+    environment_steps: u64,
+    /// Why it diverged.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    diverged: Option<String>,
+}
+
+impl Trained {
+    fn read(path: &Path) -> Option<Trained> {
+        toml::from_str(&read_text_bounded(path, limits::PLAN).ok()?).ok()
+    }
+
+    fn end(self, candidate: PathBuf, failures: u64) -> RoundEnd {
+        match self.diverged {
+            Some(reason) => RoundEnd::Diverged { failures, reason },
+            None => RoundEnd::Trained { candidate, failures, environment_steps: self.environment_steps },
+        }
     }
 }
 

@@ -109,6 +109,10 @@ impl HardenPlan {
             let expected = "at most 1 together with `harden.nominal` and `harden.corners`";
             return invalid("harden.archive", self.archive.to_string(), expected);
         }
+        if !["cpu", "gpu"].contains(&self.device.as_str()) {
+            let known = ["cpu", "gpu"].map(String::from).to_vec();
+            return Err(MishandleError::UnknownName { kind: "device", name: self.device.clone(), known });
+        }
         if self.searches.is_empty() {
             return invalid("harden.searches", "empty".to_string(), "the name of at least one search");
         }

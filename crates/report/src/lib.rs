@@ -4,7 +4,8 @@
 //! [`RunReport::measure`] adds what takes simulations: the size of the failing patches, repeats
 //! under noise, corners and pictures. [`page`] writes the HTML. [`campaign_page`] and [`run_page`]
 //! write those of a campaign, [`comparison_page`] writes the page of two evaluations on the same
-//! scenarios and seeds, [`learning_curve_page`] that of a training run.
+//! scenarios and seeds, [`learning_curve_page`] that of a training run, [`hardening_page`] that of
+//! a hardening.
 //!
 //! - `load`, `measure`, `pictures`: the facts. `words`: verdict and meaning in sentences.
 //! - `space`, `map`, `curves`, `trace`: charts, drawn by the crate `charts`. A style sheet maps
@@ -18,6 +19,7 @@ mod campaign;
 mod commands;
 mod comparison;
 mod curves;
+mod hardening;
 mod html;
 mod learning_curve;
 mod load;
@@ -40,6 +42,7 @@ mod words;
 
 pub use campaign::{RunSummary, campaign_page, run_page};
 pub use comparison::comparison_page;
+pub use hardening::hardening_page;
 pub use html::text as escaped;
 pub use learning_curve::learning_curve_page;
 pub use load::RunReport;

@@ -1,9 +1,11 @@
+use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 
-use anyhow::{Context, Result, bail};
+use anyhow::{Context, Result, bail, ensure};
 use clap::Args;
+use mishandle::harden::{final_runs, is_hardening};
 use mishandle::train::Curve;
-use mishandle_report::{Samples, learning_curve_page, page};
+use mishandle_report::{Samples, hardening_page, learning_curve_page, page};
 
 use crate::exit_status::ExitStatus;
 use crate::flags::{self, numbers};
@@ -19,13 +21,14 @@ use crate::show::progress::Bar;
   mishandle report runs/A.sqlite runs/B.sqlite --out report.html     one section each, and a table
   mishandle report runs/campaign-1 --out pages          index and a page for each run of a campaign
   mishandle report runs/RUN.sqlite --no-simulations --out report.html
+  mishandle report better.harden --out report.html      a hardening, before and after
   mishandle report curve.csv --out curve.html           the learning curve of `train --csv`
 
 The page is one HTML file that loads nothing and runs no script. docs/guide/report.md explains its
 charts. If the target of a run is available, scenarios around each failure mode are simulated,
 corners, and repeats with other seeds. Otherwise the page has what the run file contains.")]
 pub struct Arguments {
-    /// Run files, the folder of a campaign, or the .csv file of `mishandle train --csv`
+    /// Run files, the folder of a campaign or of a hardening, or the .csv file of `mishandle train --csv`
     #[arg(value_name = "RUN", required = true)]
     pub runs: Vec<PathBuf>,
     /// HTML file to create; for a campaign, a folder for the index and a page for each run
@@ -82,6 +85,9 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
     if let [folder] = &command.runs[..]
         && folder.is_dir()
     {
+        if let Some(is_finished) = is_hardening(folder) {
+            return write_hardening(folder, is_finished, command, &options);
+        }
         return pages::write_campaign(folder, &command.out, &options);
     }
     if let Some(folder) = command.runs.iter().find(|path| path.is_dir()) {
@@ -118,6 +124,31 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
 /// Returns whether a path names a learning curve rather than a run file.
 fn is_curve(path: &Path) -> bool {
     path.extension().is_some_and(|found| found.eq_ignore_ascii_case("csv"))
+}
+
+/// Writes the page about a hardening, with sections about the final simulations in its space.
+fn write_hardening(
+    folder: &Path,
+    is_finished: bool,
+    command: &Arguments,
+    options: &pages::Options<'_>,
+) -> Result<ExitStatus> {
+    let name = mishandle_text::shell_quote(&folder.to_string_lossy());
+    ensure!(is_finished, "the hardening is not finished; continue it with: mishandle harden --resume {name}");
+    let found = mishandle::harden::resume(folder, None, &mut |_| ControlFlow::Continue(()))?;
+    let found = found.context("the hardening is not finished")?;
+    let mut reports = Vec::new();
+    for path in final_runs(folder) {
+        let file = run::read(&path, options.skip_check)?;
+        let report = pages::report(&file, &path, options).with_context(|| path.display().to_string())?;
+        let Some(report) = report else {
+            output::message(&format!("interrupted: {} is not written", command.out.display()));
+            return Ok(ExitStatus::Interrupted);
+        };
+        reports.push(report);
+    }
+    options.clear();
+    write(&hardening_page(&found, &reports), command)
 }
 
 /// Writes the page about a learning curve.

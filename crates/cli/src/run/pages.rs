@@ -33,7 +33,7 @@ pub struct Options<'a> {
 
 impl Options<'_> {
     /// Clears the progress bar.
-    fn clear(&self) {
+    pub fn clear(&self) {
         if let Some((_, bar)) = self.simulations {
             bar.clear();
         }

@@ -1,0 +1,206 @@
+//! The page about a hardening: a controller before and after.
+
+use mishandle::results::{Estimate, HardenedMargin, HardenedMeasure, Hardening};
+use mishandle_text::{p_value_text, plural};
+
+use crate::html::{number, percent, short, table, text};
+use crate::load::RunReport;
+use crate::page::Document;
+use crate::{section, words};
+
+/// Returns the page about a hardening, with sections about some of its runs: one HTML file without
+/// scripts, which loads nothing.
+pub fn hardening_page(found: &Hardening, reports: &[RunReport]) -> String {
+    let target = text(&short(&found.target, 60));
+    let mut out = format!(
+        "<section>\n<h2>{target}: {}</h2>\n<p class=\"requirement\"><b>Before:</b> <code>{}</code>. <b>After:</b> {}. \
+         <b>Space:</b> <code>{}</code>.</p>\n",
+        text(&found.verdict),
+        text(&short(&found.before, 80)),
+        found.after.as_ref().map_or("no round was accepted".to_string(), |path| format!(
+            "<code>{}</code>",
+            text(&short(path, 80))
+        )),
+        text(&short(&found.space, 80)),
+    );
+    out.push_str(&tiles(found));
+    out.push_str(&format!("<h3>Before and after</h3>\n{}{}{}", measures(found), others(found), NOTE));
+    if !found.modes.is_empty() {
+        out.push_str(&format!("<h3>Failure modes</h3>\n{}", modes(found)));
+    }
+    out.push_str(&format!("<h3>Rounds</h3>\n{}", rounds(found)));
+    out.push_str(&format!("<h3>What it cost</h3>\n<p>{}</p>\n</section>\n", cost(found)));
+    for (id, report) in (1..).zip(reports) {
+        out.push_str(&section::section(report, id));
+    }
+    Document { title: &format!("hardening of {target}"), up: None, body: &out }.html()
+}
+
+/// Explains the numbers.
+const NOTE: &str = "<p class=\"notes\">Simulated once, after the last decision, with scenarios and seeds that no search, training run or \
+     decision used; the corners of the initial box are the same points everywhere. Rates: Wilson's interval, Newcombe's \
+     interval for pairs, and the exact McNemar test with Holm's correction for all measures. Failure probability: Monte \
+     Carlo with the exact interval.</p>\n";
+
+fn tiles(found: &Hardening) -> String {
+    let failing = |estimate: Option<&Estimate>| {
+        estimate.and_then(|estimate| estimate.value).map_or("–".to_string(), percent)
+    };
+    let tiles = [
+        (failing(found.failure_probability.first()), "failure probability before"),
+        (failing(found.failure_probability.get(1)), "failure probability after"),
+        (found.rounds.iter().filter(|round| round.accepted).count().to_string(), "accepted rounds"),
+        (found.rounds.len().to_string(), "rounds"),
+    ];
+    let tile = |(value, name): &(String, &str)| format!("<div><dd>{value}</dd><dt>{name}</dt></div>");
+    format!("<dl class=\"tiles\">{}</dl>\n", tiles.iter().map(tile).collect::<String>())
+}
+
+/// Returns an estimate with its interval.
+fn estimated(estimate: Option<&Estimate>) -> String {
+    match estimate {
+        Some(Estimate { value: Some(value), low: Some(low), high: Some(high), .. }) => {
+            format!("{} ({} to {})", percent(*value), percent(*low), percent(*high))
+        }
+        _ => "–".to_string(),
+    }
+}
+
+fn measures(found: &Hardening) -> String {
+    let row = |measure: &HardenedMeasure| {
+        let HardenedMeasure { name, before, after, difference, broken, fixed, adjusted_p_value, .. } =
+            measure;
+        let points = |value: f64| number((1e4 * value).round() / 100.0);
+        let difference = difference.and_then(|difference| {
+            Some(format!(
+                "{} ({} to {})",
+                points(difference.value?),
+                points(difference.low?),
+                points(difference.high?)
+            ))
+        });
+        vec![
+            text(name_of(name)),
+            estimated(Some(before)),
+            estimated(after.as_ref()),
+            difference.unwrap_or("–".to_string()),
+            format!("{fixed} fixed, {broken} broken"),
+            adjusted_p_value.map_or("–".to_string(), p_value_text),
+            before.n.to_string(),
+        ]
+    };
+    let rows: Vec<Vec<String>> = found.measures.iter().map(row).collect();
+    let head =
+        ["success", "before", "after", "difference, percentage points", "pairs", "p-value", "simulations"];
+    table("Success before and after", &head, &rows)
+}
+
+/// Describes a measure.
+fn name_of(name: &str) -> &str {
+    match name {
+        "space" => "in the space",
+        "success" => "from random starts",
+        "strict" => "from random starts, strictly",
+        "careful" => "from random starts, carefully",
+        "noise" => "from random starts, with action noise of 0.5",
+        other => other,
+    }
+}
+
+fn others(found: &Hardening) -> String {
+    let row = |name: &str, before: String, after: String| vec![name.to_string(), before, after];
+    let probability = &found.failure_probability;
+    let mut rows = vec![row(
+        "failure probability in the space",
+        estimated(probability.first()),
+        estimated(probability.get(1)),
+    )];
+    if let Some(corners) = &found.corners {
+        let of = |count: u64| format!("{count} of {}", corners.corners);
+        rows.push(row(
+            "corners at which all simulations succeed",
+            of(corners.before),
+            corners.after.map_or("–".to_string(), of),
+        ));
+    }
+    let margin = |margin: Option<&HardenedMargin>| match margin {
+        None => "–".to_string(),
+        Some(HardenedMargin { amplitude: Some(amplitude), .. }) => number(*amplitude),
+        Some(HardenedMargin { without_failure: Some(level), .. }) => format!("above {}", number(*level)),
+        Some(_) => "none found".to_string(),
+    };
+    rows.push(row(
+        "smallest disturbance that breaks it (amplitude)",
+        margin(found.margin.first()),
+        margin(found.margin.get(1)),
+    ));
+    let search = |index: usize| {
+        found.searches.get(index).map_or("–".to_string(), |search| {
+            format!(
+                "{} of {}, in {}",
+                search.failures,
+                plural(search.simulations, "simulation"),
+                plural(search.modes, "mode")
+            )
+        })
+    };
+    rows.push(row("failures that the searches find", search(0), search(1)));
+    if let Some(archive) = &found.archive {
+        let fixed = format!("{} of {} fixed", archive.fixed, plural(archive.failures, "failure"));
+        rows.push(row("failures that training saw", "–".to_string(), fixed));
+    }
+    table("Other measures", &["measure", "before", "after"], &rows)
+}
+
+fn modes(found: &Hardening) -> String {
+    let rows: Vec<Vec<String>> = found
+        .modes
+        .iter()
+        .map(|mode| {
+            vec![
+                text(&mode.change),
+                format!("<code>{}</code>", text(&short(&mode.predicate, 120))),
+                text(&mode.axes.join(", ")),
+                mode.before.to_string(),
+                mode.after.to_string(),
+            ]
+        })
+        .collect();
+    let head = ["change", "decisive predicate", "axes", "failures before", "failures after"];
+    table("Failure modes of the final searches", &head, &rows)
+}
+
+fn rounds(found: &Hardening) -> String {
+    let bound = |bound: Option<f64>| bound.map_or("–".to_string(), percent);
+    let rows: Vec<Vec<String>> = found
+        .rounds
+        .iter()
+        .map(|round| {
+            vec![
+                round.number.to_string(),
+                if round.accepted { "accepted" } else { "rejected" }.to_string(),
+                round.failures.to_string(),
+                round.environment_steps.to_string(),
+                bound(round.bound_before),
+                bound(round.bound_after),
+                text(&round.reason),
+            ]
+        })
+        .collect();
+    let head =
+        ["round", "decision", "failures found", "environment steps", "bound before", "bound after", "reason"];
+    table("Rounds, by the validation set", &head, &rows)
+        + "<p class=\"notes\">The bound is the upper end of the 95 % interval of the failure rate in the space, on the \
+           validation set.</p>\n"
+}
+
+fn cost(found: &Hardening) -> String {
+    format!(
+        "{} of training and {}. Every one is a row in a run file of the folder <code>{}</code>. Seed {}, program {}.",
+        plural(found.environment_steps, "environment step"),
+        plural(found.simulations, "simulation"),
+        text(words::file_name(&found.folder)),
+        found.seed.0,
+        text(&found.commit)
+    )
+}

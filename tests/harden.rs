@@ -1,0 +1,180 @@
+//! Hardening: phases that continue after an interruption, and three sets of seeds.
+
+#![allow(clippy::unwrap_used, reason = "helpers of tests")]
+
+use std::collections::BTreeSet;
+use std::ops::ControlFlow;
+use std::path::{Path, PathBuf};
+
+use mishandle::Plan;
+use mishandle::controllers::ControllerFile;
+use mishandle::harden::{harden, harden_folder, resume};
+use mishandle::plan::{AxisSetting, HardenPlan};
+use mishandle::results::Hardening;
+use mishandle::store::RunFile;
+
+/// A hardening of few simulations. Its training settings differ from those of the shipped
+/// controller in the number of environments only, so that it takes few steps.
+fn plan(folder: &Path) -> Plan {
+    let shipped = ControllerFile::load(Path::new("controllers/point-reaching/ppo.safetensors")).unwrap();
+    let mut settings: toml::Table = shipped.header.training.settings.parse().unwrap();
+    settings.insert("rollout_steps".to_string(), 8.into());
+    settings["episodes"].as_table_mut().unwrap().insert("environments".to_string(), 16.into());
+    settings["run"].as_table_mut().unwrap().insert("validation_episodes".to_string(), 2.into());
+    settings["run"].as_table_mut().unwrap().insert("validation_interval".to_string(), 2.into());
+    let file = folder.join("settings.toml");
+    std::fs::write(&file, settings.to_string()).unwrap();
+    let table = HardenPlan {
+        rounds: 2,
+        steps: 512,
+        settings: Some(file.to_string_lossy().into_owned()),
+        searches: vec!["random".to_string()],
+        budget: 12,
+        validation: 6,
+        episodes: 6,
+        risk: 100,
+        margin: 20,
+        ..HardenPlan::default()
+    };
+    let mut plan = Plan { space: "starts+delay".to_string(), ..Plan::new("point-reaching", "ppo") };
+    plan.axes.insert("action_delay".to_string(), AxisSetting::Range([1.0, 3.0]));
+    Plan { seed: 5, harden: Some(table), ..plan }
+}
+
+fn run_files(folder: &Path) -> Vec<PathBuf> {
+    let mut files = Vec::new();
+    for entry in std::fs::read_dir(folder).unwrap() {
+        let path = entry.unwrap().path();
+        if path.is_dir() {
+            files.extend(run_files(&path));
+        } else if path.extension().is_some_and(|extension| extension == "sqlite") {
+            files.push(path);
+        }
+    }
+    files
+}
+
+/// The seeds of all simulations, and the scenarios of those that are no corners, as bits.
+fn rows(files: &[PathBuf]) -> (BTreeSet<u64>, BTreeSet<Vec<u64>>) {
+    let (mut seeds, mut scenarios) = (BTreeSet::new(), BTreeSet::new());
+    for file in files {
+        for simulation in RunFile::open(file).unwrap().simulations() {
+            let simulation = simulation.unwrap();
+            seeds.insert(simulation.seed);
+            // Trial 2 of an evaluation has the corners, which are the same points everywhere.
+            if simulation.trial != 2 {
+                scenarios.insert(simulation.scenario.iter().flatten().map(|x| x.to_bits()).collect());
+            }
+        }
+    }
+    (seeds, scenarios)
+}
+
+fn without_paths(mut found: Hardening) -> Hardening {
+    found.folder = String::new();
+    found.after = found.after.map(|_| String::new());
+    found
+}
+
+#[test]
+fn an_interrupted_hardening_continues_to_the_same_result_and_its_sets_are_disjoint() {
+    let home = tempfile::tempdir().unwrap();
+    let plan = plan(home.path());
+    let out = home.path().join("whole.safetensors");
+    let mut phases = Vec::new();
+    let whole = harden(&plan, &out, None, &mut |progress| {
+        if phases.last() != Some(&progress.phase) {
+            phases.push(progress.phase.clone());
+        }
+        ControlFlow::Continue(())
+    });
+    let whole = whole.unwrap().unwrap();
+    for part in ["round 0: validation", "round 1: search", "round 1: training", "final, before"] {
+        assert!(phases.iter().any(|phase| phase.starts_with(part)), "{part}: {phases:?}");
+    }
+    assert_eq!(whole.before, "ppo");
+    assert!(whole.rounds[0].failures > 0, "delays of up to 3 control steps break this controller");
+    assert_eq!(whole.rounds[0].environment_steps, 512);
+    assert_eq!(out.exists(), whole.after.is_some());
+
+    // A second one stops at the first report of each phase.
+    let other = home.path().join("parts.safetensors");
+    let mut stopped = BTreeSet::new();
+    let mut stop_once =
+        |progress: &mishandle::harden::HardenProgress| match stopped.insert(progress.phase.clone()) {
+            true => ControlFlow::Break(()),
+            false => ControlFlow::Continue(()),
+        };
+    let mut found = harden(&plan, &other, None, &mut stop_once).unwrap();
+    let mut calls = 1;
+    while found.is_none() {
+        found = resume(&harden_folder(&other), None, &mut stop_once).unwrap();
+        calls += 1;
+        assert!(calls < 100, "it does not end");
+    }
+    assert!(calls > 5, "{calls} calls");
+    assert_eq!(without_paths(found.unwrap()), without_paths(whole.clone()));
+
+    // A finished one is read again without a simulation.
+    let again = resume(&harden_folder(&out), None, &mut |_| ControlFlow::Continue(())).unwrap();
+    assert_eq!(again.unwrap(), whole);
+
+    let files = run_files(&harden_folder(&out));
+    let of = |is: &dyn Fn(&str) -> bool| -> Vec<PathBuf> {
+        let name =
+            |path: &PathBuf| path.strip_prefix(harden_folder(&out)).unwrap().to_string_lossy().into_owned();
+        files.iter().filter(|path| is(&name(path))).cloned().collect()
+    };
+    let sets = [
+        rows(&of(&|name| name.contains("search-") && name.starts_with("round"))),
+        rows(&of(&|name| name.contains("validation"))),
+        rows(&of(&|name| name.starts_with("final"))),
+    ];
+    for (index, (seeds, scenarios)) in sets.iter().enumerate() {
+        assert!(!seeds.is_empty() && !scenarios.is_empty(), "set {index}");
+        for (other_seeds, other_scenarios) in &sets[..index] {
+            assert!(seeds.is_disjoint(other_seeds), "seeds of set {index}");
+            assert!(scenarios.is_disjoint(other_scenarios), "scenarios of set {index}");
+        }
+    }
+    // Training draws given scenarios of the searches only.
+    let archive = std::fs::read_to_string(harden_folder(&out).join("round-1/archive.csv")).unwrap();
+    assert_eq!(archive.lines().next().unwrap().split(',').next(), Some("weight"));
+}
+
+#[test]
+fn mistakes_are_errors_before_anything_is_written() {
+    let home = tempfile::tempdir().unwrap();
+    let good = plan(home.path());
+    let out = home.path().join("out.safetensors");
+    let table = |change: &dyn Fn(&mut HardenPlan)| {
+        let mut table = good.harden.clone().unwrap();
+        change(&mut table);
+        Plan { harden: Some(table), ..good.clone() }
+    };
+    for (plan, part) in [
+        (Plan { harden: None, ..good.clone() }, "harden"),
+        (Plan { controller: "expert".to_string(), ..good.clone() }, "the expert"),
+        (Plan { controller: "nobody".to_string(), ..good.clone() }, "nobody"),
+        (Plan { target: "toy/sphere-2d".to_string(), ..good.clone() }, "toy/sphere-2d"),
+        (Plan { space: "delays".to_string(), ..good.clone() }, "delays"),
+        (table(&|table| table.archive = 0.9), "harden.archive"),
+        (table(&|table| table.nominal = f64::NAN), "harden.nominal"),
+        (table(&|table| table.rounds = 0), "harden.rounds"),
+        (table(&|table| table.risk = 3), "harden.risk"),
+        (table(&|table| table.searches = vec!["bayes".to_string()]), "bayes"),
+        (table(&|table| table.allow = vec!["space".to_string()]), "space"),
+        (table(&|table| table.device = "tpu".to_string()), "tpu"),
+        (table(&|table| table.settings = Some("missing.toml".to_string())), "missing.toml"),
+    ] {
+        let error = harden(&plan, &out, None, &mut |_| ControlFlow::Continue(())).unwrap_err();
+        let error = format!("{error:?} {error}");
+        assert!(error.contains(part), "{part}: {error}");
+        assert!(!out.exists() && !harden_folder(&out).exists(), "{part}");
+    }
+    std::fs::write(&out, "").unwrap();
+    let error = harden(&good, &out, None, &mut |_| ControlFlow::Continue(())).unwrap_err().to_string();
+    assert!(error.contains("--out"), "{error}");
+    let error = resume(home.path(), None, &mut |_| ControlFlow::Continue(())).unwrap_err().to_string();
+    assert!(error.contains("harden.toml"), "{error}");
+}
