@@ -190,7 +190,7 @@ impl Episodes {
         &self.boundaries
     }
 
-    /// Returns the observations after the last step and before any reset,
+    /// Returns the observations after the last step and before any reset, with their disturbances,
     /// `[rows, observation_size]`.
     pub fn final_observations(&self) -> &[f32] {
         &self.final_observations
@@ -308,6 +308,7 @@ impl Episodes {
     fn record_step(&mut self) {
         let terms = self.statistics.reward_terms.len();
         let observation_size = self.spec.observation_size;
+        let seen = self.disturbed.as_ref().map_or_else(|| self.batch.observations(), Disturbed::observations);
         for (row, row_state) in self.row_states.iter_mut().enumerate() {
             let status = self.batch.statuses()[row];
             row_state.step += 1;
@@ -318,8 +319,7 @@ impl Episodes {
                 self.statistics.diverged += 1;
             } else {
                 let observation = row * observation_size..(row + 1) * observation_size;
-                self.final_observations[observation.clone()]
-                    .copy_from_slice(&self.batch.observations()[observation]);
+                self.final_observations[observation.clone()].copy_from_slice(&seen[observation]);
                 let rewards = &self.batch.rewards()[row * terms..][..terms];
                 for (sum, reward) in self.statistics.reward_terms.iter_mut().zip(rewards) {
                     *sum += reward;
