@@ -1,5 +1,7 @@
 //! Policy inference for all rows of a control step.
 
+use std::borrow::Cow;
+
 use mishandle_network::{ChunkPool, Mlp, Normalizer, RunningNormalizer, Workspace};
 use mishandle_rollout::EnvironmentSpec;
 
@@ -21,6 +23,14 @@ pub(crate) fn observation_normalizer(
     normalizer.with_floor(&floor)
 }
 
+/// Returns the first `count` columns of the rows of a matrix with `columns` columns.
+pub(crate) fn first_columns(rows: &[f32], columns: usize, count: usize) -> Cow<'_, [f32]> {
+    if count == columns {
+        return Cow::Borrowed(rows);
+    }
+    Cow::Owned(rows.chunks_exact(columns).flat_map(|row| &row[..count]).copied().collect())
+}
+
 /// Network outputs and random numbers from which the actions of a control step are sampled.
 pub(crate) struct BatchInference {
     pool: ChunkPool<f32, (Vec<f32>, Workspace<f32>)>,
@@ -40,8 +50,7 @@ impl BatchInference {
         }
     }
 
-    /// Computes the network outputs for the observations of all rows, which `normalizer`
-    /// normalizes.
+    /// Computes the network outputs for the inputs of all rows, which `normalizer` normalizes.
     pub fn infer(&mut self, network: &Mlp<f32>, normalizer: &Normalizer<f32>, observations: &[f32]) {
         let columns = network.input_size();
         self.pool.map(
