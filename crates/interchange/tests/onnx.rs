@@ -68,7 +68,7 @@ fn an_exported_history_acts_as_that_of_the_controller() {
         let mut states = [vec![7.0; 6 * length], vec![7.0; 6 * length]];
         let mut largest = 0.0_f32;
         for step in 0..20 {
-            // The second row starts anew within its episode.
+            // The second row starts again within its episode.
             for row in (0..2).filter(|row| step == 0 || (step, *row) == (7, 1)) {
                 let own = row * 3 * length..(row + 1) * 3 * length;
                 ours.reset(&mut states[0][own.clone()], Seed(0));

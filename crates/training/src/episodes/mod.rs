@@ -52,7 +52,7 @@ pub struct Episodes {
     scenarios: ScenarioDraw,
     /// Disturbances between environments and policy; `None` if no axis belongs to one.
     disturbed: Option<Disturbed>,
-    /// What the policy remembers; `None` without a history.
+    /// Memory of the policy; `None` without a history.
     remembered: Option<Remembered>,
     row_states: Vec<RowState>,
     actions: Vec<f64>,
@@ -189,8 +189,8 @@ impl Episodes {
         self.disturbed.as_ref().map_or_else(|| self.batch.observations(), Disturbed::observations)
     }
 
-    /// Returns the inputs of the policy's network, `[rows, input_size]`: the observations, each with
-    /// the history of its row.
+    /// Returns the inputs of the policy's network, `[rows, input_size]`: each observation with the
+    /// history of its row.
     pub fn inputs(&self) -> &[f32] {
         self.remembered.as_ref().map_or_else(|| self.observations(), Remembered::inputs)
     }

@@ -64,8 +64,8 @@ settings! {
         /// Activation function of the hidden layers.
         #[serde(with = "activation_name")]
         pub activation: Activation = Activation::Elu;
-        /// Number of earlier control steps whose observations and own actions policy and critics see
-        /// besides the present observation; the controller keeps them. 0 means no history.
+        /// Number of earlier control steps whose observations and own actions are inputs of policy
+        /// and critics, besides the present observation. 0 means no history.
         pub history: usize = 0, HISTORY;
         /// Learning rate of Adam.
         pub learning_rate: f64 = 3e-4, POSITIVE;

@@ -7,8 +7,8 @@ use crate::inference::first_columns;
 use crate::{Boundary, Episodes};
 
 /// A rollout of `steps` control steps in `rows` environments. All arrays have the shape
-/// `[steps, rows, ..]`. Observations are whole inputs of the policy: with their histories, if it has
-/// one.
+/// `[steps, rows, ..]`. Observations are whole inputs of the policy: with their histories, if it
+/// has one.
 #[derive(Clone, Debug)]
 pub struct RolloutBuffer {
     rows: usize,
@@ -127,8 +127,8 @@ impl RolloutBuffer {
         }
     }
 
-    /// Returns the moments of the present observations, the first `columns` numbers of each row; the
-    /// bits do not depend on the number of threads.
+    /// Returns the moments of the present observations, the first `columns` numbers of each row;
+    /// the bits do not depend on the number of threads.
     pub fn observation_moments(&self, columns: usize) -> Moments {
         let parts: Vec<Moments> = self
             .observations

@@ -83,8 +83,8 @@ settings! {
         /// Activation function of the hidden layers.
         #[serde(with = "activation_name")]
         pub activation: Activation = Activation::Elu;
-        /// Number of earlier control steps whose observations and own actions policy and critic see
-        /// besides the present observation; the controller keeps them. 0 means no history.
+        /// Number of earlier control steps whose observations and own actions are inputs of policy
+        /// and critic, besides the present observation. 0 means no history.
         pub history: usize = 0, HISTORY;
         /// Initialization of the network: orthogonal weights; weights and biases uniform in
         /// ±1/√inputs, the PyTorch default; or weights and biases from N(0, σ²).
