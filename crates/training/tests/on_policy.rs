@@ -15,7 +15,7 @@ use mishandle_training::{AlgorithmSettings, TrainingError};
 
 const ALGORITHMS: [&str; 2] = ["ppo", "trpo"];
 
-/// Variants: linear learning rate schedule, subsampled Fisher matrix, a history, and the skrl bases.
+/// Variants: linear learning rate schedule, subsampled Fisher matrix, a history, the skrl bases.
 const VARIANTS: [(&str, &str); 5] = [
     ("ppo", "learning_rate_schedule = \"linear\"\n"),
     ("trpo", "fisher_subsampling = 3\n"),
