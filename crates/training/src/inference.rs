@@ -2,8 +2,12 @@
 
 use std::borrow::Cow;
 
+use mishandle_controllers::History;
 use mishandle_network::{ChunkPool, Mlp, Normalizer, RunningNormalizer, Workspace};
 use mishandle_rollout::EnvironmentSpec;
+
+use crate::TrainingError;
+use crate::settings::setting::require;
 
 /// Rows per inference task: few, so that all threads get some.
 pub(crate) const INFERENCE_ROWS: usize = 64;
@@ -21,6 +25,26 @@ pub(crate) fn observation_normalizer(
     }
     let floor: Vec<f64> = spec.observation_scales.iter().map(|scale| std_floor * scale).collect();
     normalizer.with_floor(&floor)
+}
+
+/// Largest number of weights between the inputs and the first layer of a policy with a history.
+const MAX_INPUT_WEIGHTS: usize = 10_000_000;
+
+/// Returns the history of a policy with these hidden layers.
+///
+/// # Errors
+/// If its controller file could be larger than the limit for reading it. The weights between hidden
+/// layers have a limit of their own.
+pub(crate) fn policy_history(
+    spec: &EnvironmentSpec,
+    length: usize,
+    hidden: &[usize],
+) -> Result<History, TrainingError> {
+    let history = History::new(length, spec.observation_size, spec.action_size);
+    let weights = history.input_size().saturating_mul(hidden.first().copied().unwrap_or(spec.action_size));
+    let expected = "so short that the first layer of the policy has at most 10^7 weights";
+    require("policy.history", expected, length as f64, length == 0 || weights <= MAX_INPUT_WEIGHTS)?;
+    Ok(history)
 }
 
 /// Returns the first `count` columns of the rows of a matrix with `columns` columns.

@@ -77,6 +77,20 @@ fn rewards(policy: &Policy) -> [f32; STEPS] {
 }
 
 #[test]
+fn a_history_whose_controller_would_be_too_large_is_an_error() {
+    for algorithm in ["ppo", "sac"] {
+        let train = |text: &str| {
+            let settings = AlgorithmSettings::from_toml(algorithm, text).unwrap()?;
+            settings.train(&cue(), Seed(2), None, &mut Silent).map(|_| ())
+        };
+        // 1 + 500 · 2 inputs.
+        let error = train("policy = { history = 500, hidden = [10_000] }").unwrap_err().to_string();
+        let expected = "the setting `policy.history` must be so short that the first layer of the policy has at most 10^7 weights";
+        assert!(error.contains(expected), "{error}");
+    }
+}
+
+#[test]
 fn each_algorithm_learns_to_remember() {
     for algorithm in ["ppo", "trpo", "sac", "td3", "ddpg"] {
         let own = match algorithm {

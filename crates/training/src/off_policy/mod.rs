@@ -22,7 +22,9 @@ use mishandle_rollout::{BatchFactory, Seed, Stream};
 use rayon::prelude::*;
 
 use crate::algorithm::{BuildLearner, CommonSettings};
-use crate::inference::{BatchInference, INFERENCE_ROWS, first_columns, observation_normalizer};
+use crate::inference::{
+    BatchInference, INFERENCE_ROWS, first_columns, observation_normalizer, policy_history,
+};
 use crate::learner::{Learner, progress_of};
 use crate::{Checkpoint, Episodes, ReplayBufferSettings, TimeShares, TrainingError, TrainingProgress};
 use agent::{Agent, BehaviorPolicy, HasOffPolicySettings};
@@ -76,10 +78,9 @@ impl<A: Agent> BuildLearner for OffPolicy<A> {
             settings.shared();
         let rows = episodes.environments;
         let episodes = Episodes::of_training(environments, episodes, scenarios, seed)?;
+        let history = policy_history(episodes.spec(), policy.history, &policy.hidden)?;
         let episodes = episodes.with_history(policy.history);
-        let action_size = episodes.spec().action_size;
-        let history = History::new(policy.history, episodes.spec().observation_size, action_size);
-        let input_size = history.input_size();
+        let (input_size, action_size) = (history.input_size(), episodes.spec().action_size);
         let agent = A::new((input_size, action_size), settings, seed)?;
         let outputs = agent.behavior_policy().network().output_size();
         Ok(OffPolicy {

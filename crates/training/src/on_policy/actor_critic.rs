@@ -10,7 +10,7 @@ use rayon::prelude::*;
 use super::gae;
 use super::settings::OnPolicySettings;
 use crate::gaussian::DiagonalGaussian;
-use crate::inference::{BatchInference, INFERENCE_ROWS, observation_normalizer};
+use crate::inference::{BatchInference, INFERENCE_ROWS, observation_normalizer, policy_history};
 use crate::initialization::initial_network;
 use crate::{Checkpoint, Critic, Episodes, ObservationMoments, RolloutBuffer, TrainingError};
 
@@ -60,10 +60,9 @@ impl ActorCritic {
         } = *shared;
         let rows = episodes.environments;
         let episodes = Episodes::of_training(environments, episodes, scenarios, seed)?;
+        let history = policy_history(episodes.spec(), policy.history, &policy.hidden)?;
         let episodes = episodes.with_history(policy.history);
-        let outputs = episodes.spec().action_size;
-        let history = History::new(policy.history, episodes.spec().observation_size, outputs);
-        let inputs = history.input_size();
+        let (inputs, outputs) = (history.input_size(), episodes.spec().action_size);
         let network = initial_network(
             (inputs, &policy.hidden, outputs),
             policy.activation,
