@@ -9,15 +9,17 @@ use std::path::Path;
 use std::sync::{Arc, Mutex};
 
 use mishandle::MishandleError;
+use mishandle::controllers::Policy;
 use mishandle::plan::AxisSetting;
 use mishandle::run::Device;
 use mishandle::tasks::{Preset, Reward, TaskBatches, TaskEnvironment};
 use mishandle::train::{Curve, TrainPlan, TrainReport};
 use mishandle::training::{Boundary, EpisodeSettings, Episodes, ScenarioSettings};
+use mishandle_network::{Activation, Mlp};
 use mishandle_rollout::{
     Axis, AxisValues, BatchFactory, Controller, ControllerWorker, Environment, EnvironmentWorker, Noise,
-    Request, Rollout, Sample, Scenario, ScenarioBatches, Seed, Space, StepStatus, System, TrainingScenarios,
-    named_space,
+    Request, Rollout, Sample, Scenario, ScenarioBatches, Seed, Space, StepStatus, Stream, System,
+    TrainingScenarios, named_space,
 };
 use mishandle_world::CpuDevice;
 
@@ -194,6 +196,74 @@ fn training_episodes_have_the_bits_of_evaluated_ones_under_every_kind_of_axis() 
                 assert_eq!(steps[row], watched.lock().unwrap()[..count], "{task} {row}");
             }
         }
+    }
+}
+
+/// Returns a policy that sees two earlier observations and actions, and a policy without a history
+/// that gets the whole input as its observation.
+fn with_history_and_whole((observations, actions): (usize, usize)) -> (Policy, Policy) {
+    let inputs = observations + 2 * (observations + actions);
+    let mut network = Mlp::new(&[inputs, 16, actions], Activation::Tanh, Activation::Identity).unwrap();
+    let mut index = 0;
+    network.initialize_uniform(|| {
+        index += 1;
+        Seed(7).uniform(Stream::Weights, 0, index)
+    });
+    // Some actions exceed 1.
+    network.update(|parameters| parameters.iter_mut().for_each(|parameter| *parameter *= 4.0));
+    let plain = Policy::new(vec![0.0; inputs], vec![1.0; inputs], network.clone(), vec![0.0; actions]);
+    let (mean, variance) = (vec![0.0; observations], vec![1.0; observations]);
+    let policy = Policy::with_history(2, mean, variance, network, Some(vec![0.0; actions]));
+    (policy.unwrap(), plain.unwrap())
+}
+
+#[test]
+fn training_sees_the_history_of_an_evaluation_with_late_actions() {
+    const ROWS: usize = 4;
+    let task = mishandle::tasks::task("point-reaching").unwrap();
+    let environment = TaskEnvironment::new(task, Preset::Paper, Reward::Shaped).unwrap();
+    let disturbances = environment.disturbances(true);
+    let (axes, spaces) = environment.axes_and_spaces(&disturbances).unwrap();
+    let delay = named_space("starts+delay", &axes, &spaces).unwrap();
+    // Actions are two control steps late.
+    let late = |axis: &Axis| match axis.name.as_str() {
+        "action_delay" => Axis { low: 2.0, high: 2.0, ..axis.clone() },
+        _ => axis.clone(),
+    };
+    let axes: Vec<Axis> = delay.axes().iter().map(late).collect();
+    assert!(axes.iter().any(|axis| axis.name == "action_delay"));
+    let scenarios =
+        TrainingScenarios { space: Space::new("late", axes).unwrap(), disturbances, given: Vec::new() };
+    let environment = Arc::new(environment.with_scene_axes(&scenarios.space).unwrap());
+    let sizes = (environment.observation_size(), environment.action_size());
+    let specification = task.definition().formulas(Preset::Paper).specification().unwrap();
+    let settings = EpisodeSettings { environments: ROWS, staggered: false, ..EpisodeSettings::default() };
+    let (policy, whole) = with_history_and_whole(sizes);
+    let batches: Box<dyn BatchFactory> = Box::new(environment.clone());
+    let batches = ScenarioBatches { batches, scenarios: scenarios.clone() };
+    let episodes = Episodes::new(&batches, &settings, &ScenarioSettings::default(), Seed(8)).unwrap();
+    let mut episodes = episodes.with_history(2);
+    let mut steps = vec![Vec::new(); ROWS];
+    let (mut worker, mut actions) = (whole.worker(), vec![0.0; ROWS * sizes.1]);
+    for _ in 0..environment.episode_steps() {
+        worker.act(ROWS, episodes.inputs(), &mut [], &mut actions);
+        episodes.step(&actions).unwrap();
+        for (row, steps) in steps.iter_mut().enumerate() {
+            let applied = &episodes.applied_actions()[row * sizes.1..][..sizes.1];
+            steps.push(step_bits(applied, episodes.rewards()[row]));
+        }
+    }
+    assert!(actions.iter().any(|action| action.abs() > 1.0), "{actions:?}");
+    for (row, steps) in steps.iter().enumerate() {
+        let seed = Seed(8).child(row as u64).child(0);
+        let watched = Steps::default();
+        let spied = Arc::new(Watched(environment.clone(), watched.clone()));
+        let noise = Noise { action_std: 0.0, observation_std: 0.0 };
+        let rollout = Rollout::new(spied, Arc::new(policy.clone()), specification.clone(), noise).unwrap();
+        let mut rollout =
+            rollout.with_disturbances(scenarios.space.clone(), &scenarios.disturbances).unwrap();
+        rollout.rollout(&[Request::new(scenarios.random(seed, 0), seed)]).unwrap();
+        assert_eq!(*steps, *watched.lock().unwrap(), "{row}");
     }
 }
 

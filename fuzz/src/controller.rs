@@ -47,17 +47,18 @@ pub fn seeds() -> Vec<Vec<u8>> {
         task_hash: "0123".into(),
         training,
     };
-    let network = |outputs| {
+    let network = |inputs, outputs| {
         let mut network =
-            Mlp::new(&[2, 2, outputs], Activation::Elu, Activation::Identity).expect("valid sizes");
+            Mlp::new(&[inputs, 2, outputs], Activation::Elu, Activation::Identity).expect("valid sizes");
         network.update(|parameters| parameters.fill(0.5));
         network
     };
     let (mean, variance) = (vec![0.25; 2], vec![1.0; 2]);
     // The network of a squashed policy returns a mean and a standard deviation per action.
-    let gaussian = Policy::new(mean.clone(), variance.clone(), network(1), vec![-0.5]);
-    let squashed = Policy::squashed(mean, variance, network(2));
-    [gaussian, squashed]
+    let gaussian = Policy::new(mean.clone(), variance.clone(), network(2, 1), vec![-0.5]);
+    let squashed = Policy::squashed(mean.clone(), variance.clone(), network(2, 2));
+    let with_history = Policy::with_history(1, mean, variance, network(5, 1), Some(vec![-0.5]));
+    [gaussian, squashed, with_history]
         .into_iter()
         .map(|policy| {
             ControllerFile { header: header.clone(), policy: policy.expect("valid sizes") }.to_bytes()

@@ -63,7 +63,8 @@ class Controller:
         """Returns an ONNX model of the controller, with its normalizer and the clipping of observations and actions.
 
         The input ``observation`` has the shape ``[N, observation_size]``. The output ``action`` is clipped to [-1, 1];
-        ``unclipped_action`` is what calling the controller returns.
+        ``unclipped_action`` is what calling the controller returns. A controller with a history has one more input, ``history``,
+        and one more output, ``next_history``: zeros at the start of an episode, then what the last control step returned.
 
         Returns
         -------
@@ -79,7 +80,8 @@ class Controller:
         return self._native.onnx_bytes()
 
     def __call__(self, observations: Any) -> NDArray[np.float32]:
-        """Returns the action of one observation, or one action per row."""
+        """Returns the action of one observation, or one action per row. A controller with a history raises an error: its actions
+        depend on those before."""
         array = np.asarray(observations, dtype=np.float32)
         actions = self._native.act(np.atleast_2d(array))
         return actions[0] if array.ndim == 1 else actions

@@ -20,6 +20,8 @@ pub struct PyController {
     sizes: (usize, usize),
     task: String,
     hash: String,
+    /// Number of earlier control steps that the controller remembers.
+    history: usize,
     /// The file of a controller of ours; an ONNX model has none.
     file: Option<ControllerFile>,
 }
@@ -36,6 +38,7 @@ impl PyController {
             sizes: (controller.observation_size(), controller.action_size()),
             task,
             hash,
+            history: file.as_ref().map_or(0, |file| file.policy.history().length()),
             file,
         }
     }
@@ -103,6 +106,15 @@ impl PyController {
         py: Python<'py>,
         observations: PyReadonlyArray2<'py, f32>,
     ) -> PyResult<Bound<'py, PyArray2<f32>>> {
+        if self.history > 0 {
+            let message = format!(
+                "the controller remembers its last {} observations and actions, so it is not a function of one observation; \
+                 run it with `mishandle evaluate` or `mishandle falsify`, or export it with `to_onnx`, whose model returns \
+                 what it remembers",
+                self.history
+            );
+            return Err(InvalidValueError::new_err(message));
+        }
         let (observation_size, action_size) = self.sizes;
         let (rows, found) = observations.as_array().dim();
         if found != observation_size {

@@ -7,6 +7,8 @@ import unittest
 
 import mishandle
 import numpy as np
+import onnx
+import onnxruntime
 
 ROOT = pathlib.Path(__file__).parents[2]
 
@@ -78,6 +80,40 @@ class Format(unittest.TestCase):
                 found = mishandle.load_controller(str(self.path))(observations)
                 expected = self.act(header, layers, observations)
                 np.testing.assert_allclose(found, expected, atol=1e-5, rtol=1e-5, err_msg=f"{activation}, {norm}")
+
+    def test_a_history_of_the_writer_acts_in_our_program_as_in_the_reader(self):
+        header, tensors = self.read(ROOT / "controllers/ball-balancing/ppo.safetensors")
+        size, random = len(tensors["normalizer.mean"]), np.random.default_rng(3)
+        inputs = size + 2 * (size + 9)
+        header["policy"] = {
+            "kind": "gaussian", "sizes": [inputs, 9], "hidden_activation": "elu", "output_activation": "identity",
+            "history": 2,
+        }
+        layers = {name: tensors[name] for name in ("normalizer.mean", "normalizer.variance")} | {
+            "policy.log_std": np.zeros(9, np.float32),
+            "policy.layers.0.weight": random.normal(size=(9, inputs)).astype(np.float32) / 5,
+            "policy.layers.0.bias": random.normal(size=9).astype(np.float32),
+        }
+        self.write(self.path, header, layers)
+        controller = mishandle.load_controller(str(self.path))
+        self.assertEqual((controller.observation_size, controller.action_size), (size, 9))
+        with self.assertRaisesRegex(ValueError, "remembers its last 2 observations and actions"):
+            controller(np.zeros(size))
+        model = controller.to_onnx()
+        onnx.checker.check_model(onnx.load_from_string(model), full_check=True)
+        session = onnxruntime.InferenceSession(model, providers=["CPUExecutionProvider"])
+        # Two episodes at once.
+        zeros = (np.zeros((2, size), np.float32), np.zeros((2, 9), np.float32))
+        past, history = [zeros, zeros], np.zeros((2, inputs - size), np.float32)
+        for _ in range(20):
+            observation = (layers["normalizer.mean"] + random.normal(size=(2, size))).astype(np.float32)
+            expected = self.act(header, layers, observation, past)
+            outputs = ["action", "unclipped_action", "next_history"]
+            action, unclipped, history = session.run(outputs, {"observation": observation, "history": history})
+            np.testing.assert_allclose(unclipped, expected, atol=1e-5, rtol=1e-5)
+            past = [(observation, np.clip(expected, -1, 1)), past[0]]
+            np.testing.assert_allclose(history, np.concatenate([part for pair in past for part in pair], 1), atol=1e-5)
+        self.assertGreater(np.abs(expected).max(), 1)
 
     def test_a_changed_byte_is_refused(self):
         header, tensors = self.read(ROOT / "controllers/ball-balancing/ppo.safetensors")

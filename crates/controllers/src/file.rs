@@ -22,8 +22,8 @@ use crate::{ControllerError, FileProblem, Layout, Policy, parse_tensors};
 
 /// The newest supported format version. Version 2 has no squashed policies, version 3 no layer
 /// normalization, no clip of observations but 5, and of activations only elu, tanh, relu and
-/// identity.
-pub const FORMAT_VERSION: u64 = 4;
+/// identity, version 4 no history.
+pub const FORMAT_VERSION: u64 = 5;
 
 /// The oldest supported format version.
 const OLDEST_VERSION: u64 = 2;
@@ -118,6 +118,13 @@ struct StoredPolicy {
     /// The limit of normalized observations; `null` if they are not clipped.
     #[serde(default = "default_clip", skip_serializing_if = "is_default_clip")]
     observation_clip: Option<f64>,
+    /// Number of earlier observations and actions in the input; see [`History`](crate::History).
+    #[serde(default, skip_serializing_if = "is_zero")]
+    history: usize,
+}
+
+fn is_zero(number: &usize) -> bool {
+    *number == 0
 }
 
 fn default_clip() -> Option<f64> {
@@ -143,6 +150,9 @@ fn version_of(kind: &str) -> Option<u64> {
 
 /// Returns the oldest format version that supports a policy.
 fn written_version(policy: &Policy) -> u64 {
+    if policy.history().length() > 0 {
+        return 5;
+    }
     let network = policy.network();
     let is_old = |activation| {
         matches!(activation, Activation::Elu | Activation::Tanh | Activation::Relu | Activation::Identity)
@@ -151,7 +161,7 @@ fn written_version(policy: &Policy) -> u64 {
         && !network.has_layer_norm()
         && is_old(network.hidden_activation())
         && is_old(network.output_activation());
-    version_of(policy.kind()).filter(|_| is_old).unwrap_or(FORMAT_VERSION)
+    version_of(policy.kind()).filter(|_| is_old).unwrap_or(4)
 }
 
 /// Largest number of layers. Training settings allow 100 hidden layers.
@@ -242,6 +252,7 @@ impl ControllerFile {
                     .has_layer_norm()
                     .then(|| if network.has_affine_layer_norm() { AFFINE } else { PLAIN }.to_string()),
                 observation_clip: self.policy.observation_clip(),
+                history: self.policy.history().length(),
             },
         };
         let mut tensors = vec![
@@ -412,12 +423,9 @@ fn read_policy(stored: &StoredPolicy, file: &SafeTensors<'_>) -> Result<Policy, 
         .map(|(name, shape, values)| Tensor { name: name.clone(), shape: shape.clone(), values })
         .collect();
     network.set_tensors(&layers)?;
-    let policy = if stored.kind == SQUASHED {
-        Policy::squashed(mean, variance, network)
-    } else {
-        Policy::new(mean, variance, network, log_std)
-    };
-    policy?.with_observation_clip(stored.observation_clip)
+    let log_std = (stored.kind != SQUASHED).then_some(log_std);
+    let policy = Policy::with_history(stored.history, mean, variance, network, log_std)?;
+    policy.with_observation_clip(stored.observation_clip)
 }
 
 /// Returns the numbers of a tensor; an empty vector if its type differs, which later fails the
@@ -541,6 +549,33 @@ mod tests {
     }
 
     #[test]
+    fn a_history_survives_a_round_trip_as_version_5_and_older_files_have_none() {
+        let mut saved = example();
+        // Two numbers, and two more with an action.
+        let mut network = Mlp::new(&[5, 3, 1], Activation::Elu, Activation::Identity).unwrap();
+        network.update(|parameters| parameters.fill(0.3));
+        let (mean, variance) = (vec![0.1, -3.0], vec![0.7, 0.2]);
+        saved.policy = Policy::with_history(1, mean, variance, network, Some(vec![-0.3])).unwrap();
+        let bytes = saved.to_bytes();
+        let loaded = ControllerFile::from_bytes(&bytes).unwrap();
+        assert_eq!(loaded.policy.history(), saved.policy.history());
+        assert_eq!((loaded.policy.hash(), loaded.to_bytes()), (saved.policy.hash(), bytes.clone()));
+        let text = |bytes: &[u8]| String::from_utf8_lossy(bytes).into_owned();
+        assert!(text(&bytes).contains("version\\\":5") && text(&bytes).contains("history\\\":1"));
+        let old = example().to_bytes();
+        assert!(!text(&old).contains("history"));
+        assert_eq!(ControllerFile::from_bytes(&old).unwrap().policy.history().length(), 0);
+
+        // A history that the network does not have.
+        let mut damaged = bytes;
+        let at = damaged.windows(11).position(|window| window == b"history\\\":1").unwrap();
+        damaged[at + 10] = b'2';
+        write_checksum(&mut damaged);
+        let message = "the controller is damaged: the policy's observation with its history has 8 numbers; its network needs 5";
+        assert_eq!(error_message(&damaged), message);
+    }
+
+    #[test]
     fn the_header_does_not_change_the_hash_of_the_policy() {
         let mut later = example();
         later.header.training.wall_clock_secs = 99.0;
@@ -605,8 +640,8 @@ mod tests {
     fn an_invalid_header_or_one_of_another_version_is_an_error() {
         let version = "format_version\\\":";
         assert_eq!(
-            error_message(&with_header(&format!("{version}2"), &format!("{version}5"))),
-            "the controller has format version 5, but this program supports versions up to 4; use a newer version of the \
+            error_message(&with_header(&format!("{version}2"), &format!("{version}6"))),
+            "the controller has format version 6, but this program supports versions up to 5; use a newer version of the \
              program"
         );
         assert_eq!(

@@ -9,6 +9,7 @@
 mod checksum;
 mod error;
 mod file;
+mod history;
 mod layout;
 mod policy;
 pub mod squashed;
@@ -19,6 +20,7 @@ pub use error::{ControllerError, FileProblem};
 pub use file::{
     ControllerFile, FORMAT_VERSION, Header, TrainingRecord, ValidationRecord, WRITTEN_VERSIONS, bytes_hash,
 };
+pub use history::History;
 pub use layout::{Entry, Layout};
 pub use policy::Policy;
 pub use tensor_file::parse_tensors;

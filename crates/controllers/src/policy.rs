@@ -8,7 +8,7 @@ use mishandle_rollout::{Controller, ControllerWorker, Seed, Stream};
 use sha2::{Digest, Sha256};
 
 use crate::layout::hexadecimal;
-use crate::{ControllerError, squashed};
+use crate::{ControllerError, History, squashed};
 
 /// A policy: a normalizer with fixed statistics, followed by a network.
 ///
@@ -20,7 +20,8 @@ use crate::{ControllerError, squashed};
 ///
 /// By default the policy is deterministic: as a [`Controller`] it returns μ or tanh μ.
 /// [`sampling`](Self::sampling) makes it stochastic, with random numbers from [`Stream::Policy`] of
-/// each simulation's seed. Actions are not clipped. σ(h) is defined in [`squashed`]. A
+/// each simulation's seed. Actions are not clipped. σ(h) is defined in [`squashed`]. A policy
+/// [with a history](Self::with_history) also sees its last observations and actions. A
 /// deterministic policy (DDPG, TD3) is stored as a Gaussian whose network ends in tanh and whose
 /// standard deviation is its exploration noise.
 ///
@@ -58,6 +59,8 @@ pub(crate) const DEFAULT_CLIP: Option<f64> = Some(5.0);
 /// The data that all workers share.
 #[derive(Clone, Debug)]
 struct Core {
+    history: History,
+    /// Normalizes whole inputs of the network.
     normalizer: Normalizer<f32>,
     network: Mlp<f32>,
     kind: Kind,
@@ -85,19 +88,7 @@ impl Policy {
         network: Mlp<f32>,
         log_std: Vec<f32>,
     ) -> Result<Policy, ControllerError> {
-        for (what, expected, found) in [
-            ("normalizer", network.input_size(), mean.len()),
-            ("`log_std`", network.output_size(), log_std.len()),
-        ] {
-            if expected != found {
-                return Err(ControllerError::Size { what, expected, found });
-            }
-        }
-        if let Some((index, found)) = log_std.iter().enumerate().find(|(_, x)| !x.is_finite()) {
-            return Err(ControllerError::LogStd { index, found: *found });
-        }
-        let kind = Kind::Gaussian { std: log_std.iter().map(|x| x.exp()).collect() };
-        Self::of_kind(mean, variance, network, log_std, kind)
+        Self::with_history(0, mean, variance, network, Some(log_std))
     }
 
     /// Creates a squashed Gaussian policy. `mean` and `variance` normalize observations. The
@@ -126,28 +117,65 @@ impl Policy {
         variance: Vec<f64>,
         network: Mlp<f32>,
     ) -> Result<Policy, ControllerError> {
-        let (outputs, inputs) = (network.output_size(), network.input_size());
-        for (what, expected, found) in
-            [("normalizer", inputs, mean.len()), ("pairs of outputs", outputs, outputs / 2 * 2)]
-        {
+        Self::with_history(0, mean, variance, network, None)
+    }
+
+    /// Creates a policy whose network sees the last `length` observations and actions of the policy
+    /// besides the present observation, as [`History`] describes: a Gaussian policy with `log_std`,
+    /// a squashed one without. `mean` and `variance` normalize every observation.
+    ///
+    /// # Errors
+    /// As for [`new`](Self::new) and [`squashed`](Self::squashed).
+    ///
+    /// # Example
+    /// ```
+    /// use mishandle_controllers::Policy;
+    /// use mishandle_network::{Activation, Mlp};
+    /// use mishandle_rollout::{Controller, Seed};
+    ///
+    /// let mut network = Mlp::new(&[3, 1], Activation::Elu, Activation::Identity)?;
+    /// network.update(|parameters| parameters.copy_from_slice(&[0.5, 0.25, 1.0, 0.0]));
+    /// let policy = Policy::with_history(1, vec![0.0], vec![1.0], network, Some(vec![0.0]))?;
+    /// let (mut worker, mut state, mut action) = (policy.worker(), vec![0.0; policy.state_size()], [0.0]);
+    /// worker.reset(&mut state, Seed(0));
+    /// worker.act(1, &[0.5], &mut state, &mut action);
+    /// assert_eq!(action, [0.25]); // 0.5 · 0.5
+    /// worker.act(1, &[0.0], &mut state, &mut action);
+    /// assert_eq!(action, [0.375]); // 0.5 · 0 + 0.25 · 0.5 + 1 · 0.25
+    /// # Ok::<(), mishandle_controllers::ControllerError>(())
+    /// ```
+    pub fn with_history(
+        length: usize,
+        mean: Vec<f64>,
+        variance: Vec<f64>,
+        network: Mlp<f32>,
+        log_std: Option<Vec<f32>>,
+    ) -> Result<Policy, ControllerError> {
+        let (inputs, outputs) = (network.input_size(), network.output_size());
+        let (action_size, rule) = match &log_std {
+            Some(log_std) => (outputs, ("`log_std`", outputs, log_std.len())),
+            None => (outputs / 2, ("pairs of outputs", outputs, outputs / 2 * 2)),
+        };
+        let history = History::new(length, mean.len(), action_size);
+        let what = if length == 0 { "normalizer" } else { "observation with its history" };
+        for (what, expected, found) in [(what, inputs, history.input_size()), rule] {
             if expected != found {
                 return Err(ControllerError::Size { what, expected, found });
             }
         }
-        Self::of_kind(mean, variance, network, Vec::new(), Kind::Squashed)
-    }
-
-    fn of_kind(
-        mean: Vec<f64>,
-        variance: Vec<f64>,
-        network: Mlp<f32>,
-        log_std: Vec<f32>,
-        kind: Kind,
-    ) -> Result<Policy, ControllerError> {
+        let log_std_or_none = log_std.as_deref().unwrap_or_default();
+        if let Some((index, found)) = log_std_or_none.iter().enumerate().find(|(_, x)| !x.is_finite()) {
+            return Err(ControllerError::LogStd { index, found: *found });
+        }
         // A network from a file has finite parameters; those of a trained network may be NaN.
         network.clone().set_tensors(&network.tensors())?;
-        let normalizer = Normalizer::new(&mean, &variance)?;
-        let core = Arc::new(Core { normalizer, network, kind });
+        let normalizer = history.normalizer(Normalizer::new(&mean, &variance)?);
+        let kind = match &log_std {
+            Some(log_std) => Kind::Gaussian { std: log_std.iter().map(|x| x.exp()).collect() },
+            None => Kind::Squashed,
+        };
+        let (log_std, core) =
+            (log_std.unwrap_or_default(), Arc::new(Core { history, normalizer, network, kind }));
         Ok(Policy { mean, variance, log_std, clip: DEFAULT_CLIP, core, samples: false })
     }
 
@@ -169,7 +197,8 @@ impl Policy {
             return Err(ControllerError::Clip { found });
         }
         let mut core = (*self.core).clone();
-        core.normalizer = core.normalizer.with_clip(clip.unwrap_or(f64::INFINITY));
+        let normalizer = Normalizer::new(&self.mean, &self.variance)?;
+        core.normalizer = core.history.normalizer(normalizer.with_clip(clip.unwrap_or(f64::INFINITY)));
         (self.core, self.clip) = (Arc::new(core), clip);
         Ok(self)
     }
@@ -189,7 +218,12 @@ impl Policy {
         &self.variance
     }
 
-    /// Returns the network, which takes normalized observations.
+    /// Returns the layout of the network's input.
+    pub fn history(&self) -> History {
+        self.core.history
+    }
+
+    /// Returns the network, which takes normalized inputs.
     pub fn network(&self) -> &Mlp<f32> {
         &self.core.network
     }
@@ -241,6 +275,9 @@ impl Policy {
         if self.clip != DEFAULT_CLIP {
             digest.update(format!("clip {:?}\n", self.clip));
         }
+        if self.core.history.length() > 0 {
+            digest.update(format!("history {}\n", self.core.history.length()));
+        }
         hexadecimal(&digest.finalize()[..16])
     }
 }
@@ -249,13 +286,13 @@ impl Policy {
 pub(crate) const GAUSSIAN: &str = "gaussian";
 pub(crate) const SQUASHED: &str = "squashed-gaussian";
 
-/// The state of a stochastic policy: two halves of the seed, each exact in an `f64`, and the
-/// control step.
-const STATE_SIZE: usize = 3;
+/// The state of the samples of a stochastic policy: two halves of the seed, each exact in an `f64`,
+/// and the control step.
+const SAMPLING_STATE: usize = 3;
 
 impl Controller for Policy {
     fn observation_size(&self) -> usize {
-        self.network().input_size()
+        self.core.history.observation_size()
     }
 
     fn action_size(&self) -> usize {
@@ -263,8 +300,9 @@ impl Controller for Policy {
         if self.is_squashed() { outputs / 2 } else { outputs }
     }
 
+    /// The memory of the history, then the state of the samples.
     fn state_size(&self) -> usize {
-        if self.samples { STATE_SIZE } else { 0 }
+        self.core.history.memory_size() + if self.samples { SAMPLING_STATE } else { 0 }
     }
 
     fn worker(&self) -> Box<dyn ControllerWorker> {
@@ -274,6 +312,7 @@ impl Controller for Policy {
             workspace: Workspace::default(),
             inputs: Vec::new(),
             noise: vec![0.0; self.action_size()],
+            state_size: self.state_size(),
         })
     }
 }
@@ -284,28 +323,37 @@ struct PolicyWorker {
     workspace: Workspace<f32>,
     inputs: Vec<f32>,
     noise: Vec<f64>,
+    state_size: usize,
 }
 
 impl ControllerWorker for PolicyWorker {
     fn reset(&mut self, state: &mut [f64], seed: Seed) {
+        let (memory, samples) = state.split_at_mut(self.core.history.memory_size());
+        memory.fill(0.0);
         if self.samples {
-            state.copy_from_slice(&[f64::from(seed.0 as u32), f64::from((seed.0 >> 32) as u32), 0.0]);
+            samples.copy_from_slice(&[f64::from(seed.0 as u32), f64::from((seed.0 >> 32) as u32), 0.0]);
         }
     }
 
     fn act(&mut self, rows: usize, observations: &[f32], states: &mut [f64], actions: &mut [f32]) {
-        let Core { normalizer, network, kind } = self.core.as_ref();
-        self.inputs.clear();
-        self.inputs.extend_from_slice(&observations[..rows * network.input_size()]);
+        let Core { history, normalizer, network, kind } = self.core.as_ref();
+        let (columns, inputs, memory) =
+            (history.observation_size(), history.input_size(), history.memory_size());
+        self.inputs.resize(rows * inputs, 0.0);
+        for (row, input) in self.inputs.chunks_exact_mut(inputs).enumerate() {
+            let state = &states[row * self.state_size..][..memory];
+            history.write_input(&observations[row * columns..][..columns], state, input);
+        }
         normalizer.normalize(&mut self.inputs);
         let outputs = network.forward(&self.inputs, &mut self.workspace);
         let size = self.noise.len();
         for (row, action) in actions.chunks_exact_mut(size).enumerate() {
-            if self.samples {
-                let state = &mut states[row * STATE_SIZE..][..STATE_SIZE];
-                let seed = Seed(state[0] as u64 | (state[1] as u64) << 32);
-                seed.normals(Stream::Policy, state[2] as u64, &mut self.noise);
-                state[2] += 1.0;
+            let state = &mut states[row * self.state_size..][..self.state_size];
+            let (memory, samples) = state.split_at_mut(memory);
+            if let [low, high, step] = samples {
+                let seed = Seed(*low as u64 | (*high as u64) << 32);
+                seed.normals(Stream::Policy, *step as u64, &mut self.noise);
+                *step += 1.0;
             }
             match kind {
                 Kind::Gaussian { std } => {
@@ -326,6 +374,7 @@ impl ControllerWorker for PolicyWorker {
                     }
                 }
             }
+            history.push(memory, &observations[row * columns..][..columns], action);
         }
     }
 }
@@ -351,8 +400,8 @@ mod tests {
         let policy = policy(1).sampling(true);
         let observations: Vec<f32> = (0..2 * 37).map(|i| (i as f32 * 0.7).sin()).collect();
         let mut worker = policy.worker();
-        let mut states = vec![0.0; 37 * STATE_SIZE];
-        for (row, state) in states.chunks_mut(STATE_SIZE).enumerate() {
+        let mut states = vec![0.0; 37 * SAMPLING_STATE];
+        for (row, state) in states.chunks_mut(SAMPLING_STATE).enumerate() {
             worker.reset(state, Seed(u64::MAX - row as u64));
         }
         let mut alone_states = states.clone();
@@ -360,12 +409,99 @@ mod tests {
         for _step in 0..2 {
             worker.act(37, &observations, &mut states, &mut together);
             for row in 0..37 {
-                let state = &mut alone_states[row * STATE_SIZE..][..STATE_SIZE];
+                let state = &mut alone_states[row * SAMPLING_STATE..][..SAMPLING_STATE];
                 worker.act(1, &observations[2 * row..][..2], state, &mut alone[3 * row..][..3]);
             }
             assert_eq!(together, alone);
             assert_eq!(states, alone_states);
         }
+    }
+
+    /// Returns a policy with a history of 2, two observations and one action, and the policy
+    /// without a history whose observations are the whole inputs of the same network.
+    fn with_history_and_without() -> (Policy, Policy) {
+        let mut network = Mlp::new(&[8, 20, 1], Activation::Elu, Activation::Identity).unwrap();
+        let mut index = 0;
+        network.initialize_uniform(|| {
+            index += 1;
+            Seed(5).uniform(Stream::Weights, 0, index)
+        });
+        let (mean, variance) = (vec![0.1, -0.2], vec![0.25, 4.0]);
+        let wide = |observation: &[f64], action: f64| {
+            [observation, observation, &[action], observation, &[action]].concat()
+        };
+        let plain = Policy::new(wide(&mean, 0.0), wide(&variance, 1.0), network.clone(), vec![1.0]).unwrap();
+        (Policy::with_history(2, mean, variance, network, Some(vec![1.0])).unwrap(), plain)
+    }
+
+    #[test]
+    fn a_history_is_the_input_of_the_last_observations_and_clipped_actions() {
+        let (policy, plain) = with_history_and_without();
+        assert_eq!((policy.observation_size(), policy.action_size(), policy.state_size()), (2, 1, 6));
+        for samples in [false, true] {
+            let (policy, plain) = (policy.clone().sampling(samples), plain.clone().sampling(samples));
+            let (mut worker, mut expected) = (policy.worker(), plain.worker());
+            let mut state = vec![7.0; policy.state_size()];
+            let mut plain_state = vec![7.0; plain.state_size()];
+            worker.reset(&mut state, Seed(3));
+            expected.reset(&mut plain_state, Seed(3));
+            let mut past = vec![0.0; 6];
+            for step in 0..40 {
+                let observation = [(step as f32 * 0.7).sin(), 9.0 * (step as f32 * 0.3).cos()];
+                let (mut action, mut other) = ([0.0], [0.0]);
+                worker.act(1, &observation, &mut state, &mut action);
+                expected.act(1, &[&observation[..], &past].concat(), &mut plain_state, &mut other);
+                assert_eq!(action, other, "{step}");
+                past = [&observation[..], &[action[0].clamp(-1.0, 1.0)], &past[..3]].concat();
+            }
+        }
+    }
+
+    #[test]
+    fn a_row_with_a_history_does_not_depend_on_the_batch_or_on_episodes_before() {
+        let policy = with_history_and_without().0.sampling(true);
+        let (mut worker, size, rows) = (policy.worker(), policy.state_size(), 19);
+        let mut states = vec![0.5; rows * size];
+        for (row, state) in states.chunks_mut(size).enumerate() {
+            worker.reset(state, Seed(row as u64));
+        }
+        let mut alone_states = states.clone();
+        let (mut together, mut alone) = (vec![0.0; rows], vec![0.0; rows]);
+        let mut first = Vec::new();
+        for step in 0..5 {
+            let observations: Vec<f32> = (0..2 * rows).map(|i| ((i + 7 * step) as f32).sin()).collect();
+            worker.act(rows, &observations, &mut states, &mut together);
+            for row in 0..rows {
+                let state = &mut alone_states[row * size..][..size];
+                worker.act(1, &observations[2 * row..][..2], state, &mut alone[row..][..1]);
+            }
+            assert_eq!(together, alone);
+            assert_eq!(states, alone_states);
+            first.push((observations[..2].to_vec(), together[0]));
+        }
+        worker.reset(&mut states[..size], Seed(0));
+        for (observation, expected) in first {
+            let mut action = [0.0];
+            worker.act(1, &observation, &mut states[..size], &mut action);
+            assert_eq!(action, [expected]);
+        }
+    }
+
+    #[test]
+    fn the_clip_of_observations_holds_for_those_of_the_history_and_for_no_action() {
+        // The output is the sum of the inputs.
+        let mut network = Mlp::new(&[3, 1], Activation::Elu, Activation::Identity).unwrap();
+        network.update(|parameters| parameters.copy_from_slice(&[1.0, 1.0, 1.0, 0.0]));
+        let policy = Policy::with_history(1, vec![0.0], vec![1.0], network, Some(vec![0.0])).unwrap();
+        let policy = policy.with_observation_clip(Some(0.25)).unwrap();
+        let (mut worker, mut state, mut action) = (policy.worker(), [0.0; 2], [0.0]);
+        let mut act = |observation| {
+            worker.act(1, &[observation], &mut state, &mut action);
+            action[0]
+        };
+        // 0.25; 0.25 + 0.25 + 0.25; 0 + 0.25 + 0.75; 0.25 + 0 + 1, which is kept as 1: 0 + 0.25 +
+        // 1.
+        assert_eq!([3.0, 8.0, 0.0, 0.25, 0.0].map(&mut act), [0.25, 0.75, 1.0, 1.25, 1.25]);
     }
 
     #[test]
@@ -374,8 +510,8 @@ mod tests {
         let mut mean = [0.0; 3];
         policy.worker().act(1, &[0.3, 0.4], &mut [], &mut mean);
         let rows = 20_000;
-        let (mut worker, mut states) = (policy.sampling(true).worker(), vec![0.0; rows * STATE_SIZE]);
-        for (row, state) in states.chunks_mut(STATE_SIZE).enumerate() {
+        let (mut worker, mut states) = (policy.sampling(true).worker(), vec![0.0; rows * SAMPLING_STATE]);
+        for (row, state) in states.chunks_mut(SAMPLING_STATE).enumerate() {
             worker.reset(state, Seed(row as u64));
         }
         let mut actions = vec![0.0; 3 * rows];
@@ -397,8 +533,9 @@ mod tests {
         let policy = Policy::squashed(vec![0.0], vec![1.0], network).unwrap();
         assert_eq!((policy.action_size(), policy.log_std().len()), (1, 0));
         let rows = 20_000;
-        let (mut worker, mut states) = (policy.clone().sampling(true).worker(), vec![0.0; rows * STATE_SIZE]);
-        for (row, state) in states.chunks_mut(STATE_SIZE).enumerate() {
+        let (mut worker, mut states) =
+            (policy.clone().sampling(true).worker(), vec![0.0; rows * SAMPLING_STATE]);
+        for (row, state) in states.chunks_mut(SAMPLING_STATE).enumerate() {
             worker.reset(state, Seed(row as u64));
         }
         let mut actions = vec![0.0; rows];
@@ -429,6 +566,8 @@ mod tests {
             a.clone().sampling(true),
         ];
         others.iter().for_each(|other| assert_ne!(a.hash(), other.hash()));
+        let (with, without) = with_history_and_without();
+        assert_ne!(with.hash(), without.hash());
     }
 
     #[test]
@@ -474,6 +613,17 @@ mod tests {
             make(vec![0.0; 2], network.clone(), vec![0.0, f32::NAN, 0.0]),
             "number 1 of the policy's `log_std` is NaN; it must be finite"
         );
+        let with_history = |length| {
+            let policy =
+                Policy::with_history(length, vec![0.0], vec![1.0], network.clone(), Some(vec![0.0; 3]));
+            policy.unwrap_err().to_string()
+        };
+        for (length, found) in [(1, 5), (usize::MAX, usize::MAX)] {
+            assert_eq!(
+                with_history(length),
+                format!("the policy's observation with its history has {found} numbers; its network needs 2")
+            );
+        }
         let mut damaged = network;
         damaged.update(|parameters| parameters[4] = f32::NAN);
         assert_eq!(

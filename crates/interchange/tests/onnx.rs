@@ -1,10 +1,12 @@
-//! A recurrent ONNX model against the actions of ONNX Runtime. Other models:
+//! A recurrent ONNX model against the actions of ONNX Runtime, and an exported history against our
+//! own. Other models:
 //! `python/tests/test_onnx.py`.
 
 #![allow(clippy::unwrap_used)]
 
-use mishandle_controllers::{Entry, Layout};
-use mishandle_interchange::OnnxPolicy;
+use mishandle_controllers::{ControllerFile, Entry, Header, Layout, Policy, TrainingRecord};
+use mishandle_interchange::{OnnxPolicy, onnx_bytes};
+use mishandle_network::{Activation, Mlp};
 use mishandle_rollout::{Controller, Seed};
 
 fn layout(observation: usize, action: usize) -> Layout {
@@ -38,6 +40,51 @@ fn a_recurrent_model_keeps_its_state_for_each_row() {
     }
     // The same bits, whatever the other row does.
     assert_eq!([found[1][1], found[2][1]], [found[0][0], found[1][0]]);
+}
+
+#[test]
+fn an_exported_history_acts_as_that_of_the_controller() {
+    for (length, clip) in [(1, None), (3, Some(5.0)), (2, Some(0.5))] {
+        let mut network = Mlp::new(&[2 + length * 3, 16, 1], Activation::Elu, Activation::Identity).unwrap();
+        network.update(|parameters| {
+            parameters.iter_mut().zip(0..).for_each(|(x, i)| *x = (1.7 * i as f32).sin());
+        });
+        let (mean, variance) = (vec![0.5, -1.0], vec![0.25, 4.0]);
+        let policy = Policy::with_history(length, mean, variance, network, Some(vec![0.0])).unwrap();
+        let policy = policy.with_observation_clip(clip).unwrap();
+        let header = Header {
+            task: "test".into(),
+            algorithm: "ppo".into(),
+            preset: String::new(),
+            reward: String::new(),
+            layout: layout(2, 1),
+            task_hash: String::new(),
+            training: TrainingRecord::default(),
+        };
+        let bytes = onnx_bytes(&ControllerFile { header, policy: policy.clone() }, "0.1.0");
+        let model = OnnxPolicy::from_bytes(&bytes, None, &["test"], &layout(2, 1)).unwrap();
+        assert_eq!(model.state_size(), 3 * length);
+        let (mut ours, mut theirs) = (policy.worker(), model.worker());
+        let mut states = [vec![7.0; 6 * length], vec![7.0; 6 * length]];
+        let mut largest = 0.0_f32;
+        for step in 0..20 {
+            // The second row starts again within its episode.
+            for row in (0..2).filter(|row| step == 0 || (step, *row) == (7, 1)) {
+                let own = row * 3 * length..(row + 1) * 3 * length;
+                ours.reset(&mut states[0][own.clone()], Seed(0));
+                theirs.reset(&mut states[1][own], Seed(0));
+            }
+            let observations: Vec<f32> = (0..4).map(|i| 3.0 * ((i + 4 * step) as f32).sin()).collect();
+            let (mut expected, mut found) = ([0.0; 2], [0.0; 2]);
+            ours.act(2, &observations, &mut states[0], &mut expected);
+            theirs.act(2, &observations, &mut states[1], &mut found);
+            for (expected, found) in expected.iter().zip(found) {
+                largest = largest.max(expected.abs());
+                assert!((expected.clamp(-1.0, 1.0) - found).abs() < 1e-5, "{step}: {expected} {found}");
+            }
+        }
+        assert!(largest > 1.0, "{largest}: the history has clipped actions");
+    }
 }
 
 #[test]

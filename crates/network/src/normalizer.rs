@@ -306,7 +306,8 @@ impl RunningNormalizer {
 pub struct Normalizer<T> {
     mean: Vec<T>,
     std: Vec<T>,
-    clip: T,
+    /// Largest absolute value of each normalized column.
+    clip: Vec<T>,
 }
 
 impl<T: Scalar> Normalizer<T> {
@@ -323,15 +324,15 @@ impl<T: Scalar> Normalizer<T> {
         Normalizer {
             mean: mean.iter().map(|mean| T::from_f64(*mean)).collect(),
             std: variance.map(|variance| T::from_f64(variance.sqrt())).collect(),
-            clip: T::from_f64(CLIP),
+            clip: vec![T::from_f64(CLIP); mean.len()],
         }
     }
 
-    /// Changes the largest absolute value of a normalized number from 5 to `clip`; infinity clips
-    /// nothing.
+    /// Changes the largest absolute value of a normalized number from 5 to `clip` in all columns;
+    /// infinity clips nothing.
     #[must_use]
     pub fn with_clip(mut self, clip: f64) -> Normalizer<T> {
-        self.clip = T::from_f64(clip);
+        self.clip.fill(T::from_f64(clip));
         self
     }
 
@@ -341,7 +342,7 @@ impl<T: Scalar> Normalizer<T> {
     /// If the length of `rows` is not a multiple of the number of columns.
     pub fn normalize(&self, rows: &mut [T]) {
         let epsilon = T::from_f64(EPSILON);
-        self.for_each(rows, |x, mean, std| clamp((x - mean) / (std + epsilon), self.clip));
+        self.for_each(rows, |x, mean, std, clip| clamp((x - mean) / (std + epsilon), clip));
     }
 
     /// Inverts [`normalize`](Normalizer::normalize) in place, except for the clipping.
@@ -349,10 +350,10 @@ impl<T: Scalar> Normalizer<T> {
     /// # Panics
     /// If the length of `rows` is not a multiple of the number of columns.
     pub fn invert(&self, rows: &mut [T]) {
-        self.for_each(rows, |y, mean, std| std * clamp(y, self.clip) + mean);
+        self.for_each(rows, |y, mean, std, clip| std * clamp(y, clip) + mean);
     }
 
-    fn for_each(&self, rows: &mut [T], f: impl Fn(T, T, T) -> T) {
+    fn for_each(&self, rows: &mut [T], f: impl Fn(T, T, T, T) -> T) {
         let columns = self.mean.len();
         assert!(
             columns > 0 && rows.len().is_multiple_of(columns),
@@ -360,10 +361,39 @@ impl<T: Scalar> Normalizer<T> {
             rows.len()
         );
         for row in rows.chunks_exact_mut(columns) {
-            for ((x, mean), std) in row.iter_mut().zip(&self.mean).zip(&self.std) {
-                *x = f(*x, *mean, *std);
+            for (((x, mean), std), clip) in row.iter_mut().zip(&self.mean).zip(&self.std).zip(&self.clip) {
+                *x = f(*x, *mean, *std, *clip);
             }
         }
+    }
+}
+
+impl Normalizer<f32> {
+    /// Returns a normalizer of longer rows, in which `times` groups of columns follow those of this
+    /// normalizer: the same columns again, then `plain` columns that are not changed.
+    ///
+    /// # Example
+    /// ```
+    /// use mishandle_network::Normalizer;
+    /// let normalizer = Normalizer::new(&[10.0], &[4.0])?.repeated(2, 1);
+    /// let mut row = [12.0, 8.0, 7.0, 1000.0, -7.0];
+    /// normalizer.normalize(&mut row);
+    /// assert_eq!(row, [1.0, -1.0, 7.0, 5.0, -7.0]);
+    /// # Ok::<(), mishandle_network::NetworkError>(())
+    /// ```
+    #[must_use]
+    pub fn repeated(mut self, times: usize, plain: usize) -> Normalizer<f32> {
+        let columns = self.mean.len();
+        // The standard deviation 1 changes nothing: 1 + 1e-8 is 1 in f32.
+        for _ in 0..times {
+            for (numbers, unchanged) in
+                [(&mut self.mean, 0.0), (&mut self.std, 1.0), (&mut self.clip, f32::INFINITY)]
+            {
+                numbers.extend_from_within(..columns);
+                numbers.extend(std::iter::repeat_n(unchanged, plain));
+            }
+        }
+        self
     }
 }
 

@@ -1,10 +1,13 @@
 //! Policy inference for all rows of a control step.
 
-use mishandle_controllers::Policy;
+use std::borrow::Cow;
+
+use mishandle_controllers::{History, Policy};
 use mishandle_network::{ChunkPool, Mlp, Moments, Normalizer, RunningNormalizer, Workspace};
 use mishandle_rollout::EnvironmentSpec;
 
 use crate::TrainingError;
+use crate::settings::setting::require;
 
 /// Rows per inference task: few, so that all threads get some.
 pub(crate) const INFERENCE_ROWS: usize = 64;
@@ -36,6 +39,34 @@ pub(crate) fn restore_normalizer(
     Ok(normalizer.restore(moments)?)
 }
 
+/// Largest number of weights between the inputs and the first layer of a policy with a history.
+const MAX_INPUT_WEIGHTS: usize = 10_000_000;
+
+/// Returns the history of a policy with these hidden layers.
+///
+/// # Errors
+/// If its controller file could be larger than the limit for reading it. The weights between hidden
+/// layers have a limit of their own.
+pub(crate) fn policy_history(
+    spec: &EnvironmentSpec,
+    length: usize,
+    hidden: &[usize],
+) -> Result<History, TrainingError> {
+    let history = History::new(length, spec.observation_size, spec.action_size);
+    let weights = history.input_size().saturating_mul(hidden.first().copied().unwrap_or(spec.action_size));
+    let expected = "so short that the first layer of the policy has at most 10^7 weights";
+    require("policy.history", expected, length as f64, length == 0 || weights <= MAX_INPUT_WEIGHTS)?;
+    Ok(history)
+}
+
+/// Returns the first `count` columns of the rows of a matrix with `columns` columns.
+pub(crate) fn first_columns(rows: &[f32], columns: usize, count: usize) -> Cow<'_, [f32]> {
+    if count == columns {
+        return Cow::Borrowed(rows);
+    }
+    Cow::Owned(rows.chunks_exact(columns).flat_map(|row| &row[..count]).copied().collect())
+}
+
 /// Network outputs and random numbers from which the actions of a control step are sampled.
 pub(crate) struct BatchInference {
     pool: ChunkPool<f32, (Vec<f32>, Workspace<f32>)>,
@@ -55,8 +86,7 @@ impl BatchInference {
         }
     }
 
-    /// Computes the network outputs for the observations of all rows, which `normalizer`
-    /// normalizes.
+    /// Computes the network outputs for the inputs of all rows, which `normalizer` normalizes.
     pub fn infer(&mut self, network: &Mlp<f32>, normalizer: &Normalizer<f32>, observations: &[f32]) {
         let columns = network.input_size();
         self.pool.map(

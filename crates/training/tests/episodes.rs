@@ -183,7 +183,7 @@ fn the_rollout_buffer_stores_the_value_after_each_step() {
     buffer.set_next_values(&[20.0, 21.0], &[30.0, 31.0]);
     assert_eq!(buffer.next_values, [2.0, 3.0, 4.0, 5.0, 30.0, 31.0, 20.0, 21.0]);
     // Observations 0 1 2 0 in both rows: mean 3/4, variance 5/4 - 9/16.
-    let moments = buffer.observation_moments();
+    let moments = buffer.observation_moments(2);
     assert_eq!(moments.mean(), [0.75, 100.0]);
     assert_eq!(moments.variance().collect::<Vec<_>>(), [0.6875, 0.0]);
 }

@@ -14,11 +14,13 @@ use mishandle_training::{AlgorithmSettings, Origin};
 
 const ALGORITHMS: [&str; 3] = ["sac", "td3", "ddpg"];
 
-/// Variants: the clipped Gaussian of skrl's SAC, decaying noise, sampling without replacement.
-const VARIANTS: [(&str, &str); 3] = [
+/// Variants: the clipped Gaussian of skrl's SAC, decaying noise, sampling without replacement, a
+/// history.
+const VARIANTS: [(&str, &str); 4] = [
     ("sac", "distribution = \"clipped\"\npolicy.initialization.normal = 0.1\n"),
     ("td3", "exploration_decay = { steps = 1_500, share = 0.1 }\nsmoothing_std = 0\n"),
     ("ddpg", "replay.replacement = false\nreplay.batch_size = 16\nreplay.updates_unit = \"control-steps\"\n"),
+    ("sac", "policy.history = 2\n"),
 ];
 
 fn settings_of(algorithm: &str, text: &str) -> AlgorithmSettings {

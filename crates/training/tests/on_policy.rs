@@ -15,8 +15,8 @@ use mishandle_training::{AlgorithmSettings, Origin, TrainingError};
 
 const ALGORITHMS: [&str; 2] = ["ppo", "trpo"];
 
-/// Variants: linear learning rate schedule, subsampled Fisher matrix, and the skrl bases.
-const VARIANTS: [(&str, &str); 4] = [
+/// Variants: linear learning rate schedule, subsampled Fisher matrix, a history, the skrl bases.
+const VARIANTS: [(&str, &str); 5] = [
     ("ppo", "learning_rate_schedule = \"linear\"\n"),
     ("trpo", "fisher_subsampling = 3\n"),
     (
@@ -24,6 +24,7 @@ const VARIANTS: [(&str, &str); 4] = [
         "base = \"skrl-0.10\"\npolicy.normalize_observations = true\ncritic.normalize_values = true\n\
          value_clip = 0.2\nkl_threshold = 0.05\n",
     ),
+    ("ppo", "policy.history = 2\n"),
     ("trpo", "base = \"skrl-0.10\"\npolicy.normalize_observations = true\ncritic.normalize_values = true\n"),
 ];
 
@@ -291,8 +292,14 @@ impl DeviceNetwork for OtherNetwork {
 
 #[test]
 fn networks_on_another_device_give_the_same_training_up_to_rounding() {
-    // Minibatches of 300, 300 and 168 rows.
-    let settings = settings_of("ppo", "run.total_steps = 2304\nentropy_coef = 0.01\n");
+    for history in [0, 2] {
+        let text = format!("run.total_steps = 2304\nentropy_coef = 0.01\npolicy.history = {history}\n");
+        check_device(&settings_of("ppo", &text));
+    }
+}
+
+/// Checks training with minibatches of 300, 300 and 168 rows.
+fn check_device(settings: &AlgorithmSettings) {
     let train_on = |device: &dyn NetworkDevice| {
         settings.train_on(&Line::new(0.05), device, Seed(5), Origin::New, &mut RecordingObserver::default())
     };

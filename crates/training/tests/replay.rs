@@ -119,6 +119,32 @@ fn a_truncation_ends_the_sum_and_keeps_the_final_observation() {
 }
 
 #[test]
+fn the_next_input_continues_the_history_and_a_final_one_has_its_own() {
+    let mut replay = ReplayBuffer::new(10_000, 3, 5, 1);
+    let settings = EpisodeSettings { environments: 3, time_limit: Some(5), ..EpisodeSettings::default() };
+    let settings = EpisodeSettings { staggered: false, ..settings };
+    let episodes = Episodes::new(&powers(0.0), &settings, &ScenarioSettings::default(), Seed(3)).unwrap();
+    let mut episodes = episodes.with_history(2);
+    for step in 0..40 {
+        let inputs = episodes.inputs().to_vec();
+        let actions = [0.01, 0.02, 0.03].map(|row| row + step as f32 / 10.0);
+        episodes.step(&actions).unwrap();
+        replay.push(&inputs, &actions, &episodes);
+    }
+    let batch = batch(&replay, 1, 0);
+    let rows = batch.observations.chunks(5).zip(&batch.actions).zip(batch.next_observations.chunks(5));
+    let mut ends = 0;
+    for ((input, action), next) in rows {
+        // The observation is the control step.
+        let action = action.min(1.0);
+        assert_eq!(next, [input[0] + 1.0, input[0], action, input[1], input[2]]);
+        assert!(input[0] > 0.0 || input[1..] == [0.0; 4], "an episode starts without a history");
+        ends += usize::from(next[0] == 5.0);
+    }
+    assert!(ends > 20, "{ends}");
+}
+
+#[test]
 fn a_termination_ends_the_sum_with_discount_zero() {
     check(1.0, 1, 3.0, 1_000.0, 0.0, None);
     check(1.0, 3, 2.0, 600.0, 0.0, None);

@@ -10,11 +10,13 @@ use std::ops::Range;
 use std::sync::{Arc, Mutex};
 
 use line::Line;
+use mishandle_controllers::Policy;
+use mishandle_network::{Activation, Mlp};
 use mishandle_rollout::fault::{Channel, FaultSite, Side};
 use mishandle_rollout::{
     Axis, AxisKind, AxisValues, Controller, ControllerWorker, Disturbance, Effect, Environment,
     EnvironmentWorker, Noise, Request, Rollout, Sample, Scenario, ScenarioBatches, Seed, Space,
-    Specification, StepStatus, System, TimeProfile, TrainingScenarios, delays,
+    Specification, StepStatus, Stream, System, TimeProfile, TrainingScenarios, delays,
 };
 use mishandle_training::{
     AlgorithmSettings, Boundary, Checkpoint, EpisodeSettings, Episodes, Observer, Origin, ScenarioSettings,
@@ -57,7 +59,7 @@ impl Drifter {
 impl EnvironmentWorker for Drifter {
     fn reset(&mut self, scenario: &Scenario, seed: Seed, state: &mut [f64], mut sample: Sample<'_>) {
         assert_eq!(scenario.values().len(), 1, "the environment gets its own axes only");
-        let random = seed.uniform(mishandle_rollout::Stream::Reset, 0, 0);
+        let random = seed.uniform(Stream::Reset, 0, 0);
         state.copy_from_slice(&[0.0, scenario.get(0).unwrap(), random]);
         Self::show(state, &[0.0; 2], &mut sample);
     }
@@ -184,6 +186,36 @@ fn episodes(scenarios: &TrainingScenarios, shares: &ScenarioSettings, rows: usiz
     Episodes::new(&batches, &settings(rows, noise), shares, Seed(3)).unwrap()
 }
 
+/// Numbers of the input of a policy that sees two earlier observations and actions.
+const INPUTS: usize = 3 + 2 * (3 + 2);
+
+/// Returns a policy that sees two earlier observations and actions, and a policy without a history
+/// that gets the whole input as its observation. Some of their actions exceed 1.
+fn with_history_and_whole() -> (Policy, Policy) {
+    let mut network = Mlp::new(&[INPUTS, 16, 2], Activation::Tanh, Activation::Identity).unwrap();
+    let mut index = 0;
+    network.initialize_uniform(|| {
+        index += 1;
+        Seed(7).uniform(Stream::Weights, 0, index)
+    });
+    network.update(|parameters| parameters.iter_mut().for_each(|parameter| *parameter *= 4.0));
+    let (mean, variance) = ([0.1, -0.2, 0.3], [0.25, 1.0, 0.5]);
+    let whole = |of_observation: [f64; 3], of_action: f64| {
+        let past = [&of_observation[..], &[of_action; 2]].concat();
+        [&of_observation[..], &past, &past].concat()
+    };
+    let log_std = vec![0.0; 2];
+    let plain = Policy::new(whole(mean, 0.0), whole(variance, 1.0), network.clone(), log_std.clone());
+    let policy = Policy::with_history(2, mean.to_vec(), variance.to_vec(), network, Some(log_std));
+    (policy.unwrap(), plain.unwrap())
+}
+
+fn step_with_history(episodes: &mut Episodes, whole: &Policy) {
+    let mut actions = vec![0.0; episodes.rows() * 2];
+    whole.worker().act(episodes.rows(), episodes.inputs(), &mut [], &mut actions);
+    episodes.step(&actions).unwrap();
+}
+
 fn step(episodes: &mut Episodes) {
     let actions: Vec<f32> = episodes.observations().chunks(3).flat_map(act).collect();
     episodes.step(&actions).unwrap();
@@ -191,19 +223,28 @@ fn step(episodes: &mut Episodes) {
 
 /// Bits of what the policy saw in an evaluation, and of the actions and rewards of each step.
 fn evaluated(scenario: Scenario, seed: Seed, noise: f64) -> (Vec<Vec<u32>>, Vec<[u64; 3]>) {
-    let scenarios = scenarios();
     let seen = Arc::new(Mutex::new(Vec::new()));
+    let steps = evaluated_steps(Arc::new(Recorder(seen.clone())), scenario, seed, noise);
+    let seen = seen.lock().unwrap().iter().map(|observation| float_bits(observation)).collect();
+    (seen, steps)
+}
+
+/// Bits of the actions and rewards of each step of an evaluation.
+fn evaluated_steps(
+    controller: Arc<dyn Controller>,
+    scenario: Scenario,
+    seed: Seed,
+    noise: f64,
+) -> Vec<[u64; 3]> {
+    let scenarios = scenarios();
     let noise = Noise { action_std: noise, observation_std: 0.0 };
     let formula = Specification::parse("first < 9", "first < 9", "first < 9", "first < 9").unwrap();
-    let rollout = Rollout::new(drifter(), Arc::new(Recorder(seen.clone())), formula, noise).unwrap();
+    let rollout = Rollout::new(drifter(), controller, formula, noise).unwrap();
     let mut rollout = rollout.with_disturbances(scenarios.space, &scenarios.disturbances).unwrap();
     let episode = rollout.rollout(&[Request::new(scenario, seed)]).unwrap().remove(0);
     assert_eq!(episode.steps, STEPS, "{:?}", episode.end);
     let trace = &episode.trace;
-    let signals =
-        (1..trace.len()).map(|sample| [0, 1, 2].map(|signal| trace.column(signal)[sample].to_bits()));
-    let seen = seen.lock().unwrap().iter().map(|observation| float_bits(observation)).collect();
-    (seen, signals.collect())
+    (1..trace.len()).map(|sample| [0, 1, 2].map(|signal| trace.column(signal)[sample].to_bits())).collect()
 }
 
 fn float_bits(numbers: &[f32]) -> Vec<u32> {
@@ -235,9 +276,65 @@ fn the_policy_sees_and_acts_as_in_an_evaluation_of_the_same_scenario_and_seed() 
 }
 
 #[test]
+fn a_policy_with_a_history_acts_as_in_an_evaluation_within_delays_faults_and_pauses() {
+    let scenarios = scenarios();
+    let (policy, whole) = with_history_and_whole();
+    let policy: Arc<dyn Controller> = Arc::new(policy);
+    for noise in [0.0, 0.4] {
+        let episodes = episodes(&scenarios, &ScenarioSettings::default(), 120, noise);
+        let mut episodes = episodes.with_history(2);
+        for episode in 0..2 {
+            let mut done = vec![Vec::new(); 120];
+            for _ in 0..STEPS {
+                step_with_history(&mut episodes, &whole);
+                let steps = episodes.applied_actions().chunks(2).zip(episodes.rewards()).zip(&mut done);
+                steps.for_each(|((a, reward), done)| done.push([a[0], a[1], *reward].map(f64::to_bits)));
+            }
+            let (mut pauses, kind) =
+                (0, scenarios.space.axes().iter().position(|axis| axis.name == "actuator").unwrap());
+            for (row, done) in done.iter().enumerate() {
+                let seed = Seed(3).child(row as u64).child(episode);
+                let scenario = scenarios.random(seed, 0);
+                let AxisValues::Categorical(kinds) = &scenarios.space.axes()[kind].values else { panic!() };
+                pauses += usize::from(kinds[scenario.get(kind).unwrap() as usize] == "pause");
+                let expected = evaluated_steps(policy.clone(), scenario, seed, noise);
+                assert_eq!(*done, expected, "row {row}");
+            }
+            assert!(pauses >= 5, "{pauses}");
+        }
+    }
+}
+
+#[test]
+fn final_observations_and_inputs_are_those_that_the_policy_would_have_seen() {
+    let (_, whole) = with_history_and_whole();
+    let episodes = episodes(&scenarios(), &ScenarioSettings::default(), 60, 0.3);
+    let mut episodes = episodes.with_history(2);
+    for time in 1..=2 * STEPS {
+        let before = episodes.inputs().to_vec();
+        step_with_history(&mut episodes, &whole);
+        let ends = time.is_multiple_of(STEPS);
+        let same = float_bits(episodes.final_inputs()) == float_bits(episodes.inputs());
+        let same_observations =
+            float_bits(episodes.final_observations()) == float_bits(episodes.observations());
+        assert_eq!((same, same_observations), (!ends, !ends), "{time}");
+        let rows = episodes.final_inputs().chunks(INPUTS).zip(before.chunks(INPUTS));
+        for ((input, before), observation) in rows.zip(episodes.final_observations().chunks(3)) {
+            assert_eq!(input[..3], *observation);
+            // A step later the past moves on, or the policy was paused.
+            let moved = input[3..6] == before[..3] && input[8..] == before[3..8];
+            assert!(moved || input[3..] == before[3..]);
+            assert!(input[6..8].iter().all(|action| action.abs() <= 1.0));
+        }
+        let starts = episodes.inputs().chunks(INPUTS).all(|input| input[3..].iter().all(|x| *x == 0.0));
+        assert_eq!(starts, ends, "the history starts with the episode");
+    }
+}
+
+#[test]
 fn a_restored_batch_continues_to_the_same_bits_within_delays_and_faults() {
     let scenarios = scenarios();
-    let make = || episodes(&scenarios, &ScenarioSettings::default(), 40, 0.3);
+    let make = || episodes(&scenarios, &ScenarioSettings::default(), 40, 0.3).with_history(2);
     for pause in [0, 7, 13, 29, 41] {
         let mut whole = make();
         (0..pause).for_each(|_| step(&mut whole));
@@ -246,6 +343,7 @@ fn a_restored_batch_continues_to_the_same_bits_within_delays_and_faults() {
         let mut restored = make();
         restored.load(&checkpoint).unwrap();
         for _ in 0..35 {
+            assert_eq!(float_bits(restored.inputs()), float_bits(whole.inputs()));
             assert_eq!(float_bits(restored.observations()), float_bits(whole.observations()));
             step(&mut whole);
             step(&mut restored);
@@ -335,7 +433,7 @@ struct Keeper {
 }
 
 impl Observer for Keeper {
-    fn validate(&mut self, _policy: &mishandle_controllers::Policy, _episodes: usize) -> Option<Validation> {
+    fn validate(&mut self, _policy: &Policy, _episodes: usize) -> Option<Validation> {
         None
     }
     fn iteration_finished(&mut self, progress: &TrainingProgress) -> TrainingControl {
@@ -352,7 +450,8 @@ impl Observer for Keeper {
 #[test]
 fn every_algorithm_trains_on_scenarios_and_resumes_to_the_same_bits() {
     let scenarios = scenarios();
-    for algorithm in ["ppo", "trpo", "sac", "td3", "ddpg"] {
+    let algorithms = ["ppo", "trpo", "sac", "td3", "ddpg"];
+    for (algorithm, history) in algorithms.iter().flat_map(|algorithm| [(*algorithm, 0), (*algorithm, 2)]) {
         let own = match algorithm {
             "ppo" => "rollout_steps = 12\nminibatch_size = 48",
             "trpo" => "rollout_steps = 12",
@@ -360,7 +459,8 @@ fn every_algorithm_trains_on_scenarios_and_resumes_to_the_same_bits() {
         };
         let common = "run.total_steps = 600\nepisodes.environments = 8\npolicy.hidden = [8]\ncritic.hidden = [8]\n\
                       scenarios = { space = \"all\", nominal = 0.2, corners = 0.3 }\n";
-        let settings = AlgorithmSettings::from_toml(algorithm, &format!("{common}{own}")).unwrap().unwrap();
+        let text = format!("policy.history = {history}\n{common}{own}");
+        let settings = AlgorithmSettings::from_toml(algorithm, &text).unwrap().unwrap();
         let batches = ScenarioBatches { batches: drifter(), scenarios: scenarios.clone() };
         let train = |resume: Option<&Checkpoint>, keeper: &mut Keeper| {
             settings.train(&batches, Seed(2), resume.map_or(Origin::New, Origin::Checkpoint), keeper).unwrap()
@@ -370,6 +470,9 @@ fn every_algorithm_trains_on_scenarios_and_resumes_to_the_same_bits() {
         train(None, &mut first);
         let resumed = train(first.checkpoint.as_ref(), &mut Keeper::default());
         assert_eq!(resumed.last.hash(), trained.last.hash(), "{algorithm}");
+        let (policy, inputs) = (&trained.last, 3 + history * 5);
+        assert_eq!((policy.history().length(), policy.network().input_size()), (history, inputs));
+        assert_eq!(policy.mean().len(), 3);
         // Another table is another training run.
         let mut other = settings.clone();
         other.scenarios_mut().corners = 0.2;

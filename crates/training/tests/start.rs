@@ -51,7 +51,7 @@ fn settings(algorithm: &str, table: &str) -> AlgorithmSettings {
         _ => "steps_per_iteration = 12\nreplay = { warmup_steps = 50, batch_size = 32 }",
     };
     let text = format!(
-        "run = {{ {table} }}\nepisodes.environments = 8\npolicy.hidden = [8]\ncritic.hidden = [8]\n{own}"
+        "run = {{ {table} }}\nepisodes.environments = 8\npolicy.hidden = [8]\npolicy.history = 1\ncritic.hidden = [8]\n{own}"
     );
     AlgorithmSettings::from_toml(algorithm, &text).unwrap().unwrap()
 }
@@ -70,7 +70,7 @@ fn continued(algorithm: &str, table: &str, policy: &Policy) -> Result<Policy, Tr
 fn while_only_the_critic_learns_the_policy_stays_and_then_it_learns_with_the_same_normalizer() {
     for algorithm in ALGORITHMS.iter().map(|entry| entry.name) {
         let policy = first(algorithm);
-        let held = continued(algorithm, "total_steps = 600, critic_steps = 600", &policy).unwrap();
+        let held = continued(algorithm, "total_steps = 600, critic_steps = 10_000", &policy).unwrap();
         assert_eq!(held.hash(), policy.hash(), "{algorithm}: a whole run of the critic");
         let learned = continued(algorithm, "total_steps = 600, critic_steps = 300", &policy).unwrap();
         assert_ne!(learned.network().parameters(), policy.network().parameters(), "{algorithm}");
@@ -100,8 +100,7 @@ fn a_resumed_training_from_a_controller_gives_the_same_bits() {
 #[test]
 fn a_controller_of_another_form_is_an_error() {
     let other = |algorithm: &str, policy: &Policy| {
-        let text =
-            "run = { from = \"first\", total_steps = 600 }\npolicy = { hidden = [8], activation = \"tanh\" }";
+        let text = "run = { from = \"first\", total_steps = 600 }\npolicy = { hidden = [8], history = 1, activation = \"tanh\" }";
         let settings = AlgorithmSettings::from_toml(algorithm, text).unwrap().unwrap();
         train(&settings, Origin::Policy(policy), &mut Keeper::default()).unwrap_err().to_string()
     };

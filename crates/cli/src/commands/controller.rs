@@ -106,6 +106,10 @@ fn page(file: &ControllerFile, weaknesses: &[&str]) -> String {
         training.wall_clock_secs,
         plural(training.environment_steps, "environment step")
     );
+    let history = match file.policy.history().length() {
+        0 => String::new(),
+        length => format!(", a history of {}", plural(length, "control step")),
+    };
     let known = format!("{} known; `mishandle tasks {}` describes them", weaknesses.len(), header.task);
     let rows = [
         ("task", header.task.clone()),
@@ -117,7 +121,7 @@ fn page(file: &ControllerFile, weaknesses: &[&str]) -> String {
         ("validation", validation),
         ("command", or_unknown(&training.command)),
         ("git commit", or_unknown(&training.git_commit)),
-        ("policy", format!("{}, layers {}", file.policy.kind(), sizes.join(", "))),
+        ("policy", format!("{}, layers {}{history}", file.policy.kind(), sizes.join(", "))),
         ("weaknesses", known),
         ("controller hash", file.policy.hash()),
         ("task hash", or_unknown(&header.task_hash)),

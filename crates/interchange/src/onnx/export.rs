@@ -1,6 +1,6 @@
 //! Writes a controller as an ONNX model.
 
-use mishandle_controllers::ControllerFile;
+use mishandle_controllers::{ControllerFile, History};
 use mishandle_network::{Activation, LEAKY_SLOPE};
 
 use super::message::Message;
@@ -12,6 +12,10 @@ const IR_VERSION: i64 = 8;
 const OPSET: i64 = 17;
 
 const FLOAT: i64 = 1;
+const INT64: i64 = 7;
+
+/// The input and the output for the history of a controller that keeps one.
+const HISTORY: [&str; 2] = ["history", "next_history"];
 
 /// Returns the bytes of an ONNX model of a controller.
 ///
@@ -19,6 +23,11 @@ const FLOAT: i64 = 1;
 /// is clipped to [-1, 1], as the task does before it executes an action. The output
 /// `unclipped_action` is the controller's own. Both are deterministic: the mean of a stochastic
 /// policy. The metadata has the task, the layout and the hash of the controller.
+///
+/// A controller with a history has one more input, `history`, and one more output, `next_history`,
+/// both `[N, k (observation size + action size)]`. They are a state as that of recurrent models: 0
+/// at the start of an episode, and then what the last control step returned. So the model computes
+/// the history as the controller does, and a runtime only hands it on.
 ///
 /// # Example
 /// ```
@@ -38,6 +47,8 @@ pub fn onnx_bytes(file: &ControllerFile, version: &str) -> Vec<u8> {
     let layout = serde_json::to_string(&header.layout).unwrap_or_default();
     let [algorithm, hash, program] = PROVENANCE;
     let policy_hash = policy.hash();
+    let state = format!("[[\"{}\", \"{}\"]]", HISTORY[0], HISTORY[1]);
+    let state = (policy.history().length() > 0).then_some(("state", state.as_str()));
     let metadata = [
         ("task", header.task.as_str()),
         ("observation", "observation"),
@@ -54,7 +65,8 @@ pub fn onnx_bytes(file: &ControllerFile, version: &str) -> Vec<u8> {
         .message(7, &graph(file))
         .message(8, &Message::default().text(1, "").integer(2, OPSET));
     let entry = |(key, value)| Message::default().text(1, &format!("{PREFIX}{key}")).text(2, value);
-    metadata.map(entry).iter().fold(model, |model, entry| model.message(14, entry)).into_bytes()
+    let entries: Vec<Message> = metadata.into_iter().chain(state).map(entry).collect();
+    entries.iter().fold(model, |model, entry| model.message(14, entry)).into_bytes()
 }
 
 /// A graph in the making.
@@ -68,9 +80,17 @@ struct Graph {
 impl Graph {
     fn weight(&mut self, name: &str, shape: &[usize], numbers: &[f32]) {
         let bytes: Vec<u8> = numbers.iter().flat_map(|x| x.to_le_bytes()).collect();
+        self.tensor(name, shape, FLOAT, &bytes);
+    }
+
+    /// Adds a list with one index.
+    fn index(&mut self, name: &str, index: usize) {
+        self.tensor(name, &[1], INT64, &(index as i64).to_le_bytes());
+    }
+
+    fn tensor(&mut self, name: &str, shape: &[usize], kind: i64, bytes: &[u8]) {
         let tensor = shape.iter().fold(Message::default(), |tensor, size| tensor.integer(1, *size as i64));
-        let tensor = tensor.integer(2, FLOAT).text(8, name).bytes(9, &bytes);
-        self.add(5, &tensor);
+        self.add(5, &tensor.integer(2, kind).text(8, name).bytes(9, bytes));
     }
 
     /// Appends an operator on the last value and other inputs; `output` is the name of its result.
@@ -133,20 +153,42 @@ impl Graph {
 fn graph(file: &ControllerFile) -> Message {
     let policy = &file.policy;
     let network = policy.network();
-    let (inputs, actions) = (network.input_size(), file.header.layout.action_size());
+    let (history, actions) = (policy.history(), file.header.layout.action_size());
     let message = Message::default().text(2, &format!("{} {}", file.header.task, file.header.algorithm));
     let mut graph = Graph { message, last: "observation".to_string(), nodes: 0 };
-    graph.value(11, "observation", inputs);
-    let mean: Vec<f32> = policy.mean().iter().map(|x| *x as f32).collect();
-    let scale: Vec<f32> = policy.variance().iter().map(|x| x.sqrt() as f32 + 1e-8).collect();
-    graph.weight("normalizer.mean", &[inputs], &mean);
-    graph.weight("normalizer.scale", &[inputs], &scale);
+    graph.value(11, "observation", history.observation_size());
+    if history.length() > 0 {
+        graph.value(11, HISTORY[0], history.memory_size());
+        graph.node("Concat", &[HISTORY[0]], &[columns_axis()], None);
+    }
+    // The numbers of an observation, and again for each step of the history with those of its
+    // action.
+    let whole = |of_observation: Vec<f32>, of_action: f32| {
+        let past = [&of_observation[..], &vec![of_action; actions]].concat();
+        [of_observation, past.repeat(history.length())].concat()
+    };
+    let inputs = history.input_size();
+    let mean = policy.mean().iter().map(|x| *x as f32).collect();
+    let scale = policy.variance().iter().map(|x| x.sqrt() as f32 + 1e-8).collect();
+    graph.weight("normalizer.mean", &[inputs], &whole(mean, 0.0));
+    graph.weight("normalizer.scale", &[inputs], &whole(scale, 1.0));
     graph.node("Sub", &["normalizer.mean"], &[], None);
     graph.node("Div", &["normalizer.scale"], &[], None);
     if let Some(clip) = policy.observation_clip() {
-        graph.weight("normalizer.low", &[], &[-clip as f32]);
-        graph.weight("normalizer.high", &[], &[clip as f32]);
-        graph.node("Clip", &["normalizer.low", "normalizer.high"], &[], None);
+        let limits = [("normalizer.low", -clip as f32, "Max"), ("normalizer.high", clip as f32, "Min")];
+        for (name, limit, operator) in limits {
+            if history.length() == 0 {
+                graph.weight(name, &[], &[limit]);
+                continue;
+            }
+            // `Clip` has one limit for all columns, but actions are not clipped again.
+            let of_observation = vec![limit; history.observation_size()];
+            graph.weight(name, &[inputs], &whole(of_observation, limit.signum()));
+            graph.node(operator, &[name], &[], None);
+        }
+        if history.length() == 0 {
+            graph.node("Clip", &["normalizer.low", "normalizer.high"], &[], None);
+        }
     }
     let tensors = network.tensors();
     let layers = network.sizes().len() - 1;
@@ -183,5 +225,30 @@ fn graph(file: &ControllerFile) -> Message {
     graph.node("Clip", &["action.low", "action.high"], &[], Some("action"));
     graph.value(12, "action", actions);
     graph.value(12, "unclipped_action", actions);
+    if history.length() > 0 {
+        add_history(&mut graph, history);
+    }
     graph.message
+}
+
+/// Adds the next history: the observation and the action, then the history without its oldest.
+fn add_history(graph: &mut Graph, history: History) {
+    let kept = history.memory_size() / history.length() * (history.length() - 1);
+    let mut parts = vec!["action"];
+    if kept > 0 {
+        for (name, index) in [("history.start", 0), ("history.end", kept), ("history.axis", 1)] {
+            graph.index(name, index);
+        }
+        graph.last = HISTORY[0].to_string();
+        graph.node("Slice", &["history.start", "history.end", "history.axis"], &[], Some("kept_history"));
+        parts.push("kept_history");
+    }
+    graph.last = "observation".to_string();
+    graph.node("Concat", &parts, &[columns_axis()], Some(HISTORY[1]));
+    graph.value(12, HISTORY[1], history.memory_size());
+}
+
+/// The attribute `axis` = 1.
+fn columns_axis() -> Message {
+    Message::default().text(1, "axis").integer(3, 1).integer(20, 2)
 }

@@ -49,6 +49,9 @@ impl Checkpoint {
         self.put(&format!("{name}.variance"), policy.variance().to_vec());
         self.put(&format!("{name}.parameters"), policy.network().parameters().to_vec());
         self.put(&format!("{name}.log_std"), policy.log_std().to_vec());
+        if policy.history().length() > 0 {
+            self.put(&format!("{name}.history"), vec![policy.history().length() as u64]);
+        }
     }
 
     /// Returns the policy `name` with the sizes of `like`.
@@ -59,13 +62,17 @@ impl Checkpoint {
         let mut network = Mlp::new(like.sizes(), like.hidden_activation(), like.output_activation())?;
         let parameters = self.f32s(&format!("{name}.parameters"), network.parameter_count())?;
         network.update(|own| own.copy_from_slice(parameters));
-        let mean = self.f64s(&format!("{name}.mean"), like.input_size())?.to_vec();
-        let variance = self.f64s(&format!("{name}.variance"), like.input_size())?.to_vec();
-        let log_std = format!("{name}.log_std");
-        if self.f32s(&log_std, 0).is_ok() {
-            return Ok(Policy::squashed(mean, variance, network)?);
-        }
-        let log_std = self.f32s(&log_std, like.output_size())?.to_vec();
-        Ok(Policy::new(mean, variance, network, log_std)?)
+        let (history, log_std) = (format!("{name}.history"), format!("{name}.log_std"));
+        let history = if self.contains(&history) { self.u64s(&history, 1)?[0] as usize } else { 0 };
+        let is_squashed = self.f32s(&log_std, 0).is_ok();
+        let actions = like.output_size() / if is_squashed { 2 } else { 1 };
+        // The inputs are an observation, and one with an action for each step of the history.
+        let past_actions = history.saturating_mul(actions);
+        let columns = like.input_size().saturating_sub(past_actions) / history.saturating_add(1);
+        let mean = self.f64s(&format!("{name}.mean"), columns)?.to_vec();
+        let variance = self.f64s(&format!("{name}.variance"), columns)?.to_vec();
+        let log_std =
+            if is_squashed { None } else { Some(self.f32s(&log_std, like.output_size())?.to_vec()) };
+        Ok(Policy::with_history(history, mean, variance, network, log_std)?)
     }
 }

@@ -65,6 +65,11 @@ impl Disturbed {
         self.rows.par_iter_mut()
     }
 
+    /// Returns whether a fault pauses the policy of a row in a control step.
+    pub fn is_paused(&self, row: usize, step: usize) -> bool {
+        self.rows[row].interface.is_paused(step)
+    }
+
     /// Starts the disturbances of an episode, and leaves the environment's part of its scenario.
     pub fn start(&mut self, start: &mut Start) {
         let environment = self.interface.environment(&start.scenario);

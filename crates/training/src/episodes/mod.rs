@@ -2,8 +2,10 @@
 
 mod disturbed;
 mod draw;
+mod remembered;
 mod saved;
 
+use mishandle_controllers::History;
 use mishandle_rollout::{
     ActiveInterface, BatchFactory, EnvironmentBatch, EnvironmentSpec, Noise, RolloutError, Seed, Start,
     StepStatus, Stream,
@@ -13,6 +15,7 @@ use rayon::prelude::*;
 use crate::{EpisodeSettings, ScenarioSettings, TimeoutHandling};
 use disturbed::Disturbed;
 use draw::ScenarioDraw;
+use remembered::Remembered;
 
 /// State of an episode after a control step.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -49,6 +52,8 @@ pub struct Episodes {
     scenarios: ScenarioDraw,
     /// Disturbances between environments and policy; `None` if no axis belongs to one.
     disturbed: Option<Disturbed>,
+    /// Memory of the policy; `None` without a history.
+    remembered: Option<Remembered>,
     row_states: Vec<RowState>,
     actions: Vec<f64>,
     /// Scratch buffer of the draws of the action noise.
@@ -119,6 +124,7 @@ impl Episodes {
             final_observations: vec![0.0; rows * spec.observation_size],
             starts: Vec::with_capacity(rows),
             disturbed: interface.map(|interface| Disturbed::new(interface, &nominal, rows, &spec)),
+            remembered: None,
             scenarios,
             statistics: EpisodeStatistics {
                 reward_terms: vec![0.0; spec.reward_terms.len()],
@@ -158,6 +164,15 @@ impl Episodes {
         Episodes::new(environments, settings, scenarios, seed.child(EPISODES))
     }
 
+    /// Returns the episodes for a policy whose network sees its last `length` observations and
+    /// actions, as [`History`] describes. Call it before the first step.
+    #[must_use]
+    pub fn with_history(mut self, length: usize) -> Episodes {
+        let history = History::new(length, self.spec.observation_size, self.spec.action_size);
+        self.remembered = (length > 0).then(|| Remembered::new(history, self.observations()));
+        self
+    }
+
     /// Returns the number of rows (parallel environments).
     pub fn rows(&self) -> usize {
         self.batch.rows()
@@ -172,6 +187,12 @@ impl Episodes {
     /// a reset, those of the new episode.
     pub fn observations(&self) -> &[f32] {
         self.disturbed.as_ref().map_or_else(|| self.batch.observations(), Disturbed::observations)
+    }
+
+    /// Returns the inputs of the policy's network, `[rows, input_size]`: each observation with the
+    /// history of its row.
+    pub fn inputs(&self) -> &[f32] {
+        self.remembered.as_ref().map_or_else(|| self.observations(), Remembered::inputs)
     }
 
     /// Returns the actions of the last step that the environments got: clipped, with disturbances
@@ -190,10 +211,15 @@ impl Episodes {
         &self.boundaries
     }
 
-    /// Returns the observations after the last step and before any reset,
+    /// Returns the observations after the last step and before any reset, with their disturbances,
     /// `[rows, observation_size]`.
     pub fn final_observations(&self) -> &[f32] {
         &self.final_observations
+    }
+
+    /// Returns the inputs after the last step and before any reset, `[rows, input_size]`.
+    pub fn final_inputs(&self) -> &[f32] {
+        self.remembered.as_ref().map_or(&self.final_observations, Remembered::final_inputs)
     }
 
     /// Fills `noise`, `[rows, ..]`, with standard normal numbers for sampling the next actions.
@@ -218,6 +244,12 @@ impl Episodes {
     /// If the batch fails.
     pub fn step(&mut self, actions: &[f32]) -> Result<(), RolloutError> {
         self.set_actions(actions);
+        if let Some(remembered) = &mut self.remembered {
+            let (disturbed, row_states) = (&self.disturbed, &self.row_states);
+            remembered.push(actions, |row| {
+                disturbed.as_ref().is_some_and(|all| all.is_paused(row, row_states[row].step as usize))
+            });
+        }
         // A diverged row keeps its observation from before the step.
         let before =
             self.disturbed.as_ref().map_or_else(|| self.batch.observations(), Disturbed::observations);
@@ -231,7 +263,16 @@ impl Episodes {
             });
         }
         self.record_step();
-        self.reset_rows(|boundary| boundary != Boundary::Running)
+        if let Some(remembered) = &mut self.remembered {
+            remembered.finish(&self.final_observations);
+        }
+        self.reset_rows(|boundary| boundary != Boundary::Running)?;
+        if let Some(remembered) = &mut self.remembered {
+            remembered.reset(self.starts.iter().map(|start| start.row));
+            let disturbed = self.disturbed.as_ref().map(Disturbed::observations);
+            remembered.observe(disturbed.unwrap_or_else(|| self.batch.observations()));
+        }
+        Ok(())
     }
 
     /// Resets the rows whose boundary satisfies the condition.
@@ -308,6 +349,7 @@ impl Episodes {
     fn record_step(&mut self) {
         let terms = self.statistics.reward_terms.len();
         let observation_size = self.spec.observation_size;
+        let seen = self.disturbed.as_ref().map_or_else(|| self.batch.observations(), Disturbed::observations);
         for (row, row_state) in self.row_states.iter_mut().enumerate() {
             let status = self.batch.statuses()[row];
             row_state.step += 1;
@@ -318,8 +360,7 @@ impl Episodes {
                 self.statistics.diverged += 1;
             } else {
                 let observation = row * observation_size..(row + 1) * observation_size;
-                self.final_observations[observation.clone()]
-                    .copy_from_slice(&self.batch.observations()[observation]);
+                self.final_observations[observation.clone()].copy_from_slice(&seen[observation]);
                 let rewards = &self.batch.rewards()[row * terms..][..terms];
                 for (sum, reward) in self.statistics.reward_terms.iter_mut().zip(rewards) {
                     *sum += reward;

@@ -18,6 +18,9 @@ impl Episodes {
         if let Some(disturbed) = &mut self.disturbed {
             disturbed.save(checkpoint);
         }
+        if let Some(remembered) = &self.remembered {
+            remembered.save(checkpoint);
+        }
         let row_states = || self.row_states.iter();
         checkpoint.put("episodes.episode", row_states().map(|c| c.episode).collect::<Vec<_>>());
         checkpoint.put("episodes.step", row_states().map(|c| c.step).collect::<Vec<_>>());
@@ -48,10 +51,12 @@ impl Episodes {
                 total_reward: total_reward[row],
             };
         }
-        let Episodes { disturbed, row_states, seed, .. } = self;
-        match disturbed {
-            Some(disturbed) => disturbed.load(checkpoint, |row| episode_seed(*seed, row, &row_states[row])),
-            None => Ok(()),
+        let Episodes { batch, disturbed, remembered, row_states, seed, .. } = self;
+        if let Some(disturbed) = disturbed {
+            disturbed.load(checkpoint, |row| episode_seed(*seed, row, &row_states[row]))?;
         }
+        let observations =
+            disturbed.as_ref().map_or(batch.observations(), |disturbed| disturbed.observations());
+        remembered.as_mut().map_or(Ok(()), |remembered| remembered.load(checkpoint, observations))
     }
 }

@@ -1,6 +1,6 @@
 //! Where a training run starts.
 
-use mishandle_controllers::Policy;
+use mishandle_controllers::{History, Policy};
 use mishandle_network::Mlp;
 
 use crate::{Checkpoint, RunSettings, TrainingError};
@@ -32,11 +32,11 @@ impl Origin<'_> {
     }
 }
 
-/// Checks that a policy can take the place of a learner's first one, with this network.
+/// Checks that a policy can take the place of a learner's first one, with this network and history.
 ///
 /// # Errors
 /// If sizes or activations differ, or the policy clips observations otherwise than training does.
-pub(crate) fn check_policy(policy: &Policy, own: &Mlp<f32>) -> Result<(), TrainingError> {
+pub(crate) fn check_policy(policy: &Policy, own: &Mlp<f32>, history: History) -> Result<(), TrainingError> {
     let network = policy.network();
     let layers = |network: &Mlp<f32>| format!("{:?}", network.sizes());
     let activations = |network: &Mlp<f32>| {
@@ -50,6 +50,7 @@ pub(crate) fn check_policy(policy: &Policy, own: &Mlp<f32>) -> Result<(), Traini
         vec![0.0; own.output_size()],
     )?;
     for (what, expected, found) in [
+        ("history", history.length().to_string(), policy.history().length().to_string()),
         ("layers", layers(own), layers(network)),
         ("activation", activations(own), activations(network)),
         ("bound of normalized observations", clip(fresh.observation_clip()), clip(policy.observation_clip())),

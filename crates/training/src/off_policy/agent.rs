@@ -30,11 +30,11 @@ pub(crate) trait BehaviorPolicy: Sync {
     /// noise.
     fn sample_action(&self, row: usize, rows: usize, outputs: &[f32], noise: &[f64], action: &mut [f32]);
 
-    /// Returns the current policy for observations with these moments.
+    /// Returns the current policy with a history of `length`, for observations with these moments.
     ///
     /// # Errors
     /// If a weight is NaN or infinite.
-    fn policy(&self, mean: Vec<f64>, variance: Vec<f64>) -> Result<Policy, TrainingError>;
+    fn policy(&self, length: usize, mean: Vec<f64>, variance: Vec<f64>) -> Result<Policy, TrainingError>;
 }
 
 /// The networks of an off-policy algorithm and their update rule.
@@ -45,7 +45,7 @@ pub(crate) trait Agent: Sized + 'static {
     /// Policy that acts during training.
     type BehaviorPolicy: BehaviorPolicy;
 
-    /// Creates the initial networks; `sizes` = (observation size, action size).
+    /// Creates the initial networks; `sizes` = (input size, action size).
     ///
     /// # Errors
     /// If networks of these sizes cannot be created.

@@ -100,11 +100,11 @@ impl BehaviorPolicy for DeterministicActor {
     }
 
     /// As a stochastic policy it has the initial exploration noise of the middle environment.
-    fn policy(&self, mean: Vec<f64>, variance: Vec<f64>) -> Result<Policy, TrainingError> {
+    fn policy(&self, length: usize, mean: Vec<f64>, variance: Vec<f64>) -> Result<Policy, TrainingError> {
         let [low, high] = self.exploration.std;
         let log_std = (0.5 * (low + high)).max(MIN_STD).ln() as f32;
         let log_stds = vec![log_std; self.network().output_size()];
-        Ok(Policy::new(mean, variance, self.network().clone(), log_stds)?)
+        Ok(Policy::with_history(length, mean, variance, self.network().clone(), Some(log_stds))?)
     }
 }
 

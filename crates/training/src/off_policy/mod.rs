@@ -16,13 +16,15 @@ mod twin_critics;
 
 use std::time::Instant;
 
-use mishandle_controllers::Policy;
+use mishandle_controllers::{History, Policy};
 use mishandle_network::{Mlp, Normalizer, RunningNormalizer};
 use mishandle_rollout::{BatchFactory, Seed, Stream};
 use rayon::prelude::*;
 
 use crate::algorithm::{BuildLearner, CommonSettings};
-use crate::inference::{BatchInference, INFERENCE_ROWS, observation_normalizer, restore_normalizer};
+use crate::inference::{
+    BatchInference, INFERENCE_ROWS, first_columns, observation_normalizer, policy_history, restore_normalizer,
+};
 use crate::learner::origin::check_policy;
 use crate::learner::{Learner, progress_of};
 use crate::{
@@ -47,6 +49,7 @@ pub(crate) struct OffPolicy<A> {
     run: RunSettings,
     replay_settings: ReplayBufferSettings,
     sampling: Sampling,
+    history: History,
     normalize: bool,
     learning_rate: f64,
     episodes: Episodes,
@@ -56,7 +59,7 @@ pub(crate) struct OffPolicy<A> {
     updates: u64,
     batch: TransitionBatch<f32>,
     inference: BatchInference,
-    /// Observations before the last control step, `[rows, observation_size]`.
+    /// Inputs of the policy before the last control step, `[rows, input_size]`.
     observations: Vec<f32>,
     /// Actions of the last control step, `[rows, action_size]`, within [-1, 1].
     actions: Vec<f32>,
@@ -79,8 +82,10 @@ impl<A: Agent> BuildLearner for OffPolicy<A> {
             settings.shared();
         let rows = episodes.environments;
         let episodes = Episodes::of_training(environments, episodes, scenarios, seed)?;
-        let (observation_size, action_size) = (episodes.spec().observation_size, episodes.spec().action_size);
-        let agent = A::new((observation_size, action_size), settings, seed)?;
+        let history = policy_history(episodes.spec(), policy.history, &policy.hidden)?;
+        let episodes = episodes.with_history(policy.history);
+        let (input_size, action_size) = (history.input_size(), episodes.spec().action_size);
+        let agent = A::new((input_size, action_size), settings, seed)?;
         let outputs = agent.behavior_policy().network().output_size();
         Ok(OffPolicy {
             seed,
@@ -91,8 +96,9 @@ impl<A: Agent> BuildLearner for OffPolicy<A> {
                 reward_scale: replay.reward_scale,
                 replacement: replay.replacement,
             },
-            replay_buffer: ReplayBuffer::new(replay.capacity, rows, observation_size, action_size),
+            replay_buffer: ReplayBuffer::new(replay.capacity, rows, input_size, action_size),
             replay_settings: replay.clone(),
+            history,
             normalize: policy.normalize_observations && run.from.is_none(),
             run: run.clone(),
             learning_rate: policy.learning_rate,
@@ -105,7 +111,7 @@ impl<A: Agent> BuildLearner for OffPolicy<A> {
             updates: 0,
             batch: TransitionBatch::default(),
             inference: BatchInference::new(rows, outputs, action_size),
-            observations: vec![0.0; rows * observation_size],
+            observations: vec![0.0; rows * input_size],
             actions: vec![0.0; rows * action_size],
             episodes,
             agent,
@@ -124,7 +130,7 @@ impl<A: Agent> OffPolicy<A> {
         let steps = self.steps_before(step);
         let OffPolicy { agent, episodes, inference, observations, actions, .. } = self;
         let policy = agent.behavior_policy();
-        observations.copy_from_slice(episodes.observations());
+        observations.copy_from_slice(episodes.inputs());
         // A controller explores around what it does already.
         if steps < self.replay_settings.warmup_steps && self.run.from.is_none() {
             sample_uniform_actions(self.seed.child(WARMUP), step / policy.noise_hold(), actions);
@@ -159,7 +165,7 @@ impl<A: Agent> OffPolicy<A> {
 
 impl<A: Agent> Learner for OffPolicy<A> {
     fn start_from(&mut self, policy: &Policy) -> Result<(), TrainingError> {
-        check_policy(policy, self.agent.behavior_policy().network())?;
+        check_policy(policy, self.agent.behavior_policy().network(), self.history)?;
         self.agent.start_from(policy)?;
         restore_normalizer(&mut self.normalizer, policy)
     }
@@ -178,14 +184,15 @@ impl<A: Agent> Learner for OffPolicy<A> {
         let first = self.iteration * self.steps_per_iteration as u64;
         let rows = self.episodes.rows() as u64;
         for step in first..first + self.steps_per_iteration as u64 {
-            let normalizer = self.normalizer.freeze();
+            let normalizer = self.history.normalizer(self.normalizer.freeze());
             self.act(step, &normalizer);
             let before = Instant::now();
             self.episodes.step(&self.actions)?;
             physics += before.elapsed().as_secs_f64();
             self.replay_buffer.push(&self.observations, &self.actions, &self.episodes);
             if self.normalize {
-                self.normalizer.update(&self.observations);
+                let (inputs, columns) = (self.history.input_size(), self.history.observation_size());
+                self.normalizer.update(&first_columns(&self.observations, inputs, columns));
             }
             let before = Instant::now();
             while self.updates < self.replay_settings.updates_due(step + 1, rows) {
@@ -204,7 +211,8 @@ impl<A: Agent> Learner for OffPolicy<A> {
     }
 
     fn policy(&self) -> Result<Policy, TrainingError> {
-        self.agent.behavior_policy().policy(self.normalizer.mean().to_vec(), self.normalizer.variance())
+        let (mean, variance) = (self.normalizer.mean().to_vec(), self.normalizer.variance());
+        self.agent.behavior_policy().policy(self.history.length(), mean, variance)
     }
 
     fn network(&self) -> &Mlp<f32> {
@@ -228,7 +236,7 @@ impl<A: Agent> Learner for OffPolicy<A> {
     fn load(&mut self, checkpoint: &Checkpoint) -> Result<(), TrainingError> {
         self.iteration = checkpoint.u64s("iteration", 1)?[0];
         self.updates = checkpoint.u64s("updates", 1)?[0];
-        let columns = self.agent.behavior_policy().network().input_size();
+        let columns = self.history.observation_size();
         self.normalizer.restore(checkpoint.moments("normalizer", columns)?)?;
         self.agent.load(checkpoint)?;
         self.episodes.load(checkpoint)?;

@@ -11,14 +11,15 @@ use crate::{Boundary, Checkpoint, Episodes, TrainingError};
 /// An entry contains observation, action, reward, and whether the episode ended. After a truncated
 /// step, one more entry contains the final observation of the episode; it is never sampled as a
 /// transition. Observations are stored without normalization and normalized when they are sampled.
+/// They are whole inputs of the policy: with their histories, if it has one.
 ///
-/// An entry takes 4 (observation size + action size + 1) + 1 bytes: one million entries with 30 and
-/// 8 numbers take 157 MB, and as much in a checkpoint.
+/// An entry takes 4 (input size + action size + 1) + 1 bytes: one million entries with 30 and 8
+/// numbers take 157 MB, and as much in a checkpoint. A history of k adds 152 k MB.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ReplayBuffer {
     /// Entries per environment.
     length: usize,
-    observation_size: usize,
+    input_size: usize,
     action_size: usize,
     /// `[rows, length, ..]`
     observations: Vec<f32>,
@@ -51,14 +52,14 @@ pub struct Sampling {
 
 impl ReplayBuffer {
     /// Creates an empty buffer of `capacity` entries, divided equally between `rows` environments.
-    pub fn new(capacity: usize, rows: usize, observation_size: usize, action_size: usize) -> ReplayBuffer {
+    pub fn new(capacity: usize, rows: usize, input_size: usize, action_size: usize) -> ReplayBuffer {
         let length = capacity / rows;
         let count = rows * length;
         ReplayBuffer {
             length,
-            observation_size,
+            input_size,
             action_size,
-            observations: vec![0.0; count * observation_size],
+            observations: vec![0.0; count * input_size],
             actions: vec![0.0; count * action_size],
             rewards: vec![0.0; count],
             kinds: vec![RUNNING; count],
@@ -66,10 +67,10 @@ impl ReplayBuffer {
         }
     }
 
-    /// Stores the last step of `episodes`; `observations` are those before the step, `actions`
+    /// Stores the last step of `episodes`; `observations` are the inputs before the step, `actions`
     /// within [-1, 1].
     pub fn push(&mut self, observations: &[f32], actions: &[f32], episodes: &Episodes) {
-        let (columns, size) = (self.observation_size, self.action_size);
+        let (columns, size) = (self.input_size, self.action_size);
         for (row, boundary) in episodes.boundaries().iter().enumerate() {
             let kind = match boundary {
                 Boundary::Running => RUNNING,
@@ -80,19 +81,14 @@ impl ReplayBuffer {
             self.actions[position * size..][..size].copy_from_slice(&actions[row * size..][..size]);
             self.rewards[position] = episodes.rewards()[row] as f32;
             if kind == TRUNCATED {
-                self.append(
-                    row,
-                    &episodes.final_observations()[row * columns..][..columns],
-                    FINAL_OBSERVATION,
-                );
+                self.append(row, &episodes.final_inputs()[row * columns..][..columns], FINAL_OBSERVATION);
             }
         }
     }
 
     fn append(&mut self, row: usize, observation: &[f32], kind: u8) -> usize {
         let position = self.position(row, self.written[row]);
-        self.observations[position * self.observation_size..][..self.observation_size]
-            .copy_from_slice(observation);
+        self.observations[position * self.input_size..][..self.input_size].copy_from_slice(observation);
         self.kinds[position] = kind;
         self.written[row] += 1;
         position
@@ -117,7 +113,7 @@ impl ReplayBuffer {
         normalizer: &Normalizer<f32>,
         batch: &mut TransitionBatch<f32>,
     ) {
-        let (columns, size) = (self.observation_size, self.action_size);
+        let (columns, size) = (self.input_size, self.action_size);
         batch.observations.clear();
         batch.actions.clear();
         batch.returns.clear();
@@ -200,7 +196,7 @@ impl ReplayBuffer {
         self.written = checkpoint.u64s("replay.written", rows)?.to_vec();
         let filled = self.filled();
         let count = rows * filled;
-        let observations = checkpoint.f32s("replay.observations", count * self.observation_size)?;
+        let observations = checkpoint.f32s("replay.observations", count * self.input_size)?;
         let actions = checkpoint.f32s("replay.actions", count * self.action_size)?;
         let rewards = checkpoint.f32s("replay.rewards", count)?;
         let kinds = bytes(checkpoint.u64s("replay.kinds", count.div_ceil(8))?);

@@ -6,8 +6,8 @@ use serde::{Deserialize, Serialize};
 use crate::settings::activation_name;
 use crate::settings::declare::{choice, settings};
 use crate::settings::setting::{
-    ARRAY_SIZE, AT_LEAST_1, CAPACITY, FRACTION, INITIALIZATION, LAYER_SIZES, NOT_NEGATIVE, POSITIVE, kind,
-    require,
+    ARRAY_SIZE, AT_LEAST_1, CAPACITY, FRACTION, HISTORY, INITIALIZATION, LAYER_SIZES, NOT_NEGATIVE, POSITIVE,
+    kind, require,
 };
 use crate::{EpisodeSettings, Initialization, RunSettings, ScenarioSettings, TrainingError};
 
@@ -64,6 +64,9 @@ settings! {
         /// Activation function of the hidden layers.
         #[serde(with = "activation_name")]
         pub activation: Activation = Activation::Elu;
+        /// Number of earlier control steps whose observations and own actions are inputs of policy
+        /// and critics, besides the present observation. 0 means no history.
+        pub history: usize = 0, HISTORY;
         /// Learning rate of Adam.
         pub learning_rate: f64 = 3e-4, POSITIVE;
         /// Whether policy and critics see observations normalized by running moments.

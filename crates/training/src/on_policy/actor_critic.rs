@@ -2,7 +2,7 @@
 
 use std::time::Instant;
 
-use mishandle_controllers::Policy;
+use mishandle_controllers::{History, Policy};
 use mishandle_network::{Mlp, Moments, Normalizer, RunningNormalizer};
 use mishandle_rollout::{BatchFactory, RolloutError, Seed};
 use rayon::prelude::*;
@@ -10,7 +10,9 @@ use rayon::prelude::*;
 use super::gae;
 use super::settings::OnPolicySettings;
 use crate::gaussian::DiagonalGaussian;
-use crate::inference::{BatchInference, INFERENCE_ROWS, observation_normalizer, restore_normalizer};
+use crate::inference::{
+    BatchInference, INFERENCE_ROWS, observation_normalizer, policy_history, restore_normalizer,
+};
 use crate::initialization::initial_network;
 use crate::learner::origin::check_policy;
 use crate::{Checkpoint, Critic, Episodes, ObservationMoments, RolloutBuffer, TrainingError};
@@ -24,6 +26,7 @@ pub(crate) struct ActorCritic {
     rollout_steps: usize,
     gamma: f64,
     gae_lambda: f64,
+    history: History,
     normalize: bool,
     observation_moments: ObservationMoments,
     pub episodes: Episodes,
@@ -68,7 +71,9 @@ impl ActorCritic {
         } = *shared;
         let rows = episodes.environments;
         let episodes = Episodes::of_training(environments, episodes, scenarios, seed)?;
-        let (inputs, outputs) = (episodes.spec().observation_size, episodes.spec().action_size);
+        let history = policy_history(episodes.spec(), policy.history, &policy.hidden)?;
+        let episodes = episodes.with_history(policy.history);
+        let (inputs, outputs) = (history.input_size(), episodes.spec().action_size);
         let network = initial_network(
             (inputs, &policy.hidden, outputs),
             policy.activation,
@@ -81,6 +86,7 @@ impl ActorCritic {
             rollout_steps,
             gamma,
             gae_lambda,
+            history,
             normalize: policy.normalize_observations && run.from.is_none(),
             observation_moments: policy.observation_moments,
             normalizer: observation_normalizer(
@@ -113,7 +119,7 @@ impl ActorCritic {
     /// # Errors
     /// If it has another form.
     pub fn start_from(&mut self, policy: &Policy) -> Result<(), TrainingError> {
-        check_policy(policy, &self.network)?;
+        check_policy(policy, &self.network, self.history)?;
         if policy.log_std().len() != self.log_std.len() {
             let (what, expected) = ("distribution", "a Gaussian".to_string());
             return Err(TrainingError::OtherPolicy { what, expected, found: "squashed".to_string() });
@@ -126,12 +132,13 @@ impl ActorCritic {
 
     pub fn policy(&self) -> Result<Policy, TrainingError> {
         let (mean, variance) = (self.normalizer.mean().to_vec(), self.normalizer.variance());
-        Ok(Policy::new(mean, variance, self.network.clone(), self.log_std.clone())?)
+        let (length, log_std) = (self.history.length(), self.log_std.clone());
+        Ok(Policy::with_history(length, mean, variance, self.network.clone(), Some(log_std))?)
     }
 
-    /// Returns a frozen copy of the observation normalizer.
+    /// Returns a frozen normalizer of the networks' inputs.
     pub fn normalizer(&self) -> Normalizer<f32> {
-        self.normalizer.freeze()
+        self.history.normalizer(self.normalizer.freeze())
     }
 
     /// Collects a rollout into the buffer.
@@ -183,20 +190,24 @@ impl ActorCritic {
 
     /// Updates the observation normalizer from the rollout, after the policy update.
     pub fn update_normalizer_from_rollout(&mut self) {
-        self.update_normalizer(ObservationMoments::Rollout, RolloutBuffer::observation_moments);
+        let columns = self.history.observation_size();
+        self.update_normalizer(ObservationMoments::Rollout, |buffer| buffer.observation_moments(columns));
     }
 
     /// Updates the observation normalizer from the whole rollout, before a policy update in one
     /// batch.
     pub fn update_normalizer_from_batch(&mut self) {
-        let moments = |buffer: &RolloutBuffer| buffer.observation_moments().with_sample_variance();
+        let columns = self.history.observation_size();
+        let moments = |buffer: &RolloutBuffer| buffer.observation_moments(columns).with_sample_variance();
         self.update_normalizer(ObservationMoments::Minibatches, moments);
     }
 
     /// Updates the observation normalizer from a minibatch, before its gradient step; `rows` are
     /// indices of the buffer.
     pub fn update_normalizer_from_minibatch(&mut self, rows: &[u32]) {
-        let moments = |buffer: &RolloutBuffer| buffer.observation_moments_at(rows).with_sample_variance();
+        let columns = self.history.observation_size();
+        let moments =
+            |buffer: &RolloutBuffer| buffer.observation_moments_at(rows, columns).with_sample_variance();
         self.update_normalizer(ObservationMoments::Minibatches, moments);
     }
 
@@ -258,7 +269,7 @@ impl ActorCritic {
         let own = checkpoint.f32s("policy.parameters", self.network.parameter_count())?;
         self.network.update(|parameters| parameters.copy_from_slice(own));
         self.log_std = checkpoint.f32s("policy.log_std", self.log_std.len())?.to_vec();
-        let columns = self.network.input_size();
+        let columns = self.history.observation_size();
         self.normalizer.restore(checkpoint.moments("normalizer", columns)?)?;
         self.critic.load(checkpoint)?;
         self.episodes.load(checkpoint)

@@ -3,14 +3,16 @@
 use mishandle_network::{CHUNK_ROWS, Moments};
 use rayon::prelude::*;
 
+use crate::inference::first_columns;
 use crate::{Boundary, Episodes};
 
 /// A rollout of `steps` control steps in `rows` environments. All arrays have the shape
-/// `[steps, rows, ..]`.
+/// `[steps, rows, ..]`. Observations are whole inputs of the policy: with their histories, if it
+/// has one.
 #[derive(Clone, Debug)]
 pub struct RolloutBuffer {
     rows: usize,
-    observation_size: usize,
+    input_size: usize,
     action_size: usize,
     filled: usize,
     /// Observation before each step, not normalized.
@@ -40,14 +42,14 @@ pub struct RolloutBuffer {
 
 impl RolloutBuffer {
     /// Creates an empty buffer for `steps` control steps in `rows` environments.
-    pub fn new(steps: usize, rows: usize, observation_size: usize, action_size: usize) -> RolloutBuffer {
+    pub fn new(steps: usize, rows: usize, input_size: usize, action_size: usize) -> RolloutBuffer {
         let count = steps * rows;
         RolloutBuffer {
             rows,
-            observation_size,
+            input_size,
             action_size,
             filled: 0,
-            observations: vec![0.0; count * observation_size],
+            observations: vec![0.0; count * input_size],
             actions: vec![0.0; count * action_size],
             log_probs: vec![0.0; count],
             rewards: vec![0.0; count],
@@ -55,7 +57,7 @@ impl RolloutBuffer {
             values: vec![0.0; count],
             next_values: vec![0.0; count],
             advantages: vec![0.0; count],
-            last_observations: vec![0.0; rows * observation_size],
+            last_observations: vec![0.0; rows * input_size],
             truncated: Vec::new(),
             truncated_observations: Vec::new(),
         }
@@ -85,9 +87,8 @@ impl RolloutBuffer {
     /// If the buffer is full.
     pub fn begin_step(&mut self, episodes: &Episodes) -> (&[f32], &mut [f32], &mut [f64]) {
         let first = self.filled;
-        let observations =
-            &mut self.observations[first * self.observation_size..][..self.rows * self.observation_size];
-        observations.copy_from_slice(episodes.observations());
+        let observations = &mut self.observations[first * self.input_size..][..self.rows * self.input_size];
+        observations.copy_from_slice(episodes.inputs());
         let actions = &mut self.actions[first * self.action_size..][..self.rows * self.action_size];
         (observations, actions, &mut self.log_probs[first..][..self.rows])
     }
@@ -105,14 +106,13 @@ impl RolloutBuffer {
         for (row, boundary) in episodes.boundaries().iter().enumerate() {
             if *boundary == Boundary::Truncated {
                 self.truncated.push(self.filled + row);
-                let observation =
-                    &episodes.final_observations()[row * self.observation_size..][..self.observation_size];
+                let observation = &episodes.final_inputs()[row * self.input_size..][..self.input_size];
                 self.truncated_observations.extend_from_slice(observation);
             }
         }
         self.filled += self.rows;
         if self.filled == self.count() {
-            self.last_observations.copy_from_slice(episodes.observations());
+            self.last_observations.copy_from_slice(episodes.inputs());
         }
     }
 
@@ -127,33 +127,33 @@ impl RolloutBuffer {
         }
     }
 
-    /// Returns the moments of all observations; the bits do not depend on the number of threads.
-    pub fn observation_moments(&self) -> Moments {
+    /// Returns the moments of the present observations, the first `columns` numbers of each row;
+    /// the bits do not depend on the number of threads.
+    pub fn observation_moments(&self, columns: usize) -> Moments {
         let parts: Vec<Moments> = self
             .observations
-            .par_chunks(CHUNK_ROWS * self.observation_size)
-            .map(|rows| Moments::of_rows(rows, self.observation_size))
+            .par_chunks(CHUNK_ROWS * self.input_size)
+            .map(|rows| Moments::of_rows(&first_columns(rows, self.input_size, columns), columns))
             .collect();
-        self.merged(&parts)
+        merged(&parts, columns)
     }
 
-    /// Returns the moments of the observations with these indices; the bits do not depend on the
-    /// number of threads.
-    pub fn observation_moments_at(&self, indices: &[u32]) -> Moments {
-        let columns = self.observation_size;
-        let at = |index: &u32| &self.observations[*index as usize * columns..][..columns];
+    /// Returns the moments of the present observations with these indices; the bits do not depend
+    /// on the number of threads.
+    pub fn observation_moments_at(&self, indices: &[u32], columns: usize) -> Moments {
+        let at = |index: &u32| &self.observations[*index as usize * self.input_size..][..columns];
         let parts: Vec<Moments> = indices
             .par_chunks(CHUNK_ROWS)
             .map(|indices| {
                 Moments::of_rows(&indices.iter().flat_map(at).copied().collect::<Vec<_>>(), columns)
             })
             .collect();
-        self.merged(&parts)
+        merged(&parts, columns)
     }
+}
 
-    fn merged(&self, parts: &[Moments]) -> Moments {
-        let mut moments = Moments::new(self.observation_size);
-        parts.iter().for_each(|part| moments.merge(part));
-        moments
-    }
+fn merged(parts: &[Moments], columns: usize) -> Moments {
+    let mut moments = Moments::new(columns);
+    parts.iter().for_each(|part| moments.merge(part));
+    moments
 }

@@ -6,7 +6,7 @@ use mishandle_rollout::Seed;
 use super::minibatches::{MinibatchScheme, Minibatches, check_minibatch_count};
 use crate::settings::activation_name;
 use crate::settings::declare::{choice, settings};
-use crate::settings::setting::{FINITE, FRACTION, INITIALIZATION, LAYER_SIZES, POSITIVE, require};
+use crate::settings::setting::{FINITE, FRACTION, HISTORY, INITIALIZATION, LAYER_SIZES, POSITIVE, require};
 use crate::{EpisodeSettings, Initialization, RunSettings, ScenarioSettings, TrainingError};
 
 /// Maximum number of rows of a rollout; see [`ARRAY_SIZE`](crate::settings::setting::ARRAY_SIZE).
@@ -83,6 +83,9 @@ settings! {
         /// Activation function of the hidden layers.
         #[serde(with = "activation_name")]
         pub activation: Activation = Activation::Elu;
+        /// Number of earlier control steps whose observations and own actions are inputs of policy
+        /// and critic, besides the present observation. 0 means no history.
+        pub history: usize = 0, HISTORY;
         /// Initialization of the network: orthogonal weights; weights and biases uniform in
         /// ±1/√inputs, the PyTorch default; or weights and biases from N(0, σ²).
         pub initialization: Initialization = Initialization::Orthogonal, INITIALIZATION;

@@ -72,6 +72,9 @@ pub(crate) const ARRAY_SIZE: Constraint =
     constraint("a whole number from 1 to 10^6", |x| x.iter().all(|x| (1.0..=1e6).contains(x)));
 pub(crate) const CAPACITY: Constraint =
     constraint("a whole number from 1 to 10^9", |x| x.iter().all(|x| (1.0..=1e9).contains(x)));
+/// The memory of all rows and of the replay buffer grows with the history.
+pub(crate) const HISTORY: Constraint =
+    constraint("a whole number from 0 to 500", |x| x.iter().all(|x| (0.0..=500.0).contains(x)));
 pub(crate) const FRACTION: Constraint =
     constraint("a number from 0 to 1", |x| x.iter().all(|x| (0.0..=1.0).contains(x)));
 pub(crate) const POSITIVE: Constraint =

@@ -109,16 +109,15 @@ impl BehaviorPolicy for Sac {
         }
     }
 
-    fn policy(&self, mean: Vec<f64>, variance: Vec<f64>) -> Result<Policy, TrainingError> {
-        let actor = self.actor.clone();
-        match self.distribution {
-            Distribution::Squashed => Ok(Policy::squashed(mean, variance, actor)?),
+    fn policy(&self, length: usize, mean: Vec<f64>, variance: Vec<f64>) -> Result<Policy, TrainingError> {
+        let log_std = match self.distribution {
+            Distribution::Squashed => None,
             Distribution::Clipped => {
                 let (low, high) = CLIPPED_LOG_STD_RANGE;
-                let clamped = self.log_std.iter().map(|x| x.clamp(low as f32, high as f32));
-                Ok(Policy::new(mean, variance, actor, clamped.collect())?)
+                Some(self.log_std.iter().map(|x| x.clamp(low as f32, high as f32)).collect())
             }
-        }
+        };
+        Ok(Policy::with_history(length, mean, variance, self.actor.clone(), log_std)?)
     }
 }
 
