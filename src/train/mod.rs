@@ -6,6 +6,7 @@ mod output_check;
 mod plan;
 mod recorder;
 mod result;
+mod rewards;
 mod scenarios;
 pub(crate) mod tensorboard;
 mod write_failures;
@@ -174,6 +175,7 @@ pub(crate) struct Prepared {
 pub(crate) fn prepare(plan: &TrainPlan) -> Result<Prepared, MishandleError> {
     let mut settings = settings(plan)?;
     let environment = TaskEnvironment::new(task(&plan.task)?, Preset::Paper, reward(&plan.reward)?)?;
+    let environment = rewards::with_terms(environment, &settings, &plan.device)?;
     let (environment, scenarios) = scenarios::scenarios(environment, &mut settings)?;
     Ok(Prepared { settings, environment: Arc::new(environment), scenarios })
 }

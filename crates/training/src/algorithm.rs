@@ -8,8 +8,8 @@ use mishandle_rollout::{BatchFactory, Seed};
 
 use crate::learner::Learner;
 use crate::{
-    ALGORITHMS, Checkpoint, EpisodeSettings, Observer, RunSettings, ScenarioSettings, Setting, TomlSettings,
-    TrainingError, TrainingResult, learner,
+    ALGORITHMS, Checkpoint, EpisodeSettings, Observer, RewardSettings, RunSettings, ScenarioSettings,
+    Setting, TomlSettings, TrainingError, TrainingResult, learner,
 };
 
 /// Settings of one algorithm. Each algorithm implements this trait in its own folder and has a line
@@ -53,6 +53,7 @@ pub(crate) struct CommonSettings<'a> {
     pub run: &'a RunSettings,
     pub episodes: &'a EpisodeSettings,
     pub scenarios: &'a ScenarioSettings,
+    pub rewards: &'a RewardSettings,
 }
 
 /// Object-safe form of [`Algorithm`].
@@ -210,6 +211,11 @@ impl AlgorithmSettings {
     /// Returns the `[scenarios]` table: the scenarios of the episodes.
     pub fn scenarios(&self) -> &ScenarioSettings {
         self.0.common().scenarios
+    }
+
+    /// Returns the `[rewards]` table: the reward terms for the manner.
+    pub fn rewards(&self) -> &RewardSettings {
+        self.0.common().rewards
     }
 
     /// Returns the `[scenarios]` table for modification.

@@ -53,6 +53,6 @@ pub use on_policy::trpo::conjugate_gradient::conjugate_gradient;
 pub use on_policy::{gae, ppo, trpo};
 pub use registry::{ALGORITHMS, AlgorithmEntry};
 pub use settings::{
-    AxisSetting, BASES, BEST, Choice, EpisodeSettings, RunSettings, ScenarioSettings, SelectionWeights,
-    Setting, TimeoutHandling, TomlSettings,
+    AxisSetting, BASES, BEST, Choice, EpisodeSettings, RewardSettings, RunSettings, ScenarioSettings,
+    SelectionWeights, Setting, TimeoutHandling, TomlSettings,
 };

@@ -387,3 +387,10 @@ fn environments_without_the_scenarios_of_the_settings_are_an_error() {
     let found = drifter().space().name().to_string();
     assert!(error.to_string().contains(&format!("`{found}`")), "{error}");
 }
+
+#[test]
+fn environments_without_a_reward_term_of_the_settings_are_an_error() {
+    let settings = AlgorithmSettings::from_toml("ppo", "rewards.speed = 0.5").unwrap().unwrap();
+    let error = settings.train(&Line::new(0.0), Seed(2), None, &mut Keeper::default()).unwrap_err();
+    assert!(matches!(error, TrainingError::MissingRewardTerm { term: "speed", weight: 0.5 }), "{error}");
+}

@@ -73,7 +73,7 @@ pub(crate) fn train(
     observer: &mut dyn Observer,
 ) -> Result<TrainingResult, TrainingError> {
     settings.check()?;
-    check_scenarios(settings, environments)?;
+    check_environments(settings, environments)?;
     let run = settings.run();
     let mut learner = settings.learner(environments, seed)?;
     if let Some(device) = networks {
@@ -148,9 +148,22 @@ pub(crate) fn check_resumption(
     checkpoint: &Checkpoint,
 ) -> Result<(), TrainingError> {
     settings.check()?;
-    check_scenarios(settings, environments)?;
+    check_environments(settings, environments)?;
     let mut learner = settings.learner(environments, seed)?;
     load(checkpoint, settings, seed, &mut *learner, &mut new_selection(settings))
+}
+
+/// Checks that the environments have the scenarios and the reward terms that the settings name.
+fn check_environments(
+    settings: &AlgorithmSettings,
+    environments: &dyn BatchFactory,
+) -> Result<(), TrainingError> {
+    check_scenarios(settings, environments)?;
+    let found = environments.spec().reward_terms;
+    let weights = settings.rewards().weights().into_iter();
+    let missing =
+        weights.filter(|(_, weight)| *weight > 0.0).find(|(term, _)| !found.iter().any(|t| t == term));
+    missing.map_or(Ok(()), |(term, weight)| Err(TrainingError::MissingRewardTerm { term, weight }))
 }
 
 /// Checks that the environments draw from the scenarios that the settings name. Their axes are

@@ -62,8 +62,8 @@ impl<A: Agent> BuildLearner for OffPolicy<A> {
     type Settings = A::Settings;
 
     fn common(settings: &A::Settings) -> CommonSettings<'_> {
-        let OffPolicySettings { run, episodes, scenarios, .. } = settings.shared();
-        CommonSettings { run, episodes, scenarios }
+        let OffPolicySettings { run, episodes, scenarios, rewards, .. } = settings.shared();
+        CommonSettings { run, episodes, scenarios, rewards }
     }
 
     fn build(

@@ -9,7 +9,7 @@ use crate::settings::setting::{
     ARRAY_SIZE, AT_LEAST_1, CAPACITY, FRACTION, INITIALIZATION, LAYER_SIZES, NOT_NEGATIVE, POSITIVE, kind,
     require,
 };
-use crate::{EpisodeSettings, Initialization, RunSettings, ScenarioSettings, TrainingError};
+use crate::{EpisodeSettings, Initialization, RewardSettings, RunSettings, ScenarioSettings, TrainingError};
 
 /// Settings that off-policy algorithms share.
 pub(crate) struct OffPolicySettings<'a> {
@@ -18,6 +18,7 @@ pub(crate) struct OffPolicySettings<'a> {
     pub run: &'a RunSettings,
     pub episodes: &'a EpisodeSettings,
     pub scenarios: &'a ScenarioSettings,
+    pub rewards: &'a RewardSettings,
     pub replay: &'a ReplayBufferSettings,
     pub policy: &'a ActorSettings,
 }

@@ -109,8 +109,8 @@ impl<A: PolicyOptimizer> BuildLearner for OnPolicy<A> {
     type Settings = A::Settings;
 
     fn common(settings: &A::Settings) -> CommonSettings<'_> {
-        let OnPolicySettings { run, episodes, scenarios, .. } = A::shared(settings);
-        CommonSettings { run, episodes, scenarios }
+        let OnPolicySettings { run, episodes, scenarios, rewards, .. } = A::shared(settings);
+        CommonSettings { run, episodes, scenarios, rewards }
     }
 
     fn build(
