@@ -28,6 +28,7 @@ mod off_policy;
 mod on_policy;
 #[cfg(test)]
 mod parity;
+mod privileged;
 mod registry;
 mod settings;
 

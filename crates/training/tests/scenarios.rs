@@ -10,15 +10,16 @@ use std::ops::Range;
 use std::sync::{Arc, Mutex};
 
 use line::Line;
+use mishandle_controllers::Policy;
 use mishandle_rollout::fault::{Channel, FaultSite, Side};
 use mishandle_rollout::{
-    Axis, AxisKind, AxisValues, Controller, ControllerWorker, Disturbance, Effect, Environment,
+    Axis, AxisKind, AxisValues, BatchFactory, Controller, ControllerWorker, Disturbance, Effect, Environment,
     EnvironmentWorker, Noise, Request, Rollout, Sample, Scenario, ScenarioBatches, Seed, Space,
     Specification, StepStatus, System, TimeProfile, TrainingScenarios, delays,
 };
 use mishandle_training::{
-    AlgorithmSettings, Boundary, Checkpoint, EpisodeSettings, Episodes, Observer, ScenarioSettings,
-    TrainingControl, TrainingError, TrainingProgress, Validation,
+    ALGORITHMS, AlgorithmSettings, Boundary, Checkpoint, EpisodeSettings, Episodes, Observer,
+    ScenarioSettings, TrainingControl, TrainingError, TrainingProgress, Validation,
 };
 use toy::{Toy, names};
 
@@ -335,7 +336,7 @@ struct Keeper {
 }
 
 impl Observer for Keeper {
-    fn validate(&mut self, _policy: &mishandle_controllers::Policy, _episodes: usize) -> Option<Validation> {
+    fn validate(&mut self, _policy: &Policy, _episodes: usize) -> Option<Validation> {
         None
     }
     fn iteration_finished(&mut self, progress: &TrainingProgress) -> TrainingControl {
@@ -349,19 +350,27 @@ impl Observer for Keeper {
     }
 }
 
+/// Returns short training settings of an algorithm on all scenarios, and the factory of its
+/// environments.
+fn training(algorithm: &str, more: &str) -> (AlgorithmSettings, impl BatchFactory) {
+    let own = match algorithm {
+        "ppo" => "rollout_steps = 12\nminibatch_size = 48",
+        "trpo" => "rollout_steps = 12",
+        _ => "steps_per_iteration = 12\nreplay = { warmup_steps = 50, batch_size = 32 }",
+    };
+    let common = "run.total_steps = 600\nepisodes.environments = 8\npolicy.hidden = [8]\ncritic.hidden = [8]\n\
+                  scenarios.space = \"all\"\nscenarios.nominal = 0.2\nscenarios.corners = 0.3\n";
+    let settings = AlgorithmSettings::from_toml(algorithm, &format!("{common}{more}{own}")).unwrap().unwrap();
+    (settings, ScenarioBatches { batches: drifter(), scenarios: scenarios() })
+}
+
 #[test]
 fn every_algorithm_trains_on_scenarios_and_resumes_to_the_same_bits() {
-    let scenarios = scenarios();
-    for algorithm in ["ppo", "trpo", "sac", "td3", "ddpg"] {
-        let own = match algorithm {
-            "ppo" => "rollout_steps = 12\nminibatch_size = 48",
-            "trpo" => "rollout_steps = 12",
-            _ => "steps_per_iteration = 12\nreplay = { warmup_steps = 50, batch_size = 32 }",
-        };
-        let common = "run.total_steps = 600\nepisodes.environments = 8\npolicy.hidden = [8]\ncritic.hidden = [8]\n\
-                      scenarios = { space = \"all\", nominal = 0.2, corners = 0.3 }\n";
-        let settings = AlgorithmSettings::from_toml(algorithm, &format!("{common}{own}")).unwrap().unwrap();
-        let batches = ScenarioBatches { batches: drifter(), scenarios: scenarios.clone() };
+    for (algorithm, more) in ALGORITHMS
+        .iter()
+        .flat_map(|algorithm| ["", "critic.sees_scenario = true\n"].map(|more| (algorithm.name, more)))
+    {
+        let (settings, batches) = training(algorithm, more);
         let train = |resume: Option<&Checkpoint>, keeper: &mut Keeper| {
             settings.train(&batches, Seed(2), resume, keeper).unwrap()
         };
@@ -376,6 +385,94 @@ fn every_algorithm_trains_on_scenarios_and_resumes_to_the_same_bits() {
         let error = other.check_resumption(&batches, Seed(2), first.checkpoint.as_ref().unwrap());
         assert!(error.unwrap_err().to_string().contains("scenarios.corners"), "{algorithm}");
     }
+}
+
+#[test]
+fn only_the_critic_sees_the_scenario() {
+    let of_scenario: usize = scenarios()
+        .space
+        .axes()
+        .iter()
+        .map(|axis| match axis.values {
+            AxisValues::Categorical(_) => axis.levels().unwrap(),
+            _ => 1,
+        })
+        .sum();
+    // The observation of the environment, and the scenario.
+    let privileged = 3 + of_scenario;
+    for algorithm in ALGORITHMS {
+        let (plain, batches) = training(algorithm.name, "");
+        let (seeing, _) = training(algorithm.name, "critic.sees_scenario = true\n");
+        let [plain, seeing] = [plain, seeing].map(|settings| {
+            let mut keeper = Keeper::default();
+            let trained = settings.train(&batches, Seed(2), None, &mut keeper).unwrap();
+            (trained.last, keeper.checkpoint.unwrap())
+        });
+        let sizes = |policy: &Policy| (policy.network().sizes().to_vec(), policy.mean().len());
+        assert_eq!(sizes(&seeing.0), sizes(&plain.0), "{}", algorithm.name);
+        assert_eq!(sizes(&seeing.0).0[0], 3);
+        assert_ne!(seeing.0.hash(), plain.0.hash(), "{}: the critic teaches otherwise", algorithm.name);
+        // A hidden layer of 8 and one output. Critics of off-policy algorithms see two actions.
+        let (name, actions) = match algorithm.name {
+            "ppo" | "trpo" => ("critic.parameters", 0),
+            "ddpg" => ("critic.parameters", 2),
+            _ => ("critic_1.parameters", 2),
+        };
+        for (checkpoint, more) in [(&plain.1, 0), (&seeing.1, privileged)] {
+            let count = (3 + actions + more + 1) * 8 + 9;
+            assert!(
+                checkpoint.f32s(name, count).is_ok(),
+                "{}: {:?}",
+                algorithm.name,
+                checkpoint.f32s(name, count)
+            );
+        }
+    }
+}
+
+#[test]
+fn privileged_inputs_are_the_undisturbed_observation_and_the_scaled_scenario() {
+    let whole = scenarios();
+    // Without disturbances of actions, the state does not depend on what the policy sees.
+    let names = ["start", "observation_delay", "bias", "noise", "draw", "sensor_duration", "sensor"];
+    let axis = |name: &str| whole.space.axes().iter().find(|axis| axis.name == name).unwrap().clone();
+    let space = Space::new("some", names.map(axis).to_vec()).unwrap();
+    let (numbers, fault) = space.axes().split_at(6);
+    let kinds = fault[0].levels().unwrap();
+    let size = 3 + 6 + kinds;
+    let scenarios = TrainingScenarios { space: space.clone(), ..whole };
+    let nominal = ScenarioSettings { nominal: 1.0, ..ScenarioSettings::default() };
+    let mut disturbed = episodes(&scenarios, &ScenarioSettings::default(), 30, 0.0).with_privileged();
+    let mut still = episodes(&scenarios, &nominal, 30, 0.0).with_privileged();
+    assert_eq!((disturbed.privileged_size(), still.privileged_size()), (size, size));
+    let observation =
+        |inputs: &[f32]| inputs.chunks(size).flat_map(|row| &row[..3]).copied().collect::<Vec<_>>();
+    let (mut differing, mut failing) = (0, 0);
+    for step in 0..2 * STEPS {
+        assert_eq!(observation(disturbed.privileged()), still.observations());
+        differing += usize::from(disturbed.observations() != still.observations());
+        let before = disturbed.privileged().to_vec();
+        for (row, inputs) in before.chunks(size).enumerate() {
+            let seed = Seed(3).child(row as u64).child((step / STEPS) as u64);
+            let drawn = scenarios.random(seed, 0);
+            for ((axis, value), input) in numbers.iter().zip(drawn.values()).zip(&inputs[3..9]) {
+                let share = (value.unwrap() - axis.low) / (axis.high - axis.low);
+                assert!((f64::from(*input) - (2.0 * share - 1.0)).abs() < 1e-6, "{}: {input}", axis.name);
+            }
+            let expected = (0..kinds).map(|kind| f32::from(drawn.get(6) == Some(kind as f64)));
+            failing += usize::from(drawn.get(6) != Some(0.0));
+            assert_eq!(inputs[9..], expected.collect::<Vec<f32>>());
+        }
+        let actions: Vec<f32> = still.observations().chunks(3).flat_map(act).collect();
+        disturbed.step(&actions).unwrap();
+        still.step(&actions).unwrap();
+        assert_eq!(disturbed.privileged_before(), before);
+        assert_eq!(observation(disturbed.final_privileged()), still.final_observations());
+        let scenario =
+            |inputs: &[f32]| inputs.chunks(size).flat_map(|row| &row[3..]).copied().collect::<Vec<_>>();
+        assert_eq!(scenario(disturbed.final_privileged()), scenario(&before));
+    }
+    assert!(differing > STEPS && failing > STEPS);
 }
 
 #[test]

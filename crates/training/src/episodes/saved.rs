@@ -18,6 +18,9 @@ impl Episodes {
         if let Some(disturbed) = &mut self.disturbed {
             disturbed.save(checkpoint);
         }
+        if let Some(privileged) = &self.privileged {
+            privileged.save(checkpoint);
+        }
         let row_states = || self.row_states.iter();
         checkpoint.put("episodes.episode", row_states().map(|c| c.episode).collect::<Vec<_>>());
         checkpoint.put("episodes.step", row_states().map(|c| c.step).collect::<Vec<_>>());
@@ -48,7 +51,10 @@ impl Episodes {
                 total_reward: total_reward[row],
             };
         }
-        let Episodes { disturbed, row_states, seed, .. } = self;
+        let Episodes { batch, disturbed, privileged, row_states, seed, .. } = self;
+        if let Some(privileged) = privileged {
+            privileged.load(checkpoint, batch.observations())?;
+        }
         match disturbed {
             Some(disturbed) => disturbed.load(checkpoint, |row| episode_seed(*seed, row, &row_states[row])),
             None => Ok(()),

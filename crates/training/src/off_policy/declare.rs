@@ -68,6 +68,7 @@ macro_rules! off_policy_settings {
                     rewards: &self.rewards,
                     replay: &self.replay,
                     policy: &self.policy,
+                    critic: &self.critic,
                 }
             }
         }

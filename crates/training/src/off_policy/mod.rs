@@ -24,7 +24,9 @@ use rayon::prelude::*;
 use crate::algorithm::{BuildLearner, CommonSettings};
 use crate::inference::{BatchInference, INFERENCE_ROWS, observation_normalizer};
 use crate::learner::{Learner, progress_of};
+use crate::privileged::PrivilegedNormalizer;
 use crate::{Checkpoint, Episodes, ReplayBufferSettings, TimeShares, TrainingError, TrainingProgress};
+use action_value::Sizes;
 use agent::{Agent, BehaviorPolicy, HasOffPolicySettings};
 use batch_gradient::LEARNING_ROWS;
 use replay_buffer::{ReplayBuffer, Sampling};
@@ -48,6 +50,7 @@ pub(crate) struct OffPolicy<A> {
     episodes: Episodes,
     replay_buffer: ReplayBuffer,
     normalizer: RunningNormalizer,
+    privileged: PrivilegedNormalizer,
     iteration: u64,
     updates: u64,
     batch: TransitionBatch<f32>,
@@ -71,12 +74,18 @@ impl<A: Agent> BuildLearner for OffPolicy<A> {
         environments: &dyn BatchFactory,
         seed: Seed,
     ) -> Result<OffPolicy<A>, TrainingError> {
-        let OffPolicySettings { gamma, steps_per_iteration, episodes, scenarios, replay, policy, .. } =
-            settings.shared();
+        let OffPolicySettings {
+            gamma, steps_per_iteration, episodes, scenarios, replay, policy, critic, ..
+        } = settings.shared();
         let rows = episodes.environments;
-        let episodes = Episodes::of_training(environments, episodes, scenarios, seed)?;
+        let mut episodes = Episodes::of_training(environments, episodes, scenarios, seed)?;
+        if critic.sees_scenario {
+            episodes = episodes.with_privileged();
+        }
+        let privileged = episodes.privileged_size();
         let (observation_size, action_size) = (episodes.spec().observation_size, episodes.spec().action_size);
-        let agent = A::new((observation_size, action_size), settings, seed)?;
+        let sizes = Sizes { observation: observation_size, action: action_size, privileged };
+        let agent = A::new(sizes, settings, seed)?;
         let outputs = agent.behavior_policy().network().output_size();
         Ok(OffPolicy {
             seed,
@@ -87,7 +96,8 @@ impl<A: Agent> BuildLearner for OffPolicy<A> {
                 reward_scale: replay.reward_scale,
                 replacement: replay.replacement,
             },
-            replay_buffer: ReplayBuffer::new(replay.capacity, rows, observation_size, action_size),
+            replay_buffer: ReplayBuffer::new(replay.capacity, rows, observation_size, action_size)
+                .with_privileged(privileged),
             replay_settings: replay.clone(),
             normalize: policy.normalize_observations,
             learning_rate: policy.learning_rate,
@@ -96,6 +106,7 @@ impl<A: Agent> BuildLearner for OffPolicy<A> {
                 policy.normalize_observations,
                 policy.std_floor,
             ),
+            privileged: PrivilegedNormalizer::new(&episodes, policy.normalize_observations, policy.std_floor),
             iteration: 0,
             updates: 0,
             batch: TransitionBatch::default(),
@@ -143,6 +154,9 @@ impl<A: Agent> OffPolicy<A> {
         let batches = (self.seed.child(BATCHES), self.updates);
         let rows = self.replay_settings.batch_size;
         self.replay_buffer.sample(&self.sampling, batches, rows, normalizer, &mut self.batch);
+        let frozen = self.privileged.freeze();
+        self.privileged.normalize(&frozen, &mut self.batch.privileged);
+        self.privileged.normalize(&frozen, &mut self.batch.next_privileged);
         let updated = self.agent.update(&self.batch, self.seed.child(UPDATES), self.updates);
         self.updates += 1;
         updated.map_err(|what| TrainingError::NotFinite { iteration: self.iteration + 1, what })
@@ -173,6 +187,7 @@ impl<A: Agent> Learner for OffPolicy<A> {
             if self.normalize {
                 self.normalizer.update(&self.observations);
             }
+            self.privileged.update(self.episodes.privileged_before());
             let before = Instant::now();
             while self.updates < self.replay_settings.updates_due(step + 1, rows) {
                 self.update(&normalizer)?;
@@ -205,6 +220,7 @@ impl<A: Agent> Learner for OffPolicy<A> {
         checkpoint.put("iteration", vec![self.iteration]);
         checkpoint.put("updates", vec![self.updates]);
         checkpoint.put_moments("normalizer", self.normalizer.moments());
+        self.privileged.save(checkpoint);
         self.agent.save(checkpoint);
         self.episodes.save(checkpoint)?;
         self.replay_buffer.save(checkpoint);
@@ -216,6 +232,7 @@ impl<A: Agent> Learner for OffPolicy<A> {
         self.updates = checkpoint.u64s("updates", 1)?[0];
         let columns = self.agent.behavior_policy().network().input_size();
         self.normalizer.restore(checkpoint.moments("normalizer", columns)?)?;
+        self.privileged.load(checkpoint)?;
         self.agent.load(checkpoint)?;
         self.episodes.load(checkpoint)?;
         self.replay_buffer.load(checkpoint)

@@ -21,6 +21,7 @@ pub(crate) struct OffPolicySettings<'a> {
     pub rewards: &'a RewardSettings,
     pub replay: &'a ReplayBufferSettings,
     pub policy: &'a ActorSettings,
+    pub critic: &'a QCriticSettings,
 }
 
 settings! {
@@ -90,6 +91,9 @@ settings! {
         pub activation: Activation = Activation::Elu;
         /// Learning rate of Adam.
         pub learning_rate: f64 = 1e-3, POSITIVE;
+        /// Whether the critics also see what the policy cannot: the values of the episode's
+        /// scenario, and the observation of the environment without noise, delays and faults.
+        pub sees_scenario: bool = false;
         /// Whether hidden layers have layer normalization before their activation.
         pub layer_norm: bool = true;
         /// Initialization of the networks, as in `policy.initialization`.

@@ -12,9 +12,12 @@ pub struct RolloutBuffer {
     rows: usize,
     observation_size: usize,
     action_size: usize,
+    privileged_size: usize,
     filled: usize,
     /// Observation before each step, not normalized.
     pub observations: Vec<f32>,
+    /// Privileged inputs of the critic before each step; empty if it sees observations only.
+    pub privileged: Vec<f32>,
     /// Actions, not clipped.
     pub actions: Vec<f32>,
     /// Log-probabilities of the actions under the policy that sampled them.
@@ -32,10 +35,14 @@ pub struct RolloutBuffer {
     /// Observation after the last step, `[rows, ..]`; after a reset, the first observation of the
     /// next episode.
     pub last_observations: Vec<f32>,
+    /// Privileged inputs of these observations.
+    pub last_privileged: Vec<f32>,
     /// Indices of the truncated steps, ascending.
     pub truncated: Vec<usize>,
     /// Final observation of each truncated episode, from before the reset.
     pub truncated_observations: Vec<f32>,
+    /// Privileged inputs of these observations.
+    pub truncated_privileged: Vec<f32>,
 }
 
 impl RolloutBuffer {
@@ -46,8 +53,10 @@ impl RolloutBuffer {
             rows,
             observation_size,
             action_size,
+            privileged_size: 0,
             filled: 0,
             observations: vec![0.0; count * observation_size],
+            privileged: Vec::new(),
             actions: vec![0.0; count * action_size],
             log_probs: vec![0.0; count],
             rewards: vec![0.0; count],
@@ -56,9 +65,27 @@ impl RolloutBuffer {
             next_values: vec![0.0; count],
             advantages: vec![0.0; count],
             last_observations: vec![0.0; rows * observation_size],
+            last_privileged: Vec::new(),
             truncated: Vec::new(),
             truncated_observations: Vec::new(),
+            truncated_privileged: Vec::new(),
         }
+    }
+
+    /// Returns an empty buffer with `size` privileged inputs in each row.
+    #[must_use]
+    pub fn with_privileged(self, size: usize) -> RolloutBuffer {
+        RolloutBuffer {
+            privileged_size: size,
+            privileged: vec![0.0; self.count() * size],
+            last_privileged: vec![0.0; self.rows * size],
+            ..self
+        }
+    }
+
+    /// Returns the number of privileged inputs in each row.
+    pub fn privileged_size(&self) -> usize {
+        self.privileged_size
     }
 
     /// Returns the number of environments.
@@ -76,6 +103,7 @@ impl RolloutBuffer {
         self.filled = 0;
         self.truncated.clear();
         self.truncated_observations.clear();
+        self.truncated_privileged.clear();
     }
 
     /// Stores the current observations; returns them and the slices for the actions and their
@@ -88,6 +116,8 @@ impl RolloutBuffer {
         let observations =
             &mut self.observations[first * self.observation_size..][..self.rows * self.observation_size];
         observations.copy_from_slice(episodes.observations());
+        let own = self.privileged_size;
+        self.privileged[first * own..][..self.rows * own].copy_from_slice(episodes.privileged());
         let actions = &mut self.actions[first * self.action_size..][..self.rows * self.action_size];
         (observations, actions, &mut self.log_probs[first..][..self.rows])
     }
@@ -108,11 +138,14 @@ impl RolloutBuffer {
                 let observation =
                     &episodes.final_observations()[row * self.observation_size..][..self.observation_size];
                 self.truncated_observations.extend_from_slice(observation);
+                let own = self.privileged_size;
+                self.truncated_privileged.extend_from_slice(&episodes.final_privileged()[row * own..][..own]);
             }
         }
         self.filled += self.rows;
         if self.filled == self.count() {
             self.last_observations.copy_from_slice(episodes.observations());
+            self.last_privileged.copy_from_slice(episodes.privileged());
         }
     }
 

@@ -131,6 +131,9 @@ settings! {
         pub initialization: Initialization = Initialization::Orthogonal, INITIALIZATION;
         /// Learning rate of Adam.
         pub learning_rate: f64 = 1e-3, POSITIVE;
+        /// Whether the value function also sees what the policy cannot: the values of the episode's
+        /// scenario, and the observation of the environment without noise, delays and faults.
+        pub sees_scenario: bool = false;
         /// Coefficient of the mean squared error.
         pub loss_coef: f64 = 0.5, POSITIVE;
         /// Whether value targets are normalized by running moments.
