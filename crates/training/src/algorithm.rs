@@ -4,9 +4,10 @@ use std::any::Any;
 use std::fmt::Debug;
 
 use mishandle_network::NetworkDevice;
-use mishandle_rollout::{BatchFactory, Seed};
+use mishandle_rollout::{BatchFactory, Seed, TrainingScenarios};
 
 use crate::learner::Learner;
+use crate::settings::setting::require;
 use crate::{
     ALGORITHMS, Checkpoint, EpisodeSettings, Observer, RewardSettings, RunSettings, ScenarioSettings,
     Setting, TomlSettings, TrainingError, TrainingResult, learner,
@@ -234,6 +235,17 @@ impl AlgorithmSettings {
     /// If a value is not allowed; the message states the allowed values.
     pub fn check(&self) -> Result<(), TrainingError> {
         self.0.check()
+    }
+
+    /// Checks that a curriculum has an axis whose range grows.
+    ///
+    /// # Errors
+    /// If the scenarios have none.
+    pub fn check_curriculum(&self, scenarios: &TrainingScenarios) -> Result<(), TrainingError> {
+        let grows = self.scenarios().curriculum.is_none() || scenarios.can_shrink();
+        let expected =
+            "not set without an axis whose range can grow; name a space or axes besides those of the start";
+        require("scenarios.curriculum", expected, "a curriculum", grows)
     }
 
     /// Returns the reason why the result after n steps depends on `run.total_steps`; `None` if it

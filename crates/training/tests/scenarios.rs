@@ -18,7 +18,7 @@ use mishandle_rollout::{
     Specification, StepStatus, System, TimeProfile, TrainingScenarios, delays,
 };
 use mishandle_training::{
-    ALGORITHMS, AlgorithmSettings, Boundary, Checkpoint, EpisodeSettings, Episodes, Observer,
+    ALGORITHMS, AlgorithmSettings, Boundary, Checkpoint, EpisodeSettings, Episodes, Observer, Rates,
     ScenarioSettings, TrainingControl, TrainingError, TrainingProgress, Validation,
 };
 use toy::{Toy, names};
@@ -333,13 +333,21 @@ fn shares_are_met_within_binomial_bounds() {
 struct Keeper {
     stop_after: u64,
     checkpoint: Option<Checkpoint>,
+    /// Share of the ranges in each iteration.
+    shares: Vec<Option<f64>>,
 }
 
 impl Observer for Keeper {
     fn validate(&mut self, _policy: &Policy, _episodes: usize) -> Option<Validation> {
-        None
+        Some(Validation::of_starts(Rates::default()))
+    }
+    /// Success up to half of the ranges.
+    fn validate_part(&mut self, _policy: &Policy, episodes: usize, share: f64) -> Option<Rates> {
+        assert_eq!(episodes, 200);
+        Some(Rates { success_rate: if share < 0.5 { 0.9 } else { 0.89 }, ..Rates::default() })
     }
     fn iteration_finished(&mut self, progress: &TrainingProgress) -> TrainingControl {
+        self.shares.push(progress.scenario_share);
         match progress.iteration == self.stop_after {
             true => TrainingControl::Stop,
             false => TrainingControl::Continue,
@@ -352,7 +360,7 @@ impl Observer for Keeper {
 
 /// Returns short training settings of an algorithm on all scenarios, and the factory of its
 /// environments.
-fn training(algorithm: &str, more: &str) -> (AlgorithmSettings, impl BatchFactory) {
+fn training(algorithm: &str, more: &str) -> (AlgorithmSettings, impl BatchFactory + use<>) {
     let own = match algorithm {
         "ppo" => "rollout_steps = 12\nminibatch_size = 48",
         "trpo" => "rollout_steps = 12",
@@ -490,4 +498,58 @@ fn environments_without_a_reward_term_of_the_settings_are_an_error() {
     let settings = AlgorithmSettings::from_toml("ppo", "rewards.speed = 0.5").unwrap().unwrap();
     let error = settings.train(&Line::new(0.0), Seed(2), None, &mut Keeper::default()).unwrap_err();
     assert!(matches!(error, TrainingError::MissingRewardTerm { term: "speed", weight: 0.5 }), "{error}");
+}
+
+#[test]
+fn a_curriculum_grows_with_success_and_is_resumed() {
+    let curriculum =
+        "run.validation_interval = 1\nscenarios.curriculum = { start = 0.1, step = 0.2, threshold = 0.9 }\n";
+    for algorithm in ALGORITHMS {
+        let (settings, batches) =
+            training(algorithm.name, &format!("{curriculum}critic.sees_scenario = true\n"));
+        let train = |resume: Option<&Checkpoint>, stop_after: u64| {
+            let mut keeper = Keeper { stop_after, ..Keeper::default() };
+            (settings.train(&batches, Seed(2), resume, &mut keeper).unwrap().last.hash(), keeper)
+        };
+        let (whole, all) = train(None, 0);
+        // 0.1 + 2 · 0.2 has a success rate below the threshold.
+        let expected = [0.1, 0.1 + 0.2, 0.1 + 2.0 * 0.2, 0.1 + 2.0 * 0.2].map(Some);
+        assert_eq!(all.shares[..4], expected, "{}", algorithm.name);
+        assert_eq!(all.shares.last(), expected.last());
+        for stop in [1, 2, 4] {
+            let (_, first) = train(None, stop);
+            let (resumed, rest) = train(first.checkpoint.as_ref(), 0);
+            assert_eq!(resumed, whole, "{}, {stop}", algorithm.name);
+            assert_eq!(rest.shares, all.shares[stop as usize..]);
+        }
+        let (plain, _) = training(algorithm.name, "critic.sees_scenario = true\n");
+        let mut keeper = Keeper::default();
+        assert_ne!(plain.train(&batches, Seed(2), None, &mut keeper).unwrap().last.hash(), whole);
+        assert!(keeper.shares.iter().all(Option::is_none));
+    }
+}
+
+#[test]
+fn episodes_draw_from_the_share_at_their_start() {
+    let scenarios = scenarios();
+    let bias = scenarios.space.axes().iter().position(|axis| axis.name == "bias").unwrap();
+    let axes = scenarios.space.dimension();
+    let text = "scenarios.curriculum = { start = 0.25, step = 0.25, threshold = 0.9 }";
+    let shares = AlgorithmSettings::from_toml("ppo", text).unwrap().unwrap();
+    let mut episodes = episodes(&scenarios, shares.scenarios(), 200, 0.0);
+    let largest = |episodes: &mut Episodes| {
+        let mut checkpoint = Checkpoint::new("ppo", "drifter", 3, "");
+        episodes.save(&mut checkpoint).unwrap();
+        let drawn = checkpoint.f64s("disturbed.scenarios", 200 * axes).unwrap().chunks(axes);
+        drawn.map(|values| values[bias].abs()).fold(0.0, f64::max)
+    };
+    // The bias is up to 0.2.
+    let first = largest(&mut episodes);
+    assert!(first > 0.04 && first <= 0.05, "{first}");
+    episodes.set_scenario_share(1.0);
+    (1..STEPS).for_each(|_| step(&mut episodes));
+    assert_eq!(largest(&mut episodes), first, "running episodes keep their scenarios");
+    step(&mut episodes);
+    let second = largest(&mut episodes);
+    assert!(second > 0.19, "{second}");
 }

@@ -177,6 +177,12 @@ impl Episodes {
         self
     }
 
+    /// Lets new episodes draw from a share of the range of each axis around its nominal value; see
+    /// [`ScenarioPart`](mishandle_rollout::ScenarioPart).
+    pub fn set_scenario_share(&mut self, share: f64) {
+        self.scenarios.set_share(share);
+    }
+
     /// Returns the length of a row of privileged inputs; 0 if there are none.
     pub fn privileged_size(&self) -> usize {
         self.privileged.as_ref().map_or(0, Privileged::size)

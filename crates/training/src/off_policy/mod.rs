@@ -204,6 +204,10 @@ impl<A: Agent> Learner for OffPolicy<A> {
         })
     }
 
+    fn set_scenario_share(&mut self, share: f64) {
+        self.episodes.set_scenario_share(share);
+    }
+
     fn policy(&self) -> Result<Policy, TrainingError> {
         self.agent.behavior_policy().policy(self.normalizer.mean().to_vec(), self.normalizer.variance())
     }

@@ -164,6 +164,10 @@ impl<A: PolicyOptimizer> Learner for OnPolicy<A> {
         })
     }
 
+    fn set_scenario_share(&mut self, share: f64) {
+        self.actor_critic.episodes.set_scenario_share(share);
+    }
+
     fn policy(&self) -> Result<Policy, TrainingError> {
         self.actor_critic.policy()
     }

@@ -18,7 +18,7 @@ use setting::{ARRAY_SIZE, AT_LEAST_1, FRACTION, NOISE};
 
 pub use bases::{BASES, BEST};
 pub use rewards::RewardSettings;
-pub use scenarios::{AxisSetting, ScenarioSettings, SelectionWeights};
+pub use scenarios::{AxisSetting, CurriculumSettings, ScenarioSettings, SelectionWeights};
 pub use setting::{Choice, Setting};
 
 /// Settings of an algorithm, readable from TOML.

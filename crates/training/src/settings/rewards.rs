@@ -4,8 +4,8 @@ use super::declare::settings;
 use super::setting::NOT_NEGATIVE;
 
 settings! {
-    /// `[rewards]`: weights of reward terms for the manner, which are added to those of a task. With
-    /// a weight of 0, a term does not exist.
+    /// `[rewards]`: weights of reward terms for the manner, besides those of a task. With a weight
+    /// of 0, a term does not exist.
     pub struct RewardSettings in "rewards." {
         /// Weight of contact forces of the robot on fixtures and ground. In each control step, the
         /// weight times F / (F + 140 N) is subtracted, where F is the sum of the largest forces on
