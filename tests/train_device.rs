@@ -10,7 +10,7 @@ use std::sync::Arc;
 
 use mishandle::MishandleError;
 use mishandle::run::Device;
-use mishandle::train::{TrainPlan, TrainReport};
+use mishandle::train::{Curve, TrainPlan, TrainReport};
 use mishandle::world::CpuDevice;
 
 use silent::Silent;
@@ -24,8 +24,12 @@ episodes.environments = 8
 ";
 
 fn plan(folder: &Path, device: &str) -> TrainPlan {
+    plan_with(folder, device, "")
+}
+
+fn plan_with(folder: &Path, device: &str, more: &str) -> TrainPlan {
     let settings = folder.join("settings.toml");
-    std::fs::write(&settings, SETTINGS).unwrap();
+    std::fs::write(&settings, format!("{SETTINGS}{more}")).unwrap();
     TrainPlan {
         task: "cube-stacking".to_string(),
         algorithm: "ppo".to_string(),
@@ -67,4 +71,40 @@ fn the_bits_of_training_do_not_depend_on_the_interface_of_the_engines() {
     assert!(error.contains("cube-stacking on MuJoCo C") && !error.contains('\n'), "{error}");
     let unknown = train(&plan(folder.path(), "tpu")).unwrap_err().to_string();
     assert!(unknown.contains("device") && unknown.contains("gpu"), "{unknown}");
+}
+
+#[test]
+fn reward_terms_without_forces_have_the_same_bits_on_every_engine() {
+    let folder = tempfile::tempdir().unwrap();
+    let motion = "rewards = { action_rate = 0.5, speed = 0.5, rest = 0.5 }\nepisodes.time_limit = 20\n";
+    let plan = |device| {
+        let csv = Some(folder.path().join(format!("{device}.csv")));
+        TrainPlan { csv, ..plan_with(folder.path(), device, motion) }
+    };
+    let [cpu, gpu] = ["cpu", "gpu"].map(|device| train(&plan(device)).unwrap().result);
+    assert_eq!(cpu.last.hash(), gpu.last.hash());
+    let curve = Curve::load(&folder.path().join("cpu.csv")).unwrap();
+    let terms = curve.reward_terms.len() - 3;
+    assert_eq!(curve.reward_terms[terms..], ["action_rate", "speed", "rest"]);
+    for row in &curve.rows[3..] {
+        assert!(row.reward_terms[terms..].iter().all(|mean| *mean < 0.0), "{:?}", row.reward_terms);
+    }
+}
+
+#[test]
+fn contact_forces_cost_reward_on_the_cpu_and_are_refused_on_a_gpu() {
+    let folder = tempfile::tempdir().unwrap();
+    let forces = "rewards.contact_force = 0.5\n";
+    let csv = Some(folder.path().join("curve.csv"));
+    let plan = TrainPlan { csv, ..plan_with(folder.path(), "cpu", forces) };
+    let whole = train(&plan).unwrap();
+    let curve = Curve::load(&folder.path().join("curve.csv")).unwrap();
+    assert_eq!(curve.reward_terms.last().unwrap(), "contact_force");
+    assert!(curve.rows.iter().all(|row| *row.reward_terms.last().unwrap() <= 0.0));
+    let half = TrainPlan { steps: Some(128), out: folder.path().join("half.safetensors"), csv: None, ..plan };
+    train(&half).unwrap();
+    let resumed = train(&TrainPlan { steps: None, resume: true, ..half }).unwrap();
+    assert_eq!(resumed.result.last.hash(), whole.result.last.hash());
+    let error = train(&plan_with(folder.path(), "gpu", forces)).unwrap_err().to_string();
+    assert!(error.contains("`rewards.contact_force`") && error.contains("--device cpu"), "{error}");
 }

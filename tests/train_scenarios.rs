@@ -276,7 +276,8 @@ run.validation_interval = 1
 run.total_steps = 256
 run.validation_episodes = 4
 episodes.environments = 8
-scenarios = { nominal = 0.25, corners = 0.25 }
+scenarios.nominal = 0.25
+scenarios.corners = 0.25
 ";
 
 fn plan(folder: &Path, name: &str, device: &str) -> TrainPlan {
@@ -330,4 +331,38 @@ fn a_run_on_scenarios_reports_them_apart_resumes_to_the_same_bits_and_records_it
     let command = plan(folder.path(), "whole", "cpu").command();
     let flags = "--space delay+dynamics+sensing+faults-sensing --axis action_delay=0:2 --seed 4";
     assert!(command.ends_with(flags), "{command}");
+}
+
+#[test]
+fn a_curriculum_grows_over_validations_and_resumes_to_the_same_bits() {
+    let folder = tempfile::tempdir().unwrap();
+    let plan = |name: &str, curriculum: &str| {
+        let plan = plan(folder.path(), name, "cpu");
+        let settings = folder.path().join(format!("{name}.toml"));
+        std::fs::write(&settings, format!("{SETTINGS}scenarios.curriculum = {curriculum}")).unwrap();
+        TrainPlan { settings: Some(settings), ..plan }
+    };
+    // Every success rate reaches a threshold of 0: two iterations of 128 steps, two validations.
+    let curriculum = "{ start = 0.25, step = 0.5, threshold = 0 }";
+    let whole = train(&plan("whole", curriculum)).unwrap();
+    let half = TrainPlan { steps: Some(128), ..plan("half", curriculum) };
+    train(&half).unwrap();
+    let rest = TrainPlan { steps: None, resume: true, ..half };
+    assert_eq!(train(&rest).unwrap().result.last.hash(), whole.result.last.hash());
+    for name in ["whole", "half"] {
+        let curve = Curve::load(&folder.path().join(format!("{name}.csv"))).unwrap();
+        let shares: Vec<Option<f64>> = curve.rows.iter().map(|row| row.scenario_share).collect();
+        assert_eq!(shares, [Some(0.25), Some(0.75)]);
+        for row in &curve.rows {
+            let validation = row.validation.unwrap();
+            assert_eq!(validation.part.map(|part| part.share), row.scenario_share);
+            assert!(validation.space.is_some(), "of the whole space");
+        }
+    }
+    // Another curriculum is another training run, and has other weights.
+    let other = train(&plan("other", "{ start = 0.5, step = 0.5, threshold = 0 }")).unwrap();
+    assert_ne!(other.result.last.hash(), whole.result.last.hash());
+    let alone = TrainPlan { space: None, axes: Default::default(), ..plan("alone", curriculum) };
+    let error = train(&alone).unwrap_err().to_string();
+    assert!(error.contains("whose range can grow"), "{error}");
 }

@@ -79,6 +79,15 @@ pub enum CurveProblem {
         /// Whether the file has these columns.
         found: bool,
     },
+    /// The curve is that of a training run with or without a curriculum.
+    #[error(
+        "it {} columns of a curriculum, unlike this training; choose another --csv",
+        if *found { "has" } else { "lacks" }
+    )]
+    Curriculum {
+        /// Whether the file has these columns.
+        found: bool,
+    },
     /// The curve has other reward terms.
     #[error("its reward terms are {}, those of this training are {}", listed(found), listed(expected))]
     RewardTerms {

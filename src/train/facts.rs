@@ -1,5 +1,5 @@
 use mishandle_controllers::WRITTEN_VERSIONS;
-use mishandle_rollout::{Environment, Seed};
+use mishandle_rollout::Seed;
 use mishandle_tasks::task_hash;
 use mishandle_training::{AlgorithmSettings, Checkpoint};
 
@@ -33,12 +33,7 @@ pub fn training_facts(plan: &TrainPlan, gpu: Option<&Device>) -> Result<Training
     let checkpoint = plan.checkpoint();
     let resumed = plan.resume && checkpoint.exists();
     let resumed = resumed.then(|| Checkpoint::load(&checkpoint)).transpose()?;
-    let has_scenarios = settings.scenarios().is_used();
-    check_outputs(
-        plan,
-        CurveColumns { reward_terms: environment.reward_terms(), has_scenarios },
-        resumed.as_ref(),
-    )?;
+    check_outputs(plan, CurveColumns::new(&settings, &environment), resumed.as_ref())?;
     let batches = batches(plan, gpu, environment, scenarios)?;
     if let Some(checkpoint) = &resumed {
         settings.check_resumption(&batches, Seed(plan.seed), checkpoint)?;

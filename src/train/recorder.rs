@@ -4,7 +4,7 @@ use std::time::{Duration, Instant};
 
 use mishandle_controllers::Policy;
 use mishandle_rollout::{
-    Environment, Episode, Noise, Request, Rollout, Scenario, Seed, Specification, System, TrainingScenarios,
+    Episode, Noise, Request, Rollout, Scenario, Seed, Specification, System, TrainingScenarios,
 };
 use mishandle_tasks::TaskEnvironment;
 use mishandle_training::{Checkpoint, Observer, Rates, TrainingControl, TrainingProgress, Validation};
@@ -17,9 +17,6 @@ use crate::train::tensorboard::EventFile;
 
 /// Seed of the initial states of validations; no evaluation has it by default.
 const VALIDATION_SEED: Seed = Seed(0x7661_6c69_6461_7465);
-
-/// Draws the scenario with a number.
-type Draw = fn(&TrainingScenarios, Seed, u64) -> Scenario;
 
 /// Maximum time between checkpoints, so that a crash loses at most this much work.
 const CHECKPOINT_INTERVAL: Duration = Duration::from_secs(60);
@@ -95,7 +92,7 @@ impl<'a> TrainingRecorder<'a> {
         observer: &'a mut dyn TrainObserver,
     ) -> Result<TrainingRecorder<'a>, MishandleError> {
         let has_scenarios = settings.scenarios().is_used();
-        let columns = CurveColumns { has_scenarios, reward_terms: environment.reward_terms() };
+        let columns = CurveColumns::new(settings, environment);
         Ok(TrainingRecorder {
             records: Records::open(plan, columns, resumed)?,
             environment: environment.clone(),
@@ -145,7 +142,13 @@ impl<'a> TrainingRecorder<'a> {
         }
     }
 
-    fn measure(&self, policy: &Policy, episodes: usize) -> Result<Validation, MishandleError> {
+    /// Returns the results of a policy on scenarios numbered from 0.
+    fn rates(
+        &self,
+        policy: &Policy,
+        episodes: usize,
+        scenario: &dyn Fn(u64) -> Scenario,
+    ) -> Result<Rates, MishandleError> {
         let mut rollout = Rollout::new(
             self.environment.clone(),
             Arc::new(policy.clone()),
@@ -153,25 +156,33 @@ impl<'a> TrainingRecorder<'a> {
             Noise::default(),
         )?
         .with_disturbances(self.scenarios.space.clone(), &self.scenarios.disturbances)?;
-        let mut measure = |scenario: Draw| -> Result<Rates, MishandleError> {
-            let request =
-                |i| Request::new(scenario(&self.scenarios, VALIDATION_SEED, i), VALIDATION_SEED.child(i));
-            let found = rollout.rollout(&(0..episodes as u64).map(request).collect::<Vec<Request>>())?;
-            let rate = |holds: &dyn Fn(&Episode) -> bool| {
-                found.iter().filter(|episode| holds(episode)).count() as f64 / episodes as f64
-            };
-            Ok(Rates {
-                success_rate: rate(&Episode::is_success),
-                strict_success_rate: rate(&Episode::is_strict_success),
-                mean_return: found.iter().map(|episode| episode.total_reward).sum::<f64>() / episodes as f64,
-            })
+        let request = |i| Request::new(scenario(i), VALIDATION_SEED.child(i));
+        let found = rollout.rollout(&(0..episodes as u64).map(request).collect::<Vec<Request>>())?;
+        let rate = |holds: &dyn Fn(&Episode) -> bool| {
+            found.iter().filter(|episode| holds(episode)).count() as f64 / episodes as f64
         };
-        let starts = Validation::of_starts(measure(TrainingScenarios::nominal)?);
+        Ok(Rates {
+            success_rate: rate(&Episode::is_success),
+            strict_success_rate: rate(&Episode::is_strict_success),
+            mean_return: found.iter().map(|episode| episode.total_reward).sum::<f64>() / episodes as f64,
+        })
+    }
+
+    fn measure(&self, policy: &Policy, episodes: usize) -> Result<Validation, MishandleError> {
+        let scenarios = &self.scenarios;
+        let measure = |scenario: &dyn Fn(u64) -> Scenario| self.rates(policy, episodes, scenario);
+        let starts = Validation::of_starts(measure(&|i| scenarios.nominal(VALIDATION_SEED, i))?);
         if !self.has_scenarios {
             return Ok(starts);
         }
-        let space = Some(measure(TrainingScenarios::random)?);
-        Ok(Validation { space, corners: Some(measure(TrainingScenarios::corner)?), ..starts })
+        let space = Some(measure(&|i| scenarios.random(VALIDATION_SEED, i))?);
+        let corners = Some(measure(&|i| scenarios.corner(VALIDATION_SEED, i))?);
+        Ok(Validation { space, corners, ..starts })
+    }
+
+    /// Returns a measurement, or keeps its error, which ends the training run.
+    fn or_error<T>(&mut self, measured: Result<T, MishandleError>) -> Option<T> {
+        measured.map_err(|error| self.error = Some(error)).ok()
     }
 }
 
@@ -181,13 +192,14 @@ impl Observer for TrainingRecorder<'_> {
     }
 
     fn validate(&mut self, policy: &Policy, episodes: usize) -> Option<Validation> {
-        match self.measure(policy, episodes) {
-            Ok(validation) => Some(validation),
-            Err(error) => {
-                self.error = Some(error);
-                None
-            }
-        }
+        let measured = self.measure(policy, episodes);
+        self.or_error(measured)
+    }
+
+    fn validate_part(&mut self, policy: &Policy, episodes: usize, share: f64) -> Option<Rates> {
+        let part = self.scenarios.part(share);
+        let measured = self.rates(policy, episodes, &|i| part.random(VALIDATION_SEED, i));
+        self.or_error(measured)
     }
 
     fn iteration_finished(&mut self, progress: &TrainingProgress) -> TrainingControl {

@@ -33,6 +33,7 @@ pub(super) fn scenarios(
 ) -> Result<(TaskEnvironment, TrainingScenarios), MishandleError> {
     if !settings.scenarios().is_used() {
         let scenarios = TrainingScenarios::of(environment.space().clone());
+        settings.check_curriculum(&scenarios)?;
         return Ok((environment, scenarios));
     }
     let disturbances = environment.disturbances(settings.episodes().action_noise > 0.0);
@@ -52,6 +53,7 @@ pub(super) fn scenarios(
         }
         settings.scenarios_mut().axes.insert(name, AxisSetting::Range(allowed.into_inner().into()));
     };
+    settings.check_curriculum(&scenarios)?;
     let given = match &settings.scenarios().file {
         Some(file) => read(Path::new(file), &scenarios.space)?,
         None => Vec::new(),
@@ -187,6 +189,7 @@ mod tests {
         for (text, part) in [
             ("scenarios.space = \"delays\"", "delays"),
             ("scenarios.axes.action_delai = 1", "action_delai"),
+            ("scenarios.curriculum = { start = 0.1, step = 0.1, threshold = 0.9 }", "whose range can grow"),
             ("scenarios.axes.action_delay = 7", "from 0 to 3"),
             ("scenarios = { file = \"/none/a.csv\", file_share = 0.1 }", "/none/a.csv"),
         ] {

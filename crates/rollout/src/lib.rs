@@ -40,6 +40,7 @@ mod per_thread;
 mod real;
 mod request;
 mod rollout;
+mod scenario_part;
 mod screening;
 mod space;
 mod specification;
@@ -63,6 +64,7 @@ pub use per_thread::PerThread;
 pub use real::Real;
 pub use request::{Episode, EpisodeEnd, Request};
 pub use rollout::Rollout;
+pub use scenario_part::ScenarioPart;
 pub use screening::{
     BatchStatus, GROUP_ROWS, ScenarioBatch, ScenarioRows, Screen, ScreenedEpisode, Screening,
 };

@@ -409,6 +409,13 @@ impl Space {
         Scenario((0..).zip(self.axes.iter()).map(draw).map(Some).collect())
     }
 
+    /// Returns random corner number `index` of `seed`: each axis is at its lower or upper bound,
+    /// with equal probability.
+    pub(crate) fn random_corner(&self, seed: Seed, index: u64) -> Scenario {
+        let bound = |axis: u32| f64::from(u8::from(seed.uniform(Stream::Scenario, index + 1, axis) >= 0.5));
+        self.at(&(0..).take(self.dimension()).map(bound).collect::<Vec<f64>>())
+    }
+
     /// Checks that `scenario` has an allowed value for every axis.
     ///
     /// # Errors

@@ -4,7 +4,7 @@ use std::ops::RangeInclusive;
 
 use crate::{
     Axis, AxisKind, BatchFactory, Disturbance, EnvironmentBatch, EnvironmentSpec, Interface, RolloutError,
-    Scenario, Seed, Space, Stream,
+    Scenario, Seed, Space,
 };
 
 /// The scenarios from which training and validation draw.
@@ -46,8 +46,7 @@ impl TrainingScenarios {
     /// Returns random corner number `index` of `seed`: each axis is at its lower or upper bound,
     /// with equal probability.
     pub fn corner(&self, seed: Seed, index: u64) -> Scenario {
-        let bound = |axis: u32| f64::from(u8::from(seed.uniform(Stream::Scenario, index + 1, axis) >= 0.5));
-        self.space.at(&(0..).take(self.space.dimension()).map(bound).collect::<Vec<f64>>())
+        self.space.random_corner(seed, index)
     }
 
     /// Returns one of the given scenarios for a uniform number from \[0, 1); `None` if there is

@@ -23,6 +23,8 @@ pub struct TaskBatch {
     shared: Shared,
     /// Tail of the state row of each row, which [`Events`] describe.
     tails: Vec<f64>,
+    /// Memory of the reward terms of the manner of each row.
+    memory: Vec<f64>,
     /// Inputs of the worlds of each group that the next step needs.
     pending: Vec<Pending>,
 }
@@ -47,6 +49,7 @@ struct Sizes {
     output: usize,
     active: usize,
     mocap: usize,
+    memory: usize,
 }
 
 /// Buffers and the worker of one thread.
@@ -122,11 +125,13 @@ impl TaskBatch {
             output: layout.output_size(),
             active: layout.constraints,
             mocap: 7 * layout.mocaps,
+            memory: environment.reward_memory_size(),
         };
         Ok(TaskBatch {
             worlds: device.batch(&spec).map_err(|error| engine_error(&error))?,
             rows,
             tails: vec![0.0; rows * events.size],
+            memory: vec![0.0; rows * sizes.memory],
             pending: (0..rows.div_ceil(GROUP_ROWS)).map(|_| Pending::default()).collect(),
             shared: Shared {
                 model,
@@ -147,20 +152,21 @@ impl TaskBatch {
         extras: impl Iterator<Item = T>,
         visit: impl Fn(usize, &mut TaskRows<'_>, T) + Sync,
     ) {
-        let TaskBatch { worlds, rows, shared, tails, pending } = self;
+        let TaskBatch { worlds, rows, shared, tails, memory, pending } = self;
         let BatchBuffers { targets, active, mocap, forces, outputs } = worlds.buffers();
-        let Sizes { output, active: active_size, mocap: mocap_size, .. } = shared.sizes;
+        let Sizes { output, active: active_size, mocap: mocap_size, memory: memory_size, .. } = shared.sizes;
         let parts: Vec<_> = groups(targets, JOINTS)
             .zip(groups(active, active_size))
             .zip(groups(mocap, mocap_size))
             .zip(groups(forces, shared.events.force_size()))
             .zip(groups(tails, shared.events.size))
+            .zip(groups(memory, memory_size))
             .zip(outputs.chunks_mut(GROUP_ROWS * output))
             .zip(pending)
             .zip(extras)
             .collect();
         parts.into_par_iter().enumerate().for_each(|(index, (inputs, extra))| {
-            let ((((((targets, active), mocap), forces), tails), outputs), pending) = inputs;
+            let (((((((targets, active), mocap), forces), tails), memory), outputs), pending) = inputs;
             let (shared, first_row) = (&*shared, index * GROUP_ROWS);
             let rows = GROUP_ROWS.min(*rows - first_row);
             shared.on_thread(|thread| {
@@ -174,6 +180,7 @@ impl TaskBatch {
                     mocap,
                     forces,
                     tails,
+                    memory,
                     outputs,
                     pending,
                 };
@@ -203,7 +210,7 @@ impl TaskBatch {
     /// Copies the states of all rows into `states`, `[rows, state_size]`.
     pub(crate) fn read_states(&mut self, states: &mut [f64]) -> Result<(), RolloutError> {
         self.write_pending()?;
-        let Sizes { state: size, physics: physics_size, .. } = self.shared.sizes;
+        let Sizes { state: size, physics: physics_size, memory: memory_size, .. } = self.shared.sizes;
         let mut physics = vec![0.0; self.rows * physics_size];
         self.worlds.read_states(&mut physics).map_err(|error| engine_error(&error))?;
         let targets = self.worlds.buffers().targets.chunks(JOINTS);
@@ -212,7 +219,9 @@ impl TaskBatch {
         for (row, ((state, physics), targets)) in rows {
             state[..physics_size].copy_from_slice(physics);
             state[physics_size..][..JOINTS].copy_from_slice(targets);
-            state[physics_size + JOINTS..].copy_from_slice(&self.tails[row * tail_size..][..tail_size]);
+            let (tail, memory) = state[physics_size + JOINTS..].split_at_mut(tail_size);
+            tail.copy_from_slice(&self.tails[row * tail_size..][..tail_size]);
+            memory.copy_from_slice(&self.memory[row * memory_size..][..memory_size]);
         }
         Ok(())
     }
@@ -289,6 +298,7 @@ pub(crate) struct TaskRows<'a> {
     mocap: &'a mut [f64],
     forces: &'a mut [f64],
     tails: &'a mut [f64],
+    memory: &'a mut [f64],
     outputs: Outputs<'a>,
     pending: &'a mut Pending,
 }
@@ -308,7 +318,7 @@ impl TaskRows<'_> {
 
     /// Writes the state of the thread's worker to a row.
     fn write_start(&mut self, row: usize) {
-        let (Sizes { physics, active, mocap, .. }, events) = (self.shared.sizes, &self.shared.events);
+        let (Sizes { physics, active, mocap, memory, .. }, events) = (self.shared.sizes, &self.shared.events);
         let Thread { worker, state, output, fields, .. } = &mut *self.thread;
         let world = worker.world();
         self.shared.layout.write(world, output);
@@ -321,7 +331,9 @@ impl TaskRows<'_> {
             pose[..3].copy_from_slice(position);
             pose[3..].copy_from_slice(quaternion);
         }
-        self.tails[row * events.size..][..events.size].copy_from_slice(&state[physics + JOINTS..]);
+        let (tail, own_memory) = state[physics + JOINTS..].split_at(events.size);
+        self.tails[row * events.size..][..events.size].copy_from_slice(tail);
+        self.memory[row * memory..][..memory].copy_from_slice(own_memory);
         self.pending.states.set(self.first_row + row, &state[..physics]);
         if !events.fields.is_empty() {
             fields.clear();
@@ -342,7 +354,8 @@ impl TaskRows<'_> {
             RowStatus::Running => {
                 let active = &self.active[row * sizes.active..][..sizes.active];
                 let view = layout.rows(model, output, active);
-                BatchStatus::Step(functions.write_step(&view, action, observation, sample))
+                let memory = &mut self.memory[row * sizes.memory..][..sizes.memory];
+                BatchStatus::Step(functions.write_step(&view, action, memory, observation, sample))
             }
         }
     }

@@ -11,6 +11,7 @@ use crate::check::{check_definition, check_scene, check_substeps, compile};
 use crate::definition::{Definition, GripperMode, Preset, Reward, Scene, Task};
 use crate::document::compose;
 use crate::manner::{MANNER, MEMORY, Manner, MannerRecorder};
+use crate::manner_reward::{MannerReward, MannerWeights};
 use crate::robot::{ARM_JOINTS, CONTROL_DT, EPISODE_STEPS, JOINTS, Panda};
 
 /// Bound to which observations are clipped.
@@ -56,7 +57,8 @@ const CHANGED_WORLDS: usize = 16;
 ///
 /// A state row contains MuJoCo's state and the nine joint targets. If the space has axes of model
 /// constants or events, the control step and the values of these axes follow. What the [signals of
-/// the manner](Self::with_manner) need comes last. Random numbers are drawn only at the reset.
+/// the manner](Self::with_manner) and [its reward terms](Self::with_manner_reward) need comes last.
+/// Random numbers are drawn only at the reset.
 #[derive(Clone)]
 pub struct TaskEnvironment {
     definition: &'static Definition,
@@ -73,6 +75,7 @@ pub struct TaskEnvironment {
     signals: Arc<[String]>,
     manner: Manner,
     has_manner: bool,
+    manner_reward: MannerReward,
     reward_terms: Vec<String>,
 }
 
@@ -123,6 +126,7 @@ impl TaskEnvironment {
             signals: definition.signals.iter().map(|signal| signal.name.to_string()).collect(),
             manner,
             has_manner: false,
+            manner_reward: MannerReward::default(),
             reward_terms: definition.reward(reward).iter().map(|term| term.name.to_string()).collect(),
         };
         Ok(environment)
@@ -188,6 +192,22 @@ impl TaskEnvironment {
         TaskEnvironment { signals: names.collect(), has_manner: true, ..self.clone() }
     }
 
+    /// Returns the environment with more [reward terms](crate::MANNER_REWARD): those with a weight
+    /// above 0, after those of the task. The others keep their bits. Training episodes have
+    /// `episode_steps` control steps.
+    pub fn with_manner_reward(&self, weights: MannerWeights, episode_steps: usize) -> TaskEnvironment {
+        let manner_reward = MannerReward::new(weights, episode_steps);
+        let environment = if manner_reward.needs_manner() { self.with_manner() } else { self.clone() };
+        let terms = self.definition.reward(self.reward).iter().chain(manner_reward.terms());
+        let reward_terms = terms.map(|term| term.name.to_string()).collect();
+        TaskEnvironment { manner_reward, reward_terms, ..environment }
+    }
+
+    /// Returns the length of the part of a state row that the reward terms of the manner need.
+    pub(crate) fn reward_memory_size(&self) -> usize {
+        self.manner_reward.memory_size()
+    }
+
     /// Returns whether the environment computes the signals of the manner.
     pub(crate) fn has_manner(&self) -> bool {
         self.has_manner
@@ -232,8 +252,14 @@ impl TaskEnvironment {
 
     /// Returns the functions that map a view of a state to targets, samples and rewards.
     pub(crate) fn functions(&self) -> SceneFunctions {
-        let TaskEnvironment { definition, panda, scene, reward, .. } = self;
-        SceneFunctions { definition, panda: *panda, scene: scene.clone(), reward: *reward }
+        let TaskEnvironment { definition, panda, scene, reward, manner_reward, .. } = self;
+        SceneFunctions {
+            definition,
+            panda: *panda,
+            scene: scene.clone(),
+            reward: *reward,
+            manner_reward: *manner_reward,
+        }
     }
 
     /// Returns the number of physics steps per control step.
@@ -319,7 +345,8 @@ impl Environment for TaskEnvironment {
     }
 
     fn state_size(&self) -> usize {
-        self.model.state_size() + JOINTS + self.tail_size() + if self.has_manner() { MEMORY } else { 0 }
+        let manner = if self.has_manner() { MEMORY } else { 0 };
+        self.model.state_size() + JOINTS + self.tail_size() + manner + self.reward_memory_size()
     }
 
     fn control_dt(&self) -> f64 {
@@ -396,8 +423,8 @@ pub(crate) struct WorldCache {
 }
 
 impl WorldCache {
-    /// Splits a state row into MuJoCo's state, the joint targets, the tail and the memory of the
-    /// signals of the manner.
+    /// Splits a state row into MuJoCo's state, the joint targets, the tail, and the memory of the
+    /// signals of the manner and of its reward terms.
     fn split<'a>(
         &self,
         state: &'a mut [f64],
@@ -459,6 +486,7 @@ pub(crate) struct SceneFunctions {
     panda: Panda,
     scene: Arc<dyn Scene>,
     reward: Reward,
+    manner_reward: MannerReward,
 }
 
 impl SceneFunctions {
@@ -500,17 +528,21 @@ impl SceneFunctions {
     }
 
     /// Writes the sample after a control step, with rewards if there is space for them, and returns
-    /// its status.
+    /// its status. `memory` is that of the reward terms of the manner.
     pub(crate) fn write_step(
         &self,
         rows: &Rows<'_>,
         action: &[f64],
+        memory: &mut [f64],
         buffer: &mut [f64],
         mut sample: Sample<'_>,
     ) -> StepStatus {
         self.write_sample(rows, buffer, &mut sample);
         if !sample.rewards.is_empty() {
-            self.scene.reward(self.reward, rows, sample.signals, action, sample.rewards);
+            let (own, manner) = sample.rewards.split_at_mut(self.definition.reward(self.reward).len());
+            self.scene.reward(self.reward, rows, sample.signals, action, own);
+            let signals = &sample.signals[self.definition.signals.len()..];
+            self.manner_reward.write((rows, &self.panda), signals, action, memory, manner);
         }
         match self.scene.is_terminal(rows, sample.signals) {
             true => StepStatus::Terminated,
@@ -628,6 +660,9 @@ impl EnvironmentWorker for TaskWorker {
         self.write_sample(world_index, &mut sample);
         sample.rewards.fill(0.0);
         let world = &self.worlds.worlds[world_index].1;
+        let of_signals = memory.len() - self.functions.manner_reward.memory_size();
+        let (memory, reward_memory) = memory.split_at_mut(of_signals);
+        reward_memory.fill(0.0);
         if let Some(manner) = &mut self.manner {
             manner.start(&world.rows(), memory, &mut sample.signals[definition.signals.len()..]);
         }
@@ -668,10 +703,12 @@ impl EnvironmentWorker for TaskWorker {
         }
         world.refresh();
         let rows = world.rows();
+        let of_signals = memory.len() - self.functions.manner_reward.memory_size();
+        let (memory, reward_memory) = memory.split_at_mut(of_signals);
         if let Some(manner) = &mut self.manner {
             let first = self.functions.definition.signals.len();
             manner.finish(&rows, action, memory, &mut sample.signals[first..]);
         }
-        self.functions.write_step(&rows, action, &mut self.observation, sample)
+        self.functions.write_step(&rows, action, reward_memory, &mut self.observation, sample)
     }
 }

@@ -27,6 +27,7 @@ mod full_state;
 mod identity;
 pub mod kinematic;
 mod manner;
+mod manner_reward;
 mod notes;
 mod peg_in_hole;
 mod point_reaching;
@@ -46,6 +47,7 @@ pub use expert::{Expert, ExpertInput, ExpertPolicy, clamp_norm};
 pub use full_state::FullState;
 pub use identity::task_hash;
 pub use manner::{ACCELERATION_LIMIT, CAREFUL, MANNER, TORQUE_LIMIT};
+pub use manner_reward::{MANNER_REWARD, MannerWeights};
 pub use notes::{Note, Topic, notes};
 pub use reward::action_penalty;
 pub use robot::{

@@ -17,7 +17,7 @@ pub const TORQUE_LIMIT: [f64; ARM_JOINTS] = [87.0, 87.0, 87.0, 87.0, 12.0, 12.0,
 
 /// Speed below which a joint of the arm is at rest, rad/s. At full reach (0.855 m) it moves the
 /// hand by 43 mm/s.
-const REST_SPEED: f64 = 0.05;
+pub(crate) const REST_SPEED: f64 = 0.05;
 
 /// Control steps of 50 ms.
 const MEAN_STEPS: usize = 3;
@@ -62,6 +62,10 @@ pub static MANNER: &[Quantity] = &[
     ),
     scalar("rest_time", "s", "time for which all joints of the arm have been slower than 0.05 rad/s"),
 ];
+
+/// Places of the largest forces on fixtures and on the ground among the signals.
+pub(crate) const FIXTURE_FORCE: usize = 0;
+pub(crate) const GROUND_FORCE: usize = 2;
 
 /// Conditions of careful success for every task.
 ///

@@ -38,6 +38,8 @@ fn heading(algorithm: &str, table: &str) -> String {
         "" => return format!("## {algorithm}"),
         "run" => ": length, validation, early stopping, checkpoints",
         "episodes" => ": the parallel environments",
+        "scenarios" => ": the scenarios of the episodes",
+        "rewards" => ": reward terms for the manner",
         "replay" => ": the replay buffer and the number of updates",
         "policy" => ": the policy network and the observation normalizer",
         "critic" => ": the value networks",

@@ -4,13 +4,14 @@ use std::any::Any;
 use std::fmt::Debug;
 
 use mishandle_network::NetworkDevice;
-use mishandle_rollout::{BatchFactory, Seed};
+use mishandle_rollout::{BatchFactory, Seed, TrainingScenarios};
 
 use crate::learner::Learner;
 use crate::learner::origin::Origin;
+use crate::settings::setting::require;
 use crate::{
-    ALGORITHMS, Checkpoint, EpisodeSettings, Observer, RunSettings, ScenarioSettings, Setting, TomlSettings,
-    TrainingError, TrainingResult, learner,
+    ALGORITHMS, Checkpoint, EpisodeSettings, Observer, RewardSettings, RunSettings, ScenarioSettings,
+    Setting, TomlSettings, TrainingError, TrainingResult, learner,
 };
 
 /// Settings of one algorithm. Each algorithm implements this trait in its own folder and has a line
@@ -54,6 +55,7 @@ pub(crate) struct CommonSettings<'a> {
     pub run: &'a RunSettings,
     pub episodes: &'a EpisodeSettings,
     pub scenarios: &'a ScenarioSettings,
+    pub rewards: &'a RewardSettings,
 }
 
 /// Object-safe form of [`Algorithm`].
@@ -213,6 +215,11 @@ impl AlgorithmSettings {
         self.0.common().scenarios
     }
 
+    /// Returns the `[rewards]` table: the reward terms for the manner.
+    pub fn rewards(&self) -> &RewardSettings {
+        self.0.common().rewards
+    }
+
     /// Returns the `[scenarios]` table for modification.
     pub fn scenarios_mut(&mut self) -> &mut ScenarioSettings {
         self.0.scenarios_mut()
@@ -229,6 +236,17 @@ impl AlgorithmSettings {
     /// If a value is not allowed; the message states the allowed values.
     pub fn check(&self) -> Result<(), TrainingError> {
         self.0.check()
+    }
+
+    /// Checks that a curriculum has an axis whose range grows.
+    ///
+    /// # Errors
+    /// If the scenarios have none.
+    pub fn check_curriculum(&self, scenarios: &TrainingScenarios) -> Result<(), TrainingError> {
+        let grows = self.scenarios().curriculum.is_none() || scenarios.can_shrink();
+        let expected =
+            "not set without an axis whose range can grow; name a space or axes besides those of the start";
+        require("scenarios.curriculum", expected, "a curriculum", grows)
     }
 
     /// Returns the reason why the result after n steps depends on `run.total_steps`; `None` if it

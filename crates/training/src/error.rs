@@ -86,6 +86,17 @@ pub enum TrainingError {
         /// The quantity that is NaN or infinite.
         what: &'static str,
     },
+    /// The environments lack a reward term that the settings ask for.
+    #[error(
+        "the setting `rewards.{term}` is {weight}, but the environments have no reward term `{term}`; set it to 0, or \
+         train in environments that have this term"
+    )]
+    MissingRewardTerm {
+        /// Name of the term.
+        term: &'static str,
+        /// Its weight.
+        weight: f64,
+    },
     /// A checkpoint file cannot be read or written.
     #[error("cannot {verb} the checkpoint {}", path.display())]
     File {

@@ -8,8 +8,9 @@
 //!   action-value critics with target networks, the [`deterministic`] policy;
 //! - `settings`: declaration, reading and bases of settings;
 //! - `episodes`: parallel environments that restart their [`Episodes`] automatically;
-//! - `learner`: the training loop, progress reports to an [`Observer`], validation, and selection
-//!   of the best policy;
+//! - `privileged`: inputs of critics that the policy does not see;
+//! - `learner`: the training loop, progress reports to an [`Observer`], validation, curriculum, and
+//!   selection of the best policy;
 //! - `checkpoint`: the state of a training run as a file;
 //! - `parity`: tests that compare single updates with those of skrl.
 //!
@@ -28,6 +29,7 @@ mod off_policy;
 mod on_policy;
 #[cfg(test)]
 mod parity;
+mod privileged;
 mod registry;
 mod settings;
 
@@ -38,8 +40,8 @@ pub use error::TrainingError;
 pub use initialization::Initialization;
 pub use learner::origin::Origin;
 pub use learner::progress::{
-    Observer, Rates, TimeShares, TrainingControl, TrainingProgress, TrainingResult, Validation,
-    format_duration,
+    Observer, PartValidation, Rates, TimeShares, TrainingControl, TrainingProgress, TrainingResult,
+    Validation, format_duration,
 };
 pub use learner::selection::{BestPolicy, PolicySelection};
 pub use off_policy::settings::{
@@ -54,6 +56,6 @@ pub use on_policy::trpo::conjugate_gradient::conjugate_gradient;
 pub use on_policy::{gae, ppo, trpo};
 pub use registry::{ALGORITHMS, AlgorithmEntry};
 pub use settings::{
-    AxisSetting, BASES, BEST, Choice, EpisodeSettings, RunSettings, ScenarioSettings, SelectionWeights,
-    Setting, TimeoutHandling, TomlSettings,
+    AxisSetting, BASES, BEST, Choice, CurriculumSettings, EpisodeSettings, RewardSettings, RunSettings,
+    ScenarioSettings, SelectionWeights, Setting, TimeoutHandling, TomlSettings,
 };

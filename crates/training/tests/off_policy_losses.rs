@@ -12,6 +12,8 @@ use mishandle_training::{ddpg, sac, td3};
 
 const OBSERVATION: usize = 3;
 const ACTION: usize = 2;
+/// Privileged inputs of the critics.
+const PRIVILEGED: usize = 2;
 const ROWS: usize = 7;
 
 fn numbers(seed: u64, count: usize) -> Vec<f64> {
@@ -31,7 +33,7 @@ fn network(inputs: usize, outputs: usize, last: Activation, layer_norm: bool, se
 }
 
 fn critic(seed: u64) -> Mlp<f64> {
-    network(OBSERVATION + ACTION, 1, Activation::Identity, true, seed)
+    network(OBSERVATION + ACTION + PRIVILEGED, 1, Activation::Identity, true, seed)
 }
 
 fn batch() -> TransitionBatch<f64> {
@@ -43,12 +45,15 @@ fn batch() -> TransitionBatch<f64> {
         returns: numbers(3, ROWS),
         discounts,
         next_observations: numbers(4, ROWS * OBSERVATION),
+        privileged: numbers(5, ROWS * PRIVILEGED),
+        next_privileged: numbers(6, ROWS * PRIVILEGED),
         indices: vec![],
     }
 }
 
-fn value(critic: &Mlp<f64>, observations: &[f64], row: usize, action: &[f64]) -> f64 {
-    let inputs = [&observations[row * OBSERVATION..][..OBSERVATION], action].concat();
+fn value(critic: &Mlp<f64>, (observations, privileged): (&[f64], &[f64]), row: usize, action: &[f64]) -> f64 {
+    let privileged = &privileged[row * PRIVILEGED..][..PRIVILEGED];
+    let inputs = [&observations[row * OBSERVATION..][..OBSERVATION], action, privileged].concat();
     critic.forward(&inputs, &mut Workspace::default())[0]
 }
 
@@ -98,9 +103,16 @@ fn critic_loss_of_ddpg() {
     let expected: f64 = (0..ROWS)
         .map(|row| {
             let action = outputs(&target_actor, &batch.next_observations, row);
-            let next_value = value(&target_critic, &batch.next_observations, row, &action);
+            let next_value =
+                value(&target_critic, (&batch.next_observations, &batch.next_privileged), row, &action);
             let y = batch.returns[row] + batch.discounts[row] * next_value;
-            (value(&own, &batch.observations, row, &batch.actions[row * ACTION..][..ACTION]) - y).powi(2)
+            (value(
+                &own,
+                (&batch.observations, &batch.privileged),
+                row,
+                &batch.actions[row * ACTION..][..ACTION],
+            ) - y)
+                .powi(2)
         })
         .sum();
     assert!((found - expected / ROWS as f64).abs() < 1e-12);
@@ -134,11 +146,15 @@ fn critic_loss_of_td3() {
             let action = outputs(&target_actor, &batch.next_observations, row);
             let action: Vec<f64> =
                 action.iter().zip(smoothing_noise).map(|(a, n)| (a + n).clamp(-1.0, 1.0)).collect();
-            let next_value = |target: &Mlp<f64>| value(target, &batch.next_observations, row, &action);
+            let next_value = |target: &Mlp<f64>| {
+                value(target, (&batch.next_observations, &batch.next_privileged), row, &action)
+            };
             let y = batch.returns[row]
                 + batch.discounts[row] * next_value(&targets[0]).min(next_value(&targets[1]));
             let action = &batch.actions[row * ACTION..][..ACTION];
-            let error = |critic: &Mlp<f64>| (value(critic, &batch.observations, row, action) - y).powi(2);
+            let error = |critic: &Mlp<f64>| {
+                (value(critic, (&batch.observations, &batch.privileged), row, action) - y).powi(2)
+            };
             error(&first) + error(&second)
         })
         .sum();
@@ -159,7 +175,14 @@ fn policy_loss_of_deterministic_policies() {
     let mut gradient = vec![0.0; actor.parameter_count()];
     let found = whole(&actor, &mut gradient);
     let expected: f64 = (0..ROWS)
-        .map(|row| -value(&critic, &batch.observations, row, &outputs(&actor, &batch.observations, row)))
+        .map(|row| {
+            -value(
+                &critic,
+                (&batch.observations, &batch.privileged),
+                row,
+                &outputs(&actor, &batch.observations, row),
+            )
+        })
         .sum();
     assert!((found - expected / ROWS as f64).abs() < 1e-12);
     check_slopes(&actor, &gradient, |actor| whole(actor, &mut vec![0.0; actor.parameter_count()]));
@@ -208,12 +231,15 @@ fn critic_loss_of_sac() {
         .map(|row| {
             let outputs = outputs(&actor, &batch.next_observations, row);
             let (action, log_prob) = squashed(&outputs, &noise[row * ACTION..][..ACTION]);
-            let next_value = |target: &Mlp<f64>| value(target, &batch.next_observations, row, &action);
+            let next_value = |target: &Mlp<f64>| {
+                value(target, (&batch.next_observations, &batch.next_privileged), row, &action)
+            };
             let soft = next_value(&targets[0]).min(next_value(&targets[1])) - TEMPERATURE * log_prob;
             let y = batch.returns[row] + batch.discounts[row] * soft;
             let action = &batch.actions[row * ACTION..][..ACTION];
-            let error =
-                |critic: &Mlp<f64>| 0.5 * (value(critic, &batch.observations, row, action) - y).powi(2);
+            let error = |critic: &Mlp<f64>| {
+                0.5 * (value(critic, (&batch.observations, &batch.privileged), row, action) - y).powi(2)
+            };
             error(&first) + error(&second)
         })
         .sum();
@@ -250,7 +276,8 @@ fn policy_loss_of_sac() {
     for row in 0..ROWS {
         let (action, log_prob) =
             squashed(&outputs(&actor, &batch.observations, row), &noise[row * ACTION..][..ACTION]);
-        let values = [0, 1].map(|i| value(&critics[i], &batch.observations, row, &action));
+        let values =
+            [0, 1].map(|i| value(&critics[i], (&batch.observations, &batch.privileged), row, &action));
         expected += TEMPERATURE * log_prob - values[0].min(values[1]);
         log_probs += log_prob;
         chosen[usize::from(values[1] < values[0])] += 1;

@@ -14,13 +14,13 @@ use mishandle_controllers::Policy;
 use mishandle_network::{Activation, Mlp};
 use mishandle_rollout::fault::{Channel, FaultSite, Side};
 use mishandle_rollout::{
-    Axis, AxisKind, AxisValues, Controller, ControllerWorker, Disturbance, Effect, Environment,
+    Axis, AxisKind, AxisValues, BatchFactory, Controller, ControllerWorker, Disturbance, Effect, Environment,
     EnvironmentWorker, Noise, Request, Rollout, Sample, Scenario, ScenarioBatches, Seed, Space,
     Specification, StepStatus, Stream, System, TimeProfile, TrainingScenarios, delays,
 };
 use mishandle_training::{
-    AlgorithmSettings, Boundary, Checkpoint, EpisodeSettings, Episodes, Observer, Origin, ScenarioSettings,
-    TrainingControl, TrainingError, TrainingProgress, Validation,
+    ALGORITHMS, AlgorithmSettings, Boundary, Checkpoint, EpisodeSettings, Episodes, Observer, Origin, Rates,
+    ScenarioSettings, TrainingControl, TrainingError, TrainingProgress, Validation,
 };
 use toy::{Toy, names};
 
@@ -430,13 +430,21 @@ fn shares_are_met_within_binomial_bounds() {
 struct Keeper {
     stop_after: u64,
     checkpoint: Option<Checkpoint>,
+    /// Share of the ranges in each iteration.
+    shares: Vec<Option<f64>>,
 }
 
 impl Observer for Keeper {
     fn validate(&mut self, _policy: &Policy, _episodes: usize) -> Option<Validation> {
-        None
+        Some(Validation::of_starts(Rates::default()))
+    }
+    /// Success up to half of the ranges.
+    fn validate_part(&mut self, _policy: &Policy, episodes: usize, share: f64) -> Option<Rates> {
+        assert_eq!(episodes, 200);
+        Some(Rates { success_rate: if share < 0.5 { 0.9 } else { 0.89 }, ..Rates::default() })
     }
     fn iteration_finished(&mut self, progress: &TrainingProgress) -> TrainingControl {
+        self.shares.push(progress.scenario_share);
         match progress.iteration == self.stop_after {
             true => TrainingControl::Stop,
             false => TrainingControl::Continue,
@@ -447,21 +455,27 @@ impl Observer for Keeper {
     }
 }
 
+/// Returns short training settings of an algorithm on all scenarios, and the factory of its
+/// environments.
+fn training(algorithm: &str, more: &str) -> (AlgorithmSettings, impl BatchFactory + use<>) {
+    let own = match algorithm {
+        "ppo" => "rollout_steps = 12\nminibatch_size = 48",
+        "trpo" => "rollout_steps = 12",
+        _ => "steps_per_iteration = 12\nreplay = { warmup_steps = 50, batch_size = 32 }",
+    };
+    let common = "run.total_steps = 600\nepisodes.environments = 8\npolicy.hidden = [8]\ncritic.hidden = [8]\n\
+                  scenarios.space = \"all\"\nscenarios.nominal = 0.2\nscenarios.corners = 0.3\n";
+    let settings = AlgorithmSettings::from_toml(algorithm, &format!("{common}{more}{own}")).unwrap().unwrap();
+    (settings, ScenarioBatches { batches: drifter(), scenarios: scenarios() })
+}
+
 #[test]
 fn every_algorithm_trains_on_scenarios_and_resumes_to_the_same_bits() {
-    let scenarios = scenarios();
-    let algorithms = ["ppo", "trpo", "sac", "td3", "ddpg"];
-    for (algorithm, history) in algorithms.iter().flat_map(|algorithm| [(*algorithm, 0), (*algorithm, 2)]) {
-        let own = match algorithm {
-            "ppo" => "rollout_steps = 12\nminibatch_size = 48",
-            "trpo" => "rollout_steps = 12",
-            _ => "steps_per_iteration = 12\nreplay = { warmup_steps = 50, batch_size = 32 }",
-        };
-        let common = "run.total_steps = 600\nepisodes.environments = 8\npolicy.hidden = [8]\ncritic.hidden = [8]\n\
-                      scenarios = { space = \"all\", nominal = 0.2, corners = 0.3 }\n";
-        let text = format!("policy.history = {history}\n{common}{own}");
-        let settings = AlgorithmSettings::from_toml(algorithm, &text).unwrap().unwrap();
-        let batches = ScenarioBatches { batches: drifter(), scenarios: scenarios.clone() };
+    for (algorithm, history, critic) in ALGORITHMS.iter().flat_map(|algorithm| {
+        [(0, false), (0, true), (2, true)].map(|(history, critic)| (algorithm.name, history, critic))
+    }) {
+        let more = format!("policy.history = {history}\ncritic.sees_scenario = {critic}\n");
+        let (settings, batches) = training(algorithm, &more);
         let train = |resume: Option<&Checkpoint>, keeper: &mut Keeper| {
             settings.train(&batches, Seed(2), resume.map_or(Origin::New, Origin::Checkpoint), keeper).unwrap()
         };
@@ -482,6 +496,94 @@ fn every_algorithm_trains_on_scenarios_and_resumes_to_the_same_bits() {
 }
 
 #[test]
+fn only_the_critic_sees_the_scenario() {
+    let of_scenario: usize = scenarios()
+        .space
+        .axes()
+        .iter()
+        .map(|axis| match axis.values {
+            AxisValues::Categorical(_) => axis.levels().unwrap(),
+            _ => 1,
+        })
+        .sum();
+    // The observation of the environment, and the scenario.
+    let privileged = 3 + of_scenario;
+    for algorithm in ALGORITHMS {
+        let (plain, batches) = training(algorithm.name, "");
+        let (seeing, _) = training(algorithm.name, "critic.sees_scenario = true\n");
+        let [plain, seeing] = [plain, seeing].map(|settings| {
+            let mut keeper = Keeper::default();
+            let trained = settings.train(&batches, Seed(2), Origin::New, &mut keeper).unwrap();
+            (trained.last, keeper.checkpoint.unwrap())
+        });
+        let sizes = |policy: &Policy| (policy.network().sizes().to_vec(), policy.mean().len());
+        assert_eq!(sizes(&seeing.0), sizes(&plain.0), "{}", algorithm.name);
+        assert_eq!(sizes(&seeing.0).0[0], 3);
+        assert_ne!(seeing.0.hash(), plain.0.hash(), "{}: the critic teaches otherwise", algorithm.name);
+        // A hidden layer of 8 and one output. Critics of off-policy algorithms see two actions.
+        let (name, actions) = match algorithm.name {
+            "ppo" | "trpo" => ("critic.parameters", 0),
+            "ddpg" => ("critic.parameters", 2),
+            _ => ("critic_1.parameters", 2),
+        };
+        for (checkpoint, more) in [(&plain.1, 0), (&seeing.1, privileged)] {
+            let count = (3 + actions + more + 1) * 8 + 9;
+            assert!(
+                checkpoint.f32s(name, count).is_ok(),
+                "{}: {:?}",
+                algorithm.name,
+                checkpoint.f32s(name, count)
+            );
+        }
+    }
+}
+
+#[test]
+fn privileged_inputs_are_the_undisturbed_observation_and_the_scaled_scenario() {
+    let whole = scenarios();
+    // Without disturbances of actions, the state does not depend on what the policy sees.
+    let names = ["start", "observation_delay", "bias", "noise", "draw", "sensor_duration", "sensor"];
+    let axis = |name: &str| whole.space.axes().iter().find(|axis| axis.name == name).unwrap().clone();
+    let space = Space::new("some", names.map(axis).to_vec()).unwrap();
+    let (numbers, fault) = space.axes().split_at(6);
+    let kinds = fault[0].levels().unwrap();
+    let size = 3 + 6 + kinds;
+    let scenarios = TrainingScenarios { space: space.clone(), ..whole };
+    let nominal = ScenarioSettings { nominal: 1.0, ..ScenarioSettings::default() };
+    let mut disturbed = episodes(&scenarios, &ScenarioSettings::default(), 30, 0.0).with_privileged();
+    let mut still = episodes(&scenarios, &nominal, 30, 0.0).with_privileged();
+    assert_eq!((disturbed.privileged_size(), still.privileged_size()), (size, size));
+    let observation =
+        |inputs: &[f32]| inputs.chunks(size).flat_map(|row| &row[..3]).copied().collect::<Vec<_>>();
+    let (mut differing, mut failing) = (0, 0);
+    for step in 0..2 * STEPS {
+        assert_eq!(observation(disturbed.privileged()), still.observations());
+        differing += usize::from(disturbed.observations() != still.observations());
+        let before = disturbed.privileged().to_vec();
+        for (row, inputs) in before.chunks(size).enumerate() {
+            let seed = Seed(3).child(row as u64).child((step / STEPS) as u64);
+            let drawn = scenarios.random(seed, 0);
+            for ((axis, value), input) in numbers.iter().zip(drawn.values()).zip(&inputs[3..9]) {
+                let share = (value.unwrap() - axis.low) / (axis.high - axis.low);
+                assert!((f64::from(*input) - (2.0 * share - 1.0)).abs() < 1e-6, "{}: {input}", axis.name);
+            }
+            let expected = (0..kinds).map(|kind| f32::from(drawn.get(6) == Some(kind as f64)));
+            failing += usize::from(drawn.get(6) != Some(0.0));
+            assert_eq!(inputs[9..], expected.collect::<Vec<f32>>());
+        }
+        let actions: Vec<f32> = still.observations().chunks(3).flat_map(act).collect();
+        disturbed.step(&actions).unwrap();
+        still.step(&actions).unwrap();
+        assert_eq!(disturbed.privileged_before(), before);
+        assert_eq!(observation(disturbed.final_privileged()), still.final_observations());
+        let scenario =
+            |inputs: &[f32]| inputs.chunks(size).flat_map(|row| &row[3..]).copied().collect::<Vec<_>>();
+        assert_eq!(scenario(disturbed.final_privileged()), scenario(&before));
+    }
+    assert!(differing > STEPS && failing > STEPS);
+}
+
+#[test]
 fn environments_without_the_scenarios_of_the_settings_are_an_error() {
     let text = "scenarios = { space = \"delay\" }";
     let settings = AlgorithmSettings::from_toml("ppo", text).unwrap().unwrap();
@@ -489,4 +591,72 @@ fn environments_without_the_scenarios_of_the_settings_are_an_error() {
     assert!(matches!(error, TrainingError::OtherScenarios { .. }), "{error}");
     let found = drifter().space().name().to_string();
     assert!(error.to_string().contains(&format!("`{found}`")), "{error}");
+}
+
+#[test]
+fn environments_without_a_reward_term_of_the_settings_are_an_error() {
+    let settings = AlgorithmSettings::from_toml("ppo", "rewards.speed = 0.5").unwrap().unwrap();
+    let error = settings.train(&Line::new(0.0), Seed(2), Origin::New, &mut Keeper::default()).unwrap_err();
+    assert!(matches!(error, TrainingError::MissingRewardTerm { term: "speed", weight: 0.5 }), "{error}");
+}
+
+#[test]
+fn a_curriculum_grows_with_success_and_is_resumed() {
+    let curriculum =
+        "run.validation_interval = 1\nscenarios.curriculum = { start = 0.1, step = 0.2, threshold = 0.9 }\n";
+    for algorithm in ALGORITHMS {
+        let (settings, batches) =
+            training(algorithm.name, &format!("{curriculum}critic.sees_scenario = true\n"));
+        let train = |resume: Option<&Checkpoint>, stop_after: u64| {
+            let mut keeper = Keeper { stop_after, ..Keeper::default() };
+            (
+                settings
+                    .train(&batches, Seed(2), resume.map_or(Origin::New, Origin::Checkpoint), &mut keeper)
+                    .unwrap()
+                    .last
+                    .hash(),
+                keeper,
+            )
+        };
+        let (whole, all) = train(None, 0);
+        // 0.1 + 2 · 0.2 has a success rate below the threshold.
+        let expected = [0.1, 0.1 + 0.2, 0.1 + 2.0 * 0.2, 0.1 + 2.0 * 0.2].map(Some);
+        assert_eq!(all.shares[..4], expected, "{}", algorithm.name);
+        assert_eq!(all.shares.last(), expected.last());
+        for stop in [1, 2, 4] {
+            let (_, first) = train(None, stop);
+            let (resumed, rest) = train(first.checkpoint.as_ref(), 0);
+            assert_eq!(resumed, whole, "{}, {stop}", algorithm.name);
+            assert_eq!(rest.shares, all.shares[stop as usize..]);
+        }
+        let (plain, _) = training(algorithm.name, "critic.sees_scenario = true\n");
+        let mut keeper = Keeper::default();
+        assert_ne!(plain.train(&batches, Seed(2), Origin::New, &mut keeper).unwrap().last.hash(), whole);
+        assert!(keeper.shares.iter().all(Option::is_none));
+    }
+}
+
+#[test]
+fn episodes_draw_from_the_share_at_their_start() {
+    let scenarios = scenarios();
+    let bias = scenarios.space.axes().iter().position(|axis| axis.name == "bias").unwrap();
+    let axes = scenarios.space.dimension();
+    let text = "scenarios.curriculum = { start = 0.25, step = 0.25, threshold = 0.9 }";
+    let shares = AlgorithmSettings::from_toml("ppo", text).unwrap().unwrap();
+    let mut episodes = episodes(&scenarios, shares.scenarios(), 200, 0.0);
+    let largest = |episodes: &mut Episodes| {
+        let mut checkpoint = Checkpoint::new("ppo", "drifter", 3, "");
+        episodes.save(&mut checkpoint).unwrap();
+        let drawn = checkpoint.f64s("disturbed.scenarios", 200 * axes).unwrap().chunks(axes);
+        drawn.map(|values| values[bias].abs()).fold(0.0, f64::max)
+    };
+    // The bias is up to 0.2.
+    let first = largest(&mut episodes);
+    assert!(first > 0.04 && first <= 0.05, "{first}");
+    episodes.set_scenario_share(1.0);
+    (1..STEPS).for_each(|_| step(&mut episodes));
+    assert_eq!(largest(&mut episodes), first, "running episodes keep their scenarios");
+    step(&mut episodes);
+    let second = largest(&mut episodes);
+    assert!(second > 0.19, "{second}");
 }

@@ -187,6 +187,7 @@ mod tests {
             mean_return: None,
             mean_episode_steps: None,
             terminated_rate: None,
+            scenario_share: None,
             validation: Some(Validation::of_starts(Rates {
                 success_rate: *rate,
                 strict_success_rate: *rate,
@@ -199,7 +200,13 @@ mod tests {
             reward_terms: vec![],
         };
         let rows: Vec<CurveRow> = rows.iter().enumerate().map(row).collect();
-        let curve = Curve { has_scenarios: false, reward_terms: vec![], rows, is_truncated: false };
+        let curve = Curve {
+            has_scenarios: false,
+            has_curriculum: false,
+            reward_terms: vec![],
+            rows,
+            is_truncated: false,
+        };
         let config = AlgorithmSettings::from_toml("ppo", settings).unwrap().unwrap();
         let found = check_ended(&curve, &config);
         assert_eq!(found.is_ok(), ended, "{settings}: {found:?}");

@@ -10,7 +10,9 @@ use csv::{ReaderBuilder, StringRecord};
 use mishandle_files::{limits, read_bounded};
 
 use crate::error::{CurveProblem, MishandleError};
-use row::{COLUMNS, REWARD, SCENARIO_COLUMNS, has_scenario_columns};
+use row::{
+    COLUMNS, CURRICULUM_COLUMNS, REWARD, SCENARIO_COLUMNS, has_curriculum_columns, has_scenario_columns,
+};
 
 pub use row::CurveRow;
 pub use training_time::NoTrainingTime;
@@ -37,6 +39,8 @@ pub(crate) use writer::{CurveColumns, CurveWriter};
 pub struct Curve {
     /// Whether it has the columns of the validations on scenarios.
     pub has_scenarios: bool,
+    /// Whether it has the columns of a curriculum.
+    pub has_curriculum: bool,
     /// Names of the reward terms.
     pub reward_terms: Vec<String>,
     /// One row per iteration, without gaps. The first iteration is not 1 if a resumed run created
@@ -78,7 +82,8 @@ fn parse(bytes: &[u8], last: Option<u64>) -> Result<(Curve, u64), CurveProblem> 
     let is_truncated = whole < bytes.len();
     let reward_terms = reward_terms(&columns)?;
     let has_scenarios = has_scenario_columns(&columns);
-    let mut curve = Curve { has_scenarios, reward_terms, rows: Vec::new(), is_truncated };
+    let has_curriculum = has_curriculum_columns(&columns);
+    let mut curve = Curve { has_scenarios, has_curriculum, reward_terms, rows: Vec::new(), is_truncated };
     let mut record = StringRecord::new();
     while reader.read_record(&mut record)? {
         let line = || line_of(text, &record);
@@ -129,7 +134,8 @@ fn reward_terms(columns: &StringRecord) -> Result<Vec<String>, CurveProblem> {
         return Err(CurveProblem::Separator { separator });
     }
     let on_scenarios = SCENARIO_COLUMNS.iter().filter(|_| has_scenario_columns(columns));
-    let expected: Vec<&&str> = COLUMNS.iter().chain(on_scenarios).collect();
+    let of_curriculum = CURRICULUM_COLUMNS.iter().filter(|_| has_curriculum_columns(columns));
+    let expected: Vec<&&str> = COLUMNS.iter().chain(on_scenarios).chain(of_curriculum).collect();
     for (at, name) in expected.iter().enumerate() {
         if columns.get(at) != Some(**name) {
             return Err(wrong(at, format!("`{name}`")));

@@ -1,5 +1,5 @@
 use csv::StringRecord;
-use mishandle_training::{Rates, TimeShares, TrainingProgress, Validation};
+use mishandle_training::{PartValidation, Rates, TimeShares, TrainingProgress, Validation};
 
 use crate::error::CurveProblem;
 
@@ -33,6 +33,10 @@ pub(super) const SCENARIO_COLUMNS: [&str; 6] = [
     "corners_return",
 ];
 
+/// Columns after these, in the curve of a training run with a curriculum.
+pub(super) const CURRICULUM_COLUMNS: [&str; 4] =
+    ["scenario_share", "share_success_rate", "share_strict_success_rate", "share_return"];
+
 /// Prefix of the column of a reward term.
 pub(super) const REWARD: &str = "reward_";
 
@@ -54,6 +58,8 @@ pub struct CurveRow {
     pub mean_episode_steps: Option<f64>,
     /// Fraction of these episodes that the task terminated.
     pub terminated_rate: Option<f64>,
+    /// Share of the range of each axis from which new episodes drew; `None` without a curriculum.
+    pub scenario_share: Option<f64>,
     /// Validation of this iteration, if there was one.
     pub validation: Option<Validation>,
     /// Mean Kullback-Leibler divergence of the new policy from the old one.
@@ -77,6 +83,7 @@ impl From<&TrainingProgress> for CurveRow {
             mean_return: progress.mean_return,
             mean_episode_steps: progress.mean_episode_steps,
             terminated_rate: progress.terminated_rate,
+            scenario_share: progress.scenario_share,
             validation: progress.validation.filter(|_| progress.validation_is_fresh),
             kl: progress.kl,
             entropy: progress.entropy,
@@ -95,7 +102,7 @@ impl CurveRow {
 
     /// Returns the cells, in the order of the columns. Numbers round-trip exactly, except for
     /// times, which are rounded.
-    pub(super) fn cells(&self, has_scenarios: bool) -> Vec<String> {
+    pub(super) fn cells(&self, has_scenarios: bool, has_curriculum: bool) -> Vec<String> {
         let optional = |number: Option<f64>| number.map_or(String::new(), |number| number.to_string());
         let validation = |rate: fn(&Validation) -> f64| optional(self.validation.as_ref().map(rate));
         let share = |share: f64| format!("{share:.4}");
@@ -116,14 +123,22 @@ impl CurveRow {
             share(self.time_shares.inference),
             share(self.time_shares.learning),
         ];
-        let parts: [fn(&Validation) -> Option<Rates>; 2] =
-            [|validation| validation.space, |validation| validation.corners];
-        for part in parts.into_iter().filter(|_| has_scenarios) {
+        let part_cells = |part: fn(&Validation) -> Option<Rates>| {
             let rates = self.validation.as_ref().and_then(part);
             let rate = |rate: fn(&Rates) -> f64| optional(rates.as_ref().map(rate));
-            cells.push(rate(|rates| rates.success_rate));
-            cells.push(rate(|rates| rates.strict_success_rate));
-            cells.push(rate(|rates| rates.mean_return));
+            [
+                rate(|rates| rates.success_rate),
+                rate(|rates| rates.strict_success_rate),
+                rate(|rates| rates.mean_return),
+            ]
+        };
+        if has_scenarios {
+            cells.extend(part_cells(|validation| validation.space));
+            cells.extend(part_cells(|validation| validation.corners));
+        }
+        if has_curriculum {
+            cells.push(optional(self.scenario_share));
+            cells.extend(part_cells(|validation| validation.part.map(|part| part.rates)));
         }
         cells.extend(self.reward_terms.iter().map(f64::to_string));
         cells
@@ -143,6 +158,7 @@ impl CurveRow {
             mean_return: cells.optional()?,
             mean_episode_steps: cells.optional()?,
             terminated_rate: cells.optional()?,
+            scenario_share: None,
             validation: cells.rates()?.map(Validation::of_starts),
             kl: cells.optional()?,
             entropy: cells.optional()?,
@@ -158,6 +174,12 @@ impl CurveRow {
             let (space, corners) = (cells.rates()?, cells.rates()?);
             row.validation = row.validation.map(|starts| Validation { space, corners, ..starts });
         }
+        if has_curriculum_columns(columns) {
+            row.scenario_share = cells.optional()?;
+            let part = cells.rates()?.zip(row.scenario_share);
+            let part = part.map(|(rates, share)| PartValidation { share, rates });
+            row.validation = row.validation.map(|validation| Validation { part, ..validation });
+        }
         row.reward_terms = (cells.next..columns.len()).map(|_| cells.number()).collect::<Result<_, _>>()?;
         Ok(row)
     }
@@ -166,6 +188,12 @@ impl CurveRow {
 /// Returns whether a curve has the columns of a training run on scenarios.
 pub(super) fn has_scenario_columns(columns: &StringRecord) -> bool {
     columns.get(COLUMNS.len()) == Some(SCENARIO_COLUMNS[0])
+}
+
+/// Returns whether a curve has the columns of a curriculum.
+pub(super) fn has_curriculum_columns(columns: &StringRecord) -> bool {
+    let before = if has_scenario_columns(columns) { SCENARIO_COLUMNS.len() } else { 0 };
+    columns.get(COLUMNS.len() + before) == Some(CURRICULUM_COLUMNS[0])
 }
 
 /// Formats seconds with the nanosecond resolution of the clock, so that the times identify a

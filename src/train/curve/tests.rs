@@ -1,5 +1,5 @@
 use super::*;
-use mishandle_training::{Checkpoint, Rates, TimeShares, TrainingProgress, Validation};
+use mishandle_training::{Checkpoint, PartValidation, Rates, TimeShares, TrainingProgress, Validation};
 
 /// Returns the progress of a run with two reward terms; an iteration has 512 environment steps and
 /// takes 0.5 s.
@@ -21,6 +21,7 @@ fn progress(iteration: u64) -> TrainingProgress {
             mean_return: -7.0,
         })),
         validation_is_fresh: iteration.is_multiple_of(2),
+        scenario_share: None,
         kl: Some(0.01),
         entropy: None,
         learning_rate: 1e-5,
@@ -29,7 +30,7 @@ fn progress(iteration: u64) -> TrainingProgress {
 }
 
 fn columns(reward_terms: &[String]) -> CurveColumns<'_> {
-    CurveColumns { has_scenarios: false, reward_terms }
+    CurveColumns { has_scenarios: false, has_curriculum: false, reward_terms }
 }
 
 fn terms() -> Vec<String> {
@@ -250,7 +251,7 @@ fn validations_on_scenarios_have_columns_of_their_own() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("curve.csv");
     let terms = terms();
-    let shape = CurveColumns { has_scenarios: true, reward_terms: &terms };
+    let shape = CurveColumns { has_scenarios: true, has_curriculum: false, reward_terms: &terms };
     let mut writer = CurveWriter::create(&path, shape).unwrap();
     let rates = |success_rate| Rates { success_rate, strict_success_rate: 0.25, mean_return: 1.0 / 3.0 };
     let starts = progress(2).validation.unwrap();
@@ -264,4 +265,29 @@ fn validations_on_scenarios_have_columns_of_their_own() {
     assert!(CurveWriter::resume(&path, shape, &checkpoint(2)).is_ok());
     let error = CurveWriter::resume(&path, columns(&terms), &checkpoint(2)).unwrap_err().to_string();
     assert!(error.contains("has columns of validations on scenarios"), "{error}");
+}
+
+#[test]
+fn a_curriculum_has_columns_of_its_own() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("curve.csv");
+    let terms = terms();
+    let shape = CurveColumns { has_scenarios: true, has_curriculum: true, reward_terms: &terms };
+    let mut writer = CurveWriter::create(&path, shape).unwrap();
+    let rates = |success_rate| Rates { success_rate, strict_success_rate: 0.25, mean_return: 1.0 / 3.0 };
+    let starts = progress(2).validation.unwrap();
+    let part = Some(PartValidation { share: 0.1 + 0.2, rates: rates(0.75) });
+    let validation =
+        Some(Validation { space: Some(rates(0.5)), corners: Some(rates(0.125)), part, ..starts });
+    let scenario_share = Some(0.1 + 0.2);
+    let expected =
+        [1, 2].map(|iteration| TrainingProgress { validation, scenario_share, ..progress(iteration) });
+    expected.iter().for_each(|progress| writer.write(progress).unwrap());
+    let curve = Curve::load(&path).unwrap();
+    assert_eq!(curve.rows, expected.each_ref().map(CurveRow::from));
+    assert_eq!((curve.rows[1].validation, &curve.reward_terms), (validation, &terms));
+    assert!(CurveWriter::resume(&path, shape, &checkpoint(2)).is_ok());
+    let other = CurveColumns { has_curriculum: false, ..shape };
+    let error = CurveWriter::resume(&path, other, &checkpoint(2)).unwrap_err().to_string();
+    assert!(error.contains("has columns of a curriculum"), "{error}");
 }

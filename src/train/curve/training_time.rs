@@ -113,6 +113,7 @@ mod tests {
             mean_return: *mean_return,
             mean_episode_steps: None,
             terminated_rate: None,
+            scenario_share: None,
             validation: None,
             kl: None,
             entropy: None,
@@ -121,7 +122,7 @@ mod tests {
             reward_terms: vec![],
         };
         let rows = returns.iter().zip(1..).map(row).collect();
-        Curve { has_scenarios: false, reward_terms: vec![], rows, is_truncated: false }
+        Curve { has_scenarios: false, has_curriculum: false, reward_terms: vec![], rows, is_truncated: false }
     }
 
     /// Returns 40 returns that rise from -100 by 10 per iteration to 0 in row 11. The window has a

@@ -1,9 +1,11 @@
 use std::io;
 use std::path::Path;
 
-use mishandle_training::{Checkpoint, TrainingProgress};
+use mishandle_rollout::Environment;
+use mishandle_tasks::TaskEnvironment;
+use mishandle_training::{AlgorithmSettings, Checkpoint, TrainingProgress};
 
-use super::row::{COLUMNS, CurveRow, REWARD, SCENARIO_COLUMNS, secs_cell};
+use super::row::{COLUMNS, CURRICULUM_COLUMNS, CurveRow, REWARD, SCENARIO_COLUMNS, secs_cell};
 use super::{Curve, read};
 use crate::error::{CurveProblem, MishandleError};
 use mishandle_files::GrowingFile;
@@ -13,6 +15,7 @@ use mishandle_files::GrowingFile;
 pub(crate) struct CurveWriter {
     file: GrowingFile,
     has_scenarios: bool,
+    has_curriculum: bool,
 }
 
 /// Columns of a curve besides those of every curve.
@@ -20,8 +23,21 @@ pub(crate) struct CurveWriter {
 pub(crate) struct CurveColumns<'a> {
     /// Whether it has the validations on scenarios.
     pub has_scenarios: bool,
+    /// Whether it has the columns of a curriculum, after those on scenarios.
+    pub has_curriculum: bool,
     /// Names of the reward terms.
     pub reward_terms: &'a [String],
+}
+
+impl<'a> CurveColumns<'a> {
+    /// Returns the columns of a training run.
+    pub(crate) fn new(settings: &AlgorithmSettings, environment: &'a TaskEnvironment) -> CurveColumns<'a> {
+        CurveColumns {
+            has_scenarios: settings.scenarios().is_used(),
+            has_curriculum: settings.scenarios().curriculum.is_some(),
+            reward_terms: environment.reward_terms(),
+        }
+    }
 }
 
 /// Returns whether a file is a curve without rows.
@@ -41,12 +57,17 @@ impl CurveWriter {
         if has_no_rows(path) {
             std::fs::remove_file(path).map_err(|source| write_error(path, source))?;
         }
-        let CurveColumns { has_scenarios, reward_terms } = shape;
+        let CurveColumns { has_scenarios, has_curriculum, reward_terms } = shape;
         let columns = COLUMNS.iter().chain(SCENARIO_COLUMNS.iter().filter(|_| has_scenarios));
+        let columns = columns.chain(CURRICULUM_COLUMNS.iter().filter(|_| has_curriculum));
         let columns = columns.map(|name| (*name).to_string());
         let columns = columns.chain(reward_terms.iter().map(|name| format!("{REWARD}{name}")));
         let file = GrowingFile::create(path.to_path_buf(), &line(columns));
-        Ok(CurveWriter { file: file.map_err(|source| write_error(path, source))?, has_scenarios })
+        Ok(CurveWriter {
+            file: file.map_err(|source| write_error(path, source))?,
+            has_scenarios,
+            has_curriculum,
+        })
     }
 
     /// Resumes a curve after the row of the checkpoint. The next write removes later rows, because
@@ -66,9 +87,12 @@ impl CurveWriter {
         let iteration = checkpoint.u64s("iteration", 1)?[0];
         let expected = secs_cell(checkpoint.f64s("wall_clock_secs", 1)?[0]);
         let (curve, length) = read(path, Some(iteration))?;
-        let CurveColumns { has_scenarios, reward_terms } = shape;
+        let CurveColumns { has_scenarios, has_curriculum, reward_terms } = shape;
         if curve.has_scenarios != has_scenarios {
             return Err(wrong(CurveProblem::Scenarios { found: curve.has_scenarios }));
+        }
+        if curve.has_curriculum != has_curriculum {
+            return Err(wrong(CurveProblem::Curriculum { found: curve.has_curriculum }));
         }
         if curve.reward_terms != reward_terms {
             let expected = reward_terms.to_vec();
@@ -85,7 +109,7 @@ impl CurveWriter {
         }
         let file =
             GrowingFile::open(path.to_path_buf(), length).map_err(|source| write_error(path, source))?;
-        Ok(CurveWriter { file, has_scenarios })
+        Ok(CurveWriter { file, has_scenarios, has_curriculum })
     }
 
     /// Deletes the file if this writer created it.
@@ -95,7 +119,8 @@ impl CurveWriter {
 
     /// Writes the row of an iteration. The next call repeats a failed write.
     pub(crate) fn write(&mut self, progress: &TrainingProgress) -> Result<(), MishandleError> {
-        let written = self.file.append(&line(CurveRow::from(progress).cells(self.has_scenarios)));
+        let written =
+            self.file.append(&line(CurveRow::from(progress).cells(self.has_scenarios, self.has_curriculum)));
         written.map_err(|source| write_error(self.file.path(), source))
     }
 

@@ -152,6 +152,8 @@ fn scalars(progress: &TrainingProgress, reward_terms: &[String]) -> Vec<u8> {
     let (space, corners) = validation.map_or((None, None), |found| (found.space, found.corners));
     let on_space = |rate: fn(&Rates) -> f64| space.as_ref().map(rate);
     let at_corners = |rate: fn(&Rates) -> f64| corners.as_ref().map(rate);
+    let part = validation.and_then(|found| found.part).map(|part| part.rates);
+    let on_part = |rate: fn(&Rates) -> f64| part.as_ref().map(rate);
     let named = [
         ("validation/success_rate", validated(|validation| validation.success_rate)),
         ("validation/strict_success_rate", validated(|validation| validation.strict_success_rate)),
@@ -162,6 +164,10 @@ fn scalars(progress: &TrainingProgress, reward_terms: &[String]) -> Vec<u8> {
         ("validation/corners/success_rate", at_corners(|rates| rates.success_rate)),
         ("validation/corners/strict_success_rate", at_corners(|rates| rates.strict_success_rate)),
         ("validation/corners/mean_return", at_corners(|rates| rates.mean_return)),
+        ("validation/share/success_rate", on_part(|rates| rates.success_rate)),
+        ("validation/share/strict_success_rate", on_part(|rates| rates.strict_success_rate)),
+        ("validation/share/mean_return", on_part(|rates| rates.mean_return)),
+        ("train/scenario_share", progress.scenario_share),
         ("train/mean_return", progress.mean_return),
         ("train/mean_episode_steps", progress.mean_episode_steps),
         ("train/terminated_rate", progress.terminated_rate),

@@ -117,6 +117,7 @@ fn progress(environment_steps: u64) -> TrainingProgress {
             mean_return: -7.0,
         })),
         validation_is_fresh: false,
+        scenario_share: None,
         kl: Some(0.0625),
         entropy: None,
         learning_rate: 0.125,

@@ -106,6 +106,7 @@ mod tests {
                 mean_return: 100.0,
             })),
             validation_is_fresh: true,
+            scenario_share: None,
             kl: None,
             entropy: None,
             learning_rate: 1e-3,

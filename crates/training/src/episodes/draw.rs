@@ -3,14 +3,16 @@
 use std::fmt::Write;
 
 use mishandle_controllers::bytes_hash;
-use mishandle_rollout::{Scenario, Seed, Stream, TrainingScenarios};
+use mishandle_rollout::{Scenario, ScenarioPart, Seed, Stream, TrainingScenarios};
 
 use crate::ScenarioSettings;
 
 /// Draws scenarios with the shares of the settings. A scenario depends on the seed of its episode
-/// only.
+/// only, and on the part of the ranges from which a curriculum draws.
 pub(super) struct ScenarioDraw {
     scenarios: TrainingScenarios,
+    /// The scenarios from which episodes draw at present.
+    part: ScenarioPart,
     /// Upper ends, in [0, 1], of the shares of nominal episodes, corners and given scenarios.
     shares: [f64; 3],
 }
@@ -18,11 +20,17 @@ pub(super) struct ScenarioDraw {
 impl ScenarioDraw {
     pub fn new(scenarios: TrainingScenarios, settings: &ScenarioSettings) -> ScenarioDraw {
         let ScenarioSettings { nominal, corners, file_share, .. } = *settings;
-        ScenarioDraw { scenarios, shares: [nominal, nominal + corners, nominal + corners + file_share] }
+        let part = scenarios.part(settings.curriculum.map_or(1.0, |curriculum| curriculum.share(0)));
+        ScenarioDraw { scenarios, part, shares: [nominal, nominal + corners, nominal + corners + file_share] }
     }
 
     pub fn scenarios(&self) -> &TrainingScenarios {
         &self.scenarios
+    }
+
+    /// Draws from a share of the range of each axis around its nominal value.
+    pub fn set_share(&mut self, share: f64) {
+        self.part = self.scenarios.part(share);
     }
 
     /// Returns the scenario of the episode with this seed.
@@ -31,12 +39,12 @@ impl ScenarioDraw {
         let uniform = |index: u32| seed.uniform(Stream::Scenario, 0, index);
         match if given > 0.0 { uniform(0) } else { 1.0 } {
             u if u < nominal => self.scenarios.nominal(seed, 0),
-            u if u < corners => self.scenarios.corner(seed, 0),
+            u if u < corners => self.part.corner(seed, 0),
             u if u < given => match self.scenarios.given(uniform(1)) {
                 Some(scenario) => self.with_random_start(scenario, seed),
-                None => self.scenarios.random(seed, 0),
+                None => self.part.random(seed, 0),
             },
-            _ => self.scenarios.random(seed, 0),
+            _ => self.part.random(seed, 0),
         }
     }
 

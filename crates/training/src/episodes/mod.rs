@@ -2,6 +2,7 @@
 
 mod disturbed;
 mod draw;
+mod privileged;
 mod remembered;
 mod saved;
 
@@ -15,6 +16,7 @@ use rayon::prelude::*;
 use crate::{EpisodeSettings, ScenarioSettings, TimeoutHandling};
 use disturbed::Disturbed;
 use draw::ScenarioDraw;
+use privileged::Privileged;
 use remembered::Remembered;
 
 /// State of an episode after a control step.
@@ -54,6 +56,8 @@ pub struct Episodes {
     disturbed: Option<Disturbed>,
     /// Memory of the policy; `None` without a history.
     remembered: Option<Remembered>,
+    /// Inputs of critics that see more than the policy; `None` if there are none.
+    privileged: Option<Privileged>,
     row_states: Vec<RowState>,
     actions: Vec<f64>,
     /// Scratch buffer of the draws of the action noise.
@@ -125,6 +129,7 @@ impl Episodes {
             starts: Vec::with_capacity(rows),
             disturbed: interface.map(|interface| Disturbed::new(interface, &nominal, rows, &spec)),
             remembered: None,
+            privileged: None,
             scenarios,
             statistics: EpisodeStatistics {
                 reward_terms: vec![0.0; spec.reward_terms.len()],
@@ -171,6 +176,48 @@ impl Episodes {
         let history = History::new(length, self.spec.observation_size, self.spec.action_size);
         self.remembered = (length > 0).then(|| Remembered::new(history, self.observations()));
         self
+    }
+
+    /// Returns the episodes with the privileged inputs of a critic: the observation of the
+    /// environment, without noise and disturbances, and the values of the scenario.
+    #[must_use]
+    pub fn with_privileged(mut self) -> Episodes {
+        let space = &self.scenarios.scenarios().space;
+        let mut privileged = Privileged::new(space, self.rows(), self.spec.observation_size);
+        for (row, row_state) in self.row_states.iter().enumerate() {
+            privileged.start(row, &self.scenarios.draw(episode_seed(self.seed, row, row_state)));
+        }
+        privileged.show(self.batch.observations());
+        self.privileged = Some(privileged);
+        self
+    }
+
+    /// Lets new episodes draw from a share of the range of each axis around its nominal value; see
+    /// [`ScenarioPart`](mishandle_rollout::ScenarioPart).
+    pub fn set_scenario_share(&mut self, share: f64) {
+        self.scenarios.set_share(share);
+    }
+
+    /// Returns the length of a row of privileged inputs; 0 if there are none.
+    pub fn privileged_size(&self) -> usize {
+        self.privileged.as_ref().map_or(0, Privileged::size)
+    }
+
+    /// Returns the privileged inputs that belong to the [observations](Self::observations),
+    /// `[rows, privileged_size]`.
+    pub fn privileged(&self) -> &[f32] {
+        self.privileged.as_ref().map_or(&[], |inputs| &inputs.current)
+    }
+
+    /// Returns the privileged inputs before the last step, `[rows, privileged_size]`.
+    pub fn privileged_before(&self) -> &[f32] {
+        self.privileged.as_ref().map_or(&[], |inputs| &inputs.before)
+    }
+
+    /// Returns the privileged inputs after the last step and before any reset,
+    /// `[rows, privileged_size]`.
+    pub fn final_privileged(&self) -> &[f32] {
+        self.privileged.as_ref().map_or(&[], |inputs| &inputs.last)
     }
 
     /// Returns the number of rows (parallel environments).
@@ -254,6 +301,7 @@ impl Episodes {
         let before =
             self.disturbed.as_ref().map_or_else(|| self.batch.observations(), Disturbed::observations);
         self.final_observations.copy_from_slice(before);
+        self.privileged.iter_mut().for_each(Privileged::begin_step);
         self.batch.step(&self.actions)?;
         if let Some(disturbed) = &mut self.disturbed {
             let (statuses, row_states) = (self.batch.statuses(), &self.row_states);
@@ -261,6 +309,9 @@ impl Episodes {
                 let is_valid = statuses[row] != StepStatus::Diverged;
                 is_valid.then(|| row_states[row].step as usize + 1)
             });
+        }
+        if let Some(privileged) = &mut self.privileged {
+            privileged.end_step(self.batch.observations(), self.batch.statuses());
         }
         self.record_step();
         if let Some(remembered) = &mut self.remembered {
@@ -277,7 +328,9 @@ impl Episodes {
 
     /// Resets the rows whose boundary satisfies the condition.
     fn reset_rows(&mut self, resets_at: impl Fn(Boundary) -> bool + Sync) -> Result<(), RolloutError> {
-        let Episodes { batch, row_states, boundaries, starts, scenarios, disturbed, seed, .. } = self;
+        let Episodes {
+            batch, row_states, boundaries, starts, scenarios, disturbed, privileged, seed, ..
+        } = self;
         starts.clear();
         let ended = boundaries.iter().enumerate().filter(|(_, boundary)| resets_at(**boundary));
         starts.extend(ended.map(|(row, _)| {
@@ -287,12 +340,18 @@ impl Episodes {
         if starts.is_empty() {
             return Ok(());
         }
+        if let Some(privileged) = privileged {
+            starts.iter().for_each(|start| privileged.start(start.row, &start.scenario));
+        }
         if let Some(disturbed) = disturbed {
             starts.iter_mut().for_each(|start| disturbed.start(start));
         }
         batch.reset(starts)?;
         if let Some(disturbed) = disturbed {
             disturbed.observe(batch.observations(), |row| resets_at(boundaries[row]).then_some(0));
+        }
+        if let Some(privileged) = privileged {
+            privileged.show(batch.observations());
         }
         Ok(())
     }

@@ -21,6 +21,9 @@ impl Episodes {
         if let Some(remembered) = &self.remembered {
             remembered.save(checkpoint);
         }
+        if let Some(privileged) = &self.privileged {
+            privileged.save(checkpoint);
+        }
         let row_states = || self.row_states.iter();
         checkpoint.put("episodes.episode", row_states().map(|c| c.episode).collect::<Vec<_>>());
         checkpoint.put("episodes.step", row_states().map(|c| c.step).collect::<Vec<_>>());
@@ -51,7 +54,10 @@ impl Episodes {
                 total_reward: total_reward[row],
             };
         }
-        let Episodes { batch, disturbed, remembered, row_states, seed, .. } = self;
+        let Episodes { batch, disturbed, remembered, privileged, row_states, seed, .. } = self;
+        if let Some(privileged) = privileged {
+            privileged.load(checkpoint, batch.observations())?;
+        }
         if let Some(disturbed) = disturbed {
             disturbed.load(checkpoint, |row| episode_seed(*seed, row, &row_states[row]))?;
         }

@@ -1,5 +1,6 @@
 //! The training loop of all algorithms: iterate, validate, keep the best policy, save checkpoints.
 
+mod curriculum;
 pub(crate) mod origin;
 pub(crate) mod progress;
 pub(crate) mod selection;
@@ -15,6 +16,7 @@ use crate::{
     AlgorithmSettings, Checkpoint, EpisodeStatistics, Observer, PolicySelection, RunSettings,
     ScenarioSettings, TimeShares, TrainingControl, TrainingError, TrainingProgress, TrainingResult,
 };
+use curriculum::Curriculum;
 
 /// An algorithm with the state of a training run.
 pub(crate) trait Learner {
@@ -43,6 +45,9 @@ pub(crate) trait Learner {
     /// Runs one iteration: acts and learns. The training loop fills in the fields of the progress
     /// that it knows.
     fn iterate(&mut self) -> Result<TrainingProgress, TrainingError>;
+
+    /// Lets new episodes draw from a share of the range of each axis around its nominal value.
+    fn set_scenario_share(&mut self, share: f64);
 
     /// Returns the current policy.
     fn policy(&self) -> Result<Policy, TrainingError>;
@@ -83,7 +88,7 @@ pub(crate) fn train(
 ) -> Result<TrainingResult, TrainingError> {
     settings.check()?;
     origin.check(settings.run())?;
-    check_scenarios(settings, environments)?;
+    check_environments(settings, environments)?;
     let run = settings.run();
     let mut learner = settings.learner(environments, seed)?;
     if let Some(device) = networks {
@@ -93,12 +98,13 @@ pub(crate) fn train(
     let environment_steps = |learner: &dyn Learner| learner.iteration() * learner.iteration_steps();
     let mut stopwatch = Stopwatch { start: Instant::now(), secs_before: 0.0, steps_before: 0 };
     let mut selection = new_selection(settings);
+    let mut curriculum = settings.scenarios().curriculum.map(Curriculum::new);
     let mut last_validation = None;
     match origin {
         Origin::New => {}
         Origin::Policy(policy) => learner.start_from(policy)?,
         Origin::Checkpoint(checkpoint) => {
-            load(checkpoint, settings, seed, &mut *learner, &mut selection)?;
+            load(checkpoint, settings, seed, &mut *learner, (&mut selection, &mut curriculum))?;
             stopwatch.secs_before = checkpoint.f64s("wall_clock_secs", 1)?[0];
             stopwatch.steps_before = environment_steps(&*learner);
             last_validation = selection.last_validation();
@@ -110,10 +116,15 @@ pub(crate) fn train(
     }
     while !finished {
         let mut progress = learner.iterate()?;
+        progress.scenario_share = curriculum.as_ref().map(Curriculum::share);
         let is_last = learner.iteration() >= iterations;
         if is_last || learner.iteration().is_multiple_of(run.validation_interval) {
             let policy = learner.policy()?;
-            if let Some(validation) = observer.validate(&policy, run.validation_episodes) {
+            if let Some(mut validation) = observer.validate(&policy, run.validation_episodes) {
+                if let Some(curriculum) = &mut curriculum {
+                    let measured = (&policy, run.validation_episodes);
+                    curriculum.validate(measured, &mut validation, observer, &mut *learner);
+                }
                 selection.record(&policy, validation, environment_steps(&*learner));
                 last_validation = Some(validation);
                 progress.validation_is_fresh = true;
@@ -134,6 +145,9 @@ pub(crate) fn train(
                 Checkpoint::new(settings.algorithm(), &learner.identity(), seed.0, &settings.to_toml());
             learner.save(&mut checkpoint)?;
             selection.save(&mut checkpoint);
+            if let Some(curriculum) = &curriculum {
+                curriculum.save(&mut checkpoint);
+            }
             // Same value as in the progress report, so that an observer can match its own records
             // with the checkpoint.
             checkpoint.put("wall_clock_secs", vec![progress.wall_clock_secs]);
@@ -162,9 +176,24 @@ pub(crate) fn check_resumption(
     checkpoint: &Checkpoint,
 ) -> Result<(), TrainingError> {
     settings.check()?;
-    check_scenarios(settings, environments)?;
+    check_environments(settings, environments)?;
     let mut learner = settings.learner(environments, seed)?;
-    load(checkpoint, settings, seed, &mut *learner, &mut new_selection(settings))
+    let mut curriculum = settings.scenarios().curriculum.map(Curriculum::new);
+    let state = (&mut new_selection(settings), &mut curriculum);
+    load(checkpoint, settings, seed, &mut *learner, state)
+}
+
+/// Checks that the environments have the scenarios and the reward terms that the settings name.
+fn check_environments(
+    settings: &AlgorithmSettings,
+    environments: &dyn BatchFactory,
+) -> Result<(), TrainingError> {
+    check_scenarios(settings, environments)?;
+    let found = environments.spec().reward_terms;
+    let weights = settings.rewards().weights().into_iter();
+    let missing =
+        weights.filter(|(_, weight)| *weight > 0.0).find(|(term, _)| !found.iter().any(|t| t == term));
+    missing.map_or(Ok(()), |(term, weight)| Err(TrainingError::MissingRewardTerm { term, weight }))
 }
 
 /// Checks that the environments draw from the scenarios that the settings name. Their axes are
@@ -175,6 +204,7 @@ fn check_scenarios(
 ) -> Result<(), TrainingError> {
     let ScenarioSettings { space, file, .. } = settings.scenarios();
     let found = environments.scenarios();
+    settings.check_curriculum(&found)?;
     match space {
         Some(space) if space != found.space.name() => Err(TrainingError::OtherScenarios {
             setting: "space",
@@ -198,16 +228,19 @@ fn new_selection(settings: &AlgorithmSettings) -> PolicySelection {
     selection.with_weights(settings.scenarios().selection)
 }
 
-/// Restores learner and selection from a checkpoint.
+/// Restores learner, selection and curriculum from a checkpoint.
 fn load(
     checkpoint: &Checkpoint,
     settings: &AlgorithmSettings,
     seed: Seed,
     learner: &mut dyn Learner,
-    selection: &mut PolicySelection,
+    (selection, curriculum): (&mut PolicySelection, &mut Option<Curriculum>),
 ) -> Result<(), TrainingError> {
     check_origin(checkpoint, settings, learner, seed)?;
     learner.load(checkpoint)?;
+    if let Some(curriculum) = curriculum {
+        curriculum.load(checkpoint, learner)?;
+    }
     if learner.iteration() > iterations(settings.run(), learner.iteration_steps()) {
         let done = learner.iteration() * learner.iteration_steps();
         return Err(TrainingError::PastTotalSteps { done, requested: settings.run().total_steps });
@@ -259,6 +292,7 @@ pub(crate) fn progress_of(statistics: &EpisodeStatistics) -> TrainingProgress {
         reward_terms: statistics.reward_terms.iter().map(|sum| sum / statistics.steps as f64).collect(),
         validation: None,
         validation_is_fresh: false,
+        scenario_share: None,
         kl: None,
         entropy: None,
         learning_rate: 0.0,

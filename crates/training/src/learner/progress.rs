@@ -34,6 +34,9 @@ pub struct TrainingProgress {
     pub validation: Option<Validation>,
     /// Whether that validation belongs to this iteration.
     pub validation_is_fresh: bool,
+    /// Share of the range of each axis from which the episodes of this iteration drew when they
+    /// started; `None` without a curriculum.
+    pub scenario_share: Option<f64>,
     /// Mean Kullback-Leibler divergence of the new policy from the old one; `None` for off-policy
     /// algorithms.
     pub kl: Option<f64>,
@@ -81,7 +84,9 @@ impl fmt::Display for TrainingProgress {
         if let Some(mean_return) = self.mean_return {
             write!(f, ", return {mean_return:.1}")?;
         }
-        if let Some(Validation { success_rate, strict_success_rate, space, corners, .. }) = self.validation {
+        if let Some(Validation { success_rate, strict_success_rate, space, corners, part, .. }) =
+            self.validation
+        {
             let (success, strict) = (100.0 * success_rate, 100.0 * strict_success_rate);
             write!(f, ", success {success:.1} %, strict {strict:.1} %")?;
             for (name, rates) in [("space", space), ("corners", corners)] {
@@ -89,6 +94,13 @@ impl fmt::Display for TrainingProgress {
                     write!(f, ", {name} {:.1} %", 100.0 * rates.success_rate)?;
                 }
             }
+            if let Some(PartValidation { share, rates }) = part {
+                let (success, share) = (100.0 * rates.success_rate, 100.0 * share);
+                write!(f, ", within {share:.0} % of the ranges {success:.1} %")?;
+            }
+        }
+        if let Some(share) = self.scenario_share {
+            write!(f, ", now {:.0} % of the ranges", 100.0 * share)?;
         }
         if self.diverged > 0 {
             write!(f, ", {} diverged", self.diverged)?;
@@ -140,6 +152,18 @@ pub struct Validation {
     pub space: Option<Rates>,
     /// Results at corners of the space; `None` if training draws no scenarios.
     pub corners: Option<Rates>,
+    /// Results of random scenarios of the part of the space that the curriculum has reached; `None`
+    /// without a curriculum. They do not decide between policies.
+    pub part: Option<PartValidation>,
+}
+
+/// Results of random scenarios of a part of the space.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct PartValidation {
+    /// Share of the range of each axis around its nominal value.
+    pub share: f64,
+    /// The results.
+    pub rates: Rates,
 }
 
 /// Results of the episodes of a validation.
@@ -157,7 +181,7 @@ impl Validation {
     /// Makes the validation of a training run without scenarios.
     pub fn of_starts(nominal: Rates) -> Validation {
         let Rates { success_rate, strict_success_rate, mean_return } = nominal;
-        Validation { success_rate, strict_success_rate, mean_return, space: None, corners: None }
+        Validation { success_rate, strict_success_rate, mean_return, space: None, corners: None, part: None }
     }
 
     /// Returns the results of random starts without disturbances.
@@ -216,6 +240,13 @@ pub trait Observer {
     /// states must differ from those of every evaluation. Called at the interval in the settings.
     fn validate(&mut self, policy: &Policy, episodes: usize) -> Option<Validation>;
 
+    /// Measures a policy on `episodes` random scenarios within a share of the range of each axis
+    /// around its nominal value; see [`ScenarioPart`](mishandle_rollout::ScenarioPart). Called after
+    /// [`validate`](Self::validate), with a curriculum. `None`, the default: the share does not grow.
+    fn validate_part(&mut self, _policy: &Policy, _episodes: usize, _share: f64) -> Option<Rates> {
+        None
+    }
+
     /// Called after each iteration.
     fn iteration_finished(&mut self, progress: &TrainingProgress) -> TrainingControl;
 
@@ -270,6 +301,7 @@ mod tests {
                 mean_return: 100.0,
             })),
             validation_is_fresh: false,
+            scenario_share: None,
             kl: Some(0.01),
             entropy: Some(2.0),
             learning_rate: 1e-3,
@@ -280,6 +312,13 @@ mod tests {
             progress.to_string(),
             "1.50M of 20M steps, 50.0k steps/s, return 101.3, success 98.5 %, strict 90.0 %, 6:10 left"
         );
+        let part =
+            Some(PartValidation { share: 0.3, rates: Rates { success_rate: 0.95, ..Rates::default() } });
+        let mut growing = progress.clone();
+        growing.validation = growing.validation.map(|validation| Validation { part, ..validation });
+        growing.scenario_share = Some(0.4);
+        let expected = ", strict 90.0 %, within 30 % of the ranges 95.0 %, now 40 % of the ranges, 6:10 left";
+        assert!(growing.to_string().ends_with(expected), "{growing}");
         // 18.5 M steps at 500 a second are 37,000 s: 10 h, 16 min, 40 s.
         let slow = TrainingProgress { steps_per_second: 500.0, ..progress.clone() }.to_string();
         assert!(slow.contains(" steps, 500 steps/s, ") && slow.ends_with(", 10:16:40 left"), "{slow}");

@@ -3,7 +3,7 @@
 use mishandle_controllers::Policy;
 use mishandle_network::Mlp;
 
-use crate::{Checkpoint, Rates, SelectionWeights, TrainingError, Validation};
+use crate::{Checkpoint, PartValidation, Rates, SelectionWeights, TrainingError, Validation};
 
 /// Keeps the best policy and the last validation, and counts consecutive validations that reached
 /// the target rates.
@@ -127,12 +127,19 @@ impl PolicySelection {
 
 /// Adds a validation to a checkpoint.
 fn put(checkpoint: &mut Checkpoint, name: &str, validation: &Validation) {
-    let parts =
-        [("", Some(validation.nominal())), (".space", validation.space), (".corners", validation.corners)];
+    let parts = [
+        ("", Some(validation.nominal())),
+        (".space", validation.space),
+        (".corners", validation.corners),
+        (".part", validation.part.map(|part| part.rates)),
+    ];
     for (part, rates) in parts {
         if let Some(Rates { success_rate, strict_success_rate, mean_return }) = rates {
             checkpoint.put(&format!("{name}{part}"), vec![success_rate, strict_success_rate, mean_return]);
         }
+    }
+    if let Some(PartValidation { share, .. }) = validation.part {
+        checkpoint.put(&format!("{name}.share"), vec![share]);
     }
 }
 
@@ -146,7 +153,13 @@ fn validation(checkpoint: &Checkpoint, name: &str) -> Result<Validation, Trainin
         checkpoint.contains(&name).then(|| rates(&name)).transpose()
     };
     let (space, corners) = (optional("space")?, optional("corners")?);
-    Ok(Validation { space, corners, ..Validation::of_starts(rates(name)?) })
+    let part = match optional("part")? {
+        Some(rates) => {
+            Some(PartValidation { share: checkpoint.f64s(&format!("{name}.share"), 1)?[0], rates })
+        }
+        None => None,
+    };
+    Ok(Validation { space, corners, part, ..Validation::of_starts(rates(name)?) })
 }
 
 /// Compares by strict success, then success, then return. A later policy does not replace an equal
@@ -221,7 +234,8 @@ mod tests {
         let mut selection = PolicySelection::new(Some(0.9), None, 3);
         selection.record(&policy(0.25), validation_of(0.95, 0.1, 3.0), 77);
         let space = Some(Rates { success_rate: 0.92, strict_success_rate: 0.0, mean_return: 4.0 });
-        let last = Validation { space, ..validation_of(0.92, 0.1, 4.0) };
+        let part = Some(PartValidation { share: 0.3, rates: Rates::default() });
+        let last = Validation { space, part, ..validation_of(0.92, 0.1, 4.0) };
         selection.record(&policy(0.5), last, 90);
         let mut checkpoint = Checkpoint::new("ppo", "toy", 0, "");
         selection.save(&mut checkpoint);

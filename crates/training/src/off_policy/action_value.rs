@@ -5,6 +5,15 @@ use mishandle_rollout::Seed;
 
 use crate::{Checkpoint, QCriticSettings, TrainingError};
 
+/// Sizes of the inputs and outputs of an agent's networks.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Sizes {
+    pub observation: usize,
+    pub action: usize,
+    /// Number of privileged inputs of the critics.
+    pub privileged: usize,
+}
+
 /// A network with its optimizer and its target network.
 ///
 /// ```text
@@ -24,16 +33,16 @@ impl NetworkWithTarget {
         NetworkWithTarget { target: network.clone(), network, adam }
     }
 
-    /// Creates a critic Q(o, a), initialized from `seed`.
+    /// Creates a critic Q(o, a), with privileged inputs after the action, initialized from `seed`.
     ///
     /// # Errors
     /// If a layer has size 0.
     pub fn critic(
-        (observation_size, action_size): (usize, usize),
+        Sizes { observation, action, privileged }: Sizes,
         settings: &QCriticSettings,
         seed: Seed,
     ) -> Result<NetworkWithTarget, TrainingError> {
-        let sizes = [&[observation_size + action_size], &settings.hidden[..], &[1]].concat();
+        let sizes = [&[observation + action + privileged], &settings.hidden[..], &[1]].concat();
         let mut network = Mlp::new(&sizes, settings.activation, Activation::Identity)?;
         if settings.layer_norm {
             network = network.with_layer_norm();
@@ -87,16 +96,15 @@ impl NetworkWithTarget {
     }
 }
 
-/// Fills `inputs` with the observation and the action of each row, concatenated.
-pub fn concatenate<T: Scalar>(observations: &[T], actions: &[T], rows: usize, inputs: &mut Vec<T>) {
+/// Fills `inputs` with the rows of all parts, concatenated: observation, action and privileged
+/// inputs. A part may have no columns.
+pub fn concatenate<T: Scalar>(parts: [&[T]; 3], rows: usize, inputs: &mut Vec<T>) {
     inputs.clear();
-    if rows == 0 {
-        return;
-    }
-    let (columns, size) = (observations.len() / rows, actions.len() / rows);
-    for (observation, action) in observations.chunks_exact(columns).zip(actions.chunks_exact(size)) {
-        inputs.extend_from_slice(observation);
-        inputs.extend_from_slice(action);
+    for row in 0..rows {
+        for part in parts {
+            let columns = part.len() / rows;
+            inputs.extend_from_slice(&part[row * columns..][..columns]);
+        }
     }
 }
 
@@ -135,7 +143,9 @@ mod tests {
     #[test]
     fn the_squared_error_matches_a_calculation_by_hand() {
         let mut inputs = vec![];
-        concatenate(&[1.0, 2.0], &[3.0, -1.0], 2, &mut inputs);
+        concatenate([&[1.0, 2.0], &[3.0, -1.0], &[7.0, 8.0]], 2, &mut inputs);
+        assert_eq!(inputs, [1.0, 3.0, 7.0, 2.0, -1.0, 8.0]);
+        concatenate([&[1.0, 2.0], &[3.0, -1.0], &[]], 2, &mut inputs);
         assert_eq!(inputs, [1.0, 3.0, 2.0, -1.0]);
         // Q = 2 o + a + 0.5: 5.5 and 3.5. Errors 0.5 and -0.5: ¼ (0.25 + 0.25), slopes 2 · ¼ ·
         // ±0.5.

@@ -4,6 +4,7 @@ use mishandle_controllers::Policy;
 use mishandle_network::Mlp;
 use mishandle_rollout::Seed;
 
+use super::action_value::Sizes;
 use super::settings::OffPolicySettings;
 use super::transitions::TransitionBatch;
 use crate::{Checkpoint, ExplorationDecay, TrainingError};
@@ -45,11 +46,11 @@ pub(crate) trait Agent: Sized + 'static {
     /// Policy that acts during training.
     type BehaviorPolicy: BehaviorPolicy;
 
-    /// Creates the initial networks; `sizes` = (input size, action size).
+    /// Creates the initial networks.
     ///
     /// # Errors
     /// If networks of these sizes cannot be created.
-    fn new(sizes: (usize, usize), settings: &Self::Settings, seed: Seed) -> Result<Self, TrainingError>;
+    fn new(sizes: Sizes, settings: &Self::Settings, seed: Seed) -> Result<Self, TrainingError>;
 
     /// Returns the current behavior policy.
     fn behavior_policy(&self) -> &Self::BehaviorPolicy;

@@ -30,6 +30,8 @@ macro_rules! off_policy_settings {
                     $crate::EpisodeSettings { environments: 128, ..Default::default() };
                 /// The scenarios of the episodes.
                 pub scenarios: $crate::ScenarioSettings = Default::default();
+                /// Reward terms for the manner.
+                pub rewards: $crate::RewardSettings = Default::default();
                 /// The replay buffer and the number of updates.
                 pub replay: $crate::ReplayBufferSettings = Default::default();
                 /// The policy.
@@ -63,8 +65,10 @@ macro_rules! off_policy_settings {
                     run: &self.run,
                     episodes: &self.episodes,
                     scenarios: &self.scenarios,
+                    rewards: &self.rewards,
                     replay: &self.replay,
                     policy: &self.policy,
+                    critic: &self.critic,
                 }
             }
         }

@@ -7,9 +7,9 @@ use mishandle_controllers::Policy;
 use mishandle_network::{Activation, Mlp, Scalar, Workspace};
 use mishandle_rollout::Seed;
 
-use crate::off_policy::action_value::{NetworkWithTarget, concatenate};
+use crate::off_policy::action_value::{NetworkWithTarget, Sizes, concatenate};
 use crate::off_policy::agent::BehaviorPolicy;
-use crate::off_policy::transitions::TransitionBatch;
+use crate::off_policy::transitions::{TransitionBatch, TransitionSlice};
 use crate::{ActorSettings, ExplorationDecay, TrainingError};
 
 /// Gaussian exploration noise with a different standard deviation in each environment.
@@ -55,12 +55,12 @@ impl DeterministicActor {
     /// # Errors
     /// If a layer has size 0.
     pub fn new(
-        (observation_size, action_size): (usize, usize),
+        sizes: Sizes,
         settings: &ActorSettings,
         exploration: Exploration,
         seed: Seed,
     ) -> Result<DeterministicActor, TrainingError> {
-        let sizes = [&[observation_size], &settings.hidden[..], &[action_size]].concat();
+        let sizes = [&[sizes.observation], &settings.hidden[..], &[sizes.action]].concat();
         let mut network = Mlp::new(&sizes, settings.activation, Activation::Tanh)?;
         settings.initialization.initialize(&mut network, 0.01, seed)?;
         Ok(DeterministicActor {
@@ -143,8 +143,8 @@ impl<T: Scalar> PolicyLoss<'_, T> {
     ) -> f64 {
         let PolicyLoss { batch, actor, critic } = self;
         let weight = 1.0 / batch.rows() as f64;
-        let (columns, count) = (actor.input_size(), rows.len());
-        let observations = batch.slice(rows).observations;
+        let (columns, size, count) = (actor.input_size(), actor.output_size(), rows.len());
+        let TransitionSlice { observations, privileged, .. } = batch.slice(rows);
         let PolicyScratch {
             actor: actor_pass,
             critic: critic_pass,
@@ -153,7 +153,7 @@ impl<T: Scalar> PolicyLoss<'_, T> {
             inputs_gradient,
             actions_gradient,
         } = scratch;
-        concatenate(observations, actor.forward(observations, actor_pass), count, inputs);
+        concatenate([observations, actor.forward(observations, actor_pass), privileged], count, inputs);
         let values = critic.forward(inputs, critic_pass);
         let loss = values.iter().map(|value| -weight * value.to_f64()).sum();
         output_gradient.clear();
@@ -162,7 +162,7 @@ impl<T: Scalar> PolicyLoss<'_, T> {
         critic.backward(output_gradient, critic_pass, None, Some(inputs_gradient));
         actions_gradient.clear();
         for row in inputs_gradient.chunks_exact(critic.input_size()) {
-            actions_gradient.extend_from_slice(&row[columns..]);
+            actions_gradient.extend_from_slice(&row[columns..][..size]);
         }
         actor.backward(actions_gradient, actor_pass, Some(gradient), None);
         loss

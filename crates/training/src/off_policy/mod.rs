@@ -27,9 +27,11 @@ use crate::inference::{
 };
 use crate::learner::origin::check_policy;
 use crate::learner::{Learner, progress_of};
+use crate::privileged::PrivilegedNormalizer;
 use crate::{
     Checkpoint, Episodes, ReplayBufferSettings, RunSettings, TimeShares, TrainingError, TrainingProgress,
 };
+use action_value::Sizes;
 use agent::{Agent, BehaviorPolicy, HasOffPolicySettings};
 use batch_gradient::LEARNING_ROWS;
 use replay_buffer::{ReplayBuffer, Sampling};
@@ -55,6 +57,7 @@ pub(crate) struct OffPolicy<A> {
     episodes: Episodes,
     replay_buffer: ReplayBuffer,
     normalizer: RunningNormalizer,
+    privileged: PrivilegedNormalizer,
     iteration: u64,
     updates: u64,
     batch: TransitionBatch<f32>,
@@ -69,8 +72,8 @@ impl<A: Agent> BuildLearner for OffPolicy<A> {
     type Settings = A::Settings;
 
     fn common(settings: &A::Settings) -> CommonSettings<'_> {
-        let OffPolicySettings { run, episodes, scenarios, .. } = settings.shared();
-        CommonSettings { run, episodes, scenarios }
+        let OffPolicySettings { run, episodes, scenarios, rewards, .. } = settings.shared();
+        CommonSettings { run, episodes, scenarios, rewards }
     }
 
     fn build(
@@ -78,14 +81,28 @@ impl<A: Agent> BuildLearner for OffPolicy<A> {
         environments: &dyn BatchFactory,
         seed: Seed,
     ) -> Result<OffPolicy<A>, TrainingError> {
-        let OffPolicySettings { gamma, steps_per_iteration, run, episodes, scenarios, replay, policy } =
-            settings.shared();
+        let OffPolicySettings {
+            gamma,
+            steps_per_iteration,
+            run,
+            episodes,
+            scenarios,
+            replay,
+            policy,
+            critic,
+            ..
+        } = settings.shared();
         let rows = episodes.environments;
-        let episodes = Episodes::of_training(environments, episodes, scenarios, seed)?;
+        let mut episodes = Episodes::of_training(environments, episodes, scenarios, seed)?;
         let history = policy_history(episodes.spec(), policy.history, &policy.hidden)?;
-        let episodes = episodes.with_history(policy.history);
+        episodes = episodes.with_history(policy.history);
+        if critic.sees_scenario {
+            episodes = episodes.with_privileged();
+        }
+        let privileged = episodes.privileged_size();
         let (input_size, action_size) = (history.input_size(), episodes.spec().action_size);
-        let agent = A::new((input_size, action_size), settings, seed)?;
+        let sizes = Sizes { observation: input_size, action: action_size, privileged };
+        let agent = A::new(sizes, settings, seed)?;
         let outputs = agent.behavior_policy().network().output_size();
         Ok(OffPolicy {
             seed,
@@ -96,7 +113,8 @@ impl<A: Agent> BuildLearner for OffPolicy<A> {
                 reward_scale: replay.reward_scale,
                 replacement: replay.replacement,
             },
-            replay_buffer: ReplayBuffer::new(replay.capacity, rows, input_size, action_size),
+            replay_buffer: ReplayBuffer::new(replay.capacity, rows, input_size, action_size)
+                .with_privileged(privileged),
             replay_settings: replay.clone(),
             history,
             normalize: policy.normalize_observations && run.from.is_none(),
@@ -107,6 +125,7 @@ impl<A: Agent> BuildLearner for OffPolicy<A> {
                 policy.normalize_observations,
                 policy.std_floor,
             ),
+            privileged: PrivilegedNormalizer::new(&episodes, policy.normalize_observations, policy.std_floor),
             iteration: 0,
             updates: 0,
             batch: TransitionBatch::default(),
@@ -156,6 +175,9 @@ impl<A: Agent> OffPolicy<A> {
         let batches = (self.seed.child(BATCHES), self.updates);
         let rows = self.replay_settings.batch_size;
         self.replay_buffer.sample(&self.sampling, batches, rows, normalizer, &mut self.batch);
+        let frozen = self.privileged.freeze();
+        self.privileged.normalize(&frozen, &mut self.batch.privileged);
+        self.privileged.normalize(&frozen, &mut self.batch.next_privileged);
         let randomness = (self.seed.child(UPDATES), self.updates);
         let updated = self.agent.update(&self.batch, randomness, learns_policy);
         self.updates += 1;
@@ -194,6 +216,7 @@ impl<A: Agent> Learner for OffPolicy<A> {
                 let (inputs, columns) = (self.history.input_size(), self.history.observation_size());
                 self.normalizer.update(&first_columns(&self.observations, inputs, columns));
             }
+            self.privileged.update(self.episodes.privileged_before());
             let before = Instant::now();
             while self.updates < self.replay_settings.updates_due(step + 1, rows) {
                 self.update(step, &normalizer)?;
@@ -208,6 +231,10 @@ impl<A: Agent> Learner for OffPolicy<A> {
             time_shares: TimeShares::new(physics, total - learning, total),
             ..progress_of(&self.episodes.take_statistics())
         })
+    }
+
+    fn set_scenario_share(&mut self, share: f64) {
+        self.episodes.set_scenario_share(share);
     }
 
     fn policy(&self) -> Result<Policy, TrainingError> {
@@ -227,6 +254,7 @@ impl<A: Agent> Learner for OffPolicy<A> {
         checkpoint.put("iteration", vec![self.iteration]);
         checkpoint.put("updates", vec![self.updates]);
         checkpoint.put_moments("normalizer", self.normalizer.moments());
+        self.privileged.save(checkpoint);
         self.agent.save(checkpoint);
         self.episodes.save(checkpoint)?;
         self.replay_buffer.save(checkpoint);
@@ -238,6 +266,7 @@ impl<A: Agent> Learner for OffPolicy<A> {
         self.updates = checkpoint.u64s("updates", 1)?[0];
         let columns = self.history.observation_size();
         self.normalizer.restore(checkpoint.moments("normalizer", columns)?)?;
+        self.privileged.load(checkpoint)?;
         self.agent.load(checkpoint)?;
         self.episodes.load(checkpoint)?;
         self.replay_buffer.load(checkpoint)

@@ -14,15 +14,18 @@ use crate::{Boundary, Checkpoint, Episodes, TrainingError};
 /// They are whole inputs of the policy: with their histories, if it has one.
 ///
 /// An entry takes 4 (input size + action size + 1) + 1 bytes: one million entries with 30 and 8
-/// numbers take 157 MB, and as much in a checkpoint. A history of k adds 152 k MB.
+/// numbers take 157 MB, and as much in a checkpoint. A history of k adds 152 k MB. Privileged inputs
+/// of critics take 4 bytes each.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ReplayBuffer {
     /// Entries per environment.
     length: usize,
     input_size: usize,
     action_size: usize,
+    privileged_size: usize,
     /// `[rows, length, ..]`
     observations: Vec<f32>,
+    privileged: Vec<f32>,
     actions: Vec<f32>,
     rewards: Vec<f32>,
     kinds: Vec<u8>,
@@ -59,7 +62,9 @@ impl ReplayBuffer {
             length,
             input_size,
             action_size,
+            privileged_size: 0,
             observations: vec![0.0; count * input_size],
+            privileged: Vec::new(),
             actions: vec![0.0; count * action_size],
             rewards: vec![0.0; count],
             kinds: vec![RUNNING; count],
@@ -67,28 +72,42 @@ impl ReplayBuffer {
         }
     }
 
+    /// Returns an empty buffer with `size` privileged inputs in each entry.
+    #[must_use]
+    pub fn with_privileged(self, size: usize) -> ReplayBuffer {
+        ReplayBuffer { privileged_size: size, privileged: vec![0.0; self.rewards.len() * size], ..self }
+    }
+
     /// Stores the last step of `episodes`; `observations` are the inputs before the step, `actions`
     /// within [-1, 1].
     pub fn push(&mut self, observations: &[f32], actions: &[f32], episodes: &Episodes) {
-        let (columns, size) = (self.input_size, self.action_size);
+        let (columns, size, own) = (self.input_size, self.action_size, self.privileged_size);
         for (row, boundary) in episodes.boundaries().iter().enumerate() {
             let kind = match boundary {
                 Boundary::Running => RUNNING,
                 Boundary::Terminated => TERMINATED,
                 Boundary::Truncated => TRUNCATED,
             };
-            let position = self.append(row, &observations[row * columns..][..columns], kind);
+            let privileged = &episodes.privileged_before()[row * own..][..own];
+            let position = self.append(row, &observations[row * columns..][..columns], privileged, kind);
             self.actions[position * size..][..size].copy_from_slice(&actions[row * size..][..size]);
             self.rewards[position] = episodes.rewards()[row] as f32;
             if kind == TRUNCATED {
-                self.append(row, &episodes.final_inputs()[row * columns..][..columns], FINAL_OBSERVATION);
+                self.append(
+                    row,
+                    &episodes.final_inputs()[row * columns..][..columns],
+                    &episodes.final_privileged()[row * own..][..own],
+                    FINAL_OBSERVATION,
+                );
             }
         }
     }
 
-    fn append(&mut self, row: usize, observation: &[f32], kind: u8) -> usize {
+    fn append(&mut self, row: usize, observation: &[f32], privileged: &[f32], kind: u8) -> usize {
         let position = self.position(row, self.written[row]);
         self.observations[position * self.input_size..][..self.input_size].copy_from_slice(observation);
+        self.privileged[position * self.privileged_size..][..self.privileged_size]
+            .copy_from_slice(privileged);
         self.kinds[position] = kind;
         self.written[row] += 1;
         position
@@ -101,7 +120,8 @@ impl ReplayBuffer {
 
     /// Samples batch `index` of `seed`, with `rows` rows: transitions drawn uniformly from those
     /// that enough entries follow. Without replacement `rows` must be at most the number of
-    /// environments, so that there are enough of them.
+    /// environments, so that there are enough of them. `normalizer` normalizes the observations,
+    /// not the privileged inputs.
     ///
     /// # Panics
     /// If an environment has fewer than `n_steps` + 2 entries.
@@ -113,12 +133,14 @@ impl ReplayBuffer {
         normalizer: &Normalizer<f32>,
         batch: &mut TransitionBatch<f32>,
     ) {
-        let (columns, size) = (self.input_size, self.action_size);
+        let (columns, size, own) = (self.input_size, self.action_size, self.privileged_size);
         batch.observations.clear();
         batch.actions.clear();
         batch.returns.clear();
         batch.discounts.clear();
         batch.next_observations.clear();
+        batch.privileged.clear();
+        batch.next_privileged.clear();
         batch.indices.clear();
         let mut draw = 0;
         while batch.rows() < rows {
@@ -137,6 +159,8 @@ impl ReplayBuffer {
             batch.returns.push((total * sampling.reward_scale) as f32);
             batch.discounts.push(discount as f32);
             batch.next_observations.extend_from_slice(&self.observations[next * columns..][..columns]);
+            batch.privileged.extend_from_slice(&self.privileged[position * own..][..own]);
+            batch.next_privileged.extend_from_slice(&self.privileged[next * own..][..own]);
         }
         normalizer.normalize(&mut batch.observations);
         normalizer.normalize(&mut batch.next_observations);
@@ -181,6 +205,9 @@ impl ReplayBuffer {
     pub fn save(&self, checkpoint: &mut Checkpoint) {
         let filled = self.filled();
         checkpoint.put("replay.observations", self.filled_part(&self.observations, filled));
+        if self.privileged_size > 0 {
+            checkpoint.put("replay.privileged", self.filled_part(&self.privileged, filled));
+        }
         checkpoint.put("replay.actions", self.filled_part(&self.actions, filled));
         checkpoint.put("replay.rewards", self.filled_part(&self.rewards, filled));
         checkpoint.put("replay.kinds", words(&self.filled_part(&self.kinds, filled)));
@@ -200,6 +227,10 @@ impl ReplayBuffer {
         let actions = checkpoint.f32s("replay.actions", count * self.action_size)?;
         let rewards = checkpoint.f32s("replay.rewards", count)?;
         let kinds = bytes(checkpoint.u64s("replay.kinds", count.div_ceil(8))?);
+        if self.privileged_size > 0 {
+            let privileged = checkpoint.f32s("replay.privileged", count * self.privileged_size)?;
+            set_filled_part(&mut self.privileged, rows, privileged);
+        }
         set_filled_part(&mut self.observations, rows, observations);
         set_filled_part(&mut self.actions, rows, actions);
         set_filled_part(&mut self.rewards, rows, rewards);

@@ -9,7 +9,7 @@ use crate::settings::setting::{
     ARRAY_SIZE, AT_LEAST_1, CAPACITY, FRACTION, HISTORY, INITIALIZATION, LAYER_SIZES, NOT_NEGATIVE, POSITIVE,
     kind, require,
 };
-use crate::{EpisodeSettings, Initialization, RunSettings, ScenarioSettings, TrainingError};
+use crate::{EpisodeSettings, Initialization, RewardSettings, RunSettings, ScenarioSettings, TrainingError};
 
 /// Settings that off-policy algorithms share.
 pub(crate) struct OffPolicySettings<'a> {
@@ -18,8 +18,10 @@ pub(crate) struct OffPolicySettings<'a> {
     pub run: &'a RunSettings,
     pub episodes: &'a EpisodeSettings,
     pub scenarios: &'a ScenarioSettings,
+    pub rewards: &'a RewardSettings,
     pub replay: &'a ReplayBufferSettings,
     pub policy: &'a ActorSettings,
+    pub critic: &'a QCriticSettings,
 }
 
 settings! {
@@ -92,6 +94,9 @@ settings! {
         pub activation: Activation = Activation::Elu;
         /// Learning rate of Adam.
         pub learning_rate: f64 = 1e-3, POSITIVE;
+        /// Whether the critics also see what the policy cannot: the values of the episode's
+        /// scenario, and the observation of the environment without noise, delays and faults.
+        pub sees_scenario: bool = false;
         /// Whether hidden layers have layer normalization before their activation.
         pub layer_norm: bool = true;
         /// Initialization of the networks, as in `policy.initialization`.

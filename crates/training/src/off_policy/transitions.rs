@@ -21,6 +21,10 @@ pub struct TransitionBatch<T> {
     pub discounts: Vec<T>,
     /// Normalized observations after the k steps; unused where the discount is 0.
     pub next_observations: Vec<T>,
+    /// Privileged inputs of the critics; empty if they see observations only.
+    pub privileged: Vec<T>,
+    /// Privileged inputs after the k steps.
+    pub next_privileged: Vec<T>,
     /// Index of each transition in the replay buffer.
     pub indices: Vec<usize>,
 }
@@ -32,6 +36,8 @@ pub(crate) struct TransitionSlice<'a, T> {
     pub returns: &'a [T],
     pub discounts: &'a [T],
     pub next_observations: &'a [T],
+    pub privileged: &'a [T],
+    pub next_privileged: &'a [T],
 }
 
 impl<T> TransitionBatch<T> {
@@ -49,6 +55,8 @@ impl<T> TransitionBatch<T> {
             returns: &self.returns[rows.clone()],
             discounts: &self.discounts[rows.clone()],
             next_observations: row_slice(&self.next_observations, total, &rows),
+            privileged: row_slice(&self.privileged, total, &rows),
+            next_privileged: row_slice(&self.next_privileged, total, &rows),
         }
     }
 }

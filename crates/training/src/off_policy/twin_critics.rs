@@ -5,7 +5,7 @@ use mishandle_network::{Mlp, Scalar, Workspace};
 use mishandle_rollout::Seed;
 
 use super::agent::weight_seed;
-use crate::off_policy::action_value::{NetworkWithTarget, concatenate, squared_error};
+use crate::off_policy::action_value::{NetworkWithTarget, Sizes, concatenate, squared_error};
 use crate::off_policy::transitions::TransitionSlice;
 use crate::{Checkpoint, QCriticSettings, TrainingError};
 
@@ -21,16 +21,11 @@ pub(crate) struct TwinCritics(pub [NetworkWithTarget; 2]);
 const NAMES: [&str; 2] = ["critic_1", "critic_2"];
 
 impl TwinCritics {
-    /// Creates two critics for `sizes` = (observation size, action size); `seed` is that of the
-    /// training run.
+    /// Creates two critics; `seed` is that of the training run.
     ///
     /// # Errors
     /// If a layer has size 0.
-    pub fn new(
-        sizes: (usize, usize),
-        settings: &QCriticSettings,
-        seed: Seed,
-    ) -> Result<TwinCritics, TrainingError> {
+    pub fn new(sizes: Sizes, settings: &QCriticSettings, seed: Seed) -> Result<TwinCritics, TrainingError> {
         let critic = |index| NetworkWithTarget::critic(sizes, settings, weight_seed(seed, index));
         Ok(TwinCritics([critic(1)?, critic(2)?]))
     }
@@ -94,7 +89,8 @@ impl<T: Scalar> TwinScratch<T> {
         transitions: &TransitionSlice<'_, T>,
         next_actions: &[T],
     ) {
-        concatenate(transitions.next_observations, next_actions, transitions.rows(), &mut self.inputs);
+        let parts = [transitions.next_observations, next_actions, transitions.next_privileged];
+        concatenate(parts, transitions.rows(), &mut self.inputs);
         let [first, second] = &mut self.target_critics;
         let values = critics[0].forward(&self.inputs, first).iter();
         let values = values.zip(critics[1].forward(&self.inputs, second));
@@ -112,7 +108,8 @@ impl<T: Scalar> TwinScratch<T> {
         gradient: &mut [T],
     ) -> f64 {
         let TwinScratch { critics: passes, inputs, targets, slopes, .. } = self;
-        concatenate(transitions.observations, transitions.actions, transitions.rows(), inputs);
+        let parts = [transitions.observations, transitions.actions, transitions.privileged];
+        concatenate(parts, transitions.rows(), inputs);
         let (first_gradient, second_gradient) = gradient.split_at_mut(critics[0].parameter_count());
         squared_error(critics[0], inputs, targets, factor, &mut passes[0], slopes, first_gradient)
             + squared_error(critics[1], inputs, targets, factor, &mut passes[1], slopes, second_gradient)

@@ -15,6 +15,7 @@ use crate::inference::{
 };
 use crate::initialization::initial_network;
 use crate::learner::origin::check_policy;
+use crate::privileged::PrivilegedNormalizer;
 use crate::{Checkpoint, Critic, Episodes, ObservationMoments, RolloutBuffer, TrainingError};
 
 /// Indices of child seeds. Episodes use 0, minibatches 3.
@@ -32,6 +33,7 @@ pub(crate) struct ActorCritic {
     pub episodes: Episodes,
     pub buffer: RolloutBuffer,
     normalizer: RunningNormalizer,
+    privileged: PrivilegedNormalizer,
     pub network: Mlp<f32>,
     pub log_std: Vec<f32>,
     log_std_range: (f32, f32),
@@ -70,9 +72,12 @@ impl ActorCritic {
             ..
         } = *shared;
         let rows = episodes.environments;
-        let episodes = Episodes::of_training(environments, episodes, scenarios, seed)?;
+        let mut episodes = Episodes::of_training(environments, episodes, scenarios, seed)?;
         let history = policy_history(episodes.spec(), policy.history, &policy.hidden)?;
-        let episodes = episodes.with_history(policy.history);
+        episodes = episodes.with_history(policy.history);
+        if critic.sees_scenario {
+            episodes = episodes.with_privileged();
+        }
         let (inputs, outputs) = (history.input_size(), episodes.spec().action_size);
         let network = initial_network(
             (inputs, &policy.hidden, outputs),
@@ -81,7 +86,8 @@ impl ActorCritic {
             0.01,
             seed.child(POLICY_WEIGHTS),
         )?;
-        let critic = Critic::new(inputs, critic, seed.child(CRITIC_WEIGHTS))?;
+        let privileged = episodes.privileged_size();
+        let critic = Critic::new((inputs, privileged), critic, seed.child(CRITIC_WEIGHTS))?;
         Ok(ActorCritic {
             rollout_steps,
             gamma,
@@ -94,6 +100,7 @@ impl ActorCritic {
                 policy.normalize_observations,
                 policy.std_floor,
             ),
+            privileged: PrivilegedNormalizer::new(&episodes, policy.normalize_observations, policy.std_floor),
             log_std: vec![policy.initial_log_std as f32; outputs],
             log_std_range: (policy.min_log_std as f32, policy.max_log_std as f32),
             network,
@@ -104,7 +111,7 @@ impl ActorCritic {
             returns: Vec::new(),
             last_values: vec![0.0; rows],
             truncated_values: Vec::new(),
-            buffer: RolloutBuffer::new(rollout_steps, rows, inputs, outputs),
+            buffer: RolloutBuffer::new(rollout_steps, rows, inputs, outputs).with_privileged(privileged),
             episodes,
         })
     }
@@ -163,13 +170,21 @@ impl ActorCritic {
         Ok(RolloutSecs { physics, total: start.elapsed().as_secs_f64() })
     }
 
-    /// Computes values, advantages and value targets of the rollout.
+    /// Computes values, advantages and value targets of the rollout, and normalizes its privileged
+    /// inputs.
     pub fn compute_advantages(&mut self, normalizer: &Normalizer<f32>) {
-        let ActorCritic { buffer, critic, .. } = self;
-        critic.values(normalizer, &buffer.observations, &mut buffer.values);
-        critic.values(normalizer, &buffer.last_observations, &mut self.last_values);
+        let ActorCritic { buffer, critic, privileged, .. } = self;
+        let frozen = privileged.freeze();
+        privileged.update(&buffer.privileged);
+        for rows in [&mut buffer.privileged, &mut buffer.last_privileged, &mut buffer.truncated_privileged] {
+            privileged.normalize(&frozen, rows);
+        }
+        critic.values(normalizer, (&buffer.observations, &buffer.privileged), &mut buffer.values);
+        let last = (&*buffer.last_observations, &*buffer.last_privileged);
+        critic.values(normalizer, last, &mut self.last_values);
         self.truncated_values.resize(buffer.truncated.len(), 0.0);
-        critic.values(normalizer, &buffer.truncated_observations, &mut self.truncated_values);
+        let truncated = (&*buffer.truncated_observations, &*buffer.truncated_privileged);
+        critic.values(normalizer, truncated, &mut self.truncated_values);
         buffer.set_next_values(&self.last_values, &self.truncated_values);
         gae::advantages(
             self.gamma,
@@ -257,6 +272,7 @@ impl ActorCritic {
         checkpoint.put("policy.parameters", self.network.parameters().to_vec());
         checkpoint.put("policy.log_std", self.log_std.clone());
         checkpoint.put_moments("normalizer", self.normalizer.moments());
+        self.privileged.save(checkpoint);
         self.critic.save(checkpoint);
         self.episodes.save(checkpoint)
     }
@@ -271,6 +287,7 @@ impl ActorCritic {
         self.log_std = checkpoint.f32s("policy.log_std", self.log_std.len())?.to_vec();
         let columns = self.history.observation_size();
         self.normalizer.restore(checkpoint.moments("normalizer", columns)?)?;
+        self.privileged.load(checkpoint)?;
         self.critic.load(checkpoint)?;
         self.episodes.load(checkpoint)
     }

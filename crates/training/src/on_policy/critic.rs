@@ -6,6 +6,7 @@ use mishandle_network::{
 use mishandle_rollout::Seed;
 
 use crate::initialization::initial_network;
+use crate::privileged::join;
 use crate::{Checkpoint, CriticSettings, TrainingError, ValueMoments};
 
 /// A value network with its optimizer and the running moments that denormalize its output.
@@ -19,6 +20,8 @@ use crate::{Checkpoint, CriticSettings, TrainingError, ValueMoments};
 #[derive(Debug)]
 pub struct Critic {
     network: Mlp<f32>,
+    /// Number of privileged inputs, which follow the observation.
+    privileged_size: usize,
     adam: Adam<f32>,
     loss_coef: f64,
     moments: Option<RunningNormalizer>,
@@ -29,27 +32,31 @@ pub struct Critic {
 
 #[derive(Debug, Default)]
 struct Scratch {
+    observations: Vec<f32>,
     inputs: Vec<f32>,
     workspace: Workspace<f32>,
     output_gradient: Vec<f32>,
 }
 
 impl Critic {
-    /// Creates a critic for observations of size `observation_size` and initializes it from `seed`.
+    /// Creates a critic for `sizes` = (observation size, number of privileged inputs) and
+    /// initializes it from `seed`.
     ///
     /// # Errors
     /// If a layer has size 0.
     pub fn new(
-        observation_size: usize,
+        sizes: (usize, usize),
         settings: &CriticSettings,
         seed: Seed,
     ) -> Result<Critic, TrainingError> {
         let CriticSettings { hidden, activation, initialization, learning_rate, .. } = settings;
-        let sizes = (observation_size, &hidden[..], 1);
+        let (observation_size, privileged_size) = sizes;
+        let sizes = (observation_size + privileged_size, &hidden[..], 1);
         let network = initial_network(sizes, *activation, *initialization, 1.0, seed)?;
         Ok(Critic {
             adam: Adam::new(network.parameter_count(), *learning_rate),
             network,
+            privileged_size,
             loss_coef: settings.loss_coef,
             moments: settings.normalize_values.then(|| RunningNormalizer::new(1)),
             value_moments: settings.value_moments,
@@ -84,24 +91,22 @@ impl Critic {
     pub fn train_minibatch(
         &mut self,
         normalizer: &Normalizer<f32>,
-        observations: &[f32],
+        (observations, privileged): (&[f32], &[f32]),
         targets: &[f32],
         indices: &[u32],
         max_grad_norm: f64,
     ) -> f64 {
-        let Critic { network, adam, pool, gradient, loss_coef, .. } = self;
-        let (columns, share) = (network.input_size(), 1.0 / indices.len() as f64);
+        let Critic { network, privileged_size, adam, pool, gradient, loss_coef, .. } = self;
+        let share = 1.0 / indices.len() as f64;
+        let sizes = (network.input_size() - *privileged_size, *privileged_size);
         // The last element of the sum is the loss.
         gradient.resize(network.parameter_count() + 1, 0.0);
         pool.sum(indices.len(), gradient, |rows, scratch, gradient| {
-            let Scratch { inputs, workspace, output_gradient } = scratch;
+            let Scratch { observations: seen, inputs, workspace, output_gradient } = scratch;
             let (network_gradient, loss) = gradient.split_at_mut(network.parameter_count());
-            inputs.clear();
             output_gradient.clear();
-            for index in &indices[rows.clone()] {
-                inputs.extend_from_slice(&observations[*index as usize * columns..][..columns]);
-            }
-            normalizer.normalize(inputs);
+            let chunk = indices[rows.clone()].iter().map(|index| *index as usize);
+            fill_inputs((observations, privileged), sizes, chunk, normalizer, seen, inputs);
             for (index, output) in indices[rows].iter().zip(network.forward(inputs, workspace)) {
                 let target = f64::from(targets[*index as usize]);
                 let (row_loss, slope) = value_loss(f64::from(*output), target, *loss_coef);
@@ -116,14 +121,19 @@ impl Critic {
         f64::from(loss[0])
     }
 
-    /// Computes the values of observations, which `normalizer` normalizes.
-    pub fn values(&self, normalizer: &Normalizer<f32>, observations: &[f32], values: &mut [f64]) {
-        let columns = self.network.input_size();
+    /// Computes the values of observations, which `normalizer` normalizes, and of normalized
+    /// privileged inputs.
+    pub fn values(
+        &self,
+        normalizer: &Normalizer<f32>,
+        (observations, privileged): (&[f32], &[f32]),
+        values: &mut [f64],
+    ) {
+        let sizes = (self.network.input_size() - self.privileged_size, self.privileged_size);
         let (mean, std) = self.mean_and_std();
-        self.pool.map(values.len(), values, |rows, Scratch { inputs, workspace, .. }, values| {
-            inputs.clear();
-            inputs.extend_from_slice(&observations[rows.start * columns..rows.end * columns]);
-            normalizer.normalize(inputs);
+        self.pool.map(values.len(), values, |rows, scratch, values| {
+            let Scratch { observations: seen, inputs, workspace, .. } = scratch;
+            fill_inputs((observations, privileged), sizes, rows, normalizer, seen, inputs);
             for (value, output) in values.iter_mut().zip(self.network.forward(inputs, workspace)) {
                 *value = if self.moments.is_some() {
                     std * f64::from(*output).clamp(-CLIP, CLIP) + mean
@@ -204,6 +214,29 @@ impl Critic {
     }
 }
 
+/// Fills `inputs` with the normalized observations of some rows, each with its privileged inputs;
+/// `sizes` are the lengths of both. `seen` is a scratch buffer.
+fn fill_inputs(
+    (observations, privileged): (&[f32], &[f32]),
+    (columns, size): (usize, usize),
+    rows: impl Iterator<Item = usize> + Clone,
+    normalizer: &Normalizer<f32>,
+    seen: &mut Vec<f32>,
+    inputs: &mut Vec<f32>,
+) {
+    seen.clear();
+    for row in rows.clone() {
+        seen.extend_from_slice(&observations[row * columns..][..columns]);
+    }
+    normalizer.normalize(seen);
+    if size == 0 {
+        std::mem::swap(seen, inputs);
+        return;
+    }
+    inputs.resize(seen.len() / columns * (columns + size), 0.0);
+    join((seen, columns), (privileged, size), rows, inputs);
+}
+
 /// Returns `loss_coef` (output - target)² and its derivative by the output.
 pub fn value_loss(output: f64, target: f64, loss_coef: f64) -> (f64, f64) {
     let error = output - target;
@@ -220,7 +253,7 @@ mod tests {
     #[test]
     fn values_stay_within_five_standard_deviations_of_the_mean_return() {
         let settings = CriticSettings { hidden: vec![], ..CriticSettings::default() };
-        let mut critic = Critic::new(1, &settings, Seed(1)).unwrap();
+        let mut critic = Critic::new((1, 0), &settings, Seed(1)).unwrap();
         // The moments start with one sample of mean 0 and variance 1: mean 6/4, variance (1 + 3/4 ·
         // 2²) / 4 = 1.
         critic.normalize_targets(&[0.0; 3], &[2.0; 3], &mut vec![], &mut vec![]);
@@ -228,7 +261,7 @@ mod tests {
         let mut value = |bias: f32| {
             critic.network.update(|parameters| parameters.copy_from_slice(&[0.0, bias]));
             let mut values = [0.0];
-            critic.values(&plain, &[0.0], &mut values);
+            critic.values(&plain, (&[0.0], &[]), &mut values);
             values[0]
         };
         assert_eq!([3.0, 9.0, -9.0].map(&mut value), [4.5, 6.5, -3.5]);

@@ -109,8 +109,8 @@ impl<A: PolicyOptimizer> BuildLearner for OnPolicy<A> {
     type Settings = A::Settings;
 
     fn common(settings: &A::Settings) -> CommonSettings<'_> {
-        let OnPolicySettings { run, episodes, scenarios, .. } = A::shared(settings);
-        CommonSettings { run, episodes, scenarios }
+        let OnPolicySettings { run, episodes, scenarios, rewards, .. } = A::shared(settings);
+        CommonSettings { run, episodes, scenarios, rewards }
     }
 
     fn build(
@@ -166,6 +166,10 @@ impl<A: PolicyOptimizer> Learner for OnPolicy<A> {
             ),
             ..progress_of(&actor_critic.episodes.take_statistics())
         })
+    }
+
+    fn set_scenario_share(&mut self, share: f64) {
+        self.actor_critic.episodes.set_scenario_share(share);
     }
 
     fn policy(&self) -> Result<Policy, TrainingError> {

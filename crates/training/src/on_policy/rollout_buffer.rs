@@ -14,9 +14,12 @@ pub struct RolloutBuffer {
     rows: usize,
     input_size: usize,
     action_size: usize,
+    privileged_size: usize,
     filled: usize,
     /// Observation before each step, not normalized.
     pub observations: Vec<f32>,
+    /// Privileged inputs of the critic before each step; empty if it sees observations only.
+    pub privileged: Vec<f32>,
     /// Actions, not clipped.
     pub actions: Vec<f32>,
     /// Log-probabilities of the actions under the policy that sampled them.
@@ -34,10 +37,14 @@ pub struct RolloutBuffer {
     /// Observation after the last step, `[rows, ..]`; after a reset, the first observation of the
     /// next episode.
     pub last_observations: Vec<f32>,
+    /// Privileged inputs of these observations.
+    pub last_privileged: Vec<f32>,
     /// Indices of the truncated steps, ascending.
     pub truncated: Vec<usize>,
     /// Final observation of each truncated episode, from before the reset.
     pub truncated_observations: Vec<f32>,
+    /// Privileged inputs of these observations.
+    pub truncated_privileged: Vec<f32>,
 }
 
 impl RolloutBuffer {
@@ -48,8 +55,10 @@ impl RolloutBuffer {
             rows,
             input_size,
             action_size,
+            privileged_size: 0,
             filled: 0,
             observations: vec![0.0; count * input_size],
+            privileged: Vec::new(),
             actions: vec![0.0; count * action_size],
             log_probs: vec![0.0; count],
             rewards: vec![0.0; count],
@@ -58,9 +67,27 @@ impl RolloutBuffer {
             next_values: vec![0.0; count],
             advantages: vec![0.0; count],
             last_observations: vec![0.0; rows * input_size],
+            last_privileged: Vec::new(),
             truncated: Vec::new(),
             truncated_observations: Vec::new(),
+            truncated_privileged: Vec::new(),
         }
+    }
+
+    /// Returns an empty buffer with `size` privileged inputs in each row.
+    #[must_use]
+    pub fn with_privileged(self, size: usize) -> RolloutBuffer {
+        RolloutBuffer {
+            privileged_size: size,
+            privileged: vec![0.0; self.count() * size],
+            last_privileged: vec![0.0; self.rows * size],
+            ..self
+        }
+    }
+
+    /// Returns the number of privileged inputs in each row.
+    pub fn privileged_size(&self) -> usize {
+        self.privileged_size
     }
 
     /// Returns the number of environments.
@@ -78,6 +105,7 @@ impl RolloutBuffer {
         self.filled = 0;
         self.truncated.clear();
         self.truncated_observations.clear();
+        self.truncated_privileged.clear();
     }
 
     /// Stores the current observations; returns them and the slices for the actions and their
@@ -89,6 +117,8 @@ impl RolloutBuffer {
         let first = self.filled;
         let observations = &mut self.observations[first * self.input_size..][..self.rows * self.input_size];
         observations.copy_from_slice(episodes.inputs());
+        let own = self.privileged_size;
+        self.privileged[first * own..][..self.rows * own].copy_from_slice(episodes.privileged());
         let actions = &mut self.actions[first * self.action_size..][..self.rows * self.action_size];
         (observations, actions, &mut self.log_probs[first..][..self.rows])
     }
@@ -108,11 +138,14 @@ impl RolloutBuffer {
                 self.truncated.push(self.filled + row);
                 let observation = &episodes.final_inputs()[row * self.input_size..][..self.input_size];
                 self.truncated_observations.extend_from_slice(observation);
+                let own = self.privileged_size;
+                self.truncated_privileged.extend_from_slice(&episodes.final_privileged()[row * own..][..own]);
             }
         }
         self.filled += self.rows;
         if self.filled == self.count() {
             self.last_observations.copy_from_slice(episodes.inputs());
+            self.last_privileged.copy_from_slice(episodes.privileged());
         }
     }
 

@@ -7,7 +7,7 @@ use super::minibatches::{MinibatchScheme, Minibatches, check_minibatch_count};
 use crate::settings::activation_name;
 use crate::settings::declare::{choice, settings};
 use crate::settings::setting::{FINITE, FRACTION, HISTORY, INITIALIZATION, LAYER_SIZES, POSITIVE, require};
-use crate::{EpisodeSettings, Initialization, RunSettings, ScenarioSettings, TrainingError};
+use crate::{EpisodeSettings, Initialization, RewardSettings, RunSettings, ScenarioSettings, TrainingError};
 
 /// Maximum number of rows of a rollout; see [`ARRAY_SIZE`](crate::settings::setting::ARRAY_SIZE).
 const MAX_ROLLOUT_ROWS: usize = 100_000_000;
@@ -26,6 +26,7 @@ pub(crate) struct OnPolicySettings<'a> {
     pub run: &'a RunSettings,
     pub episodes: &'a EpisodeSettings,
     pub scenarios: &'a ScenarioSettings,
+    pub rewards: &'a RewardSettings,
     pub policy: &'a PolicySettings,
     pub critic: &'a CriticSettings,
 }
@@ -43,6 +44,7 @@ macro_rules! on_policy_settings {
             run: &$settings.run,
             episodes: &$settings.episodes,
             scenarios: &$settings.scenarios,
+            rewards: &$settings.rewards,
             policy: &$settings.policy,
             critic: &$settings.critic,
         }
@@ -132,6 +134,9 @@ settings! {
         pub initialization: Initialization = Initialization::Orthogonal, INITIALIZATION;
         /// Learning rate of Adam.
         pub learning_rate: f64 = 1e-3, POSITIVE;
+        /// Whether the value function also sees what the policy cannot: the values of the episode's
+        /// scenario, and the observation of the environment without noise, delays and faults.
+        pub sees_scenario: bool = false;
         /// Coefficient of the mean squared error.
         pub loss_coef: f64 = 0.5, POSITIVE;
         /// Whether value targets are normalized by running moments.

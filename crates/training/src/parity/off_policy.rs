@@ -7,14 +7,14 @@ use serde_json::Value;
 use super::{close, number, numbers, singles};
 use crate::TomlSettings;
 use crate::ddpg::{Ddpg, DdpgSettings};
-use crate::off_policy::action_value::NetworkWithTarget;
+use crate::off_policy::action_value::{NetworkWithTarget, Sizes};
 use crate::off_policy::agent::Agent;
 use crate::off_policy::transitions::TransitionBatch;
 use crate::sac::{Sac, SacSettings};
 use crate::td3::{Td3, Td3Settings};
 
 /// Observation size and action size of the cases, as in `make.py`.
-const SIZES: (usize, usize) = (3, 2);
+const SIZES: Sizes = Sizes { observation: 3, action: 2, privileged: 0 };
 
 /// Kinds of cases, by their keys in the document.
 const TUNED: &str = "tuned";
@@ -69,7 +69,7 @@ impl Case {
             returns: singles(self.of("returns")),
             discounts: singles(self.of("discounts")),
             next_observations: singles(self.of("next_observations")),
-            indices: vec![],
+            ..TransitionBatch::default()
         }
     }
 
@@ -122,7 +122,7 @@ fn check_sac(kind: &'static str) {
     } else {
         // skrl's default is -1 per action dimension. The first Adam steps would have the same
         // length for any other value.
-        assert!((sac.target_entropy + SIZES.1 as f64).abs() < 1e-6, "{}", sac.target_entropy);
+        assert!((sac.target_entropy + SIZES.action as f64).abs() < 1e-6, "{}", sac.target_entropy);
     }
     case.initialize(&mut sac.actor, "policy");
     if let Some(start) = case.of("start").get("log_std") {
@@ -142,7 +142,7 @@ fn check_sac(kind: &'static str) {
         case.check_gradient("critic_2", step, second);
         case.check_gradient("policy", step, &sac.actor_gradient.sums[..count]);
         if !sac.log_std.is_empty() {
-            case.check_gradient("log_std", step, &sac.actor_gradient.sums[count..][..SIZES.1]);
+            case.check_gradient("log_std", step, &sac.actor_gradient.sums[count..][..SIZES.action]);
         }
     }
     case.check("critic_losses", &critic_losses);

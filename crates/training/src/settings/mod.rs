@@ -5,6 +5,7 @@ pub(crate) mod bases;
 pub(crate) mod declare;
 mod listing;
 mod read;
+mod rewards;
 pub(crate) mod scenarios;
 pub(crate) mod setting;
 
@@ -16,7 +17,8 @@ use declare::{choice, settings};
 use setting::{ARRAY_SIZE, AT_LEAST_1, FRACTION, NOISE};
 
 pub use bases::{BASES, BEST};
-pub use scenarios::{AxisSetting, ScenarioSettings, SelectionWeights};
+pub use rewards::RewardSettings;
+pub use scenarios::{AxisSetting, CurriculumSettings, ScenarioSettings, SelectionWeights};
 pub use setting::{Choice, Setting};
 
 /// Settings of an algorithm, readable from TOML.

@@ -26,6 +26,10 @@ settings! {
         /// Weights of the three validations in the choice of the best controller and in early
         /// stopping. A validation that does not exist has no weight.
         pub selection: SelectionWeights = SelectionWeights::default(), WEIGHTS;
+        /// Curriculum: episodes draw from a share of the range of each axis around its nominal
+        /// value, at first `start`. It grows by `step` up to 1, each time a validation over the
+        /// present share has a success rate of at least `threshold`. Not set: the whole range.
+        pub curriculum: Option<CurriculumSettings> = None, CURRICULUM;
         /// Axes with a narrower range or a fixed value. An axis outside of the space is added to
         /// it.
         #[serde(skip_serializing_if = "BTreeMap::is_empty")]
@@ -50,6 +54,34 @@ impl Default for SelectionWeights {
         SelectionWeights { nominal: 0.5, space: 0.5, corners: 0.0 }
     }
 }
+
+/// `scenarios.curriculum`: growth of the ranges from which episodes draw.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct CurriculumSettings {
+    /// Share of the ranges at the start.
+    pub start: f64,
+    /// Growth of the share.
+    pub step: f64,
+    /// Success rate, on random scenarios within the share, at which it grows.
+    pub threshold: f64,
+}
+
+impl CurriculumSettings {
+    /// Returns the share after this number of growths.
+    pub fn share(&self, growths: u64) -> f64 {
+        let share = self.start + growths as f64 * self.step;
+        // A sum of decimal numbers may be rounded down.
+        if share > 1.0 - 1e-9 { 1.0 } else { share }
+    }
+}
+
+const CURRICULUM: Constraint =
+    constraint("{ start = A, step = B, threshold = C } with numbers from 0 to 1, B above 0", |x| {
+        x.iter().all(|x| (0.0..=1.0).contains(x)) && x[1] > 0.0
+    });
+
+kind!(CurriculumSettings, "a table", x => Some(vec![x.start, x.step, x.threshold]));
 
 const WEIGHTS: Constraint = constraint(
     "{ nominal = A, space = B, corners = C } with numbers of at least 0, one of them above 0",
@@ -147,6 +179,8 @@ mod tests {
             ("file = \"a.csv\"", "if and only if"),
             ("selection = { nominal = 0, space = 0, corners = 0 }", "above 0"),
             ("selection = { nominal = 1, space = nan, corners = 0 }", "at least 0"),
+            ("curriculum = { start = 0.1, step = 0, threshold = 0.9 }", "B above 0"),
+            ("curriculum = { start = 0.1, step = 0.1, threshold = 90 }", "from 0 to 1"),
             ("space = 3", "a text"),
             ("axes = 3", "a table"),
         ] {
@@ -157,5 +191,19 @@ mod tests {
         }
         let sum = "[scenarios]\nnominal = 0.7\ncorners = 0.2\nfile = \"a.csv\"\nfile_share = 0.1";
         assert!((ALGORITHMS[0].from_toml)(sum).is_ok(), "the rounded sum is above 1");
+    }
+
+    #[test]
+    fn a_curriculum_grows_to_the_whole_range() {
+        for entry in ALGORITHMS {
+            let text = "scenarios.curriculum = { start = 0.1, step = 0.3, threshold = 0.9 }";
+            let settings = (entry.from_toml)(text).unwrap();
+            for written in [settings.to_toml(), settings.listing()] {
+                assert_eq!((entry.from_toml)(&written).unwrap(), settings, "{}", entry.name);
+            }
+            let curriculum = settings.scenarios().curriculum.unwrap();
+            assert_eq!([0, 1, 3, 4].map(|growths| curriculum.share(growths)), [0.1, 0.4, 1.0, 1.0]);
+            assert_eq!((entry.default)().scenarios().curriculum, None);
+        }
     }
 }

@@ -156,6 +156,7 @@ fn progress() -> TrainingProgress {
         reward_terms: vec![],
         validation: None,
         validation_is_fresh: false,
+        scenario_share: None,
         kl: None,
         entropy: None,
         learning_rate: 0.001,

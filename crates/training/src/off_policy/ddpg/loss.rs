@@ -44,12 +44,14 @@ impl<T: Scalar> CriticLoss<'_, T> {
         let CriticScratch { actor, target, critic: critic_pass, inputs, targets, output_gradient } = scratch;
 
         let next_actions = target_actor.forward(transitions.next_observations, actor);
-        concatenate(transitions.next_observations, next_actions, transitions.rows(), inputs);
+        let parts = [transitions.next_observations, next_actions, transitions.next_privileged];
+        concatenate(parts, transitions.rows(), inputs);
         targets.clear();
         targets.extend_from_slice(target_critic.forward(inputs, target));
         transitions.bootstrap(targets);
 
-        concatenate(transitions.observations, transitions.actions, transitions.rows(), inputs);
+        let parts = [transitions.observations, transitions.actions, transitions.privileged];
+        concatenate(parts, transitions.rows(), inputs);
         let weight = 1.0 / batch.rows() as f64;
         squared_error(critic, inputs, targets, weight, critic_pass, output_gradient, gradient)
     }

@@ -3,7 +3,7 @@ use mishandle_rollout::Seed;
 
 use super::loss::{CriticLoss, CriticScratch};
 use super::settings::DdpgSettings;
-use crate::off_policy::action_value::NetworkWithTarget;
+use crate::off_policy::action_value::{NetworkWithTarget, Sizes};
 use crate::off_policy::agent::{Agent, weight_seed};
 use crate::off_policy::batch_gradient::BatchGradient;
 use crate::off_policy::deterministic::{DeterministicActor, PolicyLoss, PolicyScratch};
@@ -64,7 +64,7 @@ impl Agent for Ddpg {
     type Settings = DdpgSettings;
     type BehaviorPolicy = DeterministicActor;
 
-    fn new(sizes: (usize, usize), settings: &DdpgSettings, seed: Seed) -> Result<Ddpg, TrainingError> {
+    fn new(sizes: Sizes, settings: &DdpgSettings, seed: Seed) -> Result<Ddpg, TrainingError> {
         let actor =
             DeterministicActor::new(sizes, &settings.policy, settings.exploration(), weight_seed(seed, 0))?;
         let critic = NetworkWithTarget::critic(sizes, &settings.critic, weight_seed(seed, 1))?;

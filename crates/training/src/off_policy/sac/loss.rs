@@ -6,7 +6,7 @@ use mishandle_network::{Mlp, Scalar, Workspace};
 
 use crate::off_policy::action_value::concatenate;
 use crate::off_policy::sac::squashed_sample::SquashedSample;
-use crate::off_policy::transitions::{TransitionBatch, row_slice};
+use crate::off_policy::transitions::{TransitionBatch, TransitionSlice, row_slice};
 use crate::off_policy::twin_critics::TwinScratch;
 use crate::sac::{Actor, Distribution};
 
@@ -112,9 +112,9 @@ impl<T: Scalar> PolicyLoss<'_, T> {
         } = scratch;
 
         let noise = row_slice(self.noise, batch.rows(), &rows);
-        let observations = batch.slice(rows).observations;
+        let TransitionSlice { observations, privileged, .. } = batch.slice(rows);
         actor.sample(observations, noise, actor_pass, samples, actions);
-        concatenate(observations, actions, count, inputs);
+        concatenate([observations, actions, privileged], count, inputs);
         let [first, second] = &mut *passes;
         let values = critics[0].forward(inputs, first).iter().zip(critics[1].forward(inputs, second));
         let (mut loss, mut mean_log_prob) = (0.0, 0.0);
@@ -140,9 +140,9 @@ impl<T: Scalar> PolicyLoss<'_, T> {
         let (network_gradient, log_std_gradient) = gradient.split_at_mut(actor.network.parameter_count());
         let outputs = actor.network.output_size();
         outputs_gradient.resize(outputs * count, T::ZERO);
-        let inputs_gradient = inputs_gradient[0]
-            .chunks_exact(columns + size)
-            .zip(inputs_gradient[1].chunks_exact(columns + size));
+        let input_size = critics[0].input_size();
+        let inputs_gradient =
+            inputs_gradient[0].chunks_exact(input_size).zip(inputs_gradient[1].chunks_exact(input_size));
         for ((outputs_gradient, (first, second)), samples) in
             outputs_gradient.chunks_exact_mut(outputs).zip(inputs_gradient).zip(samples.chunks_exact(size))
         {

@@ -7,7 +7,7 @@ use crate::settings::setting::{AT_LEAST_1, POSITIVE};
 use crate::{RunSettings, ScenarioSettings};
 
 off_policy_settings! {
-    /// Settings of SAC. In TOML, each field is a key and the last five are tables;
+    /// Settings of SAC. In TOML, each field is a key and the last seven are tables;
     /// [`TomlSettings`](crate::TomlSettings) describes missing keys.
     ///
     /// # Example

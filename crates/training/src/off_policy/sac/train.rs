@@ -8,6 +8,7 @@ use super::settings::SacSettings;
 use super::squashed_sample::CLIPPED_LOG_STD_RANGE;
 use crate::gaussian::DiagonalGaussian;
 use crate::initialization::initial_network;
+use crate::off_policy::action_value::Sizes;
 use crate::off_policy::agent::{Agent, BehaviorPolicy, weight_seed};
 use crate::off_policy::batch_gradient::BatchGradient;
 use crate::off_policy::sample_noise;
@@ -125,32 +126,33 @@ impl Agent for Sac {
     type Settings = SacSettings;
     type BehaviorPolicy = Sac;
 
-    fn new(sizes: (usize, usize), settings: &SacSettings, seed: Seed) -> Result<Sac, TrainingError> {
+    fn new(sizes: Sizes, settings: &SacSettings, seed: Seed) -> Result<Sac, TrainingError> {
         let policy = &settings.policy;
         let distribution = settings.distribution;
         // A small gain of the last layer: the initial actions are near 0 with h near 0 for all
         // observations.
         let actor = initial_network(
-            (sizes.0, &policy.hidden, distribution.outputs(sizes.1)),
+            (sizes.observation, &policy.hidden, distribution.outputs(sizes.action)),
             policy.activation,
             policy.initialization,
             0.01,
             weight_seed(seed, 0),
         )?;
-        let mut log_std = vec![0.0; distribution.parameters(sizes.1)];
+        let mut log_std = vec![0.0; distribution.parameters(sizes.action)];
         policy.initialization.initialize_vector(&mut log_std, weight_seed(seed, 3));
         let critics = TwinCritics::new(sizes, &settings.critic, seed)?;
         Ok(Sac {
             tau: settings.tau,
             noise_hold: settings.exploration_hold,
-            target_entropy: DiagonalGaussian::new(&vec![settings.target_std.ln() as f32; sizes.1]).entropy(),
+            target_entropy: DiagonalGaussian::new(&vec![settings.target_std.ln() as f32; sizes.action])
+                .entropy(),
             actor_adam: Adam::new(actor.parameter_count(), policy.learning_rate),
             log_std_adam: Adam::new(log_std.len(), policy.learning_rate),
             distribution,
             log_temperature: [settings.initial_temperature.ln()],
             temperature_adam: Adam::new(1, settings.temperature_learning_rate),
             entropy: 0.0,
-            noise: [0, 1].map(|_| vec![0.0; settings.replay.batch_size * sizes.1]),
+            noise: [0, 1].map(|_| vec![0.0; settings.replay.batch_size * sizes.action]),
             critics_gradient: BatchGradient::new("the critics' loss", critics.parameter_count()),
             actor_gradient: BatchGradient::new(
                 "the policy's loss",

@@ -7,7 +7,7 @@ use crate::settings::setting::{AT_LEAST_1, DECAY, NOT_NEGATIVE, NOT_NEGATIVE_RAN
 use crate::{ExplorationDecay, RunSettings, ScenarioSettings};
 
 off_policy_settings! {
-    /// Settings of TD3. In TOML, each field is a key and the last five are tables;
+    /// Settings of TD3. In TOML, each field is a key and the last seven are tables;
     /// [`TomlSettings`](crate::TomlSettings) describes missing keys.
     ///
     /// # Example

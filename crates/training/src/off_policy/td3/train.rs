@@ -3,6 +3,7 @@ use mishandle_rollout::Seed;
 
 use super::loss::{CriticLoss, CriticScratch, TargetSmoothing};
 use super::settings::Td3Settings;
+use crate::off_policy::action_value::Sizes;
 use crate::off_policy::agent::{Agent, weight_seed};
 use crate::off_policy::batch_gradient::BatchGradient;
 use crate::off_policy::deterministic::{DeterministicActor, PolicyLoss, PolicyScratch};
@@ -76,7 +77,7 @@ impl Agent for Td3 {
     type Settings = Td3Settings;
     type BehaviorPolicy = DeterministicActor;
 
-    fn new(sizes: (usize, usize), settings: &Td3Settings, seed: Seed) -> Result<Td3, TrainingError> {
+    fn new(sizes: Sizes, settings: &Td3Settings, seed: Seed) -> Result<Td3, TrainingError> {
         let actor =
             DeterministicActor::new(sizes, &settings.policy, settings.exploration(), weight_seed(seed, 0))?;
         let critics = TwinCritics::new(sizes, &settings.critic, seed)?;
@@ -84,7 +85,7 @@ impl Agent for Td3 {
             tau: settings.tau,
             smoothing: TargetSmoothing { std: settings.smoothing_std, clip: settings.smoothing_clip },
             policy_delay: settings.policy_delay,
-            noise: vec![0.0; settings.replay.batch_size * sizes.1],
+            noise: vec![0.0; settings.replay.batch_size * sizes.action],
             critics_gradient: BatchGradient::new("the critics' loss", critics.parameter_count()),
             actor_gradient: BatchGradient::new("the policy's loss", actor.policy.network.parameter_count()),
             actor,

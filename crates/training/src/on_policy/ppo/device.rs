@@ -50,7 +50,7 @@ fn both(results: (Result<(), NetworkError>, Result<(), NetworkError>)) -> Result
 
 /// Writes parameters and inputs.
 fn write_inputs(minibatch: &Minibatch<'_>, policy: &mut dyn DeviceNetwork, critic: &mut dyn DeviceNetwork) {
-    let columns = minibatch.policy.input_size();
+    let (columns, of_critic) = (minibatch.policy.input_size(), minibatch.critic.input_size());
     let (policy, critic) = (policy.buffers(), critic.buffers());
     policy.parameters.copy_from_slice(minibatch.policy.parameters());
     critic.parameters.copy_from_slice(minibatch.critic.parameters());
@@ -58,11 +58,11 @@ fn write_inputs(minibatch: &Minibatch<'_>, policy: &mut dyn DeviceNetwork, criti
         .rows
         .par_chunks(CHUNK_ROWS)
         .zip(policy.inputs.par_chunks_mut(CHUNK_ROWS * columns))
-        .zip(critic.inputs.par_chunks_mut(CHUNK_ROWS * columns))
-        .for_each(|((rows, of_policy), of_critic)| {
+        .zip(critic.inputs.par_chunks_mut(CHUNK_ROWS * of_critic))
+        .for_each(|((rows, of_policy), critic_inputs)| {
             let of_policy = &mut of_policy[..rows.len() * columns];
             minibatch.fill_inputs(rows, of_policy);
-            of_critic[..rows.len() * columns].copy_from_slice(of_policy);
+            minibatch.fill_critic_inputs(rows, of_policy, &mut critic_inputs[..rows.len() * of_critic]);
         });
 }
 

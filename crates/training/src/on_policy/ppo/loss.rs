@@ -5,6 +5,7 @@ use mishandle_network::{Mlp, Normalizer, Workspace};
 use crate::RolloutBuffer;
 use crate::gaussian::DiagonalGaussian;
 use crate::on_policy::critic::value_loss;
+use crate::privileged::join;
 
 /// Clipped surrogate loss of one row.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -96,6 +97,7 @@ pub(super) struct Minibatch<'a> {
 #[derive(Debug, Default)]
 pub(super) struct Scratch {
     inputs: Vec<f32>,
+    critic_inputs: Vec<f32>,
     policy: Workspace<f32>,
     critic: Workspace<f32>,
     mean_gradient: Vec<f32>,
@@ -116,7 +118,7 @@ impl Minibatch<'_> {
         let (log_std_gradient, rest) = rest.split_at_mut(actions);
         let (critic_gradient, metrics) = rest.split_at_mut(self.critic.parameter_count());
         let columns = self.policy.input_size();
-        let Scratch { inputs, policy, critic, mean_gradient, value_gradient } = scratch;
+        let Scratch { inputs, critic_inputs, policy, critic, mean_gradient, value_gradient } = scratch;
         inputs.resize(rows.len() * columns, 0.0);
         self.fill_inputs(rows, inputs);
 
@@ -126,6 +128,14 @@ impl Minibatch<'_> {
         self.policy.backward(mean_gradient, policy, Some(policy_gradient), None);
 
         value_gradient.resize(rows.len(), 0.0);
+        let inputs = match self.buffer.privileged_size() {
+            0 => inputs,
+            _ => {
+                critic_inputs.resize(rows.len() * self.critic.input_size(), 0.0);
+                self.fill_critic_inputs(rows, inputs, critic_inputs);
+                critic_inputs
+            }
+        };
         let values = self.critic.forward(inputs, critic);
         self.add_critic_loss(rows, values, value_gradient, metrics);
         self.critic.backward(value_gradient, critic, Some(critic_gradient), None);
@@ -139,6 +149,14 @@ impl Minibatch<'_> {
             inputs.copy_from_slice(&self.buffer.observations[*row as usize * columns..][..columns]);
         }
         self.normalizer.normalize(inputs);
+    }
+
+    /// Fills `inputs` with the normalized observations of some rows, each with its privileged
+    /// inputs.
+    pub fn fill_critic_inputs(&self, rows: &[u32], observations: &[f32], inputs: &mut [f32]) {
+        let observations = (observations, self.policy.input_size());
+        let privileged = (&*self.buffer.privileged, self.buffer.privileged_size());
+        join(observations, privileged, rows.iter().map(|row| *row as usize), inputs);
     }
 
     /// Writes the derivatives of the mean loss with respect to the `means` of some rows,
@@ -235,8 +253,8 @@ mod tests {
         assert_eq!((loss, slope), (0.125, 0.5));
     }
 
-    /// Two observations, two actions, five rows; the minibatch contains four of them, one of which
-    /// is clipped.
+    /// Two observations, a privileged input, two actions, five rows; the minibatch contains four of
+    /// them, one of which is clipped.
     struct Example {
         buffer: RolloutBuffer,
         targets: Vec<f32>,
@@ -248,8 +266,8 @@ mod tests {
     const ROWS: [u32; 4] = [4, 0, 3, 1];
     const ENTROPY_COEF: f64 = 0.1;
 
-    fn network(outputs: usize, seed: u64) -> Mlp<f64> {
-        let mut network = Mlp::new(&[2, 5, outputs], Activation::Tanh, Activation::Identity).unwrap();
+    fn network(inputs: usize, outputs: usize, seed: u64) -> Mlp<f64> {
+        let mut network = Mlp::new(&[inputs, 5, outputs], Activation::Tanh, Activation::Identity).unwrap();
         let mut index = 0;
         network.initialize_uniform(|| {
             index += 1;
@@ -261,15 +279,22 @@ mod tests {
     }
 
     fn example() -> Example {
-        let mut buffer = RolloutBuffer::new(5, 1, 2, 2);
+        let mut buffer = RolloutBuffer::new(5, 1, 2, 2).with_privileged(1);
         let numbers = |count: usize, shift: f64| (0..count).map(move |i| (i as f64 * 1.7 + shift).sin());
         buffer.observations = numbers(10, 0.0).map(|x| x as f32).collect();
+        buffer.privileged = numbers(5, 4.0).map(|x| x as f32).collect();
         buffer.actions = numbers(10, 1.0).map(|x| x as f32).collect();
         buffer.advantages = numbers(5, 2.0).collect();
         // The ratios are near 1, except for the last row, which is clipped.
         buffer.log_probs = vec![-2.0, -1.9, -2.1, -2.2, 3.0];
         let targets = numbers(5, 3.0).map(|x| x as f32).collect();
-        Example { buffer, targets, policy: network(2, 1), critic: network(1, 2), log_std: vec![-0.25, 0.125] }
+        Example {
+            buffer,
+            targets,
+            policy: network(2, 2, 1),
+            critic: network(3, 1, 2),
+            log_std: vec![-0.25, 0.125],
+        }
     }
 
     fn standardization(buffer: &RolloutBuffer) -> (f64, f64) {
@@ -293,7 +318,8 @@ mod tests {
             let ratio = (log_prob - buffer.log_probs[index]).exp();
             let advantage = (buffer.advantages[index] - mean) * scale;
             sum -= (ratio * advantage).min(ratio.clamp(0.8, 1.2) * advantage);
-            let value = critic.forward(&row, &mut Workspace::default())[0];
+            let seen = [row[0], row[1], f64::from(buffer.privileged[index])];
+            let value = critic.forward(&seen, &mut Workspace::default())[0];
             sum += 0.5 * (value - f64::from(targets[index])).powi(2);
         }
         // The entropy without its constant.

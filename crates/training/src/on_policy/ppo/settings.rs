@@ -8,12 +8,12 @@ use crate::settings::setting::{
     ARRAY_SIZE, AT_LEAST_1, AT_LEAST_2, FINITE, FRACTION, POSITIVE, POSITIVE_RANGE, require,
 };
 use crate::{
-    CriticSettings, EpisodeSettings, MinibatchScheme, PolicySettings, RunSettings, ScenarioSettings, Setting,
-    TomlSettings, TrainingError,
+    CriticSettings, EpisodeSettings, MinibatchScheme, PolicySettings, RewardSettings, RunSettings,
+    ScenarioSettings, Setting, TomlSettings, TrainingError,
 };
 
 settings! {
-    /// Settings of PPO. In TOML, each field is a key and the last five are tables; [`TomlSettings`]
+    /// Settings of PPO. In TOML, each field is a key and the last six are tables; [`TomlSettings`]
     /// describes missing keys.
     ///
     /// # Example
@@ -80,6 +80,8 @@ settings! {
         pub episodes: EpisodeSettings = EpisodeSettings::default();
         /// The scenarios of the episodes.
         pub scenarios: ScenarioSettings = ScenarioSettings::default();
+        /// Reward terms for the manner.
+        pub rewards: RewardSettings = RewardSettings::default();
         /// The policy.
         pub policy: PolicySettings = PolicySettings::default();
         /// The critic.

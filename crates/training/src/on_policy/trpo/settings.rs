@@ -6,12 +6,12 @@ use crate::settings::bases::SKRL_0_10;
 use crate::settings::declare::{choice, settings};
 use crate::settings::setting::{ARRAY_SIZE, AT_LEAST_1, AT_LEAST_2, FRACTION, NOT_NEGATIVE, POSITIVE};
 use crate::{
-    CriticSettings, EpisodeSettings, MinibatchScheme, PolicySettings, RunSettings, ScenarioSettings, Setting,
-    TomlSettings, TrainingError,
+    CriticSettings, EpisodeSettings, MinibatchScheme, PolicySettings, RewardSettings, RunSettings,
+    ScenarioSettings, Setting, TomlSettings, TrainingError,
 };
 
 settings! {
-    /// Settings of TRPO. In TOML, each field is a key and the last five are tables;
+    /// Settings of TRPO. In TOML, each field is a key and the last six are tables;
     /// [`TomlSettings`] describes missing keys.
     ///
     /// # Example
@@ -67,6 +67,8 @@ settings! {
         pub episodes: EpisodeSettings = EpisodeSettings::default();
         /// The scenarios of the episodes.
         pub scenarios: ScenarioSettings = ScenarioSettings::default();
+        /// Reward terms for the manner.
+        pub rewards: RewardSettings = RewardSettings::default();
         /// The policy.
         pub policy: PolicySettings = PolicySettings::default();
         /// The critic.

@@ -109,7 +109,7 @@ impl Trpo {
                 let ActorCritic { critic, buffer, targets, .. } = actor_critic;
                 loss = critic.train_minibatch(
                     &normalizer,
-                    &buffer.observations,
+                    (&buffer.observations, &buffer.privileged),
                     targets,
                     indices,
                     settings.max_grad_norm,

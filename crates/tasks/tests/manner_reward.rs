@@ -1,0 +1,196 @@
+//! The reward terms of the manner follow their formulas, and change nothing else.
+
+#![allow(clippy::unwrap_used)]
+
+use std::sync::Arc;
+
+use mishandle_rollout::{
+    BatchFactory, Environment, EnvironmentWorker, Sample, Scenario, Seed, Start, Stream,
+};
+use mishandle_tasks::{
+    CONTROL_DT, JOINT_NAMES, MANNER, MANNER_REWARD, MannerWeights, Preset, Reward, TASKS, TaskBatches,
+    TaskEnvironment, VELOCITY_LIMIT, task,
+};
+use mishandle_world::CpuDevice;
+
+const ALL: MannerWeights = MannerWeights { contact_force: 2.0, action_rate: 3.0, speed: 5.0, rest: 7.0 };
+
+/// Control steps of a training episode; the robot shall rest in the second half.
+const STEPS: usize = 40;
+
+fn plain(name: &str) -> TaskEnvironment {
+    TaskEnvironment::new(task(name).unwrap(), Preset::Paper, Reward::Shaped).unwrap()
+}
+
+struct Run {
+    environment: TaskEnvironment,
+    worker: Box<dyn EnvironmentWorker>,
+    state: Vec<f64>,
+    observation: Vec<f32>,
+    signals: Vec<f64>,
+    rewards: Vec<f64>,
+}
+
+impl Run {
+    fn new(environment: TaskEnvironment, scenario: &Scenario) -> Run {
+        let mut run = Run {
+            worker: environment.worker(),
+            state: vec![f64::NAN; environment.state_size()],
+            observation: vec![0.0; environment.observation_size()],
+            signals: vec![0.0; environment.signals().len()],
+            rewards: vec![0.0; environment.reward_terms().len()],
+            environment,
+        };
+        let Run { worker, state, observation, signals, rewards, .. } = &mut run;
+        worker.reset(scenario, Seed(1), state, Sample { observation, signals, rewards });
+        run
+    }
+
+    fn step(&mut self, action: &[f64]) {
+        let Run { worker, state, observation, signals, rewards, .. } = self;
+        worker.step(action, state, Sample { observation, signals, rewards });
+    }
+
+    fn signal(&self, name: &str) -> f64 {
+        self.signals[self.environment.signals().iter().position(|known| known == name).unwrap()]
+    }
+
+    /// Returns the speeds of the joints of the arm.
+    fn speeds(&self) -> Vec<f64> {
+        let model = self.environment.model();
+        let mut world = model.world();
+        world.set_state(&self.state);
+        let speed = |name: &&str| world.qvel()[model.joint(name).unwrap().dof].abs();
+        JOINT_NAMES[..7].iter().map(speed).collect()
+    }
+}
+
+/// Random actions that change every fifth control step.
+fn actions(step: usize) -> [f64; 9] {
+    let draw = |joint| 2.0 * Seed(9).uniform(Stream::ActionNoise, step as u64 / 5, joint) - 1.0;
+    std::array::from_fn(|joint| draw(u32::try_from(joint).unwrap()))
+}
+
+#[track_caller]
+fn assert_near(found: f64, expected: f64) {
+    assert!((found - expected).abs() <= 1e-12, "{found} instead of {expected}");
+}
+
+#[test]
+fn each_term_is_its_weight_times_its_formula_and_no_other_bit_changes() {
+    let mut largest_force = 0.0_f64;
+    for name in ["cube-stacking", "door-opening", "peg-in-hole"] {
+        let scenario = plain(name).space().nominal();
+        let mut with = Run::new(plain(name).with_manner_reward(ALL, STEPS), &scenario);
+        let mut without = Run::new(plain(name), &scenario);
+        let own = without.rewards.len();
+        let names: Vec<&str> = MANNER_REWARD.iter().map(|term| term.name).collect();
+        assert_eq!(with.environment.reward_terms()[own..], names);
+        assert!(with.rewards.iter().all(|reward| *reward == 0.0));
+        let mut before = [0.0; 9];
+        for step in 0..3 * STEPS {
+            let mut action = actions(step);
+            // The arm reaches down, so that it touches the ground.
+            (action[1], action[3]) = (1.0, 0.2);
+            with.step(&action);
+            without.step(&action);
+            assert_eq!(with.rewards[..own], without.rewards, "{name}");
+            assert_eq!(with.observation, without.observation, "{name}");
+            assert_eq!(with.signals[..without.signals.len()], without.signals, "{name}");
+            assert_eq!(with.state[..without.state.len()], without.state, "{name}");
+
+            let force = with.signal("fixture_force") + with.signal("ground_force");
+            largest_force = largest_force.max(force);
+            assert_near(with.rewards[own], -2.0 * force / (force + 140.0));
+            let changes = action.iter().zip(before).map(|(now, before)| (now - before).powi(2) / 4.0);
+            assert_near(with.rewards[own + 1], -3.0 * changes.sum::<f64>() / 9.0);
+            let speeds = with.speeds();
+            let shares = speeds.iter().zip(VELOCITY_LIMIT).map(|(speed, limit)| (speed / limit).powi(2));
+            assert_near(with.rewards[own + 2], -5.0 * shares.sum::<f64>() / 7.0);
+            let fastest = speeds.into_iter().fold(0.0, f64::max);
+            let rest = if step < STEPS / 2 { 0.0 } else { -7.0 * fastest / (fastest + 0.05) };
+            assert_near(with.rewards[own + 3], rest);
+            before = action;
+        }
+    }
+    assert!(largest_force > 50.0, "{largest_force}");
+}
+
+#[test]
+fn only_the_contact_force_needs_the_signals_of_the_manner() {
+    let task = plain("door-opening");
+    let count = task.signals().len();
+    let with = |weights| task.with_manner_reward(weights, STEPS);
+    let motion = MannerWeights { contact_force: 0.0, ..ALL };
+    assert_eq!(with(motion).signals().len(), count);
+    assert_eq!(with(ALL).signals().len(), count + MANNER.len());
+    let nothing = with(MannerWeights::default());
+    assert_eq!((nothing.reward_terms(), nothing.state_size()), (task.reward_terms(), task.state_size()));
+    let force = with(MannerWeights { contact_force: 1.0, ..MannerWeights::default() });
+    assert_eq!(force.reward_terms()[task.reward_terms().len()..], ["contact_force"]);
+}
+
+#[test]
+fn no_task_has_a_reward_term_of_the_same_name() {
+    for task in TASKS {
+        for reward in [Reward::Original, Reward::Shaped] {
+            let mut own = task.definition().reward(reward).iter();
+            assert!(!own.any(|own| MANNER_REWARD.iter().any(|term| term.name == own.name)));
+        }
+    }
+}
+
+#[test]
+fn a_state_row_continues_to_the_same_rewards_on_another_worker() {
+    let environment = plain("door-opening").with_manner_reward(ALL, STEPS);
+    let mut first = Run::new(environment.clone(), &environment.space().sample(Seed(5), 2));
+    (0..15).for_each(|step| first.step(&actions(step)));
+    let mut second = Run::new(environment.clone(), &environment.space().sample(Seed(5), 3));
+    second.step(&actions(50));
+    second.state.copy_from_slice(&first.state);
+    for step in 15..STEPS {
+        first.step(&actions(step));
+        second.step(&actions(step));
+        assert_eq!((&first.rewards, &first.state), (&second.rewards, &second.state));
+    }
+}
+
+#[test]
+fn another_engine_computes_the_terms_that_need_no_forces() {
+    let motion = MannerWeights { contact_force: 0.0, ..ALL };
+    let environment = Arc::new(plain("door-opening").with_manner_reward(motion, STEPS));
+    let factory = TaskBatches::new(environment.clone(), Arc::new(CpuDevice));
+    let starts: Vec<Start> = (0..3)
+        .map(|row| Start { row, scenario: environment.space().sample(Seed(4), row as u64), seed: Seed(7) })
+        .collect();
+    let mut batches = [environment.batch(3).unwrap(), factory.batch(3).unwrap(), factory.batch(3).unwrap()];
+    batches.iter_mut().for_each(|batch| batch.reset(&starts).unwrap());
+    for step in 0..STEPS {
+        if step == 13 {
+            let mut states = vec![0.0; 3 * environment.state_size()];
+            batches[1].read_states(&mut states).unwrap();
+            let observations = batches[1].observations().to_vec();
+            batches[2].write_states(&states, &observations).unwrap();
+        }
+        let all: Vec<f64> = (0..3).flat_map(|row| actions(step + 10 * row)).collect();
+        batches.iter_mut().for_each(|batch| batch.step(&all).unwrap());
+        assert_eq!(batches[0].rewards(), batches[1].rewards());
+        assert_eq!(batches[1].rewards(), batches[2].rewards());
+    }
+    let forces = Arc::new(plain("door-opening").with_manner_reward(ALL, STEPS));
+    let error = TaskBatches::new(forces, Arc::new(CpuDevice)).batch(3).err().unwrap().to_string();
+    assert!(error.contains("contact forces"), "{error}");
+}
+
+#[test]
+fn one_changed_action_counts_a_ninth_of_its_squared_share() {
+    // The signal is the largest change over the duration of a control step.
+    let environment = plain("door-opening").with_manner_reward(ALL, STEPS);
+    let own = environment.reward_terms().len() - 4;
+    let mut run = Run::new(environment.clone(), &environment.space().nominal());
+    let mut action = [0.0; 9];
+    action[4] = 0.5;
+    run.step(&action);
+    assert_near(run.signal("action_rate"), 0.5 / CONTROL_DT);
+    assert_near(run.rewards[own + 1], -3.0 * 0.25 * 0.25 / 9.0);
+}
