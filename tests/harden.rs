@@ -54,7 +54,7 @@ fn run_files(folder: &Path) -> Vec<PathBuf> {
     files
 }
 
-/// The seeds of all simulations, and the scenarios of those that are no corners, as bits.
+/// The seeds of all simulations, and the scenarios of those that are not corners, as bits.
 fn rows(files: &[PathBuf]) -> (BTreeSet<u64>, BTreeSet<Vec<u64>>) {
     let (mut seeds, mut scenarios) = (BTreeSet::new(), BTreeSet::new());
     for file in files {

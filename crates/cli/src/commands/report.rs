@@ -28,7 +28,8 @@ The page is one HTML file that loads nothing and runs no script. docs/guide/repo
 charts. If the target of a run is available, scenarios around each failure mode are simulated,
 corners, and repeats with other seeds. Otherwise the page has what the run file contains.")]
 pub struct Arguments {
-    /// Run files, the folder of a campaign or of a hardening, or the .csv file of `mishandle train --csv`
+    /// Run files, the folder of a campaign or of a hardening, or the .csv file of `mishandle train
+    /// --csv`
     #[arg(value_name = "RUN", required = true)]
     pub runs: Vec<PathBuf>,
     /// HTML file to create; for a campaign, a folder for the index and a page for each run

@@ -14,8 +14,8 @@ use crate::{Boundary, Checkpoint, Episodes, TrainingError};
 /// They are whole inputs of the policy: with their histories, if it has one.
 ///
 /// An entry takes 4 (input size + action size + 1) + 1 bytes: one million entries with 30 and 8
-/// numbers take 157 MB, and as much in a checkpoint. A history of k adds 152 k MB. Privileged inputs
-/// of critics take 4 bytes each.
+/// numbers take 157 MB, and as much in a checkpoint. A history of k adds 152 k MB. Privileged
+/// inputs of critics take 4 bytes each.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ReplayBuffer {
     /// Entries per environment.
