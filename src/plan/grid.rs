@@ -11,6 +11,9 @@ use super::Plan;
 use super::read::{key_names, may_be_list, read_lists};
 use crate::error::MishandleError;
 
+/// Table of a question that takes training, which a campaign cannot do.
+const HARDEN: &str = "harden";
+
 /// Largest number of runs of a campaign.
 const MAX_RUNS: usize = 10_000;
 
@@ -49,6 +52,11 @@ pub struct GridRun {
 pub fn read_grid(text: &str) -> Result<Vec<GridRun>, MishandleError> {
     let table = read_lists(text)?;
     check_options(&table)?;
+    if table.contains_key(HARDEN) {
+        let (what, value) = ("the campaign", "a plan with the table [harden]".to_string());
+        let expected = "a plan of the other questions; `mishandle harden --plan FILE` hardens one controller";
+        return Err(MishandleError::InvalidValue { what, value, expected });
+    }
     let questions = RunKind::ALL.map(|(_, name)| name);
     let kinds: Vec<&str> = questions.into_iter().filter(|kind| table.contains_key(*kind)).collect();
     let mut runs = Vec::new();
@@ -179,6 +187,13 @@ mod tests {
 
     fn error(text: &str) -> String {
         read_grid(text).unwrap_err().to_string()
+    }
+
+    #[test]
+    fn a_hardening_is_not_a_run_of_a_campaign() {
+        let text = "target = 'ball-balancing'\ncontroller = 'ppo'\n[evaluate]\n[harden]\nrounds = 2\n";
+        let error = read_grid(text).unwrap_err().to_string();
+        assert!(error.contains("[harden]"), "{error}");
     }
 
     #[test]
