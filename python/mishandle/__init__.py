@@ -17,6 +17,7 @@ from mishandle.falsification import Evaluation, Exports, Falsification, evaluate
 from mishandle.fault_axes import faults
 from mishandle.formulas import Formula, robustness
 from mishandle.margins import Margin, margin
+from mishandle.hardening import Hardening, harden
 from mishandle.limits import TimeLimitExceeded
 from mishandle.objectives import Objective
 from mishandle.plots import plot_comparison, plot_robustness_map, plot_search_progress, plot_survival, plot_trace
@@ -44,6 +45,7 @@ __all__ = [
     "FailureMode",
     "Falsification",
     "Formula",
+    "Hardening",
     "InvalidScenario",
     "InvalidStateError",
     "InvalidTypeError",
@@ -75,6 +77,7 @@ __all__ = [
     "falsify",
     "faults",
     "find_minimum",
+    "harden",
     "load_controller",
     "margin",
     "open_run",
