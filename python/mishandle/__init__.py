@@ -26,6 +26,7 @@ from mishandle.ray import RayExecutor
 from mishandle.results import ComparedPair, Estimate, FailureMode, Regression, Repeats, Trial, Witness
 from mishandle.risks import Risk, risk
 from mishandle.runs import Run, open_run
+from mishandle.scenario_environments import ScenarioEnv
 from mishandle.searches import Minimum, Search, find_minimum, search_names
 from mishandle.simulations import Replay, regress, repeat, replay, simulate
 from mishandle.targets import Simulation
@@ -63,6 +64,7 @@ __all__ = [
     "ResetOption",
     "Risk",
     "Run",
+    "ScenarioEnv",
     "Search",
     "Simulation",
     "TimeLimitExceeded",

@@ -52,7 +52,7 @@ pub fn recorded_failures(paths: &[PathBuf], space: &Space) -> Result<Vec<(Scenar
 }
 
 /// Lists the values outside of the bounds of their axes: a simulation may have an initial state
-/// there, but nobody asked for training there.
+/// there, but the space does not contain it.
 fn outside(space: &Space, scenario: &Scenario) -> Vec<String> {
     let text = |(axis, value): (&Axis, &Option<f64>)| {
         let Axis { name, low, high, .. } = axis;
@@ -112,7 +112,7 @@ fn counterexample(path: &Path, axes: &[AxisRecord]) -> Result<Simulated, Mishand
 struct RecordedAxis<'a> {
     name: &'a str,
     unit: &'a str,
-    /// What the file says of its values; a counterexample says nothing.
+    /// Its record in the file; a counterexample has none.
     values: Option<&'a AxisRecord>,
 }
 
