@@ -131,6 +131,10 @@ class EnvironmentSystem(PolicySystem):
         first = self._environments[0]
         if not isinstance(first, gymnasium.Env):
             raise InvalidTypeError(f"a {type(environment).__name__} is not a Gymnasium environment or a vector of them")
+        if any(each.has_wrapper_attr("draws_scenarios") for each in self._environments):
+            raise InvalidTypeError(
+                "a ScenarioEnv draws scenarios of its own, so it cannot be given one: pass the environment without this wrapper"
+            )
         if len({id(each.unwrapped) for each in self._environments}) < len(self._environments):
             raise InvalidValueError(
                 "two sub-environments of the vector environment are the same object, so they cannot have scenarios of their own; each "

@@ -78,6 +78,9 @@ class ScenarioEnv(gymnasium.Wrapper[Any, Any, Any, Any]):
     1.25
     """
 
+    draws_scenarios = True
+    """Whether its resets draw scenarios, so that a question cannot give it one."""
+
     def __init__(
         self,
         env: gymnasium.Env[Any, Any],

@@ -1,9 +1,11 @@
 """Environments that draw a scenario at each reset."""
 
 import collections
+import importlib
 import math
 import pathlib
 import pickle
+import sys
 import tempfile
 import unittest
 import warnings
@@ -316,6 +318,22 @@ class Archive(unittest.TestCase):
             ScenarioEnv(Still(), [SPEED], 3)
 
 
+class Example(unittest.TestCase):
+    def test_a_policy_is_hardened_and_compared_on_other_seeds(self):
+        folder = pathlib.Path(__file__).parents[1] / "examples"
+        sys.path.insert(0, str(folder))
+        self.addCleanup(sys.path.pop, 0)
+        example = importlib.import_module("cart_pole_hardened")
+        with tempfile.TemporaryDirectory() as runs:
+            path = pathlib.Path(runs)
+            found = example.harden(path, iterations=3, candidates=8, episodes=3, evaluated=60)
+            seeds = [set(mishandle.open_run(file).columns()["seed"]) for file in (path / "archive.sqlite", path / "space-after.sqlite")]
+        self.assertEqual(list(found), ["space", "nearly nominal"])
+        self.assertEqual((found["space"].first.n, found["nearly nominal"].second.n), (60, 60))
+        self.assertTrue(seeds[0].isdisjoint(seeds[1]))
+        self.assertIn("%", example.percent(found["space"].first))
+
+
 class Mistakes(unittest.TestCase):
     def test_mistakes_are_errors_at_once(self):
         env = cart_pole()
@@ -340,6 +358,14 @@ class Mistakes(unittest.TestCase):
         ]:
             with self.subTest(message), self.assertRaisesRegex(mishandle.MishandleError, message):
                 make()
+
+    def test_what_draws_scenarios_is_not_evaluated(self):
+        options = {"policy": balance, "signals": {"angle": "obs[2]"}, "steps": STEPS, "control_dt": 0.02}
+        length = cart_pole_space(cart_pole())[:1]
+        make = lambda: gymnasium.wrappers.TimeLimit(ScenarioEnv(cart_pole(), length), STEPS)
+        for system in (make(), SyncVectorEnv([make] * 2)):
+            with self.assertRaisesRegex(mishandle.InvalidTypeError, "pass the environment without this wrapper"):
+                mishandle.evaluate(system, "always(abs(angle) <= 1)", length, **options)
 
     def test_an_unknown_attribute_is_an_error_at_the_first_reset(self):
         env = ScenarioEnv(cart_pole(), [SPEED], nominal=0.0)
