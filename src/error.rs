@@ -222,6 +222,18 @@ pub enum MishandleError {
         /// Each difference, with the recorded and the given value.
         differences: Vec<String>,
     },
+    /// Recorded scenarios do not fit the space of the new ones.
+    #[error(
+        "the scenarios of {} are of another space: {}; pass files that were made with the same axes",
+        path.display(),
+        differences.join("; ")
+    )]
+    OtherSpace {
+        /// Path of the file.
+        path: PathBuf,
+        /// Each difference.
+        differences: Vec<String>,
+    },
     /// A run file contradicts its plan.
     #[error(
         "the run file does not match: {}; the target, its formulas or its space are others than those of the run, the file was \

@@ -172,6 +172,9 @@ fn mistakes_are_errors_before_anything_is_written() {
         assert!(error.contains(part), "{part}: {error}");
         assert!(!out.exists() && !harden_folder(&out).exists(), "{part}");
     }
+    let other = home.path().join("out.harden");
+    let error = harden(&good, &other, None, &mut |_| ControlFlow::Continue(())).unwrap_err().to_string();
+    assert!(error.contains(".safetensors") && !other.exists(), "{error}");
     std::fs::write(&out, "").unwrap();
     let error = harden(&good, &out, None, &mut |_| ControlFlow::Continue(())).unwrap_err().to_string();
     assert!(error.contains("--out"), "{error}");

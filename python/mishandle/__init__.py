@@ -17,6 +17,7 @@ from mishandle.falsification import Evaluation, Exports, Falsification, evaluate
 from mishandle.fault_axes import faults
 from mishandle.formulas import Formula, robustness
 from mishandle.margins import Margin, margin
+from mishandle.hardening import Hardening, harden
 from mishandle.limits import TimeLimitExceeded
 from mishandle.objectives import Objective
 from mishandle.plots import plot_comparison, plot_robustness_map, plot_search_progress, plot_survival, plot_trace
@@ -25,6 +26,7 @@ from mishandle.ray import RayExecutor
 from mishandle.results import ComparedPair, Estimate, FailureMode, Regression, Repeats, Trial, Witness
 from mishandle.risks import Risk, risk
 from mishandle.runs import Run, open_run
+from mishandle.scenario_environments import ScenarioEnv
 from mishandle.searches import Minimum, Search, find_minimum, search_names
 from mishandle.simulations import Replay, regress, repeat, replay, simulate
 from mishandle.targets import Simulation
@@ -44,6 +46,7 @@ __all__ = [
     "FailureMode",
     "Falsification",
     "Formula",
+    "Hardening",
     "InvalidScenario",
     "InvalidStateError",
     "InvalidTypeError",
@@ -61,6 +64,7 @@ __all__ = [
     "ResetOption",
     "Risk",
     "Run",
+    "ScenarioEnv",
     "Search",
     "Simulation",
     "TimeLimitExceeded",
@@ -75,6 +79,7 @@ __all__ = [
     "falsify",
     "faults",
     "find_minimum",
+    "harden",
     "load_controller",
     "margin",
     "open_run",

@@ -285,6 +285,30 @@ def risk(
     out: Out,
     progress: Callable[[int, int], None] | None,
 ) -> Answered: ...
+def harden(
+    task: str,
+    controller: str,
+    *,
+    preset: str,
+    space: str,
+    axes: dict[str, Any],
+    noise: tuple[bool, float, float],
+    requirements: dict[str, str],
+    seed: int,
+    table: str,
+    out: str,
+    is_resumed: bool,
+    progress: Callable[[str, int, int], None] | None,
+) -> str: ...
+def hardening_report(folder: str, probes: int | None, sensitivity: int) -> str: ...
+
+class Scenarios:
+    def __new__(
+        cls, axes: list[AxisTuple], *, nominal: float, corners: float, archived: float, archive: list[str]
+    ) -> Scenarios: ...
+    def draw(self, seed: int, episode: int) -> tuple[str, dict[str, Any], int]: ...
+    def at(self, values: list[float | None]) -> dict[str, Any]: ...
+
 class TrainingEpisodes:
     def __new__(
         cls,

@@ -61,6 +61,11 @@ class Attributes:
         """Returns the present values of what was set."""
         return [_get(*_place(start, path)) for start, path in self._set]
 
+    @property
+    def are_set(self) -> bool:
+        """Whether there is something to restore."""
+        return bool(self._undo)
+
     def restore(self) -> None:
         """Restores all values, the last one first."""
         while self._undo:

@@ -13,8 +13,9 @@ from typing import Any
 import gymnasium
 import numpy as np
 
+from mishandle.applications import Applications, environment_seed
 from mishandle.attributes import Attributes
-from mishandle.axes import Attribute, Axis, FaultParameter, ResetOption, Value, follower, parse_path
+from mishandle.axes import Axis, follower, parse_path
 from mishandle.errors import InvalidScenario, InvalidTypeError, InvalidValueError
 from mishandle.fault_lines import Disturbed, FaultLine
 from mishandle.flat_values import all_numbers, idle_action
@@ -130,6 +131,10 @@ class EnvironmentSystem(PolicySystem):
         first = self._environments[0]
         if not isinstance(first, gymnasium.Env):
             raise InvalidTypeError(f"a {type(environment).__name__} is not a Gymnasium environment or a vector of them")
+        if any(each.has_wrapper_attr("draws_scenarios") for each in self._environments):
+            raise InvalidTypeError(
+                "a ScenarioEnv draws scenarios of its own, so it cannot be given one: pass the environment without this wrapper"
+            )
         if len({id(each.unwrapped) for each in self._environments}) < len(self._environments):
             raise InvalidValueError(
                 "two sub-environments of the vector environment are the same object, so they cannot have scenarios of their own; each "
@@ -197,32 +202,14 @@ class EnvironmentSystem(PolicySystem):
                 row.step(action, step)
         return [row.finish() for row in rows]
 
-    def applications(
-        self, scenario: Scenario
-    ) -> tuple[list[tuple[str, Value]], dict[str, Any], list[tuple[Callable[..., Any], Value]]]:
-        """Returns the attributes to set, the options of the reset, and the functions to call after it."""
-        attributes: list[tuple[str, Value]] = []
-        options: dict[str, Any] = {}
-        later: list[tuple[Callable[..., Any], Value]] = []
-        for name, value in scenario.items():
-            application = self.space[name].apply
-            if application is None or isinstance(application, ResetOption):
-                set_option(options, name if application is None else application.name, value)
-            elif isinstance(application, Attribute):
-                attributes.append((application.path, value))
-            elif not isinstance(application, FaultParameter):
-                later.append((application, value))
-        return attributes, options, later
-
 
 class _Row:
     """One simulation in one environment."""
 
     def __init__(self, system: EnvironmentSystem, environment: Any, scenario: Scenario, seed: int, faults: Disturbed | None) -> None:
         self._system = system
-        self._applications = system.applications(scenario)
-        # Some environments take seeds of 32 bits only.
-        self._seed = seed % 2**31
+        self._applications = Applications(system.space, scenario)
+        self._seed = environment_seed(seed)
         self._faults = faults
         self.attributes = Attributes()
         self._own: list[Any] = []
@@ -242,13 +229,13 @@ class _Row:
         self._guarded(self._set, None, 0)
 
     def _set(self, argument: None, step: int) -> None:
-        self.attributes.set(self._environment.unwrapped, self._applications[0])
+        self.attributes.set(self._environment.unwrapped, self._applications.attributes)
         self._own = copy.deepcopy(self.attributes.values())
 
     def check_own(self) -> None:
         """Checks that no other row has set the same attributes since."""
         if self.outcome is None and not all(map(np.array_equal, self.attributes.values(), self._own)):
-            paths = ", ".join(path for path, _ in self._applications[0])
+            paths = ", ".join(path for path, _ in self._applications.attributes)
             raise InvalidValueError(
                 f"the sub-environments of the vector environment share what the axes set ({paths}), so they cannot have scenarios of "
                 "their own; each sub-environment needs objects of its own"
@@ -259,11 +246,7 @@ class _Row:
             self._guarded(self._start, None, 0)
 
     def _start(self, argument: None, step: int) -> None:
-        _, options, later = self._applications
-        observation, info = self._environment.reset(seed=self._seed, options=options or None)
-        for function, value in later:
-            changed = function(self._environment, value)
-            observation = observation if changed is None else changed
+        observation, info = self._applications.reset(self._environment, self._seed)
         self.observation = observation
         # A wrapper may make a new environment in its reset.
         self._unwrapped = self._environment.unwrapped
@@ -283,7 +266,7 @@ class _Row:
             return
         if self._faults is not None:
             action = self._faults.answer(step - 1, action, self._system.idle)
-        index = _first_not_finite(action)
+        index = first_not_finite(action)
         if index is None:
             self._guarded(self._advance, action, step)
         else:
@@ -355,10 +338,10 @@ _FEW = 32
 """Longest action that is checked number by number."""
 
 
-def _first_not_finite(action: Any) -> int | None:
+def first_not_finite(action: Any) -> int | None:
     """Returns the index of the first number of an action that is NaN or infinite.
 
-    >>> _first_not_finite(np.array([0.5, np.nan])), _first_not_finite([0.5, 1.0]), _first_not_finite({"gear": 1, "force": np.inf})
+    >>> first_not_finite(np.array([0.5, np.nan])), first_not_finite([0.5, 1.0]), first_not_finite({"gear": 1, "force": np.inf})
     (1, None, 0)
     """
     # Most actions are short arrays, which Python checks faster than NumPy.
@@ -414,14 +397,6 @@ def _positional_parameters(function: Callable[..., Any]) -> int:
         return 1
     kinds = (inspect.Parameter.POSITIONAL_ONLY, inspect.Parameter.POSITIONAL_OR_KEYWORD)
     return sum(parameter.kind in kinds and parameter.default is parameter.empty for parameter in parameters)
-
-
-def set_option(options: dict[str, Any], name: str, value: Value) -> None:
-    """Sets an option of a reset; dots separate the names of nested options."""
-    *parents, last = name.split(".")
-    for parent in parents:
-        options = options.setdefault(parent, {})
-    options[last] = value
 
 
 @dataclass

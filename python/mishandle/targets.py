@@ -380,7 +380,7 @@ def _with_settings(space: Sequence[Axis], options: TargetOptions) -> Sequence[Ax
     """Returns a space whose axes have the ranges and values in ``axes``."""
     if not options.get("axes"):
         return space
-    settled = _native.with_settings([axis.to_native() for axis in space], _settings(options))
+    settled = _native.with_settings([axis.to_native() for axis in space], axis_settings(options))
     # Axes that a fixed value deprives of their effect are gone.
     applications = {axis.name: axis.apply for axis in space}
     return [Axis.from_native(native, applications[native[1]]) for native in settled]
@@ -398,7 +398,7 @@ def _task_in_space(
             "space to test another policy from the initial states"
         )
     noise = (options.get("stochastic", False), options.get("action_noise", 0.0), options.get("observation_noise", 0.0))
-    native = _native.Target.of_task(task, os.fspath(policy), options.get("preset", "paper"), space, _settings(options), noise)
+    native = _native.Target.of_task(task, os.fspath(policy), options.get("preset", "paper"), space, axis_settings(options), noise)
     if formula is not None and not isinstance(formula, (str, Formula)):
         raise InvalidTypeError(f"formulas by name are not possible in the space {space!r} of a task; pass one formula")
     requirement = None if formula is None else str(formula)
@@ -412,7 +412,7 @@ def _task_in_space(
     return Target(native, NativeSystem(native.signals), axes, 0.0, requirement, nominal)
 
 
-def _settings(options: TargetOptions) -> dict[str, Any]:
+def axis_settings(options: TargetOptions) -> dict[str, Any]:
     """Returns the settings of axes as the native code takes them."""
     return {name: tuple(setting) if isinstance(setting, list) else setting for name, setting in options.get("axes", {}).items()}
 

@@ -11,8 +11,9 @@ from gymnasium.vector import AsyncVectorEnv, AutoresetMode, SyncVectorEnv, Vecto
 from gymnasium.vector.utils import concatenate, create_empty_array, iterate
 from numpy.typing import NDArray
 
+from mishandle.applications import Applications, environment_seed
 from mishandle.axes import Attribute, Axis, FaultParameter, ResetOption
-from mishandle.environments import EnvironmentSystem, PolicySystem, Time, complete, set_option
+from mishandle.environments import EnvironmentSystem, PolicySystem, Time, complete
 from mishandle.errors import InvalidScenario, InvalidTypeError, InvalidValueError
 from mishandle.fault_lines import Disturbed
 from mishandle.flat_values import all_numbers, idle_action
@@ -247,16 +248,11 @@ class VectorSystem(PolicySystem):
         observations: Any = None
         infos: list[Mapping[str, Any]] = []
         for row, (scenario, seed) in enumerate(scenarios):
-            options: dict[str, Any] = {}
-            for name, value in scenario.items():
-                application = self.space[name].apply
-                if not isinstance(application, (Attribute, FaultParameter)):
-                    set_option(options, application.name if isinstance(application, ResetOption) else name, value)
+            options = Applications(self.space, scenario).options()
             if self._rows > 1:
                 options["reset_mask"] = np.arange(self._rows) == row
-            # Some environments take seeds of 32 bits only.
             seeds: list[int | None] = [None] * self._rows
-            seeds[row] = seed % 2**31
+            seeds[row] = environment_seed(seed)
             observations, info = environment.reset(seed=seeds, options=options)
             infos.append(info)
         return observations, infos

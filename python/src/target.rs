@@ -188,16 +188,7 @@ impl PyTarget {
         axes: BTreeMap<String, SettingArgument>,
         noise: (bool, f64, f64),
     ) -> PyResult<Self> {
-        let (stochastic, action_noise, observation_noise) = noise;
-        let plan = Plan {
-            preset: preset.to_string(),
-            space: space.to_string(),
-            stochastic,
-            action_noise,
-            observation_noise,
-            axes: axes.into_iter().map(|(name, setting)| (name, setting.into())).collect(),
-            ..Plan::new(task, controller)
-        };
+        let plan = task_plan(task, controller, preset, space, axes, noise);
         let resolved = py.detach(|| {
             let checked = Plan { falsify: Some(FalsifyPlan::default()), ..plan.clone() };
             ResolvedPlan::new(&checked)
@@ -235,6 +226,26 @@ impl PyTarget {
     /// Checks that this process made the target.
     pub(crate) fn check_process(&self) -> PyResult<()> {
         in_this_process(self.process)
+    }
+}
+
+/// Returns the plan of a task with one of our controllers.
+pub(crate) fn task_plan(
+    task: &str,
+    controller: &str,
+    preset: &str,
+    space: &str,
+    axes: BTreeMap<String, SettingArgument>,
+    (stochastic, action_noise, observation_noise): (bool, f64, f64),
+) -> Plan {
+    Plan {
+        preset: preset.to_string(),
+        space: space.to_string(),
+        stochastic,
+        action_noise,
+        observation_noise,
+        axes: axes.into_iter().map(|(name, setting)| (name, setting.into())).collect(),
+        ..Plan::new(task, controller)
     }
 }
 

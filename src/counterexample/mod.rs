@@ -25,7 +25,7 @@ use crate::shipped::shipped_controller;
 
 pub use export::{Chosen, Exported, Minimization, export, representatives};
 pub use regress::{Regression, regress, regress_with};
-pub use suite::{Suite, Tested};
+pub use suite::{Suite, Tested, suite_files};
 
 /// Prefix of a controller whose file is expected beside the counterexample.
 const BESIDE: &str = "./";

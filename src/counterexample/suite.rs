@@ -57,6 +57,24 @@ pub struct Suite<'a> {
     pub max_failure_rate: f64,
 }
 
+/// Returns the counterexample files of a folder, sorted.
+///
+/// # Errors
+/// If the folder cannot be read.
+pub fn suite_files(folder: &Path) -> std::io::Result<Vec<PathBuf>> {
+    let mut files = Vec::new();
+    for entry in std::fs::read_dir(folder)? {
+        let path = entry?.path();
+        let is_json = path.extension().is_some_and(|found| found.eq_ignore_ascii_case("json"));
+        let describes_onnx = path.file_stem().is_some_and(|stem| is_onnx(Path::new(stem)));
+        if is_json && !describes_onnx {
+            files.push(path);
+        }
+    }
+    files.sort();
+    Ok(files)
+}
+
 /// A simulation of a test, or the reason that it does not exist.
 type Simulated = Result<Regression, String>;
 
@@ -67,17 +85,7 @@ impl Suite<'_> {
     /// # Errors
     /// If the folder cannot be read.
     pub fn files(&self) -> std::io::Result<Vec<PathBuf>> {
-        let mut files = Vec::new();
-        for entry in std::fs::read_dir(self.folder)? {
-            let path = entry?.path();
-            let is_json = path.extension().is_some_and(|found| found.eq_ignore_ascii_case("json"));
-            let describes_onnx = path.file_stem().is_some_and(|stem| is_onnx(Path::new(stem)));
-            if is_json && !describes_onnx {
-                files.push(path);
-            }
-        }
-        files.sort();
-        Ok(files)
+        suite_files(self.folder)
     }
 
     /// Returns the number of simulations of a test.

@@ -2,7 +2,7 @@
 
 use std::fmt::Write as _;
 
-use mishandle_rollout::{Axis, AxisValues};
+use mishandle_rollout::{Axis, AxisKind, AxisValues};
 
 /// A scenario that a search simulated.
 #[derive(Clone, Debug, PartialEq)]
@@ -73,7 +73,8 @@ pub(super) fn csv(axes: &[Axis], weighted: &[(f64, &Simulated)]) -> String {
 
 /// Returns whether a fault of a scenario shows NaN to the policy. No policy can learn from it.
 pub(super) fn shows_nan(axes: &[Axis], scenario: &[Option<f64>]) -> bool {
-    let is_nan = |(axis, value): (&Axis, &Option<f64>)| cell(axis, *value) == "nan";
+    let is_nan =
+        |(axis, value): (&Axis, &Option<f64>)| axis.kind == AxisKind::Fault && cell(axis, *value) == "nan";
     axes.iter().zip(scenario).any(is_nan)
 }
 
@@ -90,7 +91,6 @@ fn cell(axis: &Axis, value: Option<f64>) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use mishandle_rollout::AxisKind;
 
     fn simulated(robustness: f64, mode: Option<usize>) -> Simulated {
         Simulated { scenario: vec![Some(robustness), None], seed: 1, robustness, mode }

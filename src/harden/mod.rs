@@ -9,10 +9,12 @@ mod archive;
 mod decision;
 mod folder;
 mod measure;
+mod recorded;
 mod result;
 mod round;
 mod search;
 
+use std::collections::BTreeSet;
 use std::fs;
 use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
@@ -32,6 +34,8 @@ use decision::decide;
 use folder::Folder;
 use measure::measure;
 use round::{RoundEnd, run_round};
+
+pub use recorded::recorded_failures;
 
 /// Indices of the child seeds of validations and of the final comparison. Searches and training
 /// runs have others.
@@ -76,6 +80,11 @@ pub fn harden(
     let before = start(plan)?;
     let settings = settings(&table, &before)?;
     check(plan, &table, &settings)?;
+    if out.extension().is_none_or(|extension| extension != "safetensors") {
+        let (what, value) = ("the file of the controller", out.to_string_lossy().into_owned());
+        let expected = "a name that ends in .safetensors";
+        return Err(MishandleError::InvalidValue { what, value, expected });
+    }
     if out.exists() {
         return Err(MishandleError::Exists { path: out.to_path_buf(), flag: "--out" });
     }
@@ -93,6 +102,37 @@ pub fn is_hardening(folder: &Path) -> Option<bool> {
 pub fn final_runs(folder: &Path) -> Vec<PathBuf> {
     let path = |name: &str| measure::path_of(&folder.join("final").join(name), "space");
     ["before", "after"].map(path).into_iter().filter(|path| path.exists()).collect()
+}
+
+/// Checks that the hardening of a folder has this plan.
+///
+/// # Errors
+/// If the folder contains no hardening, or one with other settings.
+pub fn check_plan(folder: &Path, plan: &Plan) -> Result<(), MishandleError> {
+    let (_, recorded) = Folder::open(folder)?;
+    let [recorded, given] = [&recorded, plan].map(|plan| toml::Table::try_from(plan).unwrap_or_default());
+    let differences = differences(&recorded, &given);
+    if differences.is_empty() { Ok(()) } else { Err(MishandleError::OtherSettings { differences }) }
+}
+
+/// Lists the settings that differ, each with the recorded and the given value.
+fn differences(recorded: &toml::Table, given: &toml::Table) -> Vec<String> {
+    let names: BTreeSet<&String> = recorded.keys().chain(given.keys()).collect();
+    let mut found = Vec::new();
+    for name in names {
+        match (recorded.get(name), given.get(name)) {
+            (then, now) if then == now => {}
+            (Some(toml::Value::Table(then)), Some(toml::Value::Table(now))) => {
+                found.extend(differences(then, now).into_iter().map(|text| format!("{name}.{text}")));
+            }
+            (then, now) => {
+                let text =
+                    |value: Option<&toml::Value>| value.map_or("none".to_string(), ToString::to_string);
+                found.push(format!("{name}: recorded {}, given {}", text(then), text(now)));
+            }
+        }
+    }
+    found
 }
 
 /// Continues the hardening of a folder, or reads a finished one.

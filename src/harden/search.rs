@@ -72,25 +72,8 @@ impl Searched {
     /// # Errors
     /// If a run cannot be read.
     pub fn simulated(&self) -> Result<(Vec<Simulated>, Modes), MishandleError> {
-        let (mut simulated, mut modes) = (Vec::new(), Modes::new());
-        for asked in &self.runs {
-            let run = asked.run()?;
-            let found = failure_modes(&run)?;
-            let names =
-                |axes: &[usize]| axes.iter().map(|axis| run.header().axes[*axis].name.clone()).collect();
-            let mut mode_of = Vec::new();
-            for mode in &found.modes {
-                let key = (mode.representative().predicate.clone(), names(&mode.axes));
-                let index = modes.iter().position(|(known, _)| *known == key).unwrap_or_else(|| {
-                    modes.push((key, 0));
-                    modes.len() - 1
-                });
-                modes[index].1 += mode.failures.len() as u64;
-                mode_of.extend(mode.failures.iter().map(|failure| ((failure.trial, failure.number), index)));
-            }
-            simulated.extend(rows(&run, &mode_of)?);
-        }
-        Ok((simulated, modes))
+        let runs = self.runs.iter().map(Asked::run).collect::<Result<Vec<_>, _>>()?;
+        simulated(&runs)
     }
 
     /// Returns the number of simulations.
@@ -100,6 +83,30 @@ impl Searched {
     pub fn simulations(&self) -> Result<u64, MishandleError> {
         self.runs.iter().map(|asked| Ok(asked.run()?.counts()?.simulations)).sum()
     }
+}
+
+/// Returns all simulations of runs with a verdict, and the failure modes with the numbers of their
+/// failures. A mode of one run is the same in another one.
+///
+/// # Errors
+/// If a run cannot be read.
+pub(super) fn simulated(runs: &[RunFile]) -> Result<(Vec<Simulated>, Modes), MishandleError> {
+    let (mut simulated, mut modes) = (Vec::new(), Modes::new());
+    for run in runs {
+        let names = |axes: &[usize]| axes.iter().map(|axis| run.header().axes[*axis].name.clone()).collect();
+        let mut mode_of = Vec::new();
+        for mode in &failure_modes(run)?.modes {
+            let key = (mode.representative().predicate.clone(), names(&mode.axes));
+            let index = modes.iter().position(|(known, _)| *known == key).unwrap_or_else(|| {
+                modes.push((key, 0));
+                modes.len() - 1
+            });
+            modes[index].1 += mode.failures.len() as u64;
+            mode_of.extend(mode.failures.iter().map(|failure| ((failure.trial, failure.number), index)));
+        }
+        simulated.extend(rows(run, &mode_of)?);
+    }
+    Ok((simulated, modes))
 }
 
 fn rows(run: &RunFile, mode_of: &[((u32, u32), usize)]) -> Result<Vec<Simulated>, MishandleError> {

@@ -40,6 +40,7 @@ pub(crate) use preflight::preflight;
 pub(crate) use question::asked;
 pub use question::{Answer, Engine, MarginOutcome, Progress, Watch, ask, recorded_answer};
 pub use random_rows::has_random_rows;
+pub(crate) use record::axis_records;
 pub use record::{create_run, recorded_axis, recorded_episode};
 pub(crate) use recorded::recorded_named;
 pub use recorded::{box_point, recorded_axes, recorded_scenario};

@@ -80,10 +80,15 @@ pub(crate) fn header(resolved: &ResolvedPlan) -> RunHeader {
         control_dt: target.control_dt,
         episode_steps: target.episode_steps as u32,
         signals: signals.collect(),
-        axes: space.axes().iter().map(|each| axis(space, each)).collect(),
+        axes: axis_records(space),
         verdicts: verdict_names(resolved),
         preflight: vec![],
     }
+}
+
+/// Returns the axes of a space as a run file describes them.
+pub(crate) fn axis_records(space: &Space) -> Vec<AxisRecord> {
+    space.axes().iter().map(|each| axis(space, each)).collect()
 }
 
 fn axis(space: &Space, axis: &Axis) -> AxisRecord {

@@ -7,9 +7,22 @@ use mishandle_rollout::{Scenario, ScenarioPart, Seed, Stream, TrainingScenarios}
 
 use crate::ScenarioSettings;
 
+/// Where the scenario of an episode comes from.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum ScenarioOrigin {
+    /// A random start without a disturbance.
+    Nominal,
+    /// A corner of the space.
+    Corner,
+    /// One of the given scenarios.
+    Given,
+    /// A random scenario of the space.
+    Random,
+}
+
 /// Draws scenarios with the shares of the settings. A scenario depends on the seed of its episode
 /// only, and on the part of the ranges from which a curriculum draws.
-pub(super) struct ScenarioDraw {
+pub struct ScenarioDraw {
     scenarios: TrainingScenarios,
     /// The scenarios from which episodes draw at present.
     part: ScenarioPart,
@@ -18,12 +31,14 @@ pub(super) struct ScenarioDraw {
 }
 
 impl ScenarioDraw {
+    /// Makes the draw of given scenarios and settings, of which only the shares matter here.
     pub fn new(scenarios: TrainingScenarios, settings: &ScenarioSettings) -> ScenarioDraw {
         let ScenarioSettings { nominal, corners, file_share, .. } = *settings;
         let part = scenarios.part(settings.curriculum.map_or(1.0, |curriculum| curriculum.share(0)));
         ScenarioDraw { scenarios, part, shares: [nominal, nominal + corners, nominal + corners + file_share] }
     }
 
+    /// Returns the scenarios.
     pub fn scenarios(&self) -> &TrainingScenarios {
         &self.scenarios
     }
@@ -33,18 +48,18 @@ impl ScenarioDraw {
         self.part = self.scenarios.part(share);
     }
 
-    /// Returns the scenario of the episode with this seed.
-    pub fn draw(&self, seed: Seed) -> Scenario {
+    /// Returns the scenario of the episode with this seed, and where it comes from.
+    pub fn draw(&self, seed: Seed) -> (ScenarioOrigin, Scenario) {
         let [nominal, corners, given] = self.shares;
         let uniform = |index: u32| seed.uniform(Stream::Scenario, 0, index);
         match if given > 0.0 { uniform(0) } else { 1.0 } {
-            u if u < nominal => self.scenarios.nominal(seed, 0),
-            u if u < corners => self.part.corner(seed, 0),
+            u if u < nominal => (ScenarioOrigin::Nominal, self.scenarios.nominal(seed, 0)),
+            u if u < corners => (ScenarioOrigin::Corner, self.part.corner(seed, 0)),
             u if u < given => match self.scenarios.given(uniform(1)) {
-                Some(scenario) => self.with_random_start(scenario, seed),
-                None => self.part.random(seed, 0),
+                Some(scenario) => (ScenarioOrigin::Given, self.with_random_start(scenario, seed)),
+                None => (ScenarioOrigin::Random, self.part.random(seed, 0)),
             },
-            _ => self.part.random(seed, 0),
+            _ => (ScenarioOrigin::Random, self.part.random(seed, 0)),
         }
     }
 

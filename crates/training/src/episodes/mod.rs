@@ -15,9 +15,10 @@ use rayon::prelude::*;
 
 use crate::{EpisodeSettings, ScenarioSettings, TimeoutHandling};
 use disturbed::Disturbed;
-use draw::ScenarioDraw;
 use privileged::Privileged;
 use remembered::Remembered;
+
+pub use draw::{ScenarioDraw, ScenarioOrigin};
 
 /// State of an episode after a control step.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -185,7 +186,8 @@ impl Episodes {
         let space = &self.scenarios.scenarios().space;
         let mut privileged = Privileged::new(space, self.rows(), self.spec.observation_size);
         for (row, row_state) in self.row_states.iter().enumerate() {
-            privileged.start(row, &self.scenarios.draw(episode_seed(self.seed, row, row_state)));
+            let (_, scenario) = self.scenarios.draw(episode_seed(self.seed, row, row_state));
+            privileged.start(row, &scenario);
         }
         privileged.show(self.batch.observations());
         self.privileged = Some(privileged);
@@ -335,7 +337,8 @@ impl Episodes {
         let ended = boundaries.iter().enumerate().filter(|(_, boundary)| resets_at(**boundary));
         starts.extend(ended.map(|(row, _)| {
             let seed = episode_seed(*seed, row, &row_states[row]);
-            Start { row, scenario: scenarios.draw(seed), seed }
+            let (_, scenario) = scenarios.draw(seed);
+            Start { row, scenario, seed }
         }));
         if starts.is_empty() {
             return Ok(());

@@ -1,0 +1,103 @@
+//! Hardening of the controller of a task.
+
+use std::collections::BTreeMap;
+use std::ops::ControlFlow;
+use std::path::PathBuf;
+
+use mishandle::harden::{HardenProgress, check_plan, final_runs, harden_folder, resume};
+use mishandle::plan::HardenPlan;
+use mishandle::store::RunFile;
+use mishandle::{MishandleError as Error, Plan};
+use mishandle_report::hardening_page;
+use pyo3::prelude::*;
+
+use crate::run::run_report;
+use crate::target::{SettingArgument, task_plan};
+use crate::work::json;
+use crate::{InvalidStateError, InvalidValueError, gpu, raised};
+
+/// Hardens the controller of a task, or continues to. `table` is the table `[harden]` of the plan
+/// as JSON. Returns the document.
+///
+/// Ctrl-C and exceptions of `progress` are raised after the running batch. What was recorded
+/// remains, so that the hardening can continue.
+#[pyfunction]
+#[expect(clippy::too_many_arguments, reason = "the arguments are keywords in Python")]
+#[pyo3(signature = (
+    task, controller, *, preset, space, axes, noise, requirements, seed, table, out, is_resumed, progress
+))]
+pub fn harden(
+    py: Python<'_>,
+    task: &str,
+    controller: &str,
+    preset: &str,
+    space: &str,
+    axes: BTreeMap<String, SettingArgument>,
+    noise: (bool, f64, f64),
+    requirements: BTreeMap<String, String>,
+    seed: u64,
+    table: &str,
+    out: PathBuf,
+    is_resumed: bool,
+    progress: Option<Py<PyAny>>,
+) -> PyResult<String> {
+    let table: HardenPlan =
+        serde_json::from_str(table).map_err(|error| InvalidValueError::new_err(error.to_string()))?;
+    let plan = Plan {
+        seed,
+        requirements,
+        harden: Some(table),
+        ..task_plan(task, controller, preset, space, axes, noise)
+    };
+    let device = gpu::device();
+    let mut exception = None;
+    let mut watch = |done: &HardenProgress| match report(progress.as_ref(), done) {
+        Ok(()) => ControlFlow::Continue(()),
+        Err(error) => {
+            exception = Some(error);
+            ControlFlow::Break(())
+        }
+    };
+    let found = py.detach(|| {
+        if is_resumed {
+            let folder = harden_folder(&out);
+            check_plan(&folder, &plan)?;
+            resume(&folder, Some(&device), &mut watch)
+        } else {
+            mishandle::harden::harden(&plan, &out, Some(&device), &mut watch)
+        }
+    });
+    match (found, exception) {
+        (_, Some(exception)) => Err(exception),
+        (Ok(Some(found)), None) => json(&found),
+        (Ok(None), None) => Err(InvalidStateError::new_err("the hardening was interrupted")),
+        (Err(error), None) => Err(raised(error)),
+    }
+}
+
+/// Reports the phase, its finished part, and the whole.
+fn report(progress: Option<&Py<PyAny>>, done: &HardenProgress) -> PyResult<()> {
+    Python::attach(|py| {
+        py.check_signals()?;
+        let arguments = (&done.phase, done.done, done.all);
+        progress.map_or(Ok(()), |progress| progress.call1(py, arguments).map(drop))
+    })
+}
+
+/// Returns the report of a finished hardening as HTML. Without `probes`, nothing is simulated.
+#[pyfunction]
+pub fn hardening_report(
+    py: Python<'_>,
+    folder: PathBuf,
+    probes: Option<u32>,
+    sensitivity: u32,
+) -> PyResult<String> {
+    let made = || -> Result<String, Error> {
+        let proceed = || ControlFlow::Continue(());
+        let found = resume(&folder, None, &mut |_| proceed())?.ok_or(Error::NoEpisode)?;
+        let runs = final_runs(&folder);
+        let reports = runs.iter().map(|path| run_report(&RunFile::open(path)?, probes, sensitivity));
+        Ok(hardening_page(&found, &reports.collect::<Result<Vec<_>, _>>()?))
+    };
+    py.detach(made).map_err(raised)
+}
