@@ -359,7 +359,12 @@ mod tests {
                 "episodes, box, batch",
                 "did you mean `evaluate.episodes`?",
             ),
-            ("\nepisodes = 1", "episodes", "format, target", "did you mean `evaluate.episodes`?"),
+            (
+                "\nepisodes = 1",
+                "episodes",
+                "format, target",
+                "did you mean `evaluate.episodes` or `harden.episodes`?",
+            ),
             (
                 "\nbatch = 1",
                 "batch",
