@@ -378,7 +378,7 @@ fn further_seeds_keep_their_records_without_a_controller() {
     // paper's 87 with noise, strict SR 90.
     let spread = "93.5 | 90.0 | 97.0";
     let row = format!(
-        "| `point-reaching` | `ppo` | 2 | {spread} | {spread} | {spread} | seed 2: SR 95 | 0, 3, 4 |"
+        "| `point-reaching` | `ppo` | 2 | {spread} | {spread} | {spread} | seed 2: SR 95 |  | 0, 3, 4 |"
     );
     assert!(page.contains(&row), "{page}");
     assert!(page.contains("| `point-reaching` | `ppo` | 2 | 2048 | 1024 |"), "{page}");

@@ -8,7 +8,7 @@ use crate::{PlanEntry, Record, algorithms, interquartile_mean, seeds};
 pub(super) fn table(shown: &Shown<'_>) -> String {
     let mut table = String::from(
         "| task | algorithm | seeds | SR: IQM | min | max | SR with noise: IQM | min | max | strict SR: IQM | min | max | \
-         seeds below a threshold | seeds not run |\n|---|---|--:|--:|--:|--:|--:|--:|--:|--:|--:|--:|---|---|\n",
+         seeds below a threshold | seeds out of date | seeds not run |\n|---|---|--:|--:|--:|--:|--:|--:|--:|--:|--:|--:|---|---|---|\n",
     );
     for task in shown.names() {
         for algorithm in algorithms() {
@@ -16,19 +16,20 @@ pub(super) fn table(shown: &Shown<'_>) -> String {
             let runs: Vec<(&PlanEntry, &Record)> =
                 planned.iter().filter_map(|seed| shown.recorded(task, algorithm, *seed)).collect();
             if runs.is_empty() {
-                table += &format!("| `{task}` | `{algorithm}` | 0 | | | | | | | | | | | all |\n");
+                table += &format!("| `{task}` | `{algorithm}` | 0 | | | | | | | | | | | | all |\n");
                 continue;
             }
             let rates: [(Rate, usize); 3] = [(success, 0), (success, 1), (strict, 0)];
-            // The strict formulas of some tasks have changed.
-            let current: Vec<(&PlanEntry, &Record)> =
-                runs.iter().copied().filter(|(entry, _)| is_current(entry)).collect();
-            let shown_runs = [&runs, &runs, &current];
+            // Figures of different worlds, or of different strict formulas, have no common mean.
+            let (current, out_of_date): (Vec<_>, Vec<_>) =
+                runs.iter().copied().partition(|(entry, _)| is_current(entry));
+            let shown = if current.is_empty() { &out_of_date } else { &current };
+            let shown_runs = [shown, shown, &current];
             let cells: Vec<String> = (rates.into_iter().zip(shown_runs))
                 .map(|((rate, noise), runs)| spread(runs, noise, rate))
                 .collect();
             let cells = cells.join(" | ");
-            let missing: Vec<String> = (runs.iter())
+            let missing: Vec<String> = (shown.iter())
                 .filter_map(|(entry, record)| {
                     let missed = missed(entry, record);
                     let seed = entry.training.seed;
@@ -38,10 +39,13 @@ pub(super) fn table(shown: &Shown<'_>) -> String {
             let has_run = |seed: &u64| runs.iter().any(|(entry, _)| entry.training.seed == *seed);
             let not_run: Vec<String> =
                 planned.iter().filter(|seed| !has_run(seed)).map(u64::to_string).collect();
+            let out_of_date: Vec<String> =
+                out_of_date.iter().map(|(entry, _)| entry.training.seed.to_string()).collect();
             table += &format!(
-                "| `{task}` | `{algorithm}` | {} | {cells} | {} | {} |\n",
-                runs.len(),
+                "| `{task}` | `{algorithm}` | {} | {cells} | {} | {} | {} |\n",
+                shown.len(),
                 missing.join("; "),
+                out_of_date.join(", "),
                 not_run.join(", "),
             );
         }
