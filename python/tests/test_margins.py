@@ -189,16 +189,16 @@ class Margins(unittest.TestCase):
         def system(scenario: dict[str, Any]) -> dict[str, list[float]]:
             nonlocal calls
             calls += 1
-            # After the first violations, in the middle of a batch.
-            if calls == 500:
+            # After the first violations, in the middle of a batch. The checks before the search call the
+            # system, too, and how often depends on how fast it is.
+            if calls == 1500:
                 os.kill(os.getpid(), signal.SIGINT)
             return half_space(scenario)
 
         with self.assertRaises(KeyboardInterrupt) as raised:
             mishandle.margin(system, "always(y >= 0)", INPUTS)
         result: mishandle.Margin = raised.exception.result  # type: ignore[attr-defined]
-        # The probe for determinism also calls the system.
-        self.assertTrue(250 < result.simulations <= calls < 500 + 64, (result.simulations, calls))
+        self.assertTrue(500 < result.simulations <= calls < 1500 + 64, (result.simulations, calls))
         self.assertFalse(result.is_complete)
         assert result.witness is not None
         self.assertLess(result.witness.robustness, 0)
