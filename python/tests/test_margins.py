@@ -189,8 +189,8 @@ class Margins(unittest.TestCase):
         def system(scenario: dict[str, Any]) -> dict[str, list[float]]:
             nonlocal calls
             calls += 1
-            # After the first violations, in the middle of a batch. The checks before the search call the
-            # system, too, and how often depends on how fast it is.
+            # After the first violations, in the middle of a batch. The checks before the search
+            # call the system, too, and how often depends on how fast it is.
             if calls == 1500:
                 os.kill(os.getpid(), signal.SIGINT)
             return half_space(scenario)
@@ -213,13 +213,13 @@ class Margins(unittest.TestCase):
         def system(scenario: dict[str, Any]) -> dict[str, list[float]]:
             nonlocal calls
             calls += 1
-            if calls in (400, 401):
+            if calls in (1500, 1501):
                 os.kill(os.getpid(), signal.SIGINT)
             return half_space(scenario)
 
         with self.assertRaises(KeyboardInterrupt) as raised:
             mishandle.margin(system, "always(y >= 0)", INPUTS)
-        self.assertEqual((calls, hasattr(raised.exception, "result")), (401, False))
+        self.assertEqual((calls, hasattr(raised.exception, "result")), (1501, False))
 
     def test_exceptions_are_kept(self) -> None:
         def system(scenario: dict[str, Any]) -> dict[str, list[float]]:
