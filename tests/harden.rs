@@ -143,6 +143,19 @@ fn an_interrupted_hardening_continues_to_the_same_result_and_its_sets_are_disjoi
 }
 
 #[test]
+fn a_space_of_starts_has_no_margin_and_a_controller_that_does_not_fail_there_needs_nothing() {
+    let home = tempfile::tempdir().unwrap();
+    let plan = Plan { space: "starts".to_string(), axes: Default::default(), ..plan(home.path()) };
+    let plan = Plan { target: "ball-balancing".to_string(), ..plan };
+    let out = home.path().join("out.safetensors");
+    let found = harden(&plan, &out, None, &mut |_| ControlFlow::Continue(())).unwrap().unwrap();
+    assert!(found.verdict.starts_with("Nothing to fix"), "{}", found.verdict);
+    assert!(found.margin.is_empty() && found.rounds.len() == 1 && found.rounds[0].failures == 0);
+    assert!(found.after.is_none() && !out.exists());
+    assert!(found.failure_probability[0].high.unwrap() < 0.1);
+}
+
+#[test]
 fn mistakes_are_errors_before_anything_is_written() {
     let home = tempfile::tempdir().unwrap();
     let good = plan(home.path());
@@ -156,6 +169,7 @@ fn mistakes_are_errors_before_anything_is_written() {
         (Plan { harden: None, ..good.clone() }, "harden"),
         (Plan { controller: "expert".to_string(), ..good.clone() }, "the expert"),
         (Plan { controller: "nobody".to_string(), ..good.clone() }, "nobody"),
+        (Plan { controller: String::new(), ..good.clone() }, "needs a controller"),
         (Plan { target: "toy/sphere-2d".to_string(), ..good.clone() }, "toy/sphere-2d"),
         (Plan { space: "delays".to_string(), ..good.clone() }, "delays"),
         (table(&|table| table.archive = 0.9), "harden.archive"),
@@ -165,6 +179,7 @@ fn mistakes_are_errors_before_anything_is_written() {
         (table(&|table| table.searches = vec!["bayes".to_string()]), "bayes"),
         (table(&|table| table.allow = vec!["space".to_string()]), "space"),
         (table(&|table| table.device = "tpu".to_string()), "tpu"),
+        (table(&|table| table.device = "gpu".to_string()), "NoDevice"),
         (table(&|table| table.settings = Some("missing.toml".to_string())), "missing.toml"),
     ] {
         let error = harden(&plan, &out, None, &mut |_| ControlFlow::Continue(())).unwrap_err();

@@ -2170,7 +2170,7 @@ class Hardening:
     and, if a round was accepted, after."""
     margin: tuple[HardenedMargin, ...]
     """Bounds of the smallest disturbance that breaks the controller, before and, if a round was
-    accepted, after."""
+    accepted, after; empty if the space has starts only."""
     searches: tuple[HardenedSearch, ...]
     """Searches with the same budget, before and, if a round was accepted, after."""
     modes: tuple[HardenedMode, ...]

@@ -42,6 +42,9 @@ pub use recorded::recorded_failures;
 const VALIDATION: u64 = 3 << 32;
 const FINAL: u64 = 4 << 32;
 
+/// Device of a plan that only some front ends have.
+const GPU: &str = "gpu";
+
 /// Progress of a hardening.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct HardenProgress {
@@ -77,6 +80,9 @@ pub fn harden(
 ) -> Result<Option<Hardening>, MishandleError> {
     let table = plan.harden.clone().ok_or(MishandleError::MissingPlanTable { table: "harden" })?;
     table.check()?;
+    if table.device == GPU && gpu.is_none() {
+        return Err(MishandleError::NoDevice { device: table.device });
+    }
     let before = start(plan)?;
     let settings = settings(&table, &before)?;
     check(plan, &table, &settings)?;
@@ -151,8 +157,10 @@ pub fn resume(
     Hardener { plan: &plan, table: &table, settings: &settings, folder: &folder, gpu }.run(&out, watch)
 }
 
-/// Returns the controller of a plan, which can be trained.
+/// Returns the controller of a plan, which can be trained. Looks up the names of the plan.
 fn start(plan: &Plan) -> Result<ControllerFile, MishandleError> {
+    let evaluate = Plan { evaluate: Some(EvaluatePlan::default()), harden: None, ..plan.clone() };
+    ResolvedPlan::new(&evaluate)?;
     start_controller(task(&plan.target)?.definition(), &plan.controller)
 }
 
@@ -178,8 +186,6 @@ fn settings(table: &HardenPlan, before: &ControllerFile) -> Result<AlgorithmSett
 
 /// Checks what all phases need, before the first one.
 fn check(plan: &Plan, table: &HardenPlan, settings: &AlgorithmSettings) -> Result<(), MishandleError> {
-    let evaluate = Plan { evaluate: Some(EvaluatePlan::default()), harden: None, ..plan.clone() };
-    ResolvedPlan::new(&evaluate)?;
     for name in &table.searches {
         crate::resolve::search_entry(name)?;
     }

@@ -2,6 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
+use mishandle_falsification::check_margin;
 use mishandle_results as results;
 use mishandle_results::{
     Estimate, HardenedArchive, HardenedCorners, HardenedMargin, HardenedMeasure, HardenedMode,
@@ -23,7 +24,8 @@ use crate::resolve::ResolvedPlan;
 struct Judged {
     measured: super::measure::Measured,
     failure_probability: Estimate,
-    margin: HardenedMargin,
+    /// `None` in a space without disturbances.
+    margin: Option<HardenedMargin>,
     search: HardenedSearch,
     modes: Vec<(ModeKey, u64)>,
 }
@@ -71,7 +73,10 @@ impl Hardener<'_> {
                 after: is_judged.then_some(corners.second),
             }),
             failure_probability: of_both(&|judged| judged.failure_probability),
-            margin: std::iter::once(&first).chain(&second).map(|judged| judged.margin.clone()).collect(),
+            margin: std::iter::once(&first)
+                .chain(&second)
+                .filter_map(|judged| judged.margin.clone())
+                .collect(),
             searches: std::iter::once(&first).chain(&second).map(|judged| judged.search.clone()).collect(),
             modes: second.as_ref().map_or(Vec::new(), |second| modes(&first.modes, &second.modes)),
             archive,
@@ -115,11 +120,17 @@ impl Hardener<'_> {
             self.folder.ask(&plan, &path_of(&prefix, name), &format!("{phase}: {name}"), &mut *watch)
         };
         let Some(risk) = ask(Plan { risk: Some(risk), ..plan(1) }, "risk")? else { return Ok(None) };
-        let Some(margin) = ask(Plan { margin: Some(margin), ..plan(2) }, "margin")? else { return Ok(None) };
-        let (results::Answer::Risk(risk), results::Answer::Margin(margin)) =
-            (risk.result()?, margin.result()?)
-        else {
-            return Err(MishandleError::MissingPlanTable { table: "harden" });
+        let results::Answer::Risk(risk) = risk.result()? else {
+            return Err(MishandleError::MissingPlanTable { table: "risk" });
+        };
+        let space = ResolvedPlan::new(&plan(0))?.space;
+        let margin = match check_margin(margin.budget, &space) {
+            // Starts alone have no size.
+            Err(_) => None,
+            Ok(()) => match ask(Plan { margin: Some(margin), ..plan(2) }, "margin")? {
+                Some(asked) => Some(hardened_margin(asked.result()?)?),
+                None => return Ok(None),
+            },
         };
         let prefix: PathBuf = self.folder.path.join("final").join(format!("{name}-search"));
         let parts = (self.plan, self.table);
@@ -131,11 +142,7 @@ impl Hardener<'_> {
         Ok(Some(Judged {
             measured,
             failure_probability: risk.monte_carlo.failure_rate,
-            margin: HardenedMargin {
-                amplitude: margin.witness.as_ref().map(|witness| witness.norms.amplitude),
-                without_failure: margin.no_violation_up_to,
-                simulations: margin.simulations,
-            },
+            margin,
             search: HardenedSearch {
                 simulations: searched.simulations()?,
                 failures: simulated.iter().filter(|found| found.robustness.is_sign_negative()).count() as u64,
@@ -178,6 +185,17 @@ impl Hardener<'_> {
         }
         Ok(found)
     }
+}
+
+fn hardened_margin(answer: results::Answer) -> Result<HardenedMargin, MishandleError> {
+    let results::Answer::Margin(margin) = answer else {
+        return Err(MishandleError::MissingPlanTable { table: "margin" });
+    };
+    Ok(HardenedMargin {
+        amplitude: margin.witness.as_ref().map(|witness| witness.norms.amplitude),
+        without_failure: margin.no_violation_up_to,
+        simulations: margin.simulations,
+    })
 }
 
 fn hardened_measures(measures: &[Measure], is_judged: bool) -> Vec<HardenedMeasure> {

@@ -34,7 +34,7 @@ pub struct Hardening {
     /// and, if a round was accepted, after.
     pub failure_probability: Vec<Estimate>,
     /// Bounds of the smallest disturbance that breaks the controller, before and, if a round was
-    /// accepted, after.
+    /// accepted, after; empty if the space has starts only.
     pub margin: Vec<HardenedMargin>,
     /// Searches with the same budget, before and, if a round was accepted, after.
     pub searches: Vec<HardenedSearch>,
