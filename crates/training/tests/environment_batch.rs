@@ -3,19 +3,18 @@
 
 #![allow(clippy::unwrap_used, reason = "helpers of tests")]
 
+mod keeper;
 mod line;
 mod toy;
 
+use keeper::Keeper;
 use line::Line;
 use mishandle_controllers::Policy;
 use mishandle_rollout::{
     BatchFactory, Controller, Environment, EnvironmentBatch, EnvironmentSpec, RolloutError, Sample, Seed,
     Space, Start, StepStatus, Stream,
 };
-use mishandle_training::{
-    AlgorithmSettings, Checkpoint, Observer, Origin, TrainingControl, TrainingError, TrainingProgress,
-    TrainingResult, Validation,
-};
+use mishandle_training::{AlgorithmSettings, Checkpoint, Origin, TrainingError, TrainingResult};
 
 /// Batch of points on a line in closed form: x' = x + 0.2 clip(a), reward 1 - |x'|, episodes of 20
 /// control steps, initial x uniform in [-1, 1]. It implements no `Environment` and has no workers.
@@ -98,31 +97,6 @@ impl EnvironmentBatch for Homing {
     fn write_states(&mut self, states: &[f64], _observations: &[f32]) -> Result<(), RolloutError> {
         self.x.iter_mut().zip(states).for_each(|(x, state)| *x = *state as f32);
         Ok(())
-    }
-}
-
-/// Keeps the last checkpoint and stops after iteration `stop_after`.
-#[derive(Default)]
-struct Keeper {
-    stop_after: Option<u64>,
-    checkpoint: Option<Checkpoint>,
-}
-
-impl Observer for Keeper {
-    fn validate(&mut self, _policy: &Policy, _episodes: usize) -> Option<Validation> {
-        None
-    }
-
-    fn iteration_finished(&mut self, progress: &TrainingProgress) -> TrainingControl {
-        if Some(progress.iteration) == self.stop_after {
-            TrainingControl::Stop
-        } else {
-            TrainingControl::Continue
-        }
-    }
-
-    fn save_checkpoint(&mut self, checkpoint: &Checkpoint) {
-        self.checkpoint = Some(checkpoint.clone());
     }
 }
 

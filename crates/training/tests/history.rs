@@ -1,4 +1,4 @@
-//! A policy with a history learns what one observation does not tell.
+//! A policy with a history learns a task that one observation does not determine.
 
 #![allow(clippy::unwrap_used, reason = "helpers of tests")]
 

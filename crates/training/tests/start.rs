@@ -2,38 +2,15 @@
 
 #![allow(clippy::unwrap_used, reason = "helpers of tests")]
 
+mod keeper;
 mod line;
 mod toy;
 
+use keeper::Keeper;
 use line::Line;
 use mishandle_controllers::Policy;
 use mishandle_rollout::Seed;
-use mishandle_training::{
-    ALGORITHMS, AlgorithmSettings, Checkpoint, Observer, Origin, TrainingControl, TrainingError,
-    TrainingProgress, Validation,
-};
-
-/// Stops after an iteration, and keeps the checkpoint.
-#[derive(Default)]
-struct Keeper {
-    stop_after: Option<u64>,
-    checkpoint: Option<Checkpoint>,
-}
-
-impl Observer for Keeper {
-    fn validate(&mut self, _policy: &Policy, _episodes: usize) -> Option<Validation> {
-        None
-    }
-    fn iteration_finished(&mut self, progress: &TrainingProgress) -> TrainingControl {
-        match Some(progress.iteration) == self.stop_after {
-            true => TrainingControl::Stop,
-            false => TrainingControl::Continue,
-        }
-    }
-    fn save_checkpoint(&mut self, checkpoint: &Checkpoint) {
-        self.checkpoint = Some(checkpoint.clone());
-    }
-}
+use mishandle_training::{ALGORITHMS, AlgorithmSettings, Origin, TrainingError};
 
 fn train(
     settings: &AlgorithmSettings,

@@ -2,33 +2,15 @@
 
 #![allow(clippy::unwrap_used, reason = "helpers of tests")]
 
+mod keeper;
 mod line;
 mod toy;
 
+use keeper::Keeper;
 use line::Line;
 use mishandle_controllers::Policy;
 use mishandle_rollout::Seed;
-use mishandle_training::{
-    AlgorithmSettings, Checkpoint, Observer, Origin, TrainingControl, TrainingProgress, Validation,
-};
-
-/// Stops after the first iteration if `stops`, and keeps the checkpoint.
-struct Keeper {
-    stops: bool,
-    checkpoint: Option<Checkpoint>,
-}
-
-impl Observer for Keeper {
-    fn validate(&mut self, _policy: &Policy, _episodes: usize) -> Option<Validation> {
-        None
-    }
-    fn iteration_finished(&mut self, _progress: &TrainingProgress) -> TrainingControl {
-        if self.stops { TrainingControl::Stop } else { TrainingControl::Continue }
-    }
-    fn save_checkpoint(&mut self, checkpoint: &Checkpoint) {
-        self.checkpoint = Some(checkpoint.clone());
-    }
-}
+use mishandle_training::{AlgorithmSettings, Checkpoint, Origin};
 
 fn train(algorithm: &str, policy: &str, resume: Option<&Checkpoint>, stops: bool) -> (Policy, Checkpoint) {
     let own = match algorithm {
@@ -41,7 +23,7 @@ fn train(algorithm: &str, policy: &str, resume: Option<&Checkpoint>, stops: bool
          critic.hidden = [8]\n{own}"
     );
     let settings = AlgorithmSettings::from_toml(algorithm, &text).unwrap().unwrap();
-    let mut keeper = Keeper { stops, checkpoint: None };
+    let mut keeper = Keeper { stop_after: stops.then_some(1), ..Keeper::default() };
     let result = settings
         .train(&Line::new(0.05), Seed(5), resume.map_or(Origin::New, Origin::Checkpoint), &mut keeper)
         .unwrap();
