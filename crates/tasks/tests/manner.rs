@@ -3,51 +3,20 @@
 
 #![allow(clippy::unwrap_used)]
 
-use mishandle_rollout::{Environment, EnvironmentWorker, Sample, Scenario, Seed, Stream};
+mod stepped;
+
+use mishandle_rollout::{Environment, Seed, Stream};
 use mishandle_tasks::{
     ACCELERATION_LIMIT, JOINT_NAMES, MANNER, Preset, Reward, TASKS, TORQUE_LIMIT, TaskEnvironment,
     VELOCITY_LIMIT, task,
 };
 use mishandle_world::{Arm, World};
+use stepped::Run;
 
 const ARM: usize = 7;
 const DT: f64 = 1.0 / 60.0;
 
-/// One simulation with the samples of its control steps.
-struct Run {
-    environment: TaskEnvironment,
-    worker: Box<dyn EnvironmentWorker>,
-    state: Vec<f64>,
-    observation: Vec<f32>,
-    signals: Vec<f64>,
-    rewards: Vec<f64>,
-}
-
 impl Run {
-    fn new(environment: TaskEnvironment, scenario: &Scenario) -> Run {
-        let mut run = Run {
-            worker: environment.worker(),
-            state: vec![0.0; environment.state_size()],
-            observation: vec![0.0; environment.observation_size()],
-            signals: vec![0.0; environment.signals().len()],
-            rewards: vec![0.0; environment.reward_terms().len()],
-            environment,
-        };
-        let Run { worker, state, observation, signals, rewards, .. } = &mut run;
-        worker.reset(scenario, Seed(1), state, Sample { observation, signals, rewards });
-        run
-    }
-
-    fn step(&mut self, action: &[f64]) {
-        let Run { worker, state, observation, signals, rewards, .. } = self;
-        worker.step(action, state, Sample { observation, signals, rewards });
-    }
-
-    /// Returns a signal of the last sample.
-    fn signal(&self, name: &str) -> f64 {
-        self.signals[self.environment.signals().iter().position(|known| known == name).unwrap()]
-    }
-
     /// Returns a world in the present state.
     fn world(&self) -> World {
         let mut world = self.environment.model().world();

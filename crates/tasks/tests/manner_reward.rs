@@ -2,16 +2,17 @@
 
 #![allow(clippy::unwrap_used)]
 
+mod stepped;
+
 use std::sync::Arc;
 
-use mishandle_rollout::{
-    BatchFactory, Environment, EnvironmentWorker, Sample, Scenario, Seed, Start, Stream,
-};
+use mishandle_rollout::{BatchFactory, Environment, Seed, Start, Stream};
 use mishandle_tasks::{
     CONTROL_DT, JOINT_NAMES, MANNER, MANNER_REWARD, MannerWeights, Preset, Reward, TASKS, TaskBatches,
     TaskEnvironment, VELOCITY_LIMIT, task,
 };
 use mishandle_world::CpuDevice;
+use stepped::Run;
 
 const ALL: MannerWeights = MannerWeights { contact_force: 2.0, action_rate: 3.0, speed: 5.0, rest: 7.0 };
 
@@ -22,39 +23,7 @@ fn plain(name: &str) -> TaskEnvironment {
     TaskEnvironment::new(task(name).unwrap(), Preset::Paper, Reward::Shaped).unwrap()
 }
 
-struct Run {
-    environment: TaskEnvironment,
-    worker: Box<dyn EnvironmentWorker>,
-    state: Vec<f64>,
-    observation: Vec<f32>,
-    signals: Vec<f64>,
-    rewards: Vec<f64>,
-}
-
 impl Run {
-    fn new(environment: TaskEnvironment, scenario: &Scenario) -> Run {
-        let mut run = Run {
-            worker: environment.worker(),
-            state: vec![f64::NAN; environment.state_size()],
-            observation: vec![0.0; environment.observation_size()],
-            signals: vec![0.0; environment.signals().len()],
-            rewards: vec![0.0; environment.reward_terms().len()],
-            environment,
-        };
-        let Run { worker, state, observation, signals, rewards, .. } = &mut run;
-        worker.reset(scenario, Seed(1), state, Sample { observation, signals, rewards });
-        run
-    }
-
-    fn step(&mut self, action: &[f64]) {
-        let Run { worker, state, observation, signals, rewards, .. } = self;
-        worker.step(action, state, Sample { observation, signals, rewards });
-    }
-
-    fn signal(&self, name: &str) -> f64 {
-        self.signals[self.environment.signals().iter().position(|known| known == name).unwrap()]
-    }
-
     /// Returns the speeds of the joints of the arm.
     fn speeds(&self) -> Vec<f64> {
         let model = self.environment.model();
