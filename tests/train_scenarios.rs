@@ -14,7 +14,7 @@ use mishandle::plan::AxisSetting;
 use mishandle::run::Device;
 use mishandle::tasks::{Preset, Reward, TaskBatches, TaskEnvironment};
 use mishandle::train::{Curve, TrainPlan, TrainReport};
-use mishandle::training::{Boundary, EpisodeSettings, Episodes, ScenarioSettings};
+use mishandle::training::{Boundary, EpisodeSettings, Episodes, ScenarioSettings, SpaceSetting};
 use mishandle_network::{Activation, Mlp};
 use mishandle_rollout::{
     Axis, AxisValues, BatchFactory, Controller, ControllerWorker, Environment, EnvironmentWorker, Noise,
@@ -125,7 +125,12 @@ fn scenarios_of(environment: &TaskEnvironment) -> TrainingScenarios {
     let disturbances = environment.disturbances(true);
     let (axes, spaces) = environment.axes_and_spaces(&disturbances).unwrap();
     let all = named_space("all", &axes, &spaces).unwrap();
-    let whole = TrainingScenarios { space: all, disturbances: disturbances.clone(), given: Vec::new() };
+    let whole = TrainingScenarios {
+        space: all,
+        disturbances: disturbances.clone(),
+        given: Vec::new(),
+        mixture: Vec::new(),
+    };
     let (fill, allowed) = whole.not_a_number().unwrap();
     let (low, high) = allowed.into_inner();
     let narrow = |axis: &Axis| match &axis.values {
@@ -135,7 +140,12 @@ fn scenarios_of(environment: &TaskEnvironment) -> TrainingScenarios {
         _ => axis.clone(),
     };
     let axes = whole.space.axes().iter().map(narrow).collect();
-    TrainingScenarios { space: Space::new("all", axes).unwrap(), disturbances, given: Vec::new() }
+    TrainingScenarios {
+        space: Space::new("all", axes).unwrap(),
+        disturbances,
+        given: Vec::new(),
+        mixture: Vec::new(),
+    }
 }
 
 #[test]
@@ -232,8 +242,12 @@ fn training_sees_the_history_of_an_evaluation_with_late_actions() {
     };
     let axes: Vec<Axis> = delay.axes().iter().map(late).collect();
     assert!(axes.iter().any(|axis| axis.name == "action_delay"));
-    let scenarios =
-        TrainingScenarios { space: Space::new("late", axes).unwrap(), disturbances, given: Vec::new() };
+    let scenarios = TrainingScenarios {
+        space: Space::new("late", axes).unwrap(),
+        disturbances,
+        given: Vec::new(),
+        mixture: Vec::new(),
+    };
     let environment = Arc::new(environment.with_scene_axes(&scenarios.space).unwrap());
     let sizes = (environment.observation_size(), environment.action_size());
     let specification = task.definition().formulas(Preset::Paper).specification().unwrap();
@@ -325,7 +339,8 @@ fn a_run_on_scenarios_reports_them_apart_resumes_to_the_same_bits_and_records_it
     let validation = curve.rows[0].validation.unwrap();
     assert!(validation.space.is_some() && validation.corners.is_some());
     let recorded = whole.settings.scenarios();
-    assert_eq!(recorded.space.as_deref(), Some("delay+dynamics+sensing+faults-sensing"));
+    let space = SpaceSetting::One("delay+dynamics+sensing+faults-sensing".to_string());
+    assert_eq!(recorded.space, Some(space));
     assert_eq!(recorded.axes["action_delay"], AxisSetting::Range([0.0, 2.0]));
     assert_eq!(recorded.axes["sensor_fault_fill"], AxisSetting::Range([0.0, 1.0]), "without NaN");
     let command = plan(folder.path(), "whole", "cpu").command();

@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use mishandle_files::{limits, read_text_bounded};
 use mishandle_rollout::Seed;
-use mishandle_training::{AlgorithmSettings, TrainingControl, TrainingError, TrainingProgress};
+use mishandle_training::{AlgorithmSettings, SpaceSetting, TrainingControl, TrainingError, TrainingProgress};
 use serde::{Deserialize, Serialize};
 
 use super::archive::{Simulated, csv, shows_nan, weighted};
@@ -146,7 +146,7 @@ pub(super) fn round_settings(
     run.critic_steps = table.steps / CRITIC_SHARE;
     (run.stop_success, run.stop_strict) = (None, None);
     let scenarios = settings.scenarios_mut();
-    scenarios.space = Some(base.space.clone());
+    scenarios.space = Some(SpaceSetting::One(base.space.clone()));
     scenarios.axes = base.axes.clone();
     scenarios.nominal = table.nominal;
     scenarios.corners = table.corners;

@@ -20,8 +20,8 @@ use mishandle_files::{FileLock, NewFolders, limits, read_text_bounded};
 use mishandle_rollout::{BatchFactory, ScenarioBatches, Seed, TrainingScenarios};
 use mishandle_tasks::{Preset, Reward, Task, TaskBatches, TaskEnvironment, task_hash};
 use mishandle_training::{
-    ALGORITHMS, AlgorithmSettings, BASES, BEST, Checkpoint, Origin, TrainingControl, TrainingProgress,
-    TrainingResult, Validation,
+    ALGORITHMS, AlgorithmSettings, BASES, BEST, Checkpoint, Origin, SpaceSetting, TrainingControl,
+    TrainingProgress, TrainingResult, Validation,
 };
 
 use crate::build::build;
@@ -235,7 +235,7 @@ fn settings(plan: &TrainPlan) -> Result<AlgorithmSettings, MishandleError> {
         }
     }
     let scenarios = settings.scenarios_mut();
-    scenarios.space = plan.space.clone().or(scenarios.space.take());
+    scenarios.space = plan.space.clone().map(SpaceSetting::One).or(scenarios.space.take());
     scenarios.axes.extend(plan.axes.clone());
     settings.check()?;
     Ok(settings)

@@ -5,10 +5,11 @@ use std::path::Path;
 use csv::{ReaderBuilder, StringRecord};
 use mishandle_files::{limits, read_text_bounded};
 use mishandle_rollout::{
-    Axis, AxisKind, AxisValues, Environment, RolloutError, Scenario, Space, TrainingScenarios, named_space,
+    Axis, AxisKind, AxisSet, AxisValues, Environment, RolloutError, Scenario, Space, TrainingScenarios,
+    named_space,
 };
 use mishandle_tasks::TaskEnvironment;
-use mishandle_training::{AlgorithmSettings, AxisSetting};
+use mishandle_training::{AlgorithmSettings, AxisSetting, SpaceSetting};
 
 use crate::error::MishandleError;
 use crate::resolve::with_settings;
@@ -38,11 +39,16 @@ pub(super) fn scenarios(
     }
     let disturbances = environment.disturbances(settings.episodes().action_noise > 0.0);
     let (axes, spaces) = environment.axes_and_spaces(&disturbances)?;
-    let name = settings.scenarios().space.clone().unwrap_or_else(|| STARTS.to_string());
-    let named = space_with_starts(&name, &axes, &spaces)?;
+    let setting = settings.scenarios().space.clone().unwrap_or_else(|| SpaceSetting::One(STARTS.to_string()));
+    let named = space_with_starts(&setting.name(), &axes, &spaces)?;
     let scenarios = loop {
         let space = with_settings(named.clone(), &settings.scenarios().axes, &axes)?;
-        let found = TrainingScenarios { space, disturbances: disturbances.clone(), given: Vec::new() };
+        let found = TrainingScenarios {
+            space,
+            disturbances: disturbances.clone(),
+            given: Vec::new(),
+            mixture: Vec::new(),
+        };
         let Some((axis, allowed)) = found.not_a_number() else { break found };
         let name = axis.name.clone();
         if settings.scenarios().axes.contains_key(&name) {
@@ -58,7 +64,24 @@ pub(super) fn scenarios(
         Some(file) => read(Path::new(file), &scenarios.space)?,
         None => Vec::new(),
     };
-    Ok((environment.with_scene_axes(&scenarios.space)?, TrainingScenarios { given, ..scenarios }))
+    let mixture = match setting {
+        SpaceSetting::One(_) => Vec::new(),
+        SpaceSetting::Mixture(weights) => {
+            let sets = weights.iter().map(|(name, weight)| {
+                let part = space_with_starts(name, &axes, &spaces)?;
+                Ok((axis_set(&scenarios.space, &named, &part), *weight))
+            });
+            sets.collect::<Result<_, MishandleError>>()?
+        }
+    };
+    Ok((environment.with_scene_axes(&scenarios.space)?, TrainingScenarios { given, mixture, ..scenarios }))
+}
+
+/// Returns which axes of a space belong to one of the spaces of a mixture. An axis that none of
+/// them has, because the settings add it, belongs to each.
+fn axis_set(space: &Space, union: &Space, part: &Space) -> AxisSet {
+    let has = |space: &Space, axis: &Axis| space.axes().iter().any(|other| other.name == axis.name);
+    space.axes().iter().map(|axis| has(part, axis) || !has(union, axis)).collect()
 }
 
 /// Returns a named space with the axes of the initial state first, so that a start has the same
@@ -144,6 +167,7 @@ fn value(cell: &str, axis: &Axis) -> Result<f64, String> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use mishandle_rollout::Seed;
     use mishandle_tasks::{Preset, Reward};
 
     fn resolved(
@@ -188,6 +212,10 @@ mod tests {
     fn mistakes_in_names_and_values_are_errors() {
         for (text, part) in [
             ("scenarios.space = \"delays\"", "delays"),
+            ("scenarios.space = { delays = 1 }", "delays"),
+            ("scenarios.space = { delay = 0 }", "weights above 0"),
+            ("scenarios.space = {}", "weights above 0"),
+            ("scenarios.space = { delay = nan }", "weights above 0"),
             ("scenarios.axes.action_delai = 1", "action_delai"),
             ("scenarios.curriculum = { start = 0.1, step = 0.1, threshold = 0.9 }", "whose range can grow"),
             ("scenarios.axes.action_delay = 7", "from 0 to 3"),
@@ -195,6 +223,44 @@ mod tests {
         ] {
             assert!(error(text).contains(part), "{}", error(text));
         }
+    }
+
+    #[test]
+    fn an_episode_of_a_mixture_has_disturbances_of_one_space() {
+        let text =
+            "scenarios = { space = { \"delay+sensing\" = 3, dynamics = 1 }, axes.push_force_x = 0.003 }";
+        let (settings, _, found) = resolved(text).unwrap();
+        assert_eq!(found.space.name(), "delay+sensing+dynamics");
+        let (again, ..) = resolved(&settings.to_toml()).unwrap();
+        assert_eq!(again, settings, "stated settings resolve to themselves");
+        let axes = found.space.axes();
+        let moved = |scenario: &Scenario, part: &str| {
+            axes.iter().zip(scenario.values()).any(|(axis, value)| {
+                let inside = match axis.kind {
+                    AxisKind::Start | AxisKind::Event => false,
+                    _ => {
+                        axis.name.contains("_delay")
+                            || axis.name.starts_with("bias_")
+                            || axis.name.starts_with("noise_")
+                    }
+                };
+                let model = axis.kind == AxisKind::Model && !inside;
+                (if part == "dynamics" { model } else { inside }) && *value != axis.nominal
+            })
+        };
+        let part = found.part(1.0);
+        let mut dynamics = 0;
+        for index in 0..400 {
+            for scenario in [found.random(Seed(5), index), found.corner(Seed(5), index)] {
+                assert!(moved(&scenario, "dynamics") != moved(&scenario, "delay+sensing"), "{scenario:?}");
+                let push = axes.iter().position(|axis| axis.name == "push_force_x").unwrap();
+                assert_eq!(scenario.get(push), Some(0.003), "an added axis belongs to each space");
+            }
+            assert_eq!(found.random(Seed(5), index), part.random(Seed(5), index));
+            assert_eq!(found.corner(Seed(5), index), part.corner(Seed(5), index));
+            dynamics += u32::from(moved(&found.random(Seed(5), index), "dynamics"));
+        }
+        assert!((70..=130).contains(&dynamics), "{dynamics} of 400 with weight 1 of 4");
     }
 
     #[test]

@@ -46,6 +46,11 @@ impl History {
         self.observation_size
     }
 
+    /// Returns the length of an action.
+    pub fn action_size(self) -> usize {
+        self.action_size
+    }
+
     /// Returns the number of numbers of the memory; the largest integer if they are more.
     pub fn memory_size(self) -> usize {
         self.length.saturating_mul(self.entry_size())

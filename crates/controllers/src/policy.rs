@@ -179,6 +179,41 @@ impl Policy {
         Ok(Policy { mean, variance, log_std, clip: DEFAULT_CLIP, core, samples: false })
     }
 
+    /// Returns the policy with a history of `length` observations and actions, of which it uses
+    /// only those that it used before: the network has weights of 0 for the others. So the actions
+    /// are the same up to rounding, and training can start from it.
+    ///
+    /// # Errors
+    /// If its history is longer.
+    ///
+    /// # Example
+    /// ```
+    /// use mishandle_controllers::Policy;
+    /// use mishandle_network::{Activation, Mlp};
+    ///
+    /// let mut network = Mlp::new(&[1, 1], Activation::Elu, Activation::Identity)?;
+    /// network.update(|parameters| parameters.copy_from_slice(&[3.0, 0.5]));
+    /// let policy = Policy::new(vec![0.0], vec![1.0], network, vec![0.0])?.remembering(1)?;
+    /// assert_eq!(policy.history().length(), 1);
+    /// // Observation, earlier observation, earlier action.
+    /// assert_eq!(policy.network().parameters(), [3.0, 0.0, 0.0, 0.5]);
+    /// assert!(policy.remembering(0).is_err());
+    /// # Ok::<(), mishandle_controllers::ControllerError>(())
+    /// ```
+    pub fn remembering(&self, length: usize) -> Result<Policy, ControllerError> {
+        let own = self.history();
+        let longer = History::new(length, own.observation_size(), own.action_size());
+        let Some(count) = longer.input_size().checked_sub(own.input_size()) else {
+            let (what, expected, found) = ("the history", own.length(), length);
+            return Err(ControllerError::Size { what, expected, found });
+        };
+        let log_std = (!self.is_squashed()).then(|| self.log_std.clone());
+        let network = self.network().with_more_inputs(count);
+        let policy =
+            Policy::with_history(length, self.mean.clone(), self.variance.clone(), network, log_std)?;
+        Ok(policy.with_observation_clip(self.clip)?.sampling(self.samples))
+    }
+
     /// Returns the policy with stochastic actions if `samples` is true, otherwise with
     /// deterministic actions.
     #[must_use]

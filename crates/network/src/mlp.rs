@@ -279,6 +279,33 @@ impl<T: Scalar> Mlp<T> {
         result
     }
 
+    /// Returns the network with `count` more inputs after its own, whose weights are 0.
+    ///
+    /// # Example
+    /// ```
+    /// use mishandle_network::{Activation, Mlp};
+    /// let mut network = Mlp::<f32>::new(&[1, 2], Activation::Elu, Activation::Identity)?;
+    /// network.update(|parameters| parameters.copy_from_slice(&[3.0, 4.0, 0.5, 0.25]));
+    /// assert_eq!(network.with_more_inputs(1).parameters(), [3.0, 0.0, 4.0, 0.0, 0.5, 0.25]);
+    /// # Ok::<(), mishandle_network::NetworkError>(())
+    /// ```
+    #[must_use]
+    pub fn with_more_inputs(&self, count: usize) -> Mlp<T> {
+        let mut sizes = self.sizes.clone();
+        sizes[0] += count;
+        let wider = Mlp::new(&sizes, self.hidden_activation, self.output_activation);
+        let mut wider = wider.expect("the sizes of a network are positive");
+        (wider.layer_norm, wider.norms) = (self.layer_norm, self.norms.clone());
+        let (weights, rest) = self.parameters.split_at(self.shapes[0].weight_count());
+        wider.update(|parameters| {
+            let (wide, others) = parameters.split_at_mut(parameters.len() - rest.len());
+            let rows = wide.chunks_exact_mut(sizes[0]).zip(weights.chunks_exact(self.sizes[0]));
+            rows.for_each(|(wide, row)| wide[..row.len()].copy_from_slice(row));
+            others.copy_from_slice(rest);
+        });
+        wider
+    }
+
     /// Returns the parameters by name: `layers.0.weight`, `layers.0.bias`, `layers.1.weight`, …
     /// After the bias of a layer follow its gain `layers.0.norm.weight` and its shift
     /// `layers.0.norm.bias`, if it has them.

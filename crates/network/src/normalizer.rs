@@ -161,8 +161,8 @@ impl Moments {
 #[derive(Debug, Clone, PartialEq)]
 pub struct RunningNormalizer {
     moments: Moments,
-    /// Smallest variance of each column; empty without a floor.
-    floor: Vec<f64>,
+    /// Smallest variance of a column.
+    floor: f64,
 }
 
 impl RunningNormalizer {
@@ -170,7 +170,7 @@ impl RunningNormalizer {
     pub fn new(columns: usize) -> RunningNormalizer {
         RunningNormalizer {
             moments: Moments { count: 1.0, mean: vec![0.0; columns], squares: vec![1.0; columns] },
-            floor: Vec::new(),
+            floor: 0.0,
         }
     }
 
@@ -183,7 +183,7 @@ impl RunningNormalizer {
         check_statistics(&mean, variance)?;
         check_numbers("count", &[count], "finite and above 0", |count| count.is_finite() && count > 0.0)?;
         let squares = variance.iter().map(|variance| variance * count).collect();
-        Ok(RunningNormalizer { moments: Moments { count, mean, squares }, floor: Vec::new() })
+        Ok(RunningNormalizer { moments: Moments { count, mean, squares }, floor: 0.0 })
     }
 
     /// Restores a normalizer bit for bit from its [`moments`](RunningNormalizer::moments).
@@ -192,43 +192,31 @@ impl RunningNormalizer {
     /// If the count of the moments is not positive.
     pub fn from_moments(moments: Moments) -> Result<RunningNormalizer, NetworkError> {
         check_numbers("count", &[moments.count], "above 0", |count| count > 0.0)?;
-        Ok(RunningNormalizer { moments, floor: Vec::new() })
+        Ok(RunningNormalizer { moments, floor: 0.0 })
     }
 
-    /// Sets the smallest standard deviation of each column. Without it, a column that was constant
-    /// so far makes any later change huge.
+    /// Sets the smallest standard deviation of a column. Without it, a column that was constant so
+    /// far makes any later change huge.
     ///
     /// # Example
     /// ```
     /// use mishandle_network::RunningNormalizer;
-    /// let mut normalizer = RunningNormalizer::new(1).with_floor(&[0.5]);
+    /// let mut normalizer = RunningNormalizer::new(1).with_floor(0.5);
     /// assert_eq!(normalizer.variance(), [1.0]);
     /// normalizer.update(&[0.0_f32; 99]); // variance 1 / 100
     /// assert_eq!(normalizer.variance(), [0.25]);
     /// ```
-    ///
-    /// # Panics
-    /// If the number of columns differs.
     #[must_use]
-    pub fn with_floor(self, std: &[f64]) -> RunningNormalizer {
-        let columns = self.moments.mean.len();
-        assert!(std.len() == columns, "expected {columns} columns, found {}", std.len());
-        RunningNormalizer { floor: std.iter().map(|std| std * std).collect(), ..self }
+    pub fn with_floor(self, std: f64) -> RunningNormalizer {
+        RunningNormalizer { floor: std * std, ..self }
     }
 
     /// Replaces the moments and keeps the floor.
     ///
     /// # Errors
     /// If the count of the moments is not positive.
-    ///
-    /// # Panics
-    /// If there is a floor with another number of columns.
     pub fn restore(&mut self, moments: Moments) -> Result<(), NetworkError> {
-        let restored = RunningNormalizer::from_moments(moments)?;
-        let floor = std::mem::take(&mut self.floor);
-        let columns = restored.moments.mean.len();
-        assert!(floor.is_empty() || floor.len() == columns, "expected {} columns", floor.len());
-        *self = RunningNormalizer { floor, ..restored };
+        *self = RunningNormalizer { floor: self.floor, ..RunningNormalizer::from_moments(moments)? };
         Ok(())
     }
 
@@ -263,16 +251,11 @@ impl RunningNormalizer {
         &self.moments.mean
     }
 
-    /// Returns the variance of each column, at least its floor.
+    /// Returns the variance of each column, at least the floor.
     pub fn variance(&self) -> Vec<f64> {
-        let mut variance: Vec<f64> = self.moments.variance().collect();
-        for (variance, floor) in variance.iter_mut().zip(&self.floor) {
-            // NaN remains, which the training loop reports.
-            if *variance < *floor {
-                *variance = *floor;
-            }
-        }
-        variance
+        // NaN remains, which the training loop reports.
+        let at_least = |variance: f64| if variance < self.floor { self.floor } else { variance };
+        self.moments.variance().map(at_least).collect()
     }
 
     /// Returns a normalizer with the current mean and variance.

@@ -19,11 +19,6 @@ pub trait Environment: Send + Sync {
     fn reward_terms(&self) -> &[String];
     /// Returns the length of an observation.
     fn observation_size(&self) -> usize;
-    /// Returns the largest absolute value of each entry of an observation that its sensor can
-    /// measure, in the unit of the observation: by default 1.
-    fn observation_scales(&self) -> Vec<f64> {
-        vec![1.0; self.observation_size()]
-    }
     /// Returns the number of actions. The range of each is [-1, 1].
     fn action_size(&self) -> usize;
     /// Returns the length of a state row.

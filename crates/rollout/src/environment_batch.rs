@@ -90,8 +90,6 @@ pub struct EnvironmentSpec {
     pub space: Space,
     /// Length of an observation.
     pub observation_size: usize,
-    /// Largest absolute value of each entry of an observation that its sensor can measure.
-    pub observation_scales: Vec<f64>,
     /// Number of actions. The range of each is [-1, 1].
     pub action_size: usize,
     /// Length of a state row, which determines the future of its simulation.
@@ -111,7 +109,6 @@ impl EnvironmentSpec {
             name: environment.name().to_string(),
             space: environment.space().clone(),
             observation_size: environment.observation_size(),
-            observation_scales: environment.observation_scales(),
             action_size: environment.action_size(),
             state_size: environment.state_size(),
             signal_count: environment.signals().len(),

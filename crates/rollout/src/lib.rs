@@ -74,4 +74,4 @@ pub use system::{DEFAULT_BATCH_SIZE, System};
 pub use target::{
     Component, Identity, NamedFormula, ReachabilityCheck, Signal, SystemFactory, Target, named_space,
 };
-pub use training_scenarios::{ScenarioBatches, TrainingScenarios};
+pub use training_scenarios::{AxisSet, ScenarioBatches, TrainingScenarios};

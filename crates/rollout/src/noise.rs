@@ -55,7 +55,7 @@ impl Noise {
 
     /// Adds the noise of sample `step` to an observation. `draws` is a scratch buffer of the same
     /// length.
-    pub(crate) fn on_observation(&self, seed: Seed, step: u64, observation: &mut [f32], draws: &mut [f64]) {
+    pub fn on_observation(&self, seed: Seed, step: u64, observation: &mut [f32], draws: &mut [f64]) {
         if self.observation_std > 0.0 {
             seed.normals(Stream::ObservationNoise, step, draws);
             for (o, z) in observation.iter_mut().zip(draws) {

@@ -17,7 +17,8 @@ use crate::{Axis, AxisKind, AxisValues, Scenario, Seed, Space, Stream, TrainingS
 /// A share of 1 gives the whole scenarios, bit for bit.
 #[derive(Clone, Debug)]
 pub struct ScenarioPart {
-    space: Space,
+    /// The scenarios, whose axes have the smaller ranges.
+    scenarios: TrainingScenarios,
     share: f64,
 }
 
@@ -33,7 +34,8 @@ impl TrainingScenarios {
     pub fn part(&self, share: f64) -> ScenarioPart {
         let axes = self.space.axes().iter().map(|axis| shrunk(axis, share)).collect();
         let space = Space::new(self.space.name(), axes).expect("bounds between valid ones are valid");
-        ScenarioPart { space, share }
+        let mixture = self.mixture.clone();
+        ScenarioPart { scenarios: TrainingScenarios { mixture, ..TrainingScenarios::of(space) }, share }
     }
 
     /// Returns whether a share of the ranges gives other scenarios than the whole.
@@ -45,21 +47,24 @@ impl TrainingScenarios {
 impl ScenarioPart {
     /// Returns random scenario number `index` of `seed`.
     pub fn random(&self, seed: Seed, index: u64) -> Scenario {
-        self.with_categories(self.space.draw(seed, index), seed, index)
+        self.with_categories(self.scenarios.space.draw(seed, index), seed, index)
     }
 
     /// Returns random corner number `index` of `seed`: each axis is at its lower or upper bound,
     /// with equal probability.
     pub fn corner(&self, seed: Seed, index: u64) -> Scenario {
-        self.with_categories(self.space.random_corner(seed, index), seed, index)
+        self.with_categories(self.scenarios.space.random_corner(seed, index), seed, index)
     }
 
-    /// Replaces categories by nominal ones with a probability of 1 - share.
+    /// Draws a set of axes of the mixture, and replaces categories by nominal ones with a
+    /// probability of 1 - share.
     fn with_categories(&self, drawn: Scenario, seed: Seed, index: u64) -> Scenario {
+        let space = &self.scenarios.space;
+        let drawn = self.scenarios.mixed(drawn, seed, index);
         if self.share >= 1.0 {
-            return self.space.canonical(drawn);
+            return space.canonical(drawn);
         }
-        let axes = (0..).zip(self.space.axes()).zip(drawn.values());
+        let axes = (0..).zip(space.axes()).zip(drawn.values());
         let values = axes.map(|((number, axis), value)| match axis.values {
             AxisValues::Categorical(_)
                 if shrinks(axis)
@@ -69,7 +74,7 @@ impl ScenarioPart {
             }
             _ => *value,
         });
-        self.space.canonical(Scenario::new(values.collect()))
+        space.canonical(Scenario::new(values.collect()))
     }
 }
 
@@ -126,7 +131,7 @@ mod tests {
     fn bounds_move_towards_the_nominal_value_by_the_rule_of_their_axis() {
         let bounds = |share: f64| {
             let part = scenarios().part(share);
-            part.space.axes().iter().map(|axis| [axis.low, axis.high]).collect::<Vec<_>>()
+            part.scenarios.space.axes().iter().map(|axis| [axis.low, axis.high]).collect::<Vec<_>>()
         };
         let quarter = bounds(0.25);
         assert_eq!((quarter[0], quarter[4], quarter[6]), ([-1.0, 1.0], [0.0, 3.0], [-3.0, 3.0]));

@@ -4,7 +4,7 @@ use std::ops::RangeInclusive;
 
 use crate::{
     Axis, AxisKind, BatchFactory, Disturbance, EnvironmentBatch, EnvironmentSpec, Interface, RolloutError,
-    Scenario, Seed, Space,
+    Scenario, Seed, Space, Stream,
 };
 
 /// The scenarios from which training and validation draw.
@@ -16,12 +16,22 @@ pub struct TrainingScenarios {
     pub disturbances: Vec<Disturbance>,
     /// Given scenarios of the space, each with its weight.
     pub given: Vec<(Scenario, f64)>,
+    /// Sets of axes, each with its weight. A random scenario and a corner draw one of the sets, and
+    /// the axes outside of it are nominal; those of the initial state belong to each set. Empty
+    /// means one set of all axes.
+    pub mixture: Vec<(AxisSet, f64)>,
 }
+
+/// A set of axes: whether each axis of a space belongs to it.
+pub type AxisSet = Vec<bool>;
+
+/// Index of the draw of a set of axes.
+const SETS: u64 = 2 << 32;
 
 impl TrainingScenarios {
     /// Returns the scenarios of an environment with this space, without disturbances.
     pub fn of(space: Space) -> TrainingScenarios {
-        TrainingScenarios { space, disturbances: Vec::new(), given: Vec::new() }
+        TrainingScenarios { space, disturbances: Vec::new(), given: Vec::new(), mixture: Vec::new() }
     }
 
     /// Returns a random start, number `index` of `seed`, without any disturbance: all axes besides
@@ -29,50 +39,41 @@ impl TrainingScenarios {
     ///
     /// The starts are those of [`random`](Self::random) with the same numbers.
     pub fn nominal(&self, seed: Seed, index: u64) -> Scenario {
-        let drawn = self.random(seed, index);
-        let axes = self.space.axes().iter().zip(drawn.values());
-        let value = |(axis, drawn): (&Axis, &Option<f64>)| match axis.kind {
-            AxisKind::Start => *drawn,
-            _ => axis.nominal,
-        };
-        self.space.canonical(Scenario::new(axes.map(value).collect()))
+        let nothing = vec![false; self.space.dimension()];
+        self.space.canonical(within(&self.space, &nothing, &self.space.draw(seed, index)))
     }
 
     /// Returns random scenario number `index` of `seed`.
     pub fn random(&self, seed: Seed, index: u64) -> Scenario {
-        self.space.sample(seed, index)
+        self.space.canonical(self.mixed(self.space.draw(seed, index), seed, index))
     }
 
     /// Returns random corner number `index` of `seed`: each axis is at its lower or upper bound,
     /// with equal probability.
     pub fn corner(&self, seed: Seed, index: u64) -> Scenario {
-        self.space.random_corner(seed, index)
+        self.space.canonical(self.mixed(self.space.random_corner(seed, index), seed, index))
+    }
+
+    /// Draws a set of axes and makes the axes outside of it nominal.
+    pub(crate) fn mixed(&self, drawn: Scenario, seed: Seed, index: u64) -> Scenario {
+        match chosen(&self.mixture, seed.uniform(Stream::Scenario, SETS + index, 0)) {
+            Some(set) => within(&self.space, set, &drawn),
+            None => drawn,
+        }
     }
 
     /// Returns one of the given scenarios for a uniform number from \[0, 1); `None` if there is
     /// none. Their probabilities are proportional to their weights.
     pub fn given(&self, uniform: f64) -> Option<&Scenario> {
-        let mut left = uniform * self.given.iter().map(|(_, weight)| weight).sum::<f64>();
-        let chosen = self.given.iter().find(|(_, weight)| {
-            left -= weight;
-            left < 0.0
-        });
-        // Rounding can leave a rest after the last one.
-        chosen.or(self.given.last()).map(|(scenario, _)| scenario)
+        chosen(&self.given, uniform)
     }
 
-    /// Returns the disturbances between an environment with this space and a policy; `None` if no
-    /// axis belongs to one.
+    /// Returns the disturbances between an environment with this space and a policy.
     ///
     /// # Errors
     /// If the name of an axis is unknown, or an axis of the environment is missing.
-    pub fn interface(
-        &self,
-        environment: &Space,
-        action_size: usize,
-    ) -> Result<Option<Interface>, RolloutError> {
-        let interface = Interface::around(environment, &self.space, &self.disturbances, action_size)?;
-        Ok(Some(interface).filter(Interface::has_effects))
+    pub fn interface(&self, environment: &Space, action_size: usize) -> Result<Interface, RolloutError> {
+        Interface::around(environment, &self.space, &self.disturbances, action_size)
     }
 
     /// Returns the first axis under which a fault may show NaN to the policy, with the values under
@@ -85,6 +86,29 @@ impl TrainingScenarios {
             (axis.high >= first).then_some((axis, disturbance.axis.low..=first - 1.0))
         })
     }
+}
+
+/// Returns the element for a uniform number from \[0, 1), with probabilities proportional to the
+/// weights; `None` without elements.
+fn chosen<T>(weighted: &[(T, f64)], uniform: f64) -> Option<&T> {
+    let mut left = uniform * weighted.iter().map(|(_, weight)| weight).sum::<f64>();
+    let chosen = weighted.iter().find(|(_, weight)| {
+        left -= weight;
+        left < 0.0
+    });
+    // Rounding can leave a rest after the last one.
+    chosen.or(weighted.last()).map(|(element, _)| element)
+}
+
+/// Returns a scenario whose axes outside of a set are nominal, except those of the initial state.
+fn within(space: &Space, set: &[bool], drawn: &Scenario) -> Scenario {
+    let axes = space.axes().iter().zip(set).zip(drawn.values());
+    let value = |((axis, inside), drawn): ((&Axis, &bool), &Option<f64>)| match axis.kind {
+        AxisKind::Start => *drawn,
+        _ if *inside => *drawn,
+        _ => axis.nominal,
+    };
+    Scenario::new(axes.map(value).collect())
 }
 
 /// Batches with other scenarios than those of their space.

@@ -335,11 +335,6 @@ impl Environment for TaskEnvironment {
         self.definition.layout().observation_size()
     }
 
-    fn observation_scales(&self) -> Vec<f64> {
-        let [sensing, _] = self.definition.fault_sites();
-        sensing.ranges.iter().map(|[_, high]| *high).collect()
-    }
-
     fn action_size(&self) -> usize {
         JOINTS
     }

@@ -434,30 +434,3 @@ fn the_folder_of_a_task_has_its_page_and_its_picture() {
         assert!(folder.join("picture.png").is_file(), "{name}");
     }
 }
-
-#[test]
-fn scales_of_observations_follow_from_their_units() {
-    for task in TASKS {
-        let environment = TaskEnvironment::new(*task, Preset::Paper, Reward::Shaped).unwrap();
-        let scales = environment.observation_scales();
-        let mut first = 0;
-        for quantity in task.definition().whole_observation() {
-            let expected = match quantity.unit {
-                "m" => 1.0,
-                "m/s" => 2.0,
-                "rad" => std::f64::consts::PI,
-                "rad/s" => 10.0,
-                _ => 1.0,
-            };
-            let own = &scales[first..first + quantity.size];
-            // The velocity limits of joints differ.
-            let is_right = |scale: &f64| match quantity.name {
-                "joint_velocities" => *scale > 0.0,
-                _ => *scale == expected,
-            };
-            assert!(own.iter().all(is_right), "{}: {}", environment.name(), quantity.name);
-            first += quantity.size;
-        }
-        assert_eq!((scales.len(), first), (environment.observation_size(), first));
-    }
-}

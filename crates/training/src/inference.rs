@@ -12,19 +12,14 @@ use crate::settings::setting::require;
 /// Rows per inference task: few, so that all threads get some.
 pub(crate) const INFERENCE_ROWS: usize = 64;
 
-/// Returns the normalizer of observations before the first update. `std_floor` is a share of the
-/// scale of each entry.
+/// Returns the normalizer of observations before the first update.
 pub(crate) fn observation_normalizer(
     spec: &EnvironmentSpec,
     normalizes: bool,
     std_floor: f64,
 ) -> RunningNormalizer {
     let normalizer = RunningNormalizer::new(spec.observation_size);
-    if !normalizes || std_floor == 0.0 {
-        return normalizer;
-    }
-    let floor: Vec<f64> = spec.observation_scales.iter().map(|scale| std_floor * scale).collect();
-    normalizer.with_floor(&floor)
+    if normalizes { normalizer.with_floor(std_floor) } else { normalizer }
 }
 
 /// Replaces the moments of a normalizer by those of a policy. Its floor remains.

@@ -57,5 +57,5 @@ pub use on_policy::{gae, ppo, trpo};
 pub use registry::{ALGORITHMS, AlgorithmEntry};
 pub use settings::{
     AxisSetting, BASES, BEST, Choice, CurriculumSettings, EpisodeSettings, RewardSettings, RunSettings,
-    ScenarioSettings, SelectionWeights, Setting, TimeoutHandling, TomlSettings,
+    ScenarioSettings, SelectionWeights, Setting, SpaceSetting, TimeoutHandling, TomlSettings,
 };

@@ -95,7 +95,7 @@ fn a_control_step_with_disturbances_allocates_no_memory() {
     let line = Line::new(0.0);
     let axes = line.space().axes().iter().chain(disturbances.iter().map(|known| &known.axis));
     let space = Space::new("all", axes.cloned().collect::<Vec<Axis>>()).unwrap();
-    let scenarios = TrainingScenarios { space, disturbances, given: Vec::new() };
+    let scenarios = TrainingScenarios { space, disturbances, given: Vec::new(), mixture: Vec::new() };
     let settings = EpisodeSettings { environments: 8, staggered: false, ..EpisodeSettings::default() };
     let settings = EpisodeSettings { action_noise: 0.1, ..settings };
     let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap();

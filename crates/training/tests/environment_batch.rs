@@ -36,7 +36,6 @@ impl BatchFactory for HomingFactory {
             name: "homing".to_string(),
             space: Space::new("nothing", Vec::new()).unwrap(),
             observation_size: 1,
-            observation_scales: vec![1.0],
             action_size: 1,
             state_size: 1,
             signal_count: 0,

@@ -164,6 +164,7 @@ fn scenarios() -> TrainingScenarios {
         space: Space::new("all", axes.clone()).unwrap(),
         disturbances: disturbances.clone(),
         given: Vec::new(),
+        mixture: Vec::new(),
     };
     let (axis, allowed) = whole.not_a_number().unwrap();
     let fill = axes.iter_mut().find(|known| known.name == axis.name).unwrap();
@@ -171,17 +172,34 @@ fn scenarios() -> TrainingScenarios {
     assert_eq!((fill.name.as_str(), &fills[2]), ("sensor_fill", &"nan".to_string()));
     fill.values = AxisValues::Categorical(fills[..2].into());
     (fill.low, fill.high) = allowed.into_inner();
-    let scenarios =
-        TrainingScenarios { space: Space::new("all", axes).unwrap(), disturbances, given: Vec::new() };
+    let scenarios = TrainingScenarios {
+        space: Space::new("all", axes).unwrap(),
+        disturbances,
+        given: Vec::new(),
+        mixture: Vec::new(),
+    };
     assert!(scenarios.not_a_number().is_none());
     scenarios
 }
 
-fn settings(rows: usize, action_noise: f64) -> EpisodeSettings {
-    EpisodeSettings { environments: rows, action_noise, staggered: false, ..EpisodeSettings::default() }
+fn settings(rows: usize, noise: Noise) -> EpisodeSettings {
+    EpisodeSettings {
+        environments: rows,
+        action_noise: noise.action_std,
+        observation_noise: noise.observation_std,
+        staggered: false,
+        ..EpisodeSettings::default()
+    }
 }
 
-fn episodes(scenarios: &TrainingScenarios, shares: &ScenarioSettings, rows: usize, noise: f64) -> Episodes {
+/// Without noise, with noise on actions, and on observations as well.
+const NOISES: [Noise; 3] = [
+    Noise { action_std: 0.0, observation_std: 0.0 },
+    Noise { action_std: 0.4, observation_std: 0.0 },
+    Noise { action_std: 0.3, observation_std: 0.2 },
+];
+
+fn episodes(scenarios: &TrainingScenarios, shares: &ScenarioSettings, rows: usize, noise: Noise) -> Episodes {
     let batches = ScenarioBatches { batches: drifter(), scenarios: scenarios.clone() };
     Episodes::new(&batches, &settings(rows, noise), shares, Seed(3)).unwrap()
 }
@@ -222,7 +240,7 @@ fn step(episodes: &mut Episodes) {
 }
 
 /// Bits of what the policy saw in an evaluation, and of the actions and rewards of each step.
-fn evaluated(scenario: Scenario, seed: Seed, noise: f64) -> (Vec<Vec<u32>>, Vec<[u64; 3]>) {
+fn evaluated(scenario: Scenario, seed: Seed, noise: Noise) -> (Vec<Vec<u32>>, Vec<[u64; 3]>) {
     let seen = Arc::new(Mutex::new(Vec::new()));
     let steps = evaluated_steps(Arc::new(Recorder(seen.clone())), scenario, seed, noise);
     let seen = seen.lock().unwrap().iter().map(|observation| float_bits(observation)).collect();
@@ -234,10 +252,9 @@ fn evaluated_steps(
     controller: Arc<dyn Controller>,
     scenario: Scenario,
     seed: Seed,
-    noise: f64,
+    noise: Noise,
 ) -> Vec<[u64; 3]> {
     let scenarios = scenarios();
-    let noise = Noise { action_std: noise, observation_std: 0.0 };
     let formula = Specification::parse("first < 9", "first < 9", "first < 9", "first < 9").unwrap();
     let rollout = Rollout::new(drifter(), controller, formula, noise).unwrap();
     let mut rollout = rollout.with_disturbances(scenarios.space, &scenarios.disturbances).unwrap();
@@ -254,7 +271,7 @@ fn float_bits(numbers: &[f32]) -> Vec<u32> {
 #[test]
 fn the_policy_sees_and_acts_as_in_an_evaluation_of_the_same_scenario_and_seed() {
     let scenarios = scenarios();
-    for noise in [0.0, 0.4] {
+    for noise in NOISES {
         let mut episodes = episodes(&scenarios, &ScenarioSettings::default(), 60, noise);
         for episode in 0..2 {
             let (mut seen, mut done) = (vec![Vec::new(); 60], vec![Vec::new(); 60]);
@@ -280,7 +297,7 @@ fn a_policy_with_a_history_acts_as_in_an_evaluation_within_delays_faults_and_pau
     let scenarios = scenarios();
     let (policy, whole) = with_history_and_whole();
     let policy: Arc<dyn Controller> = Arc::new(policy);
-    for noise in [0.0, 0.4] {
+    for noise in NOISES {
         let episodes = episodes(&scenarios, &ScenarioSettings::default(), 120, noise);
         let mut episodes = episodes.with_history(2);
         for episode in 0..2 {
@@ -308,7 +325,7 @@ fn a_policy_with_a_history_acts_as_in_an_evaluation_within_delays_faults_and_pau
 #[test]
 fn final_observations_and_inputs_are_those_that_the_policy_would_have_seen() {
     let (_, whole) = with_history_and_whole();
-    let episodes = episodes(&scenarios(), &ScenarioSettings::default(), 60, 0.3);
+    let episodes = episodes(&scenarios(), &ScenarioSettings::default(), 60, NOISES[2]);
     let mut episodes = episodes.with_history(2);
     for time in 1..=2 * STEPS {
         let before = episodes.inputs().to_vec();
@@ -334,7 +351,7 @@ fn final_observations_and_inputs_are_those_that_the_policy_would_have_seen() {
 #[test]
 fn a_restored_batch_continues_to_the_same_bits_within_delays_and_faults() {
     let scenarios = scenarios();
-    let make = || episodes(&scenarios, &ScenarioSettings::default(), 40, 0.3).with_history(2);
+    let make = || episodes(&scenarios, &ScenarioSettings::default(), 40, NOISES[2]).with_history(2);
     for pause in [0, 7, 13, 29, 41] {
         let mut whole = make();
         (0..pause).for_each(|_| step(&mut whole));
@@ -374,9 +391,9 @@ fn nominal_axes_and_nominal_episodes_change_no_bit() {
     let plain = TrainingScenarios::of(drifter().space.clone());
     let shares = ScenarioSettings::default();
     let mut all = [
-        episodes(&plain, &shares, 20, 0.3),
-        episodes(&still, &shares, 20, 0.3),
-        episodes(&whole, &nominal, 20, 0.3),
+        episodes(&plain, &shares, 20, NOISES[2]),
+        episodes(&still, &shares, 20, NOISES[2]),
+        episodes(&whole, &nominal, 20, NOISES[2]),
     ];
     for _ in 0..70 {
         all.iter_mut().for_each(step);
@@ -400,11 +417,12 @@ fn shares_are_met_within_binomial_bounds() {
         space: Space::new("two", axes.to_vec()).unwrap(),
         disturbances: bias.to_vec(),
         given: given.to_vec(),
+        mixture: Vec::new(),
     };
     let text = "scenarios = { nominal = 0.2, corners = 0.3, file = \"a\", file_share = 0.1 }";
     let shares = AlgorithmSettings::from_toml("ppo", text).unwrap().unwrap();
     let n = 20_000;
-    let mut episodes = episodes(&scenarios, shares.scenarios(), n, 0.0);
+    let mut episodes = episodes(&scenarios, shares.scenarios(), n, NOISES[0]);
     let mut checkpoint = Checkpoint::new("ppo", "drifter", 3, "");
     episodes.save(&mut checkpoint).unwrap();
     let drawn: Vec<&[f64]> = checkpoint.f64s("disturbed.scenarios", 2 * n).unwrap().chunks(2).collect();
@@ -421,7 +439,7 @@ fn shares_are_met_within_binomial_bounds() {
     check("the first given", 0.075, &|start, bias| start == 0.5 && bias == 0.1);
     check("random", 0.4, &|start, bias| start.abs() < 1.0 && start != 0.5 && bias != 0.0);
     // The scenario of an episode depends on its seed only, not on the number of rows.
-    let few = self::episodes(&scenarios, shares.scenarios(), 10, 0.0);
+    let few = self::episodes(&scenarios, shares.scenarios(), 10, NOISES[0]);
     assert_eq!(few.observations(), &episodes.observations()[..30]);
 }
 
@@ -550,8 +568,8 @@ fn privileged_inputs_are_the_undisturbed_observation_and_the_scaled_scenario() {
     let size = 3 + 6 + kinds;
     let scenarios = TrainingScenarios { space: space.clone(), ..whole };
     let nominal = ScenarioSettings { nominal: 1.0, ..ScenarioSettings::default() };
-    let mut disturbed = episodes(&scenarios, &ScenarioSettings::default(), 30, 0.0).with_privileged();
-    let mut still = episodes(&scenarios, &nominal, 30, 0.0).with_privileged();
+    let mut disturbed = episodes(&scenarios, &ScenarioSettings::default(), 30, NOISES[0]).with_privileged();
+    let mut still = episodes(&scenarios, &nominal, 30, NOISES[0]).with_privileged();
     assert_eq!((disturbed.privileged_size(), still.privileged_size()), (size, size));
     let observation =
         |inputs: &[f32]| inputs.chunks(size).flat_map(|row| &row[..3]).copied().collect::<Vec<_>>();
@@ -643,7 +661,7 @@ fn episodes_draw_from_the_share_at_their_start() {
     let axes = scenarios.space.dimension();
     let text = "scenarios.curriculum = { start = 0.25, step = 0.25, threshold = 0.9 }";
     let shares = AlgorithmSettings::from_toml("ppo", text).unwrap().unwrap();
-    let mut episodes = episodes(&scenarios, shares.scenarios(), 200, 0.0);
+    let mut episodes = episodes(&scenarios, shares.scenarios(), 200, NOISES[0]);
     let largest = |episodes: &mut Episodes| {
         let mut checkpoint = Checkpoint::new("ppo", "drifter", 3, "");
         episodes.save(&mut checkpoint).unwrap();

@@ -9,7 +9,7 @@ mod toy;
 use keeper::Keeper;
 use line::Line;
 use mishandle_controllers::Policy;
-use mishandle_rollout::Seed;
+use mishandle_rollout::{Controller, Seed};
 use mishandle_training::{ALGORITHMS, AlgorithmSettings, Origin, TrainingError};
 
 fn train(
@@ -71,6 +71,39 @@ fn a_resumed_training_from_a_controller_gives_the_same_bits() {
             let resumed = train(&settings, origin, &mut Keeper::default()).unwrap();
             assert_eq!(resumed.hash(), whole.hash(), "{algorithm} after {stop_after}");
         }
+    }
+}
+
+#[test]
+fn a_controller_gets_a_longer_history_but_no_shorter_one() {
+    for algorithm in ALGORITHMS.iter().map(|entry| entry.name) {
+        let policy = first(algorithm);
+        let settings = |length: usize| {
+            let text = format!(
+                "run = {{ from = \"first\", total_steps = 600, critic_steps = 10_000 }}\n\
+                 episodes.environments = 8\npolicy = {{ hidden = [8], history = {length} }}\ncritic.hidden = [8]"
+            );
+            AlgorithmSettings::from_toml(algorithm, &text).unwrap().unwrap()
+        };
+        let train = |length| train(&settings(length), Origin::Policy(&policy), &mut Keeper::default());
+        let longer = train(3).unwrap();
+        assert_eq!(longer.hash(), policy.remembering(3).unwrap().hash(), "{algorithm}");
+        // It acts as before, whatever it remembers.
+        let (mut before, mut after) = (policy.worker(), longer.worker());
+        let states = [policy.state_size(), longer.state_size()];
+        let (mut state, mut longer_state) = (vec![0.0; states[0]], vec![0.0; states[1]]);
+        before.reset(&mut state, Seed(0));
+        after.reset(&mut longer_state, Seed(0));
+        for step in 0..20_u8 {
+            let observation = vec![f32::from(step).sin(); policy.history().observation_size()];
+            let mut actions = [0, 1].map(|_| vec![0.0_f32; policy.history().action_size()]);
+            before.act(1, &observation, &mut state, &mut actions[0]);
+            after.act(1, &observation, &mut longer_state, &mut actions[1]);
+            let close = actions[0].iter().zip(&actions[1]).all(|(a, b)| (a - b).abs() < 1e-6);
+            assert!(close, "{algorithm}, step {step}: {actions:?}");
+        }
+        let error = train(0).unwrap_err().to_string();
+        assert!(error.contains("its history is 1, that of the settings 0"), "{algorithm}: {error}");
     }
 }
 

@@ -1,6 +1,6 @@
-//! Disturbances between environments and policy.
+//! Disturbances and noise between environments and policy.
 
-use mishandle_rollout::{ActiveInterface, EnvironmentSpec, Interface, Scenario, Seed, Start};
+use mishandle_rollout::{ActiveInterface, EnvironmentSpec, Interface, Noise, Scenario, Seed, Start};
 use rayon::prelude::*;
 
 use super::ROWS_PER_TASK;
@@ -9,9 +9,12 @@ use crate::{Checkpoint, TrainingError};
 /// Disturbances of all rows, and what the policy sees.
 pub(super) struct Disturbed {
     interface: Interface,
+    noise: Noise,
     rows: Vec<DisturbedRow>,
     /// Observations with their disturbances, `[rows, observation_size]`.
     observations: Vec<f32>,
+    /// Scratch buffer of the draws of the observation noise, of the same length.
+    draws: Vec<f64>,
     action_size: usize,
 }
 
@@ -19,6 +22,7 @@ pub(super) struct Disturbed {
 pub(super) struct DisturbedRow {
     pub interface: ActiveInterface,
     scenario: Scenario,
+    seed: Seed,
     /// Last action of the policy, which is held while a fault pauses it; empty if none does.
     held: Vec<f32>,
 }
@@ -27,7 +31,7 @@ impl DisturbedRow {
     fn new(interface: &Interface, scenario: Scenario, seed: Seed, action_size: usize) -> DisturbedRow {
         let interface = interface.start(&scenario, seed);
         let held = if interface.has_pause() { action_size } else { 0 };
-        DisturbedRow { interface, scenario, held: vec![0.0; held] }
+        DisturbedRow { interface, scenario, seed, held: vec![0.0; held] }
     }
 
     /// Returns the action that leaves the policy in a control step: its own, or the last one while
@@ -45,14 +49,22 @@ impl DisturbedRow {
 
 impl Disturbed {
     /// Makes the disturbances of rows that have no episode yet.
-    pub fn new(interface: Interface, nominal: &Scenario, rows: usize, spec: &EnvironmentSpec) -> Disturbed {
+    pub fn new(
+        interface: Interface,
+        noise: Noise,
+        nominal: &Scenario,
+        rows: usize,
+        spec: &EnvironmentSpec,
+    ) -> Disturbed {
         let action_size = spec.action_size;
         let row = |_| DisturbedRow::new(&interface, nominal.clone(), Seed(0), action_size);
         let rows: Vec<DisturbedRow> = (0..rows).map(row).collect();
         Disturbed {
             observations: vec![0.0; rows.len() * spec.observation_size],
+            draws: vec![0.0; rows.len() * spec.observation_size],
             rows,
             interface,
+            noise,
             action_size,
         }
     }
@@ -79,15 +91,20 @@ impl Disturbed {
 
     /// Computes what the policy sees in each row for which `step` returns the control step.
     pub fn observe(&mut self, observations: &[f32], step: impl Fn(usize) -> Option<usize> + Sync) {
-        let size = observations.len() / self.rows.len();
+        let (size, noise) = (observations.len() / self.rows.len(), self.noise);
         let rows = self.rows.par_iter_mut().zip(self.observations.par_chunks_mut(size));
-        let rows = rows.zip(observations.par_chunks(size)).with_min_len(ROWS_PER_TASK);
-        rows.enumerate().for_each(|(index, ((row, seen), observation))| {
-            if let Some(step) = step(index) {
-                seen.copy_from_slice(observation);
-                row.interface.observe(step, seen);
-            }
-        });
+        let rows = rows.zip(self.draws.par_chunks_mut(size)).zip(observations.par_chunks(size));
+        rows.with_min_len(ROWS_PER_TASK).enumerate().for_each(
+            |(index, (((row, seen), draws), observation))| {
+                if let Some(step) = step(index) {
+                    seen.copy_from_slice(observation);
+                    // Before the delays: a late or repeated observation has the noise of its
+                    // measurement.
+                    noise.on_observation(row.seed, step as u64, seen, draws);
+                    row.interface.observe(step, seen);
+                }
+            },
+        );
     }
 
     /// Saves the disturbances to a checkpoint.

@@ -119,6 +119,8 @@ impl Episodes {
         let scenarios = ScenarioDraw::new(environments.scenarios(), scenarios);
         let nominal = scenarios.scenarios().space.nominal();
         let interface = scenarios.scenarios().interface(&spec.space, spec.action_size)?;
+        let noise = Noise { action_std: settings.action_noise, observation_std: settings.observation_noise };
+        let is_disturbed = interface.has_effects() || noise.observation_std > 0.0;
         let rows = settings.environments;
         let time_limit = settings.time_limit.unwrap_or(spec.episode_steps);
         let mut episodes = Episodes {
@@ -128,7 +130,7 @@ impl Episodes {
             boundaries: vec![Boundary::Running; rows],
             final_observations: vec![0.0; rows * spec.observation_size],
             starts: Vec::with_capacity(rows),
-            disturbed: interface.map(|interface| Disturbed::new(interface, &nominal, rows, &spec)),
+            disturbed: is_disturbed.then(|| Disturbed::new(interface, noise, &nominal, rows, &spec)),
             remembered: None,
             privileged: None,
             scenarios,
@@ -144,7 +146,7 @@ impl Episodes {
                 TimeoutHandling::Bootstrap => Boundary::Truncated,
                 TimeoutHandling::Terminal => Boundary::Terminated,
             },
-            noise: Noise { action_std: settings.action_noise, observation_std: 0.0 },
+            noise,
             row_states: vec![RowState::default(); rows],
         };
         for (row, row_state) in episodes.row_states.iter_mut().enumerate() {

@@ -14,7 +14,8 @@ use mishandle_rollout::{BatchFactory, Seed};
 use self::origin::Origin;
 use crate::{
     AlgorithmSettings, Checkpoint, EpisodeStatistics, Observer, PolicySelection, RunSettings,
-    ScenarioSettings, TimeShares, TrainingControl, TrainingError, TrainingProgress, TrainingResult,
+    ScenarioSettings, SpaceSetting, TimeShares, TrainingControl, TrainingError, TrainingProgress,
+    TrainingResult,
 };
 use curriculum::Curriculum;
 
@@ -205,10 +206,10 @@ fn check_scenarios(
     let ScenarioSettings { space, file, .. } = settings.scenarios();
     let found = environments.scenarios();
     settings.check_curriculum(&found)?;
-    match space {
+    match space.as_ref().map(SpaceSetting::name) {
         Some(space) if space != found.space.name() => Err(TrainingError::OtherScenarios {
             setting: "space",
-            expected: space.clone(),
+            expected: space,
             found: format!("the space `{}`", found.space.name()),
         }),
         _ => match file {

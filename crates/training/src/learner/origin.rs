@@ -32,11 +32,17 @@ impl Origin<'_> {
     }
 }
 
-/// Checks that a policy can take the place of a learner's first one, with this network and history.
+/// Returns a policy that can take the place of a learner's first one, with this network and
+/// history: a policy with a shorter history gets a longer one, which it does not use yet.
 ///
 /// # Errors
 /// If sizes or activations differ, or the policy clips observations otherwise than training does.
-pub(crate) fn check_policy(policy: &Policy, own: &Mlp<f32>, history: History) -> Result<(), TrainingError> {
+pub(crate) fn first_policy(
+    policy: &Policy,
+    own: &Mlp<f32>,
+    history: History,
+) -> Result<Policy, TrainingError> {
+    let policy = policy.remembering(policy.history().length().max(history.length()))?;
     let network = policy.network();
     let layers = |network: &Mlp<f32>| format!("{:?}", network.sizes());
     let activations = |network: &Mlp<f32>| {
@@ -59,5 +65,5 @@ pub(crate) fn check_policy(policy: &Policy, own: &Mlp<f32>, history: History) ->
             return Err(TrainingError::OtherPolicy { what, expected, found });
         }
     }
-    Ok(())
+    Ok(policy)
 }

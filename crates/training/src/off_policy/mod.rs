@@ -25,7 +25,7 @@ use crate::algorithm::{BuildLearner, CommonSettings};
 use crate::inference::{
     BatchInference, INFERENCE_ROWS, first_columns, observation_normalizer, policy_history, restore_normalizer,
 };
-use crate::learner::origin::check_policy;
+use crate::learner::origin::first_policy;
 use crate::learner::{Learner, progress_of};
 use crate::privileged::PrivilegedNormalizer;
 use crate::{
@@ -187,9 +187,9 @@ impl<A: Agent> OffPolicy<A> {
 
 impl<A: Agent> Learner for OffPolicy<A> {
     fn start_from(&mut self, policy: &Policy) -> Result<(), TrainingError> {
-        check_policy(policy, self.agent.behavior_policy().network(), self.history)?;
-        self.agent.start_from(policy)?;
-        restore_normalizer(&mut self.normalizer, policy)
+        let policy = first_policy(policy, self.agent.behavior_policy().network(), self.history)?;
+        self.agent.start_from(&policy)?;
+        restore_normalizer(&mut self.normalizer, &policy)
     }
 
     fn iteration(&self) -> u64 {

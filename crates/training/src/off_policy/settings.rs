@@ -6,8 +6,8 @@ use serde::{Deserialize, Serialize};
 use crate::settings::activation_name;
 use crate::settings::declare::{choice, settings};
 use crate::settings::setting::{
-    ARRAY_SIZE, AT_LEAST_1, CAPACITY, FRACTION, HISTORY, INITIALIZATION, LAYER_SIZES, NOT_NEGATIVE, POSITIVE,
-    kind, require,
+    ARRAY_SIZE, AT_LEAST_1, CAPACITY, HISTORY, INITIALIZATION, LAYER_SIZES, NOT_NEGATIVE, POSITIVE, kind,
+    require,
 };
 use crate::{EpisodeSettings, Initialization, RewardSettings, RunSettings, ScenarioSettings, TrainingError};
 
@@ -73,11 +73,10 @@ settings! {
         pub learning_rate: f64 = 3e-4, POSITIVE;
         /// Whether policy and critics see observations normalized by running moments.
         pub normalize_observations: bool = true;
-        /// Smallest standard deviation of the running moments of each number of the observation, as
-        /// a share of the largest value that its sensor can measure, which follows from its unit:
-        /// 1 m, 2 m/s, π rad, 10 rad/s. A number that is constant during training then stays
+        /// Smallest standard deviation of the running moments of each number of the observation, in
+        /// the unit of the observation. A number that is constant during training then stays
         /// harmless if noise changes it later. 0 means no floor.
-        pub std_floor: f64 = 0.0, FRACTION;
+        pub std_floor: f64 = 0.0, NOT_NEGATIVE;
         /// Initialization of the network: orthogonal weights; weights and biases uniform in
         /// ±1/√inputs, the PyTorch default; or weights and biases from N(0, σ²).
         pub initialization: Initialization = Initialization::Orthogonal, INITIALIZATION;

@@ -14,7 +14,7 @@ use crate::inference::{
     BatchInference, INFERENCE_ROWS, observation_normalizer, policy_history, restore_normalizer,
 };
 use crate::initialization::initial_network;
-use crate::learner::origin::check_policy;
+use crate::learner::origin::first_policy;
 use crate::privileged::PrivilegedNormalizer;
 use crate::{Checkpoint, Critic, Episodes, ObservationMoments, RolloutBuffer, TrainingError};
 
@@ -126,7 +126,7 @@ impl ActorCritic {
     /// # Errors
     /// If it has another form.
     pub fn start_from(&mut self, policy: &Policy) -> Result<(), TrainingError> {
-        check_policy(policy, &self.network, self.history)?;
+        let policy = first_policy(policy, &self.network, self.history)?;
         if policy.log_std().len() != self.log_std.len() {
             let (what, expected) = ("distribution", "a Gaussian".to_string());
             return Err(TrainingError::OtherPolicy { what, expected, found: "squashed".to_string() });
@@ -134,7 +134,7 @@ impl ActorCritic {
         self.network = policy.network().clone();
         self.log_std = policy.log_std().to_vec();
         self.clamp_log_std();
-        restore_normalizer(&mut self.normalizer, policy)
+        restore_normalizer(&mut self.normalizer, &policy)
     }
 
     pub fn policy(&self) -> Result<Policy, TrainingError> {

@@ -6,7 +6,9 @@ use mishandle_rollout::Seed;
 use super::minibatches::{MinibatchScheme, Minibatches, check_minibatch_count};
 use crate::settings::activation_name;
 use crate::settings::declare::{choice, settings};
-use crate::settings::setting::{FINITE, FRACTION, HISTORY, INITIALIZATION, LAYER_SIZES, POSITIVE, require};
+use crate::settings::setting::{
+    FINITE, HISTORY, INITIALIZATION, LAYER_SIZES, NOT_NEGATIVE, POSITIVE, require,
+};
 use crate::{EpisodeSettings, Initialization, RewardSettings, RunSettings, ScenarioSettings, TrainingError};
 
 /// Maximum number of rows of a rollout; see [`ARRAY_SIZE`](crate::settings::setting::ARRAY_SIZE).
@@ -99,11 +101,10 @@ settings! {
         pub max_log_std: f64 = 0.5, FINITE;
         /// Whether policy and critic see observations normalized by running moments.
         pub normalize_observations: bool = true;
-        /// Smallest standard deviation of the running moments of each number of the observation, as
-        /// a share of the largest value that its sensor can measure, which follows from its unit:
-        /// 1 m, 2 m/s, π rad, 10 rad/s. A number that is constant during training then stays
+        /// Smallest standard deviation of the running moments of each number of the observation, in
+        /// the unit of the observation. A number that is constant during training then stays
         /// harmless if noise changes it later. 0 means no floor.
-        pub std_floor: f64 = 0.0, FRACTION;
+        pub std_floor: f64 = 0.0, NOT_NEGATIVE;
         /// When the running moments are updated.
         pub observation_moments: ObservationMoments = ObservationMoments::Rollout;
     }

@@ -18,7 +18,7 @@ use setting::{ARRAY_SIZE, AT_LEAST_1, FRACTION, NOISE};
 
 pub use bases::{BASES, BEST};
 pub use rewards::RewardSettings;
-pub use scenarios::{AxisSetting, CurriculumSettings, ScenarioSettings, SelectionWeights};
+pub use scenarios::{AxisSetting, CurriculumSettings, ScenarioSettings, SelectionWeights, SpaceSetting};
 pub use setting::{Choice, Setting};
 
 /// Settings of an algorithm, readable from TOML.
@@ -68,7 +68,8 @@ settings! {
         /// Total number of environment steps (control steps times environments).
         pub total_steps: u64 = 20_000_000, AT_LEAST_1;
         /// Controller from which training starts, with its normalizer, which then stays as it is.
-        /// Without it, the policy is random at first.
+        /// Without it, the policy is random at first. A controller with a shorter history than
+        /// `policy.history` gets the longer one.
         pub from: Option<String> = None;
         /// Number of environment steps at the start in which only the critic learns: a controller
         /// has no critic in its file, and a random one would spoil it.
@@ -105,6 +106,8 @@ settings! {
         pub staggered: bool = true;
         /// Standard deviation of the noise added to each clipped action during training.
         pub action_noise: f64 = 0.0, NOISE;
+        /// Standard deviation of the noise added to each number of the observation during training.
+        pub observation_noise: f64 = 0.0, NOISE;
     }
 }
 

@@ -12,8 +12,9 @@ settings! {
     /// `[scenarios]`: the scenarios of the episodes. Without a space, only the starts are random.
     pub struct ScenarioSettings in "scenarios." {
         /// Scenario space from which episodes draw: the name of a space of the task, or several
-        /// joined by `+`. Random starts always belong to it.
-        pub space: Option<String> = None;
+        /// joined by `+`; or a mixture `{ "delay+sensing" = 3, events = 1 }` of spaces with
+        /// weights, of which each episode draws one. Random starts always belong to it.
+        pub space: Option<SpaceSetting> = None, MIXTURE;
         /// Share of the episodes without disturbances: only their starts are random.
         pub nominal: f64 = 0.0, FRACTION;
         /// Share of the episodes at corners of the space: each axis is at its lower or upper bound.
@@ -36,6 +37,37 @@ settings! {
         pub axes: BTreeMap<String, AxisSetting> = BTreeMap::new();
     }
 }
+
+/// `scenarios.space`: a space, or a mixture of spaces.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(untagged)]
+pub enum SpaceSetting {
+    /// Episodes draw values of all axes of this space.
+    One(String),
+    /// Episodes draw one of these spaces, with probabilities proportional to the weights, and
+    /// values of its axes. The axes of the others are nominal.
+    Mixture(BTreeMap<String, f64>),
+}
+
+impl SpaceSetting {
+    /// Returns the name of the space that contains all axes.
+    pub fn name(&self) -> String {
+        match self {
+            SpaceSetting::One(name) => name.clone(),
+            SpaceSetting::Mixture(spaces) => spaces.keys().map(String::as_str).collect::<Vec<_>>().join("+"),
+        }
+    }
+}
+
+const MIXTURE: Constraint =
+    constraint("the name of a space, or a table of names with weights above 0", |x| {
+        !x.is_empty() && x.iter().all(|x| *x > 0.0 && x.is_finite())
+    });
+
+kind!(SpaceSetting, "a text or a table", x => match x {
+    SpaceSetting::One(_) => None,
+    SpaceSetting::Mixture(spaces) => Some(spaces.values().copied().collect()),
+});
 
 /// `scenarios.selection`: weights of the validations.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -157,7 +189,8 @@ mod tests {
         for entry in ALGORITHMS {
             let settings = (entry.from_toml)(text).unwrap();
             let scenarios = settings.scenarios();
-            assert_eq!((scenarios.space.as_deref(), scenarios.nominal), (Some("starts+delay"), 0.25));
+            assert_eq!(scenarios.space, Some(SpaceSetting::One("starts+delay".to_string())));
+            assert_eq!(scenarios.nominal, 0.25);
             assert_eq!(scenarios.axes["action_delay"], AxisSetting::Range([0.0, 2.0]));
             assert_eq!(scenarios.axes["push"], AxisSetting::Value(1.0));
             assert_eq!(scenarios.axes["kind"], AxisSetting::Category("bias".to_string()));
@@ -181,7 +214,7 @@ mod tests {
             ("selection = { nominal = 1, space = nan, corners = 0 }", "at least 0"),
             ("curriculum = { start = 0.1, step = 0, threshold = 0.9 }", "B above 0"),
             ("curriculum = { start = 0.1, step = 0.1, threshold = 90 }", "from 0 to 1"),
-            ("space = 3", "a text"),
+            ("space = 3", "the name of a space, or a table of names"),
             ("axes = 3", "a table"),
         ] {
             for entry in ALGORITHMS {
