@@ -234,6 +234,21 @@ pub enum MishandleError {
         /// Each difference.
         differences: Vec<String>,
     },
+    /// A file of failures is of another target, or of another version of it.
+    #[error(
+        "{} has failures of {found}{}, and training on them needs those of {expected} as it is now: search again with \
+         `mishandle falsify {expected} --keep-going`",
+        path.display(),
+        if expected == found { " in another version" } else { "" }
+    )]
+    ArchiveOfOtherTarget {
+        /// Path of the file.
+        path: PathBuf,
+        /// Name of the target.
+        expected: String,
+        /// Name of the target in the file.
+        found: String,
+    },
     /// A run file contradicts its plan.
     #[error(
         "the run file does not match: {}; the target, its formulas or its space are others than those of the run, the file was \

@@ -8,6 +8,7 @@ use std::path::{Path, PathBuf};
 
 use mishandle::Plan;
 use mishandle::controllers::ControllerFile;
+use mishandle::counterexample::{Counterexample, suite_files};
 use mishandle::harden::{harden, harden_folder, resume};
 use mishandle::plan::{AxisSetting, HardenPlan};
 use mishandle::results::Hardening;
@@ -114,6 +115,30 @@ fn an_interrupted_hardening_continues_to_the_same_result_and_its_sets_are_disjoi
     }
     assert!(calls > 5, "{calls} calls");
     assert_eq!(without_paths(found.unwrap()), without_paths(whole.clone()));
+
+    // Both have the same regression suite: the failure modes of the round, minimized.
+    let suite = |out: &Path| -> Vec<(String, String)> {
+        let files = suite_files(&harden_folder(out).join("round-1").join("failures")).unwrap();
+        let text = |file: &PathBuf| std::fs::read_to_string(file).unwrap();
+        files
+            .iter()
+            .map(|file| (file.file_name().unwrap().to_string_lossy().into_owned(), text(file)))
+            .collect()
+    };
+    assert!(!suite(&out).is_empty());
+    for (name, text) in suite(&out) {
+        let known = Counterexample::from_json(&text).unwrap();
+        let from = known.minimized_from.clone().unwrap();
+        assert!(known.expected.robustness < 0.0, "{name}");
+        let smaller = known.scenario.iter().zip(&from.scenario).all(|(axis, worst)| {
+            let distance = |value: f64| (value - axis.nominal.unwrap()).abs();
+            distance(axis.value.unwrap()) <= distance(worst.unwrap())
+        });
+        assert!(smaller, "{name}: {:?} from {:?}", known.scenario, from.scenario);
+        let resolved = known.resolve(Path::new("."), Some("point-reaching/ppo")).unwrap();
+        assert!(known.replay(&resolved).unwrap().episode.is_violated(), "{name}");
+    }
+    assert_eq!(suite(&out).len(), suite(&other).len());
 
     // A finished one is read again without a simulation.
     let again = resume(&harden_folder(&out), None, &mut |_| ControlFlow::Continue(())).unwrap();

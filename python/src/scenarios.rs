@@ -37,7 +37,7 @@ impl Scenarios {
         let whole = space(axes)?;
         let given = match archive.is_empty() {
             true => Vec::new(),
-            false => py.detach(|| recorded_failures(&archive, &whole)).map_err(raised)?,
+            false => py.detach(|| recorded_failures(&archive, &whole, None)).map_err(raised)?,
         };
         let settings =
             ScenarioSettings { nominal, corners, file_share: archived, ..ScenarioSettings::default() };

@@ -9,6 +9,7 @@ mod archive;
 mod decision;
 mod folder;
 mod measure;
+mod minimized;
 mod recorded;
 mod result;
 mod round;

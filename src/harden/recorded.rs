@@ -3,27 +3,36 @@
 
 use std::path::{Path, PathBuf};
 
-use mishandle_rollout::{Axis, Scenario, Space};
-use mishandle_store::{AxisRecord, RunFile};
+use mishandle_rollout::{Axis, AxisKind, Noise, Scenario, Space};
+use mishandle_store::{AxisRecord, ComponentRecord, RunFile, TargetRecord};
+use mishandle_tasks::target_identity;
 
 use super::archive::{Simulated, shows_nan, weighted};
 use super::search::simulated;
 use crate::counterexample::{Counterexample, suite_files};
 use crate::error::MishandleError;
+use crate::plan::Plan;
+use crate::resolve::{preset, task};
 use crate::run::axis_records;
 
 /// Returns the failures of files, and scenarios that passed nearby, each with its weight in
 /// training. The files are run files, counterexamples (`.json`) and folders of counterexamples.
 ///
-/// The weights are those of a hardening. Failures that show NaN to the policy are left out.
+/// The weights are those of a hardening. Failures that show NaN to the policy are left out. An axis
+/// that a file does not have was nominal, or random if it is one of the initial state. With a
+/// `task`, the files must be of this one.
 ///
 /// # Errors
-/// If a file cannot be read, its axes or a scenario are not of the space, or nothing failed.
-pub fn recorded_failures(paths: &[PathBuf], space: &Space) -> Result<Vec<(Scenario, f64)>, MishandleError> {
-    let axes = axis_records(space);
+/// If a file cannot be read, it is of another target or of another version of it, its axes or a
+/// scenario are not of the space, or nothing failed.
+pub fn recorded_failures(
+    paths: &[PathBuf],
+    space: &Space,
+    task: Option<&str>,
+) -> Result<Vec<(Scenario, f64)>, MishandleError> {
     let mut all = Vec::new();
     for path in paths {
-        all.extend(read(path, &axes)?.into_iter().map(|found| (path, found)));
+        all.extend(read(path, space, task)?.into_iter().map(|found| (path, found)));
     }
     for (path, found) in &all {
         let scenario = Scenario::new(found.scenario.clone());
@@ -66,42 +75,78 @@ fn other_space(path: &Path, differences: Vec<String>) -> MishandleError {
     MishandleError::OtherSpace { path: path.to_path_buf(), differences }
 }
 
-/// Reads the simulations of a file or folder, with the values in the order of `axes`.
-fn read(path: &Path, axes: &[AxisRecord]) -> Result<Vec<Simulated>, MishandleError> {
+/// Reads the simulations of a file or folder, with the values in the order of the space's axes.
+fn read(path: &Path, space: &Space, task: Option<&str>) -> Result<Vec<Simulated>, MishandleError> {
+    let of_file = |file: &Path| {
+        let known = Counterexample::read(file)?;
+        check_target(file, &known.plan, &known.components, &known.target, task)?;
+        simulated_in(file, &known, space)
+    };
     if path.is_dir() {
         let files =
             suite_files(path).map_err(|source| MishandleError::File { path: path.to_path_buf(), source })?;
-        let read = files.iter().map(|file| counterexample(file, axes));
-        return read.collect();
+        return files.iter().map(|file| of_file(file)).collect();
     }
     if path.extension().is_some_and(|found| found.eq_ignore_ascii_case("json")) {
-        return Ok(vec![counterexample(path, axes)?]);
+        return Ok(vec![of_file(path)?]);
     }
     let run = RunFile::open(path)?;
+    let header = run.header();
+    check_target(path, &Plan::from_toml(&header.plan)?, &header.components, &header.target, task)?;
     let recorded: Vec<RecordedAxis<'_>> = run
         .header()
         .axes
         .iter()
         .map(|axis| RecordedAxis { name: &axis.name, unit: &axis.unit, values: Some(axis) })
         .collect();
-    let order = order(&recorded, axes).map_err(|differences| other_space(path, differences))?;
+    let order = order(&recorded, space).map_err(|differences| other_space(path, differences))?;
     let (mut found, _) = simulated(&[run])?;
     for simulated in &mut found {
-        simulated.scenario = order.iter().map(|index| simulated.scenario[*index]).collect();
+        simulated.scenario = in_order(space, &order, |index| simulated.scenario[index]);
     }
     Ok(found)
 }
 
-fn counterexample(path: &Path, axes: &[AxisRecord]) -> Result<Simulated, MishandleError> {
-    let read = Counterexample::read(path)?;
+/// Checks that a file is of this task, in its present version. `plan` and `components` are those of
+/// the file.
+fn check_target(
+    path: &Path,
+    plan: &Plan,
+    components: &[ComponentRecord],
+    found: &TargetRecord,
+    expected: Option<&str>,
+) -> Result<(), MishandleError> {
+    let Some(name) = expected else { return Ok(()) };
+    let is_present = || {
+        let noise = Noise { action_std: plan.action_noise, observation_std: plan.observation_noise };
+        let controller = components.first().map_or("", |controller| controller.hash.as_str());
+        let present = target_identity(task(name)?, preset(&plan.preset)?, controller, noise)?;
+        Ok::<bool, MishandleError>(present.hash == found.hash)
+    };
+    if found.name == name && is_present()? {
+        return Ok(());
+    }
+    let (expected, found) = (name.to_string(), found.name.clone());
+    Err(MishandleError::ArchiveOfOtherTarget { path: path.to_path_buf(), expected, found })
+}
+
+/// Returns the scenario of a counterexample with the values in the order of the space's axes.
+///
+/// # Errors
+/// If its axes are not of the space.
+pub(super) fn simulated_in(
+    path: &Path,
+    read: &Counterexample,
+    space: &Space,
+) -> Result<Simulated, MishandleError> {
     let recorded: Vec<RecordedAxis<'_>> = read
         .scenario
         .iter()
         .map(|value| RecordedAxis { name: &value.axis, unit: &value.unit, values: None })
         .collect();
-    let order = order(&recorded, axes).map_err(|differences| other_space(path, differences))?;
+    let order = order(&recorded, space).map_err(|differences| other_space(path, differences))?;
     Ok(Simulated {
-        scenario: order.iter().map(|index| read.scenario[*index].value).collect(),
+        scenario: in_order(space, &order, |index| read.scenario[index].value),
         seed: read.seed,
         robustness: read.expected.robustness,
         mode: None,
@@ -116,20 +161,31 @@ struct RecordedAxis<'a> {
     values: Option<&'a AxisRecord>,
 }
 
-/// Returns the index of each axis among the recorded ones, or the differences.
-fn order(recorded: &[RecordedAxis<'_>], axes: &[AxisRecord]) -> Result<Vec<usize>, Vec<String>> {
+/// Returns the value of each axis: that of its place in a file, or the nominal one.
+fn in_order(
+    space: &Space,
+    order: &[Option<usize>],
+    value: impl Fn(usize) -> Option<f64>,
+) -> Vec<Option<f64>> {
+    let open = |axis: &Axis| if axis.kind == AxisKind::Start { None } else { axis.nominal };
+    let values = space.axes().iter().zip(order);
+    values.map(|(axis, place)| place.map_or_else(|| open(axis), &value)).collect()
+}
+
+/// Returns the index of each axis among the recorded ones, `None` if it is not there, or the
+/// differences.
+fn order(recorded: &[RecordedAxis<'_>], space: &Space) -> Result<Vec<Option<usize>>, Vec<String>> {
+    let axes = axis_records(space);
     let mut differences = Vec::new();
     for unknown in recorded.iter().filter(|found| axes.iter().all(|axis| axis.name != found.name)) {
         differences.push(format!("the space has no axis `{}`", unknown.name));
     }
     let mut order = Vec::new();
-    for axis in axes {
+    for axis in &axes {
         let name = &axis.name;
-        let Some(index) = recorded.iter().position(|found| found.name == name) else {
-            differences.push(format!("they have no axis `{name}`"));
-            continue;
-        };
-        let found = &recorded[index];
+        let place = recorded.iter().position(|found| found.name == name);
+        order.push(place);
+        let Some(found) = place.map(|index| &recorded[index]) else { continue };
         if found.unit != axis.unit {
             differences.push(format!("the unit of `{name}` is `{}` there, not `{}`", found.unit, axis.unit));
         }
@@ -142,7 +198,6 @@ fn order(recorded: &[RecordedAxis<'_>], axes: &[AxisRecord]) -> Result<Vec<usize
             differences
                 .push(format!("the values of `{name}` are {} there, not {}", then.values, axis.values));
         }
-        order.push(index);
     }
     if differences.is_empty() { Ok(order) } else { Err(differences) }
 }
@@ -150,17 +205,12 @@ fn order(recorded: &[RecordedAxis<'_>], axes: &[AxisRecord]) -> Result<Vec<usize
 #[cfg(test)]
 mod tests {
     use super::*;
+    use mishandle_rollout::AxisValues;
 
-    fn axis(name: &str, unit: &str, values: &str) -> AxisRecord {
-        AxisRecord { name: name.into(), unit: unit.into(), values: values.into(), ..AxisRecord::default() }
-    }
-
-    fn order_of(recorded: &[AxisRecord], axes: &[AxisRecord]) -> Result<Vec<usize>, Vec<String>> {
-        let facts: Vec<RecordedAxis<'_>> = recorded
-            .iter()
-            .map(|axis| RecordedAxis { name: &axis.name, unit: &axis.unit, values: Some(axis) })
-            .collect();
-        order(&facts, axes)
+    fn recorded<'a>(axes: &'a [AxisRecord]) -> Vec<RecordedAxis<'a>> {
+        let fact =
+            |axis: &'a AxisRecord| RecordedAxis { name: &axis.name, unit: &axis.unit, values: Some(axis) };
+        axes.iter().map(fact).collect()
     }
 
     #[test]
@@ -173,19 +223,28 @@ mod tests {
 
     #[test]
     fn axes_are_found_by_name_and_must_agree() {
-        let [x, kind] = [axis("x", "m", "continuous"), axis("kind", "", "categorical: dry, wet")];
-        let both = [x.clone(), kind.clone()];
-        assert_eq!(order_of(&both, &both), Ok(vec![0, 1]));
-        assert_eq!(order_of(&[kind.clone(), x.clone()], &both), Ok(vec![1, 0]));
+        let kinds = ["dry", "wet"].map(String::from);
+        let kind = Axis::new(AxisKind::Model, "kind", "", [0.0, 1.0], Some(1.0));
+        let kind = kind.with_values(AxisValues::Categorical(kinds.into()));
+        let space = Space::new("both", vec![Axis::start("x", "m", 0.0, 1.0), kind]).unwrap();
+        let [x, kind] = <[AxisRecord; 2]>::try_from(axis_records(&space)).unwrap();
+        assert_eq!(order(&recorded(&[x.clone(), kind.clone()]), &space), Ok(vec![Some(0), Some(1)]));
+        assert_eq!(order(&recorded(&[kind.clone(), x.clone()]), &space), Ok(vec![Some(1), Some(0)]));
+        // A missing axis was nominal, or random if it is one of the initial state.
+        for (axes, expected) in [([x.clone()], [Some(0.25), Some(1.0)]), ([kind.clone()], [None, Some(0.25)])]
+        {
+            let places = order(&recorded(&axes), &space).unwrap();
+            assert_eq!(in_order(&space, &places, |_| Some(0.25)), expected);
+        }
+        let y = AxisRecord { name: "y".to_string(), ..x.clone() };
         let narrowed = AxisRecord { low: 1.0, ..kind.clone() };
-        for (recorded, part) in [
-            (vec![x.clone()], "no axis `kind`"),
-            (vec![x.clone(), kind.clone(), axis("y", "m", "continuous")], "no axis `y`"),
-            (vec![axis("x", "mm", "continuous"), kind.clone()], "`mm` there"),
-            (vec![axis("x", "m", "integer"), kind], "integer there"),
+        for (axes, part) in [
+            (vec![x.clone(), kind.clone(), y], "no axis `y`"),
+            (vec![AxisRecord { unit: "mm".to_string(), ..x.clone() }, kind.clone()], "`mm` there"),
+            (vec![AxisRecord { values: "integer".to_string(), ..x.clone() }, kind], "integer there"),
             (vec![x, narrowed], "the values of `kind`"),
         ] {
-            let differences = order_of(&recorded, &both).unwrap_err();
+            let differences = order(&recorded(&axes), &space).unwrap_err();
             assert_eq!(differences.len(), 1, "{differences:?}");
             assert!(differences[0].contains(part), "{part}: {differences:?}");
         }

@@ -9,6 +9,7 @@ use serde::{Deserialize, Serialize};
 
 use super::archive::{Simulated, csv, shows_nan, weighted};
 use super::folder::Folder;
+use super::minimized::minimized;
 use super::search::search;
 use super::{HardenProgress, Watch};
 use crate::error::MishandleError;
@@ -56,13 +57,20 @@ pub(super) fn run_round(
     let Some(searched) = search(folder, (base, table), controller, seeds, &phase, &mut *watch)? else {
         return Ok(RoundEnd::Interrupted);
     };
-    let (simulated, _) = searched.simulated()?;
+    let (mut simulated, modes) = searched.simulated()?;
     let failures = simulated.iter().filter(|found| found.robustness.is_sign_negative()).count() as u64;
     if failures == 0 {
         return Ok(RoundEnd::NothingFound);
     }
     let resolved =
-        ResolvedPlan::new(&Plan { harden: None, controller: base.controller.clone(), ..base.clone() })?;
+        ResolvedPlan::new(&Plan { harden: None, controller: path_text(controller), ..base.clone() })?;
+    let suite = folder.of_round(round, FAILURES);
+    let phase = format!("round {round}: minimization");
+    let found = (simulated.as_slice(), &modes);
+    let Some(smaller) = minimized(folder, &resolved, &suite, found, &phase, &mut *watch)? else {
+        return Ok(RoundEnd::Interrupted);
+    };
+    simulated.extend(smaller);
     let archive = folder.of_round(round, "archive.csv");
     let trainable: Vec<Simulated> =
         simulated.into_iter().filter(|found| !shows_nan(resolved.space.axes(), &found.scenario)).collect();
@@ -77,7 +85,7 @@ pub(super) fn run_round(
         reward: "shaped".to_string(),
         device: table.device.clone(),
         settings: Some(file),
-        from: Some(controller.to_string_lossy().into_owned()),
+        from: Some(path_text(controller)),
         steps: None,
         space: None,
         axes: Default::default(),
@@ -108,6 +116,9 @@ pub(super) fn run_round(
     Ok(trained.end(plan.out, failures))
 }
 
+/// Folder of the minimized failures of a round, a regression suite.
+const FAILURES: &str = "failures";
+
 /// File that says that the training of a round has ended, and how.
 const MARKER: &str = "training.toml";
 
@@ -132,6 +143,10 @@ impl Trained {
             None => RoundEnd::Trained { candidate, failures, environment_steps: self.environment_steps },
         }
     }
+}
+
+fn path_text(path: &Path) -> String {
+    path.to_string_lossy().into_owned()
 }
 
 /// Returns the settings of a round: those of the controller, with the scenarios of the plan.

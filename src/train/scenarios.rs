@@ -12,6 +12,7 @@ use mishandle_tasks::TaskEnvironment;
 use mishandle_training::{AlgorithmSettings, AxisSetting, SpaceSetting};
 
 use crate::error::MishandleError;
+use crate::harden::recorded_failures;
 use crate::resolve::with_settings;
 
 /// Name of the space of the initial states.
@@ -29,6 +30,7 @@ const WEIGHT: &str = "weight";
 /// If a name is unknown, an axis is set to a value that it cannot have, the settings ask for NaN,
 /// or the file of scenarios cannot be read.
 pub(super) fn scenarios(
+    task: &str,
     environment: TaskEnvironment,
     settings: &mut AlgorithmSettings,
 ) -> Result<(TaskEnvironment, TrainingScenarios), MishandleError> {
@@ -61,7 +63,7 @@ pub(super) fn scenarios(
     };
     settings.check_curriculum(&scenarios)?;
     let given = match &settings.scenarios().file {
-        Some(file) => read(Path::new(file), &scenarios.space)?,
+        Some(file) => read(Path::new(file), &scenarios.space, task)?,
         None => Vec::new(),
     };
     let mixture = match setting {
@@ -99,8 +101,13 @@ fn space_with_starts(name: &str, axes: &[Axis], spaces: &[Space]) -> Result<Spac
     Ok(Space::new(name, joined)?)
 }
 
-/// Reads the scenarios of a file, each with its weight.
-fn read(path: &Path, space: &Space) -> Result<Vec<(Scenario, f64)>, MishandleError> {
+/// Reads the scenarios of a table, or the failures of a run file, of a counterexample or of a folder
+/// of them, each with its weight.
+fn read(path: &Path, space: &Space, task: &str) -> Result<Vec<(Scenario, f64)>, MishandleError> {
+    let is_table = path.extension().is_some_and(|found| found.eq_ignore_ascii_case("csv"));
+    if !is_table && path.exists() {
+        return recorded_failures(&[path.to_path_buf()], space, Some(task));
+    }
     let text = read_text_bounded(path, limits::SETTINGS)
         .map_err(|source| MishandleError::File { path: path.to_path_buf(), source })?;
     parse(&text, space).map_err(|problem| MishandleError::ScenarioFile { path: path.to_path_buf(), problem })
@@ -167,7 +174,9 @@ fn value(cell: &str, axis: &Axis) -> Result<f64, String> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use mishandle_rollout::Seed;
+    use crate::plan::{EvaluatePlan, Plan};
+    use crate::resolve::ResolvedPlan;
+    use mishandle_rollout::{Request, Seed};
     use mishandle_tasks::{Preset, Reward};
 
     fn resolved(
@@ -176,7 +185,7 @@ mod tests {
         let task = mishandle_tasks::task("ball-balancing").unwrap();
         let environment = TaskEnvironment::new(task, Preset::Paper, Reward::Shaped).unwrap();
         let mut settings = AlgorithmSettings::from_toml("ppo", text).unwrap()?;
-        let (environment, scenarios) = scenarios(environment, &mut settings)?;
+        let (environment, scenarios) = scenarios("ball-balancing", environment, &mut settings)?;
         Ok((settings, environment, scenarios))
     }
 
@@ -261,6 +270,42 @@ mod tests {
             dynamics += u32::from(moved(&found.random(Seed(5), index), "dynamics"));
         }
         assert!((70..=130).contains(&dynamics), "{dynamics} of 400 with weight 1 of 4");
+    }
+
+    #[test]
+    fn failures_of_the_same_task_can_be_given_and_others_cannot() {
+        let folder = tempfile::tempdir().unwrap();
+        let failing = |task: &str| {
+            let plan = Plan { space: "starts+delay".to_string(), ..Plan::new(task, "ppo") };
+            let plan = Plan { evaluate: Some(EvaluatePlan::default()), ..plan };
+            let resolved = ResolvedPlan::new(&plan).unwrap();
+            let drawn = (0..64).map(|index| resolved.space.sample(Seed(1), index));
+            let found = drawn.map(|scenario| {
+                crate::counterexample::Counterexample::simulate(&resolved, Request::new(scenario, Seed(2)))
+            });
+            let file = folder.path().join(format!("{task}.json"));
+            let failing = found.flatten().next().expect("long delays break the controller");
+            std::fs::write(&file, failing.to_json()).unwrap();
+            (failing, file.to_string_lossy().into_owned())
+        };
+        let settings = |file: &str| {
+            format!("scenarios = {{ space = \"delay+drift\", file = {file:?}, file_share = 0.5 }}")
+        };
+        let (known, file) = failing("ball-balancing");
+        let (_, _, found) = resolved(&settings(&file)).unwrap();
+        assert_eq!(found.given.len(), 1);
+        let given = &found.given[0].0;
+        for (axis, value) in found.space.axes().iter().zip(given.values()) {
+            let recorded = known.scenario.iter().find(|recorded| recorded.axis == axis.name);
+            assert_eq!(*value, recorded.map_or(axis.nominal, |recorded| recorded.value), "{}", axis.name);
+        }
+        let (_, other) = failing("point-reaching");
+        let text = error(&settings(&other));
+        assert!(text.contains("has failures of point-reaching, and"), "{text}");
+        let older = std::fs::read_to_string(&file).unwrap().replace(&known.target.hash, &"0".repeat(64));
+        std::fs::write(&file, older).unwrap();
+        let text = error(&settings(&file));
+        assert!(text.contains("ball-balancing in another version"), "{text}");
     }
 
     #[test]

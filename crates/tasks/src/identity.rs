@@ -6,7 +6,7 @@
 use std::fmt::Write;
 
 use mishandle_controllers::bytes_hash;
-use mishandle_rollout::{Environment, Sample, Seed, Stream};
+use mishandle_rollout::{Environment, Identity, Noise, Sample, Seed, Stream};
 
 use crate::definition::{GripperMode, Preset, Reward, Task, TaskFormulas, Variations};
 use crate::document::compose;
@@ -59,12 +59,31 @@ pub fn task_hash(task: &dyn Task, reward: Reward) -> Result<String, TaskError> {
     Ok(bytes_hash(text.as_bytes()))
 }
 
+/// Returns the identity of a task as a target, under a preset, with a controller of this hash and
+/// noise.
+///
+/// # Errors
+/// If the scene does not compile.
+pub fn target_identity(
+    task: &dyn Task,
+    preset: Preset,
+    controller_hash: &str,
+    noise: Noise,
+) -> Result<Identity, TaskError> {
+    let Noise { action_std, observation_std } = noise;
+    let text = format!(
+        "{}controller {controller_hash}\naction noise {action_std}\nobservation noise {observation_std}\n",
+        definition_text(task, preset)?,
+    );
+    Ok(Identity::new("task", task.definition().name, &text))
+}
+
 /// Returns the definition of a task under a preset as text: scene, initial pose, layout, initial
 /// box, axes and formulas.
 ///
 /// # Errors
 /// If the scene does not compile.
-pub(crate) fn definition_text(task: &dyn Task, preset: Preset) -> Result<String, TaskError> {
+fn definition_text(task: &dyn Task, preset: Preset) -> Result<String, TaskError> {
     let definition = task.definition();
     let xml = compose(task).map_err(|source| TaskError::Scene { task: definition.name, source })?;
     let starts: Vec<_> = definition.initial_box.iter().map(|axis| (axis.name, axis.bounds(preset))).collect();

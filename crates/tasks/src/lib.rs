@@ -45,7 +45,7 @@ pub use document::{compose, compose_with_start};
 pub use environment::{TaskEnvironment, TaskError};
 pub use expert::{Expert, ExpertInput, ExpertPolicy, clamp_norm};
 pub use full_state::FullState;
-pub use identity::task_hash;
+pub use identity::{target_identity, task_hash};
 pub use manner::{ACCELERATION_LIMIT, CAREFUL, MANNER, TORQUE_LIMIT};
 pub use manner_reward::{MANNER_REWARD, MannerWeights};
 pub use notes::{Note, Topic, notes};

@@ -10,7 +10,7 @@ use mishandle_rollout::{
 use crate::axes::random_axes;
 use crate::definition::{Preset, Quantity, Reward, Task};
 use crate::environment::{TaskEnvironment, TaskError};
-use crate::identity::definition_text;
+use crate::identity::target_identity;
 use crate::manner::MANNER;
 use crate::robot::{CONTROL_DT, EPISODE_STEPS};
 
@@ -128,13 +128,7 @@ impl TaskTarget {
     }
 
     fn identity(&self) -> Result<Identity, TaskError> {
-        let Noise { action_std, observation_std } = self.noise;
-        let text = format!(
-            "{}controller {}\naction noise {action_std}\nobservation noise {observation_std}\n",
-            definition_text(self.task, self.preset)?,
-            self.component.hash
-        );
-        Ok(Identity::new("task", self.task.definition().name, &text))
+        target_identity(self.task, self.preset, &self.component.hash, self.noise)
     }
 
     fn reachability_check(&self) -> Arc<ReachabilityCheck> {

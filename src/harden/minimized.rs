@@ -1,0 +1,88 @@
+//! The failure modes of a round, minimized: a regression suite, and scenarios to train on.
+
+use std::ops::ControlFlow;
+use std::path::Path;
+
+use mishandle_falsification::minimize;
+use mishandle_rollout::{Request, Scenario, Seed};
+
+use super::archive::Simulated;
+use super::folder::Folder;
+use super::recorded::simulated_in;
+use super::search::Modes;
+use super::{HardenProgress, Watch};
+use crate::counterexample::{Counterexample, MinimizedFrom};
+use crate::error::MishandleError;
+use crate::resolve::ResolvedPlan;
+
+/// Largest number of failure modes that a round minimizes: those with the most failures.
+const MODES: usize = 10;
+
+/// Largest number of simulations of a minimization.
+const BUDGET: u64 = 100;
+
+/// Moves the worst failure of each mode toward the nominal scenario while it still fails, writes it
+/// as a counterexample into `suite`, and returns these failures. Reads those that are there.
+/// Returns `None` if it was interrupted.
+///
+/// # Errors
+/// If a simulation cannot be run, or a file cannot be read or written.
+pub(super) fn minimized(
+    folder: &Folder,
+    resolved: &ResolvedPlan,
+    suite: &Path,
+    (simulated, modes): (&[Simulated], &Modes),
+    phase: &str,
+    watch: Watch<'_>,
+) -> Result<Option<Vec<Simulated>>, MishandleError> {
+    let mut order: Vec<usize> = (0..modes.len()).collect();
+    order.sort_by_key(|mode| std::cmp::Reverse(modes[*mode].1));
+    order.truncate(MODES);
+    let mut system = resolved.system()?;
+    let mut found = Vec::new();
+    for (done, mode) in order.iter().enumerate() {
+        let path = suite.join(format!("mode-{}.json", mode + 1));
+        if !path.exists() {
+            let of_mode = simulated.iter().filter(|failure| failure.mode == Some(*mode));
+            let Some(worst) = of_mode.min_by(|a, b| a.robustness.total_cmp(&b.robustness)) else { continue };
+            let mut is_interrupted = false;
+            let watch = |simulations: u64| {
+                let flow = watch(&HardenProgress {
+                    phase: phase.to_string(),
+                    done: done as u64 * BUDGET + simulations.min(BUDGET),
+                    all: order.len() as u64 * BUDGET,
+                    unit: "simulations",
+                });
+                is_interrupted |= flow.is_break();
+                flow
+            };
+            match shrunk(resolved, &mut *system, worst, watch)? {
+                _ if is_interrupted => return Ok(None),
+                smaller => folder.write(&path, smaller.to_json().as_bytes())?,
+            }
+        }
+        found.push(Simulated {
+            mode: Some(*mode),
+            ..simulated_in(&path, &Counterexample::read(&path)?, &resolved.space)?
+        });
+    }
+    Ok(Some(found))
+}
+
+fn shrunk(
+    resolved: &ResolvedPlan,
+    system: &mut dyn mishandle_rollout::System,
+    worst: &Simulated,
+    watch: impl FnMut(u64) -> ControlFlow<()>,
+) -> Result<Counterexample, MishandleError> {
+    let request = Request::new(Scenario::new(worst.scenario.clone()), Seed(worst.seed));
+    let minimized = minimize(system, &request, BUDGET, watch)?;
+    let mut found = Counterexample::from_episode(resolved, &minimized.episode)?;
+    found.minimized_from = Some(MinimizedFrom {
+        scenario: worst.scenario.clone(),
+        robustness: worst.robustness,
+        simulations: minimized.simulations,
+        is_complete: minimized.is_complete,
+    });
+    Ok(found)
+}
