@@ -20,6 +20,7 @@
 //! assert!(episodes[0].verdict.success.unwrap() > 0.0);
 //! ```
 
+pub mod archive;
 pub mod build;
 pub mod counterexample;
 mod error;

@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use mishandle::harden::recorded_failures;
+use mishandle::archive::recorded_failures;
 use mishandle::plan::AxisSetting;
 use mishandle::rollout::{Axis, AxisKind, AxisValues, Scenario, Seed, Space, TrainingScenarios};
 use mishandle::training::{ScenarioDraw, ScenarioOrigin, ScenarioSettings};

@@ -6,11 +6,9 @@ use std::path::Path;
 use mishandle_falsification::minimize;
 use mishandle_rollout::{Request, Scenario, Seed};
 
-use super::archive::Simulated;
 use super::folder::Folder;
-use super::recorded::simulated_in;
-use super::search::Modes;
 use super::{HardenProgress, Watch};
+use crate::archive::{Modes, Simulated, simulated_in};
 use crate::counterexample::{Counterexample, MinimizedFrom};
 use crate::error::MishandleError;
 use crate::resolve::ResolvedPlan;

@@ -5,12 +5,10 @@
 //! final comparison, which is simulated once, after the last decision. Each phase is a run file or
 //! a training run in the folder of the hardening, so that a hardening continues where it stopped.
 
-mod archive;
 mod decision;
 mod folder;
 mod measure;
 mod minimized;
-mod recorded;
 mod result;
 mod round;
 mod search;
@@ -35,8 +33,6 @@ use decision::decide;
 use folder::Folder;
 use measure::measure;
 use round::{RoundEnd, run_round};
-
-pub use recorded::recorded_failures;
 
 /// Indices of the child seeds of validations and of the final comparison. Searches and training
 /// runs have others.

@@ -7,11 +7,11 @@ use mishandle_rollout::Seed;
 use mishandle_training::{AlgorithmSettings, SpaceSetting, TrainingControl, TrainingError, TrainingProgress};
 use serde::{Deserialize, Serialize};
 
-use super::archive::{Simulated, csv, shows_nan, weighted};
 use super::folder::Folder;
 use super::minimized::minimized;
 use super::search::search;
 use super::{HardenProgress, Watch};
+use crate::archive::{Simulated, csv, shows_nan, weighted};
 use crate::error::MishandleError;
 use crate::plan::{HardenPlan, Plan};
 use crate::resolve::ResolvedPlan;

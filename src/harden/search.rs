@@ -3,14 +3,12 @@
 use std::path::Path;
 
 use mishandle_rollout::Seed;
-use mishandle_store::RunFile;
 
 use super::Watch;
-use super::archive::Simulated;
 use super::folder::{Asked, Folder};
 use super::measure::path_of;
+use crate::archive::{Modes, Simulated, simulated};
 use crate::error::MishandleError;
-use crate::inspect::failure_modes;
 use crate::plan::{EvaluatePlan, FalsifyPlan, HardenPlan, Plan};
 
 /// The runs of all searches.
@@ -59,12 +57,6 @@ pub(super) fn search(
     Ok(Some(Searched { runs }))
 }
 
-/// A failure mode of a search: the decisive predicate, and the names of the axes of its failures.
-pub(super) type ModeKey = (String, Vec<String>);
-
-/// Failure modes with the numbers of their failures.
-pub(super) type Modes = Vec<(ModeKey, u64)>;
-
 impl Searched {
     /// Returns all simulations with a verdict, and the failure modes with the numbers of their
     /// failures.
@@ -83,40 +75,4 @@ impl Searched {
     pub fn simulations(&self) -> Result<u64, MishandleError> {
         self.runs.iter().map(|asked| Ok(asked.run()?.counts()?.simulations)).sum()
     }
-}
-
-/// Returns all simulations of runs with a verdict, and the failure modes with the numbers of their
-/// failures. A mode of one run is the same in another one.
-///
-/// # Errors
-/// If a run cannot be read.
-pub(super) fn simulated(runs: &[RunFile]) -> Result<(Vec<Simulated>, Modes), MishandleError> {
-    let (mut simulated, mut modes) = (Vec::new(), Modes::new());
-    for run in runs {
-        let names = |axes: &[usize]| axes.iter().map(|axis| run.header().axes[*axis].name.clone()).collect();
-        let mut mode_of = Vec::new();
-        for mode in &failure_modes(run)?.modes {
-            let key = (mode.representative().predicate.clone(), names(&mode.axes));
-            let index = modes.iter().position(|(known, _)| *known == key).unwrap_or_else(|| {
-                modes.push((key, 0));
-                modes.len() - 1
-            });
-            modes[index].1 += mode.failures.len() as u64;
-            mode_of.extend(mode.failures.iter().map(|failure| ((failure.trial, failure.number), index)));
-        }
-        simulated.extend(rows(run, &mode_of)?);
-    }
-    Ok((simulated, modes))
-}
-
-fn rows(run: &RunFile, mode_of: &[((u32, u32), usize)]) -> Result<Vec<Simulated>, MishandleError> {
-    let mut found = Vec::new();
-    for simulation in run.simulations() {
-        let simulation = simulation?;
-        let Some(robustness) = simulation.robustness else { continue };
-        let place = (simulation.trial, simulation.number);
-        let mode = mode_of.iter().find(|(known, _)| *known == place).map(|(_, mode)| *mode);
-        found.push(Simulated { scenario: simulation.scenario, seed: simulation.seed, robustness, mode });
-    }
-    Ok(found)
 }

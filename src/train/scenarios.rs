@@ -11,8 +11,8 @@ use mishandle_rollout::{
 use mishandle_tasks::TaskEnvironment;
 use mishandle_training::{AlgorithmSettings, AxisSetting, SpaceSetting};
 
+use crate::archive::recorded_failures;
 use crate::error::MishandleError;
-use crate::harden::recorded_failures;
 use crate::resolve::with_settings;
 
 /// Name of the space of the initial states.
@@ -101,8 +101,8 @@ fn space_with_starts(name: &str, axes: &[Axis], spaces: &[Space]) -> Result<Spac
     Ok(Space::new(name, joined)?)
 }
 
-/// Reads the scenarios of a table, or the failures of a run file, of a counterexample or of a folder
-/// of them, each with its weight.
+/// Reads the scenarios of a table, or the failures of a run file, of a counterexample or of a
+/// folder of them, each with its weight.
 fn read(path: &Path, space: &Space, task: &str) -> Result<Vec<(Scenario, f64)>, MishandleError> {
     let is_table = path.extension().is_some_and(|found| found.eq_ignore_ascii_case("csv"));
     if !is_table && path.exists() {

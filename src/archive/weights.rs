@@ -1,4 +1,4 @@
-//! The failures of a round as scenarios to train on, each with its weight.
+//! Failures as scenarios to train on, each with its weight.
 
 use std::fmt::Write as _;
 
@@ -6,7 +6,7 @@ use mishandle_rollout::{Axis, AxisKind, AxisValues};
 
 /// A scenario that a search simulated.
 #[derive(Clone, Debug, PartialEq)]
-pub(super) struct Simulated {
+pub(crate) struct Simulated {
     /// One value per axis; `None` if it was drawn at random.
     pub scenario: Vec<Option<f64>>,
     /// Random seed of the simulation.
@@ -30,7 +30,7 @@ const PASSED: f64 = 1.0 / 3.0;
 ///
 /// # Reference
 /// Jiang, Grefenstette and Rocktäschel, "Prioritized Level Replay", ICML 2021.
-pub(super) fn weighted(simulated: &[Simulated]) -> Vec<(f64, &Simulated)> {
+pub(crate) fn weighted(simulated: &[Simulated]) -> Vec<(f64, &Simulated)> {
     let mut ordered: Vec<&Simulated> = simulated.iter().collect();
     ordered.sort_by(|a, b| a.robustness.total_cmp(&b.robustness));
     let (failures, passed): (Vec<&Simulated>, Vec<&Simulated>) =
@@ -59,7 +59,7 @@ fn by_rank<'a>(
 
 /// Returns weighted scenarios as the text of a file of scenarios for training. A random value is an
 /// empty cell.
-pub(super) fn csv(axes: &[Axis], weighted: &[(f64, &Simulated)]) -> String {
+pub(crate) fn csv(axes: &[Axis], weighted: &[(f64, &Simulated)]) -> String {
     let names: Vec<&str> = axes.iter().map(|axis| axis.name.as_str()).collect();
     let mut text = format!("weight,{}\n", names.join(","));
     for (weight, found) in weighted {
@@ -72,7 +72,7 @@ pub(super) fn csv(axes: &[Axis], weighted: &[(f64, &Simulated)]) -> String {
 }
 
 /// Returns whether a fault of a scenario shows NaN to the policy. No policy can learn from it.
-pub(super) fn shows_nan(axes: &[Axis], scenario: &[Option<f64>]) -> bool {
+pub(crate) fn shows_nan(axes: &[Axis], scenario: &[Option<f64>]) -> bool {
     let is_nan =
         |(axis, value): (&Axis, &Option<f64>)| axis.kind == AxisKind::Fault && cell(axis, *value) == "nan";
     axes.iter().zip(scenario).any(is_nan)

@@ -1,5 +1,4 @@
-//! Failures of run files and counterexamples as scenarios of a space, for trainers outside of this
-//! program.
+//! Failures of run files and counterexamples as scenarios of a space.
 
 use std::path::{Path, PathBuf};
 
@@ -7,8 +6,8 @@ use mishandle_rollout::{Axis, AxisKind, Noise, Scenario, Space};
 use mishandle_store::{AxisRecord, ComponentRecord, RunFile, TargetRecord};
 use mishandle_tasks::target_identity;
 
-use super::archive::{Simulated, shows_nan, weighted};
-use super::search::simulated;
+use super::simulated::simulated;
+use super::weights::{Simulated, shows_nan, weighted};
 use crate::counterexample::{Counterexample, suite_files};
 use crate::error::MishandleError;
 use crate::plan::Plan;
@@ -134,7 +133,7 @@ fn check_target(
 ///
 /// # Errors
 /// If its axes are not of the space.
-pub(super) fn simulated_in(
+pub(crate) fn simulated_in(
     path: &Path,
     read: &Counterexample,
     space: &Space,

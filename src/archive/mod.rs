@@ -1,0 +1,10 @@
+//! Archives of failures: what searches found, as scenarios to train on.
+
+mod recorded;
+mod simulated;
+mod weights;
+
+pub use recorded::recorded_failures;
+pub(crate) use recorded::simulated_in;
+pub(crate) use simulated::{ModeKey, Modes, simulated};
+pub(crate) use weights::{Simulated, csv, shows_nan, weighted};
