@@ -21,8 +21,12 @@ pub(crate) struct Simulated {
 /// could forget what it can already do there.
 const PASSED: f64 = 1.0 / 3.0;
 
+/// Largest number of scenarios. The next failure of a mode has a weight below 1/10,000 of the
+/// worst.
+const SCENARIOS: usize = 20_000;
+
 /// Returns the weights of scenarios to train on, and the scenarios: all failures, and as many of
-/// those that passed with the least robustness.
+/// those that passed with the least robustness. Of more than 20,000, the heaviest.
 ///
 /// All failure modes weigh the same, however many failures a search found of each. Within a mode,
 /// the weight of a failure is inversely proportional to its rank by violation, as in prioritized
@@ -44,6 +48,10 @@ pub(crate) fn weighted(simulated: &[Simulated]) -> Vec<(f64, &Simulated)> {
         weights.extend(by_rank(of_mode.copied(), (1.0 - PASSED) / modes.len() as f64));
     }
     weights.extend(by_rank(passed.into_iter().take(failures.len()), PASSED));
+    if weights.len() > SCENARIOS {
+        weights.sort_by(|(a, _), (b, _)| b.total_cmp(a));
+        weights.truncate(SCENARIOS);
+    }
     weights
 }
 
@@ -128,6 +136,23 @@ mod tests {
         assert!(weighted(&[]).is_empty());
         assert!(weighted(&[simulated(1.0, None)]).is_empty(), "nothing failed");
         assert_eq!(weighted(&[simulated(-0.0, None)]).len(), 1, "−0 is a failure");
+    }
+
+    #[test]
+    fn the_largest_archive_is_a_file_that_training_reads() {
+        let axes: Vec<Axis> = (0..100)
+            .map(|number| Axis::start(&format!("a_long_name_of_an_axis_{number}"), "m", 0.0, 1.0))
+            .collect();
+        let one = |number: usize| Simulated {
+            scenario: vec![Some(1.0 / 3.0 + number as f64); axes.len()],
+            ..simulated(-1.0 - number as f64, Some(number % 3))
+        };
+        let all: Vec<Simulated> = (0..SCENARIOS + 500).map(one).collect();
+        let weighted = weighted(&all);
+        assert_eq!(weighted.len(), SCENARIOS);
+        let lightest = weighted.iter().map(|(weight, _)| *weight).fold(f64::INFINITY, f64::min);
+        assert!(lightest < 1e-3 * weighted[0].0, "the lightest are left out");
+        assert!(csv(&axes, &weighted).len() < mishandle_files::limits::SCENARIOS as usize);
     }
 
     #[test]

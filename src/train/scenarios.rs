@@ -108,7 +108,7 @@ fn read(path: &Path, space: &Space, task: &str) -> Result<Vec<(Scenario, f64)>, 
     if !is_table && path.exists() {
         return recorded_failures(&[path.to_path_buf()], space, Some(task));
     }
-    let text = read_text_bounded(path, limits::SETTINGS)
+    let text = read_text_bounded(path, limits::SCENARIOS)
         .map_err(|source| MishandleError::File { path: path.to_path_buf(), source })?;
     parse(&text, space).map_err(|problem| MishandleError::ScenarioFile { path: path.to_path_buf(), problem })
 }

@@ -4,6 +4,7 @@
 //! |---|---|--:|
 //! | [`PLAN`] | plans | 128 KiB |
 //! | [`SETTINGS`] | training settings | 128 KiB |
+//! | [`SCENARIOS`] | tables of scenarios for training | 64 MiB |
 //! | [`CONTROLLER`] | controllers, and other files of the controller zoo | 256 MiB |
 //! | [`ONNX`] | ONNX models | 64 MiB |
 //! | [`CHECKPOINT`] | checkpoints of training runs | 64 GiB |
@@ -20,6 +21,9 @@ pub const PLAN: u64 = MIB / 8;
 
 /// Training settings. As for plans.
 pub const SETTINGS: u64 = MIB / 8;
+
+/// Tables of scenarios for training: 20,000 of 100 axes.
+pub const SCENARIOS: u64 = 64 * MIB;
 
 /// Controllers: a policy of 67 million parameters. Records and pages of the controller zoo.
 pub const CONTROLLER: u64 = 256 * MIB;

@@ -68,8 +68,7 @@ fn estimated(estimate: Option<&Estimate>) -> String {
 
 fn measures(found: &Hardening) -> String {
     let row = |measure: &HardenedMeasure| {
-        let HardenedMeasure { name, before, after, difference, broken, fixed, adjusted_p_value, .. } =
-            measure;
+        let HardenedMeasure { before, after, difference, broken, fixed, adjusted_p_value, .. } = measure;
         let points = |value: f64| number((1e4 * value).round() / 100.0);
         let difference = difference.and_then(|difference| {
             Some(format!(
@@ -80,7 +79,7 @@ fn measures(found: &Hardening) -> String {
             ))
         });
         vec![
-            text(name_of(name)),
+            text(measure.label()),
             estimated(Some(before)),
             estimated(after.as_ref()),
             difference.unwrap_or("–".to_string()),
@@ -91,20 +90,8 @@ fn measures(found: &Hardening) -> String {
     };
     let rows: Vec<Vec<String>> = found.measures.iter().map(row).collect();
     let head =
-        ["success", "before", "after", "difference, percentage points", "pairs", "p-value", "simulations"];
+        ["measure", "before", "after", "difference, percentage points", "pairs", "p-value", "simulations"];
     table("Success before and after", &head, &rows)
-}
-
-/// Describes a measure.
-fn name_of(name: &str) -> &str {
-    match name {
-        "space" => "in the space",
-        "success" => "from random starts",
-        "strict" => "from random starts, strictly",
-        "careful" => "from random starts, carefully",
-        "noise" => "from random starts, with action noise of 0.5",
-        other => other,
-    }
 }
 
 fn others(found: &Hardening) -> String {

@@ -77,6 +77,20 @@ pub struct HardenedMeasure {
     pub adjusted_p_value: Option<f64>,
 }
 
+impl HardenedMeasure {
+    /// Returns the name in words.
+    pub fn label(&self) -> &str {
+        match self.name.as_str() {
+            "space" => "success in the space",
+            "success" => "success from random starts",
+            "strict" => "strict success",
+            "careful" => "careful success",
+            "noise" => "success with action noise 0.5",
+            other => other,
+        }
+    }
+}
+
 /// Corners of the initial box before and after.
 #[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
 pub struct HardenedCorners {

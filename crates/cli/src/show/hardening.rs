@@ -65,25 +65,15 @@ fn table(found: &Hardening) -> Vec<Vec<String>> {
     };
     let head = ["final comparison", "before", "after", "after - before", "p (Holm)", "n"];
     let mut rows = vec![head.map(String::from).to_vec()];
-    let named = |name: &str| {
-        match name {
-            "space" => "success in the space",
-            "success" => "success from the starts",
-            "strict" => "strict success",
-            "careful" => "careful success",
-            "noise" => "success with action noise 0.5",
-            other => other,
-        }
-        .to_string()
-    };
-    for HardenedMeasure { name, before, after, difference, adjusted_p_value, .. } in &found.measures {
+    for measure in &found.measures {
+        let HardenedMeasure { before, after, difference, adjusted_p_value, .. } = measure;
         let points = difference.and_then(|difference| {
             let [value, low, high] =
                 [difference.value?, difference.low?, difference.high?].map(|x| 100.0 * x);
             Some(format!("{value:+.1} [{low:+.1}, {high:+.1}]"))
         });
         rows.push(vec![
-            named(name),
+            measure.label().to_string(),
             percent(Some(before)),
             percent(after.as_ref()),
             points.unwrap_or("-".to_string()),
