@@ -23,6 +23,7 @@ pub mod frame;
 mod kinematics;
 mod model;
 mod part_forces;
+mod probe;
 mod render;
 mod rows;
 mod servo;
@@ -40,6 +41,7 @@ pub use fields::ModelField;
 pub use kinematics::Arm;
 pub use model::Model;
 pub use part_forces::{Part, PartForces, PartMap};
+pub use probe::{FORCES, Probe, ProbeRecorder, ProbedJoint, Readings};
 pub use render::{
     CAMERAS, Caption, CaptionLayout, CaptionPart, Color, Picture, Quality, Renderer, Size, TimeBar,
     animated_png, png,
