@@ -146,8 +146,8 @@ fn another_engine_gives_the_same_terms() {
             [environment.batch(3).unwrap(), factory.batch(3).unwrap(), factory.batch(3).unwrap()];
         batches.iter_mut().for_each(|batch| batch.reset(&starts).unwrap());
         let mut least = 0.0_f64;
-        for step in 0..STEPS {
-            if step == STEPS / 2 {
+        for step in 0..3 * STEPS {
+            if step == STEPS {
                 let mut states = vec![0.0; 3 * environment.state_size()];
                 batches[1].read_states(&mut states).unwrap();
                 let observations = batches[1].observations().to_vec();
@@ -160,8 +160,7 @@ fn another_engine_gives_the_same_terms() {
             let terms = environment.reward_terms().len();
             least = batches[1].rewards().chunks(terms).map(|row| row[force]).fold(least, f64::min);
         }
-        // 70 N cost a third of the weight.
-        assert!(least < -2.0 / 3.0, "{name}: {least}");
+        assert!(least < -0.01, "{name}: nothing touches");
     }
 }
 
