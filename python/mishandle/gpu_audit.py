@@ -59,7 +59,9 @@ STATE = mujoco.mjtState.mjSTATE_INTEGRATION
 class Audit:
     """Absolute differences after one physics step: for each quantity the largest one per audited state.
 
-    The names are ``qpos``, ``qvel`` and ``moved`` (velocities of MuJoCo C after a move), and those of :data:`QUANTITIES`.
+    The names are ``qpos``, ``qvel`` and ``moved`` (velocities of MuJoCo C after a move), and those of :data:`QUANTITIES`. If the formula
+    reads signals of the manner, ``forces`` and ``motion`` are the differences of the readings of ``gpu_probe``, each divided by 1 plus
+    the reading of MuJoCo C.
     """
 
     def __init__(self) -> None:
@@ -134,6 +136,8 @@ class CpuPhysics:
         self.data = mujoco.MjData(self.model)
         self.servos = np.array(arguments["servos"])
         self.pushed, self.fields = list(arguments.get("pushed", ())), list(arguments.get("fields", ()))
+        self.probe = arguments.get("probe")
+        self.readings = gpu.probes.start_readings()
 
     def start(self, state: NDArray[np.float64], inputs: dict[str, NDArray[Any]], row: int) -> None:
         """Sets a state, and a row's active constraints, mocap poses and fields of the model."""
@@ -146,6 +150,7 @@ class CpuPhysics:
         self.data.eq_active[:] = inputs["active"][row]
         poses = inputs["mocap"][row].reshape(-1, 7)
         self.data.mocap_pos[:], self.data.mocap_quat[:] = poses[:, :3], poses[:, 3:]
+        self.readings = gpu.probes.start_readings()
 
     def set_inputs(self, inputs: dict[str, NDArray[Any]], row: int, substep: int) -> None:
         """Takes the first half of a physics step, and sets the controls of the servos and the push."""
@@ -156,14 +161,19 @@ class CpuPhysics:
 
     def step(self, inputs: dict[str, NDArray[Any]], row: int, substep: int) -> None:
         """Takes a physics step of a control step."""
+        before = self.data.qvel.copy()
         self.set_inputs(inputs, row, substep)
         mujoco.mj_step2(self.model, self.data)
+        if self.probe is not None:
+            gpu.probes.measure_mujoco_c(self.probe, self.model, self.data, before, substep, self.readings)
 
     def output(self) -> NDArray[np.float64]:
         """Returns the output row of the present state."""
         data = self.data
         mujoco.mj_kinematics(self.model, data)
-        parts = (data.qpos, data.qvel, data.xpos, data.xquat, data.site_xpos, data.site_xmat, data.xanchor, data.xaxis)
+        parts = [data.qpos, data.qvel, data.xpos, data.xquat, data.site_xpos, data.site_xmat, data.xanchor, data.xaxis]
+        if self.probe is not None:
+            parts.append(self.readings)
         # MuJoCo C resets a world that has diverged, and counts a warning.
         status = float(any(warning.number > 0 for warning in data.warning))
         return np.concatenate([*(part.ravel() for part in parts), [status]])
@@ -201,13 +211,13 @@ def _simulated_on_the_cpu(period: int, made: list[CpuBatch]) -> Iterator[None]:
 
 
 def visited(
-    task: str, controller: str, episodes: int, period: int, space: str
+    task: str, controller: str, episodes: int, period: int, space: str, formula: str
 ) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
     """Returns the arguments of the batches of a search, and the states and inputs of each kept control step, one per row."""
     made: list[CpuBatch] = []
     with _simulated_on_the_cpu(period, made):
         # One simulation per trial: all start at once, and each fills one row.
-        subject = f"falsify {task} --space {space} --controller {controller} --action-noise 0.3 --seed 1"
+        subject = f"falsify {task} --space {space} --controller {controller} --action-noise 0.3 --seed 1 --formula {formula}"
         search = f"--search random --trials {episodes} --budget 1 --batch 1 --repeats 0"
         screening = f"--screening gpu --rows {episodes} --confirm 0.01"
         code = run_command(["mishandle", *f"{subject} {search} {screening}".split()])
@@ -233,10 +243,18 @@ def warp_step(arguments: dict[str, Any], inputs: dict[str, NDArray[Any]]) -> NDA
     return batch.arrays()["outputs"].copy()
 
 
-def audit(task: str, controller: str = "ppo", states: int = 1000, episodes: int = 50, space: str = "starts") -> Audit:
-    """Audits a task on about ``states`` states of episodes over a space."""
+def audit(
+    task: str,
+    controller: str = "ppo",
+    states: int = 1000,
+    episodes: int = 50,
+    space: str = "starts",
+    formula: str = "success",
+) -> Audit:
+    """Audits a task on about ``states`` states of episodes over a space. The name of a formula that reads signals of the manner, such as
+    ``careful``, audits them too."""
     period = min(max(1, EPISODE_STEPS * episodes // max(states, 1)), EPISODE_STEPS)
-    arguments, inputs = visited(task, controller, episodes, period, space)
+    arguments, inputs = visited(task, controller, episodes, period, space, formula)
     outputs, physics, result = warp_step(arguments, inputs), CpuPhysics(arguments), Audit()
     random, quantities = np.random.default_rng(0), physics.quantities()
     for row, output in enumerate(outputs):
@@ -266,6 +284,11 @@ def compare(
         result.add(name, difference)
     for name, (array, indices) in quantities.items():
         result.add(name, differences[array][indices])
+    if physics.probe is not None:
+        expected = physics.readings
+        difference = (output[-1 - len(expected) : -1] - expected) / (1 + np.abs(expected))
+        result.add("forces", difference[: 2 * gpu.probes.FORCES])
+        result.add("motion", difference[2 * gpu.probes.FORCES :])
     qvel = data.qvel.copy()
     physics.start(inputs["states"][row], inputs, row)
     physics.set_inputs(inputs, row, 0)
