@@ -64,8 +64,7 @@ fn an_engine_with_the_bits_of_the_system_flags_exactly_the_failures() {
 #[test]
 fn signals_of_the_manner_on_an_engine_with_the_bits_of_the_system_flag_exactly_the_failures() {
     let plan = resolved().plan;
-    // The robot is at rest at the end, or it is not.
-    let formula = Some("always[300:300](rest_time >= 0.05)".to_string());
+    let formula = Some("always(tool_speed <= 2.2)".to_string());
     let risk = plan.risk.map(|risk| RiskPlan { formula, ..risk });
     let resolved = ResolvedPlan::new(&Plan { risk, ..plan }).unwrap();
     let failures = match ask(&resolved, Engine::Direct).unwrap() {

@@ -61,7 +61,7 @@ class Audit:
 
     The names are ``qpos``, ``qvel`` and ``moved`` (velocities of MuJoCo C after a move), and those of :data:`QUANTITIES`. If the formula
     reads signals of the manner, ``forces`` and ``motion`` are the differences of the readings of ``gpu_probe``, each divided by 1 plus
-    the reading of MuJoCo C.
+    the reading of MuJoCo C, and ``force`` is the largest force of MuJoCo C, N.
     """
 
     def __init__(self) -> None:
@@ -287,6 +287,7 @@ def compare(
     if physics.probe is not None:
         expected = physics.readings
         difference = (output[-1 - len(expected) : -1] - expected) / (1 + np.abs(expected))
+        result.add("force", expected[: gpu.probes.FORCES])
         result.add("forces", difference[: 2 * gpu.probes.FORCES])
         result.add("motion", difference[2 * gpu.probes.FORCES :])
     qvel = data.qvel.copy()
