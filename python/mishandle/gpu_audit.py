@@ -1,13 +1,14 @@
 """One physics step of MuJoCo Warp against one of MuJoCo C, from the same states of episodes of a controller.
 
-    python -m mishandle.gpu_audit [--space starts] [--states 1000] [--device cpu] [TASK ...]
+    python -m mishandle.gpu_audit [--space starts] [--formula success] [--states 1000] [--device cpu] [TASK ...]
 
 MuJoCo C simulates episodes with action noise 0.3 behind the interface of :class:`mishandle.gpu.WarpBatch`: targets of servos, mocap
 poses, active constraints, pushes and varying fields of the models are those that the GPU would get. In every ``period``-th control step, the state of each episode is
 kept. Both engines then take one physics step from each kept state with the same inputs. Warp computes with 32-bit numbers.
 
 The tables have the absolute differences after this step. ``moved`` is the difference of MuJoCo C from itself if each number of the
-positions moves by 1e-7.
+positions moves by 1e-7. With a formula that reads signals of the manner, such as ``careful``, a third table has the relative differences
+of the measured forces and of the motion of the arm.
 """
 
 from __future__ import annotations
@@ -303,6 +304,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("tasks", nargs="*", metavar="TASK", help="default: all tasks")
     parser.add_argument("--space", default="starts", help="space of the scenarios")
+    parser.add_argument("--formula", default="success", help="name of the formula of the episodes")
     parser.add_argument("--states", type=int, default=1000, help="about this number of states of each task")
     parser.add_argument("--device", help="device of MuJoCo Warp, such as cuda:1 or cpu")
     options = parser.parse_args()
@@ -314,13 +316,19 @@ def main() -> None:
     print("|---|--:|--:|--:|--:|--:|--:|--:|--:|--:|--:|--:|")
     found = {}
     for task in options.tasks or TASKS:
-        found[task] = result = audit(task, states=options.states, space=options.space)
+        found[task] = result = audit(task, states=options.states, space=options.space, formula=options.formula)
         numbers = [f"{result.quantile(name, share):.1e}" for name in ("qpos", "qvel", "moved") for share in (0.5, 0.99, 1)]
         print(f"| {task} | {result.states} | {result.overflows} | {' | '.join(numbers)} |", flush=True)
     print(f"\n| task, maxima | {' | '.join(QUANTITIES)} |\n|---|{'--:|' * len(QUANTITIES)}")
     for task, result in found.items():
         maxima = [f"{result.quantile(name, 1):.1e}" if name in result.differences else "-" for name in QUANTITIES]
         print(f"| {task} | {' | '.join(maxima)} |", flush=True)
+    measured = {task: result for task, result in found.items() if "forces" in result.differences}
+    if measured:
+        print("\n| task | forces: median | 99 % | max | motion: median | 99 % | max |\n|---|--:|--:|--:|--:|--:|--:|")
+    for task, result in measured.items():
+        numbers = [f"{result.quantile(name, share):.1e}" for name in ("forces", "motion") for share in (0.5, 0.99, 1)]
+        print(f"| {task} | {' | '.join(numbers)} |")
 
 
 if __name__ == "__main__":

@@ -334,7 +334,7 @@ class OneStep(unittest.TestCase):
         "cloth-placing": ((2.9e-5, 5e-5), (7e-3, 1.2e-2)),
     }
 
-    # The same of forces and of the motion of the arm, each divided by 1 plus its value: the 99 % quantile.
+    # The 99 % quantile of forces and of the motion of the arm, each divided by 1 plus its value.
     MANNER_BOUNDS = {
         "cube-stacking": (2e-4, 2e-5),
         "peg-in-hole": (2e-3, 2e-3),
@@ -460,12 +460,12 @@ class Training(unittest.TestCase):
         episodes.environments = 32
     """
 
-    def train(self, folder, name, steps, *options):
-        settings = f"{folder}/{name}-{steps}.toml"
-        with open(settings, "w") as file:
-            file.write(self.SETTINGS.format(steps=steps))
+    def train(self, folder, name, steps, *options, task="cube-stacking", settings=SETTINGS):
+        path = f"{folder}/{name}-{steps}.toml"
+        with open(path, "w") as file:
+            file.write(settings.format(steps=steps))
         outputs = ["--out", f"{folder}/{name}.safetensors", "--csv", f"{folder}/{name}.csv", "--json"]
-        command = ["train", "cube-stacking", "--settings", settings, *outputs, *options]
+        command = ["train", task, "--settings", path, *outputs, *options]
         result = subprocess.run([sys.executable, "-c", gpu_verdicts.COMMAND, *command], capture_output=True, text=True)
         self.assertEqual(result.returncode, 0, result.stderr)
         with open(f"{folder}/{name}.csv") as file:
@@ -480,6 +480,18 @@ class Training(unittest.TestCase):
         for column in ("kl", "entropy", "validation_return"):
             numbers = [float(rows[-1][column]) for rows in (found, expected)]
             np.testing.assert_allclose(*numbers, rtol=1e-2, err_msg=column)
+
+    def test_contact_forces_cost_about_as_much_as_on_the_cpu(self):
+        settings = self.SETTINGS.replace("rollout_steps = 8", "rollout_steps = 64\nrewards.contact_force = 1")
+        with tempfile.TemporaryDirectory() as folder:
+            costs = []
+            for device in ("cpu", "gpu"):
+                options = ("--device", device)
+                _, rows = self.train(folder, device, 2048, *options, task="peg-in-hole", settings=settings)
+                costs.append(float(rows[0]["reward_contact_force"]))
+        self.assertLess(costs[0], -1e-3)
+        # Both have the same actions. The forces of an impact depend on rounding.
+        np.testing.assert_allclose(costs[1], costs[0], rtol=0.05)
 
 
 @unittest.skipIf(gpu is None, "needs the extra gpu")

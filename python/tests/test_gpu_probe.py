@@ -87,7 +87,7 @@ class Readings(unittest.TestCase):
                 batch = gpu.WarpBatch(document, 1 / 240, 3, 5, [], probe=probe, device="cpu")
                 batch.write_states(np.arange(3, dtype=np.int32), np.tile(state, (3, 1)))
                 for _ in range(2):
-                    # The second control step starts anew.
+                    # The second control step starts again at 0.
                     batch.step()
                     readings = batch.arrays()["outputs"][:, -gpu_probe.READINGS - 1 : -1]
                     expected = np.zeros(10)

@@ -2,7 +2,7 @@
 //! if its weight is above 0.
 //!
 //! All but the contact force follow from the state after a control step and its action. The contact
-//! force is a signal of the manner, which an engine computes only where it is asked for.
+//! force is a signal of the manner, which an engine computes only where it is requested.
 
 use mishandle_world::Rows;
 

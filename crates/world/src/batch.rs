@@ -93,8 +93,8 @@ pub struct BatchBuffers<'a> {
     /// Force on the center of mass of every pushed body in each physics step, N, world axes,
     /// `[rows, substeps, 3]`; empty without pushed bodies.
     pub forces: &'a mut [f64],
-    /// State and poses after the control step, [`Readings`] of the control step if there is a probe,
-    /// and [`RowStatus`], `[rows, output_size]`.
+    /// State and poses after the control step, its [`Readings`] if there is a probe, and
+    /// [`RowStatus`], `[rows, output_size]`.
     pub outputs: Outputs<'a>,
 }
 

@@ -39,7 +39,7 @@ pub struct ProbedJoint {
     pub max_torque: f64,
 }
 
-/// What a probe has measured over the physics steps of one control step.
+/// Measurements over the physics steps of one control step.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Readings {
     /// Largest forces, N.
