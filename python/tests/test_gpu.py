@@ -482,16 +482,18 @@ class Training(unittest.TestCase):
             np.testing.assert_allclose(*numbers, rtol=1e-2, err_msg=column)
 
     def test_contact_forces_cost_about_as_much_as_on_the_cpu(self):
-        settings = self.SETTINGS.replace("rollout_steps = 8", "rollout_steps = 64\nrewards.contact_force = 1")
+        # One rollout of a controller that brings the peg to the block.
+        settings = self.SETTINGS.replace("rollout_steps = 8", "rollout_steps = 100\nrewards.contact_force = 1\npolicy.hidden = [128, 128]")
+        settings = settings.replace("environments = 32", "environments = 8")
         with tempfile.TemporaryDirectory() as folder:
             costs = []
             for device in ("cpu", "gpu"):
-                options = ("--device", device)
-                _, rows = self.train(folder, device, 2048, *options, task="peg-in-hole", settings=settings)
+                options = ("--device", device, "--from", "ppo")
+                _, rows = self.train(folder, device, 800, *options, task="peg-in-hole", settings=settings)
                 costs.append(float(rows[0]["reward_contact_force"]))
-        self.assertLess(costs[0], -1e-3)
-        # Both have the same actions. The forces of an impact depend on rounding.
-        np.testing.assert_allclose(costs[1], costs[0], rtol=0.05)
+        self.assertLess(costs[0], -0.1)
+        # Impacts amplify rounding: the means of 800 control steps differ by 4 %.
+        np.testing.assert_allclose(costs[1], costs[0], rtol=0.15)
 
 
 @unittest.skipIf(gpu is None, "needs the extra gpu")
