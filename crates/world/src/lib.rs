@@ -7,7 +7,8 @@
 //! and are then plain indices.
 //!
 //! A [`WorldBatch`] steps many worlds together, one per row. A [`WorldDevice`] makes it:
-//! [`CpuDevice`], or another physics engine that reads the same MJCF document.
+//! [`CpuDevice`], or another physics engine that reads the same MJCF document. A [`Probe`] names
+//! the elements whose forces and motion are measured over the physics steps.
 //!
 //! Units are SI, quaternions are (w, x, y, z), vectors and rotations are in the world frame, whose
 //! origin is the base of the robot. This is the only crate with `unsafe` code. It knows no tasks.
