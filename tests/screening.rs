@@ -62,6 +62,25 @@ fn an_engine_with_the_bits_of_the_system_flags_exactly_the_failures() {
 }
 
 #[test]
+fn signals_of_the_manner_on_an_engine_with_the_bits_of_the_system_flag_exactly_the_failures() {
+    let plan = resolved().plan;
+    let formula = Some("always(tool_speed <= 2.2)".to_string());
+    let risk = plan.risk.map(|risk| RiskPlan { formula, ..risk });
+    let resolved = ResolvedPlan::new(&Plan { risk, ..plan }).unwrap();
+    let failures = match ask(&resolved, Engine::Direct).unwrap() {
+        Answer::Risk(report) => report.monte_carlo.failures,
+        answer => panic!("{answer:?}"),
+    };
+    assert!((5..95).contains(&failures), "{failures} failures: the test needs both outcomes");
+    let Answer::ScreenedRisk(report) = ask(&screening(resolved, 0.3), Engine::Screening(&CpuDevice)).unwrap()
+    else {
+        panic!("expected the answer of a screening");
+    };
+    let counts = report.counts;
+    assert_eq!((counts.flagged, counts.flagged_events, counts.sampled_events), (failures, failures, 0));
+}
+
+#[test]
 fn a_tiny_sample_rate_still_repeats_twenty_of_the_others() {
     let report = screened(&CpuDevice, 1e-9);
     let others = report.counts.trials - report.counts.flagged;
@@ -172,7 +191,7 @@ fn a_screened_evaluation_has_the_rates_of_the_plain_one_whatever_the_engine_does
         for (found, expected) in found.iter().zip(expected) {
             assert!((found - expected).abs() < 1e-12, "{found} and {expected}");
         }
-        // A device computes no signal of the manner.
+        // A screened evaluation has no careful success rate.
         let mut corners = plain.corners.clone();
         corners
             .iter_mut()

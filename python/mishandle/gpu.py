@@ -12,7 +12,7 @@ import importlib
 import os
 import sys
 import threading
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -28,6 +28,7 @@ try:
     wp.config.log_level = wp.LOG_ERROR
     mjw: Any = importlib.import_module("mujoco_warp")
     kernels: Any = importlib.import_module("mishandle.gpu_kernels")
+    probes: Any = importlib.import_module("mishandle.gpu_probe")
     servo_rule: Any = importlib.import_module("mishandle.gpu_servos")
 except ImportError as error:
     raise ImportError(f"the device gpu needs an extra: pip install 'mishandle[gpu]' ({error})") from error
@@ -146,7 +147,8 @@ class WarpBatch:
 
     Arguments: the MJCF document, the physics step (s), the number of worlds, the number of physics steps per control step, the servos
     (rows with the columns ``gpu_servos.COLUMNS``), the bodies that ``forces`` push, the fields of the model that :meth:`write_fields`
-    replaces, such as ``geom_friction`` or ``opt.gravity``, and the device.
+    replaces, such as ``geom_friction`` or ``opt.gravity``, and the device. A probe, with the keys ``gpu_probe.KEYS``, measures forces and
+    motion over the physics steps; without one, nothing is measured.
     """
 
     def __init__(
@@ -160,13 +162,14 @@ class WarpBatch:
         fields: Sequence[str] = (),
         device: str | None = None,
         constraint_rows: int | None = None,
+        probe: Mapping[str, Any] | None = None,
     ) -> None:
         self._device = find_device(device)
         self._rows, self._substeps = rows, substeps
         with _Announcement(), wp.ScopedDevice(self._device):
             model = compile_model(xml, timestep)
             self._put_model(model, fields)
-            self._allocate(model, servos, pushed, constraint_rows)
+            self._allocate(model, servos, pushed, constraint_rows, probe)
             self._record()
 
     def _put_model(self, model: Any, fields: Sequence[str]) -> None:
@@ -204,6 +207,7 @@ class WarpBatch:
         servos: Sequence[Sequence[float]],
         pushed: Sequence[int],
         constraint_rows: int | None,
+        probe: Mapping[str, Any] | None,
     ) -> None:
         rows, is_cuda = self._rows, self._device.is_cuda
         has_flex = model.nflex > 0
@@ -230,6 +234,9 @@ class WarpBatch:
                 data.xaxis,
             )
         ]
+        self._probe = None if probe is None else probes.WarpProbe(probe, model, self._model, data)
+        if self._probe is not None:
+            self._parts.append(self._probe.readings)
         self._output_size = sum(part.shape[1] for part in self._parts) + 1
         sizes = {
             "targets": len(servos),
@@ -310,7 +317,11 @@ class WarpBatch:
                 )
                 dim = (rows, self._pushed.size, 3)
                 wp.launch(kernels.set_forces, dim, inputs=[there["forces"], substep, self._pushed], outputs=[force])
+            if self._probe is not None:
+                self._probe.before_step()
             self.physics_step()
+            if self._probe is not None:
+                self._probe.after_step(substep)
             wp.launch(kernels.watch, rows, inputs=[data.qpos, data.qvel, data.overflow], outputs=[self._status])
         # The poses of the step belong to its start.
         mjw.kinematics(self._model, data)
@@ -344,8 +355,8 @@ class WarpBatch:
         - ``active``: 1 for each active equality constraint, otherwise 0
         - ``mocap``: position and quaternion of each mocap body
         - ``forces``: force on every pushed body in each physics step, N
-        - ``outputs``: qpos, qvel, body positions and quaternions, site positions and rotations, joint anchors and axes; then 0, 1 if
-          the world has diverged, or 2 if it had too little memory for contacts or constraints
+        - ``outputs``: qpos, qvel, body positions and quaternions, site positions and rotations, joint anchors and axes; with a probe
+          its readings; then 0, 1 if the world has diverged, or 2 if it had too little memory for contacts or constraints
         """
         return {name: (int(buffer.ptr or 0), int(buffer.size)) for name, buffer in self._host.items()}
 

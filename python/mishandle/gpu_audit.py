@@ -1,13 +1,14 @@
 """One physics step of MuJoCo Warp against one of MuJoCo C, from the same states of episodes of a controller.
 
-    python -m mishandle.gpu_audit [--space starts] [--states 1000] [--device cpu] [TASK ...]
+    python -m mishandle.gpu_audit [--space starts] [--formula success] [--states 1000] [--device cpu] [TASK ...]
 
 MuJoCo C simulates episodes with action noise 0.3 behind the interface of :class:`mishandle.gpu.WarpBatch`: targets of servos, mocap
 poses, active constraints, pushes and varying fields of the models are those that the GPU would get. In every ``period``-th control step, the state of each episode is
 kept. Both engines then take one physics step from each kept state with the same inputs. Warp computes with 32-bit numbers.
 
 The tables have the absolute differences after this step. ``moved`` is the difference of MuJoCo C from itself if each number of the
-positions moves by 1e-7.
+positions moves by 1e-7. With a formula that reads signals of the manner, such as ``careful``, a third table has the relative differences
+of the measured forces and of the motion of the arm.
 """
 
 from __future__ import annotations
@@ -59,7 +60,9 @@ STATE = mujoco.mjtState.mjSTATE_INTEGRATION
 class Audit:
     """Absolute differences after one physics step: for each quantity the largest one per audited state.
 
-    The names are ``qpos``, ``qvel`` and ``moved`` (velocities of MuJoCo C after a move), and those of :data:`QUANTITIES`.
+    The names are ``qpos``, ``qvel`` and ``moved`` (velocities of MuJoCo C after a move), and those of :data:`QUANTITIES`. If the formula
+    reads signals of the manner, ``forces`` and ``motion`` are the differences of the readings of ``gpu_probe``, each divided by 1 plus
+    the reading of MuJoCo C, and ``force`` is the largest force of MuJoCo C, N.
     """
 
     def __init__(self) -> None:
@@ -134,6 +137,8 @@ class CpuPhysics:
         self.data = mujoco.MjData(self.model)
         self.servos = np.array(arguments["servos"])
         self.pushed, self.fields = list(arguments.get("pushed", ())), list(arguments.get("fields", ()))
+        self.probe = arguments.get("probe")
+        self.readings = gpu.probes.start_readings()
 
     def start(self, state: NDArray[np.float64], inputs: dict[str, NDArray[Any]], row: int) -> None:
         """Sets a state, and a row's active constraints, mocap poses and fields of the model."""
@@ -146,6 +151,7 @@ class CpuPhysics:
         self.data.eq_active[:] = inputs["active"][row]
         poses = inputs["mocap"][row].reshape(-1, 7)
         self.data.mocap_pos[:], self.data.mocap_quat[:] = poses[:, :3], poses[:, 3:]
+        self.readings = gpu.probes.start_readings()
 
     def set_inputs(self, inputs: dict[str, NDArray[Any]], row: int, substep: int) -> None:
         """Takes the first half of a physics step, and sets the controls of the servos and the push."""
@@ -156,14 +162,19 @@ class CpuPhysics:
 
     def step(self, inputs: dict[str, NDArray[Any]], row: int, substep: int) -> None:
         """Takes a physics step of a control step."""
+        before = self.data.qvel.copy()
         self.set_inputs(inputs, row, substep)
         mujoco.mj_step2(self.model, self.data)
+        if self.probe is not None:
+            gpu.probes.measure_mujoco_c(self.probe, self.model, self.data, before, substep, self.readings)
 
     def output(self) -> NDArray[np.float64]:
         """Returns the output row of the present state."""
         data = self.data
         mujoco.mj_kinematics(self.model, data)
-        parts = (data.qpos, data.qvel, data.xpos, data.xquat, data.site_xpos, data.site_xmat, data.xanchor, data.xaxis)
+        parts = [data.qpos, data.qvel, data.xpos, data.xquat, data.site_xpos, data.site_xmat, data.xanchor, data.xaxis]
+        if self.probe is not None:
+            parts.append(self.readings)
         # MuJoCo C resets a world that has diverged, and counts a warning.
         status = float(any(warning.number > 0 for warning in data.warning))
         return np.concatenate([*(part.ravel() for part in parts), [status]])
@@ -201,13 +212,13 @@ def _simulated_on_the_cpu(period: int, made: list[CpuBatch]) -> Iterator[None]:
 
 
 def visited(
-    task: str, controller: str, episodes: int, period: int, space: str
+    task: str, controller: str, episodes: int, period: int, space: str, formula: str
 ) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
     """Returns the arguments of the batches of a search, and the states and inputs of each kept control step, one per row."""
     made: list[CpuBatch] = []
     with _simulated_on_the_cpu(period, made):
         # One simulation per trial: all start at once, and each fills one row.
-        subject = f"falsify {task} --space {space} --controller {controller} --action-noise 0.3 --seed 1"
+        subject = f"falsify {task} --space {space} --controller {controller} --action-noise 0.3 --seed 1 --formula {formula}"
         search = f"--search random --trials {episodes} --budget 1 --batch 1 --repeats 0"
         screening = f"--screening gpu --rows {episodes} --confirm 0.01"
         code = run_command(["mishandle", *f"{subject} {search} {screening}".split()])
@@ -233,10 +244,18 @@ def warp_step(arguments: dict[str, Any], inputs: dict[str, NDArray[Any]]) -> NDA
     return batch.arrays()["outputs"].copy()
 
 
-def audit(task: str, controller: str = "ppo", states: int = 1000, episodes: int = 50, space: str = "starts") -> Audit:
-    """Audits a task on about ``states`` states of episodes over a space."""
+def audit(
+    task: str,
+    controller: str = "ppo",
+    states: int = 1000,
+    episodes: int = 50,
+    space: str = "starts",
+    formula: str = "success",
+) -> Audit:
+    """Audits a task on about ``states`` states of episodes over a space. The name of a formula that reads signals of the manner, such as
+    ``careful``, audits them too."""
     period = min(max(1, EPISODE_STEPS * episodes // max(states, 1)), EPISODE_STEPS)
-    arguments, inputs = visited(task, controller, episodes, period, space)
+    arguments, inputs = visited(task, controller, episodes, period, space, formula)
     outputs, physics, result = warp_step(arguments, inputs), CpuPhysics(arguments), Audit()
     random, quantities = np.random.default_rng(0), physics.quantities()
     for row, output in enumerate(outputs):
@@ -266,6 +285,12 @@ def compare(
         result.add(name, difference)
     for name, (array, indices) in quantities.items():
         result.add(name, differences[array][indices])
+    if physics.probe is not None:
+        expected = physics.readings
+        difference = (output[-1 - len(expected) : -1] - expected) / (1 + np.abs(expected))
+        result.add("force", expected[: gpu.probes.FORCES])
+        result.add("forces", difference[: 2 * gpu.probes.FORCES])
+        result.add("motion", difference[2 * gpu.probes.FORCES :])
     qvel = data.qvel.copy()
     physics.start(inputs["states"][row], inputs, row)
     physics.set_inputs(inputs, row, 0)
@@ -279,6 +304,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("tasks", nargs="*", metavar="TASK", help="default: all tasks")
     parser.add_argument("--space", default="starts", help="space of the scenarios")
+    parser.add_argument("--formula", default="success", help="name of the formula of the episodes")
     parser.add_argument("--states", type=int, default=1000, help="about this number of states of each task")
     parser.add_argument("--device", help="device of MuJoCo Warp, such as cuda:1 or cpu")
     options = parser.parse_args()
@@ -290,13 +316,19 @@ def main() -> None:
     print("|---|--:|--:|--:|--:|--:|--:|--:|--:|--:|--:|--:|")
     found = {}
     for task in options.tasks or TASKS:
-        found[task] = result = audit(task, states=options.states, space=options.space)
+        found[task] = result = audit(task, states=options.states, space=options.space, formula=options.formula)
         numbers = [f"{result.quantile(name, share):.1e}" for name in ("qpos", "qvel", "moved") for share in (0.5, 0.99, 1)]
         print(f"| {task} | {result.states} | {result.overflows} | {' | '.join(numbers)} |", flush=True)
     print(f"\n| task, maxima | {' | '.join(QUANTITIES)} |\n|---|{'--:|' * len(QUANTITIES)}")
     for task, result in found.items():
         maxima = [f"{result.quantile(name, 1):.1e}" if name in result.differences else "-" for name in QUANTITIES]
         print(f"| {task} | {' | '.join(maxima)} |", flush=True)
+    measured = {task: result for task, result in found.items() if "forces" in result.differences}
+    if measured:
+        print("\n| task | forces: median | 99 % | max | motion: median | 99 % | max |\n|---|--:|--:|--:|--:|--:|--:|")
+    for task, result in measured.items():
+        numbers = [f"{result.quantile(name, share):.1e}" for name in ("forces", "motion") for share in (0.5, 0.99, 1)]
+        print(f"| {task} | {' | '.join(numbers)} |")
 
 
 if __name__ == "__main__":

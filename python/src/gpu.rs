@@ -6,9 +6,13 @@ use std::sync::Arc;
 
 use mishandle::network::{Activation, DeviceBuffers, DeviceNetwork, Mlp, NetworkDevice, NetworkError};
 use mishandle::run::Device;
-use mishandle::world::{BatchBuffers, BatchSpec, Outputs, Servo, WorldBatch, WorldDevice, WorldError};
+use mishandle::world::{
+    BatchBuffers, BatchLayout, BatchSpec, Outputs, Part, Probe, ProbedJoint, Servo, WorldBatch, WorldDevice,
+    WorldError,
+};
 use numpy::{PyArray1, PyArrayMethods};
 use pyo3::prelude::*;
+use pyo3::types::PyDict;
 
 /// Makes batches of `mishandle.gpu.WarpBatch`.
 struct WarpWorldDevice;
@@ -78,9 +82,13 @@ fn make(py: Python<'_>, spec: &BatchSpec) -> PyResult<WarpWorlds> {
     let forces = if pushed.is_empty() { 0 } else { 3 * spec.rows * spec.substeps };
     let (document, timestep) = (spec.model.document(), spec.model.timestep());
     let arguments = (document, timestep, spec.rows, spec.substeps, servos, pushed, fields);
-    let object = py.import("mishandle.gpu")?.getattr("WarpBatch")?.call1(arguments)?;
+    let keywords = PyDict::new(py);
+    if let Some(probe) = &spec.probe {
+        keywords.set_item("probe", make_probe(py, probe)?)?;
+    }
+    let object = py.import("mishandle.gpu")?.getattr("WarpBatch")?.call(arguments, Some(&keywords))?;
     let buffer = buffers(&object)?;
-    let layout = mishandle::world::BatchLayout::new(&spec.model);
+    let layout = BatchLayout::new(&spec.model, spec.probe.as_ref());
     Ok(WarpWorlds {
         targets: buffer("targets", spec.rows * spec.servos.len())?,
         active: buffer("active", spec.rows * layout.constraints)?,
@@ -89,6 +97,31 @@ fn make(py: Python<'_>, spec: &BatchSpec) -> PyResult<WarpWorlds> {
         outputs: buffer("outputs", spec.rows * layout.output_size())?,
         object: object.unbind(),
     })
+}
+
+/// Returns a probe with the keys of `gpu_probe.KEYS`.
+fn make_probe<'py>(py: Python<'py>, probe: &Probe) -> PyResult<Bound<'py, PyDict>> {
+    let Probe { parts, weld, joints, hand, tool } = probe;
+    let indices = |parts: &[Part]| parts.iter().map(|part| *part as usize).collect::<Vec<_>>();
+    let pairs = [false, true].map(|holds| Probe::pairs(holds).map(u32::from));
+    // The columns of `gpu_probe.COLUMNS`.
+    let joints: Vec<[f64; 8]> = joints
+        .iter()
+        .map(|probed| {
+            let ProbedJoint { joint, actuator, max_velocity, max_acceleration, max_torque } = *probed;
+            let [qpos, dof, servo] = [joint.qpos, joint.dof, actuator.index()].map(|index| index as f64);
+            [qpos, dof, servo, joint.low, joint.high, max_velocity, max_acceleration, max_torque]
+        })
+        .collect();
+    let made = PyDict::new(py);
+    made.set_item("geoms", indices(parts.geoms()))?;
+    made.set_item("flexes", indices(parts.flexes()))?;
+    made.set_item("pairs", pairs)?;
+    made.set_item("weld", weld.map_or(-1, |weld| weld.index() as i64))?;
+    made.set_item("body", hand.index())?;
+    made.set_item("site", tool.index())?;
+    made.set_item("joints", joints)?;
+    Ok(made)
 }
 
 /// Returns a buffer as a slice.

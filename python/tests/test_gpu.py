@@ -306,7 +306,8 @@ from mishandle import gpu, gpu_audit
 # Kernels without optimization compile in about half of the time.
 gpu.wp.config.optimization_level = 0
 states, episodes = int(sys.argv[1]), int(sys.argv[2])
-found = {task: gpu_audit.audit(task, states=states, episodes=episodes, space=sys.argv[3]) for task in sys.argv[4:]}
+space, formula = sys.argv[3:5]
+found = {task: gpu_audit.audit(task, states=states, episodes=episodes, space=space, formula=formula) for task in sys.argv[5:]}
 print(json.dumps({task: [result.states, result.overflows, result.differences] for task, result in found.items()}))
 """
 
@@ -333,6 +334,14 @@ class OneStep(unittest.TestCase):
         "cloth-placing": ((2.9e-5, 5e-5), (7e-3, 1.2e-2)),
     }
 
+    # The 99 % quantile of forces and of the motion of the arm, each divided by 1 plus its value.
+    MANNER_BOUNDS = {
+        "cube-stacking": (2e-4, 2e-5),
+        "peg-in-hole": (2e-3, 2e-3),
+        "door-opening": (1e-2, 3e-3),
+        "ball-balancing": (2e-3, 3e-5),
+    }
+
     @classmethod
     def setUpClass(cls):
         # Several processes, because most of the time is compilation, on one core. A step of the
@@ -340,10 +349,11 @@ class OneStep(unittest.TestCase):
         rigid = [task for task in cls.BOUNDS if task != "cloth-placing"]
         cls.processes = [cls.start("starts", rigid, 200, 10), cls.start("starts", ["cloth-placing"], 20, 2)]
         cls.changed = cls.start("starts+dynamics+events", ["ball-balancing", "cube-stacking"], 100, 10)
+        cls.manner = cls.start("starts", list(cls.MANNER_BOUNDS), 200, 10, formula="careful")
 
     @classmethod
-    def start(cls, space, tasks, states, episodes):
-        command = [sys.executable, "-c", AUDIT, str(states), str(episodes), space, *tasks]
+    def start(cls, space, tasks, states, episodes, formula="success"):
+        command = [sys.executable, "-c", AUDIT, str(states), str(episodes), space, formula, *tasks]
         return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
 
     def found(self, processes):
@@ -366,6 +376,17 @@ class OneStep(unittest.TestCase):
         found = self.found([self.changed])
         self.assertEqual([states for states, _, _ in found.values()], [100, 100])
         self.check(found)
+
+    def test_forces_and_motion_of_one_step_agree_with_mujoco_c(self):
+        found = self.found([self.manner])
+        self.assertEqual(set(found), set(self.MANNER_BOUNDS))
+        self.check(found)
+        for task, (_, _, differences) in found.items():
+            # Many states have contacts.
+            self.assertGreater(sum(force > 1 for force in differences["force"]), 20, task)
+            for name, bound in zip(("forces", "motion"), self.MANNER_BOUNDS[task]):
+                with self.subTest(task=task, quantity=name):
+                    self.assertLess(np.quantile(differences[name], 0.99), bound)
 
     def check(self, found):
         for task, (_, overflows, differences) in found.items():
@@ -439,12 +460,12 @@ class Training(unittest.TestCase):
         episodes.environments = 32
     """
 
-    def train(self, folder, name, steps, *options):
-        settings = f"{folder}/{name}-{steps}.toml"
-        with open(settings, "w") as file:
-            file.write(self.SETTINGS.format(steps=steps))
+    def train(self, folder, name, steps, *options, task="cube-stacking", settings=SETTINGS):
+        path = f"{folder}/{name}-{steps}.toml"
+        with open(path, "w") as file:
+            file.write(settings.format(steps=steps))
         outputs = ["--out", f"{folder}/{name}.safetensors", "--csv", f"{folder}/{name}.csv", "--json"]
-        command = ["train", "cube-stacking", "--settings", settings, *outputs, *options]
+        command = ["train", task, "--settings", path, *outputs, *options]
         result = subprocess.run([sys.executable, "-c", gpu_verdicts.COMMAND, *command], capture_output=True, text=True)
         self.assertEqual(result.returncode, 0, result.stderr)
         with open(f"{folder}/{name}.csv") as file:
@@ -459,6 +480,20 @@ class Training(unittest.TestCase):
         for column in ("kl", "entropy", "validation_return"):
             numbers = [float(rows[-1][column]) for rows in (found, expected)]
             np.testing.assert_allclose(*numbers, rtol=1e-2, err_msg=column)
+
+    def test_contact_forces_cost_about_as_much_as_on_the_cpu(self):
+        # One rollout of a controller that brings the peg to the block.
+        settings = self.SETTINGS.replace("rollout_steps = 8", "rollout_steps = 100\nrewards.contact_force = 1\npolicy.hidden = [128, 128]")
+        settings = settings.replace("environments = 32", "environments = 8")
+        with tempfile.TemporaryDirectory() as folder:
+            costs = []
+            for device in ("cpu", "gpu"):
+                options = ("--device", device, "--from", "ppo")
+                _, rows = self.train(folder, device, 800, *options, task="peg-in-hole", settings=settings)
+                costs.append(float(rows[0]["reward_contact_force"]))
+        self.assertLess(costs[0], -0.1)
+        # Impacts amplify rounding: the means of 800 control steps differ by 4 %.
+        np.testing.assert_allclose(costs[1], costs[0], rtol=0.15)
 
 
 @unittest.skipIf(gpu is None, "needs the extra gpu")

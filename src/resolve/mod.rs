@@ -150,7 +150,7 @@ impl ResolvedPlan {
         check_decidable(&requirement, &target)?;
         let mut specification = Specification::from_formulas(&target.formulas, requirement)?;
         specification.others = others;
-        leave_out_careful(&plan, &target, &mut specification)?;
+        leave_out_careful(&plan, &target, &mut specification);
         // Without a formula `success`, the success rate is the rate of the requirement.
         specification.success.get_or_insert_with(|| specification.requirement.clone());
         SpecificationMonitor::new(&specification, &target.signal_names(), target.control_dt)?;
@@ -186,32 +186,16 @@ impl ResolvedPlan {
 }
 
 /// Leaves out the formula of careful success where it would need signals that nothing else reads:
-/// only an evaluation has a metric of it, and a plan may ask for it.
-///
-/// # Errors
-/// If a screening needs such signals.
-fn leave_out_careful(
-    plan: &Plan,
-    target: &Target,
-    specification: &mut Specification,
-) -> Result<(), MishandleError> {
+/// only an evaluation without a screening has a metric of it, and a plan may ask for it.
+fn leave_out_careful(plan: &Plan, target: &Target, specification: &mut Specification) {
     let on_request: Vec<&str> = target.signals_on_request.iter().map(|signal| signal.name.as_str()).collect();
     let careful = specification.careful.take();
     let is_read = specification.reads_any(&on_request);
-    if let (true, true) = (is_read, plan.screening.is_some()) {
-        return Err(MishandleError::InvalidValue {
-            what: "the formula of a screening",
-            value: specification.requirement.to_string(),
-            expected: "a formula without contact forces and other signals of the manner, because a device does not compute \
-                       them; ask without --gpu",
-        });
-    }
     let is_free = careful
         .as_ref()
         .is_none_or(|formula| formula.signals().iter().all(|name| !on_request.contains(name)));
     let is_asked = (plan.careful || plan.evaluate.is_some()) && plan.screening.is_none();
     specification.careful = careful.filter(|_| is_free || is_read || is_asked);
-    Ok(())
 }
 
 /// Checks the settings of a screening.

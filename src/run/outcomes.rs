@@ -59,7 +59,7 @@ pub(crate) fn decode(stored: &StoredTrace) -> Vec<ScreenedEpisode> {
                 robustness: value(3, row),
                 success: value(4, row),
                 strict: value(5, row),
-                // An engine that screens computes no signal of the manner.
+                // No screened question reads it.
                 careful: None,
                 dangerous_steps: count(6, row),
                 completion_step: count(7, row),

@@ -189,7 +189,7 @@ pub(crate) struct Prepared {
 pub(crate) fn prepare(plan: &TrainPlan) -> Result<Prepared, MishandleError> {
     let mut settings = settings(plan)?;
     let environment = TaskEnvironment::new(task(&plan.task)?, Preset::Paper, reward(&plan.reward)?)?;
-    let environment = rewards::with_terms(environment, &settings, &plan.device)?;
+    let environment = rewards::with_terms(environment, &settings);
     let (environment, scenarios) = scenarios::scenarios(&plan.task, environment, &mut settings)?;
     let start = settings.run().from.as_deref();
     let start = start.map(|name| start_controller(task(&plan.task)?.definition(), name)).transpose()?;

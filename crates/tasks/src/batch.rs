@@ -14,6 +14,7 @@ use rayon::prelude::*;
 
 use crate::environment::{SceneFunctions, TaskEnvironment, TaskWorker};
 use crate::events::Events;
+use crate::manner::Manner;
 use crate::robot::JOINTS;
 
 /// Many rows of a [`TaskEnvironment`] whose physics a [`WorldDevice`] steps.
@@ -23,8 +24,10 @@ pub struct TaskBatch {
     shared: Shared,
     /// Tail of the state row of each row, which [`Events`] describe.
     tails: Vec<f64>,
-    /// Memory of the reward terms of the manner of each row.
+    /// Memory of the signals of the manner and of its reward terms of each row.
     memory: Vec<f64>,
+    /// Last action of each row.
+    actions: Vec<f64>,
     /// Inputs of the worlds of each group that the next step needs.
     pending: Vec<Pending>,
 }
@@ -104,12 +107,9 @@ impl TaskBatch {
         device: &dyn WorldDevice,
         rows: usize,
     ) -> Result<TaskBatch, RolloutError> {
-        if environment.has_manner() {
-            let what = "an engine without contact forces computes no signal of the manner";
-            return Err(RolloutError::System(format!("{what}; ask MuJoCo C, without the device")));
-        }
         let model = environment.model().clone();
-        let (layout, events) = (BatchLayout::new(&model), Events::new(environment));
+        let probe = environment.manner().map(Manner::probe);
+        let (layout, events) = (BatchLayout::new(&model, probe), Events::new(environment));
         let spec = BatchSpec {
             model: model.clone(),
             fields: events.fields.clone(),
@@ -117,6 +117,7 @@ impl TaskBatch {
             rows,
             substeps: environment.substeps(),
             servos: environment.panda().servos().to_vec(),
+            probe: probe.cloned(),
         };
         let sizes = Sizes {
             observation: environment.observation_size(),
@@ -125,13 +126,14 @@ impl TaskBatch {
             output: layout.output_size(),
             active: layout.constraints,
             mocap: 7 * layout.mocaps,
-            memory: environment.reward_memory_size(),
+            memory: environment.memory_size(),
         };
         Ok(TaskBatch {
             worlds: device.batch(&spec).map_err(|error| engine_error(&error))?,
             rows,
             tails: vec![0.0; rows * events.size],
             memory: vec![0.0; rows * sizes.memory],
+            actions: vec![0.0; rows * JOINTS],
             pending: (0..rows.div_ceil(GROUP_ROWS)).map(|_| Pending::default()).collect(),
             shared: Shared {
                 model,
@@ -152,7 +154,7 @@ impl TaskBatch {
         extras: impl Iterator<Item = T>,
         visit: impl Fn(usize, &mut TaskRows<'_>, T) + Sync,
     ) {
-        let TaskBatch { worlds, rows, shared, tails, memory, pending } = self;
+        let TaskBatch { worlds, rows, shared, tails, memory, actions, pending } = self;
         let BatchBuffers { targets, active, mocap, forces, outputs } = worlds.buffers();
         let Sizes { output, active: active_size, mocap: mocap_size, memory: memory_size, .. } = shared.sizes;
         let parts: Vec<_> = groups(targets, JOINTS)
@@ -161,12 +163,14 @@ impl TaskBatch {
             .zip(groups(forces, shared.events.force_size()))
             .zip(groups(tails, shared.events.size))
             .zip(groups(memory, memory_size))
+            .zip(groups(actions, JOINTS))
             .zip(outputs.chunks_mut(GROUP_ROWS * output))
             .zip(pending)
             .zip(extras)
             .collect();
         parts.into_par_iter().enumerate().for_each(|(index, (inputs, extra))| {
-            let (((((((targets, active), mocap), forces), tails), memory), outputs), pending) = inputs;
+            let ((inputs, outputs), pending) = inputs;
+            let ((((((targets, active), mocap), forces), tails), memory), actions) = inputs;
             let (shared, first_row) = (&*shared, index * GROUP_ROWS);
             let rows = GROUP_ROWS.min(*rows - first_row);
             shared.on_thread(|thread| {
@@ -181,6 +185,7 @@ impl TaskBatch {
                     forces,
                     tails,
                     memory,
+                    actions,
                     outputs,
                     pending,
                 };
@@ -299,6 +304,7 @@ pub(crate) struct TaskRows<'a> {
     forces: &'a mut [f64],
     tails: &'a mut [f64],
     memory: &'a mut [f64],
+    actions: &'a mut [f64],
     outputs: Outputs<'a>,
     pending: &'a mut Pending,
 }
@@ -342,9 +348,9 @@ impl TaskRows<'_> {
         }
     }
 
-    /// Writes the sample of a row after a control step under `action`, with rewards if there is
-    /// space for them, and returns its status.
-    pub(crate) fn rewarded_sample(&mut self, row: usize, action: &[f64], sample: Sample<'_>) -> BatchStatus {
+    /// Writes the sample of a row after the control step of its last [command](Self::command), with
+    /// rewards if there is space for them, and returns its status.
+    pub(crate) fn rewarded_sample(&mut self, row: usize, sample: Sample<'_>) -> BatchStatus {
         let Shared { model, layout, functions, sizes, .. } = self.shared;
         let Thread { output, observation, .. } = &mut *self.thread;
         self.outputs.read(row, output);
@@ -355,7 +361,9 @@ impl TaskRows<'_> {
                 let active = &self.active[row * sizes.active..][..sizes.active];
                 let view = layout.rows(model, output, active);
                 let memory = &mut self.memory[row * sizes.memory..][..sizes.memory];
-                BatchStatus::Step(functions.write_step(&view, action, memory, observation, sample))
+                let (readings, action) = (layout.readings(output), &self.actions[row * JOINTS..][..JOINTS]);
+                let readings = readings.as_ref();
+                BatchStatus::Step(functions.write_step(&view, readings, action, memory, observation, sample))
             }
         }
     }
@@ -384,11 +392,12 @@ impl ScenarioRows for TaskRows<'_> {
     }
 
     fn sample(&mut self, row: usize, observation: &mut [f32], signals: &mut [f64]) -> BatchStatus {
-        self.rewarded_sample(row, &[], Sample { observation, signals, rewards: &mut [] })
+        self.rewarded_sample(row, Sample { observation, signals, rewards: &mut [] })
     }
 
     fn command(&mut self, row: usize, action: &[f64]) {
         let Shared { model, layout, functions, sizes, events, .. } = self.shared;
+        self.actions[row * JOINTS..][..JOINTS].copy_from_slice(action);
         let has_jumped = events.size > 0 && self.begin_step(row);
         let Thread { worker, output, .. } = &mut *self.thread;
         if functions.reads_state_to_grip() {

@@ -4,13 +4,15 @@ use mishandle_rollout::{
     Axis, Disturbance, Environment, EnvironmentWorker, RolloutError, Sample, Scenario, Seed, Space,
     StepStatus, Stream,
 };
-use mishandle_world::{BatchLayout, Change, Model, ModelField, Rows, World, WorldError};
+use mishandle_world::{
+    BatchLayout, Change, Model, ModelField, ProbeRecorder, Readings, Rows, World, WorldError,
+};
 
 use crate::axes::{self, Constant, Elements, JUMP_SIZE, PUSH_SIZE, Parameter, Push, SLIP_SIZE};
 use crate::check::{check_definition, check_scene, check_substeps, compile};
 use crate::definition::{Definition, GripperMode, Preset, Reward, Scene, Task};
 use crate::document::compose;
-use crate::manner::{MANNER, MEMORY, Manner, MannerRecorder};
+use crate::manner::{MANNER, MEMORY, Manner, probe};
 use crate::manner_reward::{MannerReward, MannerWeights};
 use crate::robot::{ARM_JOINTS, CONTROL_DT, EPISODE_STEPS, JOINTS, Panda};
 
@@ -112,7 +114,7 @@ impl TaskEnvironment {
         let panda = Panda::new(&model).map_err(scene_error)?;
         let scene = task.bind(&model, &panda).map_err(scene_error)?;
         check_scene(definition, &model, &panda, &*scene)?;
-        let manner = Manner::new(definition, &model, panda).map_err(scene_error)?;
+        let manner = Manner::new(probe(definition, &model, &panda).map_err(scene_error)?, n_substeps);
         let environment = TaskEnvironment {
             definition,
             elements: Elements::new(definition, &model, panda).map_err(scene_error)?,
@@ -203,14 +205,15 @@ impl TaskEnvironment {
         TaskEnvironment { manner_reward, reward_terms, ..environment }
     }
 
-    /// Returns the length of the part of a state row that the reward terms of the manner need.
-    pub(crate) fn reward_memory_size(&self) -> usize {
-        self.manner_reward.memory_size()
+    /// Returns the length of the last part of a state row: the memory of the signals of the manner
+    /// and of its reward terms.
+    pub(crate) fn memory_size(&self) -> usize {
+        self.manner().map_or(0, |_| MEMORY) + self.manner_reward.memory_size()
     }
 
-    /// Returns whether the environment computes the signals of the manner.
-    pub(crate) fn has_manner(&self) -> bool {
-        self.has_manner
+    /// Returns the signals of the manner, if the environment computes them.
+    pub(crate) fn manner(&self) -> Option<&Manner> {
+        self.has_manner.then_some(&self.manner)
     }
 
     /// Returns the compiled model.
@@ -258,6 +261,7 @@ impl TaskEnvironment {
             panda: *panda,
             scene: scene.clone(),
             reward: *reward,
+            manner: self.manner().cloned(),
             manner_reward: *manner_reward,
         }
     }
@@ -277,7 +281,7 @@ impl TaskEnvironment {
             worlds: self.world_cache(),
             current: 0,
             values: self.nominal(),
-            manner: self.has_manner.then(|| MannerRecorder::new(self.manner.clone(), &self.model)),
+            recorder: self.manner().map(|manner| ProbeRecorder::new(manner.probe().clone(), &self.model)),
             observation: vec![0.0; self.observation_size()],
         }
     }
@@ -340,8 +344,7 @@ impl Environment for TaskEnvironment {
     }
 
     fn state_size(&self) -> usize {
-        let manner = if self.has_manner() { MEMORY } else { 0 };
-        self.model.state_size() + JOINTS + self.tail_size() + manner + self.reward_memory_size()
+        self.model.state_size() + JOINTS + self.tail_size() + self.memory_size()
     }
 
     fn control_dt(&self) -> f64 {
@@ -481,6 +484,7 @@ pub(crate) struct SceneFunctions {
     panda: Panda,
     scene: Arc<dyn Scene>,
     reward: Reward,
+    manner: Option<Manner>,
     manner_reward: MannerReward,
 }
 
@@ -522,17 +526,29 @@ impl SceneFunctions {
         }
     }
 
-    /// Writes the sample after a control step, with rewards if there is space for them, and returns
-    /// its status. `memory` is that of the reward terms of the manner.
+    /// Splits the memory of an episode into those of the signals of the manner and of its reward
+    /// terms.
+    fn split_memory<'a>(&self, memory: &'a mut [f64]) -> (&'a mut [f64], &'a mut [f64]) {
+        memory.split_at_mut(self.manner.as_ref().map_or(0, |_| MEMORY))
+    }
+
+    /// Writes the sample after a control step with these readings, with rewards if there is space
+    /// for them, and returns its status. `memory` is that of the episode.
     pub(crate) fn write_step(
         &self,
         rows: &Rows<'_>,
+        readings: Option<&Readings>,
         action: &[f64],
         memory: &mut [f64],
         buffer: &mut [f64],
         mut sample: Sample<'_>,
     ) -> StepStatus {
         self.write_sample(rows, buffer, &mut sample);
+        let (of_signals, memory) = self.split_memory(memory);
+        if let (Some(manner), Some(readings)) = (&self.manner, readings) {
+            let signals = &mut sample.signals[self.definition.signals.len()..];
+            manner.finish(rows, readings, action, of_signals, signals);
+        }
         if !sample.rewards.is_empty() {
             let (own, manner) = sample.rewards.split_at_mut(self.definition.reward(self.reward).len());
             self.scene.reward(self.reward, rows, sample.signals, action, own);
@@ -557,7 +573,7 @@ pub(crate) struct TaskWorker {
     /// Parameters without an axis in the space keep their nominal values. Each reset overwrites the
     /// others.
     values: ParameterValues,
-    manner: Option<MannerRecorder>,
+    recorder: Option<ProbeRecorder>,
     observation: Vec<f64>,
 }
 
@@ -632,7 +648,7 @@ impl EnvironmentWorker for TaskWorker {
         for (parameter, value) in self.space_parameters.iter().zip(scenario.values()) {
             self.values.set(*parameter, *value);
         }
-        let SceneFunctions { definition, panda, .. } = self.functions.clone();
+        let SceneFunctions { definition, panda, .. } = self.functions;
         let mut start = definition.start;
         for (i, (q, joint)) in start[..ARM_JOINTS].iter_mut().zip(panda.joints()).enumerate() {
             let drawn = || 2.0 * seed.uniform(Stream::Reset, 0, i as u32) - 1.0;
@@ -655,10 +671,9 @@ impl EnvironmentWorker for TaskWorker {
         self.write_sample(world_index, &mut sample);
         sample.rewards.fill(0.0);
         let world = &self.worlds.worlds[world_index].1;
-        let of_signals = memory.len() - self.functions.manner_reward.memory_size();
-        let (memory, reward_memory) = memory.split_at_mut(of_signals);
+        let (memory, reward_memory) = self.functions.split_memory(memory);
         reward_memory.fill(0.0);
-        if let Some(manner) = &mut self.manner {
+        if let Some(manner) = &self.functions.manner {
             manner.start(&world.rows(), memory, &mut sample.signals[definition.signals.len()..]);
         }
         world.read_state(physics);
@@ -678,14 +693,14 @@ impl EnvironmentWorker for TaskWorker {
         if self.functions.move_targets(&world.rows(), action, targets) {
             world.switch_all(false);
         }
-        self.manner.iter_mut().for_each(MannerRecorder::clear);
+        self.recorder.iter_mut().for_each(ProbeRecorder::clear);
         for substep in 0..self.n_substeps {
             if let Some(push) = &push {
                 let force = push.substep_force(tail[0], substep, world.model().timestep());
                 self.elements.push.iter().for_each(|body| world.push(*body, force));
             }
-            match &mut self.manner {
-                Some(manner) => manner.step(targets, world),
+            match &mut self.recorder {
+                Some(recorder) => recorder.step(&self.functions.panda.servos(), targets, world),
                 None => self.functions.panda.step(targets, world),
             }
         }
@@ -698,12 +713,7 @@ impl EnvironmentWorker for TaskWorker {
         }
         world.refresh();
         let rows = world.rows();
-        let of_signals = memory.len() - self.functions.manner_reward.memory_size();
-        let (memory, reward_memory) = memory.split_at_mut(of_signals);
-        if let Some(manner) = &mut self.manner {
-            let first = self.functions.definition.signals.len();
-            manner.finish(&rows, action, memory, &mut sample.signals[first..]);
-        }
-        self.functions.write_step(&rows, action, reward_memory, &mut self.observation, sample)
+        let readings = self.recorder.as_ref().map(ProbeRecorder::readings);
+        self.functions.write_step(&rows, readings, action, memory, &mut self.observation, sample)
     }
 }

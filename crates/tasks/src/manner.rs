@@ -3,8 +3,7 @@
 //!
 //! They cost time, so an environment computes them only [on request](crate::TaskEnvironment::with_manner).
 
-use mishandle_world::frame::{add, cross, norm, sub};
-use mishandle_world::{Actuator, Body, Equality, Model, Part, PartForces, PartMap, Rows, World, WorldError};
+use mishandle_world::{FORCES, Model, Probe, ProbedJoint, Readings, Rows, WorldError};
 
 use crate::definition::{Attachment, Definition, Quantity, scalar};
 use crate::robot::{ARM_JOINTS, CONTROL_DT, JOINT_NAMES, JOINTS, Panda, VELOCITY_LIMIT};
@@ -76,223 +75,101 @@ pub(crate) const GROUND_FORCE: usize = 2;
 pub const CAREFUL: &str = "always[0:300](fixture_force <= 280 and fixture_force_mean <= 140 and ground_force <= 280 \
      and ground_force_mean <= 140 and tool_speed <= 1.7 and joint_speed_share <= 1.05) and always[300:300](rest_time >= 0.25)";
 
-/// Number of forces with a mean.
-const FORCES: usize = 4;
+/// Number of forces with a mean: all but the last one.
+const MEANS: usize = FORCES - 1;
 
 /// Number of values that the signals need from the control steps before.
-pub(crate) const MEMORY: usize = FORCES * (MEAN_STEPS - 1) + JOINTS + 1;
+pub(crate) const MEMORY: usize = MEANS * (MEAN_STEPS - 1) + JOINTS + 1;
 
-/// The elements of a model that the signals of the manner depend on.
+/// Returns the elements of the model of a task that the signals depend on.
+///
+/// # Errors
+/// If an element is missing.
+pub(crate) fn probe(definition: &Definition, model: &Model, panda: &Panda) -> Result<Probe, WorldError> {
+    let joint = |i: usize| {
+        Ok(ProbedJoint {
+            joint: panda.joints()[i],
+            actuator: model.actuator(JOINT_NAMES[i])?,
+            max_velocity: VELOCITY_LIMIT[i],
+            max_acceleration: ACCELERATION_LIMIT[i],
+            max_torque: TORQUE_LIMIT[i],
+        })
+    };
+    let welded = definition.held.filter(|held| held.attachment == Attachment::Weld);
+    Ok(Probe {
+        parts: model.part_map(definition.object)?,
+        weld: welded.map(|held| model.equality(held.name)).transpose()?,
+        joints: (0..ARM_JOINTS).map(joint).collect::<Result<_, WorldError>>()?,
+        hand: model.body("hand")?,
+        tool: panda.grasp,
+    })
+}
+
+/// The signals of the manner of a task. Every engine that measures the [`Probe`] gives them.
 #[derive(Clone, Debug)]
 pub(crate) struct Manner {
-    parts: PartMap,
-    panda: Panda,
-    hand: Body,
-    actuators: [Actuator; ARM_JOINTS],
-    /// The weld that holds the object in the hand.
-    weld: Option<Equality>,
+    probe: Probe,
+    /// Number of physics steps per control step.
+    substeps: usize,
 }
 
 impl Manner {
-    /// Finds the elements in the model of a task.
-    ///
-    /// # Errors
-    /// If an element is missing.
-    pub(crate) fn new(definition: &Definition, model: &Model, panda: Panda) -> Result<Manner, WorldError> {
-        let mut actuators = [model.actuator(JOINT_NAMES[0])?; ARM_JOINTS];
-        for (actuator, name) in actuators.iter_mut().zip(JOINT_NAMES) {
-            *actuator = model.actuator(name)?;
-        }
-        let welded = definition.held.filter(|held| held.attachment == Attachment::Weld);
-        Ok(Manner {
-            parts: model.part_map(definition.object)?,
-            panda,
-            hand: model.body("hand")?,
-            actuators,
-            weld: welded.map(|held| model.equality(held.name)).transpose()?,
-        })
+    pub(crate) fn new(probe: Probe, substeps: usize) -> Manner {
+        Manner { probe, substeps }
     }
 
-    /// Returns the speed of the grasp point, m/s.
-    fn tool_speed(&self, rows: &Rows<'_>) -> f64 {
-        let (linear, angular) = rows.twist(self.hand);
-        let arm = sub(rows.site_position(self.panda.grasp), rows.position(self.hand));
-        norm(add(linear, cross(angular, arm)))
-    }
-
-    /// Returns the forces of the robot on fixtures, the ground, itself and the object, and of the
-    /// robot without fingers on the object.
-    fn forces(&self, forces: &PartForces, holds: bool) -> [f64; FORCES + 1] {
-        use Part as P;
-        let of_robot = |part| forces.between(P::Fingers, part) + forces.between(P::Arm, part);
-        let of_held = |part| if holds { forces.between(P::Object, part) } else { 0.0 };
-        [
-            of_robot(P::Fixture) + of_held(P::Fixture),
-            of_robot(P::Ground) + of_held(P::Ground),
-            of_robot(P::Arm) + forces.between(P::Fingers, P::Fingers),
-            of_robot(P::Object),
-            forces.between(P::Arm, P::Object),
-        ]
-    }
-}
-
-/// The signals of one control step while its physics steps are taken.
-#[derive(Clone, Debug)]
-pub(crate) struct MannerRecorder {
-    manner: Manner,
-    /// Velocities before the physics step.
-    before: Vec<f64>,
-    steps: usize,
-    largest: [f64; FORCES + 1],
-    sum: [f64; FORCES],
-    speeds: [f64; ARM_JOINTS],
-    acceleration: f64,
-    torque: f64,
-    tool_speed: f64,
-    limit_distance: f64,
-}
-
-impl MannerRecorder {
-    pub(crate) fn new(manner: Manner, model: &Model) -> MannerRecorder {
-        MannerRecorder {
-            manner,
-            before: vec![0.0; model.qvel_size()],
-            steps: 0,
-            largest: [0.0; FORCES + 1],
-            sum: [0.0; FORCES],
-            speeds: [0.0; ARM_JOINTS],
-            acceleration: 0.0,
-            torque: 0.0,
-            tool_speed: 0.0,
-            limit_distance: f64::INFINITY,
-        }
-    }
-
-    /// Starts a control step.
-    pub(crate) fn clear(&mut self) {
-        self.steps = 0;
-        (self.largest, self.sum) = ([0.0; FORCES + 1], [0.0; FORCES]);
-        self.speeds = [0.0; ARM_JOINTS];
-        (self.acceleration, self.torque, self.tool_speed) = (0.0, 0.0, 0.0);
-        self.limit_distance = f64::INFINITY;
-    }
-
-    /// Takes a physics step towards the targets of the joints and reads what happened in it.
-    pub(crate) fn step(&mut self, targets: &[f64], world: &mut World) {
-        self.before.copy_from_slice(world.qvel());
-        self.manner.panda.step(targets, world);
-        let (manner, world) = (&self.manner, &*world);
-        let timestep = world.model().timestep();
-        let holds = manner.weld.is_some_and(|weld| world.rows().is_active(weld));
-        let forces = manner.forces(&world.part_forces(&manner.parts), holds);
-        for (largest, force) in self.largest.iter_mut().zip(forces) {
-            *largest = largest.max(force);
-        }
-        for (sum, force) in self.sum.iter_mut().zip(forces) {
-            *sum += force;
-        }
-        let (qpos, qvel) = (world.qpos(), world.qvel());
-        for (i, joint) in manner.panda.joints()[..ARM_JOINTS].iter().enumerate() {
-            let velocity = qvel[joint.dof];
-            // MuJoCo's own acceleration is that before the implicit integration.
-            let acceleration = (velocity - self.before[joint.dof]) / timestep;
-            let torque = world.actuator_force(manner.actuators[i]);
-            self.speeds[i] = self.speeds[i].max(velocity.abs());
-            self.acceleration = self.acceleration.max(acceleration.abs() / ACCELERATION_LIMIT[i]);
-            self.torque = self.torque.max(torque.abs() / TORQUE_LIMIT[i]);
-            let q = qpos[joint.qpos];
-            self.limit_distance = self.limit_distance.min((q - joint.low).min(joint.high - q));
-        }
-        if self.steps > 0 {
-            // Poses after a step are those of its start, where the velocities were these.
-            let mut rows = world.rows();
-            rows.qvel = &self.before;
-            self.tool_speed = self.tool_speed.max(manner.tool_speed(&rows));
-        }
-        self.steps += 1;
+    /// Returns the elements that an engine measures.
+    pub(crate) fn probe(&self) -> &Probe {
+        &self.probe
     }
 
     /// Writes the signals of the initial state and sets the memory of the episode.
-    pub(crate) fn start(&mut self, rows: &Rows<'_>, memory: &mut [f64], out: &mut [f64]) {
+    pub(crate) fn start(&self, rows: &Rows<'_>, memory: &mut [f64], out: &mut [f64]) {
         memory.fill(0.0);
-        self.clear();
-        for joint in &self.manner.panda.joints()[..ARM_JOINTS] {
-            let q = rows.qpos[joint.qpos];
-            self.limit_distance = self.limit_distance.min((q - joint.low).min(joint.high - q));
-        }
-        self.write(&[0.0; FORCES], 0.0, 0.0, out);
+        let limit_distance = self.probe.limit_distance(rows.qpos);
+        write(&Readings { limit_distance, ..Readings::default() }, &[0.0; MEANS], [0.0; 2], out);
     }
 
-    /// Writes the signals of the control step that ends in the state `rows`, under an action, and
-    /// updates the memory of the episode.
-    pub(crate) fn finish(&mut self, rows: &Rows<'_>, action: &[f64], memory: &mut [f64], out: &mut [f64]) {
-        self.tool_speed = self.tool_speed.max(self.manner.tool_speed(rows));
-        let (means, rest) = memory.split_at_mut(FORCES * (MEAN_STEPS - 1));
+    /// Writes the signals of the control step with these readings that ends in the state `rows`,
+    /// under an action, and updates the memory of the episode.
+    pub(crate) fn finish(
+        &self,
+        rows: &Rows<'_>,
+        readings: &Readings,
+        action: &[f64],
+        memory: &mut [f64],
+        out: &mut [f64],
+    ) {
+        let tool_speed = readings.tool_speed.max(self.probe.tool_speed(rows));
+        let (means, rest) = memory.split_at_mut(MEANS * (MEAN_STEPS - 1));
         let (last_action, rest_steps) = rest.split_at_mut(JOINTS);
-        let now = self.sum.map(|sum| sum / self.steps.max(1) as f64);
+        let now: [f64; MEANS] = std::array::from_fn(|force| readings.sums[force] / self.substeps as f64);
         let mut mean = now;
-        for before in means.chunks(FORCES) {
+        for before in means.chunks(MEANS) {
             mean.iter_mut().zip(before).for_each(|(mean, before)| *mean += before);
         }
         let mean = mean.map(|sum| sum / MEAN_STEPS as f64);
-        means.copy_within(..FORCES * (MEAN_STEPS - 2), FORCES);
-        means[..FORCES].copy_from_slice(&now);
+        means.copy_within(..MEANS * (MEAN_STEPS - 2), MEANS);
+        means[..MEANS].copy_from_slice(&now);
         let changes = action.iter().zip(&*last_action).map(|(action, last)| (action - last).abs());
         let rate = changes.fold(0.0, f64::max) / CONTROL_DT;
         last_action.copy_from_slice(action);
-        let is_at_rest = self.speeds.iter().all(|speed| *speed < REST_SPEED);
-        rest_steps[0] = if is_at_rest { rest_steps[0] + 1.0 } else { 0.0 };
-        self.write(&mean, rate, rest_steps[0] * CONTROL_DT, out);
-    }
-
-    /// Writes the signals in the order of [`MANNER`].
-    fn write(&self, mean: &[f64; FORCES], action_rate: f64, rest_time: f64, out: &mut [f64]) {
-        for (force, out) in out.chunks_mut(2).take(FORCES).enumerate() {
-            out.copy_from_slice(&[self.largest[force], mean[force]]);
-        }
-        let speeds = self.speeds.iter().zip(VELOCITY_LIMIT);
-        out[2 * FORCES..].copy_from_slice(&[
-            self.largest[FORCES],
-            speeds.map(|(speed, limit)| speed / limit).fold(0.0, f64::max),
-            self.acceleration,
-            self.torque,
-            self.tool_speed,
-            self.limit_distance,
-            action_rate,
-            rest_time,
-        ]);
+        rest_steps[0] = if readings.speed < REST_SPEED { rest_steps[0] + 1.0 } else { 0.0 };
+        let rest_time = rest_steps[0] * CONTROL_DT;
+        write(&Readings { tool_speed, ..*readings }, &mean, [rate, rest_time], out);
     }
 }
 
-#[cfg(test)]
-#[allow(clippy::unwrap_used)]
-mod tests {
-    use super::*;
-    use crate::document::compose;
-    use crate::task;
-
-    #[test]
-    fn what_the_hand_holds_belongs_to_the_robot() {
-        let task = task("peg-in-hole").unwrap();
-        let model = Model::from_xml(&compose(task).unwrap()).unwrap();
-        let manner = Manner::new(task.definition(), &model, Panda::new(&model).unwrap()).unwrap();
-        assert!(manner.weld.is_some());
-        let mut forces = PartForces::default();
-        for (a, b, force) in [
-            (Part::Object, Part::Fixture, 1.0),
-            (Part::Fingers, Part::Fixture, 2.0),
-            (Part::Arm, Part::Fixture, 4.0),
-            (Part::Ground, Part::Object, 8.0),
-            (Part::Arm, Part::Ground, 16.0),
-            (Part::Arm, Part::Arm, 32.0),
-            (Part::Fingers, Part::Arm, 64.0),
-            (Part::Fingers, Part::Fingers, 128.0),
-            (Part::Object, Part::Fingers, 256.0),
-            (Part::Object, Part::Arm, 512.0),
-        ] {
-            forces.add(a, b, force);
-        }
-        assert_eq!(manner.forces(&forces, true), [7.0, 24.0, 224.0, 768.0, 512.0]);
-        assert_eq!(manner.forces(&forces, false), [6.0, 16.0, 224.0, 768.0, 512.0]);
+/// Writes the signals in the order of [`MANNER`]. The last ones are action rate and rest time.
+fn write(readings: &Readings, mean: &[f64; MEANS], last: [f64; 2], out: &mut [f64]) {
+    let (forces, rest) = out.split_at_mut(2 * MEANS);
+    for (force, out) in forces.chunks_mut(2).enumerate() {
+        out.copy_from_slice(&[readings.largest[force], mean[force]]);
     }
+    let Readings { speed_share, acceleration_share, torque_share, tool_speed, limit_distance, .. } =
+        *readings;
+    let motion = [speed_share, acceleration_share, torque_share, tool_speed, limit_distance];
+    rest[0] = readings.largest[MEANS];
+    rest[1..][..motion.len()].copy_from_slice(&motion);
+    rest[1 + motion.len()..].copy_from_slice(&last);
 }

@@ -1,8 +1,8 @@
 //! Reward terms for the manner in which the robot does a task. Each has a weight, and exists only
 //! if its weight is above 0.
 //!
-//! All but the contact force follow from the state after a control step and its action, so every
-//! engine computes them.
+//! All but the contact force follow from the state after a control step and its action. The contact
+//! force is a signal of the manner, which an engine computes only where it is requested.
 
 use mishandle_world::Rows;
 

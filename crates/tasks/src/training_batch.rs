@@ -128,11 +128,11 @@ impl EnvironmentBatch for TrainingBatch {
         self.visit(|first, rows, _| (0..rows.len()).for_each(|row| rows.command(row, action(first + row))));
         self.batch.start_step()?;
         self.batch.finish_step()?;
-        self.visit(|first, rows, mut samples| {
+        self.visit(|_, rows, mut samples| {
             let mut signals = vec![0.0; sizes.signals];
             for row in 0..rows.len() {
                 let sample = sizes.sample(row, &mut samples, &mut signals);
-                samples.statuses[row] = match rows.rewarded_sample(row, action(first + row), sample) {
+                samples.statuses[row] = match rows.rewarded_sample(row, sample) {
                     BatchStatus::Step(status) => status,
                     BatchStatus::Overflow => StepStatus::Diverged,
                 };

@@ -9,7 +9,9 @@ use mishandle_rollout::{
     Scenario, ScenarioBatch, Screen, Screening, Seed, Space, Specification, Start, StepStatus, Stream,
 };
 use mishandle_tasks::{Preset, Reward, TaskBatch, TaskBatches, TaskEnvironment, TaskTarget, tasks};
-use mishandle_world::{BatchSpec, CpuDevice, ModelField, Outputs, WorldBatch, WorldDevice, WorldError};
+use mishandle_world::{
+    BatchLayout, BatchSpec, CpuDevice, ModelField, Outputs, Readings, WorldBatch, WorldDevice, WorldError,
+};
 
 fn target(task: &str, noise: Noise) -> TaskTarget {
     let task = mishandle_tasks::task(task).unwrap();
@@ -33,13 +35,23 @@ fn screening(
     device: &dyn WorldDevice,
     rows: &[usize],
 ) -> Screening {
+    screening_of(&specification(task), target, space, device, rows)
+}
+
+fn screening_of(
+    specification: &Specification,
+    target: &TaskTarget,
+    space: &str,
+    device: &dyn WorldDevice,
+    rows: &[usize],
+) -> Screening {
     let space = target.target().unwrap().space(space).unwrap();
-    let environment = target.environment(&space, &specification(task)).unwrap();
+    let environment = target.environment(&space, specification).unwrap();
     let batches = rows
         .iter()
         .map(|rows| Box::new(TaskBatch::new(&environment, device, *rows).unwrap()) as Box<dyn ScenarioBatch>)
         .collect();
-    let rollout = target.system_in(Arc::new(environment), &space, &specification(task)).unwrap();
+    let rollout = target.system_in(Arc::new(environment), &space, specification).unwrap();
     Screening::new(rollout, batches)
 }
 
@@ -274,6 +286,50 @@ fn rows_with_changed_constants_and_events_have_the_bits_of_the_environment() {
     }
 }
 
+#[test]
+fn signals_of_the_manner_have_the_bits_of_the_environment() {
+    for (task, touched) in [
+        ("cube-stacking", "object_force"),
+        ("peg-in-hole", "fixture_force"),
+        ("ball-balancing", "arm_object_force"),
+    ] {
+        for space in ["starts", "starts+dynamics+events"] {
+            let (environment, scenarios) = environment(task, space);
+            let environment = environment.with_manner();
+            let expected = plain_rows(&environment, &scenarios, 60);
+            let found = batch_rows(&environment, &scenarios, 60, &CpuDevice);
+            for (row, (found, expected)) in found.iter().zip(&expected).enumerate() {
+                let differing = found.iter().zip(expected).position(|(found, expected)| found != expected);
+                assert_eq!(differing, None, "{task}, {space}, row {row}: first control step that differs");
+            }
+            let signal = environment.signals().iter().position(|name| name == touched).unwrap();
+            let forces = expected.iter().flatten().map(|(_, signals, _)| f64::from_bits(signals[signal]));
+            assert!(forces.fold(0.0, f64::max) > 1.0, "{task}, {space}: nothing touches");
+        }
+    }
+}
+
+#[test]
+fn screened_episodes_have_the_careful_success_of_the_system() {
+    for task in ["ball-balancing", "peg-in-hole"] {
+        let target = target(task, Noise { action_std: 0.3, observation_std: 0.0 });
+        let space = target.target().unwrap().space("starts").unwrap();
+        let formulas = mishandle_tasks::task(task).unwrap().definition().formulas(Preset::Paper);
+        let careful = formulas.careful().unwrap().parse().unwrap();
+        let specification = Specification { careful: Some(careful), ..specification(task) };
+        let requests: Vec<Request> =
+            (0..7).map(|i| Request::new(space.sample(Seed(3), i), Seed(100 + i))).collect();
+        let mut system = target.target().unwrap().system(&space, &specification).unwrap();
+        let expected = system.rollout(&requests).unwrap();
+        let mut screening = screening_of(&specification, &target, "starts", &CpuDevice, &[3, 2]);
+        let found = screening.run(&requests, &|_| true).unwrap();
+        for (episode, screened) in expected.iter().zip(found) {
+            assert!(episode.verdict.careful.is_some());
+            assert_eq!(screened.unwrap().verdict.careful, episode.verdict.careful, "{task}");
+        }
+    }
+}
+
 /// A part of the inputs that a batch receives.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Input {
@@ -343,19 +399,23 @@ fn rows_of_a_device_that_ignores_constants_slips_pushes_or_jumps_differ() {
     }
 }
 
+/// A device that keeps the facts of its last batch.
+struct Recording(Mutex<Option<BatchSpec>>);
+
+impl WorldDevice for Recording {
+    fn engine(&self) -> &'static str {
+        "recording"
+    }
+
+    fn batch(&self, spec: &BatchSpec) -> Result<Box<dyn WorldBatch>, WorldError> {
+        *self.0.lock().unwrap() = Some(spec.clone());
+        CpuDevice.batch(spec)
+    }
+}
+
 #[test]
 fn only_axes_of_constants_and_events_vary_the_worlds() {
     let spec = |space: &str| {
-        struct Recording(Mutex<Option<BatchSpec>>);
-        impl WorldDevice for Recording {
-            fn engine(&self) -> &'static str {
-                "recording"
-            }
-            fn batch(&self, spec: &BatchSpec) -> Result<Box<dyn WorldBatch>, WorldError> {
-                *self.0.lock().unwrap() = Some(spec.clone());
-                CpuDevice.batch(spec)
-            }
-        }
         let recording = Recording(Mutex::default());
         TaskBatch::new(&environment("cube-stacking", space).0, &recording, 1).unwrap();
         recording.0.into_inner().unwrap().unwrap()
@@ -367,6 +427,21 @@ fn only_axes_of_constants_and_events_vary_the_worlds() {
     let events = spec("events");
     assert_eq!((events.fields, events.pushed.len()), (vec![ModelField::EqData], 1));
     assert!(spec("dynamics").pushed.is_empty());
+}
+
+#[test]
+fn only_signals_of_the_manner_are_measured() {
+    let task = mishandle_tasks::task("peg-in-hole").unwrap();
+    let plain = TaskEnvironment::new(task, Preset::Paper, Reward::Shaped).unwrap();
+    let manner = plain.with_manner();
+    let layout = |environment: &TaskEnvironment| {
+        let recording = Recording(Mutex::default());
+        TaskBatch::new(environment, &recording, 1).unwrap();
+        let spec = recording.0.into_inner().unwrap().unwrap();
+        (spec.probe.is_some(), BatchLayout::new(&spec.model, spec.probe.as_ref()).output_size())
+    };
+    let ((without, former), (with, longer)) = (layout(&plain), layout(&manner));
+    assert_eq!((without, with, longer - former), (false, true, Readings::SIZE));
 }
 
 #[test]

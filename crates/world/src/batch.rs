@@ -2,7 +2,7 @@
 //! physics engine.
 
 use crate::rows::Tree;
-use crate::{Body, Model, ModelField, Rows, Servo, World, WorldError};
+use crate::{Body, Model, ModelField, Probe, ProbeRecorder, Readings, Rows, Servo, World, WorldError};
 
 /// Facts that a device needs to make a batch.
 #[derive(Clone, Debug)]
@@ -20,6 +20,9 @@ pub struct BatchSpec {
     pub substeps: usize,
     /// Servos, in the order of the first actuators.
     pub servos: Vec<Servo>,
+    /// Elements whose forces and motion are measured over the physics steps. Without them, an
+    /// output row has no [`Readings`].
+    pub probe: Option<Probe>,
 }
 
 /// Makes batches of worlds.
@@ -90,7 +93,8 @@ pub struct BatchBuffers<'a> {
     /// Force on the center of mass of every pushed body in each physics step, N, world axes,
     /// `[rows, substeps, 3]`; empty without pushed bodies.
     pub forces: &'a mut [f64],
-    /// State and poses after the control step, and [`RowStatus`], `[rows, output_size]`.
+    /// State and poses after the control step, its [`Readings`] if there is a probe, and
+    /// [`RowStatus`], `[rows, output_size]`.
     pub outputs: Outputs<'a>,
 }
 
@@ -166,10 +170,10 @@ impl RowStatus {
 }
 
 /// Lengths of the parts of an output row: qpos, qvel, body positions and quaternions, site
-/// positions and rotations, joint anchors and axes, status.
+/// positions and rotations, joint anchors and axes, readings if there is a probe, status.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct BatchLayout {
-    lengths: [usize; 9],
+    lengths: [usize; 10],
     /// Number of equality constraints.
     pub constraints: usize,
     /// Number of mocap bodies.
@@ -177,13 +181,25 @@ pub struct BatchLayout {
 }
 
 impl BatchLayout {
-    /// Returns the layout for a model.
-    pub fn new(model: &Model) -> BatchLayout {
+    /// Returns the layout for a model, with or without a probe.
+    pub fn new(model: &Model, probe: Option<&Probe>) -> BatchLayout {
+        let readings = probe.map_or(0, |_| Readings::SIZE);
         let model = &*model.inner;
         let [nq, nv, bodies, sites, joints] =
             [model.nq(), model.nv(), model.nbody(), model.nsite(), model.njnt()].map(|n| n as usize);
         BatchLayout {
-            lengths: [nq, nv, 3 * bodies, 4 * bodies, 3 * sites, 9 * sites, 3 * joints, 3 * joints, 1],
+            lengths: [
+                nq,
+                nv,
+                3 * bodies,
+                4 * bodies,
+                3 * sites,
+                9 * sites,
+                3 * joints,
+                3 * joints,
+                readings,
+                1,
+            ],
             constraints: model.neq() as usize,
             mocaps: model.nmocap() as usize,
         }
@@ -194,7 +210,7 @@ impl BatchLayout {
         self.lengths.iter().sum()
     }
 
-    fn split<'a>(&self, mut output: &'a [f64]) -> [&'a [f64]; 9] {
+    fn split<'a>(&self, mut output: &'a [f64]) -> [&'a [f64]; 10] {
         self.lengths.map(|length| {
             let (part, rest) = output.split_at(length);
             output = rest;
@@ -204,7 +220,7 @@ impl BatchLayout {
 
     /// Returns the view of an output row for tasks. It contains no controls.
     pub fn rows<'a>(&self, model: &'a Model, output: &'a [f64], active: &'a [bool]) -> Rows<'a> {
-        let [qpos, qvel, positions, quaternions, site_positions, site_rotations, anchors, axes, _] =
+        let [qpos, qvel, positions, quaternions, site_positions, site_rotations, anchors, axes, ..] =
             self.split(output);
         Rows {
             qpos,
@@ -232,8 +248,21 @@ impl BatchLayout {
         output.last().map_or(RowStatus::Diverged, |code| RowStatus::from_code(*code))
     }
 
-    /// Writes the state and the poses of a world, which must be [refreshed](World::refresh), into
-    /// an output row.
+    /// Returns the readings of an output row, if there is a probe.
+    pub fn readings(&self, output: &[f64]) -> Option<Readings> {
+        let [.., readings, _] = self.split(output);
+        readings.as_array().map(Readings::read)
+    }
+
+    /// Writes readings into an output row, if there is a probe.
+    pub fn write_readings(&self, readings: &Readings, output: &mut [f64]) {
+        let [.., length, status] = self.lengths;
+        let first = self.output_size() - length - status;
+        output[first..][..length].copy_from_slice(&readings.numbers()[..length]);
+    }
+
+    /// Writes the state and the poses of a world, which must be [refreshed](World::refresh), and the
+    /// status of a running row into an output row.
     pub fn write(&self, world: &World, output: &mut [f64]) {
         let rows = world.rows();
         let parts = [
@@ -245,13 +274,15 @@ impl BatchLayout {
             rows.site_rotations.as_flattened(),
             rows.joint_anchors.as_flattened(),
             rows.joint_axes.as_flattened(),
-            &[0.0],
         ];
         let mut rest = output;
         for part in parts {
             let (own, others) = rest.split_at_mut(part.len());
             own.copy_from_slice(part);
             rest = others;
+        }
+        if let Some(status) = rest.last_mut() {
+            *status = 0.0;
         }
     }
 }
@@ -282,13 +313,14 @@ pub struct CpuWorlds {
     mocap: Vec<f64>,
     forces: Vec<f64>,
     outputs: Vec<f64>,
+    recorder: Option<ProbeRecorder>,
     spec: BatchSpec,
 }
 
 impl CpuWorlds {
     /// Makes a batch.
     pub fn new(spec: BatchSpec) -> CpuWorlds {
-        let (layout, rows) = (BatchLayout::new(&spec.model), spec.rows);
+        let (layout, rows) = (BatchLayout::new(&spec.model, spec.probe.as_ref()), spec.rows);
         let worlds = if spec.fields.is_empty() { 1 } else { rows };
         let forces = if spec.pushed.is_empty() { 0 } else { 3 * spec.substeps };
         CpuWorlds {
@@ -299,6 +331,7 @@ impl CpuWorlds {
             mocap: vec![0.0; rows * 7 * layout.mocaps],
             forces: vec![0.0; rows * forces],
             outputs: vec![0.0; rows * layout.output_size()],
+            recorder: spec.probe.clone().map(|probe| ProbeRecorder::new(probe, &spec.model)),
             layout,
             spec,
         }
@@ -347,17 +380,25 @@ impl WorldBatch for CpuWorlds {
             world.set_state(state);
             world.set_active(&self.active[row * self.layout.constraints..][..self.layout.constraints]);
             world.place_all(&self.mocap[row * 7 * self.layout.mocaps..][..7 * self.layout.mocaps]);
+            self.recorder.iter_mut().for_each(ProbeRecorder::clear);
             for substep in 0..*substeps {
                 let force = self.forces.as_chunks().0.get(row * substeps + substep);
                 if let Some(force) = force {
                     pushed.iter().for_each(|body| world.push(*body, *force));
                 }
-                world.step_servos(servos, &self.targets[row * servos.len()..]);
+                let targets = &self.targets[row * servos.len()..];
+                match &mut self.recorder {
+                    Some(recorder) => recorder.step(servos, targets, world),
+                    None => world.step_servos(servos, targets),
+                }
             }
             let has_diverged = world.take_divergence();
             world.read_state(state);
             world.refresh();
             self.layout.write(world, output);
+            if let Some(recorder) = &self.recorder {
+                self.layout.write_readings(recorder.readings(), output);
+            }
             if let (Some(status), true) = (output.last_mut(), has_diverged) {
                 *status = 1.0;
             }

@@ -15,13 +15,34 @@ impl Body {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Site(pub(crate) usize);
 
+impl Site {
+    /// Returns the index of the site in the model.
+    pub fn index(self) -> usize {
+        self.0
+    }
+}
+
 /// An actuator.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Actuator(pub(crate) usize);
 
+impl Actuator {
+    /// Returns the index of the actuator in the model.
+    pub fn index(self) -> usize {
+        self.0
+    }
+}
+
 /// An equality constraint, which can be switched on and off.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Equality(pub(crate) usize);
+
+impl Equality {
+    /// Returns the index of the constraint in the model.
+    pub fn index(self) -> usize {
+        self.0
+    }
+}
 
 /// A mocap body: its pose is set and not simulated.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -7,7 +7,8 @@
 //! and are then plain indices.
 //!
 //! A [`WorldBatch`] steps many worlds together, one per row. A [`WorldDevice`] makes it:
-//! [`CpuDevice`], or another physics engine that reads the same MJCF document.
+//! [`CpuDevice`], or another physics engine that reads the same MJCF document. A [`Probe`] names
+//! the elements whose forces and motion are measured over the physics steps.
 //!
 //! Units are SI, quaternions are (w, x, y, z), vectors and rotations are in the world frame, whose
 //! origin is the base of the robot. This is the only crate with `unsafe` code. It knows no tasks.
@@ -23,6 +24,7 @@ pub mod frame;
 mod kinematics;
 mod model;
 mod part_forces;
+mod probe;
 mod render;
 mod rows;
 mod servo;
@@ -40,6 +42,7 @@ pub use fields::ModelField;
 pub use kinematics::Arm;
 pub use model::Model;
 pub use part_forces::{Part, PartForces, PartMap};
+pub use probe::{FORCES, Probe, ProbeRecorder, ProbedJoint, Readings};
 pub use render::{
     CAMERAS, Caption, CaptionLayout, CaptionPart, Color, Picture, Quality, Renderer, Size, TimeBar,
     animated_png, png,

@@ -20,8 +20,10 @@ pub enum Part {
     Fixture,
 }
 
-/// Number of parts.
-const PARTS: usize = 5;
+impl Part {
+    /// All parts.
+    pub const ALL: [Part; 5] = [Part::Fingers, Part::Arm, Part::Object, Part::Ground, Part::Fixture];
+}
 
 /// The part of each geom and of each flex of a model.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -35,7 +37,7 @@ pub struct PartMap {
 /// Only pairs with the robot or with the object are summed. Forces at several points add up, also
 /// if they oppose each other: a pinch with 10 N on each side is 20 N.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct PartForces([[f64; PARTS]; PARTS]);
+pub struct PartForces([[f64; Part::ALL.len()]; Part::ALL.len()]);
 
 impl PartForces {
     /// Returns the force between two parts, N.
@@ -99,6 +101,16 @@ impl Model {
 }
 
 impl PartMap {
+    /// Returns the part of each geom.
+    pub fn geoms(&self) -> &[Part] {
+        &self.geoms
+    }
+
+    /// Returns the part of each flex.
+    pub fn flexes(&self) -> &[Part] {
+        &self.flexes
+    }
+
     /// Returns the parts of a contact between these geoms, or flexes where a geom is negative.
     fn parts(&self, geoms: [i32; 2], flexes: [i32; 2]) -> Option<[Part; 2]> {
         let part = |side: usize| match usize::try_from(geoms[side]) {

@@ -10,8 +10,7 @@ settings! {
         /// Weight of contact forces of the robot on fixtures and ground. In each control step, the
         /// weight times F / (F + 140 N) is subtracted, where F is the sum of the largest forces on
         /// fixtures and on the ground. It is half the weight at 140 N and never more than the
-        /// weight, so one impact does not dominate. Not with `--device gpu`, which computes no
-        /// contact forces.
+        /// weight, so one impact does not dominate.
         pub contact_force: f64 = 0.0, NOT_NEGATIVE;
         /// Weight of changes of the actions that the robot gets. In each control step, the weight
         /// times the mean of ((a - b) / 2)² over the actions a is subtracted, where b is the action
