@@ -126,6 +126,7 @@ fn an_interrupted_hardening_continues_to_the_same_result_and_its_sets_are_disjoi
             .collect()
     };
     assert!(!suite(&out).is_empty());
+    assert!(harden_folder(&out).join("round-1/failures/before.safetensors").exists());
     for (name, text) in suite(&out) {
         let known = Counterexample::from_json(&text).unwrap();
         let from = known.minimized_from.clone().unwrap();

@@ -1,5 +1,7 @@
 //! Simulations of run files with their failure modes.
 
+use std::collections::HashMap;
+
 use mishandle_store::RunFile;
 
 use super::weights::Simulated;
@@ -21,7 +23,7 @@ pub(crate) fn simulated(runs: &[RunFile]) -> Result<(Vec<Simulated>, Modes), Mis
     let (mut simulated, mut modes) = (Vec::new(), Modes::new());
     for run in runs {
         let names = |axes: &[usize]| axes.iter().map(|axis| run.header().axes[*axis].name.clone()).collect();
-        let mut mode_of = Vec::new();
+        let mut mode_of = HashMap::new();
         for mode in &failure_modes(run)?.modes {
             let key = (mode.representative().predicate.clone(), names(&mode.axes));
             let index = modes.iter().position(|(known, _)| *known == key).unwrap_or_else(|| {
@@ -36,13 +38,13 @@ pub(crate) fn simulated(runs: &[RunFile]) -> Result<(Vec<Simulated>, Modes), Mis
     Ok((simulated, modes))
 }
 
-fn rows(run: &RunFile, mode_of: &[((u32, u32), usize)]) -> Result<Vec<Simulated>, MishandleError> {
+fn rows(run: &RunFile, mode_of: &HashMap<(u32, u32), usize>) -> Result<Vec<Simulated>, MishandleError> {
     let mut found = Vec::new();
     for simulation in run.simulations() {
         let simulation = simulation?;
         let Some(robustness) = simulation.robustness else { continue };
         let place = (simulation.trial, simulation.number);
-        let mode = mode_of.iter().find(|(known, _)| *known == place).map(|(_, mode)| *mode);
+        let mode = mode_of.get(&place).copied();
         found.push(Simulated { scenario: simulation.scenario, seed: simulation.seed, robustness, mode });
     }
     Ok(found)

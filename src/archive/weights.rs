@@ -21,8 +21,7 @@ pub(crate) struct Simulated {
 /// could forget what it can already do there.
 const PASSED: f64 = 1.0 / 3.0;
 
-/// Largest number of scenarios. The next failure of a mode has a weight below 1/10,000 of the
-/// worst.
+/// Largest number of scenarios. Those left out have the smallest weights.
 const SCENARIOS: usize = 20_000;
 
 /// Returns the weights of scenarios to train on, and the scenarios: all failures, and as many of

@@ -3,7 +3,7 @@
 use std::ops::ControlFlow;
 use std::path::Path;
 
-use mishandle_falsification::minimize;
+use mishandle_falsification::{is_close, minimize};
 use mishandle_rollout::{Request, Scenario, Seed};
 
 use super::folder::Folder;
@@ -37,7 +37,7 @@ pub(super) fn minimized(
     order.sort_by_key(|mode| std::cmp::Reverse(modes[*mode].1));
     order.truncate(MODES);
     let mut system = resolved.system()?;
-    let mut found = Vec::new();
+    let (mut found, mut written) = (Vec::new(), Vec::new());
     for (done, mode) in order.iter().enumerate() {
         let path = suite.join(format!("mode-{}.json", mode + 1));
         if !path.exists() {
@@ -54,15 +54,20 @@ pub(super) fn minimized(
                 is_interrupted |= flow.is_break();
                 flow
             };
-            match shrunk(resolved, &mut *system, worst, watch)? {
-                _ if is_interrupted => return Ok(None),
-                smaller => folder.write(&path, smaller.to_json().as_bytes())?,
+            let smaller = shrunk(resolved, &mut *system, worst, watch)?;
+            if is_interrupted {
+                return Ok(None);
             }
+            // Several modes can have the same minimized scenario.
+            let scenario = smaller.scenario_in(&resolved.space)?;
+            if written.iter().any(|other| is_close(&resolved.space, other, &scenario)) {
+                continue;
+            }
+            folder.write(&path, smaller.to_json().as_bytes())?;
         }
-        found.push(Simulated {
-            mode: Some(*mode),
-            ..simulated_in(&path, &Counterexample::read(&path)?, &resolved.space)?
-        });
+        let known = Counterexample::read(&path)?;
+        written.push(known.scenario_in(&resolved.space)?);
+        found.push(Simulated { mode: Some(*mode), ..simulated_in(&path, &known, &resolved.space)? });
     }
     Ok(Some(found))
 }

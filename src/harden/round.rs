@@ -65,6 +65,10 @@ pub(super) fn run_round(
     let resolved =
         ResolvedPlan::new(&Plan { harden: None, controller: path_text(controller), ..base.clone() })?;
     let suite = folder.of_round(round, FAILURES);
+    if let Some(name) = controller.file_name() {
+        // A counterexample names the controller that lies beside it.
+        folder.write(&suite.join(name), &super::read(controller)?)?;
+    }
     let phase = format!("round {round}: minimization");
     let found = (simulated.as_slice(), &modes);
     let Some(smaller) = minimized(folder, &resolved, &suite, found, &phase, &mut *watch)? else {

@@ -67,7 +67,8 @@ settings! {
     pub struct RunSettings in "run." {
         /// Total number of environment steps (control steps times environments).
         pub total_steps: u64 = 20_000_000, AT_LEAST_1;
-        /// Controller from which training starts, with its normalizer, which then stays as it is.
+        /// Controller from which training starts, with its normalizer, which then stays as it
+        /// is, but for `policy.std_floor`.
         /// Without it, the policy is random at first. A controller with a shorter history than
         /// `policy.history` gets the longer one.
         pub from: Option<String> = None;
