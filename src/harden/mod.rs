@@ -77,9 +77,7 @@ pub fn harden(
 ) -> Result<Option<Hardening>, MishandleError> {
     let table = plan.harden.clone().ok_or(MishandleError::MissingPlanTable { table: "harden" })?;
     table.check()?;
-    if table.device == GPU && gpu.is_none() {
-        return Err(MishandleError::NoDevice { device: table.device });
-    }
+    check_device(&table, gpu)?;
     let before = start(plan)?;
     let settings = settings(&table, &before)?;
     check(plan, &table, &settings)?;
@@ -149,9 +147,20 @@ pub fn resume(
 ) -> Result<Option<Hardening>, MishandleError> {
     let (folder, plan) = Folder::open(folder)?;
     let table = plan.harden.clone().ok_or(MishandleError::MissingPlanTable { table: "harden" })?;
+    if !folder.path.join(folder::RESULT).exists() {
+        check_device(&table, gpu)?;
+    }
     let settings = settings(&table, &ControllerFile::load(&folder.before())?)?;
     let out = folder.path.with_extension("safetensors");
     Hardener { plan: &plan, table: &table, settings: &settings, folder: &folder, gpu }.run(&out, watch)
+}
+
+/// Checks that the device of the training is there.
+fn check_device(table: &HardenPlan, gpu: Option<&Device>) -> Result<(), MishandleError> {
+    match table.device == GPU && gpu.is_none() {
+        true => Err(MishandleError::NoDevice { device: table.device.clone() }),
+        false => Ok(()),
+    }
 }
 
 /// Returns the controller of a plan, which can be trained. Looks up the names of the plan.

@@ -609,6 +609,13 @@ fn environments_without_the_scenarios_of_the_settings_are_an_error() {
     assert!(matches!(error, TrainingError::OtherScenarios { .. }), "{error}");
     let found = drifter().space().name().to_string();
     assert!(error.to_string().contains(&format!("`{found}`")), "{error}");
+    // The name of the space fits, but the environments draw from it as a whole.
+    let name = Line::new(0.0).spec().space.name().to_string();
+    let text = format!("scenarios = {{ space = {{ {name} = 1 }} }}");
+    let settings = AlgorithmSettings::from_toml("ppo", &text).unwrap().unwrap();
+    let error = settings.train(&Line::new(0.0), Seed(2), Origin::New, &mut Keeper::default()).unwrap_err();
+    let text = error.to_string();
+    assert!(text.contains("a mixture of spaces") && text.contains("one space"), "{error}");
 }
 
 #[test]

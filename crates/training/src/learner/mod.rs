@@ -206,6 +206,12 @@ fn check_scenarios(
     let ScenarioSettings { space, file, .. } = settings.scenarios();
     let found = environments.scenarios();
     settings.check_curriculum(&found)?;
+    if matches!(space, Some(SpaceSetting::Mixture(_))) == found.mixture.is_empty() {
+        let text = |is_mixture: bool| if is_mixture { "a mixture of spaces" } else { "one space" };
+        let (expected, found) = (text(found.mixture.is_empty()), text(!found.mixture.is_empty()));
+        let (setting, expected, found) = ("space", expected.to_string(), found.to_string());
+        return Err(TrainingError::OtherScenarios { setting, expected, found });
+    }
     match space.as_ref().map(SpaceSetting::name) {
         Some(space) if space != found.space.name() => Err(TrainingError::OtherScenarios {
             setting: "space",

@@ -19,9 +19,9 @@ settings! {
         pub nominal: f64 = 0.0, FRACTION;
         /// Share of the episodes at corners of the space: each axis is at its lower or upper bound.
         pub corners: f64 = 0.0, FRACTION;
-        /// Given scenarios: a CSV file with a column for each axis that it sets, and `weight`; or
-        /// the failures of a run file, of a counterexample (`.json`) or of a folder of them. The
-        /// other axes are nominal, and those of the start random.
+        /// Given scenarios: a table (`.csv`) with a column for each axis that it sets, and
+        /// `weight`; or the failures of a run file, of a counterexample (`.json`) or of a folder of
+        /// them. The other axes are nominal, and those of the start random.
         pub file: Option<String> = None;
         /// Share of the episodes with a scenario of the file.
         pub file_share: f64 = 0.0, FRACTION;
