@@ -4,6 +4,7 @@ use mishandle_rollout::{
     Axis, Disturbance, Environment, EnvironmentWorker, RolloutError, Sample, Scenario, Seed, Space,
     StepStatus, Stream,
 };
+use mishandle_stl::Formula;
 use mishandle_world::{
     BatchLayout, Change, Model, ModelField, ProbeRecorder, Readings, Rows, World, WorldError,
 };
@@ -198,7 +199,9 @@ impl TaskEnvironment {
     /// above 0, after those of the task. The others keep their bits. Training episodes have
     /// `episode_steps` control steps.
     pub fn with_manner_reward(&self, weights: MannerWeights, episode_steps: usize) -> TaskEnvironment {
-        let manner_reward = MannerReward::new(weights, episode_steps);
+        let careful = self.definition.paper.careful().and_then(|text| Formula::parse(&text).ok());
+        let limited = careful.as_ref().map_or_else(Vec::new, Formula::signals);
+        let manner_reward = MannerReward::new(weights, episode_steps, &limited);
         let environment = if manner_reward.needs_manner() { self.with_manner() } else { self.clone() };
         let terms = self.definition.reward(self.reward).iter().chain(manner_reward.terms());
         let reward_terms = terms.map(|term| term.name.to_string()).collect();

@@ -62,9 +62,12 @@ pub static MANNER: &[Quantity] = &[
     scalar("rest_time", "s", "time for which all joints of the arm have been slower than 0.05 rad/s"),
 ];
 
-/// Places of the largest forces on fixtures and on the ground among the signals.
-pub(crate) const FIXTURE_FORCE: usize = 0;
-pub(crate) const GROUND_FORCE: usize = 2;
+/// Places of the largest forces among the signals.
+pub(crate) const LARGEST_FORCES: [usize; FORCES] = [0, 2, 4, 6, 8];
+
+/// Places of the speeds among the signals.
+pub(crate) const JOINT_SPEED_SHARE: usize = 9;
+pub(crate) const TOOL_SPEED: usize = 12;
 
 /// Conditions of careful success for every task.
 ///

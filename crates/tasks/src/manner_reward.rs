@@ -1,18 +1,24 @@
 //! Reward terms for the manner in which the robot does a task. Each has a weight, and exists only
 //! if its weight is above 0.
 //!
-//! All but the contact force follow from the state after a control step and its action. The contact
-//! force is a signal of the manner, which an engine computes only where it is requested.
+//! Rest and action rate follow from the state after a control step and its action. Contact force and
+//! speed are signals of the manner, which an engine computes only where they are requested.
 
 use mishandle_world::Rows;
 
 use crate::definition::{Quantity, scalar};
-use crate::manner::{FIXTURE_FORCE, GROUND_FORCE, REST_SPEED};
-use crate::robot::{ARM_JOINTS, JOINTS, Panda, VELOCITY_LIMIT};
+use crate::manner::{JOINT_SPEED_SHARE, LARGEST_FORCES, MANNER, REST_SPEED, TOOL_SPEED};
+use crate::robot::{ARM_JOINTS, JOINTS, Panda};
 
 /// Contact force at which the term is half of its bound, N: the limit of careful success for
 /// lasting contact.
 const HALF_FORCE: f64 = 140.0;
+
+/// Limits of careful success: share of the speed limit of a joint, and speed of the tool, m/s.
+const SPEED_LIMITS: [f64; 2] = [1.05, 1.7];
+
+/// Share of a limit of speed up to which speed costs nothing.
+const FREE_SPEED: f64 = 0.8;
 
 /// Number of values that the terms need from the control steps before: the last action, and the
 /// number of control steps.
@@ -24,7 +30,7 @@ pub static MANNER_REWARD: &[Quantity] = &[
     scalar(
         "contact_force",
         "",
-        "-F / (F + 140 N) with F = `fixture_force` + `ground_force`, the largest forces of the control step",
+        "-F / (F + 140 N), where F is the sum of the largest forces of the control step that `careful` limits",
     ),
     scalar(
         "action_rate",
@@ -34,7 +40,7 @@ pub static MANNER_REWARD: &[Quantity] = &[
     scalar(
         "speed",
         "",
-        "minus the mean of (v / limit)² over the joints of the arm, whose speeds v are those after the control step",
+        "-min(max(s - 0.8, 0), 1), where s is the larger of `joint_speed_share` / 1.05 and `tool_speed` / (1.7 m/s)",
     ),
     scalar(
         "rest",
@@ -66,14 +72,18 @@ impl MannerWeights {
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct MannerReward {
     weights: MannerWeights,
+    /// Which of the [`LARGEST_FORCES`] careful success limits.
+    limited: [bool; LARGEST_FORCES.len()],
     /// Number of control steps of an episode in which the robot need not rest.
     busy_steps: usize,
 }
 
 impl MannerReward {
-    /// Makes the terms for training episodes of this length.
-    pub fn new(weights: MannerWeights, episode_steps: usize) -> MannerReward {
-        MannerReward { weights, busy_steps: episode_steps / 2 }
+    /// Makes the terms for training episodes of this length, of a task whose careful success reads
+    /// these signals.
+    pub fn new(weights: MannerWeights, episode_steps: usize, careful: &[&str]) -> MannerReward {
+        let limited = LARGEST_FORCES.map(|force| careful.contains(&MANNER[force].name));
+        MannerReward { weights, limited, busy_steps: episode_steps / 2 }
     }
 
     /// Returns the terms with a weight above 0.
@@ -87,7 +97,7 @@ impl MannerReward {
 
     /// Returns whether a term needs the signals of the manner.
     pub fn needs_manner(&self) -> bool {
-        self.weights.contact_force > 0.0
+        self.weights.contact_force > 0.0 || self.weights.speed > 0.0
     }
 
     /// Returns the length of the memory of an episode, which is 0 at its start.
@@ -111,10 +121,15 @@ impl MannerReward {
         let (last_action, steps) = memory.split_at_mut(JOINTS);
         steps[0] += 1.0;
         let speeds: [f64; ARM_JOINTS] = std::array::from_fn(|i| rows.qvel[panda.joints()[i].dof].abs());
+        let forces = LARGEST_FORCES.iter().zip(self.limited).filter(|(_, limited)| *limited);
         let terms: [&dyn Fn() -> f64; 4] = [
-            &|| saturated(manner[FIXTURE_FORCE] + manner[GROUND_FORCE], HALF_FORCE),
+            &|| saturated(forces.clone().map(|(force, _)| manner[*force]).sum(), HALF_FORCE),
             &|| mean(action.iter().zip(&*last_action).map(|(now, before)| 0.5 * (now - before))),
-            &|| mean(speeds.iter().zip(VELOCITY_LIMIT).map(|(speed, limit)| speed / limit)),
+            &|| {
+                let [joint, tool] = SPEED_LIMITS;
+                let share = (manner[JOINT_SPEED_SHARE] / joint).max(manner[TOOL_SPEED] / tool);
+                (share - FREE_SPEED).clamp(0.0, 1.0)
+            },
             &|| match steps[0] > self.busy_steps as f64 {
                 true => saturated(speeds.iter().copied().fold(0.0, f64::max), REST_SPEED),
                 false => 0.0,

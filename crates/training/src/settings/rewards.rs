@@ -7,18 +7,18 @@ settings! {
     /// `[rewards]`: weights of reward terms for the manner, besides those of a task. With a weight
     /// of 0, a term does not exist.
     pub struct RewardSettings in "rewards." {
-        /// Weight of contact forces of the robot on fixtures and ground. In each control step, the
-        /// weight times F / (F + 140 N) is subtracted, where F is the sum of the largest forces on
-        /// fixtures and on the ground. It is half the weight at 140 N and never more than the
-        /// weight, so one impact does not dominate.
+        /// Weight of contact forces of the robot. In each control step, the weight times
+        /// F / (F + 140 N) is subtracted, where F is the sum of the largest forces that careful
+        /// success limits. It is half the weight at 140 N and never more than the weight, so one
+        /// impact does not dominate.
         pub contact_force: f64 = 0.0, NOT_NEGATIVE;
         /// Weight of changes of the actions that the robot gets. In each control step, the weight
         /// times the mean of ((a - b) / 2)² over the actions a is subtracted, where b is the action
         /// of the control step before.
         pub action_rate: f64 = 0.0, NOT_NEGATIVE;
-        /// Weight of the speed. In each control step, the weight times the mean of (v / limit)²
-        /// over the joints of the arm is subtracted, where v is the speed of a joint and the limit
-        /// that of the robot's data sheet.
+        /// Weight of the speed. In each control step, the weight times s - 0.8, between 0 and 1, is
+        /// subtracted, where s is the largest speed of a joint or of the tool as a share of its
+        /// limit in careful success.
         pub speed: f64 = 0.0, NOT_NEGATIVE;
         /// Weight of motion at the end. In each control step of the second half of an episode
         /// (`episodes.time_limit`), the weight times v / (v + 0.05 rad/s) is subtracted, where v is
