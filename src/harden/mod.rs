@@ -22,10 +22,11 @@ use mishandle_controllers::ControllerFile;
 use mishandle_files::{limits, read_text_bounded};
 use mishandle_results::{Hardening, HardeningRound};
 use mishandle_rollout::Seed;
+use mishandle_text::path_text;
 use mishandle_training::AlgorithmSettings;
 
 use crate::error::MishandleError;
-use crate::plan::{EvaluatePlan, HardenPlan, Plan};
+use crate::plan::{EvaluatePlan, GPU, HardenPlan, Plan};
 use crate::resolve::{ResolvedPlan, task};
 use crate::run::Device;
 use crate::train::start_controller;
@@ -38,9 +39,6 @@ use round::{RoundEnd, run_round};
 /// runs have others.
 const VALIDATION: u64 = 3 << 32;
 const FINAL: u64 = 4 << 32;
-
-/// Device of a plan that only some front ends have.
-const GPU: &str = "gpu";
 
 /// Progress of a hardening.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -82,7 +80,7 @@ pub fn harden(
     let settings = settings(&table, &before)?;
     check(plan, &table, &settings)?;
     if out.extension().is_none_or(|extension| extension != "safetensors") {
-        let (what, value) = ("the file of the controller", out.to_string_lossy().into_owned());
+        let (what, value) = ("the file of the controller", path_text(out));
         let expected = "a name that ends in .safetensors";
         return Err(MishandleError::InvalidValue { what, value, expected });
     }

@@ -2,13 +2,14 @@
 
 use std::path::{Path, PathBuf};
 
-use mishandle_falsification::check_margin;
+use mishandle_falsification::has_margin;
 use mishandle_results as results;
 use mishandle_results::{
     Estimate, HardenedArchive, HardenedCorners, HardenedMargin, HardenedMeasure, HardenedMode,
     HardenedSearch, Hardening, HardeningRound,
 };
 use mishandle_rollout::{Request, Scenario, Seed};
+use mishandle_text::path_text;
 
 use super::decision::{CornerCounts, Measure, adjusted, worse};
 use super::folder::RESULT;
@@ -63,8 +64,8 @@ impl Hardener<'_> {
             space: self.plan.space.clone(),
             seed: results::Seed(self.plan.seed),
             before: self.plan.controller.clone(),
-            after: after.map(|_| out.to_string_lossy().into_owned()),
-            folder: self.folder.path.to_string_lossy().into_owned(),
+            after: after.map(|_| path_text(out)),
+            folder: path_text(&self.folder.path),
             commit: build().git_commit,
             verdict: verdict(is_judged, &measures, corners, &first, &rounds),
             measures: hardened_measures(&measures, is_judged),
@@ -106,7 +107,7 @@ impl Hardener<'_> {
             return Ok(None);
         };
         let plan = |child: u64| Plan {
-            controller: controller.to_string_lossy().into_owned(),
+            controller: path_text(controller),
             seed: seed.child(child).0,
             harden: None,
             ..self.plan.clone()
@@ -125,10 +126,10 @@ impl Hardener<'_> {
             return Err(MishandleError::MissingPlanTable { table: "risk" });
         };
         let space = ResolvedPlan::new(&plan(0))?.space;
-        let margin = match check_margin(margin.budget, &space) {
+        let margin = match has_margin(&space) {
             // Starts alone have no size.
-            Err(_) => None,
-            Ok(()) => match ask(Plan { margin: Some(margin), ..plan(2) }, "margin")? {
+            false => None,
+            true => match ask(Plan { margin: Some(margin), ..plan(2) }, "margin")? {
                 Some(asked) => Some(hardened_margin(asked.result()?)?),
                 None => return Ok(None),
             },
@@ -155,8 +156,8 @@ impl Hardener<'_> {
 
     /// Simulates the failures that the rounds found with the controller after.
     fn archive(&self, after: &Path, rounds: u32) -> Result<HardenedArchive, MishandleError> {
-        let controller = after.to_string_lossy().into_owned();
-        let resolved = ResolvedPlan::new(&Plan { controller, harden: None, ..self.plan.clone() })?;
+        let resolved =
+            ResolvedPlan::new(&Plan { controller: path_text(after), harden: None, ..self.plan.clone() })?;
         let mut system = resolved.system()?;
         let mut requests = Vec::new();
         for round in 1..=rounds {

@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use anyhow::{Context, Result};
 use clap::Args;
 use mishandle::harden::{HardenProgress, harden, harden_folder, resume};
-use mishandle::plan::HardenPlan;
+use mishandle::plan::{DEVICES, HardenPlan};
 use mishandle::run::Device;
 use mishandle::{MishandleError, Plan};
 
@@ -55,7 +55,7 @@ pub struct Arguments {
     #[arg(long, value_name = "MEASURE")]
     pub allow: Vec<String>,
     /// Device of the training's physics: cpu or gpu [default: cpu]
-    #[arg(long, value_name = "NAME")]
+    #[arg(long, value_name = "NAME", hide_possible_values = true, value_parser = DEVICES)]
     pub device: Option<String>,
     /// Continue the hardening of this folder
     #[arg(long, value_name = "FOLDER", conflicts_with_all = PLANNED)]
