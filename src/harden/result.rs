@@ -11,7 +11,7 @@ use mishandle_results::{
 use mishandle_rollout::{Request, Scenario, Seed};
 use mishandle_text::path_text;
 
-use super::decision::{CornerCounts, Measure, adjusted, worse};
+use super::decision::{Measure, adjusted, worse};
 use super::folder::RESULT;
 use super::measure::{measure, path_of};
 use super::search::search;
@@ -56,6 +56,7 @@ impl Hardener<'_> {
         let (measures, corners) = first.measured.compare(&second.as_ref().unwrap_or(&first).measured)?;
         let archive = after.map(|after| self.archive(after, rounds.len() as u32)).transpose()?;
         let is_judged = second.is_some();
+        let worse = worse(&measures, corners);
         let of_both = |value: &dyn Fn(&Judged) -> Estimate| -> Vec<Estimate> {
             std::iter::once(&first).chain(&second).map(value).collect()
         };
@@ -65,9 +66,10 @@ impl Hardener<'_> {
             seed: results::Seed(self.plan.seed),
             before: self.plan.controller.clone(),
             after: after.map(|_| path_text(out)),
-            folder: path_text(&self.folder.path),
+            folder: path_text(&self.folder.given),
             commit: build().git_commit,
-            verdict: verdict(is_judged, &measures, corners, &first, &rounds),
+            verdict: verdict(is_judged, (&measures, &worse), &first, &rounds),
+            worse: worse.into_iter().map(String::from).collect(),
             measures: hardened_measures(&measures, is_judged),
             corners: corners.map(|corners| HardenedCorners {
                 corners: corners.all,
@@ -247,8 +249,7 @@ fn modes(before: &[(ModeKey, u64)], after: &[(ModeKey, u64)]) -> Vec<HardenedMod
 /// Returns the result in a sentence. What got worse comes first.
 fn verdict(
     is_judged: bool,
-    measures: &[Measure],
-    corners: Option<CornerCounts>,
+    (measures, worse): (&[Measure], &[&str]),
     before: &Judged,
     rounds: &[HardeningRound],
 ) -> String {
@@ -275,7 +276,7 @@ fn verdict(
     });
     let confirmed = space
         .is_some_and(|Measure { rates, .. }| rates.second_only > rates.first_only && rates.p_value < 0.05);
-    match (worse(measures, corners), confirmed) {
+    match (worse, confirmed) {
         (worse, _) if !worse.is_empty() => format!("Worse: {}. Otherwise {rates}.", worse.join(", ")),
         (_, true) => format!("Better: {rates}, and no other measure is worse."),
         (_, false) => format!("The final set does not confirm an improvement: {rates}."),

@@ -26,6 +26,9 @@ pub struct Hardening {
     pub commit: String,
     /// The result in a sentence.
     pub verdict: String,
+    /// Names of the measures that are worse after, at 5 % after Holm's correction, and `corners` if
+    /// the controller succeeds at fewer of them.
+    pub worse: Vec<String>,
     /// The measures before and after.
     pub measures: Vec<HardenedMeasure>,
     /// Corners of the initial box at which all simulations succeed; `null` without a box.

@@ -1,6 +1,7 @@
 use std::path::Path;
 
-/// Returns a path as text, for plans, commands and results. Bytes that are invalid in UTF-8 are replaced.
+/// Returns a path as text, for plans, commands and results. Bytes that are invalid in UTF-8 are
+/// replaced.
 ///
 /// # Example
 /// ```

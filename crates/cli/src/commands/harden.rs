@@ -6,7 +6,7 @@ use anyhow::{Context, Result};
 use clap::Args;
 use mishandle::harden::{HardenProgress, harden, harden_folder, resume};
 use mishandle::plan::{DEVICES, HardenPlan};
-use mishandle::run::Device;
+use mishandle::run::{Device, Opening};
 use mishandle::{MishandleError, Plan};
 
 use crate::exit_status::ExitStatus;
@@ -92,7 +92,7 @@ pub fn run(command: &Arguments, gpu: Option<&Device>) -> Result<ExitStatus> {
         control_flow()
     };
     let (folder, found) = match (&command.resume, &command.out) {
-        (Some(folder), _) => (folder.clone(), resume(folder, gpu, &mut watch)),
+        (Some(folder), _) => (folder.clone(), resume(folder, Opening::default(), gpu, &mut watch)),
         (None, Some(out)) => (harden_folder(out), harden(&plan(command)?, out, gpu, &mut watch)),
         (None, None) => {
             return Err(MishandleError::MissingPlanTable { table: "harden" }).context("--out is missing");

@@ -1,13 +1,15 @@
 //! The results of a campaign, as text: a table for each kind of question.
 
-use mishandle::results::{Answer, Campaign, Corners, Estimate, Evaluation, Falsification, Margin, Risk};
+use mishandle::results::{
+    Answer, Campaign, Corners, Estimate, Evaluation, Falsification, Hardening, Margin, Risk,
+};
 use mishandle_text::{decimal, probability_text};
 
 use super::output;
 
 /// Returns a table for each kind of question.
 pub fn text(found: &Campaign) -> String {
-    let headers: [&[&str]; 4] = [
+    let headers: [&[&str]; 5] = [
         &["run", "falsified", "rate", "95 % interval", "mean simulations", "min robustness", "no verdict"],
         &[
             "run",
@@ -22,6 +24,7 @@ pub fn text(found: &Campaign) -> String {
         ],
         &["run", "smallest amplitude", "axes", "robustness", "fails in repeats", "simulations"],
         &["run", "failure probability", "95 % interval", "from", "simulations"],
+        &["run", "accepted", "failures before", "95 % interval", "after", "95 % interval", "worse"],
     ];
     let mut tables = headers.map(|header| vec![header.iter().map(ToString::to_string).collect::<Vec<_>>()]);
     for run in &found.runs {
@@ -30,6 +33,7 @@ pub fn text(found: &Campaign) -> String {
             Answer::Evaluation(found) => (1, evaluation_cells(found)),
             Answer::Margin(found) => (2, margin_cells(found)),
             Answer::Risk(found) => (3, risk_cells(found)),
+            Answer::Hardening(found) => (4, hardening_cells(found)),
         };
         tables[table].push(std::iter::once(run.name.clone()).chain(cells).collect());
     }
@@ -65,6 +69,18 @@ fn risk_cells(found: &Risk) -> Vec<String> {
         source.to_string(),
         found.simulations.to_string(),
     ]
+}
+
+/// The failure probability in the space before and after, and the measures that got worse.
+fn hardening_cells(found: &Hardening) -> Vec<String> {
+    let estimate = |index: usize| {
+        let estimate = found.failure_probability.get(index);
+        let cells = estimate.map(|estimate| [percent(estimate), interval(estimate)]);
+        cells.unwrap_or(["-".to_string(), "-".to_string()])
+    };
+    let accepted = if found.after.is_some() { "yes" } else { "no" };
+    let worse = if found.worse.is_empty() { "-".to_string() } else { found.worse.join(", ") };
+    [vec![accepted.to_string()], estimate(0).to_vec(), estimate(1).to_vec(), vec![worse]].concat()
 }
 
 fn falsification_cells(found: &Falsification) -> Vec<String> {
