@@ -110,7 +110,7 @@ impl Folder {
                 phase: phase.to_string(),
                 done: progress.simulations,
                 all: progress.max_simulations,
-                unit: "simulations",
+                unit: super::HardenProgress::SIMULATIONS,
             })
         };
         let answer = ask(&resolved, run, Engine::Direct, &mut watch)?;

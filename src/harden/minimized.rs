@@ -48,7 +48,7 @@ pub(super) fn minimized(
                     phase: phase.to_string(),
                     done: done as u64 * BUDGET + simulations.min(BUDGET),
                     all: order.len() as u64 * BUDGET,
-                    unit: "simulations",
+                    unit: HardenProgress::SIMULATIONS,
                 });
                 is_interrupted |= flow.is_break();
                 flow

@@ -56,6 +56,11 @@ pub struct HardenProgress {
     pub unit: &'static str,
 }
 
+impl HardenProgress {
+    /// Unit of all phases but training.
+    pub const SIMULATIONS: &'static str = "simulations";
+}
+
 /// Gets the progress now and then, and can end the hardening, which a later call continues.
 pub type Watch<'w> = &'w mut (dyn FnMut(&HardenProgress) -> ControlFlow<()> + Send);
 

@@ -8,7 +8,7 @@ use crate::{Estimate, Number, Seed, optional_number};
 /// The measures, the failure probabilities, the margins and the searches are those of the final
 /// set: scenarios and seeds that are simulated once, after the last decision. No training run and
 /// no decision used them. The corners of the initial box are the same points everywhere.
-#[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, JsonSchema)]
 pub struct Hardening {
     /// Name of the target.
     pub target: String,

@@ -72,7 +72,7 @@ enum Step<'a> {
 struct Progress<'a> {
     runs: &'a [PlannedRun],
     bar: &'a Bar,
-    /// Number of finished simulations of each run, and of those that its plan asks for.
+    /// Number of finished simulations of each run, and of those that its plan or phase asks for.
     counts: Mutex<Vec<(u64, u64)>>,
 }
 
@@ -88,8 +88,11 @@ impl Progress<'_> {
                 counts[index] = (done, planned);
                 String::new()
             }
-            // The bar counts the simulations of questions: nobody knows those of all rounds.
+            // The bar has the simulations of the present phase: nobody knows those of all rounds.
             Step::Hardening(HardenProgress { phase, done, all, unit }) => {
+                if *unit == HardenProgress::SIMULATIONS {
+                    counts[index] = (*done, *all);
+                }
                 format!(", {phase}, {done} of {all} {unit}")
             }
         };

@@ -130,3 +130,44 @@ fn interval(rate: &Estimate) -> String {
     let ends = rate.low.zip(rate.high);
     ends.map_or("-".to_string(), |(low, high)| format!("[{:.2}, {:.2}]", 100.0 * low, 100.0 * high))
 }
+
+#[cfg(test)]
+mod tests {
+    use mishandle::results::CampaignRun;
+
+    use super::*;
+
+    #[test]
+    fn a_hardening_has_a_row_with_both_failure_probabilities_and_what_got_worse() {
+        let estimate = |value: f64, low: f64, high: f64| Estimate {
+            value: Some(value),
+            low: Some(low),
+            high: Some(high),
+            n: 100,
+        };
+        let before = Hardening { failure_probability: vec![estimate(0.6, 0.5, 0.7)], ..Hardening::default() };
+        let mut after = Hardening { after: Some("b.safetensors".to_string()), ..before.clone() };
+        after.failure_probability.push(estimate(0.2, 0.125, 0.3));
+        after.worse = vec!["careful".to_string(), "corners".to_string()];
+        let run = |name: &str, found: Hardening| CampaignRun {
+            name: name.to_string(),
+            kind: "harden".to_string(),
+            result: Answer::Hardening(Box::new(found)),
+        };
+        let runs = vec![run("a", before), run("b", after)];
+        let text = text(&Campaign { folder: String::new(), is_complete: true, runs });
+        let rows: Vec<Vec<&str>> = text
+            .lines()
+            .map(|line| line.split("  ").map(str::trim).filter(|cell| !cell.is_empty()).collect())
+            .collect();
+        assert_eq!(
+            rows[0],
+            ["run", "accepted", "failures before", "95 % interval", "after", "95 % interval", "worse"]
+        );
+        assert_eq!(rows[1], ["a", "no", "60.00 %", "[50.00, 70.00]", "-", "-", "-"]);
+        assert_eq!(
+            rows[2],
+            ["b", "yes", "60.00 %", "[50.00, 70.00]", "20.00 %", "[12.50, 30.00]", "careful, corners"]
+        );
+    }
+}
