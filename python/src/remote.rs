@@ -277,7 +277,7 @@ pub fn complete_hardening(
         std::thread::scope(|scope| {
             let work = scope.spawn(|| pool.install(harden));
             while !work.is_finished() {
-                if let Err(error) = Python::attach(|py| py.check_signals()) {
+                if let Some(error) = Python::attach(|py| py.check_signals().err()) {
                     is_stopped.store(true, Ordering::Relaxed);
                     exception = Some(error);
                 }

@@ -61,6 +61,7 @@ pub fn run_all(
 }
 
 /// Progress of a run.
+#[derive(Clone, Copy)]
 enum Step<'a> {
     /// Numbers of finished simulations, and of those that its plan asks for.
     Question(u64, u64),
