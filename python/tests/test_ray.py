@@ -308,7 +308,7 @@ class RayTest(unittest.TestCase):
         self.assertEqual(local.simulations, resumed.simulations)
         for path in (self.folder / "6.harden").rglob("*.sqlite"):
             resumed_path = self.folder / "ray" / path.relative_to(self.folder)
-            # Others have the path of the controller, and the hash of its file, with the training time.
+            # Others have the path of the controller, and the hash of its file with training times.
             found, expected = ([tables(each)[name] for name in ("simulation", "trial")] for each in (resumed_path, path))
             self.assertEqual(found, expected, path.name)
 
