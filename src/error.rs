@@ -122,10 +122,10 @@ pub enum MishandleError {
         /// The missing file.
         file: PathBuf,
     },
-    /// A run file in the folder of a campaign is not that of its run.
-    #[error("{} is not the run file of run `{name}`: {problem}", path.display())]
+    /// A run file or hardening in the folder of a campaign is not that of its run.
+    #[error("{} does not belong to the run `{name}`: {problem}", path.display())]
     CampaignMismatch {
-        /// Path of the run file.
+        /// Path of the file.
         path: PathBuf,
         /// Name of the run.
         name: String,

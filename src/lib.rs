@@ -22,6 +22,7 @@
 
 pub mod archive;
 pub mod build;
+pub mod campaign;
 pub mod counterexample;
 mod error;
 pub mod harden;

@@ -12,6 +12,7 @@ use mishandle::counterexample::{Counterexample, suite_files};
 use mishandle::harden::{harden, harden_folder, resume};
 use mishandle::plan::{AxisSetting, HardenPlan};
 use mishandle::results::Hardening;
+use mishandle::run::Opening;
 use mishandle::store::RunFile;
 
 /// A hardening of few simulations. Its training settings differ from those of the shipped
@@ -109,7 +110,7 @@ fn an_interrupted_hardening_continues_to_the_same_result_and_its_sets_are_disjoi
     let mut found = harden(&plan, &other, None, &mut stop_once).unwrap();
     let mut calls = 1;
     while found.is_none() {
-        found = resume(&harden_folder(&other), None, &mut stop_once).unwrap();
+        found = resume(&harden_folder(&other), Opening::default(), None, &mut stop_once).unwrap();
         calls += 1;
         assert!(calls < 100, "it does not end");
     }
@@ -142,7 +143,8 @@ fn an_interrupted_hardening_continues_to_the_same_result_and_its_sets_are_disjoi
     assert_eq!(suite(&out).len(), suite(&other).len());
 
     // A finished one is read again without a simulation.
-    let again = resume(&harden_folder(&out), None, &mut |_| ControlFlow::Continue(())).unwrap();
+    let again =
+        resume(&harden_folder(&out), Opening::default(), None, &mut |_| ControlFlow::Continue(())).unwrap();
     assert_eq!(again.unwrap(), whole);
 
     let files = run_files(&harden_folder(&out));
@@ -219,6 +221,8 @@ fn mistakes_are_errors_before_anything_is_written() {
     std::fs::write(&out, "").unwrap();
     let error = harden(&good, &out, None, &mut |_| ControlFlow::Continue(())).unwrap_err().to_string();
     assert!(error.contains("--out"), "{error}");
-    let error = resume(home.path(), None, &mut |_| ControlFlow::Continue(())).unwrap_err().to_string();
+    let error = resume(home.path(), Opening::default(), None, &mut |_| ControlFlow::Continue(()))
+        .unwrap_err()
+        .to_string();
     assert!(error.contains("harden.toml"), "{error}");
 }

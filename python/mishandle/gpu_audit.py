@@ -128,6 +128,53 @@ class CpuBatch(gpu.WarpBatch):
         """Does nothing: the step has ended."""
 
 
+FORCES = int(gpu.probes.FORCES)
+"""Number of forces that a probe measures."""
+
+
+def start_readings() -> NDArray[np.float64]:
+    """Returns the readings of a probe before the first physics step of a control step."""
+    readings = np.zeros(gpu.probes.READINGS)
+    readings[-1] = np.inf
+    return readings
+
+
+def measure(probe: dict[str, Any], model: Any, data: Any, before: NDArray[np.float64], substep: int, readings: NDArray[np.float64]) -> None:
+    """Adds a physics step of one world of MuJoCo C to its readings, as the kernels of :mod:`mishandle.gpu_probe` do. ``before`` are the
+    velocities before the step."""
+    parts = {"geom": probe["geoms"], "flex": probe["flexes"]}
+    holds = probe["weld"] >= 0 and bool(data.eq_active[probe["weld"]])
+    forces, force = np.zeros(FORCES), np.zeros(6)
+    for index, contact in enumerate(data.contact):
+        first, second = (
+            parts["geom"][contact.geom[side]] if contact.geom[side] >= 0 else parts["flex"][contact.flex[side]] for side in (0, 1)
+        )
+        bits = probe["pairs"][int(holds)][first * int(gpu.probes.PARTS) + second]
+        mujoco.mj_contactForce(model, data, index, force)
+        forces += [force[0] * (bits >> i & 1) for i in range(FORCES)]
+    table = np.array(probe["joints"])
+    qpos, dofs, actuators = table[:, :3].astype(int).T
+    low, high, max_velocity, max_acceleration, max_torque = table[:, 3:].T
+    speed, q = np.abs(data.qvel[dofs]), data.qpos[qpos]
+    acceleration = np.abs(data.qvel[dofs] - before[dofs]) / model.opt.timestep
+    tool = np.zeros(6)
+    if substep > 0:
+        # Poses and velocities of bodies are those of the start of the step.
+        mujoco.mj_objectVelocity(model, data, mujoco.mjtObj.mjOBJ_SITE, probe["site"], tool, 0)
+    motions = [
+        speed.max(),
+        (speed / max_velocity).max(),
+        (acceleration / max_acceleration).max(),
+        (np.abs(data.actuator_force[actuators]) / max_torque).max(),
+        np.linalg.norm(tool[3:]),
+    ]
+    largest, sums, moved = readings[:FORCES], readings[FORCES : 2 * FORCES], readings[2 * FORCES : -1]
+    np.maximum(largest, forces, out=largest)
+    sums += forces
+    np.maximum(moved, motions, out=moved)
+    readings[-1] = min(readings[-1], (q - low).min(), (high - q).min())
+
+
 class CpuPhysics:
     """One world of MuJoCo C. It takes the arguments and inputs of a :class:`mishandle.gpu.WarpBatch`."""
 
@@ -138,7 +185,7 @@ class CpuPhysics:
         self.servos = np.array(arguments["servos"])
         self.pushed, self.fields = list(arguments.get("pushed", ())), list(arguments.get("fields", ()))
         self.probe = arguments.get("probe")
-        self.readings = gpu.probes.start_readings()
+        self.readings = start_readings()
 
     def start(self, state: NDArray[np.float64], inputs: dict[str, NDArray[Any]], row: int) -> None:
         """Sets a state, and a row's active constraints, mocap poses and fields of the model."""
@@ -151,7 +198,7 @@ class CpuPhysics:
         self.data.eq_active[:] = inputs["active"][row]
         poses = inputs["mocap"][row].reshape(-1, 7)
         self.data.mocap_pos[:], self.data.mocap_quat[:] = poses[:, :3], poses[:, 3:]
-        self.readings = gpu.probes.start_readings()
+        self.readings = start_readings()
 
     def set_inputs(self, inputs: dict[str, NDArray[Any]], row: int, substep: int) -> None:
         """Takes the first half of a physics step, and sets the controls of the servos and the push."""
@@ -166,7 +213,7 @@ class CpuPhysics:
         self.set_inputs(inputs, row, substep)
         mujoco.mj_step2(self.model, self.data)
         if self.probe is not None:
-            gpu.probes.measure_mujoco_c(self.probe, self.model, self.data, before, substep, self.readings)
+            measure(self.probe, self.model, self.data, before, substep, self.readings)
 
     def output(self) -> NDArray[np.float64]:
         """Returns the output row of the present state."""
@@ -288,9 +335,9 @@ def compare(
     if physics.probe is not None:
         expected = physics.readings
         difference = (output[-1 - len(expected) : -1] - expected) / (1 + np.abs(expected))
-        result.add("force", expected[: gpu.probes.FORCES])
-        result.add("forces", difference[: 2 * gpu.probes.FORCES])
-        result.add("motion", difference[2 * gpu.probes.FORCES :])
+        result.add("force", expected[:FORCES])
+        result.add("forces", difference[: 2 * FORCES])
+        result.add("motion", difference[2 * FORCES :])
     qvel = data.qvel.copy()
     physics.start(inputs["states"][row], inputs, row)
     physics.set_inputs(inputs, row, 0)

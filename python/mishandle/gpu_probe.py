@@ -5,7 +5,6 @@ and the motion of its arm."""
 # mypy: ignore-errors
 # pyright: basic
 
-import mujoco
 import numpy as np
 import warp as wp
 from mujoco_warp._src.support import contact_force_fn
@@ -20,57 +19,17 @@ PARTS = wp.constant(5)
 COLUMNS = ("qpos", "dof", "actuator", "low", "high", "max_velocity", "max_acceleration", "max_torque")
 """Columns of the table of joints: indices of position, velocity and servo, then the range and the limits."""
 
-READINGS = 16
-"""Numbers of a control step: the largest forces, the sums of the forces over the physics steps, then the largest speed of a joint, its
-share of the limit, those of acceleration and torque, the largest speed of the tool between the physics steps, and the smallest distance
-of a joint to the end of its range."""
+MOTIONS = ("speed", "speed share", "acceleration share", "torque share", "tool speed")
+"""The largest motions of a control step: speed of a joint, its share of the limit, those of acceleration and torque, and speed of the tool
+between the physics steps."""
+
+READINGS = 2 * int(FORCES) + len(MOTIONS) + 1
+"""Numbers of a control step: the largest forces, the sums of the forces over the physics steps, the largest motions, and the smallest
+distance of a joint to the end of its range."""
 
 KEYS = ("geoms", "flexes", "pairs", "weld", "body", "site", "joints")
 """Keys of a probe: the part of each geom and of each flex; for a hand without and with an object, the forces of each pair of parts as
 bits; the weld that holds the object, or -1; body and site of the tool; the table of joints."""
-
-
-def start_readings():
-    """Returns the readings before the first physics step of a control step."""
-    readings = np.zeros(READINGS)
-    readings[-1] = np.inf
-    return readings
-
-
-def measure_mujoco_c(probe, model, data, before, substep, readings):
-    """Adds a physics step of one world of MuJoCo C to its readings, for audits of the kernels. ``before`` are the velocities before the
-    step."""
-    parts = {"geom": probe["geoms"], "flex": probe["flexes"]}
-    holds = probe["weld"] >= 0 and bool(data.eq_active[probe["weld"]])
-    forces, force = np.zeros(int(FORCES)), np.zeros(6)
-    for index, contact in enumerate(data.contact):
-        first, second = (
-            parts["geom"][contact.geom[side]] if contact.geom[side] >= 0 else parts["flex"][contact.flex[side]] for side in (0, 1)
-        )
-        bits = probe["pairs"][int(holds)][first * int(PARTS) + second]
-        mujoco.mj_contactForce(model, data, index, force)
-        forces += [force[0] * (bits >> i & 1) for i in range(int(FORCES))]
-    table = np.array(probe["joints"])
-    qpos, dofs, actuators = table[:, :3].astype(int).T
-    low, high, max_velocity, max_acceleration, max_torque = table[:, 3:].T
-    speed, q = np.abs(data.qvel[dofs]), data.qpos[qpos]
-    acceleration = np.abs(data.qvel[dofs] - before[dofs]) / model.opt.timestep
-    tool = np.zeros(6)
-    if substep > 0:
-        # Poses and velocities of bodies are those of the start of the step.
-        mujoco.mj_objectVelocity(model, data, mujoco.mjtObj.mjOBJ_SITE, probe["site"], tool, 0)
-    largest = [
-        *forces,
-        speed.max(),
-        (speed / max_velocity).max(),
-        (acceleration / max_acceleration).max(),
-        (np.abs(data.actuator_force[actuators]) / max_torque).max(),
-        np.linalg.norm(tool[3:]),
-    ]
-    places = [*range(int(FORCES)), *range(2 * int(FORCES), READINGS - 1)]
-    readings[places] = np.maximum(readings[places], largest)
-    readings[int(FORCES) : 2 * int(FORCES)] += forces
-    readings[-1] = min(readings[-1], (q - low).min(), (high - q).min())
 
 
 class WarpProbe:

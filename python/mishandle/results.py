@@ -1425,11 +1425,169 @@ class CampaignRun:
     """A finished run of a campaign."""
 
     name: str
-    """Name of the run, and of its file without extension."""
+    """Name of the run, and of its file, or of the folder of its hardening, without extension."""
     kind: str
-    """Kind of the run: ``evaluate``, ``falsify``, ``margin`` or ``risk``."""
-    result: Evaluation | Falsification | Margin | Risk
+    """Kind of the run: ``evaluate``, ``falsify``, ``margin``, ``risk`` or ``harden``."""
+    result: Evaluation | Falsification | Margin | Risk | Hardening
     """The document of that command, without ``schema``."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Hardening:
+    """A controller before and after a hardening: the final comparison, and how it was reached.
+
+    The measures, the failure probabilities, the margins and the searches are those of the
+    final set: scenarios and seeds that are simulated once, after the last decision. No training
+    run and no decision used them. The corners of the initial box are the same points everywhere.
+    """
+
+    target: str
+    """Name of the target."""
+    space: str
+    """Scenario space in which the controller shall fail less often."""
+    seed: int
+    """Random seed."""
+    before: str
+    """Name or path of the controller before."""
+    after: str | None
+    """File of the accepted controller; ``None`` if no round was accepted."""
+    folder: str
+    """Folder of the runs."""
+    commit: str
+    """Git commit of the program."""
+    verdict: str
+    """The result in a sentence."""
+    worse: tuple[str, ...]
+    """Names of the measures that are worse after, at 5 % after Holm's correction, and
+    ``corners`` if the controller succeeds at fewer of them."""
+    measures: tuple[HardenedMeasure, ...]
+    """The measures before and after."""
+    corners: HardenedCorners | None
+    """Corners of the initial box at which all simulations succeed; ``None`` without a box."""
+    failure_probability: tuple[Estimate, ...]
+    """Failure probability in the space by Monte Carlo, with its Clopper-Pearson interval, before
+    and, if a round was accepted, after."""
+    margin: tuple[HardenedMargin, ...]
+    """Bounds of the smallest disturbance that breaks the controller, before and, if a round was
+    accepted, after; empty if the space has starts only."""
+    searches: tuple[HardenedSearch, ...]
+    """Searches with the same budget, before and, if a round was accepted, after."""
+    modes: tuple[HardenedMode, ...]
+    """Failure modes of these searches, before and after."""
+    archive: HardenedArchive | None
+    """Failures that were found and trained on, and how many of them are fixed: no held-out
+    measure. ``None`` if no round was accepted."""
+    rounds: tuple[HardeningRound, ...]
+    """The rounds, in order."""
+    environment_steps: int
+    """Environment steps of all training runs."""
+    simulations: int
+    """Simulations of all runs in the folder."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class HardenedMeasure:
+    """A rate of success before and after."""
+
+    name: str
+    """Name: ``space`` (success in the space), ``success``, ``strict`` and ``careful`` (from
+    random starts), ``noise`` (from random starts with action noise of 0.5)."""
+    before: Estimate
+    """Rate before, with its Wilson interval."""
+    after: Estimate | None
+    """Rate after; ``None`` if no round was accepted."""
+    difference: Estimate | None
+    """After minus before, with Newcombe's interval for pairs."""
+    broken: int
+    """Number of pairs in which only the controller before succeeds."""
+    fixed: int
+    """Number of pairs in which only the controller after succeeds."""
+    p_value: float | None
+    """Two-sided p-value of the exact McNemar test; ``None`` without a controller after."""
+    adjusted_p_value: float | None
+    """The p-value, adjusted by Holm's method for all measures."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class HardenedCorners:
+    """Corners of the initial box before and after."""
+
+    corners: int
+    """Number of corners."""
+    before: int
+    """Number of these at which all simulations succeed, before."""
+    after: int | None
+    """The same, after; ``None`` if no round was accepted."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class HardenedMargin:
+    """The smallest disturbance of a controller."""
+
+    amplitude: float | None
+    """Amplitude of the smallest disturbance that breaks it; ``None`` if none was found."""
+    without_failure: float | None
+    """Largest amplitude at which no simulation failed."""
+    simulations: int
+    """Number of simulations."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class HardenedSearch:
+    """Searches for failures of a controller."""
+
+    simulations: int
+    """Number of simulations."""
+    failures: int
+    """Number of these that fail."""
+    modes: int
+    """Number of failure modes."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class HardenedMode:
+    """A failure mode in the searches of the final comparison."""
+
+    predicate: str
+    """Decisive predicate."""
+    axes: tuple[str, ...]
+    """Axes by which its failures were grouped."""
+    change: str
+    """``vanished``, ``stayed`` or ``appeared``."""
+    before: int
+    """Number of its failures before."""
+    after: int
+    """Number of its failures after."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class HardenedArchive:
+    """Failures that the searches of the rounds found, simulated again."""
+
+    failures: int
+    """Number of failures."""
+    fixed: int
+    """Number of these that the controller after passes, with the same seed."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class HardeningRound:
+    """A round of a hardening."""
+
+    number: int
+    """Number of the round, from 1."""
+    failures: int
+    """Failures that its searches found."""
+    environment_steps: int
+    """Environment steps of its training."""
+    bound_before: float | None
+    """Upper bound of the failure rate in the space before the round, on the validation set."""
+    bound_after: float | None
+    """The same after the round; ``None`` without a candidate."""
+    accepted: bool
+    """Whether the round was accepted."""
+    reason: str
+    """Reason for it, in a sentence."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -2029,161 +2187,6 @@ class Training:
     """Path of the learning curve; ``None`` without ``--csv``."""
     tensorboard: str | None
     """Path of the folder for TensorBoard; ``None`` without ``--tensorboard``."""
-
-
-@dataclasses.dataclass(frozen=True, kw_only=True)
-class HardenedMeasure:
-    """A rate of success before and after."""
-
-    name: str
-    """Name: ``space`` (success in the space), ``success``, ``strict`` and ``careful`` (from
-    random starts), ``noise`` (from random starts with action noise of 0.5)."""
-    before: Estimate
-    """Rate before, with its Wilson interval."""
-    after: Estimate | None
-    """Rate after; ``None`` if no round was accepted."""
-    difference: Estimate | None
-    """After minus before, with Newcombe's interval for pairs."""
-    broken: int
-    """Number of pairs in which only the controller before succeeds."""
-    fixed: int
-    """Number of pairs in which only the controller after succeeds."""
-    p_value: float | None
-    """Two-sided p-value of the exact McNemar test; ``None`` without a controller after."""
-    adjusted_p_value: float | None
-    """The p-value, adjusted by Holm's method for all measures."""
-
-
-@dataclasses.dataclass(frozen=True, kw_only=True)
-class HardenedCorners:
-    """Corners of the initial box before and after."""
-
-    corners: int
-    """Number of corners."""
-    before: int
-    """Number of these at which all simulations succeed, before."""
-    after: int | None
-    """The same, after; ``None`` if no round was accepted."""
-
-
-@dataclasses.dataclass(frozen=True, kw_only=True)
-class HardenedMargin:
-    """The smallest disturbance of a controller."""
-
-    amplitude: float | None
-    """Amplitude of the smallest disturbance that breaks it; ``None`` if none was found."""
-    without_failure: float | None
-    """Largest amplitude at which no simulation failed."""
-    simulations: int
-    """Number of simulations."""
-
-
-@dataclasses.dataclass(frozen=True, kw_only=True)
-class HardenedSearch:
-    """Searches for failures of a controller."""
-
-    simulations: int
-    """Number of simulations."""
-    failures: int
-    """Number of these that fail."""
-    modes: int
-    """Number of failure modes."""
-
-
-@dataclasses.dataclass(frozen=True, kw_only=True)
-class HardenedMode:
-    """A failure mode in the searches of the final comparison."""
-
-    predicate: str
-    """Decisive predicate."""
-    axes: tuple[str, ...]
-    """Axes by which its failures were grouped."""
-    change: str
-    """``vanished``, ``stayed`` or ``appeared``."""
-    before: int
-    """Number of its failures before."""
-    after: int
-    """Number of its failures after."""
-
-
-@dataclasses.dataclass(frozen=True, kw_only=True)
-class HardenedArchive:
-    """Failures that the searches of the rounds found, simulated again."""
-
-    failures: int
-    """Number of failures."""
-    fixed: int
-    """Number of these that the controller after passes, with the same seed."""
-
-
-@dataclasses.dataclass(frozen=True, kw_only=True)
-class HardeningRound:
-    """A round of a hardening."""
-
-    number: int
-    """Number of the round, from 1."""
-    failures: int
-    """Failures that its searches found."""
-    environment_steps: int
-    """Environment steps of its training."""
-    bound_before: float | None
-    """Upper bound of the failure rate in the space before the round, on the validation set."""
-    bound_after: float | None
-    """The same after the round; ``None`` without a candidate."""
-    accepted: bool
-    """Whether the round was accepted."""
-    reason: str
-    """Reason for it, in a sentence."""
-
-
-@dataclasses.dataclass(frozen=True, kw_only=True)
-class Hardening:
-    """A controller before and after a hardening: the final comparison, and how it was reached.
-
-    The measures, the failure probabilities, the margins and the searches are those of the
-    final set: scenarios and seeds that are simulated once, after the last decision. No training
-    run and no decision used them. The corners of the initial box are the same points everywhere.
-    """
-
-    target: str
-    """Name of the target."""
-    space: str
-    """Scenario space in which the controller shall fail less often."""
-    seed: int
-    """Random seed."""
-    before: str
-    """Name or path of the controller before."""
-    after: str | None
-    """File of the accepted controller; ``None`` if no round was accepted."""
-    folder: str
-    """Folder of the runs."""
-    commit: str
-    """Git commit of the program."""
-    verdict: str
-    """The result in a sentence."""
-    measures: tuple[HardenedMeasure, ...]
-    """The measures before and after."""
-    corners: HardenedCorners | None
-    """Corners of the initial box at which all simulations succeed; ``None`` without a box."""
-    failure_probability: tuple[Estimate, ...]
-    """Failure probability in the space by Monte Carlo, with its Clopper-Pearson interval, before
-    and, if a round was accepted, after."""
-    margin: tuple[HardenedMargin, ...]
-    """Bounds of the smallest disturbance that breaks the controller, before and, if a round was
-    accepted, after; empty if the space has starts only."""
-    searches: tuple[HardenedSearch, ...]
-    """Searches with the same budget, before and, if a round was accepted, after."""
-    modes: tuple[HardenedMode, ...]
-    """Failure modes of these searches, before and after."""
-    archive: HardenedArchive | None
-    """Failures that were found and trained on, and how many of them are fixed: no held-out
-    measure. ``None`` if no round was accepted."""
-    rounds: tuple[HardeningRound, ...]
-    """The rounds, in order."""
-    environment_steps: int
-    """Environment steps of all training runs."""
-    simulations: int
-    """Simulations of all runs in the folder."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)

@@ -6,6 +6,7 @@ use std::path::PathBuf;
 
 use mishandle::harden::{HardenProgress, check_plan, final_runs, harden_folder, resume};
 use mishandle::plan::HardenPlan;
+use mishandle::run::Opening;
 use mishandle::store::RunFile;
 use mishandle::{MishandleError as Error, Plan};
 use mishandle_report::hardening_page;
@@ -62,7 +63,7 @@ pub fn harden(
         if is_resumed {
             let folder = harden_folder(&out);
             check_plan(&folder, &plan)?;
-            resume(&folder, Some(&device), &mut watch)
+            resume(&folder, Opening::default(), Some(&device), &mut watch)
         } else {
             mishandle::harden::harden(&plan, &out, Some(&device), &mut watch)
         }
@@ -94,10 +95,10 @@ pub fn hardening_report(
 ) -> PyResult<String> {
     let made = || -> Result<String, Error> {
         let proceed = || ControlFlow::Continue(());
-        let found = resume(&folder, None, &mut |_| proceed())?.ok_or(Error::NoEpisode)?;
+        let found = resume(&folder, Opening::default(), None, &mut |_| proceed())?.ok_or(Error::NoEpisode)?;
         let runs = final_runs(&folder);
         let reports = runs.iter().map(|path| run_report(&RunFile::open(path)?, probes, sensitivity));
-        Ok(hardening_page(&found, &reports.collect::<Result<Vec<_>, _>>()?))
+        Ok(hardening_page(&found, &reports.collect::<Result<Vec<_>, _>>()?, None))
     };
     py.detach(made).map_err(raised)
 }

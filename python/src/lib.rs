@@ -78,6 +78,7 @@ fn contents(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_class::<PlanWorker>()?;
     module.add_function(wrap_pyfunction!(formula::spelled_name, module)?)?;
     module.add_function(wrap_pyfunction!(remote::complete_run, module)?)?;
+    module.add_function(wrap_pyfunction!(remote::complete_hardening, module)?)?;
     module.add_function(wrap_pyfunction!(remote::create_campaign, module)?)?;
     module.add_function(wrap_pyfunction!(remote::campaign_runs, module)?)?;
     module.add_function(wrap_pyfunction!(remote::recorded_plan, module)?)?;

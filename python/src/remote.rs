@@ -2,14 +2,17 @@
 //! a Python function.
 
 use std::ops::ControlFlow;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::Duration;
 
+use mishandle::campaign::{CampaignRun, campaign_runs as runs_in};
+use mishandle::harden::HardenProgress;
 use mishandle::rollout::{
     Episode, Request, RolloutError, Scenario, Seed, Space, Specification, System, Target, Verdict,
 };
-use mishandle::run::CampaignRun;
-use mishandle::run::Engine;
+use mishandle::run::{Engine, Opening};
 use mishandle::stl::{SubformulaMinimum, Trace};
 use mishandle::{MishandleError as Error, Plan, ResolvedPlan};
 use numpy::ndarray::Array2;
@@ -62,9 +65,7 @@ impl PlanWorker {
                 resolved.target.identity.name
             )));
         }
-        let pool = ThreadPoolBuilder::new().num_threads(threads).build();
-        let pool = pool.map_err(|error| PyRuntimeError::new_err(error.to_string()))?;
-        Ok(PlanWorker { resolved, pool })
+        Ok(PlanWorker { resolved, pool: pool_of(threads)? })
     }
 
     /// Simulates a batch. Only counterexamples have samples, because a run file contains no others.
@@ -86,6 +87,11 @@ impl PlanWorker {
             .map_err(raised)?;
         Ok(episodes.iter().map(|episode| sent(py, episode)).collect())
     }
+}
+
+fn pool_of(threads: usize) -> PyResult<ThreadPool> {
+    let pool = ThreadPoolBuilder::new().num_threads(threads).build();
+    pool.map_err(|error| PyRuntimeError::new_err(error.to_string()))
 }
 
 fn target_hashes(target: &Target) -> Vec<String> {
@@ -207,19 +213,7 @@ pub fn complete_run(
     let pending = Pending::default();
     let kept = pending.clone();
     let done = py.detach(|| {
-        let known = mishandle::run::campaign_runs(&folder)?;
-        let found = known.into_iter().find(|run| run.name == name).ok_or(Error::UnknownName {
-            kind: "run of the campaign",
-            name,
-            known: Vec::new(),
-        })?;
-        let (mut run, mut resolved) = found.resume()?;
-        if durable {
-            run.set_durable()?;
-        }
-        if any_build {
-            mishandle::run::admit_build(&mut run, &resolved)?;
-        }
+        let (run, mut resolved) = run_of(&folder, &name)?.resume(Opening { durable, any_build })?;
         let shared = Arc::new(Shared {
             simulate,
             names: resolved.signal_names(),
@@ -247,6 +241,59 @@ pub fn complete_run(
     }
 }
 
+/// Returns the run of the campaign in a folder with this name.
+fn run_of(folder: &Path, name: &str) -> Result<CampaignRun, Error> {
+    let known = runs_in(folder)?;
+    let unknown =
+        || Error::UnknownName { kind: "run of the campaign", name: name.to_string(), known: Vec::new() };
+    known.into_iter().find(|run| run.name == name).ok_or_else(unknown)
+}
+
+/// Time between two looks for a signal.
+const PATIENCE: Duration = Duration::from_millis(50);
+
+/// Completes a hardening of the campaign in a folder, in this process. Returns the number of its
+/// simulations. A signal ends it: what was recorded remains.
+#[pyfunction]
+#[pyo3(signature = (folder, name, *, threads, durable, any_build))]
+pub fn complete_hardening(
+    py: Python<'_>,
+    folder: PathBuf,
+    name: String,
+    threads: usize,
+    durable: bool,
+    any_build: bool,
+) -> PyResult<u64> {
+    let pool = pool_of(threads)?;
+    let is_stopped = AtomicBool::new(false);
+    let mut watch = |_: &HardenProgress| match is_stopped.load(Ordering::Relaxed) {
+        true => ControlFlow::Break(()),
+        false => ControlFlow::Continue(()),
+    };
+    let harden = || run_of(&folder, &name)?.harden(Opening { durable, any_build }, None, &mut watch);
+    let mut exception = None;
+    // Only the calling thread sees signals.
+    let found = py.detach(|| {
+        std::thread::scope(|scope| {
+            let work = scope.spawn(|| pool.install(harden));
+            while !work.is_finished() {
+                if let Some(error) = Python::attach(|py| py.check_signals().err()) {
+                    is_stopped.store(true, Ordering::Relaxed);
+                    exception = Some(error);
+                }
+                std::thread::sleep(PATIENCE);
+            }
+            work.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic))
+        })
+    });
+    match (found, exception) {
+        (_, Some(exception)) => Err(exception),
+        (Ok(Some(found)), None) => Ok(found.simulations),
+        (Ok(None), None) => Err(InvalidStateError::new_err("the hardening was interrupted")),
+        (Err(error), None) => Err(raised(error)),
+    }
+}
+
 /// Reports the progress after a batch. The function returns whether to continue; an exception ends
 /// the run as well.
 fn report(pending: &Pending, progress: &Py<PyAny>, done: u64, total: u64) -> ControlFlow<()> {
@@ -264,17 +311,17 @@ fn report(pending: &Pending, progress: &Py<PyAny>, done: u64, total: u64) -> Con
     }
 }
 
-/// Creates the folder of a campaign from the text of its file. Returns name and run file of each
-/// run.
+/// Creates the folder of a campaign from the text of its file. Returns name and path of each run:
+/// its run file, or the folder of its hardening.
 #[pyfunction]
 pub fn create_campaign(py: Python<'_>, text: &str, folder: PathBuf) -> PyResult<Vec<(String, PathBuf)>> {
-    named(py.detach(|| mishandle::run::create_campaign(text, &folder)))
+    named(py.detach(|| mishandle::campaign::create_campaign(text, &folder)))
 }
 
-/// Returns name and run file of each run of the campaign in a folder.
+/// Returns name and path of each run of the campaign in a folder.
 #[pyfunction]
 pub fn campaign_runs(py: Python<'_>, folder: PathBuf) -> PyResult<Vec<(String, PathBuf)>> {
-    named(py.detach(|| mishandle::run::campaign_runs(&folder)))
+    named(py.detach(|| runs_in(&folder)))
 }
 
 fn named(runs: Result<Vec<CampaignRun>, Error>) -> PyResult<Vec<(String, PathBuf)>> {

@@ -18,6 +18,7 @@ import mishandle
 import ray
 from mishandle import Attribute, Axis
 from mishandle.ray import RayExecutor, _SystemFactory
+from mishandle.ray.plans import HardeningFactory
 from mishandle.systems import TaskSystem
 from ray.cluster_utils import Cluster
 from test_fronts import tables
@@ -43,6 +44,34 @@ budget = 10
 batch = 16
 [evaluate]
 episodes = 10
+"""
+
+
+HARDENINGS = """
+target = "point-reaching"
+controller = "ppo"
+space = "starts+delay"
+seed = [5, 6]
+[axes]
+action_delay = [1, 3]
+[harden]
+rounds = 1
+steps = 256
+settings = "SETTINGS"
+searches = ["random"]
+budget = 8
+validation = 4
+episodes = 4
+risk = 100
+margin = 10
+"""
+
+SETTINGS = """
+rollout_steps = 8
+episodes.environments = 16
+run.validation_episodes = 2
+run.validation_interval = 2
+policy = { hidden = [64, 64], activation = "elu" }
 """
 
 
@@ -249,6 +278,43 @@ class RayTest(unittest.TestCase):
         again.send_signal(signal.SIGTERM)
         _, stderr = again.communicate(timeout=60)
         self.assertEqual(again.returncode, 130, stderr)
+
+    def test_hardenings_of_a_campaign_run_on_workers_and_continue_after_an_interruption(self) -> None:
+        text = HARDENINGS.replace("SETTINGS", str(self.folder / "settings.toml"))
+        (self.folder / "settings.toml").write_text(SETTINGS)
+        (self.folder / "campaign.toml").write_text(text)
+        command = [sys.executable, "-m", "mishandle.ray", "--address", self.cluster.address]
+        first = subprocess.Popen([*command, "campaign.toml", "--out", "ray"], cwd=self.folder, stderr=subprocess.PIPE, text=True)
+        started = self.folder / "ray" / "5.harden" / "round-1" / "settings.toml"
+        other = self.folder / "ray" / "6.harden" / "round-1" / "settings.toml"
+        while not (started.exists() or other.exists()):
+            self.assertIsNone(first.poll())
+            time.sleep(0.01)
+        first.send_signal(signal.SIGINT)
+        _, stderr = first.communicate(timeout=60)
+        self.assertEqual(first.returncode, 130, stderr)
+        self.assertLess(len(list((self.folder / "ray").glob("*/result.json"))), 2)
+        ended = self.campaign("--resume", "ray")
+        self.assertEqual(ended.returncode, 0, ended.stderr)
+
+        options: dict[str, Any] = {"policy": "ppo", "space": "starts+delay", "axes": {"action_delay": (1, 3)}, "seed": 6, "rounds": 1}
+        options |= {"steps": 256, "settings": self.folder / "settings.toml", "searches": ["random"], "budget": 8, "validation": 4}
+        options |= {"episodes": 4, "risk": 100, "margin": 10}
+        local = mishandle.harden("point-reaching", out=self.folder / "6.safetensors", **options)
+        resumed = mishandle.harden("point-reaching", out=self.folder / "ray" / "6.safetensors", resume=True, **options)
+        self.assertEqual((resumed.verdict, resumed.measures, resumed.rounds), (local.verdict, local.measures, local.rounds))
+        self.assertEqual(local.simulations, resumed.simulations)
+        for path in (self.folder / "6.harden").rglob("*.sqlite"):
+            resumed_path = self.folder / "ray" / path.relative_to(self.folder)
+            # Others have the path of the controller, and the hash of its file with training times.
+            found, expected = ([tables(each)[name] for name in ("simulation", "trial")] for each in (resumed_path, path))
+            self.assertEqual(found, expected, path.name)
+
+    def test_a_worker_without_the_folder_of_a_hardening_is_an_error(self) -> None:
+        executor = RayExecutor()
+        factory = HardeningFactory(str(self.folder / "missing"), durable=False, any_build=False)
+        with self.assertRaisesRegex(mishandle.InvalidStateError, "a file system that all nodes share"):
+            executor.run(executor.share(factory), ["6"])
 
     def test_mistakes_on_the_command_line_are_errors_in_one_line(self) -> None:
         missing = self.campaign("missing.toml", "--out", "runs")

@@ -8,8 +8,9 @@ use mishandle_falsification::{
 };
 use mishandle_results as results;
 use mishandle_results::{ExportedCounterexample, Exports, Repeats};
-use mishandle_rollout::{Scenario, Seed};
+use mishandle_rollout::{Request, Scenario, Seed, System};
 use mishandle_store::RunFile;
+use mishandle_text::path_text;
 
 use crate::counterexample::{Counterexample, MinimizedFrom};
 use crate::error::MishandleError;
@@ -88,7 +89,7 @@ pub fn export(
 ) -> Result<Exported, MishandleError> {
     let mut found = Exported {
         result: Exports {
-            run: run.path().to_string_lossy().into_owned(),
+            run: path_text(run.path()),
             files: Vec::new(),
             space_axes: recorded_axes(&run.header().axes),
         },
@@ -123,10 +124,9 @@ pub fn export(
                 }
             }
         }
-        let text = |path: &Path| path.to_string_lossy().into_owned();
         found.result.files.push(ExportedCounterexample {
-            file: same_as.is_none().then(|| text(&path)),
-            same_as: same_as.as_deref().map(text),
+            file: same_as.is_none().then(|| path_text(&path)),
+            same_as: same_as.as_deref().map(path_text),
             mode: mode.map(|mode| mode as u64),
             trial: known.trial,
             simulation: known.simulation,
@@ -188,7 +188,8 @@ fn shrink(
         is_interrupted |= flow.is_break();
         flow
     };
-    let minimized = minimize(&mut *system, &request, budget, &mut watch)?;
+    let robustness = recorded.expected.robustness;
+    let (found, minimized) = smaller(resolved, &mut *system, (&request, robustness), budget, &mut watch)?;
     let scenario = &minimized.episode.request.scenario;
     let repeats = match depends_on_seed(resolved, scenario) {
         true if watch(minimized.simulations).is_continue() => {
@@ -197,15 +198,33 @@ fn shrink(
         }
         _ => None,
     };
+    let has_same_predicate = predicate(&found) == predicate(recorded);
+    Ok((found, Shrunk { minimized, has_same_predicate, repeats, is_interrupted }))
+}
+
+/// Moves a failure toward the nominal scenario with at most `budget` simulations. Returns it as a
+/// counterexample that says where it comes from, and how it was found.
+///
+/// `watch` gets the number of simulations after each batch, and can end the minimization.
+///
+/// # Errors
+/// If the request does not fail, or a simulation cannot be run.
+pub(crate) fn smaller(
+    resolved: &ResolvedPlan,
+    system: &mut dyn System,
+    (request, robustness): (&Request, f64),
+    budget: u64,
+    watch: impl FnMut(u64) -> ControlFlow<()>,
+) -> Result<(Counterexample, Minimized), MishandleError> {
+    let minimized = minimize(system, request, budget, watch)?;
     let mut found = Counterexample::from_episode(resolved, &minimized.episode)?;
     found.minimized_from = Some(MinimizedFrom {
         scenario: request.scenario.values().to_vec(),
-        robustness: recorded.expected.robustness,
+        robustness,
         simulations: minimized.simulations,
         is_complete: minimized.is_complete,
     });
-    let has_same_predicate = predicate(&found) == predicate(recorded);
-    Ok((found, Shrunk { minimized, has_same_predicate, repeats, is_interrupted }))
+    Ok((found, minimized))
 }
 
 fn predicate(known: &Counterexample) -> Option<String> {

@@ -16,6 +16,8 @@ use mishandle_store::{
     AxisRecord, BuildRecord, ComponentRecord, RunFile, RunHeader, Simulation, SimulationEnd, TargetRecord,
 };
 
+use mishandle_text::path_text;
+
 use crate::error::MishandleError;
 use crate::inspect::{ExplainedSimulation, explain, explain_episode};
 use crate::plan::{FalsifyPlan, Plan};
@@ -23,6 +25,7 @@ use crate::resolve::{ResolvedPlan, controller_name, is_path, resolve_recorded};
 use crate::run::differences_of_builds;
 use crate::shipped::shipped_controller;
 
+pub(crate) use export::smaller;
 pub use export::{Chosen, Exported, Minimization, export, representatives};
 pub use regress::{Regression, regress, regress_with};
 pub use suite::{Suite, Tested, suite_files};
@@ -253,7 +256,7 @@ impl Counterexample {
         if let Some(name) = plan.controller.strip_prefix(BESIDE) {
             // A path also in the working directory, whose name is empty.
             let folder = if folder.as_os_str().is_empty() { Path::new(".") } else { folder };
-            plan.controller = folder.join(name).to_string_lossy().into_owned();
+            plan.controller = path_text(&folder.join(name));
         }
         plan
     }

@@ -2,6 +2,7 @@ use mishandle_stl::is_violated;
 use std::path::Path;
 
 use mishandle_results::{Replay, Seed};
+use mishandle_text::path_text;
 
 use crate::counterexample::{Counterexample, CounterexampleReplay};
 use crate::run::{end_text, recorded_axes};
@@ -13,7 +14,7 @@ impl CounterexampleReplay {
         let signals: Vec<&str> = header.signals.iter().map(|signal| signal.name.as_str()).collect();
         let scenario = || recorded.scenario.iter();
         Replay {
-            run: path.to_string_lossy().into_owned(),
+            run: path_text(path),
             target: recorded.target.name.clone(),
             space: recorded.plan.space.clone(),
             axes: scenario().map(|axis| axis.axis.clone()).collect(),

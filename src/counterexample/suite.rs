@@ -9,7 +9,7 @@ use std::path::{Path, PathBuf};
 use mishandle_results as results;
 use mishandle_results::{BaselineTest, Number, RegressionTest, Repeats};
 use mishandle_rollout::{Episode, Target};
-use mishandle_text::{decimal, plural};
+use mishandle_text::{decimal, path_text, plural};
 
 use crate::counterexample::{Counterexample, Regression, regress, regress_with};
 use crate::error::MishandleError;
@@ -151,7 +151,7 @@ impl Suite<'_> {
             Tested::Target { .. } => None,
         };
         results::Regression {
-            folder: self.folder.to_string_lossy().into_owned(),
+            folder: path_text(self.folder),
             controller,
             baseline: self.baseline().map(str::to_string),
             passes: number(&[PASSES, FIXED]),

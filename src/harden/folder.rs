@@ -10,9 +10,9 @@ use mishandle_store::{RunFile, RunWriter};
 use crate::error::MishandleError;
 use crate::plan::Plan;
 use crate::resolve::ResolvedPlan;
-use crate::run::{Answer, Engine, Progress, ask, create_run};
+use crate::run::{Answer, Engine, Opening, Progress, ask, create_run};
 
-use super::Watch;
+use super::{Watch, plan_file};
 
 /// Plan of the hardening.
 pub(super) const PLAN: &str = "harden.toml";
@@ -23,39 +23,56 @@ pub(super) const RESULT: &str = "result.json";
 /// The controller before.
 const BEFORE: &str = "before.safetensors";
 
+/// Training settings of the controller, or of the plan's file.
+const SETTINGS: &str = "settings.toml";
+
 /// The folder of a hardening.
 pub(super) struct Folder {
+    /// Its path as the user named it, for results.
+    pub given: PathBuf,
+    /// Its absolute path: runs and settings of the phases name files of the folder.
     pub path: PathBuf,
+    opening: Opening,
 }
 
 impl Folder {
-    /// Creates the folder of a plan. `before` are the bytes of the controller.
+    /// Creates the folder of a plan with all that the hardening reads: it then depends on no other
+    /// file. `before` are the bytes of the controller.
     ///
     /// # Errors
     /// If it exists, or a file cannot be written.
-    pub fn create(path: &Path, plan: &Plan, before: &[u8]) -> Result<Folder, MishandleError> {
-        let folder = Folder { path: path.to_path_buf() };
+    pub fn create(path: &Path, plan: &Plan, before: &[u8], settings: &str) -> Result<(), MishandleError> {
+        let given = path.to_path_buf();
+        let folder = Folder { path: given.clone(), given, opening: Opening::default() };
         if path.exists() {
             return Err(MishandleError::Exists { path: path.to_path_buf(), flag: "--out" });
         }
         folder.write(&folder.before(), before)?;
-        folder.write(&path.join(PLAN), plan.to_toml().as_bytes())?;
-        Ok(folder)
+        folder.write(&folder.settings(), settings.as_bytes())?;
+        // The last one: a folder without it is not that of a hardening.
+        folder.write(&path.join(PLAN), plan.to_toml().as_bytes())
     }
 
     /// Opens the folder of a hardening, and reads its plan.
     ///
     /// # Errors
     /// If it contains no plan.
-    pub fn open(path: &Path) -> Result<(Folder, Plan), MishandleError> {
-        let file = path.join(PLAN);
+    pub fn open(path: &Path, opening: Opening) -> Result<(Folder, Plan), MishandleError> {
+        let file = plan_file(path);
         let text = read_text_bounded(&file, limits::PLAN)
             .map_err(|source| MishandleError::File { path: file.clone(), source })?;
-        Ok((Folder { path: path.to_path_buf() }, Plan::from_toml(&text)?))
+        let given = path.to_path_buf();
+        let path = std::path::absolute(path)
+            .map_err(|source| MishandleError::File { path: given.clone(), source })?;
+        Ok((Folder { given, path, opening }, Plan::from_toml(&text)?))
     }
 
     pub fn before(&self) -> PathBuf {
         self.path.join(BEFORE)
+    }
+
+    pub fn settings(&self) -> PathBuf {
+        self.path.join(SETTINGS)
     }
 
     /// Returns the path of a file of a round.
@@ -83,16 +100,17 @@ impl Folder {
         watch: Watch<'_>,
     ) -> Result<Option<Asked>, MishandleError> {
         let resolved = ResolvedPlan::new(plan)?;
-        let run = match path.exists() {
+        let mut run = match path.exists() {
             true => RunWriter::resume(path)?,
             false => create_run(&resolved, Some(path))?,
         };
+        self.opening.apply(&mut run, &resolved)?;
         let mut watch = |progress: &Progress| {
             watch(&super::HardenProgress {
                 phase: phase.to_string(),
                 done: progress.simulations,
                 all: progress.max_simulations,
-                unit: "simulations",
+                unit: super::HardenProgress::SIMULATIONS,
             })
         };
         let answer = ask(&resolved, run, Engine::Direct, &mut watch)?;

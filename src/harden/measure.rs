@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 use mishandle_results as results;
 use mishandle_rollout::Seed;
 use mishandle_store::RunFile;
+use mishandle_text::path_text;
 
 use super::Watch;
 use super::decision::{CornerCounts, Measure, failure_bound};
@@ -43,7 +44,7 @@ pub(super) fn measure(
         space: space.to_string(),
         axes: if space == base.space { base.axes.clone() } else { Default::default() },
         action_noise,
-        controller: controller.to_string_lossy().into_owned(),
+        controller: path_text(controller),
         seed: seed.0,
         evaluate: Some(EvaluatePlan { episodes, ..EvaluatePlan::default() }),
         harden: None,

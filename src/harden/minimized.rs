@@ -1,15 +1,14 @@
 //! The failure modes of a round, minimized: a regression suite, and scenarios to train on.
 
-use std::ops::ControlFlow;
 use std::path::Path;
 
-use mishandle_falsification::{is_close, minimize};
+use mishandle_falsification::is_close;
 use mishandle_rollout::{Request, Scenario, Seed};
 
 use super::folder::Folder;
 use super::{HardenProgress, Watch};
 use crate::archive::{Modes, Simulated, simulated_in};
-use crate::counterexample::{Counterexample, MinimizedFrom};
+use crate::counterexample::{Counterexample, smaller};
 use crate::error::MishandleError;
 use crate::resolve::ResolvedPlan;
 
@@ -49,12 +48,14 @@ pub(super) fn minimized(
                     phase: phase.to_string(),
                     done: done as u64 * BUDGET + simulations.min(BUDGET),
                     all: order.len() as u64 * BUDGET,
-                    unit: "simulations",
+                    unit: HardenProgress::SIMULATIONS,
                 });
                 is_interrupted |= flow.is_break();
                 flow
             };
-            let smaller = shrunk(resolved, &mut *system, worst, watch)?;
+            let request = Request::new(Scenario::new(worst.scenario.clone()), Seed(worst.seed));
+            let worst = (&request, worst.robustness);
+            let (smaller, _) = smaller(resolved, &mut *system, worst, BUDGET, watch)?;
             if is_interrupted {
                 return Ok(None);
             }
@@ -70,22 +71,4 @@ pub(super) fn minimized(
         found.push(Simulated { mode: Some(*mode), ..simulated_in(&path, &known, &resolved.space)? });
     }
     Ok(Some(found))
-}
-
-fn shrunk(
-    resolved: &ResolvedPlan,
-    system: &mut dyn mishandle_rollout::System,
-    worst: &Simulated,
-    watch: impl FnMut(u64) -> ControlFlow<()>,
-) -> Result<Counterexample, MishandleError> {
-    let request = Request::new(Scenario::new(worst.scenario.clone()), Seed(worst.seed));
-    let minimized = minimize(system, &request, BUDGET, watch)?;
-    let mut found = Counterexample::from_episode(resolved, &minimized.episode)?;
-    found.minimized_from = Some(MinimizedFrom {
-        scenario: worst.scenario.clone(),
-        robustness: worst.robustness,
-        simulations: minimized.simulations,
-        is_complete: minimized.is_complete,
-    });
-    Ok(found)
 }

@@ -22,12 +22,13 @@ use mishandle_controllers::ControllerFile;
 use mishandle_files::{limits, read_text_bounded};
 use mishandle_results::{Hardening, HardeningRound};
 use mishandle_rollout::Seed;
+use mishandle_text::path_text;
 use mishandle_training::AlgorithmSettings;
 
 use crate::error::MishandleError;
-use crate::plan::{EvaluatePlan, HardenPlan, Plan};
+use crate::plan::{EvaluatePlan, GPU, HardenPlan, Plan};
 use crate::resolve::{ResolvedPlan, task};
-use crate::run::Device;
+use crate::run::{Device, Opening};
 use crate::train::start_controller;
 use decision::decide;
 use folder::Folder;
@@ -39,8 +40,8 @@ use round::{RoundEnd, run_round};
 const VALIDATION: u64 = 3 << 32;
 const FINAL: u64 = 4 << 32;
 
-/// Device of a plan that only some front ends have.
-const GPU: &str = "gpu";
+/// Extension of the files of controllers.
+const EXTENSION: &str = "safetensors";
 
 /// Progress of a hardening.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -55,12 +56,22 @@ pub struct HardenProgress {
     pub unit: &'static str,
 }
 
+impl HardenProgress {
+    /// Unit of all phases but training.
+    pub const SIMULATIONS: &'static str = "simulations";
+}
+
 /// Gets the progress now and then, and can end the hardening, which a later call continues.
 pub type Watch<'w> = &'w mut (dyn FnMut(&HardenProgress) -> ControlFlow<()> + Send);
 
 /// Returns the folder of the runs of a hardening that writes its controller to `out`.
 pub fn harden_folder(out: &Path) -> PathBuf {
     out.with_extension("harden")
+}
+
+/// Returns the file of the accepted controller of the hardening in a folder.
+fn accepted_file(folder: &Path) -> PathBuf {
+    folder.with_extension(EXTENSION)
 }
 
 /// Hardens the controller of a plan and writes the accepted one to `out`. Returns `None` if it was
@@ -75,27 +86,61 @@ pub fn harden(
     gpu: Option<&Device>,
     watch: Watch<'_>,
 ) -> Result<Option<Hardening>, MishandleError> {
-    let table = plan.harden.clone().ok_or(MishandleError::MissingPlanTable { table: "harden" })?;
-    table.check()?;
-    check_device(&table, gpu)?;
-    let before = start(plan)?;
-    let settings = settings(&table, &before)?;
-    check(plan, &table, &settings)?;
-    if out.extension().is_none_or(|extension| extension != "safetensors") {
-        let (what, value) = ("the file of the controller", out.to_string_lossy().into_owned());
+    let prepared = Prepared::new(plan)?;
+    check_device(prepared.table, gpu)?;
+    if out.extension().is_none_or(|extension| extension != EXTENSION) {
+        let (what, value) = ("the file of the controller", path_text(out));
         let expected = "a name that ends in .safetensors";
         return Err(MishandleError::InvalidValue { what, value, expected });
     }
     if out.exists() {
         return Err(MishandleError::Exists { path: out.to_path_buf(), flag: "--out" });
     }
-    let folder = Folder::create(&harden_folder(out), plan, &before.to_bytes())?;
-    Hardener { plan, table: &table, settings: &settings, folder: &folder, gpu }.run(out, watch)
+    let folder = harden_folder(out);
+    prepared.create(&folder)?;
+    resume(&folder, Opening::default(), gpu, watch)
+}
+
+/// A hardening that can start: its plan is checked.
+pub struct Prepared<'p> {
+    plan: &'p Plan,
+    table: &'p HardenPlan,
+    before: ControllerFile,
+    settings: AlgorithmSettings,
+}
+
+impl Prepared<'_> {
+    /// Checks a plan. The device of the training is not needed yet.
+    ///
+    /// # Errors
+    /// If the plan has no table `[harden]` or is wrong, or the controller is not a network of this
+    /// program.
+    pub fn new(plan: &Plan) -> Result<Prepared<'_>, MishandleError> {
+        let table = plan.harden.as_ref().ok_or(MishandleError::MissingPlanTable { table: "harden" })?;
+        table.check()?;
+        let before = start(plan)?;
+        let settings = given_settings(table, &before)?;
+        check(plan, table, &settings)?;
+        Ok(Prepared { plan, table, before, settings })
+    }
+
+    /// Creates the folder of the hardening, in which [`resume`] starts it.
+    ///
+    /// # Errors
+    /// If the folder exists, or a file cannot be written.
+    pub fn create(&self, folder: &Path) -> Result<(), MishandleError> {
+        Folder::create(folder, self.plan, &self.before.to_bytes(), &self.settings.to_toml())
+    }
 }
 
 /// Returns whether a folder is that of a hardening, and whether that is finished.
 pub fn is_hardening(folder: &Path) -> Option<bool> {
-    folder.join(folder::PLAN).exists().then(|| folder.join(folder::RESULT).exists())
+    plan_file(folder).exists().then(|| folder.join(folder::RESULT).exists())
+}
+
+/// Returns the path of the plan in the folder of a hardening.
+pub fn plan_file(folder: &Path) -> PathBuf {
+    folder.join(folder::PLAN)
 }
 
 /// Returns the run files of the final comparison with failures to look at: of random scenarios in
@@ -110,7 +155,7 @@ pub fn final_runs(folder: &Path) -> Vec<PathBuf> {
 /// # Errors
 /// If the folder contains no hardening, or one with other settings.
 pub fn check_plan(folder: &Path, plan: &Plan) -> Result<(), MishandleError> {
-    let (_, recorded) = Folder::open(folder)?;
+    let (_, recorded) = Folder::open(folder, Opening::default())?;
     let [recorded, given] = [&recorded, plan].map(|plan| toml::Table::try_from(plan).unwrap_or_default());
     let differences = differences(&recorded, &given);
     if differences.is_empty() { Ok(()) } else { Err(MishandleError::OtherSettings { differences }) }
@@ -136,23 +181,26 @@ fn differences(recorded: &toml::Table, given: &toml::Table) -> Vec<String> {
     found
 }
 
-/// Continues the hardening of a folder, or reads a finished one.
+/// Starts or continues the hardening of a folder, or reads a finished one. Returns `None` if it was
+/// interrupted.
 ///
 /// # Errors
 /// If the folder contains no hardening, or as for [`harden`].
 pub fn resume(
     folder: &Path,
+    opening: Opening,
     gpu: Option<&Device>,
     watch: Watch<'_>,
 ) -> Result<Option<Hardening>, MishandleError> {
-    let (folder, plan) = Folder::open(folder)?;
-    let table = plan.harden.clone().ok_or(MishandleError::MissingPlanTable { table: "harden" })?;
-    if !folder.path.join(folder::RESULT).exists() {
-        check_device(&table, gpu)?;
+    let is_finished = is_hardening(folder) == Some(true);
+    let (folder, plan) = Folder::open(folder, opening)?;
+    let table = plan.harden.as_ref().ok_or(MishandleError::MissingPlanTable { table: "harden" })?;
+    if !is_finished {
+        check_device(table, gpu)?;
     }
-    let settings = settings(&table, &ControllerFile::load(&folder.before())?)?;
-    let out = folder.path.with_extension("safetensors");
-    Hardener { plan: &plan, table: &table, settings: &settings, folder: &folder, gpu }.run(&out, watch)
+    let settings = settings(&folder.settings(), &ControllerFile::load(&folder.before())?)?;
+    let out = accepted_file(&folder.given);
+    Hardener { plan: &plan, table, settings: &settings, folder: &folder, gpu }.run(&out, watch)
 }
 
 /// Checks that the device of the training is there.
@@ -170,28 +218,41 @@ fn start(plan: &Plan) -> Result<ControllerFile, MishandleError> {
     start_controller(task(&plan.target)?.definition(), &plan.controller)
 }
 
-/// Returns the training settings of a controller, or those that the plan names.
-fn settings(table: &HardenPlan, before: &ControllerFile) -> Result<AlgorithmSettings, MishandleError> {
-    let (path, text) = match &table.settings {
-        Some(file) => {
-            let path = PathBuf::from(file);
-            let text = read_text_bounded(&path, limits::SETTINGS);
-            let text = text.map_err(|source| MishandleError::File { path: path.clone(), source })?;
-            (path, text)
-        }
-        None => (PathBuf::from("the controller"), before.header.training.settings.clone()),
-    };
+/// Returns the training settings of a controller, or those of the file that the plan names.
+fn given_settings(table: &HardenPlan, before: &ControllerFile) -> Result<AlgorithmSettings, MishandleError> {
+    match &table.settings {
+        Some(file) => settings(Path::new(file), before),
+        None => settings_of(before, &before.header.training.settings, Path::new("the controller")),
+    }
+}
+
+/// Reads a file of training settings for a controller.
+fn settings(path: &Path, before: &ControllerFile) -> Result<AlgorithmSettings, MishandleError> {
+    let text = read_text_bounded(path, limits::SETTINGS)
+        .map_err(|source| MishandleError::File { path: path.to_path_buf(), source })?;
+    settings_of(before, &text, path)
+}
+
+fn settings_of(
+    before: &ControllerFile,
+    text: &str,
+    path: &Path,
+) -> Result<AlgorithmSettings, MishandleError> {
     let unknown = || MishandleError::UnknownName {
         kind: "training algorithm",
         name: before.header.algorithm.clone(),
         known: mishandle_training::ALGORITHMS.iter().map(|entry| entry.name.to_string()).collect(),
     };
-    let settings = AlgorithmSettings::from_toml(&before.header.algorithm, &text).ok_or_else(unknown)?;
-    settings.map_err(|source| MishandleError::Settings { path, source: Box::new(source) })
+    let settings = AlgorithmSettings::from_toml(&before.header.algorithm, text).ok_or_else(unknown)?;
+    settings.map_err(|source| MishandleError::Settings { path: path.to_path_buf(), source: Box::new(source) })
 }
 
 /// Checks what all phases need, before the first one.
 fn check(plan: &Plan, table: &HardenPlan, settings: &AlgorithmSettings) -> Result<(), MishandleError> {
+    if plan.screening.is_some() {
+        let (what, value) = ("the question of a screening", "harden".to_string());
+        return Err(MishandleError::InvalidValue { what, value, expected: "evaluate, falsify or risk" });
+    }
     for name in &table.searches {
         crate::resolve::search_entry(name)?;
     }

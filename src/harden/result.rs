@@ -2,15 +2,16 @@
 
 use std::path::{Path, PathBuf};
 
-use mishandle_falsification::check_margin;
+use mishandle_falsification::has_margin;
 use mishandle_results as results;
 use mishandle_results::{
     Estimate, HardenedArchive, HardenedCorners, HardenedMargin, HardenedMeasure, HardenedMode,
     HardenedSearch, Hardening, HardeningRound,
 };
 use mishandle_rollout::{Request, Scenario, Seed};
+use mishandle_text::path_text;
 
-use super::decision::{CornerCounts, Measure, adjusted, worse};
+use super::decision::{Measure, adjusted, worse};
 use super::folder::RESULT;
 use super::measure::{measure, path_of};
 use super::search::search;
@@ -55,6 +56,7 @@ impl Hardener<'_> {
         let (measures, corners) = first.measured.compare(&second.as_ref().unwrap_or(&first).measured)?;
         let archive = after.map(|after| self.archive(after, rounds.len() as u32)).transpose()?;
         let is_judged = second.is_some();
+        let worse = worse(&measures, corners);
         let of_both = |value: &dyn Fn(&Judged) -> Estimate| -> Vec<Estimate> {
             std::iter::once(&first).chain(&second).map(value).collect()
         };
@@ -63,10 +65,11 @@ impl Hardener<'_> {
             space: self.plan.space.clone(),
             seed: results::Seed(self.plan.seed),
             before: self.plan.controller.clone(),
-            after: after.map(|_| out.to_string_lossy().into_owned()),
-            folder: self.folder.path.to_string_lossy().into_owned(),
+            after: after.map(|_| path_text(out)),
+            folder: path_text(&self.folder.given),
             commit: build().git_commit,
-            verdict: verdict(is_judged, &measures, corners, &first, &rounds),
+            verdict: verdict(is_judged, (&measures, &worse), &first, &rounds),
+            worse: worse.into_iter().map(String::from).collect(),
             measures: hardened_measures(&measures, is_judged),
             corners: corners.map(|corners| HardenedCorners {
                 corners: corners.all,
@@ -106,7 +109,7 @@ impl Hardener<'_> {
             return Ok(None);
         };
         let plan = |child: u64| Plan {
-            controller: controller.to_string_lossy().into_owned(),
+            controller: path_text(controller),
             seed: seed.child(child).0,
             harden: None,
             ..self.plan.clone()
@@ -125,10 +128,10 @@ impl Hardener<'_> {
             return Err(MishandleError::MissingPlanTable { table: "risk" });
         };
         let space = ResolvedPlan::new(&plan(0))?.space;
-        let margin = match check_margin(margin.budget, &space) {
+        let margin = match has_margin(&space) {
             // Starts alone have no size.
-            Err(_) => None,
-            Ok(()) => match ask(Plan { margin: Some(margin), ..plan(2) }, "margin")? {
+            false => None,
+            true => match ask(Plan { margin: Some(margin), ..plan(2) }, "margin")? {
                 Some(asked) => Some(hardened_margin(asked.result()?)?),
                 None => return Ok(None),
             },
@@ -155,8 +158,8 @@ impl Hardener<'_> {
 
     /// Simulates the failures that the rounds found with the controller after.
     fn archive(&self, after: &Path, rounds: u32) -> Result<HardenedArchive, MishandleError> {
-        let controller = after.to_string_lossy().into_owned();
-        let resolved = ResolvedPlan::new(&Plan { controller, harden: None, ..self.plan.clone() })?;
+        let resolved =
+            ResolvedPlan::new(&Plan { controller: path_text(after), harden: None, ..self.plan.clone() })?;
         let mut system = resolved.system()?;
         let mut requests = Vec::new();
         for round in 1..=rounds {
@@ -246,8 +249,7 @@ fn modes(before: &[(ModeKey, u64)], after: &[(ModeKey, u64)]) -> Vec<HardenedMod
 /// Returns the result in a sentence. What got worse comes first.
 fn verdict(
     is_judged: bool,
-    measures: &[Measure],
-    corners: Option<CornerCounts>,
+    (measures, worse): (&[Measure], &[&str]),
     before: &Judged,
     rounds: &[HardeningRound],
 ) -> String {
@@ -274,7 +276,7 @@ fn verdict(
     });
     let confirmed = space
         .is_some_and(|Measure { rates, .. }| rates.second_only > rates.first_only && rates.p_value < 0.05);
-    match (worse(measures, corners), confirmed) {
+    match (worse, confirmed) {
         (worse, _) if !worse.is_empty() => format!("Worse: {}. Otherwise {rates}.", worse.join(", ")),
         (_, true) => format!("Better: {rates}, and no other measure is worse."),
         (_, false) => format!("The final set does not confirm an improvement: {rates}."),

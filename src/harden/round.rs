@@ -4,6 +4,7 @@ use std::path::{Path, PathBuf};
 
 use mishandle_files::{limits, read_text_bounded};
 use mishandle_rollout::Seed;
+use mishandle_text::path_text;
 use mishandle_training::{AlgorithmSettings, SpaceSetting, TrainingControl, TrainingError, TrainingProgress};
 use serde::{Deserialize, Serialize};
 
@@ -149,10 +150,6 @@ impl Trained {
     }
 }
 
-fn path_text(path: &Path) -> String {
-    path.to_string_lossy().into_owned()
-}
-
 /// Returns the settings of a round: those of the controller, with the scenarios of the plan.
 pub(super) fn round_settings(
     settings: &AlgorithmSettings,
@@ -170,7 +167,7 @@ pub(super) fn round_settings(
     scenarios.nominal = table.nominal;
     scenarios.corners = table.corners;
     scenarios.file_share = table.archive;
-    scenarios.file = (table.archive > 0.0).then(|| archive.to_string_lossy().into_owned());
+    scenarios.file = (table.archive > 0.0).then(|| path_text(archive));
     settings
 }
 

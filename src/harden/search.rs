@@ -3,6 +3,7 @@
 use std::path::Path;
 
 use mishandle_rollout::Seed;
+use mishandle_text::path_text;
 
 use super::Watch;
 use super::folder::{Asked, Folder};
@@ -29,9 +30,8 @@ pub(super) fn search(
     phase: &str,
     watch: Watch<'_>,
 ) -> Result<Option<Searched>, MishandleError> {
-    let controller = controller.to_string_lossy().into_owned();
     let plan =
-        |seed: Seed| Plan { controller: controller.clone(), seed: seed.0, harden: None, ..base.clone() };
+        |seed: Seed| Plan { controller: path_text(controller), seed: seed.0, harden: None, ..base.clone() };
     let evaluate = EvaluatePlan { episodes: table.budget.into(), ..EvaluatePlan::default() };
     let mut plans = vec![("corners".to_string(), Plan { evaluate: Some(evaluate), ..plan(seed.child(0)) })];
     for (number, name) in (1..).zip(&table.searches) {

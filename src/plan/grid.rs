@@ -11,7 +11,7 @@ use super::Plan;
 use super::read::{key_names, may_be_list, read_lists};
 use crate::error::MishandleError;
 
-/// Table of a question that takes training, which a campaign cannot do.
+/// Table of a hardening, which is not a question of a run file.
 const HARDEN: &str = "harden";
 
 /// Largest number of runs of a campaign.
@@ -29,11 +29,10 @@ pub struct GridRun {
     pub plan: Plan,
 }
 
-/// Reads a campaign file: a plan in which any key but `format` and `falsify.options` may have a
-/// list of values. Returns a run for each combination of the values, the last key of the file
-/// format varying fastest.
+/// Reads a campaign file: a plan in which most keys may have a list of values. Returns a run for
+/// each combination of the values, the last key of the file format varying fastest.
 ///
-/// A file with the tables of several questions (`[evaluate]`, `[falsify]`, `[margin]`, `[risk]`)
+/// A file with several of the tables `[evaluate]`, `[falsify]`, `[margin]`, `[risk]` and `[harden]`
 /// gives a run of each per combination of the other values. A search gets those options of
 /// `[falsify.options]` that it has.
 ///
@@ -52,13 +51,8 @@ pub struct GridRun {
 pub fn read_grid(text: &str) -> Result<Vec<GridRun>, MishandleError> {
     let table = read_lists(text)?;
     check_options(&table)?;
-    if table.contains_key(HARDEN) {
-        let (what, value) = ("the campaign", "a plan with the table [harden]".to_string());
-        let expected = "a plan of the other questions; `mishandle harden --plan FILE` hardens one controller";
-        return Err(MishandleError::InvalidValue { what, value, expected });
-    }
-    let questions = RunKind::ALL.map(|(_, name)| name);
-    let kinds: Vec<&str> = questions.into_iter().filter(|kind| table.contains_key(*kind)).collect();
+    let questions = RunKind::ALL.map(|(_, name)| name).into_iter().chain([HARDEN]);
+    let kinds: Vec<&str> = questions.filter(|kind| table.contains_key(*kind)).collect();
     let mut runs = Vec::new();
     for kind in &kinds {
         let mut own = table.clone();
@@ -190,10 +184,19 @@ mod tests {
     }
 
     #[test]
-    fn a_hardening_is_not_a_run_of_a_campaign() {
-        let text = "target = 'ball-balancing'\ncontroller = 'ppo'\n[evaluate]\n[harden]\nrounds = 2\n";
-        let error = read_grid(text).unwrap_err().to_string();
-        assert!(error.contains("[harden]"), "{error}");
+    fn hardenings_have_lists_of_numbers_and_keep_their_lists_of_names() {
+        let text = "target = 'ball-balancing'\ncontroller = ['ppo', 'sac']\n[evaluate]\n[harden]\nrounds = [1, 2]\n\
+                    searches = ['random', 'cma-es']\nallow = ['strict', 'careful']\n";
+        let runs = read_grid(text).unwrap();
+        let names: Vec<&str> = runs.iter().map(|run| run.name.as_str()).collect();
+        let hardened = ["ppo_1_harden", "ppo_2_harden", "sac_1_harden", "sac_2_harden"];
+        assert_eq!(names, [["ppo_evaluate", "sac_evaluate"].as_slice(), &hardened].concat());
+        assert!(runs[0].plan.harden.is_none() && runs[2].plan.evaluate.is_none());
+        let table = runs[3].plan.harden.as_ref().unwrap();
+        assert_eq!((table.rounds, table.searches.len(), table.allow.len()), (2, 2, 2));
+        assert!(
+            error("target = 'a'\n[harden]\nsearches = ['random', ['cma-es']]\n").contains("harden.searches")
+        );
     }
 
     #[test]

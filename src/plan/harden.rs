@@ -5,7 +5,7 @@ use std::ops::RangeInclusive;
 use serde::{Deserialize, Serialize};
 
 use crate::error::MishandleError;
-use crate::plan::{Plan, RiskPlan};
+use crate::plan::{CPU, DEVICES, Plan, RiskPlan};
 
 /// Settings of a hardening: the table `[harden]` of a plan. The plan's space is the one in which
 /// the controller shall fail less often.
@@ -48,7 +48,7 @@ impl Default for HardenPlan {
         HardenPlan {
             rounds: 3,
             steps: 2_000_000,
-            device: "cpu".to_string(),
+            device: CPU.to_string(),
             settings: None,
             searches: ["portfolio", "cma-es", "random"].map(String::from).to_vec(),
             budget: 300,
@@ -109,8 +109,8 @@ impl HardenPlan {
             let expected = "at most 1 together with `harden.nominal` and `harden.corners`";
             return invalid("harden.archive", self.archive.to_string(), expected);
         }
-        if !["cpu", "gpu"].contains(&self.device.as_str()) {
-            let known = ["cpu", "gpu"].map(String::from).to_vec();
+        if !DEVICES.contains(&self.device.as_str()) {
+            let known = DEVICES.map(String::from).to_vec();
             return Err(MishandleError::UnknownName { kind: "device", name: self.device.clone(), known });
         }
         if self.searches.is_empty() {

@@ -24,6 +24,15 @@ pub use mishandle_training::AxisSetting;
 pub use risk::RiskPlan;
 pub use search_options::search_option_value;
 
+/// Device of a plan that every front end has.
+pub const CPU: &str = "cpu";
+
+/// Device of a plan that only some front ends have.
+pub const GPU: &str = "gpu";
+
+/// Devices of a training's physics.
+pub const DEVICES: [&str; 2] = [CPU, GPU];
+
 /// Version of the plan format.
 const FORMAT: u32 = 2;
 
@@ -142,7 +151,7 @@ pub struct ScreeningPlan {
 
 impl Default for ScreeningPlan {
     fn default() -> Self {
-        ScreeningPlan { device: "gpu".to_string(), rows: 16_384, confirm: 0.1 }
+        ScreeningPlan { device: GPU.to_string(), rows: 16_384, confirm: 0.1 }
     }
 }
 

@@ -139,9 +139,9 @@ pub(super) fn read_lists(text: &str) -> Result<toml::Table, MishandleError> {
 
 /// Returns whether a key of a plan may have a list of values in a campaign.
 pub(super) fn may_be_list(name: &str) -> bool {
-    // The other values are tables already.
+    // The other values are tables or lists already.
     let others = ["format", "screening.device", AXES, REQUIREMENTS, OPTIONS, DISTRIBUTIONS];
-    !others.contains(&name) && !name.starts_with("harden.")
+    !others.contains(&name) && !["harden.searches", "harden.allow"].contains(&name)
 }
 
 /// Returns the names of all keys with their tables.

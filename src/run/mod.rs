@@ -7,13 +7,13 @@
 
 mod again;
 mod builds;
-mod campaign;
 mod completion;
 mod end_text;
 pub(crate) mod evaluate;
 pub(crate) mod falsify;
 pub(crate) mod header;
 mod journal;
+mod opening;
 mod outcomes;
 mod preflight;
 mod question;
@@ -29,13 +29,13 @@ pub(crate) mod violation;
 pub use again::{run_simulations, run_trial};
 pub(crate) use builds::differences_of_builds;
 pub use builds::{admit_build, build_differences, continued_builds};
-pub use campaign::{CampaignRun, campaign_runs, create_campaign, free_campaign_folder};
 pub use completion::unfinished;
 pub use end_text::end_text;
 pub use evaluate::{
     EvaluationOutcome, evaluate, evaluation_request, evaluation_simulations, rejects_scenarios,
 };
 pub use falsify::{failure_rate_bound, falsify};
+pub use opening::Opening;
 pub(crate) use preflight::preflight;
 pub(crate) use question::asked;
 pub use question::{Answer, Engine, MarginOutcome, Progress, Watch, ask, recorded_answer};

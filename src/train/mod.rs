@@ -26,6 +26,7 @@ use mishandle_training::{
 
 use crate::build::build;
 use crate::error::MishandleError;
+use crate::plan::{DEVICES, GPU};
 use crate::resolve::task;
 use crate::run::Device;
 use crate::shipped::{check_home, shipped_settings};
@@ -123,7 +124,7 @@ pub fn train(
         (None, None) => Origin::New,
     };
     let networks = gpu.and_then(|gpu| gpu.networks.as_deref());
-    let trained = match networks.filter(|_| plan.device == "gpu") {
+    let trained = match networks.filter(|_| plan.device == GPU) {
         Some(networks) => settings.train_on(&batches, networks, seed, origin, &mut recorder),
         None => settings.train(&batches, seed, origin, &mut recorder),
     };
@@ -204,8 +205,8 @@ pub(crate) fn batches(
     environment: Arc<TaskEnvironment>,
     scenarios: TrainingScenarios,
 ) -> Result<ScenarioBatches<Box<dyn BatchFactory>>, MishandleError> {
-    known("device", &plan.device, &["cpu", "gpu"])?;
-    let batches: Box<dyn BatchFactory> = match plan.device == "gpu" {
+    known("device", &plan.device, &DEVICES)?;
+    let batches: Box<dyn BatchFactory> = match plan.device == GPU {
         true => {
             let gpu = gpu.ok_or_else(|| MishandleError::NoDevice { device: plan.device.clone() })?;
             Box::new(TaskBatches::new(environment, gpu.worlds.clone()))

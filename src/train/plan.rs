@@ -4,8 +4,9 @@ use std::path::{Path, PathBuf};
 use mishandle_training::AxisSetting;
 
 use crate::error::MishandleError;
+use crate::plan::CPU;
 use crate::train::curve::has_no_rows;
-use mishandle_text::shell_quote;
+use mishandle_text::{path_text, shell_quote};
 
 /// Extension of controller files.
 const EXTENSION: &str = "safetensors";
@@ -70,11 +71,11 @@ impl TrainPlan {
         if self.reward != "shaped" {
             command += &format!(" --reward {}", self.reward);
         }
-        if self.device != "cpu" {
+        if self.device != CPU {
             command += &format!(" --device {}", self.device);
         }
         if let Some(settings) = &self.settings {
-            command += &format!(" --settings {}", shell_quote(&settings.to_string_lossy()));
+            command += &format!(" --settings {}", shell_quote(&path_text(settings)));
         }
         if let Some(from) = &self.from {
             command += &format!(" --from {}", shell_quote(from));
@@ -100,7 +101,7 @@ impl TrainPlan {
     pub fn full_command(&self) -> String {
         let flags = [("--out", Some(&self.out)), ("--csv", self.csv.as_ref())];
         let flags = flags.into_iter().chain([("--tensorboard", self.tensorboard.as_ref())]);
-        let flags = flags.filter_map(|(flag, path)| Some((flag, shell_quote(&path?.to_string_lossy()))));
+        let flags = flags.filter_map(|(flag, path)| Some((flag, shell_quote(&path_text(path?)))));
         let outputs: String = flags.map(|(flag, word)| format!(" {flag} {word}")).collect();
         self.command() + &outputs + if self.resume { " --resume" } else { "" }
     }
@@ -129,7 +130,7 @@ impl TrainPlan {
             true => Ok(()),
             false => Err(MishandleError::InvalidValue {
                 what: "--out",
-                value: self.out.display().to_string(),
+                value: path_text(&self.out),
                 expected: "a path that ends in .safetensors",
             }),
         }

@@ -1,7 +1,6 @@
-use std::path::Path;
-
 use mishandle_controllers::ControllerFile;
 use mishandle_results::{Controller, ScenarioRates, Seed, Training, TrainingPlan, TrainingTime, Validation};
+use mishandle_text::path_text;
 use mishandle_training::{Rates, RunSettings};
 
 use crate::train::{CurveRow, NoTrainingTime, TrainPlan, TrainReport, TrainingFacts};
@@ -10,7 +9,6 @@ impl TrainReport {
     /// Returns the report of a finished training run as a result.
     pub fn result(&self, plan: &TrainPlan) -> Training {
         let TrainReport { result, settings, training_time, .. } = self;
-        let path = |path: &Path| path.to_string_lossy().into_owned();
         let environments = settings.episodes().environments;
         let validation = result.best_validation;
         let time = training_time.as_ref().map_err(|reason| *reason);
@@ -33,10 +31,10 @@ impl TrainReport {
             space: validation.and_then(|validation| validation.space).map(rates),
             corners: validation.and_then(|validation| validation.corners).map(rates),
             controller_hash: result.best.hash(),
-            best: path(&plan.out),
-            last: path(&plan.last()),
-            csv: plan.csv.as_deref().map(path),
-            tensorboard: plan.tensorboard.as_deref().map(path),
+            best: path_text(&plan.out),
+            last: path_text(&plan.last()),
+            csv: plan.csv.as_deref().map(path_text),
+            tensorboard: plan.tensorboard.as_deref().map(path_text),
         }
     }
 }

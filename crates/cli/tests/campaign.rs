@@ -4,7 +4,10 @@
 
 mod bench;
 
-use bench::Bench;
+use std::process::Stdio;
+use std::time::Duration;
+
+use bench::{Bench, signal, text};
 use mishandle::store::RunFile;
 use serde_json::Value;
 
@@ -41,7 +44,7 @@ fn a_resumed_campaign_prints_the_same_results_and_needs_all_its_files() {
     std::fs::copy(bench.path("all/1_evaluate.sqlite"), &path).unwrap();
     bench.refuses(
         "campaign --resume all",
-        &["2_evaluate.sqlite is not the run file", "the run file was replaced"],
+        &["2_evaluate.sqlite does not belong to the run `2_evaluate`", "the file was replaced"],
     );
     std::fs::remove_file(&path).unwrap();
     std::os::unix::fs::symlink(bench.path("all/1_evaluate.sqlite"), &path).unwrap();
@@ -67,6 +70,12 @@ fn mistakes_are_reported_before_the_folder_is_created() {
         ("target = 'toy/sphere-2d'\n[falsify]\nformula = ['success', 'succes']\n", "`succes`"),
         ("target = 'toy/sphere-2d'\n[falsify]\nserch = 'random'\n", "did you mean `falsify.search`?"),
         ("target = 'toy/sphere-2d'\n", "[falsify]"),
+        ("target = 'ball-balancing'\ncontroller = ['ppo', 'expert']\n[harden]\n", "the expert"),
+        ("target = 'ball-balancing'\ncontroller = 'ppo'\n[harden]\nrounds = [1, 0]\n", "harden.rounds"),
+        (
+            "target = 'ball-balancing'\ncontroller = 'ppo'\n[harden]\n[screening]\n",
+            "the question of a screening",
+        ),
     ] {
         bench.write("wrong.toml", campaign);
         bench.refuses("campaign wrong.toml --out wrong", &["wrong.toml", message]);
@@ -76,4 +85,81 @@ fn mistakes_are_reported_before_the_folder_is_created() {
     bench.refuses("campaign --resume .", &["is not the folder of a campaign"]);
     bench.check("campaign campaign.toml --out all", 1);
     bench.refuses("campaign campaign.toml --out all", &["all exists already", "--resume"]);
+}
+
+/// Two hardenings of few simulations.
+const HARDENINGS: &str = "target = 'point-reaching'\ncontroller = 'ppo'\nspace = 'starts+delay'\nseed = [5, 6]\n[axes]\n\
+                          action_delay = [1, 3]\n[harden]\nrounds = 1\nsteps = 256\nsettings = 'settings.toml'\n\
+                          searches = ['random']\nbudget = 8\nvalidation = 4\nepisodes = 4\nrisk = 100\nmargin = 10\n";
+
+/// Training settings with which an iteration takes few steps.
+const SETTINGS: &str = "rollout_steps = 8\nepisodes.environments = 16\nrun.validation_episodes = 2\nrun.validation_interval = 2\n\
+                        policy = { hidden = [64, 64], activation = 'elu' }\n";
+
+/// Runs a command, sends it a signal when a path exists, and returns its exit code and stderr.
+fn stopped(bench: &Bench, arguments: &str, path: &str, name: &str) -> (Option<i32>, String) {
+    let mut command = bench.command(arguments);
+    let mut child = command.stdout(Stdio::null()).stderr(Stdio::piped()).spawn().unwrap();
+    while !bench.path(path).exists() {
+        assert!(child.try_wait().unwrap().is_none(), "{arguments} ended without {path}");
+        std::thread::sleep(Duration::from_millis(5));
+    }
+    signal(&child, name);
+    let output = child.wait_with_output().unwrap();
+    (output.status.code(), text(&output.stderr))
+}
+
+#[test]
+fn hardenings_of_a_campaign_continue_after_a_kill_and_have_rows_in_table_document_and_pages() {
+    let bench = Bench::new();
+    bench.write("hardenings.toml", HARDENINGS);
+    bench.write("settings.toml", SETTINGS);
+    let whole = bench.run("campaign hardenings.toml --out whole --jobs 2 --json");
+    let document: Value = serde_json::from_str(&text(&whole.stdout)).unwrap();
+    let runs = document["runs"].as_array().unwrap();
+    assert_eq!((runs.len(), &runs[0]["kind"], &document["is_complete"]), (2, &"harden".into(), &true.into()));
+    let accepted: Vec<bool> = runs.iter().map(|run| !run["result"]["after"].is_null()).collect();
+    let code = i32::from(accepted.contains(&false));
+    assert_eq!(whole.status.code(), Some(code));
+    for (run, accepted) in runs.iter().zip(accepted) {
+        let name = run["name"].as_str().unwrap();
+        assert!(bench.path(&format!("whole/{name}.harden/result.json")).exists());
+        assert_eq!(bench.path(&format!("whole/{name}.safetensors")).exists(), accepted);
+        assert!(run["result"]["worse"].is_array());
+    }
+    // The settings of a hardening are those of its start.
+    bench.write("settings.toml", "nonsense");
+    let table = bench.check("campaign --resume whole --pages pages", code);
+    let rows: Vec<Vec<&str>> = table.lines().map(|line| line.split_whitespace().collect()).collect();
+    assert_eq!(rows[0][..3], ["run", "accepted", "failures"]);
+    assert_eq!([rows[1][0], rows[2][0]], ["5", "6"]);
+    let index = std::fs::read_to_string(bench.path("pages/index.html")).unwrap();
+    assert!(
+        index.contains("of 2 hardenings accepted a controller.") && index.contains("href=\"runs/5.html\"")
+    );
+    let page = std::fs::read_to_string(bench.path("pages/runs/6.html")).unwrap();
+    assert!(page.contains("Before and after") && page.contains("href=\"../index.html\""));
+
+    bench.write("settings.toml", SETTINGS);
+    let (code_of_kill, _) = stopped(
+        &bench,
+        "campaign hardenings.toml --out parts",
+        "parts/5.harden/round-1/settings.toml",
+        "KILL",
+    );
+    assert_eq!(code_of_kill, None);
+    let (code_of_stop, said) =
+        stopped(&bench, "campaign --resume parts", "parts/6.harden/round-1/settings.toml", "INT");
+    assert_eq!(code_of_stop, Some(130), "{said}");
+    assert!(said.contains("1 of 2 runs finished") && said.contains("campaign --resume parts"), "{said}");
+    let resumed = bench.check("campaign --resume parts --json", code);
+    assert_eq!(resumed.replace("parts", "whole"), text(&whole.stdout));
+
+    let changed = HARDENINGS.replace("budget = 8", "budget = 9");
+    std::fs::write(bench.path("whole/campaign.toml"), changed).unwrap();
+    bench.refuses("campaign --resume whole", &["5.harden does not belong to the run `5`", "its plan"]);
+    std::fs::remove_dir_all(bench.path("parts/6.harden")).unwrap();
+    bench.refuses("campaign --resume parts", &["is not the folder of a campaign", "6.harden"]);
+    std::os::unix::fs::symlink(bench.path("whole/6.harden"), bench.path("parts/6.harden")).unwrap();
+    bench.refuses("campaign --resume parts", &["it is a symbolic link"]);
 }

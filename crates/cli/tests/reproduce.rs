@@ -95,7 +95,7 @@ fn collected_results_give_the_tables_of_the_run_files() {
 fn an_incomplete_campaign_is_shown_as_such_and_not_collected() {
     let bench = bench();
     let text = std::fs::read_to_string(bench.path("f.toml")).unwrap();
-    mishandle::run::create_campaign(&text, &bench.path("f")).unwrap();
+    mishandle::campaign::create_campaign(&text, &bench.path("f")).unwrap();
     let table = rows(&bench.json("reproduce tables f --json", 0), "Falsified trials");
     assert!(table.iter().all(|row| row[3] == "not run" && row[6] == "-"), "{table:?}");
     bench.check("reproduce tables f --pages pages", 0);
@@ -113,7 +113,7 @@ fn a_table_collected_in_parts_is_the_table_of_the_whole_campaign() {
     let text = std::fs::read_to_string(bench.path("f.toml")).unwrap();
     for (part, finished) in [("first", "random"), ("second", "nelder-mead")] {
         let folder = bench.path(&format!("{part}/f"));
-        mishandle::run::create_campaign(&text, &folder).unwrap();
+        mishandle::campaign::create_campaign(&text, &folder).unwrap();
         let file = format!("{finished}.sqlite");
         std::fs::copy(bench.path(&format!("runs/f/{file}")), folder.join(file)).unwrap();
     }

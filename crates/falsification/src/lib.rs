@@ -58,7 +58,7 @@ pub use isolate::{isolate, isolation_budget};
 pub use keep_going::{KeepGoing, SignatureOf, simulations_without_mode};
 pub use margin::{
     Margin, MarginSettings, Narrowed, Witness, category_axes, check_margin, each_category, each_fault,
-    margin, norms,
+    has_margin, margin, norms,
 };
 pub use minimize::{Minimized, axes_off_nominal, is_close, minimize, off_nominal};
 pub use modes::{

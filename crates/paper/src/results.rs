@@ -3,9 +3,9 @@
 use std::path::Path;
 
 use mishandle::Plan;
+use mishandle::campaign::campaign_runs;
 use mishandle::evaluation::{Corners, Estimate, FormulaRoles};
 use mishandle::rollout::Seed;
-use mishandle::run::campaign_runs;
 use mishandle::store::{RunFile, Simulation, TrialRecord, TrialStatus};
 use mishandle_text::shell_quote;
 use serde::{Deserialize, Serialize};
@@ -124,8 +124,8 @@ impl Results {
 }
 
 impl CampaignResults {
-    /// Reads the run files of a campaign, which may be incomplete. `root`, the repository, has the
-    /// training times of shipped controllers.
+    /// Reads the run files of a campaign, which may be incomplete. Hardenings have none.
+    /// `root`, the repository, has the training times of shipped controllers.
     ///
     /// # Errors
     /// If the folder has no campaign, or a file cannot be read.
@@ -133,6 +133,7 @@ impl CampaignResults {
         let name = folder.file_name().map_or(String::new(), |name| name.to_string_lossy().into_owned());
         let runs = campaign_runs(folder)?
             .iter()
+            .filter(|run| !run.is_hardening())
             .map(|run| read_run(&run.name, &run.path, root))
             .collect::<Result<Vec<RunResults>, PaperError>>()?;
         let plan = format!("experiments/paper/{name}.toml");

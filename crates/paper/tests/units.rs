@@ -9,9 +9,9 @@ use std::ops::ControlFlow;
 use std::path::Path;
 
 use mishandle::ResolvedPlan;
+use mishandle::campaign::{campaign_runs, create_campaign};
 use mishandle::evaluation::{betting_mean, bootstrap_mean};
 use mishandle::rollout::Seed;
-use mishandle::run::{campaign_runs, create_campaign};
 use mishandle::store::{RunFile, Simulation, TrialStatus};
 use mishandle_paper::{CampaignResults, Results, RunResults, Unit};
 use sha2::{Digest, Sha256};
@@ -25,7 +25,7 @@ const EVALUATION: &str =
 fn campaign(text: &str, folder: &Path) -> CampaignResults {
     create_campaign(text, folder).unwrap();
     for run in campaign_runs(folder).unwrap() {
-        let (file, resolved) = run.resume().unwrap();
+        let (file, resolved) = run.resume(Default::default()).unwrap();
         match resolved.plan.falsify {
             Some(_) => drop(mishandle::falsify(&resolved, file, |_| ControlFlow::Continue(())).unwrap()),
             None => drop(mishandle::evaluate(&resolved, file, |_| ControlFlow::Continue(())).unwrap()),

@@ -3,8 +3,9 @@
 use mishandle::evaluation::wilson;
 use mishandle::results::Answer;
 use mishandle::store::{RunKind, TrialStatus};
-use mishandle_text::probability_text;
+use mishandle_text::{plural, probability_text};
 
+use crate::hardening::{self, HardeningSummary};
 use crate::html::{number, percent, text};
 use crate::load::RunReport;
 use crate::page::Document;
@@ -193,38 +194,59 @@ pub fn table(runs: &[RunSummary], names_say_it: bool) -> String {
 }
 
 /// Returns the index of a campaign. `tables` are other pages: their addresses and titles.
-pub fn campaign_page(name: &str, runs: &[RunSummary], tables: &[(String, String)]) -> String {
-    let failing = runs.iter().filter(|run| run.share() > 0.0).count();
-    let title = match failing {
-        0 => format!("None of {} has a failure.", mishandle_text::plural(runs.len() as u64, "run")),
-        _ => format!(
-            "{failing} of {} {} failures.",
-            mishandle_text::plural(runs.len() as u64, "run"),
-            if failing == 1 { "has" } else { "have" }
-        ),
-    };
-    let mut out = format!("<section>\n<h2>{}: {title}</h2>\n", text(name));
-    let open = runs.iter().filter(|run| !run.is_complete).count();
+pub fn campaign_page(
+    name: &str,
+    runs: &[RunSummary],
+    hardenings: &[HardeningSummary],
+    tables: &[(String, String)],
+) -> String {
+    let mut out = format!("<section>\n<h2>{}: {}</h2>\n", text(name), headline(runs, hardenings));
+    let open = runs.iter().filter(|run| !run.is_complete).count()
+        + hardenings.iter().filter(|hardening| hardening.found.is_none()).count();
     if open > 0 {
         out.push_str(&format!(
             "<p>Not finished: {open} of {}.</p>\n",
-            mishandle_text::plural(runs.len() as u64, "run")
+            plural((runs.len() + hardenings.len()) as u64, "run")
         ));
     }
-    out.push_str(
-        "<p>Each run has its page, with failure modes, robustness maps and the commands that run each failure again. An interval \
-         is that of the share of falsified trials or failing scenarios, or of the failure probability.</p>\n",
-    );
     if !tables.is_empty() {
         let link = |(href, title): &(String, String)| {
             format!("<li><a href=\"{}\">{}</a></li>", text(href), text(title))
         };
         out.push_str(&format!("<ul>{}</ul>\n", tables.iter().map(link).collect::<String>()));
     }
-    // The name of a run has the values that differ between the runs.
-    out.push_str(&table(runs, true));
+    if !runs.is_empty() {
+        out.push_str(NOTE);
+        // The name of a run has the values that differ between the runs.
+        out.push_str(&table(runs, true));
+    }
+    out.push_str(&hardening::hardenings(hardenings));
     out.push_str("</section>\n");
     Document { title: &text(name), up: None, body: &out }.html()
+}
+
+/// Explains the pages and numbers of runs.
+const NOTE: &str = "<p>Each run has its page, with failure modes, robustness maps and the commands that run each failure again. An interval \
+     is that of the share of falsified trials or failing scenarios, or of the failure probability.</p>\n";
+
+/// Returns how many runs have failures, and how many hardenings accepted a controller.
+fn headline(runs: &[RunSummary], hardenings: &[HardeningSummary]) -> String {
+    let failing = runs.iter().filter(|run| run.share() > 0.0).count();
+    let all = plural(runs.len() as u64, "run");
+    let of_runs = match failing {
+        _ if runs.is_empty() => None,
+        0 => Some(format!("None of {all} has a failure.")),
+        1 => Some(format!("1 of {all} has failures.")),
+        _ => Some(format!("{failing} of {all} have failures.")),
+    };
+    let is_accepted =
+        |summary: &&HardeningSummary| summary.found.as_ref().is_some_and(|found| found.after.is_some());
+    let accepted = hardenings.iter().filter(is_accepted).count();
+    let of_hardenings = (!hardenings.is_empty()).then(|| {
+        let all = plural(hardenings.len() as u64, "hardening");
+        format!("{accepted} of {all} accepted a controller.")
+    });
+    of_runs.into_iter().chain(of_hardenings).collect::<Vec<_>>().join(" ")
 }
 
 /// Returns the page of a run of a campaign, with a link to its index at the address `up`.

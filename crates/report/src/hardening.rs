@@ -8,9 +8,50 @@ use crate::load::RunReport;
 use crate::page::Document;
 use crate::{section, words};
 
+/// Entry of a campaign's index for a hardening.
+#[derive(Clone, Debug)]
+pub struct HardeningSummary {
+    /// Name of the run.
+    pub name: String,
+    /// Link to its page.
+    pub href: String,
+    /// Its result; `None` if it is not finished.
+    pub found: Option<Hardening>,
+}
+
+impl HardeningSummary {
+    fn cells(&self) -> Vec<String> {
+        let name = text(&self.name);
+        let Some(found) = &self.found else {
+            let missing = std::iter::repeat_n("–".to_string(), 4);
+            return [name, "not finished".to_string()].into_iter().chain(missing).collect();
+        };
+        let accepted = if found.after.is_some() { "accepted" } else { "no round was accepted" };
+        let worse = if found.worse.is_empty() { "–".to_string() } else { text(&found.worse.join(", ")) };
+        vec![
+            format!("<a class=\"whole\" href=\"{}\">{name}</a>", text(&self.href)),
+            accepted.to_string(),
+            estimated(found.failure_probability.first()),
+            estimated(found.failure_probability.get(1)),
+            worse,
+            text(&found.verdict),
+        ]
+    }
+}
+
+/// Returns the table of a campaign's hardenings; empty without one.
+pub(crate) fn hardenings(summaries: &[HardeningSummary]) -> String {
+    if summaries.is_empty() {
+        return String::new();
+    }
+    let head = ["run", "result", "failure probability before", "after", "worse", "verdict"];
+    let rows: Vec<Vec<String>> = summaries.iter().map(HardeningSummary::cells).collect();
+    table("Hardenings", &head, &rows)
+}
+
 /// Returns the page about a hardening, with sections about some of its runs: one HTML file without
-/// scripts, which loads nothing.
-pub fn hardening_page(found: &Hardening, reports: &[RunReport]) -> String {
+/// scripts, which loads nothing. `up` is the address of the index of its campaign.
+pub fn hardening_page(found: &Hardening, reports: &[RunReport], up: Option<&str>) -> String {
     let target = text(&short(&found.target, 60));
     let mut out = format!(
         "<section>\n<h2>{target}: {}</h2>\n<p class=\"requirement\"><b>Before:</b> <code>{}</code>. <b>After:</b> {}. \
@@ -33,7 +74,8 @@ pub fn hardening_page(found: &Hardening, reports: &[RunReport]) -> String {
     for (id, report) in (1..).zip(reports) {
         out.push_str(&section::section(report, id));
     }
-    Document { title: &format!("hardening of {target}"), up: None, body: &out }.html()
+    let up = up.map(|up| (up, "all runs"));
+    Document { title: &format!("hardening of {target}"), up, body: &out }.html()
 }
 
 /// Explains the numbers.

@@ -42,7 +42,7 @@ mod words;
 
 pub use campaign::{RunSummary, campaign_page, run_page};
 pub use comparison::comparison_page;
-pub use hardening::hardening_page;
+pub use hardening::{HardeningSummary, hardening_page};
 pub use html::text as escaped;
 pub use learning_curve::learning_curve_page;
 pub use load::RunReport;

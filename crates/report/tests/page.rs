@@ -4,11 +4,12 @@
 
 use std::path::Path;
 
+use mishandle::results::Hardening;
 use mishandle::store::{
     AxisRecord, BuildRecord, ComponentRecord, FormulaRecord, IfExists, RunFile, RunHeader, RunKind,
     RunWriter, SignalRecord, Simulation, SimulationEnd, StoredTrace, TargetRecord, TrialStatus,
 };
-use mishandle_report::{RunReport, page};
+use mishandle_report::{HardeningSummary, RunReport, campaign_page, page};
 
 const HOSTILE: &str = "<script>alert(1)</script><img src=x onerror=alert(2)>\"'&\u{202e}\u{1b}";
 
@@ -146,4 +147,25 @@ fn hostile_names_are_text() {
 fn a_run_without_simulations_has_a_page() {
     let html = html(2, "", &[]);
     assert!(html.contains("No trial of car with controller mine has started."));
+}
+
+#[test]
+fn the_index_of_a_campaign_has_its_hardenings_and_escapes_their_texts() {
+    let found = Hardening {
+        after: Some("b.safetensors".to_string()),
+        worse: vec![HOSTILE.to_string()],
+        verdict: HOSTILE.to_string(),
+        ..Hardening::default()
+    };
+    let summary = |name: &str, found| HardeningSummary {
+        name: name.to_string(),
+        href: format!("runs/{name}.html"),
+        found,
+    };
+    let html = campaign_page("c", &[], &[summary("open", None), summary(HOSTILE, Some(found))], &[]);
+    for part in ["1 of 2 hardenings accepted a controller.", "Not finished: 1 of 2 runs.", "not finished"] {
+        assert!(html.contains(part), "{part}: {html}");
+    }
+    assert!(!html.contains("runs/open.html"), "a hardening that is not finished has no page");
+    assert!(!html.contains("<script") && !html.contains("<img"), "{html}");
 }

@@ -1,7 +1,7 @@
 use schemars::JsonSchema;
 use serde::Serialize;
 
-use crate::{Evaluation, Falsification, Margin, Risk};
+use crate::{Evaluation, Falsification, Hardening, Margin, Risk};
 
 /// A grid of runs.
 #[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
@@ -17,9 +17,9 @@ pub struct Campaign {
 /// A finished run of a campaign.
 #[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
 pub struct CampaignRun {
-    /// Name of the run, and of its file without extension.
+    /// Name of the run, and of its file, or of the folder of its hardening, without extension.
     pub name: String,
-    /// Kind of the run: `evaluate`, `falsify`, `margin` or `risk`.
+    /// Kind of the run: `evaluate`, `falsify`, `margin`, `risk` or `harden`.
     pub kind: String,
     /// The document of that command, without `schema`.
     pub result: Answer,
@@ -38,4 +38,6 @@ pub enum Answer {
     Margin(Box<Margin>),
     /// That of `risk`.
     Risk(Box<Risk>),
+    /// That of `harden`.
+    Hardening(Box<Hardening>),
 }

@@ -8,7 +8,7 @@ use crate::{Estimate, Number, Seed, optional_number};
 /// The measures, the failure probabilities, the margins and the searches are those of the final
 /// set: scenarios and seeds that are simulated once, after the last decision. No training run and
 /// no decision used them. The corners of the initial box are the same points everywhere.
-#[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, JsonSchema)]
 pub struct Hardening {
     /// Name of the target.
     pub target: String,
@@ -26,6 +26,9 @@ pub struct Hardening {
     pub commit: String,
     /// The result in a sentence.
     pub verdict: String,
+    /// Names of the measures that are worse after, at 5 % after Holm's correction, and `corners` if
+    /// the controller succeeds at fewer of them.
+    pub worse: Vec<String>,
     /// The measures before and after.
     pub measures: Vec<HardenedMeasure>,
     /// Corners of the initial box at which all simulations succeed; `null` without a box.

@@ -5,9 +5,11 @@
 mod instant;
 mod invisible;
 mod number;
+mod path;
 mod shell_quote;
 
 pub use instant::instant;
 pub use invisible::{is_invisible, visible};
 pub use number::{decimal, number_text, p_value_text, plural, probability_text};
+pub use path::path_text;
 pub use shell_quote::shell_quote;

@@ -25,6 +25,8 @@ TASKS_PER_CPU = 4
 RETRIES = 3
 """How often Ray repeats a task whose worker or node was lost, before its simulations are repeated one by one."""
 
+STOP_TIMEOUT = 10.0
+"""Seconds to wait for tasks that were canceled."""
 
 CONNECTION_TIMEOUT = 5.0
 """Seconds to wait for a cluster to answer. Ray itself tries for minutes."""
@@ -135,6 +137,8 @@ class RayExecutor:
         except BaseException:
             for task in pending:
                 self._ray.cancel(task)
+            # A hardening stores its batch and closes its files, so that it can be resumed at once.
+            self._ray.wait(pending, num_returns=len(pending), timeout=STOP_TIMEOUT)
             raise
 
     def _results(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import contextlib
 import os
 import pathlib
 import signal
@@ -16,7 +17,11 @@ from typing import Any
 from mishandle import _native
 from mishandle.errors import MishandleError
 from mishandle.ray import RayExecutor, check_address
-from mishandle.ray.plans import PlanFactory
+from mishandle.ray.plans import HardeningFactory, PlanFactory
+
+
+HARDENING = ".harden"
+"""Suffix of the folder of a hardening."""
 
 
 def complete_runs(
@@ -31,14 +36,25 @@ def complete_runs(
 ) -> None:
     """Completes the runs of the campaign in a folder on a cluster, ``jobs`` of them at a time.
 
-    ``runs`` are pairs of name and path. ``report`` gets the name of a run and the numbers of its finished and of all
+    The simulations of a question are spread over the cluster. A hardening is one task on one worker, which continues where another one
+    was lost. ``runs`` are pairs of name and path. ``report`` gets the name of a run and the numbers of its finished and of all
     simulations after each batch, in the thread of the run. If ``executor.stop`` is set, all runs end after their last finished
     batch.
     """
 
+    hardenings = executor.share(HardeningFactory(folder, durable=durable, any_build=any_build))
+
+    def complete_hardening(name: str) -> None:
+        with contextlib.suppress(KeyboardInterrupt):
+            [simulations] = executor.run(hardenings, [name])
+            report(name, simulations, simulations)
+
     def complete(run: tuple[str, str]) -> None:
         name, path = run
         if executor.stop.is_set():
+            return
+        if pathlib.Path(path).suffix == HARDENING:
+            complete_hardening(name)
             return
         shared = executor.share(PlanFactory(*_native.recorded_plan(path)))
 

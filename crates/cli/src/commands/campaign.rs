@@ -3,9 +3,10 @@ use std::process::{Command, Stdio};
 
 use anyhow::{Context, Result, bail, ensure};
 use clap::Args;
+use mishandle::campaign::{CampaignRun, campaign_runs, create_campaign, free_campaign_folder};
 use mishandle::files::{limits, read_text_bounded};
 use mishandle::results::{Answer, Campaign};
-use mishandle::run::{CampaignRun, Device};
+use mishandle::run::{Device, Opening};
 use mishandle_text::{plural, shell_quote};
 
 use crate::exit_status::ExitStatus;
@@ -15,8 +16,8 @@ use crate::run::{self, grid, pages};
 use crate::show::progress::Bar;
 use crate::show::{campaign, output};
 
-/// Run a grid of questions (evaluate, falsify, margin, risk): targets, controllers, spaces,
-/// formulas, searches, seeds
+/// Run a grid of questions (evaluate, falsify, margin, risk) and hardenings: targets, controllers,
+/// spaces, formulas, searches, seeds
 #[derive(Debug, Args)]
 #[command(after_help = "Examples:
   mishandle campaign campaign.toml --out runs/controllers
@@ -24,8 +25,9 @@ use crate::show::{campaign, output};
   mishandle campaign campaign.toml --ray auto         on this machine's Ray cluster
 
 The campaign file is a plan in which keys may have lists of values: see docs/guide/campaigns.md.
-Each combination is a run with a run file in the folder. Exit code 1 means that a violation was
-found by falsify, margin or risk.")]
+Each combination is a run with a run file in the folder; one of [harden] has a folder there, and
+beside it the accepted controller. Exit code 1 means that a violation was found by falsify, margin
+or risk, or that a hardening accepted no controller.")]
 pub struct Arguments {
     /// Campaign file (TOML)
     #[arg(value_name = "FILE", required_unless_present = "resume")]
@@ -71,7 +73,7 @@ pub fn run(command: &Arguments, gpu: Option<&Device>) -> Result<ExitStatus> {
     let bar = Bar::new(0, "simulations");
     run::stop_on_signals(&bar)?;
     let (folder, runs) = open(command)?;
-    let opening = grid::Opening { durable: command.durable, any_build: command.any_build };
+    let opening = Opening { durable: command.durable, any_build: command.any_build };
     let status = match &command.ray {
         Some(address) => simulate_on_ray(&folder, address, opening)?,
         None => ExitStatus::Done,
@@ -112,29 +114,30 @@ pub fn run(command: &Arguments, gpu: Option<&Device>) -> Result<ExitStatus> {
         ));
     }
     output::message(&format!("Run files: {name}"));
-    let is_violated = found.runs.iter().any(|run| match &run.result {
+    let has_failed = found.runs.iter().any(|run| match &run.result {
         Answer::Falsification(found) => found.falsified_trials > 0,
         Answer::Margin(found) => found.witness.is_some(),
         Answer::Risk(found) => !found.failures.is_empty(),
+        Answer::Hardening(found) => found.after.is_none(),
         Answer::Evaluation(_) => false,
     });
-    Ok(if is_violated { ExitStatus::Violated } else { ExitStatus::Done })
+    Ok(if has_failed { ExitStatus::Violated } else { ExitStatus::Done })
 }
 
 /// Opens the campaign to resume, or else creates a new one.
 fn open(command: &Arguments) -> Result<(PathBuf, Vec<CampaignRun>)> {
     if let Some(folder) = &command.resume {
-        return Ok((folder.clone(), mishandle::run::campaign_runs(folder)?));
+        return Ok((folder.clone(), campaign_runs(folder)?));
     }
     let Some(path) = &command.campaign else { bail!("there is no campaign: name its file") };
-    let folder = command.out.clone().unwrap_or_else(mishandle::run::free_campaign_folder);
+    let folder = command.out.clone().unwrap_or_else(free_campaign_folder);
     ensure!(
         !folder.exists(),
         "{} exists already; choose another --out, or resume it with --resume",
         folder.display()
     );
     let text = read_text_bounded(path, limits::PLAN).with_context(|| path.display().to_string())?;
-    let runs = mishandle::run::create_campaign(&text, &folder).with_context(|| path.display().to_string())?;
+    let runs = create_campaign(&text, &folder).with_context(|| path.display().to_string())?;
     Ok((folder, runs))
 }
 
@@ -159,7 +162,7 @@ fn check_ray() -> Result<()> {
 
 /// Simulates the runs of the folder on a Ray cluster. The run files are then complete, so that this
 /// program only reads them.
-fn simulate_on_ray(folder: &Path, address: &str, opening: grid::Opening) -> Result<ExitStatus> {
+fn simulate_on_ray(folder: &Path, address: &str, opening: Opening) -> Result<ExitStatus> {
     let mut command = Command::new(PYTHON);
     command.args(["-m", MODULE, "--resume"]).arg(folder).args(["--address", address]);
     if opening.durable {

@@ -5,8 +5,8 @@ use std::path::PathBuf;
 use anyhow::{Context, Result};
 use clap::Args;
 use mishandle::harden::{HardenProgress, harden, harden_folder, resume};
-use mishandle::plan::HardenPlan;
-use mishandle::run::Device;
+use mishandle::plan::{DEVICES, HardenPlan};
+use mishandle::run::{Device, Opening};
 use mishandle::{MishandleError, Plan};
 
 use crate::exit_status::ExitStatus;
@@ -55,7 +55,7 @@ pub struct Arguments {
     #[arg(long, value_name = "MEASURE")]
     pub allow: Vec<String>,
     /// Device of the training's physics: cpu or gpu [default: cpu]
-    #[arg(long, value_name = "NAME")]
+    #[arg(long, value_name = "NAME", hide_possible_values = true, value_parser = DEVICES)]
     pub device: Option<String>,
     /// Continue the hardening of this folder
     #[arg(long, value_name = "FOLDER", conflicts_with_all = PLANNED)]
@@ -92,7 +92,7 @@ pub fn run(command: &Arguments, gpu: Option<&Device>) -> Result<ExitStatus> {
         control_flow()
     };
     let (folder, found) = match (&command.resume, &command.out) {
-        (Some(folder), _) => (folder.clone(), resume(folder, gpu, &mut watch)),
+        (Some(folder), _) => (folder.clone(), resume(folder, Opening::default(), gpu, &mut watch)),
         (None, Some(out)) => (harden_folder(out), harden(&plan(command)?, out, gpu, &mut watch)),
         (None, None) => {
             return Err(MishandleError::MissingPlanTable { table: "harden" }).context("--out is missing");

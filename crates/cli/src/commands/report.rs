@@ -1,9 +1,8 @@
-use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail, ensure};
 use clap::Args;
-use mishandle::harden::{final_runs, is_hardening};
+use mishandle::harden::is_hardening;
 use mishandle::train::Curve;
 use mishandle_report::{Samples, hardening_page, learning_curve_page, page};
 
@@ -136,20 +135,13 @@ fn write_hardening(
 ) -> Result<ExitStatus> {
     let name = mishandle_text::shell_quote(&folder.to_string_lossy());
     ensure!(is_finished, "the hardening is not finished; continue it with: mishandle harden --resume {name}");
-    let found = mishandle::harden::resume(folder, None, &mut |_| ControlFlow::Continue(()))?;
-    let found = found.context("the hardening is not finished")?;
-    let mut reports = Vec::new();
-    for path in final_runs(folder) {
-        let file = run::read(&path, options.skip_check)?;
-        let report = pages::report(&file, &path, options).with_context(|| path.display().to_string())?;
-        let Some(report) = report else {
-            output::message(&format!("interrupted: {} is not written", command.out.display()));
-            return Ok(ExitStatus::Interrupted);
-        };
-        reports.push(report);
-    }
+    let Some((found, reports)) = pages::hardening(folder, options)? else {
+        options.clear();
+        output::message(&format!("interrupted: {} is not written", command.out.display()));
+        return Ok(ExitStatus::Interrupted);
+    };
     options.clear();
-    write(&hardening_page(&found, &reports), command)
+    write(&hardening_page(&found, &reports, None), command)
 }
 
 /// Writes the page about a learning curve.

@@ -141,7 +141,7 @@ fn reproduce(name: &str, table: &ReproduceTable) -> Result<ExitStatus> {
     let text = read_text_bounded(&plan, limits::PLAN).with_context(|| plan.display().to_string())?;
     let folder = table.out.clone().unwrap_or_else(|| Path::new("runs").join(name));
     let runs = if folder.exists() {
-        let runs = mishandle::run::campaign_runs(&folder)?;
+        let runs = mishandle::campaign::campaign_runs(&folder)?;
         let planned = mishandle::plan::read_grid(&text).with_context(|| plan.display().to_string())?;
         let is_same = runs.len() == planned.len()
             && runs.iter().zip(&planned).all(|(run, planned)| run.plan == planned.plan);
@@ -153,11 +153,11 @@ fn reproduce(name: &str, table: &ReproduceTable) -> Result<ExitStatus> {
         );
         runs
     } else {
-        mishandle::run::create_campaign(&text, &folder).with_context(|| plan.display().to_string())?
+        mishandle::campaign::create_campaign(&text, &folder).with_context(|| plan.display().to_string())?
     };
     let all_cores = || std::thread::available_parallelism().map_or(1, usize::from);
     let jobs = table.jobs.unwrap_or_else(all_cores);
-    let opening = grid::Opening { durable: table.durable, any_build: table.any_build };
+    let opening = mishandle::run::Opening { durable: table.durable, any_build: table.any_build };
     let finished = grid::run_all(&runs, &bar, opening, jobs, None)?;
     bar.clear();
     show(&tables::load(std::slice::from_ref(&folder))?, None, table.json)?;

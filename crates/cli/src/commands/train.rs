@@ -5,6 +5,7 @@ use std::sync::LazyLock;
 use anyhow::{Error, Result, anyhow};
 use clap::Args;
 use mishandle::MishandleError;
+use mishandle::plan::{CPU, DEVICES};
 use mishandle::results::Training;
 use mishandle::run::Device;
 use mishandle::train::{TrainPlan, TrainReport, default_out};
@@ -74,8 +75,8 @@ pub struct Arguments {
     /// Device of the physics of the training episodes: cpu (MuJoCo C) or gpu (MuJoCo Warp)
     /// [default: cpu]. Validations always use MuJoCo C. The setting episodes.environments is the
     /// number of worlds
-    #[arg(long, value_name = "NAME")]
-    pub device: Option<PhysicsDevice>,
+    #[arg(long, value_name = "NAME", hide_possible_values = true, value_parser = DEVICES)]
+    pub device: Option<String>,
     /// File of the best controller [default: runs/TASK-ALGORITHM-sSEED.safetensors]
     #[arg(long, value_name = "FILE")]
     pub out: Option<PathBuf>,
@@ -97,15 +98,6 @@ pub struct Arguments {
     pub dry_run: bool,
     #[command(flatten)]
     pub run: flags::Run,
-}
-
-/// Device of the physics of the training episodes.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
-pub enum PhysicsDevice {
-    /// MuJoCo C
-    Cpu,
-    /// MuJoCo Warp
-    Gpu,
 }
 
 pub fn run(command: &Arguments, gpu: Option<&Device>) -> Result<ExitStatus> {
@@ -218,10 +210,7 @@ fn plan(command: &Arguments) -> Result<TrainPlan> {
         algorithm,
         from: command.from.clone(),
         reward: command.reward.clone(),
-        device: match command.device {
-            Some(PhysicsDevice::Gpu) => "gpu".to_string(),
-            Some(PhysicsDevice::Cpu) | None => "cpu".to_string(),
-        },
+        device: command.device.clone().unwrap_or(CPU.to_string()),
         settings: command.settings.clone(),
         steps: command.steps,
         space: command.space.clone(),

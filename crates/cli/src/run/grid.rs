@@ -5,21 +5,14 @@ use std::sync::Mutex;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 
 use anyhow::{Context, Result};
-use mishandle::results::CampaignRun;
-use mishandle::run::{CampaignRun as PlannedRun, Device, Engine};
+use mishandle::campaign::CampaignRun as PlannedRun;
+use mishandle::harden::HardenProgress;
+use mishandle::results::{Answer, CampaignRun};
+use mishandle::run::{Device, Engine, Opening};
 
 use super::file::report_build_differences;
 use crate::interrupt;
 use crate::show::progress::Bar;
-
-/// How the run files of a campaign are opened.
-#[derive(Clone, Copy)]
-pub struct Opening {
-    /// Whether each batch is synced to the disk.
-    pub durable: bool,
-    /// Whether this build may continue a run that another one started.
-    pub any_build: bool,
-}
 
 /// Runs or completes all runs in order, `jobs` at a time. Returns the finished ones, which are
 /// fewer if a signal interrupts them.
@@ -37,8 +30,8 @@ pub fn run_all(
         while !failed.load(Ordering::Relaxed) && !interrupt::requested() {
             let index = next.fetch_add(1, Ordering::Relaxed);
             let Some(run) = runs.get(index) else { break };
-            let watch = |done, planned| {
-                progress.report(index, done, planned);
+            let watch = |step: Step<'_>| {
+                progress.report(index, step);
                 // A failure ends the other jobs like a signal: what they have done is stored.
                 if failed.load(Ordering::Relaxed) {
                     ControlFlow::Break(())
@@ -67,11 +60,20 @@ pub fn run_all(
     finished.into_iter().map(|(_, result)| result).collect()
 }
 
+/// Progress of a run.
+#[derive(Clone, Copy)]
+enum Step<'a> {
+    /// Numbers of finished simulations, and of those that its plan asks for.
+    Question(u64, u64),
+    /// A phase of a hardening.
+    Hardening(&'a HardenProgress),
+}
+
 /// Progress of all runs, on one bar.
 struct Progress<'a> {
     runs: &'a [PlannedRun],
     bar: &'a Bar,
-    /// Number of finished simulations of each run, and of those that its plan asks for.
+    /// Number of finished simulations of each run, and of those that its plan or phase asks for.
     counts: Mutex<Vec<(u64, u64)>>,
 }
 
@@ -80,12 +82,25 @@ impl Progress<'_> {
         Progress { runs, bar, counts: Mutex::new(vec![(0, 0); runs.len()]) }
     }
 
-    fn report(&self, index: usize, done: u64, planned: u64) {
+    fn report(&self, index: usize, step: Step<'_>) {
         let Ok(mut counts) = self.counts.lock() else { return };
-        counts[index] = (done, planned);
+        let phase = match step {
+            Step::Question(done, planned) => {
+                counts[index] = (done, planned);
+                String::new()
+            }
+            // The bar has the simulations of the present phase: nobody knows those of all rounds.
+            Step::Hardening(HardenProgress { phase, done, all, unit }) => {
+                if *unit == HardenProgress::SIMULATIONS {
+                    counts[index] = (*done, *all);
+                }
+                format!(", {phase}, {done} of {all} {unit}")
+            }
+        };
         self.bar.set_length(counts.iter().map(|(_, planned)| planned).sum());
         self.bar.set_position(counts.iter().map(|(done, _)| done).sum());
-        self.bar.set_note(format!("run {} of {}: {}", index + 1, self.runs.len(), self.runs[index].name));
+        let (number, all) = (index + 1, self.runs.len());
+        self.bar.set_note(format!("run {number} of {all}: {}{phase}", self.runs[index].name));
     }
 }
 
@@ -94,27 +109,26 @@ fn run_one(
     run: &PlannedRun,
     opening: Opening,
     gpu: Option<&Device>,
-    watch: impl Fn(u64, u64) -> ControlFlow<()> + Sync,
+    watch: impl Fn(Step<'_>) -> ControlFlow<()> + Sync,
 ) -> Result<Option<CampaignRun>> {
-    let (mut file, resolved) = run.resume()?;
-    if opening.durable {
-        file.set_durable()?;
+    let finished =
+        |kind: &str, result| CampaignRun { name: run.name.clone(), kind: kind.to_string(), result };
+    if run.is_hardening() {
+        let found = run.harden(opening, gpu, &mut |progress| watch(Step::Hardening(progress)))?;
+        return Ok(found.map(|found| finished("harden", Answer::Hardening(Box::new(found)))));
     }
+    let (file, resolved) = run.resume(opening)?;
     if opening.any_build {
         let differences = mishandle::replay::build_differences(file.file().header(), &resolved);
         report_build_differences("started", &differences);
-        mishandle::run::admit_build(&mut file, &resolved)?;
     }
     let engine = gpu.map_or(Engine::Direct, |gpu| Engine::Screening(&*gpu.worlds));
     let answer = mishandle::run::ask(&resolved, file, engine, &mut |progress| {
-        watch(progress.simulations, progress.max_simulations)
+        watch(Step::Question(progress.simulations, progress.max_simulations))
     })?;
     if !answer.is_complete() {
         return Ok(None);
     }
-    Ok(Some(CampaignRun {
-        name: run.name.clone(),
-        kind: resolved.plan.kind().name().to_string(),
-        result: mishandle::inspect::recorded_result(&resolved, &answer, &run.path)?,
-    }))
+    let result = mishandle::inspect::recorded_result(&resolved, &answer, &run.path)?;
+    Ok(Some(finished(resolved.plan.kind().name(), result)))
 }

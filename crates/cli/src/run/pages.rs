@@ -1,11 +1,17 @@
 //! Pages about runs and campaigns.
 
+use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail};
-use mishandle::run::CampaignRun;
+use mishandle::campaign::campaign_runs;
+use mishandle::harden::{final_runs, is_hardening, resume};
+use mishandle::results::Hardening;
+use mishandle::run::Opening;
 use mishandle::store::RunFile;
-use mishandle_report::{Measurement, RunReport, RunSummary, Samples, campaign_page, run_page};
+use mishandle_report::{
+    HardeningSummary, Measurement, RunReport, RunSummary, Samples, campaign_page, hardening_page, run_page,
+};
 use mishandle_text::plural;
 use mishandle_text::shell_quote;
 
@@ -46,7 +52,7 @@ const NO_SIMULATIONS: &str = "they were not requested (--no-simulations)";
 /// Writes the pages of a campaign to the folder `out`: an index, the tables, and a page for each
 /// run.
 pub fn write_campaign(campaign: &Path, out: &Path, options: &Options<'_>) -> Result<ExitStatus> {
-    let runs = mishandle::run::campaign_runs(campaign)?;
+    let runs = campaign_runs(campaign)?;
     let index = out.join(INDEX);
     if index.exists() && !options.force {
         bail!("{} exists already; choose another --out, or overwrite it with --force", index.display());
@@ -58,27 +64,46 @@ pub fn write_campaign(campaign: &Path, out: &Path, options: &Options<'_>) -> Res
         size += html.len();
         output::write_atomically(&path, true, html.as_bytes())
     };
-    let mut summaries = Vec::new();
-    for CampaignRun { name, path, .. } in &runs {
-        let file = file::read(path, options.skip_check)?;
-        let report = report(&file, path, options).with_context(|| path.display().to_string())?;
-        let Some(report) = report else {
+    let up = format!("../{INDEX}");
+    let (mut summaries, mut hardenings) = (Vec::new(), Vec::new());
+    for run in &runs {
+        let (name, href) = (&run.name, format!("{RUNS}/{}.html", run.name));
+        let page = match run.is_hardening() {
+            true if is_hardening(&run.path) != Some(true) => {
+                hardenings.push(HardeningSummary { name: name.clone(), href, found: None });
+                continue;
+            }
+            true => hardening(&run.path, options)?.map(|(found, reports)| {
+                let page = hardening_page(&found, &reports, Some(&up));
+                hardenings.push(HardeningSummary { name: name.clone(), href, found: Some(found) });
+                page
+            }),
+            false => {
+                let file = file::read(&run.path, options.skip_check)?;
+                let report =
+                    report(&file, &run.path, options).with_context(|| run.path.display().to_string())?;
+                report.map(|report| {
+                    summaries.push(RunSummary::new(&report, name, &href));
+                    run_page(&report, &up)
+                })
+            }
+        };
+        let Some(page) = page else {
             options.clear();
             output::message(&format!(
                 "interrupted: {} of {} are kept in {}, the others and the index are not written",
-                summaries.len(),
+                summaries.len() + hardenings.len(),
                 plural(runs.len() as u64, "page"),
                 pages.display()
             ));
             return Ok(ExitStatus::Interrupted);
         };
-        write(pages.join(format!("{name}.html")), &run_page(&report, &format!("../{INDEX}")))?;
-        summaries.push(RunSummary::new(&report, name, &format!("{RUNS}/{name}.html")));
+        write(pages.join(format!("{name}.html")), &page)?;
     }
     let tables = tables::write(campaign, out)?;
     let name = campaign.canonicalize().unwrap_or_else(|_| campaign.to_path_buf());
     let name = name.file_name().map_or(String::new(), |name| name.to_string_lossy().into_owned());
-    write(index.clone(), &campaign_page(&name, &summaries, &tables))?;
+    write(index.clone(), &campaign_page(&name, &summaries, &hardenings, &tables))?;
     options.clear();
     output::message(&format!(
         "Pages: {} ({} in {}, {} kB)",
@@ -88,6 +113,22 @@ pub fn write_campaign(campaign: &Path, out: &Path, options: &Options<'_>) -> Res
         size.div_ceil(1000)
     ));
     Ok(ExitStatus::Done)
+}
+
+/// Returns the result of a finished hardening, and reports of the final simulations in its space;
+/// `None` after an interruption.
+pub fn hardening(folder: &Path, options: &Options<'_>) -> Result<Option<(Hardening, Vec<RunReport>)>> {
+    let found = resume(folder, Opening::default(), None, &mut |_| ControlFlow::Continue(()))?;
+    let found = found.context("the hardening is not finished")?;
+    let mut reports = Vec::new();
+    for path in final_runs(folder) {
+        let file = file::read(&path, options.skip_check)?;
+        match report(&file, &path, options).with_context(|| path.display().to_string())? {
+            Some(report) => reports.push(report),
+            None => return Ok(None),
+        }
+    }
+    Ok(Some((found, reports)))
 }
 
 /// Returns the report of a run; `None` after an interruption.

@@ -1,13 +1,15 @@
 //! The results of a campaign, as text: a table for each kind of question.
 
-use mishandle::results::{Answer, Campaign, Corners, Estimate, Evaluation, Falsification, Margin, Risk};
+use mishandle::results::{
+    Answer, Campaign, Corners, Estimate, Evaluation, Falsification, Hardening, Margin, Risk,
+};
 use mishandle_text::{decimal, probability_text};
 
 use super::output;
 
 /// Returns a table for each kind of question.
 pub fn text(found: &Campaign) -> String {
-    let headers: [&[&str]; 4] = [
+    let headers: [&[&str]; 5] = [
         &["run", "falsified", "rate", "95 % interval", "mean simulations", "min robustness", "no verdict"],
         &[
             "run",
@@ -22,6 +24,7 @@ pub fn text(found: &Campaign) -> String {
         ],
         &["run", "smallest amplitude", "axes", "robustness", "fails in repeats", "simulations"],
         &["run", "failure probability", "95 % interval", "from", "simulations"],
+        &["run", "accepted", "failures before", "95 % interval", "after", "95 % interval", "worse"],
     ];
     let mut tables = headers.map(|header| vec![header.iter().map(ToString::to_string).collect::<Vec<_>>()]);
     for run in &found.runs {
@@ -30,6 +33,7 @@ pub fn text(found: &Campaign) -> String {
             Answer::Evaluation(found) => (1, evaluation_cells(found)),
             Answer::Margin(found) => (2, margin_cells(found)),
             Answer::Risk(found) => (3, risk_cells(found)),
+            Answer::Hardening(found) => (4, hardening_cells(found)),
         };
         tables[table].push(std::iter::once(run.name.clone()).chain(cells).collect());
     }
@@ -65,6 +69,18 @@ fn risk_cells(found: &Risk) -> Vec<String> {
         source.to_string(),
         found.simulations.to_string(),
     ]
+}
+
+/// The failure probability in the space before and after, and the measures that got worse.
+fn hardening_cells(found: &Hardening) -> Vec<String> {
+    let estimate = |index: usize| {
+        let estimate = found.failure_probability.get(index);
+        let cells = estimate.map(|estimate| [percent(estimate), interval(estimate)]);
+        cells.unwrap_or(["-".to_string(), "-".to_string()])
+    };
+    let accepted = if found.after.is_some() { "yes" } else { "no" };
+    let worse = if found.worse.is_empty() { "-".to_string() } else { found.worse.join(", ") };
+    [vec![accepted.to_string()], estimate(0).to_vec(), estimate(1).to_vec(), vec![worse]].concat()
 }
 
 fn falsification_cells(found: &Falsification) -> Vec<String> {
@@ -113,4 +129,45 @@ fn percent(rate: &Estimate) -> String {
 fn interval(rate: &Estimate) -> String {
     let ends = rate.low.zip(rate.high);
     ends.map_or("-".to_string(), |(low, high)| format!("[{:.2}, {:.2}]", 100.0 * low, 100.0 * high))
+}
+
+#[cfg(test)]
+mod tests {
+    use mishandle::results::CampaignRun;
+
+    use super::*;
+
+    #[test]
+    fn a_hardening_has_a_row_with_both_failure_probabilities_and_what_got_worse() {
+        let estimate = |value: f64, low: f64, high: f64| Estimate {
+            value: Some(value),
+            low: Some(low),
+            high: Some(high),
+            n: 100,
+        };
+        let before = Hardening { failure_probability: vec![estimate(0.6, 0.5, 0.7)], ..Hardening::default() };
+        let mut after = Hardening { after: Some("b.safetensors".to_string()), ..before.clone() };
+        after.failure_probability.push(estimate(0.2, 0.125, 0.3));
+        after.worse = vec!["careful".to_string(), "corners".to_string()];
+        let run = |name: &str, found: Hardening| CampaignRun {
+            name: name.to_string(),
+            kind: "harden".to_string(),
+            result: Answer::Hardening(Box::new(found)),
+        };
+        let runs = vec![run("a", before), run("b", after)];
+        let text = text(&Campaign { folder: String::new(), is_complete: true, runs });
+        let rows: Vec<Vec<&str>> = text
+            .lines()
+            .map(|line| line.split("  ").map(str::trim).filter(|cell| !cell.is_empty()).collect())
+            .collect();
+        assert_eq!(
+            rows[0],
+            ["run", "accepted", "failures before", "95 % interval", "after", "95 % interval", "worse"]
+        );
+        assert_eq!(rows[1], ["a", "no", "60.00 %", "[50.00, 70.00]", "-", "-", "-"]);
+        assert_eq!(
+            rows[2],
+            ["b", "yes", "60.00 %", "[50.00, 70.00]", "20.00 %", "[12.50, 30.00]", "careful, corners"]
+        );
+    }
 }

@@ -144,6 +144,11 @@ pub fn margin(
     })
 }
 
+/// Returns whether a space has an axis for a [`margin`]: a start has no size.
+pub fn has_margin(space: &Space) -> bool {
+    space.axes().iter().any(is_disturbed)
+}
+
 /// Checks the budget of a [`margin`] and that its space has a disturbed axis.
 ///
 /// # Errors
@@ -151,7 +156,7 @@ pub fn margin(
 pub fn check_margin(budget: u64, space: &Space) -> Result<(), FalsificationError> {
     let (what, value, expected) = if !Margin::BUDGETS.contains(&budget) {
         ("the budget", budget, "from 1 to 1000000")
-    } else if !space.axes().iter().any(is_disturbed) {
+    } else if !has_margin(space) {
         ("the number of disturbed axes", 0, "at least 1: an axis with a nominal value that is no start")
     } else {
         return Ok(());

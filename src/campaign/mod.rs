@@ -1,53 +1,96 @@
+//! Campaigns: grids of plans in a folder, with a run file or a hardening for each.
+
 use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 
 use mishandle_files::{AtomicFolder, NewFolders, limits, read_text_bounded, write_atomically};
+use mishandle_results::Hardening;
 use mishandle_store::{RunWriter, StoreError};
 
 use crate::error::MishandleError;
+use crate::harden::{self, Prepared, Watch, check_plan};
 use crate::plan::{GridRun, Plan, read_grid};
 use crate::resolve::{ResolvedPlan, is_path, recorded_plan};
-use crate::run::create_run;
+use crate::run::{Device, Opening, create_run};
 
 /// File of a campaign's folder that contains the campaign.
 const CAMPAIGN_FILE: &str = "campaign.toml";
+
+/// Why a file does not belong to a run.
+const OTHER_PLAN: &str =
+    "its plan is not that of the campaign file, which was changed, or the file was replaced";
 
 /// A run of a campaign.
 #[derive(Clone, Debug, PartialEq)]
 pub struct CampaignRun {
     /// Name: its values of the keys that have lists.
     pub name: String,
-    /// Path of its run file.
+    /// Path of its run file, or of the folder of its hardening.
     pub path: PathBuf,
     /// Its plan in the campaign file.
     pub plan: Plan,
 }
 
 impl CampaignRun {
+    fn new(folder: &Path, GridRun { name, plan }: GridRun) -> CampaignRun {
+        CampaignRun { path: run_path(folder, &name, &plan), name, plan }
+    }
+
+    /// Returns whether the run is a hardening: it has a folder instead of a run file.
+    pub fn is_hardening(&self) -> bool {
+        self.plan.harden.is_some()
+    }
+
     /// Opens the run file for writing and resolves its plan.
     ///
     /// # Errors
     /// If the run file is a symbolic link, cannot be opened, or has another plan than the campaign
     /// file.
-    pub fn resume(&self) -> Result<(RunWriter, ResolvedPlan), MishandleError> {
-        let differs = |problem: &str| MishandleError::CampaignMismatch {
+    pub fn resume(&self, opening: Opening) -> Result<(RunWriter, ResolvedPlan), MishandleError> {
+        self.check_link(&self.path)?;
+        let mut run = RunWriter::resume(&self.path)?;
+        let header = run.file().header();
+        if !is_same_plan(&Plan::from_toml(&header.plan)?, &self.plan) {
+            return Err(self.differs(OTHER_PLAN));
+        }
+        let resolved = recorded_plan(header, None)?;
+        opening.apply(&mut run, &resolved)?;
+        Ok((run, resolved))
+    }
+
+    /// Starts or continues the hardening of the run, or reads a finished one. Returns `None` if it
+    /// was interrupted.
+    ///
+    /// # Errors
+    /// If the folder or its plan is a symbolic link, or has another plan than the campaign file, or
+    /// as for [`harden`](harden::harden).
+    pub fn harden(
+        &self,
+        opening: Opening,
+        gpu: Option<&Device>,
+        watch: Watch<'_>,
+    ) -> Result<Option<Hardening>, MishandleError> {
+        self.check_link(&self.path)?;
+        self.check_link(&harden::plan_file(&self.path))?;
+        check_plan(&self.path, &self.plan).map_err(|error| match error {
+            MishandleError::OtherSettings { .. } => self.differs(OTHER_PLAN),
+            error => error,
+        })?;
+        harden::resume(&self.path, opening, gpu, watch)
+    }
+
+    /// Checks that a file of the run is not a symbolic link: the folder may be untrusted, and the
+    /// link may point to a file of the user.
+    fn check_link(&self, path: &Path) -> Result<(), MishandleError> {
+        if path.is_symlink() { Err(self.differs("it is a symbolic link")) } else { Ok(()) }
+    }
+
+    fn differs(&self, problem: &str) -> MishandleError {
+        MishandleError::CampaignMismatch {
             path: self.path.clone(),
             name: self.name.clone(),
             problem: problem.to_string(),
-        };
-        // The folder may be untrusted, and the link may point to a run file of the user.
-        if self.path.is_symlink() {
-            return Err(differs("it is a symbolic link"));
         }
-        let run = RunWriter::resume(&self.path)?;
-        let header = run.file().header();
-        if !is_same_plan(&Plan::from_toml(&header.plan)?, &self.plan) {
-            return Err(differs(
-                "its plan is not that of the campaign file, which was changed, or the run file was replaced",
-            ));
-        }
-        let resolved = recorded_plan(header, None)?;
-        Ok((run, resolved))
     }
 }
 
@@ -60,8 +103,8 @@ fn is_same_plan(recorded: &Plan, planned: &Plan) -> bool {
     *recorded == Plan { controller, ..planned.clone() }
 }
 
-/// Creates the folder of a campaign, with a run file for each run. `text` is the campaign file: see
-/// [`read_grid`].
+/// Creates the folder of a campaign, with a run file or the folder of a hardening for each run.
+/// `text` is the campaign file: see [`read_grid`].
 ///
 /// No run file contains a simulation yet. All plans are resolved before the folder is created, and
 /// the folder appears when it is complete.
@@ -71,7 +114,7 @@ fn is_same_plan(recorded: &Plan, planned: &Plan) -> bool {
 pub fn create_campaign(text: &str, folder: &Path) -> Result<Vec<CampaignRun>, MishandleError> {
     let runs = read_grid(text)?;
     for run in &runs {
-        resolve(run)?;
+        create(run, None)?;
     }
     let write = |source| MishandleError::Write { what: "folder", path: folder.to_path_buf(), source };
     // Removes them again if the campaign cannot be created.
@@ -83,18 +126,15 @@ pub fn create_campaign(text: &str, folder: &Path) -> Result<Vec<CampaignRun>, Mi
     // that cannot be resumed.
     let created = AtomicFolder::create_new(folder).map_err(write)?;
     for run in &runs {
-        let run_file = create_run(&resolve(run)?, Some(&run_path(created.path(), &run.name)))?;
-        run_file.close().map_err(|error| match error {
+        create(run, Some(created.path())).map_err(|error| match error {
             // Its message is about recorded simulations, and there are none.
-            StoreError::DiskFull { .. } => write(ErrorKind::StorageFull.into()),
-            error => error.into(),
+            MishandleError::Store(StoreError::DiskFull { .. }) => write(ErrorKind::StorageFull.into()),
+            error => error,
         })?;
     }
     write_atomically(&created.path().join(CAMPAIGN_FILE), text.as_bytes()).map_err(write)?;
     created.persist().map_err(write)?;
-    let run =
-        |run: GridRun| CampaignRun { path: run_path(folder, &run.name), name: run.name, plan: run.plan };
-    Ok(runs.into_iter().map(run).collect())
+    Ok(runs.into_iter().map(|run| CampaignRun::new(folder, run)).collect())
 }
 
 /// Returns the runs of the campaign in a folder, in the order of its file.
@@ -108,11 +148,11 @@ pub fn campaign_runs(folder: &Path) -> Result<Vec<CampaignRun>, MishandleError> 
         ErrorKind::NotFound => MishandleError::NoCampaign { path: folder.to_path_buf(), file: path.clone() },
         _ => MishandleError::File { path: path.clone(), source: error },
     })?;
-    let runs = read_grid(&text)?.into_iter().map(|GridRun { name, plan }| {
-        let path = run_path(folder, &name);
-        match path.try_exists() {
-            Ok(true) => Ok(CampaignRun { name, path, plan }),
-            _ => Err(MishandleError::NoCampaign { path: folder.to_path_buf(), file: path }),
+    let runs = read_grid(&text)?.into_iter().map(|run| {
+        let run = CampaignRun::new(folder, run);
+        match run.path.try_exists() {
+            Ok(true) => Ok(run),
+            _ => Err(MishandleError::NoCampaign { path: folder.to_path_buf(), file: run.path }),
         }
     });
     runs.collect()
@@ -134,13 +174,23 @@ pub fn free_campaign_folder() -> PathBuf {
     candidates.into_iter().find(|path| !path.exists()).unwrap_or_default()
 }
 
-fn resolve(run: &GridRun) -> Result<ResolvedPlan, MishandleError> {
-    ResolvedPlan::new(&run.plan)
-        .map_err(|source| MishandleError::CampaignRun { name: run.name.clone(), source: Box::new(source) })
+/// Checks the plan of a run, and creates its run file or hardening in `folder`.
+fn create(run: &GridRun, folder: Option<&Path>) -> Result<(), MishandleError> {
+    let of_run = |source| MishandleError::CampaignRun { name: run.name.clone(), source: Box::new(source) };
+    let path = folder.map(|folder| run_path(folder, &run.name, &run.plan));
+    if run.plan.harden.is_some() {
+        let prepared = Prepared::new(&run.plan).map_err(of_run)?;
+        return path.map_or(Ok(()), |path| prepared.create(&path));
+    }
+    let resolved = ResolvedPlan::new(&run.plan).map_err(of_run)?;
+    path.map_or(Ok(()), |path| Ok(create_run(&resolved, Some(&path))?.close()?))
 }
 
-fn run_path(folder: &Path, name: &str) -> PathBuf {
-    folder.join(format!("{name}.sqlite"))
+/// Returns the path of a run: its file, or the folder of its hardening. The accepted controller is
+/// beside that.
+fn run_path(folder: &Path, name: &str, plan: &Plan) -> PathBuf {
+    let extension = if plan.harden.is_some() { "harden" } else { "sqlite" };
+    folder.join(format!("{name}.{extension}"))
 }
 
 #[cfg(test)]
