@@ -8,9 +8,14 @@ use crate::error::MishandleError;
 use crate::plan::{GridRun, Plan, read_grid};
 use crate::resolve::{ResolvedPlan, is_path, recorded_plan};
 use crate::run::create_run;
+use crate::shipped::Generation;
 
 /// File of a campaign's folder that contains the campaign.
 const CAMPAIGN_FILE: &str = "campaign.toml";
+
+/// Extension of the empty file that stands in the place of a run file while the controller of the
+/// run is not trained.
+const UNTRAINED: &str = "untrained";
 
 /// A run of a campaign.
 #[derive(Clone, Debug, PartialEq)]
@@ -69,10 +74,47 @@ fn is_same_plan(recorded: &Plan, planned: &Plan) -> bool {
 /// # Errors
 /// If the text or one of its plans is invalid, the folder exists, or a file cannot be written.
 pub fn create_campaign(text: &str, folder: &Path) -> Result<Vec<CampaignRun>, MishandleError> {
-    let runs = read_grid(text)?;
-    for run in &runs {
-        resolve(run)?;
+    create(text, folder, |_, _| false)
+}
+
+/// Creates the folder of a campaign as [`create_campaign`] does, but leaves out the runs whose
+/// controller has the name of a [generation](Generation) that lacks it. [`untrained_runs`] returns
+/// them, and [`add_trained_runs`] adds them later.
+///
+/// # Errors
+/// Those of [`create_campaign`]; if no controller is trained.
+pub fn create_trained_campaign(text: &str, folder: &Path) -> Result<Vec<CampaignRun>, MishandleError> {
+    create(text, folder, is_untrained)
+}
+
+/// Returns whether a run cannot be resolved because its controller is not trained.
+fn is_untrained(run: &GridRun, error: &MishandleError) -> bool {
+    let lacks_controller = matches!(error, MishandleError::UnknownName { kind: "controller", .. });
+    lacks_controller && Generation::of(&run.plan.controller).is_some()
+}
+
+/// Creates the folder of a campaign without the runs that `is_left_out` accepts with their error.
+fn create(
+    text: &str,
+    folder: &Path,
+    is_left_out: impl Fn(&GridRun, &MishandleError) -> bool,
+) -> Result<Vec<CampaignRun>, MishandleError> {
+    let mut runs = Vec::new();
+    let mut left_out: Option<(Vec<GridRun>, MishandleError)> = None;
+    for run in read_grid(text)? {
+        match ResolvedPlan::new(&run.plan) {
+            Ok(_) => runs.push(run),
+            Err(error) if is_left_out(&run, &error) => {
+                left_out.get_or_insert_with(|| (Vec::new(), of_run(&run, error))).0.push(run);
+            }
+            Err(error) => return Err(of_run(&run, error)),
+        }
     }
+    let untrained = match left_out {
+        Some((_, error)) if runs.is_empty() => return Err(error),
+        Some((untrained, _)) => untrained,
+        None => Vec::new(),
+    };
     let write = |source| MishandleError::Write { what: "folder", path: folder.to_path_buf(), source };
     // Removes them again if the campaign cannot be created.
     let mut folders = NewFolders::default();
@@ -83,39 +125,83 @@ pub fn create_campaign(text: &str, folder: &Path) -> Result<Vec<CampaignRun>, Mi
     // that cannot be resumed.
     let created = AtomicFolder::create_new(folder).map_err(write)?;
     for run in &runs {
-        let run_file = create_run(&resolve(run)?, Some(&run_path(created.path(), &run.name)))?;
-        run_file.close().map_err(|error| match error {
-            // Its message is about recorded simulations, and there are none.
-            StoreError::DiskFull { .. } => write(ErrorKind::StorageFull.into()),
-            error => error.into(),
-        })?;
+        let resolved = ResolvedPlan::new(&run.plan).map_err(|error| of_run(run, error))?;
+        create_file(&resolved, &run_path(created.path(), &run.name), folder)?;
+    }
+    for run in &untrained {
+        write_atomically(&untrained_path(created.path(), &run.name), &[]).map_err(write)?;
     }
     write_atomically(&created.path().join(CAMPAIGN_FILE), text.as_bytes()).map_err(write)?;
     created.persist().map_err(write)?;
-    let run =
-        |run: GridRun| CampaignRun { path: run_path(folder, &run.name), name: run.name, plan: run.plan };
-    Ok(runs.into_iter().map(run).collect())
+    Ok(runs.into_iter().map(|run| campaign_run(folder, run)).collect())
 }
 
-/// Returns the runs of the campaign in a folder, in the order of its file.
+/// Creates the run file of a run without simulations.
+fn create_file(resolved: &ResolvedPlan, path: &Path, folder: &Path) -> Result<(), MishandleError> {
+    create_run(resolved, Some(path))?.close().map_err(|error| match error {
+        // Its message is about recorded simulations, and there are none.
+        StoreError::DiskFull { .. } => {
+            let source = ErrorKind::StorageFull.into();
+            MishandleError::Write { what: "folder", path: folder.to_path_buf(), source }
+        }
+        error => error.into(),
+    })
+}
+
+/// Returns the runs of the campaign in a folder, in the order of its file, without the
+/// [untrained](untrained_runs) ones.
 ///
 /// # Errors
 /// If the folder contains no campaign, its file cannot be read, or a run file is missing.
 pub fn campaign_runs(folder: &Path) -> Result<Vec<CampaignRun>, MishandleError> {
+    let mut runs = Vec::new();
+    for run in planned_runs(folder)? {
+        let run = campaign_run(folder, run);
+        match run.path.try_exists() {
+            Ok(true) => runs.push(run),
+            _ if untrained_path(folder, &run.name).is_file() => {}
+            _ => return Err(MishandleError::NoCampaign { path: folder.to_path_buf(), file: run.path }),
+        }
+    }
+    Ok(runs)
+}
+
+/// Returns the runs that [`create_trained_campaign`] left out, in the order of the campaign file.
+///
+/// # Errors
+/// If the folder contains no campaign, or its file cannot be read.
+pub fn untrained_runs(folder: &Path) -> Result<Vec<GridRun>, MishandleError> {
+    let mut runs = planned_runs(folder)?;
+    runs.retain(|run| !run_path(folder, &run.name).exists() && untrained_path(folder, &run.name).is_file());
+    Ok(runs)
+}
+
+/// Adds the run files of the untrained runs whose controllers are trained by now.
+///
+/// # Errors
+/// If the folder contains no campaign, a plan is invalid for another reason, or a file cannot be
+/// written.
+pub fn add_trained_runs(folder: &Path) -> Result<(), MishandleError> {
+    for run in untrained_runs(folder)? {
+        match ResolvedPlan::new(&run.plan) {
+            // Its other file has no meaning from now on.
+            Ok(resolved) => create_file(&resolved, &run_path(folder, &run.name), folder)?,
+            Err(error) if is_untrained(&run, &error) => {}
+            Err(error) => return Err(of_run(&run, error)),
+        }
+    }
+    Ok(())
+}
+
+/// Returns the runs of the campaign file in a folder.
+fn planned_runs(folder: &Path) -> Result<Vec<GridRun>, MishandleError> {
     let path = folder.join(CAMPAIGN_FILE);
     let text = no_link(&path).and_then(|()| read_text_bounded(&path, limits::PLAN));
     let text = text.map_err(|error| match error.kind() {
         ErrorKind::NotFound => MishandleError::NoCampaign { path: folder.to_path_buf(), file: path.clone() },
         _ => MishandleError::File { path: path.clone(), source: error },
     })?;
-    let runs = read_grid(&text)?.into_iter().map(|GridRun { name, plan }| {
-        let path = run_path(folder, &name);
-        match path.try_exists() {
-            Ok(true) => Ok(CampaignRun { name, path, plan }),
-            _ => Err(MishandleError::NoCampaign { path: folder.to_path_buf(), file: path }),
-        }
-    });
-    runs.collect()
+    read_grid(&text)
 }
 
 /// Checks that the file of a campaign is not a symbolic link. An untrusted folder could have one to
@@ -134,13 +220,20 @@ pub fn free_campaign_folder() -> PathBuf {
     candidates.into_iter().find(|path| !path.exists()).unwrap_or_default()
 }
 
-fn resolve(run: &GridRun) -> Result<ResolvedPlan, MishandleError> {
-    ResolvedPlan::new(&run.plan)
-        .map_err(|source| MishandleError::CampaignRun { name: run.name.clone(), source: Box::new(source) })
+fn of_run(run: &GridRun, error: MishandleError) -> MishandleError {
+    MishandleError::CampaignRun { name: run.name.clone(), source: Box::new(error) }
+}
+
+fn campaign_run(folder: &Path, run: GridRun) -> CampaignRun {
+    CampaignRun { path: run_path(folder, &run.name), name: run.name, plan: run.plan }
 }
 
 fn run_path(folder: &Path, name: &str) -> PathBuf {
     folder.join(format!("{name}.sqlite"))
+}
+
+fn untrained_path(folder: &Path, name: &str) -> PathBuf {
+    folder.join(format!("{name}.{UNTRAINED}"))
 }
 
 #[cfg(test)]
@@ -163,5 +256,23 @@ mod tests {
         std::fs::write(home.path().join("file"), "").unwrap();
         assert!(create_campaign(text, &home.path().join("file/campaign")).is_err());
         assert_eq!(entries(home.path()), 2);
+    }
+
+    #[test]
+    fn only_a_name_of_a_generation_is_untrained() {
+        let left_out = |controller: &str| {
+            let [run] =
+                &read_grid(&format!("target = 'ball-balancing'\ncontroller = '{controller}'\n[evaluate]\n"))
+                    .unwrap()[..]
+            else {
+                panic!("one run")
+            };
+            let unknown =
+                |kind| MishandleError::UnknownName { kind, name: controller.to_string(), known: Vec::new() };
+            assert!(!is_untrained(run, &unknown("space")));
+            is_untrained(run, &unknown("controller"))
+        };
+        assert!(left_out("ppo-2") && left_out("ddpg"));
+        assert!(!left_out("ppo-9") && !left_out("poo-2") && !left_out("expert"));
     }
 }

@@ -29,7 +29,10 @@ pub(crate) mod violation;
 pub use again::{run_simulations, run_trial};
 pub(crate) use builds::differences_of_builds;
 pub use builds::{admit_build, build_differences, continued_builds};
-pub use campaign::{CampaignRun, campaign_runs, create_campaign, free_campaign_folder};
+pub use campaign::{
+    CampaignRun, add_trained_runs, campaign_runs, create_campaign, create_trained_campaign,
+    free_campaign_folder, untrained_runs,
+};
 pub use completion::unfinished;
 pub use end_text::end_text;
 pub use evaluate::{

@@ -4,14 +4,18 @@ use std::path::Path;
 
 use mishandle::Plan;
 use mishandle::evaluation::{Corners, Estimate, FormulaRoles};
+use mishandle::plan::GridRun;
 use mishandle::rollout::Seed;
-use mishandle::run::campaign_runs;
+use mishandle::run::{campaign_runs, untrained_runs};
 use mishandle::store::{RunFile, Simulation, TrialRecord, TrialStatus};
 use mishandle_text::shell_quote;
 use serde::{Deserialize, Serialize};
 
 use crate::unit::{Evaluated, Unit, counter};
 use crate::{PaperError, training_steps};
+
+/// The tables that `mishandle reproduce` has commands for.
+const TABLES: [&str; 2] = ["performance", "falsification"];
 
 /// Results of several campaigns, and where they come from.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -35,6 +39,17 @@ pub struct CampaignResults {
     pub command: String,
     /// The runs, in the order of the campaign.
     pub runs: Vec<RunResults>,
+    /// The runs that were left out, because their controllers are not trained.
+    pub untrained: Vec<UntrainedRun>,
+}
+
+/// A run of a campaign whose controller is not trained.
+#[derive(Clone, Debug, PartialEq)]
+pub struct UntrainedRun {
+    /// Name of the run in its campaign.
+    pub name: String,
+    /// Its plan.
+    pub plan: Plan,
 }
 
 /// Results of a run.
@@ -94,7 +109,7 @@ pub struct RunFacts {
 impl Results {
     /// Merges campaigns of the same name, so that parts of a campaign that ran at different times
     /// become one. The runs keep their order. A run that two parts have with the same units is kept
-    /// once.
+    /// once, and an untrained one only if no part has its results.
     ///
     /// # Errors
     /// Two parts contain a run of the same name with different units or facts.
@@ -117,9 +132,22 @@ impl Results {
                     }
                 }
             }
+            for run in campaign.untrained {
+                if !first.untrained.contains(&run) {
+                    first.untrained.push(run);
+                }
+            }
+        }
+        for CampaignResults { runs, untrained, .. } in &mut merged {
+            untrained.retain(|left_out| runs.iter().all(|run| run.facts.name != left_out.name));
         }
         self.campaigns = merged;
         Ok(())
+    }
+
+    /// Returns the plans of the runs that were left out.
+    pub fn untrained(&self) -> impl Iterator<Item = &Plan> {
+        self.campaigns.iter().flat_map(|campaign| &campaign.untrained).map(|run| &run.plan)
     }
 }
 
@@ -135,13 +163,22 @@ impl CampaignResults {
             .iter()
             .map(|run| read_run(&run.name, &run.path, root))
             .collect::<Result<Vec<RunResults>, PaperError>>()?;
-        let plan = format!("experiments/paper/{name}.toml");
-        let plan = if root.join(&plan).is_file() {
-            plan
-        } else {
-            shell_quote(&folder.join("campaign.toml").to_string_lossy())
-        };
-        Ok(CampaignResults { command: format!("mishandle campaign {plan}"), name, runs })
+        let untrained = untrained_runs(folder)?.into_iter();
+        let untrained = untrained.map(|GridRun { name, plan }| UntrainedRun { name, plan }).collect();
+        Ok(CampaignResults { command: command(folder, &name, root), name, runs, untrained })
+    }
+}
+
+/// Returns the command that runs the campaign of a folder: a plan of the repository if one has the
+/// name of the folder. Only `reproduce` leaves out runs without a controller.
+fn command(folder: &Path, name: &str, root: &Path) -> String {
+    let plan = format!("experiments/paper/{name}.toml");
+    match root.join(&plan).is_file() {
+        true if TABLES.contains(&name) => format!("mishandle reproduce {name}"),
+        true => format!("mishandle campaign {plan}"),
+        false => {
+            format!("mishandle campaign {}", shell_quote(&folder.join("campaign.toml").to_string_lossy()))
+        }
     }
 }
 
