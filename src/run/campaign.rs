@@ -184,8 +184,15 @@ pub fn untrained_runs(folder: &Path) -> Result<Vec<GridRun>, MishandleError> {
 pub fn add_trained_runs(folder: &Path) -> Result<(), MishandleError> {
     for run in untrained_runs(folder)? {
         match ResolvedPlan::new(&run.plan) {
-            // Its other file has no meaning from now on.
-            Ok(resolved) => create_file(&resolved, &run_path(folder, &run.name), folder)?,
+            Ok(resolved) => {
+                create_file(&resolved, &run_path(folder, &run.name), folder)?;
+                let path = untrained_path(folder, &run.name);
+                std::fs::remove_file(&path).map_err(|source| MishandleError::Write {
+                    what: "file",
+                    path,
+                    source,
+                })?;
+            }
             Err(error) if is_untrained(&run, &error) => {}
             Err(error) => return Err(of_run(&run, error)),
         }

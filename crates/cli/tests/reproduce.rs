@@ -22,7 +22,7 @@ fn bench() -> Bench {
     bench
 }
 
-/// Returns the rows of the table with this caption, each with the cells by the names of their columns.
+/// Returns the rows of the table with this caption, each with its cells by column.
 #[track_caller]
 fn rows(document: &Value, caption: &str) -> Vec<BTreeMap<String, String>> {
     let pages = document["pages"].as_array().unwrap();
@@ -275,6 +275,7 @@ fn a_controller_that_was_trained_later_is_added_to_the_same_campaign() {
     home.ship("trpo-2", "ppo");
     let (out, err) = home.check(&bench, flags, 0);
     assert!(!err.contains("left out"), "{err}");
+    assert!(!bench.path("runs/p/trpo-2.untrained").exists());
     let after = rows(&serde_json::from_str(&out).unwrap(), "Success rate");
     assert_eq!(after[1]["SR, second"], after[0]["SR, first"], "trpo-2 is a copy of ppo");
     // Results of both parts are one table: a result stands for the run that was left out.
