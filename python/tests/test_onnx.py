@@ -45,13 +45,12 @@ class Export(unittest.TestCase):
                 data = controller.to_onnx()
                 onnx.checker.check_model(onnx.load_from_string(data), full_check=True)
                 file.write_bytes(data)
+                if "history" in [given.name for given in session(data).get_inputs()]:
+                    # It is no function of observations: test_controller_format.py compares such a
+                    # model with the reader.
+                    continue
                 ours = mishandle.load_controller(str(file))
                 self.assertEqual(ours.task, task)
-                if "history" in [given.name for given in session(data).get_inputs()]:
-                    # It is not a function of observations; test_controller_format.py compares such
-                    # a model with the reader.
-                    self.check_episodes(task, path.stem, file)
-                    continue
                 observations = observations_of(task, controller)
                 own = controller(observations)
                 action, unclipped = session(data).run(["action", "unclipped_action"], {"observation": observations})
@@ -62,15 +61,6 @@ class Export(unittest.TestCase):
                 # largest difference.
                 bound = 2e-5 if path.stem.split("-")[0] in ("td3", "ddpg") else TOLERANCE
                 np.testing.assert_allclose(ours(observations), clipped, atol=bound, rtol=0, err_msg=name)
-
-    def check_episodes(self, task, name, file):
-        """A controller and its model succeed in the same episodes."""
-        rates = []
-        for number, policy in enumerate((name, str(file))):
-            out = file.with_name(f"{task}-{name}-{number}.sqlite")
-            found = mishandle.evaluate(task, space="starts", policy=policy, episodes=4, seed=1, out=str(out))
-            rates.append((found.success_rate.value, [point.successes for point in found.corners.points]))
-        self.assertEqual(rates[0], rates[1], f"{task}/{name}")
 
 
 def model(nodes, weights, inputs=(("observation", ["N", 27]),), outputs=(("action", ["N", 9]),), opset=17, **properties):

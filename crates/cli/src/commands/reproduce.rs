@@ -181,12 +181,20 @@ fn reproduce(name: &str, table: &ReproduceTable) -> Result<ExitStatus> {
     Ok(ExitStatus::Done)
 }
 
+/// Largest number of controllers that a message names.
+const NAMED: usize = 8;
+
 /// Names the controllers that are planned and not trained.
 fn name_untrained(folder: &Path) -> Result<()> {
     let untrained = mishandle::run::untrained_runs(folder)?;
     let mut names: Vec<String> =
         untrained.iter().map(|run| format!("{}/{}", run.plan.target, run.plan.controller)).collect();
     names.dedup();
+    if names.len() > NAMED {
+        let more = names.len() - NAMED;
+        names.truncate(NAMED);
+        names.push(format!("{more} more"));
+    }
     if !names.is_empty() {
         output::message(&format!(
             "{} left out, because no controller is shipped for: {}. The tables say `not trained`; the same command adds the runs \
