@@ -11,7 +11,7 @@ import onnx
 import onnxruntime
 
 ROOT = pathlib.Path(__file__).parents[2]
-# Largest difference by algorithm: the weights of TD3 and DDPG amplify the rounding of 32-bit numbers.
+# Largest differences: the weights of TD3 and DDPG amplify the rounding of 32-bit numbers.
 BOUNDS = {"td3": 3e-5, "ddpg": 3e-5}
 
 

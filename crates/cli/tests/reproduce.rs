@@ -242,6 +242,11 @@ fn the_generations_stand_side_by_side_and_a_missing_controller_is_not_trained() 
         }
     }
     home.check(&bench, "reproduce tables runs/p runs/f --pages pages", 0);
+    let page = std::fs::read_to_string(bench.path("pages/performance.md")).unwrap();
+    assert!(
+        page.contains("Commands: `mishandle reproduce performance --plan runs/p/campaign.toml`"),
+        "{page}"
+    );
     for name in ["performance", "falsification"] {
         for ending in ["md", "html"] {
             let page = std::fs::read_to_string(bench.path(&format!("pages/{name}.{ending}"))).unwrap();

@@ -35,9 +35,9 @@ pub(crate) fn page(results: &Results, notes: &Notes) -> Option<Page> {
          values are not expected: the fewer scenarios a controller fails in, the more simulations a search needs."
             .to_string(),
     )];
-    blocks.extend(provenance(results, runs.iter().map(|falsified| falsified.run)));
     let rows = side_by_side(runs.iter(), untrained.iter().copied());
     blocks.extend(rows.protocols());
+    blocks.extend(provenance(results, runs.iter().map(|falsified| falsified.run)));
     blocks.extend(summary(&runs, rows.generations()).map(Block::Paragraph));
     blocks.extend(summary_of_generations(&rows).map(Block::Paragraph));
     blocks.push(Block::List(vec![

@@ -28,10 +28,10 @@ pub(crate) fn page(results: &Results, notes: &Notes) -> Option<Page> {
          paper's in Isaac Sim. So equal values are not expected; the table shows where the benchmark behaves alike."
             .to_string(),
     )];
-    blocks.extend(provenance(results, runs.iter().copied()));
     let measured: Vec<Measured<'_>> = runs.iter().map(|run| Measured::new(run)).collect();
     let untrained: Vec<&Plan> = results.untrained().filter(|plan| plan.evaluate.is_some()).collect();
     blocks.extend(side_by_side(measured.iter(), untrained.iter().copied()).protocols());
+    blocks.extend(provenance(results, runs.iter().copied()));
     blocks.push(Block::List(vec![
         "SR: success rate, in percent, with its Wilson interval (95 %). The column for 100 starts contains the first 100 of the \
          same simulations, the number that the paper uses."

@@ -4,6 +4,7 @@ use std::path::Path;
 
 use mishandle::Plan;
 use mishandle::evaluation::{Corners, Estimate, FormulaRoles};
+use mishandle::files::{limits, read_text_bounded};
 use mishandle::plan::GridRun;
 use mishandle::rollout::Seed;
 use mishandle::run::{campaign_runs, untrained_runs};
@@ -13,9 +14,6 @@ use serde::{Deserialize, Serialize};
 
 use crate::unit::{Evaluated, Unit, counter};
 use crate::{PaperError, training_steps};
-
-/// The tables that `mishandle reproduce` has commands for.
-const TABLES: [&str; 2] = ["performance", "falsification"];
 
 /// Results of several campaigns, and where they come from.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -164,21 +162,26 @@ impl CampaignResults {
             .map(|run| read_run(&run.name, &run.path, root))
             .collect::<Result<Vec<RunResults>, PaperError>>()?;
         let untrained = untrained_runs(folder)?.into_iter();
-        let untrained = untrained.map(|GridRun { name, plan }| UntrainedRun { name, plan }).collect();
-        Ok(CampaignResults { command: command(folder, &name, root), name, runs, untrained })
+        let untrained: Vec<UntrainedRun> =
+            untrained.map(|GridRun { name, plan }| UntrainedRun { name, plan }).collect();
+        Ok(CampaignResults { command: command(folder, &name, root, &untrained), name, runs, untrained })
     }
 }
 
-/// Returns the command that runs the campaign of a folder: a plan of the repository if one has the
-/// name of the folder. Only `reproduce` leaves out runs without a controller.
-fn command(folder: &Path, name: &str, root: &Path) -> String {
-    let plan = format!("experiments/paper/{name}.toml");
-    match root.join(&plan).is_file() {
-        true if TABLES.contains(&name) => format!("mishandle reproduce {name}"),
-        true => format!("mishandle campaign {plan}"),
-        false => {
-            format!("mishandle campaign {}", shell_quote(&folder.join("campaign.toml").to_string_lossy()))
-        }
+/// Returns the command that runs the campaign of a folder. The plan is that of the repository if it
+/// has the same text.
+fn command(folder: &Path, name: &str, root: &Path, untrained: &[UntrainedRun]) -> String {
+    let (own, kept) = (folder.join("campaign.toml"), format!("experiments/paper/{name}.toml"));
+    let text = |path: &Path| read_text_bounded(path, limits::PLAN).ok();
+    let plan = match text(&root.join(&kept)) {
+        Some(found) if text(&own).as_ref() == Some(&found) => kept,
+        _ => shell_quote(&own.to_string_lossy()),
+    };
+    match untrained.first() {
+        None => format!("mishandle campaign {plan}"),
+        // A campaign leaves nothing out.
+        Some(run) if run.plan.falsify.is_some() => format!("mishandle reproduce falsification --plan {plan}"),
+        Some(_) => format!("mishandle reproduce performance --plan {plan}"),
     }
 }
 
