@@ -35,26 +35,31 @@ def observations_of(task, controller):
 class Export(unittest.TestCase):
     def test_all_shipped_controllers_agree_in_onnx_runtime_and_in_ours(self):
         paths = sorted(ROOT.glob("controllers/*/*.safetensors"))
-        self.assertEqual(len(paths), 40)
+        # The first generation is complete.
+        self.assertEqual(len([path for path in paths if "-" not in path.stem]), 40)
         with tempfile.TemporaryDirectory() as folder:
             file = pathlib.Path(folder) / "a.onnx"
             for path in paths:
-                name = f"{path.parent.name}/{path.stem}"
+                task, name = path.parent.name, f"{path.parent.name}/{path.stem}"
                 controller = mishandle.load_controller(name)
                 data = controller.to_onnx()
                 onnx.checker.check_model(onnx.load_from_string(data), full_check=True)
-                observations = observations_of(path.parent.name, controller)
+                file.write_bytes(data)
+                if "history" in [given.name for given in session(data).get_inputs()]:
+                    # It is no function of observations: test_controller_format.py compares such a
+                    # model with the reader.
+                    continue
+                ours = mishandle.load_controller(str(file))
+                self.assertEqual(ours.task, task)
+                observations = observations_of(task, controller)
                 own = controller(observations)
                 action, unclipped = session(data).run(["action", "unclipped_action"], {"observation": observations})
                 np.testing.assert_allclose(unclipped, own, atol=TOLERANCE, rtol=TOLERANCE, err_msg=name)
                 clipped = np.clip(own, -1, 1)
                 np.testing.assert_allclose(action, clipped, atol=TOLERANCE, rtol=0, err_msg=name)
-                file.write_bytes(data)
-                ours = mishandle.load_controller(str(file))
-                self.assertEqual(ours.task, path.parent.name)
                 # The weights of TD3 and DDPG amplify the rounding of 32-bit numbers: 1.1e-5 was the
                 # largest difference.
-                bound = 2e-5 if path.stem in ("td3", "ddpg") else TOLERANCE
+                bound = 2e-5 if path.stem.split("-")[0] in ("td3", "ddpg") else TOLERANCE
                 np.testing.assert_allclose(ours(observations), clipped, atol=bound, rtol=0, err_msg=name)
 
 

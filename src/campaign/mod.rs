@@ -12,6 +12,7 @@ use crate::harden::{self, Prepared, Watch, check_plan};
 use crate::plan::{GridRun, Plan, read_grid};
 use crate::resolve::{ResolvedPlan, is_path, recorded_plan};
 use crate::run::{Device, Opening, create_run};
+use crate::shipped::Generation;
 
 /// File of a campaign's folder that contains the campaign.
 const CAMPAIGN_FILE: &str = "campaign.toml";
@@ -19,6 +20,10 @@ const CAMPAIGN_FILE: &str = "campaign.toml";
 /// Why a file does not belong to a run.
 const OTHER_PLAN: &str =
     "its plan is not that of the campaign file, which was changed, or the file was replaced";
+
+/// Extension of the empty file that stands in the place of a run file while the controller of the
+/// run is not trained.
+const UNTRAINED: &str = "untrained";
 
 /// A run of a campaign.
 #[derive(Clone, Debug, PartialEq)]
@@ -112,10 +117,47 @@ fn is_same_plan(recorded: &Plan, planned: &Plan) -> bool {
 /// # Errors
 /// If the text or one of its plans is invalid, the folder exists, or a file cannot be written.
 pub fn create_campaign(text: &str, folder: &Path) -> Result<Vec<CampaignRun>, MishandleError> {
-    let runs = read_grid(text)?;
-    for run in &runs {
-        create(run, None)?;
+    create(text, folder, |_, _| false)
+}
+
+/// Creates the folder of a campaign as [`create_campaign`] does, but leaves out the runs whose
+/// controller has the name of a [generation](Generation) that lacks it. [`untrained_runs`] returns
+/// them, and [`add_trained_runs`] adds them later.
+///
+/// # Errors
+/// Those of [`create_campaign`]; if no controller is trained.
+pub fn create_trained_campaign(text: &str, folder: &Path) -> Result<Vec<CampaignRun>, MishandleError> {
+    create(text, folder, is_untrained)
+}
+
+/// Returns whether a run cannot be resolved because its controller is not trained.
+fn is_untrained(run: &GridRun, error: &MishandleError) -> bool {
+    let lacks_controller = matches!(error, MishandleError::UnknownName { kind: "controller", .. });
+    lacks_controller && Generation::of(&run.plan.controller).is_some()
+}
+
+/// Creates the folder of a campaign without the runs that `is_left_out` accepts with their error.
+fn create(
+    text: &str,
+    folder: &Path,
+    is_left_out: impl Fn(&GridRun, &MishandleError) -> bool,
+) -> Result<Vec<CampaignRun>, MishandleError> {
+    let mut runs = Vec::new();
+    let mut left_out: Option<(Vec<GridRun>, MishandleError)> = None;
+    for run in read_grid(text)? {
+        match check(&run) {
+            Ok(()) => runs.push(run),
+            Err(error) if is_left_out(&run, &error) => {
+                left_out.get_or_insert_with(|| (Vec::new(), of_run(&run, error))).0.push(run);
+            }
+            Err(error) => return Err(of_run(&run, error)),
+        }
     }
+    let untrained = match left_out {
+        Some((_, error)) if runs.is_empty() => return Err(error),
+        Some((untrained, _)) => untrained,
+        None => Vec::new(),
+    };
     let write = |source| MishandleError::Write { what: "folder", path: folder.to_path_buf(), source };
     // Removes them again if the campaign cannot be created.
     let mut folders = NewFolders::default();
@@ -126,36 +168,79 @@ pub fn create_campaign(text: &str, folder: &Path) -> Result<Vec<CampaignRun>, Mi
     // that cannot be resumed.
     let created = AtomicFolder::create_new(folder).map_err(write)?;
     for run in &runs {
-        create(run, Some(created.path())).map_err(|error| match error {
-            // Its message is about recorded simulations, and there are none.
-            MishandleError::Store(StoreError::DiskFull { .. }) => write(ErrorKind::StorageFull.into()),
-            error => error,
-        })?;
+        create_in(run, created.path(), folder)?;
+    }
+    for run in &untrained {
+        write_atomically(&untrained_path(created.path(), &run.name), &[]).map_err(write)?;
     }
     write_atomically(&created.path().join(CAMPAIGN_FILE), text.as_bytes()).map_err(write)?;
     created.persist().map_err(write)?;
     Ok(runs.into_iter().map(|run| CampaignRun::new(folder, run)).collect())
 }
 
-/// Returns the runs of the campaign in a folder, in the order of its file.
+/// Returns the runs of the campaign in a folder, in the order of its file, without the
+/// [untrained](untrained_runs) ones.
 ///
 /// # Errors
 /// If the folder contains no campaign, its file cannot be read, or a run file is missing.
 pub fn campaign_runs(folder: &Path) -> Result<Vec<CampaignRun>, MishandleError> {
+    let mut runs = Vec::new();
+    for run in planned_runs(folder)? {
+        let run = CampaignRun::new(folder, run);
+        match run.path.try_exists() {
+            Ok(true) => runs.push(run),
+            _ if untrained_path(folder, &run.name).is_file() => {}
+            _ => return Err(MishandleError::NoCampaign { path: folder.to_path_buf(), file: run.path }),
+        }
+    }
+    Ok(runs)
+}
+
+/// Returns the runs that [`create_trained_campaign`] left out, in the order of the campaign file.
+///
+/// # Errors
+/// If the folder contains no campaign, or its file cannot be read.
+pub fn untrained_runs(folder: &Path) -> Result<Vec<GridRun>, MishandleError> {
+    let mut runs = planned_runs(folder)?;
+    runs.retain(|run| {
+        !run_path(folder, &run.name, &run.plan).exists() && untrained_path(folder, &run.name).is_file()
+    });
+    Ok(runs)
+}
+
+/// Adds the run files of the untrained runs whose controllers are trained by now.
+///
+/// # Errors
+/// If the folder contains no campaign, a plan is invalid for another reason, or a file cannot be
+/// written.
+pub fn add_trained_runs(folder: &Path) -> Result<(), MishandleError> {
+    for run in untrained_runs(folder)? {
+        match check(&run) {
+            Ok(()) => {
+                create_in(&run, folder, folder)?;
+                let path = untrained_path(folder, &run.name);
+                std::fs::remove_file(&path).map_err(|source| MishandleError::Write {
+                    what: "file",
+                    path,
+                    source,
+                })?;
+            }
+            Err(error) if is_untrained(&run, &error) => {}
+            Err(error) => return Err(of_run(&run, error)),
+        }
+    }
+    Ok(())
+}
+
+/// Returns the runs of the campaign file in a folder.
+fn planned_runs(folder: &Path) -> Result<Vec<GridRun>, MishandleError> {
     let path = folder.join(CAMPAIGN_FILE);
     let text = no_link(&path).and_then(|()| read_text_bounded(&path, limits::PLAN));
     let text = text.map_err(|error| match error.kind() {
         ErrorKind::NotFound => MishandleError::NoCampaign { path: folder.to_path_buf(), file: path.clone() },
         _ => MishandleError::File { path: path.clone(), source: error },
     })?;
-    let runs = read_grid(&text)?.into_iter().map(|run| {
-        let run = CampaignRun::new(folder, run);
-        match run.path.try_exists() {
-            Ok(true) => Ok(run),
-            _ => Err(MishandleError::NoCampaign { path: folder.to_path_buf(), file: run.path }),
-        }
-    });
-    runs.collect()
+    read_grid(&text)
 }
 
 /// Checks that the file of a campaign is not a symbolic link. An untrusted folder could have one to
@@ -174,16 +259,35 @@ pub fn free_campaign_folder() -> PathBuf {
     candidates.into_iter().find(|path| !path.exists()).unwrap_or_default()
 }
 
-/// Checks the plan of a run, and creates its run file or hardening in `folder`.
-fn create(run: &GridRun, folder: Option<&Path>) -> Result<(), MishandleError> {
-    let of_run = |source| MishandleError::CampaignRun { name: run.name.clone(), source: Box::new(source) };
-    let path = folder.map(|folder| run_path(folder, &run.name, &run.plan));
-    if run.plan.harden.is_some() {
-        let prepared = Prepared::new(&run.plan).map_err(of_run)?;
-        return path.map_or(Ok(()), |path| prepared.create(&path));
+/// Checks the plan of a run.
+fn check(run: &GridRun) -> Result<(), MishandleError> {
+    match run.plan.harden {
+        Some(_) => Prepared::new(&run.plan).map(drop),
+        None => ResolvedPlan::new(&run.plan).map(drop),
     }
-    let resolved = ResolvedPlan::new(&run.plan).map_err(of_run)?;
-    path.map_or(Ok(()), |path| Ok(create_run(&resolved, Some(&path))?.close()?))
+}
+
+/// Creates the run file or hardening of a run in the folder `parts`, which becomes `folder`.
+fn create_in(run: &GridRun, parts: &Path, folder: &Path) -> Result<(), MishandleError> {
+    let path = run_path(parts, &run.name, &run.plan);
+    let created = if run.plan.harden.is_some() {
+        Prepared::new(&run.plan).map_err(|error| of_run(run, error))?.create(&path)
+    } else {
+        let resolved = ResolvedPlan::new(&run.plan).map_err(|error| of_run(run, error))?;
+        create_run(&resolved, Some(&path)).and_then(|file| Ok(file.close()?))
+    };
+    created.map_err(|error| match error {
+        // Its message is about recorded simulations, and there are none.
+        MishandleError::Store(StoreError::DiskFull { .. }) => {
+            let source = ErrorKind::StorageFull.into();
+            MishandleError::Write { what: "folder", path: folder.to_path_buf(), source }
+        }
+        error => error,
+    })
+}
+
+fn of_run(run: &GridRun, error: MishandleError) -> MishandleError {
+    MishandleError::CampaignRun { name: run.name.clone(), source: Box::new(error) }
 }
 
 /// Returns the path of a run: its file, or the folder of its hardening. The accepted controller is
@@ -191,6 +295,10 @@ fn create(run: &GridRun, folder: Option<&Path>) -> Result<(), MishandleError> {
 fn run_path(folder: &Path, name: &str, plan: &Plan) -> PathBuf {
     let extension = if plan.harden.is_some() { "harden" } else { "sqlite" };
     folder.join(format!("{name}.{extension}"))
+}
+
+fn untrained_path(folder: &Path, name: &str) -> PathBuf {
+    folder.join(format!("{name}.{UNTRAINED}"))
 }
 
 #[cfg(test)]
@@ -213,5 +321,23 @@ mod tests {
         std::fs::write(home.path().join("file"), "").unwrap();
         assert!(create_campaign(text, &home.path().join("file/campaign")).is_err());
         assert_eq!(entries(home.path()), 2);
+    }
+
+    #[test]
+    fn only_a_name_of_a_generation_is_untrained() {
+        let left_out = |controller: &str| {
+            let [run] =
+                &read_grid(&format!("target = 'ball-balancing'\ncontroller = '{controller}'\n[evaluate]\n"))
+                    .unwrap()[..]
+            else {
+                panic!("one run")
+            };
+            let unknown =
+                |kind| MishandleError::UnknownName { kind, name: controller.to_string(), known: Vec::new() };
+            assert!(!is_untrained(run, &unknown("space")));
+            is_untrained(run, &unknown("controller"))
+        };
+        assert!(left_out("ppo-2") && left_out("ddpg"));
+        assert!(!left_out("ppo-9") && !left_out("poo-2") && !left_out("expert"));
     }
 }

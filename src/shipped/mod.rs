@@ -1,5 +1,7 @@
 //! Shipped controllers and training settings: from a folder, or from the program itself.
 
+mod generation;
+
 use std::borrow::Cow;
 use std::fmt;
 use std::path::{Path, PathBuf};
@@ -9,6 +11,8 @@ use mishandle_files::{limits, read_bounded};
 use mishandle_tasks::Definition;
 
 use crate::error::MishandleError;
+
+pub use generation::{GENERATIONS, Generation};
 
 /// The files in `controllers/` and `experiments/training/` at build time: path and content, sorted
 /// by path.

@@ -4,11 +4,12 @@ use mishandle::Plan;
 use mishandle::evaluation::{
     Estimate, Lifetime, SurvivalCurve, fisher_test, holm, log_rank, vargha_delaney, wilson,
 };
+use mishandle::shipped::Generation;
 use mishandle::store::TrialStatus;
 use mishandle_report::{SurvivalLine, survival_figure};
 use mishandle_text::{p_value_text as p_text, plural};
 
-use crate::notes::{Notes, Row};
+use crate::notes::{self, Notes};
 use crate::page::{Block, Page, Table, code, inline};
 use crate::pages::{
     NOTHING, SIGNIFICANT, columns, differences, is_of_paper, on_the_paper, percent_with_interval, provenance,
@@ -19,11 +20,13 @@ use crate::published::{
     PAPER_BUDGET, PAPER_TRIALS, PaperFalsification, paper_falsification, paper_performance,
 };
 use crate::results::{Results, RunResults};
+use crate::side_by_side::{Column, SideBySide, algorithm};
 
 /// Returns the page; `None` without falsifications.
 pub(crate) fn page(results: &Results, notes: &Notes) -> Option<Page> {
     let runs = results.campaigns.iter().flat_map(|campaign| &campaign.runs);
     let runs: Vec<Falsified<'_>> = runs.filter_map(|run| Falsified::new(run, notes)).collect();
+    let untrained: Vec<&Plan> = results.untrained().filter(|plan| plan.falsify.is_some()).collect();
     if runs.is_empty() {
         return None;
     }
@@ -32,8 +35,11 @@ pub(crate) fn page(results: &Results, notes: &Notes) -> Option<Page> {
          values are not expected: the fewer scenarios a controller fails in, the more simulations a search needs."
             .to_string(),
     )];
+    let rows = side_by_side(runs.iter(), untrained.iter().copied());
+    blocks.extend(rows.protocols());
     blocks.extend(provenance(results, runs.iter().map(|falsified| falsified.run)));
-    blocks.extend(summary(&runs).map(Block::Paragraph));
+    blocks.extend(summary(&runs, rows.generations()).map(Block::Paragraph));
+    blocks.extend(summary_of_generations(&rows).map(Block::Paragraph));
     blocks.push(Block::List(vec![
         "falsified: trials with a violation, of all ended trials, with the Wilson interval (95 %) of the rate in percent.".to_string(),
         "mean over successes: mean number of simulations of the falsified trials, including the violating one. The paper prints this \
@@ -46,7 +52,8 @@ pub(crate) fn page(results: &Results, notes: &Notes) -> Option<Page> {
             .to_string(),
         "ended early: trials whose search ended by its own criterion before the budget was spent.".to_string(),
         "p: two-sided p-value of Fisher's exact test that both rates of falsified trials, ours and the paper's, are equal. Rows that \
-         the paper may not have measured have none.".to_string(),
+         the paper may not have measured have none, and neither have controllers of another protocol than the paper's."
+            .to_string(),
         "Wall-clock times are left out: the paper's are of another simulator on another machine, so only simulations can be compared."
             .to_string(),
     ]));
@@ -59,35 +66,69 @@ pub(crate) fn page(results: &Results, notes: &Notes) -> Option<Page> {
     for preset in presets {
         let of_preset: Vec<&Falsified<'_>> =
             runs.iter().filter(|falsified| falsified.run.plan.preset == preset).collect();
-        blocks.extend(section(results, notes, preset, &of_preset));
+        let untrained = untrained.iter().copied().filter(|plan| plan.preset == preset);
+        let rows = side_by_side(of_preset.iter().copied(), untrained);
+        blocks.extend(section(results, notes, preset, &of_preset, &rows));
     }
     blocks.extend(differences(notes, "falsification"));
     blocks.extend(on_the_paper(notes, "falsification"));
     Some(Page { title: "Falsification: our controllers beside the paper's".to_string(), blocks })
 }
 
-fn section(results: &Results, notes: &Notes, preset: &str, runs: &[&Falsified<'_>]) -> Vec<Block> {
+/// Sorts falsifications into rows.
+fn side_by_side<'a>(
+    runs: impl Iterator<Item = &'a Falsified<'a>>,
+    untrained: impl Iterator<Item = &'a Plan>,
+) -> SideBySide<&'a Falsified<'a>> {
+    SideBySide::new(runs.map(|falsified| (&falsified.run.plan, falsified)), untrained)
+}
+
+fn section(
+    results: &Results,
+    notes: &Notes,
+    preset: &str,
+    runs: &[&Falsified<'_>],
+    rows: &SideBySide<&Falsified<'_>>,
+) -> Vec<Block> {
+    let falsified = [
+        Column::Row("task", |row| target_cell(&row.plan)),
+        Column::Row("controller", |row| code(&row.plan.controller)),
+        Column::Row("search", |row| code(search(&row.plan))),
+        Column::Row("falsified, paper", |row| {
+            published(&row.plan)
+                .map_or(NOTHING.to_string(), |paper| format!("{} of {PAPER_TRIALS}", paper.falsified))
+        }),
+        Column::Each("falsified", |run: &&Falsified<'_>| run.falsified_cell()),
+        Column::Row("p", |row| {
+            row.of_paper().and_then(|run| run.p_value()).map_or(NOTHING.to_string(), p_text)
+        }),
+        Column::Each("rate %", |run| percent_with_interval(&run.rate(), 0)),
+    ];
+    let [task, controller, of_search, ..] = &falsified;
+    let simulations = [
+        task.clone(),
+        controller.clone(),
+        of_search.clone(),
+        Column::Row("mean over successes, paper", |row| {
+            let mean = published(&row.plan).and_then(|paper| paper.mean_simulations);
+            mean.map_or(NOTHING.to_string(), |mean| format!("{mean:.2}"))
+        }),
+        Column::Each("mean over successes", |run| {
+            run.mean_over_successes().map_or(NOTHING.to_string(), |mean| format!("{mean:.1}"))
+        }),
+        Column::Each("restricted mean", |run| run.restricted_mean()),
+        Column::Each("ended early", |run| run.ended_early.to_string()),
+        Column::Each("simulations", |run| run.run.simulations().to_string()),
+    ];
     let mut blocks = vec![
         Block::Heading(format!("Falsified trials, preset {}", code(preset))),
-        Block::Table(Table {
-            caption: format!("Falsified trials and simulations to the first violation, preset {preset}"),
-            columns: columns(&[
-                "task",
-                "controller",
-                "search",
-                "falsified",
-                "rate %",
-                "paper",
-                "p",
-                "mean over successes",
-                "paper",
-                "restricted mean",
-                "ended early",
-                "simulations",
-            ]),
-            left: 3,
-            rows: runs.iter().map(|run| run.cells()).collect(),
-        }),
+        Block::Table(rows.table(format!("Falsified trials, preset {preset}"), 3, &falsified, |_| true)),
+        Block::Table(rows.table(
+            format!("Simulations to the first violation, preset {preset}"),
+            3,
+            &simulations,
+            |_| true,
+        )),
     ];
     blocks.extend(survival(preset, runs));
     let remarks = remarks(results, notes, runs);
@@ -111,8 +152,29 @@ fn section(results: &Results, notes: &Notes, preset: &str, runs: &[&Falsified<'_
             rows: comparisons,
         }));
     }
-    let rates: Vec<Vec<String>> = runs.iter().filter_map(|run| run.random_rate()).collect();
-    if !rates.is_empty() {
+    let rates = rows.table(
+        format!("Violations per random simulation in percent, preset {preset}"),
+        2,
+        &[
+            task.clone(),
+            controller.clone(),
+            Column::Row("paper, from falsification", |row| {
+                let rate = published(&row.plan).map(|paper| 100.0 * paper.violations_per_simulation());
+                rate.map_or(NOTHING.to_string(), |rate| format!("{rate:.2}"))
+            }),
+            Column::Row("paper, from performance", |row| {
+                let paper = paper_performance(&row.plan.target, &row.plan.controller);
+                paper.map_or(NOTHING.to_string(), |found| format!("{:.0}", 100.0 - found[0].success))
+            }),
+            Column::Each("violations", |run| {
+                let n = run.run.simulations() as u64;
+                percent_with_interval(&wilson(run.run.violations() as u64, n), 2)
+            }),
+            Column::Each("n", |run| run.run.simulations().to_string()),
+        ],
+        |row| search(&row.plan) == "random" && row.any(|run| !run.lifetimes.is_empty()),
+    );
+    if !rates.rows.is_empty() {
         blocks.push(Block::Heading(format!("Violations per random simulation, preset {}", code(preset))));
         blocks.push(Block::Paragraph(
             "Random search draws its scenarios as an evaluation does, so its violations per simulation estimate the failure rate of \
@@ -121,21 +183,20 @@ fn section(results: &Results, notes: &Notes, preset: &str, runs: &[&Falsified<'_
              same conditions, they would agree up to chance."
                 .to_string(),
         ));
-        blocks.push(Block::Table(Table {
-            caption: format!("Violations per random simulation in percent, preset {preset}"),
-            columns: columns(&[
-                "task",
-                "controller",
-                "ours",
-                "n",
-                "paper, from falsification",
-                "paper, from performance",
-            ]),
-            left: 2,
-            rows: rates,
-        }));
+        blocks.push(Block::Table(rates));
     }
     blocks
+}
+
+/// Returns the search of a falsification.
+fn search(plan: &Plan) -> &str {
+    plan.falsify.as_ref().map_or("", |falsify| &falsify.search)
+}
+
+/// Returns the paper's result beside a plan whose controller is the name of an algorithm.
+fn published(plan: &Plan) -> Option<PaperFalsification> {
+    paper_falsification(&plan.target, &plan.controller, search(plan))
+        .filter(|_| is_of_paper(plan) && plan.action_noise == 0.0)
 }
 
 /// Size of a chart, pixels.
@@ -188,7 +249,7 @@ fn survival(preset: &str, runs: &[&Falsified<'_>]) -> Option<Block> {
 }
 
 /// Summarizes the complete rows that the paper has, too.
-fn summary(runs: &[Falsified<'_>]) -> Option<String> {
+fn summary(runs: &[Falsified<'_>], generations: &[&Generation]) -> Option<String> {
     let compared: Vec<(&Falsified<'_>, PaperFalsification, f64)> =
         runs.iter().filter_map(|run| Some((run, run.paper?, run.p_value()?))).collect();
     if compared.is_empty() {
@@ -203,9 +264,13 @@ fn summary(runs: &[Falsified<'_>]) -> Option<String> {
         };
         compared.iter().filter(is_it).count()
     };
+    let of = match generations {
+        [_] => "",
+        _ => " of the first generation",
+    };
     Some(format!(
-        "In the {} that are complete and that the paper has, our searches falsify {ours} of {trials} trials and the paper's {paper} of \
-         {}. Ours are falsified significantly less often in {} of these rows and more often in {} (p < {SIGNIFICANT} for each row, not \
+        "In the {}{of} that are complete and that the paper has, our searches falsify {ours} of {trials} trials and the paper's \
+         {paper} of {}. Ours are falsified significantly less often in {} of these rows and more often in {} (p < {SIGNIFICANT} for each row, not \
          corrected).",
         plural(compared.len(), "row"),
         compared.len() as u64 * PAPER_TRIALS,
@@ -214,10 +279,33 @@ fn summary(runs: &[Falsified<'_>]) -> Option<String> {
     ))
 }
 
-/// Returns where and why rows differ, one entry per task and controller.
+/// Compares the generations in the rows that are complete for all of them; `None` for one
+/// generation.
+fn summary_of_generations(rows: &SideBySide<&Falsified<'_>>) -> Option<String> {
+    let generations = rows.generations();
+    let complete = rows.rows.iter().filter_map(|row| row.all(generations));
+    let complete: Vec<Vec<&&Falsified<'_>>> =
+        complete.filter(|runs| runs.iter().all(|run| run.is_complete())).collect();
+    if generations.len() < 2 || complete.is_empty() {
+        return None;
+    }
+    let counts = generations.iter().enumerate().map(|(i, generation)| {
+        let falsified: u64 = complete.iter().map(|runs| runs[i].falsified()).sum();
+        let trials: usize = complete.iter().map(|runs| runs[i].lifetimes.len()).sum();
+        format!("{falsified} of {trials} trials of the {} generation", generation.name)
+    });
+    Some(format!(
+        "In the {} that all generations have complete, our searches falsify {}.",
+        plural(complete.len(), "row"),
+        counts.collect::<Vec<_>>().join(" and ")
+    ))
+}
+
+/// Returns where and why rows differ, one entry per task and controller. Controllers of another
+/// protocol than the paper's are not compared with it.
 fn remarks(results: &Results, notes: &Notes, runs: &[&Falsified<'_>]) -> Vec<String> {
     let mut groups: Vec<Vec<&Falsified<'_>>> = Vec::new();
-    for run in runs.iter().filter(|run| !run.lifetimes.is_empty()) {
+    for run in runs.iter().filter(|run| !run.lifetimes.is_empty() && run.follows_paper) {
         match groups.iter_mut().find(|group| group[0].is_of_same_controller(&run.run.plan)) {
             Some(group) => group.push(run),
             None => groups.push(vec![run]),
@@ -242,9 +330,9 @@ fn remark(results: &Results, notes: &Notes, group: &[&Falsified<'_>]) -> Option<
 }
 
 /// Returns the row of a search, as notes name it.
-fn row<'a>(plan: &'a Plan, search: &'a str) -> Row<'a> {
+fn row<'a>(plan: &'a Plan, search: &'a str) -> notes::Row<'a> {
     let Plan { target, controller, preset, .. } = plan;
-    Row { table: "falsification", task: target, controller, search, preset }
+    notes::Row { table: "falsification", task: target, controller, search, preset }
 }
 
 /// Returns sentences on the rows that differ significantly from the paper's, and what our
@@ -336,6 +424,8 @@ struct Falsified<'a> {
     ended_early: usize,
     planned: usize,
     paper: Option<PaperFalsification>,
+    /// Whether the controller was trained by the paper's protocol.
+    follows_paper: bool,
     /// Whether the paper's values are compared with ours; otherwise they are only shown.
     is_compared: bool,
 }
@@ -348,6 +438,7 @@ impl Falsified<'_> {
             TrialStatus::Falsified => Lifetime::failed(trial.simulations),
             _ => Lifetime::censored(falsify.budget),
         });
+        let follows_paper = algorithm(&run.plan.controller).1.is_of_paper;
         Some(Falsified {
             run,
             search: &falsify.search,
@@ -355,9 +446,9 @@ impl Falsified<'_> {
             lifetimes: lifetimes.collect(),
             ended_early: run.ended().filter(|trial| trial.status == TrialStatus::Converged).count(),
             planned: falsify.trials as usize,
-            paper: paper_falsification(&run.plan.target, &run.plan.controller, &falsify.search)
-                .filter(|_| is_of_paper(&run.plan) && run.plan.action_noise == 0.0),
-            is_compared: notes.compares(&row(&run.plan, &falsify.search)),
+            paper: published(&run.plan),
+            follows_paper,
+            is_compared: follows_paper && notes.compares(&row(&run.plan, &falsify.search)),
         })
     }
 
@@ -400,56 +491,22 @@ impl Falsified<'_> {
         Some(fisher_test(ours, (paper.falsified, PAPER_TRIALS)))
     }
 
-    fn cells(&self) -> Vec<String> {
-        let plan = &self.run.plan;
-        let one = |value: f64| format!("{value:.1}");
-        let falsified = match self.lifetimes.len() {
+    /// Returns the number of falsified trials, and how far a run is that has not finished.
+    fn falsified_cell(&self) -> String {
+        match self.lifetimes.len() {
             0 if self.run.simulations() == 0 => "not run".to_string(),
             0 => format!("none of {} trials ended", self.planned),
             n if n < self.planned => {
                 format!("{} of {n}; {n} of {} trials ended", self.falsified(), self.planned)
             }
             n => format!("{} of {n}", self.falsified()),
-        };
-        let restricted = SurvivalCurve::new(&self.lifetimes).restricted_mean(self.budget);
-        vec![
-            target_cell(plan),
-            code(&plan.controller),
-            code(self.search),
-            falsified,
-            percent_with_interval(&self.rate(), 0),
-            self.paper.map_or(NOTHING.to_string(), |paper| format!("{} of {PAPER_TRIALS}", paper.falsified)),
-            self.p_value().map_or(NOTHING.to_string(), p_text),
-            self.mean_over_successes().map_or(NOTHING.to_string(), one),
-            self.paper
-                .and_then(|paper| paper.mean_simulations)
-                .map_or(NOTHING.to_string(), |mean| format!("{mean:.2}")),
-            restricted.map_or(NOTHING.to_string(), |mean| with_interval(&mean, &one)),
-            self.ended_early.to_string(),
-            self.run.simulations().to_string(),
-        ]
+        }
     }
 
-    /// Returns the row of violations per random simulation; `None` for another search, or before
-    /// the first trial ended.
-    fn random_rate(&self) -> Option<Vec<String>> {
-        if self.search != "random" || self.lifetimes.is_empty() {
-            return None;
-        }
-        let plan = &self.run.plan;
-        let n = self.run.simulations() as u64;
-        let performance =
-            paper_performance(&plan.target, &plan.controller).map(|found| 100.0 - found[0].success);
-        Some(vec![
-            target_cell(plan),
-            code(&plan.controller),
-            percent_with_interval(&wilson(self.run.violations() as u64, n), 2),
-            n.to_string(),
-            self.paper.map_or(NOTHING.to_string(), |paper| {
-                format!("{:.2}", 100.0 * paper.violations_per_simulation())
-            }),
-            performance.map_or(NOTHING.to_string(), |rate| format!("{rate:.0}")),
-        ])
+    fn restricted_mean(&self) -> String {
+        let restricted = SurvivalCurve::new(&self.lifetimes).restricted_mean(self.budget);
+        restricted
+            .map_or(NOTHING.to_string(), |mean| with_interval(&mean, &|value: f64| format!("{value:.1}")))
     }
 }
 
@@ -492,13 +549,15 @@ fn comparisons(runs: &[&Falsified<'_>]) -> Vec<Vec<String>> {
 
 #[cfg(test)]
 mod tests {
+    use mishandle::shipped::GENERATIONS;
+
     use super::*;
 
     #[test]
     fn the_budget_of_the_paper_is_that_of_the_plan() {
         let plan = include_str!("../../../experiments/paper/falsification.toml");
         let runs = mishandle::plan::read_grid(plan).unwrap();
-        assert_eq!(runs.len(), 8 * 2 * 3);
+        assert_eq!(runs.len(), 8 * 2 * GENERATIONS.len() * 3);
         for run in runs {
             let falsify = run.plan.falsify.unwrap();
             assert_eq!((u64::from(falsify.trials), falsify.budget), (PAPER_TRIALS, PAPER_BUDGET));

@@ -13,6 +13,7 @@ mod pages;
 mod performance;
 mod published;
 mod results;
+mod side_by_side;
 mod summaries;
 mod training_time;
 mod unit;
@@ -25,7 +26,7 @@ pub use published::{
     PAPER_BUDGET, PAPER_STARTS, PAPER_TRIALS, PaperFalsification, PaperPerformance, paper_falsification,
     paper_performance, paper_training_time,
 };
-pub use results::{CampaignResults, EvaluationSummary, Results, RunFacts, RunResults};
+pub use results::{CampaignResults, EvaluationSummary, Results, RunFacts, RunResults, UntrainedRun};
 pub use training_time::training_steps;
 pub use unit::{Evaluated, Unit};
 pub use verification::SampledUnit;

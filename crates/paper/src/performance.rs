@@ -1,17 +1,19 @@
 //! The table of performance: success rate, dangerous behavior rate, task completion time and
 //! training time.
 
+use mishandle::Plan;
 use mishandle::evaluation::{Estimate, fisher_test, wilson};
 use mishandle_text::p_value_text as p_text;
 
-use crate::notes::{Notes, Row};
-use crate::page::{Block, Page, Table, code};
+use crate::notes::{self, Notes};
+use crate::page::{Block, Page, code};
 use crate::pages::{
-    NOTHING, SIGNIFICANT, columns, differences, is_of_paper, on_the_paper, percent_with_interval, provenance,
+    NOTHING, SIGNIFICANT, differences, is_of_paper, on_the_paper, percent_with_interval, provenance,
     sentences, target_cell, with_interval,
 };
 use crate::published::{PAPER_STARTS, PaperPerformance, paper_performance, paper_training_time};
 use crate::results::{Results, RunResults};
+use crate::side_by_side::{Column, SideBySide, algorithm};
 use crate::unit::{Evaluated, UNIT_OF_EVALUATION, Unit};
 
 /// Returns the page; `None` without evaluations.
@@ -26,6 +28,9 @@ pub(crate) fn page(results: &Results, notes: &Notes) -> Option<Page> {
          paper's in Isaac Sim. So equal values are not expected; the table shows where the benchmark behaves alike."
             .to_string(),
     )];
+    let measured: Vec<Measured<'_>> = runs.iter().map(|run| Measured::new(run)).collect();
+    let untrained: Vec<&Plan> = results.untrained().filter(|plan| plan.evaluate.is_some()).collect();
+    blocks.extend(side_by_side(measured.iter(), untrained.iter().copied()).protocols());
     blocks.extend(provenance(results, runs.iter().copied()));
     blocks.push(Block::List(vec![
         "SR: success rate, in percent, with its Wilson interval (95 %). The column for 100 starts contains the first 100 of the \
@@ -37,7 +42,9 @@ pub(crate) fn page(results: &Results, notes: &Notes) -> Option<Page> {
         "TCT: task completion time, the mean number of control steps until completion over the successful simulations, with a \
          bootstrap interval. TT: training time, in control steps of each environment, until the return is flat."
             .to_string(),
-        "p: two-sided p-value of Fisher's exact test that our success rate and the paper's (of 100) are equal.".to_string(),
+        "n: number of our starts. p: two-sided p-value of Fisher's exact test that our success rate and the paper's (of 100) are \
+         equal. Controllers of another protocol than the paper's have none."
+            .to_string(),
     ]));
     let mut levels: Vec<(String, f64)> = Vec::new();
     for run in &runs {
@@ -48,39 +55,11 @@ pub(crate) fn page(results: &Results, notes: &Notes) -> Option<Page> {
     }
     let mut remarks = Vec::new();
     for (preset, noise) in &levels {
-        let of_level = |run: &&&RunResults| run.plan.preset == *preset && run.plan.action_noise == *noise;
-        let rows = runs.iter().filter(of_level).map(|run| {
-            let row = Measured::new(run);
-            remarks.extend(row.remark(notes));
-            row.cells()
-        });
-        let (noise, variance) = (*noise, noise * noise);
-        let noise = match noise {
-            0.0 => "without noise".to_string(),
-            noise => format!("with Gaussian action noise of standard deviation {noise}, variance {variance}"),
-        };
-        blocks.push(Block::Heading(format!("Performance {noise}, preset {}", code(preset))));
-        blocks.push(Block::Table(Table {
-            caption: format!("Performance {noise}. n: number of our starts"),
-            columns: columns(&[
-                "task",
-                "controller",
-                "SR, 100 starts",
-                "SR",
-                "n",
-                "paper SR",
-                "p",
-                "DBR",
-                "paper DBR",
-                "TCT",
-                "paper TCT",
-                "TT",
-                "paper TT",
-                "failing corners",
-            ]),
-            left: 2,
-            rows: rows.collect(),
-        }));
+        let is_of_level = |plan: &Plan| plan.preset == *preset && plan.action_noise == *noise;
+        let of_level = measured.iter().filter(|measured| is_of_level(&measured.run.plan));
+        let untrained = untrained.iter().copied().filter(|plan| is_of_level(plan));
+        remarks.extend(of_level.clone().filter_map(|measured| measured.remark(notes)));
+        blocks.extend(section(preset, *noise, &side_by_side(of_level, untrained)));
     }
     if !remarks.is_empty() {
         blocks.push(Block::Heading("Where the values differ, and why".to_string()));
@@ -91,7 +70,86 @@ pub(crate) fn page(results: &Results, notes: &Notes) -> Option<Page> {
     Some(Page { title: "Performance: our controllers beside the paper's".to_string(), blocks })
 }
 
-/// The values of a row.
+/// Sorts evaluations into rows.
+fn side_by_side<'a>(
+    measured: impl Iterator<Item = &'a Measured<'a>>,
+    untrained: impl Iterator<Item = &'a Plan>,
+) -> SideBySide<&'a Measured<'a>> {
+    SideBySide::new(measured.map(|measured| (&measured.run.plan, measured)), untrained)
+}
+
+/// Returns the tables of a preset and a level of noise.
+fn section(preset: &str, noise: f64, rows: &SideBySide<&Measured<'_>>) -> Vec<Block> {
+    let variance = noise * noise;
+    let noise = match noise {
+        0.0 => "without noise".to_string(),
+        noise => format!("with Gaussian action noise of standard deviation {noise}, variance {variance}"),
+    };
+    let success = [
+        Column::Row("task", |row| target_cell(&row.plan)),
+        Column::Row("controller", |row| code(&row.plan.controller)),
+        Column::Row("SR, paper", |row| published_cell(&row.plan, |paper| format!("{:.0}", paper.success))),
+        Column::Each("SR, 100 starts", |run: &&Measured<'_>| {
+            run.first.value.map_or(NOTHING.to_string(), |rate| format!("{:.0}", 100.0 * rate))
+        }),
+        Column::Each("SR", |run| percent_with_interval(&run.success_rate, 1)),
+        Column::Row("p", |row| {
+            row.of_paper().and_then(|run| run.p_value()).map_or(NOTHING.to_string(), p_text)
+        }),
+        Column::Each("n", |run| run.starts_cell()),
+    ];
+    let [task, controller, ..] = &success;
+    let others = [
+        task.clone(),
+        controller.clone(),
+        Column::Row("DBR, paper", |row| published_cell(&row.plan, |paper| format!("{:.2}", paper.danger))),
+        Column::Each("DBR", |run| {
+            let rate = run.dangerous_behavior_rate.as_ref();
+            rate.map_or(NOTHING.to_string(), |rate| percent_with_interval(rate, 2))
+        }),
+        Column::Row("TCT, paper", |row| {
+            published_cell(&row.plan, |paper| format!("{:.1}", paper.completion))
+        }),
+        Column::Each("TCT", |run| {
+            let time = run.task_completion_time.as_ref();
+            time.map_or(NOTHING.to_string(), |time| with_interval(time, &|steps: f64| format!("{steps:.1}")))
+        }),
+        Column::Row("TT, paper", |row| {
+            let steps = paper_training_time(&row.plan.target, &row.plan.controller);
+            steps.map_or(NOTHING.to_string(), |steps| steps.to_string())
+        }),
+        Column::Each("TT", |run| {
+            run.run.facts.training_steps.map_or(NOTHING.to_string(), |steps| steps.to_string())
+        }),
+        Column::Each("failing corners", |run| {
+            failing_corners(run.run).map_or(NOTHING.to_string(), |(failing, n)| format!("{failing} of {n}"))
+        }),
+    ];
+    vec![
+        Block::Heading(format!("Performance {noise}, preset {}", code(preset))),
+        Block::Table(rows.table(format!("Success rate {noise}, preset {preset}"), 2, &success, |_| true)),
+        Block::Table(rows.table(
+            format!("Danger, times and corners {noise}, preset {preset}"),
+            2,
+            &others,
+            |_| true,
+        )),
+    ]
+}
+
+/// Returns the paper's performance beside a plan whose controller is the name of an algorithm.
+fn published(plan: &Plan) -> Option<PaperPerformance> {
+    // The paper's noise has variance 0.25.
+    let noise = [0.0, 0.5].iter().position(|noise| *noise == plan.action_noise)?;
+    let found = paper_performance(&plan.target, &plan.controller).filter(|_| is_of_paper(plan))?;
+    Some(found[noise])
+}
+
+fn published_cell(plan: &Plan, show: fn(&PaperPerformance) -> String) -> String {
+    published(plan).as_ref().map_or(NOTHING.to_string(), show)
+}
+
+/// The values of an evaluation.
 struct Measured<'a> {
     run: &'a RunResults,
     /// Success rate of the first simulations, as many as the paper has.
@@ -101,15 +159,12 @@ struct Measured<'a> {
     dangerous_behavior_rate: Option<Estimate>,
     task_completion_time: Option<Estimate>,
     paper: Option<PaperPerformance>,
+    /// Whether the controller was trained by the paper's protocol.
+    follows_paper: bool,
 }
 
 impl Measured<'_> {
     fn new(run: &RunResults) -> Measured<'_> {
-        let plan = &run.plan;
-        // The paper's noise has variance 0.25.
-        let noise = [0.0, 0.5].iter().position(|noise| *noise == plan.action_noise);
-        let paper =
-            paper_performance(&plan.target, &plan.controller).filter(|_| is_of_paper(plan)).zip(noise);
         Measured {
             run,
             first: success_rate(
@@ -119,43 +174,19 @@ impl Measured<'_> {
             simulations: run.random_units().map(|(unit, _)| u64::from(unit.simulations)).sum(),
             dangerous_behavior_rate: run.evaluation.and_then(|summary| summary.dangerous_behavior_rate),
             task_completion_time: run.evaluation.and_then(|summary| summary.task_completion_time),
-            paper: paper.map(|(found, noise)| found[noise]),
+            paper: published(&run.plan),
+            follows_paper: algorithm(&run.plan.controller).1.is_of_paper,
         }
     }
 
-    fn cells(&self) -> Vec<String> {
-        let Measured { run, paper, .. } = self;
-        let plan = &run.plan;
-        let planned = plan.evaluate.as_ref().map_or(0, |evaluate| evaluate.episodes);
-        let n = match self.simulations {
+    /// Returns the number of starts, and how many are planned for a run that has not finished.
+    fn starts_cell(&self) -> String {
+        let planned = self.run.plan.evaluate.as_ref().map_or(0, |evaluate| evaluate.episodes);
+        match self.simulations {
             0 => "not run".to_string(),
             n if n < planned => format!("{n} of {planned}"),
             n => n.to_string(),
-        };
-        let of_paper = |value: fn(&PaperPerformance) -> f64, decimals: usize| {
-            paper.as_ref().map_or(NOTHING.to_string(), |paper| format!("{:.decimals$}", value(paper)))
-        };
-        let steps = |value: f64| format!("{value:.1}");
-        let optional = |estimate: &Option<Estimate>, show: &dyn Fn(&Estimate) -> String| {
-            estimate.as_ref().map_or(NOTHING.to_string(), show)
-        };
-        vec![
-            target_cell(plan),
-            code(&plan.controller),
-            self.first.value.map_or(NOTHING.to_string(), |rate| format!("{:.0}", 100.0 * rate)),
-            percent_with_interval(&self.success_rate, 1),
-            n,
-            of_paper(|paper| paper.success, 0),
-            self.p_value().map_or(NOTHING.to_string(), p_text),
-            optional(&self.dangerous_behavior_rate, &|rate| percent_with_interval(rate, 2)),
-            of_paper(|paper| paper.danger, 2),
-            optional(&self.task_completion_time, &|time| with_interval(time, &steps)),
-            of_paper(|paper| paper.completion, 1),
-            run.facts.training_steps.map_or(NOTHING.to_string(), |steps| steps.to_string()),
-            paper_training_time(&plan.target, &plan.controller)
-                .map_or(NOTHING.to_string(), |steps| steps.to_string()),
-            failing_corners(run).map_or(NOTHING.to_string(), |(failing, n)| format!("{failing} of {n}")),
-        ]
+        }
     }
 
     fn p_value(&self) -> Option<f64> {
@@ -165,10 +196,11 @@ impl Measured<'_> {
         Some(fisher_test((successes, rate.n), (of_paper, PAPER_STARTS)))
     }
 
-    /// Returns a sentence on where the row differs from the paper's, and the notes on it.
+    /// Returns a sentence on where the row differs from the paper's, and the notes on it; `None` if
+    /// it is not compared with the paper's.
     fn remark(&self, notes: &Notes) -> Option<String> {
         let plan = &self.run.plan;
-        let row = Row {
+        let row = notes::Row {
             table: "performance",
             task: &plan.target,
             controller: &plan.controller,
@@ -179,7 +211,7 @@ impl Measured<'_> {
             sentences([self.differences()].into_iter().flatten().chain(notes.on(&row).map(str::to_string)));
         let noise = if plan.action_noise == 0.0 { "" } else { ", with noise" };
         let name = format!("{} {}{noise}: ", code(&plan.target), code(&plan.controller));
-        (!found.is_empty() && self.simulations > 0).then_some(name + &found)
+        (!found.is_empty() && self.simulations > 0 && self.follows_paper).then_some(name + &found)
     }
 
     fn differences(&self) -> Option<String> {

@@ -3,8 +3,10 @@
 use std::path::Path;
 
 use mishandle::Plan;
-use mishandle::campaign::campaign_runs;
+use mishandle::campaign::{campaign_runs, untrained_runs};
 use mishandle::evaluation::{Corners, Estimate, FormulaRoles};
+use mishandle::files::{limits, read_text_bounded};
+use mishandle::plan::GridRun;
 use mishandle::rollout::Seed;
 use mishandle::store::{RunFile, Simulation, TrialRecord, TrialStatus};
 use mishandle_text::shell_quote;
@@ -35,6 +37,17 @@ pub struct CampaignResults {
     pub command: String,
     /// The runs, in the order of the campaign.
     pub runs: Vec<RunResults>,
+    /// The runs that were left out, because their controllers are not trained.
+    pub untrained: Vec<UntrainedRun>,
+}
+
+/// A run of a campaign whose controller is not trained.
+#[derive(Clone, Debug, PartialEq)]
+pub struct UntrainedRun {
+    /// Name of the run in its campaign.
+    pub name: String,
+    /// Its plan.
+    pub plan: Plan,
 }
 
 /// Results of a run.
@@ -94,7 +107,7 @@ pub struct RunFacts {
 impl Results {
     /// Merges campaigns of the same name, so that parts of a campaign that ran at different times
     /// become one. The runs keep their order. A run that two parts have with the same units is kept
-    /// once.
+    /// once, and an untrained one only if no part has its results.
     ///
     /// # Errors
     /// Two parts contain a run of the same name with different units or facts.
@@ -117,9 +130,22 @@ impl Results {
                     }
                 }
             }
+            for run in campaign.untrained {
+                if !first.untrained.contains(&run) {
+                    first.untrained.push(run);
+                }
+            }
+        }
+        for CampaignResults { runs, untrained, .. } in &mut merged {
+            untrained.retain(|left_out| runs.iter().all(|run| run.facts.name != left_out.name));
         }
         self.campaigns = merged;
         Ok(())
+    }
+
+    /// Returns the plans of the runs that were left out.
+    pub fn untrained(&self) -> impl Iterator<Item = &Plan> {
+        self.campaigns.iter().flat_map(|campaign| &campaign.untrained).map(|run| &run.plan)
     }
 }
 
@@ -136,13 +162,27 @@ impl CampaignResults {
             .filter(|run| !run.is_hardening())
             .map(|run| read_run(&run.name, &run.path, root))
             .collect::<Result<Vec<RunResults>, PaperError>>()?;
-        let plan = format!("experiments/paper/{name}.toml");
-        let plan = if root.join(&plan).is_file() {
-            plan
-        } else {
-            shell_quote(&folder.join("campaign.toml").to_string_lossy())
-        };
-        Ok(CampaignResults { command: format!("mishandle campaign {plan}"), name, runs })
+        let untrained = untrained_runs(folder)?.into_iter();
+        let untrained: Vec<UntrainedRun> =
+            untrained.map(|GridRun { name, plan }| UntrainedRun { name, plan }).collect();
+        Ok(CampaignResults { command: command(folder, &name, root, &untrained), name, runs, untrained })
+    }
+}
+
+/// Returns the command that runs the campaign of a folder. The plan is that of the repository if it
+/// has the same text.
+fn command(folder: &Path, name: &str, root: &Path, untrained: &[UntrainedRun]) -> String {
+    let (own, kept) = (folder.join("campaign.toml"), format!("experiments/paper/{name}.toml"));
+    let text = |path: &Path| read_text_bounded(path, limits::PLAN).ok();
+    let plan = match text(&root.join(&kept)) {
+        Some(found) if text(&own).as_ref() == Some(&found) => kept,
+        _ => shell_quote(&own.to_string_lossy()),
+    };
+    match untrained.first() {
+        None => format!("mishandle campaign {plan}"),
+        // A campaign leaves nothing out.
+        Some(run) if run.plan.falsify.is_some() => format!("mishandle reproduce falsification --plan {plan}"),
+        Some(_) => format!("mishandle reproduce performance --plan {plan}"),
     }
 }
 

@@ -12,7 +12,7 @@ use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 
 use crate::PaperError;
-use crate::results::{CampaignResults, EvaluationSummary, Results, RunFacts, RunResults};
+use crate::results::{CampaignResults, EvaluationSummary, Results, RunFacts, RunResults, UntrainedRun};
 use crate::unit::{Evaluated, UNIT_OF_EVALUATION, Unit};
 
 /// Version of the files.
@@ -37,6 +37,16 @@ struct CampaignEntry {
     name: String,
     command: String,
     runs: Vec<RunFacts>,
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    untrained: Vec<UntrainedEntry>,
+}
+
+/// A run that was left out, with its plan as TOML.
+#[derive(Debug, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct UntrainedEntry {
+    name: String,
+    plan: String,
 }
 
 /// A line of the file of a run: a [`Unit`]. A CSV row cannot contain a structure.
@@ -105,6 +115,7 @@ impl Results {
             name: campaign.name.clone(),
             command: campaign.command.clone(),
             runs: campaign.runs.iter().map(|run| run.facts.clone()).collect(),
+            untrained: campaign.untrained.iter().map(UntrainedEntry::of).collect(),
         };
         let manifest = Manifest {
             format: FORMAT,
@@ -159,7 +170,9 @@ fn read_campaign(folder: &Path, entry: CampaignEntry) -> Result<CampaignResults,
     let path = folder.join(EVALUATIONS);
     let evaluations: Vec<EvaluationRow> = if path.is_file() { read_rows(&path)? } else { Vec::new() };
     let runs = entry.runs.into_iter().map(|facts| read_run(&folder, facts, &evaluations));
-    Ok(CampaignResults { name: entry.name, command: entry.command, runs: runs.collect::<Result<_, _>>()? })
+    let runs = runs.collect::<Result<Vec<RunResults>, PaperError>>()?;
+    let untrained = entry.untrained.into_iter().map(UntrainedEntry::run).collect::<Result<Vec<_>, _>>()?;
+    Ok(CampaignResults { name: entry.name, command: entry.command, runs, untrained })
 }
 
 fn read_run(folder: &Path, facts: RunFacts, evaluations: &[EvaluationRow]) -> Result<RunResults, PaperError> {
@@ -210,6 +223,16 @@ fn contradiction(plan: &Plan, previous: Option<&Unit>, unit: &Unit) -> Option<St
         return Some(format!("the trial has {} violations and the status `{status}`", unit.violations));
     }
     None
+}
+
+impl UntrainedEntry {
+    fn of(run: &UntrainedRun) -> UntrainedEntry {
+        UntrainedEntry { name: run.name.clone(), plan: run.plan.to_toml() }
+    }
+
+    fn run(self) -> Result<UntrainedRun, PaperError> {
+        Ok(UntrainedRun { plan: Plan::from_toml(&self.plan)?, name: self.name })
+    }
 }
 
 impl UnitRow {

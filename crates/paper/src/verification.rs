@@ -104,6 +104,7 @@ mod tests {
             name: name.to_string(),
             command: String::new(),
             runs: vec![run(trials), run(trials)],
+            untrained: Vec::new(),
         };
         Results { campaigns: vec![campaign("large", 200), campaign("small", 3)], ..Results::default() }
     }

@@ -2,7 +2,8 @@ use std::ops::RangeInclusive;
 
 use mishandle::training::ALGORITHMS;
 
-/// The seed whose controller is shipped.
+/// The seed whose controller is shipped, in the first generation of controllers: the plan has no
+/// other.
 pub const SHIPPED_SEED: u64 = 0;
 
 /// The algorithm whose shipped controllers are falsified when they are measured.
@@ -109,6 +110,8 @@ pub fn seeds(algorithm: &str) -> Vec<u64> {
 
 #[cfg(test)]
 mod tests {
+    use mishandle::shipped::{GENERATIONS, Generation};
+
     use super::*;
 
     #[test]
@@ -143,6 +146,15 @@ mod tests {
             |seed| Training { task: "ball-pushing".to_string(), algorithm: "sac".to_string(), seed };
         assert_eq!((training(0).controller(), training(2).controller()), ("sac".into(), "sac-s2".into()));
         assert_eq!(training(2).name(), "ball-pushing-sac-s2");
+    }
+
+    #[test]
+    fn a_name_of_the_plan_is_of_the_first_generation_or_of_none() {
+        for training in plan(&["ball-pushing".to_string()]).concat() {
+            let name = training.controller();
+            let expected = training.is_shipped().then(|| (&training.algorithm[..], &GENERATIONS[0]));
+            assert_eq!(Generation::of(&name), expected, "{name}");
+        }
     }
 
     #[test]

@@ -35,9 +35,9 @@ pub struct Arguments {
 
 #[derive(Debug, Subcommand)]
 pub enum ReproduceCommand {
-    /// Evaluate all controllers and the experts, with and without noise
+    /// Evaluate the controllers of both generations and the experts, with and without noise
     Performance(ReproduceTable),
-    /// Falsify the PPO and TRPO controllers with three searches
+    /// Falsify the PPO and TRPO controllers of both generations with three searches
     Falsification(ReproduceTable),
     /// Show the tables of existing campaigns or results, without simulations
     #[command(after_help = "Examples:
@@ -142,7 +142,9 @@ fn reproduce(name: &str, table: &ReproduceTable) -> Result<ExitStatus> {
     let folder = table.out.clone().unwrap_or_else(|| Path::new("runs").join(name));
     let runs = if folder.exists() {
         let runs = mishandle::campaign::campaign_runs(&folder)?;
-        let planned = mishandle::plan::read_grid(&text).with_context(|| plan.display().to_string())?;
+        let untrained = mishandle::campaign::untrained_runs(&folder)?;
+        let mut planned = mishandle::plan::read_grid(&text).with_context(|| plan.display().to_string())?;
+        planned.retain(|planned| !untrained.contains(planned));
         let is_same = runs.len() == planned.len()
             && runs.iter().zip(&planned).all(|(run, planned)| run.plan == planned.plan);
         ensure!(
@@ -151,10 +153,13 @@ fn reproduce(name: &str, table: &ReproduceTable) -> Result<ExitStatus> {
             folder.display(),
             plan.display()
         );
-        runs
+        mishandle::campaign::add_trained_runs(&folder)?;
+        mishandle::campaign::campaign_runs(&folder)?
     } else {
-        mishandle::campaign::create_campaign(&text, &folder).with_context(|| plan.display().to_string())?
+        mishandle::campaign::create_trained_campaign(&text, &folder)
+            .with_context(|| plan.display().to_string())?
     };
+    name_untrained(&folder)?;
     let all_cores = || std::thread::available_parallelism().map_or(1, usize::from);
     let jobs = table.jobs.unwrap_or_else(all_cores);
     let opening = mishandle::run::Opening { durable: table.durable, any_build: table.any_build };
@@ -175,6 +180,31 @@ fn reproduce(name: &str, table: &ReproduceTable) -> Result<ExitStatus> {
     }
     output::message(&format!("Run files: {quoted}"));
     Ok(ExitStatus::Done)
+}
+
+/// Largest number of controllers that a message names.
+const NAMED: usize = 8;
+
+/// Names the controllers that are planned and not trained.
+fn name_untrained(folder: &Path) -> Result<()> {
+    let untrained = mishandle::campaign::untrained_runs(folder)?;
+    let mut names: Vec<String> =
+        untrained.iter().map(|run| format!("{}/{}", run.plan.target, run.plan.controller)).collect();
+    names.dedup();
+    if names.len() > NAMED {
+        let more = names.len() - NAMED;
+        names.truncate(NAMED);
+        names.push(format!("{more} more"));
+    }
+    if !names.is_empty() {
+        output::message(&format!(
+            "{} left out, because no controller is shipped for: {}. The tables say `not trained`; the same command adds the runs \
+             when the controllers are there",
+            plural(untrained.len() as u64, "run"),
+            names.join(", ")
+        ));
+    }
+    Ok(())
 }
 
 fn home() -> Result<PathBuf> {

@@ -8,7 +8,7 @@ pub(super) fn table(shown: &Shown<'_>) -> String {
     let shipped = Tally::of(shown, |seed| seed == SHIPPED_SEED);
     let further = Tally::of(shown, |seed| seed != SHIPPED_SEED);
     format!(
-        "Of {} shipped controllers {} meet every threshold{}\nOf {} further seeds of the plan {} were run: {} without an \
+        "Of {} controllers of the first generation {} meet every threshold{}\nOf {} further seeds of the plan {} were run: {} without an \
          evaluation of the corners, because the weights were not kept, and {} with older settings or formulas. {} meet the \
          measured thresholds{}",
         shipped.planned,

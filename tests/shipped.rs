@@ -1,0 +1,72 @@
+//! The files in `controllers/`: each belongs to one generation, by its name and its header.
+
+#![allow(clippy::unwrap_used)]
+
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+
+use mishandle::controllers::ControllerFile;
+use mishandle::shipped::{GENERATIONS, Generation, shipped_controllers};
+use mishandle::tasks::TASKS;
+use mishandle::training::ALGORITHMS;
+
+/// Largest size of all weights of a generation, bytes: each clone downloads them.
+const LARGEST: u64 = 6_000_000;
+
+/// Returns the files of controllers of all tasks.
+fn files() -> Vec<PathBuf> {
+    let entries = |folder: &Path| -> Vec<PathBuf> {
+        std::fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().path()).collect()
+    };
+    let folders = entries(&Path::new(env!("CARGO_MANIFEST_DIR")).join("controllers"));
+    let files = folders.iter().filter(|path| path.is_dir()).flat_map(|folder| entries(folder));
+    files.filter(|path| path.extension().is_some_and(|ending| ending == "safetensors")).collect()
+}
+
+fn generation(path: &Path) -> (&'static str, &'static Generation) {
+    let name = path.file_stem().unwrap().to_str().unwrap();
+    Generation::of(name).unwrap_or_else(|| panic!("{} has no name of a generation", path.display()))
+}
+
+#[test]
+fn each_file_is_of_the_task_and_the_algorithm_that_its_name_states() {
+    for path in files() {
+        let header = ControllerFile::load(&path).unwrap().header;
+        let task = path.parent().unwrap().file_name().unwrap().to_str().unwrap();
+        assert_eq!(
+            (&header.task[..], &header.algorithm[..]),
+            (task, generation(&path).0),
+            "{}",
+            path.display()
+        );
+    }
+}
+
+#[test]
+fn the_first_generation_is_complete_and_each_is_small() {
+    let mut found: BTreeMap<&str, (usize, u64)> = BTreeMap::new();
+    for path in files() {
+        let (count, size) = found.entry(generation(&path).1.name).or_default();
+        *count += 1;
+        *size += path.metadata().unwrap().len();
+    }
+    let tasks = TASKS.iter().filter(|task| task.definition().variant_of.is_none()).count();
+    assert_eq!(found[GENERATIONS[0].name].0, tasks * ALGORITHMS.len());
+    for (name, (count, size)) in found {
+        assert!(count <= tasks * ALGORITHMS.len() && size <= LARGEST, "{name}: {count} files, {size} bytes");
+    }
+}
+
+/// Errors and lists show them from here.
+#[test]
+fn the_names_of_a_task_are_those_of_its_files_and_the_expert() {
+    for task in TASKS.iter().filter(|task| task.definition().variant_of.is_none()) {
+        let definition = task.definition();
+        let of_task = |path: &PathBuf| path.parent().unwrap().ends_with(definition.name);
+        let name = |path: PathBuf| path.file_stem().unwrap().to_str().unwrap().to_string();
+        let mut names: Vec<String> = files().into_iter().filter(of_task).map(name).collect();
+        names.sort();
+        names.push("expert".to_string());
+        assert_eq!(shipped_controllers(definition), names);
+    }
+}
