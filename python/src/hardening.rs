@@ -8,7 +8,7 @@ use mishandle::harden::{HardenProgress, check_plan, final_runs, harden_folder, r
 use mishandle::plan::HardenPlan;
 use mishandle::store::RunFile;
 use mishandle::{MishandleError as Error, Plan};
-use mishandle_report::hardening_page;
+use mishandle_report::{HardenedModes, hardening_page};
 use pyo3::prelude::*;
 
 use crate::run::run_report;
@@ -97,7 +97,11 @@ pub fn hardening_report(
         let found = resume(&folder, None, &mut |_| proceed())?.ok_or(Error::NoEpisode)?;
         let runs = final_runs(&folder);
         let reports = runs.iter().map(|path| run_report(&RunFile::open(path)?, probes, sensitivity));
-        Ok(hardening_page(&found, &reports.collect::<Result<Vec<_>, _>>()?))
+        let failures = match probes {
+            None => HardenedModes::skipped("`simulate` is False"),
+            Some(_) => HardenedModes::simulate(&folder, &found, || false)?.unwrap_or_default(),
+        };
+        Ok(hardening_page(&found, &failures, &reports.collect::<Result<Vec<_>, _>>()?))
     };
     py.detach(made).map_err(raised)
 }

@@ -20,6 +20,9 @@ pub(super) const PLAN: &str = "harden.toml";
 /// Result of a finished hardening.
 pub(super) const RESULT: &str = "result.json";
 
+/// Folder of the final comparison.
+const FINAL: &str = "final";
+
 /// The controller before.
 const BEFORE: &str = "before.safetensors";
 
@@ -61,6 +64,16 @@ impl Folder {
     /// Returns the path of a file of a round.
     pub fn of_round(&self, round: u32, name: &str) -> PathBuf {
         self.path.join(format!("round-{round}")).join(name)
+    }
+
+    /// Returns the path of a file of the final comparison.
+    pub fn of_final(&self, name: &str) -> PathBuf {
+        self.path.join(FINAL).join(name)
+    }
+
+    /// Returns the path of the controller that a round trains.
+    pub fn candidate(&self, round: u32) -> PathBuf {
+        self.of_round(round, "controller.safetensors")
     }
 
     /// Writes a file, with its folder.

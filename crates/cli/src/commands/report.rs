@@ -5,10 +5,11 @@ use anyhow::{Context, Result, bail, ensure};
 use clap::Args;
 use mishandle::harden::{final_runs, is_hardening};
 use mishandle::train::Curve;
-use mishandle_report::{Samples, hardening_page, learning_curve_page, page};
+use mishandle_report::{HardenedModes, Samples, hardening_page, learning_curve_page, page};
 
 use crate::exit_status::ExitStatus;
 use crate::flags::{self, numbers};
+use crate::interrupt;
 use crate::run::{self, pages};
 use crate::show::output;
 use crate::show::progress::Bar;
@@ -138,18 +139,25 @@ fn write_hardening(
     ensure!(is_finished, "the hardening is not finished; continue it with: mishandle harden --resume {name}");
     let found = mishandle::harden::resume(folder, None, &mut |_| ControlFlow::Continue(()))?;
     let found = found.context("the hardening is not finished")?;
+    let interrupted = || {
+        options.clear();
+        output::message(&format!("interrupted: {} is not written", command.out.display()));
+        Ok(ExitStatus::Interrupted)
+    };
+    let failures = match command.no_simulations {
+        true => Some(HardenedModes::skipped(pages::NO_SIMULATIONS)),
+        false => HardenedModes::simulate(folder, &found, || interrupt::control_flow().is_break())?,
+    };
+    let Some(failures) = failures else { return interrupted() };
     let mut reports = Vec::new();
     for path in final_runs(folder) {
         let file = run::read(&path, options.skip_check)?;
         let report = pages::report(&file, &path, options).with_context(|| path.display().to_string())?;
-        let Some(report) = report else {
-            output::message(&format!("interrupted: {} is not written", command.out.display()));
-            return Ok(ExitStatus::Interrupted);
-        };
+        let Some(report) = report else { return interrupted() };
         reports.push(report);
     }
     options.clear();
-    write(&hardening_page(&found, &reports), command)
+    write(&hardening_page(&found, &failures, &reports), command)
 }
 
 /// Writes the page about a learning curve.

@@ -41,7 +41,7 @@ impl Options<'_> {
 }
 
 /// Why nothing is simulated.
-const NO_SIMULATIONS: &str = "they were not requested (--no-simulations)";
+pub const NO_SIMULATIONS: &str = "they were not requested (--no-simulations)";
 
 /// Writes the pages of a campaign to the folder `out`: an index, the tables, and a page for each
 /// run.
