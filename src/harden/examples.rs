@@ -20,7 +20,7 @@ use crate::resolve::{ResolvedPlan, recorded_plan};
 pub struct ModeExamples {
     /// The controllers before and after, with target, space and requirement.
     pub controllers: [ResolvedPlan; 2],
-    /// One failure of each mode, in the order in which they were asked for.
+    /// One failure of each mode, in the order of the request.
     pub examples: Vec<ModeExample>,
 }
 

@@ -47,7 +47,7 @@ struct Card {
     outcomes: Vec<Outcome>,
 }
 
-/// What a controller does in the scenario of a failure.
+/// The simulation of a controller in the scenario of a failure.
 #[derive(Debug)]
 struct Outcome {
     /// Why the failure or success is one; `None` if the simulation has no verdict.
