@@ -66,8 +66,9 @@ impl HardenedModes {
         HardenedModes { cards: Vec::new(), notes: vec![note] }
     }
 
-    /// Simulates a failure of each mode with both controllers of a finished hardening, at most six
-    /// modes, and draws them. `is_interrupted` is called before each mode; returns `None` if it was.
+    /// Simulates a failure of each mode, of at most six, with both controllers of a finished
+    /// hardening, and draws them. Returns `None` if `is_interrupted`, which is called before each
+    /// mode.
     ///
     /// # Errors
     /// If a simulation cannot be run.

@@ -10,8 +10,8 @@
 //! - `load`, `measure`, `pictures`: the facts. `words`: verdict and meaning in sentences.
 //! - `space`, `map`, `curves`, `trace`: charts, drawn by the crate `charts`. A style sheet maps
 //!   their colors to the theme.
-//! - `html`, `section`, `modes`, `hardened_modes`, `page`: text. Every name, unit and formula of a run file is
-//!   escaped.
+//! - `html`, `section`, `modes`, `hardened_modes`, `page`: text. Every name, unit and formula of a
+//!   run file is escaped.
 
 #![allow(clippy::result_large_err, reason = "functions return the error of the library")]
 

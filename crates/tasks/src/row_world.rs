@@ -94,10 +94,7 @@ impl RowWorld {
         if tail.is_empty() {
             return &self.plain;
         }
-        let values = &tail[1..][..self.nominal.len()];
-        let slip = axes::slip(&tail[tail.len() - SLIP_SIZE..], tail[0] as usize);
-        self.required.clear();
-        self.required.extend(values.iter().chain(&slip).map(|value| value.to_bits()));
+        let (values, slip) = self.require(tail);
         if !self.recent.contains_key(&self.required) {
             let known = self.older.remove(&self.required);
             let model = known.unwrap_or_else(|| self.changed(values, slip, elements));
@@ -109,6 +106,15 @@ impl RowWorld {
         &self.recent[&self.required]
     }
 
+    /// Sets the required values: the constants and the slip of a tail, which it returns.
+    fn require<'a>(&mut self, tail: &'a [f64]) -> (&'a [f64], [f64; 2]) {
+        let values = &tail[1..][..self.nominal.len()];
+        let slip = axes::slip(&tail[tail.len() - SLIP_SIZE..], tail[0] as usize);
+        self.required.clear();
+        self.required.extend(values.iter().chain(&slip).map(|value| value.to_bits()));
+        (values, slip)
+    }
+
     /// Makes the model with these values of the constants.
     fn changed(&self, values: &[f64], slip: [f64; 2], elements: &Elements) -> Model {
         let changed = self.nominal.iter().zip(values).filter(|((_, nominal), value)| nominal != *value);
@@ -117,5 +123,53 @@ impl RowWorld {
             .chain(elements.slip(slip))
             .collect();
         if changes.is_empty() { self.plain.clone() } else { self.plain.changed(&changes) }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used, reason = "tests")]
+
+    use super::*;
+    use crate::{Preset, Reward, TaskEnvironment, task};
+
+    #[test]
+    fn the_model_of_a_row_is_made_once_in_an_episode() {
+        const ROWS: usize = 40;
+        let environment =
+            TaskEnvironment::new(task("point-reaching").unwrap(), Preset::Paper, Reward::Shaped).unwrap();
+        let (_, spaces) = environment.axes_and_spaces(&[]).unwrap();
+        let dynamics = spaces.into_iter().find(|space| space.name() == "dynamics").unwrap();
+        let environment = environment.with_space(dynamics).unwrap();
+        let mut world = environment.row_world(ROWS);
+        let elements = environment.elements().clone();
+        let tail = |episode: usize, world: &RowWorld| {
+            let mut tail = vec![0.0; world.tail_size];
+            let nominal = world.nominal.iter().map(|(_, nominal)| *nominal);
+            tail[1..][..world.nominal.len()].iter_mut().zip(nominal).for_each(|(value, x)| *value = x);
+            tail[1] += 1e-3 * (episode + 1) as f64;
+            tail
+        };
+        // In each round, all rows are stepped in turn, and then some get a new episode.
+        let mut episodes: Vec<usize> = (0..ROWS).collect();
+        for episode in &episodes {
+            world.model(&tail(*episode, &world), &elements);
+        }
+        let mut next = ROWS;
+        for round in 0..30 {
+            for (row, episode) in episodes.iter().enumerate() {
+                let tail = tail(*episode, &world);
+                world.require(&tail);
+                let is_kept =
+                    [&world.recent, &world.older].iter().any(|map| map.contains_key(&world.required));
+                assert!(is_kept, "row {row} of round {round}");
+                world.model(&tail, &elements);
+            }
+            for row in (0..ROWS).filter(|row| (row * 7 + round) % 10 < round % 5 || round == 17) {
+                (episodes[row], next) = (next, next + 1);
+                world.model(&tail(episodes[row], &world), &elements);
+            }
+            assert!(world.recent.len() + world.older.len() <= 2 * world.limit);
+        }
     }
 }
