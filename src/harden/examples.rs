@@ -184,5 +184,5 @@ fn minimized_failures(
 }
 
 fn open(paths: &[PathBuf]) -> Result<Vec<RunFile>, MishandleError> {
-    Ok(paths.iter().map(|path| RunFile::open(path)).collect::<Result<_, _>>()?)
+    Ok(paths.iter().map(RunFile::open).collect::<Result<_, _>>()?)
 }

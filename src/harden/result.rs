@@ -16,7 +16,6 @@ use super::measure::{measure, path_of};
 use super::search::{search, search_files};
 use super::{FINAL, Hardener, Watch};
 use crate::archive::ModeKey;
-use crate::build::build;
 use crate::error::MishandleError;
 use crate::plan::{MarginPlan, Plan, RiskPlan};
 use crate::resolve::ResolvedPlan;
@@ -65,7 +64,7 @@ impl Hardener<'_> {
             before: self.plan.controller.clone(),
             after: after.map(|_| out.to_string_lossy().into_owned()),
             folder: self.folder.path.to_string_lossy().into_owned(),
-            commit: build().git_commit,
+            commit: first.measured.commit()?,
             verdict: verdict(is_judged, &measures, corners, &first, &rounds),
             measures: hardened_measures(&measures, is_judged),
             corners: corners.map(|corners| HardenedCorners {

@@ -156,9 +156,10 @@ fn card(
         states.push(trajectory.states);
     }
     let last = |index: usize| states[index].len().saturating_sub(1);
+    // A violation that grows is drawn where it starts: its largest value is often far away from it.
     let event = |index: usize| {
         let event = outcomes[index].explained.as_ref().and_then(|(_, found)| found.explanation.event());
-        event.map(|event| event.sample)
+        event.map(|event| event.start.unwrap_or(event.sample))
     };
     let decisive = event(example.failing).unwrap_or(last(example.failing));
     // A failure has an instant of its own, a success is shown at that of the failure.
@@ -241,6 +242,8 @@ impl Card {
             out.push_str(&format!("<li><b>{name}</b>: {}.</li>", outcome.words()));
         }
         let failing = self.outcomes.get(self.example.failing);
+        let name = CONTROLLERS[self.example.failing].to_lowercase();
+        out.push_str(&format!("</ul>\n<h5>Why the controller {name} fails</h5>\n<ul class=\"why\">"));
         if let Some((header, explained)) = failing.and_then(|outcome| outcome.explained.as_ref()) {
             for sentence in explained.explanation.sentences(header.control_dt) {
                 out.push_str(&format!("<li>{}</li>", with_code(&sentence)));

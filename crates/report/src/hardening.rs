@@ -71,7 +71,7 @@ fn tiles(found: &Hardening) -> String {
     let tiles = [
         (failing(found.failure_probability.first()), "failure probability before"),
         (failing(found.failure_probability.get(1)), "failure probability after"),
-        (format!("{broken} broken, {fixed} fixed"), "scenarios of the space"),
+        (format!("{fixed} fixed, {broken} broken"), "of the final scenarios in the space"),
         (format!("{accepted} of {}", found.rounds.len()), "rounds accepted"),
     ];
     let tile = |(value, name): &(String, &str)| format!("<div><dd>{value}</dd><dt>{name}</dt></div>");

@@ -71,7 +71,7 @@ fn folder(home: &Path) -> PathBuf {
 
 /// Returns the failure mode with the most failures of the run of corners.
 fn first_mode(folder: &Path, searches: &str) -> (RunFile, FailureMode) {
-    let run = RunFile::open(&file(&folder.join(searches), "corners")).unwrap();
+    let run = RunFile::open(file(&folder.join(searches), "corners")).unwrap();
     let mode = failure_modes(&run).unwrap().modes.remove(0);
     (run, mode)
 }
