@@ -67,11 +67,12 @@ fn tiles(found: &Hardening) -> String {
     };
     let accepted = found.rounds.iter().filter(|round| round.accepted).count();
     let space = found.measures.iter().find(|measure| measure.name == "space");
-    let (broken, fixed) = space.map_or((0, 0), |space| (space.broken, space.fixed));
+    let pairs = space.filter(|space| space.after.is_some());
+    let pairs = pairs.map(|space| format!("{} fixed, {} broken", space.fixed, space.broken));
     let tiles = [
         (failing(found.failure_probability.first()), "failure probability before"),
         (failing(found.failure_probability.get(1)), "failure probability after"),
-        (format!("{fixed} fixed, {broken} broken"), "of the final scenarios in the space"),
+        (pairs.unwrap_or("–".to_string()), "of the final scenarios in the space"),
         (format!("{accepted} of {}", found.rounds.len()), "rounds accepted"),
     ];
     let tile = |(value, name): &(String, &str)| format!("<div><dd>{value}</dd><dt>{name}</dt></div>");
