@@ -9,7 +9,7 @@ use mishandle::plan::HardenPlan;
 use mishandle::run::Opening;
 use mishandle::store::RunFile;
 use mishandle::{MishandleError as Error, Plan};
-use mishandle_report::hardening_page;
+use mishandle_report::{HardenedModes, hardening_page};
 use pyo3::prelude::*;
 
 use crate::run::run_report;
@@ -98,7 +98,11 @@ pub fn hardening_report(
         let found = resume(&folder, Opening::default(), None, &mut |_| proceed())?.ok_or(Error::NoEpisode)?;
         let runs = final_runs(&folder);
         let reports = runs.iter().map(|path| run_report(&RunFile::open(path)?, probes, sensitivity));
-        Ok(hardening_page(&found, &reports.collect::<Result<Vec<_>, _>>()?, None))
+        let failures = match probes {
+            None => HardenedModes::skipped("`simulate` is False"),
+            Some(_) => HardenedModes::simulate(&folder, &found, || false)?.unwrap_or_default(),
+        };
+        Ok(hardening_page(&found, &failures, &reports.collect::<Result<Vec<_>, _>>()?, None))
     };
     py.detach(made).map_err(raised)
 }

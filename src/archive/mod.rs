@@ -6,5 +6,5 @@ mod weights;
 
 pub use recorded::recorded_failures;
 pub(crate) use recorded::simulated_in;
-pub(crate) use simulated::{ModeKey, Modes, simulated};
+pub(crate) use simulated::{ModeKey, Modes, mode_key, simulated};
 pub(crate) use weights::{Simulated, csv, shows_nan, weighted};

@@ -6,7 +6,7 @@ use mishandle_store::RunFile;
 
 use super::weights::Simulated;
 use crate::error::MishandleError;
-use crate::inspect::failure_modes;
+use crate::inspect::{FailureMode, failure_modes};
 
 /// A failure mode of a search: the decisive predicate, and the names of the axes of its failures.
 pub(crate) type ModeKey = (String, Vec<String>);
@@ -22,10 +22,9 @@ pub(crate) type Modes = Vec<(ModeKey, u64)>;
 pub(crate) fn simulated(runs: &[RunFile]) -> Result<(Vec<Simulated>, Modes), MishandleError> {
     let (mut simulated, mut modes) = (Vec::new(), Modes::new());
     for run in runs {
-        let names = |axes: &[usize]| axes.iter().map(|axis| run.header().axes[*axis].name.clone()).collect();
         let mut mode_of = HashMap::new();
         for mode in &failure_modes(run)?.modes {
-            let key = (mode.representative().predicate.clone(), names(&mode.axes));
+            let key = mode_key(run, mode);
             let index = modes.iter().position(|(known, _)| *known == key).unwrap_or_else(|| {
                 modes.push((key, 0));
                 modes.len() - 1
@@ -36,6 +35,12 @@ pub(crate) fn simulated(runs: &[RunFile]) -> Result<(Vec<Simulated>, Modes), Mis
         simulated.extend(rows(run, &mode_of)?);
     }
     Ok((simulated, modes))
+}
+
+/// Returns by what a failure mode of a run is the same as one of another run.
+pub(crate) fn mode_key(run: &RunFile, mode: &FailureMode) -> ModeKey {
+    let name = |axis: &usize| run.header().axes[*axis].name.clone();
+    (mode.representative().predicate.clone(), mode.axes.iter().map(name).collect())
 }
 
 fn rows(run: &RunFile, mode_of: &HashMap<(u32, u32), usize>) -> Result<Vec<Simulated>, MishandleError> {

@@ -20,6 +20,9 @@ pub(super) const PLAN: &str = "harden.toml";
 /// Result of a finished hardening.
 pub(super) const RESULT: &str = "result.json";
 
+/// Folder of the final comparison.
+const FINAL: &str = "final";
+
 /// The controller before.
 const BEFORE: &str = "before.safetensors";
 
@@ -36,14 +39,18 @@ pub(super) struct Folder {
 }
 
 impl Folder {
+    /// Returns the folder at a path, unchecked.
+    pub fn at(path: &Path) -> Folder {
+        Folder { given: path.to_path_buf(), path: path.to_path_buf(), opening: Opening::default() }
+    }
+
     /// Creates the folder of a plan with all that the hardening reads: it then depends on no other
     /// file. `before` are the bytes of the controller.
     ///
     /// # Errors
     /// If it exists, or a file cannot be written.
     pub fn create(path: &Path, plan: &Plan, before: &[u8], settings: &str) -> Result<(), MishandleError> {
-        let given = path.to_path_buf();
-        let folder = Folder { path: given.clone(), given, opening: Opening::default() };
+        let folder = Folder::at(path);
         if path.exists() {
             return Err(MishandleError::Exists { path: path.to_path_buf(), flag: "--out" });
         }
@@ -78,6 +85,16 @@ impl Folder {
     /// Returns the path of a file of a round.
     pub fn of_round(&self, round: u32, name: &str) -> PathBuf {
         self.path.join(format!("round-{round}")).join(name)
+    }
+
+    /// Returns the path of a file of the final comparison.
+    pub fn of_final(&self, name: &str) -> PathBuf {
+        self.path.join(FINAL).join(name)
+    }
+
+    /// Returns the path of the controller that a round trains.
+    pub fn candidate(&self, round: u32) -> PathBuf {
+        self.of_round(round, "controller.safetensors")
     }
 
     /// Writes a file, with its folder.

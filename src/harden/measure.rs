@@ -76,6 +76,14 @@ impl Measured {
         Ok(failure_bound(&self.evaluation(&self.space)?.metrics.success_rate))
     }
 
+    /// Returns the commit of the program that simulated them. Another one may read them later.
+    ///
+    /// # Errors
+    /// If the run file cannot be read.
+    pub fn commit(&self) -> Result<String, MishandleError> {
+        Ok(self.space.run()?.header().build.git_commit.clone())
+    }
+
     fn evaluation(&self, asked: &Asked) -> Result<results::Evaluation, MishandleError> {
         match asked.result()? {
             results::Answer::Evaluation(found) => Ok(*found),

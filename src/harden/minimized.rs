@@ -1,6 +1,6 @@
 //! The failure modes of a round, minimized: a regression suite, and scenarios to train on.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use mishandle_falsification::is_close;
 use mishandle_rollout::{Request, Scenario, Seed};
@@ -17,6 +17,17 @@ const MODES: usize = 10;
 
 /// Largest number of simulations of a minimization.
 const BUDGET: u64 = 100;
+
+/// Returns the folder of the minimized failures of a round, a regression suite.
+pub(super) fn suite_of(folder: &Folder, round: u32) -> PathBuf {
+    folder.of_round(round, "failures")
+}
+
+/// Returns the path of the minimized failure of a mode, which may not exist. `mode` is its index
+/// among the modes of the round's searches.
+pub(super) fn file_of(suite: &Path, mode: usize) -> PathBuf {
+    suite.join(format!("mode-{}.json", mode + 1))
+}
 
 /// Moves the worst failure of each mode toward the nominal scenario while it still fails, writes it
 /// as a counterexample into `suite`, and returns these failures. Reads those that are there.
@@ -38,7 +49,7 @@ pub(super) fn minimized(
     let mut system = resolved.system()?;
     let (mut found, mut written) = (Vec::new(), Vec::new());
     for (done, mode) in order.iter().enumerate() {
-        let path = suite.join(format!("mode-{}.json", mode + 1));
+        let path = file_of(suite, *mode);
         if !path.exists() {
             let of_mode = simulated.iter().filter(|failure| failure.mode == Some(*mode));
             let Some(worst) = of_mode.min_by(|a, b| a.robustness.total_cmp(&b.robustness)) else { continue };

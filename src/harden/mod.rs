@@ -6,6 +6,7 @@
 //! a training run in the folder of the hardening, so that a hardening continues where it stopped.
 
 mod decision;
+mod examples;
 mod folder;
 mod measure;
 mod minimized;
@@ -31,6 +32,7 @@ use crate::resolve::{ResolvedPlan, task};
 use crate::run::{Device, Opening};
 use crate::train::start_controller;
 use decision::decide;
+pub use examples::{ExampleSource, ModeExample, ModeExamples, mode_examples};
 use folder::Folder;
 use measure::measure;
 use round::{RoundEnd, run_round};
@@ -146,7 +148,8 @@ pub fn plan_file(folder: &Path) -> PathBuf {
 /// Returns the run files of the final comparison with failures to look at: of random scenarios in
 /// the space, before and after.
 pub fn final_runs(folder: &Path) -> Vec<PathBuf> {
-    let path = |name: &str| measure::path_of(&folder.join("final").join(name), "space");
+    let folder = Folder::at(folder);
+    let path = |name: &str| measure::path_of(&folder.of_final(name), "space");
     ["before", "after"].map(path).into_iter().filter(|path| path.exists()).collect()
 }
 

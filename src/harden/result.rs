@@ -1,6 +1,6 @@
 //! The final comparison of a hardening, and its result.
 
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use mishandle_falsification::has_margin;
 use mishandle_results as results;
@@ -14,10 +14,9 @@ use mishandle_text::path_text;
 use super::decision::{Measure, adjusted, worse};
 use super::folder::RESULT;
 use super::measure::{measure, path_of};
-use super::search::search;
+use super::search::{search, search_files};
 use super::{FINAL, Hardener, Watch};
 use crate::archive::ModeKey;
-use crate::build::build;
 use crate::error::MishandleError;
 use crate::plan::{MarginPlan, Plan, RiskPlan};
 use crate::resolve::ResolvedPlan;
@@ -67,7 +66,7 @@ impl Hardener<'_> {
             before: self.plan.controller.clone(),
             after: after.map(|_| path_text(out)),
             folder: path_text(&self.folder.given),
-            commit: build().git_commit,
+            commit: first.measured.commit()?,
             verdict: verdict(is_judged, (&measures, &worse), &first, &rounds),
             worse: worse.into_iter().map(String::from).collect(),
             measures: hardened_measures(&measures, is_judged),
@@ -100,7 +99,7 @@ impl Hardener<'_> {
         controller: &Path,
         watch: Watch<'_>,
     ) -> Result<Option<Judged>, MishandleError> {
-        let prefix = self.folder.path.join("final").join(name);
+        let prefix = self.folder.of_final(name);
         let phase = format!("final, {name}");
         let seed = Seed(self.plan.seed).child(FINAL);
         let numbers = (prefix.as_path(), seed, self.table.episodes);
@@ -136,7 +135,7 @@ impl Hardener<'_> {
                 None => return Ok(None),
             },
         };
-        let prefix: PathBuf = self.folder.path.join("final").join(format!("{name}-search"));
+        let prefix = self.folder.of_final(&format!("{name}-search"));
         let parts = (self.plan, self.table);
         let seeds = (prefix.as_path(), seed.child(3));
         let Some(searched) = search(self.folder, parts, controller, seeds, &phase, watch)? else {
@@ -177,9 +176,8 @@ impl Hardener<'_> {
     /// Returns the failures that the searches of a round found.
     fn recorded_failures(&self, round: u32) -> Result<Vec<(Scenario, u64)>, MishandleError> {
         let prefix = self.folder.of_round(round, "search");
-        let names = std::iter::once("corners").chain(self.table.searches.iter().map(String::as_str));
         let mut found = Vec::new();
-        for path in names.map(|name| path_of(&prefix, name)) {
+        for path in search_files(&prefix, self.table) {
             for simulation in mishandle_store::RunFile::open(&path)?.simulations() {
                 let simulation = simulation?;
                 if simulation.is_violated() {

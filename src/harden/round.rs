@@ -9,7 +9,7 @@ use mishandle_training::{AlgorithmSettings, SpaceSetting, TrainingControl, Train
 use serde::{Deserialize, Serialize};
 
 use super::folder::Folder;
-use super::minimized::minimized;
+use super::minimized::{minimized, suite_of};
 use super::search::search;
 use super::{HardenProgress, Watch};
 use crate::archive::{Simulated, csv, shows_nan, weighted};
@@ -65,7 +65,7 @@ pub(super) fn run_round(
     }
     let resolved =
         ResolvedPlan::new(&Plan { harden: None, controller: path_text(controller), ..base.clone() })?;
-    let suite = folder.of_round(round, FAILURES);
+    let suite = suite_of(folder, round);
     if let Some(name) = controller.file_name() {
         // A counterexample names the controller that lies beside it.
         folder.write(&suite.join(name), &super::read(controller)?)?;
@@ -83,7 +83,7 @@ pub(super) fn run_round(
     let settings = round_settings(settings, (base, table), &archive);
     let file = folder.of_round(round, "settings.toml");
     folder.write(&file, settings.to_toml().as_bytes())?;
-    let out = folder.of_round(round, "controller.safetensors");
+    let out = folder.candidate(round);
     let mut plan = TrainPlan {
         task: base.target.clone(),
         algorithm: settings.algorithm().to_string(),
@@ -120,9 +120,6 @@ pub(super) fn run_round(
     folder.write(&marker, toml::to_string(&trained).unwrap_or_default().as_bytes())?;
     Ok(trained.end(plan.out, failures))
 }
-
-/// Folder of the minimized failures of a round, a regression suite.
-const FAILURES: &str = "failures";
 
 /// File that says that the training of a round has ended, and how.
 const MARKER: &str = "training.toml";

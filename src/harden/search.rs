@@ -1,6 +1,6 @@
 //! The search for failures: several searches, random scenarios, and the corners of the box.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use mishandle_rollout::Seed;
 use mishandle_text::path_text;
@@ -11,6 +11,9 @@ use super::measure::path_of;
 use crate::archive::{Modes, Simulated, simulated};
 use crate::error::MishandleError;
 use crate::plan::{EvaluatePlan, FalsifyPlan, HardenPlan, Plan};
+
+/// Name of the run that samples the space and its corners.
+const CORNERS: &str = "corners";
 
 /// The runs of all searches.
 pub(super) struct Searched {
@@ -33,7 +36,7 @@ pub(super) fn search(
     let plan =
         |seed: Seed| Plan { controller: path_text(controller), seed: seed.0, harden: None, ..base.clone() };
     let evaluate = EvaluatePlan { episodes: table.budget.into(), ..EvaluatePlan::default() };
-    let mut plans = vec![("corners".to_string(), Plan { evaluate: Some(evaluate), ..plan(seed.child(0)) })];
+    let mut plans = vec![(CORNERS.to_string(), Plan { evaluate: Some(evaluate), ..plan(seed.child(0)) })];
     for (number, name) in (1..).zip(&table.searches) {
         let falsify = FalsifyPlan {
             search: name.clone(),
@@ -55,6 +58,12 @@ pub(super) fn search(
         }
     }
     Ok(Some(Searched { runs }))
+}
+
+/// Returns the run files of all searches whose names begin with `prefix`.
+pub(super) fn search_files(prefix: &Path, table: &HardenPlan) -> Vec<PathBuf> {
+    let names = std::iter::once(CORNERS).chain(table.searches.iter().map(String::as_str));
+    names.map(|name| path_of(prefix, name)).collect()
 }
 
 impl Searched {

@@ -2,14 +2,16 @@
 
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
-use mishandle_rollout::{Environment, EnvironmentWorker, Sample, Scenario, Seed, Space, StepStatus};
+use mishandle_rollout::{
+    Environment, EnvironmentWorker, Episode, Request, Sample, Scenario, Seed, Space, StepStatus, System,
+};
 use mishandle_store::RunFile;
 use mishandle_tasks::{Definition, Preset, Reward, Task, TaskEnvironment, compose};
 
 use crate::error::MishandleError;
 use crate::inspect::{Event, EventKind};
 use crate::replay::{ReplayResult, replay_in};
-use crate::resolve::{recorded_plan, task_target};
+use crate::resolve::{ResolvedPlan, recorded_plan, task_target};
 
 /// Time in which objects settle into their first contacts, in seconds.
 const SETTLING: f64 = 0.1;
@@ -140,13 +142,44 @@ pub fn replay_states(
     controller: Option<&str>,
 ) -> Result<(ReplayResult, StateTrajectory), MishandleError> {
     let resolved = recorded_plan(run.header(), controller)?;
-    let target = task_target(&resolved.plan)?;
-    let environment = Arc::new(target.environment(&resolved.space, &resolved.specification)?);
-    let (recorder, recording) = RecordingEnvironment::new(environment.clone());
-    let mut system = target.system_in(Arc::new(recorder), &resolved.space, &resolved.specification)?;
-    let replayed = replay_in(run, trial, number, &resolved, &mut system)?;
-    let states = recording.take().states;
-    Ok((replayed, StateTrajectory { states, control_dt: run.header().control_dt, environment }))
+    let mut recorded = Recorded::new(&resolved)?;
+    let replayed = replay_in(run, trial, number, &resolved, &mut *recorded.system)?;
+    Ok((replayed, recorded.trajectory()))
+}
+
+/// Simulates a request of a task, and returns its states as well.
+///
+/// # Errors
+/// If the target is not a task, or the simulation cannot be run.
+pub fn simulate_states(
+    resolved: &ResolvedPlan,
+    request: &Request,
+) -> Result<(Episode, StateTrajectory), MishandleError> {
+    let mut recorded = Recorded::new(resolved)?;
+    let episode = recorded.system.rollout(std::slice::from_ref(request))?.pop();
+    Ok((episode.ok_or(MishandleError::NoEpisode)?, recorded.trajectory()))
+}
+
+/// A system of a task that records the states of its only simulation.
+struct Recorded {
+    system: Box<dyn System>,
+    recording: SharedRecording,
+    environment: Arc<TaskEnvironment>,
+}
+
+impl Recorded {
+    fn new(resolved: &ResolvedPlan) -> Result<Recorded, MishandleError> {
+        let target = task_target(&resolved.plan)?;
+        let environment = Arc::new(target.environment(&resolved.space, &resolved.specification)?);
+        let (recorder, recording) = RecordingEnvironment::new(environment.clone());
+        let system = target.system_in(Arc::new(recorder), &resolved.space, &resolved.specification)?;
+        Ok(Recorded { system: Box::new(system), recording, environment })
+    }
+
+    fn trajectory(self) -> StateTrajectory {
+        let control_dt = self.environment.control_dt();
+        StateTrajectory { states: self.recording.take().states, control_dt, environment: self.environment }
+    }
 }
 
 /// Returns the MJCF document of a task's scene, with all visual elements.

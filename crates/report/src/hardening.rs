@@ -1,11 +1,14 @@
 //! The page about a hardening: a controller before and after.
 
 use mishandle::results::{Estimate, HardenedMargin, HardenedMeasure, Hardening};
+use mishandle::rollout::Axis;
 use mishandle_text::{p_value_text, plural};
 
+use crate::hardened_modes::{HardenedModes, ordered};
 use crate::html::{number, percent, short, table, text};
 use crate::load::RunReport;
 use crate::page::Document;
+use crate::space::value_text;
 use crate::{section, words};
 
 /// Entry of a campaign's index for a hardening.
@@ -49,13 +52,19 @@ pub(crate) fn hardenings(summaries: &[HardeningSummary]) -> String {
     table("Hardenings", &head, &rows)
 }
 
-/// Returns the page about a hardening, with sections about some of its runs: one HTML file without
-/// scripts, which loads nothing. `up` is the address of the index of its campaign.
-pub fn hardening_page(found: &Hardening, reports: &[RunReport], up: Option<&str>) -> String {
+/// Returns the page about a hardening, with failures of its modes, and sections about some of its
+/// runs: one HTML file without scripts, which loads nothing. `up` is the address of the index of
+/// its campaign.
+pub fn hardening_page(
+    found: &Hardening,
+    failures: &HardenedModes,
+    reports: &[RunReport],
+    up: Option<&str>,
+) -> String {
     let target = text(&short(&found.target, 60));
     let mut out = format!(
         "<section>\n<h2>{target}: {}</h2>\n<p class=\"requirement\"><b>Before:</b> <code>{}</code>. <b>After:</b> {}. \
-         <b>Space:</b> <code>{}</code>.</p>\n",
+         <b>Space:</b> <code>{}</code>{}.</p>\n",
         text(&found.verdict),
         text(&short(&found.before, 80)),
         found.after.as_ref().map_or("no round was accepted".to_string(), |path| format!(
@@ -63,12 +72,11 @@ pub fn hardening_page(found: &Hardening, reports: &[RunReport], up: Option<&str>
             text(&short(path, 80))
         )),
         text(&short(&found.space, 80)),
+        reports.first().map_or(String::new(), ranges),
     );
     out.push_str(&tiles(found));
     out.push_str(&format!("<h3>Before and after</h3>\n{}{}{}", measures(found), others(found), NOTE));
-    if !found.modes.is_empty() {
-        out.push_str(&format!("<h3>Failure modes</h3>\n{}", modes(found)));
-    }
+    out.push_str(&format!("<h3>Failure modes</h3>\n{}{}", modes(found), failures.html(found)));
     out.push_str(&format!("<h3>Rounds</h3>\n{}", rounds(found)));
     out.push_str(&format!("<h3>What it cost</h3>\n<p>{}</p>\n</section>\n", cost(found)));
     for (id, report) in (1..).zip(reports) {
@@ -77,6 +85,23 @@ pub fn hardening_page(found: &Hardening, reports: &[RunReport], up: Option<&str>
     let up = up.map(|up| (up, "all runs"));
     Document { title: &format!("hardening of {target}"), up, body: &out }.html()
 }
+
+/// Returns the ranges of the axes of a run.
+fn ranges(report: &RunReport) -> String {
+    let range = |axis: &Axis| {
+        let [low, high] = [axis.low, axis.high].map(|value| value_text(axis, Some(value)));
+        format!("{} {} to {}", text(&short(&axis.name, 40)), text(&low), text(&high))
+    };
+    let mut ranges: Vec<String> = report.axes.iter().take(MAX_RANGES).map(range).collect();
+    match report.axes.len().saturating_sub(MAX_RANGES) {
+        0 => {}
+        more => ranges.push(format!("and {more} more")),
+    }
+    format!(" ({})", ranges.join(", "))
+}
+
+/// Largest number of axes whose ranges stand at the top.
+const MAX_RANGES: usize = 8;
 
 /// Explains the numbers.
 const NOTE: &str = "<p class=\"notes\">Simulated once, after the last decision, with scenarios and seeds that no search, training run or \
@@ -88,11 +113,15 @@ fn tiles(found: &Hardening) -> String {
     let failing = |estimate: Option<&Estimate>| {
         estimate.and_then(|estimate| estimate.value).map_or("–".to_string(), percent)
     };
+    let accepted = found.rounds.iter().filter(|round| round.accepted).count();
+    let space = found.measures.iter().find(|measure| measure.name == "space");
+    let pairs = space.filter(|space| space.after.is_some());
+    let pairs = pairs.map(|space| format!("{} fixed, {} broken", space.fixed, space.broken));
     let tiles = [
         (failing(found.failure_probability.first()), "failure probability before"),
         (failing(found.failure_probability.get(1)), "failure probability after"),
-        (found.rounds.iter().filter(|round| round.accepted).count().to_string(), "accepted rounds"),
-        (found.rounds.len().to_string(), "rounds"),
+        (pairs.unwrap_or("–".to_string()), "of the final scenarios in the space"),
+        (format!("{accepted} of {}", found.rounds.len()), "rounds accepted"),
     ];
     let tile = |(value, name): &(String, &str)| format!("<div><dd>{value}</dd><dt>{name}</dt></div>");
     format!("<dl class=\"tiles\">{}</dl>\n", tiles.iter().map(tile).collect::<String>())
@@ -181,22 +210,42 @@ fn others(found: &Hardening) -> String {
     table("Other measures", &["measure", "before", "after"], &rows)
 }
 
+/// Returns the table of the failure modes, the new ones first.
 fn modes(found: &Hardening) -> String {
-    let rows: Vec<Vec<String>> = found
-        .modes
-        .iter()
+    if found.after.is_none() {
+        return "<p>No round was accepted, so there are no modes to compare. The section about the controller before says \
+                what fails.</p>\n"
+            .to_string();
+    }
+    if found.modes.is_empty() {
+        return "<p>The final searches found no failure of either controller.</p>\n".to_string();
+    }
+    let rows: Vec<Vec<String>> = ordered(&found.modes)
+        .into_iter()
         .map(|mode| {
             vec![
                 text(&mode.change),
                 format!("<code>{}</code>", text(&short(&mode.predicate, 120))),
-                text(&mode.axes.join(", ")),
+                match mode.axes.as_slice() {
+                    [] => "not known".to_string(),
+                    axes => text(&axes.join(", ")),
+                },
                 mode.before.to_string(),
                 mode.after.to_string(),
             ]
         })
         .collect();
-    let head = ["change", "decisive predicate", "axes", "failures before", "failures after"];
-    table("Failure modes of the final searches", &head, &rows)
+    let count = |change: &str| found.modes.iter().filter(|mode| mode.change == change).count();
+    let head = ["change", "decisive predicate", "axes that matter", "failures before", "failures after"];
+    format!(
+        "<p>{} appeared, {} stayed, {} vanished.</p>\n{}<p class=\"notes\">Both controllers were searched with the same \
+         budget. A mode that vanished can still exist: these searches did not find it. Axes are not known where a search \
+         chose the scenarios: only random ones tell which axes matter.</p>\n",
+        plural(count("appeared") as u64, "mode"),
+        count("stayed"),
+        count("vanished"),
+        table("Failure modes of the final searches", &head, &rows)
+    )
 }
 
 fn rounds(found: &Hardening) -> String {
@@ -225,7 +274,7 @@ fn rounds(found: &Hardening) -> String {
 
 fn cost(found: &Hardening) -> String {
     format!(
-        "{} of training and {}. Every one is a row in a run file of the folder <code>{}</code>. Seed {}, program {}.",
+        "{} of training and {}. Every simulation is a row in a run file of the folder <code>{}</code>. Seed {}, program {}.",
         plural(found.environment_steps, "environment step"),
         plural(found.simulations, "simulation"),
         text(words::file_name(&found.folder)),

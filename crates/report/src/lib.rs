@@ -5,13 +5,13 @@
 //! under noise, corners and pictures. [`page`] writes the HTML. [`campaign_page`] and [`run_page`]
 //! write those of a campaign, [`comparison_page`] writes the page of two evaluations on the same
 //! scenarios and seeds, [`learning_curve_page`] that of a training run, [`hardening_page`] that of
-//! a hardening.
+//! a hardening, with [`HardenedModes`].
 //!
 //! - `load`, `measure`, `pictures`: the facts. `words`: verdict and meaning in sentences.
 //! - `space`, `map`, `curves`, `trace`: charts, drawn by the crate `charts`. A style sheet maps
 //!   their colors to the theme.
-//! - `html`, `section`, `modes`, `page`: text. Every name, unit and formula of a run file is
-//!   escaped.
+//! - `html`, `section`, `modes`, `hardened_modes`, `page`: text. Every name, unit and formula of a
+//!   run file is escaped.
 
 #![allow(clippy::result_large_err, reason = "functions return the error of the library")]
 
@@ -19,6 +19,7 @@ mod campaign;
 mod commands;
 mod comparison;
 mod curves;
+mod hardened_modes;
 mod hardening;
 mod html;
 mod learning_curve;
@@ -42,6 +43,7 @@ mod words;
 
 pub use campaign::{RunSummary, campaign_page, run_page};
 pub use comparison::comparison_page;
+pub use hardened_modes::HardenedModes;
 pub use hardening::{HardeningSummary, hardening_page};
 pub use html::text as escaped;
 pub use learning_curve::learning_curve_page;

@@ -1,9 +1,9 @@
 //! Pictures of failures of tasks.
 
 use mishandle::MishandleError;
-use mishandle::inspect::{Event, ExplainedSimulation};
+use mishandle::inspect::{Event, ExplainedSimulation, Explanation};
 use mishandle::picture::{FrameCaptions, FrameRenderer};
-use mishandle::store::RunFile;
+use mishandle::store::{RunFile, RunHeader};
 use mishandle::world::{CAMERAS, Quality, Size, WorldError, animated_png, png};
 
 /// Size of a picture, pixels.
@@ -98,35 +98,86 @@ fn strip(
     if !replayed.differences.is_empty() {
         return Err(MishandleError::RunMismatch { differences: replayed.differences }.into());
     }
-    let states = &trajectory.states;
-    let Some(last) = states.len().checked_sub(1) else {
+    let shown = Shown::new(run.header(), &trajectory.states, &explained.explanation);
+    let Some(last) = shown.last else {
         return Ok(Pictures { frames: Vec::new(), film: None });
     };
-    let event = explained.explanation.event();
+    let event = shown.event.as_ref();
     let decisive = event.map_or(last, |event| event.sample);
-    let header = run.header();
-    let renderer_of = |quality: Quality| {
-        let explanation = Some(&explained.explanation);
-        let captions =
-            FrameCaptions::new(header.control_dt, &header.signals, explanation, event.as_ref(), last);
-        FrameRenderer::new(document, size, quality, &CAMERAS[..1], Some(captions))
-    };
-    let mut renderer = renderer_of(Quality::Fine)?;
     let samples = mishandle::picture::strip_samples(event.and_then(|event| event.start), decisive, (0, last));
-    renderer.fit(&samples.iter().map(|sample| states[*sample].as_slice()));
-    let picture = |sample: usize| -> Result<Frame, PictureError> {
-        if must_end() {
-            return Err(PictureError::Interrupted);
-        }
-        let picture = renderer.draw(sample, &states[sample])?;
-        Ok(Frame { sample, png: png(PICTURE.0, PICTURE.1, picture.pixels())? })
-    };
-    let frames = samples.into_iter().map(picture).collect::<Result<_, _>>()?;
-    drop(renderer);
+    let view: Vec<&[f64]> = samples.iter().map(|sample| trajectory.states[*sample].as_slice()).collect();
+    let frames = shown.frames(document, size, (&samples, &view), &mut *must_end)?;
     // A film has many frames; fine ones would take most of the time of the report.
-    let mut renderer = renderer_of(Quality::Fast)?;
-    let film = film(&mut renderer, states, event.as_ref(), header.control_dt, must_end)?;
+    let mut renderer = shown.renderer(document, size, Quality::Fast)?;
+    let film = film(&mut renderer, shown.states, event, run.header().control_dt, must_end)?;
     Ok(Pictures { frames, film: Some(film) })
+}
+
+/// An instant of a simulation.
+pub struct Instant<'a> {
+    pub header: &'a RunHeader,
+    /// States of the whole simulation.
+    pub states: &'a [Vec<f64>],
+    pub explanation: &'a Explanation,
+    pub sample: usize,
+}
+
+/// Renders instants of simulations of the same task in the same view.
+pub fn instants(task: &str, instants: &[Instant<'_>]) -> Result<Vec<Frame>, PictureError> {
+    let document = mishandle::picture::scene_mjcf(mishandle::resolve::task(task)?)?;
+    let Some(size) = Size::new(PICTURE.0, PICTURE.1) else { return Ok(Vec::new()) };
+    let states = instants.iter().filter_map(|instant| instant.states.get(instant.sample));
+    let view: Vec<&[f64]> = states.map(Vec::as_slice).collect();
+    let mut frames = Vec::new();
+    for Instant { header, states, explanation, sample } in instants {
+        let shown = Shown::new(header, states, explanation);
+        frames.extend(shown.frames(&document, size, (&[*sample], &view), &mut || false)?);
+    }
+    Ok(frames)
+}
+
+/// A simulation of which pictures are drawn.
+struct Shown<'a> {
+    header: &'a RunHeader,
+    states: &'a [Vec<f64>],
+    explanation: &'a Explanation,
+    event: Option<Event>,
+    /// The last sample; `None` without states.
+    last: Option<usize>,
+}
+
+impl<'a> Shown<'a> {
+    fn new(header: &'a RunHeader, states: &'a [Vec<f64>], explanation: &'a Explanation) -> Shown<'a> {
+        let (event, last) = (explanation.event(), states.len().checked_sub(1));
+        Shown { header, states, explanation, event, last }
+    }
+
+    fn renderer(&self, document: &str, size: Size, quality: Quality) -> Result<FrameRenderer, PictureError> {
+        let (header, last) = (self.header, self.last.unwrap_or_default());
+        let (explanation, event) = (Some(self.explanation), self.event.as_ref());
+        let captions = FrameCaptions::new(header.control_dt, &header.signals, explanation, event, last);
+        Ok(FrameRenderer::new(document, size, quality, &CAMERAS[..1], Some(captions))?)
+    }
+
+    /// Renders samples in a view that shows all states of `view`.
+    fn frames(
+        &self,
+        document: &str,
+        size: Size,
+        (samples, view): (&[usize], &[&[f64]]),
+        must_end: MustEnd<'_>,
+    ) -> Result<Vec<Frame>, PictureError> {
+        let mut renderer = self.renderer(document, size, Quality::Fine)?;
+        renderer.fit(&view.iter().copied());
+        let picture = |sample: &usize| -> Result<Frame, PictureError> {
+            if must_end() {
+                return Err(PictureError::Interrupted);
+            }
+            let picture = renderer.draw(*sample, &self.states[*sample])?;
+            Ok(Frame { sample: *sample, png: png(PICTURE.0, PICTURE.1, picture.pixels())? })
+        };
+        samples.iter().map(picture).collect()
+    }
 }
 
 /// Renders a short film around the event.

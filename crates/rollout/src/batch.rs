@@ -64,7 +64,7 @@ impl<E: Environment + ?Sized> CpuBatch<E> {
     pub fn new(environment: Arc<E>, rows: usize) -> CpuBatch<E> {
         let rows_per_chunk = rows.div_ceil(rayon::current_num_threads() * CHUNKS_PER_THREAD).max(1);
         let chunk = || Chunk {
-            worker: environment.worker(),
+            worker: environment.worker_of(rows_per_chunk),
             states: vec![0.0; rows_per_chunk * environment.state_size()],
         };
         CpuBatch {

@@ -29,6 +29,12 @@ pub trait Environment: Send + Sync {
     fn episode_steps(&self) -> usize;
     /// Makes a worker for one thread.
     fn worker(&self) -> Box<dyn EnvironmentWorker>;
+    /// Makes a worker for one thread that steps this number of rows in turn, so that it can keep
+    /// something for each of them. The rows have the same bits with any worker.
+    fn worker_of(&self, rows: usize) -> Box<dyn EnvironmentWorker> {
+        let _ = rows;
+        self.worker()
+    }
 }
 
 /// Resets and steps state rows of an [`Environment`] on one thread.

@@ -283,7 +283,7 @@ impl Shared {
 impl Thread {
     fn new(environment: &TaskEnvironment, sizes: Sizes) -> Thread {
         Thread {
-            worker: environment.task_worker(),
+            worker: environment.task_worker(GROUP_ROWS),
             state: vec![0.0; sizes.state],
             output: vec![0.0; sizes.output],
             observation: vec![0.0; sizes.observation],

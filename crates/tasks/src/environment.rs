@@ -5,9 +5,7 @@ use mishandle_rollout::{
     StepStatus, Stream,
 };
 use mishandle_stl::Formula;
-use mishandle_world::{
-    BatchLayout, Change, Model, ModelField, ProbeRecorder, Readings, Rows, World, WorldError,
-};
+use mishandle_world::{BatchLayout, Model, ModelField, ProbeRecorder, Readings, Rows, World, WorldError};
 
 use crate::axes::{self, Constant, Elements, JUMP_SIZE, PUSH_SIZE, Parameter, Push, SLIP_SIZE};
 use crate::check::{check_definition, check_scene, check_substeps, compile};
@@ -16,6 +14,7 @@ use crate::document::compose;
 use crate::manner::{MANNER, MEMORY, Manner, probe};
 use crate::manner_reward::{MannerReward, MannerWeights};
 use crate::robot::{ARM_JOINTS, CONTROL_DT, EPISODE_STEPS, JOINTS, Panda};
+use crate::row_world::RowWorld;
 
 /// Bound to which observations are clipped.
 const OBSERVATION_LIMIT: f64 = 5.0;
@@ -51,10 +50,6 @@ pub enum TaskError {
         source: RolloutError,
     },
 }
-
-/// Number of worlds with changed constants that a worker caches: the number of rows that are
-/// stepped in lockstep.
-const CHANGED_WORLDS: usize = 16;
 
 /// A task as an environment.
 ///
@@ -274,31 +269,23 @@ impl TaskEnvironment {
         (CONTROL_DT / self.model.timestep()).round() as usize
     }
 
-    /// Makes a worker for one thread.
-    pub(crate) fn task_worker(&self) -> TaskWorker {
+    /// Makes a worker that steps this number of rows in turn, for one thread.
+    pub(crate) fn task_worker(&self, rows: usize) -> TaskWorker {
         TaskWorker {
             functions: self.functions(),
             n_substeps: self.substeps(),
             space_parameters: self.space_parameters.clone(),
             elements: self.elements.clone(),
-            worlds: self.world_cache(),
-            current: 0,
+            row_world: self.row_world(rows),
             values: self.nominal(),
             recorder: self.manner().map(|manner| ProbeRecorder::new(manner.probe().clone(), &self.model)),
             observation: vec![0.0; self.observation_size()],
         }
     }
 
-    /// Makes the worlds of a worker.
-    pub(crate) fn world_cache(&self) -> WorldCache {
-        let nominal = self.nominal();
-        WorldCache {
-            worlds: vec![([nominal.constant_values().as_slice(), &[0.0; 2]].concat(), self.model.world())],
-            nominal: nominal.constants,
-            tail_size: self.tail_size(),
-            next: 1,
-            required: Vec::new(),
-        }
+    /// Makes the world of a worker that steps this number of rows in turn.
+    pub(crate) fn row_world(&self, rows: usize) -> RowWorld {
+        RowWorld::new(&self.model, self.nominal().constants, self.tail_size(), rows)
     }
 
     /// Returns the parameter of each axis of the space.
@@ -359,7 +346,11 @@ impl Environment for TaskEnvironment {
     }
 
     fn worker(&self) -> Box<dyn EnvironmentWorker> {
-        Box::new(self.task_worker())
+        self.worker_of(1)
+    }
+
+    fn worker_of(&self, rows: usize) -> Box<dyn EnvironmentWorker> {
+        Box::new(self.task_worker(rows))
     }
 }
 
@@ -404,78 +395,6 @@ impl ParameterValues {
     /// constants, push, jump, slip.
     fn tail(&self) -> Vec<f64> {
         [&[0.0], self.constant_values().as_slice(), &self.push, &self.jump, &self.slip].concat()
-    }
-}
-
-/// The worlds of one worker: that of the nominal model, and the most recent ones of changed models.
-/// The constants of a state row determine its world, so that one worker can step rows with
-/// different constants.
-pub(crate) struct WorldCache {
-    nominal: Vec<(Constant, f64)>,
-    /// Values of the constants, in the order of `nominal`, the slip, and the world with these
-    /// values. The nominal one is first.
-    worlds: Vec<(Vec<f64>, World)>,
-    /// Number of parameters in a state row.
-    tail_size: usize,
-    /// Index of the world that is replaced next.
-    next: usize,
-    /// Scratch buffer of the values of the required world.
-    required: Vec<f64>,
-}
-
-impl WorldCache {
-    /// Splits a state row into MuJoCo's state, the joint targets, the tail, and the memory of the
-    /// signals of the manner and of its reward terms.
-    fn split<'a>(
-        &self,
-        state: &'a mut [f64],
-    ) -> (&'a mut [f64], &'a mut [f64], &'a mut [f64], &'a mut [f64]) {
-        let (physics, rest) = state.split_at_mut(self.worlds[0].1.model().state_size());
-        let (targets, rest) = rest.split_at_mut(JOINTS);
-        let (tail, memory) = rest.split_at_mut(self.tail_size);
-        (physics, targets, tail, memory)
-    }
-
-    /// Returns the world of a state row.
-    pub(crate) fn of_row(&mut self, state: &[f64], elements: &Elements) -> &mut World {
-        let physics = self.worlds[0].1.model().state_size();
-        let tail = state.get(physics + JOINTS..).and_then(|rest| rest.get(..self.tail_size));
-        let index = self.of_tail(tail.unwrap_or_default(), elements);
-        &mut self.worlds[index].1
-    }
-
-    /// Returns the index of the world of a state row with this tail.
-    fn of_tail(&mut self, tail: &[f64], elements: &Elements) -> usize {
-        if tail.is_empty() {
-            return 0;
-        }
-        let (values, slip) = (&tail[1..][..self.nominal.len()], &tail[tail.len() - SLIP_SIZE..]);
-        self.required.clear();
-        self.required.extend(values);
-        self.required.extend(axes::slip(slip, tail[0] as usize));
-        self.find(elements)
-    }
-
-    /// Returns the index of the required world; makes the world if necessary.
-    fn find(&mut self, elements: &Elements) -> usize {
-        if let Some(index) = self.worlds.iter().position(|(known, _)| *known == self.required) {
-            return index;
-        }
-        let (values, slip) = self.required.split_at(self.nominal.len());
-        let changed = self.nominal.iter().zip(values).filter(|((_, nominal), value)| nominal != *value);
-        let changes: Vec<Change> = changed
-            .map(|((constant, _), value)| elements.change(*constant, *value))
-            .chain(elements.slip([slip[0], slip[1]]))
-            .collect();
-        let made = (self.required.clone(), self.worlds[0].1.model().changed(&changes).world());
-        if self.worlds.len() <= CHANGED_WORLDS {
-            self.worlds.push(made);
-            return self.worlds.len() - 1;
-        }
-        let index = self.next;
-        self.next = index % CHANGED_WORLDS + 1;
-        self.worlds[index] = made;
-        index
     }
 }
 
@@ -570,9 +489,7 @@ pub(crate) struct TaskWorker {
     n_substeps: usize,
     space_parameters: Arc<[Parameter]>,
     elements: Elements,
-    worlds: WorldCache,
-    /// Index of the world of the last reset or restored state.
-    current: usize,
+    row_world: RowWorld,
     /// Parameters without an axis in the space keep their nominal values. Each reset overwrites the
     /// others.
     values: ParameterValues,
@@ -581,31 +498,23 @@ pub(crate) struct TaskWorker {
 }
 
 impl TaskWorker {
-    /// Returns the index of the world of a state row with this tail.
-    fn world_index(&mut self, tail: &[f64]) -> usize {
-        self.worlds.of_tail(tail, &self.elements)
-    }
-
     /// Returns the world of the last [reset](EnvironmentWorker::reset) or
     /// [`set_state`](Self::set_state). Its poses are those of the new state.
     pub(crate) fn world(&self) -> &World {
-        &self.worlds.worlds[self.current].1
+        self.row_world.world()
     }
 
     /// Loads a state row into the world with its constants.
     pub(crate) fn set_state(&mut self, state: &[f64]) {
-        let (physics, rest) = state.split_at(self.worlds.worlds[0].1.model().state_size());
-        self.current = self.world_index(&rest[JOINTS..][..self.worlds.tail_size]);
-        let world = &mut self.worlds.worlds[self.current].1;
-        world.set_state(physics);
+        let world = self.row_world.of_row(state, &self.elements);
+        world.set_state(state);
         world.refresh();
     }
 
     /// Returns the values of fields of the model of a state row with this tail.
     pub(crate) fn read_fields(&mut self, tail: &[f64], fields: &[ModelField]) -> Vec<f64> {
-        let index = self.world_index(tail);
         let mut values = Vec::new();
-        self.worlds.worlds[index].1.model().read_fields(fields, &mut values);
+        self.row_world.model(tail, &self.elements).read_fields(fields, &mut values);
         values
     }
 
@@ -617,8 +526,7 @@ impl TaskWorker {
         mocap: &[f64],
         output: &mut [f64],
     ) {
-        let index = self.world_index(tail);
-        let world = &mut self.worlds.worlds[index].1;
+        let world = self.row_world.of_tail(tail, &self.elements);
         let (qpos, qvel) = layout.state(output);
         world.qpos_mut().copy_from_slice(qpos);
         world.qvel_mut().copy_from_slice(qvel);
@@ -628,19 +536,19 @@ impl TaskWorker {
     }
 
     /// Applies the jump of this control step and returns the push.
-    fn start_events(&mut self, world_index: usize, tail: &[f64]) -> Option<Push> {
-        let events = tail.get(1 + self.worlds.nominal.len()..)?;
+    fn start_events(&mut self, tail: &[f64]) -> Option<Push> {
+        let events = self.row_world.events(tail)?;
         let (push, events) = events.split_at(PUSH_SIZE);
         let offset = axes::jump(&events[..JUMP_SIZE], tail[0] as usize);
         if let (Some(mocap), Some(offset)) = (self.elements.jump, offset) {
-            self.worlds.worlds[world_index].1.shift(mocap, offset);
+            self.row_world.world_mut().shift(mocap, offset);
         }
         Push::new(push)
     }
 
     /// Writes the signals and the observation of the current state.
-    fn write_sample(&mut self, world_index: usize, sample: &mut Sample<'_>) {
-        let world = &mut self.worlds.worlds[world_index].1;
+    fn write_sample(&mut self, sample: &mut Sample<'_>) {
+        let world = self.row_world.world_mut();
         world.refresh();
         self.functions.write_sample(&world.rows(), &mut self.observation, sample);
     }
@@ -658,22 +566,20 @@ impl EnvironmentWorker for TaskWorker {
             let offset = self.values.start_draws[i].unwrap_or_else(drawn);
             *q = (*q + definition.start_noise * offset).clamp(joint.low, joint.high);
         }
-        let (physics, targets, tail, memory) = self.worlds.split(state);
+        let (physics, targets, tail, memory) = self.row_world.split(state);
         if !tail.is_empty() {
             tail.copy_from_slice(&self.values.tail());
         }
-        let world_index = self.world_index(tail);
-        self.current = world_index;
-        let world = &mut self.worlds.worlds[world_index].1;
+        let world = self.row_world.of_tail(tail, &self.elements);
         world.reset();
         panda.place(&start, world);
         self.functions.scene.place(&self.values.start, world);
         if let Some(thrown) = self.elements.thrown {
             world.qvel_mut()[thrown.dof..][..3].iter_mut().for_each(|v| *v *= self.values.throw_speed);
         }
-        self.write_sample(world_index, &mut sample);
+        self.write_sample(&mut sample);
         sample.rewards.fill(0.0);
-        let world = &self.worlds.worlds[world_index].1;
+        let world = self.row_world.world();
         let (memory, reward_memory) = self.functions.split_memory(memory);
         reward_memory.fill(0.0);
         if let Some(manner) = &self.functions.manner {
@@ -684,11 +590,10 @@ impl EnvironmentWorker for TaskWorker {
     }
 
     fn step(&mut self, action: &[f64], state: &mut [f64], sample: Sample<'_>) -> StepStatus {
-        let (physics, targets, tail, memory) = self.worlds.split(state);
-        let world_index = self.world_index(tail);
-        self.worlds.worlds[world_index].1.set_state(physics);
-        let push = self.start_events(world_index, tail);
-        let world = &mut self.worlds.worlds[world_index].1;
+        let (physics, targets, tail, memory) = self.row_world.split(state);
+        self.row_world.of_tail(tail, &self.elements).set_state(physics);
+        let push = self.start_events(tail);
+        let world = self.row_world.world_mut();
         if self.functions.reads_state_to_grip() {
             // The derived poses may belong to another row.
             world.refresh();

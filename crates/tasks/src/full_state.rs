@@ -3,7 +3,8 @@
 use mishandle_world::{ContactParts, Coordinate, WorldError};
 
 use crate::axes::Elements;
-use crate::environment::{TaskEnvironment, WorldCache};
+use crate::environment::TaskEnvironment;
+use crate::row_world::RowWorld;
 
 /// Computes joint positions, joint velocities and contact forces from state rows of a
 /// [`TaskEnvironment`].
@@ -11,7 +12,7 @@ pub struct FullState {
     coordinates: Vec<Coordinate>,
     parts: ContactParts,
     elements: Elements,
-    worlds: WorldCache,
+    row_world: RowWorld,
     forces: Vec<f64>,
 }
 
@@ -25,7 +26,7 @@ impl TaskEnvironment {
             coordinates: self.model().coordinates(),
             parts: self.model().contact_parts()?,
             elements: self.elements().clone(),
-            worlds: self.world_cache(),
+            row_world: self.row_world(1),
             forces: Vec::new(),
         })
     }
@@ -52,7 +53,7 @@ impl FullState {
     /// # Panics
     /// If the row is too short.
     pub fn measure(&mut self, state: &[f64], out: &mut Vec<f64>) {
-        let world = self.worlds.of_row(state, &self.elements);
+        let world = self.row_world.of_row(state, &self.elements);
         world.set_state(state);
         for coordinate in &self.coordinates {
             let values = if coordinate.is_velocity { world.qvel() } else { world.qpos() };

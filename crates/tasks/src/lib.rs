@@ -33,6 +33,7 @@ mod peg_in_hole;
 mod point_reaching;
 mod reward;
 mod robot;
+mod row_world;
 mod target;
 mod training_batch;
 

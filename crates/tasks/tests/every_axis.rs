@@ -169,7 +169,7 @@ fn a_disturbed_episode_depends_on_neither_batch_nor_threads() {
     for task in TASKS.iter().filter(|task| !task.definition().name.starts_with("cloth")) {
         let target = target(*task);
         let all = target.space("all").unwrap();
-        // There are more rows with different constants than cached worlds of a worker.
+        // There are more rows with different constants than a worker keeps models.
         let requests: Vec<Request> =
             (0..40).map(|i| Request::new(all.sample(Seed(2), i), Seed(2).child(i))).collect();
         let on = |threads: usize, requests: &[Request]| {

@@ -26,6 +26,26 @@ impl World {
         &self.model
     }
 
+    /// Continues with another model: a [changed](Model::changed) copy of the same document. The
+    /// state stays; what follows from it and the model is that of the old model until the next
+    /// step, [`refresh`](Self::refresh) or [`reset`](Self::reset).
+    ///
+    /// # Panics
+    /// If the model was compiled from another document.
+    pub fn set_model(&mut self, model: &Model) {
+        if Arc::ptr_eq(&self.model.inner, &model.inner) {
+            return;
+        }
+        assert!(Arc::ptr_eq(&self.model.document, &model.document), "the models are of two documents");
+        // SAFETY: copies of one compiled model have the same sizes, indices and addresses. Changes
+        // write physical parameters only.
+        #[allow(unsafe_code)]
+        unsafe {
+            self.data.swap_model_unchecked(model.inner.clone());
+        }
+        self.model = model.clone();
+    }
+
     /// Resets the state to that of the MJCF document, at rest.
     pub fn reset(&mut self) {
         self.data.reset();

@@ -8,6 +8,7 @@ use mishandle_report::{Samples, hardening_page, learning_curve_page, page};
 
 use crate::exit_status::ExitStatus;
 use crate::flags::{self, numbers};
+use crate::interrupt;
 use crate::run::{self, pages};
 use crate::show::output;
 use crate::show::progress::Bar;
@@ -135,13 +136,13 @@ fn write_hardening(
 ) -> Result<ExitStatus> {
     let name = mishandle_text::shell_quote(&folder.to_string_lossy());
     ensure!(is_finished, "the hardening is not finished; continue it with: mishandle harden --resume {name}");
-    let Some((found, reports)) = pages::hardening(folder, options)? else {
+    let Some((found, failures, reports)) = pages::hardening(folder, options)? else {
         options.clear();
         output::message(&format!("interrupted: {} is not written", command.out.display()));
         return Ok(ExitStatus::Interrupted);
     };
     options.clear();
-    write(&hardening_page(&found, &reports, None), command)
+    write(&hardening_page(&found, &failures, &reports, None), command)
 }
 
 /// Writes the page about a learning curve.

@@ -10,7 +10,8 @@ use mishandle::results::Hardening;
 use mishandle::run::Opening;
 use mishandle::store::RunFile;
 use mishandle_report::{
-    HardeningSummary, Measurement, RunReport, RunSummary, Samples, campaign_page, hardening_page, run_page,
+    HardenedModes, HardeningSummary, Measurement, RunReport, RunSummary, Samples, campaign_page,
+    hardening_page, run_page,
 };
 use mishandle_text::plural;
 use mishandle_text::shell_quote;
@@ -47,7 +48,7 @@ impl Options<'_> {
 }
 
 /// Why nothing is simulated.
-const NO_SIMULATIONS: &str = "they were not requested (--no-simulations)";
+pub const NO_SIMULATIONS: &str = "they were not requested (--no-simulations)";
 
 /// Writes the pages of a campaign to the folder `out`: an index, the tables, and a page for each
 /// run.
@@ -73,8 +74,8 @@ pub fn write_campaign(campaign: &Path, out: &Path, options: &Options<'_>) -> Res
                 hardenings.push(HardeningSummary { name: name.clone(), href, found: None });
                 continue;
             }
-            true => hardening(&run.path, options)?.map(|(found, reports)| {
-                let page = hardening_page(&found, &reports, Some(&up));
+            true => hardening(&run.path, options)?.map(|(found, failures, reports)| {
+                let page = hardening_page(&found, &failures, &reports, Some(&up));
                 hardenings.push(HardeningSummary { name: name.clone(), href, found: Some(found) });
                 page
             }),
@@ -115,11 +116,18 @@ pub fn write_campaign(campaign: &Path, out: &Path, options: &Options<'_>) -> Res
     Ok(ExitStatus::Done)
 }
 
-/// Returns the result of a finished hardening, and reports of the final simulations in its space;
-/// `None` after an interruption.
-pub fn hardening(folder: &Path, options: &Options<'_>) -> Result<Option<(Hardening, Vec<RunReport>)>> {
+/// Result, failures of its modes, and reports of the final simulations of a hardening.
+type HardeningParts = (Hardening, HardenedModes, Vec<RunReport>);
+
+/// Returns the parts of the page of a finished hardening; `None` after an interruption.
+pub fn hardening(folder: &Path, options: &Options<'_>) -> Result<Option<HardeningParts>> {
     let found = resume(folder, Opening::default(), None, &mut |_| ControlFlow::Continue(()))?;
     let found = found.context("the hardening is not finished")?;
+    let failures = match options.simulations {
+        None => Some(HardenedModes::skipped(NO_SIMULATIONS)),
+        Some(_) => HardenedModes::simulate(folder, &found, || control_flow().is_break())?,
+    };
+    let Some(failures) = failures else { return Ok(None) };
     let mut reports = Vec::new();
     for path in final_runs(folder) {
         let file = file::read(&path, options.skip_check)?;
@@ -128,7 +136,7 @@ pub fn hardening(folder: &Path, options: &Options<'_>) -> Result<Option<(Hardeni
             None => return Ok(None),
         }
     }
-    Ok(Some((found, reports)))
+    Ok(Some((found, failures, reports)))
 }
 
 /// Returns the report of a run; `None` after an interruption.

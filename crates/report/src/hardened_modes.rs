@@ -1,0 +1,358 @@
+//! The failure modes of a hardening with pictures: a failure of each, with the controllers before
+//! and after.
+
+use std::cmp::Reverse;
+use std::path::Path;
+
+use mishandle::harden::{ExampleSource, ModeExample, mode_examples};
+use mishandle::inspect::{ExplainedSimulation, explain_episode};
+use mishandle::picture::simulate_states;
+use mishandle::results::{HardenedMode, Hardening};
+use mishandle::rollout::Axis;
+use mishandle::stl::is_violated;
+use mishandle::store::RunHeader;
+use mishandle::{MishandleError, ResolvedPlan};
+use mishandle_text::{instant, plural, shell_quote};
+
+use crate::html::{base64, lines, short, table, text, with_code, with_unit};
+use crate::pictures::{Frame, Instant, PictureError, instants};
+use crate::space::value_text;
+
+/// Largest number of modes with a failure, so that the page stays small.
+const MAX_SHOWN: usize = 6;
+
+/// Largest number of axes of a scenario in a table.
+const MAX_AXES: usize = 12;
+
+/// Changes of a mode, the most important one for a decision first.
+const CHANGES: [&str; 3] = ["appeared", "stayed", "vanished"];
+
+/// Names of the two controllers.
+const CONTROLLERS: [&str; 2] = ["Before", "After"];
+
+/// Failures of some failure modes of a hardening, simulated with both controllers.
+#[derive(Debug, Default)]
+pub struct HardenedModes {
+    cards: Vec<Card>,
+    /// Parts that the page lacks, with the reason.
+    notes: Vec<String>,
+}
+
+/// A failure mode.
+#[derive(Debug)]
+struct Card {
+    mode: HardenedMode,
+    example: ModeExample,
+    axes: Vec<Axis>,
+    outcomes: Vec<Outcome>,
+}
+
+/// The simulation of a controller in the scenario of a failure.
+#[derive(Debug)]
+struct Outcome {
+    /// Why the failure or success is one; `None` if the simulation has no verdict.
+    explained: Option<(RunHeader, ExplainedSimulation)>,
+    /// How it ended.
+    end: String,
+    picture: Option<Frame>,
+}
+
+impl HardenedModes {
+    /// Returns no failures, and says why.
+    pub fn skipped(reason: &str) -> HardenedModes {
+        let note = format!(
+            "Failures of the modes and their pictures are missing, because they take simulations: {reason}."
+        );
+        HardenedModes { cards: Vec::new(), notes: vec![note] }
+    }
+
+    /// Simulates a failure of each mode, of at most six, with both controllers of a finished
+    /// hardening, and draws them. Returns `None` if `is_interrupted`, which is called before each
+    /// mode.
+    ///
+    /// # Errors
+    /// If a simulation cannot be run.
+    pub fn simulate(
+        folder: &Path,
+        found: &Hardening,
+        mut is_interrupted: impl FnMut() -> bool,
+    ) -> Result<Option<HardenedModes>, MishandleError> {
+        let shown = shown(&found.modes);
+        let examples = match mode_examples(folder, found, &shown) {
+            Ok(Some(examples)) => examples,
+            Ok(None) => return Ok(Some(HardenedModes::default())),
+            Err(error) => return Ok(Some(HardenedModes::skipped(&error.to_string()))),
+        };
+        let mut modes = HardenedModes::default();
+        for (mode, example) in shown.into_iter().zip(examples.examples) {
+            if is_interrupted() {
+                return Ok(None);
+            }
+            let (card, missing) = card(&found.target, mode, example, &examples.controllers)?;
+            modes.cards.push(card);
+            let note = missing.map(|error| format!("There are no pictures of the failures: {error}."));
+            modes.notes.extend(note.filter(|note| !modes.notes.contains(note)));
+        }
+        Ok(Some(modes))
+    }
+
+    /// Returns the modes as HTML.
+    pub(crate) fn html(&self, found: &Hardening) -> String {
+        let mut out: String = self.cards.iter().map(|card| card.html(found)).collect();
+        let left_out = found.modes.len().saturating_sub(self.cards.len());
+        if left_out > 0 && !self.cards.is_empty() {
+            out.push_str(&format!(
+                "<p class=\"notes\">{} more in the table {} no picture here.</p>\n",
+                plural(left_out as u64, "mode"),
+                if left_out == 1 { "has" } else { "have" }
+            ));
+        }
+        if !self.notes.is_empty() {
+            let notes: String = self.notes.iter().map(|note| format!("<li>{}</li>", text(note))).collect();
+            out.push_str(&format!("<ul class=\"notes\">{notes}</ul>\n"));
+        }
+        out
+    }
+}
+
+/// Returns all modes in the order of the page: by change, then by the number of failures.
+pub fn ordered(modes: &[HardenedMode]) -> Vec<&HardenedMode> {
+    let mut modes: Vec<&HardenedMode> = modes.iter().collect();
+    modes.sort_by_key(|mode| (place(mode), Reverse(mode.after.max(mode.before))));
+    modes
+}
+
+fn place(mode: &HardenedMode) -> usize {
+    CHANGES.iter().position(|change| *change == mode.change).unwrap_or(CHANGES.len())
+}
+
+/// Returns the modes that are drawn: of each change those with the most failures, in turn.
+fn shown(modes: &[HardenedMode]) -> Vec<&HardenedMode> {
+    let ordered = ordered(modes);
+    let rank =
+        |index: usize| ordered[..index].iter().filter(|other| other.change == ordered[index].change).count();
+    let mut chosen: Vec<usize> = (0..ordered.len()).collect();
+    chosen.sort_by_key(|index| (rank(*index), *index));
+    chosen.truncate(MAX_SHOWN);
+    chosen.sort_unstable();
+    chosen.into_iter().map(|index| ordered[index]).collect()
+}
+
+/// Simulates a failure with both controllers, and draws the same instant of both. Also returns why
+/// there is no picture.
+fn card(
+    target: &str,
+    mode: &HardenedMode,
+    example: ModeExample,
+    controllers: &[ResolvedPlan; 2],
+) -> Result<(Card, Option<PictureError>), MishandleError> {
+    let (mut outcomes, mut states) = (Vec::new(), Vec::new());
+    for resolved in controllers {
+        let (episode, trajectory) = simulate_states(resolved, &example.request)?;
+        let explained = episode.robustness().map(|_| explain_episode(resolved, &episode)).transpose()?;
+        let signals: Vec<&str> = episode.trace.names().iter().map(String::as_str).collect();
+        let end = mishandle::run::end_text(episode.end, &signals);
+        outcomes.push(Outcome { explained, end, picture: None });
+        states.push(trajectory.states);
+    }
+    let last = |index: usize| states[index].len().saturating_sub(1);
+    // A violation that grows is drawn where it starts: its largest value is often far away from it.
+    let event = |index: usize| {
+        let event = outcomes[index].explained.as_ref().and_then(|(_, found)| found.explanation.event());
+        event.map(|event| event.start.unwrap_or(event.sample))
+    };
+    let decisive = event(example.failing).unwrap_or(last(example.failing));
+    // A failure has an instant of its own, a success is shown at that of the failure.
+    let sample = |index: usize| {
+        let own = event(index).filter(|_| outcomes[index].fails());
+        own.unwrap_or(decisive).min(last(index))
+    };
+    let drawn: Vec<usize> = (0..2).filter(|index| outcomes[*index].explained.is_some()).collect();
+    let shown: Vec<Instant<'_>> = drawn
+        .iter()
+        .filter_map(|index| {
+            let (header, found) = outcomes[*index].explained.as_ref()?;
+            let (states, explanation) = (states[*index].as_slice(), &found.explanation);
+            Some(Instant { header, states, explanation, sample: sample(*index) })
+        })
+        .collect();
+    let missing = match instants(target, &shown) {
+        Ok(frames) => {
+            drop(shown);
+            for (index, frame) in drawn.into_iter().zip(frames) {
+                outcomes[index].picture = Some(frame);
+            }
+            None
+        }
+        Err(error) => Some(error),
+    };
+    let axes = controllers[0].space.axes().to_vec();
+    Ok((Card { mode: mode.clone(), example, axes, outcomes }, missing))
+}
+
+impl Outcome {
+    fn fails(&self) -> bool {
+        self.explained.as_ref().is_some_and(|(_, found)| found.recorded.robustness.is_some_and(is_violated))
+    }
+
+    /// Returns the result in words.
+    fn words(&self) -> String {
+        let Some((_, explained)) = &self.explained else { return format!("no verdict: {}", text(&self.end)) };
+        let unit = text(&short(&explained.explanation.unit, 20));
+        let robustness = explained.recorded.robustness.map_or(String::new(), |found| with_unit(found, &unit));
+        let verdict = if self.fails() { "fails" } else { "succeeds" };
+        format!("{verdict}, robustness {robustness}")
+    }
+
+    fn figure(&self, name: &str) -> String {
+        let (Some(Frame { sample, png }), Some((header, _))) = (&self.picture, &self.explained) else {
+            return String::new();
+        };
+        let time = instant(*sample, header.control_dt);
+        let verdict = if self.fails() { "fails" } else { "succeeds" };
+        format!(
+            "<figure class=\"frame{}\"><img src=\"data:image/png;base64,{}\" width=\"320\" height=\"240\" alt=\"The scene with \
+             the controller {}, which {verdict}, at {time}\"><figcaption><b>{name}: {verdict}</b>, {time}</figcaption></figure>",
+            if self.fails() { " decisive" } else { "" },
+            base64(png),
+            name.to_lowercase(),
+        )
+    }
+}
+
+impl Card {
+    fn html(&self, found: &Hardening) -> String {
+        let mode = &self.mode;
+        let predicate = match mode.predicate.as_str() {
+            "" => "the whole formula".to_string(),
+            predicate => format!("<code>{}</code>", text(&short(predicate, 200))),
+        };
+        let change = mode.change.chars().take(1).flat_map(char::to_uppercase);
+        let change: String = change.chain(mode.change.chars().skip(1)).collect();
+        let mut out = format!(
+            "<article class=\"mode\">\n<h4>{}: {predicate} is violated <span class=\"count\">{} before, {} after</span></h4>\n\
+             <p>{}</p>\n<div class=\"facts-and-trace\">\n<div>{}<ul class=\"why\">",
+            text(&change),
+            plural(mode.before, "failure"),
+            mode.after,
+            self.source_text(),
+            self.scenario_table()
+        );
+        for (outcome, name) in self.outcomes.iter().zip(CONTROLLERS) {
+            out.push_str(&format!("<li><b>{name}</b>: {}.</li>", outcome.words()));
+        }
+        let failing = self.outcomes.get(self.example.failing);
+        let name = CONTROLLERS[self.example.failing].to_lowercase();
+        out.push_str(&format!("</ul>\n<h5>Why the controller {name} fails</h5>\n<ul class=\"why\">"));
+        if let Some((header, explained)) = failing.and_then(|outcome| outcome.explained.as_ref()) {
+            for sentence in explained.explanation.sentences(header.control_dt) {
+                out.push_str(&format!("<li>{}</li>", with_code(&sentence)));
+            }
+        }
+        let pictures = self.outcomes.iter().zip(CONTROLLERS).map(|(outcome, name)| outcome.figure(name));
+        let pictures: String = pictures.collect();
+        out.push_str(&format!("</ul></div>\n<div class=\"strip pair\">{pictures}</div>\n</div>\n"));
+        out + &self.commands(found) + "</article>\n"
+    }
+
+    fn source_text(&self) -> String {
+        match &self.example.source {
+            ExampleSource::Worst { .. } => {
+                let name = CONTROLLERS[self.example.failing].to_lowercase();
+                format!(
+                    "Shown is the worst failure that the final searches found in this mode with the controller {name}."
+                )
+            }
+            ExampleSource::Minimized { round, .. } => format!(
+                "Shown is a failure of this mode from round {round}, moved toward the nominal scenario while it failed. Training saw it."
+            ),
+        }
+    }
+
+    /// Returns the scenario. The axes of the mode and those off nominal come first.
+    fn scenario_table(&self) -> String {
+        let values = self.example.request.scenario.values();
+        let of_mode = |index: usize| self.mode.axes.contains(&self.axes[index].name);
+        let is_nominal = |index: usize| values.get(index).copied().flatten() == self.axes[index].nominal;
+        let mut order: Vec<usize> = (0..self.axes.len()).collect();
+        order.sort_by_key(|index| (!of_mode(*index), is_nominal(*index)));
+        let row = |index: &usize| {
+            let axis = &self.axes[*index];
+            let name = text(&short(&axis.name, 40));
+            let name = if is_nominal(*index) { name } else { format!("<b>{name}</b>") };
+            let value = value_text(axis, values.get(*index).copied().flatten());
+            vec![name, text(&value), text(&value_text(axis, axis.nominal))]
+        };
+        let rows: Vec<Vec<String>> = order.iter().take(MAX_AXES).map(row).collect();
+        let more = match self.axes.len().saturating_sub(MAX_AXES) {
+            0 => String::new(),
+            _ => format!("<p class=\"notes\">{MAX_AXES} of {} axes are shown.</p>\n", self.axes.len()),
+        };
+        table("Scenario", &["axis", "value", "nominal"], &rows) + &more
+    }
+
+    /// Returns the commands that run the failure again, folded.
+    fn commands(&self, found: &Hardening) -> String {
+        let commands = match &self.example.source {
+            ExampleSource::Worst { run, trial, number } => {
+                let run = shell_quote(&run.to_string_lossy());
+                let at = format!("--trial {trial} --simulation {number}");
+                vec![
+                    format!("mishandle explain {run} {at}"),
+                    format!("mishandle render --run {run} {at} --out failure.mp4"),
+                ]
+            }
+            ExampleSource::Minimized { file, .. } => {
+                let suite = file.parent().unwrap_or(Path::new("."));
+                let file = shell_quote(&file.to_string_lossy());
+                let after = found.after.as_ref().map(|after| shell_quote(after));
+                let suite = shell_quote(&suite.to_string_lossy());
+                let with_after = after.map(|after| format!("mishandle regress {suite} --controller {after}"));
+                std::iter::once(format!("mishandle replay {file}")).chain(with_after).collect()
+            }
+        };
+        format!("<details><summary>Run it again</summary><pre>{}</pre></details>\n", lines(&commands))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn mode(change: &str, before: u64, after: u64) -> HardenedMode {
+        HardenedMode {
+            predicate: "gap >= 2".to_string(),
+            axes: Vec::new(),
+            change: change.to_string(),
+            before,
+            after,
+        }
+    }
+
+    fn facts(modes: Vec<&HardenedMode>) -> Vec<(&str, u64, u64)> {
+        modes.into_iter().map(|mode| (mode.change.as_str(), mode.before, mode.after)).collect()
+    }
+
+    #[test]
+    fn new_modes_come_first_and_then_the_largest() {
+        let modes =
+            [mode("vanished", 9, 0), mode("stayed", 3, 8), mode("stayed", 9, 1), mode("appeared", 0, 2)];
+        let expected = [("appeared", 0, 2), ("stayed", 9, 1), ("stayed", 3, 8), ("vanished", 9, 0)];
+        assert_eq!(facts(ordered(&modes)), expected);
+    }
+
+    #[test]
+    fn each_change_has_pictures_also_if_another_one_has_many_modes() {
+        let mut modes: Vec<HardenedMode> = (1..=7).map(|count| mode("appeared", 0, count)).collect();
+        modes.extend([mode("vanished", 1, 0), mode("stayed", 1, 1), mode("vanished", 4, 0)]);
+        let expected = [
+            ("appeared", 0, 7),
+            ("appeared", 0, 6),
+            ("appeared", 0, 5),
+            ("stayed", 1, 1),
+            ("vanished", 4, 0),
+            ("vanished", 1, 0),
+        ];
+        assert_eq!(facts(shown(&modes)), expected);
+    }
+}
