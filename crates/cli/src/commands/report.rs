@@ -8,7 +8,6 @@ use mishandle_report::{Samples, hardening_page, learning_curve_page, page};
 
 use crate::exit_status::ExitStatus;
 use crate::flags::{self, numbers};
-use crate::interrupt;
 use crate::run::{self, pages};
 use crate::show::output;
 use crate::show::progress::Bar;
