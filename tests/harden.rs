@@ -9,7 +9,7 @@ use std::path::{Path, PathBuf};
 use mishandle::Plan;
 use mishandle::controllers::ControllerFile;
 use mishandle::counterexample::{Counterexample, suite_files};
-use mishandle::harden::{harden, harden_folder, resume};
+use mishandle::harden::{HardenProgress, harden, harden_folder, resume};
 use mishandle::plan::{AxisSetting, HardenPlan};
 use mishandle::results::Hardening;
 use mishandle::run::Opening;
@@ -103,7 +103,7 @@ fn an_interrupted_hardening_continues_to_the_same_result_and_its_sets_are_disjoi
     let other = home.path().join("parts.safetensors");
     let mut stopped = BTreeSet::new();
     let mut stop_once =
-        |progress: &mishandle::harden::HardenProgress| match stopped.insert(progress.phase.clone()) {
+        |progress: &HardenProgress| match stopped.insert(progress.phase.clone()) {
             true => ControlFlow::Break(()),
             false => ControlFlow::Continue(()),
         };
@@ -143,9 +143,20 @@ fn an_interrupted_hardening_continues_to_the_same_result_and_its_sets_are_disjoi
     assert_eq!(suite(&out).len(), suite(&other).len());
 
     // A finished one is read again without a simulation.
-    let again =
-        resume(&harden_folder(&out), Opening::default(), None, &mut |_| ControlFlow::Continue(())).unwrap();
+    let mut no_simulation = |progress: &HardenProgress| panic!("{progress:?}");
+    let again = resume(&harden_folder(&out), Opening::default(), None, &mut no_simulation).unwrap();
     assert_eq!(again.unwrap(), whole);
+    // Also elsewhere: the paths are those of the folder that is read.
+    let copy = home.path().join("copy.harden");
+    std::fs::create_dir(&copy).unwrap();
+    for file in ["harden.toml", "before.safetensors", "settings.toml", "result.json"] {
+        std::fs::copy(harden_folder(&out).join(file), copy.join(file)).unwrap();
+    }
+    let read = resume(&copy, Opening::default(), None, &mut no_simulation).unwrap().unwrap();
+    let path = |path: &Path| path.to_string_lossy().into_owned();
+    assert_eq!((&read.folder, read.after.is_some()), (&path(&copy), whole.after.is_some()));
+    assert!(read.after.is_none_or(|after| after == path(&copy.with_extension("safetensors"))));
+    assert!(!copy.with_extension("safetensors").exists());
 
     let files = run_files(&harden_folder(&out));
     let of = |is: &dyn Fn(&str) -> bool| -> Vec<PathBuf> {

@@ -4,7 +4,8 @@
     python experiments/second/measure.py --tables
 
 Each argument is TASK/NAME of a shipped controller, or TASK/NAME=FILE. A condition that `figures/` already has with the same
-controller, number of episodes and seed is not measured again. `MISHANDLE` names the program (default: mishandle).
+controller, number of episodes and seed is not measured again: remove its file after a change of the task or the program.
+`MISHANDLE` names the program (default: mishandle).
 """
 
 import argparse
@@ -37,9 +38,10 @@ CONDITIONS = {
     "events": ["--space", "starts+events"],
     "faults-sensing": ["--space", "starts+faults-sensing"],
     "faults-actuation": ["--space", "starts+faults-actuation"],
+    "delay+dynamics+sensing": ["--space", "starts+delay+dynamics+sensing", *DELAYS],
 }
 # Conditions whose goal counts only scenarios that the expert meets with the same seed.
-OF_EXPERT = ["events", "faults-sensing", "faults-actuation"]
+OF_EXPERT = ["events", "faults-sensing", "faults-actuation", "delay+dynamics+sensing"]
 # Largest share of failures, percent: of PPO, and of the other algorithms.
 GOALS = {
     "action noise 0.5": (3, None),
@@ -48,6 +50,9 @@ GOALS = {
     "sensing": (2, 10),
     "dynamics": (2, 10),
     "drift": (2, 10),
+    "events": (10, None),
+    "faults-sensing": (10, None),
+    "faults-actuation": (10, None),
 }
 
 
@@ -111,13 +116,17 @@ def percent(rate):
     return "-" if rate is None else f"{100 * rate[0]:.1f}"
 
 
-def of_expert(own, expert):
-    """Returns the success rate in the scenarios that the expert meets, and their number, as text."""
+def of_expert(name, condition, own, expert):
+    """Returns the success rate in the scenarios that the expert meets, and their number, as text; bold below the goal."""
     if own is None or expert is None or (own["episodes"], own["seed"]) != (expert["episodes"], expert["seed"]):
         return "-"
     met = own["episodes"] - len(expert["failed"])
     lost = len(set(own["failed"]) - set(expert["failed"]))
-    return f"{100 * (met - lost) / met:.1f} of {met}" if met else "none"
+    if met == 0:
+        return "none"
+    text = f"{100 * (met - lost) / met:.1f} of {met}"
+    goal = GOALS.get(condition, (None, None))[name != "ppo-2"]
+    return f"**{text}**" if goal is not None and 100 * lost > goal * met else text
 
 
 def tables():
@@ -125,9 +134,9 @@ def tables():
     others = [condition for condition in CONDITIONS if condition not in ["starts", *OF_EXPERT]]
     lines = ["| task | controller | starts: success, strict, careful | corners | " + " | ".join(others) + " |"]
     lines.append("|---|---|---|---|" + "--:|" * len(others))
-    found = [(task, name, figures(task, name)) for name in [*ALGORITHMS, "expert"] for task in TASKS]
+    found = [(task, name, figures(task, name)) for name in [*ALGORITHMS, "ppo", "hardened", "expert"] for task in TASKS]
     for task, name, conditions in found:
-        if not conditions:
+        if "starts" not in conditions:
             continue
         starts = conditions.get("starts", {})
         rates = ", ".join(percent(starts.get(f"{kind}success_rate")) for kind in ["", "strict_", "careful_"])
@@ -147,15 +156,14 @@ def tables():
         cells = []
         for condition in OF_EXPERT:
             own = conditions.get(condition)
-            cells += [percent(own and own["success_rate"]), of_expert(own, expert.get(condition)) if name != "expert" else ""]
+            cells += [percent(own and own["success_rate"]), of_expert(name, condition, own, expert.get(condition)) if name != "expert" else ""]
         lines.append(f"| `{task}` | `{name}` | " + " | ".join(cells) + " |")
     return "\n".join(lines)
 
 
 def marked(name, condition, found):
     """Returns a success rate, in bold if it misses the goal."""
-    goals = GOALS.get(condition, (None, None))
-    goal = goals[0] if name == "ppo-2" else goals[1]
+    goal = GOALS.get(condition, (None, None))[name != "ppo-2"]
     text = percent(found and found["success_rate"])
     missed = found and goal is not None and name != "expert" and 100 * (1 - found["success_rate"][0]) > goal + 1e-9
     return f"**{text}**" if missed else text
@@ -174,8 +182,10 @@ def main():
         measure(program, spec, arguments.episodes, arguments.seed, arguments.conditions)
     if arguments.tables:
         readme = HERE / "README.md"
-        before, _, rest = readme.read_text().partition(BEGIN)
-        _, _, after = rest.partition(END)
+        before, begin, rest = readme.read_text().partition(BEGIN)
+        _, end, after = rest.partition(END)
+        if not (begin and end):
+            raise SystemExit(f"{readme} lacks {BEGIN} or {END}")
         readme.write_text(f"{before}{BEGIN}\n{tables()}\n{END}{after}")
 
 

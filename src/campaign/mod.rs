@@ -25,6 +25,9 @@ const OTHER_PLAN: &str =
 /// run is not trained.
 const UNTRAINED: &str = "untrained";
 
+/// Name for the temporary folder in which a run is made that is added to a campaign.
+const ADDED: &str = "added";
+
 /// A run of a campaign.
 #[derive(Clone, Debug, PartialEq)]
 pub struct CampaignRun {
@@ -217,13 +220,14 @@ pub fn add_trained_runs(folder: &Path) -> Result<(), MishandleError> {
     for run in untrained_runs(folder)? {
         match check(&run) {
             Ok(()) => {
-                create_in(&run, folder, folder)?;
-                let path = untrained_path(folder, &run.name);
-                std::fs::remove_file(&path).map_err(|source| MishandleError::Write {
-                    what: "file",
-                    path,
-                    source,
-                })?;
+                // A kill leaves no part of the run under its name.
+                let path = run_path(folder, &run.name, &run.plan);
+                let write = |source| MishandleError::Write { what: "run", path: path.clone(), source };
+                let parts = AtomicFolder::create_new(&folder.join(ADDED)).map_err(write)?;
+                create_in(&run, parts.path(), folder)?;
+                let made = run_path(parts.path(), &run.name, &run.plan);
+                std::fs::rename(made, &path).map_err(write)?;
+                std::fs::remove_file(untrained_path(folder, &run.name)).map_err(write)?;
             }
             Err(error) if is_untrained(&run, &error) => {}
             Err(error) => return Err(of_run(&run, error)),

@@ -5,11 +5,14 @@ use std::path::{Path, PathBuf};
 
 use mishandle_files::{limits, read_text_bounded, write_atomically};
 use mishandle_results as results;
+use mishandle_results::Hardening;
 use mishandle_store::{RunFile, RunWriter};
+use mishandle_text::path_text;
 
 use crate::error::MishandleError;
 use crate::plan::Plan;
 use crate::resolve::ResolvedPlan;
+use crate::run::header;
 use crate::run::{Answer, Engine, Opening, Progress, ask, create_run};
 
 use super::{Watch, plan_file};
@@ -74,6 +77,23 @@ impl Folder {
         Ok((Folder { given, path, opening }, Plan::from_toml(&text)?))
     }
 
+    /// Returns the result of a finished hardening, with the present paths of the folder and of the
+    /// accepted controller.
+    ///
+    /// # Errors
+    /// If the file of the result cannot be read.
+    pub fn result(&self) -> Result<Option<Hardening>, MishandleError> {
+        let path = self.path.join(RESULT);
+        if !path.exists() {
+            return Ok(None);
+        }
+        let text = read_text_bounded(&path, limits::RESULT);
+        let read = text.and_then(|text| Ok(serde_json::from_str::<Hardening>(&text)?));
+        let found = read.map_err(|source| MishandleError::File { path, source })?;
+        let after = found.after.is_some().then(|| path_text(&super::accepted_file(&self.given)));
+        Ok(Some(Hardening { folder: path_text(&self.given), after, ..found }))
+    }
+
     pub fn before(&self) -> PathBuf {
         self.path.join(BEFORE)
     }
@@ -121,6 +141,8 @@ impl Folder {
             true => RunWriter::resume(path)?,
             false => create_run(&resolved, Some(path))?,
         };
+        // A run of another plan stays as it is.
+        header::check(run.file().header(), &resolved)?;
         self.opening.apply(&mut run, &resolved)?;
         let mut watch = |progress: &Progress| {
             watch(&super::HardenProgress {

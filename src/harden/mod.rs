@@ -184,8 +184,8 @@ fn differences(recorded: &toml::Table, given: &toml::Table) -> Vec<String> {
     found
 }
 
-/// Starts or continues the hardening of a folder, or reads a finished one. Returns `None` if it was
-/// interrupted.
+/// Starts or continues the hardening of a folder, or reads the result of a finished one, without a
+/// simulation. Returns `None` if it was interrupted.
 ///
 /// # Errors
 /// If the folder contains no hardening, or as for [`harden`].
@@ -195,12 +195,12 @@ pub fn resume(
     gpu: Option<&Device>,
     watch: Watch<'_>,
 ) -> Result<Option<Hardening>, MishandleError> {
-    let is_finished = is_hardening(folder) == Some(true);
     let (folder, plan) = Folder::open(folder, opening)?;
     let table = plan.harden.as_ref().ok_or(MishandleError::MissingPlanTable { table: "harden" })?;
-    if !is_finished {
-        check_device(table, gpu)?;
+    if let Some(found) = folder.result()? {
+        return Ok(Some(found));
     }
+    check_device(table, gpu)?;
     let settings = settings(&folder.settings(), &ControllerFile::load(&folder.before())?)?;
     let out = accepted_file(&folder.given);
     Hardener { plan: &plan, table, settings: &settings, folder: &folder, gpu }.run(&out, watch)

@@ -22,7 +22,7 @@ pub static GENERATIONS: [Generation; 2] = [
     Generation {
         name: "second",
         suffix: "-2",
-        training: "trained on mixtures of delays, sensor errors, other models, events and faults",
+        training: "trained on mixtures of delays, sensor errors, other models and events, PPO and TRPO also on faults",
         is_of_paper: false,
     },
 ];

@@ -252,7 +252,7 @@ fn the_generations_stand_side_by_side_and_a_missing_controller_is_not_trained() 
             let page = std::fs::read_to_string(bench.path(&format!("pages/{name}.{ending}"))).unwrap();
             let parts = [
                 "trained on plain random starts; the paper's protocol",
-                "trained on mixtures of delays, sensor errors, other models, events and faults; another protocol",
+                "trained on mixtures of delays, sensor errors, other models and events, PPO and TRPO also on faults; another protocol",
                 "not trained",
             ];
             let page = page.replace("&#39;", "'");

@@ -11,6 +11,7 @@
 //! | [`TENSOR_HEADER`] | the header of a controller or a checkpoint | 1 MiB |
 //! | [`CURVE`] | learning curves | 256 MiB |
 //! | [`COUNTEREXAMPLE`] | counterexamples | 1 MiB |
+//! | [`RESULT`] | results of hardenings | 4 MiB |
 //!
 //! Each is far above the largest file that the program writes in practice.
 
@@ -43,3 +44,6 @@ pub const CURVE: u64 = 256 * MIB;
 
 /// Counterexamples: scenarios of thousands of axes.
 pub const COUNTEREXAMPLE: u64 = MIB;
+
+/// Results of hardenings: thousands of failure modes.
+pub const RESULT: u64 = 4 * MIB;

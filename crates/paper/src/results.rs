@@ -180,7 +180,7 @@ fn command(folder: &Path, name: &str, root: &Path, untrained: &[UntrainedRun]) -
     };
     match untrained.first() {
         None => format!("mishandle campaign {plan}"),
-        // A campaign leaves nothing out.
+        // `campaign` creates no campaign that lacks a run.
         Some(run) if run.plan.falsify.is_some() => format!("mishandle reproduce falsification --plan {plan}"),
         Some(_) => format!("mishandle reproduce performance --plan {plan}"),
     }

@@ -264,7 +264,7 @@ impl Card {
                 )
             }
             ExampleSource::Minimized { round, .. } => format!(
-                "Shown is a failure of this mode from round {round}, moved toward the nominal scenario while it failed. Training saw it."
+                "Shown is a failure of this mode from round {round}, moved toward the nominal scenario while it failed."
             ),
         }
     }

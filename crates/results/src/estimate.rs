@@ -1,21 +1,21 @@
 use schemars::JsonSchema;
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
-use crate::{Number, optional_number};
+use crate::{Number, optional};
 
 /// A rate or mean over `n` simulations with its 95 % confidence interval.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, JsonSchema)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Estimate {
     /// Estimate; `null` if `n` is 0.
-    #[serde(serialize_with = "optional_number")]
+    #[serde(with = "optional")]
     #[schemars(with = "Option<Number>")]
     pub value: Option<f64>,
     /// Lower bound of the interval; `null` for a degenerate sample.
-    #[serde(serialize_with = "optional_number")]
+    #[serde(with = "optional")]
     #[schemars(with = "Option<Number>")]
     pub low: Option<f64>,
     /// Upper bound of the interval; `null` for a degenerate sample.
-    #[serde(serialize_with = "optional_number")]
+    #[serde(with = "optional")]
     #[schemars(with = "Option<Number>")]
     pub high: Option<f64>,
     /// Number of simulations in the estimate.

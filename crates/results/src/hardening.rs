@@ -1,14 +1,14 @@
 use schemars::JsonSchema;
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
-use crate::{Estimate, Number, Seed, optional_number};
+use crate::{Estimate, Number, Seed, optional};
 
 /// A controller before and after a hardening: the final comparison, and how it was reached.
 ///
 /// The measures, the failure probabilities, the margins and the searches are those of the final
 /// set: scenarios and seeds that are simulated once, after the last decision. No training run and
 /// no decision used them. The corners of the initial box are the same points everywhere.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, JsonSchema)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Hardening {
     /// Name of the target.
     pub target: String,
@@ -55,7 +55,7 @@ pub struct Hardening {
 }
 
 /// A rate of success before and after.
-#[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct HardenedMeasure {
     /// Name: `space` (success in the space), `success`, `strict` and `careful` (from random
     /// starts), `noise` (from random starts with action noise of 0.5).
@@ -71,11 +71,11 @@ pub struct HardenedMeasure {
     /// Number of pairs in which only the controller after succeeds.
     pub fixed: u64,
     /// Two-sided p-value of the exact McNemar test; `null` without a controller after.
-    #[serde(serialize_with = "optional_number")]
+    #[serde(with = "optional")]
     #[schemars(with = "Option<Number>")]
     pub p_value: Option<f64>,
     /// The p-value, adjusted by Holm's method for all measures.
-    #[serde(serialize_with = "optional_number")]
+    #[serde(with = "optional")]
     #[schemars(with = "Option<Number>")]
     pub adjusted_p_value: Option<f64>,
 }
@@ -95,7 +95,7 @@ impl HardenedMeasure {
 }
 
 /// Corners of the initial box before and after.
-#[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct HardenedCorners {
     /// Number of corners.
     pub corners: u64,
@@ -106,14 +106,14 @@ pub struct HardenedCorners {
 }
 
 /// The smallest disturbance of a controller.
-#[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct HardenedMargin {
     /// Amplitude of the smallest disturbance that breaks it; `null` if none was found.
-    #[serde(serialize_with = "optional_number")]
+    #[serde(with = "optional")]
     #[schemars(with = "Option<Number>")]
     pub amplitude: Option<f64>,
     /// Largest amplitude at which no simulation failed.
-    #[serde(serialize_with = "optional_number")]
+    #[serde(with = "optional")]
     #[schemars(with = "Option<Number>")]
     pub without_failure: Option<f64>,
     /// Number of simulations.
@@ -121,7 +121,7 @@ pub struct HardenedMargin {
 }
 
 /// Searches for failures of a controller.
-#[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct HardenedSearch {
     /// Number of simulations.
     pub simulations: u64,
@@ -132,7 +132,7 @@ pub struct HardenedSearch {
 }
 
 /// A failure mode in the searches of the final comparison.
-#[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct HardenedMode {
     /// Decisive predicate.
     pub predicate: String,
@@ -147,7 +147,7 @@ pub struct HardenedMode {
 }
 
 /// Failures that the searches of the rounds found, simulated again.
-#[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct HardenedArchive {
     /// Number of failures.
     pub failures: u64,
@@ -156,7 +156,7 @@ pub struct HardenedArchive {
 }
 
 /// A round of a hardening.
-#[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct HardeningRound {
     /// Number of the round, from 1.
     pub number: u32,
@@ -165,11 +165,11 @@ pub struct HardeningRound {
     /// Environment steps of its training.
     pub environment_steps: u64,
     /// Upper bound of the failure rate in the space before the round, on the validation set.
-    #[serde(serialize_with = "optional_number")]
+    #[serde(with = "optional")]
     #[schemars(with = "Option<Number>")]
     pub bound_before: Option<f64>,
     /// The same after the round; `null` without a candidate.
-    #[serde(serialize_with = "optional_number")]
+    #[serde(with = "optional")]
     #[schemars(with = "Option<Number>")]
     pub bound_after: Option<f64>,
     /// Whether the round was accepted.

@@ -3,8 +3,9 @@
 use std::borrow::Cow;
 
 use schemars::{JsonSchema, Schema, SchemaGenerator, json_schema};
+use serde::de::Error;
 use serde::ser::SerializeMap;
-use serde::{Serialize, Serializer};
+use serde::{Deserialize, Deserializer, Serialize, Serializer};
 
 /// A number. An infinity, which JSON lacks, is the string `inf` or `-inf`. It is never NaN.
 #[derive(Clone, Copy, Debug, Default, PartialEq, PartialOrd)]
@@ -21,6 +22,25 @@ impl Serialize for Number {
         match self.0.is_finite() {
             true => serializer.serialize_f64(self.0),
             false => serializer.collect_str(&self.0),
+        }
+    }
+}
+
+impl<'de> Deserialize<'de> for Number {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Number, D::Error> {
+        #[derive(Deserialize)]
+        #[serde(untagged)]
+        enum Written {
+            Finite(f64),
+            Other(String),
+        }
+        match Written::deserialize(deserializer)? {
+            Written::Finite(value) => Ok(Number(value)),
+            Written::Other(text) if text == "inf" => Ok(Number(f64::INFINITY)),
+            Written::Other(text) if text == "-inf" => Ok(Number(f64::NEG_INFINITY)),
+            Written::Other(text) => {
+                Err(Error::custom(format!("expected a number, inf or -inf, not {text:?}")))
+            }
         }
     }
 }
@@ -45,6 +65,17 @@ pub(crate) fn optional_number<S: Serializer>(value: &Option<f64>, serializer: S)
     value.map(Number).serialize(serializer)
 }
 
+/// An optional number that is written and read as [`Number`].
+pub(crate) mod optional {
+    use super::*;
+
+    pub(crate) use super::optional_number as serialize;
+
+    pub(crate) fn deserialize<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Option<f64>, D::Error> {
+        Ok(Option::<Number>::deserialize(deserializer)?.map(|Number(value)| value))
+    }
+}
+
 /// A random seed: a string of digits, because many JSON readers round integers above 2^53.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord)]
 pub struct Seed(pub u64);
@@ -52,6 +83,12 @@ pub struct Seed(pub u64);
 impl Serialize for Seed {
     fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
         serializer.collect_str(&self.0)
+    }
+}
+
+impl<'de> Deserialize<'de> for Seed {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Seed, D::Error> {
+        String::deserialize(deserializer)?.parse().map(Seed).map_err(Error::custom)
     }
 }
 
@@ -135,6 +172,18 @@ mod tests {
         assert_eq!(text(&Number(f64::NEG_INFINITY)), "\"-inf\"");
         assert_eq!(text(&[Number(1.0), Number(-0.25)]), "[1.0,-0.25]");
         assert_eq!(text(&Seed(u64::MAX)), "\"18446744073709551615\"");
+    }
+
+    #[test]
+    fn written_numbers_and_seeds_are_read_as_they_were() {
+        for value in [0.1, -0.0, f64::MAX, 5e-324, f64::INFINITY, f64::NEG_INFINITY] {
+            let read: Number = serde_json::from_str(&text(&Number(value))).unwrap();
+            assert_eq!(read.0.to_bits(), value.to_bits());
+        }
+        assert_eq!(serde_json::from_str::<Seed>(&text(&Seed(u64::MAX))).unwrap(), Seed(u64::MAX));
+        for wrong in ["\"nan\"", "\"1\"", "true"] {
+            assert!(serde_json::from_str::<Number>(wrong).is_err(), "{wrong}");
+        }
     }
 
     #[test]

@@ -1,8 +1,8 @@
 //! Reward terms for the manner in which the robot does a task. Each has a weight, and exists only
 //! if its weight is above 0.
 //!
-//! Rest and action rate follow from the state after a control step and its action. Contact force and
-//! speed are signals of the manner, which an engine computes only where they are requested.
+//! Rest and action rate follow from the state after a control step and its action. Contact force
+//! and speed are signals of the manner, which an engine computes only where they are requested.
 
 use mishandle_world::Rows;
 

@@ -151,7 +151,7 @@ class RayExecutor:
             if len(part) == 1:
                 if lost is None:
                     raise InvalidStateError(
-                        f"a worker of the cluster was lost {RETRIES + 1} times during the same simulation: {error}"
+                        f"a worker of the cluster was lost {RETRIES + 1} times during the same task: {error}"
                     ) from error
                 return [lost(part[0])]
         singles = [self._task.remote([shared], [request]) for request in part]

@@ -88,6 +88,13 @@ pub fn run(command: &Arguments, gpu: Option<&Device>) -> Result<ExitStatus> {
         is_complete: finished.len() == runs.len(),
         runs: finished,
     };
+    let untrained = mishandle::campaign::untrained_runs(&folder)?;
+    if !untrained.is_empty() {
+        let runs = plural(untrained.len() as u64, "run");
+        output::message(&format!(
+            "left out: {runs}, whose controllers are not trained; `mishandle reproduce` adds them"
+        ));
+    }
     let name = shell_quote(&found.folder);
     if !found.is_complete {
         output::message(&format!(

@@ -144,8 +144,10 @@ fn reproduce(name: &str, table: &ReproduceTable) -> Result<ExitStatus> {
         let runs = mishandle::campaign::campaign_runs(&folder)?;
         let untrained = mishandle::campaign::untrained_runs(&folder)?;
         let mut planned = mishandle::plan::read_grid(&text).with_context(|| plan.display().to_string())?;
+        let all = planned.len();
         planned.retain(|planned| !untrained.contains(planned));
-        let is_same = runs.len() == planned.len()
+        let is_same = planned.len() + untrained.len() == all
+            && runs.len() == planned.len()
             && runs.iter().zip(&planned).all(|(run, planned)| run.plan == planned.plan);
         ensure!(
             is_same,

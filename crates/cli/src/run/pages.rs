@@ -1,6 +1,5 @@
 //! Pages about runs and campaigns.
 
-use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail};
@@ -60,9 +59,10 @@ pub fn write_campaign(campaign: &Path, out: &Path, options: &Options<'_>) -> Res
     }
     let pages = out.join(RUNS);
     std::fs::create_dir_all(&pages).with_context(|| format!("cannot write {}", pages.display()))?;
-    let mut size = 0;
+    let (mut size, mut written) = (0, 0);
     let mut write = |path: PathBuf, html: &str| {
         size += html.len();
+        written += 1;
         output::write_atomically(&path, true, html.as_bytes())
     };
     let up = format!("../{INDEX}");
@@ -93,7 +93,7 @@ pub fn write_campaign(campaign: &Path, out: &Path, options: &Options<'_>) -> Res
             options.clear();
             output::message(&format!(
                 "interrupted: {} of {} are kept in {}, the others and the index are not written",
-                summaries.len() + hardenings.len(),
+                written,
                 plural(runs.len() as u64, "page"),
                 pages.display()
             ));
@@ -109,7 +109,7 @@ pub fn write_campaign(campaign: &Path, out: &Path, options: &Options<'_>) -> Res
     output::message(&format!(
         "Pages: {} ({} in {}, {} kB)",
         shell_quote(&index.to_string_lossy()),
-        plural(runs.len() as u64, "run"),
+        plural(written - 1, "run"),
         shell_quote(&pages.to_string_lossy()),
         size.div_ceil(1000)
     ));
@@ -121,8 +121,9 @@ type HardeningParts = (Hardening, HardenedModes, Vec<RunReport>);
 
 /// Returns the parts of the page of a finished hardening; `None` after an interruption.
 pub fn hardening(folder: &Path, options: &Options<'_>) -> Result<Option<HardeningParts>> {
-    let found = resume(folder, Opening::default(), None, &mut |_| ControlFlow::Continue(()))?;
-    let found = found.context("the hardening is not finished")?;
+    let Some(found) = resume(folder, Opening::default(), None, &mut |_| control_flow())? else {
+        return Ok(None);
+    };
     let failures = match options.simulations {
         None => Some(HardenedModes::skipped(NO_SIMULATIONS)),
         Some(_) => HardenedModes::simulate(folder, &found, || control_flow().is_break())?,
