@@ -9,7 +9,7 @@ use std::path::{Path, PathBuf};
 use mishandle::Plan;
 use mishandle::controllers::ControllerFile;
 use mishandle::counterexample::{Counterexample, suite_files};
-use mishandle::harden::{HardenProgress, harden, harden_folder, resume};
+use mishandle::harden::{HardenProgress, finished, harden, harden_folder, resume};
 use mishandle::plan::{AxisSetting, HardenPlan};
 use mishandle::results::Hardening;
 use mishandle::run::Opening;
@@ -102,11 +102,10 @@ fn an_interrupted_hardening_continues_to_the_same_result_and_its_sets_are_disjoi
     // A second one stops at the first report of each phase.
     let other = home.path().join("parts.safetensors");
     let mut stopped = BTreeSet::new();
-    let mut stop_once =
-        |progress: &HardenProgress| match stopped.insert(progress.phase.clone()) {
-            true => ControlFlow::Break(()),
-            false => ControlFlow::Continue(()),
-        };
+    let mut stop_once = |progress: &HardenProgress| match stopped.insert(progress.phase.clone()) {
+        true => ControlFlow::Break(()),
+        false => ControlFlow::Continue(()),
+    };
     let mut found = harden(&plan, &other, None, &mut stop_once).unwrap();
     let mut calls = 1;
     while found.is_none() {
@@ -157,6 +156,18 @@ fn an_interrupted_hardening_continues_to_the_same_result_and_its_sets_are_disjoi
     assert_eq!((&read.folder, read.after.is_some()), (&path(&copy), whole.after.is_some()));
     assert!(read.after.is_none_or(|after| after == path(&copy.with_extension("safetensors"))));
     assert!(!copy.with_extension("safetensors").exists());
+    // A damaged or hostile result is an error, never another hardening.
+    let result = copy.join("result.json");
+    let nested = "[".repeat(200);
+    for text in ["", "{", "[]", "{\"schema\": 1}", "null", &nested] {
+        std::fs::write(&result, text).unwrap();
+        let error = finished(&copy).unwrap_err().to_string();
+        assert!(error.contains("result.json"), "{text:?}: {error}");
+    }
+    std::fs::File::create(&result).unwrap().set_len(5 << 20).unwrap();
+    assert!(finished(&copy).unwrap_err().to_string().contains("result.json"));
+    std::fs::remove_file(&result).unwrap();
+    assert_eq!(finished(&copy).unwrap(), None);
 
     let files = run_files(&harden_folder(&out));
     let of = |is: &dyn Fn(&str) -> bool| -> Vec<PathBuf> {

@@ -1454,7 +1454,7 @@ class Hardening:
     folder: str
     """Folder of the runs."""
     commit: str
-    """Git commit of the program."""
+    """Git commit of the program that began the final comparison."""
     verdict: str
     """The result in a sentence."""
     worse: tuple[str, ...]

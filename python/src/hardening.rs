@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 use std::ops::ControlFlow;
 use std::path::PathBuf;
 
-use mishandle::harden::{HardenProgress, check_plan, final_runs, harden_folder, resume};
+use mishandle::harden::{HardenProgress, check_plan, final_runs, finished, harden_folder, resume};
 use mishandle::plan::HardenPlan;
 use mishandle::run::Opening;
 use mishandle::store::RunFile;
@@ -93,9 +93,10 @@ pub fn hardening_report(
     probes: Option<u32>,
     sensitivity: u32,
 ) -> PyResult<String> {
+    let found = finished(&folder).map_err(raised)?.ok_or_else(|| {
+        InvalidStateError::new_err("the hardening is not finished; continue it with `resume=True`")
+    })?;
     let made = || -> Result<String, Error> {
-        let proceed = || ControlFlow::Continue(());
-        let found = resume(&folder, Opening::default(), None, &mut |_| proceed())?.ok_or(Error::NoEpisode)?;
         let runs = final_runs(&folder);
         let reports = runs.iter().map(|path| run_report(&RunFile::open(path)?, probes, sensitivity));
         let failures = match probes {

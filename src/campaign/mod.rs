@@ -145,22 +145,20 @@ fn create(
     folder: &Path,
     is_left_out: impl Fn(&GridRun, &MishandleError) -> bool,
 ) -> Result<Vec<CampaignRun>, MishandleError> {
-    let mut runs = Vec::new();
-    let mut left_out: Option<(Vec<GridRun>, MishandleError)> = None;
+    let (mut runs, mut untrained, mut reason) = (Vec::new(), Vec::new(), None);
     for run in read_grid(text)? {
         match check(&run) {
             Ok(()) => runs.push(run),
             Err(error) if is_left_out(&run, &error) => {
-                left_out.get_or_insert_with(|| (Vec::new(), of_run(&run, error))).0.push(run);
+                reason.get_or_insert_with(|| of_run(&run, error));
+                untrained.push(run);
             }
             Err(error) => return Err(of_run(&run, error)),
         }
     }
-    let untrained = match left_out {
-        Some((_, error)) if runs.is_empty() => return Err(error),
-        Some((untrained, _)) => untrained,
-        None => Vec::new(),
-    };
+    if let Some(reason) = reason.filter(|_| runs.is_empty()) {
+        return Err(reason);
+    }
     let write = |source| MishandleError::Write { what: "folder", path: folder.to_path_buf(), source };
     // Removes them again if the campaign cannot be created.
     let mut folders = NewFolders::default();
@@ -217,17 +215,26 @@ pub fn untrained_runs(folder: &Path) -> Result<Vec<GridRun>, MishandleError> {
 /// If the folder contains no campaign, a plan is invalid for another reason, or a file cannot be
 /// written.
 pub fn add_trained_runs(folder: &Path) -> Result<(), MishandleError> {
-    for run in untrained_runs(folder)? {
+    for run in planned_runs(folder)? {
+        let marker = untrained_path(folder, &run.name);
+        let path = run_path(folder, &run.name, &run.plan);
+        let write = |source| MishandleError::Write { what: "run", path: path.clone(), source };
+        if !marker.is_file() {
+            continue;
+        }
+        if path.exists() {
+            // An earlier call was killed before it removed the marker.
+            std::fs::remove_file(&marker).map_err(write)?;
+            continue;
+        }
         match check(&run) {
             Ok(()) => {
                 // A kill leaves no part of the run under its name.
-                let path = run_path(folder, &run.name, &run.plan);
-                let write = |source| MishandleError::Write { what: "run", path: path.clone(), source };
                 let parts = AtomicFolder::create_new(&folder.join(ADDED)).map_err(write)?;
                 create_in(&run, parts.path(), folder)?;
                 let made = run_path(parts.path(), &run.name, &run.plan);
                 std::fs::rename(made, &path).map_err(write)?;
-                std::fs::remove_file(untrained_path(folder, &run.name)).map_err(write)?;
+                std::fs::remove_file(&marker).map_err(write)?;
             }
             Err(error) if is_untrained(&run, &error) => {}
             Err(error) => return Err(of_run(&run, error)),
@@ -297,7 +304,7 @@ fn of_run(run: &GridRun, error: MishandleError) -> MishandleError {
 /// Returns the path of a run: its file, or the folder of its hardening. The accepted controller is
 /// beside that.
 fn run_path(folder: &Path, name: &str, plan: &Plan) -> PathBuf {
-    let extension = if plan.harden.is_some() { "harden" } else { "sqlite" };
+    let extension = if plan.harden.is_some() { harden::FOLDER_EXTENSION } else { "sqlite" };
     folder.join(format!("{name}.{extension}"))
 }
 

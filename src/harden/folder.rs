@@ -5,15 +5,14 @@ use std::path::{Path, PathBuf};
 
 use mishandle_files::{limits, read_text_bounded, write_atomically};
 use mishandle_results as results;
-use mishandle_results::Hardening;
+use mishandle_results::{Hardening, Versioned};
 use mishandle_store::{RunFile, RunWriter};
 use mishandle_text::path_text;
 
 use crate::error::MishandleError;
 use crate::plan::Plan;
 use crate::resolve::ResolvedPlan;
-use crate::run::header;
-use crate::run::{Answer, Engine, Opening, Progress, ask, create_run};
+use crate::run::{Answer, Engine, Opening, Progress, ask, create_run, header};
 
 use super::{Watch, plan_file};
 
@@ -92,6 +91,17 @@ impl Folder {
         let found = read.map_err(|source| MishandleError::File { path, source })?;
         let after = found.after.is_some().then(|| path_text(&super::accepted_file(&self.given)));
         Ok(Some(Hardening { folder: path_text(&self.given), after, ..found }))
+    }
+
+    /// Writes the result, which finishes the hardening.
+    ///
+    /// # Errors
+    /// If the file cannot be written.
+    pub fn finish(&self, result: &Hardening) -> Result<(), MishandleError> {
+        let path = self.path.join(RESULT);
+        let json = serde_json::to_vec_pretty(&Versioned::new(result));
+        let json = json.map_err(|error| MishandleError::File { path: path.clone(), source: error.into() })?;
+        self.write(&path, &json)
     }
 
     pub fn before(&self) -> PathBuf {

@@ -45,6 +45,9 @@ const FINAL: u64 = 4 << 32;
 /// Extension of the files of controllers.
 const EXTENSION: &str = "safetensors";
 
+/// Extension of the folders of hardenings.
+pub(crate) const FOLDER_EXTENSION: &str = "harden";
+
 /// Progress of a hardening.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct HardenProgress {
@@ -68,7 +71,7 @@ pub type Watch<'w> = &'w mut (dyn FnMut(&HardenProgress) -> ControlFlow<()> + Se
 
 /// Returns the folder of the runs of a hardening that writes its controller to `out`.
 pub fn harden_folder(out: &Path) -> PathBuf {
-    out.with_extension("harden")
+    out.with_extension(FOLDER_EXTENSION)
 }
 
 /// Returns the file of the accepted controller of the hardening in a folder.
@@ -138,6 +141,14 @@ impl Prepared<'_> {
 /// Returns whether a folder is that of a hardening, and whether that is finished.
 pub fn is_hardening(folder: &Path) -> Option<bool> {
     plan_file(folder).exists().then(|| folder.join(folder::RESULT).exists())
+}
+
+/// Returns the result of the hardening in a folder; `None` if it is not finished.
+///
+/// # Errors
+/// If the folder contains no hardening, or its result cannot be read.
+pub fn finished(folder: &Path) -> Result<Option<Hardening>, MishandleError> {
+    Folder::open(folder, Opening::default())?.0.result()
 }
 
 /// Returns the path of the plan in the folder of a hardening.

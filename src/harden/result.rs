@@ -12,7 +12,6 @@ use mishandle_rollout::{Request, Scenario, Seed};
 use mishandle_text::path_text;
 
 use super::decision::{Measure, adjusted, worse};
-use super::folder::RESULT;
 use super::measure::{measure, path_of};
 use super::search::{search, search_files};
 use super::{FINAL, Hardener, Watch};
@@ -87,8 +86,7 @@ impl Hardener<'_> {
             rounds,
             simulations: self.folder.simulations()?,
         };
-        let json = serde_json::to_string_pretty(&results::Versioned::new(&hardening)).unwrap_or_default();
-        self.folder.write(&self.folder.path.join(RESULT), json.as_bytes())?;
+        self.folder.finish(&hardening)?;
         Ok(Some(hardening))
     }
 

@@ -61,7 +61,7 @@ impl HardenedModes {
     /// Returns no failures, and says why.
     pub fn skipped(reason: &str) -> HardenedModes {
         let note = format!(
-            "Failures of the modes and their pictures are missing, because they take simulations: {reason}."
+            "Failures of the modes and their pictures, which take simulations, are missing: {reason}."
         );
         HardenedModes { cards: Vec::new(), notes: vec![note] }
     }

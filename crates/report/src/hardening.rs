@@ -117,14 +117,16 @@ fn tiles(found: &Hardening) -> String {
     let space = found.measures.iter().find(|measure| measure.name == "space");
     let pairs = space.filter(|space| space.after.is_some());
     let pairs = pairs.map(|space| format!("{} fixed, {} broken", space.fixed, space.broken));
+    let after = found.failure_probability.get(1).map(|after| failing(Some(after)));
     let tiles = [
-        (failing(found.failure_probability.first()), "failure probability before"),
-        (failing(found.failure_probability.get(1)), "failure probability after"),
-        (pairs.unwrap_or("–".to_string()), "of the final scenarios in the space"),
-        (format!("{accepted} of {}", found.rounds.len()), "rounds accepted"),
+        (Some(failing(found.failure_probability.first())), "failure probability before"),
+        (after, "failure probability after"),
+        (pairs, "of the final scenarios in the space"),
+        (Some(format!("{accepted} of {}", found.rounds.len())), "rounds accepted"),
     ];
-    let tile = |(value, name): &(String, &str)| format!("<div><dd>{value}</dd><dt>{name}</dt></div>");
-    format!("<dl class=\"tiles\">{}</dl>\n", tiles.iter().map(tile).collect::<String>())
+    let tiles = tiles.into_iter().filter_map(|(value, name)| Some((value?, name)));
+    let tile = |(value, name): (String, &str)| format!("<div><dd>{value}</dd><dt>{name}</dt></div>");
+    format!("<dl class=\"tiles\">{}</dl>\n", tiles.map(tile).collect::<String>())
 }
 
 /// Returns an estimate with its interval.
@@ -154,7 +156,7 @@ fn measures(found: &Hardening) -> String {
             estimated(Some(before)),
             estimated(after.as_ref()),
             difference.unwrap_or("–".to_string()),
-            format!("{fixed} fixed, {broken} broken"),
+            after.map_or("–".to_string(), |_| format!("{fixed} fixed, {broken} broken")),
             adjusted_p_value.map_or("–".to_string(), p_value_text),
             before.n.to_string(),
         ]

@@ -11,7 +11,7 @@ use mishandle::harden::{ExampleSource, mode_examples};
 use mishandle::inspect::{FailureMode, failure_modes};
 use mishandle::plan::{AxisSetting, EvaluatePlan, FalsifyPlan, HardenPlan};
 use mishandle::results::{
-    Estimate, HardenedMode, HardenedSearch, Hardening, HardeningRound, Seed as ResultSeed,
+    Estimate, HardenedMeasure, HardenedMode, HardenedSearch, Hardening, HardeningRound, Seed as ResultSeed,
 };
 use mishandle::run::{Engine, ask, create_run};
 use mishandle::store::RunFile;
@@ -172,7 +172,7 @@ fn each_mode_has_a_failure_that_both_controllers_run() {
     fs::remove_file(folder.join("round-1/controller.safetensors")).unwrap();
     let failures = HardenedModes::simulate(&folder, &found, || false).unwrap().unwrap();
     let html = hardening_page(&found, &failures, &[], None);
-    assert!(html.contains("because they take simulations: ") && !html.contains("<h4>"), "{html}");
+    assert!(html.contains("which take simulations, are missing: ") && !html.contains("<h4>"), "{html}");
 }
 
 #[test]
@@ -181,7 +181,22 @@ fn a_page_without_an_accepted_round_says_that_no_modes_are_compared() {
     let mut found = hardening(home.path(), Vec::new());
     found.after = None;
     found.rounds[0].accepted = false;
+    found.failure_probability.truncate(1);
+    found.measures.push(HardenedMeasure {
+        name: "space".to_string(),
+        before: found.failure_probability[0],
+        after: None,
+        difference: None,
+        broken: 0,
+        fixed: 0,
+        p_value: None,
+        adjusted_p_value: None,
+    });
     let failures = HardenedModes::simulate(home.path(), &found, || false).unwrap().unwrap();
     let html = hardening_page(&found, &failures, &[], None);
     assert!(html.contains("there are no modes to compare") && html.contains("0 of 1"), "{html}");
+    // Nothing was compared, so nothing was fixed or broken, not even 0.
+    for absent in [" fixed, ", " broken", "failure probability after"] {
+        assert!(!html.contains(absent), "{absent}: {html}");
+    }
 }

@@ -1,7 +1,7 @@
 use schemars::JsonSchema;
 use serde::Serialize;
 
-use crate::{AxisFacts, Estimate, Number, Scenario, Seed, optional_number};
+use crate::{AxisFacts, Estimate, Number, Scenario, Seed, optional};
 
 /// Two evaluations on the same scenarios and seeds, A and B, compared pair by pair.
 ///
@@ -86,11 +86,11 @@ pub struct PairedRates {
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, JsonSchema)]
 pub struct PairedMeans {
     /// Mean of A; `null` without pairs.
-    #[serde(serialize_with = "optional_number")]
+    #[serde(serialize_with = "optional::serialize")]
     #[schemars(with = "Option<Number>")]
     pub first: Option<f64>,
     /// Mean of B; `null` without pairs.
-    #[serde(serialize_with = "optional_number")]
+    #[serde(serialize_with = "optional::serialize")]
     #[schemars(with = "Option<Number>")]
     pub second: Option<f64>,
     /// B minus A, with its bootstrap interval over the pairs.

@@ -22,7 +22,7 @@ pub struct Hardening {
     pub after: Option<String>,
     /// Folder of the runs.
     pub folder: String,
-    /// Git commit of the program.
+    /// Git commit of the program that began the final comparison.
     pub commit: String,
     /// The result in a sentence.
     pub verdict: String,

@@ -88,4 +88,4 @@ pub use training::{ScenarioRates, Training, TrainingPlan, TrainingTime};
 pub use values::{Named, Number, Scenario, Seed};
 pub use verification::{Verification, VerifiedUnit};
 
-pub(crate) use values::{number, optional, optional_number};
+pub(crate) use values::{number, optional};

@@ -1,7 +1,7 @@
 use schemars::JsonSchema;
 use serde::Serialize;
 
-use crate::{Named, Number, Repeats, Scenario, Seed, Subject, optional_number};
+use crate::{Named, Number, Repeats, Scenario, Seed, Subject, optional};
 
 /// The smallest disturbance that violates a requirement.
 #[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
@@ -95,7 +95,7 @@ pub struct Level {
     /// Number of simulations without a verdict.
     pub without_verdict: u64,
     /// Minimum robustness; `null` if no simulation has one.
-    #[serde(serialize_with = "optional_number")]
+    #[serde(serialize_with = "optional::serialize")]
     #[schemars(with = "Option<Number>")]
     pub minimum_robustness: Option<f64>,
     /// Whether a simulation violates the requirement.

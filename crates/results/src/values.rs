@@ -60,16 +60,13 @@ pub(crate) fn number<S: Serializer>(value: &f64, serializer: S) -> Result<S::Ok,
     Number(*value).serialize(serializer)
 }
 
-/// Serializes an optional number as [`Number`].
-pub(crate) fn optional_number<S: Serializer>(value: &Option<f64>, serializer: S) -> Result<S::Ok, S::Error> {
-    value.map(Number).serialize(serializer)
-}
-
 /// An optional number that is written and read as [`Number`].
 pub(crate) mod optional {
     use super::*;
 
-    pub(crate) use super::optional_number as serialize;
+    pub(crate) fn serialize<S: Serializer>(value: &Option<f64>, serializer: S) -> Result<S::Ok, S::Error> {
+        value.map(Number).serialize(serializer)
+    }
 
     pub(crate) fn deserialize<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Option<f64>, D::Error> {
         Ok(Option::<Number>::deserialize(deserializer)?.map(|Number(value)| value))

@@ -176,3 +176,16 @@ fn write(readings: &Readings, mean: &[f64; MEANS], last: [f64; 2], out: &mut [f6
     rest[1..][..motion.len()].copy_from_slice(&motion);
     rest[1 + motion.len()..].copy_from_slice(&last);
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_places_of_signals_have_their_names() {
+        let names = ["fixture_force", "ground_force", "self_force", "object_force", "arm_object_force"];
+        assert_eq!(LARGEST_FORCES.map(|place| MANNER[place].name), names);
+        assert_eq!(MANNER[JOINT_SPEED_SHARE].name, "joint_speed_share");
+        assert_eq!(MANNER[TOOL_SPEED].name, "tool_speed");
+    }
+}

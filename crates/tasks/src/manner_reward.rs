@@ -120,7 +120,6 @@ impl MannerReward {
         }
         let (last_action, steps) = memory.split_at_mut(JOINTS);
         steps[0] += 1.0;
-        let speeds: [f64; ARM_JOINTS] = std::array::from_fn(|i| rows.qvel[panda.joints()[i].dof].abs());
         let forces = LARGEST_FORCES.iter().zip(self.limited).filter(|(_, limited)| *limited);
         let terms: [&dyn Fn() -> f64; 4] = [
             &|| saturated(forces.clone().map(|(force, _)| manner[*force]).sum(), HALF_FORCE),
@@ -131,7 +130,10 @@ impl MannerReward {
                 (share - FREE_SPEED).clamp(0.0, 1.0)
             },
             &|| match steps[0] > self.busy_steps as f64 {
-                true => saturated(speeds.iter().copied().fold(0.0, f64::max), REST_SPEED),
+                true => {
+                    let speeds = panda.joints()[..ARM_JOINTS].iter().map(|joint| rows.qvel[joint.dof].abs());
+                    saturated(speeds.fold(0.0, f64::max), REST_SPEED)
+                }
                 false => 0.0,
             },
         ];

@@ -4,9 +4,8 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail};
 use mishandle::campaign::campaign_runs;
-use mishandle::harden::{final_runs, is_hardening, resume};
+use mishandle::harden::{final_runs, finished, is_hardening};
 use mishandle::results::Hardening;
-use mishandle::run::Opening;
 use mishandle::store::RunFile;
 use mishandle_report::{
     HardenedModes, HardeningSummary, Measurement, RunReport, RunSummary, Samples, campaign_page,
@@ -121,9 +120,7 @@ type HardeningParts = (Hardening, HardenedModes, Vec<RunReport>);
 
 /// Returns the parts of the page of a finished hardening; `None` after an interruption.
 pub fn hardening(folder: &Path, options: &Options<'_>) -> Result<Option<HardeningParts>> {
-    let Some(found) = resume(folder, Opening::default(), None, &mut |_| control_flow())? else {
-        return Ok(None);
-    };
+    let found = finished(folder)?.context("the hardening is not finished")?;
     let failures = match options.simulations {
         None => Some(HardenedModes::skipped(NO_SIMULATIONS)),
         Some(_) => HardenedModes::simulate(folder, &found, || control_flow().is_break())?,
