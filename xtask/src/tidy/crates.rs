@@ -18,10 +18,11 @@ const UNLISTED: [&str; 1] = ["xtask"];
 const MUJOCO: &str = "world";
 /// Crates that must not link MuJoCo, directly or through another crate, because they serve any
 /// simulator.
-const WITHOUT_MUJOCO: [&str; 13] = [
+const WITHOUT_MUJOCO: [&str; 14] = [
     "random",
     "files",
     "stl",
+    "expression",
     "search",
     "network",
     "store",
