@@ -41,7 +41,7 @@ pub enum Argument {
     Numbers(Vec<f64>),
 }
 
-/// What a name stands for.
+/// Meaning of a name.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Meaning<R> {
     /// A number that does not change.
