@@ -19,8 +19,12 @@ pub trait Environment: Send + Sync {
     fn reward_terms(&self) -> &[String];
     /// Returns the length of an observation.
     fn observation_size(&self) -> usize;
-    /// Returns the number of actions. The range of each is [-1, 1].
+    /// Returns the number of actions.
     fn action_size(&self) -> usize;
+    /// Returns the largest absolute value of an action. Actions of a controller are clipped to it.
+    fn action_limit(&self) -> f64 {
+        1.0
+    }
     /// Returns the length of a state row.
     fn state_size(&self) -> usize;
     /// Returns the duration of a control step, s.

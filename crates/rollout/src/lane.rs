@@ -192,9 +192,9 @@ impl Lane {
 
     /// Computes the action of a row with its disturbances and noise.
     pub(crate) fn action(&mut self, rollout: &Rollout, rows: &mut LaneRows, row: usize, progress: &Progress) {
-        let action_size = self.action.len();
+        let (action_size, limit) = (self.action.len(), rollout.environment.action_limit());
         for (clipped, action) in self.action.iter_mut().zip(&self.actions[row * action_size..]) {
-            *clipped = f64::from(*action).clamp(-1.0, 1.0);
+            *clipped = f64::from(*action).clamp(-limit, limit);
         }
         let (disturbed, draws) = (rows.disturbances[row].as_mut(), &mut self.draws[..action_size]);
         command(disturbed, rollout.noise, (progress.seed, progress.steps), &mut self.action, draws);

@@ -49,6 +49,12 @@ impl World {
         self.data.geom_xmat()[index]
     }
 
+    /// Returns the rotation matrix of a body, row-major, at the last [`refresh`](Self::refresh): it
+    /// maps the body's axes to world axes.
+    pub fn body_rotation(&self, body: Body) -> [f64; 9] {
+        self.data.xmat()[body.0]
+    }
+
     /// Returns the center of mass of a body without its children, m, at the last
     /// [`refresh`](Self::refresh).
     pub fn body_inertial_position(&self, body: Body) -> [f64; 3] {
