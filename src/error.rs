@@ -459,6 +459,9 @@ pub enum MishandleError {
     /// A task cannot be built.
     #[error(transparent)]
     Task(#[from] mishandle_tasks::TaskError),
+    /// A target file is wrong.
+    #[error(transparent)]
+    Robot(#[from] mishandle_robots::RobotError),
     /// An expert cannot be built.
     #[error("cannot build the expert of {task}")]
     Expert {

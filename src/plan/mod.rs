@@ -55,11 +55,13 @@ pub struct Plan {
     /// Version of the format.
     #[serde(default = "format")]
     pub format: u32,
-    /// Name of the target: a task or `toy/NAME`. Empty if an argument names it.
+    /// Name of the target: a task, `toy/NAME`, or the path of a target file. Empty if an argument
+    /// names it.
     #[serde(default)]
     pub target: String,
-    /// Name of the scenario space, or several names joined by `+`.
-    #[serde(default = "starts")]
+    /// Name of the scenario space, or several names joined by `+`. Empty: the first space of the
+    /// target.
+    #[serde(default)]
     pub space: String,
     /// Axes with a narrower range or a fixed value, by name. Axes that the space lacks are added to
     /// it: the table `[axes]`, and the flags `--axis` and `--set`.
@@ -288,10 +290,6 @@ mod seed {
     }
 }
 
-fn starts() -> String {
-    "starts".to_string()
-}
-
 fn paper() -> String {
     "paper".to_string()
 }
@@ -314,7 +312,7 @@ impl Plan {
         Plan {
             format: FORMAT,
             target: target.to_string(),
-            space: starts(),
+            space: String::new(),
             axes: BTreeMap::new(),
             preset: paper(),
             controller: controller.to_string(),

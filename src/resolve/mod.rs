@@ -13,6 +13,7 @@ mod kind;
 mod randomness;
 mod recorded;
 mod requirements;
+mod robot;
 pub(crate) mod search;
 mod subject;
 mod task;
@@ -26,6 +27,7 @@ use mishandle_toys::TOYS;
 use crate::error::MishandleError;
 use crate::plan::{Plan, ScreeningPlan};
 use crate::resolve::requirements::{joined, named_requirements, table_formula};
+use crate::resolve::robot::robot_target;
 
 pub use axis_setting::with_settings;
 pub use catalog::{search_result, target_result, task_result};
@@ -37,6 +39,7 @@ pub use kind::{is_python, is_task};
 pub use randomness::{depends_on_seed, space_depends_on_seed};
 pub use recorded::recorded_plan;
 pub(crate) use recorded::resolve_recorded;
+pub use robot::{is_robot_file, robot_file};
 pub use search::search_entry;
 pub use subject::{axis_facts, named_scenario};
 pub use task::{preset, task, task_target};
@@ -50,6 +53,9 @@ pub fn target(plan: &Plan) -> Result<Target, MishandleError> {
     if let Some(toy) = mishandle_toys::target(&plan.target) {
         check_no_task_options(plan)?;
         return Ok(toy?);
+    }
+    if is_robot_file(&plan.target) {
+        return robot_target(plan);
     }
     if mishandle_tasks::task(&plan.target).is_none() {
         let known = target_names();
@@ -113,6 +119,10 @@ impl ResolvedPlan {
     /// # Errors
     /// The errors of [`new`](Self::new), except that the name of the target is not looked up.
     pub fn with_target(plan: &Plan, target: Target) -> Result<ResolvedPlan, MishandleError> {
+        let mut plan = plan.clone();
+        if let (true, Some(first)) = (plan.space.is_empty(), target.spaces.first()) {
+            plan.space = first.name().to_string();
+        }
         let space = target.space(&plan.space).map_err(|error| match error {
             RolloutError::UnknownSpace { name, known } => {
                 MishandleError::UnknownName { kind: "space", name, known }
@@ -126,7 +136,7 @@ impl ResolvedPlan {
         }
         let mut text = target.formulas.first().map_or("", |formula| &formula.name).to_string();
         if let Some(screening) = &plan.screening {
-            check_screening(screening, plan, &target)?;
+            check_screening(screening, &plan, &target)?;
         }
         if let Some(risk) = &plan.risk {
             check_risk(risk, &space)?;
@@ -134,8 +144,7 @@ impl ResolvedPlan {
         if let Some(falsify) = &plan.falsify {
             needs_subformulas = check_falsify(falsify, &space)?;
         }
-        let others = named_requirements(plan, &target)?;
-        let mut plan = plan.clone();
+        let others = named_requirements(&plan, &target)?;
         if let (false, Some(formula)) = (others.is_empty(), table_formula(&mut plan)) {
             let text = match formula {
                 Some(text) => text.clone(),

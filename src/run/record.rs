@@ -15,7 +15,7 @@ use mishandle_store::{AxisRecord, IfExists, RunHeader, RunWriter, Simulation, St
 use crate::build::build;
 use crate::error::MishandleError;
 use crate::plan::Plan;
-use crate::resolve::{ResolvedPlan, controller_name, is_path};
+use crate::resolve::{ResolvedPlan, controller_name, is_path, is_robot_file};
 
 /// Names of the verdicts that are stored in addition to the robustness. If the search needs
 /// sub-formulas, two verdicts per sub-formula of the requirement follow: its minimum and the sample
@@ -41,6 +41,9 @@ pub(crate) fn header(resolved: &ResolvedPlan) -> RunHeader {
     let mut stored = plan.clone();
     if let (true, Ok(path)) = (is_path(&plan.controller), std::path::absolute(&plan.controller)) {
         stored.controller = path.to_string_lossy().into_owned();
+    }
+    if let (true, Ok(path)) = (is_robot_file(&plan.target), std::path::absolute(&plan.target)) {
+        stored.target = path.to_string_lossy().into_owned();
     }
     let components = target.components.iter().map(|component| store::ComponentRecord {
         role: component.role.clone(),
@@ -216,7 +219,10 @@ fn create(resolved: &ResolvedPlan, path: &Path) -> Result<RunWriter, MishandleEr
 
 /// Returns `runs/KIND-TARGET[-CONTROLLER][-SEARCH]-sSEED[-N].sqlite`. The first name has no number.
 fn free_name(plan: &Plan, number: u32) -> PathBuf {
-    let target = plan.target.replace('/', "-");
+    let target = match is_robot_file(&plan.target) {
+        true => controller_name(&plan.target),
+        false => plan.target.replace('/', "-"),
+    };
     let kind = plan.kind().name();
     let search = plan.falsify.as_ref().map_or("", |falsify| falsify.search.as_str());
     let seed = format!("s{}", plan.seed);

@@ -96,7 +96,7 @@ pub fn functions() -> impl Iterator<Item = (&'static str, &'static str, &'static
 ///         match name {
 ///             "length" => Ok(Meaning::Number(2.0)),
 ///             "angle" => Ok(Meaning::Reading(Reading { what: "angle", size: Size::Number })),
-///             _ => Err(format!("there is no `{name}`")),
+///             _ => Err(format!("unknown name `{name}`")),
 ///         }
 ///     }
 ///     fn reads(&self, _: &str) -> bool { false }

@@ -1,0 +1,461 @@
+//! Content of a target file, before it is compared with the model.
+
+use mishandle_expression::{Node, parse};
+
+use crate::document::{Fields, Item, Key, Table, Text, Value};
+use crate::error::Problem;
+
+/// Version of the format.
+const FORMAT: f64 = 1.0;
+
+/// Largest number of control steps of an episode.
+const MAX_STEPS: f64 = 1e6;
+
+/// A named part of the file.
+#[derive(Clone, Debug)]
+pub(crate) struct Named<T> {
+    pub key: Key,
+    pub value: T,
+}
+
+/// An expression with its text and place.
+#[derive(Clone, Debug)]
+pub(crate) struct Expression {
+    pub node: Node,
+    pub text: Text,
+}
+
+impl Expression {
+    fn new(text: Text) -> Result<Expression, Problem> {
+        match parse(&text.text) {
+            Ok(node) => Ok(Expression { node, text }),
+            Err(error) => Err(Problem::of_expression(&text.span, &text.text, &error)),
+        }
+    }
+}
+
+/// A constant.
+#[derive(Clone, Debug)]
+pub(crate) enum Constant {
+    Number(f64),
+    Vector(Vec<f64>),
+    Expression(Expression),
+    /// Elements of a kind whose whole names match a pattern.
+    Group {
+        kind: String,
+        pattern: Text,
+    },
+    /// A number for each element of a group: those of the first pattern that matches.
+    PerElement {
+        group: Text,
+        values: Vec<(Key, f64)>,
+    },
+}
+
+/// A signal or a part of the observation.
+#[derive(Clone, Debug)]
+pub(crate) struct Quantity {
+    pub value: Expression,
+    pub unit: String,
+    /// Reduction over the physics steps of a control step.
+    pub over: Option<Over>,
+    pub clip: Option<[f64; 2]>,
+}
+
+/// A reduction over the physics steps of a control step.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Over {
+    Max,
+    Min,
+    Sum,
+    Mean,
+}
+
+#[derive(Clone, Debug)]
+pub(crate) struct Control {
+    pub span: std::ops::Range<usize>,
+    /// Duration of a control step, s.
+    pub period: f64,
+    pub steps: usize,
+    /// Physics steps per control step, instead of the time step of the model.
+    pub substeps: Option<usize>,
+}
+
+/// Where actions come from.
+#[derive(Clone, Debug)]
+pub(crate) enum PolicySource {
+    /// A file: an ONNX model or a controller of ours.
+    File(Text),
+    /// An expression of the parts of the observation.
+    Expression(Expression),
+    /// Given with `--controller` only.
+    Open,
+}
+
+#[derive(Clone, Debug)]
+pub(crate) struct Policy {
+    pub source: PolicySource,
+    /// Names of the parts of the observation, in order; all of them if empty.
+    pub observation: Vec<Text>,
+    /// Controls of the actuators as an expression of `action`.
+    pub action: Expression,
+    /// Largest absolute value of an action; others are clipped.
+    pub limit: f64,
+    /// Number of actions; by default that of the expression, or of the actuators.
+    pub actions: Option<usize>,
+    /// Names of the input and output of an ONNX model.
+    pub input: Option<Text>,
+    pub output: Option<Text>,
+}
+
+/// Effect of an axis.
+#[derive(Clone, Debug)]
+pub(crate) enum AxisEffect {
+    /// A number that expressions may read.
+    Start,
+    /// As `Start`, of the kind input.
+    Command,
+    /// Numbers of the model.
+    Model { operation: ModelOperation, fields: Vec<Expression> },
+    /// A delay of observations or actions.
+    Delay { of_actions: bool },
+    /// A constant bias of a part of the observation.
+    Bias { part: Text },
+    /// White noise of a part of the observation.
+    Noise { part: Text },
+    /// A push of a body.
+    Push(Push),
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum ModelOperation {
+    Set,
+    Add,
+    Scale,
+}
+
+#[derive(Clone, Debug)]
+pub(crate) struct Push {
+    pub body: Text,
+    pub time: [f64; 2],
+    pub duration: [f64; 2],
+    /// Range of the force along each axis of the world, N.
+    pub force: [Option<[f64; 2]>; 3],
+}
+
+#[derive(Clone, Debug)]
+pub(crate) struct AxisTable {
+    pub effect: AxisEffect,
+    pub range: [f64; 2],
+    pub nominal: Option<f64>,
+    pub unit: String,
+    pub meaning: Option<String>,
+    pub logarithmic: bool,
+    pub integer: bool,
+}
+
+#[derive(Clone, Debug)]
+pub(crate) struct Description {
+    pub name: String,
+    pub model: Table,
+    pub model_file: Text,
+    pub constants: Vec<Named<Constant>>,
+    pub keyframe: Option<Text>,
+    /// Positions: joint or group, and expression.
+    pub start: Vec<Named<Expression>>,
+    /// Velocities: joint or group, and expression.
+    pub start_velocity: Vec<Named<Expression>>,
+    pub control: Control,
+    pub policy: Policy,
+    pub observation: Vec<Named<Quantity>>,
+    pub signals: Vec<Named<Quantity>>,
+    pub rewards: Vec<Named<Expression>>,
+    pub axes: Vec<Named<AxisTable>>,
+    pub formulas: Vec<Named<Text>>,
+    /// Names of axes for each space.
+    pub spaces: Vec<Named<Vec<Text>>>,
+}
+
+impl Description {
+    /// Reads the tree of a file.
+    pub(crate) fn new(table: &Table) -> Result<Description, Problem> {
+        let mut fields = Fields::new(table, "the file");
+        let format = fields.need("format")?;
+        if format.number("format")? != FORMAT {
+            return Err(Problem::new(&format.span, format!("this program reads format = {FORMAT}")));
+        }
+        let name = fields.need("name")?.text("name")?;
+        let is_plain = |c: char| c.is_ascii_alphanumeric() || c == '-' || c == '_';
+        if name.text.is_empty() || name.text.len() > 60 || !name.text.chars().all(is_plain) {
+            return Err(Problem::new(&name.span, "`name` must be 1 to 60 letters, digits, `-` or `_`"));
+        }
+        let model = fields.need("model")?.table("model")?.clone();
+        let model_file = Fields::new(&model, "[model]").need("file")?.text("file")?;
+        let (keyframe, start, start_velocity) = start(fields.get("start"))?;
+        let description = Description {
+            name: name.text,
+            model,
+            model_file,
+            constants: named(fields.entries("constants")?, constant)?,
+            keyframe,
+            start,
+            start_velocity,
+            control: control(fields.need("control")?.table("control")?)?,
+            policy: policy(fields.need("policy")?.table("policy")?)?,
+            observation: named(fields.entries("observation")?, quantity)?,
+            signals: named(fields.entries("signals")?, quantity)?,
+            rewards: named(fields.entries("rewards")?, |key, item| Expression::new(item.text(&key.name)?))?,
+            axes: named(fields.entries("axes")?, axis)?,
+            formulas: named(fields.entries("formulas")?, |key, item| item.text(&key.name))?,
+            spaces: named(fields.entries("spaces")?, |key, item| item.texts(&key.name))?,
+        };
+        fields.finish()?;
+        for (what, is_empty) in [
+            ("signals", description.signals.is_empty()),
+            ("formulas", description.formulas.is_empty()),
+            ("observation", description.observation.is_empty()),
+        ] {
+            if is_empty {
+                return Err(Problem::new(
+                    &table.span,
+                    format!("the file needs a table [{what}] with at least one entry"),
+                ));
+            }
+        }
+        Ok(description)
+    }
+}
+
+fn named<T>(
+    entries: &[(Key, Item)],
+    read: impl Fn(&Key, &Item) -> Result<T, Problem>,
+) -> Result<Vec<Named<T>>, Problem> {
+    let one = |(key, item): &(Key, Item)| Ok(Named { key: key.clone(), value: read(key, item)? });
+    entries.iter().map(one).collect()
+}
+
+fn constant(key: &Key, item: &Item) -> Result<Constant, Problem> {
+    match &item.value {
+        Value::Number(_) => Ok(Constant::Number(item.number(&key.name)?)),
+        Value::List(_) => Ok(Constant::Vector(item.numbers(&key.name)?)),
+        Value::Text(_) => Ok(Constant::Expression(Expression::new(item.text(&key.name)?)?)),
+        Value::Table(table) => group(key, table),
+        _ => Err(Problem::new(
+            &item.span,
+            format!("`{}` must be a number, a list, an expression or a group", key.name),
+        )),
+    }
+}
+
+fn group(key: &Key, table: &Table) -> Result<Constant, Problem> {
+    let mut fields = Fields::new(table, format!("the constant `{}`", key.name));
+    if let Some(kind) = fields.text("group")? {
+        let pattern = fields.need("names")?.text("names")?;
+        fields.finish()?;
+        return Ok(Constant::Group { kind: kind.text, pattern });
+    }
+    let group = fields.text("of")?;
+    let group = group.ok_or_else(|| {
+        Problem::new(
+            &table.span,
+            format!("`{}` needs `group` with `names`, or `of` with a number for each pattern", key.name),
+        )
+    })?;
+    let others = table.entries.iter().filter(|(key, _)| key.name != "of");
+    let values = others.map(|(key, item)| Ok((key.clone(), item.number(&key.name)?)));
+    Ok(Constant::PerElement { group, values: values.collect::<Result<_, Problem>>()? })
+}
+
+type Starts = (Option<Text>, Vec<Named<Expression>>, Vec<Named<Expression>>);
+
+fn start(item: Option<&Item>) -> Result<Starts, Problem> {
+    let Some(item) = item else { return Ok((None, Vec::new(), Vec::new())) };
+    let (mut keyframe, mut positions, mut velocities) = (None, Vec::new(), Vec::new());
+    let expression = |key: &Key, item: &Item| {
+        Ok(Named { key: key.clone(), value: Expression::new(item.text(&key.name)?)? })
+    };
+    for (key, item) in &item.table("start")?.entries {
+        match key.name.as_str() {
+            "keyframe" => keyframe = Some(item.text("keyframe")?),
+            "velocity" => {
+                for (key, item) in &item.table("velocity")?.entries {
+                    velocities.push(expression(key, item)?);
+                }
+            }
+            _ => positions.push(expression(key, item)?),
+        }
+    }
+    Ok((keyframe, positions, velocities))
+}
+
+fn control(table: &Table) -> Result<Control, Problem> {
+    let mut fields = Fields::new(table, "[control]");
+    let item = fields.need("period")?;
+    let period = match &item.value {
+        // A fraction, so that the period of 60 Hz is not rounded in the file.
+        Value::Text(text) => fraction(text).ok_or_else(|| {
+            Problem::new(&item.span, "`period` must be a number of seconds, or a fraction such as \"1/60\"")
+        })?,
+        _ => item.number("period")?,
+    };
+    if !(1e-5..=100.0).contains(&period) {
+        return Err(Problem::new(&item.span, "`period` must be from 0.00001 to 100 s"));
+    }
+    let steps = whole(fields.need("steps")?, "steps", MAX_STEPS)?;
+    let substeps = fields.get("substeps").map(|item| whole(item, "substeps", 10_000.0)).transpose()?;
+    fields.finish()?;
+    Ok(Control { span: table.span.clone(), period, steps, substeps })
+}
+
+fn fraction(text: &str) -> Option<f64> {
+    let (above, below) = text.split_once('/')?;
+    let parse = |text: &str| text.trim().parse::<f64>().ok();
+    Some(parse(above)? / parse(below)?).filter(|value| value.is_finite())
+}
+
+fn whole(item: &Item, what: &str, most: f64) -> Result<usize, Problem> {
+    let number = item.number(what)?;
+    match number.fract() == 0.0 && (1.0..=most).contains(&number) {
+        true => Ok(number as usize),
+        false => Err(Problem::new(&item.span, format!("`{what}` must be a whole number from 1 to {most}"))),
+    }
+}
+
+fn policy(table: &Table) -> Result<Policy, Problem> {
+    let mut fields = Fields::new(table, "[policy]");
+    let onnx = fields.text("onnx")?;
+    let controller = fields.text("controller")?;
+    let expression = fields.text("expression")?.map(Expression::new).transpose()?;
+    let actions = fields.get("actions").map(|item| whole(item, "actions", 10_000.0)).transpose()?;
+    let source = match (onnx, controller, expression) {
+        (Some(file), None, None) | (None, Some(file), None) => PolicySource::File(file),
+        (None, None, Some(expression)) => PolicySource::Expression(expression),
+        (None, None, None) => PolicySource::Open,
+        _ => {
+            let message = "[policy] takes one of `onnx`, `controller` and `expression`; without one of them, give a policy \
+                           with --controller";
+            return Err(Problem::new(&table.span, message));
+        }
+    };
+    let limit = fields.number("limit")?.unwrap_or(f64::INFINITY);
+    if limit <= 0.0 {
+        return Err(Problem::new(&table.span, "`limit` must be greater than 0"));
+    }
+    let policy = Policy {
+        source,
+        observation: fields.texts("observation")?,
+        action: Expression::new(fields.need("action")?.text("action")?)?,
+        limit,
+        actions,
+        input: fields.text("input")?,
+        output: fields.text("output")?,
+    };
+    fields.finish()?;
+    Ok(policy)
+}
+
+fn quantity(key: &Key, item: &Item) -> Result<Quantity, Problem> {
+    if let Value::Text(_) = item.value {
+        let value = Expression::new(item.text(&key.name)?)?;
+        return Ok(Quantity { value, unit: String::new(), over: None, clip: None });
+    }
+    let mut fields = Fields::new(item.table(&key.name)?, format!("`{}`", key.name));
+    let value = Expression::new(fields.need("value")?.text("value")?)?;
+    let over = fields.text("over")?.map(|text| match text.text.as_str() {
+        "max" => Ok(Over::Max),
+        "min" => Ok(Over::Min),
+        "sum" => Ok(Over::Sum),
+        "mean" => Ok(Over::Mean),
+        _ => Err(Problem::new(&text.span, "`over` must be \"max\", \"min\", \"sum\" or \"mean\"")),
+    });
+    let quantity = Quantity {
+        value,
+        unit: fields.text("unit")?.map(|text| text.text).unwrap_or_default(),
+        over: over.transpose()?,
+        clip: fields.range("clip")?,
+    };
+    fields.finish()?;
+    Ok(quantity)
+}
+
+fn axis(key: &Key, item: &Item) -> Result<AxisTable, Problem> {
+    let table = item.table(&key.name)?;
+    let mut fields = Fields::new(table, format!("the axis `{}`", key.name));
+    let kind = fields.text("kind")?;
+    let kind_name = kind.as_ref().map_or("start", |kind| kind.text.as_str());
+    let mut range = fields.range("range")?;
+    let mut integer = false;
+    let effect = match kind_name {
+        "start" => AxisEffect::Start,
+        "command" => AxisEffect::Command,
+        "model" => {
+            let operations = [
+                ("set", ModelOperation::Set),
+                ("add", ModelOperation::Add),
+                ("scale", ModelOperation::Scale),
+            ];
+            let mut effects = Vec::new();
+            for (key, operation) in operations {
+                let texts = fields.texts(key)?;
+                if !texts.is_empty() {
+                    let expressions = texts.into_iter().map(Expression::new).collect::<Result<_, _>>()?;
+                    effects.push(AxisEffect::Model { operation, fields: expressions });
+                }
+            }
+            if let Some(delayed) = fields.text("delay")? {
+                let of_actions = match delayed.text.as_str() {
+                    "action" => true,
+                    "observation" => false,
+                    _ => {
+                        return Err(Problem::new(
+                            &delayed.span,
+                            "`delay` must be \"action\" or \"observation\"",
+                        ));
+                    }
+                };
+                integer = true;
+                effects.push(AxisEffect::Delay { of_actions });
+            }
+            effects.extend(fields.text("bias")?.map(|part| AxisEffect::Bias { part }));
+            effects.extend(fields.text("noise")?.map(|part| AxisEffect::Noise { part }));
+            match effects.pop() {
+                Some(effect) if effects.is_empty() => effect,
+                _ => {
+                    let message = format!(
+                        "the axis `{}` of the kind \"model\" needs exactly one of `set`, `add`, `scale`, `delay`, `bias` and `noise`",
+                        key.name
+                    );
+                    return Err(Problem::new(&table.span, message));
+                }
+            }
+        }
+        "event" => {
+            range.get_or_insert([0.0, 0.0]);
+            AxisEffect::Push(Push {
+                body: fields.need("body")?.text("body")?,
+                time: fields.need("time")?.range("time")?,
+                duration: match fields.need("duration")? {
+                    item if matches!(item.value, Value::Number(_)) => [item.number("duration")?; 2],
+                    item => item.range("duration")?,
+                },
+                force: [fields.range("x")?, fields.range("y")?, fields.range("z")?],
+            })
+        }
+        _ => {
+            let span = kind.map_or(table.span.clone(), |kind| kind.span);
+            return Err(Problem::new(&span, "`kind` must be \"start\", \"command\", \"model\" or \"event\""));
+        }
+    };
+    let missing = Problem::new(&table.span, format!("the axis `{}` needs `range = [low, high]`", key.name));
+    let axis = AxisTable {
+        effect,
+        range: range.ok_or(missing)?,
+        nominal: fields.number("nominal")?,
+        unit: fields.text("unit")?.map(|text| text.text).unwrap_or_default(),
+        meaning: fields.text("meaning")?.map(|text| text.text),
+        logarithmic: fields.flag("logarithmic")?,
+        integer: fields.flag("integer")? || integer,
+    };
+    fields.finish()?;
+    Ok(axis)
+}

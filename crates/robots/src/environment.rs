@@ -1,0 +1,396 @@
+use std::collections::HashMap;
+use std::sync::Arc;
+
+use mishandle_rollout::{
+    Axis, Environment, EnvironmentWorker, RolloutError, Sample, Scenario, Seed, Space, StepStatus,
+};
+use mishandle_world::{Body, Model, World};
+
+use crate::axes::{ModelChange, PUSH_SIZE, Parameter, changed};
+use crate::description::Over;
+use crate::phase::{Memory, Phase};
+use crate::quantity::View;
+
+/// Largest number of models that a worker keeps.
+const MODELS: usize = 64;
+
+/// The compiled expressions and numbers of a robot.
+pub(crate) struct Robot {
+    pub name: String,
+    /// The model without visual geoms, at the start of an episode.
+    pub model: Model,
+    pub keyframe: Option<usize>,
+    pub control_dt: f64,
+    pub episode_steps: usize,
+    pub substeps: usize,
+    /// Values of positions and velocities at the start, and where they belong.
+    pub start: Phase,
+    pub start_positions: Vec<Vec<usize>>,
+    pub start_velocities: Vec<Vec<usize>>,
+    /// The controls.
+    pub command: Phase,
+    pub control_ranges: Vec<Option<[f64; 2]>>,
+    /// Signals with a reduction over the physics steps.
+    pub measured: Phase,
+    /// Reduction and index among the signals of each.
+    pub reductions: Vec<(Over, usize)>,
+    /// Parts of the observation, then the other signals, then the rewards.
+    pub sample: Phase,
+    /// First entry and size of each part of the observation.
+    pub parts: Vec<(usize, usize)>,
+    /// Bounds of each number of the observation.
+    pub clips: Vec<Option<[f64; 2]>>,
+    /// Index among the signals of each signal without a reduction.
+    pub plain_signals: Vec<usize>,
+    pub signals: Arc<[String]>,
+    pub signal_clips: Vec<Option<[f64; 2]>>,
+    pub reward_terms: Vec<String>,
+    pub observation_size: usize,
+    pub action_size: usize,
+    pub action_limit: f64,
+    /// Nominal values of the axes.
+    pub values: Vec<f64>,
+    pub changes: Vec<ModelChange>,
+    pub pushed: Vec<Body>,
+    pub pushes: Vec<[f64; PUSH_SIZE]>,
+    /// Axes of the environment and what they set.
+    pub axes: Vec<(Axis, Parameter)>,
+}
+
+/// A robot of a file as an environment.
+///
+/// A state row contains MuJoCo's state, the number of control steps, the values of the axes that
+/// expressions read, those of the model, the components of the pushes, and the last action.
+#[derive(Clone)]
+pub struct RobotEnvironment {
+    robot: Arc<Robot>,
+    space: Space,
+    parameters: Arc<[Parameter]>,
+}
+
+impl RobotEnvironment {
+    pub(crate) fn new(robot: Arc<Robot>, space: Space) -> Result<RobotEnvironment, RolloutError> {
+        let parameter = |axis: &Axis| {
+            let found = robot.axes.iter().find(|(known, _)| known.name == axis.name);
+            found.map(|(_, parameter)| *parameter).ok_or_else(|| RolloutError::Axis {
+                axis: axis.name.clone(),
+                what: "the robot has no such axis",
+            })
+        };
+        let parameters = space.axes().iter().map(parameter).collect::<Result<_, _>>()?;
+        Ok(RobotEnvironment { robot, space, parameters })
+    }
+
+    /// Returns the compiled model.
+    pub fn model(&self) -> &Model {
+        &self.robot.model
+    }
+}
+
+impl Robot {
+    fn tail_size(&self) -> usize {
+        1 + self.values.len() + self.changes.len() + PUSH_SIZE * self.pushes.len() + self.action_size
+    }
+
+    /// Returns the tail of the state row of an undisturbed episode.
+    fn nominal_tail(&self) -> Vec<f64> {
+        let mut tail = vec![0.0];
+        tail.extend(&self.values);
+        tail.extend(self.changes.iter().map(|change| change.nominal));
+        tail.extend(self.pushes.iter().flatten());
+        tail.resize(self.tail_size(), 0.0);
+        tail
+    }
+
+    /// Returns the place of a parameter in the tail.
+    fn place(&self, parameter: Parameter) -> usize {
+        let changes = 1 + self.values.len();
+        let pushes = changes + self.changes.len();
+        match parameter {
+            Parameter::Value(index) => 1 + index,
+            Parameter::Change(index) => changes + index,
+            Parameter::Push { push, component } => pushes + PUSH_SIZE * push + component,
+        }
+    }
+}
+
+impl Environment for RobotEnvironment {
+    fn name(&self) -> &str {
+        &self.robot.name
+    }
+
+    fn space(&self) -> &Space {
+        &self.space
+    }
+
+    fn signals(&self) -> &Arc<[String]> {
+        &self.robot.signals
+    }
+
+    fn reward_terms(&self) -> &[String] {
+        &self.robot.reward_terms
+    }
+
+    fn observation_size(&self) -> usize {
+        self.robot.observation_size
+    }
+
+    fn action_size(&self) -> usize {
+        self.robot.action_size
+    }
+
+    fn action_limit(&self) -> f64 {
+        self.robot.action_limit
+    }
+
+    fn state_size(&self) -> usize {
+        self.robot.model.state_size() + self.robot.tail_size()
+    }
+
+    fn control_dt(&self) -> f64 {
+        self.robot.control_dt
+    }
+
+    fn episode_steps(&self) -> usize {
+        self.robot.episode_steps
+    }
+
+    fn worker(&self) -> Box<dyn EnvironmentWorker> {
+        self.worker_of(1)
+    }
+
+    fn worker_of(&self, rows: usize) -> Box<dyn EnvironmentWorker> {
+        let robot = self.robot.clone();
+        Box::new(RobotWorker {
+            world: robot.model.world(),
+            models: HashMap::new(),
+            limit: rows.max(MODELS),
+            key: Vec::new(),
+            start: robot.start.memory(),
+            command: robot.command.memory(),
+            measured: robot.measured.memory(),
+            sample: robot.sample.memory(),
+            reduced: vec![0.0; robot.reductions.len()],
+            observation: vec![0.0; robot.observation_size],
+            parameters: self.parameters.clone(),
+            robot,
+        })
+    }
+}
+
+struct RobotWorker {
+    robot: Arc<Robot>,
+    parameters: Arc<[Parameter]>,
+    world: World,
+    /// Models by the bits of the values of their axes.
+    models: HashMap<Vec<u64>, Model>,
+    limit: usize,
+    /// Scratch buffer of the key of a model.
+    key: Vec<u64>,
+    start: Memory,
+    command: Memory,
+    measured: Memory,
+    sample: Memory,
+    /// Values of the reduced signals over the physics steps so far.
+    reduced: Vec<f64>,
+    observation: Vec<f64>,
+}
+
+/// The parts of the tail of a state row.
+struct Tail<'a> {
+    step: &'a mut f64,
+    values: &'a [f64],
+    pushes: &'a [f64],
+    action: &'a mut [f64],
+}
+
+impl Robot {
+    fn split<'a>(&self, tail: &'a mut [f64]) -> Tail<'a> {
+        let (step, rest) = tail.split_at_mut(1);
+        let (values, rest) = rest.split_at_mut(self.values.len());
+        let (_, rest) = rest.split_at_mut(self.changes.len());
+        let (pushes, action) = rest.split_at_mut(PUSH_SIZE * self.pushes.len());
+        Tail { step: &mut step[0], values, pushes, action }
+    }
+
+    fn model_values<'a>(&self, tail: &'a [f64]) -> &'a [f64] {
+        &tail[1 + self.values.len()..][..self.changes.len()]
+    }
+}
+
+impl RobotWorker {
+    /// Gives the world the model of a row.
+    fn set_model(&mut self, tail: &[f64]) {
+        if self.robot.changes.is_empty() {
+            return;
+        }
+        let values = self.robot.model_values(tail);
+        self.key.clear();
+        self.key.extend(values.iter().map(|value| value.to_bits()));
+        if !self.models.contains_key(&self.key) {
+            if self.models.len() >= self.limit {
+                self.models.clear();
+            }
+            let model = changed(&self.robot.model, &self.robot.changes, values);
+            self.models.insert(self.key.clone(), model);
+        }
+        self.world.set_model(&self.models[&self.key]);
+    }
+
+    /// Writes the observation, the signals without a reduction and the rewards of the current
+    /// state.
+    fn write_sample(&mut self, tail: &mut [f64], sample: &mut Sample<'_>) {
+        let robot = &*self.robot;
+        if robot.sample.reads_poses() {
+            self.world.refresh();
+        }
+        let Tail { step, values, action, .. } = robot.split(tail);
+        let time = *step * robot.control_dt;
+        let mut view = View { world: &self.world, time, parameters: values, action };
+        robot.sample.run(&mut self.sample, &mut view);
+        for (index, (first, size)) in robot.parts.iter().enumerate() {
+            robot.sample.write(&self.sample, index, &mut self.observation[*first..first + size]);
+        }
+        for ((out, value), clip) in sample.observation.iter_mut().zip(&self.observation).zip(&robot.clips) {
+            *out = clip.map_or(*value, |[low, high]| clamp(*value, low, high)) as f32;
+        }
+        let signals = robot.parts.len();
+        for (index, signal) in robot.plain_signals.iter().enumerate() {
+            let value = robot.sample.value(&self.sample, signals + index)[0];
+            sample.signals[*signal] = clip(value, robot.signal_clips[*signal]);
+        }
+        let rewards = signals + robot.plain_signals.len();
+        for (index, reward) in sample.rewards.iter_mut().enumerate() {
+            *reward = robot.sample.value(&self.sample, rewards + index)[0];
+        }
+    }
+
+    /// Evaluates the signals with a reduction after a physics step; `count` is the number of steps
+    /// before.
+    fn measure(&mut self, time: f64, values: &[f64], action: &[f64], count: usize) {
+        let robot = &*self.robot;
+        if robot.measured.is_empty() {
+            return;
+        }
+        // Forward kinematics change no bit of the next step.
+        if robot.measured.reads_poses() {
+            self.world.refresh();
+        }
+        let mut view = View { world: &self.world, time, parameters: values, action };
+        robot.measured.run(&mut self.measured, &mut view);
+        for (index, (reduced, (over, _))) in self.reduced.iter_mut().zip(&robot.reductions).enumerate() {
+            *reduced = over.add(*reduced, robot.measured.value(&self.measured, index)[0], count);
+        }
+    }
+
+    fn write_reduced(&self, count: usize, sample: &mut Sample<'_>) {
+        for (reduced, (over, signal)) in self.reduced.iter().zip(&self.robot.reductions) {
+            sample.signals[*signal] = clip(over.finish(*reduced, count), self.robot.signal_clips[*signal]);
+        }
+    }
+}
+
+fn clip(value: f64, bounds: Option<[f64; 2]>) -> f64 {
+    bounds.map_or(value, |[low, high]| clamp(value, low, high))
+}
+
+/// As `f64::clamp`, and NaN stays NaN.
+fn clamp(value: f64, low: f64, high: f64) -> f64 {
+    if value < low {
+        low
+    } else if value > high {
+        high
+    } else {
+        value
+    }
+}
+
+impl EnvironmentWorker for RobotWorker {
+    fn reset(&mut self, scenario: &Scenario, _seed: Seed, state: &mut [f64], mut sample: Sample<'_>) {
+        let robot = self.robot.clone();
+        let (physics, tail) = state.split_at_mut(robot.model.state_size());
+        tail.copy_from_slice(&robot.nominal_tail());
+        for (parameter, value) in self.parameters.iter().zip(scenario.values()) {
+            if let Some(value) = value {
+                tail[robot.place(*parameter)] = *value;
+            }
+        }
+        self.set_model(tail);
+        self.world.reset();
+        if let Some(keyframe) = robot.keyframe {
+            self.world.qpos_mut().copy_from_slice(robot.model.key_qpos(keyframe));
+            self.world.qvel_mut().copy_from_slice(robot.model.key_qvel(keyframe));
+            self.world.ctrl_mut().copy_from_slice(robot.model.key_ctrl(keyframe));
+        }
+        let Tail { values, action, .. } = robot.split(tail);
+        let mut view = View { world: &self.world, time: 0.0, parameters: values, action };
+        robot.start.run(&mut self.start, &mut view);
+        let places = robot.start_positions.iter().chain(&robot.start_velocities).enumerate();
+        for (index, indices) in places {
+            let value = robot.start.value(&self.start, index);
+            let state = match index < robot.start_positions.len() {
+                true => self.world.qpos_mut(),
+                false => self.world.qvel_mut(),
+            };
+            for (place, index) in indices.iter().enumerate() {
+                state[*index] = value[if value.len() == 1 { 0 } else { place }];
+            }
+        }
+        self.world.read_state(physics);
+        if robot.sample.reads_forces() || robot.measured.reads_forces() {
+            self.world.refresh_sensors();
+        }
+        self.measure(0.0, robot.split(tail).values, &vec![0.0; robot.action_size], 0);
+        self.write_sample(tail, &mut sample);
+        self.write_reduced(1, &mut sample);
+        sample.rewards.fill(0.0);
+    }
+
+    fn step(&mut self, action: &[f64], state: &mut [f64], mut sample: Sample<'_>) -> StepStatus {
+        let robot = self.robot.clone();
+        let (physics, tail) = state.split_at_mut(robot.model.state_size());
+        self.set_model(tail);
+        self.world.set_state(physics);
+        if robot.command.reads_poses() {
+            self.world.refresh();
+        }
+        let Tail { step, values, pushes, action: last } = robot.split(tail);
+        last.copy_from_slice(action);
+        let start = *step * robot.control_dt;
+        let mut view = View { world: &self.world, time: start, parameters: values, action };
+        robot.command.run(&mut self.command, &mut view);
+        let controls = self.world.ctrl_mut();
+        robot.command.write(&self.command, 0, controls);
+        for (control, range) in controls.iter_mut().zip(&robot.control_ranges) {
+            *control = clip(*control, *range);
+        }
+        if self.world.ctrl().iter().any(|control| !control.is_finite()) {
+            return StepStatus::Diverged;
+        }
+        let timestep = robot.model.timestep();
+        for substep in 0..robot.substeps {
+            let now = start + substep as f64 * timestep;
+            for (body, push) in robot.pushed.iter().zip(pushes.as_chunks::<PUSH_SIZE>().0) {
+                self.world.push(*body, force(push, now, timestep));
+            }
+            self.world.step();
+            self.measure(now + timestep, values, action, substep);
+        }
+        if self.world.take_divergence() {
+            return StepStatus::Diverged;
+        }
+        self.world.read_state(physics);
+        *step += 1.0;
+        self.write_sample(tail, &mut sample);
+        self.write_reduced(robot.substeps, &mut sample);
+        StepStatus::Running
+    }
+}
+
+/// Returns the mean force of a push over the physics step from `time` to `time + step`, N. The push
+/// may cover a part of the step.
+fn force(push: &[f64; PUSH_SIZE], time: f64, step: f64) -> [f64; 3] {
+    let [start, duration, x, y, z] = *push;
+    let covered = ((time + step).min(start + duration) - time.max(start)).max(0.0) / step;
+    [x * covered, y * covered, z * covered]
+}

@@ -1,0 +1,26 @@
+//! Robots that a file describes: `target.toml` names a MuJoCo model, start, actions, observation,
+//! policy, signals, axes and formulas, and needs no code.
+//!
+//! [`RobotFile::read`] reads and checks a file; [`RobotFile::target`] makes a
+//! [`Target`](mishandle_rollout::Target) of it and a controller. `document` is the tree of the
+//! text, `description` what it says, `library` the names that its expressions may use, `phase` the
+//! expressions that are evaluated together, and `environment` the simulation, which runs in the
+//! same engine as every task.
+
+mod axes;
+mod description;
+mod document;
+mod environment;
+mod error;
+mod library;
+mod model;
+mod pattern;
+mod phase;
+mod policy;
+mod quantity;
+mod target;
+
+pub use environment::RobotEnvironment;
+pub use error::RobotError;
+pub use library::{QUANTITY_FUNCTIONS, QuantityFunction};
+pub use target::{KIND, RobotFile, RobotPolicy};

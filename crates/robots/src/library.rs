@@ -1,0 +1,299 @@
+//! The names that the expressions of a file may use: elements of the model, constants, axes.
+
+use mishandle_expression::{Argument, Meaning, Names, Reading, Size};
+use mishandle_stl::nearest;
+use mishandle_world::{ElementKind, Model};
+
+use crate::description::{Constant, Named};
+use crate::pattern::{kind, select};
+use crate::quantity::{ContactOwner, Quantity};
+
+/// A function that reads a quantity, with its arguments and its meaning, for the documentation.
+pub struct QuantityFunction {
+    /// Name with its arguments.
+    pub call: &'static str,
+    /// Quantity and unit.
+    pub meaning: &'static str,
+}
+
+const fn function(call: &'static str, meaning: &'static str) -> QuantityFunction {
+    QuantityFunction { call, meaning }
+}
+
+/// All functions that read quantities. An argument in quotation marks is a name or a regular
+/// expression of whole names; without them it is a group of `[constants]`.
+pub static QUANTITY_FUNCTIONS: &[QuantityFunction] = &[
+    function("qpos(joints)", "positions of joints, rad or m; a free joint has 7, a ball joint 4"),
+    function("qvel(joints)", "velocities of joints, rad/s or m/s; a free joint has 6, a ball joint 3"),
+    function("joint_low(joints)", "lower limits of joints"),
+    function("joint_high(joints)", "upper limits of joints"),
+    function("ctrl(actuators)", "controls of actuators"),
+    function(
+        "actuator_force(actuators)",
+        "forces of actuators, N or N m, at the start of the last physics step",
+    ),
+    function(
+        "bias_forces(joints)",
+        "gravity, Coriolis and centrifugal forces, N or N m, at the start of the last physics step",
+    ),
+    function("body_pos(body)", "origin of a body's frame, m"),
+    function("body_quat(body)", "orientation of a body, quaternion (w, x, y, z)"),
+    function("body_vel(body)", "velocity of a body's frame in world axes, m/s"),
+    function("body_angvel(body)", "angular velocity of a body in world axes, rad/s"),
+    function("body_com(body)", "center of mass of a body, m"),
+    function(
+        "subtree_com(body)",
+        "center of mass of a body with all its descendants, m, at the start of the last physics step",
+    ),
+    function("body_frame(body, v)", "the constant vector v of the world in the axes of a body"),
+    function("axis_x(body)", "x axis of a body in world axes"),
+    function("axis_y(body)", "y axis of a body in world axes"),
+    function("axis_z(body)", "z axis of a body in world axes"),
+    function("site_pos(site)", "position of a site, m"),
+    function("site_mat(site)", "rotation matrix of a site, row by row"),
+    function("geom_pos(geom)", "position of a geom, m"),
+    function("sensor(sensors)", "data of sensors of the model, at the start of the last physics step"),
+    function(
+        "contact_forces(geom or body)",
+        "list of the magnitudes of the forces at its contact points, N, at the start of the last physics step",
+    ),
+];
+
+/// Names of the library for one place of the file.
+pub(crate) struct Library<'a> {
+    pub model: &'a Model,
+    pub constants: &'a [Named<Constant>],
+    /// Names of the axes that expressions may read, in the order of the parameters.
+    pub parameters: &'a [String],
+    /// Length of the action, where it may be read.
+    pub actions: Option<usize>,
+}
+
+fn names_of(functions: &[QuantityFunction]) -> impl Iterator<Item = &'static str> {
+    functions.iter().map(|function| function.call.split('(').next().unwrap_or_default())
+}
+
+impl Library<'_> {
+    fn constant(&self, name: &str) -> Option<&Constant> {
+        self.constants.iter().find(|constant| constant.key.name == name).map(|constant| &constant.value)
+    }
+
+    /// Returns the elements of the kind that an argument selects.
+    pub(crate) fn elements(
+        &self,
+        required: ElementKind,
+        argument: Option<&Argument>,
+    ) -> Result<Vec<usize>, String> {
+        let label = required.label();
+        match argument {
+            Some(Argument::Text(pattern)) => select(self.model, required, pattern),
+            Some(Argument::Name(name)) => match self.constant(name) {
+                Some(Constant::Group { kind: found, pattern }) => {
+                    if kind(found) != Some(required) {
+                        return Err(format!(
+                            "`{name}` is a group of the kind \"{found}\"; this needs {label}s"
+                        ));
+                    }
+                    select(self.model, required, &pattern.text)
+                }
+                Some(_) => {
+                    Err(format!("`{name}` is not a group; write the name of a {label} in quotation marks"))
+                }
+                None => Err(format!(
+                    "there is no group `{name}`; write the name of a {label} in quotation marks: '{name}'"
+                )),
+            },
+            _ => Err(format!("this needs the name of a {label} in quotation marks, or a group")),
+        }
+    }
+
+    fn one(&self, kind: ElementKind, argument: Option<&Argument>) -> Result<usize, String> {
+        match self.elements(kind, argument)?.as_slice() {
+            [index] => Ok(*index),
+            several => Err(format!("this needs one {}, but {} match", kind.label(), several.len())),
+        }
+    }
+
+    /// Returns a number for each element of a group.
+    fn per_element(&self, group: &str, values: &[(crate::document::Key, f64)]) -> Result<Vec<f64>, String> {
+        let Some(Constant::Group { kind: name, .. }) = self.constant(group) else {
+            return Err(format!("there is no group `{group}`"));
+        };
+        let kind = kind(name).ok_or_else(|| format!("groups have no kind \"{name}\""))?;
+        let elements = self.elements(kind, Some(&Argument::Name(group.to_string())))?;
+        let mut found = vec![None; elements.len()];
+        for (pattern, value) in values {
+            let matching = select(self.model, kind, &pattern.name)?;
+            let mut is_used = false;
+            for (element, found) in elements.iter().zip(&mut found) {
+                if matching.contains(element) {
+                    found.get_or_insert(*value);
+                    is_used = true;
+                }
+            }
+            if !is_used {
+                return Err(format!("`{}` matches no element of the group `{group}`", pattern.name));
+            }
+        }
+        let names = self.model.names(kind);
+        let one = |(element, found): (&usize, Option<f64>)| {
+            found.ok_or_else(|| format!("no pattern matches `{}` of the group `{group}`", names[*element]))
+        };
+        elements.iter().zip(found).map(one).collect()
+    }
+
+    fn joints(
+        &self,
+        argument: Option<&Argument>,
+        part: impl Fn(usize) -> std::ops::Range<usize>,
+    ) -> Result<Vec<usize>, String> {
+        Ok(self.elements(ElementKind::Joint, argument)?.into_iter().flat_map(part).collect())
+    }
+
+    fn limits(&self, argument: Option<&Argument>, index: usize) -> Result<Vec<f64>, String> {
+        let limit = |joint: usize| match self.model.joint_is_limited(joint) {
+            true => Ok([self.model.joint_at(joint).low, self.model.joint_at(joint).high][index]),
+            false => {
+                Err(format!("the joint `{}` has no limits", self.model.names(ElementKind::Joint)[joint]))
+            }
+        };
+        self.elements(ElementKind::Joint, argument)?.into_iter().map(limit).collect()
+    }
+}
+
+fn numbers(what: Quantity, size: usize) -> Result<Reading<Quantity>, String> {
+    Ok(Reading { what, size: Size::Vector(size) })
+}
+
+impl Names<Quantity> for Library<'_> {
+    fn name(&self, name: &str) -> Result<Meaning<Quantity>, String> {
+        let reading = |what, size| Ok(Meaning::Reading(Reading { what, size }));
+        if let Some(index) = self.parameters.iter().position(|known| known == name) {
+            return reading(Quantity::Parameter(index), Size::Number);
+        }
+        match (name, self.constant(name)) {
+            (_, Some(Constant::Number(value))) => Ok(Meaning::Number(*value)),
+            (_, Some(Constant::Vector(values))) => Ok(Meaning::Vector(values.clone())),
+            (_, Some(Constant::Expression(expression))) => Ok(Meaning::Definition(expression.node.clone())),
+            (_, Some(Constant::PerElement { group, values })) => {
+                Ok(Meaning::Vector(self.per_element(&group.text, values)?))
+            }
+            (_, Some(Constant::Group { .. })) => {
+                Err(format!("`{name}` is a group of elements; write for instance `qpos({name})`"))
+            }
+            ("time", None) => reading(Quantity::Time, Size::Number),
+            ("pi", None) => Ok(Meaning::Number(std::f64::consts::PI)),
+            ("action", None) => match self.actions {
+                Some(size) => reading(Quantity::Action, Size::Vector(size)),
+                None => Err("the action is not known here".to_string()),
+            },
+            (_, None) => {
+                let constants = self.constants.iter().map(|constant| constant.key.name.as_str());
+                let known: Vec<&str> = constants
+                    .chain(self.parameters.iter().map(String::as_str))
+                    .chain(["time", "pi"])
+                    .chain(self.actions.map(|_| "action"))
+                    .collect();
+                let hint = nearest(name, known.iter().copied());
+                let hint = hint.map_or(String::new(), |nearest| format!("; did you mean `{nearest}`?"));
+                Err(format!("there is no name `{name}`{hint} (names: {})", known.join(", ")))
+            }
+        }
+    }
+
+    fn reads(&self, function: &str) -> bool {
+        names_of(QUANTITY_FUNCTIONS).any(|known| known == function)
+    }
+
+    fn call(&self, function: &str, arguments: &[Argument]) -> Result<Reading<Quantity>, String> {
+        use Quantity as Q;
+        let expected = 1 + usize::from(function == "body_frame");
+        if arguments.len() != expected {
+            return Err(format!("`{function}` takes {expected} argument(s), not {}", arguments.len()));
+        }
+        let first = arguments.first();
+        let model = self.model;
+        let body = || Ok::<_, String>(model.body_at(self.one(ElementKind::Body, first)?));
+        let position = |joint: usize| {
+            let joint = model.joint_at(joint);
+            joint.qpos..joint.qpos + joint.kind.positions()
+        };
+        let velocity = |joint: usize| {
+            let joint = model.joint_at(joint);
+            joint.dof..joint.dof + joint.kind.velocities()
+        };
+        let list = |indices: Vec<usize>, what: fn(Vec<usize>) -> Quantity| {
+            let size = indices.len();
+            numbers(what(indices), size)
+        };
+        match function {
+            "qpos" => list(self.joints(first, position)?, Q::Positions),
+            "qvel" => list(self.joints(first, velocity)?, Q::Velocities),
+            "bias_forces" => list(self.joints(first, velocity)?, Q::BiasForces),
+            "ctrl" => list(self.elements(ElementKind::Actuator, first)?, Q::Controls),
+            "actuator_force" => list(self.elements(ElementKind::Actuator, first)?, Q::ActuatorForces),
+            "joint_low" => {
+                let values = self.limits(first, 0)?;
+                numbers(Q::Constants(values.clone()), values.len())
+            }
+            "joint_high" => {
+                let values = self.limits(first, 1)?;
+                numbers(Q::Constants(values.clone()), values.len())
+            }
+            "body_pos" => numbers(Q::BodyPosition(body()?), 3),
+            "body_quat" => numbers(Q::BodyQuaternion(body()?), 4),
+            "body_vel" => numbers(Q::BodyVelocity(body()?), 3),
+            "body_angvel" => numbers(Q::BodyAngularVelocity(body()?), 3),
+            "body_com" => numbers(Q::InertialPosition(body()?), 3),
+            "subtree_com" => numbers(Q::CenterOfMass(body()?), 3),
+            "axis_x" => numbers(Q::BodyAxis(body()?, 0), 3),
+            "axis_y" => numbers(Q::BodyAxis(body()?, 1), 3),
+            "axis_z" => numbers(Q::BodyAxis(body()?, 2), 3),
+            "body_frame" => match &arguments[1] {
+                Argument::Numbers(vector) if vector.len() == 3 => {
+                    numbers(Q::InBody(body()?, [vector[0], vector[1], vector[2]]), 3)
+                }
+                _ => Err("the second argument of `body_frame` is a list of three numbers".to_string()),
+            },
+            "site_pos" | "site_mat" => {
+                let index = self.one(ElementKind::Site, first)?;
+                let site =
+                    model.site(&model.names(ElementKind::Site)[index]).map_err(|error| error.to_string())?;
+                if function == "site_pos" {
+                    numbers(Q::SitePosition(site), 3)
+                } else {
+                    numbers(Q::SiteRotation(site), 9)
+                }
+            }
+            "geom_pos" => numbers(Q::GeomPosition(self.one(ElementKind::Geom, first)?), 3),
+            "sensor" => {
+                let ranges: Vec<_> = self
+                    .elements(ElementKind::Sensor, first)?
+                    .into_iter()
+                    .map(|index| model.sensor(index))
+                    .collect();
+                let range = ranges[0].start..ranges[ranges.len() - 1].end;
+                let size = range.len();
+                if ranges.iter().map(std::ops::Range::len).sum::<usize>() != size {
+                    return Err("the sensors of a pattern must follow each other in the model".to_string());
+                }
+                numbers(Q::Sensor(range), size)
+            }
+            "contact_forces" => {
+                let owner = match self.one(ElementKind::Geom, first) {
+                    Ok(geom) => ContactOwner::Geom(geom),
+                    Err(of_geoms) => match self.one(ElementKind::Body, first) {
+                        Ok(index) => ContactOwner::Body(model.body_at(index)),
+                        Err(_) => return Err(of_geoms),
+                    },
+                };
+                Ok(Reading { what: Q::ContactForces(owner), size: Size::List })
+            }
+            _ => Err(format!("there is no function `{function}`")),
+        }
+    }
+
+    fn functions(&self) -> Vec<String> {
+        names_of(QUANTITY_FUNCTIONS).map(str::to_string).collect()
+    }
+}

@@ -1,0 +1,221 @@
+//! A cart-pole in a file, against a loop written by hand.
+
+#![allow(clippy::unwrap_used, reason = "tests")]
+
+use std::path::Path;
+
+use mishandle_robots::{RobotFile, RobotPolicy};
+use mishandle_rollout::{Component, Episode, Noise, Request, Scenario, Seed, Specification, Target};
+use mishandle_stl::Formula;
+use mishandle_world::{Change, FieldOperation, Model, ModelField};
+
+const MODEL: &str = r#"<mujoco>
+  <option timestep="0.005"/>
+  <worldbody>
+    <geom name="floor" type="plane" size="3 3 0.1" pos="0 0 -0.5"/>
+    <body name="cart">
+      <joint name="slide" type="slide" axis="1 0 0" damping="0.1"/>
+      <geom type="box" size="0.15 0.1 0.06" mass="1"/>
+      <body name="pole">
+        <joint name="hinge" axis="0 1 0" damping="0.002"/>
+        <geom name="rod" type="capsule" fromto="0 0 0 0 0 0.6" size="0.02" mass="0.1"/>
+        <site name="tip" pos="0 0 0.6"/>
+      </body>
+    </body>
+  </worldbody>
+  <actuator><motor name="force" joint="slide" ctrlrange="-20 20" ctrllimited="true"/></actuator>
+</mujoco>"#;
+
+const FILE: &str = r#"
+format = 1
+name = "cartpole"
+model.file = "cartpole.xml"
+control = { period = 0.02, steps = 120 }
+start = { hinge = "tilt" }
+observation.state = "[*qpos('slide'), *qvel('slide'), *qpos('hinge'), *qvel('hinge')]"
+
+[policy]
+expression = "dot([1, 2, 25, 4], state)"
+action = "action"
+
+[signals]
+angle = { value = "abs(qpos('hinge'))[0]", unit = "rad" }
+height = { value = "site_pos('tip')[2]", unit = "m" }
+fastest = { value = "abs(qvel('hinge')[0])", over = "max" }
+
+[axes]
+tilt = { range = [-0.3, 0.3], unit = "rad" }
+pole = { kind = "model", range = [0.5, 4], scale = "body_mass('pole')" }
+gust = { kind = "event", body = "pole", time = [0.5, 3], duration = [0.05, 0.2], x = [-4, 4] }
+
+[formulas]
+upright = "always(angle <= 0.5)"
+"#;
+
+fn read(folder: &Path, file: &str) -> Result<RobotFile, String> {
+    std::fs::write(folder.join("cartpole.xml"), MODEL).unwrap();
+    std::fs::write(folder.join("cartpole.toml"), file).unwrap();
+    RobotFile::read(&folder.join("cartpole.toml")).map_err(|error| {
+        let text = error.to_string();
+        text.replace(&folder.display().to_string(), "FOLDER")
+    })
+}
+
+fn target(robot: &RobotFile) -> Target {
+    let RobotPolicy::Expression(policy) = robot.policy() else { panic!("the policy is an expression") };
+    let component =
+        Component { role: "controller".into(), name: "e".into(), hash: "h".into(), file_hash: String::new() };
+    robot.target((policy.clone(), component), Noise::default()).unwrap()
+}
+
+fn simulate(target: &Target, space: &str, scenarios: &[Vec<f64>]) -> Vec<Episode> {
+    let space = target.space(space).unwrap();
+    let requirement = Formula::parse(&target.formulas[0].text).unwrap();
+    let specification = Specification::from_formulas(&target.formulas, requirement).unwrap();
+    let requests: Vec<Request> =
+        scenarios.iter().map(|values| Request::new(Scenario::from(values.as_slice()), Seed(3))).collect();
+    target.system(&space, &specification).unwrap().rollout(&requests).unwrap()
+}
+
+/// The same simulation by hand: the three signals at each control step.
+fn by_hand(tilt: f64, pole: f64, [start, duration, force]: [f64; 3]) -> Vec<[f64; 3]> {
+    let model = Model::from_xml(MODEL).unwrap();
+    let body = model.body("pole").unwrap();
+    let entries = vec![body.index()];
+    let change =
+        Change::Field { field: ModelField::BodyMass, entries, operation: FieldOperation::Scale, value: pole };
+    let model = if pole == 1.0 { model } else { model.changed(&[change]) };
+    let tip = model.site("tip").unwrap();
+    let mut world = model.world();
+    world.reset();
+    world.qpos_mut()[1] = tilt;
+    let mut samples = Vec::new();
+    let mut fastest = world.qvel()[1].abs();
+    for step in 0..=120 {
+        world.refresh();
+        samples.push([world.qpos()[1].abs(), world.rows().site_position(tip)[2], fastest]);
+        // Observations and actions are 32-bit numbers.
+        let state =
+            [world.qpos()[0], world.qvel()[0], world.qpos()[1], world.qvel()[1]].map(|x| f64::from(x as f32));
+        let action = [1.0, 2.0, 25.0, 4.0].iter().zip(state).map(|(gain, x)| gain * x).sum::<f64>() as f32;
+        world.ctrl_mut()[0] = f64::from(action).clamp(-20.0, 20.0);
+        fastest = 0.0;
+        for substep in 0..4 {
+            let time = f64::from(step) * 0.02 + f64::from(substep) * 0.005;
+            let covered = ((time + 0.005).min(start + duration) - time.max(start)).max(0.0) / 0.005;
+            world.push(body, [force * covered, 0.0, 0.0]);
+            world.step();
+            fastest = fastest.max(world.qvel()[1].abs());
+        }
+    }
+    samples
+}
+
+#[test]
+fn traces_are_those_of_a_loop_by_hand_bit_for_bit() {
+    let folder = tempfile::tempdir().unwrap();
+    let target = target(&read(folder.path(), FILE).unwrap());
+    let scenarios = [
+        vec![0.1, 1.0, 0.5, 0.2, 0.0],
+        vec![-0.3, 1.0, 0.5, 0.1, 3.0],
+        vec![0.05, 3.7, 0.513, 0.07, -2.0],
+        vec![0.2, 0.5, 1.0, 0.2, 0.0],
+    ];
+    // More rows than one thread steps together, in another order.
+    let many: Vec<Vec<f64>> = (0..40).map(|row| scenarios[row * 7 % 4].clone()).collect();
+    let (alone, together) =
+        (simulate(&target, "scenarios", &scenarios), simulate(&target, "scenarios", &many));
+    for (row, episode) in together.iter().enumerate() {
+        assert_eq!(episode.trace, alone[row * 7 % 4].trace, "row {row}");
+    }
+    for (values, episode) in scenarios.iter().zip(&alone) {
+        let expected = by_hand(values[0], values[1], [values[2], values[3], values[4]]);
+        assert_eq!(episode.trace.len(), 121);
+        for (column, name) in ["angle", "height", "fastest"].iter().enumerate() {
+            let found: Vec<u64> = episode.trace.column(column).iter().map(|x| x.to_bits()).collect();
+            let expected: Vec<u64> = expected.iter().map(|sample| sample[column].to_bits()).collect();
+            assert_eq!(found, expected, "{name} of {values:?}");
+        }
+    }
+}
+
+#[test]
+fn nominal_values_of_all_axes_change_no_bit() {
+    let folder = tempfile::tempdir().unwrap();
+    let target = target(&read(folder.path(), FILE).unwrap());
+    let nominal = |space: &str| -> Vec<f64> {
+        target.space(space).unwrap().nominal().values().iter().map(|value| value.unwrap()).collect()
+    };
+    let small = simulate(&target, "starts", &[nominal("starts")]);
+    let large = simulate(&target, "all", &[nominal("all")]);
+    assert_eq!(small[0].trace, large[0].trace);
+    let names: Vec<&str> = target.spaces.iter().map(mishandle_rollout::Space::name).collect();
+    let expected = [
+        "scenarios",
+        "starts",
+        "dynamics",
+        "events",
+        "delay",
+        "timing",
+        "faults-sensing",
+        "faults-actuation",
+    ];
+    assert_eq!(names, expected);
+}
+
+#[test]
+fn mistakes_name_their_line_and_the_nearest_element() {
+    let folder = tempfile::tempdir().unwrap();
+    for (from, to, line, part) in [
+        (
+            "qvel('hinge')]",
+            "qvel('hing')]",
+            7,
+            "no joint `hing`; did you mean `hinge`? (joints: slide, hinge)",
+        ),
+        ("site_pos('tip')", "site_pos('top')", 15, "did you mean `tip`?"),
+        ("site_pos('tip')[2]", "site_pos('tip')", 15, "the signal `height` has 3 numbers"),
+        ("hinge = \"tilt\"", "hinge = \"tild\"", 6, "did you mean `tilt`?"),
+        ("hinge = \"tilt\"", "henge = \"tilt\"", 6, "did you mean `hinge`?"),
+        ("25, 4], state", "25], state", 10, "the arguments of `dot` have 3 and 4 numbers"),
+        (
+            "action = \"action\"",
+            "action = \"[action[0], 1]\"",
+            11,
+            "needs 1 numbers, and the expression has 2",
+        ),
+        ("body_mass('pole')", "body_mas('pole')", 20, "body_mass"),
+        ("body_mass('pole')", "body_mass('polo')", 20, "did you mean `pole`?"),
+        ("range = [0.5, 4]", "range = [-1, 4]", 20, "is negative"),
+        ("range = [-0.3, 0.3]", "range = [0.3, -0.3]", 19, "low at most high"),
+        ("body = \"pole\"", "body = \"poles\"", 21, "did you mean `pole`?"),
+        ("x = [-4, 4]", "x = [1, 4]", 21, "contains 0"),
+        ("steps = 120", "step = 120", 5, "needs the key `steps`"),
+        ("steps = 120", "steps = 120, stops = 1", 5, "no key `stops`; did you mean `steps`?"),
+        ("period = 0.02", "period = 0.012", 5, "not a whole number of physics steps"),
+        ("always(angle <= 0.5)", "always(angel <= 0.5)", 24, "angel"),
+        ("format = 1", "format = 2", 2, "format = 1"),
+        ("over = \"max\"", "over = \"most\"", 16, "must be \"max\""),
+        ("kind = \"model\"", "kind = \"modal\"", 20, "`kind` must be"),
+        ("expression =", "expresion =", 10, "no key `expresion`; did you mean `expression`?"),
+        ("[formulas]", "[formulae]", 23, "no key `formulae`; did you mean `formulas`?"),
+    ] {
+        assert!(FILE.contains(from), "{from}");
+        let error = match read(folder.path(), &FILE.replace(from, to)) {
+            Ok(robot) => {
+                let RobotPolicy::Expression(policy) = robot.policy() else { panic!("{to} is accepted") };
+                let component = Component {
+                    role: String::new(),
+                    name: String::new(),
+                    hash: String::new(),
+                    file_hash: String::new(),
+                };
+                let made = robot.target((policy.clone(), component), Noise::default());
+                made.err().map_or_else(|| panic!("{to} is accepted"), |error| error.to_string())
+            }
+            Err(error) => error,
+        };
+        assert!(error.contains(part), "{to}: {error}");
+        assert!(error.contains(&format!("cartpole.toml, line {line}:")), "{to}: {error}");
+    }
+}
