@@ -8,10 +8,12 @@ use std::path::Path;
 /// # Errors
 /// `InvalidInput` for a symbolic link, or the error of the system if there is nothing.
 pub fn refuse_link(path: &Path) -> Result<()> {
-    match path.symlink_metadata()?.is_symlink() {
-        true => Err(Error::new(ErrorKind::InvalidInput, "it is a symbolic link; put a copy in its place")),
-        false => Ok(()),
-    }
+    if path.symlink_metadata()?.is_symlink() { Err(refused("")) } else { Ok(()) }
+}
+
+fn refused(name: &str) -> Error {
+    let message = format!("{name}it is a symbolic link; put a copy in its place");
+    Error::new(ErrorKind::InvalidInput, message)
 }
 
 /// Checks that a folder and the folders in it contain no symbolic links. The folder itself may be
@@ -23,12 +25,14 @@ pub fn refuse_links_in(folder: &Path) -> Result<()> {
     let mut folders = vec![folder.to_path_buf()];
     while let Some(next) = folders.pop() {
         for entry in fs::read_dir(&next)? {
-            let path = entry?.path();
-            refuse_link(&path).map_err(|error| {
+            let entry = entry?;
+            // Of the entry: a temporary file of another process may be gone by now.
+            let (path, kind) = (entry.path(), entry.file_type()?);
+            if kind.is_symlink() {
                 let name = path.strip_prefix(folder).unwrap_or(&path);
-                Error::new(error.kind(), format!("{}: {error}", name.display()))
-            })?;
-            if path.is_dir() {
+                return Err(refused(&format!("{}: ", name.display())));
+            }
+            if kind.is_dir() {
                 folders.push(path);
             }
         }
