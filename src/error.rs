@@ -2,6 +2,8 @@
 
 mod curve;
 
+use std::error::Error;
+use std::iter::successors;
 use std::path::PathBuf;
 
 use mishandle_training::TrainingError;
@@ -211,6 +213,18 @@ pub enum MishandleError {
     NoDevice {
         /// Name of the device.
         device: String,
+    },
+    /// The result of a hardening cannot be read.
+    #[error(
+        "{} is not the result of a hardening of this version: {problem}; delete the file and resume the hardening, which makes \
+         it again from the recorded simulations, or choose another --out",
+        path.display()
+    )]
+    HardeningResult {
+        /// Path of the file.
+        path: PathBuf,
+        /// The problem.
+        problem: String,
     },
     /// A run cannot be continued with other settings, because the scenarios that its search
     /// proposed depend on them.
@@ -586,6 +600,19 @@ pub enum MishandleError {
     /// A run file cannot be read or written.
     #[error(transparent)]
     Store(#[from] mishandle_store::StoreError),
+}
+
+impl MishandleError {
+    /// Returns the text of the error with those of its causes, the outermost first. A cause that
+    /// the text contains already is left out.
+    pub fn with_causes(&self) -> String {
+        let causes = successors(Some(self as &dyn Error), |error| (*error).source());
+        causes.map(ToString::to_string).fold(String::new(), |text, cause| match text.as_str() {
+            "" => cause,
+            known if known.ends_with(&cause) => text,
+            known => format!("{known}: {cause}"),
+        })
+    }
 }
 
 /// Largest number of known names that an error lists.

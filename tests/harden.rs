@@ -9,11 +9,11 @@ use std::path::{Path, PathBuf};
 use mishandle::Plan;
 use mishandle::controllers::ControllerFile;
 use mishandle::counterexample::{Counterexample, suite_files};
-use mishandle::harden::{HardenProgress, finished, harden, harden_folder, resume};
+use mishandle::harden::{HardenProgress, build_differences, finished, harden, harden_folder, resume};
 use mishandle::plan::{AxisSetting, HardenPlan};
 use mishandle::results::Hardening;
 use mishandle::run::Opening;
-use mishandle::store::RunFile;
+use mishandle::store::{IfExists, RunFile, RunWriter};
 
 /// A hardening of few simulations. Its training settings differ from those of the shipped
 /// controller in the number of environments only, so that it takes few steps.
@@ -164,10 +164,27 @@ fn an_interrupted_hardening_continues_to_the_same_result_and_its_sets_are_disjoi
         let error = finished(&copy).unwrap_err().to_string();
         assert!(error.contains("result.json"), "{text:?}: {error}");
     }
+    // So is one of another version, which says how to go on.
+    let text = std::fs::read_to_string(harden_folder(&out).join("result.json")).unwrap();
+    let mut older: serde_json::Map<String, serde_json::Value> = serde_json::from_str(&text).unwrap();
+    older.remove("worse");
+    std::fs::write(&result, serde_json::to_string(&older).unwrap()).unwrap();
+    let error = finished(&copy).unwrap_err().to_string();
+    for part in ["result.json is not", "of this version", "`worse`", "delete the file", "--out"] {
+        assert!(error.contains(part), "{part}: {error}");
+    }
     std::fs::File::create(&result).unwrap().set_len(5 << 20).unwrap();
     assert!(finished(&copy).unwrap_err().to_string().contains("result.json"));
     std::fs::remove_file(&result).unwrap();
     assert_eq!(finished(&copy).unwrap(), None);
+    // Nothing in the folder is another file of the user.
+    #[cfg(unix)]
+    for link in ["result.json", "final"] {
+        std::os::unix::fs::symlink(harden_folder(&out).join(link), copy.join(link)).unwrap();
+        let error = finished(&copy).unwrap_err().with_causes();
+        assert!(error.contains(&format!("{link}: it is a symbolic link")), "{error}");
+        std::fs::remove_file(copy.join(link)).unwrap();
+    }
 
     let files = run_files(&harden_folder(&out));
     let of = |is: &dyn Fn(&str) -> bool| -> Vec<PathBuf> {
@@ -190,6 +207,21 @@ fn an_interrupted_hardening_continues_to_the_same_result_and_its_sets_are_disjoi
     // Training draws given scenarios of the searches only.
     let archive = std::fs::read_to_string(harden_folder(&out).join("round-1/archive.csv")).unwrap();
     assert_eq!(archive.lines().next().unwrap().split(',').next(), Some("weight"));
+}
+
+#[test]
+fn another_build_of_an_unfinished_hardening_is_a_difference() {
+    let home = tempfile::tempdir().unwrap();
+    let out = home.path().join("out.safetensors");
+    assert_eq!(harden(&plan(home.path()), &out, None, &mut |_| ControlFlow::Break(())).unwrap(), None);
+    let folder = harden_folder(&out);
+    assert!(build_differences(&folder).unwrap().is_empty());
+    let path = run_files(&folder).remove(0);
+    let mut header = RunFile::open(&path).unwrap().header().clone();
+    header.build.git_commit = "c0ffee".to_string();
+    RunWriter::create(&path, &header, IfExists::Replace).unwrap().close().unwrap();
+    let found = build_differences(&folder).unwrap();
+    assert!(found.len() == 1 && found[0].contains("c0ffee"), "{found:?}");
 }
 
 #[test]

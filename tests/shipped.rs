@@ -51,9 +51,19 @@ fn the_first_generation_is_complete_and_each_is_small() {
         *size += path.metadata().unwrap().len();
     }
     let tasks = TASKS.iter().filter(|task| task.definition().variant_of.is_none()).count();
-    assert_eq!(found[GENERATIONS[0].name].0, tasks * ALGORITHMS.len());
+    assert_eq!(found[Generation::of_paper().name].0, tasks * ALGORITHMS.len());
     for (name, (count, size)) in found {
         assert!(count <= tasks * ALGORITHMS.len() && size <= LARGEST, "{name}: {count} files, {size} bytes");
+    }
+}
+
+#[test]
+fn the_table_of_the_generations_says_how_each_was_trained() {
+    let page = std::fs::read_to_string("controllers/README.md").unwrap();
+    for Generation { name, training, .. } in &GENERATIONS {
+        let row = page.lines().find(|line| line.starts_with(&format!("| {name} |"))).unwrap();
+        let on = training.strip_prefix("trained on ").unwrap();
+        assert!(row.contains(&format!("| {on} |")), "{row}");
     }
 }
 

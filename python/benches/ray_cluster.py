@@ -48,7 +48,7 @@ def main() -> None:
     rounds = parser.parse_args().rounds
     folder = pathlib.Path(tempfile.mkdtemp())
     (folder / "plan.toml").write_text(PLAN)
-    [(_, path)] = _native.create_campaign(PLAN, str(folder / "runs"))
+    [(_, path, _)] = _native.create_campaign(PLAN, str(folder / "runs"))
     plan, hashes = _native.recorded_plan(str(path))
     local = _native.PlanWorker(plan, hashes, 1)
     requests: list[Any] = [([0.3 + 0.0002 * i, 0.0], i, False) for i in range(512)]

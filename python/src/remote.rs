@@ -311,21 +311,28 @@ fn report(pending: &Pending, progress: &Py<PyAny>, done: u64, total: u64) -> Con
     }
 }
 
-/// Creates the folder of a campaign from the text of its file. Returns name and path of each run:
-/// its run file, or the folder of its hardening.
+/// Creates the folder of a campaign from the text of its file. Returns for each run its name, its
+/// run file or the folder of its hardening, and whether it is a hardening.
 #[pyfunction]
-pub fn create_campaign(py: Python<'_>, text: &str, folder: PathBuf) -> PyResult<Vec<(String, PathBuf)>> {
+pub fn create_campaign(py: Python<'_>, text: &str, folder: PathBuf) -> PyResult<Vec<NamedRun>> {
     named(py.detach(|| mishandle::campaign::create_campaign(text, &folder)))
 }
 
-/// Returns name and path of each run of the campaign in a folder.
+/// Returns the same for each run of the campaign in a folder.
 #[pyfunction]
-pub fn campaign_runs(py: Python<'_>, folder: PathBuf) -> PyResult<Vec<(String, PathBuf)>> {
+pub fn campaign_runs(py: Python<'_>, folder: PathBuf) -> PyResult<Vec<NamedRun>> {
     named(py.detach(|| runs_in(&folder)))
 }
 
-fn named(runs: Result<Vec<CampaignRun>, Error>) -> PyResult<Vec<(String, PathBuf)>> {
-    Ok(runs.map_err(raised)?.into_iter().map(|CampaignRun { name, path, .. }| (name, path)).collect())
+/// Name, path, and whether it is a hardening.
+type NamedRun = (String, PathBuf, bool);
+
+fn named(runs: Result<Vec<CampaignRun>, Error>) -> PyResult<Vec<NamedRun>> {
+    let named = |run: CampaignRun| {
+        let is_hardening = run.is_hardening();
+        (run.name, run.path, is_hardening)
+    };
+    Ok(runs.map_err(raised)?.into_iter().map(named).collect())
 }
 
 /// Returns the plan of a run file, and the hashes of its target and components.

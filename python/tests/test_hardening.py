@@ -14,7 +14,7 @@ import unittest
 from typing import Any
 
 import mishandle
-from mishandle import results
+from mishandle import _native, results
 
 ROOT = pathlib.Path(__file__).parents[2]
 
@@ -146,6 +146,14 @@ class Hardenings(unittest.TestCase):
         with self.assertRaisesRegex(mishandle.MishandleError, "there is no hardening in .*out.harden to continue"):
             self.harden("out.safetensors", resume=True)
         self.assertEqual(sorted(each.name for each in self.folder.iterdir()), ["settings.toml"])
+
+    def test_the_plan_of_a_run_says_whether_it_is_a_hardening(self) -> None:
+        for table in ("harden", "evaluate"):
+            text = f'target = "point-reaching"\ncontroller = "ppo"\n[{table}]\n'
+            folder = str(self.folder / table)
+            created = _native.create_campaign(text, folder)
+            self.assertEqual([is_hardening for _, _, is_hardening in created], [table == "harden"])
+            self.assertEqual(_native.campaign_runs(folder), created)
 
 
 if __name__ == "__main__":

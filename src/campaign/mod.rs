@@ -3,12 +3,12 @@
 use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 
-use mishandle_files::{AtomicFolder, NewFolders, limits, read_text_bounded, write_atomically};
+use mishandle_files::{AtomicFolder, NewFolders, limits, read_text_bounded, refuse_link, write_atomically};
 use mishandle_results::Hardening;
 use mishandle_store::{RunWriter, StoreError};
 
 use crate::error::MishandleError;
-use crate::harden::{self, Prepared, Watch, check_plan};
+use crate::harden::{self, CheckedHardening, Watch, check_plan};
 use crate::plan::{GridRun, Plan, read_grid};
 use crate::resolve::{ResolvedPlan, is_path, recorded_plan};
 use crate::run::{Device, Opening, create_run};
@@ -52,10 +52,8 @@ impl CampaignRun {
     /// Opens the run file for writing and resolves its plan.
     ///
     /// # Errors
-    /// If the run file is a symbolic link, cannot be opened, or has another plan than the campaign
-    /// file.
+    /// If the run file cannot be opened, or has another plan than the campaign file.
     pub fn resume(&self, opening: Opening) -> Result<(RunWriter, ResolvedPlan), MishandleError> {
-        self.check_link(&self.path)?;
         let mut run = RunWriter::resume(&self.path)?;
         let header = run.file().header();
         if !is_same_plan(&Plan::from_toml(&header.plan)?, &self.plan) {
@@ -70,27 +68,18 @@ impl CampaignRun {
     /// was interrupted.
     ///
     /// # Errors
-    /// If the folder or its plan is a symbolic link, or has another plan than the campaign file, or
-    /// as for [`harden`](harden::harden).
+    /// If the folder has another plan than the campaign file, or as for [`harden`](harden::harden).
     pub fn harden(
         &self,
         opening: Opening,
         gpu: Option<&Device>,
         watch: Watch<'_>,
     ) -> Result<Option<Hardening>, MishandleError> {
-        self.check_link(&self.path)?;
-        self.check_link(&harden::plan_file(&self.path))?;
         check_plan(&self.path, &self.plan).map_err(|error| match error {
             MishandleError::OtherSettings { .. } => self.differs(OTHER_PLAN),
             error => error,
         })?;
         harden::resume(&self.path, opening, gpu, watch)
-    }
-
-    /// Checks that a file of the run is not a symbolic link: the folder may be untrusted, and the
-    /// link may point to a file of the user.
-    fn check_link(&self, path: &Path) -> Result<(), MishandleError> {
-        if path.is_symlink() { Err(self.differs("it is a symbolic link")) } else { Ok(()) }
     }
 
     fn differs(&self, problem: &str) -> MishandleError {
@@ -183,13 +172,17 @@ fn create(
 /// [untrained](untrained_runs) ones.
 ///
 /// # Errors
-/// If the folder contains no campaign, its file cannot be read, or a run file is missing.
+/// If the folder contains no campaign, its file cannot be read, or a run file is missing or a
+/// symbolic link.
 pub fn campaign_runs(folder: &Path) -> Result<Vec<CampaignRun>, MishandleError> {
     let mut runs = Vec::new();
     for run in planned_runs(folder)? {
         let run = CampaignRun::new(folder, run);
         match run.path.try_exists() {
-            Ok(true) => runs.push(run),
+            Ok(true) => {
+                refuse_link(&run.path).map_err(|error| run.differs(&error.to_string()))?;
+                runs.push(run);
+            }
             _ if untrained_path(folder, &run.name).is_file() => {}
             _ => return Err(MishandleError::NoCampaign { path: folder.to_path_buf(), file: run.path }),
         }
@@ -246,22 +239,12 @@ pub fn add_trained_runs(folder: &Path) -> Result<(), MishandleError> {
 /// Returns the runs of the campaign file in a folder.
 fn planned_runs(folder: &Path) -> Result<Vec<GridRun>, MishandleError> {
     let path = folder.join(CAMPAIGN_FILE);
-    let text = no_link(&path).and_then(|()| read_text_bounded(&path, limits::PLAN));
+    let text = refuse_link(&path).and_then(|()| read_text_bounded(&path, limits::PLAN));
     let text = text.map_err(|error| match error.kind() {
         ErrorKind::NotFound => MishandleError::NoCampaign { path: folder.to_path_buf(), file: path.clone() },
         _ => MishandleError::File { path: path.clone(), source: error },
     })?;
     read_grid(&text)
-}
-
-/// Checks that the file of a campaign is not a symbolic link. An untrusted folder could have one to
-/// any file, whose first line would be printed as a wrong plan.
-fn no_link(path: &Path) -> std::io::Result<()> {
-    if path.symlink_metadata()?.is_symlink() {
-        let message = "expected a regular file, but it is a symbolic link; copy the file into the folder of the campaign";
-        return Err(std::io::Error::new(ErrorKind::InvalidInput, message));
-    }
-    Ok(())
 }
 
 /// Returns the first folder `runs/campaign-N` that does not exist.
@@ -273,7 +256,7 @@ pub fn free_campaign_folder() -> PathBuf {
 /// Checks the plan of a run.
 fn check(run: &GridRun) -> Result<(), MishandleError> {
     match run.plan.harden {
-        Some(_) => Prepared::new(&run.plan).map(drop),
+        Some(_) => CheckedHardening::new(&run.plan).map(drop),
         None => ResolvedPlan::new(&run.plan).map(drop),
     }
 }
@@ -282,7 +265,7 @@ fn check(run: &GridRun) -> Result<(), MishandleError> {
 fn create_in(run: &GridRun, parts: &Path, folder: &Path) -> Result<(), MishandleError> {
     let path = run_path(parts, &run.name, &run.plan);
     let created = if run.plan.harden.is_some() {
-        Prepared::new(&run.plan).map_err(|error| of_run(run, error))?.create(&path)
+        CheckedHardening::new(&run.plan).map_err(|error| of_run(run, error))?.create(&path)
     } else {
         let resolved = ResolvedPlan::new(&run.plan).map_err(|error| of_run(run, error))?;
         create_run(&resolved, Some(&path)).and_then(|file| Ok(file.close()?))

@@ -1,8 +1,6 @@
 //! A folder of counterexamples as a suite of tests.
 
 use mishandle_stl::is_violated;
-use std::error::Error;
-use std::iter::successors;
 use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 
@@ -98,12 +96,12 @@ impl Suite<'_> {
     pub fn test(&self, path: &Path, mut watch: impl FnMut(&Episode) -> ControlFlow<()>) -> RegressionTest {
         let recorded = Counterexample::read(path).map_err(|error| match error {
             // Names the path itself.
-            MishandleError::File { .. } => with_causes(&error),
-            error => format!("{}: {}", path.display(), with_causes(&error)),
+            MishandleError::File { .. } => error.with_causes(),
+            error => format!("{}: {}", path.display(), error.with_causes()),
         });
         let mut simulated = |is_baseline| {
             let recorded = recorded.as_ref().map_err(Clone::clone)?;
-            self.simulate(recorded, is_baseline, &mut watch).map_err(|error| with_causes(&error))
+            self.simulate(recorded, is_baseline, &mut watch).map_err(|error| error.with_causes())
         };
         let found: Simulated = simulated(false);
         let baseline: Option<Simulated> = self.baseline().map(|_| simulated(true));
@@ -238,15 +236,4 @@ fn problem(found: &Simulated) -> Option<String> {
         }
         Ok(_) => None,
     }
-}
-
-/// Formats the causes of an error, the outermost first. A cause that the text contains already is
-/// left out.
-fn with_causes(error: &MishandleError) -> String {
-    let causes = successors(Some(error as &dyn Error), |error| (*error).source());
-    causes.map(ToString::to_string).fold(String::new(), |text, cause| match text.as_str() {
-        "" => cause,
-        known if known.ends_with(&cause) => text,
-        known => format!("{known}: {cause}"),
-    })
 }

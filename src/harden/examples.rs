@@ -1,39 +1,48 @@
 //! One failure of each failure mode of the final comparison, to look at.
 
+use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 
 use mishandle_results::{HardenedMode, Hardening};
 use mishandle_rollout::{Episode, Request, Scenario, Seed};
-use mishandle_store::RunFile;
+use mishandle_store::{RunFile, RunHeader};
+use mishandle_text::path_text;
 
 use super::folder::Folder;
-use super::minimized::{file_of, suite_of};
+use super::minimized::{MinimizedFailure, minimized_failures};
 use super::search::search_files;
-use crate::archive::{ModeKey, mode_key, simulated};
+use crate::archive::{ModeKey, mode_key};
 use crate::counterexample::Counterexample;
 use crate::error::MishandleError;
-use crate::inspect::{Failure, failure_modes};
+use crate::inspect::{ExplainedSimulation, Failure, explain_episode, failure_modes};
+use crate::picture::{StateTrajectory, simulate_states};
 use crate::plan::HardenPlan;
 use crate::resolve::{ResolvedPlan, recorded_plan};
-use crate::run::Opening;
 
-/// Failures of the failure modes of a hardening.
+/// Failures of the failure modes of a finished hardening: a minimized one of a round, the latest
+/// first, if it fails in this mode, or else the worst one of the final searches.
 pub struct ModeExamples {
-    /// The controllers before and after, with target, space and requirement.
-    pub controllers: [ResolvedPlan; 2],
-    /// One failure of each mode, in the order of the request.
-    pub examples: Vec<ModeExample>,
+    controllers: [ResolvedPlan; 2],
+    worst: [HashMap<ModeKey, Worst>; 2],
+    smaller: Vec<MinimizedFailure>,
 }
 
-/// A failure of a failure mode.
-#[derive(Clone, Debug, PartialEq)]
+/// A failure of a failure mode, simulated again.
 pub struct ModeExample {
-    /// Scenario and seed.
-    pub request: Request,
-    /// Index of the controller that fails: 0 for the one before, if the mode vanished, otherwise 1.
-    pub failing: usize,
     /// Where it is recorded.
     pub source: ExampleSource,
+    /// Its simulations with the controllers before and after.
+    pub simulated: [ExampleSimulation; 2],
+}
+
+/// The simulation of a controller in the scenario of a failure.
+pub struct ExampleSimulation {
+    /// The episode.
+    pub episode: Episode,
+    /// The states of the task.
+    pub trajectory: StateTrajectory,
+    /// Why the failure or success is one; `None` if the simulation has no verdict.
+    pub explained: Option<(RunHeader, ExplainedSimulation)>,
 }
 
 /// Record of a failure.
@@ -57,133 +66,135 @@ pub enum ExampleSource {
     },
 }
 
-/// Returns a failure of some failure modes of a finished hardening: a minimized one of a round, the
-/// latest first, if it fails in this mode, or else the worst one of the final searches. Each is
-/// simulated again. `modes` are modes of `found`.
-///
-/// Returns `None` if no round was accepted: then there are no modes.
-///
-/// # Errors
-/// If a file of the folder is missing or differs, or a simulation differs from its record.
-pub fn mode_examples(
-    folder: &Path,
-    found: &Hardening,
-    modes: &[&HardenedMode],
-) -> Result<Option<ModeExamples>, MishandleError> {
-    let accepted = found.rounds.iter().rev().find(|round| round.accepted);
-    let Some(accepted) = accepted else { return Ok(None) };
-    let (folder, plan) = Folder::open(folder, Opening::default())?;
-    let table = plan.harden.ok_or(MishandleError::MissingPlanTable { table: "harden" })?;
-    let paths = [folder.before(), folder.candidate(accepted.number)];
-    let searched: [Searched; 2] = [
-        Searched::open(&folder, &table, "before", &paths[0])?,
-        Searched::open(&folder, &table, "after", &paths[1])?,
-    ];
-    let smaller = minimized_failures(&folder, &table, found)?;
-    let example = |mode: &&HardenedMode| {
-        let failing = usize::from(mode.after > 0);
-        searched[failing].example(&(mode.predicate.clone(), mode.axes.clone()), &smaller, failing)
-    };
-    let examples = modes.iter().map(example).collect::<Result<_, _>>()?;
-    Ok(Some(ModeExamples { controllers: searched.map(|searched| searched.resolved), examples }))
-}
-
-/// The final searches of a controller.
-struct Searched {
-    runs: Vec<RunFile>,
-    resolved: ResolvedPlan,
-}
-
-impl Searched {
-    fn open(
-        folder: &Folder,
-        table: &HardenPlan,
-        name: &str,
-        controller: &Path,
-    ) -> Result<Searched, MishandleError> {
-        let runs = open(&search_files(&folder.of_final(&format!("{name}-search")), table))?;
-        let header = runs.first().ok_or(MishandleError::NoEpisode)?.header();
-        let resolved = recorded_plan(header, Some(&controller.to_string_lossy()))?;
-        Ok(Searched { runs, resolved })
+impl ModeExamples {
+    /// Reads the folder of a finished hardening. Its paths begin with `folder`.
+    ///
+    /// Returns `None` if no round was accepted: then there are no modes.
+    ///
+    /// # Errors
+    /// If a file of the folder is missing or differs.
+    pub fn open(folder: &Path, found: &Hardening) -> Result<Option<ModeExamples>, MishandleError> {
+        let accepted = found.rounds.iter().rev().find(|round| round.accepted);
+        let Some(accepted) = accepted else { return Ok(None) };
+        let (folder, plan) = Folder::open(folder)?;
+        let table = plan.harden.ok_or(MishandleError::MissingPlanTable { table: "harden" })?;
+        let (before, worst_before) = final_search(&folder, &table, "before", &folder.before())?;
+        let (after, worst_after) =
+            final_search(&folder, &table, "after", &folder.candidate(accepted.number))?;
+        let mut smaller = Vec::new();
+        for round in &found.rounds {
+            smaller.extend(minimized_failures(&folder, round.number)?);
+        }
+        Ok(Some(ModeExamples { controllers: [before, after], worst: [worst_before, worst_after], smaller }))
     }
 
-    fn example(
-        &self,
-        key: &ModeKey,
-        smaller: &[Minimized],
-        failing: usize,
-    ) -> Result<ModeExample, MishandleError> {
-        for Minimized { key: known, round, file } in smaller.iter().rev() {
-            if known != key {
+    /// Returns the controllers before and after, with target, space and requirement.
+    pub fn controllers(&self) -> &[ResolvedPlan; 2] {
+        &self.controllers
+    }
+
+    /// Simulates a failure of a mode of the hardening.
+    ///
+    /// # Errors
+    /// If a record of the failure cannot be read or differs from its simulation, or this cannot be
+    /// run.
+    pub fn example(&self, mode: &HardenedMode) -> Result<ModeExample, MishandleError> {
+        let failing = mode.failing();
+        let key = (mode.predicate.clone(), mode.axes.clone());
+        for MinimizedFailure { round, file, .. } in self.smaller.iter().rev().filter(|one| one.key == key) {
+            let known = Counterexample::read(file)?;
+            let request = known.request(&self.controllers[failing].space)?;
+            let fails = self.simulate(failing, &request)?;
+            if !fails.fails_by(&key.0) {
                 continue;
             }
-            let request = Counterexample::read(file)?.request(&self.resolved.space)?;
-            let episode = self.simulate(&request)?;
-            let fails_alike = episode.is_violated()
-                && Counterexample::from_episode(&self.resolved, &episode)?
-                    .decisive
-                    .is_some_and(|decisive| decisive.predicate == key.0);
-            if fails_alike {
-                let source = ExampleSource::Minimized { round: *round, file: file.clone() };
-                return Ok(ModeExample { request, failing, source });
+            let simulated = self.both(failing, fails, &request)?;
+            for (controller, simulation) in self.controllers.iter().zip(&simulated) {
+                // That of another round may be neither.
+                let hashes = controller.target.components.iter().map(|component| &component.hash);
+                if hashes.eq(known.components.iter().map(|component| &component.hash)) {
+                    simulation.check(known.expected.robustness, || path_text(file))?;
+                }
             }
+            let source = ExampleSource::Minimized { round: *round, file: file.clone() };
+            return Ok(ModeExample { source, simulated });
         }
-        let (run, worst) = self.worst(key)?.ok_or(MishandleError::NoEpisode)?;
-        let request = Request::new(Scenario::new(worst.scenario), Seed(worst.seed));
-        let again = self.simulate(&request)?.robustness();
-        let (trial, number) = (worst.trial, worst.number);
-        if again.map(f64::to_bits) != Some(worst.robustness.to_bits()) {
-            let difference = format!("robustness of simulation {number} of trial {trial}");
-            return Err(MishandleError::RunMismatch { differences: vec![difference] });
-        }
-        Ok(ModeExample { request, failing, source: ExampleSource::Worst { run, trial, number } })
+        let Worst { run, failure } = self.worst[failing].get(&key).ok_or(MishandleError::NoEpisode)?;
+        let request = Request::new(Scenario::new(failure.scenario.clone()), Seed(failure.seed));
+        let fails = self.simulate(failing, &request)?;
+        let (trial, number) = (failure.trial, failure.number);
+        fails.check(failure.robustness, || format!("simulation {number} of trial {trial}"))?;
+        let source = ExampleSource::Worst { run: run.clone(), trial, number };
+        Ok(ModeExample { source, simulated: self.both(failing, fails, &request)? })
     }
 
-    fn simulate(&self, request: &Request) -> Result<Episode, MishandleError> {
-        let mut episodes = self.resolved.system()?.rollout(std::slice::from_ref(request))?;
-        episodes.pop().ok_or(MishandleError::NoEpisode)
+    fn simulate(&self, controller: usize, request: &Request) -> Result<ExampleSimulation, MishandleError> {
+        let resolved = &self.controllers[controller];
+        let (episode, trajectory) = simulate_states(resolved, request)?;
+        let explained = episode.robustness().map(|_| explain_episode(resolved, &episode)).transpose()?;
+        Ok(ExampleSimulation { episode, trajectory, explained })
     }
 
-    /// Returns the failure of a mode with the least robustness, and its run file.
-    fn worst(&self, key: &ModeKey) -> Result<Option<(PathBuf, Failure)>, MishandleError> {
-        let mut worst: Option<(PathBuf, Failure)> = None;
-        for run in &self.runs {
-            let modes = failure_modes(run)?.modes;
-            let of_mode = modes.into_iter().filter(|mode| mode_key(run, mode) == *key);
-            for failure in of_mode.flat_map(|mode| mode.failures) {
-                if worst.as_ref().is_none_or(|(_, known)| failure.robustness < known.robustness) {
-                    worst = Some((run.path().to_path_buf(), failure));
+    /// Adds the simulation of the other controller.
+    fn both(
+        &self,
+        failing: usize,
+        fails: ExampleSimulation,
+        request: &Request,
+    ) -> Result<[ExampleSimulation; 2], MishandleError> {
+        let other = self.simulate(1 - failing, request)?;
+        Ok(if failing == 0 { [fails, other] } else { [other, fails] })
+    }
+}
+
+impl ExampleSimulation {
+    /// Returns whether it fails, and this predicate decides it.
+    fn fails_by(&self, predicate: &str) -> bool {
+        let decisive = self.explained.as_ref().and_then(|(_, found)| {
+            found.explanation.diagnosis.predicate.as_ref().map(|decisive| decisive.text.as_str())
+        });
+        self.episode.is_violated() && decisive == Some(predicate)
+    }
+
+    /// Checks that it has the recorded robustness.
+    fn check(&self, recorded: f64, name: impl Fn() -> String) -> Result<(), MishandleError> {
+        let again = self.episode.robustness();
+        if again.map(f64::to_bits) == Some(recorded.to_bits()) {
+            return Ok(());
+        }
+        let again = again.map_or("none".to_string(), |again| format!("{again:?}"));
+        let difference = format!("robustness of {}: recorded {recorded:?}, simulated {again}", name());
+        Err(MishandleError::RunMismatch { differences: vec![difference] })
+    }
+}
+
+/// The failure of a mode with the least robustness, and its run file.
+struct Worst {
+    run: PathBuf,
+    failure: Failure,
+}
+
+/// Returns a controller, and the worst failure of each mode of its final searches.
+fn final_search(
+    folder: &Folder,
+    table: &HardenPlan,
+    name: &str,
+    controller: &Path,
+) -> Result<(ResolvedPlan, HashMap<ModeKey, Worst>), MishandleError> {
+    let (mut resolved, mut worst) = (None, HashMap::<ModeKey, Worst>::new());
+    for path in search_files(&folder.of_final(&format!("{name}-search")), table) {
+        let run = RunFile::open(&path)?;
+        if resolved.is_none() {
+            resolved = Some(recorded_plan(run.header(), Some(&path_text(controller)))?);
+        }
+        for mode in failure_modes(&run)?.modes {
+            let key = mode_key(&run, &mode);
+            for failure in mode.failures {
+                if worst.get(&key).is_none_or(|known| failure.robustness < known.failure.robustness) {
+                    worst.insert(key.clone(), Worst { run: path.clone(), failure });
                 }
             }
         }
-        Ok(worst)
     }
-}
-
-/// A failure that a round moved toward the nominal scenario.
-struct Minimized {
-    key: ModeKey,
-    round: u32,
-    file: PathBuf,
-}
-
-/// Returns the minimized failures of all rounds, in order.
-fn minimized_failures(
-    folder: &Folder,
-    table: &HardenPlan,
-    found: &Hardening,
-) -> Result<Vec<Minimized>, MishandleError> {
-    let mut all = Vec::new();
-    for round in found.rounds.iter().map(|round| round.number) {
-        let (_, modes) = simulated(&open(&search_files(&folder.of_round(round, "search"), table))?)?;
-        let suite = suite_of(folder, round);
-        let files = (0..).zip(modes).map(|(index, (key, _))| (key, file_of(&suite, index)));
-        let present = files.filter(|(_, file)| file.exists());
-        all.extend(present.map(|(key, file)| Minimized { key, round, file }));
-    }
-    Ok(all)
-}
-
-fn open(paths: &[PathBuf]) -> Result<Vec<RunFile>, MishandleError> {
-    Ok(paths.iter().map(RunFile::open).collect::<Result<_, _>>()?)
+    Ok((resolved.ok_or(MishandleError::NoEpisode)?, worst))
 }

@@ -3,7 +3,7 @@
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use mishandle_files::{limits, read_text_bounded, write_atomically};
+use mishandle_files::{limits, read_text_bounded, refuse_link, refuse_links_in, write_atomically};
 use mishandle_results as results;
 use mishandle_results::{Hardening, Versioned};
 use mishandle_store::{RunFile, RunWriter};
@@ -14,7 +14,7 @@ use crate::plan::Plan;
 use crate::resolve::ResolvedPlan;
 use crate::run::{Answer, Engine, Opening, Progress, ask, create_run, header};
 
-use super::{Watch, plan_file};
+use super::{HardenProgress, HardenUnit, Watch, plan_file};
 
 /// Plan of the hardening.
 pub(super) const PLAN: &str = "harden.toml";
@@ -35,7 +35,8 @@ const SETTINGS: &str = "settings.toml";
 pub(super) struct Folder {
     /// Its path as the user named it, for results.
     pub given: PathBuf,
-    /// Its absolute path: runs and settings of the phases name files of the folder.
+    /// Its path for the files in it, absolute while phases run: their plans and settings name files
+    /// of the folder.
     pub path: PathBuf,
     opening: Opening,
 }
@@ -62,18 +63,28 @@ impl Folder {
         folder.write(&path.join(PLAN), plan.to_toml().as_bytes())
     }
 
-    /// Opens the folder of a hardening, and reads its plan.
+    /// Opens the folder of a hardening, and reads its plan. The folder may be untrusted.
     ///
     /// # Errors
-    /// If it contains no plan.
-    pub fn open(path: &Path, opening: Opening) -> Result<(Folder, Plan), MishandleError> {
+    /// If it contains no plan, or symbolic links.
+    pub fn open(path: &Path) -> Result<(Folder, Plan), MishandleError> {
         let file = plan_file(path);
-        let text = read_text_bounded(&file, limits::PLAN)
-            .map_err(|source| MishandleError::File { path: file.clone(), source })?;
-        let given = path.to_path_buf();
-        let path = std::path::absolute(path)
-            .map_err(|source| MishandleError::File { path: given.clone(), source })?;
-        Ok((Folder { given, path, opening }, Plan::from_toml(&text)?))
+        let text = refuse_link(&file).and_then(|()| read_text_bounded(&file, limits::PLAN));
+        let text = text.map_err(|source| MishandleError::File { path: file, source })?;
+        let plan = Plan::from_toml(&text)?;
+        refuse_links_in(path).map_err(|source| MishandleError::File { path: path.to_path_buf(), source })?;
+        Ok((Folder::at(path), plan))
+    }
+
+    /// Opens the folder of a hardening to run its phases.
+    ///
+    /// # Errors
+    /// Those of [`open`](Self::open).
+    pub fn resume(path: &Path, opening: Opening) -> Result<(Folder, Plan), MishandleError> {
+        let (folder, plan) = Folder::open(path)?;
+        let absolute = std::path::absolute(path)
+            .map_err(|source| MishandleError::File { path: folder.given.clone(), source })?;
+        Ok((Folder { path: absolute, opening, ..folder }, plan))
     }
 
     /// Returns the result of a finished hardening, with the present paths of the folder and of the
@@ -86,9 +97,10 @@ impl Folder {
         if !path.exists() {
             return Ok(None);
         }
-        let text = read_text_bounded(&path, limits::RESULT);
-        let read = text.and_then(|text| Ok(serde_json::from_str::<Hardening>(&text)?));
-        let found = read.map_err(|source| MishandleError::File { path, source })?;
+        let text = read_text_bounded(&path, limits::RESULT)
+            .map_err(|source| MishandleError::File { path: path.clone(), source })?;
+        let found: Hardening = serde_json::from_str(&text)
+            .map_err(|error| MishandleError::HardeningResult { path, problem: error.to_string() })?;
         let after = found.after.is_some().then(|| path_text(&super::accepted_file(&self.given)));
         Ok(Some(Hardening { folder: path_text(&self.given), after, ..found }))
     }
@@ -155,11 +167,11 @@ impl Folder {
         header::check(run.file().header(), &resolved)?;
         self.opening.apply(&mut run, &resolved)?;
         let mut watch = |progress: &Progress| {
-            watch(&super::HardenProgress {
+            watch(&HardenProgress {
                 phase: phase.to_string(),
                 done: progress.simulations,
                 all: progress.max_simulations,
-                unit: super::HardenProgress::SIMULATIONS,
+                unit: HardenUnit::Simulations,
             })
         };
         let answer = ask(&resolved, run, Engine::Direct, &mut watch)?;
@@ -167,13 +179,19 @@ impl Folder {
         Ok(is_complete.then(|| Asked { resolved, answer, path: path.to_path_buf() }))
     }
 
-    /// Returns the number of simulations of all runs in the folder.
-    pub fn simulations(&self) -> Result<u64, MishandleError> {
+    /// Returns the run files in the folder, sorted.
+    pub fn run_files(&self) -> Result<Vec<PathBuf>, MishandleError> {
         let mut runs = Vec::new();
         list(&self.path, &mut runs)
             .map_err(|source| MishandleError::File { path: self.path.clone(), source })?;
+        runs.sort();
+        Ok(runs)
+    }
+
+    /// Returns the number of simulations of all runs in the folder.
+    pub fn simulations(&self) -> Result<u64, MishandleError> {
         let mut all = 0;
-        for path in runs {
+        for path in self.run_files()? {
             all += RunFile::open(&path)?.counts()?.simulations;
         }
         Ok(all)

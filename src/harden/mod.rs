@@ -15,6 +15,7 @@ mod round;
 mod search;
 
 use std::collections::BTreeSet;
+use std::fmt;
 use std::fs;
 use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
@@ -23,6 +24,7 @@ use mishandle_controllers::ControllerFile;
 use mishandle_files::{limits, read_text_bounded};
 use mishandle_results::{Hardening, HardeningRound};
 use mishandle_rollout::Seed;
+use mishandle_store::RunFile;
 use mishandle_text::path_text;
 use mishandle_training::AlgorithmSettings;
 
@@ -32,7 +34,7 @@ use crate::resolve::{ResolvedPlan, task};
 use crate::run::{Device, Opening};
 use crate::train::start_controller;
 use decision::decide;
-pub use examples::{ExampleSource, ModeExample, ModeExamples, mode_examples};
+pub use examples::{ExampleSimulation, ExampleSource, ModeExample, ModeExamples};
 use folder::Folder;
 use measure::measure;
 use round::{RoundEnd, run_round};
@@ -58,12 +60,25 @@ pub struct HardenProgress {
     /// The whole phase.
     pub all: u64,
     /// Unit of both.
-    pub unit: &'static str,
+    pub unit: HardenUnit,
 }
 
-impl HardenProgress {
-    /// Unit of all phases but training.
-    pub const SIMULATIONS: &'static str = "simulations";
+/// Unit of the progress of a phase.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum HardenUnit {
+    /// Of all phases but training.
+    Simulations,
+    /// Of training.
+    EnvironmentSteps,
+}
+
+impl fmt::Display for HardenUnit {
+    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
+        formatter.write_str(match self {
+            HardenUnit::Simulations => "simulations",
+            HardenUnit::EnvironmentSteps => "environment steps",
+        })
+    }
 }
 
 /// Gets the progress now and then, and can end the hardening, which a later call continues.
@@ -91,8 +106,8 @@ pub fn harden(
     gpu: Option<&Device>,
     watch: Watch<'_>,
 ) -> Result<Option<Hardening>, MishandleError> {
-    let prepared = Prepared::new(plan)?;
-    check_device(prepared.table, gpu)?;
+    let checked = CheckedHardening::new(plan)?;
+    check_device(checked.table, gpu)?;
     if out.extension().is_none_or(|extension| extension != EXTENSION) {
         let (what, value) = ("the file of the controller", path_text(out));
         let expected = "a name that ends in .safetensors";
@@ -102,31 +117,31 @@ pub fn harden(
         return Err(MishandleError::Exists { path: out.to_path_buf(), flag: "--out" });
     }
     let folder = harden_folder(out);
-    prepared.create(&folder)?;
+    checked.create(&folder)?;
     resume(&folder, Opening::default(), gpu, watch)
 }
 
 /// A hardening that can start: its plan is checked.
-pub struct Prepared<'p> {
+pub struct CheckedHardening<'p> {
     plan: &'p Plan,
     table: &'p HardenPlan,
     before: ControllerFile,
     settings: AlgorithmSettings,
 }
 
-impl Prepared<'_> {
+impl CheckedHardening<'_> {
     /// Checks a plan. The device of the training is not needed yet.
     ///
     /// # Errors
     /// If the plan has no table `[harden]` or is wrong, or the controller is not a network of this
     /// program.
-    pub fn new(plan: &Plan) -> Result<Prepared<'_>, MishandleError> {
+    pub fn new(plan: &Plan) -> Result<CheckedHardening<'_>, MishandleError> {
         let table = plan.harden.as_ref().ok_or(MishandleError::MissingPlanTable { table: "harden" })?;
         table.check()?;
         let before = start(plan)?;
         let settings = given_settings(table, &before)?;
         check(plan, table, &settings)?;
-        Ok(Prepared { plan, table, before, settings })
+        Ok(CheckedHardening { plan, table, before, settings })
     }
 
     /// Creates the folder of the hardening, in which [`resume`] starts it.
@@ -146,9 +161,9 @@ pub fn is_hardening(folder: &Path) -> Option<bool> {
 /// Returns the result of the hardening in a folder; `None` if it is not finished.
 ///
 /// # Errors
-/// If the folder contains no hardening, or its result cannot be read.
+/// If the folder contains no hardening, or symbolic links, or its result cannot be read.
 pub fn finished(folder: &Path) -> Result<Option<Hardening>, MishandleError> {
-    Folder::open(folder, Opening::default())?.0.result()
+    Folder::open(folder)?.0.result()
 }
 
 /// Returns the path of the plan in the folder of a hardening.
@@ -169,10 +184,34 @@ pub fn final_runs(folder: &Path) -> Vec<PathBuf> {
 /// # Errors
 /// If the folder contains no hardening, or one with other settings.
 pub fn check_plan(folder: &Path, plan: &Plan) -> Result<(), MishandleError> {
-    let (_, recorded) = Folder::open(folder, Opening::default())?;
+    let (_, recorded) = Folder::open(folder)?;
     let [recorded, given] = [&recorded, plan].map(|plan| toml::Table::try_from(plan).unwrap_or_default());
     let differences = differences(&recorded, &given);
     if differences.is_empty() { Ok(()) } else { Err(MishandleError::OtherSettings { differences }) }
+}
+
+/// Lists the differences between the builds that made the runs of an unfinished hardening and the
+/// present one. A finished one gets no rows.
+///
+/// # Errors
+/// If the folder contains no hardening, or a file cannot be read.
+pub fn build_differences(folder: &Path) -> Result<Vec<String>, MishandleError> {
+    let (folder, plan) = Folder::open(folder)?;
+    let mut all = Vec::new();
+    if folder.result()?.is_some() {
+        return Ok(all);
+    }
+    // A hardening depends on no other file than those of its folder.
+    let controller = path_text(&folder.before());
+    let resolved = ResolvedPlan::new(&Plan { controller, ..evaluation(&plan) })?;
+    for path in folder.run_files()? {
+        for difference in crate::run::build_differences(RunFile::open(&path)?.header(), &resolved) {
+            if !all.contains(&difference) {
+                all.push(difference);
+            }
+        }
+    }
+    Ok(all)
 }
 
 /// Lists the settings that differ, each with the recorded and the given value.
@@ -206,7 +245,7 @@ pub fn resume(
     gpu: Option<&Device>,
     watch: Watch<'_>,
 ) -> Result<Option<Hardening>, MishandleError> {
-    let (folder, plan) = Folder::open(folder, opening)?;
+    let (folder, plan) = Folder::resume(folder, opening)?;
     let table = plan.harden.as_ref().ok_or(MishandleError::MissingPlanTable { table: "harden" })?;
     if let Some(found) = folder.result()? {
         return Ok(Some(found));
@@ -227,9 +266,13 @@ fn check_device(table: &HardenPlan, gpu: Option<&Device>) -> Result<(), Mishandl
 
 /// Returns the controller of a plan, which can be trained. Looks up the names of the plan.
 fn start(plan: &Plan) -> Result<ControllerFile, MishandleError> {
-    let evaluate = Plan { evaluate: Some(EvaluatePlan::default()), harden: None, ..plan.clone() };
-    ResolvedPlan::new(&evaluate)?;
+    ResolvedPlan::new(&evaluation(plan))?;
     start_controller(task(&plan.target)?.definition(), &plan.controller)
+}
+
+/// Returns a plan with the names of a hardening's plan, which can be resolved.
+fn evaluation(plan: &Plan) -> Plan {
+    Plan { evaluate: Some(EvaluatePlan::default()), harden: None, ..plan.clone() }
 }
 
 /// Returns the training settings of a controller, or those of the file that the plan names.

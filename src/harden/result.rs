@@ -6,7 +6,7 @@ use mishandle_falsification::has_margin;
 use mishandle_results as results;
 use mishandle_results::{
     Estimate, HardenedArchive, HardenedCorners, HardenedMargin, HardenedMeasure, HardenedMode,
-    HardenedSearch, Hardening, HardeningRound,
+    HardenedSearch, Hardening, HardeningRound, ModeChange,
 };
 use mishandle_rollout::{Request, Scenario, Seed};
 use mishandle_text::path_text;
@@ -226,15 +226,10 @@ fn modes(before: &[(ModeKey, u64)], after: &[(ModeKey, u64)]) -> Vec<HardenedMod
     });
     let mode = |key: &ModeKey| {
         let (before, after) = (count(before, key), count(after, key));
-        let change = match (before, after) {
-            (0, _) => "appeared",
-            (_, 0) => "vanished",
-            _ => "stayed",
-        };
         HardenedMode {
             predicate: key.0.clone(),
             axes: key.1.clone(),
-            change: change.to_string(),
+            change: ModeChange::new(before, after),
             before,
             after,
         }

@@ -9,9 +9,9 @@ use mishandle_training::{AlgorithmSettings, SpaceSetting, TrainingControl, Train
 use serde::{Deserialize, Serialize};
 
 use super::folder::Folder;
-use super::minimized::{minimized, suite_of};
+use super::minimized::{minimized, suite_of, write_keys};
 use super::search::search;
-use super::{HardenProgress, Watch};
+use super::{HardenProgress, HardenUnit, Watch};
 use crate::archive::{Simulated, csv, shows_nan, weighted};
 use crate::error::MishandleError;
 use crate::plan::{HardenPlan, Plan};
@@ -72,6 +72,7 @@ pub(super) fn run_round(
     }
     let phase = format!("round {round}: minimization");
     let found = (simulated.as_slice(), &modes);
+    write_keys(folder, round, &modes)?;
     let Some(smaller) = minimized(folder, &resolved, &suite, found, &phase, &mut *watch)? else {
         return Ok(RoundEnd::Interrupted);
     };
@@ -181,7 +182,7 @@ impl TrainObserver for Observer<'_> {
             phase: self.phase.clone(),
             done: progress.environment_steps,
             all: progress.total_steps,
-            unit: "environment steps",
+            unit: HardenUnit::EnvironmentSteps,
         };
         self.stopped = (self.watch)(&progress).is_break();
         if self.stopped { TrainingControl::Stop } else { TrainingControl::Continue }

@@ -28,6 +28,11 @@ pub static GENERATIONS: [Generation; 2] = [
 ];
 
 impl Generation {
+    /// Returns the generation that was trained by the protocol of the benchmark's paper.
+    pub fn of_paper() -> &'static Generation {
+        GENERATIONS.iter().find(|generation| generation.is_of_paper).unwrap_or(&GENERATIONS[0])
+    }
+
     /// Returns the algorithm and the generation that the name of a shipped controller states,
     /// whether or not it was trained; `None` for an expert, a path or another name.
     ///
@@ -50,6 +55,13 @@ impl Generation {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn one_generation_is_that_of_the_paper() {
+        let of_paper: Vec<&Generation> =
+            GENERATIONS.iter().filter(|generation| generation.is_of_paper).collect();
+        assert_eq!(of_paper, [Generation::of_paper()]);
+    }
 
     #[test]
     fn each_name_states_one_algorithm_and_one_generation() {

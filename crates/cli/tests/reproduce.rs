@@ -8,6 +8,7 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 use bench::Bench;
+use mishandle::shipped::GENERATIONS;
 use mishandle::store::{RunFile, TrialStatus};
 use serde_json::Value;
 
@@ -250,13 +251,11 @@ fn the_generations_stand_side_by_side_and_a_missing_controller_is_not_trained() 
     for name in ["performance", "falsification"] {
         for ending in ["md", "html"] {
             let page = std::fs::read_to_string(bench.path(&format!("pages/{name}.{ending}"))).unwrap();
-            let parts = [
-                "trained on plain random starts; the paper's protocol",
-                "trained on mixtures of delays, sensor errors, other models and events, PPO and TRPO also on faults; another protocol",
-                "not trained",
-            ];
             let page = page.replace("&#39;", "'");
-            assert!(parts.iter().all(|part| page.contains(part)), "{name}.{ending}:\n{page}");
+            let parts = GENERATIONS.iter().zip(["the paper's protocol", "another protocol"]);
+            let mut parts = parts.map(|(generation, follows)| format!("{}; {follows}", generation.training));
+            assert!(parts.all(|part| page.contains(&part)), "{name}.{ending}:\n{page}");
+            assert!(page.contains("not trained"), "{name}.{ending}:\n{page}");
         }
     }
 }

@@ -8,6 +8,7 @@
 //! - [`FileLock`]: one process at a time.
 //! - [`GrowingFile`]: appends whole records, also after a full disk.
 //! - [`is_same_file`]: two names of one file.
+//! - [`refuse_link`] and [`refuse_links_in`]: symbolic links in untrusted folders.
 //! - [`NewFolders`]: removes the folders it created if nothing was written into them.
 //!
 //! No file is written through a symbolic link: new files are created exclusively, replaced ones are
@@ -18,6 +19,7 @@ mod atomic_folder;
 mod file_lock;
 mod growing_file;
 pub mod limits;
+mod links;
 mod new_folders;
 mod regular_file;
 mod same_file;
@@ -26,6 +28,7 @@ pub use atomic_file::{AtomicFile, write_atomically};
 pub use atomic_folder::AtomicFolder;
 pub use file_lock::FileLock;
 pub use growing_file::GrowingFile;
+pub use links::{refuse_link, refuse_links_in};
 pub use new_folders::NewFolders;
 pub use regular_file::{read_bounded, read_text_bounded};
 pub use same_file::is_same_file;

@@ -12,7 +12,7 @@ const UNTRAINED: &str = "not trained";
 /// Returns the algorithm of a controller and its generation. A controller of no generation, such as
 /// an expert or a file, stands in the place of the first.
 pub(crate) fn algorithm(controller: &str) -> (&str, &'static Generation) {
-    Generation::of(controller).unwrap_or((controller, &GENERATIONS[0]))
+    Generation::of(controller).unwrap_or_else(|| (controller, Generation::of_paper()))
 }
 
 /// A row: runs whose plans differ in the generation of the controller alone.

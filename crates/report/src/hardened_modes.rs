@@ -4,15 +4,14 @@
 use std::cmp::Reverse;
 use std::path::Path;
 
-use mishandle::harden::{ExampleSource, ModeExample, mode_examples};
-use mishandle::inspect::{ExplainedSimulation, explain_episode};
-use mishandle::picture::simulate_states;
-use mishandle::results::{HardenedMode, Hardening};
-use mishandle::rollout::Axis;
+use mishandle::MishandleError;
+use mishandle::harden::{ExampleSimulation, ExampleSource, ModeExample, ModeExamples};
+use mishandle::inspect::ExplainedSimulation;
+use mishandle::results::{HardenedMode, Hardening, ModeChange};
+use mishandle::rollout::{Axis, Scenario};
 use mishandle::stl::is_violated;
 use mishandle::store::RunHeader;
-use mishandle::{MishandleError, ResolvedPlan};
-use mishandle_text::{instant, plural, shell_quote};
+use mishandle_text::{instant, path_text, plural, shell_quote};
 
 use crate::html::{base64, lines, short, table, text, with_code, with_unit};
 use crate::pictures::{Frame, Instant, PictureError, instants};
@@ -23,9 +22,6 @@ const MAX_SHOWN: usize = 6;
 
 /// Largest number of axes of a scenario in a table.
 const MAX_AXES: usize = 12;
-
-/// Changes of a mode, the most important one for a decision first.
-const CHANGES: [&str; 3] = ["appeared", "stayed", "vanished"];
 
 /// Names of the two controllers.
 const CONTROLLERS: [&str; 2] = ["Before", "After"];
@@ -42,8 +38,11 @@ pub struct HardenedModes {
 #[derive(Debug)]
 struct Card {
     mode: HardenedMode,
-    example: ModeExample,
+    source: ExampleSource,
+    scenario: Scenario,
     axes: Vec<Axis>,
+    /// Path of the controller that fails.
+    controller: String,
     outcomes: Vec<Outcome>,
 }
 
@@ -70,25 +69,35 @@ impl HardenedModes {
     /// hardening, and draws them. Returns `None` if `is_interrupted`, which is called before each
     /// mode.
     ///
-    /// # Errors
-    /// If a simulation cannot be run.
+    /// If a file of the folder is missing or differs, or a simulation cannot be run, the page says
+    /// so.
     pub fn simulate(
         folder: &Path,
         found: &Hardening,
         mut is_interrupted: impl FnMut() -> bool,
+    ) -> Option<HardenedModes> {
+        let drawn = HardenedModes::drawn(folder, found, &mut is_interrupted);
+        drawn.unwrap_or_else(|error| Some(HardenedModes::skipped(&error.with_causes())))
+    }
+
+    fn drawn(
+        folder: &Path,
+        found: &Hardening,
+        is_interrupted: &mut dyn FnMut() -> bool,
     ) -> Result<Option<HardenedModes>, MishandleError> {
-        let shown = shown(&found.modes);
-        let examples = match mode_examples(folder, found, &shown) {
-            Ok(Some(examples)) => examples,
-            Ok(None) => return Ok(Some(HardenedModes::default())),
-            Err(error) => return Ok(Some(HardenedModes::skipped(&error.to_string()))),
-        };
         let mut modes = HardenedModes::default();
-        for (mode, example) in shown.into_iter().zip(examples.examples) {
+        let Some(examples) = ModeExamples::open(folder, found)? else { return Ok(Some(modes)) };
+        for mode in shown(&found.modes) {
             if is_interrupted() {
                 return Ok(None);
             }
-            let (card, missing) = card(&found.target, mode, example, &examples.controllers)?;
+            let controller = &examples.controllers()[mode.failing()];
+            let (card, missing) = card(
+                &found.target,
+                mode,
+                examples.example(mode)?,
+                (controller.space.axes(), &controller.plan.controller),
+            );
             modes.cards.push(card);
             let note = missing.map(|error| format!("There are no pictures of the failures: {error}."));
             modes.notes.extend(note.filter(|note| !modes.notes.contains(note)));
@@ -118,12 +127,8 @@ impl HardenedModes {
 /// Returns all modes in the order of the page: by change, then by the number of failures.
 pub fn ordered(modes: &[HardenedMode]) -> Vec<&HardenedMode> {
     let mut modes: Vec<&HardenedMode> = modes.iter().collect();
-    modes.sort_by_key(|mode| (place(mode), Reverse(mode.after.max(mode.before))));
+    modes.sort_by_key(|mode| (mode.change, Reverse(mode.after.max(mode.before))));
     modes
-}
-
-fn place(mode: &HardenedMode) -> usize {
-    CHANGES.iter().position(|change| *change == mode.change).unwrap_or(CHANGES.len())
 }
 
 /// Returns the modes that are drawn: of each change those with the most failures, in turn.
@@ -138,18 +143,17 @@ fn shown(modes: &[HardenedMode]) -> Vec<&HardenedMode> {
     chosen.into_iter().map(|index| ordered[index]).collect()
 }
 
-/// Simulates a failure with both controllers, and draws the same instant of both. Also returns why
+/// Draws the same instant of the simulations of a failure with both controllers. Also returns why
 /// there is no picture.
 fn card(
     target: &str,
     mode: &HardenedMode,
-    example: ModeExample,
-    controllers: &[ResolvedPlan; 2],
-) -> Result<(Card, Option<PictureError>), MishandleError> {
+    ModeExample { source, simulated }: ModeExample,
+    (axes, controller): (&[Axis], &str),
+) -> (Card, Option<PictureError>) {
+    let scenario = simulated[0].episode.request.scenario.clone();
     let (mut outcomes, mut states) = (Vec::new(), Vec::new());
-    for resolved in controllers {
-        let (episode, trajectory) = simulate_states(resolved, &example.request)?;
-        let explained = episode.robustness().map(|_| explain_episode(resolved, &episode)).transpose()?;
+    for ExampleSimulation { episode, trajectory, explained } in simulated {
         let signals: Vec<&str> = episode.trace.names().iter().map(String::as_str).collect();
         let end = mishandle::run::end_text(episode.end, &signals);
         outcomes.push(Outcome { explained, end, picture: None });
@@ -161,7 +165,7 @@ fn card(
         let event = outcomes[index].explained.as_ref().and_then(|(_, found)| found.explanation.event());
         event.map(|event| event.start.unwrap_or(event.sample))
     };
-    let decisive = event(example.failing).unwrap_or(last(example.failing));
+    let decisive = event(mode.failing()).unwrap_or(last(mode.failing()));
     // A failure has an instant of its own, a success is shown at that of the failure.
     let sample = |index: usize| {
         let own = event(index).filter(|_| outcomes[index].fails());
@@ -186,8 +190,8 @@ fn card(
         }
         Err(error) => Some(error),
     };
-    let axes = controllers[0].space.axes().to_vec();
-    Ok((Card { mode: mode.clone(), example, axes, outcomes }, missing))
+    let (mode, axes, controller) = (mode.clone(), axes.to_vec(), controller.to_string());
+    (Card { mode, source, scenario, axes, controller, outcomes }, missing)
 }
 
 impl Outcome {
@@ -227,12 +231,14 @@ impl Card {
             "" => "the whole formula".to_string(),
             predicate => format!("<code>{}</code>", text(&short(predicate, 200))),
         };
-        let change = mode.change.chars().take(1).flat_map(char::to_uppercase);
-        let change: String = change.chain(mode.change.chars().skip(1)).collect();
+        let change = match mode.change {
+            ModeChange::Appeared => "Appeared",
+            ModeChange::Stayed => "Stayed",
+            ModeChange::Vanished => "Vanished",
+        };
         let mut out = format!(
-            "<article class=\"mode\">\n<h4>{}: {predicate} is violated <span class=\"count\">{} before, {} after</span></h4>\n\
+            "<article class=\"mode\">\n<h4>{change}: {predicate} is violated <span class=\"count\">{} before, {} after</span></h4>\n\
              <p>{}</p>\n<div class=\"facts-and-trace\">\n<div>{}<ul class=\"why\">",
-            text(&change),
             plural(mode.before, "failure"),
             mode.after,
             self.source_text(),
@@ -241,8 +247,8 @@ impl Card {
         for (outcome, name) in self.outcomes.iter().zip(CONTROLLERS) {
             out.push_str(&format!("<li><b>{name}</b>: {}.</li>", outcome.words()));
         }
-        let failing = self.outcomes.get(self.example.failing);
-        let name = CONTROLLERS[self.example.failing].to_lowercase();
+        let failing = self.outcomes.get(mode.failing());
+        let name = CONTROLLERS[mode.failing()].to_lowercase();
         out.push_str(&format!("</ul>\n<h5>Why the controller {name} fails</h5>\n<ul class=\"why\">"));
         if let Some((header, explained)) = failing.and_then(|outcome| outcome.explained.as_ref()) {
             for sentence in explained.explanation.sentences(header.control_dt) {
@@ -256,9 +262,9 @@ impl Card {
     }
 
     fn source_text(&self) -> String {
-        match &self.example.source {
+        match &self.source {
             ExampleSource::Worst { .. } => {
-                let name = CONTROLLERS[self.example.failing].to_lowercase();
+                let name = CONTROLLERS[self.mode.failing()].to_lowercase();
                 format!(
                     "Shown is the worst failure that the final searches found in this mode with the controller {name}."
                 )
@@ -271,7 +277,7 @@ impl Card {
 
     /// Returns the scenario. The axes of the mode and those off nominal come first.
     fn scenario_table(&self) -> String {
-        let values = self.example.request.scenario.values();
+        let values = self.scenario.values();
         let of_mode = |index: usize| self.mode.axes.contains(&self.axes[index].name);
         let is_nominal = |index: usize| values.get(index).copied().flatten() == self.axes[index].nominal;
         let mut order: Vec<usize> = (0..self.axes.len()).collect();
@@ -293,10 +299,12 @@ impl Card {
 
     /// Returns the commands that run the failure again, folded.
     fn commands(&self, found: &Hardening) -> String {
-        let commands = match &self.example.source {
+        let commands = match &self.source {
             ExampleSource::Worst { run, trial, number } => {
-                let run = shell_quote(&run.to_string_lossy());
-                let at = format!("--trial {trial} --simulation {number}");
+                let run = shell_quote(&path_text(run));
+                // The run has the path of the machine where it ran.
+                let controller = shell_quote(&self.controller);
+                let at = format!("--trial {trial} --simulation {number} --controller {controller}");
                 vec![
                     format!("mishandle explain {run} {at}"),
                     format!("mishandle render --run {run} {at} --out failure.mp4"),
@@ -304,9 +312,9 @@ impl Card {
             }
             ExampleSource::Minimized { file, .. } => {
                 let suite = file.parent().unwrap_or(Path::new("."));
-                let file = shell_quote(&file.to_string_lossy());
+                let file = shell_quote(&path_text(file));
                 let after = found.after.as_ref().map(|after| shell_quote(after));
-                let suite = shell_quote(&suite.to_string_lossy());
+                let suite = shell_quote(&path_text(suite));
                 let with_after = after.map(|after| format!("mishandle regress {suite} --controller {after}"));
                 std::iter::once(format!("mishandle replay {file}")).chain(with_after).collect()
             }
@@ -320,17 +328,18 @@ mod tests {
     use super::*;
 
     fn mode(change: &str, before: u64, after: u64) -> HardenedMode {
+        assert_eq!(ModeChange::new(before, after).name(), change);
         HardenedMode {
             predicate: "gap >= 2".to_string(),
             axes: Vec::new(),
-            change: change.to_string(),
+            change: ModeChange::new(before, after),
             before,
             after,
         }
     }
 
     fn facts(modes: Vec<&HardenedMode>) -> Vec<(&str, u64, u64)> {
-        modes.into_iter().map(|mode| (mode.change.as_str(), mode.before, mode.after)).collect()
+        modes.into_iter().map(|mode| (mode.change.name(), mode.before, mode.after)).collect()
     }
 
     #[test]

@@ -1,6 +1,6 @@
 //! The page about a hardening: a controller before and after.
 
-use mishandle::results::{Estimate, HardenedMargin, HardenedMeasure, Hardening};
+use mishandle::results::{Estimate, HardenedMargin, HardenedMeasure, Hardening, ModeChange};
 use mishandle::rollout::Axis;
 use mishandle_text::{p_value_text, plural};
 
@@ -226,7 +226,7 @@ fn modes(found: &Hardening) -> String {
         .into_iter()
         .map(|mode| {
             vec![
-                text(&mode.change),
+                mode.change.name().to_string(),
                 format!("<code>{}</code>", text(&short(&mode.predicate, 120))),
                 match mode.axes.as_slice() {
                     [] => "not known".to_string(),
@@ -237,15 +237,15 @@ fn modes(found: &Hardening) -> String {
             ]
         })
         .collect();
-    let count = |change: &str| found.modes.iter().filter(|mode| mode.change == change).count();
+    let count = |change: ModeChange| found.modes.iter().filter(|mode| mode.change == change).count();
     let head = ["change", "decisive predicate", "axes that matter", "failures before", "failures after"];
     format!(
         "<p>{} appeared, {} stayed, {} vanished.</p>\n{}<p class=\"notes\">Both controllers were searched with the same \
          budget. A mode that vanished can still exist: these searches did not find it. Axes are not known where a search \
          chose the scenarios: only random ones tell which axes matter.</p>\n",
-        plural(count("appeared") as u64, "mode"),
-        count("stayed"),
-        count("vanished"),
+        plural(count(ModeChange::Appeared) as u64, "mode"),
+        count(ModeChange::Stayed),
+        count(ModeChange::Vanished),
         table("Failure modes of the final searches", &head, &rows)
     )
 }

@@ -99,7 +99,7 @@ fn strip(
         return Err(MishandleError::RunMismatch { differences: replayed.differences }.into());
     }
     let shown = Shown::new(run.header(), &trajectory.states, &explained.explanation);
-    let Some(last) = shown.last else {
+    let Some(last) = shown.states.len().checked_sub(1) else {
         return Ok(Pictures { frames: Vec::new(), film: None });
     };
     let event = shown.event.as_ref();
@@ -142,18 +142,15 @@ struct Shown<'a> {
     states: &'a [Vec<f64>],
     explanation: &'a Explanation,
     event: Option<Event>,
-    /// The last sample; `None` without states.
-    last: Option<usize>,
 }
 
 impl<'a> Shown<'a> {
     fn new(header: &'a RunHeader, states: &'a [Vec<f64>], explanation: &'a Explanation) -> Shown<'a> {
-        let (event, last) = (explanation.event(), states.len().checked_sub(1));
-        Shown { header, states, explanation, event, last }
+        Shown { header, states, explanation, event: explanation.event() }
     }
 
     fn renderer(&self, document: &str, size: Size, quality: Quality) -> Result<FrameRenderer, PictureError> {
-        let (header, last) = (self.header, self.last.unwrap_or_default());
+        let (header, last) = (self.header, self.states.len().saturating_sub(1));
         let (explanation, event) = (Some(self.explanation), self.event.as_ref());
         let captions = FrameCaptions::new(header.control_dt, &header.signals, explanation, event, last);
         Ok(FrameRenderer::new(document, size, quality, &CAMERAS[..1], Some(captions))?)

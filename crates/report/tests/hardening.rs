@@ -7,11 +7,12 @@ use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 
 use mishandle::counterexample::Counterexample;
-use mishandle::harden::{ExampleSource, mode_examples};
+use mishandle::harden::{ExampleSource, ModeExample, ModeExamples};
 use mishandle::inspect::{FailureMode, failure_modes};
 use mishandle::plan::{AxisSetting, EvaluatePlan, FalsifyPlan, HardenPlan};
 use mishandle::results::{
-    Estimate, HardenedMeasure, HardenedMode, HardenedSearch, Hardening, HardeningRound, Seed as ResultSeed,
+    Estimate, HardenedMeasure, HardenedMode, HardenedSearch, Hardening, HardeningRound, ModeChange,
+    Seed as ResultSeed,
 };
 use mishandle::run::{Engine, ask, create_run};
 use mishandle::store::RunFile;
@@ -76,12 +77,12 @@ fn first_mode(folder: &Path, searches: &str) -> (RunFile, FailureMode) {
     (run, mode)
 }
 
-fn named((run, mode): &(RunFile, FailureMode), change: &str, [before, after]: [u64; 2]) -> HardenedMode {
+fn named((run, mode): &(RunFile, FailureMode), [before, after]: [u64; 2]) -> HardenedMode {
     let name = |axis: &usize| run.header().axes[*axis].name.clone();
     HardenedMode {
         predicate: mode.representative().predicate.clone(),
         axes: mode.axes.iter().map(name).collect(),
-        change: change.to_string(),
+        change: ModeChange::new(before, after),
         before,
         after,
     }
@@ -120,41 +121,76 @@ fn hardening(folder: &Path, modes: Vec<HardenedMode>) -> Hardening {
     }
 }
 
+fn example(folder: &Path, found: &Hardening, mode: &HardenedMode) -> Result<ModeExample, String> {
+    let examples = ModeExamples::open(folder, found).unwrap().unwrap();
+    examples.example(mode).map_err(|error| error.to_string())
+}
+
+#[test]
+fn the_commands_of_a_failure_name_files_as_the_user_named_the_folder() {
+    let home = tempfile::tempdir_in(env!("CARGO_TARGET_TMPDIR")).unwrap();
+    let folder = folder(home.path());
+    let mode = named(&first_mode(&folder, "final/before-search"), [6, 0]);
+    let found = hardening(&folder, vec![mode]);
+    let here = std::env::current_dir().unwrap();
+    let up: PathBuf = here.components().skip(1).map(|_| "..").collect();
+    let relative = up.join(folder.strip_prefix("/").unwrap());
+    let failures = HardenedModes::simulate(&relative, &found, || false).unwrap();
+    let html = hardening_page(&found, &failures, &[], None);
+    let command = format!("mishandle explain {}/final/before-search-", relative.display());
+    let controller = format!(" --controller {}/before.safetensors", relative.display());
+    assert!(html.contains(&command) && html.contains(&controller), "{html}");
+    assert!(!html.contains(&format!(" {}", folder.display())), "{html}");
+}
+
 #[test]
 fn each_mode_has_a_failure_that_both_controllers_run() {
     let home = tempfile::tempdir().unwrap();
     let folder = folder(home.path());
     let (before, after) =
         (first_mode(&folder, "final/before-search"), first_mode(&folder, "final/after-search"));
-    let modes = vec![named(&before, "vanished", [6, 0]), named(&after, "appeared", [0, 4])];
+    let modes = vec![named(&before, [6, 0]), named(&after, [0, 4])];
     let found = hardening(&folder, modes.clone());
 
     // Without a minimized failure: the worst one of the final searches.
-    let examples = mode_examples(&folder, &found, &[&modes[0], &modes[1]]).unwrap().unwrap();
-    for (example, (run, mode)) in examples.examples.iter().zip([&before, &after]) {
+    for ((index, mode_of_result), (run, mode)) in (0..).zip(&modes).zip([&before, &after]) {
+        let example = example(&folder, &found, mode_of_result).unwrap();
         let ExampleSource::Worst { run: path, trial, number } = &example.source else {
             panic!("{:?}", example.source)
         };
         let recorded = RunFile::open(path).unwrap().simulation(*trial, *number).unwrap();
-        assert_eq!(recorded.scenario, example.request.scenario.values());
+        for simulation in &example.simulated {
+            assert_eq!(recorded.scenario, simulation.episode.request.scenario.values());
+        }
+        assert!(example.simulated[index].episode.is_violated());
         let of_run = mode.failures.iter().map(|failure| failure.robustness).fold(f64::INFINITY, f64::min);
         assert!(recorded.robustness.unwrap() <= of_run, "{}", run.path().display());
     }
-    assert_eq!(examples.examples.iter().map(|example| example.failing).collect::<Vec<_>>(), [0, 1]);
 
     // A minimized failure of the mode is taken instead, but not one of another controller's mode.
     let of_round = first_mode(&folder, "round-1/search");
     let smaller = of_round.1.representative();
     let json = Counterexample::from_run(&of_round.0, smaller.trial, smaller.number).unwrap().to_json();
-    fs::create_dir_all(folder.join("round-1/failures")).unwrap();
-    fs::write(folder.join("round-1/failures/mode-1.json"), json).unwrap();
-    let mode = named(&of_round, "vanished", [6, 0]);
-    let examples = mode_examples(&folder, &found, &[&mode]).unwrap().unwrap();
+    let mode = named(&of_round, [6, 0]);
     let file = folder.join("round-1/failures/mode-1.json");
-    assert_eq!(examples.examples[0].source, ExampleSource::Minimized { round: 1, file });
-    assert_eq!(examples.examples[0].request.scenario.values(), smaller.scenario);
+    fs::create_dir_all(file.parent().unwrap()).unwrap();
+    fs::write(&file, &json).unwrap();
+    let keys = format!("modes = [[{:?}, {:?}]]", mode.predicate, mode.axes);
+    fs::write(folder.join("round-1/modes.toml"), keys).unwrap();
+    let chosen = example(&folder, &found, &mode).unwrap();
+    assert_eq!(chosen.source, ExampleSource::Minimized { round: 1, file: file.clone() });
+    assert_eq!(chosen.simulated[0].episode.request.scenario.values(), smaller.scenario);
 
-    let failures = HardenedModes::simulate(&folder, &found, || false).unwrap().unwrap();
+    // A record that was edited is not shown as if it were a simulation.
+    let robustness = format!("\"robustness\": {:?}", smaller.robustness);
+    let edited = json.replacen(&robustness, "\"robustness\": -12.5", 1);
+    assert_ne!(edited, json, "{json}");
+    fs::write(&file, edited).unwrap();
+    let error = example(&folder, &found, &mode).err().unwrap();
+    assert!(error.contains("mode-1.json: recorded -12.5, simulated -"), "{error}");
+    fs::write(&file, json).unwrap();
+
+    let failures = HardenedModes::simulate(&folder, &found, || false).unwrap();
     let html = hardening_page(&found, &failures, &[], None);
     let (appeared, vanished) = (html.find("<h4>Appeared: ").unwrap(), html.find("<h4>Vanished: ").unwrap());
     assert!(appeared < vanished);
@@ -166,11 +202,11 @@ fn each_mode_has_a_failure_that_both_controllers_run() {
         0 => assert_eq!(html.matches("There are no pictures of the failures: ").count(), 1, "{html}"),
         pictures => assert_eq!(pictures, 4, "two of each mode"),
     }
-    assert!(HardenedModes::simulate(&folder, &found, || true).unwrap().is_none(), "interrupted");
+    assert!(HardenedModes::simulate(&folder, &found, || true).is_none(), "interrupted");
 
     // The page is made without the controllers, and says what it lacks.
     fs::remove_file(folder.join("round-1/controller.safetensors")).unwrap();
-    let failures = HardenedModes::simulate(&folder, &found, || false).unwrap().unwrap();
+    let failures = HardenedModes::simulate(&folder, &found, || false).unwrap();
     let html = hardening_page(&found, &failures, &[], None);
     assert!(html.contains("which take simulations, are missing: ") && !html.contains("<h4>"), "{html}");
 }
@@ -192,7 +228,7 @@ fn a_page_without_an_accepted_round_says_that_no_modes_are_compared() {
         p_value: None,
         adjusted_p_value: None,
     });
-    let failures = HardenedModes::simulate(home.path(), &found, || false).unwrap().unwrap();
+    let failures = HardenedModes::simulate(home.path(), &found, || false).unwrap();
     let html = hardening_page(&found, &failures, &[], None);
     assert!(html.contains("there are no modes to compare") && html.contains("0 of 1"), "{html}");
     // Nothing was compared, so nothing was fixed or broken, not even 0.

@@ -139,11 +139,52 @@ pub struct HardenedMode {
     /// Axes by which its failures were grouped.
     pub axes: Vec<String>,
     /// `vanished`, `stayed` or `appeared`.
-    pub change: String,
+    #[schemars(with = "String")]
+    pub change: ModeChange,
     /// Number of its failures before.
     pub before: u64,
     /// Number of its failures after.
     pub after: u64,
+}
+
+impl HardenedMode {
+    /// Returns the index of the controller whose failures show the mode: 0 for the one before, if
+    /// it vanished, otherwise 1.
+    pub fn failing(&self) -> usize {
+        usize::from(self.change != ModeChange::Vanished)
+    }
+}
+
+/// Change of a failure mode, the most important one for a decision first.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum ModeChange {
+    /// Only the controller after has failures.
+    Appeared,
+    /// Both controllers have failures.
+    Stayed,
+    /// Only the controller before has failures.
+    Vanished,
+}
+
+impl ModeChange {
+    /// Returns the change by the numbers of failures before and after.
+    pub fn new(before: u64, after: u64) -> ModeChange {
+        match (before, after) {
+            (0, _) => ModeChange::Appeared,
+            (_, 0) => ModeChange::Vanished,
+            _ => ModeChange::Stayed,
+        }
+    }
+
+    /// Returns its name.
+    pub fn name(self) -> &'static str {
+        match self {
+            ModeChange::Appeared => "appeared",
+            ModeChange::Stayed => "stayed",
+            ModeChange::Vanished => "vanished",
+        }
+    }
 }
 
 /// Failures that the searches of the rounds found, simulated again.

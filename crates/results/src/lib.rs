@@ -69,7 +69,7 @@ pub use explanation::{
 pub use falsification::{Cause, Falsification, Requirement, SearchValue, SmoothRegion, Trial, Unevaluated};
 pub use hardening::{
     HardenedArchive, HardenedCorners, HardenedMargin, HardenedMeasure, HardenedMode, HardenedSearch,
-    Hardening, HardeningRound,
+    Hardening, HardeningRound, ModeChange,
 };
 pub use margin::{CategoryMargin, Level, Margin, Norms, Witness};
 pub use modes::{Coverage, FailureMode, FirstInMode, FoundMode, Modes, UnseenModes};

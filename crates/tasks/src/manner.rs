@@ -69,14 +69,57 @@ pub(crate) const LARGEST_FORCES: [usize; FORCES] = [0, 2, 4, 6, 8];
 pub(crate) const JOINT_SPEED_SHARE: usize = 9;
 pub(crate) const TOOL_SPEED: usize = 12;
 
-/// Conditions of careful success for every task.
+/// Limits of careful success, as literals: formulas and descriptions are made of them.
 ///
-/// The forces are the limits of ISO/TS 15066 for hands and fingers, for quasi-static and transient
-/// contact. They are limits for people, and are used for fixtures here. 1.7 m/s is Franka's limit
-/// of the speed of the hand. The servos exceed the velocity limit of a joint by up to 5 % in free
-/// motion. The robot is at rest if it has been for the last quarter of a second.
-pub const CAREFUL: &str = "always[0:300](fixture_force <= 280 and fixture_force_mean <= 140 and ground_force <= 280 \
-     and ground_force_mean <= 140 and tool_speed <= 1.7 and joint_speed_share <= 1.05) and always[300:300](rest_time >= 0.25)";
+/// The forces, N, are the limits of ISO/TS 15066 for hands and fingers, for transient and
+/// quasi-static contact. They are limits for people, and are used for fixtures here. 1.7 m/s is
+/// Franka's limit of the speed of the hand. The servos exceed the velocity limit of a joint by up
+/// to 5 % in free motion.
+macro_rules! limit {
+    (force) => {
+        280
+    };
+    (mean_force) => {
+        140
+    };
+    (tool_speed) => {
+        1.7
+    };
+    (joint_speed_share) => {
+        1.05
+    };
+}
+pub(crate) use limit;
+
+/// Returns the condition that the force on a group of bodies, and its mean, stay below the limits.
+macro_rules! limited_force {
+    ($name:literal) => {
+        concat!(
+            $name,
+            "_force <= ",
+            $crate::manner::limit!(force),
+            " and ",
+            $name,
+            "_force_mean <= ",
+            $crate::manner::limit!(mean_force)
+        )
+    };
+}
+pub(crate) use limited_force;
+
+/// Conditions of careful success for every task. The robot is at rest if it has been for the last
+/// quarter of a second.
+pub const CAREFUL: &str = concat!(
+    "always[0:300](",
+    limited_force!("fixture"),
+    " and ",
+    limited_force!("ground"),
+    " and tool_speed <= ",
+    limit!(tool_speed),
+    " and joint_speed_share <= ",
+    limit!(joint_speed_share),
+    ") and always[300:300](rest_time >= 0.25)"
+);
 
 /// Number of forces with a mean: all but the last one.
 const MEANS: usize = FORCES - 1;

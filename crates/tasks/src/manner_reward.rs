@@ -7,15 +7,16 @@
 use mishandle_world::Rows;
 
 use crate::definition::{Quantity, scalar};
-use crate::manner::{JOINT_SPEED_SHARE, LARGEST_FORCES, MANNER, REST_SPEED, TOOL_SPEED};
+use crate::manner::{JOINT_SPEED_SHARE, LARGEST_FORCES, MANNER, REST_SPEED, TOOL_SPEED, limit};
 use crate::robot::{ARM_JOINTS, JOINTS, Panda};
 
 /// Contact force at which the term is half of its bound, N: the limit of careful success for
 /// lasting contact.
-const HALF_FORCE: f64 = 140.0;
+#[expect(clippy::unnecessary_cast, reason = "the literal is written without decimals in the formula")]
+const HALF_FORCE: f64 = limit!(mean_force) as f64;
 
 /// Limits of careful success: share of the speed limit of a joint, and speed of the tool, m/s.
-const SPEED_LIMITS: [f64; 2] = [1.05, 1.7];
+const SPEED_LIMITS: [f64; 2] = [limit!(joint_speed_share), limit!(tool_speed)];
 
 /// Share of a limit of speed up to which speed costs nothing.
 const FREE_SPEED: f64 = 0.8;
@@ -30,7 +31,11 @@ pub static MANNER_REWARD: &[Quantity] = &[
     scalar(
         "contact_force",
         "",
-        "-F / (F + 140 N), where F is the sum of the largest forces of the control step that `careful` limits",
+        concat!(
+            "-F / (F + ",
+            limit!(mean_force),
+            " N), where F is the sum of the largest forces of the control step that `careful` limits"
+        ),
     ),
     scalar(
         "action_rate",
@@ -40,7 +45,13 @@ pub static MANNER_REWARD: &[Quantity] = &[
     scalar(
         "speed",
         "",
-        "-min(max(s - 0.8, 0), 1), where s is the larger of `joint_speed_share` / 1.05 and `tool_speed` / (1.7 m/s)",
+        concat!(
+            "-min(max(s - 0.8, 0), 1), where s is the larger of `joint_speed_share` / ",
+            limit!(joint_speed_share),
+            " and `tool_speed` / (",
+            limit!(tool_speed),
+            " m/s)"
+        ),
     ),
     scalar(
         "rest",

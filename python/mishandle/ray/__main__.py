@@ -20,14 +20,10 @@ from mishandle.ray import RayExecutor, check_address
 from mishandle.ray.plans import HardeningFactory, PlanFactory
 
 
-HARDENING = ".harden"
-"""Suffix of the folder of a hardening."""
-
-
 def complete_runs(
     executor: RayExecutor,
     folder: str,
-    runs: Sequence[tuple[str, str]],
+    runs: Sequence[tuple[str, str, bool]],
     *,
     jobs: int,
     durable: bool = False,
@@ -37,7 +33,7 @@ def complete_runs(
     """Completes the runs of the campaign in a folder on a cluster, ``jobs`` of them at a time.
 
     The simulations of a question are spread over the cluster. A hardening is one task on one worker, which continues where another one
-    was lost. ``runs`` are pairs of name and path. ``report`` gets the name of a run and the numbers of its finished and of all
+    was lost. ``runs`` have name, path, and whether the plan is that of a hardening. ``report`` gets the name of a run and the numbers of its finished and of all
     simulations after each batch, in the thread of the run. If ``executor.stop`` is set, all runs end after their last finished
     batch.
     """
@@ -49,11 +45,11 @@ def complete_runs(
             [simulations] = executor.run(hardenings, [name])
             report(name, simulations, simulations)
 
-    def complete(run: tuple[str, str]) -> None:
-        name, path = run
+    def complete(run: tuple[str, str, bool]) -> None:
+        name, path, is_hardening = run
         if executor.stop.is_set():
             return
-        if pathlib.Path(path).suffix == HARDENING:
+        if is_hardening:
             complete_hardening(name)
             return
         shared = executor.share(PlanFactory(*_native.recorded_plan(path)))
@@ -155,7 +151,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         complete_runs(
             executor,
             given.out if given.resume is None else given.resume,
-            [(name, os.fspath(path)) for name, path in runs],
+            [(name, os.fspath(path), is_hardening) for name, path, is_hardening in runs],
             jobs=min(given.jobs, len(runs)),
             durable=given.durable,
             any_build=given.any_build,

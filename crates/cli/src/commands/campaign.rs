@@ -7,7 +7,7 @@ use mishandle::campaign::{CampaignRun, campaign_runs, create_campaign, free_camp
 use mishandle::files::{limits, read_text_bounded};
 use mishandle::results::{Answer, Campaign};
 use mishandle::run::{Device, Opening};
-use mishandle_text::{plural, shell_quote};
+use mishandle_text::{path_text, plural, shell_quote};
 
 use crate::exit_status::ExitStatus;
 use crate::flags::{self, numbers};
@@ -83,11 +83,8 @@ pub fn run(command: &Arguments, gpu: Option<&Device>) -> Result<ExitStatus> {
         finished = grid::run_all(&runs, &bar, opening, command.jobs.unwrap_or(1), gpu)?;
     }
     bar.clear();
-    let found = Campaign {
-        folder: folder.to_string_lossy().into_owned(),
-        is_complete: finished.len() == runs.len(),
-        runs: finished,
-    };
+    let found =
+        Campaign { folder: path_text(&folder), is_complete: finished.len() == runs.len(), runs: finished };
     let untrained = mishandle::campaign::untrained_runs(&folder)?;
     if !untrained.is_empty() {
         let runs = plural(untrained.len() as u64, "run");
@@ -117,7 +114,7 @@ pub fn run(command: &Arguments, gpu: Option<&Device>) -> Result<ExitStatus> {
         pages::write_campaign(&folder, pages, &options)?;
         output::message(&format!(
             "To add what takes simulations: mishandle report {name} --out {} --force",
-            shell_quote(&pages.to_string_lossy())
+            shell_quote(&path_text(pages))
         ));
     }
     output::message(&format!("Run files: {name}"));
@@ -186,7 +183,7 @@ fn simulate_on_ray(folder: &Path, address: &str, opening: Opening) -> Result<Exi
         Some(code) if code == i32::from(interrupt::EXIT_CODE) => Ok(ExitStatus::Interrupted),
         _ => bail!(
             "{PYTHON} -m {MODULE} failed ({status}); everything recorded is kept: mishandle campaign --resume {}",
-            shell_quote(&folder.to_string_lossy())
+            shell_quote(&path_text(folder))
         ),
     }
 }

@@ -8,6 +8,7 @@ use mishandle::harden::{HardenProgress, harden, harden_folder, resume};
 use mishandle::plan::{DEVICES, HardenPlan};
 use mishandle::run::{Device, Opening};
 use mishandle::{MishandleError, Plan};
+use mishandle_text::{path_text, shell_quote};
 
 use crate::exit_status::ExitStatus;
 use crate::flags::{self, numbers};
@@ -99,7 +100,7 @@ pub fn run(command: &Arguments, gpu: Option<&Device>) -> Result<ExitStatus> {
         }
     };
     bar.clear();
-    let quoted = mishandle_text::shell_quote(&folder.to_string_lossy());
+    let quoted = shell_quote(&path_text(&folder));
     let Some(found) = found? else {
         output::message(&format!("Resume with: mishandle harden --resume {quoted}"));
         return Ok(ExitStatus::Interrupted);

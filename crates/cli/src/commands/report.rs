@@ -5,6 +5,7 @@ use clap::Args;
 use mishandle::harden::is_hardening;
 use mishandle::train::Curve;
 use mishandle_report::{Samples, hardening_page, learning_curve_page, page};
+use mishandle_text::{path_text, shell_quote};
 
 use crate::exit_status::ExitStatus;
 use crate::flags::{self, numbers};
@@ -133,7 +134,7 @@ fn write_hardening(
     command: &Arguments,
     options: &pages::Options<'_>,
 ) -> Result<ExitStatus> {
-    let name = mishandle_text::shell_quote(&folder.to_string_lossy());
+    let name = shell_quote(&path_text(folder));
     ensure!(is_finished, "the hardening is not finished; continue it with: mishandle harden --resume {name}");
     let Some((found, failures, reports)) = pages::hardening(folder, options)? else {
         options.clear();
@@ -151,7 +152,7 @@ fn write_curve(path: &Path, command: &Arguments) -> Result<ExitStatus> {
         let file = path.display();
         output::message(&format!("warning: the last line of {file} is incomplete and was ignored"));
     }
-    write(&learning_curve_page(&curve, &path.to_string_lossy()), command)
+    write(&learning_curve_page(&curve, &path_text(path)), command)
 }
 
 fn write(page: &str, command: &Arguments) -> Result<ExitStatus> {

@@ -6,7 +6,7 @@ use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 
 use anyhow::{Context, Result};
 use mishandle::campaign::CampaignRun as PlannedRun;
-use mishandle::harden::HardenProgress;
+use mishandle::harden::{HardenProgress, HardenUnit};
 use mishandle::results::{Answer, CampaignRun};
 use mishandle::run::{Device, Engine, Opening};
 
@@ -91,7 +91,7 @@ impl Progress<'_> {
             }
             // The bar has the simulations of the present phase: nobody knows those of all rounds.
             Step::Hardening(HardenProgress { phase, done, all, unit }) => {
-                if *unit == HardenProgress::SIMULATIONS {
+                if *unit == HardenUnit::Simulations {
                     counts[index] = (*done, *all);
                 }
                 format!(", {phase}, {done} of {all} {unit}")
@@ -114,6 +114,9 @@ fn run_one(
     let finished =
         |kind: &str, result| CampaignRun { name: run.name.clone(), kind: kind.to_string(), result };
     if run.is_hardening() {
+        if opening.any_build {
+            report_build_differences("started", &mishandle::harden::build_differences(&run.path)?);
+        }
         let found = run.harden(opening, gpu, &mut |progress| watch(Step::Hardening(progress)))?;
         return Ok(found.map(|found| finished("harden", Answer::Hardening(Box::new(found)))));
     }

@@ -11,8 +11,7 @@ use mishandle_report::{
     HardenedModes, HardeningSummary, Measurement, RunReport, RunSummary, Samples, campaign_page,
     hardening_page, run_page,
 };
-use mishandle_text::plural;
-use mishandle_text::shell_quote;
+use mishandle_text::{path_text, plural, shell_quote};
 
 use super::{ExitStatus, file, tables};
 use crate::interrupt::control_flow;
@@ -107,9 +106,9 @@ pub fn write_campaign(campaign: &Path, out: &Path, options: &Options<'_>) -> Res
     options.clear();
     output::message(&format!(
         "Pages: {} ({} in {}, {} kB)",
-        shell_quote(&index.to_string_lossy()),
+        shell_quote(&path_text(&index)),
         plural(written - 1, "run"),
-        shell_quote(&pages.to_string_lossy()),
+        shell_quote(&path_text(&pages)),
         size.div_ceil(1000)
     ));
     Ok(ExitStatus::Done)
@@ -123,7 +122,7 @@ pub fn hardening(folder: &Path, options: &Options<'_>) -> Result<Option<Hardenin
     let found = finished(folder)?.context("the hardening is not finished")?;
     let failures = match options.simulations {
         None => Some(HardenedModes::skipped(NO_SIMULATIONS)),
-        Some(_) => HardenedModes::simulate(folder, &found, || control_flow().is_break())?,
+        Some(_) => HardenedModes::simulate(folder, &found, || control_flow().is_break()),
     };
     let Some(failures) = failures else { return Ok(None) };
     let mut reports = Vec::new();

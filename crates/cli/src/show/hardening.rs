@@ -24,7 +24,10 @@ pub fn text(found: &Hardening) -> String {
                 if mode.axes.is_empty() { String::new() } else { format!(" ({})", mode.axes.join(", ")) };
             format!(
                 "  {}: {}{axes}: {} failures before, {} after",
-                mode.change, mode.predicate, mode.before, mode.after
+                mode.change.name(),
+                mode.predicate,
+                mode.before,
+                mode.after
             )
         };
         let lines: Vec<String> = found.modes.iter().map(line).collect();

@@ -18,6 +18,7 @@ use crate::definition::{
     BoxAxis, Definition, GripperMode, Quantity, Reward, Scene, Task, TaskFormulas, Variations, scalar,
     vector3,
 };
+use crate::manner::limited_force;
 use crate::robot::Panda;
 
 /// The task.
@@ -156,7 +157,7 @@ const DEFINITION: Definition = Definition {
 const FORMULAS: TaskFormulas = TaskFormulas {
     success: "eventually[0:300](door_yaw_deg >= 20)",
     strict: "eventually[0:270](always[0:30](door_yaw_deg >= 45))",
-    careful: Some(&["always[0:300](object_force <= 280 and object_force_mean <= 140)"]),
+    careful: Some(&[concat!("always[0:300](", limited_force!("object"), ")")]),
     safe: "door_yaw_deg >= 0.1",
     completion: "door_yaw_deg >= 20",
 };
