@@ -285,6 +285,17 @@ impl EnvironmentWorker for RecordingWorker {
 
     fn step(&mut self, action: &[f64], state: &mut [f64], sample: Sample<'_>) -> StepStatus {
         let status = self.worker.step(action, state, sample);
+        self.record(action, state, status)
+    }
+
+    fn step_before_actions(&mut self, action: &[f64], state: &mut [f64], sample: Sample<'_>) -> StepStatus {
+        let status = self.worker.step_before_actions(action, state, sample);
+        self.record(action, state, status)
+    }
+}
+
+impl RecordingWorker {
+    fn record(&self, action: &[f64], state: &[f64], status: StepStatus) -> StepStatus {
         if status != StepStatus::Diverged {
             let mut recording = self.recording.lock();
             recording.states.push(state.to_vec());

@@ -51,18 +51,24 @@ fn controller(robot: &RobotFile, plan: &Plan) -> Result<(Arc<dyn Controller>, Co
             value: "missing".to_string(),
             expected: "a path, because the target file has no policy: --controller FILE",
         }),
-        RobotPolicy::Expression(policy) => {
-            if plan.stochastic {
-                return Err(not_stochastic("an expression"));
-            }
-            // The hash of the file covers it.
-            let hash = "expression of the target file".to_string();
-            let name = "expression".to_string();
-            let component =
-                Component { role: "controller".to_string(), name, hash, file_hash: String::new() };
-            Ok((policy.clone(), component))
-        }
+        RobotPolicy::Expression(policy) => of_the_file(policy, "expression", plan),
+        RobotPolicy::BuiltIn(policy) => of_the_file(policy, "task-space", plan),
     }
+}
+
+/// Returns a controller that the target file defines; its hash is that of the file.
+fn of_the_file(
+    policy: &Arc<dyn Controller>,
+    name: &str,
+    plan: &Plan,
+) -> Result<(Arc<dyn Controller>, Component), MishandleError> {
+    if plan.stochastic {
+        return Err(not_stochastic(name));
+    }
+    let hash = format!("{name} of the target file");
+    let component =
+        Component { role: "controller".to_string(), name: name.to_string(), hash, file_hash: String::new() };
+    Ok((policy.clone(), component))
 }
 
 fn not_stochastic(what: &str) -> MishandleError {

@@ -151,11 +151,11 @@ impl Axes {
                 let effect = if *of_actions { Effect::ActionDelay } else { Effect::ObservationDelay };
                 self.disturbances.push(Disturbance { axis, effect });
             }
-            AxisEffect::Bias { part } => {
+            AxisEffect::Bias { part, each } => {
                 let part = find_part(part, parts)?;
                 for entry in part.first..part.first + part.size {
                     let mut axis = axis.clone();
-                    if part.size > 1 {
+                    if *each && part.size > 1 {
                         axis.name = format!("{name}_{}", entry - part.first + 1);
                     }
                     let effect = Effect::Observation {

@@ -88,8 +88,27 @@ pub(crate) enum PolicySource {
     File(Text),
     /// An expression of the parts of the observation.
     Expression(Expression),
+    /// The built-in controller of a site's position.
+    TaskSpace(Box<TaskSpace>),
     /// Given with `--controller` only.
     Open,
+}
+
+/// Settings of the built-in controller of a site's position.
+#[derive(Clone, Debug)]
+pub(crate) struct TaskSpace {
+    pub site: Text,
+    /// Position of the site in the world, m, as an expression of the time.
+    pub goal: Expression,
+    /// Share of the error that a control step removes.
+    pub gain: f64,
+    /// Damping of the inverse Jacobian, in its unit squared.
+    pub damping: f64,
+    /// Largest change of a joint reference in a control step, rad or m.
+    pub largest_joint_step: f64,
+    /// Stiffness, 1/s², and damping, 1/s, of the joints, times their inertia.
+    pub kp: f64,
+    pub kd: f64,
 }
 
 #[derive(Clone, Debug)]
@@ -99,6 +118,8 @@ pub(crate) struct Policy {
     pub observation: Vec<Text>,
     /// Controls of the actuators as an expression of `action`.
     pub action: Expression,
+    /// Controls while no action has arrived yet, because of a delay.
+    pub hold: Option<Expression>,
     /// Largest absolute value of an action; others are clipped.
     pub limit: f64,
     /// Number of actions; by default that of the expression, or of the actuators.
@@ -119,8 +140,9 @@ pub(crate) enum AxisEffect {
     Model { operation: ModelOperation, fields: Vec<Expression> },
     /// A delay of observations or actions.
     Delay { of_actions: bool },
-    /// A constant bias of a part of the observation.
-    Bias { part: Text },
+    /// A constant bias of a part of the observation: the same for all its numbers, or an axis for
+    /// each of them.
+    Bias { part: Text, each: bool },
     /// White noise of a part of the observation.
     Noise { part: Text },
     /// A push of a body.
@@ -328,6 +350,9 @@ fn policy(table: &Table) -> Result<Policy, Problem> {
     let expression = fields.text("expression")?.map(Expression::new).transpose()?;
     let actions = fields.get("actions").map(|item| whole(item, "actions", 10_000.0)).transpose()?;
     let source = match (onnx, controller, expression) {
+        (None, Some(name), None) if name.text == TASK_SPACE => {
+            PolicySource::TaskSpace(Box::new(task_space(&mut fields)?))
+        }
         (Some(file), None, None) | (None, Some(file), None) => PolicySource::File(file),
         (None, None, Some(expression)) => PolicySource::Expression(expression),
         (None, None, None) => PolicySource::Open,
@@ -345,6 +370,7 @@ fn policy(table: &Table) -> Result<Policy, Problem> {
         source,
         observation: fields.texts("observation")?,
         action: Expression::new(fields.need("action")?.text("action")?)?,
+        hold: fields.text("hold")?.map(Expression::new).transpose()?,
         limit,
         actions,
         input: fields.text("input")?,
@@ -352,6 +378,35 @@ fn policy(table: &Table) -> Result<Policy, Problem> {
     };
     fields.finish()?;
     Ok(policy)
+}
+
+/// Name of the built-in controller.
+const TASK_SPACE: &str = "task-space";
+
+fn task_space(fields: &mut Fields<'_>) -> Result<TaskSpace, Problem> {
+    let mut positive = |key: &'static str| {
+        let item = fields.need(key)?;
+        match item.number(key)? {
+            number if number > 0.0 => Ok(number),
+            _ => Err(Problem::new(&item.span, format!("`{key}` must be greater than 0"))),
+        }
+    };
+    let [gain, damping, largest_joint_step, kp, kd] = [
+        positive("gain")?,
+        positive("damping")?,
+        positive("largest_joint_step")?,
+        positive("kp")?,
+        positive("kd")?,
+    ];
+    Ok(TaskSpace {
+        site: fields.need("site")?.text("site")?,
+        goal: Expression::new(fields.need("goal")?.text("goal")?)?,
+        gain,
+        damping,
+        largest_joint_step,
+        kp,
+        kd,
+    })
 }
 
 fn quantity(key: &Key, item: &Item) -> Result<Quantity, Problem> {
@@ -416,7 +471,8 @@ fn axis(key: &Key, item: &Item) -> Result<AxisTable, Problem> {
                 integer = true;
                 effects.push(AxisEffect::Delay { of_actions });
             }
-            effects.extend(fields.text("bias")?.map(|part| AxisEffect::Bias { part }));
+            let each = fields.flag("each")?;
+            effects.extend(fields.text("bias")?.map(|part| AxisEffect::Bias { part, each }));
             effects.extend(fields.text("noise")?.map(|part| AxisEffect::Noise { part }));
             match effects.pop() {
                 Some(effect) if effects.is_empty() => effect,

@@ -29,6 +29,8 @@ pub(crate) struct Robot {
     pub start_velocities: Vec<Vec<usize>>,
     /// The controls.
     pub command: Phase,
+    /// The controls before the first action arrives; empty if the action is 0 then.
+    pub hold: Phase,
     pub control_ranges: Vec<Option<[f64; 2]>>,
     /// Signals with a reduction over the physics steps.
     pub measured: Phase,
@@ -168,6 +170,7 @@ impl Environment for RobotEnvironment {
             key: Vec::new(),
             start: robot.start.memory(),
             command: robot.command.memory(),
+            hold: robot.hold.memory(),
             measured: robot.measured.memory(),
             sample: robot.sample.memory(),
             reduced: vec![0.0; robot.reductions.len()],
@@ -189,6 +192,7 @@ struct RobotWorker {
     key: Vec<u64>,
     start: Memory,
     command: Memory,
+    hold: Memory,
     measured: Memory,
     sample: Memory,
     /// Values of the reduced signals over the physics steps so far.
@@ -346,21 +350,42 @@ impl EnvironmentWorker for RobotWorker {
         sample.rewards.fill(0.0);
     }
 
-    fn step(&mut self, action: &[f64], state: &mut [f64], mut sample: Sample<'_>) -> StepStatus {
+    fn step(&mut self, action: &[f64], state: &mut [f64], sample: Sample<'_>) -> StepStatus {
+        self.advance(action, true, state, sample)
+    }
+
+    fn step_before_actions(&mut self, action: &[f64], state: &mut [f64], sample: Sample<'_>) -> StepStatus {
+        self.advance(action, false, state, sample)
+    }
+}
+
+impl RobotWorker {
+    fn advance(
+        &mut self,
+        action: &[f64],
+        has_arrived: bool,
+        state: &mut [f64],
+        mut sample: Sample<'_>,
+    ) -> StepStatus {
         let robot = self.robot.clone();
         let (physics, tail) = state.split_at_mut(robot.model.state_size());
         self.set_model(tail);
         self.world.set_state(physics);
-        if robot.command.reads_poses() {
-            self.world.refresh();
-        }
         let Tail { step, values, pushes, action: last } = robot.split(tail);
         last.copy_from_slice(action);
         let start = *step * robot.control_dt;
-        let mut view = View { world: &self.world, time: start, parameters: values, action };
-        robot.command.run(&mut self.command, &mut view);
+        let (phase, memory) = match has_arrived || robot.hold.is_empty() {
+            true => (&robot.command, &mut self.command),
+            false => (&robot.hold, &mut self.hold),
+        };
+        if phase.reads_forces() {
+            self.world.refresh_sensors();
+        } else if phase.reads_poses() {
+            self.world.refresh();
+        }
+        phase.run(memory, &mut View { world: &self.world, time: start, parameters: values, action });
         let controls = self.world.ctrl_mut();
-        robot.command.write(&self.command, 0, controls);
+        phase.write(memory, 0, controls);
         for (control, range) in controls.iter_mut().zip(&robot.control_ranges) {
             *control = clip(*control, *range);
         }

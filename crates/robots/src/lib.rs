@@ -19,6 +19,7 @@ mod phase;
 mod policy;
 mod quantity;
 mod target;
+mod task_space;
 
 pub use environment::RobotEnvironment;
 pub use error::RobotError;

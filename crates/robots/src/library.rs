@@ -182,6 +182,16 @@ impl Names<Quantity> for Library<'_> {
                 Err(format!("`{name}` is a group of elements; write for instance `qpos({name})`"))
             }
             ("time", None) => reading(Quantity::Time, Size::Number),
+            ("bias_forces", None) => {
+                let joints = (0..self.model.actuators()).map(|index| self.model.actuator_joint(index));
+                let joints: Option<Vec<usize>> = joints.collect();
+                let joints = joints
+                    .ok_or("`bias_forces` needs actuators that act on joints; write `bias_forces(joints)`")?;
+                let dofs: Vec<usize> =
+                    joints.into_iter().map(|joint| self.model.joint_at(joint).dof).collect();
+                let size = Size::Vector(dofs.len());
+                reading(Quantity::BiasForces(dofs), size)
+            }
             ("pi", None) => Ok(Meaning::Number(std::f64::consts::PI)),
             ("action", None) => match self.actions {
                 Some(size) => reading(Quantity::Action, Size::Vector(size)),

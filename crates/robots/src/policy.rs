@@ -22,9 +22,9 @@ pub(crate) struct ExpressionPolicy {
 }
 
 /// The names that a policy may use: parts of its observation, constants, the time.
-struct PolicyNames<'a> {
-    library: &'a Library<'a>,
-    parts: &'a [ObservedPart],
+pub(crate) struct PolicyNames<'a> {
+    pub library: &'a Library<'a>,
+    pub parts: &'a [ObservedPart],
 }
 
 impl Names<Quantity> for PolicyNames<'_> {
@@ -109,9 +109,10 @@ struct Worker {
     control_dt: f64,
 }
 
-struct Observation<'a> {
-    numbers: &'a [f32],
-    time: f64,
+/// The part of a simulation that policies see.
+pub(crate) struct Observation<'a> {
+    pub numbers: &'a [f32],
+    pub time: f64,
 }
 
 impl Reader<Quantity> for Observation<'_> {

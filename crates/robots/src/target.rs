@@ -21,6 +21,7 @@ use crate::library::Library;
 use crate::model::{self, RobotModel};
 use crate::phase::PhaseBuilder;
 use crate::policy::ExpressionPolicy;
+use crate::task_space::TaskSpacePolicy;
 
 /// Kind of the targets that a file describes.
 pub const KIND: &str = "robot";
@@ -36,6 +37,8 @@ pub enum RobotPolicy {
     },
     /// An expression of the file.
     Expression(Arc<dyn Controller>),
+    /// The built-in controller of a site's position.
+    BuiltIn(Arc<dyn Controller>),
     /// None: a controller must be given.
     Open,
 }
@@ -104,6 +107,10 @@ impl RobotFile {
                     ExpressionPolicy::new(expression, &library, &parts, control_dt).map_err(problem)?;
                 RobotPolicy::Expression(Arc::new(policy))
             }
+            PolicySource::TaskSpace(settings) => {
+                let policy = TaskSpacePolicy::new(settings, &library, &parts, control_dt).map_err(problem)?;
+                RobotPolicy::BuiltIn(Arc::new(policy))
+            }
             PolicySource::Open => RobotPolicy::Open,
         };
         let text_hash = Identity::new(KIND, "", text).hash;
@@ -137,7 +144,7 @@ impl RobotFile {
     pub fn actions(&self) -> usize {
         match (self.description.policy.actions, &self.policy) {
             (Some(actions), _) => actions,
-            (None, RobotPolicy::Expression(policy)) => policy.action_size(),
+            (None, RobotPolicy::Expression(policy) | RobotPolicy::BuiltIn(policy)) => policy.action_size(),
             (None, _) => self.model.physics.actuators(),
         }
     }
@@ -175,7 +182,7 @@ impl RobotFile {
         let robot = Arc::new(robot);
         let disturbances = self.disturbances(robot.action_size);
         let environment_axes = robot.axes.iter().map(|(axis, _)| axis);
-        let axes: Vec<Axis> = environment_axes.chain(disturbances.iter().map(|d| &d.axis)).cloned().collect();
+        let axes = distinct(environment_axes.chain(disturbances.iter().map(|d| &d.axis)));
         let random = disturbances.iter().filter(|d| d.effect.is_random()).map(|d| d.axis.name.clone());
         let signal =
             |named: &Named<Quantity>| Signal { name: named.key.name.clone(), unit: named.value.unit.clone() };
@@ -298,7 +305,7 @@ impl RobotFile {
             environment.iter().map(|(axis, _)| axis).filter(|axis| axis.kind == kind).cloned().collect()
         };
         let of_loop = |matches: fn(&Disturbance) -> bool| -> Vec<Axis> {
-            disturbances.iter().filter(|d| matches(d)).map(|d| d.axis.clone()).collect()
+            distinct(disturbances.iter().filter(|d| matches(d)).map(|d| &d.axis))
         };
         fn is_fault(disturbance: &Disturbance, side: Side) -> bool {
             matches!(&disturbance.effect, Effect::Fault { site, .. } if site.side == side)
@@ -348,7 +355,7 @@ impl RobotFile {
         let is_part = |axis: &&Axis| {
             axis.name == name || axis.name.strip_prefix(name).is_some_and(|rest| rest.starts_with('_'))
         };
-        all.filter(is_part).cloned().collect()
+        distinct(all.filter(is_part))
     }
 
     /// Compiles all expressions for this number of actions.
@@ -388,6 +395,10 @@ impl RobotFile {
             model.actuators(),
             "the model has actuators, so `action`",
         )?;
+        let mut hold = PhaseBuilder::new(&before);
+        if let Some(expression) = &description.policy.hold {
+            hold.add_sized(expression, model.actuators(), "the model has actuators, so `hold`")?;
+        }
         let mut measured = PhaseBuilder::new(&during);
         let mut sample = PhaseBuilder::new(&during);
         for part in &self.parts {
@@ -426,10 +437,6 @@ impl RobotFile {
                 "[start] cannot read poses, sensors or forces",
             ));
         }
-        if command.reads_forces() {
-            let message = "`action` cannot read sensors or forces; make them parts of the observation";
-            return Err(Problem::new(&description.policy.action.text.span, message));
-        }
         let keyframe = match &description.keyframe {
             Some(name) => Some(model.find(ElementKind::Key, &name.text).map_err(|_| {
                 let known = model.names(ElementKind::Key);
@@ -451,6 +458,7 @@ impl RobotFile {
             start_positions,
             start_velocities,
             command,
+            hold: hold.finish(),
             control_ranges: (0..model.actuators()).map(|index| model.actuator_range(index)).collect(),
             measured: measured.finish(),
             reductions,
@@ -472,6 +480,17 @@ impl RobotFile {
             model,
         })
     }
+}
+
+/// Returns the axes with different names: several disturbances may follow one axis.
+fn distinct<'a>(axes: impl Iterator<Item = &'a Axis>) -> Vec<Axis> {
+    let mut found: Vec<Axis> = Vec::new();
+    for axis in axes {
+        if found.iter().all(|known| known.name != axis.name) {
+            found.push(axis.clone());
+        }
+    }
+    found
 }
 
 fn single(size: usize, named: &Named<Quantity>) -> Result<(), Problem> {

@@ -219,3 +219,60 @@ fn mistakes_name_their_line_and_the_nearest_element() {
         assert!(error.contains(&format!("cartpole.toml, line {line}:")), "{to}: {error}");
     }
 }
+
+#[test]
+fn an_axis_may_bias_all_numbers_of_a_part_or_each() {
+    let folder = tempfile::tempdir().unwrap();
+    let bias = |each: &str| {
+        let axis =
+            format!("[axes]\nerror = {{ kind = \"model\", range = [-0.1, 0.1], bias = \"state\"{each} }}");
+        target(&read(folder.path(), &FILE.replace("[axes]", &axis)).unwrap())
+    };
+    let names = |target: &Target| -> Vec<String> {
+        target.space("sensing").unwrap().axes().iter().map(|axis| axis.name.clone()).collect()
+    };
+    let (all, each) = (bias(""), bias(", each = true"));
+    assert_eq!(names(&all), ["error"]);
+    assert_eq!(names(&each), ["error_1", "error_2", "error_3", "error_4"]);
+    let [one, four] = [(&all, vec![0.02]), (&each, vec![0.02; 4])]
+        .map(|(target, values)| simulate(target, "sensing", &[values]));
+    assert_eq!(one[0].trace, four[0].trace);
+    assert_ne!(one[0].trace, simulate(&all, "sensing", &[vec![0.0]])[0].trace);
+}
+
+/// A pendulum with a torque motor. Without a policy it hangs; `hold` must keep it up.
+const ARM: &str = r#"
+format = 1
+name = "arm"
+model.file = "arm.xml"
+control = { period = 0.01, steps = 30 }
+start = { shoulder = "0.7" }
+observation = { angle = "qpos('shoulder')", rate = "qvel('shoulder')" }
+policy = { expression = "40 * (0.7 - angle) - 8 * rate", action = "bias_forces + action", hold = "bias_forces" }
+signals.error = "abs(qpos('shoulder')[0] - 0.7)"
+formulas.stays = "always(error <= 0.001)"
+"#;
+
+#[test]
+fn the_controls_before_a_late_action_are_those_of_hold() {
+    let folder = tempfile::tempdir().unwrap();
+    let model = r#"<mujoco><option timestep="0.002" integrator="implicitfast"/><worldbody><body name="link">
+        <joint name="shoulder" axis="0 1 0"/><geom type="capsule" fromto="0 0 0 0.5 0 0" size="0.03" mass="1"/></body></worldbody>
+        <actuator><motor name="motor" joint="shoulder"/></actuator></mujoco>"#;
+    std::fs::write(folder.path().join("arm.xml"), model).unwrap();
+    let worst = |file: &str, delay: f64| {
+        std::fs::write(folder.path().join("arm.toml"), file).unwrap();
+        let target = target(&RobotFile::read(&folder.path().join("arm.toml")).unwrap());
+        let trace = &simulate(&target, "delay", &[vec![delay, 0.0]])[0].trace;
+        trace.column(0).iter().copied().fold(0.0, f64::max)
+    };
+    let without = ARM.replace(", hold = \"bias_forces\"", "").replace("bias_forces + action", "action");
+    assert!(
+        worst(ARM, 0.0) < 1e-3 && worst(ARM, 3.0) < 1e-3,
+        "gravity is compensated, also while actions are late"
+    );
+    let with_bias = without.replace("action = \"action\"", "action = \"bias_forces + action\"");
+    assert!(worst(&with_bias, 3.0) < 1e-3, "an action of 0 with compensation");
+    let dropped = with_bias.replace("bias_forces + action\"", "bias_forces + action\", hold = \"[0]\"");
+    assert!(worst(&dropped, 3.0) > 0.003, "three steps of free fall");
+}

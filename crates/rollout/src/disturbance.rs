@@ -293,14 +293,18 @@ impl ActiveDisturbances {
     }
 
     /// Replaces the clipped `action` by the action of control step `step` with its disturbances,
-    /// but without faults.
-    pub(crate) fn act(&mut self, step: usize, action: &mut [f64]) {
+    /// but without faults. Returns whether an action has arrived; before the first one, it is 0.
+    pub(crate) fn act(&mut self, step: usize, action: &mut [f64]) -> bool {
+        let mut has_arrived = true;
         if !self.action_lateness.is_none() {
             self.past_actions.push(&self.action_lateness, action.iter().copied());
             let arrival = self.action_lateness.arrival(step, self.seed, LATE_ACTIONS);
             match self.past_actions.show(arrival) {
                 Some(late) => action.copy_from_slice(late),
-                None => action.fill(0.0),
+                None => {
+                    action.fill(0.0);
+                    has_arrived = false;
+                }
             }
         }
         for (entry, profile, value) in &self.action {
@@ -309,6 +313,7 @@ impl ActiveDisturbances {
                 action[*entry] += added;
             }
         }
+        has_arrived
     }
 
     /// Applies the faults of one side in control step `step`, which come after everything else.
@@ -351,17 +356,16 @@ impl ActiveDisturbances {
 }
 
 /// Replaces the clipped `action` by the one that the environment gets in a control step: with its
-/// disturbances, then noise, then faults. `draws` is a scratch buffer of the same length.
+/// disturbances, then noise, then faults. `draws` is a scratch buffer of the same length. Returns
+/// whether an action has arrived.
 pub(crate) fn command(
     mut disturbed: Option<&mut ActiveDisturbances>,
     noise: Noise,
     (seed, step): (Seed, usize),
     action: &mut [f64],
     draws: &mut [f64],
-) {
-    if let Some(disturbed) = &mut disturbed {
-        disturbed.act(step, action);
-    }
+) -> bool {
+    let has_arrived = disturbed.as_mut().is_none_or(|disturbed| disturbed.act(step, action));
     noise.on_action(seed, step as u64, action, draws, |draws| {
         if let Some(disturbed) = &disturbed {
             disturbed.draw(step, draws);
@@ -370,6 +374,7 @@ pub(crate) fn command(
     if let Some(disturbed) = disturbed {
         disturbed.fail(Side::Actuation, step, action);
     }
+    has_arrived
 }
 
 /// Returns the mean of the action noise's standard normal draws of one entry over some control

@@ -54,6 +54,12 @@ pub trait EnvironmentWorker: Send {
     ///
     /// After [`StepStatus::Diverged`] the contents of `state` and `sample` are meaningless.
     fn step(&mut self, action: &[f64], state: &mut [f64], sample: Sample<'_>) -> StepStatus;
+
+    /// Advances `state` by one control step in which no action has arrived yet, because of a delay.
+    /// By default, the action of this step is 0, as given.
+    fn step_before_actions(&mut self, action: &[f64], state: &mut [f64], sample: Sample<'_>) -> StepStatus {
+        self.step(action, state, sample)
+    }
 }
 
 /// Output buffers for one sample of an episode. The environment determines their lengths.

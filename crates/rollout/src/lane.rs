@@ -190,14 +190,21 @@ impl Lane {
         }
     }
 
-    /// Computes the action of a row with its disturbances and noise.
-    pub(crate) fn action(&mut self, rollout: &Rollout, rows: &mut LaneRows, row: usize, progress: &Progress) {
+    /// Computes the action of a row with its disturbances and noise. Returns whether an action has
+    /// arrived; before the first one of a delay, it is 0.
+    pub(crate) fn action(
+        &mut self,
+        rollout: &Rollout,
+        rows: &mut LaneRows,
+        row: usize,
+        progress: &Progress,
+    ) -> bool {
         let (action_size, limit) = (self.action.len(), rollout.environment.action_limit());
         for (clipped, action) in self.action.iter_mut().zip(&self.actions[row * action_size..]) {
             *clipped = f64::from(*action).clamp(-limit, limit);
         }
         let (disturbed, draws) = (rows.disturbances[row].as_mut(), &mut self.draws[..action_size]);
-        command(disturbed, rollout.noise, (progress.seed, progress.steps), &mut self.action, draws);
+        command(disturbed, rollout.noise, (progress.seed, progress.steps), &mut self.action, draws)
     }
 
     /// Returns how the signals after the reset end an episode; `None` if it runs.

@@ -191,10 +191,13 @@ impl RolloutWorker {
     fn step(&mut self, rollout: &Rollout, row: usize, episode: &mut Episode) {
         let state_size = rollout.environment.state_size();
         let progress = &mut self.progress[row];
-        self.lane.action(rollout, &mut self.rows, row, progress);
+        let has_arrived = self.lane.action(rollout, &mut self.rows, row, progress);
         let state = &mut self.states[row * state_size..][..state_size];
         let (action, sample) = self.lane.action_and_sample(row);
-        let status = self.environment.step(action, state, sample);
+        let status = match has_arrived {
+            true => self.environment.step(action, state, sample),
+            false => self.environment.step_before_actions(action, state, sample),
+        };
         let step = progress.steps + 1;
         if let Some(end) = self.lane.end_of_step(status, step) {
             progress.end = end;

@@ -32,6 +32,19 @@ impl World {
         self.data.qfrc_bias()
     }
 
+    /// Writes the joint-space inertia matrix, row-major, a row and a column for each generalized
+    /// velocity. It is of the start of the last step or of the last
+    /// [`refresh_sensors`](Self::refresh_sensors).
+    ///
+    /// # Panics
+    /// If the length of `out` is not the square of the number of generalized velocities.
+    pub fn inertia_matrix(&self, out: &mut [f64]) {
+        let size = self.model().qvel_size();
+        assert_eq!(out.len(), size * size, "the inertia matrix has {size} rows and columns");
+        // The length is checked, and the wrapper has no other error.
+        let _ = self.data.full_m(out);
+    }
+
     /// Returns the position of a geom, m, at the last [`refresh`](Self::refresh).
     ///
     /// # Panics
