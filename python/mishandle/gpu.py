@@ -53,9 +53,9 @@ FLEX_CONTACTS = 256
 
 GRAVITY = "opt.gravity"
 
-UNUSED_FIELDS = {"bvh_aabb", "dof_M0", "dof_length"}
-"""Fields of MuJoCo's model that the physics step of MuJoCo Warp does not read: boxes of its collision tree, and scales for sleeping
-bodies and for models with a soft inertia."""
+UNUSED_FIELDS = {"actuator_length0", "bvh_aabb", "dof_M0", "dof_length"}
+"""Fields of MuJoCo's model that the physics step of MuJoCo Warp does not read: lengths that only the compiler uses, boxes of its
+collision tree, and scales for sleeping bodies and for models with a soft inertia."""
 
 STAGED_ROWS = 1024
 """Rows whose fields are copied to the GPU at a time."""

@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use mujoco_rs::prelude::*;
 
-use crate::{Actuator, Body, Equality, Joint, Model};
+use crate::{Actuator, Body, Equality, Joint, Model, ModelField, field_change};
 
 /// A change of a model's physical parameters.
 #[derive(Clone, Debug, PartialEq)]
@@ -29,11 +29,48 @@ pub enum Change {
     /// The document must set `relpose`, because MuJoCo otherwise recomputes the pose with the
     /// quantities that it derives from masses.
     WeldShift(Equality, usize, f64),
+    /// Changes numbers of a field of MuJoCo's model. [`Model::check_change`] says whether it can be
+    /// made. Masses do not follow sizes.
+    Field {
+        /// The field.
+        field: ModelField,
+        /// Indices into the values of the field, row-major.
+        entries: Vec<usize>,
+        /// How `value` changes them.
+        operation: FieldOperation,
+        /// The operand, in the unit of the field.
+        value: f64,
+    },
+}
+
+/// How a [`Change::Field`] changes a number.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum FieldOperation {
+    /// Replaces it.
+    Set,
+    /// Adds to it.
+    Add,
+    /// Multiplies it.
+    Scale,
+}
+
+impl FieldOperation {
+    /// Returns the new number.
+    pub fn apply(self, old: f64, value: f64) -> f64 {
+        match self {
+            FieldOperation::Set => value,
+            FieldOperation::Add => old + value,
+            FieldOperation::Scale => old * value,
+        }
+    }
 }
 
 impl Model {
     /// Returns a copy of this model with these changes. Quantities that MuJoCo derives from masses
-    /// are recomputed.
+    /// and lengths are recomputed.
+    ///
+    /// # Panics
+    /// If [`check_change`](Self::check_change) refuses a change.
     ///
     /// # Example
     /// ```
@@ -48,9 +85,13 @@ impl Model {
     pub fn changed(&self, changes: &[Change]) -> Model {
         let mut inner = (*self.inner).clone();
         for change in changes {
+            if let Err(error) = self.check_change(change) {
+                panic!("{error}");
+            }
             apply(change, &mut inner);
         }
-        if changes.iter().any(Change::changes_inertia) {
+        field_change::separate_frames(&mut inner);
+        if changes.iter().any(|change| change.changes_constants() != [false; 2]) {
             let mut data = MjData::new(Box::new(inner));
             data.set_const();
             inner = data.model().clone();
@@ -65,9 +106,21 @@ impl Model {
 }
 
 impl Change {
-    /// Returns whether MuJoCo must recompute what it derives from masses.
-    pub(crate) fn changes_inertia(&self) -> bool {
-        matches!(self, Change::Mass(..) | Change::Size(..) | Change::Payload(..))
+    /// Returns whether MuJoCo must recompute what it derives from inertias, and from lengths.
+    pub(crate) fn changes_constants(&self) -> [bool; 2] {
+        use ModelField as F;
+        match self {
+            Change::Mass(..) | Change::Payload(..) => [true, false],
+            Change::Size(..) => [true, true],
+            Change::Field { field, .. } => match field {
+                F::BodyMass | F::BodyInertia | F::BodyIpos | F::DofArmature | F::ActuatorGear => {
+                    [true, false]
+                }
+                F::BodyPos | F::SitePos => [true, true],
+                _ => [false, false],
+            },
+            _ => [false, false],
+        }
     }
 }
 
@@ -111,6 +164,9 @@ fn apply(change: &Change, model: &mut MjModel) {
             let data = unsafe { &mut model.eq_data_mut()[*id] };
             // Numbers 3 to 5 are the position of the second body in the frame of the first.
             data[3 + axis] += shift;
+        }
+        Change::Field { field, entries, operation, value } => {
+            field_change::apply(*field, entries, *operation, *value, model);
         }
         Change::Gain(actuators, factor) => {
             for Actuator(id) in actuators {

@@ -7,8 +7,8 @@ use crate::Model;
 /// A number of the state with its name.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Coordinate {
-    /// Name of the joint; for a free joint with the axis, such as `ball_x`. Quaternions are `_qw`,
-    /// `_qx`, `_qy`, `_qz`.
+    /// Name of the joint; for a free or ball joint with the axis, such as `cup_x`. Quaternions are
+    /// `_qw`, `_qx`, `_qy`, `_qz`.
     pub name: String,
     /// Unit: `m` or `rad`, of a velocity `m/s` or `rad/s`, empty for a quaternion.
     pub unit: &'static str,
@@ -51,21 +51,24 @@ impl Model {
                 positions.extend(position.map(|unit| coordinate(unit, qpos + i, false)));
                 velocities.extend(velocity.map(|unit| coordinate(unit, dof + i, true)));
             };
-            match kind {
-                MjtJoint::mjJNT_SLIDE => add("", [Some("m"), Some("m/s")], 0),
-                MjtJoint::mjJNT_FREE => {
-                    for (i, suffix) in ["_x", "_y", "_z"].into_iter().enumerate() {
-                        add(suffix, [Some("m"), Some("m/s")], i);
-                    }
-                    for (i, suffix) in ["_qw", "_qx", "_qy", "_qz"].into_iter().enumerate() {
-                        add(suffix, [Some(""), None], 3 + i);
-                    }
-                    for (i, suffix) in ["_wx", "_wy", "_wz"].into_iter().enumerate() {
-                        add(suffix, [None, Some("rad/s")], 3 + i);
-                    }
+            if *kind == MjtJoint::mjJNT_FREE {
+                for (i, suffix) in ["_x", "_y", "_z"].into_iter().enumerate() {
+                    add(suffix, [Some("m"), Some("m/s")], i);
                 }
-                // `Model::from_xml` rejects ball joints; the rest are hinges.
-                _ => add("", [Some("rad"), Some("rad/s")], 0),
+            }
+            let mut add_rotation = |first: usize| {
+                for (i, suffix) in ["_qw", "_qx", "_qy", "_qz"].into_iter().enumerate() {
+                    add(suffix, [Some(""), None], first + i);
+                }
+                for (i, suffix) in ["_wx", "_wy", "_wz"].into_iter().enumerate() {
+                    add(suffix, [None, Some("rad/s")], first + i);
+                }
+            };
+            match kind {
+                MjtJoint::mjJNT_BALL => add_rotation(0),
+                MjtJoint::mjJNT_FREE => add_rotation(3),
+                MjtJoint::mjJNT_SLIDE => add("", [Some("m"), Some("m/s")], 0),
+                MjtJoint::mjJNT_HINGE => add("", [Some("rad"), Some("rad/s")], 0),
             }
         }
         positions.extend(velocities);

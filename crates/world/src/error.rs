@@ -15,6 +15,16 @@ pub enum WorldError {
         /// The names of all elements of this kind.
         known: Vec<String>,
     },
+    /// A field of the model cannot be changed so.
+    #[error("cannot change {field} of {element}: {reason}")]
+    Field {
+        /// MuJoCo's name of the field.
+        field: &'static str,
+        /// The element.
+        element: String,
+        /// The reason.
+        reason: String,
+    },
     /// The body is not a mocap body.
     #[error("body `{0}` is not a mocap body, so its pose cannot be set")]
     NotMocap(String),

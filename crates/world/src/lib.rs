@@ -19,24 +19,28 @@ mod contacts;
 mod coordinates;
 mod element;
 mod error;
+mod field_change;
 mod fields;
 pub mod frame;
 mod kinematics;
+mod lookup;
 mod model;
 mod part_forces;
 mod probe;
 mod render;
 mod rows;
+mod sensing;
 mod servo;
 mod state;
+mod structure;
 
 pub use batch::{
     BatchBuffers, BatchLayout, BatchSpec, CpuDevice, CpuWorlds, Outputs, RowStatus, WorldBatch, WorldDevice,
 };
-pub use change::Change;
+pub use change::{Change, FieldOperation};
 pub use contacts::ContactParts;
 pub use coordinates::Coordinate;
-pub use element::{Actuator, Body, Equality, Flex, Joint, Mocap, Site};
+pub use element::{Actuator, Body, ElementKind, Equality, Flex, Joint, JointKind, Mocap, Site};
 pub use error::WorldError;
 pub use fields::ModelField;
 pub use kinematics::Arm;

@@ -4,7 +4,7 @@ use std::sync::{Arc, Once};
 
 use mujoco_rs::prelude::*;
 
-use crate::{Actuator, Body, Equality, Flex, Joint, Mocap, Site, World, WorldError};
+use crate::{World, WorldError};
 
 /// The integration state: positions, velocities, controls, mocap poses, active constraints, and the
 /// warm start of the solver, which affects the bits of the next step.
@@ -23,7 +23,7 @@ impl Model {
     /// Compiles an MJCF document.
     ///
     /// # Errors
-    /// If MuJoCo rejects the document, with MuJoCo's message, or the model has a ball joint.
+    /// If MuJoCo rejects the document, with MuJoCo's message, or an actuator has several controls.
     ///
     /// # Example
     /// ```
@@ -38,9 +38,11 @@ impl Model {
         discard_warning_log();
         let inner = MjModel::from_xml_string(xml)
             .map_err(|error| WorldError::Model(full_message(xml).unwrap_or_else(|| error.to_string())))?;
-        if inner.jnt_type().contains(&MjtJoint::mjJNT_BALL) {
+        if inner.nu() != inner.nactuator() || inner.nout() != inner.nactuator() {
             return Err(WorldError::Model(
-                "it has a ball joint; only hinge, slide and free joints are supported".into(),
+                "it has an actuator with several controls or forces; only actuators with one of each are supported, so \
+                 replace it by one actuator per axis"
+                    .into(),
             ));
         }
         let state_size = inner.state_size(INTEGRATION);
@@ -88,114 +90,6 @@ impl Model {
         let mut inner = (*self.inner).clone();
         inner.opt_mut().timestep = timestep;
         Model { inner: Arc::new(inner), ..self.clone() }
-    }
-
-    /// Returns the body with this name.
-    ///
-    /// # Errors
-    /// If the model has no such element.
-    pub fn body(&self, name: &str) -> Result<Body, WorldError> {
-        self.find(MjtObjBase::mjOBJ_BODY, "body", name).map(Body)
-    }
-
-    /// Returns the site with this name.
-    ///
-    /// # Errors
-    /// If the model has no such element.
-    pub fn site(&self, name: &str) -> Result<Site, WorldError> {
-        self.find(MjtObjBase::mjOBJ_SITE, "site", name).map(Site)
-    }
-
-    /// Returns the actuator with this name.
-    ///
-    /// # Errors
-    /// If the model has no such element.
-    pub fn actuator(&self, name: &str) -> Result<Actuator, WorldError> {
-        self.find(MjtObjBase::mjOBJ_ACTUATOR, "actuator", name).map(Actuator)
-    }
-
-    /// Returns the equality constraint with this name.
-    ///
-    /// # Errors
-    /// If the model has no such element.
-    pub fn equality(&self, name: &str) -> Result<Equality, WorldError> {
-        self.find(MjtObjBase::mjOBJ_EQUALITY, "equality constraint", name).map(Equality)
-    }
-
-    /// Returns the joint with this name.
-    ///
-    /// # Errors
-    /// If the model has no such element.
-    pub fn joint(&self, name: &str) -> Result<Joint, WorldError> {
-        let id = self.find(MjtObjBase::mjOBJ_JOINT, "joint", name)?;
-        let range = self.inner.jnt_range()[id];
-        Ok(Joint {
-            qpos: self.inner.jnt_qposadr()[id] as usize,
-            dof: self.inner.jnt_dofadr()[id] as usize,
-            low: range[0],
-            high: range[1],
-        })
-    }
-
-    /// Returns the mocap body with this name. Its pose is part of the state.
-    ///
-    /// # Errors
-    /// If the model has no such body, or it is not a mocap body.
-    pub fn mocap(&self, name: &str) -> Result<Mocap, WorldError> {
-        let Body(id) = self.body(name)?;
-        usize::try_from(self.inner.body_mocapid()[id])
-            .map(Mocap)
-            .map_err(|_| WorldError::NotMocap(name.to_string()))
-    }
-
-    /// Returns the flex with this name, such as a cloth.
-    ///
-    /// # Errors
-    /// If the model has no such flex, or its vertices are not consecutive top-level bodies with
-    /// slide joints along x, y and z.
-    pub fn flex(&self, name: &str) -> Result<Flex, WorldError> {
-        let id = self.find(MjtObjBase::mjOBJ_FLEX, "flex", name)?;
-        let model = &*self.inner;
-        let vertices = model.flex_vertnum()[id] as usize;
-        let bodies = &model.flex_vertbodyid()[model.flex_vertadr()[id] as usize..][..vertices];
-        let first = bodies[0] as usize;
-        let free = |(i, body): (usize, &i32)| {
-            let body = *body as usize;
-            let joint = model.body_jntadr()[body].max(0) as usize;
-            body == first + i
-                && model.body_parentid()[body] == 0
-                && model.body_quat()[body] == [1.0, 0.0, 0.0, 0.0]
-                && model.body_jntnum()[body] == 3
-                && model.jnt_type()[joint..][..3] == [MjtJoint::mjJNT_SLIDE; 3]
-                && model.jnt_axis()[joint..][..3] == [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]
-        };
-        if !bodies.iter().enumerate().all(free) {
-            return Err(WorldError::UnsupportedFlex(name.to_string()));
-        }
-        Ok(Flex { body: first, dof: model.body_dofadr()[first] as usize, vertices })
-    }
-
-    fn find(&self, kind: MjtObjBase, kind_name: &'static str, name: &str) -> Result<usize, WorldError> {
-        let found = if name.contains('\0') { None } else { self.inner.name_to_id(kind, name) };
-        found.ok_or_else(|| WorldError::Element {
-            kind: kind_name,
-            name: name.to_string(),
-            known: (0..).map_while(|id| self.name(kind, id)).filter(|name| !name.is_empty()).collect(),
-        })
-    }
-
-    /// Returns the name of element `id` of a kind, empty if it has no name; `None` if there is no
-    /// such element.
-    fn name(&self, kind: MjtObjBase, id: usize) -> Option<String> {
-        let count = match kind {
-            MjtObjBase::mjOBJ_BODY => self.inner.nbody(),
-            MjtObjBase::mjOBJ_SITE => self.inner.nsite(),
-            MjtObjBase::mjOBJ_ACTUATOR => self.inner.nu(),
-            MjtObjBase::mjOBJ_EQUALITY => self.inner.neq(),
-            MjtObjBase::mjOBJ_FLEX => self.inner.nflex(),
-            _ => self.inner.njnt(),
-        };
-        (id < count as usize).then(|| self.inner.id_to_name(kind, id).unwrap_or_default().to_string())
     }
 }
 

@@ -80,8 +80,10 @@ impl Rows<'_> {
                         let w = [self.qvel[dof + 3], self.qvel[dof + 4], self.qvel[dof + 5]];
                         (v, rotate(self.body_quaternions[at], w))
                     }
-                    // `Model::from_xml` rejects models with ball joints.
-                    MjtJoint::mjJNT_BALL => continue,
+                    MjtJoint::mjJNT_BALL => {
+                        let w = [self.qvel[dof], self.qvel[dof + 1], self.qvel[dof + 2]];
+                        ([0.0; 3], rotate(self.body_quaternions[at], w))
+                    }
                 };
                 linear = add(linear, add(v, cross(w, sub(point, anchor))));
                 angular = add(angular, w);

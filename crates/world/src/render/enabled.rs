@@ -10,7 +10,7 @@ use super::picture::shrink;
 use super::view::{self, View};
 use super::{CAMERAS, Quality, Size};
 use crate::frame::norm;
-use crate::{Model, World, WorldError};
+use crate::{ElementKind, Model, World, WorldError};
 
 /// The name of a scene's own camera.
 const CAMERA: &str = "view";
@@ -192,9 +192,8 @@ fn place(model: &Model, name: &str) -> Result<(Placement, MjvCamera), WorldError
         (Some(id), _) => Ok((Placement::Scene, MjvCamera::new_fixed(id))),
         (None, name) if name == CAMERAS[0] => free(Placement::Auto),
         (None, name) => {
-            let own = (0..model.inner.ncam() as usize)
-                .filter_map(|id| model.inner.id_to_name(MjtObjBase::mjOBJ_CAMERA, id));
-            let known = CAMERAS.into_iter().chain(own).map(str::to_string).collect();
+            let own = model.names(ElementKind::Camera);
+            let known = CAMERAS.into_iter().map(str::to_string).chain(own).collect();
             Err(WorldError::Element { kind: "camera", name: name.to_string(), known })
         }
     }
