@@ -89,12 +89,12 @@ def step(model: Any, data: Any, set_controls: Callable[[], None]) -> None:
     mjw.implicit(model, data)
 
 
-def compile_model(xml: str, timestep: float) -> Any:
-    """Compiles an MJCF document for MuJoCo Warp."""
+def compile_model(xml: str, timestep: float, assets: Mapping[str, bytes]) -> Any:
+    """Compiles an MJCF document, which refers to files by their names in ``assets``, for MuJoCo Warp."""
     for package, module in (("mujoco", mujoco), ("mujoco-warp", mjw)):
         if (found := module.__version__) != MUJOCO_VERSION:
             raise RuntimeError(f"expected the package {package} {MUJOCO_VERSION}, found {found}; pip install 'mishandle[gpu]'")
-    model = mujoco.MjModel.from_xml_string(xml)
+    model = mujoco.MjModel.from_xml_string(xml, dict(assets))
     if model.ntendon > 0 or model.opt.integrator != mujoco.mjtIntegrator.mjINT_IMPLICITFAST:
         raise RuntimeError("the device gpu needs a model without tendons and with the integrator implicitfast")
     model.opt.timestep = timestep
@@ -148,7 +148,7 @@ class WarpBatch:
     Arguments: the MJCF document, the physics step (s), the number of worlds, the number of physics steps per control step, the servos
     (rows with the columns ``gpu_servos.COLUMNS``), the bodies that ``forces`` push, the fields of the model that :meth:`write_fields`
     replaces, such as ``geom_friction`` or ``opt.gravity``, and the device. A probe, with the keys ``gpu_probe.KEYS``, measures forces and
-    motion over the physics steps; without one, nothing is measured.
+    motion over the physics steps; without one, nothing is measured. ``assets`` are the files that the document refers to, by name.
     """
 
     def __init__(
@@ -163,11 +163,12 @@ class WarpBatch:
         device: str | None = None,
         constraint_rows: int | None = None,
         probe: Mapping[str, Any] | None = None,
+        assets: Mapping[str, bytes] | None = None,
     ) -> None:
         self._device = find_device(device)
         self._rows, self._substeps = rows, substeps
         with _Announcement(), wp.ScopedDevice(self._device):
-            model = compile_model(xml, timestep)
+            model = compile_model(xml, timestep, assets or {})
             self._put_model(model, fields)
             self._allocate(model, servos, pushed, constraint_rows, probe)
             self._record()

@@ -83,6 +83,11 @@ fn make(py: Python<'_>, spec: &BatchSpec) -> PyResult<WarpWorlds> {
     let (document, timestep) = (spec.model.document(), spec.model.timestep());
     let arguments = (document, timestep, spec.rows, spec.substeps, servos, pushed, fields);
     let keywords = PyDict::new(py);
+    let assets = PyDict::new(py);
+    for (name, bytes) in &**spec.model.assets() {
+        assets.set_item(name, PyBytes::new(py, bytes))?;
+    }
+    keywords.set_item("assets", assets)?;
     if let Some(probe) = &spec.probe {
         keywords.set_item("probe", make_probe(py, probe)?)?;
     }

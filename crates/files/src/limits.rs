@@ -7,6 +7,7 @@
 //! | [`SCENARIOS`] | tables of scenarios for training | 64 MiB |
 //! | [`CONTROLLER`] | controllers, and other files of the controller zoo | 256 MiB |
 //! | [`ONNX`] | ONNX models | 64 MiB |
+//! | [`MODEL`] | MJCF and URDF files, meshes and textures, each | 64 MiB |
 //! | [`CHECKPOINT`] | checkpoints of training runs | 64 GiB |
 //! | [`TENSOR_HEADER`] | the header of a controller or a checkpoint | 1 MiB |
 //! | [`CURVE`] | learning curves | 256 MiB |
@@ -32,6 +33,9 @@ pub const CONTROLLER: u64 = 256 * MIB;
 /// ONNX models: a policy of 16 million parameters. A model is in memory up to four times while it
 /// is checked.
 pub const ONNX: u64 = 64 * MIB;
+
+/// Files of a robot's model: a mesh of a million triangles.
+pub const MODEL: u64 = 64 * MIB;
 
 /// Checkpoints, whose largest part is a replay buffer.
 pub const CHECKPOINT: u64 = 64 * 1024 * MIB;

@@ -15,6 +15,7 @@
 
 mod batch;
 mod change;
+mod compile;
 mod contacts;
 mod coordinates;
 mod element;
@@ -38,6 +39,7 @@ pub use batch::{
     BatchBuffers, BatchLayout, BatchSpec, CpuDevice, CpuWorlds, Outputs, RowStatus, WorldBatch, WorldDevice,
 };
 pub use change::{Change, FieldOperation};
+pub use compile::{Assets, mjcf_of_urdf};
 pub use contacts::ContactParts;
 pub use coordinates::Coordinate;
 pub use element::{Actuator, Body, ElementKind, Equality, Flex, Joint, JointKind, Mocap, Site};

@@ -1,10 +1,10 @@
-use std::ffi::{CStr, CString, c_char};
-use std::ptr::null;
+use std::ffi::c_char;
 use std::sync::{Arc, Once};
 
 use mujoco_rs::prelude::*;
 
-use crate::{World, WorldError};
+use crate::compile::compile;
+use crate::{Assets, World, WorldError};
 
 /// The integration state: positions, velocities, controls, mocap poses, active constraints, and the
 /// warm start of the solver, which affects the bits of the next step.
@@ -17,10 +17,12 @@ pub struct Model {
     pub(crate) state_size: usize,
     /// The MJCF document.
     pub(crate) document: Arc<str>,
+    /// The files that it refers to.
+    pub(crate) assets: Arc<Assets>,
 }
 
 impl Model {
-    /// Compiles an MJCF document.
+    /// Compiles an MJCF document that refers to no files.
     ///
     /// # Errors
     /// If MuJoCo rejects the document, with MuJoCo's message, or an actuator has several controls.
@@ -31,13 +33,18 @@ impl Model {
     /// assert_eq!(model.qpos_size(), 9); // seven joints of the arm, two of the fingers
     /// ```
     pub fn from_xml(xml: &str) -> Result<Model, WorldError> {
-        // MuJoCo reads a C string, which a zero byte would truncate.
-        if xml.contains('\0') {
-            return Err(WorldError::Model("the document contains a zero byte".to_string()));
-        }
+        Model::from_xml_with_assets(xml, Arc::default())
+    }
+
+    /// Compiles an MJCF or URDF document that refers to these files by their names. No file is read
+    /// from the disk.
+    ///
+    /// # Errors
+    /// As for [`from_xml`](Self::from_xml), or if the document refers to a file by a path that
+    /// leaves its folder.
+    pub fn from_xml_with_assets(xml: &str, assets: Arc<Assets>) -> Result<Model, WorldError> {
         discard_warning_log();
-        let inner = MjModel::from_xml_string(xml)
-            .map_err(|error| WorldError::Model(full_message(xml).unwrap_or_else(|| error.to_string())))?;
+        let inner = compile(xml, &assets)?;
         if inner.nu() != inner.nactuator() || inner.nout() != inner.nactuator() {
             return Err(WorldError::Model(
                 "it has an actuator with several controls or forces; only actuators with one of each are supported, so \
@@ -46,7 +53,12 @@ impl Model {
             ));
         }
         let state_size = inner.state_size(INTEGRATION);
-        Ok(Model { inner: Arc::new(inner), state_size, document: xml.into() })
+        Ok(Model { inner: Arc::new(inner), state_size, document: xml.into(), assets })
+    }
+
+    /// Returns the files that the document refers to, by name.
+    pub fn assets(&self) -> &Arc<Assets> {
+        &self.assets
     }
 
     /// Returns the MJCF document from which the model was compiled. Later changes of the model are
@@ -91,33 +103,6 @@ impl Model {
         inner.opt_mut().timestep = timestep;
         Model { inner: Arc::new(inner), ..self.clone() }
     }
-}
-
-/// Returns MuJoCo's full error message for a document. `mujoco-rs` truncates messages to 100 bytes,
-/// often before the line number.
-fn full_message(xml: &str) -> Option<String> {
-    use mujoco_rs::mujoco_c::{mj_compile, mj_deleteModel, mj_deleteSpec, mj_parseXMLString, mjs_getError};
-    let xml = CString::new(xml).ok()?;
-    let mut message: [c_char; 1000] = [0; 1000];
-    // SAFETY: the text and the buffer outlive the calls. MuJoCo terminates the message with a zero
-    // byte within the given length. Both objects are deleted once, after their last use.
-    #[allow(unsafe_code)]
-    let text = unsafe {
-        let (buffer, length) = (message.as_mut_ptr(), message.len() as i32);
-        let specification = mj_parseXMLString(xml.as_ptr(), null(), buffer, length);
-        if specification.is_null() {
-            CStr::from_ptr(buffer).to_string_lossy().into_owned()
-        } else {
-            let model = mj_compile(specification, null());
-            let text = CStr::from_ptr(mjs_getError(specification)).to_string_lossy().into_owned();
-            if !model.is_null() {
-                mj_deleteModel(model);
-            }
-            mj_deleteSpec(specification);
-            text
-        }
-    };
-    Some(text.trim().to_string()).filter(|text| !text.is_empty())
 }
 
 /// Discards MuJoCo's warnings, which it would otherwise write to a file in the working directory.

@@ -1,7 +1,9 @@
 //! Replacement for the renderer in builds without the feature `render`.
 
+use std::sync::Arc;
+
 use super::{Picture, Quality, Size};
-use crate::WorldError;
+use crate::{Assets, WorldError};
 
 /// Renders states of one scene. Never exists in this build.
 #[derive(Debug)]
@@ -14,6 +16,20 @@ impl Renderer {
     /// Always: this build cannot render.
     pub fn new(
         _document: &str,
+        _size: Size,
+        _quality: Quality,
+        _camera: &str,
+    ) -> Result<Renderer, WorldError> {
+        Err(WorldError::NoRenderer)
+    }
+
+    /// Returns an error.
+    ///
+    /// # Errors
+    /// Always: this build cannot render.
+    pub fn with_assets(
+        _document: &str,
+        _assets: &Arc<Assets>,
         _size: Size,
         _quality: Quality,
         _camera: &str,

@@ -1,4 +1,5 @@
 use std::fmt;
+use std::sync::Arc;
 
 use mujoco_rs::prelude::*;
 use mujoco_rs::renderer::MjRenderer;
@@ -10,7 +11,7 @@ use super::picture::shrink;
 use super::view::{self, View};
 use super::{CAMERAS, Quality, Size};
 use crate::frame::norm;
-use crate::{ElementKind, Model, World, WorldError};
+use crate::{Assets, ElementKind, Model, World, WorldError};
 
 /// The name of a scene's own camera.
 const CAMERA: &str = "view";
@@ -69,12 +70,27 @@ impl Renderer {
     /// # Errors
     /// If MuJoCo rejects the document, there is no such camera, or OpenGL is not available.
     pub fn new(document: &str, size: Size, quality: Quality, camera: &str) -> Result<Renderer, WorldError> {
+        Renderer::with_assets(document, &Arc::default(), size, quality, camera)
+    }
+
+    /// Creates a renderer of a document that refers to these files.
+    ///
+    /// # Errors
+    /// As for [`new`](Self::new).
+    pub fn with_assets(
+        document: &str,
+        assets: &Arc<Assets>,
+        size: Size,
+        quality: Quality,
+        camera: &str,
+    ) -> Result<Renderer, WorldError> {
         let is_large = size.width().max(size.height()) > *Size::RANGE.end() / 2;
         let factor = if quality == Quality::Fine && !is_large { 2 } else { 1 };
         let [width, height] = [factor * size.width(), factor * size.height()];
-        let bare = Model::from_xml(document)?;
+        let bare = Model::from_xml_with_assets(document, assets.clone())?;
         let has_ground = bare.inner.geom_type().contains(&MjtGeomBase::mjGEOM_PLANE);
-        let model = Model::from_xml(&view::with_lights(document, [width, height], quality, has_ground))?;
+        let lit = view::with_lights(document, [width, height], quality, has_ground);
+        let model = Model::from_xml_with_assets(&lit, assets.clone())?;
         let (placement, camera) = place(&model, camera)?;
         let mut options = MjvOption::default();
         options.geomgroup[HIDDEN_GEOMS] = 0;

@@ -1,0 +1,96 @@
+//! Reading the files of a model, which may not leave its folder.
+
+use std::path::{Component, Path, PathBuf};
+
+use mishandle_files::{limits, read_bounded};
+
+/// The largest size of all files of a model, bytes.
+const TOTAL: u64 = 512 << 20;
+
+/// The largest number of files of a model.
+const FILES: usize = 2_000;
+
+/// The folder of a model's main file.
+#[derive(Debug)]
+pub(crate) struct Folder {
+    path: PathBuf,
+    canonical: PathBuf,
+    allow_outside: bool,
+    read: u64,
+    files: usize,
+}
+
+impl Folder {
+    /// Returns the folder of a file.
+    pub(crate) fn of(file: &Path, allow_outside: bool) -> Result<Folder, String> {
+        let path = match file.parent() {
+            Some(parent) if !parent.as_os_str().is_empty() => parent.to_path_buf(),
+            _ => PathBuf::from("."),
+        };
+        let canonical = path.canonicalize().map_err(|error| error.to_string())?;
+        Ok(Folder { path, canonical, allow_outside, read: 0, files: 0 })
+    }
+
+    /// Returns whether files outside the folder may be read.
+    pub(crate) fn allows_outside(&self) -> bool {
+        self.allow_outside
+    }
+
+    /// Reads a file.
+    pub(crate) fn read(&mut self, path: &Path) -> Result<Vec<u8>, String> {
+        let bytes = read_bounded(path, limits::MODEL).map_err(|error| error.to_string())?;
+        self.read += bytes.len() as u64;
+        self.files += 1;
+        if self.read > TOTAL {
+            return Err(format!("the files of the model have more than {} MiB in all", TOTAL >> 20));
+        }
+        if self.files > FILES {
+            return Err(format!("the model refers to more than {FILES} files"));
+        }
+        Ok(bytes)
+    }
+
+    /// Returns the first file that exists of these, which are relative to the folder: its number
+    /// and its path without symbolic links.
+    pub(crate) fn find(&self, candidates: &[String]) -> Result<Option<(usize, PathBuf)>, String> {
+        for (number, name) in candidates.iter().enumerate() {
+            if let Some(path) = self.find_one(name)? {
+                return Ok(Some((number, path)));
+            }
+        }
+        Ok(None)
+    }
+
+    fn find_one(&self, name: &str) -> Result<Option<PathBuf>, String> {
+        let outside = || {
+            Err(format!(
+                "`{name}` is outside the folder of the model; allow files outside it if you trust the model"
+            ))
+        };
+        if name.contains("://") {
+            return Err(format!("`{name}` is a link; only files can be read"));
+        }
+        if !self.allow_outside && leaves(Path::new(name)) {
+            return outside();
+        }
+        let Ok(path) = self.path.join(name).canonicalize() else { return Ok(None) };
+        if !self.allow_outside && !path.starts_with(&self.canonical) {
+            return outside();
+        }
+        Ok(Some(path))
+    }
+}
+
+/// Returns whether a relative path leaves its folder at any point.
+fn leaves(path: &Path) -> bool {
+    let mut depth = 0_i64;
+    path.components().any(|component| {
+        match component {
+            Component::Normal(_) => depth += 1,
+            Component::CurDir => {}
+            Component::ParentDir => depth -= 1,
+            Component::RootDir | Component::Prefix(_) => return true,
+        }
+        depth < 0
+    })
+}
