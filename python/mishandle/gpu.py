@@ -89,12 +89,12 @@ def step(model: Any, data: Any, set_controls: Callable[[], None]) -> None:
     mjw.implicit(model, data)
 
 
-def compile_model(xml: str, timestep: float, assets: Mapping[str, bytes]) -> Any:
+def compile_model(xml: str, timestep: float, assets: Mapping[str, bytes] | None = None) -> Any:
     """Compiles an MJCF document, which refers to files by their names in ``assets``, for MuJoCo Warp."""
     for package, module in (("mujoco", mujoco), ("mujoco-warp", mjw)):
         if (found := module.__version__) != MUJOCO_VERSION:
             raise RuntimeError(f"expected the package {package} {MUJOCO_VERSION}, found {found}; pip install 'mishandle[gpu]'")
-    model = mujoco.MjModel.from_xml_string(xml, dict(assets))
+    model = mujoco.MjModel.from_xml_string(xml, dict(assets or {}))
     if model.ntendon > 0 or model.opt.integrator != mujoco.mjtIntegrator.mjINT_IMPLICITFAST:
         raise RuntimeError("the device gpu needs a model without tendons and with the integrator implicitfast")
     model.opt.timestep = timestep
@@ -168,7 +168,7 @@ class WarpBatch:
         self._device = find_device(device)
         self._rows, self._substeps = rows, substeps
         with _Announcement(), wp.ScopedDevice(self._device):
-            model = compile_model(xml, timestep, assets or {})
+            model = compile_model(xml, timestep, assets)
             self._put_model(model, fields)
             self._allocate(model, servos, pushed, constraint_rows, probe)
             self._record()

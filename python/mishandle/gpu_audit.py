@@ -179,7 +179,7 @@ class CpuPhysics:
     """One world of MuJoCo C. It takes the arguments and inputs of a :class:`mishandle.gpu.WarpBatch`."""
 
     def __init__(self, arguments: dict[str, Any]) -> None:
-        self.model = gpu.compile_model(arguments["xml"], arguments["timestep"])
+        self.model = gpu.compile_model(arguments["xml"], arguments["timestep"], arguments.get("assets"))
         self.model.opt.disableflags &= ~int(mujoco.mjtDisableBit.mjDSBL_NATIVECCD)
         self.data = mujoco.MjData(self.model)
         self.servos = np.array(arguments["servos"])

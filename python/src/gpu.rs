@@ -12,7 +12,7 @@ use mishandle::world::{
 };
 use numpy::{PyArray1, PyArrayMethods};
 use pyo3::prelude::*;
-use pyo3::types::PyDict;
+use pyo3::types::{PyBytes, PyDict};
 
 /// Makes batches of `mishandle.gpu.WarpBatch`.
 struct WarpWorldDevice;
