@@ -1,5 +1,7 @@
 //! URDF: meshes of links.
 
+use roxmltree::Node;
+
 use crate::assets::Assets;
 use crate::folder::Folder;
 use crate::splice::{Splices, escape};
@@ -16,7 +18,7 @@ pub(crate) fn collect(file: &str, text: &str, folder: &mut Folder) -> Result<Sou
     let error = |at: usize, message: String| MjcfError::new(file, Some(line_at(text, at)), message);
     let mut splices = Splices::default();
     let mut meshdir = String::new();
-    for part in document.descendants().filter(|node| node.is_element()) {
+    for part in document.descendants().filter(Node::is_element) {
         if part.tag_name().namespace().is_some_and(|space| space.contains("xacro")) {
             return Err(error(
                 part.range().start,
@@ -35,7 +37,7 @@ pub(crate) fn collect(file: &str, text: &str, folder: &mut Folder) -> Result<Sou
             for attribute in compiler.attributes() {
                 match attribute.name() {
                     "meshdir" | "assetdir" => {
-                        meshdir = format!("{}/", attribute.value().trim_end_matches('/'))
+                        meshdir = format!("{}/", attribute.value().trim_end_matches('/'));
                     }
                     "texturedir" => {}
                     _ => continue,

@@ -102,8 +102,8 @@ impl Specification {
         let path = CString::new(format!("{FOLDER}{DOCUMENT}")).unwrap_or_default();
         let mut message: [c_char; 1000] = [0; 1000];
         let (buffer, length) = (message.as_mut_ptr(), message.len() as i32);
-        // SAFETY: path, files and buffer outlive the call. MuJoCo terminates the message with a zero
-        // byte within the given length.
+        // SAFETY: path, files and buffer outlive the call. MuJoCo terminates the message with a
+        // zero byte within the given length.
         #[allow(unsafe_code)]
         unsafe {
             let parsed = mj_parseXML(path.as_ptr(), vfs.ffi(), buffer, length);
