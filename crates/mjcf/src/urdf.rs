@@ -4,7 +4,7 @@ use roxmltree::Node;
 
 use crate::assets::Assets;
 use crate::folder::Folder;
-use crate::splice::{Splices, escape};
+use crate::splice::Splices;
 use crate::tree::{elements, line_at, name, parse};
 use crate::{MjcfError, Source};
 
@@ -55,7 +55,7 @@ pub(crate) fn collect(file: &str, text: &str, folder: &mut Folder) -> Result<Sou
         match folder.find(&candidates).map_err(|message| error(at, message))? {
             Some((_, path)) => {
                 let unique = assets.add(path, folder).map_err(|reason| error(at, reason))?;
-                splices.replace(attribute.range_value(), escape(&unique));
+                splices.replace(attribute.range_value(), unique);
             }
             None if mesh.ancestors().any(|node| name(node) == "visual") => {}
             None => return Err(error(at, format!("found no file `{}`", candidates.join("`, no `")))),
