@@ -215,3 +215,11 @@ fn moved(model: &Model, qpos: &[f64], qvel: &[f64], dt: f64) -> Vec<f64> {
     }
     out
 }
+
+#[test]
+fn an_actuator_with_several_controls_is_refused() {
+    let xml = r#"<mujoco><worldbody><body><joint name="b" type="ball"/><geom size="0.1"/></body></worldbody>
+        <actuator><orientation joint="b" kp="1"/></actuator></mujoco>"#;
+    let error = Model::from_xml(xml).unwrap_err().to_string();
+    assert!(error.contains("only actuators with one of each are supported"), "{error}");
+}
