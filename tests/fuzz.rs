@@ -17,6 +17,8 @@ mod csv;
 mod curve;
 #[path = "../fuzz/src/formula.rs"]
 mod formula;
+#[path = "../fuzz/src/mjcf.rs"]
+mod mjcf;
 #[path = "../fuzz/src/monitor.rs"]
 mod monitor;
 #[path = "../fuzz/src/onnx.rs"]
@@ -151,6 +153,11 @@ fn learning_curves() {
 #[test]
 fn formulas() {
     check_target("formula", formula::check, formula::seeds);
+}
+
+#[test]
+fn models_of_robots() {
+    check_target("mjcf", mjcf::check, mjcf::seeds);
 }
 
 #[test]

@@ -11,6 +11,7 @@ pub mod counterexample;
 pub mod csv;
 pub mod curve;
 pub mod formula;
+pub mod mjcf;
 pub mod monitor;
 pub mod onnx;
 pub mod plan;
@@ -25,13 +26,14 @@ pub mod trace_blob;
 type Seeds = fn() -> Vec<Vec<u8>>;
 
 /// The seeds of every target, by its name.
-pub const SEEDS: [(&str, Seeds); 13] = [
+pub const SEEDS: [(&str, Seeds); 14] = [
     ("checkpoint", checkpoint::seeds),
     ("controller", controller::seeds),
     ("counterexample", counterexample::seeds),
     ("csv", csv::seeds),
     ("curve", curve::seeds),
     ("formula", formula::seeds),
+    ("mjcf", mjcf::seeds),
     ("monitor", monitor::seeds),
     ("onnx", onnx::seeds),
     ("plan", plan::seeds),

@@ -62,7 +62,7 @@ fn check(xml: &str, source: &Source) -> Result<(), MjcfError> {
     check_files(root, source)
 }
 
-/// Adds elements to the last section with a name, which is made if it does not exist.
+/// Adds elements to the last section with a name, which is made if it is missing.
 pub(crate) fn to_section(section: &str, xml: &str, document: &Document<'_>, splices: &mut Splices) {
     match sections(document, section).pop() {
         Some(last) => append(last, xml, splices),

@@ -9,7 +9,7 @@ use roxmltree::{Attribute, Document, Node};
 use crate::compose::Composed;
 use crate::folder::Folder;
 use crate::splice::{Splices, escape};
-use crate::tree::{name, parse};
+use crate::tree::{after_name, name, parse};
 use crate::{MjcfError, Source};
 
 /// Attributes of the compiler that say where assets are.
@@ -29,15 +29,18 @@ pub(crate) struct Assets {
 }
 
 impl Assets {
-    /// Reads a file, once, and returns its name: that of the file without its folder, with a number
-    /// before it if another file has it.
+    /// Reads a file, once, and returns its name: that of the file without its folder and without
+    /// letters that mean something in XML or a path, with a number before it if another file has
+    /// that name.
     pub(crate) fn add(&mut self, path: PathBuf, folder: &mut Folder) -> Result<String, String> {
         let own = match self.names.entry(path) {
             Entry::Occupied(known) => return Ok(known.get().clone()),
             Entry::Vacant(own) => own,
         };
         let bytes = folder.read(own.key())?;
-        let file = own.key().file_name().map(|name| name.to_string_lossy().into_owned()).unwrap_or_default();
+        let file = own.key().file_name().map(|name| name.to_string_lossy()).unwrap_or_default();
+        let is_plain = |letter: char| letter.is_alphanumeric() || matches!(letter, '.' | '_' | '-' | ' ');
+        let file: String = file.chars().map(|letter| if is_plain(letter) { letter } else { '_' }).collect();
         let mut unique = file.clone();
         let mut number = 1;
         while self.taken.contains_key(&unique.to_lowercase()) {
@@ -74,10 +77,21 @@ pub(crate) fn collect(composed: &Composed, folder: &mut Folder) -> Result<Source
             let unique = assets
                 .add(path, folder)
                 .map_err(|reason| error(format!("cannot read `{file}`: {reason}")))?;
-            splices.replace(attribute.range_value(), escape(&unique));
+            // MuJoCo names an asset without a name after its file.
+            let names_asset = attribute.name() == "file" && name(node) != "flexcomp";
+            if names_asset && stem(&file) != stem(&unique) && node.attribute("name").is_none() {
+                splices.insert(after_name(node), format!(" name=\"{}\"", escape(stem(&file))));
+            }
+            splices.replace(attribute.range_value(), unique);
         }
     }
     Ok(Source { document: splices.apply(&composed.document), assets: assets.files })
+}
+
+/// Returns the name of a file without its folder and its ending.
+fn stem(file: &str) -> &str {
+    let base = file.rsplit('/').next().unwrap_or(file);
+    base.rsplit_once('.').map_or(base, |(stem, _)| stem)
 }
 
 /// Returns whether an attribute refers to a file.

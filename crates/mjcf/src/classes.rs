@@ -19,10 +19,9 @@ pub(crate) struct Classes<'a> {
 impl<'a> Classes<'a> {
     pub(crate) fn of(document: &'a Document<'_>) -> Classes<'a> {
         let mut classes = Classes { attributes: BTreeMap::from([(MAIN, BTreeMap::new())]) };
-        // Several sections are one. Attributes first, so that inner classes have all of them.
-        let roots = sections(document, "default");
-        roots.iter().for_each(|root| classes.read(*root, MAIN));
-        for root in roots {
+        // As MuJoCo does: a class copies what the outer class has at that point.
+        for root in sections(document, "default") {
+            classes.read(root, MAIN);
             classes.add_inner(root, MAIN);
         }
         classes

@@ -53,7 +53,8 @@ pub enum Edit {
 /// Which elements of a kind an edit changes.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Select {
-    /// Those whose whole name matches this regular expression.
+    /// Those whose whole name matches this regular expression. Names that MuJoCo makes, of
+    /// replicated elements, do not count.
     Name(String),
     /// Geoms that collide: with a contype or conaffinity that is not 0, also by their class.
     Colliding,

@@ -37,8 +37,7 @@ pub(crate) fn parse<'a>(text: &'a str, file: &str) -> Result<Document<'a>, MjcfE
     }
 }
 
-/// Returns the line of an element with too many attributes. Quotes are counted, also those of
-/// texts.
+/// Returns the line of an element with too many attributes. Quotes are counted, also in texts.
 fn too_many_attributes(text: &str) -> Option<usize> {
     let mut quotes = 0;
     let at = text.bytes().position(|byte| {

@@ -1,8 +1,10 @@
 //! URDF: meshes of links.
 
+use roxmltree::Node;
+
 use crate::assets::Assets;
 use crate::folder::Folder;
-use crate::splice::{Splices, escape};
+use crate::splice::Splices;
 use crate::tree::{elements, line_at, name, parse};
 use crate::{MjcfError, Source};
 
@@ -16,7 +18,7 @@ pub(crate) fn collect(file: &str, text: &str, folder: &mut Folder) -> Result<Sou
     let error = |at: usize, message: String| MjcfError::new(file, Some(line_at(text, at)), message);
     let mut splices = Splices::default();
     let mut meshdir = String::new();
-    for part in document.descendants().filter(roxmltree::Node::is_element) {
+    for part in document.descendants().filter(Node::is_element) {
         if part.tag_name().namespace().is_some_and(|space| space.contains("xacro")) {
             return Err(error(
                 part.range().start,
@@ -53,7 +55,7 @@ pub(crate) fn collect(file: &str, text: &str, folder: &mut Folder) -> Result<Sou
         match folder.find(&candidates).map_err(|message| error(at, message))? {
             Some((_, path)) => {
                 let unique = assets.add(path, folder).map_err(|reason| error(at, reason))?;
-                splices.replace(attribute.range_value(), escape(&unique));
+                splices.replace(attribute.range_value(), unique);
             }
             None if mesh.ancestors().any(|node| name(node) == "visual") => {}
             None => return Err(error(at, format!("found no file `{}`", candidates.join("`, no `")))),

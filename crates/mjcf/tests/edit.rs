@@ -122,6 +122,95 @@ fn geoms_collide_by_their_own_attributes_or_their_class() {
 }
 
 #[test]
+fn classes_are_resolved_as_mujoco_resolves_them() {
+    let world =
+        "<worldbody><geom name=\"a\" size=\"1\"/><geom name=\"b\" class=\"x\" size=\"1\"/></worldbody>";
+    for (defaults, collide) in [
+        // An inner class has what its outer class has when it is made.
+        ("<default><default class='x'/><geom contype='0' conaffinity='0'/></default>", vec![]),
+        (
+            "<default><default class='x'/></default><default><geom contype='0' conaffinity='0'/></default>",
+            vec!["b"],
+        ),
+        (
+            "<default><geom contype='0' conaffinity='0'/></default><default><default class='x'/></default>",
+            vec![],
+        ),
+        (
+            "<default class='main'><default class='x'><geom contype=' 0 ' conaffinity='+0'/></default></default>",
+            vec!["a"],
+        ),
+    ] {
+        let document = format!("<mujoco>{defaults}{world}</mujoco>");
+        let source = Source { document, assets: BTreeMap::new() };
+        let edited = source.edit(&[set("geom", Select::Colliding, &[("mass", "3")])]);
+        let found: Vec<String> = match edited {
+            Ok(source) => {
+                let document = roxmltree::Document::parse(&source.document).unwrap();
+                let changed = document.descendants().filter(|node| node.attribute("mass") == Some("3"));
+                changed.map(|node| node.attribute("name").unwrap().to_string()).collect()
+            }
+            Err(_) => Vec::new(),
+        };
+        assert_eq!(found, collide, "{defaults}");
+    }
+}
+
+/// Numbers in 0..n: the top bits of a multiplicative congruential generator.
+fn below(n: usize, state: &mut u64) -> usize {
+    *state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+    ((*state >> 33) as usize) % n
+}
+
+#[test]
+fn no_text_makes_an_edit_panic_or_write_invalid_xml() {
+    const TOKENS: [&str; 14] = [
+        "<",
+        ">",
+        "/",
+        "\"",
+        "'",
+        "=",
+        "<body>",
+        "</body>",
+        "/>",
+        "<!--",
+        "-->",
+        "<joint name=\"elbow\"/>",
+        "é",
+        " ",
+    ];
+    let edits = [
+        set("joint", named("elbow"), &[("damping", "1")]),
+        set("geom", Select::Colliding, &[("group", "1")]),
+        add("lower", "<site/>"),
+        add("world", "<geom/>"),
+        actuator(".*", "motor", &[]),
+        Edit::Option { attributes: pairs(&[("timestep", "0.001")]) },
+    ];
+    let mut state = 1;
+    let mut changed = 0;
+    for _ in 0..20_000 {
+        let mut text = ARM.to_string();
+        for _ in 0..=below(3, &mut state) {
+            let places: Vec<usize> = text.char_indices().map(|(at, _)| at).collect();
+            let at = places[below(places.len(), &mut state)];
+            let end = places[below(places.len(), &mut state)].clamp(at, (at + 40).min(text.len()));
+            let end = (end..=text.len()).find(|end| text.is_char_boundary(*end)).unwrap();
+            let token = TOKENS[below(TOKENS.len(), &mut state)];
+            text.replace_range(at..if below(2, &mut state) == 0 { at } else { end }, token);
+        }
+        let source = Source { document: text, assets: BTreeMap::new() };
+        let edit = &edits[below(edits.len(), &mut state)];
+        if let Ok(edited) = source.edit(std::slice::from_ref(edit)) {
+            roxmltree::Document::parse(&edited.document).unwrap();
+            changed += 1;
+        }
+    }
+    assert!(changed > 1_000, "only {changed} texts were edited");
+}
+
+#[test]
 fn elements_of_a_class_are_those_that_have_or_inherit_it() {
     let text = edited(&[set("joint", Select::Class("limb".into()), &[("frictionloss", "1")])]);
     assert_eq!(text.matches("frictionloss").count(), 2);

@@ -137,6 +137,27 @@ fn the_model_has_the_bits_of_the_file_that_mujoco_loads() {
 }
 
 #[test]
+fn an_asset_keeps_its_name_if_its_file_gets_another_one() {
+    let text = "<mujoco><asset><mesh file=\"a&amp;b: c.stl\"/></asset><worldbody><geom type=\"mesh\" \
+                mesh=\"a&amp;b: c\"/></worldbody></mujoco>";
+    let source = read(&folder(&[("main.xml", text), ("a&b: c.stl", "1")])).unwrap();
+    assert!(
+        source.document.contains("<mesh name=\"a&amp;b: c\" file=\"a_b_ c.stl\"/>"),
+        "{}",
+        source.document
+    );
+    assert_eq!(compile(&source).count(ElementKind::Geom), 1);
+    // The files of the sides of a texture give it no name.
+    let sides = ["a/x.png", "b/x.png", "c/x.png"];
+    let text = "<mujoco><asset><texture type=\"cube\" fileup=\"a/x.png\" filedown=\"b/x.png\" fileleft=\"c/x.png\"/>\
+                </asset></mujoco>";
+    let files: Vec<(&str, &str)> = sides.iter().map(|side| (*side, "")).chain([("main.xml", text)]).collect();
+    let source = read(&folder(&files)).unwrap();
+    assert_eq!(source.assets.len(), 3);
+    assert!(!source.document.contains("name="), "{}", source.document);
+}
+
+#[test]
 fn strippath_drops_folders_of_files() {
     let text = "<mujoco><compiler strippath=\"true\"/><asset><mesh file=\"gone/one.stl\"/></asset></mujoco>";
     let source = read(&folder(&[("main.xml", text), ("one.stl", "1")])).unwrap();

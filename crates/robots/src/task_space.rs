@@ -9,8 +9,8 @@
 //! # References
 //! Nakamura and Hanafusa, "Inverse Kinematic Solutions with Singularity Robustness for Robot
 //! Manipulator Control", Journal of Dynamic Systems, Measurement, and Control 108(3), 1986: the
-//! damped inverse. Luh, Walker and Paul, "On-Line Computational Scheme for Mechanical Manipulators",
-//! same journal, 102(2), 1980: the torques.
+//! damped inverse. Luh, Walker and Paul, "On-Line Computational Scheme for Mechanical
+//! Manipulators", same journal, 102(2), 1980: the torques.
 
 use std::sync::Arc;
 

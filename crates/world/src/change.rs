@@ -13,7 +13,7 @@ pub enum Change {
     Friction(f64),
     /// Multiplies the mass and inertia of these bodies.
     Mass(Vec<Body>, f64),
-    /// Adds viscous damping to these joints, N m s/rad or N s/m.
+    /// Adds viscous damping to all velocities of these joints, N m s/rad or N s/m.
     Damping(Vec<Joint>, f64),
     /// Multiplies the stiffness and damping of these position servos, so that their ratio is
     /// unchanged.
@@ -141,7 +141,10 @@ fn apply(change: &Change, model: &mut MjModel) {
             }
         }
         Change::Damping(joints, damping) => {
-            joints.iter().for_each(|joint| model.dof_damping_mut()[joint.dof] += damping);
+            for Joint { dof, kind, .. } in joints {
+                let own = &mut model.dof_damping_mut()[*dof..][..kind.velocities()];
+                own.iter_mut().for_each(|own| *own += damping);
+            }
         }
         Change::Size(bodies, factor) => bodies.iter().for_each(|body| resize(*body, *factor, model)),
         Change::Payload(Body(id), mass) => {

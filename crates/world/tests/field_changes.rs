@@ -214,3 +214,23 @@ fn a_change_without_effect_or_meaning_is_refused_with_its_reason() {
         "{error}"
     );
 }
+
+#[test]
+fn the_center_of_mass_of_a_body_without_coupled_inertia_stays() {
+    let xml =
+        r#"<mujoco><worldbody><body name="ball"><freejoint/><geom size="0.1"/></body></worldbody></mujoco>"#;
+    let model = Model::from_xml(xml).unwrap();
+    let row = model.find(ElementKind::Body, "ball").unwrap();
+    let change = |value| Change::Field {
+        field: ModelField::BodyIpos,
+        entries: vec![3 * row],
+        operation: FieldOperation::Set,
+        value,
+    };
+    assert!(model.check_change(&change(0.0)).is_ok());
+    let error = model.check_change(&change(0.01)).unwrap_err().to_string();
+    assert!(
+        error.starts_with("cannot change body_ipos of body `ball`: its center of mass is the origin"),
+        "{error}"
+    );
+}

@@ -127,10 +127,24 @@ fn elements_have_names_indices_and_facts() {
     assert_eq!(model.key_qvel(0)[6], 0.25);
     assert_eq!(model.key_ctrl(0), [1.0, 2.0]);
     assert_eq!(model.qpos0()[2], 0.1);
+    let coordinates = model.coordinates();
+    let names = |first: usize| coordinates[first..][..4].iter().map(|c| c.name.as_str()).collect::<Vec<_>>();
+    assert_eq!(names(8), ["ball_qw", "ball_qx", "ball_qy", "ball_qz"]);
+    assert_eq!(names(18), ["hinge", "ball_wx", "ball_wy", "ball_wz"]);
+    assert_eq!((coordinates[21].index, coordinates[21].unit), (9, "rad/s"));
     let error = model.find(ElementKind::Joint, "elbow").unwrap_err().to_string();
     assert_eq!(error, "the model has no joint named `elbow`; known names: cube, hinge, ball");
     // A geom has no name; the empty name does not find it.
     assert!(model.find(ElementKind::Geom, "").is_err());
+}
+
+#[test]
+fn damping_is_added_to_all_velocities_of_a_joint() {
+    let model = Model::from_xml(SCENE).unwrap();
+    let joints = vec![model.joint("hinge").unwrap(), model.joint("ball").unwrap()];
+    let changed = model.changed(&[mishandle_world::Change::Damping(joints, 0.5)]);
+    let damping = changed.field(mishandle_world::ModelField::DofDamping);
+    assert_eq!(damping, [0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.5, 0.5, 0.5, 0.5]);
 }
 
 #[test]
@@ -200,4 +214,12 @@ fn moved(model: &Model, qpos: &[f64], qvel: &[f64], dt: f64) -> Vec<f64> {
         }
     }
     out
+}
+
+#[test]
+fn an_actuator_with_several_controls_is_refused() {
+    let xml = r#"<mujoco><worldbody><body><joint name="b" type="ball"/><geom size="0.1"/></body></worldbody>
+        <actuator><orientation joint="b" kp="1"/></actuator></mujoco>"#;
+    let error = Model::from_xml(xml).unwrap_err().to_string();
+    assert!(error.contains("only actuators with one of each are supported"), "{error}");
 }
