@@ -1,10 +1,11 @@
 use std::collections::HashMap;
+use std::ops::Range;
 use std::sync::Arc;
 
 use mishandle_rollout::{
     Axis, Environment, EnvironmentWorker, RolloutError, Sample, Scenario, Seed, Space, StepStatus,
 };
-use mishandle_world::{Body, Model, World};
+use mishandle_world::{Body, Mocap, Model, Servo, World};
 
 use crate::axes::{ModelChange, PUSH_SIZE, Parameter, changed};
 use crate::description::Over;
@@ -27,6 +28,13 @@ pub(crate) struct Robot {
     pub start: Phase,
     pub start_positions: Vec<Vec<usize>>,
     pub start_velocities: Vec<Vec<usize>>,
+    pub start_mocap: Vec<Mocap>,
+    /// Places of the parts of the memory; their start values are the last ones of `start`.
+    pub memory: Vec<Range<usize>>,
+    /// The next values of the memory.
+    pub next: Phase,
+    /// Servos of the first actuators, if the controls are targets of servos.
+    pub servos: Vec<Servo>,
     /// The controls.
     pub command: Phase,
     /// The controls before the first action arrives; empty if the action is 0 then.
@@ -62,7 +70,8 @@ pub(crate) struct Robot {
 /// A robot of a file as an environment.
 ///
 /// A state row contains MuJoCo's state, the number of control steps, the values of the axes that
-/// expressions read, those of the model, the components of the pushes, and the last action.
+/// expressions read, those of the model, the components of the pushes, the memory, and the last
+/// action.
 #[derive(Clone)]
 pub struct RobotEnvironment {
     robot: Arc<Robot>,
@@ -91,7 +100,12 @@ impl RobotEnvironment {
 
 impl Robot {
     fn tail_size(&self) -> usize {
-        1 + self.values.len() + self.changes.len() + PUSH_SIZE * self.pushes.len() + self.action_size
+        let own = 1 + self.values.len() + self.changes.len() + PUSH_SIZE * self.pushes.len();
+        own + self.memory_size() + self.action_size
+    }
+
+    fn memory_size(&self) -> usize {
+        self.memory.last().map_or(0, |place| place.end)
     }
 
     /// Returns the tail of the state row of an undisturbed episode.
@@ -169,11 +183,13 @@ impl Environment for RobotEnvironment {
             limit: rows.max(MODELS),
             key: Vec::new(),
             start: robot.start.memory(),
+            next: robot.next.memory(),
             command: robot.command.memory(),
             hold: robot.hold.memory(),
             measured: robot.measured.memory(),
             sample: robot.sample.memory(),
             reduced: vec![0.0; robot.reductions.len()],
+            targets: vec![0.0; robot.servos.len()],
             observation: vec![0.0; robot.observation_size],
             parameters: self.parameters.clone(),
             robot,
@@ -191,6 +207,7 @@ struct RobotWorker {
     /// Scratch buffer of the key of a model.
     key: Vec<u64>,
     start: Memory,
+    next: Memory,
     command: Memory,
     hold: Memory,
     measured: Memory,
@@ -198,6 +215,8 @@ struct RobotWorker {
     /// Values of the reduced signals over the physics steps so far.
     reduced: Vec<f64>,
     observation: Vec<f64>,
+    /// Targets of the servos.
+    targets: Vec<f64>,
 }
 
 /// The parts of the tail of a state row.
@@ -205,6 +224,7 @@ struct Tail<'a> {
     step: &'a mut f64,
     values: &'a [f64],
     pushes: &'a [f64],
+    memory: &'a mut [f64],
     action: &'a mut [f64],
 }
 
@@ -213,8 +233,9 @@ impl Robot {
         let (step, rest) = tail.split_at_mut(1);
         let (values, rest) = rest.split_at_mut(self.values.len());
         let (_, rest) = rest.split_at_mut(self.changes.len());
-        let (pushes, action) = rest.split_at_mut(PUSH_SIZE * self.pushes.len());
-        Tail { step: &mut step[0], values, pushes, action }
+        let (pushes, rest) = rest.split_at_mut(PUSH_SIZE * self.pushes.len());
+        let (memory, action) = rest.split_at_mut(self.memory_size());
+        Tail { step: &mut step[0], values, pushes, memory, action }
     }
 
     fn model_values<'a>(&self, tail: &'a [f64]) -> &'a [f64] {
@@ -248,9 +269,9 @@ impl RobotWorker {
         if robot.sample.reads_poses() {
             self.world.refresh();
         }
-        let Tail { step, values, action, .. } = robot.split(tail);
+        let Tail { step, values, memory, action, .. } = robot.split(tail);
         let time = *step * robot.control_dt;
-        let mut view = View { world: &self.world, time, parameters: values, action };
+        let mut view = View { world: &self.world, time, parameters: values, memory, action };
         robot.sample.run(&mut self.sample, &mut view);
         for (index, (first, size)) in robot.parts.iter().enumerate() {
             robot.sample.write(&self.sample, index, &mut self.observation[*first..first + size]);
@@ -271,7 +292,7 @@ impl RobotWorker {
 
     /// Evaluates the signals with a reduction after a physics step; `count` is the number of steps
     /// before.
-    fn measure(&mut self, time: f64, values: &[f64], action: &[f64], count: usize) {
+    fn measure(&mut self, time: f64, (values, memory, action): (&[f64], &[f64], &[f64]), count: usize) {
         let robot = &*self.robot;
         if robot.measured.is_empty() {
             return;
@@ -280,7 +301,7 @@ impl RobotWorker {
         if robot.measured.reads_poses() {
             self.world.refresh();
         }
-        let mut view = View { world: &self.world, time, parameters: values, action };
+        let mut view = View { world: &self.world, time, parameters: values, memory, action };
         robot.measured.run(&mut self.measured, &mut view);
         for (index, (reduced, (over, _))) in self.reduced.iter_mut().zip(&robot.reductions).enumerate() {
             *reduced = over.add(*reduced, robot.measured.value(&self.measured, index)[0], count);
@@ -326,8 +347,8 @@ impl EnvironmentWorker for RobotWorker {
             self.world.qvel_mut().copy_from_slice(robot.model.key_qvel(keyframe));
             self.world.ctrl_mut().copy_from_slice(robot.model.key_ctrl(keyframe));
         }
-        let Tail { values, action, .. } = robot.split(tail);
-        let mut view = View { world: &self.world, time: 0.0, parameters: values, action };
+        let Tail { values, memory, action, .. } = robot.split(tail);
+        let mut view = View { world: &self.world, time: 0.0, parameters: values, memory, action };
         robot.start.run(&mut self.start, &mut view);
         let places = robot.start_positions.iter().chain(&robot.start_velocities).enumerate();
         for (index, indices) in places {
@@ -340,11 +361,23 @@ impl EnvironmentWorker for RobotWorker {
                 state[*index] = value[if value.len() == 1 { 0 } else { place }];
             }
         }
+        let mut index = robot.start_positions.len() + robot.start_velocities.len();
+        for mocap in &robot.start_mocap {
+            let pose = robot.start.value(&self.start, index);
+            let quaternion = pose.get(3..7).map_or([1.0, 0.0, 0.0, 0.0], |q| [q[0], q[1], q[2], q[3]]);
+            self.world.place(*mocap, [pose[0], pose[1], pose[2]], quaternion);
+            index += 1;
+        }
+        for place in &robot.memory {
+            robot.start.write(&self.start, index, &mut memory[place.clone()]);
+            index += 1;
+        }
         self.world.read_state(physics);
         if robot.sample.reads_forces() || robot.measured.reads_forces() {
             self.world.refresh_sensors();
         }
-        self.measure(0.0, robot.split(tail).values, &vec![0.0; robot.action_size], 0);
+        let Tail { values, memory, action, .. } = robot.split(tail);
+        self.measure(0.0, (values, memory, action), 0);
         self.write_sample(tail, &mut sample);
         self.write_reduced(1, &mut sample);
         sample.rewards.fill(0.0);
@@ -371,35 +404,50 @@ impl RobotWorker {
         let (physics, tail) = state.split_at_mut(robot.model.state_size());
         self.set_model(tail);
         self.world.set_state(physics);
-        let Tail { step, values, pushes, action: last } = robot.split(tail);
-        last.copy_from_slice(action);
+        let Tail { step, values, pushes, memory, action: last } = robot.split(tail);
         let start = *step * robot.control_dt;
-        let (phase, memory) = match has_arrived || robot.hold.is_empty() {
+        let command = match has_arrived || robot.hold.is_empty() {
             true => (&robot.command, &mut self.command),
             false => (&robot.hold, &mut self.hold),
         };
-        if phase.reads_forces() {
+        let reads = |reads: fn(&Phase) -> bool| reads(&robot.next) || reads(command.0);
+        if reads(Phase::reads_forces) {
             self.world.refresh_sensors();
-        } else if phase.reads_poses() {
+        } else if reads(Phase::reads_poses) {
             self.world.refresh();
         }
-        phase.run(memory, &mut View { world: &self.world, time: start, parameters: values, action });
+        // All parts follow from the memory of the step before.
+        let mut view = View { world: &self.world, time: start, parameters: values, memory, action };
+        robot.next.run(&mut self.next, &mut view);
+        for (index, place) in robot.memory.iter().enumerate() {
+            robot.next.write(&self.next, index, &mut memory[place.clone()]);
+        }
+        last.copy_from_slice(action);
+        let (phase, numbers) = command;
+        phase.run(numbers, &mut View { world: &self.world, time: start, parameters: values, memory, action });
         let controls = self.world.ctrl_mut();
-        phase.write(memory, 0, controls);
-        for (control, range) in controls.iter_mut().zip(&robot.control_ranges) {
+        phase.write(numbers, 0, controls);
+        // Targets of servos have no range; their setpoints do.
+        let ranges = controls.iter_mut().zip(&robot.control_ranges).skip(robot.servos.len());
+        for (control, range) in ranges {
             *control = clip(*control, *range);
         }
         if self.world.ctrl().iter().any(|control| !control.is_finite()) {
             return StepStatus::Diverged;
         }
+        // The servos set the controls in each physics step.
+        self.targets.copy_from_slice(&self.world.ctrl()[..robot.servos.len()]);
         let timestep = robot.model.timestep();
         for substep in 0..robot.substeps {
             let now = start + substep as f64 * timestep;
             for (body, push) in robot.pushed.iter().zip(pushes.as_chunks::<PUSH_SIZE>().0) {
                 self.world.push(*body, force(push, now, timestep));
             }
-            self.world.step();
-            self.measure(now + timestep, values, action, substep);
+            match robot.servos.is_empty() {
+                true => self.world.step(),
+                false => self.world.step_servos(&robot.servos, &self.targets),
+            }
+            self.measure(now + timestep, (values, memory, action), substep);
         }
         if self.world.take_divergence() {
             return StepStatus::Diverged;

@@ -65,8 +65,19 @@ pub(crate) struct Library<'a> {
     pub constants: &'a [Named<Constant>],
     /// Names of the axes that expressions may read, in the order of the parameters.
     pub parameters: &'a [String],
+    /// Names, first entries and sizes of the numbers that an episode remembers, where they may be
+    /// read.
+    pub memory: &'a [RememberedPart],
     /// Length of the action, where it may be read.
     pub actions: Option<usize>,
+}
+
+/// Numbers that an episode remembers: their name and their place among all of them.
+#[derive(Clone, Debug)]
+pub(crate) struct RememberedPart {
+    pub name: String,
+    pub place: std::ops::Range<usize>,
+    pub is_number: bool,
 }
 
 fn names_of(functions: &[QuantityFunction]) -> impl Iterator<Item = &'static str> {
@@ -171,6 +182,10 @@ impl Names<Quantity> for Library<'_> {
         if let Some(index) = self.parameters.iter().position(|known| known == name) {
             return reading(Quantity::Parameter(index), Size::Number);
         }
+        if let Some(part) = self.memory.iter().find(|part| part.name == name) {
+            let size = if part.is_number { Size::Number } else { Size::Vector(part.place.len()) };
+            return reading(Quantity::Remembered(part.place.clone()), size);
+        }
         match (name, self.constant(name)) {
             (_, Some(Constant::Number(value))) => Ok(Meaning::Number(*value)),
             (_, Some(Constant::Vector(values))) => Ok(Meaning::Vector(values.clone())),
@@ -201,6 +216,7 @@ impl Names<Quantity> for Library<'_> {
                 let constants = self.constants.iter().map(|constant| constant.key.name.as_str());
                 let known: Vec<&str> = constants
                     .chain(self.parameters.iter().map(String::as_str))
+                    .chain(self.memory.iter().map(|part| part.name.as_str()))
                     .chain(["time", "pi"])
                     .chain(self.actions.map(|_| "action"))
                     .collect();

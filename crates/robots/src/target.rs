@@ -10,14 +10,14 @@ use mishandle_rollout::{
     Axis, AxisKind, Component, Controller, Disturbance, Effect, Environment, Identity, NamedFormula, Noise,
     Rollout, RolloutError, Signal, Space, Specification, System, SystemFactory, Target, delays,
 };
-use mishandle_world::{ElementKind, Model};
+use mishandle_world::{ElementKind, Joint, Mocap, Model, Servo};
 
 use crate::axes::{Axes, ObservedPart, parameter_names};
 use crate::description::{Description, Named, PolicySource, Quantity};
 use crate::document;
 use crate::environment::{Robot, RobotEnvironment};
 use crate::error::{Problem, RobotError};
-use crate::library::Library;
+use crate::library::{Library, RememberedPart};
 use crate::model::{self, RobotModel};
 use crate::phase::PhaseBuilder;
 use crate::policy::ExpressionPolicy;
@@ -56,6 +56,7 @@ pub struct RobotFile {
     /// The robot, except what depends on the number of actions.
     observation_size: usize,
     parameters: Vec<String>,
+    memory: Vec<RememberedPart>,
 }
 
 impl RobotFile {
@@ -85,12 +86,15 @@ impl RobotFile {
         let problem = |problem: Problem| problem.at(path, text);
         let parameters = parameter_names(&description);
         let actions = description.policy.actions.unwrap_or(model.physics.actuators());
-        let library = Library {
+        let library = |memory, actions| Library {
             model: &model.physics,
             constants: &description.constants,
             parameters: &parameters,
-            actions: Some(actions),
+            memory,
+            actions,
         };
+        let memory = remembered_parts(&description, &library(&[], None)).map_err(problem)?;
+        let library = library(&memory, Some(actions));
         check_constants(&description, &library).map_err(problem)?;
         let parts = observed_parts(&description, &library).map_err(problem)?;
         let observation_size = parts.iter().map(|part| part.size).sum();
@@ -124,6 +128,7 @@ impl RobotFile {
             policy,
             observation_size,
             parameters,
+            memory,
         };
         // This reports mistakes now, with their lines.
         file.robot(file.actions()).map_err(|found| found.at(path, text))?;
@@ -362,13 +367,14 @@ impl RobotFile {
     fn robot(&self, actions: usize) -> Result<Robot, Problem> {
         let description = &self.description;
         let model = &self.model.physics;
-        let library = |actions| Library {
+        let library = |memory, actions| Library {
             model,
             constants: &description.constants,
             parameters: &self.parameters,
+            memory,
             actions,
         };
-        let (before, during) = (library(None), library(Some(actions)));
+        let (before, during) = (library(&[], None), library(self.memory.as_slice(), Some(actions)));
         let timestep = model.timestep();
         let control = &description.control;
         let (model, substeps) = match control.substeps {
@@ -389,6 +395,18 @@ impl RobotFile {
         let mut start = PhaseBuilder::new(&before);
         let start_positions = start_values(&description.start, &mut start, &before, true)?;
         let start_velocities = start_values(&description.start_velocity, &mut start, &before, false)?;
+        let start_mocap = mocap_places(&description.start_mocap, &mut start, &model)?;
+        for named in &description.memory {
+            start.add(&named.value.start)?;
+        }
+        let mut next = PhaseBuilder::new(&during);
+        for (named, part) in description.memory.iter().zip(&self.memory) {
+            next.add_sized(&named.value.next, part.place.len(), &format!("the memory `{}`", named.key.name))?;
+        }
+        let servos = match &description.servos {
+            Some(servos) => make_servos(servos, &model)?,
+            None => Vec::new(),
+        };
         let mut command = PhaseBuilder::new(&during);
         command.add_sized(
             &description.policy.action,
@@ -457,6 +475,10 @@ impl RobotFile {
             start,
             start_positions,
             start_velocities,
+            start_mocap,
+            memory: self.memory.iter().map(|part| part.place.clone()).collect(),
+            next: next.finish(),
+            servos,
             command,
             hold: hold.finish(),
             control_ranges: (0..model.actuators()).map(|index| model.actuator_range(index)).collect(),
@@ -597,6 +619,86 @@ fn start_values(
         places.push(indices);
     }
     Ok(places)
+}
+
+/// Returns the numbers that an episode remembers.
+fn remembered_parts(
+    description: &Description,
+    library: &Library<'_>,
+) -> Result<Vec<RememberedPart>, Problem> {
+    let mut first = 0;
+    let mut parts = Vec::new();
+    for named in &description.memory {
+        let mut phase = PhaseBuilder::new(library);
+        let size = phase.add(&named.value.start)?;
+        let (name, is_number) = (named.key.name.clone(), phase.is_number(0));
+        if library.constants.iter().any(|constant| constant.key.name == name)
+            || library.parameters.contains(&name)
+        {
+            return Err(Problem::new(
+                &named.key.span,
+                format!("`{name}` is the name of a constant or of an axis as well"),
+            ));
+        }
+        parts.push(RememberedPart { name, place: first..first + size, is_number });
+        first += size;
+    }
+    Ok(parts)
+}
+
+/// Adds the start poses of mocap bodies, and returns the bodies.
+fn mocap_places(
+    entries: &[Named<crate::description::Expression>],
+    phase: &mut PhaseBuilder<'_>,
+    model: &Model,
+) -> Result<Vec<Mocap>, Problem> {
+    let mut bodies = Vec::new();
+    for named in entries {
+        let name = &named.key.name;
+        let body = model.mocap(name).map_err(|error| {
+            let is_body = model.find(ElementKind::Body, name).is_ok();
+            let missing = || crate::pattern::missing("body", name, &model.names(ElementKind::Body));
+            Problem::new(&named.key.span, if is_body { error.to_string() } else { missing() })
+        })?;
+        if !matches!(phase.add(&named.value)?, 3 | 7) {
+            let message =
+                format!("the pose of `{name}` has 3 numbers, its position, or 7, with its quaternion");
+            return Err(Problem::new(&named.value.text.span, message));
+        }
+        bodies.push(body);
+    }
+    Ok(bodies)
+}
+
+fn make_servos(servos: &crate::description::Servos, model: &Model) -> Result<Vec<Servo>, Problem> {
+    let count = servos.max_velocity.len();
+    if count != servos.max_effort.len() || count > model.actuators() || count > Servo::MOST {
+        let message = format!(
+            "[servos] needs as many efforts as velocities, at most {}, for the first actuators",
+            model.actuators().min(Servo::MOST)
+        );
+        return Err(Problem::new(&servos.span, message));
+    }
+    let joint = |index: usize| {
+        let joint = model.actuator_joint(index).map(|joint| model.joint_at(joint));
+        joint.filter(|joint| joint.kind.velocities() == 1)
+    };
+    let joints: Option<Vec<Joint>> = (0..count).map(joint).collect();
+    let joints = joints.filter(|joints| joints.windows(2).all(|pair| pair[1].dof == pair[0].dof + 1));
+    let joints = joints.ok_or_else(|| {
+        Problem::new(
+            &servos.span,
+            "the actuators of [servos] are position servos of consecutive hinge or slide joints",
+        )
+    })?;
+    let limits = servos.max_velocity.iter().zip(&servos.max_effort);
+    let servo = |(joint, (max_velocity, max_effort)): (&Joint, (&f64, &f64))| Servo {
+        qpos: joint.qpos,
+        dof: joint.dof,
+        max_velocity: *max_velocity,
+        max_effort: *max_effort,
+    };
+    Ok(joints.iter().zip(limits).map(servo).collect())
 }
 
 fn factory(
