@@ -24,4 +24,5 @@ mod task_space;
 pub use environment::RobotEnvironment;
 pub use error::RobotError;
 pub use library::{QUANTITY_FUNCTIONS, QuantityFunction};
+pub use mishandle_expression::functions;
 pub use target::{KIND, RobotFile, RobotPolicy};

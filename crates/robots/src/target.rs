@@ -8,11 +8,12 @@ use mishandle_files::{limits, read_bounded};
 use mishandle_rollout::fault::{Channel, FaultSite, Side};
 use mishandle_rollout::{
     Axis, AxisKind, Component, Controller, Disturbance, Effect, Environment, Identity, NamedFormula, Noise,
-    Rollout, RolloutError, Signal, Space, Specification, System, SystemFactory, Target, delays,
+    Rollout, RolloutError, Signal, Space, Specification, System, SystemFactory, Target, TimeProfile, delays,
 };
 use mishandle_world::{ElementKind, Joint, Mocap, Model, Servo};
 
 use crate::axes::{Axes, ObservedPart, parameter_names};
+use crate::description::AxisEffect;
 use crate::description::{Description, Named, PolicySource, Quantity};
 use crate::document;
 use crate::environment::{Robot, RobotEnvironment};
@@ -259,10 +260,54 @@ impl RobotFile {
             };
             !own.iter().any(replaces) && !taken.contains(&disturbance.axis.name.as_str())
         };
-        let builtin =
-            delays().into_iter().chain(self.sites(actions).into_iter().flat_map(FaultSite::disturbances));
+        let faults = self.sites(actions).into_iter().flat_map(FaultSite::disturbances);
+        let builtin = delays().into_iter().chain(self.sensing()).chain(faults);
         let builtin: Vec<Disturbance> = builtin.filter(is_new).collect();
         own.iter().cloned().chain(builtin).collect()
+    }
+
+    /// Returns a bias of each number of the observation, and white noise of each part. A part whose
+    /// bias or noise the file states has no other one.
+    fn sensing(&self) -> Vec<Disturbance> {
+        let states = |part: &ObservedPart, is_noise: bool| {
+            self.description.axes.iter().any(|axis| match &axis.value.effect {
+                AxisEffect::Bias { part: stated, .. } => !is_noise && stated.text == part.name,
+                AxisEffect::Noise { part: stated } => is_noise && stated.text == part.name,
+                _ => false,
+            })
+        };
+        let steps = self.description.control.steps;
+        let mut all = Vec::new();
+        for part in &self.parts {
+            let [bias, noise] = sensor_errors(&part.unit);
+            let entries = part.first..part.first + part.size;
+            if !states(part, false) {
+                all.extend(entries.clone().map(|entry| {
+                    let number =
+                        if part.size == 1 { String::new() } else { format!("_{}", entry - part.first + 1) };
+                    let name = format!("{}{number}", part.name);
+                    let axis = Axis::new(
+                        AxisKind::Model,
+                        &format!("bias_{name}"),
+                        &part.unit,
+                        [-bias, bias],
+                        Some(0.0),
+                    )
+                    .meaning(&format!("constant bias of the observed {name}"));
+                    let profile = TimeProfile::Constant(0..steps + 1);
+                    Disturbance { axis, effect: Effect::Observation { entry, factor: 1.0, profile } }
+                }));
+            }
+            if !states(part, true) {
+                let name = &part.name;
+                let axis =
+                    Axis::new(AxisKind::Model, &format!("noise_{name}"), &part.unit, [0.0, noise], Some(0.0))
+                        .meaning(&format!("standard deviation of white noise on the observed {name}"));
+                let entries = entries.map(|entry| (entry, 1.0)).collect();
+                all.push(Disturbance { axis, effect: Effect::ObservationNoise { entries } });
+            }
+        }
+        all
     }
 
     /// Returns the observation and the action as places of faults.
@@ -513,6 +558,16 @@ fn distinct<'a>(axes: impl Iterator<Item = &'a Axis>) -> Vec<Axis> {
         }
     }
     found
+}
+
+/// Largest bias and largest standard deviation of the noise of a sensor, in this unit.
+fn sensor_errors(unit: &str) -> [f64; 2] {
+    match unit {
+        "m" => [0.02, 0.01],
+        "rad" => [0.01, 0.005],
+        "m/s" | "rad/s" => [0.1, 0.1],
+        _ => [0.02, 0.02],
+    }
 }
 
 fn single(size: usize, named: &Named<Quantity>) -> Result<(), Problem> {

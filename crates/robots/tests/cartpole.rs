@@ -157,6 +157,7 @@ fn nominal_values_of_all_axes_change_no_bit() {
         "events",
         "delay",
         "timing",
+        "sensing",
         "faults-sensing",
         "faults-actuation",
     ];
@@ -232,12 +233,12 @@ fn an_axis_may_bias_all_numbers_of_a_part_or_each() {
         target.space("sensing").unwrap().axes().iter().map(|axis| axis.name.clone()).collect()
     };
     let (all, each) = (bias(""), bias(", each = true"));
-    assert_eq!(names(&all), ["error"]);
-    assert_eq!(names(&each), ["error_1", "error_2", "error_3", "error_4"]);
-    let [one, four] = [(&all, vec![0.02]), (&each, vec![0.02; 4])]
+    assert_eq!(names(&all), ["error", "noise_state"]);
+    assert_eq!(names(&each), ["error_1", "error_2", "error_3", "error_4", "noise_state"]);
+    let [one, four] = [(&all, vec![0.02, 0.0]), (&each, vec![0.02, 0.02, 0.02, 0.02, 0.0])]
         .map(|(target, values)| simulate(target, "sensing", &[values]));
     assert_eq!(one[0].trace, four[0].trace);
-    assert_ne!(one[0].trace, simulate(&all, "sensing", &[vec![0.0]])[0].trace);
+    assert_ne!(one[0].trace, simulate(&all, "sensing", &[vec![0.0, 0.0]])[0].trace);
 }
 
 /// A pendulum with a torque motor. Without a policy it hangs; `hold` must keep it up.
