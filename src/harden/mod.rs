@@ -29,10 +29,9 @@ use mishandle_text::path_text;
 use mishandle_training::AlgorithmSettings;
 
 use crate::error::MishandleError;
-use crate::plan::{EvaluatePlan, GPU, HardenPlan, Plan};
-use crate::resolve::{ResolvedPlan, task};
+use crate::plan::{CPU, EvaluatePlan, GPU, HardenPlan, Plan};
+use crate::resolve::{ResolvedPlan, STARTS, training_target};
 use crate::run::{Device, Opening};
-use crate::train::start_controller;
 use decision::decide;
 pub use examples::{ExampleSimulation, ExampleSource, ModeExample, ModeExamples};
 use folder::Folder;
@@ -140,7 +139,7 @@ impl CheckedHardening<'_> {
         table.check()?;
         let before = start(plan)?;
         let settings = given_settings(table, &before)?;
-        check(plan, table, &settings)?;
+        check(&with_space(plan, plan.controller.clone())?, table, &settings)?;
         Ok(CheckedHardening { plan, table, before, settings })
     }
 
@@ -149,7 +148,8 @@ impl CheckedHardening<'_> {
     /// # Errors
     /// If the folder exists, or a file cannot be written.
     pub fn create(&self, folder: &Path) -> Result<(), MishandleError> {
-        Folder::create(folder, self.plan, &self.before.to_bytes(), &self.settings.to_toml())
+        let plan = self.plan.with_absolute_target();
+        Folder::create(folder, &plan, &self.before.to_bytes(), &self.settings.to_toml())
     }
 }
 
@@ -185,7 +185,8 @@ pub fn final_runs(folder: &Path) -> Vec<PathBuf> {
 /// If the folder contains no hardening, or one with other settings.
 pub fn check_plan(folder: &Path, plan: &Plan) -> Result<(), MishandleError> {
     let (_, recorded) = Folder::open(folder)?;
-    let [recorded, given] = [&recorded, plan].map(|plan| toml::Table::try_from(plan).unwrap_or_default());
+    let [recorded, given] = [&recorded, plan]
+        .map(|plan| toml::Table::try_from(plan.with_absolute_target()).unwrap_or_default());
     let differences = differences(&recorded, &given);
     if differences.is_empty() { Ok(()) } else { Err(MishandleError::OtherSettings { differences }) }
 }
@@ -246,6 +247,7 @@ pub fn resume(
     watch: Watch<'_>,
 ) -> Result<Option<Hardening>, MishandleError> {
     let (folder, plan) = Folder::resume(folder, opening)?;
+    let plan = with_space(&plan, path_text(&folder.before()))?;
     let table = plan.harden.as_ref().ok_or(MishandleError::MissingPlanTable { table: "harden" })?;
     if let Some(found) = folder.result()? {
         return Ok(Some(found));
@@ -266,13 +268,25 @@ fn check_device(table: &HardenPlan, gpu: Option<&Device>) -> Result<(), Mishandl
 
 /// Returns the controller of a plan, which can be trained. Looks up the names of the plan.
 fn start(plan: &Plan) -> Result<ControllerFile, MishandleError> {
-    ResolvedPlan::new(&evaluation(plan))?;
-    start_controller(task(&plan.target)?.definition(), &plan.controller)
+    let resolved = ResolvedPlan::new(&evaluation(plan))?;
+    if resolved.target.spaces.iter().all(|space| space.name() != STARTS) {
+        let (what, value) = ("the target of a hardening", plan.target.clone());
+        let expected = "one with an axis of the kind start: each round measures success from random starts";
+        return Err(MishandleError::InvalidValue { what, value, expected });
+    }
+    let device = plan.harden.as_ref().map_or(CPU, |table| &table.device);
+    training_target(&plan.target, device)?.start_controller(&plan.controller)
 }
 
 /// Returns a plan with the names of a hardening's plan, which can be resolved.
 fn evaluation(plan: &Plan) -> Plan {
     Plan { evaluate: Some(EvaluatePlan::default()), harden: None, ..plan.clone() }
+}
+
+/// Returns a plan that names its space, also if the user named none.
+fn with_space(plan: &Plan, controller: String) -> Result<Plan, MishandleError> {
+    let resolved = ResolvedPlan::new(&Plan { controller, ..evaluation(plan) })?;
+    Ok(Plan { space: resolved.plan.space, ..plan.clone() })
 }
 
 /// Returns the training settings of a controller, or those of the file that the plan names.

@@ -170,6 +170,8 @@ pub(crate) struct Description {
     pub observation: Vec<Named<Quantity>>,
     pub signals: Vec<Named<Quantity>>,
     pub rewards: Vec<Named<Expression>>,
+    /// Conditions under which a training episode ends.
+    pub ends: Vec<Named<Expression>>,
     pub axes: Vec<Named<AxisTable>>,
     pub formulas: Vec<Named<Text>>,
     /// Names of axes for each space.
@@ -204,7 +206,8 @@ impl Description {
             policy: policy(fields.need("policy")?.table("policy")?)?,
             observation: named(fields.entries("observation")?, quantity)?,
             signals: named(fields.entries("signals")?, quantity)?,
-            rewards: named(fields.entries("rewards")?, |key, item| Expression::new(item.text(&key.name)?))?,
+            rewards: named(fields.entries("rewards")?, expression)?,
+            ends: named(fields.entries("ends")?, expression)?,
             axes: named(fields.entries("axes")?, axis)?,
             formulas: named(fields.entries("formulas")?, |key, item| item.text(&key.name))?,
             spaces: named(fields.entries("spaces")?, |key, item| item.texts(&key.name))?,
@@ -232,6 +235,10 @@ fn named<T>(
 ) -> Result<Vec<Named<T>>, Problem> {
     let one = |(key, item): &(Key, Item)| Ok(Named { key: key.clone(), value: read(key, item)? });
     entries.iter().map(one).collect()
+}
+
+fn expression(key: &Key, item: &Item) -> Result<Expression, Problem> {
+    Expression::new(item.text(&key.name)?)
 }
 
 fn constant(key: &Key, item: &Item) -> Result<Constant, Problem> {
@@ -271,18 +278,13 @@ type Starts = (Option<Text>, Vec<Named<Expression>>, Vec<Named<Expression>>);
 fn start(item: Option<&Item>) -> Result<Starts, Problem> {
     let Some(item) = item else { return Ok((None, Vec::new(), Vec::new())) };
     let (mut keyframe, mut positions, mut velocities) = (None, Vec::new(), Vec::new());
-    let expression = |key: &Key, item: &Item| {
-        Ok(Named { key: key.clone(), value: Expression::new(item.text(&key.name)?)? })
-    };
     for (key, item) in &item.table("start")?.entries {
         match key.name.as_str() {
             "keyframe" => keyframe = Some(item.text("keyframe")?),
             "velocity" => {
-                for (key, item) in &item.table("velocity")?.entries {
-                    velocities.push(expression(key, item)?);
-                }
+                velocities = named(&item.table("velocity")?.entries, expression)?;
             }
-            _ => positions.push(expression(key, item)?),
+            _ => positions.push(Named { key: key.clone(), value: expression(key, item)? }),
         }
     }
     Ok((keyframe, positions, velocities))

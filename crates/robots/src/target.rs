@@ -12,7 +12,7 @@ use mishandle_rollout::{
 };
 use mishandle_world::{ElementKind, Model};
 
-use crate::axes::{Axes, ObservedPart, parameter_names};
+use crate::axes::{Axes, ObservedPart, Parameter, parameter_names};
 use crate::description::{Description, Named, PolicySource, Quantity};
 use crate::document;
 use crate::environment::{Robot, RobotEnvironment};
@@ -43,10 +43,11 @@ pub enum RobotPolicy {
 /// A robot that a file describes.
 pub struct RobotFile {
     path: PathBuf,
+    text: String,
     /// Hash of the text of the file.
-    text_hash: String,
-    model: RobotModel,
-    description: Description,
+    pub(crate) text_hash: String,
+    pub(crate) model: RobotModel,
+    pub(crate) description: Description,
     axes: Axes,
     parts: Vec<ObservedPart>,
     policy: RobotPolicy,
@@ -87,6 +88,7 @@ impl RobotFile {
             constants: &description.constants,
             parameters: &parameters,
             actions: Some(actions),
+            signals: &[],
         };
         check_constants(&description, &library).map_err(problem)?;
         let parts = observed_parts(&description, &library).map_err(problem)?;
@@ -109,6 +111,7 @@ impl RobotFile {
         let text_hash = Identity::new(KIND, "", text).hash;
         let file = RobotFile {
             path: path.to_path_buf(),
+            text: text.to_string(),
             text_hash,
             model,
             description,
@@ -160,6 +163,46 @@ impl RobotFile {
         self.model.physics.actuators()
     }
 
+    /// Returns the formulas of the file.
+    pub(crate) fn formulas(&self) -> Vec<NamedFormula> {
+        let formula = |named: &Named<document::Text>| NamedFormula {
+            name: named.key.name.clone(),
+            text: named.value.text.clone(),
+        };
+        self.description.formulas.iter().map(formula).collect()
+    }
+
+    /// Returns the robot with this number of actions.
+    pub(crate) fn compiled(&self, actions: usize) -> Result<Robot, RobotError> {
+        self.robot(actions).map_err(|problem| self.at(problem))
+    }
+
+    /// Returns the error of a problem, with its line in the file.
+    pub(crate) fn at(&self, problem: Problem) -> RobotError {
+        problem.at(&self.path, &self.text)
+    }
+
+    /// Returns the path of the file.
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+
+    /// Returns all axes of the environment and of these disturbances, and the named spaces.
+    pub(crate) fn axes_and_spaces(
+        &self,
+        environment: &[(Axis, Parameter)],
+        disturbances: &[Disturbance],
+    ) -> Result<(Vec<Axis>, Vec<Space>), RobotError> {
+        let axes = environment.iter().map(|(axis, _)| axis).chain(disturbances.iter().map(|d| &d.axis));
+        Ok((axes.cloned().collect(), self.spaces(environment, disturbances)?))
+    }
+
+    /// Returns the identity of this robot as a target, with a controller of this hash and noise.
+    pub fn identity(&self, controller_hash: &str, noise: Noise) -> Identity {
+        let content = format!("{}\n{}\n{controller_hash}\n{noise:?}", self.text_hash, self.model.hash);
+        Identity::new(KIND, &self.description.name, &content)
+    }
+
     /// Returns the target of this robot with a controller.
     ///
     /// # Errors
@@ -169,21 +212,12 @@ impl RobotFile {
         (controller, component): (Arc<dyn Controller>, Component),
         noise: Noise,
     ) -> Result<Target, RobotError> {
-        let text =
-            String::from_utf8_lossy(&read_bounded(&self.path, limits::PLAN).unwrap_or_default()).into_owned();
-        let robot = self.robot(controller.action_size()).map_err(|problem| problem.at(&self.path, &text))?;
-        let robot = Arc::new(robot);
-        let disturbances = self.disturbances(robot.action_size);
-        let environment_axes = robot.axes.iter().map(|(axis, _)| axis);
-        let axes: Vec<Axis> = environment_axes.chain(disturbances.iter().map(|d| &d.axis)).cloned().collect();
+        let robot = Arc::new(self.compiled(controller.action_size())?);
+        let disturbances = self.disturbances_of(robot.action_size);
+        let (axes, spaces) = self.axes_and_spaces(&robot.axes, &disturbances)?;
         let random = disturbances.iter().filter(|d| d.effect.is_random()).map(|d| d.axis.name.clone());
         let signal =
             |named: &Named<Quantity>| Signal { name: named.key.name.clone(), unit: named.value.unit.clone() };
-        let formula = |named: &Named<document::Text>| NamedFormula {
-            name: named.key.name.clone(),
-            text: named.value.text.clone(),
-        };
-        let content = format!("{}\n{}\n{}\n{:?}", self.text_hash, self.model.hash, component.hash, noise);
         let component_of = |role: &str, name: String, hash: &str| Component {
             role: role.to_string(),
             name,
@@ -192,17 +226,17 @@ impl RobotFile {
         };
         let file_name = |path: &Path| path.file_name().unwrap_or_default().to_string_lossy().into_owned();
         let target = Target {
-            identity: Identity::new(KIND, &self.description.name, &content),
+            identity: self.identity(&component.hash, noise),
             components: vec![
                 component,
                 component_of("target file", file_name(&self.path), &self.text_hash),
                 component_of("model", file_name(&self.model.file), &self.model.hash),
             ],
-            spaces: self.spaces(&robot.axes, &disturbances)?,
+            spaces,
             axes,
             signals: self.description.signals.iter().map(signal).collect(),
             signals_on_request: Vec::new(),
-            formulas: self.description.formulas.iter().map(formula).collect(),
+            formulas: self.formulas(),
             control_dt: robot.control_dt,
             episode_steps: robot.episode_steps,
             is_deterministic: true,
@@ -225,7 +259,7 @@ impl RobotFile {
             };
             check().map_err(|message| {
                 let message = format!("the formula `{}`: {message}", named.key.name);
-                Problem::new(&named.value.span, message).at(&self.path, &text)
+                self.at(Problem::new(&named.value.span, message))
             })?;
         }
         let first = target.formulas.first().map(|formula| formula.text.clone()).unwrap_or_default();
@@ -237,7 +271,7 @@ impl RobotFile {
 
     /// Returns the delays, errors of sensors and faults that every robot has. An axis of the file
     /// with the same effect replaces them.
-    fn disturbances(&self, actions: usize) -> Vec<Disturbance> {
+    pub(crate) fn disturbances_of(&self, actions: usize) -> Vec<Disturbance> {
         let own = self.axes.disturbances.clone();
         let taken: Vec<&str> = self.description.axes.iter().map(|axis| axis.key.name.as_str()).collect();
         let is_new = |disturbance: &Disturbance| {
@@ -289,7 +323,7 @@ impl RobotFile {
 
     fn spaces(
         &self,
-        environment: &[(Axis, crate::axes::Parameter)],
+        environment: &[(Axis, Parameter)],
         disturbances: &[Disturbance],
     ) -> Result<Vec<Space>, RobotError> {
         let own: Vec<Axis> =
@@ -355,13 +389,14 @@ impl RobotFile {
     fn robot(&self, actions: usize) -> Result<Robot, Problem> {
         let description = &self.description;
         let model = &self.model.physics;
-        let library = |actions| Library {
+        let library = |actions, signals| Library {
             model,
             constants: &description.constants,
             parameters: &self.parameters,
             actions,
+            signals,
         };
-        let (before, during) = (library(None), library(Some(actions)));
+        let (before, during) = (library(None, &[]), library(Some(actions), &description.signals));
         let timestep = model.timestep();
         let control = &description.control;
         let (model, substeps) = match control.substeps {
@@ -419,6 +454,11 @@ impl RobotFile {
                 return Err(Problem::new(&named.value.text.span, "a reward term is one number"));
             }
         }
+        for named in &description.ends {
+            if sample.add(&named.value)? != 1 {
+                return Err(Problem::new(&named.value.text.span, "a condition of [ends] is one number"));
+            }
+        }
         let (start, command) = (start.finish(), command.finish());
         if start.reads_forces() || start.reads_poses() {
             return Err(Problem::new(
@@ -461,6 +501,7 @@ impl RobotFile {
             signals: description.signals.iter().map(|named| named.key.name.clone()).collect(),
             signal_clips: description.signals.iter().map(|named| named.value.clip).collect(),
             reward_terms: description.rewards.iter().map(|named| named.key.name.clone()).collect(),
+            ends: description.ends.len(),
             observation_size: self.observation_size,
             action_size: actions,
             action_limit: description.policy.limit,
@@ -587,10 +628,7 @@ fn factory(
     disturbances: Vec<Disturbance>,
 ) -> Arc<SystemFactory> {
     Arc::new(move |space: &Space, specification: &Specification| {
-        let is_own = |axis: &&Axis| robot.axes.iter().any(|(own, _)| own.name == axis.name);
-        let own: Vec<Axis> = space.axes().iter().filter(is_own).cloned().collect();
-        let environment = RobotEnvironment::new(robot.clone(), Space::new(space.name(), own)?)?;
-        let environment: Arc<dyn Environment> = Arc::new(environment);
+        let environment: Arc<dyn Environment> = Arc::new(RobotEnvironment::over(robot.clone(), space)?);
         let system = Rollout::new(environment, controller.clone(), specification.clone(), noise)?
             .with_disturbances(space.clone(), &disturbances)?;
         Ok(Box::new(system) as Box<dyn System>)
