@@ -126,8 +126,12 @@ fn check_target(
     if found.name == target.name() && is_present()? {
         return Ok(());
     }
-    let (expected, found) = (target.name().to_string(), found.name.clone());
-    Err(MishandleError::ArchiveOfOtherTarget { path: path.to_path_buf(), expected, found })
+    Err(MishandleError::ArchiveOfOtherTarget {
+        path: path.to_path_buf(),
+        expected: target.name().to_string(),
+        found: found.name.clone(),
+        target: target.given(),
+    })
 }
 
 /// Returns the scenario of a counterexample with the values in the order of the space's axes.

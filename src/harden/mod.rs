@@ -29,8 +29,8 @@ use mishandle_text::path_text;
 use mishandle_training::AlgorithmSettings;
 
 use crate::error::MishandleError;
-use crate::plan::{CPU, EvaluatePlan, GPU, HardenPlan, Plan};
-use crate::resolve::{ResolvedPlan, STARTS, training_target};
+use crate::plan::{EvaluatePlan, GPU, HardenPlan, Plan};
+use crate::resolve::{ResolvedPlan, STARTS, TrainingTarget, default_reward, training_target};
 use crate::run::{Device, Opening};
 use decision::decide;
 pub use examples::{ExampleSimulation, ExampleSource, ModeExample, ModeExamples};
@@ -137,8 +137,10 @@ impl CheckedHardening<'_> {
     pub fn new(plan: &Plan) -> Result<CheckedHardening<'_>, MishandleError> {
         let table = plan.harden.as_ref().ok_or(MishandleError::MissingPlanTable { table: "harden" })?;
         table.check()?;
-        let before = start(plan)?;
+        let target = target(plan, table)?;
+        let before = target.start_controller(&plan.controller)?;
         let settings = given_settings(table, &before)?;
+        target.scene(default_reward(&plan.target), &settings)?;
         check(&with_space(plan, plan.controller.clone())?, table, &settings)?;
         Ok(CheckedHardening { plan, table, before, settings })
     }
@@ -185,8 +187,8 @@ pub fn final_runs(folder: &Path) -> Vec<PathBuf> {
 /// If the folder contains no hardening, or one with other settings.
 pub fn check_plan(folder: &Path, plan: &Plan) -> Result<(), MishandleError> {
     let (_, recorded) = Folder::open(folder)?;
-    let [recorded, given] = [&recorded, plan]
-        .map(|plan| toml::Table::try_from(plan.with_absolute_target()).unwrap_or_default());
+    let [recorded, given] =
+        [&recorded, plan].map(|plan| toml::Table::try_from(plan.with_absolute_target()).unwrap_or_default());
     let differences = differences(&recorded, &given);
     if differences.is_empty() { Ok(()) } else { Err(MishandleError::OtherSettings { differences }) }
 }
@@ -247,12 +249,13 @@ pub fn resume(
     watch: Watch<'_>,
 ) -> Result<Option<Hardening>, MishandleError> {
     let (folder, plan) = Folder::resume(folder, opening)?;
-    let plan = with_space(&plan, path_text(&folder.before()))?;
-    let table = plan.harden.as_ref().ok_or(MishandleError::MissingPlanTable { table: "harden" })?;
     if let Some(found) = folder.result()? {
         return Ok(Some(found));
     }
-    check_device(table, gpu)?;
+    let missing = || MishandleError::MissingPlanTable { table: "harden" };
+    check_device(plan.harden.as_ref().ok_or_else(missing)?, gpu)?;
+    let plan = with_space(&plan, path_text(&folder.before()))?;
+    let table = plan.harden.as_ref().ok_or_else(missing)?;
     let settings = settings(&folder.settings(), &ControllerFile::load(&folder.before())?)?;
     let out = accepted_file(&folder.given);
     Hardener { plan: &plan, table, settings: &settings, folder: &folder, gpu }.run(&out, watch)
@@ -266,16 +269,15 @@ fn check_device(table: &HardenPlan, gpu: Option<&Device>) -> Result<(), Mishandl
     }
 }
 
-/// Returns the controller of a plan, which can be trained. Looks up the names of the plan.
-fn start(plan: &Plan) -> Result<ControllerFile, MishandleError> {
+/// Returns the target of a plan as one of training. Looks up the names of the plan.
+fn target(plan: &Plan, table: &HardenPlan) -> Result<Box<dyn TrainingTarget>, MishandleError> {
     let resolved = ResolvedPlan::new(&evaluation(plan))?;
     if resolved.target.spaces.iter().all(|space| space.name() != STARTS) {
         let (what, value) = ("the target of a hardening", plan.target.clone());
         let expected = "one with an axis of the kind start: each round measures success from random starts";
         return Err(MishandleError::InvalidValue { what, value, expected });
     }
-    let device = plan.harden.as_ref().map_or(CPU, |table| &table.device);
-    training_target(&plan.target, device)?.start_controller(&plan.controller)
+    training_target(&plan.target, &table.device)
 }
 
 /// Returns a plan with the names of a hardening's plan, which can be resolved.

@@ -9,6 +9,7 @@ use mishandle_files::{limits, read_bounded};
 use mishandle_interchange::OnnxPolicy;
 use mishandle_robots::{RobotBatches, RobotEnvironment, RobotFile, RobotPolicy, RobotTraining};
 use mishandle_rollout::{Component, Controller, Identity, Space, Specification, Target};
+use mishandle_text::path_text;
 use mishandle_training::{AlgorithmSettings, RewardSettings};
 
 use crate::error::MishandleError;
@@ -159,6 +160,10 @@ impl RobotToTrain {
 impl TrainingTarget for RobotToTrain {
     fn name(&self) -> &str {
         self.file.name()
+    }
+
+    fn given(&self) -> String {
+        path_text(self.file.path())
     }
 
     fn layout(&self) -> Layout {

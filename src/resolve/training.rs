@@ -24,6 +24,9 @@ pub trait TrainingTarget {
     /// Returns its name in controller files.
     fn name(&self) -> &str;
 
+    /// Returns its name on the command line.
+    fn given(&self) -> String;
+
     /// Returns the layout of observations and actions.
     fn layout(&self) -> Layout;
 
@@ -169,6 +172,10 @@ struct TaskToTrain(&'static dyn Task);
 impl TrainingTarget for TaskToTrain {
     fn name(&self) -> &str {
         self.0.definition().name
+    }
+
+    fn given(&self) -> String {
+        self.name().to_string()
     }
 
     fn layout(&self) -> Layout {

@@ -32,11 +32,11 @@ use plan::with_suffix;
 use recorder::TrainingRecorder;
 
 pub use crate::error::CurveProblem;
+pub use crate::resolve::{default_reward, reward};
 pub use curve::{Curve, CurveRow, NoTrainingTime};
 pub use facts::{TrainingFacts, training_facts};
 pub use plan::{TrainPlan, default_out};
 pub use result::controller_result;
-pub use crate::resolve::{default_reward, reward};
 
 /// Total steps per step in which only the critic learns, if training starts from a controller and
 /// the user gives no settings.

@@ -5,8 +5,7 @@ use std::path::Path;
 use csv::{ReaderBuilder, StringRecord};
 use mishandle_files::{limits, read_text_bounded};
 use mishandle_rollout::{
-    Axis, AxisKind, AxisSet, AxisValues, RolloutError, Scenario, Space, TrainingScenarios,
-    named_space,
+    Axis, AxisKind, AxisSet, AxisValues, RolloutError, Scenario, Space, TrainingScenarios, named_space,
 };
 use mishandle_training::{AlgorithmSettings, AxisSetting, SpaceSetting};
 
