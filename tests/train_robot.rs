@@ -10,14 +10,17 @@ use std::path::{Path, PathBuf};
 use mishandle::controllers::ControllerFile;
 use mishandle::harden::{finished, harden, harden_folder};
 use mishandle::plan::{AxisSetting, EvaluatePlan, HardenPlan};
-use mishandle::resolve::ResolvedPlan;
+use mishandle::resolve::{ResolvedPlan, robot_file};
 use mishandle::results;
+use mishandle::rollout::Seed;
 use mishandle::run::{Engine, ask, create_run};
 use mishandle::train::{
     Curve, TrainObserver, TrainPlan, TrainReport, default_out, default_reward, train, training_facts,
     uses_default_settings,
 };
-use mishandle::training::{ALGORITHMS, TrainingControl, TrainingProgress};
+use mishandle::training::{
+    ALGORITHMS, EpisodeSettings, Episodes, ScenarioSettings, TrainingControl, TrainingProgress,
+};
 use mishandle::{MishandleError, Plan};
 
 use silent::Silent;
@@ -166,6 +169,23 @@ fn the_hash_covers_the_file_and_the_model() {
     assert_ne!(known, hash(same, &MODEL.replace("mass=\"1\"", "mass=\"2\"")));
 }
 
+#[test]
+fn training_clips_actions_to_the_limit_of_the_file() {
+    for limit in [0.25, 2.0] {
+        let folder = tempfile::tempdir().unwrap();
+        let change = |text: String| {
+            text.replace("limit = 1", &format!("limit = {limit}")).replace("1 - angle ** 2", "action[0]")
+        };
+        let plan = plan(folder.path(), change, PPO);
+        let environment = robot_file(&Plan::new(&plan.task, "")).unwrap().training().unwrap().environment;
+        let settings = EpisodeSettings { environments: 3, ..EpisodeSettings::default() };
+        let mut episodes =
+            Episodes::new(&environment, &settings, &ScenarioSettings::default(), Seed(1)).unwrap();
+        episodes.step(&[3.0, -3.0, 0.125]).unwrap();
+        assert_eq!(episodes.rewards(), [limit, -limit, 0.125]);
+    }
+}
+
 /// Settings of a training run of few steps.
 fn few(algorithm: &str) -> String {
     let own = match algorithm {
@@ -176,7 +196,7 @@ fn few(algorithm: &str) -> String {
     format!(
         "{own}
         policy.hidden = [8]
-        critic.hidden = [8]
+        critic = {{ hidden = [8], sees_scenario = true }}
         episodes.environments = 8
         run = {{ total_steps = 512, validation_episodes = 4, validation_interval = 2 }}
         [scenarios]
@@ -309,9 +329,9 @@ fn a_robot_without_random_starts_trains_on_its_other_axes() {
     plan = other(&plan);
     plan.settings = None;
     (plan.steps, plan.algorithm) = (Some(1), "trpo".to_string());
-    plan.axes.insert("pole".to_string(), AxisSetting::Value(2.0));
+    plan.axes.insert("pole".to_string(), AxisSetting::Range([1.0, 2.0]));
     let settings = training_facts(&plan, None).unwrap().settings;
-    assert_eq!(settings.scenarios().axes["pole"], AxisSetting::Value(2.0));
+    assert_eq!(settings.scenarios().axes["pole"], AxisSetting::Range([1.0, 2.0]));
     // A hardening measures success from random starts.
     let given = ControllerFile::load(&folder.path().join("c.safetensors")).unwrap();
     assert_eq!(given.header.task, "cartpole");
