@@ -109,8 +109,8 @@ fn read(
     Ok(found)
 }
 
-/// Checks that a file is of this target, in its present version. `plan` and `components` are those of
-/// the file.
+/// Checks that a file is of this target, in its present version. `plan` and `components` are those
+/// of the file.
 fn check_target(
     path: &Path,
     plan: &Plan,

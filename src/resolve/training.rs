@@ -1,4 +1,4 @@
-//! What training needs of its target: a task and a robot that a file describes both give it.
+//! Targets of training: a task, and a robot that a file describes, give the same parts.
 
 use std::sync::Arc;
 

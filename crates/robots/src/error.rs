@@ -38,7 +38,7 @@ pub enum RobotError {
     Untrainable {
         /// The file.
         path: PathBuf,
-        /// What is missing, and how to add it.
+        /// Missing part, and how to add it.
         message: String,
     },
     /// The target is inconsistent.

@@ -1,4 +1,4 @@
-//! What training needs of a robot: environment, disturbances, formulas and a hash.
+//! Robots as targets of training: environment, disturbances, formulas and a hash.
 
 use std::sync::Arc;
 
