@@ -17,6 +17,7 @@ mod robot;
 pub(crate) mod search;
 mod subject;
 mod task;
+mod training;
 
 use mishandle_falsification::FalsificationSettings;
 use mishandle_random::Seed;
@@ -43,6 +44,10 @@ pub use robot::{is_robot_file, robot_file};
 pub use search::search_entry;
 pub use subject::{axis_facts, named_scenario};
 pub use task::{preset, task, task_target};
+pub(crate) use training::STARTS;
+pub use training::{
+    TrainingEnvironment, TrainingScene, TrainingTarget, default_reward, reward, training_target,
+};
 
 /// Returns the target of a plan.
 ///

@@ -213,6 +213,8 @@ pub(crate) struct Description {
     pub observation: Vec<Named<Quantity>>,
     pub signals: Vec<Named<Quantity>>,
     pub rewards: Vec<Named<Expression>>,
+    /// Conditions under which a training episode ends.
+    pub ends: Vec<Named<Expression>>,
     pub axes: Vec<Named<AxisTable>>,
     pub formulas: Vec<Named<Text>>,
     /// Names of axes for each space.
@@ -250,7 +252,8 @@ impl Description {
             policy: policy(fields.need("policy")?.table("policy")?)?,
             observation: named(fields.entries("observation")?, quantity)?,
             signals: named(fields.entries("signals")?, quantity)?,
-            rewards: named(fields.entries("rewards")?, |key, item| Expression::new(item.text(&key.name)?))?,
+            rewards: named(fields.entries("rewards")?, expression)?,
+            ends: named(fields.entries("ends")?, expression)?,
             axes: named(fields.entries("axes")?, axis)?,
             formulas: named(fields.entries("formulas")?, |key, item| item.text(&key.name))?,
             spaces: named(fields.entries("spaces")?, |key, item| item.texts(&key.name))?,
@@ -278,6 +281,10 @@ fn named<T>(
 ) -> Result<Vec<Named<T>>, Problem> {
     let one = |(key, item): &(Key, Item)| Ok(Named { key: key.clone(), value: read(key, item)? });
     entries.iter().map(one).collect()
+}
+
+fn expression(key: &Key, item: &Item) -> Result<Expression, Problem> {
+    Expression::new(item.text(&key.name)?)
 }
 
 fn constant(key: &Key, item: &Item) -> Result<Constant, Problem> {
@@ -324,7 +331,6 @@ struct Starts {
 fn start(item: Option<&Item>) -> Result<Starts, Problem> {
     let mut starts = Starts::default();
     let Some(item) = item else { return Ok(starts) };
-    let expression = |key: &Key, item: &Item| Expression::new(item.text(&key.name)?);
     for (key, item) in &item.table("start")?.entries {
         match key.name.as_str() {
             "keyframe" => starts.keyframe = Some(item.text("keyframe")?),

@@ -44,7 +44,7 @@ pub(crate) struct Robot {
     pub measured: Phase,
     /// Reduction and index among the signals of each.
     pub reductions: Vec<(Over, usize)>,
-    /// Parts of the observation, then the other signals, then the rewards.
+    /// Parts of the observation, then the other signals, then the rewards, then the ends.
     pub sample: Phase,
     /// First entry and size of each part of the observation.
     pub parts: Vec<(usize, usize)>,
@@ -55,6 +55,8 @@ pub(crate) struct Robot {
     pub signals: Arc<[String]>,
     pub signal_clips: Vec<Option<[f64; 2]>>,
     pub reward_terms: Vec<String>,
+    /// Number of conditions that end a training episode.
+    pub ends: usize,
     pub observation_size: usize,
     pub action_size: usize,
     pub action_limit: f64,
@@ -80,16 +82,25 @@ pub struct RobotEnvironment {
 }
 
 impl RobotEnvironment {
-    pub(crate) fn new(robot: Arc<Robot>, space: Space) -> Result<RobotEnvironment, RolloutError> {
+    /// Makes the environment over the axes of `space` that belong to the robot.
+    pub(crate) fn over(robot: Arc<Robot>, space: &Space) -> Result<RobotEnvironment, RolloutError> {
         let parameter = |axis: &Axis| {
             let found = robot.axes.iter().find(|(known, _)| known.name == axis.name);
-            found.map(|(_, parameter)| *parameter).ok_or_else(|| RolloutError::Axis {
-                axis: axis.name.clone(),
-                what: "the robot has no such axis",
-            })
+            Some((axis.clone(), found?.1))
         };
-        let parameters = space.axes().iter().map(parameter).collect::<Result<_, _>>()?;
-        Ok(RobotEnvironment { robot, space, parameters })
+        let own = space.axes().iter().filter_map(parameter);
+        let (axes, parameters): (Vec<Axis>, Vec<Parameter>) = own.unzip();
+        let space = Space::new(space.name(), axes)?;
+        Ok(RobotEnvironment { robot, space, parameters: parameters.into() })
+    }
+
+    /// Returns the environment over the axes of `space` that belong to it. The others belong to
+    /// disturbances.
+    ///
+    /// # Errors
+    /// If two axes have the same name.
+    pub fn with_own_axes(&self, space: &Space) -> Result<RobotEnvironment, RolloutError> {
+        RobotEnvironment::over(self.robot.clone(), space)
     }
 
     /// Returns the compiled model.
@@ -290,6 +301,13 @@ impl RobotWorker {
         }
     }
 
+    /// Returns whether a condition of the last sample ends a training episode.
+    fn has_ended(&self) -> bool {
+        let robot = &*self.robot;
+        let first = robot.parts.len() + robot.plain_signals.len() + robot.reward_terms.len();
+        (first..first + robot.ends).any(|index| robot.sample.value(&self.sample, index)[0] != 0.0)
+    }
+
     /// Evaluates the signals with a reduction after a physics step; `count` is the number of steps
     /// before.
     fn measure(&mut self, time: f64, (values, memory, action): (&[f64], &[f64], &[f64]), count: usize) {
@@ -456,7 +474,7 @@ impl RobotWorker {
         *step += 1.0;
         self.write_sample(tail, &mut sample);
         self.write_reduced(robot.substeps, &mut sample);
-        StepStatus::Running
+        if self.has_ended() { StepStatus::Terminated } else { StepStatus::Running }
     }
 }
 

@@ -33,6 +33,14 @@ pub enum RobotError {
         /// Problem.
         message: String,
     },
+    /// The file lacks what training needs.
+    #[error("{} cannot be trained: {message}", path.display())]
+    Untrainable {
+        /// The file.
+        path: PathBuf,
+        /// Missing part, and how to add it.
+        message: String,
+    },
     /// The target is inconsistent.
     #[error(transparent)]
     Target(#[from] mishandle_rollout::RolloutError),

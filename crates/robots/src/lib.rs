@@ -4,8 +4,8 @@
 //! [`RobotFile::read`] reads and checks a file; [`RobotFile::target`] makes a
 //! [`Target`](mishandle_rollout::Target) of it and a controller. `document` is the tree of the
 //! text, `description` what it says, `library` the names that its expressions may use, `phase` the
-//! expressions that are evaluated together, and `environment` the simulation, which runs in the
-//! same engine as every task.
+//! expressions that are evaluated together, `environment` the simulation, which runs in the
+//! same engine as every task, and `training` what a training run needs.
 
 mod axes;
 mod description;
@@ -20,9 +20,11 @@ mod policy;
 mod quantity;
 mod target;
 mod task_space;
+mod training;
 
 pub use environment::RobotEnvironment;
 pub use error::RobotError;
 pub use library::{QUANTITY_FUNCTIONS, QuantityFunction};
 pub use mishandle_expression::functions;
 pub use target::{KIND, RobotFile, RobotPolicy};
+pub use training::{RobotBatches, RobotTraining};

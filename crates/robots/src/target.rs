@@ -12,7 +12,7 @@ use mishandle_rollout::{
 };
 use mishandle_world::{ElementKind, Joint, Mocap, Model, Servo};
 
-use crate::axes::{Axes, ObservedPart, parameter_names};
+use crate::axes::{Axes, ObservedPart, Parameter, parameter_names};
 use crate::description::AxisEffect;
 use crate::description::{Description, Named, PolicySource, Quantity};
 use crate::document;
@@ -47,10 +47,11 @@ pub enum RobotPolicy {
 /// A robot that a file describes.
 pub struct RobotFile {
     path: PathBuf,
+    text: String,
     /// Hash of the text of the file.
-    text_hash: String,
-    model: RobotModel,
-    description: Description,
+    pub(crate) text_hash: String,
+    pub(crate) model: RobotModel,
+    pub(crate) description: Description,
     axes: Axes,
     parts: Vec<ObservedPart>,
     policy: RobotPolicy,
@@ -93,6 +94,7 @@ impl RobotFile {
             parameters: &parameters,
             memory,
             actions,
+            signals: &[],
         };
         let memory = remembered_parts(&description, &library(&[], None)).map_err(problem)?;
         let library = library(&memory, Some(actions));
@@ -121,6 +123,7 @@ impl RobotFile {
         let text_hash = Identity::new(KIND, "", text).hash;
         let file = RobotFile {
             path: path.to_path_buf(),
+            text: text.to_string(),
             text_hash,
             model,
             description,
@@ -173,6 +176,46 @@ impl RobotFile {
         self.model.physics.actuators()
     }
 
+    /// Returns the formulas of the file.
+    pub(crate) fn formulas(&self) -> Vec<NamedFormula> {
+        let formula = |named: &Named<document::Text>| NamedFormula {
+            name: named.key.name.clone(),
+            text: named.value.text.clone(),
+        };
+        self.description.formulas.iter().map(formula).collect()
+    }
+
+    /// Returns the robot with this number of actions.
+    pub(crate) fn compiled(&self, actions: usize) -> Result<Robot, RobotError> {
+        self.robot(actions).map_err(|problem| self.at(problem))
+    }
+
+    /// Returns the error of a problem, with its line in the file.
+    pub(crate) fn at(&self, problem: Problem) -> RobotError {
+        problem.at(&self.path, &self.text)
+    }
+
+    /// Returns the path of the file.
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+
+    /// Returns all axes of the environment and of these disturbances, and the named spaces.
+    pub(crate) fn axes_and_spaces(
+        &self,
+        environment: &[(Axis, Parameter)],
+        disturbances: &[Disturbance],
+    ) -> Result<(Vec<Axis>, Vec<Space>), RobotError> {
+        let axes = environment.iter().map(|(axis, _)| axis).chain(disturbances.iter().map(|d| &d.axis));
+        Ok((distinct(axes), self.spaces(environment, disturbances)?))
+    }
+
+    /// Returns the identity of this robot as a target, with a controller of this hash and noise.
+    pub fn identity(&self, controller_hash: &str, noise: Noise) -> Identity {
+        let content = format!("{}\n{}\n{controller_hash}\n{noise:?}", self.text_hash, self.model.hash);
+        Identity::new(KIND, &self.description.name, &content)
+    }
+
     /// Returns the target of this robot with a controller.
     ///
     /// # Errors
@@ -182,21 +225,12 @@ impl RobotFile {
         (controller, component): (Arc<dyn Controller>, Component),
         noise: Noise,
     ) -> Result<Target, RobotError> {
-        let text =
-            String::from_utf8_lossy(&read_bounded(&self.path, limits::PLAN).unwrap_or_default()).into_owned();
-        let robot = self.robot(controller.action_size()).map_err(|problem| problem.at(&self.path, &text))?;
-        let robot = Arc::new(robot);
-        let disturbances = self.disturbances(robot.action_size);
-        let environment_axes = robot.axes.iter().map(|(axis, _)| axis);
-        let axes = distinct(environment_axes.chain(disturbances.iter().map(|d| &d.axis)));
+        let robot = Arc::new(self.compiled(controller.action_size())?);
+        let disturbances = self.disturbances_of(robot.action_size);
+        let (axes, spaces) = self.axes_and_spaces(&robot.axes, &disturbances)?;
         let random = disturbances.iter().filter(|d| d.effect.is_random()).map(|d| d.axis.name.clone());
         let signal =
             |named: &Named<Quantity>| Signal { name: named.key.name.clone(), unit: named.value.unit.clone() };
-        let formula = |named: &Named<document::Text>| NamedFormula {
-            name: named.key.name.clone(),
-            text: named.value.text.clone(),
-        };
-        let content = format!("{}\n{}\n{}\n{:?}", self.text_hash, self.model.hash, component.hash, noise);
         let component_of = |role: &str, name: String, hash: &str| Component {
             role: role.to_string(),
             name,
@@ -205,17 +239,17 @@ impl RobotFile {
         };
         let file_name = |path: &Path| path.file_name().unwrap_or_default().to_string_lossy().into_owned();
         let target = Target {
-            identity: Identity::new(KIND, &self.description.name, &content),
+            identity: self.identity(&component.hash, noise),
             components: vec![
                 component,
                 component_of("target file", file_name(&self.path), &self.text_hash),
                 component_of("model", file_name(&self.model.file), &self.model.hash),
             ],
-            spaces: self.spaces(&robot.axes, &disturbances)?,
+            spaces,
             axes,
             signals: self.description.signals.iter().map(signal).collect(),
             signals_on_request: Vec::new(),
-            formulas: self.description.formulas.iter().map(formula).collect(),
+            formulas: self.formulas(),
             control_dt: robot.control_dt,
             episode_steps: robot.episode_steps,
             is_deterministic: true,
@@ -238,7 +272,7 @@ impl RobotFile {
             };
             check().map_err(|message| {
                 let message = format!("the formula `{}`: {message}", named.key.name);
-                Problem::new(&named.value.span, message).at(&self.path, &text)
+                self.at(Problem::new(&named.value.span, message))
             })?;
         }
         let first = target.formulas.first().map(|formula| formula.text.clone()).unwrap_or_default();
@@ -250,7 +284,7 @@ impl RobotFile {
 
     /// Returns the delays, errors of sensors and faults that every robot has. An axis of the file
     /// with the same effect replaces them.
-    fn disturbances(&self, actions: usize) -> Vec<Disturbance> {
+    pub(crate) fn disturbances_of(&self, actions: usize) -> Vec<Disturbance> {
         let own = self.axes.disturbances.clone();
         let taken: Vec<&str> = self.description.axes.iter().map(|axis| axis.key.name.as_str()).collect();
         let is_new = |disturbance: &Disturbance| {
@@ -346,7 +380,7 @@ impl RobotFile {
 
     fn spaces(
         &self,
-        environment: &[(Axis, crate::axes::Parameter)],
+        environment: &[(Axis, Parameter)],
         disturbances: &[Disturbance],
     ) -> Result<Vec<Space>, RobotError> {
         let own: Vec<Axis> =
@@ -412,14 +446,16 @@ impl RobotFile {
     fn robot(&self, actions: usize) -> Result<Robot, Problem> {
         let description = &self.description;
         let model = &self.model.physics;
-        let library = |memory, actions| Library {
+        let library = |memory, actions, signals| Library {
             model,
             constants: &description.constants,
             parameters: &self.parameters,
             memory,
             actions,
+            signals,
         };
-        let (before, during) = (library(&[], None), library(self.memory.as_slice(), Some(actions)));
+        let (before, during) =
+            (library(&[], None, &[]), library(self.memory.as_slice(), Some(actions), &description.signals));
         let timestep = model.timestep();
         let control = &description.control;
         let (model, substeps) = match control.substeps {
@@ -493,6 +529,11 @@ impl RobotFile {
                 return Err(Problem::new(&named.value.text.span, "a reward term is one number"));
             }
         }
+        for named in &description.ends {
+            if sample.add(&named.value)? != 1 {
+                return Err(Problem::new(&named.value.text.span, "a condition of [ends] is one number"));
+            }
+        }
         let (start, command) = (start.finish(), command.finish());
         if start.reads_forces() || start.reads_poses() {
             return Err(Problem::new(
@@ -536,6 +577,7 @@ impl RobotFile {
             signals: description.signals.iter().map(|named| named.key.name.clone()).collect(),
             signal_clips: description.signals.iter().map(|named| named.value.clip).collect(),
             reward_terms: description.rewards.iter().map(|named| named.key.name.clone()).collect(),
+            ends: description.ends.len(),
             observation_size: self.observation_size,
             action_size: actions,
             action_limit: description.policy.limit,
@@ -763,10 +805,7 @@ fn factory(
     disturbances: Vec<Disturbance>,
 ) -> Arc<SystemFactory> {
     Arc::new(move |space: &Space, specification: &Specification| {
-        let is_own = |axis: &&Axis| robot.axes.iter().any(|(own, _)| own.name == axis.name);
-        let own: Vec<Axis> = space.axes().iter().filter(is_own).cloned().collect();
-        let environment = RobotEnvironment::new(robot.clone(), Space::new(space.name(), own)?)?;
-        let environment: Arc<dyn Environment> = Arc::new(environment);
+        let environment: Arc<dyn Environment> = Arc::new(RobotEnvironment::over(robot.clone(), space)?);
         let system = Rollout::new(environment, controller.clone(), specification.clone(), noise)?
             .with_disturbances(space.clone(), &disturbances)?;
         Ok(Box::new(system) as Box<dyn System>)
