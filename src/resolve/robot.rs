@@ -6,7 +6,7 @@ use std::sync::Arc;
 use mishandle_controllers::{ControllerFile, bytes_hash};
 use mishandle_files::{limits, read_bounded};
 use mishandle_interchange::OnnxPolicy;
-use mishandle_robots::{RobotFile, RobotPolicy};
+use mishandle_robots::{ControlledRobot, RobotFile, RobotPolicy};
 use mishandle_rollout::{Component, Controller, Noise, Target};
 
 use crate::error::MishandleError;
@@ -32,15 +32,29 @@ pub(crate) fn robot_target(plan: &Plan) -> Result<Target, MishandleError> {
         let option = "a task preset other than `paper`";
         return Err(MishandleError::UnsupportedOption { target: plan.target.clone(), option });
     }
+    let (robot, controller, noise) = parts(plan)?;
+    Ok(robot.target(controller, noise)?)
+}
+
+/// As [`robot_target`], for recordings of its states.
+pub(crate) fn controlled_robot(plan: &Plan) -> Result<ControlledRobot, MishandleError> {
+    let (robot, (controller, _), noise) = parts(plan)?;
+    Ok(robot.controlled(controller, noise)?)
+}
+
+/// A controller, and its identity.
+type Identified = (Arc<dyn Controller>, Component);
+
+fn parts(plan: &Plan) -> Result<(RobotFile, Identified, Noise), MishandleError> {
     let robot = robot_file(plan)?;
     let noise = Noise { action_std: plan.action_noise, observation_std: plan.observation_noise };
     noise.check()?;
     let controller = controller(&robot, plan)?;
-    Ok(robot.target(controller, noise)?)
+    Ok((robot, controller, noise))
 }
 
 /// Loads the controller of a plan, or the one that the file names.
-fn controller(robot: &RobotFile, plan: &Plan) -> Result<(Arc<dyn Controller>, Component), MishandleError> {
+fn controller(robot: &RobotFile, plan: &Plan) -> Result<Identified, MishandleError> {
     if !plan.controller.is_empty() {
         return of_file(robot, Path::new(&plan.controller), plan.stochastic);
     }
@@ -73,11 +87,7 @@ fn not_stochastic(what: &str) -> MishandleError {
     }
 }
 
-fn of_file(
-    robot: &RobotFile,
-    path: &Path,
-    stochastic: bool,
-) -> Result<(Arc<dyn Controller>, Component), MishandleError> {
+fn of_file(robot: &RobotFile, path: &Path, stochastic: bool) -> Result<Identified, MishandleError> {
     let component = |hash: String, file_hash: String| Component {
         role: "controller".to_string(),
         name: controller_name(&path.to_string_lossy()),

@@ -8,6 +8,7 @@
 //! same engine as every task.
 
 mod axes;
+mod controlled;
 mod description;
 mod document;
 mod environment;
@@ -20,6 +21,7 @@ mod policy;
 mod quantity;
 mod target;
 
+pub use controlled::ControlledRobot;
 pub use environment::RobotEnvironment;
 pub use error::RobotError;
 pub use library::{QUANTITY_FUNCTIONS, QuantityFunction};

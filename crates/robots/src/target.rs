@@ -7,12 +7,13 @@ use mishandle_controllers::{Entry, Layout};
 use mishandle_files::{limits, read_bounded};
 use mishandle_rollout::fault::{Channel, FaultSite, Side};
 use mishandle_rollout::{
-    Axis, AxisKind, Component, Controller, Disturbance, Effect, Environment, Identity, NamedFormula, Noise,
-    Rollout, RolloutError, Signal, Space, Specification, System, SystemFactory, Target, delays,
+    Axis, AxisKind, Component, Controller, Disturbance, Effect, Identity, NamedFormula, Noise, RolloutError,
+    Signal, Space, Specification, Target, delays,
 };
-use mishandle_world::{ElementKind, Model};
+use mishandle_world::{ElementKind, Model, PictureModel};
 
 use crate::axes::{Axes, ObservedPart, parameter_names};
+use crate::controlled::ControlledRobot;
 use crate::description::{Description, Named, PolicySource, Quantity};
 use crate::document;
 use crate::environment::{Robot, RobotEnvironment};
@@ -169,11 +170,9 @@ impl RobotFile {
         (controller, component): (Arc<dyn Controller>, Component),
         noise: Noise,
     ) -> Result<Target, RobotError> {
-        let text =
-            String::from_utf8_lossy(&read_bounded(&self.path, limits::PLAN).unwrap_or_default()).into_owned();
-        let robot = self.robot(controller.action_size()).map_err(|problem| problem.at(&self.path, &text))?;
-        let robot = Arc::new(robot);
-        let disturbances = self.disturbances(robot.action_size);
+        let text = self.text();
+        let controlled = self.controlled(controller, noise)?;
+        let ControlledRobot { robot, disturbances, .. } = &controlled;
         let environment_axes = robot.axes.iter().map(|(axis, _)| axis);
         let axes: Vec<Axis> = environment_axes.chain(disturbances.iter().map(|d| &d.axis)).cloned().collect();
         let random = disturbances.iter().filter(|d| d.effect.is_random()).map(|d| d.axis.name.clone());
@@ -198,7 +197,7 @@ impl RobotFile {
                 component_of("target file", file_name(&self.path), &self.text_hash),
                 component_of("model", file_name(&self.model.file), &self.model.hash),
             ],
-            spaces: self.spaces(&robot.axes, &disturbances)?,
+            spaces: self.spaces(&robot.axes, disturbances)?,
             axes,
             signals: self.description.signals.iter().map(signal).collect(),
             signals_on_request: Vec::new(),
@@ -211,7 +210,7 @@ impl RobotFile {
             random_axes: random.collect(),
             versions: vec![("MuJoCo".to_string(), mishandle_world::mujoco_version())],
             reachable: None,
-            factory: factory(robot, controller, noise, disturbances),
+            factory: controlled.factory(),
         };
         let all = target.space("all")?;
         let names = target.signal_names();
@@ -233,6 +232,47 @@ impl RobotFile {
             .map_err(|source| RolloutError::Parse { formula: first.clone(), source })?;
         target.system(&all, &Specification::from_formulas(&target.formulas, requirement)?)?;
         Ok(target)
+    }
+
+    /// Returns this robot with a controller, in the systems of which states can be recorded.
+    ///
+    /// # Errors
+    /// If an expression does not fit the number of actions of the controller.
+    pub fn controlled(
+        &self,
+        controller: Arc<dyn Controller>,
+        noise: Noise,
+    ) -> Result<ControlledRobot, RobotError> {
+        let robot = self.compiled(controller.action_size())?;
+        let disturbances = self.disturbances(robot.action_size);
+        Ok(ControlledRobot { robot, controller, noise, disturbances })
+    }
+
+    /// Returns the environment over the axes of the start.
+    ///
+    /// # Errors
+    /// As for [`controlled`](Self::controlled).
+    pub fn starts(&self) -> Result<RobotEnvironment, RobotError> {
+        let robot = self.compiled(self.actions())?;
+        let axes = robot.axes.iter().map(|(axis, _)| axis).filter(|axis| axis.kind == AxisKind::Start);
+        let space = Space::new("starts", axes.cloned().collect())?;
+        Ok(RobotEnvironment::new(robot, space)?)
+    }
+
+    /// Returns the model of pictures, with all visual geoms.
+    pub fn picture_model(&self) -> &PictureModel {
+        &self.model.picture
+    }
+
+    fn compiled(&self, actions: usize) -> Result<Arc<Robot>, RobotError> {
+        let robot = self.robot(actions).map_err(|problem| problem.at(&self.path, &self.text()))?;
+        Ok(Arc::new(robot))
+    }
+
+    /// Returns the text of the file, for the lines of messages.
+    fn text(&self) -> String {
+        let bytes = read_bounded(&self.path, limits::PLAN).unwrap_or_default();
+        String::from_utf8_lossy(&bytes).into_owned()
     }
 
     /// Returns the delays, errors of sensors and faults that every robot has. An axis of the file
@@ -578,23 +618,6 @@ fn start_values(
         places.push(indices);
     }
     Ok(places)
-}
-
-fn factory(
-    robot: Arc<Robot>,
-    controller: Arc<dyn Controller>,
-    noise: Noise,
-    disturbances: Vec<Disturbance>,
-) -> Arc<SystemFactory> {
-    Arc::new(move |space: &Space, specification: &Specification| {
-        let is_own = |axis: &&Axis| robot.axes.iter().any(|(own, _)| own.name == axis.name);
-        let own: Vec<Axis> = space.axes().iter().filter(is_own).cloned().collect();
-        let environment = RobotEnvironment::new(robot.clone(), Space::new(space.name(), own)?)?;
-        let environment: Arc<dyn Environment> = Arc::new(environment);
-        let system = Rollout::new(environment, controller.clone(), specification.clone(), noise)?
-            .with_disturbances(space.clone(), &disturbances)?;
-        Ok(Box::new(system) as Box<dyn System>)
-    })
 }
 
 impl RobotFile {

@@ -174,11 +174,10 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
     let (mut renderer, trajectory, event) = match (&command.run, &command.task) {
         (Some(path), _) => recorded(path, command, size)?,
         (None, Some(task)) => {
-            let task = mishandle::resolve::task(task)?;
             let trajectory = mishandle::picture::initial_state(task, command.at.as_deref())?;
             (
                 FrameRenderer::new(
-                    &mishandle::picture::scene_mjcf(task)?,
+                    &mishandle::resolve::picture_model(task)?,
                     size,
                     command.quality(),
                     &command.cameras(),
@@ -241,9 +240,9 @@ fn recorded(
         bail!("{} has no decided simulation; choose one with --trial and --simulation", path.display());
     };
     let (quality, cameras) = (command.quality(), command.cameras());
-    let document = mishandle::picture::scene_mjcf(mishandle::resolve::task(&run.header().target.name)?)?;
+    let model = mishandle::picture::recorded_picture(run.header())?;
     // Fails before the simulation if pictures cannot be drawn.
-    drop(FrameRenderer::new(&document, size, quality, &cameras, None)?);
+    drop(FrameRenderer::new(&model, size, quality, &cameras, None)?);
     let (replayed, trajectory) =
         mishandle::picture::replay_states(&run, trial, simulation, command.controller.as_deref())?;
     run::report_build_differences("made", &replayed.build_differences);
@@ -289,7 +288,7 @@ fn recorded(
     }
     let captions =
         FrameCaptions::new(run.header().control_dt, &run.header().signals, explanation, event.as_ref(), last);
-    let renderer = FrameRenderer::new(&document, size, quality, &cameras, Some(captions))?;
+    let renderer = FrameRenderer::new(&model, size, quality, &cameras, Some(captions))?;
     if !renderer.has_captions() {
         output::message("frames of this size are too small for captions; try --size 320x240");
     }
