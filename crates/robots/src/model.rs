@@ -63,10 +63,7 @@ fn as_mjcf(source: Source) -> Result<Source, String> {
 /// Returns the document with a compiler option that removes geoms that do not collide: the physics
 /// does not need them, and copies of the model are small without their meshes.
 fn without_visuals(document: &str) -> String {
-    match document.rfind("</mujoco>") {
-        Some(end) => format!("{}<compiler discardvisual=\"true\"/>\n{}", &document[..end], &document[end..]),
-        None => document.to_string(),
-    }
+    mishandle_world::with_elements(document, "<compiler discardvisual=\"true\"/>\n")
 }
 
 fn source_hash(source: &Source) -> String {

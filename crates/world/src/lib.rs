@@ -13,6 +13,7 @@
 //! Units are SI, quaternions are (w, x, y, z), vectors and rotations are in the world frame, whose
 //! origin is the base of the robot. This is the only crate with `unsafe` code. It knows no tasks.
 
+#[cfg(feature = "render")]
 mod actuated;
 mod batch;
 mod change;
@@ -41,7 +42,7 @@ pub use batch::{
     BatchBuffers, BatchLayout, BatchSpec, CpuDevice, CpuWorlds, Outputs, RowStatus, WorldBatch, WorldDevice,
 };
 pub use change::{Change, FieldOperation};
-pub use compile::{Assets, mjcf_of_urdf};
+pub use compile::{Assets, mjcf_of_urdf, with_elements};
 pub use contacts::ContactParts;
 pub use coordinates::Coordinate;
 pub use element::{Actuator, Body, ElementKind, Equality, Flex, Joint, JointKind, Mocap, Site};

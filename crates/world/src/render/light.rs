@@ -6,7 +6,7 @@ use mujoco_rs::wrappers::mj_model::MjtGeomBase;
 
 use super::Quality;
 use super::view::Surroundings;
-use crate::Model;
+use crate::{Model, with_elements};
 
 /// Number of lights of a fine picture, and radius of the disk of their directions, rad. OpenGL has
 /// eight lights; the camera has one of them. Each light costs as much as half a picture with one.
@@ -86,12 +86,11 @@ pub(super) fn with_lights(
 <worldbody>
   {}{ground}
 </worldbody>
-</mujoco>"#,
+"#,
         12.0 * size,
         lights(quality, size),
     );
-    let document = bare.document();
-    document.rfind("</mujoco>").map_or(document, |end| &document[..end]).to_string() + &additions
+    with_elements(bare.document(), &additions)
 }
 
 /// Switches all lights off that the model had before [`with_lights`]: pictures of all scenes are
@@ -111,8 +110,27 @@ pub(super) fn without_others(lit: Model, bare: &Model, quality: Quality) -> Mode
 }
 
 #[cfg(test)]
+#[allow(clippy::unwrap_used)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn the_lights_of_a_scene_are_replaced() {
+        let lamp = r#"<light pos="0 0 3"/>"#;
+        for (own, on_body) in [("", ""), (lamp, ""), ("", lamp), (lamp, lamp)] {
+            let document = format!(
+                r#"<mujoco><worldbody>{own}<body><joint/><geom size="1"/>{on_body}</body></worldbody></mujoco>
+                <!-- the end of </mujoco> is not the end of the file -->"#
+            );
+            let bare = Model::from_xml(&document).unwrap();
+            let lit = with_lights(&bare, [64, 64], Quality::Fine, &Surroundings::new(&bare));
+            let lit = without_others(Model::from_xml(&lit).unwrap(), &bare, Quality::Fine);
+            let lights = lit.inner.light_active().iter().zip(lit.inner.light_diffuse());
+            let active: Vec<[f32; 3]> =
+                lights.filter(|(active, _)| **active).map(|(_, color)| *color).collect();
+            assert_eq!(active, [[0.125; 3]; 4]);
+        }
+    }
 
     #[test]
     fn the_lights_of_a_fine_picture_are_together_as_bright_as_one() {

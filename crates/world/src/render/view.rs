@@ -235,8 +235,59 @@ pub(super) fn fit(points: &[[f64; 3]], direction_deg: [f64; 2], fovy: f64, aspec
 }
 
 #[cfg(test)]
+#[allow(clippy::unwrap_used)]
 mod tests {
     use super::*;
+
+    /// Returns a robot of this length at `offset`, with a block beside it and one 30 m away.
+    fn scene([x, y, z]: [f64; 3], length: f64) -> Model {
+        let block =
+            |from: f64| format!(r#"<geom type="box" size="0.1 0.1 0.1" pos="{} {y} {z}"/>"#, x + from);
+        let robot = format!(
+            r#"<body pos="{x} {y} {z}"><joint name="lift" type="slide" axis="0 0 1"/>
+            <geom type="box" size="0.1 0.1 {}"/></body>"#,
+            length / 2.0
+        );
+        let actuator = r#"<actuator><motor joint="lift"/></actuator>"#;
+        let (near, far) = (block(0.5), block(30.0));
+        let xml = format!("<mujoco><worldbody>{near}{far}{robot}</worldbody>{actuator}</mujoco>");
+        Model::from_xml(&xml).unwrap()
+    }
+
+    #[test]
+    fn what_is_near_a_robot_is_in_its_pictures_wherever_it_is() {
+        let corners = |offset: [f64; 3]| {
+            let model = scene(offset, 1.0);
+            let (mut world, mut corners) = (model.world(), Vec::new());
+            world.data.forward();
+            Surroundings::new(&model).corners(&world, &mut corners);
+            corners
+        };
+        let first = corners([0.0; 3]);
+        // Those of the robot and of the block beside it.
+        assert_eq!(first.len(), 16);
+        for offset in [[5.0, 0.0, 0.0], [-40.0, 7.0, 2.0]] {
+            for (moved, corner) in corners(offset).into_iter().zip(&first) {
+                assert!(norm(sub(moved, add(*corner, offset))) < 1e-9);
+            }
+        }
+    }
+
+    #[test]
+    fn the_scale_of_a_scene_is_that_of_its_robot() {
+        let scale = |length: f64| Surroundings::new(&scene([9.0, 0.0, 0.0], length)).scale();
+        assert_eq!(scale(1.0), 1.0);
+        // Its corners are (0.1, 0.1, 6) from its base.
+        assert!((scale(12.0) - 36.02_f64.sqrt() / 2.0).abs() < 1e-9);
+    }
+
+    #[test]
+    fn a_camera_shows_a_body_with_what_it_carries() {
+        // The field of view is 45 degrees by default.
+        let tan = 22.5_f64.to_radians().tan();
+        assert!((close_distance(&scene([9.0, 0.0, 0.0], 12.0), 1) - 36.02_f64.sqrt() / tan).abs() < 1e-9);
+        assert_eq!(close_distance(&scene([9.0, 0.0, 0.0], 0.2), 1), CLOSE);
+    }
 
     #[test]
     fn the_field_of_view_determines_the_distance() {
