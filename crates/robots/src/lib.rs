@@ -4,8 +4,8 @@
 //! [`RobotFile::read`] reads and checks a file; [`RobotFile::target`] makes a
 //! [`Target`](mishandle_rollout::Target) of it and a controller. `document` is the tree of the
 //! text, `description` what it says, `library` the names that its expressions may use, `phase` the
-//! expressions that are evaluated together, and `environment` the simulation, which runs in the
-//! same engine as every task.
+//! expressions that are evaluated together, `environment` the simulation, which runs in the same
+//! engine as every task, and `controlled` the robot with a controller in the loop.
 
 mod axes;
 mod controlled;

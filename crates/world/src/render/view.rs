@@ -139,7 +139,8 @@ pub(super) fn close_distance(model: &Model, body: usize) -> f64 {
     let corners = geoms.flat_map(|geom| box_of(&world, geom));
     let radius = corners.map(|corner| norm(sub(corner, world.data.xpos()[body]))).fold(0.0, f64::max);
     let fovy = f64::from(model.inner.vis().global.fovy).to_radians();
-    (radius / (0.5 * fovy).tan()).max(CLOSE)
+    // A ball around the body fits between the upper and the lower edge.
+    (radius / (0.5 * fovy).sin()).max(CLOSE)
 }
 
 /// The placement of a camera.
@@ -284,8 +285,8 @@ mod tests {
     #[test]
     fn a_camera_shows_a_body_with_what_it_carries() {
         // The field of view is 45 degrees by default.
-        let tan = 22.5_f64.to_radians().tan();
-        assert!((close_distance(&scene([9.0, 0.0, 0.0], 12.0), 1) - 36.02_f64.sqrt() / tan).abs() < 1e-9);
+        let sin = 22.5_f64.to_radians().sin();
+        assert!((close_distance(&scene([9.0, 0.0, 0.0], 12.0), 1) - 36.02_f64.sqrt() / sin).abs() < 1e-9);
         assert_eq!(close_distance(&scene([9.0, 0.0, 0.0], 0.2), 1), CLOSE);
     }
 
