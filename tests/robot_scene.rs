@@ -133,7 +133,7 @@ fn a_full_trace_of_a_robot_has_its_joints_actuators_bodies_and_contacts() {
         assert!((values("x_cart")[sample].unwrap() - place).abs() < 1e-9);
         assert!((values("z_lid")[sample].unwrap() - 0.45).abs() < 1e-9);
     }
-    // The ground carries the cube, and in the end the wall stops the cart.
+    // The ground carries the cube, and finally the wall stops the cart.
     assert!((values("contact_ground_cube")[40].unwrap() - 5.0).abs() < 1e-2);
     assert_eq!((values("contact_cart_wall")[0], values("contact_cart_cube")[60]), (Some(0.0), Some(0.0)));
     assert!(values("contact_cart_wall").iter().any(|force| force.unwrap() > 5.0));
@@ -159,7 +159,7 @@ fn states_of_a_robot_fit_its_model_with_visual_elements() {
     let (event, pair) = trajectory.first_contact().unwrap().unwrap();
     assert_eq!((event.kind, pair.as_str()), (EventKind::Contact, "contact_cart_wall"));
 
-    let picture = mishandle::picture::recorded_picture(run.header()).unwrap();
+    let picture = mishandle::resolve::recorded_picture(run.header()).unwrap();
     let drawn = Model::from_xml_with_assets(&picture.document, picture.assets).unwrap();
     assert_eq!(drawn.count(mishandle::world::ElementKind::Geom), 6, "the paint is there");
     let mut world = drawn.world();

@@ -10,8 +10,8 @@ use crate::error::MishandleError;
 use crate::picture::trajectory::{Recording, RecordingEnvironment};
 use crate::resolve::{ResolvedPlan, scene_target};
 
-/// Simulates an episode of a target with a scene again and returns what its trace does not contain, one value per
-/// sample.
+/// Simulates an episode of a target with a scene again and returns what its trace does not contain,
+/// one value per sample.
 ///
 /// The columns are `q_NAME` and `dq_NAME` (position and velocity of each joint; of a free body,
 /// position and linear velocity in world axes, the quaternion, and the angular velocity in body

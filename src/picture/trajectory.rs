@@ -5,16 +5,12 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use mishandle_rollout::{
     Environment, EnvironmentWorker, Episode, Request, Sample, Scenario, Seed, Space, StepStatus, System,
 };
-use mishandle_store::{RunFile, RunHeader};
-use mishandle_world::PictureModel;
+use mishandle_store::RunFile;
 
 use crate::error::MishandleError;
 use crate::inspect::{Event, EventKind};
-use crate::plan::Plan;
 use crate::replay::{ReplayResult, replay_in};
-use crate::resolve::{
-    ResolvedPlan, SceneEnvironment, check_scene, picture_model, recorded_plan, scene_start, scene_target,
-};
+use crate::resolve::{ResolvedPlan, SceneEnvironment, recorded_plan, scene_start, scene_target};
 
 /// Time in which objects settle into their first contacts, in seconds.
 const SETTLING: f64 = 0.1;
@@ -160,16 +156,6 @@ impl Recorded {
         let control_dt = self.environment.control_dt();
         StateTrajectory { states: self.recording.take().states, control_dt, environment: self.environment }
     }
-}
-
-/// Returns the model of the pictures of a run.
-///
-/// # Errors
-/// If the target has no scene, or its files cannot be read.
-pub fn recorded_picture(header: &RunHeader) -> Result<PictureModel, MishandleError> {
-    let plan = Plan::from_toml(&header.plan)?;
-    check_scene(&header.target.kind, &plan.target)?;
-    picture_model(&plan.target)
 }
 
 /// Data that a [`RecordingEnvironment`] records.

@@ -6,10 +6,12 @@ use std::sync::Arc;
 
 use mishandle_robots::{ControlledRobot, RobotEnvironment, RobotFile};
 use mishandle_rollout::{Environment, Rollout, Scenario, Space, Specification};
+use mishandle_store::RunHeader;
 use mishandle_tasks::{Definition, JOINT_NAMES, Preset, Reward, TaskEnvironment, TaskError, TaskTarget};
 use mishandle_world::{FullState, PictureModel};
 
 use crate::error::MishandleError;
+use crate::plan::Plan;
 use crate::resolve::robot::controlled_robot;
 use crate::resolve::{ResolvedPlan, has_scene, is_robot_file, task, task_target};
 
@@ -89,7 +91,7 @@ impl SceneTarget {
 }
 
 /// Checks that targets of this kind have a scene.
-pub(crate) fn check_scene(kind: &str, target: &str) -> Result<(), MishandleError> {
+fn check_scene(kind: &str, target: &str) -> Result<(), MishandleError> {
     match has_scene(kind) {
         true => Ok(()),
         false => Err(MishandleError::InvalidValue {
@@ -111,6 +113,16 @@ pub fn picture_model(target: &str) -> Result<PictureModel, MishandleError> {
     let task = task(target)?;
     let scene_error = |source| TaskError::Scene { task: task.definition().name, source };
     Ok(mishandle_tasks::picture_model(task).map_err(scene_error)?)
+}
+
+/// Returns the model of the pictures of a run.
+///
+/// # Errors
+/// If the target has no scene, or its files cannot be read.
+pub fn recorded_picture(header: &RunHeader) -> Result<PictureModel, MishandleError> {
+    let plan = Plan::from_toml(&header.plan)?;
+    check_scene(&header.target.kind, &plan.target)?;
+    picture_model(&plan.target)
 }
 
 /// Returns the environment of a target over the axes of its start, and a start of it. `x0` has one

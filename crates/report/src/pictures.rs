@@ -73,7 +73,7 @@ pub fn strips(
     if simulations.is_empty() || !mishandle::resolve::has_scene(&run.header().target.kind) {
         return Ok(Vec::new());
     }
-    let model = mishandle::picture::recorded_picture(run.header())?;
+    let model = mishandle::resolve::recorded_picture(run.header())?;
     simulations
         .iter()
         .take(MAX_STRIPS)
@@ -120,7 +120,7 @@ pub struct Instant<'a> {
 /// Renders instants of simulations of the same target in the same view.
 pub fn instants(instants: &[Instant<'_>]) -> Result<Vec<Frame>, PictureError> {
     let Some(first) = instants.first() else { return Ok(Vec::new()) };
-    let model = mishandle::picture::recorded_picture(first.header)?;
+    let model = mishandle::resolve::recorded_picture(first.header)?;
     let Some(size) = Size::new(PICTURE.0, PICTURE.1) else { return Ok(Vec::new()) };
     let states = instants.iter().filter_map(|instant| instant.states.get(instant.sample));
     let view: Vec<&[f64]> = states.map(Vec::as_slice).collect();

@@ -8,10 +8,10 @@ use crate::{Body, Model, World};
 
 /// The parts of a model between which contact forces are measured.
 ///
-/// The bodies of the robot that were given are one part, with the name `robot`. Every other body is
-/// a part with its own name, also one that the robot holds, and a body without a name belongs to its
-/// parent. A flex is one part. Of what is fixed to the world, a plane is the part `ground` and all
-/// else is the part `scene`.
+/// The bodies that were given as the robot are one part, with the name `robot`. Every other body is
+/// a part with its own name, also one that the robot holds, and a body without a name belongs to
+/// its parent. A flex is one part. Of what is fixed to the world, a plane is the part `ground` and
+/// all else is the part `scene`.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct ContactParts {
     names: Vec<String>,
@@ -105,8 +105,8 @@ impl Model {
         parts
     }
 
-    /// Returns whether MuJoCo ignores contacts between two bodies: they are fixed to each other, one
-    /// of them is the parent of the other, or the document excludes them.
+    /// Returns whether MuJoCo ignores contacts between two bodies: they are fixed to each other,
+    /// one of them is the parent of the other, or the document excludes them.
     fn never_touch(&self, bodies: [usize; 2]) -> bool {
         let model = &*self.inner;
         let [a, b] = bodies.map(|body| model.body_weldid()[body] as usize);

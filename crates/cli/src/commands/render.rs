@@ -24,7 +24,7 @@ const AROUND: &str = "a number of seconds above 0, such as 0.5";
 /// Speeds of a video.
 const SPEED: &str = "a number from 0.01 to 100, such as 0.25";
 
-/// Render the initial state of a task or of a robot in a file, or a video or filmstrip of a recorded
+/// Render the initial state of a task or target file, or a video or filmstrip of a recorded
 /// simulation
 #[derive(Debug, Args)]
 #[command(after_help = "Examples:
@@ -242,7 +242,7 @@ fn recorded(
         bail!("{} has no decided simulation; choose one with --trial and --simulation", path.display());
     };
     let (quality, cameras) = (command.quality(), command.cameras());
-    let model = mishandle::picture::recorded_picture(run.header())?;
+    let model = mishandle::resolve::recorded_picture(run.header())?;
     // Fails before the simulation if pictures cannot be drawn.
     drop(FrameRenderer::new(&model, size, quality, &cameras, None)?);
     let (replayed, trajectory) =

@@ -34,7 +34,7 @@ mod disabled;
 #[cfg(not(feature = "render"))]
 pub use disabled::{Renderer, animated_png, png};
 
-/// What pictures show: a scene with all its visual elements.
+/// The scene of pictures, with all its visual elements.
 #[derive(Clone, Debug)]
 pub struct PictureModel {
     /// The MJCF document. A state of the model without visual elements fits that with them.

@@ -284,7 +284,7 @@ mod tests {
 
     #[test]
     fn a_camera_shows_a_body_with_what_it_carries() {
-        // The field of view is 45 degrees by default.
+        // The camera of a model sees 45 degrees by default.
         let sin = 22.5_f64.to_radians().sin();
         assert!((close_distance(&scene([9.0, 0.0, 0.0], 12.0), 1) - 36.02_f64.sqrt() / sin).abs() < 1e-9);
         assert_eq!(close_distance(&scene([9.0, 0.0, 0.0], 0.2), 1), CLOSE);
