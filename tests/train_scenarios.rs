@@ -90,6 +90,9 @@ impl Environment for Watched {
     fn action_size(&self) -> usize {
         self.0.action_size()
     }
+    fn action_limit(&self) -> f64 {
+        self.0.action_limit()
+    }
     fn state_size(&self) -> usize {
         self.0.state_size()
     }

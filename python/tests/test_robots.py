@@ -48,7 +48,7 @@ class TestRobots(unittest.TestCase):
         evaluated = mishandle.evaluate(self.file, episodes=20)
         self.assertEqual(evaluated.success_rate.value, 1.0)
         falsified = mishandle.falsify(str(self.file), space="starts+delay", trials=2, budget=60, seed=1)
-        self.assertEqual(falsified.summary.falsified, 2)
+        self.assertTrue(all(trial.is_falsified for trial in falsified.trials))
 
     def test_a_simulation_has_the_signals_of_the_file(self) -> None:
         episode = mishandle.simulate(self.file, at={"tilt": 0.2})

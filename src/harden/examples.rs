@@ -39,7 +39,7 @@ pub struct ModeExample {
 pub struct ExampleSimulation {
     /// The episode.
     pub episode: Episode,
-    /// The states of the task.
+    /// The states of its scene.
     pub trajectory: StateTrajectory,
     /// Why the failure or success is one; `None` if the simulation has no verdict.
     pub explained: Option<(RunHeader, ExplainedSimulation)>,

@@ -7,8 +7,10 @@ use std::sync::Arc;
 use mishandle_controllers::{ControllerFile, Layout, bytes_hash};
 use mishandle_files::{limits, read_bounded};
 use mishandle_interchange::OnnxPolicy;
-use mishandle_robots::{RobotBatches, RobotEnvironment, RobotFile, RobotPolicy, RobotTraining};
-use mishandle_rollout::{Component, Controller, Identity, Space, Specification, Target};
+use mishandle_robots::{
+    ControlledRobot, RobotBatches, RobotEnvironment, RobotFile, RobotPolicy, RobotTraining,
+};
+use mishandle_rollout::{Component, Controller, Identity, Noise, Space, Specification, Target};
 use mishandle_text::path_text;
 use mishandle_training::{AlgorithmSettings, RewardSettings};
 
@@ -48,15 +50,29 @@ pub(crate) fn robot_target(plan: &Plan) -> Result<Target, MishandleError> {
         let option = "a task preset other than `paper`";
         return Err(MishandleError::UnsupportedOption { target: plan.target.clone(), option });
     }
+    let (robot, controller, noise) = parts(plan)?;
+    Ok(robot.target(controller, noise)?)
+}
+
+/// As [`robot_target`], for recordings of its states.
+pub(crate) fn controlled_robot(plan: &Plan) -> Result<ControlledRobot, MishandleError> {
+    let (robot, (controller, _), noise) = parts(plan)?;
+    Ok(robot.controlled(controller, noise)?)
+}
+
+/// A controller, and its identity.
+type Identified = (Arc<dyn Controller>, Component);
+
+fn parts(plan: &Plan) -> Result<(RobotFile, Identified, Noise), MishandleError> {
     let robot = robot_file(plan)?;
     let noise = noise(plan);
     noise.check()?;
     let controller = controller(&robot, plan)?;
-    Ok(robot.target(controller, noise)?)
+    Ok((robot, controller, noise))
 }
 
 /// Loads the controller of a plan, or the one that the file names.
-fn controller(robot: &RobotFile, plan: &Plan) -> Result<(Arc<dyn Controller>, Component), MishandleError> {
+fn controller(robot: &RobotFile, plan: &Plan) -> Result<Identified, MishandleError> {
     if !plan.controller.is_empty() {
         return of_file(robot, Path::new(&plan.controller), plan.stochastic);
     }
@@ -95,11 +111,7 @@ fn not_stochastic(what: &str) -> MishandleError {
     }
 }
 
-fn of_file(
-    robot: &RobotFile,
-    path: &Path,
-    stochastic: bool,
-) -> Result<(Arc<dyn Controller>, Component), MishandleError> {
+fn of_file(robot: &RobotFile, path: &Path, stochastic: bool) -> Result<Identified, MishandleError> {
     let component = |hash: String, file_hash: String| Component {
         role: "controller".to_string(),
         name: controller_name(&path.to_string_lossy()),

@@ -5,7 +5,7 @@ use std::sync::Arc;
 use mishandle_rollout::{
     Axis, Environment, EnvironmentWorker, RolloutError, Sample, Scenario, Seed, Space, StepStatus,
 };
-use mishandle_world::{Body, Mocap, Model, Servo, World};
+use mishandle_world::{Body, FullState, Mocap, Model, RowWorlds, Servo, World};
 
 use crate::axes::{ModelChange, PUSH_SIZE, Parameter, changed};
 use crate::description::Over;
@@ -187,8 +187,14 @@ impl Environment for RobotEnvironment {
     }
 
     fn worker_of(&self, rows: usize) -> Box<dyn EnvironmentWorker> {
+        Box::new(self.robot_worker(rows))
+    }
+}
+
+impl RobotEnvironment {
+    fn robot_worker(&self, rows: usize) -> RobotWorker {
         let robot = self.robot.clone();
-        Box::new(RobotWorker {
+        RobotWorker {
             world: robot.model.world(),
             models: HashMap::new(),
             limit: rows.max(MODELS),
@@ -204,7 +210,14 @@ impl Environment for RobotEnvironment {
             observation: vec![0.0; robot.observation_size],
             parameters: self.parameters.clone(),
             robot,
-        })
+        }
+    }
+
+    /// Makes a recorder for state rows of this environment. Each body is a part of its contacts.
+    pub fn full_state(&self) -> FullState {
+        let model = &self.robot.model;
+        FullState::new(Box::new(self.robot_worker(1)), model, model.contact_parts(&[]))
+            .with_actuators_and_bodies(model)
     }
 }
 
@@ -251,6 +264,15 @@ impl Robot {
 
     fn model_values<'a>(&self, tail: &'a [f64]) -> &'a [f64] {
         &tail[1 + self.values.len()..][..self.changes.len()]
+    }
+}
+
+impl RowWorlds for RobotWorker {
+    fn of_row(&mut self, row: &[f64]) -> &mut World {
+        let (physics, tail) = row.split_at(self.robot.model.state_size());
+        self.set_model(tail);
+        self.world.set_state(physics);
+        &mut self.world
     }
 }
 

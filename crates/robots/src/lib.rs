@@ -4,10 +4,12 @@
 //! [`RobotFile::read`] reads and checks a file; [`RobotFile::target`] makes a
 //! [`Target`](mishandle_rollout::Target) of it and a controller. `document` is the tree of the
 //! text, `description` what it says, `library` the names that its expressions may use, `phase` the
-//! expressions that are evaluated together, `environment` the simulation, which runs in the
-//! same engine as every task, and `training` what a training run needs.
+//! expressions that are evaluated together, `environment` the simulation, which runs in the same
+//! engine as every task, `controlled` the robot with a controller in the loop, and `training` what
+//! a training run needs.
 
 mod axes;
+mod controlled;
 mod description;
 mod document;
 mod environment;
@@ -22,6 +24,7 @@ mod target;
 mod task_space;
 mod training;
 
+pub use controlled::ControlledRobot;
 pub use environment::RobotEnvironment;
 pub use error::RobotError;
 pub use library::{QUANTITY_FUNCTIONS, QuantityFunction};

@@ -7,12 +7,13 @@ use mishandle_controllers::{Entry, Layout};
 use mishandle_files::{limits, read_bounded};
 use mishandle_rollout::fault::{Channel, FaultSite, Side};
 use mishandle_rollout::{
-    Axis, AxisKind, Component, Controller, Disturbance, Effect, Environment, Identity, NamedFormula, Noise,
-    Rollout, RolloutError, Signal, Space, Specification, System, SystemFactory, Target, TimeProfile, delays,
+    Axis, AxisKind, Component, Controller, Disturbance, Effect, Identity, NamedFormula, Noise, RolloutError,
+    Signal, Space, Specification, Target, TimeProfile, delays,
 };
-use mishandle_world::{ElementKind, Joint, Mocap, Model, Servo};
+use mishandle_world::{ElementKind, Joint, Mocap, Model, PictureModel, Servo};
 
 use crate::axes::{Axes, ObservedPart, Parameter, parameter_names};
+use crate::controlled::ControlledRobot;
 use crate::description::AxisEffect;
 use crate::description::{Description, Named, PolicySource, Quantity};
 use crate::document;
@@ -225,9 +226,9 @@ impl RobotFile {
         (controller, component): (Arc<dyn Controller>, Component),
         noise: Noise,
     ) -> Result<Target, RobotError> {
-        let robot = Arc::new(self.compiled(controller.action_size())?);
-        let disturbances = self.disturbances_of(robot.action_size);
-        let (axes, spaces) = self.axes_and_spaces(&robot.axes, &disturbances)?;
+        let controlled = self.controlled(controller, noise)?;
+        let ControlledRobot { robot, disturbances, .. } = &controlled;
+        let (axes, spaces) = self.axes_and_spaces(&robot.axes, disturbances)?;
         let random = disturbances.iter().filter(|d| d.effect.is_random()).map(|d| d.axis.name.clone());
         let signal =
             |named: &Named<Quantity>| Signal { name: named.key.name.clone(), unit: named.value.unit.clone() };
@@ -258,7 +259,7 @@ impl RobotFile {
             random_axes: random.collect(),
             versions: vec![("MuJoCo".to_string(), mishandle_world::mujoco_version())],
             reachable: None,
-            factory: factory(robot, controller, noise, disturbances),
+            factory: controlled.factory(),
         };
         let all = target.space("all")?;
         let names = target.signal_names();
@@ -280,6 +281,36 @@ impl RobotFile {
             .map_err(|source| RolloutError::Parse { formula: first.clone(), source })?;
         target.system(&all, &Specification::from_formulas(&target.formulas, requirement)?)?;
         Ok(target)
+    }
+
+    /// Returns this robot with a controller, in the systems of which states can be recorded.
+    ///
+    /// # Errors
+    /// If an expression does not fit the number of actions of the controller.
+    pub fn controlled(
+        &self,
+        controller: Arc<dyn Controller>,
+        noise: Noise,
+    ) -> Result<ControlledRobot, RobotError> {
+        let robot = Arc::new(self.compiled(controller.action_size())?);
+        let disturbances = self.disturbances_of(robot.action_size);
+        Ok(ControlledRobot { robot, controller, noise, disturbances })
+    }
+
+    /// Returns the environment over the axes of the start.
+    ///
+    /// # Errors
+    /// As for [`controlled`](Self::controlled).
+    pub fn starts(&self) -> Result<RobotEnvironment, RobotError> {
+        let robot = Arc::new(self.compiled(self.actions())?);
+        let axes = robot.axes.iter().map(|(axis, _)| axis).filter(|axis| axis.kind == AxisKind::Start);
+        let space = Space::new("starts", axes.cloned().collect())?;
+        Ok(RobotEnvironment::over(robot, &space)?)
+    }
+
+    /// Returns the model of pictures, with all visual geoms.
+    pub fn picture_model(&self) -> &PictureModel {
+        &self.model.picture
     }
 
     /// Returns the delays, errors of sensors and faults that every robot has. An axis of the file
@@ -796,20 +827,6 @@ fn make_servos(servos: &crate::description::Servos, model: &Model) -> Result<Vec
         max_effort: *max_effort,
     };
     Ok(joints.iter().zip(limits).map(servo).collect())
-}
-
-fn factory(
-    robot: Arc<Robot>,
-    controller: Arc<dyn Controller>,
-    noise: Noise,
-    disturbances: Vec<Disturbance>,
-) -> Arc<SystemFactory> {
-    Arc::new(move |space: &Space, specification: &Specification| {
-        let environment: Arc<dyn Environment> = Arc::new(RobotEnvironment::over(robot.clone(), space)?);
-        let system = Rollout::new(environment, controller.clone(), specification.clone(), noise)?
-            .with_disturbances(space.clone(), &disturbances)?;
-        Ok(Box::new(system) as Box<dyn System>)
-    })
 }
 
 impl RobotFile {
