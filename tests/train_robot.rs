@@ -8,7 +8,7 @@ use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 
 use mishandle::controllers::ControllerFile;
-use mishandle::harden::{finished, harden, harden_folder};
+use mishandle::harden::{ModeExamples, finished, harden, harden_folder};
 use mishandle::plan::{AxisSetting, EvaluatePlan, HardenPlan};
 use mishandle::resolve::{ResolvedPlan, robot_file};
 use mishandle::results;
@@ -415,6 +415,7 @@ fn a_robot_is_hardened_in_a_space_of_its_file() {
     assert!(found.rounds[0].failures > 0 && found.rounds[0].environment_steps == 256, "{:?}", found.rounds);
     assert_eq!(finished(&harden_folder(&out)).unwrap(), Some(found.clone()));
     assert_eq!(out.exists(), found.after.is_some());
+    assert!(ModeExamples::open(&harden_folder(&out), &found).unwrap().is_none(), "there are no pictures");
     let gpu = HardenPlan { device: "gpu".to_string(), ..base.harden.clone().unwrap() };
     let gpu = Plan { harden: Some(gpu), ..base };
     let error = harden(&gpu, &folder.path().join("g.safetensors"), None, &mut |_| ControlFlow::Continue(()));
