@@ -7,8 +7,8 @@ use crate::Model;
 /// A number of the state with its name.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Coordinate {
-    /// Name of the joint, or of its body; for a free or ball joint with the axis, such as `cup_x`. Quaternions are
-    /// `_qw`, `_qx`, `_qy`, `_qz`.
+    /// Name of the joint, or of its body; for a free or ball joint with the axis, such as `cup_x`.
+    /// Quaternions are `_qw`, `_qx`, `_qy`, `_qz`.
     pub name: String,
     /// Unit: `m` or `rad`, of a velocity `m/s` or `rad/s`, empty for a quaternion.
     pub unit: &'static str,
