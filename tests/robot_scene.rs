@@ -27,7 +27,7 @@ const MODEL: &str = r#"<mujoco>
         <geom type="box" size="0.1 0.1 0.05" mass="0.5"/>
       </body>
     </body>
-    <body name="cube" pos="0 1 0.1"><freejoint name="cube"/><geom type="box" size="0.1 0.1 0.1" mass="0.5"/></body>
+    <body name="cube" pos="0 1 0.1"><freejoint/><geom type="box" size="0.1 0.1 0.1" mass="0.5"/></body>
     <body name="wall" pos="1 0 0.3"><geom type="box" size="0.1 0.5 0.1"/></body>
   </worldbody>
   <actuator><motor name="force" joint="slide" gear="2"/></actuator>

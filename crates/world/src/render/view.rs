@@ -1,6 +1,5 @@
 //! Automatic placement of the camera.
 
-use mujoco_rs::prelude::MjtJoint;
 use mujoco_rs::wrappers::mj_model::MjtGeomBase;
 
 use crate::frame::{add, dot, norm, scale, sub};
@@ -53,9 +52,7 @@ pub(super) struct Surroundings {
 impl Surroundings {
     pub(super) fn new(model: &Model) -> Surroundings {
         let roots = model.robot_roots();
-        let bodies = || model.inner.jnt_type().iter().zip(model.inner.jnt_bodyid());
-        let is_mobile =
-            bodies().any(|(kind, body)| *kind == MjtJoint::mjJNT_FREE && roots.contains(&(*body as usize)));
+        let is_mobile = model.inner.jnt_bodyid().iter().any(|body| roots.contains(&(*body as usize)));
         let mut surroundings = Surroundings { roots, scale: 1.0, start: [0.0; 3], is_mobile };
         let mut world = model.world();
         world.data.forward();
@@ -82,7 +79,7 @@ impl Surroundings {
         self.start
     }
 
-    /// Returns whether the robot has a base that moves freely.
+    /// Returns whether the base of the robot moves.
     pub(super) fn is_mobile(&self) -> bool {
         self.is_mobile
     }
