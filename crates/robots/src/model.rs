@@ -43,8 +43,7 @@ pub(crate) fn read(description: &Description, path: &Path, text: &str) -> Result
     }
     let assets = Arc::new(edited.assets);
     let physics = without_visuals(&edited.document);
-    let physics =
-        Model::from_xml_with_assets(&physics, assets).map_err(|error| failed(error_text(&error)))?;
+    let physics = Model::from_untrusted(&physics, assets).map_err(|error| failed(error_text(&error)))?;
     Ok(RobotModel { physics, file, hash })
 }
 
@@ -53,7 +52,7 @@ fn as_mjcf(source: Source) -> Result<Source, String> {
     if !source.is_urdf() {
         return Ok(source);
     }
-    let document = mishandle_world::mjcf_of_urdf(&source.document, &source.assets);
+    let document = mishandle_world::mjcf_of_untrusted_urdf(&source.document, &source.assets);
     Ok(Source { document: document.map_err(|error| error_text(&error))?, assets: source.assets })
 }
 
