@@ -12,6 +12,7 @@ mod description;
 mod document;
 mod environment;
 mod error;
+mod inside;
 mod library;
 mod model;
 mod pattern;
@@ -23,5 +24,6 @@ mod task_space;
 
 pub use environment::RobotEnvironment;
 pub use error::RobotError;
+pub use inside::check_inside;
 pub use library::{QUANTITY_FUNCTIONS, QuantityFunction};
-pub use target::{KIND, RobotFile, RobotPolicy};
+pub use target::{FILE_ROLES, KIND, RobotFile, RobotPolicy};

@@ -17,6 +17,8 @@ pub(crate) struct RobotModel {
     pub physics: Model,
     /// File of the model.
     pub file: PathBuf,
+    /// The files of the model, that one first.
+    pub files: Vec<PathBuf>,
     /// SHA-256 of the document and of the files that it refers to.
     pub hash: String,
 }
@@ -30,7 +32,7 @@ pub(crate) fn read(description: &Description, path: &Path, text: &str) -> Result
     let span = &description.model_file.span;
     let mut fields = Fields::new(&description.model, "[model]");
     let allow_outside = fields.flag("allow_outside").map_err(problem)?;
-    let source = Source::read(&file, allow_outside)
+    let (source, files) = Source::read_with_files(&file, allow_outside)
         .map_err(|error| problem(Problem::new(span, error_text(&error))))?;
     let hash = source_hash(&source);
     let mut edits = edits(&description.model).map_err(problem)?;
@@ -44,7 +46,7 @@ pub(crate) fn read(description: &Description, path: &Path, text: &str) -> Result
     let assets = Arc::new(edited.assets);
     let physics = without_visuals(&edited.document);
     let physics = Model::from_untrusted(&physics, assets).map_err(|error| failed(error_text(&error)))?;
-    Ok(RobotModel { physics, file, hash })
+    Ok(RobotModel { physics, file, files, hash })
 }
 
 /// Returns a URDF as MJCF.

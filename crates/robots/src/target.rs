@@ -26,6 +26,9 @@ use crate::task_space::TaskSpacePolicy;
 /// Kind of the targets that a file describes.
 pub const KIND: &str = "robot";
 
+/// Roles of the components that are files of the robot, not its controller.
+pub const FILE_ROLES: [&str; 2] = ["target file", "model"];
+
 /// Where the actions of a robot come from, as its file says.
 pub enum RobotPolicy {
     /// A file beside the target file.
@@ -64,11 +67,7 @@ impl RobotFile {
     /// # Errors
     /// If a file cannot be read or is wrong; the message names the line.
     pub fn read(path: &Path) -> Result<RobotFile, RobotError> {
-        let read = |source| RobotError::Read { path: path.to_path_buf(), source };
-        let bytes = read_bounded(path, limits::PLAN).map_err(read)?;
-        let text = String::from_utf8(bytes).map_err(|error| {
-            read(std::io::Error::new(std::io::ErrorKind::InvalidData, error.utf8_error()))
-        })?;
+        let text = read_text(path)?;
         let problem = |problem: Problem| problem.at(path, &text);
         let table = document::parse(&text).map_err(problem)?;
         let description = Description::new(&table).map_err(problem)?;
@@ -135,6 +134,16 @@ impl RobotFile {
         &self.description.name
     }
 
+    /// Returns the paths of the files that the target is made of: the file itself, those of the model
+    /// and the policy.
+    pub fn files(&self) -> Vec<PathBuf> {
+        let policy = match &self.policy {
+            RobotPolicy::File { path, .. } => Some(path.clone()),
+            _ => None,
+        };
+        [self.path.clone()].into_iter().chain(self.model.files.iter().cloned()).chain(policy).collect()
+    }
+
     /// Returns the policy that the file names.
     pub fn policy(&self) -> &RobotPolicy {
         &self.policy
@@ -191,6 +200,7 @@ impl RobotFile {
             text: named.value.text.clone(),
         };
         let content = format!("{}\n{}\n{}\n{:?}", self.text_hash, self.model.hash, component.hash, noise);
+        let [target_file, model] = FILE_ROLES;
         let component_of = |role: &str, name: String, hash: &str| Component {
             role: role.to_string(),
             name,
@@ -202,8 +212,8 @@ impl RobotFile {
             identity: Identity::new(KIND, &self.description.name, &content),
             components: vec![
                 component,
-                component_of("target file", file_name(&self.path), &self.text_hash),
-                component_of("model", file_name(&self.model.file), &self.model.hash),
+                component_of(target_file, file_name(&self.path), &self.text_hash),
+                component_of(model, file_name(&self.model.file), &self.model.hash),
             ],
             spaces: self.spaces(&robot.axes, &disturbances)?,
             axes,
@@ -480,6 +490,14 @@ impl RobotFile {
             model,
         })
     }
+}
+
+/// Reads the text of a target file.
+pub(crate) fn read_text(path: &Path) -> Result<String, RobotError> {
+    let read = |source| RobotError::Read { path: path.to_path_buf(), source };
+    let bytes = read_bounded(path, limits::PLAN).map_err(read)?;
+    String::from_utf8(bytes)
+        .map_err(|error| read(std::io::Error::new(std::io::ErrorKind::InvalidData, error.utf8_error())))
 }
 
 /// Returns the axes with different names: several disturbances may follow one axis.

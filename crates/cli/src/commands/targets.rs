@@ -12,9 +12,10 @@ use crate::show::{output, scenario};
 #[command(after_help = "Examples:
   mishandle targets
   mishandle targets ball-balancing       all axes of its scenario spaces
-  mishandle targets toy/car-following")]
+  mishandle targets toy/car-following
+  mishandle targets ./robot.toml         a robot that a file describes")]
 pub struct Arguments {
-    /// Name of a target to describe
+    /// Name of a target to describe, or the path of a target file (.toml)
     pub target: Option<String>,
     /// Task preset of the described initial box and formulas: paper or code [default: paper]
     #[arg(long, requires = "target")]
