@@ -13,7 +13,7 @@ use mishandle_rollout::{
 use mishandle_world::{ElementKind, Model};
 
 use crate::axes::{Axes, ObservedPart, parameter_names};
-use crate::description::{Description, Named, PolicySource, Quantity};
+use crate::description::{Description, MAX_SUBSTEPS, Named, PolicySource, Quantity};
 use crate::document;
 use crate::environment::{Robot, RobotEnvironment};
 use crate::error::{Problem, RobotError};
@@ -385,7 +385,16 @@ impl RobotFile {
             Some(substeps) => (model.with_timestep(control.period / substeps as f64), substeps),
             None => {
                 let steps = control.period / timestep;
-                if (steps - steps.round()).abs() > 1e-6 * steps || steps.round() < 1.0 {
+                // A time step of 0 would never end.
+                if !(1.0..=MAX_SUBSTEPS).contains(&steps.round()) {
+                    let message = format!(
+                        "the period of {} s has {steps} physics steps of {timestep} s; from 1 to {MAX_SUBSTEPS} are possible: \
+                         set `model.timestep` or `control.substeps`",
+                        control.period
+                    );
+                    return Err(Problem::new(&control.span, message));
+                }
+                if (steps - steps.round()).abs() > 1e-6 * steps {
                     let message = format!(
                         "the period of {} s is not a whole number of physics steps of {timestep} s; set `model.timestep` \
                          or `control.substeps`",
