@@ -513,6 +513,53 @@ pub enum MishandleError {
         /// Hash of the present controller.
         found: String,
     },
+    /// Parts of the target of a run differ from those of the run.
+    #[error(
+        "{} changed since the run: restore {}, or if unchanged files are elsewhere, give the path of the target file \
+         with --target FILE; with the changed files, make a new run",
+        joined(parts),
+        if parts.len() == 1 { "it" } else { "them" }
+    )]
+    ChangedParts {
+        /// Role and name of each part.
+        parts: Vec<String>,
+    },
+    /// The target file of a run cannot be used any more.
+    #[error(
+        "cannot use the target of the run, `{target}`; if its folder was moved, give its new path with --target FILE; if a \
+         file was changed since the run, restore it"
+    )]
+    MissingTarget {
+        /// Path in the plan.
+        target: String,
+        /// Cause of the error.
+        source: Box<MishandleError>,
+    },
+    /// A new path was given for a target that has none.
+    #[error("the target of the run, `{target}`, is not a file, so it has no new path: leave out --target")]
+    TargetNotMoved {
+        /// Name of the target.
+        target: String,
+    },
+    /// A file of a target is outside the folder of the target file.
+    #[error(
+        "{} is outside the folder of the target file, {}; only files in it can stand beside a counterexample: move the file \
+         there",
+        path.display(),
+        folder.display()
+    )]
+    OutsideTargetFolder {
+        /// The file.
+        path: PathBuf,
+        /// The folder.
+        folder: PathBuf,
+    },
+    /// A file of a target would replace another one.
+    #[error("{} exists already and has another content; choose another folder", path.display())]
+    OtherContent {
+        /// The file.
+        path: PathBuf,
+    },
     /// The controller of a run cannot be loaded from its recorded path.
     #[error(
         "cannot load the run's controller `{controller}` (hash {hash}); if the file was moved, give its new path with \
@@ -620,6 +667,14 @@ impl MishandleError {
 
 /// Largest number of known names that an error lists.
 const LISTED: usize = 24;
+
+/// Joins parts of a sentence: `a`, `a and b`, `a, b and c`.
+fn joined(parts: &[String]) -> String {
+    match parts {
+        [first @ .., last] if !first.is_empty() => format!("{} and {last}", first.join(", ")),
+        parts => parts.concat(),
+    }
+}
 
 /// Lists known names, the first ones if they are many.
 fn names(known: &[String]) -> String {

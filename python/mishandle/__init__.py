@@ -3,6 +3,7 @@
 from mishandle import sb3
 from mishandle._native import TrainingEpisodes, __version__
 from mishandle.axes import Attribute, Axis, Except, ResetOption
+from mishandle.containment import register_child
 from mishandle.controllers import Controller, load_controller
 from mishandle.errors import (
     InvalidScenario,
@@ -99,3 +100,4 @@ __all__ = [
 ]
 
 register()
+register_child()

@@ -105,7 +105,9 @@ fn contents(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_function(wrap_pyfunction!(simulation::repeat, module)?)?;
     module.add_function(wrap_pyfunction!(simulation::replay_counterexample, module)?)?;
     module.add_function(wrap_pyfunction!(simulation::replay, module)?)?;
-    module.add_function(wrap_pyfunction!(run_command, module)?)
+    module.add_function(wrap_pyfunction!(run_command, module)?)?;
+    module.add_function(wrap_pyfunction!(set_child_program, module)?)?;
+    module.add_function(wrap_pyfunction!(run_child, module)?)
 }
 
 /// Runs the command line with these arguments, of which the first is the name of the program, and
@@ -113,6 +115,18 @@ fn contents(module: &Bound<'_, PyModule>) -> PyResult<()> {
 #[pyfunction]
 fn run_command(py: Python<'_>, arguments: Vec<std::ffi::OsString>) -> u8 {
     py.detach(|| mishandle_cli::exit_code_of(arguments, Some(&gpu::device())))
+}
+
+/// Sets the command that calls [`run_child`] in a new process.
+#[pyfunction]
+fn set_child_program(words: Vec<std::ffi::OsString>) {
+    mishandle::world::set_child_program(words);
+}
+
+/// Tries the model that the parent process sends, and returns the exit code of this process.
+#[pyfunction]
+fn run_child(py: Python<'_>) -> u8 {
+    py.detach(mishandle::world::run_child)
 }
 
 /// Warns in Python, at the line of the caller that is `level` frames above the extension module. A

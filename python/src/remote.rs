@@ -61,7 +61,7 @@ impl PlanWorker {
         if found != hashes {
             return Err(InvalidStateError::new_err(format!(
                 "the target `{}` has the hashes {found:?} on this worker, {hashes:?} where the run is stored: install the same \
-                 version of Mishandle, and give every worker the same controller files",
+                 version of Mishandle, and give every worker the same files of controller and target",
                 resolved.target.identity.name
             )));
         }

@@ -10,7 +10,7 @@ use mishandle_store::{RunWriter, StoreError};
 use crate::error::MishandleError;
 use crate::harden::{self, CheckedHardening, Watch, check_plan};
 use crate::plan::{GridRun, Plan, read_grid};
-use crate::resolve::{ResolvedPlan, is_path, recorded_plan};
+use crate::resolve::{ResolvedPlan, is_path, is_robot_file, recorded_plan};
 use crate::run::{Device, Opening, create_run};
 use crate::shipped::Generation;
 
@@ -91,13 +91,18 @@ impl CampaignRun {
     }
 }
 
-/// Returns whether a recorded plan is a plan of the campaign file. The record has the absolute path
-/// of a controller.
+/// Returns whether a recorded plan is a plan of the campaign file. The record has the absolute paths
+/// of a controller and a target file, and the name of the space.
 fn is_same_plan(recorded: &Plan, planned: &Plan) -> bool {
-    let is_same_file = is_path(&planned.controller)
-        && Path::new(&recorded.controller).file_name() == Path::new(&planned.controller).file_name();
-    let controller = if is_same_file { recorded.controller.clone() } else { planned.controller.clone() };
-    *recorded == Plan { controller, ..planned.clone() }
+    let same_file = |is_file: bool, recorded: &String, planned: &String| {
+        let is_same = is_file && Path::new(recorded).file_name() == Path::new(planned).file_name();
+        if is_same { recorded.clone() } else { planned.clone() }
+    };
+    let controller = same_file(is_path(&planned.controller), &recorded.controller, &planned.controller);
+    let target = same_file(is_robot_file(&planned.target), &recorded.target, &planned.target);
+    // Without a name, it is the first space of the target.
+    let space = if planned.space.is_empty() { &recorded.space } else { &planned.space }.clone();
+    *recorded == Plan { controller, target, space, ..planned.clone() }
 }
 
 /// Creates the folder of a campaign, with a run file or the folder of a hardening for each run.

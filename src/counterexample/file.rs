@@ -9,7 +9,7 @@ use serde::{Deserialize, Deserializer, Serialize};
 use super::{AxisValue, BESIDE, Counterexample, Decisive, Expected, MinimizedFrom};
 use crate::error::MishandleError;
 use crate::plan::{FalsifyPlan, Plan};
-use crate::resolve::is_path;
+use crate::resolve::{is_path, is_robot_file};
 
 /// Version of the format.
 const FORMAT: u64 = 1;
@@ -53,6 +53,9 @@ struct Target {
     name: String,
     hash: String,
     deterministic: bool,
+    /// `./FILE` for a target file beside the counterexample; absent for any other target.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    file: Option<String>,
 }
 
 #[derive(Serialize, Deserialize)]
@@ -191,6 +194,7 @@ impl Document {
                 name: target.name.clone(),
                 hash: target.hash.clone(),
                 deterministic: target.is_deterministic,
+                file: is_robot_file(&plan.target).then(|| plan.target.clone()),
             },
             preset: plan.preset.clone(),
             space: plan.space.clone(),
@@ -237,6 +241,12 @@ impl Document {
 
     fn counterexample(self) -> Result<Counterexample, MishandleError> {
         check_controller(&self.controller)?;
+        // A name that is the path of a file would be read.
+        if let Some(file) =
+            self.target.file.as_ref().or(Some(&self.target.name).filter(|name| is_robot_file(name)))
+        {
+            check_target_file(file)?;
+        }
         for (index, known) in self.scenario.iter().enumerate() {
             if self.scenario[..index].iter().any(|other| other.axis == known.axis) {
                 return Err(invalid(format!("`scenario` has the axis `{}` twice", known.axis)));
@@ -275,7 +285,7 @@ impl Document {
             observation_noise: self.observation_noise,
             seed,
             falsify: Some(FalsifyPlan { formula: Some(self.formula), ..FalsifyPlan::default() }),
-            ..Plan::new(&self.target.name, &self.controller)
+            ..Plan::new(self.target.file.as_ref().unwrap_or(&self.target.name), &self.controller)
         };
         Ok(Counterexample {
             plan,
@@ -327,17 +337,29 @@ impl From<Value> for AxisValue {
 /// Checks that the controller is the name of a shipped one, or `./FILE` for a file beside the
 /// counterexample, which cannot name another file of the machine.
 fn check_controller(controller: &str) -> Result<(), MishandleError> {
-    let is_allowed = match controller.strip_prefix(BESIDE) {
-        Some(file) => !file.contains(['/', '\0']) && !["", ".", ".."].contains(&file),
-        None => !is_path(controller),
-    };
-    if is_allowed {
+    if is_beside(controller) || (!controller.starts_with(BESIDE) && !is_path(controller)) {
         return Ok(());
     }
     Err(invalid(format!(
         "`controller` is \"{controller}\"; it must be the name of a shipped controller, or ./FILE for a file beside the \
          counterexample"
     )))
+}
+
+/// Checks that the target file is `./NAME.toml`, which cannot name another file of the machine.
+fn check_target_file(file: &str) -> Result<(), MishandleError> {
+    if is_beside(file) && is_robot_file(file) {
+        return Ok(());
+    }
+    Err(invalid(format!(
+        "`target.file` is \"{file}\"; it must be ./NAME.toml for a file beside the counterexample"
+    )))
+}
+
+/// Returns whether this is `./FILE`.
+fn is_beside(path: &str) -> bool {
+    path.strip_prefix(BESIDE)
+        .is_some_and(|file| !file.contains(['/', '\0']) && !["", ".", ".."].contains(&file))
 }
 
 /// Returns the end with this name. Only an episode with a verdict can be a counterexample.

@@ -2,6 +2,7 @@
 
 mod export;
 mod file;
+mod portable;
 mod regress;
 mod result;
 mod suite;
@@ -21,22 +22,23 @@ use mishandle_text::path_text;
 use crate::error::MishandleError;
 use crate::inspect::{ExplainedSimulation, explain, explain_episode};
 use crate::plan::{FalsifyPlan, Plan};
-use crate::resolve::{ResolvedPlan, controller_name, is_path, resolve_recorded};
+use crate::resolve::{Moved, ResolvedPlan, controller_name, is_robot_file, resolve_recorded};
 use crate::run::differences_of_builds;
-use crate::shipped::shipped_controller;
 
 pub(crate) use export::smaller;
 pub use export::{Chosen, Exported, Minimization, export, representatives};
+pub use portable::copy_target;
 pub use regress::{Regression, regress, regress_with};
 pub use suite::{Suite, Tested, suite_files};
 
-/// Prefix of a controller whose file is expected beside the counterexample.
+/// Prefix of a controller or target whose file is expected beside the counterexample.
 const BESIDE: &str = "./";
 
 /// A failing simulation: setup, scenario, seed and the expected result.
 ///
 /// Unlike a run file it is small, and it contains no path of the machine that made it: a shipped
-/// controller has its name, any other its file name, which is looked up beside the counterexample.
+/// controller has its name, any other and a target file have their file names, which are looked up
+/// beside the counterexample.
 ///
 /// # Example
 /// ```
@@ -223,23 +225,35 @@ impl Counterexample {
 
     /// Looks up the target and checks that its components are the recorded ones.
     ///
-    /// `folder` is the folder of the file. `controller` is the present path of the controller, if
-    /// it is neither shipped nor in that folder.
+    /// `folder` is the folder of the file. `moved` has the present paths of a controller that is
+    /// neither shipped nor in that folder, and of a target file that is not in it; an `Option<&str>`
+    /// is that of the controller.
     ///
     /// # Errors
-    /// If the target is not part of this program, or a controller cannot be loaded or has another
+    /// If the target is not part of this program, or a part of it cannot be loaded or has another
     /// hash.
-    pub fn resolve(&self, folder: &Path, controller: Option<&str>) -> Result<ResolvedPlan, MishandleError> {
-        resolve_recorded(self.plan_in(folder), &self.components, controller)
+    pub fn resolve<'a>(
+        &self,
+        folder: &Path,
+        moved: impl Into<Moved<'a>>,
+    ) -> Result<ResolvedPlan, MishandleError> {
+        let (plan, moved) = (self.plan_in(folder), moved.into());
+        if moved.target.is_none() {
+            check_target(&plan)?;
+        }
+        resolve_recorded(plan, &self.components, moved)
     }
 
     /// Looks up the target with another controller. A target without a controller stays as it is.
+    /// `folder` is the folder of the file.
     ///
     /// # Errors
     /// If the target is not part of this program, or the controller cannot be loaded.
-    pub fn resolve_with(&self, controller: &str) -> Result<ResolvedPlan, MishandleError> {
-        let mut plan = self.plan.clone();
-        if !plan.controller.is_empty() {
+    pub fn resolve_with(&self, folder: &Path, controller: &str) -> Result<ResolvedPlan, MishandleError> {
+        let mut plan = self.plan_in(folder);
+        check_target(&plan)?;
+        // The controller of a target file can be in the file.
+        if !plan.controller.is_empty() || is_robot_file(&plan.target) {
             plan.controller = controller.to_string();
         }
         ResolvedPlan::new(&plan).map_err(|error| match error {
@@ -250,13 +264,15 @@ impl Counterexample {
         })
     }
 
-    /// Returns the plan with the path of a controller that is beside the file.
+    /// Returns the plan with the paths of a controller and a target that are beside the file.
     fn plan_in(&self, folder: &Path) -> Plan {
+        // A path also in the working directory, whose name is empty.
+        let folder = if folder.as_os_str().is_empty() { Path::new(".") } else { folder };
         let mut plan = self.plan.clone();
-        if let Some(name) = plan.controller.strip_prefix(BESIDE) {
-            // A path also in the working directory, whose name is empty.
-            let folder = if folder.as_os_str().is_empty() { Path::new(".") } else { folder };
-            plan.controller = path_text(&folder.join(name));
+        for file in [&mut plan.controller, &mut plan.target] {
+            if let Some(name) = file.strip_prefix(BESIDE) {
+                *file = path_text(&folder.join(name));
+            }
         }
         plan
     }
@@ -350,13 +366,22 @@ fn facts(component: &ComponentRecord, is_moved: bool) -> [String; 4] {
     [role.clone(), name, hash.clone(), file_hash.clone()]
 }
 
+/// Checks that a target file beside a counterexample names only files that are there, too.
+fn check_target(plan: &Plan) -> Result<(), MishandleError> {
+    if is_robot_file(&plan.target) {
+        mishandle_robots::check_inside(Path::new(&plan.target))?;
+    }
+    Ok(())
+}
+
 /// Describes a simulation, whatever its robustness.
 fn describe(header: &RunHeader, explained: &ExplainedSimulation) -> Result<Counterexample, MishandleError> {
     let ExplainedSimulation { recorded, explanation, .. } = explained;
     let recorded_plan = Plan::from_toml(&header.plan)?;
     let falsify = FalsifyPlan { formula: Some(header.formula.clone()), ..FalsifyPlan::default() };
     let plan = Plan {
-        controller: portable_controller(&recorded_plan, &header.components),
+        controller: portable::controller(&recorded_plan, &header.components),
+        target: portable::target(&recorded_plan),
         seed: recorded.seed,
         // The trace has the signals of the run.
         careful: header.formulas.iter().any(|formula| formula.name == "careful"),
@@ -397,26 +422,6 @@ fn describe(header: &RunHeader, explained: &ExplainedSimulation) -> Result<Count
         simulation: number,
         minimized_from: None,
     })
-}
-
-/// Returns the name of a shipped controller, or `./FILE` for any other. The plan of a run has an
-/// absolute path.
-fn portable_controller(plan: &Plan, components: &[ComponentRecord]) -> String {
-    if !is_path(&plan.controller) {
-        return plan.controller.clone();
-    }
-    let name = controller_name(&plan.controller);
-    let recorded = components.iter().find(|component| component.role == "controller");
-    let shipped = mishandle_tasks::task(&plan.target)
-        .and_then(|task| shipped_controller(task.definition(), &name)?.controller().ok())
-        .map(|file| file.policy.sampling(plan.stochastic).hash());
-    match (shipped, recorded) {
-        (Some(hash), Some(recorded)) if hash == recorded.hash => name,
-        _ => {
-            let file = Path::new(&plan.controller).file_name().unwrap_or_default();
-            format!("{BESIDE}{}", file.to_string_lossy())
-        }
-    }
 }
 
 fn check_failing(robustness: Option<f64>) -> Result<(), MishandleError> {

@@ -46,7 +46,7 @@ pub fn regress(
     watch: impl FnMut(&Episode) -> ControlFlow<()>,
 ) -> Result<Regression, MishandleError> {
     let resolved: ResolvedPlan = match controller {
-        Some(controller) => counterexample.resolve_with(controller)?,
+        Some(controller) => counterexample.resolve_with(folder, controller)?,
         None => counterexample.resolve(folder, None)?,
     };
     let found = regress_with(counterexample, &resolved, repeats, watch)?;

@@ -189,7 +189,7 @@ fn final_search(
     for path in search_files(&folder.of_final(&format!("{name}-search")), table) {
         let run = RunFile::open(&path)?;
         if resolved.is_none() {
-            resolved = Some(recorded_plan(run.header(), Some(&path_text(controller)))?);
+            resolved = Some(recorded_plan(run.header(), Some(path_text(controller).as_str()))?);
         }
         for mode in failure_modes(&run)?.modes {
             let key = mode_key(&run, &mode);

@@ -4,6 +4,7 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use mishandle_evaluation::{Corners, PairedCounts, paired_mean_difference, sign_test};
 use mishandle_results::{ComparedRun, PairedMeans, PairedRates};
+use mishandle_robots::FILE_ROLES;
 use mishandle_rollout::{Episode, Seed};
 use mishandle_store::{AxisRecord, ComponentRecord, RunFile, RunHeader, RunKind, Simulation};
 
@@ -355,9 +356,12 @@ fn differences(a: &RunHeader, b: &RunHeader) -> Vec<String> {
             facts.push(("hash of the target", header.target.hash.clone()));
         }
         let facts = facts.into_iter().map(|(name, fact)| (name.to_string(), fact));
+        // A controller may differ, but not the robot.
+        let parts = header.components.iter().filter(|part| FILE_ROLES.contains(&part.role.as_str()));
+        let parts = parts.map(|part| (format!("hash of the {}", part.role), part.hash.clone()));
         let versions =
             header.versions.iter().map(|(name, version)| (format!("version of {name}"), version.clone()));
-        facts.chain(versions).filter(|(_, fact)| !fact.is_empty()).collect()
+        facts.chain(parts).chain(versions).filter(|(_, fact)| !fact.is_empty()).collect()
     };
     let (a_facts, b_facts) = (settings(a), settings(b));
     let names: BTreeSet<&String> = a_facts.keys().chain(b_facts.keys()).collect();

@@ -7,7 +7,7 @@ use mishandle_store::{RunFile, RunHeader, Simulation, StoredTrace};
 
 use crate::error::MishandleError;
 use crate::replay::replay_command;
-use crate::resolve::{ResolvedPlan, is_python, recorded_plan};
+use crate::resolve::{Moved, ResolvedPlan, is_python, recorded_plan};
 use crate::run::record;
 use crate::run::violation::{MAX_SUBFORMULAS, decided};
 
@@ -208,16 +208,16 @@ pub struct ExplainedSimulation {
 }
 
 /// Explains simulation `number` of trial `trial` of a run. A simulation without a recorded trace is
-/// replayed; then `controller` is the present path of the run's controller, if the file was moved.
+/// replayed; then `moved` has the present paths of the run's files that were moved.
 ///
 /// # Errors
 /// If the run has no such simulation, the simulation has no robustness, or a replay is needed and
 /// impossible or different.
-pub fn explain(
+pub fn explain<'a>(
     run: &RunFile,
     trial: u32,
     number: u32,
-    controller: Option<&str>,
+    moved: impl Into<Moved<'a>>,
 ) -> Result<ExplainedSimulation, MishandleError> {
     let recorded = run.simulation(trial, number)?;
     if recorded.robustness.is_none() {
@@ -233,7 +233,7 @@ pub fn explain(
                 replay: replay_command(&run.header().target.kind, run.path(), trial, number),
             });
         }
-        None => replayed_trace(&recorded, &recorded_plan(run.header(), controller)?)?,
+        None => replayed_trace(&recorded, &recorded_plan(run.header(), moved)?)?,
     };
     explain_recorded(run.header(), recorded, trace)
 }

@@ -378,7 +378,8 @@ mod tests {
     #[test]
     fn the_documented_plan_contains_every_key_with_its_default() {
         let plan = Plan::from_toml(documented_plan()).unwrap();
-        // The default formula is the target's first, which is `success` for a task.
+        // The default formula is the target's first, which is `success` for a task, and so is the
+        // default space, `starts`.
         let formula = Some("success".to_string());
         let falsify = FalsifyPlan { formula, isolate: Some(true), ..FalsifyPlan::default() };
         let formula = Some("success".to_string());
@@ -409,7 +410,7 @@ mod tests {
                 screening: None,
                 ..plan.clone()
             },
-            Plan::new("ball-balancing", "ppo")
+            Plan { space: "starts".to_string(), ..Plan::new("ball-balancing", "ppo") }
         );
         // `to_toml` writes every key, so the example must contain the same keys.
         let is_key = |line: &&str| line.contains(" = ");

@@ -12,7 +12,7 @@ use mishandle_stl::is_violated;
 use mishandle_store::{RunFile, RunKind, Simulation, SimulationEnd};
 
 use crate::error::MishandleError;
-use crate::resolve::{ResolvedPlan, recorded_plan};
+use crate::resolve::{Moved, ResolvedPlan, recorded_plan};
 use crate::run::{header, record, recorded_axis};
 
 pub use crate::run::build_differences;
@@ -40,18 +40,19 @@ pub struct ReplayResult {
 /// and the results from the simulation. For a falsification it also derives the other points of the
 /// trial, from the recorded results of the earlier simulations.
 ///
-/// `controller` is the present path of the run's controller, if the file was moved.
+/// `moved` has the present paths of the run's files that were moved; an `Option<&str>` is that of the
+/// controller.
 ///
 /// # Errors
 /// If the run has no such simulation, its plan cannot be resolved any more, the controller differs
 /// from the run's, or the target cannot run the recorded scenario.
-pub fn replay(
+pub fn replay<'a>(
     run: &RunFile,
     trial: u32,
     number: u32,
-    controller: Option<&str>,
+    moved: impl Into<Moved<'a>>,
 ) -> Result<ReplayResult, MishandleError> {
-    replay_with(run, trial, number, &recorded_plan(run.header(), controller)?)
+    replay_with(run, trial, number, &recorded_plan(run.header(), moved)?)
 }
 
 /// Replays a simulation as [`replay`] does, with a plan that the caller has resolved.

@@ -4,53 +4,79 @@ use mishandle_store::{ComponentRecord, RunHeader};
 
 use crate::error::MishandleError;
 use crate::plan::Plan;
-use crate::resolve::ResolvedPlan;
+use crate::resolve::{ResolvedPlan, is_robot_file};
 
-/// Resolves the plan of a run and checks that the controller is the same as in the run.
+/// Present paths of the files of a run that were moved.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Moved<'a> {
+    /// The controller, or another one to use.
+    pub controller: Option<&'a str>,
+    /// The target file.
+    pub target: Option<&'a str>,
+}
+
+impl<'a> From<Option<&'a str>> for Moved<'a> {
+    fn from(controller: Option<&'a str>) -> Self {
+        Moved { controller, target: None }
+    }
+}
+
+/// Resolves the plan of a run and checks that the parts of the target are the same as in the run.
 ///
-/// `controller` is the present path of the controller, if the file was moved.
+/// `moved` has the present paths of moved files; an `Option<&str>` is that of the controller.
 ///
 /// # Errors
-/// If the plan cannot be resolved any more, or the controller has another hash than the run's.
-pub fn recorded_plan(header: &RunHeader, controller: Option<&str>) -> Result<ResolvedPlan, MishandleError> {
-    resolve_recorded(Plan::from_toml(&header.plan)?, &header.components, controller)
+/// If the plan cannot be resolved any more, or a part of the target has another hash than the
+/// run's.
+pub fn recorded_plan<'a>(
+    header: &RunHeader,
+    moved: impl Into<Moved<'a>>,
+) -> Result<ResolvedPlan, MishandleError> {
+    resolve_recorded(Plan::from_toml(&header.plan)?, &header.components, moved.into())
 }
 
 /// Resolves a recorded plan and checks that the target has the recorded components.
 pub(crate) fn resolve_recorded(
     mut plan: Plan,
     components: &[ComponentRecord],
-    controller: Option<&str>,
+    moved: Moved<'_>,
 ) -> Result<ResolvedPlan, MishandleError> {
-    if let Some(controller) = controller {
+    if let Some(target) = moved.target {
+        if !is_robot_file(&plan.target) {
+            return Err(MishandleError::TargetNotMoved { target: plan.target });
+        }
+        plan.target = target.to_string();
+    }
+    if let Some(controller) = moved.controller {
         plan.controller = controller.to_string();
     }
-    let recorded = components.iter().find(|component| component.role == "controller");
+    let recorded = components.iter().find(|component| component.role == CONTROLLER);
+    let name = |recorded: &ComponentRecord| match plan.controller.as_str() {
+        "" => recorded.name.clone(),
+        given => given.to_string(),
+    };
     let with_hint = |error| match (error, recorded) {
         (
-            error @ (MishandleError::Controller(_) | MishandleError::UnknownName { kind: "controller", .. }),
+            error @ (MishandleError::Controller(_)
+            | MishandleError::Interchange(_)
+            | MishandleError::UnknownName { kind: "controller", .. }),
             Some(recorded),
-        ) if controller.is_none() => MishandleError::MissingController {
-            controller: plan.controller.clone(),
+        ) if moved.controller.is_none() => MishandleError::MissingController {
+            controller: name(recorded),
             hash: recorded.hash.clone(),
             source: Box::new(error),
         },
         (MishandleError::UnknownName { kind: "target", name, .. }, _) => {
             MishandleError::ForeignTarget { name }
         }
+        // A changed file can have lost what the plan names.
+        (error, _) if is_robot_file(&plan.target) => {
+            MishandleError::MissingTarget { target: plan.target.clone(), source: Box::new(error) }
+        }
         (error, _) => error,
     };
     let resolved = ResolvedPlan::new(&plan).map_err(with_hint)?;
     let found = &resolved.target.components;
-    for (then, now) in components.iter().zip(found) {
-        if then.hash != now.hash {
-            return Err(MishandleError::ControllerMismatch {
-                controller: plan.controller,
-                recorded: then.hash.clone(),
-                found: now.hash.clone(),
-            });
-        }
-    }
     if components.len() != found.len() {
         let parts = |roles: Vec<&str>| if roles.is_empty() { "none".to_string() } else { roles.join(", ") };
         return Err(MishandleError::ComponentMismatch {
@@ -59,5 +85,25 @@ pub(crate) fn resolve_recorded(
             found: parts(found.iter().map(|component| component.role.as_str()).collect()),
         });
     }
-    Ok(resolved)
+    let pairs = components.iter().zip(found);
+    let changed: Vec<_> =
+        pairs.filter(|(then, now)| (&then.role, &then.hash) != (&now.role, &now.hash)).collect();
+    match changed.as_slice() {
+        [] => Ok(resolved),
+        [(then, now)] if then.role == CONTROLLER => Err(MishandleError::ControllerMismatch {
+            controller: name(then),
+            recorded: then.hash.clone(),
+            found: now.hash.clone(),
+        }),
+        changed => {
+            let part = |(then, now): &(&ComponentRecord, &mishandle_rollout::Component)| {
+                let renamed = if then.name == now.name { "" } else { &format!(" (now `{}`)", now.name) };
+                format!("the {} `{}`{renamed}", then.role, then.name)
+            };
+            Err(MishandleError::ChangedParts { parts: changed.iter().map(part).collect() })
+        }
+    }
 }
+
+/// Role of the component that acts.
+const CONTROLLER: &str = "controller";

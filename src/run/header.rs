@@ -99,8 +99,10 @@ pub(crate) fn differences(
         found.list(what, &entries(recorded), &entries(planned));
     }
     found.compare("number of components", &recorded.components.len(), &planned.components.len());
-    // A controller that was moved can have another name.
-    let is_moved = Plan::from_toml(&recorded.plan)?.controller != resolved.plan.controller;
+    // A file that was moved can have another name.
+    let then = Plan::from_toml(&recorded.plan)?;
+    let paths = |plan: &Plan| [plan.controller.clone(), plan.target.clone()];
+    let is_moved = paths(&then) != paths(&resolved.plan);
     for (then, now) in recorded.components.iter().zip(&planned.components) {
         found.compare("role of a component", &then.role, &now.role);
         found.compare(&format!("hash of the file of the {}", now.role), &then.file_hash, &now.file_hash);

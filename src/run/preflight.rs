@@ -32,7 +32,8 @@ const MAX_LEVELS: usize = 5;
 /// Checks requirement and space with a few simulations of their own, which are part of no result,
 /// and returns warnings in words.
 ///
-/// The first probe is the nominal scenario. The next ones set each axis to its bounds. They end
+/// The first probe is the nominal scenario. The next ones set each axis to its bounds, and to its
+/// nominal value if the bounds agree. They end
 /// after a second or one percent of the question's simulations, whichever is more. A probe that
 /// fails is skipped: the question itself reports failures.
 ///
@@ -169,35 +170,50 @@ fn axes_without_effect(
         };
         effective(&axes[index], axis).unwrap_or_else(|| values(axis)).into_iter().map(with).collect()
     };
+    let request = |base: &[Option<f64>], index: usize, value: Option<f64>| {
+        let mut scenario = base.to_vec();
+        scenario[index] = value;
+        Request::new(resolved.space.canonical(Scenario::new(scenario)), seed)
+    };
     let mut requests = Vec::new();
     let mut probed = Vec::new();
     for (index, axis) in axes.iter().enumerate().filter(|(_, axis)| !axis.is_fixed()) {
         let (bases, values) = (bases(index), values(axis));
-        let count = bases.len() * values.len();
-        if requests.len() + count > limit {
+        let (first, count) = (requests.len(), bases.len() * values.len());
+        if first + count > limit {
             break;
         }
-        probed.push((index, values.len(), requests.len()..requests.len() + count));
-        for base in bases {
-            requests.extend(values.iter().map(|value| {
-                let mut scenario = base.clone();
-                scenario[index] = Some(*value);
-                Request::new(resolved.space.canonical(Scenario::new(scenario)), seed)
-            }));
+        for base in &bases {
+            requests.extend(values.iter().map(|value| request(base, index, Some(*value))));
         }
+        probed.push((index, bases, values.len(), first..first + count));
     }
     let episodes = rollout(system, requests);
     let is_comparable = |episode: &Episode| episode.end.has_verdict() && !episode.trace.is_empty();
-    for (index, count, range) in probed {
+    let mut unchanged = Vec::new();
+    for (index, bases, count, range) in probed {
         let Some(found) = episodes.get(range).filter(|found| found.iter().all(is_comparable)) else {
             continue;
         };
         let changes = |group: &[Episode]| group.iter().any(|other| !is_same(&group[0].trace, &other.trace));
         if !found.chunks(count).any(changes) {
+            unchanged.push((index, bases, found.iter().step_by(count)));
+        }
+    }
+    // The bounds of a symmetric system have equal traces, but the value between them has another.
+    let between = |(index, bases, _): &(usize, Vec<Vec<Option<f64>>>, _)| -> Vec<Request> {
+        let value = axes[*index].nominal.or(Some(axes[*index].at(0.5)));
+        bases.iter().map(|base| request(base, *index, value)).collect()
+    };
+    let mut nominal = rollout(system, unchanged.iter().flat_map(between).collect()).into_iter();
+    for (index, bases, found) in unchanged {
+        let nominal: Vec<Episode> = nominal.by_ref().take(bases.len()).collect();
+        let is_same = |(a, b): (&Episode, &Episode)| is_comparable(b) && is_same(&a.trace, &b.trace);
+        if nominal.len() == bases.len() && found.zip(&nominal).all(is_same) {
             warnings.push(format!(
                 "axis `{}` changes no trace: all signals are equal at its {}; is its name right, and does the system read it?",
                 axes[index].name,
-                if axes[index].levels().is_some() { "values" } else { "lowest and its highest value" }
+                if axes[index].levels().is_some() { "values" } else { "lowest, nominal and highest value" }
             ));
         }
     }

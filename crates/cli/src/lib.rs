@@ -16,6 +16,7 @@ use std::process::ExitCode;
 
 use mishandle::run::Device;
 use mishandle::tasks::Task;
+use mishandle::world::{CHILD_WORD, run_child, set_child_program};
 
 pub use commands::junit;
 
@@ -36,6 +37,9 @@ pub fn main() -> ExitCode {
 ///
 /// If the definition of a task is invalid, the program prints the error and returns exit code 2.
 pub fn main_with_tasks(tasks: &[&'static dyn Task]) -> ExitCode {
+    if let Ok(program) = std::env::current_exe() {
+        set_child_program(vec![program.into(), CHILD_WORD.into()]);
+    }
     match tasks.iter().try_for_each(|task| mishandle::tasks::add(*task)) {
         Ok(()) => run_with(std::env::args_os()),
         Err(error) => {
@@ -55,6 +59,9 @@ pub fn run_with(arguments: impl IntoIterator<Item = OsString>) -> ExitCode {
 pub fn exit_code_of(arguments: impl IntoIterator<Item = OsString>, gpu: Option<&Device>) -> u8 {
     interrupt::report_file_size_limits();
     let words: Vec<OsString> = arguments.into_iter().collect();
+    if words.get(1).is_some_and(|word| word == CHILD_WORD) {
+        return run_child();
+    }
     let arguments = match CommandLine::parse_words(words.clone()) {
         Ok(arguments) => arguments,
         Err(error) => {

@@ -17,7 +17,8 @@ pub(crate) struct Folder {
     canonical: PathBuf,
     allow_outside: bool,
     read: u64,
-    files: usize,
+    /// The files that were read.
+    files: Vec<PathBuf>,
 }
 
 impl Folder {
@@ -28,7 +29,12 @@ impl Folder {
             _ => PathBuf::from("."),
         };
         let canonical = path.canonicalize().map_err(|error| error.to_string())?;
-        Ok(Folder { path, canonical, allow_outside, read: 0, files: 0 })
+        Ok(Folder { path, canonical, allow_outside, read: 0, files: Vec::new() })
+    }
+
+    /// Returns the files that were read, the main file first.
+    pub(crate) fn into_files(self) -> Vec<PathBuf> {
+        self.files
     }
 
     /// Returns whether files outside the folder may be read.
@@ -40,11 +46,11 @@ impl Folder {
     pub(crate) fn read(&mut self, path: &Path) -> Result<Vec<u8>, String> {
         let bytes = read_bounded(path, limits::MODEL).map_err(|error| error.to_string())?;
         self.read += bytes.len() as u64;
-        self.files += 1;
+        self.files.push(path.to_path_buf());
         if self.read > TOTAL {
             return Err(format!("the files of the model have more than {} MiB in all", TOTAL >> 20));
         }
-        if self.files > FILES {
+        if self.files.len() > FILES {
             return Err(format!("the model refers to more than {FILES} files"));
         }
         Ok(bytes)

@@ -1,5 +1,5 @@
 use std::collections::BTreeMap;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use crate::compose::Composed;
 use crate::edit::{Edit, apply};
@@ -35,19 +35,29 @@ impl Source {
     /// # Ok::<(), Box<dyn std::error::Error>>(())
     /// ```
     pub fn read(path: &Path, allow_outside: bool) -> Result<Source, MjcfError> {
+        Ok(Source::read_with_files(path, allow_outside)?.0)
+    }
+
+    /// Reads a model as [`read`](Self::read) does, and returns the paths of its files as well, the
+    /// main file first.
+    ///
+    /// # Errors
+    /// The errors of [`read`](Self::read).
+    pub fn read_with_files(path: &Path, allow_outside: bool) -> Result<(Source, Vec<PathBuf>), MjcfError> {
         let file = path.display().to_string();
         let error = |message: String| MjcfError::new(&file, None, message);
         let mut folder = Folder::of(path, allow_outside).map_err(error)?;
         let bytes = folder.read(path).map_err(error)?;
         let text = String::from_utf8(bytes).map_err(|_| error("the file is not UTF-8 text".to_string()))?;
         let root = name(parse(&text, &file)?.root_element()).to_string();
-        match root.as_str() {
+        let source = match root.as_str() {
             "mujoco" => assets::collect(&Composed::new(path, text, &mut folder)?, &mut folder),
             "robot" => urdf::collect(&file, &text, &mut folder),
             _ => Err(error(format!(
                 "the root element is `{root}`; a model has `mujoco` (MJCF) or `robot` (URDF)"
             ))),
-        }
+        }?;
+        Ok((source, folder.into_files()))
     }
 
     /// Makes these edits, one after the other.

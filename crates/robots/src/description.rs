@@ -8,6 +8,9 @@ use crate::error::Problem;
 /// Version of the format.
 const FORMAT: f64 = 1.0;
 
+/// Largest number of physics steps of a control step.
+pub(crate) const MAX_SUBSTEPS: f64 = 10_000.0;
+
 /// Largest number of control steps of an episode.
 const MAX_STEPS: f64 = 1e6;
 
@@ -385,7 +388,7 @@ fn control(table: &Table) -> Result<Control, Problem> {
         return Err(Problem::new(&item.span, "`period` must be from 0.00001 to 100 s"));
     }
     let steps = whole(fields.need("steps")?, "steps", MAX_STEPS)?;
-    let substeps = fields.get("substeps").map(|item| whole(item, "substeps", 10_000.0)).transpose()?;
+    let substeps = fields.get("substeps").map(|item| whole(item, "substeps", MAX_SUBSTEPS)).transpose()?;
     fields.finish()?;
     Ok(Control { span: table.span.clone(), period, steps, substeps })
 }

@@ -19,6 +19,8 @@ pub(crate) struct RobotModel {
     pub picture: PictureModel,
     /// File of the model.
     pub file: PathBuf,
+    /// The files of the model, that one first.
+    pub files: Vec<PathBuf>,
     /// SHA-256 of the document and of the files that it refers to.
     pub hash: String,
 }
@@ -32,7 +34,7 @@ pub(crate) fn read(description: &Description, path: &Path, text: &str) -> Result
     let span = &description.model_file.span;
     let mut fields = Fields::new(&description.model, "[model]");
     let allow_outside = fields.flag("allow_outside").map_err(problem)?;
-    let source = Source::read(&file, allow_outside)
+    let (source, files) = Source::read_with_files(&file, allow_outside)
         .map_err(|error| problem(Problem::new(span, error_text(&error))))?;
     let hash = source_hash(&source);
     let mut edits = edits(&description.model).map_err(problem)?;
@@ -46,9 +48,9 @@ pub(crate) fn read(description: &Description, path: &Path, text: &str) -> Result
     let assets = Arc::new(edited.assets);
     let physics = without_visuals(&edited.document);
     let physics =
-        Model::from_xml_with_assets(&physics, assets.clone()).map_err(|error| failed(error_text(&error)))?;
+        Model::from_untrusted(&physics, assets.clone()).map_err(|error| failed(error_text(&error)))?;
     let picture = PictureModel { assets, ..PictureModel::new(edited.document) };
-    Ok(RobotModel { physics, picture, file, hash })
+    Ok(RobotModel { physics, picture, file, files, hash })
 }
 
 /// Returns a URDF as MJCF.
@@ -56,7 +58,7 @@ fn as_mjcf(source: Source) -> Result<Source, String> {
     if !source.is_urdf() {
         return Ok(source);
     }
-    let document = mishandle_world::mjcf_of_urdf(&source.document, &source.assets);
+    let document = mishandle_world::mjcf_of_untrusted_urdf(&source.document, &source.assets);
     Ok(Source { document: document.map_err(|error| error_text(&error))?, assets: source.assets })
 }
 

@@ -14,8 +14,7 @@ use mishandle_world::{ElementKind, Joint, Mocap, Model, PictureModel, Servo};
 
 use crate::axes::{Axes, ObservedPart, Parameter, parameter_names};
 use crate::controlled::ControlledRobot;
-use crate::description::AxisEffect;
-use crate::description::{Description, Named, PolicySource, Quantity};
+use crate::description::{AxisEffect, Description, MAX_SUBSTEPS, Named, PolicySource, Quantity};
 use crate::document;
 use crate::environment::{Robot, RobotEnvironment};
 use crate::error::{Problem, RobotError};
@@ -27,6 +26,9 @@ use crate::task_space::TaskSpacePolicy;
 
 /// Kind of the targets that a file describes.
 pub const KIND: &str = "robot";
+
+/// Roles of the components that are files of the robot, not its controller.
+pub const FILE_ROLES: [&str; 2] = ["target file", "model"];
 
 /// Where the actions of a robot come from, as its file says.
 pub enum RobotPolicy {
@@ -68,11 +70,7 @@ impl RobotFile {
     /// # Errors
     /// If a file cannot be read or is wrong; the message names the line.
     pub fn read(path: &Path) -> Result<RobotFile, RobotError> {
-        let read = |source| RobotError::Read { path: path.to_path_buf(), source };
-        let bytes = read_bounded(path, limits::PLAN).map_err(read)?;
-        let text = String::from_utf8(bytes).map_err(|error| {
-            read(std::io::Error::new(std::io::ErrorKind::InvalidData, error.utf8_error()))
-        })?;
+        let text = read_text(path)?;
         let problem = |problem: Problem| problem.at(path, &text);
         let table = document::parse(&text).map_err(problem)?;
         let description = Description::new(&table).map_err(problem)?;
@@ -143,6 +141,16 @@ impl RobotFile {
     /// Returns the name of the robot.
     pub fn name(&self) -> &str {
         &self.description.name
+    }
+
+    /// Returns the paths of the files that the target is made of: the file itself, those of the model
+    /// and the policy.
+    pub fn files(&self) -> Vec<PathBuf> {
+        let policy = match &self.policy {
+            RobotPolicy::File { path, .. } => Some(path.clone()),
+            _ => None,
+        };
+        [self.path.clone()].into_iter().chain(self.model.files.iter().cloned()).chain(policy).collect()
     }
 
     /// Returns the policy that the file names.
@@ -232,6 +240,7 @@ impl RobotFile {
         let random = disturbances.iter().filter(|d| d.effect.is_random()).map(|d| d.axis.name.clone());
         let signal =
             |named: &Named<Quantity>| Signal { name: named.key.name.clone(), unit: named.value.unit.clone() };
+        let [target_file, model] = FILE_ROLES;
         let component_of = |role: &str, name: String, hash: &str| Component {
             role: role.to_string(),
             name,
@@ -243,8 +252,8 @@ impl RobotFile {
             identity: self.identity(&component.hash, noise),
             components: vec![
                 component,
-                component_of("target file", file_name(&self.path), &self.text_hash),
-                component_of("model", file_name(&self.model.file), &self.model.hash),
+                component_of(target_file, file_name(&self.path), &self.text_hash),
+                component_of(model, file_name(&self.model.file), &self.model.hash),
             ],
             spaces,
             axes,
@@ -493,7 +502,16 @@ impl RobotFile {
             Some(substeps) => (model.with_timestep(control.period / substeps as f64), substeps),
             None => {
                 let steps = control.period / timestep;
-                if (steps - steps.round()).abs() > 1e-6 * steps || steps.round() < 1.0 {
+                // A time step of 0 would never end.
+                if !(1.0..=MAX_SUBSTEPS).contains(&steps.round()) {
+                    let message = format!(
+                        "the period of {} s has {steps} physics steps of {timestep} s; from 1 to {MAX_SUBSTEPS} are possible: \
+                         set `model.timestep` or `control.substeps`",
+                        control.period
+                    );
+                    return Err(Problem::new(&control.span, message));
+                }
+                if (steps - steps.round()).abs() > 1e-6 * steps {
                     let message = format!(
                         "the period of {} s is not a whole number of physics steps of {timestep} s; set `model.timestep` \
                          or `control.substeps`",
@@ -620,6 +638,14 @@ impl RobotFile {
             model,
         })
     }
+}
+
+/// Reads the text of a target file.
+pub(crate) fn read_text(path: &Path) -> Result<String, RobotError> {
+    let read = |source| RobotError::Read { path: path.to_path_buf(), source };
+    let bytes = read_bounded(path, limits::PLAN).map_err(read)?;
+    String::from_utf8(bytes)
+        .map_err(|error| read(std::io::Error::new(std::io::ErrorKind::InvalidData, error.utf8_error())))
 }
 
 /// Returns the axes with different names: several disturbances may follow one axis.

@@ -5,6 +5,14 @@ pub enum WorldError {
     /// MuJoCo cannot compile the MJCF document.
     #[error("MuJoCo cannot compile the model: {0}")]
     Model(String),
+    /// A model of others ends or blocks MuJoCo.
+    #[error(
+        "a child process tried the model, and it cannot be used: {0}; simplify the model, or report this to MuJoCo"
+    )]
+    Hostile(String),
+    /// A model of others could not be tried.
+    #[error("a model of others is tried in a child process first, which failed: {0}; run the command again")]
+    Untried(String),
     /// No element has this name.
     #[error("the model has no {kind} named `{name}`; known names: {}", known.join(", "))]
     Element {

@@ -10,6 +10,8 @@
 //! [`CpuDevice`], or another physics engine that reads the same MJCF document. A [`Probe`] names
 //! the elements whose forces and motion are measured over the physics steps.
 //!
+//! [`Model::from_untrusted`] compiles a model of others after a child process has tried it.
+//!
 //! Units are SI, quaternions are (w, x, y, z), vectors and rotations are in the world frame, whose
 //! origin is the base of the robot. This is the only crate with `unsafe` code. It knows no tasks.
 
@@ -19,6 +21,7 @@ mod batch;
 mod change;
 mod compile;
 mod contacts;
+mod containment;
 mod coordinates;
 mod element;
 mod error;
@@ -44,6 +47,7 @@ pub use batch::{
 pub use change::{Change, FieldOperation};
 pub use compile::{Assets, mjcf_of_urdf, with_elements};
 pub use contacts::ContactParts;
+pub use containment::{CHILD_WORD, mjcf_of_untrusted_urdf, run_child, set_child_program};
 pub use coordinates::Coordinate;
 pub use element::{Actuator, Body, ElementKind, Equality, Flex, Joint, JointKind, Mocap, Site};
 pub use error::WorldError;

@@ -48,8 +48,7 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
     else {
         bail!("{} has no decided simulation to explain", command.recorded.file.display());
     };
-    let explained =
-        mishandle::inspect::explain(&file, trial, simulation, command.recorded.controller.as_deref())?;
+    let explained = mishandle::inspect::explain(&file, trial, simulation, command.recorded.moved())?;
     let found = explained.result(file.header(), Some(&command.recorded.file.to_string_lossy()));
     if command.json {
         output::json(&found)?;
@@ -63,14 +62,13 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
 
 /// Prints which conjuncts set the robustness of a run and which ones fail.
 fn masking(command: &Arguments, file: &RunFile, limit: u64) -> Result<ExitStatus> {
-    let resolved =
-        match mishandle::resolve::recorded_plan(file.header(), command.recorded.controller.as_deref()) {
-            Ok(resolved) => Some(resolved),
-            Err(error) => {
-                output::message(&format!("only recorded counterexamples are explained: {error}"));
-                None
-            }
-        };
+    let resolved = match mishandle::resolve::recorded_plan(file.header(), command.recorded.moved()) {
+        Ok(resolved) => Some(resolved),
+        Err(error) => {
+            output::message(&format!("only recorded counterexamples are explained: {error}"));
+            None
+        }
+    };
     let bar = Bar::new(0, "simulations");
     run::stop_on_signals(&bar)?;
     let mut evaluated = 0;
@@ -136,8 +134,7 @@ fn count_text(count: EvaluatedCount, kind: &str) -> String {
 /// Simulates an exported counterexample and explains it.
 fn counterexample(command: &Arguments) -> Result<ExitStatus> {
     flags::check_flags(command.recorded.trial, command.recorded.simulation)?;
-    let (_, replayed) =
-        counterexample::replay(&command.recorded.file, command.recorded.controller.as_deref())?;
+    let (_, replayed) = counterexample::replay(&command.recorded.file, command.recorded.moved())?;
     let (header, explained) = (&replayed.header, &replayed.explained);
     if !replayed.differences.is_empty() {
         output::message(

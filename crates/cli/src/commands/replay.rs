@@ -47,16 +47,15 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
             command.recorded.file.display()
         );
     };
-    let replayed =
-        mishandle::replay::replay(&file, trial, simulation, command.recorded.controller.as_deref())?;
+    let replayed = mishandle::replay::replay(&file, trial, simulation, command.recorded.moved())?;
     run::report_build_differences("made", &replayed.build_differences);
     let header = file.header();
     if let Some(path) = &command.trace.trace {
         let more = match command.trace.is_full() {
             true => {
-                let controller = command.recorded.controller.as_deref();
+                let moved = command.recorded.moved();
                 mishandle::picture::full_trace(
-                    &mishandle::resolve::recorded_plan(header, controller)?,
+                    &mishandle::resolve::recorded_plan(header, moved)?,
                     &replayed.episode,
                 )?
             }
@@ -83,15 +82,14 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
 /// Replays an exported counterexample.
 fn counterexample(command: &Arguments) -> Result<ExitStatus> {
     flags::check_flags(command.recorded.trial, command.recorded.simulation)?;
-    let (recorded, replayed) =
-        counterexample::replay(&command.recorded.file, command.recorded.controller.as_deref())?;
+    let (recorded, replayed) = counterexample::replay(&command.recorded.file, command.recorded.moved())?;
     let CounterexampleReplay { header, episode, differences, .. } = &replayed;
     if let Some(path) = &command.trace.trace {
         let folder = command.recorded.file.parent().unwrap_or(Path::new(""));
         let more = match command.trace.is_full() {
             true => {
-                let controller = command.recorded.controller.as_deref();
-                mishandle::picture::full_trace(&recorded.resolve(folder, controller)?, episode)?
+                let moved = command.recorded.moved();
+                mishandle::picture::full_trace(&recorded.resolve(folder, moved)?, episode)?
             }
             false => Vec::new(),
         };

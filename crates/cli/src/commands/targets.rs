@@ -12,9 +12,10 @@ use crate::show::{output, scenario};
 #[command(after_help = "Examples:
   mishandle targets
   mishandle targets ball-balancing       all axes of its scenario spaces
-  mishandle targets toy/car-following")]
+  mishandle targets toy/car-following
+  mishandle targets ./robot.toml         a robot that a file describes")]
 pub struct Arguments {
-    /// Name of a target to describe
+    /// Name of a target to describe, or the path of a target file (.toml)
     pub target: Option<String>,
     /// Task preset of the described initial box and formulas: paper or code [default: paper]
     #[arg(long, requires = "target")]
@@ -33,7 +34,7 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
         }
         (Some(name), is_json) => {
             let plan = plan(name, command.preset.as_deref());
-            let target = mishandle::resolve::target(&plan)?;
+            let target = mishandle::resolve::described_target(&plan)?;
             if is_json {
                 output::json(&mishandle::resolve::target_result(&target))?;
             } else {
@@ -129,7 +130,9 @@ fn sets(axis: &Axis) -> String {
     };
     let unit = Some(axis.unit.clone()).filter(|unit| !unit.is_empty());
     let more: Vec<String> = unit.into_iter().chain(values).collect();
-    if more.is_empty() { axis.meaning.clone() } else { format!("{} ({})", axis.meaning, more.join(", ")) }
+    let more = if more.is_empty() { String::new() } else { format!("({})", more.join(", ")) };
+    let parts = [axis.meaning.as_str(), &more];
+    parts.into_iter().filter(|part| !part.is_empty()).collect::<Vec<_>>().join(" ")
 }
 
 /// Formats a number with at most nine decimals, which hides rounding errors.

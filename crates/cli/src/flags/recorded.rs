@@ -4,6 +4,7 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Result, ensure};
 use clap::Args;
+use mishandle::resolve::Moved;
 
 use super::NUMBERS;
 use super::numbers::integer;
@@ -25,9 +26,19 @@ pub struct Recorded {
     /// New path of the run's controller, if the file was moved
     #[arg(long, value_name = "C")]
     pub controller: Option<String>,
+    /// New path of the run's target file (.toml), if it was moved
+    #[arg(long, value_name = "FILE")]
+    pub target: Option<String>,
     /// Do not check the whole run file before reading it; a record is still checked when it is read
     #[arg(long)]
     pub skip_check: bool,
+}
+
+impl Recorded {
+    /// Returns the present paths of files that were moved.
+    pub fn moved(&self) -> Moved<'_> {
+        Moved { controller: self.controller.as_deref(), target: self.target.as_deref() }
+    }
 }
 
 /// Flags of commands that write the trace of one simulation.

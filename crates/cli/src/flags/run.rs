@@ -31,6 +31,9 @@ pub struct OpenRun {
     /// path
     #[arg(long, value_name = "RUN", conflicts_with_all = PLANNED)]
     pub resume: Option<PathBuf>,
+    /// With --resume: new path of the run's target file (.toml), if it was moved
+    #[arg(long = "target", value_name = "FILE", requires = "resume")]
+    pub moved_target: Option<String>,
     /// Do not check the whole run file before reading it; a record is still checked when it is read
     #[arg(long, requires = "resume")]
     pub skip_check: bool,

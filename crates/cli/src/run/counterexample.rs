@@ -4,15 +4,16 @@ use std::path::Path;
 
 use anyhow::{Context, Result};
 use mishandle::counterexample::{Counterexample, CounterexampleReplay};
+use mishandle::resolve::Moved;
 
 use crate::show::output;
 
 /// Reads an exported counterexample, simulates it again, and warns if another build made it.
-/// `controller` is the present path of its controller.
-pub fn replay(path: &Path, controller: Option<&str>) -> Result<(Counterexample, CounterexampleReplay)> {
+/// `moved` has the present paths of its files.
+pub fn replay(path: &Path, moved: Moved<'_>) -> Result<(Counterexample, CounterexampleReplay)> {
     let counterexample = read(path)?;
     let folder = path.parent().unwrap_or(Path::new(""));
-    let replayed = counterexample.replay(&counterexample.resolve(folder, controller)?)?;
+    let replayed = counterexample.replay(&counterexample.resolve(folder, moved)?)?;
     for difference in &replayed.build_differences {
         output::message(&format!("warning: another build made the counterexample: {difference}"));
     }

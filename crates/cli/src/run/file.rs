@@ -3,6 +3,7 @@
 use std::path::Path;
 
 use anyhow::{Result, ensure};
+use mishandle::resolve::Moved;
 use mishandle::store::{RunFile, RunKind, RunWriter};
 use mishandle::{Plan, ResolvedPlan};
 use mishandle_text::plural;
@@ -11,12 +12,11 @@ use crate::flags::OpenRun;
 use crate::show::output;
 
 /// Opens a run file of this kind and returns it with its resolved plan: the run to resume, or else
-/// a new run with the plan `new_plan`. `controller` is the new path of the controller of a resumed
-/// run.
+/// a new run with the plan `new_plan`. `moved` has the new paths of the files of a resumed run.
 pub fn open(
     flags: &OpenRun,
     kind: RunKind,
-    controller: Option<&str>,
+    moved: Moved<'_>,
     new_plan: impl FnOnce() -> Result<Plan>,
 ) -> Result<(ResolvedPlan, RunWriter)> {
     let sync = |run: &mut RunWriter| if flags.durable { run.set_durable() } else { Ok(()) };
@@ -43,7 +43,7 @@ pub fn open(
         name(run.file())
     );
     sync(&mut run)?;
-    let resolved = mishandle::resolve::recorded_plan(run.file().header(), controller)?;
+    let resolved = mishandle::resolve::recorded_plan(run.file().header(), moved)?;
     if flags.any_build {
         report_build_differences(
             "started",

@@ -6,6 +6,7 @@ use std::time::Instant;
 
 use anyhow::Result;
 use mishandle::plan::ScreeningPlan;
+use mishandle::resolve::Moved;
 use mishandle::results::Screening;
 use mishandle::run::{Answer, Device, Engine};
 use mishandle::store::RunKind;
@@ -29,8 +30,8 @@ pub struct Asked {
     seconds: f64,
 }
 
-/// Opens or creates the run file of a question, and asks it. `subject` has the new path of the
-/// controller of a resumed run.
+/// Opens or creates the run file of a question, and asks it. `subject` and `file` have the
+/// new paths of the files of a resumed run.
 pub fn ask(
     kind: RunKind,
     subject: &flags::Subject,
@@ -47,7 +48,8 @@ pub fn ask(
         }
         plan => Ok(plan),
     };
-    let (resolved, file) = open(file, kind, subject.controller.as_deref(), checked)?;
+    let moved = Moved { controller: subject.controller.as_deref(), target: file.moved_target.as_deref() };
+    let (resolved, file) = open(file, kind, moved, checked)?;
     output::warn_about(&resolved.specification.requirement);
     let is_new = file.file().counts()?.simulations == 0;
     for warning in file.file().header().preflight.iter().filter(|_| is_new) {

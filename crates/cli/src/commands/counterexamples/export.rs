@@ -6,6 +6,7 @@ use clap::Args;
 use mishandle::Plan;
 use mishandle::counterexample::{Chosen, Counterexample, Minimization};
 use mishandle::files::NewFolders;
+use mishandle::resolve::Moved;
 use mishandle::store::RunFile;
 use mishandle_text::plural;
 
@@ -56,6 +57,9 @@ pub struct Arguments {
     /// With --minimize: new path of the run's controller, if the file was moved
     #[arg(long, value_name = "C", requires = "minimize")]
     pub controller: Option<String>,
+    /// New path of the run's target file (.toml), if it was moved
+    #[arg(long, value_name = "FILE")]
+    pub target: Option<String>,
     /// Overwrite existing files
     #[arg(long)]
     pub force: bool,
@@ -79,8 +83,11 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
     );
     let file = run::read(&command.file, command.skip_check)?;
     let chosen = choose(command, &file)?;
-    let resolved = match command.minimize {
-        true => Some(mishandle::resolve::recorded_plan(file.header(), command.controller.as_deref())?),
+    let moved = Moved { controller: command.controller.as_deref(), target: command.target.as_deref() };
+    // The files of a target are copied; they must be those of the run.
+    let has_files = mishandle::resolve::is_robot_file(&Plan::from_toml(&file.header().plan)?.target);
+    let resolved = match command.minimize || has_files || command.target.is_some() {
+        true => Some(mishandle::resolve::recorded_plan(file.header(), moved)?),
         false => None,
     };
     if let Some(resolved) = &resolved {
@@ -102,7 +109,8 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
     }
     let budget = command.budget.unwrap_or(Minimization::BUDGET);
     bar.set_length(budget);
-    let minimization = resolved.as_ref().map(|resolved| Minimization { resolved, budget });
+    let minimized = resolved.as_ref().filter(|_| command.minimize);
+    let minimization = minimized.map(|resolved| Minimization { resolved, budget });
     let found = mishandle::counterexample::export(&file, chosen, minimization, |done| {
         bar.set_position(done);
         run::control_flow()
@@ -115,12 +123,24 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
         );
         return Ok(ExitStatus::Interrupted);
     }
+    let folder = if command.all { Some(command.out.as_path()) } else { command.out.parent() };
+    let copied = match &resolved {
+        Some(resolved) => {
+            mishandle::counterexample::copy_target(&resolved.plan, folder.unwrap_or(Path::new("")))?
+        }
+        None => Vec::new(),
+    };
     write_all(command, &found.files)?;
     match command.json {
         true => output::json(&found.result)?,
         false => output::line(&exports::text(&found.result))?,
     }
-    let controller = found.files.first().map(|(_, counterexample)| &counterexample.plan.controller);
+    for path in &copied {
+        output::message(&format!("wrote {}, a file of the target", escape::name(&path.to_string_lossy())));
+    }
+    // Otherwise the controller is among these files.
+    let first = found.files.first().filter(|_| !has_files);
+    let controller = first.map(|(_, counterexample)| &counterexample.plan.controller);
     if let Some(name) = controller.and_then(|controller| controller.strip_prefix("./")) {
         output::message(&format!(
             "the controller is not shipped: copy {} to the folder of the counterexamples, or give --controller FILE",

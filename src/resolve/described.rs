@@ -1,0 +1,57 @@
+//! Targets without a controller, to describe them.
+
+use std::sync::Arc;
+
+use mishandle_rollout::{Component, Controller, ControllerWorker, Noise, Target};
+
+use crate::error::MishandleError;
+use crate::plan::Plan;
+use crate::resolve::{is_robot_file, robot_file, target};
+
+/// Returns the target of a plan for a description: spaces, signals and formulas. A target file needs
+/// no policy for it, since nothing is simulated.
+///
+/// # Errors
+/// The errors of [`target`], except that the policy of a target file is not read.
+pub fn described_target(plan: &Plan) -> Result<Target, MishandleError> {
+    if !is_robot_file(&plan.target) {
+        return target(plan);
+    }
+    let robot = robot_file(plan)?;
+    let idle = Idle { observations: robot.observation_size(), actions: robot.actions() };
+    let component = Component {
+        role: "controller".to_string(),
+        name: "none".to_string(),
+        hash: String::new(),
+        file_hash: String::new(),
+    };
+    Ok(robot.target((Arc::new(idle), component), Noise::default())?)
+}
+
+/// A controller whose actions are 0.
+struct Idle {
+    observations: usize,
+    actions: usize,
+}
+
+impl Controller for Idle {
+    fn observation_size(&self) -> usize {
+        self.observations
+    }
+
+    fn action_size(&self) -> usize {
+        self.actions
+    }
+
+    fn worker(&self) -> Box<dyn ControllerWorker> {
+        Box::new(IdleWorker)
+    }
+}
+
+struct IdleWorker;
+
+impl ControllerWorker for IdleWorker {
+    fn act(&mut self, _rows: usize, _observations: &[f32], _states: &mut [f64], actions: &mut [f32]) {
+        actions.fill(0.0);
+    }
+}
