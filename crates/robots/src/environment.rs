@@ -31,6 +31,8 @@ pub(crate) struct Robot {
     pub command: Phase,
     /// The controls before the first action arrives; empty if the action is 0 then.
     pub hold: Phase,
+    /// Actuators that get the controls, in the order of the expression.
+    pub actuated: Vec<usize>,
     pub control_ranges: Vec<Option<[f64; 2]>>,
     /// Signals with a reduction over the physics steps.
     pub measured: Phase,
@@ -86,6 +88,25 @@ impl RobotEnvironment {
     /// Returns the compiled model.
     pub fn model(&self) -> &Model {
         &self.robot.model
+    }
+
+    pub(crate) fn robot_worker(&self, rows: usize) -> RobotWorker {
+        let robot = self.robot.clone();
+        RobotWorker {
+            world: robot.model.world(),
+            models: HashMap::new(),
+            limit: rows.max(MODELS),
+            key: Vec::new(),
+            start: robot.start.memory(),
+            command: robot.command.memory(),
+            hold: robot.hold.memory(),
+            measured: robot.measured.memory(),
+            sample: robot.sample.memory(),
+            reduced: vec![0.0; robot.reductions.len()],
+            observation: vec![0.0; robot.observation_size],
+            parameters: self.parameters.clone(),
+            robot,
+        }
     }
 }
 
@@ -162,26 +183,11 @@ impl Environment for RobotEnvironment {
     }
 
     fn worker_of(&self, rows: usize) -> Box<dyn EnvironmentWorker> {
-        let robot = self.robot.clone();
-        Box::new(RobotWorker {
-            world: robot.model.world(),
-            models: HashMap::new(),
-            limit: rows.max(MODELS),
-            key: Vec::new(),
-            start: robot.start.memory(),
-            command: robot.command.memory(),
-            hold: robot.hold.memory(),
-            measured: robot.measured.memory(),
-            sample: robot.sample.memory(),
-            reduced: vec![0.0; robot.reductions.len()],
-            observation: vec![0.0; robot.observation_size],
-            parameters: self.parameters.clone(),
-            robot,
-        })
+        Box::new(self.robot_worker(rows))
     }
 }
 
-struct RobotWorker {
+pub(crate) struct RobotWorker {
     robot: Arc<Robot>,
     parameters: Arc<[Parameter]>,
     world: World,
@@ -223,6 +229,11 @@ impl Robot {
 }
 
 impl RobotWorker {
+    /// Returns the controls of the last control step.
+    pub(crate) fn controls(&self) -> &[f64] {
+        self.world.ctrl()
+    }
+
     /// Gives the world the model of a row.
     fn set_model(&mut self, tail: &[f64]) {
         if self.robot.changes.is_empty() {
@@ -385,7 +396,10 @@ impl RobotWorker {
         }
         phase.run(memory, &mut View { world: &self.world, time: start, parameters: values, action });
         let controls = self.world.ctrl_mut();
-        phase.write(memory, 0, controls);
+        for (place, actuator) in robot.actuated.iter().enumerate() {
+            let value = phase.value(memory, 0);
+            controls[*actuator] = value[if value.len() == 1 { 0 } else { place }];
+        }
         for (control, range) in controls.iter_mut().zip(&robot.control_ranges) {
             *control = clip(*control, *range);
         }

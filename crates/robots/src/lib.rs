@@ -5,9 +5,10 @@
 //! [`Target`](mishandle_rollout::Target) of it and a controller. `document` is the tree of the
 //! text, `description` what it says, `library` the names that its expressions may use, `phase` the
 //! expressions that are evaluated together, and `environment` the simulation, which runs in the
-//! same engine as every task.
+//! same engine as every task. `contract` checks a policy before the first episode.
 
 mod axes;
+mod contract;
 mod description;
 mod document;
 mod environment;

@@ -4,6 +4,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use mishandle_controllers::{Entry, Layout};
+use mishandle_expression::Argument;
 use mishandle_files::{limits, read_bounded};
 use mishandle_rollout::fault::{Channel, FaultSite, Side};
 use mishandle_rollout::{
@@ -13,11 +14,11 @@ use mishandle_rollout::{
 use mishandle_world::{ElementKind, Model};
 
 use crate::axes::{Axes, ObservedPart, parameter_names};
-use crate::description::{Description, Named, PolicySource, Quantity};
+use crate::description::{Constant, Description, Named, PolicySource, Quantity};
 use crate::document;
 use crate::environment::{Robot, RobotEnvironment};
 use crate::error::{Problem, RobotError};
-use crate::library::Library;
+use crate::library::{Library, members};
 use crate::model::{self, RobotModel};
 use crate::phase::PhaseBuilder;
 use crate::policy::ExpressionPolicy;
@@ -55,6 +56,8 @@ pub struct RobotFile {
     policy: RobotPolicy,
     /// The robot, except what depends on the number of actions.
     observation_size: usize,
+    /// Actuators that get the controls, in the order of the expression.
+    actuated: Vec<usize>,
     parameters: Vec<String>,
 }
 
@@ -84,13 +87,15 @@ impl RobotFile {
     ) -> Result<RobotFile, RobotError> {
         let problem = |problem: Problem| problem.at(path, text);
         let parameters = parameter_names(&description);
-        let actions = description.policy.actions.unwrap_or(model.physics.actuators());
-        let library = Library {
+        let mut library = Library {
             model: &model.physics,
             constants: &description.constants,
             parameters: &parameters,
-            actions: Some(actions),
+            actions: None,
         };
+        check_groups(&description, &library).map_err(problem)?;
+        let actuated = actuated(&description, &library).map_err(problem)?;
+        library.actions = Some(description.policy.actions.unwrap_or(actuated.len()));
         check_constants(&description, &library).map_err(problem)?;
         let parts = observed_parts(&description, &library).map_err(problem)?;
         let observation_size = parts.iter().map(|part| part.size).sum();
@@ -123,6 +128,7 @@ impl RobotFile {
             parts,
             policy,
             observation_size,
+            actuated,
             parameters,
         };
         // This reports mistakes now, with their lines.
@@ -145,7 +151,7 @@ impl RobotFile {
         match (self.description.policy.actions, &self.policy) {
             (Some(actions), _) => actions,
             (None, RobotPolicy::Expression(policy) | RobotPolicy::BuiltIn(policy)) => policy.action_size(),
-            (None, _) => self.model.physics.actuators(),
+            (None, _) => self.actuated.len(),
         }
     }
 
@@ -155,6 +161,29 @@ impl RobotFile {
             |part: &ObservedPart| Entry { name: part.name.clone(), unit: part.unit.clone(), size: part.size };
         let action = Entry { name: "action".to_string(), unit: String::new(), size: self.actions() };
         Layout { observation: self.parts.iter().map(entry).collect(), action: vec![action] }
+    }
+
+    /// Returns the parts of the observation that the policy sees.
+    pub(crate) fn observed(&self) -> &[ObservedPart] {
+        &self.parts
+    }
+
+    /// Returns whether a part of the observation reads more than axes and constants.
+    pub(crate) fn part_reads_state(&self, name: &str) -> bool {
+        let named = self.description.observation.iter().find(|named| named.key.name == name);
+        let library = self.library(Some(self.actions()));
+        let mut phase = PhaseBuilder::new(&library);
+        named.is_some_and(|named| phase.add(&named.value.value).is_ok()) && phase.finish().reads_state()
+    }
+
+    /// Returns the text of the file, for the lines of messages.
+    fn text(&self) -> String {
+        String::from_utf8_lossy(&read_bounded(&self.path, limits::PLAN).unwrap_or_default()).into_owned()
+    }
+
+    /// Compiles the robot for a number of actions.
+    pub(crate) fn compiled(&self, actions: usize) -> Result<Robot, RobotError> {
+        self.robot(actions).map_err(|problem| problem.at(&self.path, &self.text()))
     }
 
     /// Returns the length of an observation.
@@ -176,10 +205,7 @@ impl RobotFile {
         (controller, component): (Arc<dyn Controller>, Component),
         noise: Noise,
     ) -> Result<Target, RobotError> {
-        let text =
-            String::from_utf8_lossy(&read_bounded(&self.path, limits::PLAN).unwrap_or_default()).into_owned();
-        let robot = self.robot(controller.action_size()).map_err(|problem| problem.at(&self.path, &text))?;
-        let robot = Arc::new(robot);
+        let robot = Arc::new(self.compiled(controller.action_size())?);
         let disturbances = self.disturbances(robot.action_size);
         let environment_axes = robot.axes.iter().map(|(axis, _)| axis);
         let axes = distinct(environment_axes.chain(disturbances.iter().map(|d| &d.axis)));
@@ -232,7 +258,7 @@ impl RobotFile {
             };
             check().map_err(|message| {
                 let message = format!("the formula `{}`: {message}", named.key.name);
-                Problem::new(&named.value.span, message).at(&self.path, &text)
+                Problem::new(&named.value.span, message).at(&self.path, &self.text())
             })?;
         }
         let first = target.formulas.first().map(|formula| formula.text.clone()).unwrap_or_default();
@@ -358,17 +384,20 @@ impl RobotFile {
         distinct(all.filter(is_part))
     }
 
+    fn library(&self, actions: Option<usize>) -> Library<'_> {
+        Library {
+            model: &self.model.physics,
+            constants: &self.description.constants,
+            parameters: &self.parameters,
+            actions,
+        }
+    }
+
     /// Compiles all expressions for this number of actions.
     fn robot(&self, actions: usize) -> Result<Robot, Problem> {
         let description = &self.description;
         let model = &self.model.physics;
-        let library = |actions| Library {
-            model,
-            constants: &description.constants,
-            parameters: &self.parameters,
-            actions,
-        };
-        let (before, during) = (library(None), library(Some(actions)));
+        let (before, during) = (self.library(None), self.library(Some(actions)));
         let timestep = model.timestep();
         let control = &description.control;
         let (model, substeps) = match control.substeps {
@@ -390,14 +419,15 @@ impl RobotFile {
         let start_positions = start_values(&description.start, &mut start, &before, true)?;
         let start_velocities = start_values(&description.start_velocity, &mut start, &before, false)?;
         let mut command = PhaseBuilder::new(&during);
+        let actuated = self.actuated.clone();
         command.add_sized(
             &description.policy.action,
-            model.actuators(),
-            "the model has actuators, so `action`",
+            actuated.len(),
+            "`action` gives controls to actuators: it",
         )?;
         let mut hold = PhaseBuilder::new(&before);
         if let Some(expression) = &description.policy.hold {
-            hold.add_sized(expression, model.actuators(), "the model has actuators, so `hold`")?;
+            hold.add_sized(expression, actuated.len(), "`hold` gives controls to actuators: it")?;
         }
         let mut measured = PhaseBuilder::new(&during);
         let mut sample = PhaseBuilder::new(&during);
@@ -459,6 +489,7 @@ impl RobotFile {
             start_velocities,
             command,
             hold: hold.finish(),
+            actuated,
             control_ranges: (0..model.actuators()).map(|index| model.actuator_range(index)).collect(),
             measured: measured.finish(),
             reductions,
@@ -506,25 +537,40 @@ fn single(size: usize, named: &Named<Quantity>) -> Result<(), Problem> {
     }
 }
 
-/// Compiles each constant, so that a mistake in one is reported where it stands.
+/// Returns the actuators that get the controls of `action`, in its order.
+fn actuated(description: &Description, library: &Library<'_>) -> Result<Vec<usize>, Problem> {
+    match &description.policy.actuators {
+        None => Ok((0..library.model.actuators()).collect()),
+        Some(group) => library
+            .elements(ElementKind::Actuator, Some(&Argument::Name(group.text.clone())))
+            .map_err(|message| Problem::new(&group.span, message)),
+    }
+}
+
+/// Looks up the elements of each group, so that a mistake in one is reported where it stands.
+fn check_groups(description: &Description, library: &Library<'_>) -> Result<(), Problem> {
+    for named in &description.constants {
+        let Constant::Group { kind, names } = &named.value else { continue };
+        let kind = crate::pattern::kind(kind).ok_or_else(|| {
+            Problem::new(
+                &named.key.span,
+                "groups are of the kind joint, actuator, body, geom, site or sensor",
+            )
+        })?;
+        members(library.model, kind, names).map_err(|(span, message)| Problem::new(&span, message))?;
+    }
+    Ok(())
+}
+
+/// Compiles each constant that is no group, so that a mistake in one is reported where it stands.
 fn check_constants(description: &Description, library: &Library<'_>) -> Result<(), Problem> {
-    use crate::description::Constant;
     use mishandle_expression::Names;
     for named in &description.constants {
         match &named.value {
             Constant::Expression(expression) => {
                 PhaseBuilder::new(library).add(expression)?;
             }
-            Constant::Group { kind, pattern } => {
-                let kind = crate::pattern::kind(kind).ok_or_else(|| {
-                    Problem::new(
-                        &named.key.span,
-                        "groups are of the kind joint, actuator, body, geom, site or sensor",
-                    )
-                })?;
-                crate::pattern::select(library.model, kind, &pattern.text)
-                    .map_err(|message| Problem::new(&pattern.span, message))?;
-            }
+            Constant::Group { .. } => {}
             _ => {
                 library.name(&named.key.name).map_err(|message| Problem::new(&named.key.span, message))?;
             }
@@ -579,8 +625,8 @@ fn start_values(
         let name = &named.key.name;
         let is_group = library.constants.iter().any(|constant| constant.key.name == *name);
         let argument = match is_group {
-            true => mishandle_expression::Argument::Name(name.clone()),
-            false => mishandle_expression::Argument::Text(name.clone()),
+            true => Argument::Name(name.clone()),
+            false => Argument::Text(name.clone()),
         };
         let joints = library
             .elements(ElementKind::Joint, Some(&argument))
