@@ -39,6 +39,7 @@ pub use kind::{is_python, is_task};
 pub use randomness::{depends_on_seed, space_depends_on_seed};
 pub use recorded::recorded_plan;
 pub(crate) use recorded::resolve_recorded;
+pub(crate) use robot::contract_warnings;
 pub use robot::{is_robot_file, robot_file};
 pub use search::search_entry;
 pub use subject::{axis_facts, named_scenario};

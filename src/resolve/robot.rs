@@ -5,8 +5,8 @@ use std::sync::Arc;
 
 use mishandle_controllers::{ControllerFile, bytes_hash};
 use mishandle_files::{limits, read_bounded};
-use mishandle_interchange::OnnxPolicy;
-use mishandle_robots::{RobotFile, RobotPolicy};
+use mishandle_interchange::{InterchangeError, OnnxPolicy, OnnxProblem};
+use mishandle_robots::{RobotError, RobotFile, RobotPolicy};
 use mishandle_rollout::{Component, Controller, Noise, Target};
 
 use crate::error::MishandleError;
@@ -42,10 +42,13 @@ pub(crate) fn robot_target(plan: &Plan) -> Result<Target, MishandleError> {
 /// Loads the controller of a plan, or the one that the file names.
 fn controller(robot: &RobotFile, plan: &Plan) -> Result<(Arc<dyn Controller>, Component), MishandleError> {
     if !plan.controller.is_empty() {
-        return of_file(robot, Path::new(&plan.controller), plan.stochastic);
+        return of_file(robot, Path::new(&plan.controller), [None, None], plan.stochastic);
     }
     match robot.policy() {
-        RobotPolicy::File { path, .. } => of_file(robot, path, plan.stochastic),
+        RobotPolicy::File { path, interface } => {
+            let names = [0, 1].map(|index| interface[index].as_deref());
+            of_file(robot, path, names, plan.stochastic)
+        }
         RobotPolicy::Open => Err(MishandleError::InvalidValue {
             what: "the controller",
             value: "missing".to_string(),
@@ -79,9 +82,35 @@ fn not_stochastic(what: &str) -> MishandleError {
     }
 }
 
+/// Returns the warnings about the policy of a plan whose target is a file; none for other targets.
+///
+/// # Errors
+/// If no episode can start with this policy.
+pub(crate) fn contract_warnings(plan: &Plan) -> Result<Vec<String>, MishandleError> {
+    if !is_robot_file(&plan.target) {
+        return Ok(Vec::new());
+    }
+    let robot = robot_file(plan)?;
+    let (controller, _) = controller(&robot, plan)?;
+    Ok(robot.check_contract(&*controller)?)
+}
+
+/// Adds the parts of the observation to the error of a model that expects another number of them.
+fn with_parts(error: InterchangeError, robot: &RobotFile) -> MishandleError {
+    match &error {
+        InterchangeError::Onnx { problem: OnnxProblem::Shape { side: "observation", .. }, .. } => {
+            let parts = robot.observation_text();
+            let message = format!("{error}. The observation of the file: {parts}");
+            RobotError::Policy { message }.into()
+        }
+        _ => error.into(),
+    }
+}
+
 fn of_file(
     robot: &RobotFile,
     path: &Path,
+    names: [Option<&str>; 2],
     stochastic: bool,
 ) -> Result<(Arc<dyn Controller>, Component), MishandleError> {
     let component = |hash: String, file_hash: String| Component {
@@ -95,7 +124,8 @@ fn of_file(
         if stochastic {
             return Err(not_stochastic("an ONNX model"));
         }
-        let policy = OnnxPolicy::load(path, &[robot.name()], &layout)?;
+        let policy = OnnxPolicy::load_named(path, &[robot.name()], &layout, names)
+            .map_err(|error| with_parts(error, robot))?;
         let component = component(policy.hash().to_string(), policy.file_hash().to_string());
         return Ok((Arc::new(policy), component));
     }
