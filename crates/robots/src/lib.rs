@@ -5,7 +5,8 @@
 //! [`Target`](mishandle_rollout::Target) of it and a controller. `document` is the tree of the
 //! text, `description` what it says, `library` the names that its expressions may use, `phase` the
 //! expressions that are evaluated together, and `environment` the simulation, which runs in the
-//! same engine as every task. `contract` checks a policy before the first episode.
+//! same engine as every task. `contract` checks a policy before the first episode,
+//! and `init` writes a first file for a policy of another tool.
 
 mod axes;
 mod contract;
@@ -13,6 +14,7 @@ mod description;
 mod document;
 mod environment;
 mod error;
+mod init;
 mod library;
 mod model;
 mod pattern;
@@ -24,5 +26,6 @@ mod task_space;
 
 pub use environment::RobotEnvironment;
 pub use error::RobotError;
+pub use init::{FirstFile, Paths, PolicyFacts, PolicySizes, first_file, isaac_facts, mjlab_facts};
 pub use library::{QUANTITY_FUNCTIONS, QuantityFunction};
 pub use target::{KIND, RobotFile, RobotPolicy};
