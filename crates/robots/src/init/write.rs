@@ -2,6 +2,8 @@
 
 use std::fmt::Write as _;
 
+use mishandle_world::ElementKind;
+
 use crate::error::RobotError;
 use crate::init::facts::{ActionKind, PartFacts, PolicyFacts, PolicySizes};
 use crate::init::parts::{COMMANDS, Words, known, scaled};
@@ -236,6 +238,11 @@ impl Writer<'_> {
         if self.facts.period.is_none() {
             self.unknown.push(format!("the period of the policy: here {PERIOD} s"));
         }
+        if self.facts.timestep.is_none() {
+            let timestep = self.robot.model.timestep();
+            self.unknown
+                .push(format!("the physics step of its training: here that of the model, {timestep} s"));
+        }
         let timestep = self.facts.timestep.unwrap_or(self.robot.model.timestep());
         let substeps = period / timestep;
         self.line("[control]");
@@ -318,6 +325,15 @@ impl Writer<'_> {
                 }
             };
             lines.push(PartLine { name, line });
+        }
+        let sensors = robot.model.names(ElementKind::Sensor);
+        if let Some(sensor) = sensors.iter().find(|name| name.ends_with("imu_lin_vel"))
+            && lines.iter().any(|line| line.name == "base_lin_vel")
+        {
+            self.remarks.push(format!(
+                "`base_lin_vel` is the velocity of the body's origin; if the policy was trained with the sensor `{sensor}`, add \
+                 cross(angular velocity, position of its site)"
+            ));
         }
         match (self.sizes.observation, without_size.as_slice()) {
             (Some(size), [one]) if size > sum => {
