@@ -46,7 +46,7 @@ pub use interface::Interface;
 #[cfg(feature = "onnx")]
 pub use policy::OnnxPolicy;
 
-/// What a model says about itself.
+/// Metadata and shapes of a model, read without running it.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct OnnxSummary {
     /// Keys and values of the metadata.

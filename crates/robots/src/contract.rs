@@ -29,7 +29,7 @@ impl RobotFile {
     /// finite for some observations.
     ///
     /// A part that does not change in the nominal scenario is looked at again with all axes away
-    /// from nominal: a robot at rest in its equilibrium is no mistake.
+    /// from nominal: a robot may be at rest in its equilibrium.
     ///
     /// # Errors
     /// If the first observation or the first action of the nominal scenario is not finite.

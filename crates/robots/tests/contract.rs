@@ -168,7 +168,7 @@ fn a_policy_that_does_not_fit_is_found_before_the_first_episode() {
     let check = |answer: fn(&[f32]) -> [f32; 2]| {
         robot.check_contract(&Answer(answer)).map_err(|error| error.to_string())
     };
-    // It pushes both sliders, and reads where they are. The constant command is no mistake.
+    // It pushes both sliders, and reads where they are. The command may be constant.
     assert_eq!(check(|x| [1.0 - x[0], 2.0 - x[1]]).unwrap(), Vec::<String>::new());
     let warnings = check(|x| [9.0 + x[0], -9.0]).unwrap();
     assert!(

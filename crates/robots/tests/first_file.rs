@@ -38,6 +38,9 @@ const DESCRIPTOR: &str = "actions:
   - 2
 articulations:
   robot:
+    default_joint_armature:
+    - 0.0
+    - 0.05
     default_joint_damping: &id001
     - 2.0
     - 2.0
@@ -124,6 +127,8 @@ fn an_io_descriptor_gives_a_file_that_loads() {
         assert!(text.contains(part), "`{part}` is missing:\n{text}");
     }
     assert!(file.remarks.iter().any(|remark| remark.contains("take forces")), "{:?}", file.remarks);
+    let armature = "[[model.set]] changes it: right_hip 0.05 (policy), 0 (model)";
+    assert!(file.remarks.iter().any(|remark| remark.ends_with(armature)), "{:?}", file.remarks);
     let robot = read(folder.path(), text).unwrap();
     assert_eq!((robot.observation_size(), robot.actions()), (13, 2));
     // A part may have joints of its own.
@@ -149,6 +154,22 @@ fn parts_that_are_not_known_are_questions_of_the_file() {
     assert!(file.remarks.iter().any(|remark| remark.contains("33 numbers, but the policy reads 13")));
     let error = read(folder.path(), &file.text).err().unwrap();
     assert!(error.contains("no observation `height_scan`"), "{error}");
+    // Neither is one with modifiers, or with a scale that is not a number.
+    for (from, to) in [
+        ("scale: 0.2", "scale: large"),
+        (
+            "  - name: projected_gravity\n",
+            "  - name: projected_gravity\n    extras:\n      modifiers:\n      - name: delay\n",
+        ),
+    ] {
+        assert!(DESCRIPTOR.contains(from));
+        let file =
+            init(folder.path(), MODEL, &isaac_facts(&DESCRIPTOR.replace(from, to), "io.yaml").unwrap());
+        assert!(
+            file.unknown.iter().any(|unknown| unknown.ends_with("of the observation: 3 numbers")),
+            "{to}"
+        );
+    }
     // A part that remembers several steps is not one that is known.
     let history = DESCRIPTOR.replace("history_length: 0", "history_length: 4");
     let file = init(folder.path(), MODEL, &isaac_facts(&history, "io.yaml").unwrap());

@@ -1,4 +1,4 @@
-//! What the exporter of a policy says about robot, observation and action.
+//! Statements of the exporter of a policy about robot, observation and action.
 
 use crate::error::RobotError;
 
@@ -21,6 +21,8 @@ pub struct PolicyFacts {
     pub(crate) gains: Option<[Vec<f64>; 2]>,
     pub(crate) action: ActionKind,
     pub(crate) parts: Vec<PartFacts>,
+    /// Armature of the joints, kg m² or kg.
+    pub(crate) armature: Vec<(String, f64)>,
     /// Duration of a control step and of a physics step, s.
     pub(crate) period: Option<f64>,
     pub(crate) timestep: Option<f64>,
@@ -55,6 +57,8 @@ pub(crate) struct PartFacts {
     pub joints: Vec<String>,
     /// Whether its positions are relative to the default positions; `None` if that is not said.
     pub is_relative: Option<bool>,
+    /// Whether it has statements that this program does not follow, such as modifiers.
+    pub is_unclear: bool,
 }
 
 /// Number of inputs and outputs of a policy, where its file says it.

@@ -87,10 +87,16 @@ fn read_robot(file: &Yaml, facts: &mut PolicyFacts) -> Result<(), RobotError> {
         let values =
             value.numbers().ok_or_else(|| wrong(&source, format!("`{key}` is not a list of numbers")))?;
         check_length(&source, key, values.len(), joints.len())?;
-        Ok(Some(values))
+        match values.iter().all(|value| value.is_finite()) {
+            true => Ok(Some(values)),
+            false => Err(wrong(&source, format!("`{key}` has a number that is not finite"))),
+        }
     };
     if let Some(default) = numbers("default_joint_pos")? {
         facts.default = joints.iter().cloned().zip(default).collect();
+    }
+    if let Some(armature) = numbers("default_joint_armature")? {
+        facts.armature = joints.iter().cloned().zip(armature).collect();
     }
     if let (Some(stiffness), Some(damping)) =
         (numbers("default_joint_stiffness")?, numbers("default_joint_damping")?)
@@ -114,12 +120,22 @@ fn part(term: &Yaml) -> PartFacts {
     let own = term.get("overloads");
     let own = |key: &str| own.and_then(|own| own.get(key));
     let shape = term.get("shape").and_then(Yaml::numbers).unwrap_or_default();
-    let clip = own("clip").and_then(Yaml::numbers);
+    let clip = own("clip").map(|clip| clip.numbers().and_then(|clip| <[f64; 2]>::try_from(clip).ok()));
+    let scale = own("scale").map(Yaml::numbers);
+    let history = own("history_length").map(Yaml::number);
+    let modifiers = term.get("extras").and_then(|extras| extras.get("modifiers"));
+    let is_moved = term.get("joint_vel_offsets").and_then(Yaml::numbers);
+    let is_moved = is_moved.is_some_and(|offsets| offsets.iter().any(|offset| *offset != 0.0));
     PartFacts {
+        is_unclear: matches!(clip, Some(None))
+            || matches!(scale, Some(None))
+            || matches!(history, Some(None))
+            || modifiers.is_some_and(|modifiers| *modifiers != Yaml::List(Vec::new()))
+            || is_moved,
         size: (!shape.is_empty()).then(|| shape.iter().product::<f64>() as usize),
-        scale: own("scale").and_then(Yaml::numbers).unwrap_or_default(),
-        clip: clip.and_then(|clip| <[f64; 2]>::try_from(clip).ok()),
-        history: own("history_length").and_then(Yaml::number).unwrap_or(0.0) as usize,
+        scale: scale.flatten().unwrap_or_default(),
+        clip: clip.flatten(),
+        history: history.flatten().unwrap_or(0.0) as usize,
         joints: term.get("joint_names").and_then(Yaml::texts).unwrap_or_default(),
         is_relative: Some(term.get("joint_pos_offsets").is_some() || name.ends_with("_rel")),
         name,

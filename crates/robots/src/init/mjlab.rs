@@ -31,20 +31,24 @@ pub fn mjlab_facts(metadata: &[(String, String)], source: &str) -> Result<Option
     };
     let mut remarks = Vec::new();
     let part_names = names(get("observation_names").unwrap_or_default());
-    let lists = |key: &str| -> Vec<Vec<f64>> {
-        let text = get(key).unwrap_or_default();
-        text.split(',').map(|entry| list(entry, ';').unwrap_or_default()).collect()
+    // Nothing for an entry that is not a list of numbers.
+    let lists = |key: &str| -> Vec<Option<Vec<f64>>> {
+        get(key).unwrap_or_default().split(',').map(|entry| list(entry, ';')).collect()
     };
     let (scales, clips) = (lists("observation_terms_scale"), lists("observation_terms_clip"));
     let histories = lists("observation_terms_history_length");
     let part = |(index, name): (usize, String)| {
-        let scale = scales.get(index).cloned().unwrap_or_default();
-        let clip = match clips.get(index).map(Vec::as_slice) {
-            Some([low, high]) if low.is_finite() || high.is_finite() => Some([*low, *high]),
+        let entry = |lists: &[Option<Vec<f64>>]| lists.get(index).cloned().unwrap_or(Some(Vec::new()));
+        let (scale, clip, history) = (entry(&scales), entry(&clips), entry(&histories));
+        let is_unclear = scale.is_none() || clip.is_none() || history.is_none();
+        let scale = scale.unwrap_or_default();
+        let clip = match clip.unwrap_or_default().as_slice() {
+            [low, high] if low.is_finite() || high.is_finite() => Some([*low, *high]),
             _ => None,
         };
-        let history = histories.get(index).and_then(|list| list.first()).copied().unwrap_or(0.0) as usize;
+        let history = history.unwrap_or_default().first().copied().unwrap_or(0.0) as usize;
         PartFacts {
+            is_unclear,
             is_relative: name.starts_with("joint_").then_some(true),
             name,
             scale: if scale.iter().all(|factor| *factor == 1.0) { Vec::new() } else { scale },
@@ -84,7 +88,7 @@ fn names(text: &str) -> Vec<String> {
 }
 
 fn numbers(text: &str) -> Option<Vec<f64>> {
-    list(text, ',')
+    list(text, ',').filter(|numbers| numbers.iter().all(|number| number.is_finite()))
 }
 
 fn list(text: &str, separator: char) -> Option<Vec<f64>> {

@@ -60,7 +60,11 @@ pub(crate) fn known(part: &PartFacts, words: &Words<'_>) -> Option<KnownPart> {
     };
     let is_own_size = part.size.is_none_or(|found| found == size);
     let has_factors = part.scale.len() <= 1 || part.scale.len() == size;
-    (is_own_size && has_factors && part.history <= 1).then_some(KnownPart { expression, unit, size })
+    (is_own_size && has_factors && part.history <= 1 && !part.is_unclear).then_some(KnownPart {
+        expression,
+        unit,
+        size,
+    })
 }
 
 fn relative(words: &Words<'_>) -> String {

@@ -1,4 +1,4 @@
-//! What a model says about the robot of a policy.
+//! Facts of a model about the robot of a policy.
 
 use std::path::Path;
 
@@ -76,7 +76,7 @@ impl RobotFacts {
             .filter(|name| !name.is_empty());
         let joints = joints(&model, facts, &names, keyframe.as_deref(), (&mut unknown, &mut remarks))?;
         let all = model.names(ElementKind::Joint);
-        for name in facts.observed_joints.iter().filter(|name| !all.contains(name)) {
+        if let Some(name) = facts.observed_joints.iter().find(|name| !all.contains(name)) {
             return Err(wrong(&facts.source, missing("joint", name, &all)));
         }
         let observed = Some(facts.observed_joints.clone());
@@ -197,7 +197,29 @@ fn joints(
         unknown.push("the default positions of the joints: here those of the model".to_string());
     }
     gains_differ(&found, remarks);
+    armature_differs(model, facts, names, remarks);
     Ok(found)
+}
+
+/// Reports joints with another armature than in the training of the policy.
+fn armature_differs(model: &Model, facts: &PolicyFacts, names: &[String], remarks: &mut Vec<String>) {
+    let own = |name: &str| {
+        let joint = model.find(ElementKind::Joint, name).ok()?;
+        model.field(ModelField::DofArmature).get(model.joint_at(joint).dof).copied()
+    };
+    let policy = facts.armature.iter().filter(|(name, _)| names.contains(name));
+    let differs: Vec<String> = policy
+        .filter_map(|(name, policy)| {
+            let own = own(name).filter(|own| (own - policy).abs() > ROUNDING)?;
+            Some(format!("{name} {} (policy), {own} (model)", shortest(*policy)))
+        })
+        .collect();
+    if !differs.is_empty() {
+        remarks.push(format!(
+            "the armature of joints differs; [[model.set]] changes it: {}",
+            differs.join("; ")
+        ));
+    }
 }
 
 /// Reports actuators of the model with other gains than the policy expects.

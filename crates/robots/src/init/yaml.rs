@@ -1,6 +1,6 @@
 //! The subset of YAML in which Isaac Lab writes its IO descriptors: blocks of keys and of list
-//! entries, scalars of one or several lines, lists in brackets, anchors of lists. Everything else is
-//! an error with its line.
+//! entries, scalars of one or several lines, lists in brackets, anchors of lists. Everything else
+//! is an error with its line.
 
 use std::collections::HashMap;
 use std::rc::Rc;
@@ -191,7 +191,11 @@ impl Yaml {
     }
 
     pub(crate) fn number(&self) -> Option<f64> {
-        self.text()?.parse().ok()
+        match self.text()? {
+            ".inf" => Some(f64::INFINITY),
+            "-.inf" => Some(f64::NEG_INFINITY),
+            text => text.parse().ok(),
+        }
     }
 
     pub(crate) fn list(&self) -> &[Rc<Yaml>] {
@@ -219,13 +223,13 @@ mod tests {
 
     #[test]
     fn blocks_lists_and_folded_lines() {
-        let text = "# comment\nactions:\n- name: move\n  extras:\n    description: Joint action term that\n      goes on.\n  \
+        let text = "# comment\nactions:\n- name: move\n  extras:\n    description: Joint action term that\n      continues.\n  \
                     joint_names: &id001\n  - hip\n  - knee\n  scale: [0.5, -1e-3]\n  clip: null\nlimits:\n- - -1.0\n  - 2\n- - 3\n  \
                     - 4\nagain: *id001\nquoted: 'it''s: fine'\n";
         let file = parse(text).unwrap();
         let action = &file.get("actions").unwrap().list()[0];
         let description = action.get("extras").unwrap().get("description").unwrap();
-        assert_eq!(description.text(), Some("Joint action term that goes on."));
+        assert_eq!(description.text(), Some("Joint action term that continues."));
         assert_eq!(action.get("joint_names").unwrap().texts().unwrap(), ["hip", "knee"]);
         assert_eq!(action.get("scale").unwrap().numbers().unwrap(), [0.5, -0.001]);
         assert_eq!(action.get("clip"), None);
