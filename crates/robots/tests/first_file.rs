@@ -156,7 +156,7 @@ fn parts_that_are_not_known_are_questions_of_the_file() {
     assert!(error.contains("no observation `height_scan`"), "{error}");
     // Neither is one with modifiers, or with a scale that is not a number.
     for (from, to) in [
-        ("scale: 0.2", "scale: large"),
+        ("scale: 0.2\n", "scale: large\n"),
         (
             "  - name: projected_gravity\n",
             "  - name: projected_gravity\n    extras:\n      modifiers:\n      - name: delay\n",
