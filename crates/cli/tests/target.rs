@@ -56,7 +56,7 @@ impl Message {
         message
     }
 
-    fn inside(self, number: u64, message: Message) -> Message {
+    fn inside(self, number: u64, message: &Message) -> Message {
         self.bytes(number, &message.0)
     }
 }
@@ -71,9 +71,9 @@ fn model(size: usize, bias: [f32; 2], metadata: &[(&str, &str)], other_input: bo
     };
     let value = |name: &str, size: usize| {
         let dim = |size: usize| Message::default().integer(1, size as u64);
-        let shape = Message::default().inside(1, dim(1)).inside(1, dim(size));
-        let kind = Message::default().inside(1, Message::default().integer(1, 1).inside(2, shape));
-        Message::default().bytes(1, name.as_bytes()).inside(2, kind)
+        let shape = Message::default().inside(1, &dim(1)).inside(1, &dim(size));
+        let kind = Message::default().inside(1, &Message::default().integer(1, 1).inside(2, &shape));
+        Message::default().bytes(1, name.as_bytes()).inside(2, &kind)
     };
     let mut weights = vec![0.0; 2 * size];
     (weights[0], weights[3]) = (0.01, 0.01);
@@ -83,20 +83,20 @@ fn model(size: usize, bias: [f32; 2], metadata: &[(&str, &str)], other_input: bo
         .bytes(2, b"actions")
         .bytes(4, b"Gemm");
     let graph = Message::default()
-        .inside(1, node)
+        .inside(1, &node)
         .bytes(2, b"policy")
-        .inside(5, tensor("weights", &[size, 2], &weights))
-        .inside(5, tensor("bias", &[2], &bias))
-        .inside(11, value("obs", size));
-    let graph = if other_input { graph.inside(11, value("image", 4)) } else { graph };
-    let graph = graph.inside(12, value("actions", 2));
+        .inside(5, &tensor("weights", &[size, 2], &weights))
+        .inside(5, &tensor("bias", &[2], &bias))
+        .inside(11, &value("obs", size));
+    let graph = if other_input { graph.inside(11, &value("image", 4)) } else { graph };
+    let graph = graph.inside(12, &value("actions", 2));
     let model = Message::default()
         .integer(1, 8)
-        .inside(7, graph)
-        .inside(8, Message::default().bytes(1, b"").integer(2, 17));
+        .inside(7, &graph)
+        .inside(8, &Message::default().bytes(1, b"").integer(2, 17));
     let entry =
         |(key, value): &(&str, &str)| Message::default().bytes(1, key.as_bytes()).bytes(2, value.as_bytes());
-    metadata.iter().map(entry).fold(model, |model, entry| model.inside(14, entry)).0
+    metadata.iter().map(entry).fold(model, |model, entry| model.inside(14, &entry)).0
 }
 
 const INIT: &str = "target init --model robot.xml --policy policy.onnx --out robot.toml";
