@@ -478,7 +478,7 @@ pub enum MishandleError {
     Task(#[from] mishandle_tasks::TaskError),
     /// A target file is wrong.
     #[error(transparent)]
-    Robot(#[from] mishandle_robots::RobotError),
+    Robot(Box<mishandle_robots::RobotError>),
     /// An expert cannot be built.
     #[error("cannot build the expert of {task}")]
     Expert {
@@ -650,6 +650,12 @@ pub enum MishandleError {
     /// A run file cannot be read or written.
     #[error(transparent)]
     Store(#[from] mishandle_store::StoreError),
+}
+
+impl From<mishandle_robots::RobotError> for MishandleError {
+    fn from(error: mishandle_robots::RobotError) -> MishandleError {
+        MishandleError::Robot(Box::new(error))
+    }
 }
 
 impl MishandleError {

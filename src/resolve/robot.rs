@@ -6,9 +6,9 @@ use std::sync::Arc;
 
 use mishandle_controllers::{ControllerFile, Layout, bytes_hash};
 use mishandle_files::{limits, read_bounded};
-use mishandle_interchange::OnnxPolicy;
+use mishandle_interchange::{InterchangeError, OnnxPolicy, OnnxProblem};
 use mishandle_robots::{
-    ControlledRobot, RobotBatches, RobotEnvironment, RobotFile, RobotPolicy, RobotTraining,
+    ControlledRobot, RobotBatches, RobotEnvironment, RobotError, RobotFile, RobotPolicy, RobotTraining,
 };
 use mishandle_rollout::{Component, Controller, Identity, Noise, Space, Specification, Target};
 use mishandle_text::path_text;
@@ -74,10 +74,13 @@ fn parts(plan: &Plan) -> Result<(RobotFile, Identified, Noise), MishandleError> 
 /// Loads the controller of a plan, or the one that the file names.
 fn controller(robot: &RobotFile, plan: &Plan) -> Result<Identified, MishandleError> {
     if !plan.controller.is_empty() {
-        return of_file(robot, Path::new(&plan.controller), plan.stochastic);
+        return of_file(robot, Path::new(&plan.controller), [None, None], plan.stochastic);
     }
     match robot.policy() {
-        RobotPolicy::File { path, .. } => of_file(robot, path, plan.stochastic),
+        RobotPolicy::File { path, interface } => {
+            let names = [0, 1].map(|index| interface[index].as_deref());
+            of_file(robot, path, names, plan.stochastic)
+        }
         RobotPolicy::Open => Err(MishandleError::InvalidValue {
             what: "the controller",
             value: "missing".to_string(),
@@ -111,7 +114,37 @@ fn not_stochastic(what: &str) -> MishandleError {
     }
 }
 
-fn of_file(robot: &RobotFile, path: &Path, stochastic: bool) -> Result<Identified, MishandleError> {
+/// Returns the warnings about the policy of a plan whose target is a file; none for other targets.
+///
+/// # Errors
+/// If no episode can start with this policy.
+pub(crate) fn contract_warnings(plan: &Plan) -> Result<Vec<String>, MishandleError> {
+    if !is_robot_file(&plan.target) {
+        return Ok(Vec::new());
+    }
+    let robot = robot_file(plan)?;
+    let (controller, _) = controller(&robot, plan)?;
+    Ok(robot.check_contract(&*controller)?)
+}
+
+/// Adds the parts of the observation to the error of a model that expects another number of them.
+fn with_parts(error: InterchangeError, robot: &RobotFile) -> MishandleError {
+    match &error {
+        InterchangeError::Onnx { problem: OnnxProblem::Shape { side: "observation", .. }, .. } => {
+            let parts = robot.observation_text();
+            let message = format!("{error}. The observation of the file: {parts}");
+            RobotError::Policy { message }.into()
+        }
+        _ => error.into(),
+    }
+}
+
+fn of_file(
+    robot: &RobotFile,
+    path: &Path,
+    names: [Option<&str>; 2],
+    stochastic: bool,
+) -> Result<Identified, MishandleError> {
     let component = |hash: String, file_hash: String| Component {
         role: "controller".to_string(),
         name: controller_name(&path.to_string_lossy()),
@@ -123,7 +156,8 @@ fn of_file(robot: &RobotFile, path: &Path, stochastic: bool) -> Result<Identifie
         if stochastic {
             return Err(not_stochastic("an ONNX model"));
         }
-        let policy = OnnxPolicy::load(path, &[robot.name()], &layout)?;
+        let policy = OnnxPolicy::load_named(path, &[robot.name()], &layout, names)
+            .map_err(|error| with_parts(error, robot))?;
         let component = component(policy.hash().to_string(), policy.file_hash().to_string());
         return Ok((Arc::new(policy), component));
     }

@@ -10,7 +10,7 @@ use mishandle_stl::{Clock, Formula, Monitor, Trace, is_satisfied};
 
 use crate::error::MishandleError;
 use crate::plan::Plan;
-use crate::resolve::ResolvedPlan;
+use crate::resolve::{ResolvedPlan, contract_warnings};
 use crate::run::violation::decided;
 
 /// Time that the probes take at most, unless they are less than [`SHARE`] of the question.
@@ -38,9 +38,9 @@ const MAX_LEVELS: usize = 5;
 /// fails is skipped: the question itself reports failures.
 ///
 /// # Errors
-/// If the requirement does not fit the signals.
+/// If the requirement does not fit the signals, or the policy of a target file cannot act.
 pub(crate) fn preflight(resolved: &ResolvedPlan) -> Result<Vec<String>, MishandleError> {
-    let mut warnings = Vec::new();
+    let mut warnings = contract_warnings(&resolved.plan)?;
     fixed_axes(resolved, &mut warnings);
     mixed_units(resolved, &mut warnings)?;
     let seed = Seed(resolved.plan.seed).child(u64::MAX).child(u64::MAX);

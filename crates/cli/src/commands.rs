@@ -22,6 +22,7 @@ mod risk;
 mod runs;
 mod searches;
 mod simulate;
+mod target;
 mod targets;
 mod tasks;
 mod train;
@@ -41,7 +42,7 @@ pub const GROUPS: [(&str, &[&str]); 6] = [
     ("Understand", &["explain", "simulate", "replay", "render", "report", "monitor"]),
     ("Keep", &["runs", "counterexamples", "regress", "export"]),
     ("Train", &["train", "harden", "controller"]),
-    ("Look up", &["tasks", "targets", "searches", "completions", "man", "help"]),
+    ("Look up", &["tasks", "targets", "target", "searches", "completions", "man", "help"]),
 ];
 
 /// The commands, in the order of [`GROUPS`].
@@ -69,6 +70,7 @@ pub enum Command {
     Controller(controller::Arguments),
     Tasks(tasks::Arguments),
     Targets(targets::Arguments),
+    Target(target::Arguments),
     Searches(searches::Arguments),
     Completions(completions::Arguments),
     Man(man::Arguments),
@@ -100,6 +102,7 @@ pub fn run(command: &Command, gpu: Option<&Device>, program: fn() -> clap::Comma
         Command::Controller(arguments) => controller::run(arguments),
         Command::Tasks(arguments) => tasks::run(arguments),
         Command::Targets(arguments) => targets::run(arguments),
+        Command::Target(arguments) => target::run(arguments),
         Command::Searches(arguments) => searches::run(arguments),
         Command::Completions(arguments) => completions::run(arguments, program),
         Command::Man(arguments) => man::run(arguments, program),

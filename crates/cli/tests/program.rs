@@ -24,6 +24,7 @@ fn the_help_of_every_command_has_examples() {
         "tasks",
         "searches",
         "targets",
+        "target",
         "monitor",
         "train",
         "controller",

@@ -71,6 +71,14 @@ pub trait Names<R> {
     /// If the arguments do not fit.
     fn call(&self, function: &str, arguments: &[Argument]) -> Result<Reading<R>, String>;
 
+    /// Returns the expression that a call stands for, if the function is defined by others.
+    ///
+    /// # Errors
+    /// If the number of arguments does not fit.
+    fn definition(&self, _function: &str, _arguments: &[Node]) -> Result<Option<NodeKind>, String> {
+        Ok(None)
+    }
+
     /// Returns the names of all functions that read quantities, for messages.
     fn functions(&self) -> Vec<String>;
 }
@@ -182,6 +190,10 @@ impl<R: PartialEq> Compiler<R> {
             }
             NodeKind::Name(name) => return self.name(name, node, names),
             NodeKind::Call(name, arguments) if names.reads(name) => {
+                let definition = names.definition(name, arguments).map_err(|message| error(node, message))?;
+                if let Some(kind) = definition {
+                    return self.part(&Node { kind, span: node.span.clone() }, names);
+                }
                 let arguments = arguments.iter().map(|argument| self.argument(argument, names));
                 let arguments = arguments.collect::<Result<Vec<_>, _>>()?;
                 let reading = names.call(name, &arguments).map_err(|message| error(node, message))?;

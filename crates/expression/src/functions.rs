@@ -248,6 +248,14 @@ pub(crate) static FUNCTIONS: &[Entry] = &[
         "cross product",
     ),
     entry(
+        "coordinates",
+        "x, y, z, v",
+        Whole(&[3, 3, 3, 3], 3, |a, out| {
+            (0..3).for_each(|axis| out[axis] = (0..3).map(|i| a[axis][i] * a[3][i]).sum());
+        }),
+        "coordinates of the vector v along the axes x, y and z",
+    ),
+    entry(
         "quat_euler",
         "roll, pitch, yaw",
         Whole(&[1, 1, 1], 4, quat_euler),

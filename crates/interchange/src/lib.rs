@@ -15,5 +15,5 @@ mod torch;
 pub use error::{InterchangeError, OnnxProblem, TorchProblem};
 #[cfg(feature = "onnx")]
 pub use onnx::Interface;
-pub use onnx::{OnnxPolicy, onnx_bytes};
+pub use onnx::{OnnxPolicy, OnnxSummary, OnnxTensor, onnx_bytes};
 pub use torch::{ImportOptions, Imported, Normalization, ObservationNormalizer, import};

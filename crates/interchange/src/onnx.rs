@@ -10,6 +10,7 @@
 //! - [`dry_run`]: computes a model once, with bounds.
 //! - [`order`]: the order in which values are computed.
 //! - [`policy`]: runs a model as a controller.
+//! - [`summary`]: what a model says about itself, without running it.
 //! - [`export`]: writes a controller as a model.
 
 #[cfg(not(feature = "onnx"))]
@@ -34,6 +35,8 @@ mod names;
 mod order;
 #[cfg(feature = "onnx")]
 mod policy;
+#[cfg(feature = "onnx")]
+mod summary;
 
 #[cfg(not(feature = "onnx"))]
 pub use absent::OnnxPolicy;
@@ -42,6 +45,26 @@ pub use export::onnx_bytes;
 pub use interface::Interface;
 #[cfg(feature = "onnx")]
 pub use policy::OnnxPolicy;
+
+/// Metadata and shapes of a model, read without running it.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct OnnxSummary {
+    /// Keys and values of the metadata.
+    pub metadata: Vec<(String, String)>,
+    /// The inputs that are not weights.
+    pub inputs: Vec<OnnxTensor>,
+    /// The outputs.
+    pub outputs: Vec<OnnxTensor>,
+}
+
+/// An input or an output of a model.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct OnnxTensor {
+    /// Its name.
+    pub name: String,
+    /// Its sizes; `None` for one that is free.
+    pub shape: Vec<Option<usize>>,
+}
 
 /// The prefix of the keys in the metadata of a model.
 const PREFIX: &str = "mishandle.";

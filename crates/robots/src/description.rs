@@ -43,10 +43,11 @@ pub(crate) enum Constant {
     Number(f64),
     Vector(Vec<f64>),
     Expression(Expression),
-    /// Elements of a kind whose whole names match a pattern.
+    /// Elements of a kind: those with these names, in this order. A pattern stands for all that it
+    /// matches, in the order of the model.
     Group {
         kind: String,
-        pattern: Text,
+        names: Vec<Text>,
     },
     /// A number for each element of a group: those of the first pattern that matches.
     PerElement {
@@ -136,8 +137,11 @@ pub(crate) struct Policy {
     pub source: PolicySource,
     /// Names of the parts of the observation, in order; all of them if empty.
     pub observation: Vec<Text>,
-    /// Controls of the actuators as an expression of `action`.
+    /// Controls as an expression of `action`.
     pub action: Expression,
+    /// The group of the actuators that get the controls, in the order of the expression; all
+    /// actuators in the order of the model by default.
+    pub actuators: Option<Text>,
     /// Controls while no action has arrived yet, because of a delay.
     pub hold: Option<Expression>,
     /// Largest absolute value of an action; others are clipped.
@@ -306,9 +310,13 @@ fn constant(key: &Key, item: &Item) -> Result<Constant, Problem> {
 fn group(key: &Key, table: &Table) -> Result<Constant, Problem> {
     let mut fields = Fields::new(table, format!("the constant `{}`", key.name));
     if let Some(kind) = fields.text("group")? {
-        let pattern = fields.need("names")?.text("names")?;
+        let item = fields.need("names")?;
+        let names = item.texts("names")?;
+        if names.is_empty() {
+            return Err(Problem::new(&item.span, "a group needs at least one name"));
+        }
         fields.finish()?;
-        return Ok(Constant::Group { kind: kind.text, pattern });
+        return Ok(Constant::Group { kind: kind.text, names });
     }
     let group = fields.text("of")?;
     let group = group.ok_or_else(|| {
@@ -434,6 +442,7 @@ fn policy(table: &Table) -> Result<Policy, Problem> {
         source,
         observation: fields.texts("observation")?,
         action: Expression::new(fields.need("action")?.text("action")?)?,
+        actuators: fields.text("actuators")?,
         hold: fields.text("hold")?.map(Expression::new).transpose()?,
         limit,
         actions,

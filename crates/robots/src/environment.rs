@@ -39,6 +39,8 @@ pub(crate) struct Robot {
     pub command: Phase,
     /// The controls before the first action arrives; empty if the action is 0 then.
     pub hold: Phase,
+    /// Actuators that get the controls, in the order of the expression.
+    pub actuated: Vec<usize>,
     pub control_ranges: Vec<Option<[f64; 2]>>,
     /// Signals with a reduction over the physics steps.
     pub measured: Phase,
@@ -192,7 +194,7 @@ impl Environment for RobotEnvironment {
 }
 
 impl RobotEnvironment {
-    fn robot_worker(&self, rows: usize) -> RobotWorker {
+    pub(crate) fn robot_worker(&self, rows: usize) -> RobotWorker {
         let robot = self.robot.clone();
         RobotWorker {
             world: robot.model.world(),
@@ -221,7 +223,7 @@ impl RobotEnvironment {
     }
 }
 
-struct RobotWorker {
+pub(crate) struct RobotWorker {
     robot: Arc<Robot>,
     parameters: Arc<[Parameter]>,
     world: World,
@@ -277,6 +279,11 @@ impl RowWorlds for RobotWorker {
 }
 
 impl RobotWorker {
+    /// Returns the controls of the last control step.
+    pub(crate) fn controls(&self) -> &[f64] {
+        self.world.ctrl()
+    }
+
     /// Gives the world the model of a row.
     fn set_model(&mut self, tail: &[f64]) {
         if self.robot.changes.is_empty() {
@@ -466,7 +473,10 @@ impl RobotWorker {
         let (phase, numbers) = command;
         phase.run(numbers, &mut View { world: &self.world, time: start, parameters: values, memory, action });
         let controls = self.world.ctrl_mut();
-        phase.write(numbers, 0, controls);
+        for (place, actuator) in robot.actuated.iter().enumerate() {
+            let value = phase.value(numbers, 0);
+            controls[*actuator] = value[if value.len() == 1 { 0 } else { place }];
+        }
         // Targets of servos have no range; their setpoints do.
         let ranges = controls.iter_mut().zip(&robot.control_ranges).skip(robot.servos.len());
         for (control, range) in ranges {

@@ -41,6 +41,12 @@ pub enum RobotError {
         /// Missing part, and how to add it.
         message: String,
     },
+    /// The policy cannot act on the robot.
+    #[error("the policy does not fit the robot: {message}")]
+    Policy {
+        /// Problem, and a way out where there is one.
+        message: String,
+    },
     /// The target is inconsistent.
     #[error(transparent)]
     Target(#[from] mishandle_rollout::RolloutError),

@@ -6,14 +6,17 @@
 //! text, `description` what it says, `library` the names that its expressions may use, `phase` the
 //! expressions that are evaluated together, `environment` the simulation, which runs in the same
 //! engine as every task, `controlled` the robot with a controller in the loop, and `training` what
-//! a training run needs.
+//! a training run needs. `contract` checks a policy before the first episode, and `init` writes a
+//! first file for a policy of another tool.
 
 mod axes;
+mod contract;
 mod controlled;
 mod description;
 mod document;
 mod environment;
 mod error;
+mod init;
 mod inside;
 mod library;
 mod model;
@@ -28,6 +31,7 @@ mod training;
 pub use controlled::ControlledRobot;
 pub use environment::RobotEnvironment;
 pub use error::RobotError;
+pub use init::{FirstFile, Paths, PolicyFacts, PolicySizes, first_file, isaac_facts, mjlab_facts};
 pub use inside::check_inside;
 pub use library::{QUANTITY_FUNCTIONS, QuantityFunction};
 pub use mishandle_expression::functions;

@@ -1,10 +1,13 @@
 //! The names that the expressions of a file may use: elements of the model, constants, axes.
 
+use std::ops::Range;
+
 use mishandle_expression::{Argument, Meaning, Names, Node, NodeKind, Reading, Size};
 use mishandle_stl::nearest;
 use mishandle_world::{ElementKind, Model};
 
 use crate::description::{self, Constant, Named};
+use crate::document::Text;
 use crate::pattern::{kind, select};
 use crate::quantity::{ContactOwner, Quantity};
 
@@ -45,7 +48,11 @@ pub static QUANTITY_FUNCTIONS: &[QuantityFunction] = &[
         "subtree_com(body)",
         "center of mass of a body with all its descendants, m, at the start of the last physics step",
     ),
-    function("body_frame(body, v)", "the constant vector v of the world in the axes of a body"),
+    function(
+        "body_frame(body, v)",
+        "the vector v of world axes in the axes of a body: gravity is `body_frame('trunk', [0, 0, -1])`, the velocity \
+         that the body feels `body_frame('trunk', body_vel('trunk'))`",
+    ),
     function("axis_x(body)", "x axis of a body in world axes"),
     function("axis_y(body)", "y axis of a body in world axes"),
     function("axis_z(body)", "z axis of a body in world axes"),
@@ -78,7 +85,7 @@ pub(crate) struct Library<'a> {
 #[derive(Clone, Debug)]
 pub(crate) struct RememberedPart {
     pub name: String,
-    pub place: std::ops::Range<usize>,
+    pub place: Range<usize>,
     pub is_number: bool,
 }
 
@@ -118,13 +125,13 @@ impl Library<'_> {
         match argument {
             Some(Argument::Text(pattern)) => select(self.model, required, pattern),
             Some(Argument::Name(name)) => match self.constant(name) {
-                Some(Constant::Group { kind: found, pattern }) => {
+                Some(Constant::Group { kind: found, names }) => {
                     if kind(found) != Some(required) {
                         return Err(format!(
                             "`{name}` is a group of the kind \"{found}\"; this needs {label}s"
                         ));
                     }
-                    select(self.model, required, &pattern.text)
+                    members(self.model, required, names).map_err(|(_, message)| message)
                 }
                 Some(_) => {
                     Err(format!("`{name}` is not a group; write the name of a {label} in quotation marks"))
@@ -175,7 +182,7 @@ impl Library<'_> {
     fn joints(
         &self,
         argument: Option<&Argument>,
-        part: impl Fn(usize) -> std::ops::Range<usize>,
+        part: impl Fn(usize) -> Range<usize>,
     ) -> Result<Vec<usize>, String> {
         Ok(self.elements(ElementKind::Joint, argument)?.into_iter().flat_map(part).collect())
     }
@@ -189,6 +196,25 @@ impl Library<'_> {
         };
         self.elements(ElementKind::Joint, argument)?.into_iter().map(limit).collect()
     }
+}
+
+/// Returns the elements of a group in the order of its names, or the place of the name that is
+/// wrong with a message.
+pub(crate) fn members(
+    model: &Model,
+    kind: ElementKind,
+    names: &[Text],
+) -> Result<Vec<usize>, (Range<usize>, String)> {
+    let mut found = Vec::new();
+    for name in names {
+        let own = select(model, kind, &name.text).map_err(|message| (name.span.clone(), message))?;
+        if let Some(index) = own.iter().find(|index| found.contains(*index)) {
+            let twice = &model.names(kind)[*index];
+            return Err((name.span.clone(), format!("`{twice}` is in the group twice")));
+        }
+        found.extend(own);
+    }
+    Ok(found)
 }
 
 fn numbers(what: Quantity, size: usize) -> Result<Reading<Quantity>, String> {
@@ -254,9 +280,8 @@ impl Names<Quantity> for Library<'_> {
 
     fn call(&self, function: &str, arguments: &[Argument]) -> Result<Reading<Quantity>, String> {
         use Quantity as Q;
-        let expected = 1 + usize::from(function == "body_frame");
-        if arguments.len() != expected {
-            return Err(format!("`{function}` takes {expected} argument(s), not {}", arguments.len()));
+        if arguments.len() != 1 {
+            return Err(format!("`{function}` takes 1 argument, not {}", arguments.len()));
         }
         let first = arguments.first();
         let model = self.model;
@@ -296,12 +321,6 @@ impl Names<Quantity> for Library<'_> {
             "axis_x" => numbers(Q::BodyAxis(body()?, 0), 3),
             "axis_y" => numbers(Q::BodyAxis(body()?, 1), 3),
             "axis_z" => numbers(Q::BodyAxis(body()?, 2), 3),
-            "body_frame" => match &arguments[1] {
-                Argument::Numbers(vector) if vector.len() == 3 => {
-                    numbers(Q::InBody(body()?, [vector[0], vector[1], vector[2]]), 3)
-                }
-                _ => Err("the second argument of `body_frame` is a list of three numbers".to_string()),
-            },
             "site_pos" | "site_mat" => {
                 let index = self.one(ElementKind::Site, first)?;
                 let site =
@@ -321,7 +340,7 @@ impl Names<Quantity> for Library<'_> {
                     .collect();
                 let range = ranges[0].start..ranges[ranges.len() - 1].end;
                 let size = range.len();
-                if ranges.iter().map(std::ops::Range::len).sum::<usize>() != size {
+                if ranges.iter().map(Range::len).sum::<usize>() != size {
                     return Err("the sensors of a pattern must follow each other in the model".to_string());
                 }
                 numbers(Q::Sensor(range), size)
@@ -338,6 +357,22 @@ impl Names<Quantity> for Library<'_> {
             }
             _ => Err(format!("there is no function `{function}`")),
         }
+    }
+
+    fn definition(&self, function: &str, arguments: &[Node]) -> Result<Option<NodeKind>, String> {
+        if function != "body_frame" {
+            return Ok(None);
+        }
+        let [body, vector] = arguments else {
+            return Err(format!("`body_frame` takes a body and a vector, not {} arguments", arguments.len()));
+        };
+        let axis = |name: &str| Node {
+            kind: NodeKind::Call(name.to_string(), vec![body.clone()]),
+            span: body.span.clone(),
+        };
+        let axes = ["axis_x", "axis_y", "axis_z"].map(axis);
+        let arguments = axes.into_iter().chain([vector.clone()]).collect();
+        Ok(Some(NodeKind::Call("coordinates".to_string(), arguments)))
     }
 
     fn functions(&self) -> Vec<String> {

@@ -53,6 +53,18 @@ pub(crate) fn read(description: &Description, path: &Path, text: &str) -> Result
     Ok(RobotModel { physics, picture, file, files, hash })
 }
 
+/// Reads and compiles a model without a target file. Returns its document and the model for
+/// physics.
+pub(crate) fn plain(file: &Path) -> Result<(String, Model), RobotError> {
+    let failed = |message: String| RobotError::Model { path: file.to_path_buf(), message };
+    let source = Source::read(file, false).map_err(|error| failed(error_text(&error)))?;
+    let source = as_mjcf(source).map_err(failed)?;
+    let assets = Arc::new(source.assets);
+    let model = Model::from_xml_with_assets(&without_visuals(&source.document), assets)
+        .map_err(|error| failed(error_text(&error)))?;
+    Ok((source.document, model))
+}
+
 /// Returns a URDF as MJCF.
 fn as_mjcf(source: Source) -> Result<Source, String> {
     if !source.is_urdf() {

@@ -87,6 +87,12 @@ impl Phase {
         self.reads_forces
     }
 
+    /// Returns whether it reads anything that may change during an episode.
+    pub(crate) fn reads_state(&self) -> bool {
+        let is_fixed = |what: &Quantity| matches!(what, Quantity::Parameter(_) | Quantity::Constants(_));
+        self.program.reads().any(|what| !is_fixed(what))
+    }
+
     pub(crate) fn is_empty(&self) -> bool {
         self.places.is_empty()
     }

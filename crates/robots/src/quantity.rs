@@ -30,8 +30,6 @@ pub(crate) enum Quantity {
     BodyVelocity(Body),
     BodyAngularVelocity(Body),
     BodyAxis(Body, usize),
-    /// A vector of the world in the axes of a body.
-    InBody(Body, [f64; 3]),
     InertialPosition(Body),
     CenterOfMass(Body),
     SitePosition(Site),
@@ -70,7 +68,7 @@ impl Quantity {
             Q::BodyPosition(_) | Q::BodyQuaternion(_) | Q::BodyVelocity(_) | Q::BodyAngularVelocity(_) => {
                 Currency::Pose
             }
-            Q::BodyAxis(..) | Q::InBody(..) | Q::InertialPosition(_) => Currency::Pose,
+            Q::BodyAxis(..) | Q::InertialPosition(_) => Currency::Pose,
             Q::SitePosition(_) | Q::SiteRotation(_) | Q::GeomPosition(_) => Currency::Pose,
             Q::ActuatorForces(_) | Q::BiasForces(_) | Q::CenterOfMass(_) => Currency::Dynamic,
             Q::Sensor(_) | Q::ContactForces(_) => Currency::Dynamic,
@@ -118,13 +116,6 @@ impl Reader<Quantity> for View<'_> {
             Q::BodyVelocity(body) => out.copy_from_slice(&world.rows().twist(*body).0),
             Q::BodyAngularVelocity(body) => out.copy_from_slice(&world.rows().twist(*body).1),
             Q::BodyAxis(body, axis) => out.copy_from_slice(&column(&world.body_rotation(*body), *axis)),
-            Q::InBody(body, vector) => {
-                let matrix = world.body_rotation(*body);
-                for (axis, out) in out.iter_mut().enumerate() {
-                    let [x, y, z] = column(&matrix, axis);
-                    *out = x * vector[0] + y * vector[1] + z * vector[2];
-                }
-            }
             Q::InertialPosition(body) => out.copy_from_slice(&world.body_inertial_position(*body)),
             Q::CenterOfMass(body) => out.copy_from_slice(&world.subtree_com(*body)),
             Q::SitePosition(site) => out.copy_from_slice(&world.rows().site_position(*site)),

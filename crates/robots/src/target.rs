@@ -4,6 +4,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use mishandle_controllers::{Entry, Layout};
+use mishandle_expression::Argument;
 use mishandle_files::{limits, read_bounded};
 use mishandle_rollout::fault::{Channel, FaultSite, Side};
 use mishandle_rollout::{
@@ -14,11 +15,11 @@ use mishandle_world::{ElementKind, Joint, Mocap, Model, PictureModel, Servo};
 
 use crate::axes::{Axes, ObservedPart, Parameter, parameter_names};
 use crate::controlled::ControlledRobot;
-use crate::description::{AxisEffect, Description, MAX_SUBSTEPS, Named, PolicySource, Quantity};
+use crate::description::{AxisEffect, Constant, Description, MAX_SUBSTEPS, Named, PolicySource, Quantity};
 use crate::document;
 use crate::environment::{Robot, RobotEnvironment};
 use crate::error::{Problem, RobotError};
-use crate::library::{Library, RememberedPart};
+use crate::library::{Library, RememberedPart, members};
 use crate::model::{self, RobotModel};
 use crate::phase::PhaseBuilder;
 use crate::policy::ExpressionPolicy;
@@ -60,6 +61,8 @@ pub struct RobotFile {
     policy: RobotPolicy,
     /// The robot, except what depends on the number of actions.
     observation_size: usize,
+    /// Actuators that get the controls, in the order of the expression.
+    actuated: Vec<usize>,
     parameters: Vec<String>,
     memory: Vec<RememberedPart>,
 }
@@ -86,7 +89,6 @@ impl RobotFile {
     ) -> Result<RobotFile, RobotError> {
         let problem = |problem: Problem| problem.at(path, text);
         let parameters = parameter_names(&description);
-        let actions = description.policy.actions.unwrap_or(model.physics.actuators());
         let library = |memory, actions| Library {
             model: &model.physics,
             constants: &description.constants,
@@ -95,7 +97,11 @@ impl RobotFile {
             actions,
             signals: &[],
         };
-        let memory = remembered_parts(&description, &library(&[], None)).map_err(problem)?;
+        let without = library(&[], None);
+        check_groups(&description, &without).map_err(problem)?;
+        let actuated = actuated(&description, &without).map_err(problem)?;
+        let memory = remembered_parts(&description, &without).map_err(problem)?;
+        let actions = description.policy.actions.unwrap_or(actuated.len());
         let library = library(&memory, Some(actions));
         check_constants(&description, &library).map_err(problem)?;
         let parts = observed_parts(&description, &library).map_err(problem)?;
@@ -130,6 +136,7 @@ impl RobotFile {
             parts,
             policy,
             observation_size,
+            actuated,
             parameters,
             memory,
         };
@@ -143,8 +150,8 @@ impl RobotFile {
         &self.description.name
     }
 
-    /// Returns the paths of the files that the target is made of: the file itself, those of the model
-    /// and the policy.
+    /// Returns the paths of the files that the target is made of: the file itself, those of the
+    /// model and the policy.
     pub fn files(&self) -> Vec<PathBuf> {
         let policy = match &self.policy {
             RobotPolicy::File { path, .. } => Some(path.clone()),
@@ -163,7 +170,7 @@ impl RobotFile {
         match (self.description.policy.actions, &self.policy) {
             (Some(actions), _) => actions,
             (None, RobotPolicy::Expression(policy) | RobotPolicy::BuiltIn(policy)) => policy.action_size(),
-            (None, _) => self.model.physics.actuators(),
+            (None, _) => self.actuated.len(),
         }
     }
 
@@ -173,6 +180,24 @@ impl RobotFile {
             |part: &ObservedPart| Entry { name: part.name.clone(), unit: part.unit.clone(), size: part.size };
         let action = Entry { name: "action".to_string(), unit: String::new(), size: self.actions() };
         Layout { observation: self.parts.iter().map(entry).collect(), action: vec![action] }
+    }
+
+    /// Returns the parts of the observation that the policy sees.
+    pub(crate) fn observed(&self) -> &[ObservedPart] {
+        &self.parts
+    }
+
+    /// Returns whether a part of the observation reads more than axes and constants.
+    pub(crate) fn part_reads_state(&self, name: &str) -> bool {
+        let named = self.description.observation.iter().find(|named| named.key.name == name);
+        let library = self.library(Some(self.actions()));
+        let mut phase = PhaseBuilder::new(&library);
+        named.is_some_and(|named| phase.add(&named.value.value).is_ok()) && phase.finish().reads_state()
+    }
+
+    /// Compiles the robot for a number of actions.
+    pub(crate) fn compiled(&self, actions: usize) -> Result<Robot, RobotError> {
+        self.robot(actions).map_err(|problem| self.at(problem))
     }
 
     /// Returns the length of an observation.
@@ -192,11 +217,6 @@ impl RobotFile {
             text: named.value.text.clone(),
         };
         self.description.formulas.iter().map(formula).collect()
-    }
-
-    /// Returns the robot with this number of actions.
-    pub(crate) fn compiled(&self, actions: usize) -> Result<Robot, RobotError> {
-        self.robot(actions).map_err(|problem| self.at(problem))
     }
 
     /// Returns the error of a problem, with its line in the file.
@@ -482,20 +502,23 @@ impl RobotFile {
         distinct(all.filter(is_part))
     }
 
+    fn library(&self, actions: Option<usize>) -> Library<'_> {
+        Library {
+            model: &self.model.physics,
+            constants: &self.description.constants,
+            parameters: &self.parameters,
+            memory: &self.memory,
+            actions,
+            signals: &[],
+        }
+    }
+
     /// Compiles all expressions for this number of actions.
     fn robot(&self, actions: usize) -> Result<Robot, Problem> {
         let description = &self.description;
         let model = &self.model.physics;
-        let library = |memory, actions, signals| Library {
-            model,
-            constants: &description.constants,
-            parameters: &self.parameters,
-            memory,
-            actions,
-            signals,
-        };
-        let (before, during) =
-            (library(&[], None, &[]), library(self.memory.as_slice(), Some(actions), &description.signals));
+        let during = Library { signals: &description.signals, ..self.library(Some(actions)) };
+        let before = Library { memory: &[], ..self.library(None) };
         let timestep = model.timestep();
         let control = &description.control;
         let (model, substeps) = match control.substeps {
@@ -538,14 +561,15 @@ impl RobotFile {
             None => Vec::new(),
         };
         let mut command = PhaseBuilder::new(&during);
+        let actuated = self.actuated.clone();
         command.add_sized(
             &description.policy.action,
-            model.actuators(),
-            "the model has actuators, so `action`",
+            actuated.len(),
+            "`action` gives controls to actuators: it",
         )?;
         let mut hold = PhaseBuilder::new(&before);
         if let Some(expression) = &description.policy.hold {
-            hold.add_sized(expression, model.actuators(), "the model has actuators, so `hold`")?;
+            hold.add_sized(expression, actuated.len(), "`hold` gives controls to actuators: it")?;
         }
         let mut measured = PhaseBuilder::new(&during);
         let mut sample = PhaseBuilder::new(&during);
@@ -616,6 +640,7 @@ impl RobotFile {
             servos,
             command,
             hold: hold.finish(),
+            actuated,
             control_ranges: (0..model.actuators()).map(|index| model.actuator_range(index)).collect(),
             measured: measured.finish(),
             reductions,
@@ -682,25 +707,41 @@ fn single(size: usize, named: &Named<Quantity>) -> Result<(), Problem> {
     }
 }
 
-/// Compiles each constant, so that a mistake in one is reported where it stands.
+/// Returns the actuators that get the controls of `action`, in its order.
+fn actuated(description: &Description, library: &Library<'_>) -> Result<Vec<usize>, Problem> {
+    match &description.policy.actuators {
+        None => Ok((0..library.model.actuators()).collect()),
+        Some(group) => library
+            .elements(ElementKind::Actuator, Some(&Argument::Name(group.text.clone())))
+            .map_err(|message| Problem::new(&group.span, message)),
+    }
+}
+
+/// Looks up the elements of each group, so that a mistake in one is reported where it stands.
+fn check_groups(description: &Description, library: &Library<'_>) -> Result<(), Problem> {
+    for named in &description.constants {
+        let Constant::Group { kind, names } = &named.value else { continue };
+        let kind = crate::pattern::kind(kind).ok_or_else(|| {
+            Problem::new(
+                &named.key.span,
+                "groups are of the kind joint, actuator, body, geom, site or sensor",
+            )
+        })?;
+        members(library.model, kind, names).map_err(|(span, message)| Problem::new(&span, message))?;
+    }
+    Ok(())
+}
+
+/// Compiles each constant that is not a group, so that a mistake in one is reported where it
+/// stands.
 fn check_constants(description: &Description, library: &Library<'_>) -> Result<(), Problem> {
-    use crate::description::Constant;
     use mishandle_expression::Names;
     for named in &description.constants {
         match &named.value {
             Constant::Expression(expression) => {
                 PhaseBuilder::new(library).add(expression)?;
             }
-            Constant::Group { kind, pattern } => {
-                let kind = crate::pattern::kind(kind).ok_or_else(|| {
-                    Problem::new(
-                        &named.key.span,
-                        "groups are of the kind joint, actuator, body, geom, site or sensor",
-                    )
-                })?;
-                crate::pattern::select(library.model, kind, &pattern.text)
-                    .map_err(|message| Problem::new(&pattern.span, message))?;
-            }
+            Constant::Group { .. } => {}
             _ => {
                 library.name(&named.key.name).map_err(|message| Problem::new(&named.key.span, message))?;
             }
@@ -755,8 +796,8 @@ fn start_values(
         let name = &named.key.name;
         let is_group = library.constants.iter().any(|constant| constant.key.name == *name);
         let argument = match is_group {
-            true => mishandle_expression::Argument::Name(name.clone()),
-            false => mishandle_expression::Argument::Text(name.clone()),
+            true => Argument::Name(name.clone()),
+            false => Argument::Text(name.clone()),
         };
         let joints = library
             .elements(ElementKind::Joint, Some(&argument))

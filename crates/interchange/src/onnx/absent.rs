@@ -6,7 +6,18 @@ use std::path::Path;
 use mishandle_controllers::Layout;
 use mishandle_rollout::{Controller, ControllerWorker};
 
+use super::OnnxSummary;
 use crate::{InterchangeError, OnnxProblem};
+
+impl OnnxSummary {
+    /// Returns the error that names the feature.
+    ///
+    /// # Errors
+    /// Always.
+    pub fn read(path: &Path) -> Result<OnnxSummary, InterchangeError> {
+        Err(InterchangeError::Onnx { problem: OnnxProblem::NotBuilt, path: path.to_path_buf() })
+    }
+}
 
 /// A policy in an ONNX model, which this build cannot read.
 #[derive(Debug)]
@@ -21,6 +32,19 @@ impl OnnxPolicy {
     /// Always.
     pub fn load(path: &Path, _tasks: &[&str], _layout: &Layout) -> Result<OnnxPolicy, InterchangeError> {
         Err(InterchangeError::Onnx { problem: OnnxProblem::NotBuilt, path: path.to_path_buf() })
+    }
+
+    /// Returns the error that names the feature.
+    ///
+    /// # Errors
+    /// Always.
+    pub fn load_named(
+        path: &Path,
+        tasks: &[&str],
+        layout: &Layout,
+        _names: [Option<&str>; 2],
+    ) -> Result<OnnxPolicy, InterchangeError> {
+        Self::load(path, tasks, layout)
     }
 
     /// Returns the error that names the feature.

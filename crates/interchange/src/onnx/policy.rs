@@ -80,13 +80,27 @@ impl OnnxPolicy {
     /// If a file cannot be read or is too large, the model is not supported, or it does not fit the
     /// task.
     pub fn load(path: &Path, tasks: &[&str], layout: &TaskLayout) -> Result<OnnxPolicy, InterchangeError> {
+        Self::load_named(path, tasks, layout, [None, None])
+    }
+
+    /// As [`load`](Self::load), with the names of the input for the observation and of the output
+    /// with the action, which win over those that the model or its side file gives.
+    ///
+    /// # Errors
+    /// Those of [`load`](Self::load), or if the model has no such input or output.
+    pub fn load_named(
+        path: &Path,
+        tasks: &[&str],
+        layout: &TaskLayout,
+        names: [Option<&str>; 2],
+    ) -> Result<OnnxPolicy, InterchangeError> {
         let error = |problem| InterchangeError::Onnx { problem, path: path.to_path_buf() };
         let bytes = read(path, limits::ONNX)?;
         let name = beside(path, "data");
         let weights = if name.exists() { Some(read(&name, limits::ONNX)?) } else { None };
         let name = name.file_name().unwrap_or_default().to_string_lossy();
         let weights = weights.as_deref().map(|content| (name.as_ref(), content));
-        Self::new(&bytes, weights, side_file(path)?, tasks, layout).map_err(error)
+        Self::new(&bytes, weights, side_file(path)?, names, tasks, layout).map_err(error)
     }
 
     /// Returns the task that a model or its side file names.
@@ -112,22 +126,25 @@ impl OnnxPolicy {
         tasks: &[&str],
         layout: &TaskLayout,
     ) -> Result<OnnxPolicy, OnnxProblem> {
-        Self::new(bytes, None, interface, tasks, layout)
+        Self::new(bytes, None, interface, [None, None], tasks, layout)
     }
 
     fn new(
         bytes: &[u8],
         weights: Option<Weights<'_>>,
         interface: Option<Interface>,
+        [observation, action]: [Option<&str>; 2],
         tasks: &[&str],
         layout: &TaskLayout,
     ) -> Result<OnnxPolicy, OnnxProblem> {
         let mut proto = check::parse(bytes)?;
         check::join(&mut proto, weights)?;
         let own = Interface::of_metadata(&proto);
-        let described =
-            interface.as_ref().map(|interface| serde_json::to_string(interface).unwrap_or_default());
-        let interface = interface.map_or(own, Ok)?;
+        let is_described = interface.is_some() || observation.is_some() || action.is_some();
+        let mut interface = interface.map_or(own, Ok)?;
+        interface.observation = observation.map(String::from).or(interface.observation);
+        interface.action = action.map(String::from).or(interface.action);
+        let described = is_described.then(|| serde_json::to_string(&interface).unwrap_or_default());
         check_task(&interface, tasks, layout)?;
         let task = tasks.first().copied().unwrap_or_default();
         let names = Names::new(&proto, &interface)?;
@@ -183,7 +200,7 @@ fn side_file(path: &Path) -> Result<Option<Interface>, InterchangeError> {
     })
 }
 
-fn read(path: &Path, limit: u64) -> Result<Vec<u8>, InterchangeError> {
+pub(super) fn read(path: &Path, limit: u64) -> Result<Vec<u8>, InterchangeError> {
     read_bounded(path, limit).map_err(|source| InterchangeError::Read { source, path: path.to_path_buf() })
 }
 

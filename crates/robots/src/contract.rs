@@ -1,0 +1,184 @@
+//! The contract between the robot of a file and its policy, checked before the first episode.
+
+use std::sync::Arc;
+
+use mishandle_rollout::{Controller, EnvironmentWorker, Scenario, Seed, Space, StepStatus};
+use mishandle_rollout::{Environment, Sample};
+
+use crate::environment::{Robot, RobotEnvironment, RobotWorker};
+use crate::error::RobotError;
+use crate::target::RobotFile;
+
+/// Number of control steps of a check.
+const STEPS: usize = 10;
+
+/// Share of an axis at which it is held in the second check.
+const AWAY: f64 = 0.8;
+
+/// Observations and actions of the first control steps of an episode.
+struct Steps {
+    observations: Vec<Vec<f32>>,
+    actions: Vec<Vec<f32>>,
+    /// Number of controls with a range, if the first action puts all of them to its ends.
+    saturated: Option<usize>,
+}
+
+impl RobotFile {
+    /// Runs a policy for a few control steps and returns warnings in words: an action that
+    /// saturates, an action or a part of the observation that never changes, numbers that are not
+    /// finite for some observations.
+    ///
+    /// A part that does not change in the nominal scenario is looked at again with all axes away
+    /// from nominal: a robot may be at rest in its equilibrium.
+    ///
+    /// # Errors
+    /// If the first observation or the first action of the nominal scenario is not finite.
+    pub fn check_contract(&self, controller: &dyn Controller) -> Result<Vec<String>, RobotError> {
+        let robot = Arc::new(self.compiled(controller.action_size())?);
+        let space = Space::new("contract", robot.axes.iter().map(|(axis, _)| axis.clone()).collect())?;
+        let environment = RobotEnvironment::over(robot.clone(), &space)?;
+        let mut worker = environment.robot_worker(1);
+        let nominal = steps(&robot, &mut worker, controller, &space.nominal(), environment.state_size());
+        self.check_first(&nominal)?;
+        let away = space.axes().iter().map(|axis| Some(axis.at(AWAY))).collect();
+        let away = space.canonical(Scenario::new(away));
+        let away = steps(&robot, &mut worker, controller, &away, environment.state_size());
+        let mut warnings = Vec::new();
+        if let Some(count) = nominal.saturated {
+            warnings.push(format!(
+                "the first action puts all {count} controls to the ends of their ranges: are scale, offset and order of the \
+                 actions those of the policy?"
+            ));
+        }
+        let first = &nominal.observations[0];
+        let others = others(first);
+        let answers: Vec<Vec<f32>> =
+            others.iter().map(|observation| answer(controller, observation)).collect();
+        let not_finite = answers.iter().filter(|action| action.iter().any(|x| !x.is_finite())).count();
+        if not_finite > 0 {
+            warnings.push(format!(
+                "the action is not finite for {not_finite} of {} other observations: a simulation that meets one ends as \
+                 `invalid action`",
+                others.len()
+            ));
+        }
+        let all_actions = nominal.actions.iter().chain(&away.actions).chain(&answers);
+        if is_constant(all_actions.map(Vec::as_slice)) {
+            warnings.push(
+                "the action never changes, whatever the policy observes: does it read its observation, and is its output the \
+                 action?"
+                    .to_string(),
+            );
+        }
+        for part in self.observed() {
+            let range = part.first..part.first + part.size;
+            let never = |steps: &Steps| is_constant(steps.observations.iter().map(|all| &all[range.clone()]));
+            if self.part_reads_state(&part.name) && never(&nominal) && never(&away) {
+                warnings.push(format!(
+                    "the part `{}` of the observation never changes in {STEPS} control steps: does it read the right element?",
+                    part.name
+                ));
+            }
+        }
+        Ok(warnings)
+    }
+
+    fn check_first(&self, nominal: &Steps) -> Result<(), RobotError> {
+        let error = |message: String| Err(RobotError::Policy { message });
+        for part in self.observed() {
+            let numbers = &nominal.observations[0][part.first..part.first + part.size];
+            if numbers.iter().any(|number| !number.is_finite()) {
+                return error(format!(
+                    "the part `{}` of the observation is not finite at the nominal start; read other quantities, or change \
+                     [start]",
+                    part.name
+                ));
+            }
+        }
+        let action = nominal.actions.first().into_iter().flatten();
+        if let Some((index, number)) = action.enumerate().find(|(_, number)| !number.is_finite()) {
+            return error(format!(
+                "number {} of the action is {number} for the first observation of the nominal scenario; no episode can start. \
+                 Order and sizes of the observation: {}",
+                index + 1,
+                self.observation_text()
+            ));
+        }
+        Ok(())
+    }
+
+    /// Returns the parts of the observation with their sizes, and the sum.
+    pub fn observation_text(&self) -> String {
+        let parts: Vec<String> =
+            self.observed().iter().map(|part| format!("{} {}", part.name, part.size)).collect();
+        format!("{}; together {}", parts.join(", "), self.observation_size())
+    }
+}
+
+/// Simulates the first control steps of a scenario.
+fn steps(
+    robot: &Robot,
+    worker: &mut RobotWorker,
+    controller: &dyn Controller,
+    scenario: &Scenario,
+    state_size: usize,
+) -> Steps {
+    let mut policy = controller.worker();
+    let mut memory = vec![0.0; controller.state_size()];
+    policy.reset(&mut memory, Seed(0));
+    let mut state = vec![0.0; state_size];
+    let mut observation = vec![0.0; robot.observation_size];
+    let mut signals = vec![0.0; robot.signals.len()];
+    let mut rewards = vec![0.0; robot.reward_terms.len()];
+    let mut steps = Steps { observations: Vec::new(), actions: Vec::new(), saturated: None };
+    let sample = Sample { signals: &mut signals, observation: &mut observation, rewards: &mut rewards };
+    worker.reset(scenario, Seed(0), &mut state, sample);
+    for step in 0..STEPS.min(robot.episode_steps) {
+        steps.observations.push(observation.clone());
+        let mut action = vec![0.0; controller.action_size()];
+        policy.act(1, &observation, &mut memory, &mut action);
+        steps.actions.push(action.clone());
+        let limit = robot.action_limit;
+        let clipped: Vec<f64> = action.iter().map(|x| f64::from(*x).clamp(-limit, limit)).collect();
+        let sample = Sample { signals: &mut signals, observation: &mut observation, rewards: &mut rewards };
+        let status = worker.step(&clipped, &mut state, sample);
+        if step == 0 {
+            steps.saturated = saturated(robot, worker.controls());
+        }
+        if status == StepStatus::Diverged {
+            break;
+        }
+    }
+    steps
+}
+
+/// Returns the number of controls with a range if all of them are at an end of it.
+fn saturated(robot: &Robot, controls: &[f64]) -> Option<usize> {
+    let ranges = robot.actuated.iter().map(|index| (controls[*index], robot.control_ranges[*index]));
+    let is_at_end: Vec<bool> =
+        ranges.filter_map(|(x, range)| range.map(|[low, high]| x <= low || x >= high)).collect();
+    (!is_at_end.is_empty() && is_at_end.iter().all(|at_end| *at_end)).then_some(is_at_end.len())
+}
+
+/// Returns a few other observations: zeros, the opposite, and two near the first one.
+fn others(first: &[f32]) -> Vec<Vec<f32>> {
+    let near = |scale: f32| -> Vec<f32> {
+        first.iter().zip(1u16..).map(|(x, i)| x + scale * (1.7 * f32::from(i)).sin()).collect()
+    };
+    vec![vec![0.0; first.len()], first.iter().map(|x| -x).collect(), near(0.1), near(1.0)]
+}
+
+/// Returns the action for an observation at the start of an episode.
+fn answer(controller: &dyn Controller, observation: &[f32]) -> Vec<f32> {
+    let mut worker = controller.worker();
+    let mut memory = vec![0.0; controller.state_size()];
+    worker.reset(&mut memory, Seed(0));
+    let mut action = vec![0.0; controller.action_size()];
+    worker.act(1, observation, &mut memory, &mut action);
+    action
+}
+
+fn is_constant<'a>(mut rows: impl Iterator<Item = &'a [f32]>) -> bool {
+    let Some(first) = rows.next() else { return true };
+    rows.all(|row| row.iter().zip(first).all(|(a, b)| a.to_bits() == b.to_bits()))
+}

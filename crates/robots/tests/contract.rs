@@ -1,0 +1,200 @@
+//! The contract between a policy and the robot of a file: order of joints, frames, warnings.
+
+#![allow(clippy::unwrap_used, reason = "tests")]
+
+use std::path::Path;
+use std::sync::Arc;
+
+use mishandle_robots::{RobotFile, RobotPolicy};
+use mishandle_rollout::{
+    Component, Controller, ControllerWorker, Noise, Request, Scenario, Seed, Specification,
+};
+use mishandle_stl::Formula;
+
+/// Two sliders whose actuators are in the other order than the joints, and a box that floats.
+const MODEL: &str = r#"<mujoco>
+  <option timestep="0.01" gravity="0 0 0"/>
+  <worldbody>
+    <body name="first"><joint name="a" type="slide" axis="1 0 0"/><geom size="0.1" mass="2" contype="0" conaffinity="0"/></body>
+    <body name="second"><joint name="b" type="slide" axis="0 1 0"/><geom size="0.1" mass="2" contype="0" conaffinity="0"/></body>
+    <body name="box"><freejoint name="root"/><geom type="box" size="0.1 0.1 0.1" contype="0" conaffinity="0"/></body>
+  </worldbody>
+  <actuator>
+    <motor name="push_b" joint="b" ctrlrange="-5 5" ctrllimited="true"/>
+    <motor name="push_a" joint="a" ctrlrange="-5 5" ctrllimited="true"/>
+  </actuator>
+</mujoco>"#;
+
+const FILE: &str = r#"
+format = 1
+name = "sliders"
+model.file = "model.xml"
+control = { period = 0.01, steps = 12 }
+
+[constants]
+joints = { group = "joint", names = ["b", "a"] }
+motors = { group = "actuator", names = ["push_a", "push_b"] }
+
+[start]
+joints = "[0.25, shift]"
+root = "[0, 0, 0, *quat_euler(0, 0, pi / 2)]"
+velocity.root = "[1, 0, 0, 0, 0, 3]"
+
+[observation]
+position = "qpos(joints)"
+command = "[2 * shift, 1]"
+
+[policy]
+expression = "[3, 4] + 0 * position"
+actions = 2
+action = "action"
+actuators = "motors"
+
+[signals]
+control_a = "ctrl('push_a')[0]"
+control_b = "ctrl('push_b')[0]"
+position_b = "qpos(joints)[0]"
+forward = "body_frame('box', body_vel('box'))[0]"
+left = "body_frame('box', body_vel('box'))[1]"
+turn = "body_frame('box', body_angvel('box'))[2]"
+down = "body_frame('box', [0, 0, -1])[2]"
+
+[axes]
+shift = { range = [-0.5, 0.5] }
+
+[formulas]
+slow = "always(control_a <= 10)"
+"#;
+
+fn read(folder: &Path, file: &str) -> Result<RobotFile, String> {
+    std::fs::write(folder.join("model.xml"), MODEL).unwrap();
+    std::fs::write(folder.join("sliders.toml"), file).unwrap();
+    RobotFile::read(&folder.join("sliders.toml")).map_err(|error| error.to_string())
+}
+
+fn expression(robot: &RobotFile) -> Arc<dyn Controller> {
+    let RobotPolicy::Expression(policy) = robot.policy() else { panic!("the policy is an expression") };
+    policy.clone()
+}
+
+/// Returns the signals of the nominal scenario at the first and the second sample.
+fn samples(file: &str) -> [Vec<f64>; 2] {
+    let folder = tempfile::tempdir().unwrap();
+    let robot = read(folder.path(), file).unwrap();
+    let component =
+        Component { role: "controller".into(), name: "e".into(), hash: "h".into(), file_hash: String::new() };
+    let target = robot.target((expression(&robot), component), Noise::default()).unwrap();
+    let space = target.space("starts").unwrap();
+    let requirement = Formula::parse(&target.formulas[0].text).unwrap();
+    let specification = Specification::from_formulas(&target.formulas, requirement).unwrap();
+    let request = Request::new(Scenario::from([0.0].as_slice()), Seed(0));
+    let episodes = target.system(&space, &specification).unwrap().rollout(&[request]).unwrap();
+    let trace = &episodes[0].trace;
+    [0, 1].map(|sample| (0..trace.names().len()).map(|index| trace.column(index)[sample]).collect())
+}
+
+#[test]
+fn groups_keep_the_order_of_their_names() {
+    let [start, next] = samples(FILE);
+    // Slider `b` is first in the group of joints; motor `push_a` is first in the group of motors.
+    assert_eq!(start[2], 0.25);
+    assert_eq!(next[..2], [3.0, 4.0]);
+    let swapped = FILE.replace(r#"["push_a", "push_b"]"#, r#"["push_b", "push_a"]"#);
+    assert_eq!(samples(&swapped)[1][..2], [4.0, 3.0]);
+    // Without a group, the controls are in the order of the model.
+    let plain = FILE.replace("actuators = \"motors\"\n", "");
+    assert_eq!(samples(&plain)[1][..2], [4.0, 3.0]);
+    // An actuator outside the group keeps its control.
+    let one = FILE.replace(r#"["push_a", "push_b"]"#, r#"["push_b"]"#);
+    let one = one.replace("action = \"action\"", "action = \"action[:1]\"");
+    assert_eq!(samples(&one)[1][..2], [0.0, 3.0]);
+}
+
+#[test]
+fn vectors_are_rotated_into_the_axes_of_a_body() {
+    // The box is turned to the left by 90 degrees, moves along x and turns about z.
+    let [start, _] = samples(FILE);
+    let expected = [0.0, -1.0, 3.0, -1.0];
+    assert!(start[3..].iter().zip(expected).all(|(x, y)| (x - y).abs() < 1e-12), "{start:?}");
+}
+
+#[test]
+fn wrong_groups_name_the_line() {
+    let folder = tempfile::tempdir().unwrap();
+    let error = |from: &str, to: &str| read(folder.path(), &FILE.replace(from, to)).err().unwrap();
+    let message = error(r#"["push_a", "push_b"]"#, r#"["push_a", "push_.*"]"#);
+    assert!(message.contains("line 9") && message.contains("`push_a` is in the group twice"), "{message}");
+    let message = error(r#"["b", "a"]"#, r#"["b", "c"]"#);
+    assert!(message.contains("line 8") && message.contains("no joint `c`"), "{message}");
+    let message = error("actuators = \"motors\"", "actuators = \"joints\"");
+    assert!(message.contains("`joints` is a group of the kind \"joint\""), "{message}");
+    let message = error("body_frame('box', [0, 0, -1])[2]", "body_frame('box')[2]");
+    assert!(message.contains("`body_frame` takes a body and a vector, not 1 arguments"), "{message}");
+    let message = error("body_frame('box', [0, 0, -1])[2]", "body_frame('box', [0, 1])[1]");
+    assert!(message.contains("has 2 numbers, but 3 numbers are needed"), "{message}");
+}
+
+/// A policy that answers by a function of the observation.
+struct Answer(fn(&[f32]) -> [f32; 2]);
+
+impl Controller for Answer {
+    fn observation_size(&self) -> usize {
+        4
+    }
+
+    fn action_size(&self) -> usize {
+        2
+    }
+
+    fn worker(&self) -> Box<dyn ControllerWorker> {
+        Box::new(Answer(self.0))
+    }
+}
+
+impl ControllerWorker for Answer {
+    fn reset(&mut self, _state: &mut [f64], _seed: Seed) {}
+
+    fn act(&mut self, rows: usize, observations: &[f32], _states: &mut [f64], actions: &mut [f32]) {
+        for row in 0..rows {
+            actions[2 * row..][..2].copy_from_slice(&(self.0)(&observations[4 * row..][..4]));
+        }
+    }
+}
+
+#[test]
+fn a_policy_that_does_not_fit_is_found_before_the_first_episode() {
+    let folder = tempfile::tempdir().unwrap();
+    let robot = read(folder.path(), FILE).unwrap();
+    let check = |answer: fn(&[f32]) -> [f32; 2]| {
+        robot.check_contract(&Answer(answer)).map_err(|error| error.to_string())
+    };
+    // It pushes both sliders, and reads where they are. The command may be constant.
+    assert_eq!(check(|x| [1.0 - x[0], 2.0 - x[1]]).unwrap(), Vec::<String>::new());
+    let warnings = check(|x| [9.0 + x[0], -9.0]).unwrap();
+    assert!(
+        matches!(&warnings[..], [one] if one.starts_with("the first action puts all 2 controls")),
+        "{warnings:?}"
+    );
+    let warnings = check(|_| [1.0, 2.0]).unwrap();
+    assert!(matches!(&warnings[..], [one] if one.starts_with("the action never changes")), "{warnings:?}");
+    let warnings = check(|x| [x[0].sqrt() + 1.0, 1.0]).unwrap();
+    assert!(matches!(&warnings[..], [one] if one.contains("not finite for 1 of 4")), "{warnings:?}");
+    let error = check(|x| [x[1], f32::NAN]).unwrap_err();
+    assert!(error.contains("number 2 of the action is NaN"), "{error}");
+    assert!(error.contains("position 2, command 2; together 4"), "{error}");
+}
+
+#[test]
+fn a_part_of_the_observation_that_never_changes_is_reported() {
+    let folder = tempfile::tempdir().unwrap();
+    let file =
+        FILE.replace("position = \"qpos(joints)\"", "position = \"[*qpos(joints)[1:], ctrl('push_a')[0]]\"");
+    let file = file.replace("command = ", "fixed = \"body_pos('world')[:1]\"\ncommand = ");
+    let file = file.replace("[2 * shift, 1]", "[2 * shift]");
+    let robot = read(folder.path(), &file).unwrap();
+    let warnings = robot.check_contract(&Answer(|x| [1.0 - x[0], 1.0])).unwrap();
+    assert!(
+        matches!(&warnings[..], [one] if one.starts_with("the part `fixed` of the observation never changes")),
+        "{warnings:?}"
+    );
+}
