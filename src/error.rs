@@ -251,9 +251,10 @@ pub enum MishandleError {
     /// A file of failures is of another target, or of another version of it.
     #[error(
         "{} has failures of {found}{}, and training on them needs those of {expected} as it is now: search again with \
-         `mishandle falsify {expected} --keep-going`",
+         `mishandle falsify {} --keep-going`",
         path.display(),
-        if expected == found { " in another version" } else { "" }
+        if expected == found { " in another version" } else { "" },
+        mishandle_text::shell_quote(target)
     )]
     ArchiveOfOtherTarget {
         /// Path of the file.
@@ -262,6 +263,8 @@ pub enum MishandleError {
         expected: String,
         /// Name of the target in the file.
         found: String,
+        /// The target as commands name it.
+        target: String,
     },
     /// A run file contradicts its plan.
     #[error(

@@ -90,6 +90,9 @@ impl Environment for Watched {
     fn action_size(&self) -> usize {
         self.0.action_size()
     }
+    fn action_limit(&self) -> f64 {
+        self.0.action_limit()
+    }
     fn state_size(&self) -> usize {
         self.0.state_size()
     }
@@ -159,9 +162,9 @@ fn training_episodes_have_the_bits_of_evaluated_ones_under_every_kind_of_axis() 
         let settings =
             EpisodeSettings { environments: ROWS, action_noise: 0.2, ..EpisodeSettings::default() };
         let settings = EpisodeSettings { staggered: false, ..settings };
-        let on_cpu: Box<dyn BatchFactory> = Box::new(environment.clone());
-        let on_device: Box<dyn BatchFactory> =
-            Box::new(TaskBatches::new(environment.clone(), Arc::new(CpuDevice)));
+        let on_cpu: Arc<dyn BatchFactory> = Arc::new(environment.clone());
+        let on_device: Arc<dyn BatchFactory> =
+            Arc::new(TaskBatches::new(environment.clone(), Arc::new(CpuDevice)));
         let sizes = (environment.observation_size(), environment.action_size());
         let specification = task.definition().formulas(Preset::Paper).specification().unwrap();
         for batches in [on_cpu, on_device] {
@@ -253,7 +256,7 @@ fn training_sees_the_history_of_an_evaluation_with_late_actions() {
     let specification = task.definition().formulas(Preset::Paper).specification().unwrap();
     let settings = EpisodeSettings { environments: ROWS, staggered: false, ..EpisodeSettings::default() };
     let (policy, whole) = with_history_and_whole(sizes);
-    let batches: Box<dyn BatchFactory> = Box::new(environment.clone());
+    let batches: Arc<dyn BatchFactory> = Arc::new(environment.clone());
     let batches = ScenarioBatches { batches, scenarios: scenarios.clone() };
     let episodes = Episodes::new(&batches, &settings, &ScenarioSettings::default(), Seed(8)).unwrap();
     let mut episodes = episodes.with_history(2);

@@ -19,8 +19,8 @@ fn the_states_of_every_task_fit_its_scene_with_visual_elements() {
     for task in tasks() {
         let name = task.definition().name;
         let environment = TaskEnvironment::new(task, Preset::Paper, Reward::Original).unwrap();
-        let trajectory = mishandle::picture::initial_state(task, None).unwrap();
-        let rendered = Model::from_xml(&mishandle::picture::scene_mjcf(task).unwrap()).unwrap();
+        let trajectory = mishandle::picture::initial_state(name, None).unwrap();
+        let rendered = Model::from_xml(&mishandle::resolve::picture_model(name).unwrap().document).unwrap();
         let simulated = environment.model();
         assert_eq!(rendered.state_size(), simulated.state_size(), "{name}");
         assert_eq!(rendered.qpos_size(), simulated.qpos_size(), "{name}");
@@ -43,10 +43,8 @@ fn a_replayed_trajectory_has_one_state_per_sample_of_the_trace() {
     assert_eq!(replayed.differences, Vec::<String>::new());
     assert_eq!(trajectory.states.len(), replayed.episode.trace.len());
     // The arm has moved, and its target has not.
-    let model = Model::from_xml(
-        &mishandle::picture::scene_mjcf(mishandle::resolve::task("point-reaching").unwrap()).unwrap(),
-    )
-    .unwrap();
+    let model =
+        Model::from_xml(&mishandle::resolve::picture_model("point-reaching").unwrap().document).unwrap();
     let target = model.body("target").unwrap();
     let mut world = model.world();
     let mut positions = |state: &[f64]| {
@@ -95,8 +93,7 @@ fn the_first_contact_and_the_release_are_those_of_the_trace() {
         let touches = column.values[..contact.sample].iter().any(|force| *force != Some(0.0));
         assert!(!is_apart || !touches, "{}", column.name);
     }
-    let arm =
-        mishandle::picture::initial_state(mishandle::resolve::task("point-reaching").unwrap(), None).unwrap();
+    let arm = mishandle::picture::initial_state("point-reaching", None).unwrap();
     assert_eq!(arm.first_contact().unwrap(), None);
 }
 
@@ -149,10 +146,10 @@ fn a_full_trace_has_the_weights_of_the_stack_and_the_actions_that_moved_the_arm(
 }
 
 #[test]
-fn only_tasks_have_full_traces() {
+fn a_target_without_a_scene_has_no_full_trace() {
     let resolved = ResolvedPlan::new(&Plan::new("toy/sphere-2d", "")).unwrap();
     let request = Request::new([0.5, 0.5], Seed(0));
     let episode = resolved.system().unwrap().rollout(&[request]).unwrap().remove(0);
     let error = mishandle::picture::full_trace(&resolved, &episode).unwrap_err().to_string();
-    assert!(error.contains("toy/sphere-2d") && error.contains("a task"), "{error}");
+    assert!(error.contains("toy/sphere-2d") && error.contains("a task or a target file"), "{error}");
 }

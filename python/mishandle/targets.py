@@ -212,6 +212,8 @@ def make_target(
         if space is not None and not isinstance(space, str):
             raise InvalidTypeError(f"the space of {system} is one of its own, by name; `mishandle targets {system}` lists them")
         return _task_in_space(system, formula, space or "starts", {"policy": "", **options}, check)
+    if isinstance(system, (str, os.PathLike)) and os.fspath(system).lower().endswith(".toml"):
+        return _robot(pathlib.Path(system), formula, space, options, check)
     if isinstance(system, str) and policy is None:
         raise InvalidValueError(f"the task {system} needs a policy")
     has_file = isinstance(policy, (str, os.PathLike))
@@ -384,6 +386,20 @@ def _with_settings(space: Sequence[Axis], options: TargetOptions) -> Sequence[Ax
     # Axes that a fixed value deprives of their effect are gone.
     applications = {axis.name: axis.apply for axis in space}
     return [Axis.from_native(native, applications[native[1]]) for native in settled]
+
+
+def _robot(
+    path: pathlib.Path, formula: Formulas, space: Space, options: TargetOptions, check: Callable[[Sequence[Axis]], object]
+) -> Target:
+    """Returns a robot that a file describes, which the Rust core simulates, with the policy of the file or another one."""
+    if space is not None and not isinstance(space, str):
+        raise InvalidTypeError(f"the space of {path} is one of its own, by name; `mishandle targets {path}` lists them")
+    policy = options.get("policy", "")
+    if not isinstance(policy, (str, os.PathLike)):
+        raise InvalidTypeError(f"the policy of {path} is a file or that of the target file, not a {type(policy).__name__}")
+    # Absolute, because workers of a cluster have other working folders.
+    policy = str(pathlib.Path(policy).absolute()) if os.fspath(policy) else ""
+    return _task_in_space(str(path.absolute()), formula, space or "", {**options, "policy": policy}, check)
 
 
 def _task_in_space(

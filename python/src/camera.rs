@@ -5,7 +5,7 @@ use std::thread::JoinHandle;
 
 use mishandle::rollout::{Environment, Sample, Scenario, Seed, StepStatus};
 use mishandle::tasks::TaskEnvironment;
-use mishandle::world::{CAMERAS, Quality, Renderer, Size};
+use mishandle::world::{CAMERAS, PictureModel, Quality, Renderer, Size};
 
 /// States to draw, and where to send the pixels or an error.
 type Order = (Vec<Vec<f64>>, Sender<Result<Vec<u8>, String>>);
@@ -22,9 +22,9 @@ pub(crate) struct Camera {
 
 impl Camera {
     /// Creates a camera that shows everything that is in one of the `framed` states.
-    pub(crate) fn new(document: String, size: Size, framed: Vec<Vec<f64>>) -> Camera {
+    pub(crate) fn new(model: PictureModel, size: Size, framed: Vec<Vec<f64>>) -> Camera {
         let (sender, orders) = channel();
-        let thread = std::thread::spawn(move || draw_orders(&document, size, &framed, &orders));
+        let thread = std::thread::spawn(move || draw_orders(&model, size, &framed, &orders));
         Camera { size, orders: Some(sender), thread: Some(thread), process: std::process::id() }
     }
 
@@ -55,8 +55,8 @@ impl Drop for Camera {
     }
 }
 
-fn draw_orders(document: &str, size: Size, framed: &[Vec<f64>], orders: &Receiver<Order>) {
-    let mut renderer = Renderer::new(document, size, Quality::Fast, CAMERAS[0]);
+fn draw_orders(model: &PictureModel, size: Size, framed: &[Vec<f64>], orders: &Receiver<Order>) {
+    let mut renderer = Renderer::new(model, size, Quality::Fast, CAMERAS[0]);
     if let Ok(renderer) = &mut renderer {
         renderer.frame(framed.iter().map(Vec::as_slice));
     }

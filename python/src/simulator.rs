@@ -156,10 +156,7 @@ impl Simulator {
                 self.rows
             )));
         }
-        let document = mishandle::picture::scene_mjcf(
-            mishandle::resolve::task(self.environment.name()).map_err(raised)?,
-        );
-        let document = document.map_err(raised)?;
+        let model = mishandle::resolve::picture_model(self.environment.name()).map_err(raised)?;
         let count = rows.len();
         let pixels = self.pool.with(py, |Stage { batch, camera }| {
             let state = |row| {
@@ -169,7 +166,7 @@ impl Simulator {
             };
             let states: Vec<Vec<f64>> = rows.into_iter().map(state).collect();
             if camera.as_ref().is_none_or(|camera| camera.size() != size) {
-                *camera = Some(Camera::new(document, size, framed_states(&self.environment)));
+                *camera = Some(Camera::new(model, size, framed_states(&self.environment)));
             }
             camera.as_ref().map(|camera| camera.draw(states))
         })?;

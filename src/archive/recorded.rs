@@ -2,16 +2,15 @@
 
 use std::path::{Path, PathBuf};
 
-use mishandle_rollout::{Axis, AxisKind, Noise, Scenario, Space};
+use mishandle_rollout::{Axis, AxisKind, Scenario, Space};
 use mishandle_store::{AxisRecord, ComponentRecord, RunFile, TargetRecord};
-use mishandle_tasks::target_identity;
 
 use super::simulated::simulated;
 use super::weights::{Simulated, shows_nan, weighted};
 use crate::counterexample::{Counterexample, suite_files};
 use crate::error::MishandleError;
 use crate::plan::Plan;
-use crate::resolve::{preset, task};
+use crate::resolve::TrainingTarget;
 use crate::run::axis_records;
 
 /// Returns the failures of files, and scenarios that passed nearby, each with its weight in
@@ -19,7 +18,7 @@ use crate::run::axis_records;
 ///
 /// The weights are those of a hardening. Failures that show NaN to the policy are left out. An axis
 /// that a file does not have was nominal, or random if it is one of the initial state. With a
-/// `task`, the files must be of this one.
+/// `target`, the files must be of this one.
 ///
 /// # Errors
 /// If a file cannot be read, it is of another target or of another version of it, its axes or a
@@ -27,11 +26,11 @@ use crate::run::axis_records;
 pub fn recorded_failures(
     paths: &[PathBuf],
     space: &Space,
-    task: Option<&str>,
+    target: Option<&dyn TrainingTarget>,
 ) -> Result<Vec<(Scenario, f64)>, MishandleError> {
     let mut all = Vec::new();
     for path in paths {
-        all.extend(read(path, space, task)?.into_iter().map(|found| (path, found)));
+        all.extend(read(path, space, target)?.into_iter().map(|found| (path, found)));
     }
     for (path, found) in &all {
         let scenario = Scenario::new(found.scenario.clone());
@@ -75,10 +74,14 @@ fn other_space(path: &Path, differences: Vec<String>) -> MishandleError {
 }
 
 /// Reads the simulations of a file or folder, with the values in the order of the space's axes.
-fn read(path: &Path, space: &Space, task: Option<&str>) -> Result<Vec<Simulated>, MishandleError> {
+fn read(
+    path: &Path,
+    space: &Space,
+    target: Option<&dyn TrainingTarget>,
+) -> Result<Vec<Simulated>, MishandleError> {
     let of_file = |file: &Path| {
         let known = Counterexample::read(file)?;
-        check_target(file, &known.plan, &known.components, &known.target, task)?;
+        check_target(file, &known.plan, &known.components, &known.target, target)?;
         simulated_in(file, &known, space)
     };
     if path.is_dir() {
@@ -91,7 +94,7 @@ fn read(path: &Path, space: &Space, task: Option<&str>) -> Result<Vec<Simulated>
     }
     let run = RunFile::open(path)?;
     let header = run.header();
-    check_target(path, &Plan::from_toml(&header.plan)?, &header.components, &header.target, task)?;
+    check_target(path, &Plan::from_toml(&header.plan)?, &header.components, &header.target, target)?;
     let recorded: Vec<RecordedAxis<'_>> = run
         .header()
         .axes
@@ -106,27 +109,29 @@ fn read(path: &Path, space: &Space, task: Option<&str>) -> Result<Vec<Simulated>
     Ok(found)
 }
 
-/// Checks that a file is of this task, in its present version. `plan` and `components` are those of
-/// the file.
+/// Checks that a file is of this target, in its present version. `plan` and `components` are those
+/// of the file.
 fn check_target(
     path: &Path,
     plan: &Plan,
     components: &[ComponentRecord],
     found: &TargetRecord,
-    expected: Option<&str>,
+    expected: Option<&dyn TrainingTarget>,
 ) -> Result<(), MishandleError> {
-    let Some(name) = expected else { return Ok(()) };
+    let Some(target) = expected else { return Ok(()) };
     let is_present = || {
-        let noise = Noise { action_std: plan.action_noise, observation_std: plan.observation_noise };
         let controller = components.first().map_or("", |controller| controller.hash.as_str());
-        let present = target_identity(task(name)?, preset(&plan.preset)?, controller, noise)?;
-        Ok::<bool, MishandleError>(present.hash == found.hash)
+        Ok::<bool, MishandleError>(target.identity(plan, controller)?.hash == found.hash)
     };
-    if found.name == name && is_present()? {
+    if found.name == target.name() && is_present()? {
         return Ok(());
     }
-    let (expected, found) = (name.to_string(), found.name.clone());
-    Err(MishandleError::ArchiveOfOtherTarget { path: path.to_path_buf(), expected, found })
+    Err(MishandleError::ArchiveOfOtherTarget {
+        path: path.to_path_buf(),
+        expected: target.name().to_string(),
+        found: found.name.clone(),
+        target: target.given(),
+    })
 }
 
 /// Returns the scenario of a counterexample with the values in the order of the space's axes.

@@ -17,7 +17,7 @@ use crate::error::MishandleError;
 use crate::inspect::{ExplainedSimulation, Failure, explain_episode, failure_modes};
 use crate::picture::{StateTrajectory, simulate_states};
 use crate::plan::HardenPlan;
-use crate::resolve::{ResolvedPlan, recorded_plan};
+use crate::resolve::{ResolvedPlan, is_robot_file, recorded_plan};
 
 /// Failures of the failure modes of a finished hardening: a minimized one of a round, the latest
 /// first, if it fails in this mode, or else the worst one of the final searches.
@@ -39,7 +39,7 @@ pub struct ModeExample {
 pub struct ExampleSimulation {
     /// The episode.
     pub episode: Episode,
-    /// The states of the task.
+    /// The states of its scene.
     pub trajectory: StateTrajectory,
     /// Why the failure or success is one; `None` if the simulation has no verdict.
     pub explained: Option<(RunHeader, ExplainedSimulation)>,
@@ -69,7 +69,8 @@ pub enum ExampleSource {
 impl ModeExamples {
     /// Reads the folder of a finished hardening. Its paths begin with `folder`.
     ///
-    /// Returns `None` if no round was accepted: then there are no modes.
+    /// Returns `None` if no round was accepted: then there are no modes. The same holds for a robot
+    /// of a file, whose states have no pictures.
     ///
     /// # Errors
     /// If a file of the folder is missing or differs.
@@ -77,6 +78,9 @@ impl ModeExamples {
         let accepted = found.rounds.iter().rev().find(|round| round.accepted);
         let Some(accepted) = accepted else { return Ok(None) };
         let (folder, plan) = Folder::open(folder)?;
+        if is_robot_file(&plan.target) {
+            return Ok(None);
+        }
         let table = plan.harden.ok_or(MishandleError::MissingPlanTable { table: "harden" })?;
         let (before, worst_before) = final_search(&folder, &table, "before", &folder.before())?;
         let (after, worst_after) =

@@ -13,6 +13,7 @@ use super::folder::{Asked, Folder};
 use crate::error::MishandleError;
 use crate::inspect::compare;
 use crate::plan::{EvaluatePlan, Plan};
+use crate::resolve::STARTS;
 
 /// Standard deviation of the action noise of the measure `noise`, as in the benchmark.
 const ACTION_NOISE: f64 = 0.5;
@@ -50,13 +51,12 @@ pub(super) fn measure(
         harden: None,
         ..base.clone()
     };
-    let starts = Plan::new("", "").space;
     let mut ask = |plan: Plan, name: &str| {
         let path = path_of(prefix, name);
         folder.ask(&plan, &path, &format!("{phase}: {name}"), &mut *watch)
     };
-    let Some(starts_asked) = ask(plan(&starts, base.action_noise), "starts")? else { return Ok(None) };
-    let Some(noise) = ask(plan(&starts, ACTION_NOISE), "noise")? else { return Ok(None) };
+    let Some(starts_asked) = ask(plan(STARTS, base.action_noise), "starts")? else { return Ok(None) };
+    let Some(noise) = ask(plan(STARTS, ACTION_NOISE), "noise")? else { return Ok(None) };
     let Some(space) = ask(plan(&base.space, base.action_noise), "space")? else { return Ok(None) };
     Ok(Some(Measured { starts: starts_asked, noise, space }))
 }

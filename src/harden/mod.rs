@@ -30,9 +30,8 @@ use mishandle_training::AlgorithmSettings;
 
 use crate::error::MishandleError;
 use crate::plan::{EvaluatePlan, GPU, HardenPlan, Plan};
-use crate::resolve::{ResolvedPlan, task};
+use crate::resolve::{ResolvedPlan, STARTS, TrainingTarget, default_reward, training_target};
 use crate::run::{Device, Opening};
-use crate::train::start_controller;
 use decision::decide;
 pub use examples::{ExampleSimulation, ExampleSource, ModeExample, ModeExamples};
 use folder::Folder;
@@ -138,9 +137,11 @@ impl CheckedHardening<'_> {
     pub fn new(plan: &Plan) -> Result<CheckedHardening<'_>, MishandleError> {
         let table = plan.harden.as_ref().ok_or(MishandleError::MissingPlanTable { table: "harden" })?;
         table.check()?;
-        let before = start(plan)?;
+        let target = target(plan, table)?;
+        let before = target.start_controller(&plan.controller)?;
         let settings = given_settings(table, &before)?;
-        check(plan, table, &settings)?;
+        target.scene(default_reward(&plan.target), &settings)?;
+        check(&with_space(plan, plan.controller.clone())?, table, &settings)?;
         Ok(CheckedHardening { plan, table, before, settings })
     }
 
@@ -149,7 +150,8 @@ impl CheckedHardening<'_> {
     /// # Errors
     /// If the folder exists, or a file cannot be written.
     pub fn create(&self, folder: &Path) -> Result<(), MishandleError> {
-        Folder::create(folder, self.plan, &self.before.to_bytes(), &self.settings.to_toml())
+        let plan = self.plan.with_absolute_target();
+        Folder::create(folder, &plan, &self.before.to_bytes(), &self.settings.to_toml())
     }
 }
 
@@ -185,7 +187,8 @@ pub fn final_runs(folder: &Path) -> Vec<PathBuf> {
 /// If the folder contains no hardening, or one with other settings.
 pub fn check_plan(folder: &Path, plan: &Plan) -> Result<(), MishandleError> {
     let (_, recorded) = Folder::open(folder)?;
-    let [recorded, given] = [&recorded, plan].map(|plan| toml::Table::try_from(plan).unwrap_or_default());
+    let [recorded, given] =
+        [&recorded, plan].map(|plan| toml::Table::try_from(plan.with_absolute_target()).unwrap_or_default());
     let differences = differences(&recorded, &given);
     if differences.is_empty() { Ok(()) } else { Err(MishandleError::OtherSettings { differences }) }
 }
@@ -246,11 +249,13 @@ pub fn resume(
     watch: Watch<'_>,
 ) -> Result<Option<Hardening>, MishandleError> {
     let (folder, plan) = Folder::resume(folder, opening)?;
-    let table = plan.harden.as_ref().ok_or(MishandleError::MissingPlanTable { table: "harden" })?;
     if let Some(found) = folder.result()? {
         return Ok(Some(found));
     }
-    check_device(table, gpu)?;
+    let missing = || MishandleError::MissingPlanTable { table: "harden" };
+    check_device(plan.harden.as_ref().ok_or_else(missing)?, gpu)?;
+    let plan = with_space(&plan, path_text(&folder.before()))?;
+    let table = plan.harden.as_ref().ok_or_else(missing)?;
     let settings = settings(&folder.settings(), &ControllerFile::load(&folder.before())?)?;
     let out = accepted_file(&folder.given);
     Hardener { plan: &plan, table, settings: &settings, folder: &folder, gpu }.run(&out, watch)
@@ -264,15 +269,26 @@ fn check_device(table: &HardenPlan, gpu: Option<&Device>) -> Result<(), Mishandl
     }
 }
 
-/// Returns the controller of a plan, which can be trained. Looks up the names of the plan.
-fn start(plan: &Plan) -> Result<ControllerFile, MishandleError> {
-    ResolvedPlan::new(&evaluation(plan))?;
-    start_controller(task(&plan.target)?.definition(), &plan.controller)
+/// Returns the target of a plan as one of training. Looks up the names of the plan.
+fn target(plan: &Plan, table: &HardenPlan) -> Result<Box<dyn TrainingTarget>, MishandleError> {
+    let resolved = ResolvedPlan::new(&evaluation(plan))?;
+    if resolved.target.spaces.iter().all(|space| space.name() != STARTS) {
+        let (what, value) = ("the target of a hardening", plan.target.clone());
+        let expected = "one with an axis of the kind start: each round measures success from random starts";
+        return Err(MishandleError::InvalidValue { what, value, expected });
+    }
+    training_target(&plan.target, &table.device)
 }
 
 /// Returns a plan with the names of a hardening's plan, which can be resolved.
 fn evaluation(plan: &Plan) -> Plan {
     Plan { evaluate: Some(EvaluatePlan::default()), harden: None, ..plan.clone() }
+}
+
+/// Returns a plan that names its space, also if the user named none.
+fn with_space(plan: &Plan, controller: String) -> Result<Plan, MishandleError> {
+    let resolved = ResolvedPlan::new(&Plan { controller, ..evaluation(plan) })?;
+    Ok(Plan { space: resolved.plan.space, ..plan.clone() })
 }
 
 /// Returns the training settings of a controller, or those of the file that the plan names.

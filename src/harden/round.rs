@@ -15,7 +15,7 @@ use super::{HardenProgress, HardenUnit, Watch};
 use crate::archive::{Simulated, csv, shows_nan, weighted};
 use crate::error::MishandleError;
 use crate::plan::{HardenPlan, Plan};
-use crate::resolve::ResolvedPlan;
+use crate::resolve::{ResolvedPlan, default_reward};
 use crate::run::Device;
 use crate::train::{TrainObserver, TrainPlan, train};
 
@@ -88,7 +88,7 @@ pub(super) fn run_round(
     let mut plan = TrainPlan {
         task: base.target.clone(),
         algorithm: settings.algorithm().to_string(),
-        reward: "shaped".to_string(),
+        reward: default_reward(&base.target).to_string(),
         device: table.device.clone(),
         settings: Some(file),
         from: Some(path_text(controller)),

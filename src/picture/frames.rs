@@ -4,7 +4,8 @@
 use mishandle_stl::{Formula, is_violated};
 use mishandle_store::SignalRecord;
 use mishandle_world::{
-    Caption, CaptionLayout, CaptionPart, Color, Picture, Quality, Renderer, Size, TimeBar, WorldError,
+    Caption, CaptionLayout, CaptionPart, Color, Picture, PictureModel, Quality, Renderer, Size, TimeBar,
+    WorldError,
 };
 
 use crate::inspect::{Event, Explanation, PredicateHistory};
@@ -203,7 +204,7 @@ impl FrameRenderer {
     /// # Errors
     /// If MuJoCo rejects the document, there is no such camera, or OpenGL is not available.
     pub fn new(
-        document: &str,
+        model: &PictureModel,
         size: Size,
         quality: Quality,
         cameras: &[&str],
@@ -217,7 +218,7 @@ impl FrameRenderer {
         let taken = captions.as_ref().map_or(0, |(_, layout)| layout.height() as u32);
         let scene = Size::new(size.width(), size.height() - taken).unwrap_or(size);
         let view = |camera: &&str| {
-            let mut view = Renderer::new(document, scene, quality, camera)?;
+            let mut view = Renderer::new(model, scene, quality, camera)?;
             if captions.is_some() {
                 view.mark_contacts();
             }

@@ -8,6 +8,4 @@ mod trajectory;
 pub use film::Film;
 pub use frames::{FrameCaptions, FrameRenderer};
 pub use full_trace::full_trace;
-pub use trajectory::{
-    StateTrajectory, initial_state, replay_states, scene_mjcf, simulate_states, strip_samples,
-};
+pub use trajectory::{StateTrajectory, initial_state, replay_states, simulate_states, strip_samples};

@@ -6,12 +6,11 @@ use mishandle_rollout::{
     Environment, EnvironmentWorker, Episode, Request, Sample, Scenario, Seed, Space, StepStatus, System,
 };
 use mishandle_store::RunFile;
-use mishandle_tasks::{Definition, Preset, Reward, Task, TaskEnvironment, compose};
 
 use crate::error::MishandleError;
 use crate::inspect::{Event, EventKind};
 use crate::replay::{ReplayResult, replay_in};
-use crate::resolve::{ResolvedPlan, recorded_plan, task_target};
+use crate::resolve::{ResolvedPlan, SceneEnvironment, recorded_plan, scene_start, scene_target};
 
 /// Time in which objects settle into their first contacts, in seconds.
 const SETTLING: f64 = 0.1;
@@ -22,7 +21,7 @@ pub struct StateTrajectory {
     pub states: Vec<Vec<f64>>,
     /// Time between two states, in seconds.
     pub control_dt: f64,
-    environment: Arc<TaskEnvironment>,
+    environment: Arc<dyn SceneEnvironment>,
 }
 
 impl StateTrajectory {
@@ -33,9 +32,7 @@ impl StateTrajectory {
     /// # Errors
     /// If the scene cannot be built.
     pub fn first_contact(&self) -> Result<Option<(Event, String)>, MishandleError> {
-        let task = self.environment.definition().name;
-        let scene_error = |source| mishandle_tasks::TaskError::Scene { task, source };
-        let mut full_state = self.environment.full_state().map_err(scene_error)?;
+        let mut full_state = self.environment.full_state()?;
         let columns = full_state.columns();
         let is_pair = |name: &str| name.starts_with("contact_") && name != "contact_largest";
         let pairs: Vec<usize> = (0..columns.len()).filter(|column| is_pair(&columns[*column].0)).collect();
@@ -55,27 +52,24 @@ impl StateTrajectory {
     }
 }
 
-/// Returns the initial state of a task, as a trajectory with one state.
+/// Returns the initial state of a target, as a trajectory with one state. The target is the name of
+/// a task or the path of a target file.
 ///
-/// `x0` has one value per axis of the initial box, in the unit of the axis. `None` selects the
-/// center of the box of task preset `paper`.
+/// `x0` has one value per axis of the start, in the unit of the axis. `None` selects the nominal
+/// values: the center of the initial box of a task.
 ///
 /// # Errors
 /// If `x0` does not have one finite number per axis or is outside the initial boxes of all task
-/// presets, or the task cannot be built.
-pub fn initial_state(task: &dyn Task, x0: Option<&[f64]>) -> Result<StateTrajectory, MishandleError> {
-    let environment = TaskEnvironment::new(task, Preset::Paper, Reward::Original)?;
-    let scenario = x0.map_or_else(|| environment.space().nominal(), Scenario::from);
-    environment.space().check(&scenario)?;
-    check_in_box(task.definition(), x0.unwrap_or_default())?;
+/// presets, or the target cannot be built.
+pub fn initial_state(target: &str, x0: Option<&[f64]>) -> Result<StateTrajectory, MishandleError> {
+    let (environment, scenario) = scene_start(target, x0)?;
     let mut state = vec![0.0; environment.state_size()];
     let mut observation = vec![0.0; environment.observation_size()];
     let mut signals = vec![0.0; environment.signals().len()];
     let mut rewards = vec![0.0; environment.reward_terms().len()];
     let sample = Sample { observation: &mut observation, signals: &mut signals, rewards: &mut rewards };
     environment.worker().reset(&scenario, Seed(0), &mut state, sample);
-    let control_dt = environment.control_dt();
-    Ok(StateTrajectory { states: vec![state], control_dt, environment: Arc::new(environment) })
+    Ok(StateTrajectory { states: vec![state], control_dt: environment.control_dt(), environment })
 }
 
 /// Returns the samples of a filmstrip of the samples `first` to `last`: both ends, the decisive
@@ -112,29 +106,11 @@ pub fn strip_samples(start: Option<usize>, decisive: usize, (first, last): (usiz
     samples
 }
 
-/// Checks that an initial state is in the box of a task preset. The error names the bounds of task
-/// preset `paper`.
-fn check_in_box(definition: &Definition, x0: &[f64]) -> Result<(), MishandleError> {
-    let outside = |preset| {
-        definition.initial_box.iter().zip(x0).find(move |(axis, value)| {
-            let [low, high] = axis.bounds(preset);
-            !(low..=high).contains(*value)
-        })
-    };
-    match (outside(Preset::Paper), outside(Preset::Code)) {
-        (Some((axis, &value)), Some(_)) => {
-            let [low, high] = axis.bounds(Preset::Paper);
-            Err(MishandleError::OutsideBox { axis: axis.name, value, unit: axis.unit, low, high })
-        }
-        _ => Ok(()),
-    }
-}
-
 /// Replays a simulation as [`replay`](crate::replay::replay()) does, and returns its states as
 /// well.
 ///
 /// # Errors
-/// The errors of [`replay`](crate::replay::replay()), or if the run's target is not a task.
+/// The errors of [`replay`](crate::replay::replay()), or if the run's target has no scene.
 pub fn replay_states(
     run: &RunFile,
     trial: u32,
@@ -147,10 +123,10 @@ pub fn replay_states(
     Ok((replayed, recorded.trajectory()))
 }
 
-/// Simulates a request of a task, and returns its states as well.
+/// Simulates a request of a target with a scene, and returns its states as well.
 ///
 /// # Errors
-/// If the target is not a task, or the simulation cannot be run.
+/// If the target has no scene, or the simulation cannot be run.
 pub fn simulate_states(
     resolved: &ResolvedPlan,
     request: &Request,
@@ -160,17 +136,17 @@ pub fn simulate_states(
     Ok((episode.ok_or(MishandleError::NoEpisode)?, recorded.trajectory()))
 }
 
-/// A system of a task that records the states of its only simulation.
+/// A system that records the states of its only simulation.
 struct Recorded {
     system: Box<dyn System>,
     recording: SharedRecording,
-    environment: Arc<TaskEnvironment>,
+    environment: Arc<dyn SceneEnvironment>,
 }
 
 impl Recorded {
     fn new(resolved: &ResolvedPlan) -> Result<Recorded, MishandleError> {
-        let target = task_target(&resolved.plan)?;
-        let environment = Arc::new(target.environment(&resolved.space, &resolved.specification)?);
+        let target = scene_target(resolved)?;
+        let environment = target.environment(&resolved.space, &resolved.specification, false)?;
         let (recorder, recording) = RecordingEnvironment::new(environment.clone());
         let system = target.system_in(Arc::new(recorder), &resolved.space, &resolved.specification)?;
         Ok(Recorded { system: Box::new(system), recording, environment })
@@ -180,16 +156,6 @@ impl Recorded {
         let control_dt = self.environment.control_dt();
         StateTrajectory { states: self.recording.take().states, control_dt, environment: self.environment }
     }
-}
-
-/// Returns the MJCF document of a task's scene, with all visual elements.
-///
-/// # Errors
-/// If the scene cannot be composed.
-pub fn scene_mjcf(task: &dyn Task) -> Result<String, MishandleError> {
-    compose(task).map_err(|source| {
-        MishandleError::Task(mishandle_tasks::TaskError::Scene { task: task.definition().name, source })
-    })
 }
 
 /// Data that a [`RecordingEnvironment`] records.
@@ -218,13 +184,13 @@ impl SharedRecording {
 
 /// An environment that records states and actions of its only simulation.
 pub(crate) struct RecordingEnvironment {
-    environment: Arc<TaskEnvironment>,
+    environment: Arc<dyn SceneEnvironment>,
     recording: SharedRecording,
 }
 
 impl RecordingEnvironment {
     /// Makes the environment and its recording.
-    pub(crate) fn new(environment: Arc<TaskEnvironment>) -> (RecordingEnvironment, SharedRecording) {
+    pub(crate) fn new(environment: Arc<dyn SceneEnvironment>) -> (RecordingEnvironment, SharedRecording) {
         let recording = SharedRecording::default();
         (RecordingEnvironment { environment, recording: recording.clone() }, recording)
     }
@@ -253,6 +219,10 @@ impl Environment for RecordingEnvironment {
 
     fn action_size(&self) -> usize {
         self.environment.action_size()
+    }
+
+    fn action_limit(&self) -> f64 {
+        self.environment.action_limit()
     }
 
     fn state_size(&self) -> usize {

@@ -15,9 +15,11 @@ mod randomness;
 mod recorded;
 mod requirements;
 mod robot;
+mod scene;
 pub(crate) mod search;
 mod subject;
 mod task;
+mod training;
 
 use mishandle_falsification::FalsificationSettings;
 use mishandle_random::Seed;
@@ -37,15 +39,21 @@ pub(crate) use controller::is_path;
 pub use controller::{controller_name, find_controller};
 pub use first_file::first_target_file;
 pub use import::{import_controller, is_onnx, onnx_policy, read_normalizer};
-pub use kind::{is_python, is_task};
+pub use kind::{has_scene, is_python, is_task};
 pub use randomness::{depends_on_seed, space_depends_on_seed};
 pub use recorded::recorded_plan;
 pub(crate) use recorded::resolve_recorded;
 pub(crate) use robot::contract_warnings;
 pub use robot::{is_robot_file, robot_file};
+pub(crate) use scene::{SceneEnvironment, scene_start, scene_target};
+pub use scene::{picture_model, recorded_picture};
 pub use search::search_entry;
 pub use subject::{axis_facts, named_scenario};
 pub use task::{preset, task, task_target};
+pub(crate) use training::STARTS;
+pub use training::{
+    TrainingEnvironment, TrainingScene, TrainingTarget, default_reward, reward, training_target,
+};
 
 /// Returns the target of a plan.
 ///

@@ -1,21 +1,39 @@
-//! Robots that a file describes, as targets: file, controller and noise of a plan.
+//! Robots that a file describes, as targets: file, controller and noise of a plan, and as targets
+//! of training.
 
 use std::path::Path;
 use std::sync::Arc;
 
-use mishandle_controllers::{ControllerFile, bytes_hash};
+use mishandle_controllers::{ControllerFile, Layout, bytes_hash};
 use mishandle_files::{limits, read_bounded};
 use mishandle_interchange::{InterchangeError, OnnxPolicy, OnnxProblem};
-use mishandle_robots::{RobotError, RobotFile, RobotPolicy};
-use mishandle_rollout::{Component, Controller, Noise, Target};
+use mishandle_robots::{
+    ControlledRobot, RobotBatches, RobotEnvironment, RobotError, RobotFile, RobotPolicy, RobotTraining,
+};
+use mishandle_rollout::{Component, Controller, Identity, Noise, Space, Specification, Target};
+use mishandle_text::path_text;
+use mishandle_training::{AlgorithmSettings, RewardSettings};
 
 use crate::error::MishandleError;
 use crate::plan::Plan;
+use crate::resolve::training::{TrainingEnvironment, TrainingScene, TrainingTarget, noise, not_a_start};
 use crate::resolve::{controller_name, is_onnx};
+use crate::shipped::ShippedFile;
 
 /// Returns whether the name of a target is the path of a target file.
 pub fn is_robot_file(target: &str) -> bool {
     Path::new(target).extension().is_some_and(|extension| extension.eq_ignore_ascii_case("toml"))
+}
+
+impl Plan {
+    /// Returns the plan with the absolute path of its target file, if it has one.
+    pub(crate) fn with_absolute_target(&self) -> Plan {
+        let mut plan = self.clone();
+        if let (true, Ok(path)) = (is_robot_file(&plan.target), std::path::absolute(&plan.target)) {
+            plan.target = path.to_string_lossy().into_owned();
+        }
+        plan
+    }
 }
 
 /// Reads the target file of a plan.
@@ -32,15 +50,29 @@ pub(crate) fn robot_target(plan: &Plan) -> Result<Target, MishandleError> {
         let option = "a task preset other than `paper`";
         return Err(MishandleError::UnsupportedOption { target: plan.target.clone(), option });
     }
-    let robot = robot_file(plan)?;
-    let noise = Noise { action_std: plan.action_noise, observation_std: plan.observation_noise };
-    noise.check()?;
-    let controller = controller(&robot, plan)?;
+    let (robot, controller, noise) = parts(plan)?;
     Ok(robot.target(controller, noise)?)
 }
 
+/// As [`robot_target`], for recordings of its states.
+pub(crate) fn controlled_robot(plan: &Plan) -> Result<ControlledRobot, MishandleError> {
+    let (robot, (controller, _), noise) = parts(plan)?;
+    Ok(robot.controlled(controller, noise)?)
+}
+
+/// A controller, and its identity.
+type Identified = (Arc<dyn Controller>, Component);
+
+fn parts(plan: &Plan) -> Result<(RobotFile, Identified, Noise), MishandleError> {
+    let robot = robot_file(plan)?;
+    let noise = noise(plan);
+    noise.check()?;
+    let controller = controller(&robot, plan)?;
+    Ok((robot, controller, noise))
+}
+
 /// Loads the controller of a plan, or the one that the file names.
-fn controller(robot: &RobotFile, plan: &Plan) -> Result<(Arc<dyn Controller>, Component), MishandleError> {
+fn controller(robot: &RobotFile, plan: &Plan) -> Result<Identified, MishandleError> {
     if !plan.controller.is_empty() {
         return of_file(robot, Path::new(&plan.controller), [None, None], plan.stochastic);
     }
@@ -112,7 +144,7 @@ fn of_file(
     path: &Path,
     names: [Option<&str>; 2],
     stochastic: bool,
-) -> Result<(Arc<dyn Controller>, Component), MishandleError> {
+) -> Result<Identified, MishandleError> {
     let component = |hash: String, file_hash: String| Component {
         role: "controller".to_string(),
         name: controller_name(&path.to_string_lossy()),
@@ -129,12 +161,110 @@ fn of_file(
         let component = component(policy.hash().to_string(), policy.file_hash().to_string());
         return Ok((Arc::new(policy), component));
     }
+    let (file, bytes) = controller_file(robot, path)?;
+    let policy = file.policy.sampling(stochastic);
+    let component = component(policy.hash(), bytes_hash(&bytes));
+    Ok((Arc::new(policy), component))
+}
+
+/// Reads a controller file of a robot; returns it with its bytes.
+fn controller_file(robot: &RobotFile, path: &Path) -> Result<(ControllerFile, Vec<u8>), MishandleError> {
     let read = |source| mishandle_controllers::ControllerError::Read { path: path.to_path_buf(), source };
     let bytes = read_bounded(path, limits::CONTROLLER).map_err(read)?;
     let wrong = |problem| mishandle_controllers::ControllerError::File { path: path.to_path_buf(), problem };
     let file = ControllerFile::from_bytes(&bytes).map_err(wrong)?;
-    file.check(robot.name(), &layout)?;
-    let policy = file.policy.sampling(stochastic);
-    let component = component(policy.hash(), bytes_hash(&bytes));
-    Ok((Arc::new(policy), component))
+    file.check(robot.name(), &robot.layout())?;
+    Ok((file, bytes))
+}
+
+/// A robot of a file as a target of training.
+pub(crate) struct RobotToTrain {
+    file: RobotFile,
+    training: RobotTraining,
+}
+
+impl RobotToTrain {
+    /// Name of the reward: that of the file.
+    pub(crate) const REWARD: &str = "file";
+
+    /// Reads a target file.
+    ///
+    /// # Errors
+    /// If it cannot be read or is wrong, has no rewards or bounds no actions.
+    pub(crate) fn read(path: &str) -> Result<RobotToTrain, MishandleError> {
+        let file = RobotFile::read(Path::new(path))?;
+        let training = file.training()?;
+        Ok(RobotToTrain { file, training })
+    }
+
+    fn check_reward(reward: &str) -> Result<(), MishandleError> {
+        match reward == RobotToTrain::REWARD {
+            true => Ok(()),
+            false => Err(MishandleError::InvalidValue {
+                what: "--reward",
+                value: reward.to_string(),
+                expected: "left out: the rewards of a robot are those of its file, in the table [rewards]",
+            }),
+        }
+    }
+}
+
+impl TrainingTarget for RobotToTrain {
+    fn name(&self) -> &str {
+        self.file.name()
+    }
+
+    fn given(&self) -> String {
+        path_text(self.file.path())
+    }
+
+    fn layout(&self) -> Layout {
+        self.file.layout()
+    }
+
+    fn preset(&self) -> &'static str {
+        "none"
+    }
+
+    fn hash(&self, reward: &str) -> Result<String, MishandleError> {
+        RobotToTrain::check_reward(reward)?;
+        Ok(self.training.hash.clone())
+    }
+
+    fn specification(&self) -> Result<Specification, MishandleError> {
+        Ok(self.training.specification.clone())
+    }
+
+    fn scene(&self, reward: &str, settings: &AlgorithmSettings) -> Result<TrainingScene, MishandleError> {
+        RobotToTrain::check_reward(reward)?;
+        if *settings.rewards() != RewardSettings::default() {
+            let option = "reward terms for the manner (the table [rewards] of the training settings)";
+            return Err(MishandleError::UnsupportedOption { target: self.name().to_string(), option });
+        }
+        let RobotTraining { environment, hash, disturbances, axes, spaces, .. } = self.training.clone();
+        let named = (axes, spaces);
+        let starts = of_robot(environment.clone(), &hash);
+        let over = move |space: &Space| Ok(of_robot(Arc::new(environment.with_own_axes(space)?), &hash));
+        Ok(TrainingScene::new(named, disturbances, starts, over))
+    }
+
+    fn start_controller(&self, name: &str) -> Result<ControllerFile, MishandleError> {
+        if is_onnx(Path::new(name)) {
+            return Err(not_a_start("an ONNX model"));
+        }
+        Ok(controller_file(&self.file, Path::new(name))?.0)
+    }
+
+    fn shipped_settings(&self, _: &str, _: &str) -> Result<Option<ShippedFile>, MishandleError> {
+        Ok(None)
+    }
+
+    fn identity(&self, plan: &Plan, controller_hash: &str) -> Result<Identity, MishandleError> {
+        Ok(self.file.identity(controller_hash, noise(plan)))
+    }
+}
+
+fn of_robot(environment: Arc<RobotEnvironment>, hash: &str) -> TrainingEnvironment {
+    let batches = Arc::new(RobotBatches::new(environment.clone(), hash));
+    TrainingEnvironment { environment, batches, task: None }
 }

@@ -3,13 +3,14 @@
 use std::sync::Arc;
 
 use mishandle_controllers::bytes_hash;
-use mishandle_rollout::{Component, Controller, Noise};
+use mishandle_rollout::{Component, Controller};
 use mishandle_tasks::{Preset, Task, TaskTarget};
 
 use crate::error::MishandleError;
 use crate::plan::Plan;
 use crate::resolve::controller::{controller_of, split_task};
 use crate::resolve::import::onnx_policy_of;
+use crate::resolve::training::noise;
 use crate::resolve::{controller_name, is_onnx};
 use crate::shipped::{EXPERT, shipped_controllers};
 
@@ -54,7 +55,7 @@ pub fn preset(name: &str) -> Result<Preset, MishandleError> {
 pub fn task_target(plan: &Plan) -> Result<TaskTarget, MishandleError> {
     let task = task(&plan.target)?;
     let preset = preset(&plan.preset)?;
-    let noise = Noise { action_std: plan.action_noise, observation_std: plan.observation_noise };
+    let noise = noise(plan);
     noise.check()?;
     if plan.controller.is_empty() {
         return Err(MishandleError::NoController {

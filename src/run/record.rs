@@ -38,12 +38,9 @@ pub(crate) fn verdict_names(resolved: &ResolvedPlan) -> Vec<String> {
 pub(crate) fn header(resolved: &ResolvedPlan) -> RunHeader {
     let ResolvedPlan { plan, target, space, specification, signals, .. } = resolved;
     // Absolute, so that the run can be resumed and replayed from every folder.
-    let mut stored = plan.clone();
+    let mut stored = plan.with_absolute_target();
     if let (true, Ok(path)) = (is_path(&plan.controller), std::path::absolute(&plan.controller)) {
         stored.controller = path.to_string_lossy().into_owned();
-    }
-    if let (true, Ok(path)) = (is_robot_file(&plan.target), std::path::absolute(&plan.target)) {
-        stored.target = path.to_string_lossy().into_owned();
     }
     let components = target.components.iter().map(|component| store::ComponentRecord {
         role: component.role.clone(),

@@ -1,20 +1,19 @@
 use mishandle_controllers::WRITTEN_VERSIONS;
 use mishandle_rollout::Seed;
-use mishandle_tasks::task_hash;
 use mishandle_training::{AlgorithmSettings, Checkpoint};
 
 use crate::error::MishandleError;
-use crate::resolve::task;
 use crate::run::Device;
 use crate::train::curve::CurveColumns;
-use crate::train::{Prepared, TrainPlan, batches, check_outputs, prepare, reward};
+use crate::train::{Prepared, TrainPlan, batches, check_outputs, prepare};
 
 /// Facts that determine the result of a training run and the format of its controller files.
 #[derive(Clone, Debug, PartialEq)]
 pub struct TrainingFacts {
     /// All settings, with the defaults of missing keys.
     pub settings: AlgorithmSettings,
-    /// Hash of the parts of the task that training depends on; see [`task_hash`].
+    /// Hash of the parts of the target that training depends on; see
+    /// [`TrainingTarget::hash`](crate::resolve::TrainingTarget::hash).
     pub task_hash: String,
     /// Hash of the layout of observations and actions.
     pub layout_hash: String,
@@ -28,19 +27,19 @@ pub struct TrainingFacts {
 /// # Errors
 /// The errors of [`train`](crate::train::train()) before its first step.
 pub fn training_facts(plan: &TrainPlan, gpu: Option<&Device>) -> Result<TrainingFacts, MishandleError> {
-    let task = task(&plan.task)?;
-    let Prepared { settings, environment, scenarios, .. } = prepare(plan)?;
+    let target = plan.target()?;
+    let Prepared { settings, environment, scenarios, .. } = prepare(plan, &*target)?;
     let checkpoint = plan.checkpoint();
     let resumed = plan.resume && checkpoint.exists();
     let resumed = resumed.then(|| Checkpoint::load(&checkpoint)).transpose()?;
-    check_outputs(plan, CurveColumns::new(&settings, &environment), resumed.as_ref())?;
+    check_outputs(plan, CurveColumns::new(&settings, &*environment.environment), resumed.as_ref())?;
     let batches = batches(plan, gpu, environment, scenarios)?;
     if let Some(checkpoint) = &resumed {
         settings.check_resumption(&batches, Seed(plan.seed), checkpoint)?;
     }
     Ok(TrainingFacts {
-        task_hash: task_hash(task, reward(&plan.reward)?)?,
-        layout_hash: task.definition().layout().hash(),
+        task_hash: target.hash(&plan.reward)?,
+        layout_hash: target.layout().hash(),
         formats: &WRITTEN_VERSIONS,
         settings,
     })

@@ -6,9 +6,7 @@ mod output_check;
 mod plan;
 mod recorder;
 mod result;
-mod rewards;
 mod scenarios;
-mod start;
 pub(crate) mod tensorboard;
 mod write_failures;
 
@@ -18,7 +16,7 @@ use std::sync::Arc;
 use mishandle_controllers::{ControllerFile, Header, Policy, TrainingRecord, ValidationRecord};
 use mishandle_files::{FileLock, NewFolders, limits, read_text_bounded};
 use mishandle_rollout::{BatchFactory, ScenarioBatches, Seed, TrainingScenarios};
-use mishandle_tasks::{Preset, Reward, Task, TaskBatches, TaskEnvironment, task_hash};
+use mishandle_tasks::TaskBatches;
 use mishandle_training::{
     ALGORITHMS, AlgorithmSettings, BASES, BEST, Checkpoint, Origin, SpaceSetting, TrainingControl,
     TrainingProgress, TrainingResult, Validation,
@@ -26,21 +24,19 @@ use mishandle_training::{
 
 use crate::build::build;
 use crate::error::MishandleError;
-use crate::plan::{DEVICES, GPU};
-use crate::resolve::task;
+use crate::plan::{CPU, DEVICES, GPU};
+use crate::resolve::{TrainingEnvironment, TrainingTarget, training_target};
 use crate::run::Device;
-use crate::shipped::{check_home, shipped_settings};
 pub(crate) use output_check::check as check_outputs;
 use plan::with_suffix;
 use recorder::TrainingRecorder;
-pub(crate) use start::start_controller;
 
 pub use crate::error::CurveProblem;
+pub use crate::resolve::{default_reward, reward};
 pub use curve::{Curve, CurveRow, NoTrainingTime};
 pub use facts::{TrainingFacts, training_facts};
 pub use plan::{TrainPlan, default_out};
 pub use result::controller_result;
-pub use start::algorithm_of;
 
 /// Total steps per step in which only the critic learns, if training starts from a controller and
 /// the user gives no settings.
@@ -104,15 +100,15 @@ pub fn train(
     gpu: Option<&Device>,
     observer: &mut dyn TrainObserver,
 ) -> Result<TrainReport, MishandleError> {
-    let task = task(&plan.task)?;
+    let target = plan.target()?;
     plan.check_extension()?;
     plan.check_distinct_outputs()?;
-    let prepared = prepare(plan)?;
+    let prepared = prepare(plan, &*target)?;
     let mut folders = NewFolders::default();
     let _locks = lock(plan, &mut folders)?;
     plan.check_existing_files()?;
-    let hash = task_hash(task, reward(&plan.reward)?)?;
-    let specification = task.definition().formulas(Preset::Paper).specification()?;
+    let hash = target.hash(&plan.reward)?;
+    let specification = target.specification()?;
     let resumed = if plan.resume { Some(Checkpoint::load(&plan.checkpoint())?) } else { None };
     let mut recorder = TrainingRecorder::new(plan, &prepared, specification, resumed.as_ref(), observer)?;
     let Prepared { settings, start, environment, scenarios } = prepared;
@@ -135,7 +131,7 @@ pub fn train(
             return Err(error);
         }
     };
-    let (best, last) = controllers(plan, (task, &hash), &settings, &result);
+    let (best, last) = controllers(plan, (&*target, &hash), &settings, &result);
     let saved = [best.save(&plan.out), last.save(&plan.last())];
     let mut write_failures: Vec<MishandleError> =
         saved.into_iter().filter_map(Result::err).map(MishandleError::from).collect();
@@ -181,48 +177,47 @@ pub(crate) struct Prepared {
     /// The policy from which training starts, if it is that of a controller.
     pub start: Option<Policy>,
     /// The environment over the axes of the scene.
-    pub environment: Arc<TaskEnvironment>,
+    pub environment: TrainingEnvironment,
     /// The scenarios of the episodes.
     pub scenarios: TrainingScenarios,
 }
 
 /// Looks up the names of a plan and of its settings.
-pub(crate) fn prepare(plan: &TrainPlan) -> Result<Prepared, MishandleError> {
-    let mut settings = settings(plan)?;
-    let environment = TaskEnvironment::new(task(&plan.task)?, Preset::Paper, reward(&plan.reward)?)?;
-    let environment = rewards::with_terms(environment, &settings);
-    let (environment, scenarios) = scenarios::scenarios(&plan.task, environment, &mut settings)?;
+pub(crate) fn prepare(plan: &TrainPlan, target: &dyn TrainingTarget) -> Result<Prepared, MishandleError> {
+    let mut settings = settings(plan, target)?;
+    let scene = target.scene(&plan.reward, &settings)?;
+    let (environment, scenarios) = scenarios::scenarios(target, scene, &mut settings)?;
     let start = settings.run().from.as_deref();
-    let start = start.map(|name| start_controller(task(&plan.task)?.definition(), name)).transpose()?;
+    let start = start.map(|name| target.start_controller(name)).transpose()?;
     let start = start.map(|file| file.policy);
-    Ok(Prepared { settings, start, environment: Arc::new(environment), scenarios })
+    Ok(Prepared { settings, start, environment, scenarios })
 }
 
 /// Returns the factory of a plan's training environments.
 pub(crate) fn batches(
     plan: &TrainPlan,
     gpu: Option<&Device>,
-    environment: Arc<TaskEnvironment>,
+    environment: TrainingEnvironment,
     scenarios: TrainingScenarios,
-) -> Result<ScenarioBatches<Box<dyn BatchFactory>>, MishandleError> {
+) -> Result<ScenarioBatches<Arc<dyn BatchFactory>>, MishandleError> {
     known("device", &plan.device, &DEVICES)?;
-    let batches: Box<dyn BatchFactory> = match plan.device == GPU {
-        true => {
+    let batches: Arc<dyn BatchFactory> = match environment.task.filter(|_| plan.device == GPU) {
+        Some(task) => {
             let gpu = gpu.ok_or_else(|| MishandleError::NoDevice { device: plan.device.clone() })?;
-            Box::new(TaskBatches::new(environment, gpu.worlds.clone()))
+            Arc::new(TaskBatches::new(task, gpu.worlds.clone()))
         }
-        false => Box::new(environment),
+        None => environment.batches,
     };
     Ok(ScenarioBatches { batches, scenarios })
 }
 
 /// Reads the settings of a plan.
-fn settings(plan: &TrainPlan) -> Result<AlgorithmSettings, MishandleError> {
+fn settings(plan: &TrainPlan, target: &dyn TrainingTarget) -> Result<AlgorithmSettings, MishandleError> {
     known_algorithm(&plan.algorithm)?;
     let (path, text) = match (&plan.settings, &plan.from) {
         (Some(path), _) if path != Path::new(BEST) => (path.clone(), given_settings(path)?),
-        (None, Some(from)) => recorded_settings(plan, from)?,
-        _ => shipped(plan)?.unwrap_or_default(),
+        (None, Some(from)) => recorded_settings(plan, target, from)?,
+        _ => shipped(plan, target)?.unwrap_or_default(),
     };
     let settings = AlgorithmSettings::from_toml(&plan.algorithm, &text).expect("the algorithm is known");
     let mut settings =
@@ -243,8 +238,12 @@ fn settings(plan: &TrainPlan) -> Result<AlgorithmSettings, MishandleError> {
 }
 
 /// Returns path and text of the settings by which a controller was trained.
-fn recorded_settings(plan: &TrainPlan, from: &str) -> Result<(PathBuf, String), MishandleError> {
-    let header = start_controller(task(&plan.task)?.definition(), from)?.header;
+fn recorded_settings(
+    plan: &TrainPlan,
+    target: &dyn TrainingTarget,
+    from: &str,
+) -> Result<(PathBuf, String), MishandleError> {
+    let header = target.start_controller(from)?.header;
     if header.algorithm != plan.algorithm {
         return Err(MishandleError::InvalidValue {
             what: "--algorithm",
@@ -268,11 +267,13 @@ fn given_settings(path: &Path) -> Result<String, MishandleError> {
     }
 }
 
-/// Returns path and text of the shipped settings of task and algorithm; `None` if none are shipped.
-fn shipped(plan: &TrainPlan) -> Result<Option<(PathBuf, String)>, MishandleError> {
-    let definition = task(&plan.task)?.definition();
-    check_home("experiments/training")?;
-    let Some(file) = shipped_settings(definition, &plan.algorithm, &plan.device) else { return Ok(None) };
+/// Returns path and text of the shipped settings of target and algorithm; `None` if none are
+/// shipped.
+fn shipped(
+    plan: &TrainPlan,
+    target: &dyn TrainingTarget,
+) -> Result<Option<(PathBuf, String)>, MishandleError> {
+    let Some(file) = target.shipped_settings(&plan.algorithm, &plan.device)? else { return Ok(None) };
     let text = String::from_utf8_lossy(&file.bytes()?).into_owned();
     Ok(Some((file.path().to_path_buf(), text)))
 }
@@ -286,16 +287,16 @@ pub fn uses_default_settings(plan: &TrainPlan) -> Result<bool, MishandleError> {
     known_algorithm(&plan.algorithm)?;
     let names_settings =
         plan.from.is_some() || plan.settings.as_deref().is_some_and(|path| path != Path::new(BEST));
-    Ok(!names_settings && shipped(plan)?.is_none())
+    Ok(!names_settings && shipped(plan, &*plan.target()?)?.is_none())
 }
 
-/// Returns the reward named `shaped` or `original`.
+/// Returns the algorithm that trained a controller of a target. `name` is a path or the name of a
+/// shipped controller.
 ///
 /// # Errors
-/// If the name is unknown.
-pub fn reward(name: &str) -> Result<Reward, MishandleError> {
-    known("reward", name, &["shaped", "original"])?;
-    Ok(if name == "original" { Reward::Original } else { Reward::Shaped })
+/// If there is no such target, or no such trained controller of it.
+pub fn algorithm_of(target: &str, name: &str) -> Result<String, MishandleError> {
+    Ok(training_target(target, CPU)?.start_controller(name)?.header.algorithm)
 }
 
 fn known_algorithm(name: &str) -> Result<(), MishandleError> {
@@ -314,19 +315,18 @@ fn known(kind: &'static str, name: &str, names: &[&str]) -> Result<(), Mishandle
 /// Returns the files of the best and of the last controller.
 fn controllers(
     plan: &TrainPlan,
-    (task, task_hash): (&dyn Task, &str),
+    (target, hash): (&dyn TrainingTarget, &str),
     settings: &AlgorithmSettings,
     result: &TrainingResult,
 ) -> (ControllerFile, ControllerFile) {
-    let definition = task.definition();
     let file = |policy: &Policy, environment_steps: u64, validation: Option<Validation>| ControllerFile {
         header: Header {
-            task: plan.task.clone(),
+            task: target.name().to_string(),
             algorithm: plan.algorithm.clone(),
-            preset: "paper".to_string(),
+            preset: target.preset().to_string(),
             reward: plan.reward.clone(),
-            layout: definition.layout(),
-            task_hash: task_hash.to_string(),
+            layout: target.layout(),
+            task_hash: hash.to_string(),
             training: TrainingRecord {
                 seed: plan.seed,
                 environment_steps,

@@ -5,6 +5,7 @@ use mishandle_training::AxisSetting;
 
 use crate::error::MishandleError;
 use crate::plan::CPU;
+use crate::resolve::{TrainingTarget, default_reward, is_robot_file, training_target};
 use crate::train::curve::has_no_rows;
 use mishandle_text::{path_text, shell_quote};
 
@@ -14,11 +15,11 @@ const EXTENSION: &str = "safetensors";
 /// Plan of a training run.
 #[derive(Clone, Debug, PartialEq)]
 pub struct TrainPlan {
-    /// Name of the task.
+    /// Name of the task, or path of a target file.
     pub task: String,
     /// Name of the algorithm.
     pub algorithm: String,
-    /// Name of the reward: `original` or `shaped`.
+    /// Name of the reward: `original` or `shaped`, or `file` for that of a target file.
     pub reward: String,
     /// Name of the physics engine of the training episodes: `cpu` (MuJoCo C) or `gpu`. Validations
     /// always use MuJoCo C.
@@ -48,6 +49,11 @@ pub struct TrainPlan {
 }
 
 impl TrainPlan {
+    /// Returns the target of the training run.
+    pub(super) fn target(&self) -> Result<Box<dyn TrainingTarget>, MishandleError> {
+        training_target(&self.task, &self.device)
+    }
+
     /// Returns the file of the last controller: that of the best one, with `.last` before its
     /// extension.
     pub fn last(&self) -> PathBuf {
@@ -67,8 +73,9 @@ impl TrainPlan {
 
     /// Returns the command line of this training run, without output files.
     pub fn command(&self) -> String {
-        let mut command = format!("mishandle train {} --algorithm {}", self.task, self.algorithm);
-        if self.reward != "shaped" {
+        let mut command =
+            format!("mishandle train {} --algorithm {}", shell_quote(&self.task), self.algorithm);
+        if self.reward != default_reward(&self.task) {
             command += &format!(" --reward {}", self.reward);
         }
         if self.device != CPU {
@@ -169,6 +176,10 @@ impl TrainPlan {
 
 /// Returns the default file of a trained controller.
 pub fn default_out(task: &str, algorithm: &str, seed: u64) -> PathBuf {
+    let task = match Path::new(task).file_stem().filter(|_| is_robot_file(task)) {
+        Some(stem) => stem.to_string_lossy(),
+        None => task.into(),
+    };
     Path::new("runs").join(format!("{task}-{algorithm}-s{seed}.safetensors"))
 }
 

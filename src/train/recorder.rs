@@ -4,9 +4,8 @@ use std::time::{Duration, Instant};
 
 use mishandle_controllers::Policy;
 use mishandle_rollout::{
-    Episode, Noise, Request, Rollout, Scenario, Seed, Specification, System, TrainingScenarios,
+    Environment, Episode, Noise, Request, Rollout, Scenario, Seed, Specification, System, TrainingScenarios,
 };
-use mishandle_tasks::TaskEnvironment;
 use mishandle_training::{Checkpoint, Observer, Rates, TrainingControl, TrainingProgress, Validation};
 
 use super::write_failures::WriteFailures;
@@ -21,10 +20,10 @@ const VALIDATION_SEED: Seed = Seed(0x7661_6c69_6461_7465);
 /// Maximum time between checkpoints, so that a crash loses at most this much work.
 const CHECKPOINT_INTERVAL: Duration = Duration::from_secs(60);
 
-/// Observer of a training run: validates on the task's formulas, writes curve, event file and
+/// Observer of a training run: validates on the target's formulas, writes curve, event file and
 /// checkpoint, and forwards the progress to the user's observer.
 pub(super) struct TrainingRecorder<'a> {
-    environment: Arc<TaskEnvironment>,
+    environment: Arc<dyn Environment>,
     scenarios: TrainingScenarios,
     /// Whether the scenarios contain more than random starts.
     has_scenarios: bool,
@@ -92,10 +91,10 @@ impl<'a> TrainingRecorder<'a> {
         observer: &'a mut dyn TrainObserver,
     ) -> Result<TrainingRecorder<'a>, MishandleError> {
         let has_scenarios = settings.scenarios().is_used();
-        let columns = CurveColumns::new(settings, environment);
+        let columns = CurveColumns::new(settings, &*environment.environment);
         Ok(TrainingRecorder {
             records: Records::open(plan, columns, resumed)?,
-            environment: environment.clone(),
+            environment: environment.environment.clone(),
             scenarios: scenarios.clone(),
             has_scenarios,
             specification,

@@ -1,22 +1,17 @@
-//! The scenarios of a training run: names in the settings become axes of the task.
+//! The scenarios of a training run: names in the settings become axes of the target.
 
 use std::path::Path;
 
 use csv::{ReaderBuilder, StringRecord};
 use mishandle_files::{limits, read_text_bounded};
 use mishandle_rollout::{
-    Axis, AxisKind, AxisSet, AxisValues, Environment, RolloutError, Scenario, Space, TrainingScenarios,
-    named_space,
+    Axis, AxisKind, AxisSet, AxisValues, RolloutError, Scenario, Space, TrainingScenarios, named_space,
 };
-use mishandle_tasks::TaskEnvironment;
 use mishandle_training::{AlgorithmSettings, AxisSetting, SpaceSetting};
 
 use crate::archive::recorded_failures;
 use crate::error::MishandleError;
-use crate::resolve::with_settings;
-
-/// Name of the space of the initial states.
-const STARTS: &str = "starts";
+use crate::resolve::{STARTS, TrainingEnvironment, TrainingScene, TrainingTarget, with_settings};
 
 /// Column of the weights in a file of scenarios.
 const WEIGHT: &str = "weight";
@@ -30,21 +25,20 @@ const WEIGHT: &str = "weight";
 /// If a name is unknown, an axis is set to a value that it cannot have, the settings ask for NaN,
 /// or the file of scenarios cannot be read.
 pub(super) fn scenarios(
-    task: &str,
-    environment: TaskEnvironment,
+    target: &dyn TrainingTarget,
+    scene: TrainingScene,
     settings: &mut AlgorithmSettings,
-) -> Result<(TaskEnvironment, TrainingScenarios), MishandleError> {
+) -> Result<(TrainingEnvironment, TrainingScenarios), MishandleError> {
     if !settings.scenarios().is_used() {
-        let scenarios = TrainingScenarios::of(environment.space().clone());
+        let scenarios = TrainingScenarios::of(scene.starts.environment.space().clone());
         settings.check_curriculum(&scenarios)?;
-        return Ok((environment, scenarios));
+        return Ok((scene.starts, scenarios));
     }
-    let disturbances = environment.disturbances(settings.episodes().action_noise > 0.0);
-    let (axes, spaces) = environment.axes_and_spaces(&disturbances)?;
+    let TrainingScene { disturbances, axes, spaces, .. } = &scene;
     let setting = settings.scenarios().space.clone().unwrap_or_else(|| SpaceSetting::One(STARTS.to_string()));
-    let named = space_with_starts(&setting.name(), &axes, &spaces)?;
+    let named = space_with_starts(&setting.name(), axes, spaces)?;
     let scenarios = loop {
-        let space = with_settings(named.clone(), &settings.scenarios().axes, &axes)?;
+        let space = with_settings(named.clone(), &settings.scenarios().axes, axes)?;
         let found = TrainingScenarios {
             space,
             disturbances: disturbances.clone(),
@@ -63,20 +57,20 @@ pub(super) fn scenarios(
     };
     settings.check_curriculum(&scenarios)?;
     let given = match &settings.scenarios().file {
-        Some(file) => read(Path::new(file), &scenarios.space, task)?,
+        Some(file) => read(Path::new(file), &scenarios.space, target)?,
         None => Vec::new(),
     };
     let mixture = match setting {
         SpaceSetting::One(_) => Vec::new(),
         SpaceSetting::Mixture(weights) => {
             let sets = weights.iter().map(|(name, weight)| {
-                let part = space_with_starts(name, &axes, &spaces)?;
+                let part = space_with_starts(name, axes, spaces)?;
                 Ok((axis_set(&scenarios.space, &named, &part), *weight))
             });
             sets.collect::<Result<_, MishandleError>>()?
         }
     };
-    Ok((environment.with_scene_axes(&scenarios.space)?, TrainingScenarios { given, mixture, ..scenarios }))
+    Ok((scene.over(&scenarios.space)?, TrainingScenarios { given, mixture, ..scenarios }))
 }
 
 /// Returns which axes of a space belong to one of the spaces of a mixture. An axis that none of
@@ -103,10 +97,14 @@ fn space_with_starts(name: &str, axes: &[Axis], spaces: &[Space]) -> Result<Spac
 
 /// Reads the scenarios of a table, or the failures of a run file, of a counterexample or of a
 /// folder of them, each with its weight.
-fn read(path: &Path, space: &Space, task: &str) -> Result<Vec<(Scenario, f64)>, MishandleError> {
+fn read(
+    path: &Path,
+    space: &Space,
+    target: &dyn TrainingTarget,
+) -> Result<Vec<(Scenario, f64)>, MishandleError> {
     let is_table = path.extension().is_some_and(|found| found.eq_ignore_ascii_case("csv"));
     if !is_table && path.exists() {
-        return recorded_failures(&[path.to_path_buf()], space, Some(task));
+        return recorded_failures(&[path.to_path_buf()], space, Some(target));
     }
     let text = read_text_bounded(path, limits::SCENARIOS)
         .map_err(|source| MishandleError::File { path: path.to_path_buf(), source })?;
@@ -175,18 +173,18 @@ fn value(cell: &str, axis: &Axis) -> Result<f64, String> {
 mod tests {
     use super::*;
     use crate::plan::{EvaluatePlan, Plan};
-    use crate::resolve::ResolvedPlan;
-    use mishandle_rollout::{Request, Seed};
-    use mishandle_tasks::{Preset, Reward};
+    use crate::resolve::{ResolvedPlan, training_target};
+    use mishandle_rollout::{Environment, Request, Seed};
+    use std::sync::Arc;
 
     fn resolved(
         text: &str,
-    ) -> Result<(AlgorithmSettings, TaskEnvironment, TrainingScenarios), MishandleError> {
-        let task = mishandle_tasks::task("ball-balancing").unwrap();
-        let environment = TaskEnvironment::new(task, Preset::Paper, Reward::Shaped).unwrap();
+    ) -> Result<(AlgorithmSettings, Arc<dyn Environment>, TrainingScenarios), MishandleError> {
         let mut settings = AlgorithmSettings::from_toml("ppo", text).unwrap()?;
-        let (environment, scenarios) = scenarios("ball-balancing", environment, &mut settings)?;
-        Ok((settings, environment, scenarios))
+        let target = training_target("ball-balancing", "cpu")?;
+        let scene = target.scene("shaped", &settings)?;
+        let (environment, scenarios) = scenarios(&*target, scene, &mut settings)?;
+        Ok((settings, environment.environment, scenarios))
     }
 
     fn error(text: &str) -> String {

@@ -210,7 +210,7 @@ fn invalid_arguments_of_render_are_errors() {
             "point-reaching --at -0.5,0,0.5 --out a.png",
             ["target_x is -0.5 m, outside the initial box", "from 0.3 to 0.7 m"],
         ),
-        ("--out a.png", ["give a TASK or --run RUN", "error"]),
+        ("--out a.png", ["give a TARGET or --run RUN", "error"]),
         ("point-reaching --at 0.5,0,nan --out a.png", ["target_z", "NaN"]),
         ("point-reaching --size 33x20 --out a.png", ["33x20", "even"]),
         ("point-reaching --size 5000x20 --out a.png", ["5000x20", "4096"]),
@@ -225,4 +225,56 @@ fn invalid_arguments_of_render_are_errors() {
     ] {
         bench.refuses(&mut bench.command(&format!("render {arguments}")), &parts);
     }
+}
+
+/// A cart that drives away at 4 m/s, with a lamp of its own.
+const CART: &str = r#"<mujoco>
+  <worldbody>
+    <light pos="0 0 3"/>
+    <body name="cart" pos="3 0 0.2">
+      <joint name="drive" type="slide" axis="1 0 0"/>
+      <geom type="box" size="0.2 0.1 0.1" mass="1"/>
+      <geom type="sphere" size="0.1" pos="0 0 0.2" contype="0" conaffinity="0" mass="0" rgba="0.8 0.2 0.1 1"/>
+    </body>
+  </worldbody>
+  <actuator><velocity name="motor" joint="drive" kv="100"/></actuator>
+</mujoco>
+<!-- the end -->
+"#;
+
+const CART_FILE: &str = r#"
+format = 1
+name = "cart"
+model.file = "cart.xml"
+control = { period = 0.1, steps = 20 }
+start = { drive = "place" }
+observation.place = "qpos('drive')"
+policy = { expression = "4 + 0 * place", actions = 1, action = "action" }
+signals.place = { value = "qpos('drive')[0]", unit = "m" }
+axes.place = { range = [-0.5, 0.5], unit = "m" }
+formulas.near = "always(place <= 3)"
+"#;
+
+#[test]
+fn a_robot_of_a_file_has_pictures_of_its_start_of_its_runs_and_in_its_page() {
+    let bench = Bench::new();
+    std::fs::write(bench.path("cart.xml"), CART).unwrap();
+    std::fs::write(bench.path("cart.toml"), CART_FILE).unwrap();
+    bench.check("evaluate cart.toml --space starts --episodes 2 --out run.sqlite");
+    if !bench.can_render() {
+        return;
+    }
+    bench.check("render cart.toml --size 160x120 --camera auto,close --out start.png");
+    bench.check("render cart.toml --at 0.5 --size 160x120 --camera auto,close --out moved.png");
+    assert_eq!(size(&bench.path("start.png")), (320, 120));
+    bench.check("render --run run.sqlite --simulation 2 --size 160x120 --out strip.png");
+    assert_eq!(size(&bench.path("strip.png")).0, 3 * 160);
+    bench.check("report run.sqlite --out page.html");
+    let page = std::fs::read_to_string(bench.path("page.html")).unwrap();
+    assert!(page.contains("<img src=\"data:image/png;base64,") && page.contains("Film of the scene"));
+    assert!(page.contains("mishandle render --run"), "the page says how to draw it again");
+    // A target without a scene has no pictures, and the reason is said.
+    bench.check("evaluate toy/sphere-2d --episodes 2 --out toy.sqlite");
+    bench
+        .refuses(&mut bench.command("render --run toy.sqlite --out toy.png"), &["toy/sphere-2d", "no scene"]);
 }

@@ -294,3 +294,36 @@ fn a_curve_with_an_incomplete_last_line_is_read_without_it() {
     bench.refuses("report c.csv --out c.html", &["c.csv", "column 1"]);
     bench.refuses("report b.csv c.csv --out d.html", &["b.csv is a learning curve; name it alone"]);
 }
+
+#[test]
+fn a_robot_of_a_file_is_trained_and_evaluated_by_its_path() {
+    let bench = Bench::new();
+    let model = r#"<mujoco><worldbody><body><joint name="hinge" axis="0 1 0"/>
+        <geom type="capsule" fromto="0 0 0 0 0 0.6" size="0.02"/></body></worldbody>
+        <actuator><motor joint="hinge"/></actuator></mujoco>"#;
+    bench.write("pole.xml", model);
+    let robot = r#"
+        format = 1
+        name = "pole"
+        model.file = "pole.xml"
+        control = { period = 0.02, steps = 20 }
+        start = { hinge = "tilt" }
+        axes.tilt = { range = [-0.1, 0.1], unit = "rad" }
+        observation.state = "[*qpos('hinge'), *qvel('hinge')]"
+        policy = { action = "action", limit = 1 }
+        signals.angle = "abs(qpos('hinge')[0])"
+        rewards.upright = "1 - angle"
+        formulas.upright = "always(angle <= 3)"
+    "#;
+    bench.write("pole.toml", robot);
+    bench.write("s.toml", "rollout_steps = 8\nminibatch_size = 8\nepisodes.environments = 4\n");
+    let train = "train pole.toml --settings s.toml --steps 64";
+    let trained = bench.json(&format!("{train} --out c.safetensors --json"), 0);
+    assert_eq!(trained["success_rate"], 1.0);
+    bench.check("evaluate pole.toml --controller ./c.safetensors --episodes 4", 0);
+    bench.refuses(
+        &format!("{train} --out d.safetensors --reward shaped"),
+        &["--reward is shaped", "[rewards]"],
+    );
+    bench.refuses(&format!("{train} --out d.safetensors --device gpu"), &["only tasks do"]);
+}

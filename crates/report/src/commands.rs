@@ -1,6 +1,6 @@
 //! Commands that run a simulation again.
 
-use mishandle::resolve::{is_python, is_task};
+use mishandle::resolve::{has_scene, is_python};
 use mishandle::store::RunHeader;
 use mishandle_text::shell_quote;
 
@@ -19,7 +19,7 @@ pub fn details(report: &RunReport, trial: u32, number: u32) -> String {
         }
         false => vec![replay, explain],
     };
-    if is_task(&report.header.target.kind) {
+    if has_scene(&report.header.target.kind) {
         lines.push(format!("mishandle render --run {run} {at} --out failure.mp4"));
     }
     format!("<details><summary>Run it again</summary><pre>{}</pre></details>\n", crate::html::lines(&lines))

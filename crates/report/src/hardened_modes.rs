@@ -92,12 +92,8 @@ impl HardenedModes {
                 return Ok(None);
             }
             let controller = &examples.controllers()[mode.failing()];
-            let (card, missing) = card(
-                &found.target,
-                mode,
-                examples.example(mode)?,
-                (controller.space.axes(), &controller.plan.controller),
-            );
+            let (card, missing) =
+                card(mode, examples.example(mode)?, (controller.space.axes(), &controller.plan.controller));
             modes.cards.push(card);
             let note = missing.map(|error| format!("There are no pictures of the failures: {error}."));
             modes.notes.extend(note.filter(|note| !modes.notes.contains(note)));
@@ -146,7 +142,6 @@ fn shown(modes: &[HardenedMode]) -> Vec<&HardenedMode> {
 /// Draws the same instant of the simulations of a failure with both controllers. Also returns why
 /// there is no picture.
 fn card(
-    target: &str,
     mode: &HardenedMode,
     ModeExample { source, simulated }: ModeExample,
     (axes, controller): (&[Axis], &str),
@@ -180,7 +175,7 @@ fn card(
             Some(Instant { header, states, explanation, sample: sample(*index) })
         })
         .collect();
-    let missing = match instants(target, &shown) {
+    let missing = match instants(&shown) {
         Ok(frames) => {
             drop(shown);
             for (index, frame) in drawn.into_iter().zip(frames) {

@@ -1,10 +1,10 @@
-//! Pictures of failures of tasks.
+//! Pictures of failures of targets with a scene.
 
 use mishandle::MishandleError;
 use mishandle::inspect::{Event, ExplainedSimulation, Explanation};
 use mishandle::picture::{FrameCaptions, FrameRenderer};
 use mishandle::store::{RunFile, RunHeader};
-use mishandle::world::{CAMERAS, Quality, Size, WorldError, animated_png, png};
+use mishandle::world::{CAMERAS, PictureModel, Quality, Size, WorldError, animated_png, png};
 
 /// Size of a picture, pixels.
 pub const PICTURE: (u32, u32) = (320, 240);
@@ -62,32 +62,27 @@ pub enum PictureError {
 pub type MustEnd<'a> = &'a mut dyn FnMut() -> bool;
 
 /// Renders some instants of each simulation, the decisive one among them, and a film around it.
-/// Other targets than tasks have no pictures.
+/// Targets without a scene have no pictures.
 pub fn strips(
     run: &RunFile,
     simulations: &[ExplainedSimulation],
     controller: Option<&str>,
     must_end: MustEnd<'_>,
 ) -> Result<Vec<Pictures>, PictureError> {
-    // A Python system can have the name of a task.
-    if mishandle::resolve::is_python(&run.header().target.kind) {
-        return Ok(Vec::new());
-    }
-    let Ok(task) = mishandle::resolve::task(&run.header().target.name) else { return Ok(Vec::new()) };
     let Some(size) = Size::new(PICTURE.0, PICTURE.1) else { return Ok(Vec::new()) };
-    if simulations.is_empty() {
+    if simulations.is_empty() || !mishandle::resolve::has_scene(&run.header().target.kind) {
         return Ok(Vec::new());
     }
-    let document = mishandle::picture::scene_mjcf(task)?;
+    let model = mishandle::resolve::recorded_picture(run.header())?;
     simulations
         .iter()
         .take(MAX_STRIPS)
-        .map(|explained| strip(&document, size, run, explained, (controller, &mut *must_end)))
+        .map(|explained| strip(&model, size, run, explained, (controller, &mut *must_end)))
         .collect()
 }
 
 fn strip(
-    document: &str,
+    model: &PictureModel,
     size: Size,
     run: &RunFile,
     explained: &ExplainedSimulation,
@@ -106,9 +101,9 @@ fn strip(
     let decisive = event.map_or(last, |event| event.sample);
     let samples = mishandle::picture::strip_samples(event.and_then(|event| event.start), decisive, (0, last));
     let view: Vec<&[f64]> = samples.iter().map(|sample| trajectory.states[*sample].as_slice()).collect();
-    let frames = shown.frames(document, size, (&samples, &view), &mut *must_end)?;
+    let frames = shown.frames(model, size, (&samples, &view), &mut *must_end)?;
     // A film has many frames; fine ones would take most of the time of the report.
-    let mut renderer = shown.renderer(document, size, Quality::Fast)?;
+    let mut renderer = shown.renderer(model, size, Quality::Fast)?;
     let film = film(&mut renderer, shown.states, event, run.header().control_dt, must_end)?;
     Ok(Pictures { frames, film: Some(film) })
 }
@@ -122,16 +117,17 @@ pub struct Instant<'a> {
     pub sample: usize,
 }
 
-/// Renders instants of simulations of the same task in the same view.
-pub fn instants(task: &str, instants: &[Instant<'_>]) -> Result<Vec<Frame>, PictureError> {
-    let document = mishandle::picture::scene_mjcf(mishandle::resolve::task(task)?)?;
+/// Renders instants of simulations of the same target in the same view.
+pub fn instants(instants: &[Instant<'_>]) -> Result<Vec<Frame>, PictureError> {
+    let Some(first) = instants.first() else { return Ok(Vec::new()) };
+    let model = mishandle::resolve::recorded_picture(first.header)?;
     let Some(size) = Size::new(PICTURE.0, PICTURE.1) else { return Ok(Vec::new()) };
     let states = instants.iter().filter_map(|instant| instant.states.get(instant.sample));
     let view: Vec<&[f64]> = states.map(Vec::as_slice).collect();
     let mut frames = Vec::new();
     for Instant { header, states, explanation, sample } in instants {
         let shown = Shown::new(header, states, explanation);
-        frames.extend(shown.frames(&document, size, (&[*sample], &view), &mut || false)?);
+        frames.extend(shown.frames(&model, size, (&[*sample], &view), &mut || false)?);
     }
     Ok(frames)
 }
@@ -149,22 +145,27 @@ impl<'a> Shown<'a> {
         Shown { header, states, explanation, event: explanation.event() }
     }
 
-    fn renderer(&self, document: &str, size: Size, quality: Quality) -> Result<FrameRenderer, PictureError> {
+    fn renderer(
+        &self,
+        model: &PictureModel,
+        size: Size,
+        quality: Quality,
+    ) -> Result<FrameRenderer, PictureError> {
         let (header, last) = (self.header, self.states.len().saturating_sub(1));
         let (explanation, event) = (Some(self.explanation), self.event.as_ref());
         let captions = FrameCaptions::new(header.control_dt, &header.signals, explanation, event, last);
-        Ok(FrameRenderer::new(document, size, quality, &CAMERAS[..1], Some(captions))?)
+        Ok(FrameRenderer::new(model, size, quality, &CAMERAS[..1], Some(captions))?)
     }
 
     /// Renders samples in a view that shows all states of `view`.
     fn frames(
         &self,
-        document: &str,
+        model: &PictureModel,
         size: Size,
         (samples, view): (&[usize], &[&[f64]]),
         must_end: MustEnd<'_>,
     ) -> Result<Vec<Frame>, PictureError> {
-        let mut renderer = self.renderer(document, size, Quality::Fine)?;
+        let mut renderer = self.renderer(model, size, Quality::Fine)?;
         renderer.fit(&view.iter().copied());
         let picture = |sample: &usize| -> Result<Frame, PictureError> {
             if must_end() {

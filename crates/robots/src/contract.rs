@@ -36,7 +36,7 @@ impl RobotFile {
     pub fn check_contract(&self, controller: &dyn Controller) -> Result<Vec<String>, RobotError> {
         let robot = Arc::new(self.compiled(controller.action_size())?);
         let space = Space::new("contract", robot.axes.iter().map(|(axis, _)| axis.clone()).collect())?;
-        let environment = RobotEnvironment::new(robot.clone(), space.clone())?;
+        let environment = RobotEnvironment::over(robot.clone(), &space)?;
         let mut worker = environment.robot_worker(1);
         let nominal = steps(&robot, &mut worker, controller, &space.nominal(), environment.state_size());
         self.check_first(&nominal)?;
@@ -145,7 +145,7 @@ fn steps(
         if step == 0 {
             steps.saturated = saturated(robot, worker.controls());
         }
-        if status == StepStatus::Diverged {
+        if status != StepStatus::Running {
             break;
         }
     }
@@ -154,7 +154,9 @@ fn steps(
 
 /// Returns the number of controls with a range if all of them are at an end of it.
 fn saturated(robot: &Robot, controls: &[f64]) -> Option<usize> {
-    let ranges = robot.actuated.iter().map(|index| (controls[*index], robot.control_ranges[*index]));
+    // Servos set their own controls.
+    let actuated = robot.actuated.iter().filter(|index| **index >= robot.servos.len());
+    let ranges = actuated.map(|index| (controls[*index], robot.control_ranges[*index]));
     let is_at_end: Vec<bool> =
         ranges.filter_map(|(x, range)| range.map(|[low, high]| x <= low || x >= high)).collect();
     (!is_at_end.is_empty() && is_at_end.iter().all(|at_end| *at_end)).then_some(is_at_end.len())

@@ -82,6 +82,23 @@ pub(crate) struct Control {
     pub substeps: Option<usize>,
 }
 
+/// Numbers that an episode remembers.
+#[derive(Clone, Debug)]
+pub(crate) struct Remembered {
+    /// Values at the start.
+    pub start: Expression,
+    /// Values of a control step, from those of the step before and its action.
+    pub next: Expression,
+}
+
+/// Position servos that keep velocity limits: `action` gives their targets.
+#[derive(Clone, Debug)]
+pub(crate) struct Servos {
+    pub span: std::ops::Range<usize>,
+    pub max_velocity: Vec<f64>,
+    pub max_effort: Vec<f64>,
+}
+
 /// Where actions come from.
 #[derive(Clone, Debug)]
 pub(crate) enum PolicySource {
@@ -191,11 +208,17 @@ pub(crate) struct Description {
     pub start: Vec<Named<Expression>>,
     /// Velocities: joint or group, and expression.
     pub start_velocity: Vec<Named<Expression>>,
+    /// Poses of mocap bodies: position, or position and quaternion.
+    pub start_mocap: Vec<Named<Expression>>,
+    pub memory: Vec<Named<Remembered>>,
+    pub servos: Option<Servos>,
     pub control: Control,
     pub policy: Policy,
     pub observation: Vec<Named<Quantity>>,
     pub signals: Vec<Named<Quantity>>,
     pub rewards: Vec<Named<Expression>>,
+    /// Conditions under which a training episode ends.
+    pub ends: Vec<Named<Expression>>,
     pub axes: Vec<Named<AxisTable>>,
     pub formulas: Vec<Named<Text>>,
     /// Names of axes for each space.
@@ -217,20 +240,24 @@ impl Description {
         }
         let model = fields.need("model")?.table("model")?.clone();
         let model_file = Fields::new(&model, "[model]").need("file")?.text("file")?;
-        let (keyframe, start, start_velocity) = start(fields.get("start"))?;
+        let Starts { keyframe, positions, velocities, mocap } = start(fields.get("start"))?;
         let description = Description {
             name: name.text,
             model,
             model_file,
             constants: named(fields.entries("constants")?, constant)?,
             keyframe,
-            start,
-            start_velocity,
+            start: positions,
+            start_velocity: velocities,
+            start_mocap: mocap,
+            memory: named(fields.entries("memory")?, remembered)?,
+            servos: fields.get("servos").map(servos).transpose()?,
             control: control(fields.need("control")?.table("control")?)?,
             policy: policy(fields.need("policy")?.table("policy")?)?,
             observation: named(fields.entries("observation")?, quantity)?,
             signals: named(fields.entries("signals")?, quantity)?,
-            rewards: named(fields.entries("rewards")?, |key, item| Expression::new(item.text(&key.name)?))?,
+            rewards: named(fields.entries("rewards")?, expression)?,
+            ends: named(fields.entries("ends")?, expression)?,
             axes: named(fields.entries("axes")?, axis)?,
             formulas: named(fields.entries("formulas")?, |key, item| item.text(&key.name))?,
             spaces: named(fields.entries("spaces")?, |key, item| item.texts(&key.name))?,
@@ -258,6 +285,10 @@ fn named<T>(
 ) -> Result<Vec<Named<T>>, Problem> {
     let one = |(key, item): &(Key, Item)| Ok(Named { key: key.clone(), value: read(key, item)? });
     entries.iter().map(one).collect()
+}
+
+fn expression(key: &Key, item: &Item) -> Result<Expression, Problem> {
+    Expression::new(item.text(&key.name)?)
 }
 
 fn constant(key: &Key, item: &Item) -> Result<Constant, Problem> {
@@ -296,26 +327,56 @@ fn group(key: &Key, table: &Table) -> Result<Constant, Problem> {
     Ok(Constant::PerElement { group, values: values.collect::<Result<_, Problem>>()? })
 }
 
-type Starts = (Option<Text>, Vec<Named<Expression>>, Vec<Named<Expression>>);
+/// The table `[start]`.
+#[derive(Default)]
+struct Starts {
+    keyframe: Option<Text>,
+    positions: Vec<Named<Expression>>,
+    velocities: Vec<Named<Expression>>,
+    mocap: Vec<Named<Expression>>,
+}
 
 fn start(item: Option<&Item>) -> Result<Starts, Problem> {
-    let Some(item) = item else { return Ok((None, Vec::new(), Vec::new())) };
-    let (mut keyframe, mut positions, mut velocities) = (None, Vec::new(), Vec::new());
-    let expression = |key: &Key, item: &Item| {
-        Ok(Named { key: key.clone(), value: Expression::new(item.text(&key.name)?)? })
-    };
+    let mut starts = Starts::default();
+    let Some(item) = item else { return Ok(starts) };
     for (key, item) in &item.table("start")?.entries {
         match key.name.as_str() {
-            "keyframe" => keyframe = Some(item.text("keyframe")?),
-            "velocity" => {
-                for (key, item) in &item.table("velocity")?.entries {
-                    velocities.push(expression(key, item)?);
-                }
-            }
-            _ => positions.push(expression(key, item)?),
+            "keyframe" => starts.keyframe = Some(item.text("keyframe")?),
+            "velocity" => starts.velocities = named(&item.table("velocity")?.entries, expression)?,
+            "mocap" => starts.mocap = named(&item.table("mocap")?.entries, expression)?,
+            _ => starts.positions.push(Named { key: key.clone(), value: expression(key, item)? }),
         }
     }
-    Ok((keyframe, positions, velocities))
+    Ok(starts)
+}
+
+fn remembered(key: &Key, item: &Item) -> Result<Remembered, Problem> {
+    let mut fields = Fields::new(item.table(&key.name)?, format!("`memory.{}`", key.name));
+    let remembered = Remembered {
+        start: Expression::new(fields.need("start")?.text("start")?)?,
+        next: Expression::new(fields.need("next")?.text("next")?)?,
+    };
+    fields.finish()?;
+    Ok(remembered)
+}
+
+fn servos(item: &Item) -> Result<Servos, Problem> {
+    let mut fields = Fields::new(item.table("servos")?, "[servos]");
+    let mut positive = |key: &'static str| {
+        let item = fields.need(key)?;
+        let numbers = item.numbers(key)?;
+        match !numbers.is_empty() && numbers.iter().all(|number| *number > 0.0) {
+            true => Ok(numbers),
+            false => Err(Problem::new(&item.span, format!("`{key}` must be numbers greater than 0"))),
+        }
+    };
+    let servos = Servos {
+        span: item.span.clone(),
+        max_velocity: positive("max_velocity")?,
+        max_effort: positive("max_effort")?,
+    };
+    fields.finish()?;
+    Ok(servos)
 }
 
 fn control(table: &Table) -> Result<Control, Problem> {

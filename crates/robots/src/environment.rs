@@ -1,10 +1,11 @@
 use std::collections::HashMap;
+use std::ops::Range;
 use std::sync::Arc;
 
 use mishandle_rollout::{
     Axis, Environment, EnvironmentWorker, RolloutError, Sample, Scenario, Seed, Space, StepStatus,
 };
-use mishandle_world::{Body, Model, World};
+use mishandle_world::{Body, FullState, Mocap, Model, RowWorlds, Servo, World};
 
 use crate::axes::{ModelChange, PUSH_SIZE, Parameter, changed};
 use crate::description::Over;
@@ -27,6 +28,13 @@ pub(crate) struct Robot {
     pub start: Phase,
     pub start_positions: Vec<Vec<usize>>,
     pub start_velocities: Vec<Vec<usize>>,
+    pub start_mocap: Vec<Mocap>,
+    /// Places of the parts of the memory; their start values are the last ones of `start`.
+    pub memory: Vec<Range<usize>>,
+    /// The next values of the memory.
+    pub next: Phase,
+    /// Servos of the first actuators, if the controls are targets of servos.
+    pub servos: Vec<Servo>,
     /// The controls.
     pub command: Phase,
     /// The controls before the first action arrives; empty if the action is 0 then.
@@ -38,7 +46,7 @@ pub(crate) struct Robot {
     pub measured: Phase,
     /// Reduction and index among the signals of each.
     pub reductions: Vec<(Over, usize)>,
-    /// Parts of the observation, then the other signals, then the rewards.
+    /// Parts of the observation, then the other signals, then the rewards, then the ends.
     pub sample: Phase,
     /// First entry and size of each part of the observation.
     pub parts: Vec<(usize, usize)>,
@@ -49,6 +57,8 @@ pub(crate) struct Robot {
     pub signals: Arc<[String]>,
     pub signal_clips: Vec<Option<[f64; 2]>>,
     pub reward_terms: Vec<String>,
+    /// Number of conditions that end a training episode.
+    pub ends: usize,
     pub observation_size: usize,
     pub action_size: usize,
     pub action_limit: f64,
@@ -64,7 +74,8 @@ pub(crate) struct Robot {
 /// A robot of a file as an environment.
 ///
 /// A state row contains MuJoCo's state, the number of control steps, the values of the axes that
-/// expressions read, those of the model, the components of the pushes, and the last action.
+/// expressions read, those of the model, the components of the pushes, the memory, and the last
+/// action.
 #[derive(Clone)]
 pub struct RobotEnvironment {
     robot: Arc<Robot>,
@@ -73,16 +84,25 @@ pub struct RobotEnvironment {
 }
 
 impl RobotEnvironment {
-    pub(crate) fn new(robot: Arc<Robot>, space: Space) -> Result<RobotEnvironment, RolloutError> {
+    /// Makes the environment over the axes of `space` that belong to the robot.
+    pub(crate) fn over(robot: Arc<Robot>, space: &Space) -> Result<RobotEnvironment, RolloutError> {
         let parameter = |axis: &Axis| {
             let found = robot.axes.iter().find(|(known, _)| known.name == axis.name);
-            found.map(|(_, parameter)| *parameter).ok_or_else(|| RolloutError::Axis {
-                axis: axis.name.clone(),
-                what: "the robot has no such axis",
-            })
+            Some((axis.clone(), found?.1))
         };
-        let parameters = space.axes().iter().map(parameter).collect::<Result<_, _>>()?;
-        Ok(RobotEnvironment { robot, space, parameters })
+        let own = space.axes().iter().filter_map(parameter);
+        let (axes, parameters): (Vec<Axis>, Vec<Parameter>) = own.unzip();
+        let space = Space::new(space.name(), axes)?;
+        Ok(RobotEnvironment { robot, space, parameters: parameters.into() })
+    }
+
+    /// Returns the environment over the axes of `space` that belong to it. The others belong to
+    /// disturbances.
+    ///
+    /// # Errors
+    /// If two axes have the same name.
+    pub fn with_own_axes(&self, space: &Space) -> Result<RobotEnvironment, RolloutError> {
+        RobotEnvironment::over(self.robot.clone(), space)
     }
 
     /// Returns the compiled model.
@@ -98,11 +118,13 @@ impl RobotEnvironment {
             limit: rows.max(MODELS),
             key: Vec::new(),
             start: robot.start.memory(),
+            next: robot.next.memory(),
             command: robot.command.memory(),
             hold: robot.hold.memory(),
             measured: robot.measured.memory(),
             sample: robot.sample.memory(),
             reduced: vec![0.0; robot.reductions.len()],
+            targets: vec![0.0; robot.servos.len()],
             observation: vec![0.0; robot.observation_size],
             parameters: self.parameters.clone(),
             robot,
@@ -112,7 +134,12 @@ impl RobotEnvironment {
 
 impl Robot {
     fn tail_size(&self) -> usize {
-        1 + self.values.len() + self.changes.len() + PUSH_SIZE * self.pushes.len() + self.action_size
+        let own = 1 + self.values.len() + self.changes.len() + PUSH_SIZE * self.pushes.len();
+        own + self.memory_size() + self.action_size
+    }
+
+    fn memory_size(&self) -> usize {
+        self.memory.last().map_or(0, |place| place.end)
     }
 
     /// Returns the tail of the state row of an undisturbed episode.
@@ -187,6 +214,15 @@ impl Environment for RobotEnvironment {
     }
 }
 
+impl RobotEnvironment {
+    /// Makes a recorder for state rows of this environment. Each body is a part of its contacts.
+    pub fn full_state(&self) -> FullState {
+        let model = &self.robot.model;
+        FullState::new(Box::new(self.robot_worker(1)), model, model.contact_parts(&[]))
+            .with_actuators_and_bodies(model)
+    }
+}
+
 pub(crate) struct RobotWorker {
     robot: Arc<Robot>,
     parameters: Arc<[Parameter]>,
@@ -197,6 +233,7 @@ pub(crate) struct RobotWorker {
     /// Scratch buffer of the key of a model.
     key: Vec<u64>,
     start: Memory,
+    next: Memory,
     command: Memory,
     hold: Memory,
     measured: Memory,
@@ -204,6 +241,8 @@ pub(crate) struct RobotWorker {
     /// Values of the reduced signals over the physics steps so far.
     reduced: Vec<f64>,
     observation: Vec<f64>,
+    /// Targets of the servos.
+    targets: Vec<f64>,
 }
 
 /// The parts of the tail of a state row.
@@ -211,6 +250,7 @@ struct Tail<'a> {
     step: &'a mut f64,
     values: &'a [f64],
     pushes: &'a [f64],
+    memory: &'a mut [f64],
     action: &'a mut [f64],
 }
 
@@ -219,12 +259,22 @@ impl Robot {
         let (step, rest) = tail.split_at_mut(1);
         let (values, rest) = rest.split_at_mut(self.values.len());
         let (_, rest) = rest.split_at_mut(self.changes.len());
-        let (pushes, action) = rest.split_at_mut(PUSH_SIZE * self.pushes.len());
-        Tail { step: &mut step[0], values, pushes, action }
+        let (pushes, rest) = rest.split_at_mut(PUSH_SIZE * self.pushes.len());
+        let (memory, action) = rest.split_at_mut(self.memory_size());
+        Tail { step: &mut step[0], values, pushes, memory, action }
     }
 
     fn model_values<'a>(&self, tail: &'a [f64]) -> &'a [f64] {
         &tail[1 + self.values.len()..][..self.changes.len()]
+    }
+}
+
+impl RowWorlds for RobotWorker {
+    fn of_row(&mut self, row: &[f64]) -> &mut World {
+        let (physics, tail) = row.split_at(self.robot.model.state_size());
+        self.set_model(tail);
+        self.world.set_state(physics);
+        &mut self.world
     }
 }
 
@@ -259,9 +309,9 @@ impl RobotWorker {
         if robot.sample.reads_poses() {
             self.world.refresh();
         }
-        let Tail { step, values, action, .. } = robot.split(tail);
+        let Tail { step, values, memory, action, .. } = robot.split(tail);
         let time = *step * robot.control_dt;
-        let mut view = View { world: &self.world, time, parameters: values, action };
+        let mut view = View { world: &self.world, time, parameters: values, memory, action };
         robot.sample.run(&mut self.sample, &mut view);
         for (index, (first, size)) in robot.parts.iter().enumerate() {
             robot.sample.write(&self.sample, index, &mut self.observation[*first..first + size]);
@@ -280,9 +330,16 @@ impl RobotWorker {
         }
     }
 
+    /// Returns whether a condition of the last sample ends a training episode.
+    fn has_ended(&self) -> bool {
+        let robot = &*self.robot;
+        let first = robot.parts.len() + robot.plain_signals.len() + robot.reward_terms.len();
+        (first..first + robot.ends).any(|index| robot.sample.value(&self.sample, index)[0] != 0.0)
+    }
+
     /// Evaluates the signals with a reduction after a physics step; `count` is the number of steps
     /// before.
-    fn measure(&mut self, time: f64, values: &[f64], action: &[f64], count: usize) {
+    fn measure(&mut self, time: f64, (values, memory, action): (&[f64], &[f64], &[f64]), count: usize) {
         let robot = &*self.robot;
         if robot.measured.is_empty() {
             return;
@@ -291,7 +348,7 @@ impl RobotWorker {
         if robot.measured.reads_poses() {
             self.world.refresh();
         }
-        let mut view = View { world: &self.world, time, parameters: values, action };
+        let mut view = View { world: &self.world, time, parameters: values, memory, action };
         robot.measured.run(&mut self.measured, &mut view);
         for (index, (reduced, (over, _))) in self.reduced.iter_mut().zip(&robot.reductions).enumerate() {
             *reduced = over.add(*reduced, robot.measured.value(&self.measured, index)[0], count);
@@ -337,8 +394,8 @@ impl EnvironmentWorker for RobotWorker {
             self.world.qvel_mut().copy_from_slice(robot.model.key_qvel(keyframe));
             self.world.ctrl_mut().copy_from_slice(robot.model.key_ctrl(keyframe));
         }
-        let Tail { values, action, .. } = robot.split(tail);
-        let mut view = View { world: &self.world, time: 0.0, parameters: values, action };
+        let Tail { values, memory, action, .. } = robot.split(tail);
+        let mut view = View { world: &self.world, time: 0.0, parameters: values, memory, action };
         robot.start.run(&mut self.start, &mut view);
         let places = robot.start_positions.iter().chain(&robot.start_velocities).enumerate();
         for (index, indices) in places {
@@ -351,11 +408,23 @@ impl EnvironmentWorker for RobotWorker {
                 state[*index] = value[if value.len() == 1 { 0 } else { place }];
             }
         }
+        let mut index = robot.start_positions.len() + robot.start_velocities.len();
+        for mocap in &robot.start_mocap {
+            let pose = robot.start.value(&self.start, index);
+            let quaternion = pose.get(3..7).map_or([1.0, 0.0, 0.0, 0.0], |q| [q[0], q[1], q[2], q[3]]);
+            self.world.place(*mocap, [pose[0], pose[1], pose[2]], quaternion);
+            index += 1;
+        }
+        for place in &robot.memory {
+            robot.start.write(&self.start, index, &mut memory[place.clone()]);
+            index += 1;
+        }
         self.world.read_state(physics);
         if robot.sample.reads_forces() || robot.measured.reads_forces() {
             self.world.refresh_sensors();
         }
-        self.measure(0.0, robot.split(tail).values, &vec![0.0; robot.action_size], 0);
+        let Tail { values, memory, action, .. } = robot.split(tail);
+        self.measure(0.0, (values, memory, action), 0);
         self.write_sample(tail, &mut sample);
         self.write_reduced(1, &mut sample);
         sample.rewards.fill(0.0);
@@ -382,38 +451,53 @@ impl RobotWorker {
         let (physics, tail) = state.split_at_mut(robot.model.state_size());
         self.set_model(tail);
         self.world.set_state(physics);
-        let Tail { step, values, pushes, action: last } = robot.split(tail);
-        last.copy_from_slice(action);
+        let Tail { step, values, pushes, memory, action: last } = robot.split(tail);
         let start = *step * robot.control_dt;
-        let (phase, memory) = match has_arrived || robot.hold.is_empty() {
+        let command = match has_arrived || robot.hold.is_empty() {
             true => (&robot.command, &mut self.command),
             false => (&robot.hold, &mut self.hold),
         };
-        if phase.reads_forces() {
+        let reads = |reads: fn(&Phase) -> bool| reads(&robot.next) || reads(command.0);
+        if reads(Phase::reads_forces) {
             self.world.refresh_sensors();
-        } else if phase.reads_poses() {
+        } else if reads(Phase::reads_poses) {
             self.world.refresh();
         }
-        phase.run(memory, &mut View { world: &self.world, time: start, parameters: values, action });
+        // All parts follow from the memory of the step before.
+        let mut view = View { world: &self.world, time: start, parameters: values, memory, action };
+        robot.next.run(&mut self.next, &mut view);
+        for (index, place) in robot.memory.iter().enumerate() {
+            robot.next.write(&self.next, index, &mut memory[place.clone()]);
+        }
+        last.copy_from_slice(action);
+        let (phase, numbers) = command;
+        phase.run(numbers, &mut View { world: &self.world, time: start, parameters: values, memory, action });
         let controls = self.world.ctrl_mut();
         for (place, actuator) in robot.actuated.iter().enumerate() {
-            let value = phase.value(memory, 0);
+            let value = phase.value(numbers, 0);
             controls[*actuator] = value[if value.len() == 1 { 0 } else { place }];
         }
-        for (control, range) in controls.iter_mut().zip(&robot.control_ranges) {
+        // Targets of servos have no range; their setpoints do.
+        let ranges = controls.iter_mut().zip(&robot.control_ranges).skip(robot.servos.len());
+        for (control, range) in ranges {
             *control = clip(*control, *range);
         }
         if self.world.ctrl().iter().any(|control| !control.is_finite()) {
             return StepStatus::Diverged;
         }
+        // The servos set the controls in each physics step.
+        self.targets.copy_from_slice(&self.world.ctrl()[..robot.servos.len()]);
         let timestep = robot.model.timestep();
         for substep in 0..robot.substeps {
             let now = start + substep as f64 * timestep;
             for (body, push) in robot.pushed.iter().zip(pushes.as_chunks::<PUSH_SIZE>().0) {
                 self.world.push(*body, force(push, now, timestep));
             }
-            self.world.step();
-            self.measure(now + timestep, values, action, substep);
+            match robot.servos.is_empty() {
+                true => self.world.step(),
+                false => self.world.step_servos(&robot.servos, &self.targets),
+            }
+            self.measure(now + timestep, (values, memory, action), substep);
         }
         if self.world.take_divergence() {
             return StepStatus::Diverged;
@@ -422,7 +506,7 @@ impl RobotWorker {
         *step += 1.0;
         self.write_sample(tail, &mut sample);
         self.write_reduced(robot.substeps, &mut sample);
-        StepStatus::Running
+        if self.has_ended() { StepStatus::Terminated } else { StepStatus::Running }
     }
 }
 

@@ -39,6 +39,14 @@ pub enum RobotError {
         /// Problem, and a way out where there is one.
         message: String,
     },
+    /// The file lacks what training needs.
+    #[error("{} cannot be trained: {message}", path.display())]
+    Untrainable {
+        /// The file.
+        path: PathBuf,
+        /// Missing part, and how to add it.
+        message: String,
+    },
     /// The target is inconsistent.
     #[error(transparent)]
     Target(#[from] mishandle_rollout::RolloutError),

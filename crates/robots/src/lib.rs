@@ -4,12 +4,14 @@
 //! [`RobotFile::read`] reads and checks a file; [`RobotFile::target`] makes a
 //! [`Target`](mishandle_rollout::Target) of it and a controller. `document` is the tree of the
 //! text, `description` what it says, `library` the names that its expressions may use, `phase` the
-//! expressions that are evaluated together, and `environment` the simulation, which runs in the
-//! same engine as every task. `contract` checks a policy before the first episode,
-//! and `init` writes a first file for a policy of another tool.
+//! expressions that are evaluated together, `environment` the simulation, which runs in the same
+//! engine as every task, `controlled` the robot with a controller in the loop, and `training` what
+//! a training run needs. `contract` checks a policy before the first episode, and `init` writes a
+//! first file for a policy of another tool.
 
 mod axes;
 mod contract;
+mod controlled;
 mod description;
 mod document;
 mod environment;
@@ -23,9 +25,13 @@ mod policy;
 mod quantity;
 mod target;
 mod task_space;
+mod training;
 
+pub use controlled::ControlledRobot;
 pub use environment::RobotEnvironment;
 pub use error::RobotError;
 pub use init::{FirstFile, Paths, PolicyFacts, PolicySizes, first_file, isaac_facts, mjlab_facts};
 pub use library::{QUANTITY_FUNCTIONS, QuantityFunction};
+pub use mishandle_expression::functions;
 pub use target::{KIND, RobotFile, RobotPolicy};
+pub use training::{RobotBatches, RobotTraining};

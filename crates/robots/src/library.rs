@@ -6,7 +6,7 @@ use mishandle_expression::{Argument, Meaning, Names, Node, NodeKind, Reading, Si
 use mishandle_stl::nearest;
 use mishandle_world::{ElementKind, Model};
 
-use crate::description::{Constant, Named};
+use crate::description::{self, Constant, Named};
 use crate::document::Text;
 use crate::pattern::{kind, select};
 use crate::quantity::{ContactOwner, Quantity};
@@ -72,8 +72,21 @@ pub(crate) struct Library<'a> {
     pub constants: &'a [Named<Constant>],
     /// Names of the axes that expressions may read, in the order of the parameters.
     pub parameters: &'a [String],
+    /// Names, first entries and sizes of the numbers that an episode remembers, where they may be
+    /// read.
+    pub memory: &'a [RememberedPart],
     /// Length of the action, where it may be read.
     pub actions: Option<usize>,
+    /// Signals that expressions may read: those of signals, rewards and ends.
+    pub signals: &'a [Named<description::Quantity>],
+}
+
+/// Numbers that an episode remembers: their name and their place among all of them.
+#[derive(Clone, Debug)]
+pub(crate) struct RememberedPart {
+    pub name: String,
+    pub place: Range<usize>,
+    pub is_number: bool,
 }
 
 fn names_of(functions: &[QuantityFunction]) -> impl Iterator<Item = &'static str> {
@@ -83,6 +96,23 @@ fn names_of(functions: &[QuantityFunction]) -> impl Iterator<Item = &'static str
 impl Library<'_> {
     fn constant(&self, name: &str) -> Option<&Constant> {
         self.constants.iter().find(|constant| constant.key.name == name).map(|constant| &constant.value)
+    }
+
+    /// Returns the meaning of a signal: its expression, within its bounds.
+    fn signal(&self, name: &str) -> Result<Meaning<Quantity>, String> {
+        let found = self.signals.iter().find(|signal| signal.key.name == name);
+        let signal = &found.ok_or_else(|| format!("there is no signal `{name}`"))?.value;
+        if signal.over.is_some() {
+            return Err(format!(
+                "`{name}` is a signal over the physics steps, which only formulas read; write its expression"
+            ));
+        }
+        let node = signal.value.node.clone();
+        let Some([low, high]) = signal.clip else { return Ok(Meaning::Definition(node)) };
+        let span = node.span.clone();
+        let bound = |value| Node { kind: NodeKind::Number(value), span: span.clone() };
+        let arguments = vec![node, bound(low), bound(high)];
+        Ok(Meaning::Definition(Node { kind: NodeKind::Call("clip".to_string(), arguments), span }))
     }
 
     /// Returns the elements of the kind that an argument selects.
@@ -197,6 +227,10 @@ impl Names<Quantity> for Library<'_> {
         if let Some(index) = self.parameters.iter().position(|known| known == name) {
             return reading(Quantity::Parameter(index), Size::Number);
         }
+        if let Some(part) = self.memory.iter().find(|part| part.name == name) {
+            let size = if part.is_number { Size::Number } else { Size::Vector(part.place.len()) };
+            return reading(Quantity::Remembered(part.place.clone()), size);
+        }
         match (name, self.constant(name)) {
             (_, Some(Constant::Number(value))) => Ok(Meaning::Number(*value)),
             (_, Some(Constant::Vector(values))) => Ok(Meaning::Vector(values.clone())),
@@ -223,12 +257,15 @@ impl Names<Quantity> for Library<'_> {
                 Some(size) => reading(Quantity::Action, Size::Vector(size)),
                 None => Err("the action is not known here".to_string()),
             },
+            (_, None) if self.signals.iter().any(|signal| signal.key.name == name) => self.signal(name),
             (_, None) => {
                 let constants = self.constants.iter().map(|constant| constant.key.name.as_str());
                 let known: Vec<&str> = constants
                     .chain(self.parameters.iter().map(String::as_str))
+                    .chain(self.memory.iter().map(|part| part.name.as_str()))
                     .chain(["time", "pi"])
                     .chain(self.actions.map(|_| "action"))
+                    .chain(self.signals.iter().map(|signal| signal.key.name.as_str()))
                     .collect();
                 let hint = nearest(name, known.iter().copied());
                 let hint = hint.map_or(String::new(), |nearest| format!("; did you mean `{nearest}`?"));

@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use mishandle_mjcf::{Edit, Select, Source};
-use mishandle_world::Model;
+use mishandle_world::{Model, PictureModel};
 use sha2::{Digest, Sha256};
 
 use crate::description::Description;
@@ -15,6 +15,8 @@ use crate::error::{Problem, RobotError};
 pub(crate) struct RobotModel {
     /// For physics: without visual geoms.
     pub physics: Model,
+    /// For pictures: with them.
+    pub picture: PictureModel,
     /// File of the model.
     pub file: PathBuf,
     /// SHA-256 of the document and of the files that it refers to.
@@ -44,8 +46,9 @@ pub(crate) fn read(description: &Description, path: &Path, text: &str) -> Result
     let assets = Arc::new(edited.assets);
     let physics = without_visuals(&edited.document);
     let physics =
-        Model::from_xml_with_assets(&physics, assets).map_err(|error| failed(error_text(&error)))?;
-    Ok(RobotModel { physics, file, hash })
+        Model::from_xml_with_assets(&physics, assets.clone()).map_err(|error| failed(error_text(&error)))?;
+    let picture = PictureModel { assets, ..PictureModel::new(edited.document) };
+    Ok(RobotModel { physics, picture, file, hash })
 }
 
 /// Reads and compiles a model without a target file. Returns its document and the model for
@@ -72,10 +75,7 @@ fn as_mjcf(source: Source) -> Result<Source, String> {
 /// Returns the document with a compiler option that removes geoms that do not collide: the physics
 /// does not need them, and copies of the model are small without their meshes.
 fn without_visuals(document: &str) -> String {
-    match document.rfind("</mujoco>") {
-        Some(end) => format!("{}<compiler discardvisual=\"true\"/>\n{}", &document[..end], &document[end..]),
-        None => document.to_string(),
-    }
+    mishandle_world::with_elements(document, "<compiler discardvisual=\"true\"/>\n")
 }
 
 fn source_hash(source: &Source) -> String {

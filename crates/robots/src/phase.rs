@@ -43,6 +43,11 @@ impl<'a> PhaseBuilder<'a> {
         Ok(size)
     }
 
+    /// Returns whether the value of an added expression is a number and not a vector.
+    pub(crate) fn is_number(&self, index: usize) -> bool {
+        self.places[index].is_number()
+    }
+
     /// Adds an expression with this number of numbers; one number serves for all of them.
     pub(crate) fn add_sized(
         &mut self,

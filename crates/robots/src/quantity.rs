@@ -12,6 +12,8 @@ pub(crate) enum Quantity {
     Time,
     /// The value of an axis.
     Parameter(usize),
+    /// Numbers that the episode remembers.
+    Remembered(Range<usize>),
     /// The action of the control step, or of the last one.
     Action,
     /// Numbers of the model that no axis changes.
@@ -59,7 +61,9 @@ impl Quantity {
     pub(crate) fn currency(&self) -> Currency {
         use Quantity as Q;
         match self {
-            Q::Time | Q::Parameter(_) | Q::Action | Q::Observed(_) | Q::Constants(_) => Currency::Plain,
+            Q::Time | Q::Parameter(_) | Q::Remembered(_) | Q::Action | Q::Observed(_) | Q::Constants(_) => {
+                Currency::Plain
+            }
             Q::Positions(_) | Q::Velocities(_) | Q::Controls(_) => Currency::Plain,
             Q::BodyPosition(_) | Q::BodyQuaternion(_) | Q::BodyVelocity(_) | Q::BodyAngularVelocity(_) => {
                 Currency::Pose
@@ -77,6 +81,7 @@ pub(crate) struct View<'a> {
     pub world: &'a World,
     pub time: f64,
     pub parameters: &'a [f64],
+    pub memory: &'a [f64],
     pub action: &'a [f64],
 }
 
@@ -96,6 +101,7 @@ impl Reader<Quantity> for View<'_> {
         match what {
             Q::Time => out[0] = self.time,
             Q::Parameter(index) => out[0] = self.parameters[*index],
+            Q::Remembered(range) => out.copy_from_slice(&self.memory[range.clone()]),
             Q::Action => out.copy_from_slice(self.action),
             Q::Constants(values) => out.copy_from_slice(values),
             // Only policies read it, which have a reader of their own.

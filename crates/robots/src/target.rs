@@ -8,17 +8,18 @@ use mishandle_expression::Argument;
 use mishandle_files::{limits, read_bounded};
 use mishandle_rollout::fault::{Channel, FaultSite, Side};
 use mishandle_rollout::{
-    Axis, AxisKind, Component, Controller, Disturbance, Effect, Environment, Identity, NamedFormula, Noise,
-    Rollout, RolloutError, Signal, Space, Specification, System, SystemFactory, Target, delays,
+    Axis, AxisKind, Component, Controller, Disturbance, Effect, Identity, NamedFormula, Noise, RolloutError,
+    Signal, Space, Specification, Target, TimeProfile, delays,
 };
-use mishandle_world::{ElementKind, Model};
+use mishandle_world::{ElementKind, Joint, Mocap, Model, PictureModel, Servo};
 
-use crate::axes::{Axes, ObservedPart, parameter_names};
-use crate::description::{Constant, Description, Named, PolicySource, Quantity};
+use crate::axes::{Axes, ObservedPart, Parameter, parameter_names};
+use crate::controlled::ControlledRobot;
+use crate::description::{AxisEffect, Constant, Description, Named, PolicySource, Quantity};
 use crate::document;
 use crate::environment::{Robot, RobotEnvironment};
 use crate::error::{Problem, RobotError};
-use crate::library::{Library, members};
+use crate::library::{Library, RememberedPart, members};
 use crate::model::{self, RobotModel};
 use crate::phase::PhaseBuilder;
 use crate::policy::ExpressionPolicy;
@@ -47,10 +48,11 @@ pub enum RobotPolicy {
 /// A robot that a file describes.
 pub struct RobotFile {
     path: PathBuf,
+    text: String,
     /// Hash of the text of the file.
-    text_hash: String,
-    model: RobotModel,
-    description: Description,
+    pub(crate) text_hash: String,
+    pub(crate) model: RobotModel,
+    pub(crate) description: Description,
     axes: Axes,
     parts: Vec<ObservedPart>,
     policy: RobotPolicy,
@@ -59,6 +61,7 @@ pub struct RobotFile {
     /// Actuators that get the controls, in the order of the expression.
     actuated: Vec<usize>,
     parameters: Vec<String>,
+    memory: Vec<RememberedPart>,
 }
 
 impl RobotFile {
@@ -87,15 +90,19 @@ impl RobotFile {
     ) -> Result<RobotFile, RobotError> {
         let problem = |problem: Problem| problem.at(path, text);
         let parameters = parameter_names(&description);
-        let mut library = Library {
+        let library = |memory, actions| Library {
             model: &model.physics,
             constants: &description.constants,
             parameters: &parameters,
-            actions: None,
+            memory,
+            actions,
+            signals: &[],
         };
-        check_groups(&description, &library).map_err(problem)?;
-        let actuated = actuated(&description, &library).map_err(problem)?;
-        library.actions = Some(description.policy.actions.unwrap_or(actuated.len()));
+        check_groups(&description, &library(&[], None)).map_err(problem)?;
+        let actuated = actuated(&description, &library(&[], None)).map_err(problem)?;
+        let actions = description.policy.actions.unwrap_or(actuated.len());
+        let memory = remembered_parts(&description, &library(&[], None)).map_err(problem)?;
+        let library = library(&memory, Some(actions));
         check_constants(&description, &library).map_err(problem)?;
         let parts = observed_parts(&description, &library).map_err(problem)?;
         let observation_size = parts.iter().map(|part| part.size).sum();
@@ -121,6 +128,7 @@ impl RobotFile {
         let text_hash = Identity::new(KIND, "", text).hash;
         let file = RobotFile {
             path: path.to_path_buf(),
+            text: text.to_string(),
             text_hash,
             model,
             description,
@@ -130,6 +138,7 @@ impl RobotFile {
             observation_size,
             actuated,
             parameters,
+            memory,
         };
         // This reports mistakes now, with their lines.
         file.robot(file.actions()).map_err(|found| found.at(path, text))?;
@@ -171,19 +180,9 @@ impl RobotFile {
     /// Returns whether a part of the observation reads more than axes and constants.
     pub(crate) fn part_reads_state(&self, name: &str) -> bool {
         let named = self.description.observation.iter().find(|named| named.key.name == name);
-        let library = self.library(Some(self.actions()));
+        let library = self.library(&self.memory, Some(self.actions()), &[]);
         let mut phase = PhaseBuilder::new(&library);
         named.is_some_and(|named| phase.add(&named.value.value).is_ok()) && phase.finish().reads_state()
-    }
-
-    /// Returns the text of the file, for the lines of messages.
-    fn text(&self) -> String {
-        String::from_utf8_lossy(&read_bounded(&self.path, limits::PLAN).unwrap_or_default()).into_owned()
-    }
-
-    /// Compiles the robot for a number of actions.
-    pub(crate) fn compiled(&self, actions: usize) -> Result<Robot, RobotError> {
-        self.robot(actions).map_err(|problem| problem.at(&self.path, &self.text()))
     }
 
     /// Returns the length of an observation.
@@ -196,6 +195,46 @@ impl RobotFile {
         self.model.physics.actuators()
     }
 
+    /// Returns the formulas of the file.
+    pub(crate) fn formulas(&self) -> Vec<NamedFormula> {
+        let formula = |named: &Named<document::Text>| NamedFormula {
+            name: named.key.name.clone(),
+            text: named.value.text.clone(),
+        };
+        self.description.formulas.iter().map(formula).collect()
+    }
+
+    /// Returns the robot with this number of actions.
+    pub(crate) fn compiled(&self, actions: usize) -> Result<Robot, RobotError> {
+        self.robot(actions).map_err(|problem| self.at(problem))
+    }
+
+    /// Returns the error of a problem, with its line in the file.
+    pub(crate) fn at(&self, problem: Problem) -> RobotError {
+        problem.at(&self.path, &self.text)
+    }
+
+    /// Returns the path of the file.
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+
+    /// Returns all axes of the environment and of these disturbances, and the named spaces.
+    pub(crate) fn axes_and_spaces(
+        &self,
+        environment: &[(Axis, Parameter)],
+        disturbances: &[Disturbance],
+    ) -> Result<(Vec<Axis>, Vec<Space>), RobotError> {
+        let axes = environment.iter().map(|(axis, _)| axis).chain(disturbances.iter().map(|d| &d.axis));
+        Ok((distinct(axes), self.spaces(environment, disturbances)?))
+    }
+
+    /// Returns the identity of this robot as a target, with a controller of this hash and noise.
+    pub fn identity(&self, controller_hash: &str, noise: Noise) -> Identity {
+        let content = format!("{}\n{}\n{controller_hash}\n{noise:?}", self.text_hash, self.model.hash);
+        Identity::new(KIND, &self.description.name, &content)
+    }
+
     /// Returns the target of this robot with a controller.
     ///
     /// # Errors
@@ -205,18 +244,12 @@ impl RobotFile {
         (controller, component): (Arc<dyn Controller>, Component),
         noise: Noise,
     ) -> Result<Target, RobotError> {
-        let robot = Arc::new(self.compiled(controller.action_size())?);
-        let disturbances = self.disturbances(robot.action_size);
-        let environment_axes = robot.axes.iter().map(|(axis, _)| axis);
-        let axes = distinct(environment_axes.chain(disturbances.iter().map(|d| &d.axis)));
+        let controlled = self.controlled(controller, noise)?;
+        let ControlledRobot { robot, disturbances, .. } = &controlled;
+        let (axes, spaces) = self.axes_and_spaces(&robot.axes, disturbances)?;
         let random = disturbances.iter().filter(|d| d.effect.is_random()).map(|d| d.axis.name.clone());
         let signal =
             |named: &Named<Quantity>| Signal { name: named.key.name.clone(), unit: named.value.unit.clone() };
-        let formula = |named: &Named<document::Text>| NamedFormula {
-            name: named.key.name.clone(),
-            text: named.value.text.clone(),
-        };
-        let content = format!("{}\n{}\n{}\n{:?}", self.text_hash, self.model.hash, component.hash, noise);
         let component_of = |role: &str, name: String, hash: &str| Component {
             role: role.to_string(),
             name,
@@ -225,17 +258,17 @@ impl RobotFile {
         };
         let file_name = |path: &Path| path.file_name().unwrap_or_default().to_string_lossy().into_owned();
         let target = Target {
-            identity: Identity::new(KIND, &self.description.name, &content),
+            identity: self.identity(&component.hash, noise),
             components: vec![
                 component,
                 component_of("target file", file_name(&self.path), &self.text_hash),
                 component_of("model", file_name(&self.model.file), &self.model.hash),
             ],
-            spaces: self.spaces(&robot.axes, &disturbances)?,
+            spaces,
             axes,
             signals: self.description.signals.iter().map(signal).collect(),
             signals_on_request: Vec::new(),
-            formulas: self.description.formulas.iter().map(formula).collect(),
+            formulas: self.formulas(),
             control_dt: robot.control_dt,
             episode_steps: robot.episode_steps,
             is_deterministic: true,
@@ -244,7 +277,7 @@ impl RobotFile {
             random_axes: random.collect(),
             versions: vec![("MuJoCo".to_string(), mishandle_world::mujoco_version())],
             reachable: None,
-            factory: factory(robot, controller, noise, disturbances),
+            factory: controlled.factory(),
         };
         let all = target.space("all")?;
         let names = target.signal_names();
@@ -258,7 +291,7 @@ impl RobotFile {
             };
             check().map_err(|message| {
                 let message = format!("the formula `{}`: {message}", named.key.name);
-                Problem::new(&named.value.span, message).at(&self.path, &self.text())
+                self.at(Problem::new(&named.value.span, message))
             })?;
         }
         let first = target.formulas.first().map(|formula| formula.text.clone()).unwrap_or_default();
@@ -268,9 +301,39 @@ impl RobotFile {
         Ok(target)
     }
 
+    /// Returns this robot with a controller, in the systems of which states can be recorded.
+    ///
+    /// # Errors
+    /// If an expression does not fit the number of actions of the controller.
+    pub fn controlled(
+        &self,
+        controller: Arc<dyn Controller>,
+        noise: Noise,
+    ) -> Result<ControlledRobot, RobotError> {
+        let robot = Arc::new(self.compiled(controller.action_size())?);
+        let disturbances = self.disturbances_of(robot.action_size);
+        Ok(ControlledRobot { robot, controller, noise, disturbances })
+    }
+
+    /// Returns the environment over the axes of the start.
+    ///
+    /// # Errors
+    /// As for [`controlled`](Self::controlled).
+    pub fn starts(&self) -> Result<RobotEnvironment, RobotError> {
+        let robot = Arc::new(self.compiled(self.actions())?);
+        let axes = robot.axes.iter().map(|(axis, _)| axis).filter(|axis| axis.kind == AxisKind::Start);
+        let space = Space::new("starts", axes.cloned().collect())?;
+        Ok(RobotEnvironment::over(robot, &space)?)
+    }
+
+    /// Returns the model of pictures, with all visual geoms.
+    pub fn picture_model(&self) -> &PictureModel {
+        &self.model.picture
+    }
+
     /// Returns the delays, errors of sensors and faults that every robot has. An axis of the file
     /// with the same effect replaces them.
-    fn disturbances(&self, actions: usize) -> Vec<Disturbance> {
+    pub(crate) fn disturbances_of(&self, actions: usize) -> Vec<Disturbance> {
         let own = self.axes.disturbances.clone();
         let taken: Vec<&str> = self.description.axes.iter().map(|axis| axis.key.name.as_str()).collect();
         let is_new = |disturbance: &Disturbance| {
@@ -280,10 +343,54 @@ impl RobotFile {
             };
             !own.iter().any(replaces) && !taken.contains(&disturbance.axis.name.as_str())
         };
-        let builtin =
-            delays().into_iter().chain(self.sites(actions).into_iter().flat_map(FaultSite::disturbances));
+        let faults = self.sites(actions).into_iter().flat_map(FaultSite::disturbances);
+        let builtin = delays().into_iter().chain(self.sensing()).chain(faults);
         let builtin: Vec<Disturbance> = builtin.filter(is_new).collect();
         own.iter().cloned().chain(builtin).collect()
+    }
+
+    /// Returns a bias of each number of the observation, and white noise of each part. A part whose
+    /// bias or noise the file states has no other one.
+    fn sensing(&self) -> Vec<Disturbance> {
+        let states = |part: &ObservedPart, is_noise: bool| {
+            self.description.axes.iter().any(|axis| match &axis.value.effect {
+                AxisEffect::Bias { part: stated, .. } => !is_noise && stated.text == part.name,
+                AxisEffect::Noise { part: stated } => is_noise && stated.text == part.name,
+                _ => false,
+            })
+        };
+        let steps = self.description.control.steps;
+        let mut all = Vec::new();
+        for part in &self.parts {
+            let [bias, noise] = sensor_errors(&part.unit);
+            let entries = part.first..part.first + part.size;
+            if !states(part, false) {
+                all.extend(entries.clone().map(|entry| {
+                    let number =
+                        if part.size == 1 { String::new() } else { format!("_{}", entry - part.first + 1) };
+                    let name = format!("{}{number}", part.name);
+                    let axis = Axis::new(
+                        AxisKind::Model,
+                        &format!("bias_{name}"),
+                        &part.unit,
+                        [-bias, bias],
+                        Some(0.0),
+                    )
+                    .meaning(&format!("constant bias of the observed {name}"));
+                    let profile = TimeProfile::Constant(0..steps + 1);
+                    Disturbance { axis, effect: Effect::Observation { entry, factor: 1.0, profile } }
+                }));
+            }
+            if !states(part, true) {
+                let name = &part.name;
+                let axis =
+                    Axis::new(AxisKind::Model, &format!("noise_{name}"), &part.unit, [0.0, noise], Some(0.0))
+                        .meaning(&format!("standard deviation of white noise on the observed {name}"));
+                let entries = entries.map(|entry| (entry, 1.0)).collect();
+                all.push(Disturbance { axis, effect: Effect::ObservationNoise { entries } });
+            }
+        }
+        all
     }
 
     /// Returns the observation and the action as places of faults.
@@ -322,7 +429,7 @@ impl RobotFile {
 
     fn spaces(
         &self,
-        environment: &[(Axis, crate::axes::Parameter)],
+        environment: &[(Axis, Parameter)],
         disturbances: &[Disturbance],
     ) -> Result<Vec<Space>, RobotError> {
         let own: Vec<Axis> =
@@ -384,12 +491,19 @@ impl RobotFile {
         distinct(all.filter(is_part))
     }
 
-    fn library(&self, actions: Option<usize>) -> Library<'_> {
+    fn library<'a>(
+        &'a self,
+        memory: &'a [RememberedPart],
+        actions: Option<usize>,
+        signals: &'a [Named<Quantity>],
+    ) -> Library<'a> {
         Library {
             model: &self.model.physics,
             constants: &self.description.constants,
             parameters: &self.parameters,
+            memory,
             actions,
+            signals,
         }
     }
 
@@ -397,7 +511,8 @@ impl RobotFile {
     fn robot(&self, actions: usize) -> Result<Robot, Problem> {
         let description = &self.description;
         let model = &self.model.physics;
-        let (before, during) = (self.library(None), self.library(Some(actions)));
+        let before = self.library(&[], None, &[]);
+        let during = self.library(&self.memory, Some(actions), &description.signals);
         let timestep = model.timestep();
         let control = &description.control;
         let (model, substeps) = match control.substeps {
@@ -418,6 +533,18 @@ impl RobotFile {
         let mut start = PhaseBuilder::new(&before);
         let start_positions = start_values(&description.start, &mut start, &before, true)?;
         let start_velocities = start_values(&description.start_velocity, &mut start, &before, false)?;
+        let start_mocap = mocap_places(&description.start_mocap, &mut start, &model)?;
+        for named in &description.memory {
+            start.add(&named.value.start)?;
+        }
+        let mut next = PhaseBuilder::new(&during);
+        for (named, part) in description.memory.iter().zip(&self.memory) {
+            next.add_sized(&named.value.next, part.place.len(), &format!("the memory `{}`", named.key.name))?;
+        }
+        let servos = match &description.servos {
+            Some(servos) => make_servos(servos, &model)?,
+            None => Vec::new(),
+        };
         let mut command = PhaseBuilder::new(&during);
         let actuated = self.actuated.clone();
         command.add_sized(
@@ -460,6 +587,11 @@ impl RobotFile {
                 return Err(Problem::new(&named.value.text.span, "a reward term is one number"));
             }
         }
+        for named in &description.ends {
+            if sample.add(&named.value)? != 1 {
+                return Err(Problem::new(&named.value.text.span, "a condition of [ends] is one number"));
+            }
+        }
         let (start, command) = (start.finish(), command.finish());
         if start.reads_forces() || start.reads_poses() {
             return Err(Problem::new(
@@ -487,6 +619,10 @@ impl RobotFile {
             start,
             start_positions,
             start_velocities,
+            start_mocap,
+            memory: self.memory.iter().map(|part| part.place.clone()).collect(),
+            next: next.finish(),
+            servos,
             command,
             hold: hold.finish(),
             actuated,
@@ -500,6 +636,7 @@ impl RobotFile {
             signals: description.signals.iter().map(|named| named.key.name.clone()).collect(),
             signal_clips: description.signals.iter().map(|named| named.value.clip).collect(),
             reward_terms: description.rewards.iter().map(|named| named.key.name.clone()).collect(),
+            ends: description.ends.len(),
             observation_size: self.observation_size,
             action_size: actions,
             action_limit: description.policy.limit,
@@ -522,6 +659,16 @@ fn distinct<'a>(axes: impl Iterator<Item = &'a Axis>) -> Vec<Axis> {
         }
     }
     found
+}
+
+/// Largest bias and largest standard deviation of the noise of a sensor, in this unit.
+fn sensor_errors(unit: &str) -> [f64; 2] {
+    match unit {
+        "m" => [0.02, 0.01],
+        "rad" => [0.01, 0.005],
+        "m/s" | "rad/s" => [0.1, 0.1],
+        _ => [0.02, 0.02],
+    }
 }
 
 fn single(size: usize, named: &Named<Quantity>) -> Result<(), Problem> {
@@ -645,21 +792,84 @@ fn start_values(
     Ok(places)
 }
 
-fn factory(
-    robot: Arc<Robot>,
-    controller: Arc<dyn Controller>,
-    noise: Noise,
-    disturbances: Vec<Disturbance>,
-) -> Arc<SystemFactory> {
-    Arc::new(move |space: &Space, specification: &Specification| {
-        let is_own = |axis: &&Axis| robot.axes.iter().any(|(own, _)| own.name == axis.name);
-        let own: Vec<Axis> = space.axes().iter().filter(is_own).cloned().collect();
-        let environment = RobotEnvironment::new(robot.clone(), Space::new(space.name(), own)?)?;
-        let environment: Arc<dyn Environment> = Arc::new(environment);
-        let system = Rollout::new(environment, controller.clone(), specification.clone(), noise)?
-            .with_disturbances(space.clone(), &disturbances)?;
-        Ok(Box::new(system) as Box<dyn System>)
-    })
+/// Returns the numbers that an episode remembers.
+fn remembered_parts(
+    description: &Description,
+    library: &Library<'_>,
+) -> Result<Vec<RememberedPart>, Problem> {
+    let mut first = 0;
+    let mut parts = Vec::new();
+    for named in &description.memory {
+        let mut phase = PhaseBuilder::new(library);
+        let size = phase.add(&named.value.start)?;
+        let (name, is_number) = (named.key.name.clone(), phase.is_number(0));
+        if library.constants.iter().any(|constant| constant.key.name == name)
+            || library.parameters.contains(&name)
+        {
+            return Err(Problem::new(
+                &named.key.span,
+                format!("`{name}` is the name of a constant or of an axis as well"),
+            ));
+        }
+        parts.push(RememberedPart { name, place: first..first + size, is_number });
+        first += size;
+    }
+    Ok(parts)
+}
+
+/// Adds the start poses of mocap bodies, and returns the bodies.
+fn mocap_places(
+    entries: &[Named<crate::description::Expression>],
+    phase: &mut PhaseBuilder<'_>,
+    model: &Model,
+) -> Result<Vec<Mocap>, Problem> {
+    let mut bodies = Vec::new();
+    for named in entries {
+        let name = &named.key.name;
+        let body = model.mocap(name).map_err(|error| {
+            let is_body = model.find(ElementKind::Body, name).is_ok();
+            let missing = || crate::pattern::missing("body", name, &model.names(ElementKind::Body));
+            Problem::new(&named.key.span, if is_body { error.to_string() } else { missing() })
+        })?;
+        if !matches!(phase.add(&named.value)?, 3 | 7) {
+            let message =
+                format!("the pose of `{name}` has 3 numbers, its position, or 7, with its quaternion");
+            return Err(Problem::new(&named.value.text.span, message));
+        }
+        bodies.push(body);
+    }
+    Ok(bodies)
+}
+
+fn make_servos(servos: &crate::description::Servos, model: &Model) -> Result<Vec<Servo>, Problem> {
+    let count = servos.max_velocity.len();
+    if count != servos.max_effort.len() || count > model.actuators() || count > Servo::MOST {
+        let message = format!(
+            "[servos] needs as many efforts as velocities, at most {}, for the first actuators",
+            model.actuators().min(Servo::MOST)
+        );
+        return Err(Problem::new(&servos.span, message));
+    }
+    let joint = |index: usize| {
+        let joint = model.actuator_joint(index).map(|joint| model.joint_at(joint));
+        joint.filter(|joint| joint.kind.velocities() == 1)
+    };
+    let joints: Option<Vec<Joint>> = (0..count).map(joint).collect();
+    let joints = joints.filter(|joints| joints.windows(2).all(|pair| pair[1].dof == pair[0].dof + 1));
+    let joints = joints.ok_or_else(|| {
+        Problem::new(
+            &servos.span,
+            "the actuators of [servos] are position servos of consecutive hinge or slide joints",
+        )
+    })?;
+    let limits = servos.max_velocity.iter().zip(&servos.max_effort);
+    let servo = |(joint, (max_velocity, max_effort)): (&Joint, (&f64, &f64))| Servo {
+        qpos: joint.qpos,
+        dof: joint.dof,
+        max_velocity: *max_velocity,
+        max_effort: *max_effort,
+    };
+    Ok(joints.iter().zip(limits).map(servo).collect())
 }
 
 impl RobotFile {

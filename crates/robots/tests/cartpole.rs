@@ -3,9 +3,13 @@
 #![allow(clippy::unwrap_used, reason = "tests")]
 
 use std::path::Path;
+use std::sync::Arc;
 
 use mishandle_robots::{RobotFile, RobotPolicy};
-use mishandle_rollout::{Component, Episode, Noise, Request, Scenario, Seed, Specification, Target};
+use mishandle_rollout::{
+    Component, Controller, ControllerWorker, Environment, Episode, Noise, Request, Sample, Scenario, Seed,
+    Specification, StepStatus, Target,
+};
 use mishandle_stl::Formula;
 use mishandle_world::{Change, FieldOperation, Model, ModelField};
 
@@ -157,6 +161,7 @@ fn nominal_values_of_all_axes_change_no_bit() {
         "events",
         "delay",
         "timing",
+        "sensing",
         "faults-sensing",
         "faults-actuation",
     ];
@@ -232,12 +237,12 @@ fn an_axis_may_bias_all_numbers_of_a_part_or_each() {
         target.space("sensing").unwrap().axes().iter().map(|axis| axis.name.clone()).collect()
     };
     let (all, each) = (bias(""), bias(", each = true"));
-    assert_eq!(names(&all), ["error"]);
-    assert_eq!(names(&each), ["error_1", "error_2", "error_3", "error_4"]);
-    let [one, four] = [(&all, vec![0.02]), (&each, vec![0.02; 4])]
+    assert_eq!(names(&all), ["error", "noise_state"]);
+    assert_eq!(names(&each), ["error_1", "error_2", "error_3", "error_4", "noise_state"]);
+    let [one, four] = [(&all, vec![0.02, 0.0]), (&each, vec![0.02, 0.02, 0.02, 0.02, 0.0])]
         .map(|(target, values)| simulate(target, "sensing", &[values]));
     assert_eq!(one[0].trace, four[0].trace);
-    assert_ne!(one[0].trace, simulate(&all, "sensing", &[vec![0.0]])[0].trace);
+    assert_ne!(one[0].trace, simulate(&all, "sensing", &[vec![0.0, 0.0]])[0].trace);
 }
 
 /// A pendulum with a torque motor. Without a policy it hangs; `hold` must keep it up.
@@ -275,4 +280,94 @@ fn the_controls_before_a_late_action_are_those_of_hold() {
     assert!(worst(&with_bias, 3.0) < 1e-3, "an action of 0 with compensation");
     let dropped = with_bias.replace("bias_forces + action\"", "bias_forces + action\", hold = \"[0]\"");
     assert!(worst(&dropped, 3.0) > 0.003, "three steps of free fall");
+}
+
+/// A cart-pole that falls, with an action of its own; its training ends at 0.35 rad.
+const TRAINED: &str = r#"
+format = 1
+name = "cartpole"
+model.file = "cartpole.xml"
+control = { period = 0.02, steps = 120 }
+start = { hinge = "tilt" }
+observation.state = "[*qpos('hinge'), *qvel('hinge')]"
+policy = { action = "action", limit = 0.25 }
+signals.angle = { value = "abs(qpos('hinge')[0])", clip = [0, 1] }
+signals.height = "site_pos('tip')[2]"
+rewards = { push = "action[0]", upright = "2 * angle" }
+ends = { fallen = "angle > 0.35", far = "abs(qpos('slide')[0]) > 5" }
+axes.tilt = { range = [0.1, 0.3], unit = "rad" }
+axes.rod = { kind = "model", range = [0.5, 4], scale = "body_mass('pole')" }
+formulas = { upright = "always(angle <= 0.3)", tall = "always(height > 0)" }
+"#;
+
+#[test]
+fn a_condition_of_the_file_ends_training_episodes_and_no_evaluated_ones() {
+    let folder = tempfile::tempdir().unwrap();
+    let robot = read(folder.path(), TRAINED).unwrap();
+    let environment = robot.training().unwrap().environment;
+    assert_eq!(environment.space().axes().len(), 1, "only axes of the start");
+    let (mut state, mut observation) = (vec![0.0; environment.state_size()], vec![0.0; 2]);
+    let (mut signals, mut rewards) = ([0.0; 2], [0.0; 2]);
+    let mut worker = environment.worker();
+    let mut angles = Vec::new();
+    let sample = Sample { observation: &mut observation, signals: &mut signals, rewards: &mut rewards };
+    worker.reset(&Scenario::from([0.3]), Seed(1), &mut state, sample);
+    let ended = (1..=120).find(|_| {
+        let sample = Sample { observation: &mut observation, signals: &mut signals, rewards: &mut rewards };
+        let status = worker.step(&[0.0], &mut state, sample);
+        angles.push(signals[0]);
+        assert_eq!(rewards[1], 2.0 * signals[0], "a reward reads a signal within its bounds");
+        assert_ne!(status, StepStatus::Diverged);
+        status == StepStatus::Terminated
+    });
+    let ended = ended.unwrap();
+    assert!(angles[..ended - 1].iter().all(|angle| *angle <= 0.35) && angles[ended - 1] > 0.35, "{angles:?}");
+    let component =
+        Component { role: "controller".into(), name: "e".into(), hash: "h".into(), file_hash: String::new() };
+    let target = robot.target((Arc::new(Still), component), Noise::default()).unwrap();
+    let episode = &simulate(&target, "starts", &[vec![0.3]])[0];
+    assert_eq!(episode.trace.len(), 121);
+    let angle = episode.trace.column(0).to_vec();
+    assert_eq!(angle[1..=ended], angles, "the same simulation");
+}
+
+/// A controller that does nothing.
+struct Still;
+
+impl Controller for Still {
+    fn observation_size(&self) -> usize {
+        2
+    }
+    fn action_size(&self) -> usize {
+        1
+    }
+    fn worker(&self) -> Box<dyn ControllerWorker> {
+        Box::new(Still)
+    }
+}
+
+impl ControllerWorker for Still {
+    fn act(&mut self, _rows: usize, _observations: &[f32], _states: &mut [f64], actions: &mut [f32]) {
+        actions.fill(0.0);
+    }
+}
+
+#[test]
+fn success_of_a_validation_is_the_formula_of_that_name_or_the_first() {
+    let folder = tempfile::tempdir().unwrap();
+    let specification = |formulas: &str| {
+        let line = TRAINED.lines().find(|line| line.starts_with("formulas")).unwrap();
+        let file = TRAINED.replace(line, &format!("formulas = {{ {formulas} }}"));
+        let found = read(folder.path(), &file).unwrap().training().unwrap().specification;
+        let [success, strict] = [found.success, found.strict].map(|formula| formula.unwrap().to_string());
+        (success, strict)
+    };
+    let text = |formula: &str| Formula::parse(formula).unwrap().to_string();
+    let [angle, height] = ["always(angle <= 0.3)", "always(height > 0)"];
+    let first = specification(&format!("upright = \"{angle}\", tall = \"{height}\""));
+    assert_eq!(first, (text(angle), text(angle)));
+    let named = specification(&format!("upright = \"{angle}\", success = \"{height}\""));
+    assert_eq!(named, (text(height), text(height)));
+    let strict = specification(&format!("strict = \"{angle}\", success = \"{height}\""));
+    assert_eq!(strict, (text(height), text(angle)));
 }

@@ -22,9 +22,7 @@ pub trait Environment: Send + Sync {
     /// Returns the number of actions.
     fn action_size(&self) -> usize;
     /// Returns the largest absolute value of an action. Actions of a controller are clipped to it.
-    fn action_limit(&self) -> f64 {
-        1.0
-    }
+    fn action_limit(&self) -> f64;
     /// Returns the length of a state row.
     fn state_size(&self) -> usize;
     /// Returns the duration of a control step, s.

@@ -90,8 +90,10 @@ pub struct EnvironmentSpec {
     pub space: Space,
     /// Length of an observation.
     pub observation_size: usize,
-    /// Number of actions. The range of each is [-1, 1].
+    /// Number of actions.
     pub action_size: usize,
+    /// Largest absolute value of an action. Actions of a policy are clipped to it.
+    pub action_limit: f64,
     /// Length of a state row, which determines the future of its simulation.
     pub state_size: usize,
     /// Number of signals, which a validation records; may be 0.
@@ -110,6 +112,7 @@ impl EnvironmentSpec {
             space: environment.space().clone(),
             observation_size: environment.observation_size(),
             action_size: environment.action_size(),
+            action_limit: environment.action_limit(),
             state_size: environment.state_size(),
             signal_count: environment.signals().len(),
             reward_terms: environment.reward_terms().to_vec(),

@@ -1,6 +1,7 @@
 //! Scenarios of training episodes.
 
 use std::ops::RangeInclusive;
+use std::sync::Arc;
 
 use crate::{
     Axis, AxisKind, BatchFactory, Disturbance, EnvironmentBatch, EnvironmentSpec, Interface, RolloutError,
@@ -133,7 +134,7 @@ impl<B: BatchFactory> BatchFactory for ScenarioBatches<B> {
     }
 }
 
-impl<B: BatchFactory + ?Sized> BatchFactory for Box<B> {
+impl BatchFactory for Arc<dyn BatchFactory> {
     fn spec(&self) -> EnvironmentSpec {
         (**self).spec()
     }

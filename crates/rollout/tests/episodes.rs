@@ -60,6 +60,9 @@ impl Environment for Line {
     fn action_size(&self) -> usize {
         1
     }
+    fn action_limit(&self) -> f64 {
+        1.0
+    }
     fn state_size(&self) -> usize {
         1
     }

@@ -1,6 +1,6 @@
 //! The MJCF document of a task: robot, held object and scene.
 
-use mishandle_world::{Model, PANDA, WorldError};
+use mishandle_world::{Model, PANDA, PictureModel, WorldError};
 
 use crate::check::compile;
 use crate::definition::{Attachment, HeldObject, Task};
@@ -49,6 +49,14 @@ pub fn compose(task: &dyn Task) -> Result<String, WorldError> {
     let clock = format!("<option timestep=\"{timestep}\"/>\n");
     let document = hand.replacen("</mujoco>", &format!("{clock}{beside}{}\n</mujoco>", task.scene()), 1);
     Ok(document.replace(HARD_CONTACT, &format!("solref=\"{} 1.28\"", HARD_CONTACT_STEPS * timestep)))
+}
+
+/// Returns the model of the pictures of a task.
+///
+/// # Errors
+/// As for [`compose`].
+pub fn picture_model(task: &dyn Task) -> Result<PictureModel, WorldError> {
+    Ok(PictureModel { follows: Some("hand".to_string()), ..PictureModel::new(compose(task)?) })
 }
 
 /// Returns the MJCF of the held object with its name, pose and joint.

@@ -333,6 +333,10 @@ impl Environment for TaskEnvironment {
         JOINTS
     }
 
+    fn action_limit(&self) -> f64 {
+        1.0
+    }
+
     fn state_size(&self) -> usize {
         self.model.state_size() + JOINTS + self.tail_size() + self.memory_size()
     }

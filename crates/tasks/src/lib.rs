@@ -42,10 +42,9 @@ pub use definition::{
     Attachment, BoxAxis, Definition, GripperMode, HeldObject, Preset, Quantity, Reward, Scene, Task,
     TaskFormulas, Variations, scalar, vector3,
 };
-pub use document::{compose, compose_with_start};
+pub use document::{compose, compose_with_start, picture_model};
 pub use environment::{TaskEnvironment, TaskError};
 pub use expert::{Expert, ExpertInput, ExpertPolicy, clamp_norm};
-pub use full_state::FullState;
 pub use identity::{target_identity, task_hash};
 pub use manner::{ACCELERATION_LIMIT, CAREFUL, MANNER, TORQUE_LIMIT};
 pub use manner_reward::{MANNER_REWARD, MannerWeights};

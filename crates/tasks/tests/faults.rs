@@ -89,6 +89,10 @@ impl Environment for Robot {
         self.environment.action_size()
     }
 
+    fn action_limit(&self) -> f64 {
+        self.environment.action_limit()
+    }
+
     fn state_size(&self) -> usize {
         self.environment.state_size()
     }

@@ -37,6 +37,7 @@ impl BatchFactory for HomingFactory {
             space: Space::new("nothing", Vec::new()).unwrap(),
             observation_size: 1,
             action_size: 1,
+            action_limit: 1.0,
             state_size: 1,
             signal_count: 0,
             reward_terms: vec!["near".to_string()],

@@ -48,6 +48,29 @@ pub fn mjcf_of_urdf(xml: &str, assets: &Assets) -> Result<String, WorldError> {
     parsed.save().map_err(WorldError::Model)
 }
 
+/// Returns an MJCF document with more elements at its end, where they take precedence.
+///
+/// # Example
+/// ```
+/// let document = "<mujoco><size/></mujoco> <!-- not this </mujoco> -->";
+/// let longer = mishandle_world::with_elements(document, "<option/>");
+/// assert_eq!(longer, "<mujoco><size/><option/></mujoco> <!-- not this </mujoco> -->");
+/// ```
+pub fn with_elements(document: &str, elements: &str) -> String {
+    const END: &str = "</mujoco";
+    let mut start = 0;
+    while let Some(end) = document[start..].find(END).map(|end| start + end) {
+        match document[start..end].find("<!--").map(|comment| start + comment) {
+            None => return format!("{}{elements}{}", &document[..end], &document[end..]),
+            Some(comment) => match document[comment..].find("-->") {
+                Some(length) => start = comment + length,
+                None => break,
+            },
+        }
+    }
+    document.to_string()
+}
+
 /// Returns the file system of a document and its files.
 fn files(xml: &str, assets: &Assets) -> Result<MjVfs, WorldError> {
     // MuJoCo reads C strings, which a zero byte would truncate.

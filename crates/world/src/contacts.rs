@@ -1,16 +1,17 @@
 //! Contact forces between the parts of a model.
 
-use mujoco_rs::prelude::MjtObjBase;
+use mujoco_rs::prelude::{MjtDisableBit, MjtObjBase};
 use mujoco_rs::wrappers::mj_model::MjtGeomBase;
 
 use crate::frame::{add, norm, scale};
-use crate::{Model, PANDA, World, WorldError};
+use crate::{Body, Model, World};
 
 /// The parts of a model between which contact forces are measured.
 ///
-/// The robot is one part, with the name `robot`. Every other body is a part with its own name, also
-/// one that the robot holds, and a body without a name belongs to its parent. A flex is one part.
-/// Of what is fixed to the world, a plane is the part `ground` and all else is the part `scene`.
+/// The bodies that were given as the robot are one part, with the name `robot`. Every other body is
+/// a part with its own name, also one that the robot holds, and a body without a name belongs to
+/// its parent. A flex is one part. Of what is fixed to the world, a plane is the part `ground` and
+/// all else is the part `scene`.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct ContactParts {
     names: Vec<String>,
@@ -44,17 +45,11 @@ impl ContactParts {
 
 impl Model {
     /// Returns the parts of the model, and the pairs of parts whose shapes collide with each other.
-    ///
-    /// # Errors
-    /// If the robot's own document does not compile.
-    pub fn contact_parts(&self) -> Result<ContactParts, WorldError> {
-        let body_name = |model: &Model, body: usize| {
-            model.inner.id_to_name(MjtObjBase::mjOBJ_BODY, body).unwrap_or_default().to_string()
-        };
-        let panda = Model::from_xml(PANDA)?;
-        let robot: Vec<String> =
-            (1..panda.inner.nbody() as usize).map(|body| body_name(&panda, body)).collect();
+    /// The bodies `robot` are one part.
+    pub fn contact_parts(&self, robot: &[Body]) -> ContactParts {
         let model = &*self.inner;
+        let body_name =
+            |body: usize| model.id_to_name(MjtObjBase::mjOBJ_BODY, body).unwrap_or_default().to_string();
         let mut parts = ContactParts {
             names: vec!["robot".to_string()],
             geoms: Vec::new(),
@@ -72,13 +67,13 @@ impl Model {
         };
         for (geom, kind) in model.geom_type().iter().enumerate() {
             let mut body = model.geom_bodyid()[geom] as usize;
-            while body > 0 && body_name(self, body).is_empty() && flex_of(body).is_none() {
+            while body > 0 && body_name(body).is_empty() && flex_of(body).is_none() {
                 body = model.body_parentid()[body] as usize;
             }
-            let name = body_name(self, body);
+            let name = body_name(body);
             let part = match flex_of(body) {
                 Some(flex) => parts.flexes[flex],
-                None if robot.contains(&name) => 0,
+                None if robot.contains(&Body(body)) => 0,
                 None if body > 0 => parts.part(&name),
                 None if *kind == MjtGeomBase::mjGEOM_PLANE => parts.part("ground"),
                 None => parts.part("scene"),
@@ -94,7 +89,8 @@ impl Model {
         let (types, affinities) = (model.geom_contype(), model.geom_conaffinity());
         for first in 0..parts.geoms.len() {
             for second in first + 1..parts.geoms.len() {
-                if is_fixed(first) && is_fixed(second) {
+                let bodies = [first, second].map(|geom| model.geom_bodyid()[geom] as usize);
+                if is_fixed(first) && is_fixed(second) || self.never_touch(bodies) {
                     continue;
                 }
                 if types[first] & affinities[second] != 0 || types[second] & affinities[first] != 0 {
@@ -106,7 +102,19 @@ impl Model {
             parts.add_pair([parts.geoms[*first as usize], parts.geoms[*second as usize]]);
         }
         parts.pairs.sort_unstable();
-        Ok(parts)
+        parts
+    }
+
+    /// Returns whether MuJoCo ignores contacts between two bodies: they are fixed to each other,
+    /// one of them is the parent of the other, or the document excludes them.
+    fn never_touch(&self, bodies: [usize; 2]) -> bool {
+        let model = &*self.inner;
+        let [a, b] = bodies.map(|body| model.body_weldid()[body] as usize);
+        let parent = |body: usize| model.body_weldid()[model.body_parentid()[body] as usize] as usize;
+        let filters = !model.opt().disableflags & MjtDisableBit::mjDSBL_FILTERPARENT as i32 != 0;
+        let is_parent = filters && a != 0 && b != 0 && (parent(a) == b || parent(b) == a);
+        let signature = (bodies[0].min(bodies[1]) << 16 | bodies[0].max(bodies[1])) as i32;
+        a == b || is_parent || model.exclude_signature().contains(&signature)
     }
 }
 

@@ -13,6 +13,8 @@
 //! Units are SI, quaternions are (w, x, y, z), vectors and rotations are in the world frame, whose
 //! origin is the base of the robot. This is the only crate with `unsafe` code. It knows no tasks.
 
+#[cfg(feature = "render")]
+mod actuated;
 mod batch;
 mod change;
 mod compile;
@@ -23,6 +25,7 @@ mod error;
 mod field_change;
 mod fields;
 pub mod frame;
+mod full_state;
 mod kinematics;
 mod lookup;
 mod model;
@@ -39,19 +42,20 @@ pub use batch::{
     BatchBuffers, BatchLayout, BatchSpec, CpuDevice, CpuWorlds, Outputs, RowStatus, WorldBatch, WorldDevice,
 };
 pub use change::{Change, FieldOperation};
-pub use compile::{Assets, mjcf_of_urdf};
+pub use compile::{Assets, mjcf_of_urdf, with_elements};
 pub use contacts::ContactParts;
 pub use coordinates::Coordinate;
 pub use element::{Actuator, Body, ElementKind, Equality, Flex, Joint, JointKind, Mocap, Site};
 pub use error::WorldError;
 pub use fields::ModelField;
+pub use full_state::{FullState, RowWorlds};
 pub use kinematics::Arm;
 pub use model::Model;
 pub use part_forces::{Part, PartForces, PartMap};
 pub use probe::{FORCES, Probe, ProbeRecorder, ProbedJoint, Readings};
 pub use render::{
-    CAMERAS, Caption, CaptionLayout, CaptionPart, Color, Picture, Quality, Renderer, Size, TimeBar,
-    animated_png, png,
+    CAMERAS, Caption, CaptionLayout, CaptionPart, Color, Picture, PictureModel, Quality, Renderer, Size,
+    TimeBar, animated_png, png,
 };
 pub use rows::Rows;
 pub use servo::Servo;

@@ -40,6 +40,11 @@ const MAX_SERVOS: usize = 16;
 
 type Vector = [f64; MAX_SERVOS];
 
+impl Servo {
+    /// Largest number of servos of a robot.
+    pub const MOST: usize = MAX_SERVOS;
+}
+
 impl World {
     /// Advances the state by one physics step in which the servos of the first actuators move
     /// towards `targets`, rad or m.

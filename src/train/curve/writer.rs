@@ -2,7 +2,6 @@ use std::io;
 use std::path::Path;
 
 use mishandle_rollout::Environment;
-use mishandle_tasks::TaskEnvironment;
 use mishandle_training::{AlgorithmSettings, Checkpoint, TrainingProgress};
 
 use super::row::{COLUMNS, CURRICULUM_COLUMNS, CurveRow, REWARD, SCENARIO_COLUMNS, secs_cell};
@@ -31,7 +30,7 @@ pub(crate) struct CurveColumns<'a> {
 
 impl<'a> CurveColumns<'a> {
     /// Returns the columns of a training run.
-    pub(crate) fn new(settings: &AlgorithmSettings, environment: &'a TaskEnvironment) -> CurveColumns<'a> {
+    pub(crate) fn new(settings: &AlgorithmSettings, environment: &'a dyn Environment) -> CurveColumns<'a> {
         CurveColumns {
             has_scenarios: settings.scenarios().is_used(),
             has_curriculum: settings.scenarios().curriculum.is_some(),

@@ -24,11 +24,13 @@ const AROUND: &str = "a number of seconds above 0, such as 0.5";
 /// Speeds of a video.
 const SPEED: &str = "a number from 0.01 to 100, such as 0.25";
 
-/// Render the initial state of a task, or a video or filmstrip of a recorded simulation
+/// Render the initial state of a task or target file, or a video or filmstrip of a recorded
+/// simulation
 #[derive(Debug, Args)]
 #[command(after_help = "Examples:
   mishandle render ball-pushing --out start.png
   mishandle render ball-pushing --at 0.45,-0.1 --out start.png
+  mishandle render robot.toml --out start.png                      a robot that a file describes
   mishandle render --run runs/RUN.sqlite --out video.mp4           the first counterexample
   mishandle render --run runs/RUN.sqlite --trial 2 --simulation 17 --out strip.png   six frames
 
@@ -43,11 +45,11 @@ instant with the smallest margin. A video holds the event for a second. `--event
 
 Rendering needs no display. Videos need the program ffmpeg.")]
 pub struct Arguments {
-    /// Name of a task, to render its initial state
+    /// Name of a task or path of a target file, to render its initial state
     #[arg(conflicts_with = "run")]
-    pub task: Option<String>,
-    /// Initial state: one value per axis of the initial box, in the axis' unit [default: the center
-    /// of the box]
+    pub target: Option<String>,
+    /// Initial state: one value per axis of the initial box, or of the space `starts` of a target
+    /// file, in the axis' unit [default: the center of the box, or the nominal values]
     #[arg(long, value_name = "X,Y,...", value_delimiter = ',', allow_hyphen_values = true)]
     #[arg(conflicts_with = "run", value_parser = numbers::number(COORDINATE, |_| true))]
     pub at: Option<Vec<f64>>,
@@ -87,7 +89,7 @@ pub struct Arguments {
     #[arg(long, value_name = "WxH")]
     pub size: Option<String>,
     /// Cameras, side by side in each frame: auto, front, left, right, back, top, close (follows the
-    /// hand), or a camera of the task's MJCF
+    /// hand or the free base), or a camera of the MJCF
     #[arg(long, value_name = "NAME,...", value_delimiter = ',', default_value = CAMERAS[0])]
     pub camera: Vec<String>,
     /// Draw hard shadows and rougher edges, about four times as fast on a machine without a
@@ -145,7 +147,7 @@ enum Kind {
 
 pub fn run(command: &Arguments) -> Result<ExitStatus> {
     let kind = kind(&command.out)?;
-    if command.run.is_none() && command.task.is_some() {
+    if command.run.is_none() && command.target.is_some() {
         ensure!(
             kind == Kind::Png,
             "an initial state is a single picture: --out must end in .png; for a video give --run RUN"
@@ -171,14 +173,13 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
     if kind == Kind::Mp4 {
         video::check_encoder()?;
     }
-    let (mut renderer, trajectory, event) = match (&command.run, &command.task) {
+    let (mut renderer, trajectory, event) = match (&command.run, &command.target) {
         (Some(path), _) => recorded(path, command, size)?,
-        (None, Some(task)) => {
-            let task = mishandle::resolve::task(task)?;
-            let trajectory = mishandle::picture::initial_state(task, command.at.as_deref())?;
+        (None, Some(target)) => {
+            let trajectory = mishandle::picture::initial_state(target, command.at.as_deref())?;
             (
                 FrameRenderer::new(
-                    &mishandle::picture::scene_mjcf(task)?,
+                    &mishandle::resolve::picture_model(target)?,
                     size,
                     command.quality(),
                     &command.cameras(),
@@ -188,7 +189,7 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
                 None,
             )
         }
-        (None, None) => bail!("nothing to render: give a TASK or --run RUN"),
+        (None, None) => bail!("nothing to render: give a TARGET or --run RUN"),
     };
     let status = match kind {
         Kind::Png => filmstrip(&mut renderer, &trajectory, event, command)?,
@@ -241,9 +242,9 @@ fn recorded(
         bail!("{} has no decided simulation; choose one with --trial and --simulation", path.display());
     };
     let (quality, cameras) = (command.quality(), command.cameras());
-    let document = mishandle::picture::scene_mjcf(mishandle::resolve::task(&run.header().target.name)?)?;
+    let model = mishandle::resolve::recorded_picture(run.header())?;
     // Fails before the simulation if pictures cannot be drawn.
-    drop(FrameRenderer::new(&document, size, quality, &cameras, None)?);
+    drop(FrameRenderer::new(&model, size, quality, &cameras, None)?);
     let (replayed, trajectory) =
         mishandle::picture::replay_states(&run, trial, simulation, command.controller.as_deref())?;
     run::report_build_differences("made", &replayed.build_differences);
@@ -289,7 +290,7 @@ fn recorded(
     }
     let captions =
         FrameCaptions::new(run.header().control_dt, &run.header().signals, explanation, event.as_ref(), last);
-    let renderer = FrameRenderer::new(&document, size, quality, &cameras, Some(captions))?;
+    let renderer = FrameRenderer::new(&model, size, quality, &cameras, Some(captions))?;
     if !renderer.has_captions() {
         output::message("frames of this size are too small for captions; try --size 320x240");
     }

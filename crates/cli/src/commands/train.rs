@@ -8,7 +8,7 @@ use mishandle::MishandleError;
 use mishandle::plan::{CPU, DEVICES};
 use mishandle::results::Training;
 use mishandle::run::Device;
-use mishandle::train::{TrainPlan, TrainReport, default_out};
+use mishandle::train::{TrainPlan, TrainReport, default_out, default_reward};
 use mishandle_text::plural;
 
 use crate::exit_status::ExitStatus;
@@ -39,6 +39,7 @@ static ALGORITHM_HELP: LazyLock<String> = LazyLock::new(|| {
   mishandle train cube-stacking --algorithm ppo --device gpu    thousands of worlds on a GPU
   mishandle train ball-balancing --space delay+sensing --axis action_delay=0:2
   mishandle train ball-balancing --from ppo --space delay --steps 2e6   continue a controller
+  mishandle train cartpole.toml --algorithm ppo --out c.safetensors     a robot of a file
 
 The best controller by validation is written to --out, the last one beside it: FILE.safetensors and
 FILE.last.safetensors. Training also writes a checkpoint there. --resume continues from the
@@ -50,7 +51,7 @@ run.stop_validations enable early stopping.
 Columns of the CSV file: docs/guide/training.md.
 All settings: docs/reference/algorithms/settings.md.")]
 pub struct Arguments {
-    /// Name of a task
+    /// Name of a task, or target file of a robot (.toml)
     pub task: String,
     #[arg(long, value_name = "NAME", help = ALGORITHM_HELP.as_str())]
     pub algorithm: Option<String>,
@@ -69,9 +70,9 @@ pub struct Arguments {
     pub space: Option<String>,
     #[command(flatten)]
     pub axes: flags::Axes,
-    /// Reward: shaped or original
-    #[arg(long, default_value = "shaped")]
-    pub reward: String,
+    /// Reward of a task: shaped or original [default: shaped]
+    #[arg(long, value_name = "NAME")]
+    pub reward: Option<String>,
     /// Device of the physics of the training episodes: cpu (MuJoCo C) or gpu (MuJoCo Warp)
     /// [default: cpu]. Validations always use MuJoCo C. The setting episodes.environments is the
     /// number of worlds
@@ -209,7 +210,7 @@ fn plan(command: &Arguments) -> Result<TrainPlan> {
         out: command.out.clone().unwrap_or_else(out),
         algorithm,
         from: command.from.clone(),
-        reward: command.reward.clone(),
+        reward: command.reward.clone().unwrap_or_else(|| default_reward(&command.task).to_string()),
         device: command.device.clone().unwrap_or(CPU.to_string()),
         settings: command.settings.clone(),
         steps: command.steps,
@@ -274,5 +275,6 @@ fn say_outputs(plan: &TrainPlan) {
         output::message(&format!("View it with: tensorboard --logdir {folder}"));
     }
     let out = mishandle_text::shell_quote(&plan.out.to_string_lossy());
-    output::message(&format!("Evaluate it with: mishandle evaluate {} --controller {out}", plan.task));
+    let target = mishandle_text::shell_quote(&plan.task);
+    output::message(&format!("Evaluate it with: mishandle evaluate {target} --controller {out}"));
 }

@@ -371,8 +371,8 @@ impl Episodes {
     }
 
     fn set_actions(&mut self, actions: &[f32]) {
-        let Episodes { seed, noise, row_states, disturbed, actions: applied, draws, .. } = self;
-        let (seed, noise, row_states) = (*seed, *noise, &*row_states);
+        let Episodes { spec, seed, noise, row_states, disturbed, actions: applied, draws, .. } = self;
+        let (seed, noise, limit, row_states) = (*seed, *noise, spec.action_limit, &*row_states);
         let size = actions.len() / row_states.len();
         let position = |row: usize| {
             let row_state = &row_states[row];
@@ -382,13 +382,13 @@ impl Episodes {
         let rows = rows.with_min_len(ROWS_PER_TASK);
         match disturbed {
             None => rows.enumerate().for_each(|(row, ((action, applied), draws))| {
-                clip(action, applied);
+                clip(action, limit, applied);
                 ActiveInterface::command(None, noise, position(row), applied, draws);
             }),
             Some(disturbed) => {
                 rows.zip(disturbed.rows_mut()).enumerate().for_each(|(row, (buffers, active))| {
                     let ((action, applied), draws) = buffers;
-                    clip(active.answer(position(row).1, action), applied);
+                    clip(active.answer(position(row).1, action), limit, applied);
                     ActiveInterface::command(
                         Some(&mut active.interface),
                         noise,
@@ -455,10 +455,10 @@ impl Episodes {
 /// Rows per task that draws random numbers: about 50 µs of work.
 const ROWS_PER_TASK: usize = 64;
 
-/// Clips an action to [-1, 1].
-fn clip(action: &[f32], clipped: &mut [f64]) {
+/// Clips an action to the limit of the environment.
+fn clip(action: &[f32], limit: f64, clipped: &mut [f64]) {
     for (clipped, action) in clipped.iter_mut().zip(action) {
-        *clipped = f64::from(*action).clamp(-1.0, 1.0);
+        *clipped = f64::from(*action).clamp(-limit, limit);
     }
 }
 

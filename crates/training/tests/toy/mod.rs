@@ -48,6 +48,9 @@ impl<W: EnvironmentWorker + Clone + Sync + 'static> Environment for Toy<W> {
     fn action_size(&self) -> usize {
         self.action_size
     }
+    fn action_limit(&self) -> f64 {
+        1.0
+    }
     fn state_size(&self) -> usize {
         self.state_size
     }

@@ -1,9 +1,7 @@
 //! Replacement for the renderer in builds without the feature `render`.
 
-use std::sync::Arc;
-
-use super::{Picture, Quality, Size};
-use crate::{Assets, WorldError};
+use super::{Picture, PictureModel, Quality, Size};
+use crate::WorldError;
 
 /// Renders states of one scene. Never exists in this build.
 #[derive(Debug)]
@@ -15,21 +13,7 @@ impl Renderer {
     /// # Errors
     /// Always: this build cannot render.
     pub fn new(
-        _document: &str,
-        _size: Size,
-        _quality: Quality,
-        _camera: &str,
-    ) -> Result<Renderer, WorldError> {
-        Err(WorldError::NoRenderer)
-    }
-
-    /// Returns an error.
-    ///
-    /// # Errors
-    /// Always: this build cannot render.
-    pub fn with_assets(
-        _document: &str,
-        _assets: &Arc<Assets>,
+        _picture: &PictureModel,
         _size: Size,
         _quality: Quality,
         _camera: &str,

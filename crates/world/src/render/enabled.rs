@@ -1,27 +1,27 @@
 use std::fmt;
-use std::sync::Arc;
 
 use mujoco_rs::prelude::*;
 use mujoco_rs::renderer::MjRenderer;
-use mujoco_rs::wrappers::mj_model::MjtGeomBase;
 use mujoco_rs::wrappers::mj_visualization::{MjvCamera, MjvOption};
 
 use super::contact_marks;
+use super::light;
 use super::picture::shrink;
-use super::view::{self, View};
-use super::{CAMERAS, Quality, Size};
-use crate::frame::norm;
-use crate::{Assets, ElementKind, Model, World, WorldError};
+use super::view::{self, Surroundings, View};
+use super::{CAMERAS, PictureModel, Quality, Size};
+use crate::frame::{add, norm, sub};
+use crate::{ElementKind, Model, World, WorldError};
 
 /// The name of a scene's own camera.
 const CAMERA: &str = "view";
 
-/// The camera that follows the hand, and the name of its body.
+/// The camera that follows a body.
 const FOLLOWING: &str = "close";
-const HAND: &str = "hand";
 
-/// Groups that are not rendered: the robot's collision shapes and its sites.
-const HIDDEN_GEOMS: usize = 3;
+/// Group of collision shapes, which are rendered only if bodies have no other ones.
+const COLLISION_GEOMS: usize = 3;
+
+/// Group of the robot's sites, which are not rendered.
 const HIDDEN_SITES: usize = 4;
 
 /// Renders states of one scene.
@@ -37,6 +37,10 @@ pub struct Renderer {
     factor: usize,
     pixels: Vec<u8>,
     placement: Placement,
+    surroundings: Surroundings,
+    /// The camera moves along if the robot moves far: where the robot is in the first state.
+    along: Option<[f64; 3]>,
+    view: Option<View>,
     marks_contacts: bool,
     /// Largest force at a contact point of the picture, N.
     largest_contact: f64,
@@ -51,8 +55,8 @@ enum Placement {
     Auto,
     /// From this direction: azimuth and elevation, degrees.
     Direction([f64; 2]),
-    /// Around this body, in each state.
-    Follow(usize),
+    /// Around this body, in each state, from this distance, m.
+    Follow { body: usize, distance: f64 },
 }
 
 impl fmt::Debug for Renderer {
@@ -62,24 +66,15 @@ impl fmt::Debug for Renderer {
 }
 
 impl Renderer {
-    /// Creates a renderer of the scene in an MJCF document. Adds lights, a sky and, if missing, a
-    /// ground plane.
+    /// Creates a renderer of a scene. Replaces its lights, and adds a sky and, if missing, a ground
+    /// plane.
     ///
     /// `camera` is one of [`CAMERAS`](super::CAMERAS) or a camera of the scene.
     ///
     /// # Errors
     /// If MuJoCo rejects the document, there is no such camera, or OpenGL is not available.
-    pub fn new(document: &str, size: Size, quality: Quality, camera: &str) -> Result<Renderer, WorldError> {
-        Renderer::with_assets(document, &Arc::default(), size, quality, camera)
-    }
-
-    /// Creates a renderer of a document that refers to these files.
-    ///
-    /// # Errors
-    /// As for [`new`](Self::new).
-    pub fn with_assets(
-        document: &str,
-        assets: &Arc<Assets>,
+    pub fn new(
+        picture: &PictureModel,
         size: Size,
         quality: Quality,
         camera: &str,
@@ -87,13 +82,16 @@ impl Renderer {
         let is_large = size.width().max(size.height()) > *Size::RANGE.end() / 2;
         let factor = if quality == Quality::Fine && !is_large { 2 } else { 1 };
         let [width, height] = [factor * size.width(), factor * size.height()];
+        let PictureModel { document, assets, follows } = picture;
         let bare = Model::from_xml_with_assets(document, assets.clone())?;
-        let has_ground = bare.inner.geom_type().contains(&MjtGeomBase::mjGEOM_PLANE);
-        let lit = view::with_lights(document, [width, height], quality, has_ground);
-        let model = Model::from_xml_with_assets(&lit, assets.clone())?;
-        let (placement, camera) = place(&model, camera)?;
+        let surroundings = Surroundings::new(&bare);
+        let lit = light::with_lights(&bare, [width, height], quality, &surroundings);
+        let model = light::without_others(Model::from_xml_with_assets(&lit, assets.clone())?, &bare, quality);
+        let (placement, camera) = place(&model, camera, follows.as_deref())?;
         let mut options = MjvOption::default();
-        options.geomgroup[HIDDEN_GEOMS] = 0;
+        let is_other = |(body, group): (&i32, &i32)| *body > 0 && *group < COLLISION_GEOMS as i32;
+        let has_other = bare.inner.geom_bodyid().iter().zip(bare.inner.geom_group()).any(is_other);
+        options.geomgroup[COLLISION_GEOMS] = u8::from(!has_other);
         options.sitegroup[HIDDEN_SITES] = 0;
         let inner = MjRenderer::builder()
             .width(width)
@@ -110,6 +108,9 @@ impl Renderer {
             factor: factor as usize,
             pixels: Vec::new(),
             placement,
+            surroundings,
+            along: None,
+            view: None,
             marks_contacts: false,
             largest_contact: 0.0,
         })
@@ -126,23 +127,34 @@ impl Renderer {
         self.largest_contact
     }
 
-    /// Places the camera so that everything is in the image in all of these states. A scene's own
-    /// camera and the one that follows the hand are unchanged.
+    /// Places the camera so that everything near the robot is in the image in all of these states.
+    /// If the robot moves farther than it reaches, the camera moves along. A scene's own camera and
+    /// the one that follows a body are unchanged.
     ///
     /// # Panics
     /// If a state is shorter than [`Model::state_size`].
     pub fn frame<'a>(&mut self, states: impl IntoIterator<Item = &'a [f64]>) {
-        if matches!(self.placement, Placement::Scene | Placement::Follow(_)) {
+        if matches!(self.placement, Placement::Scene | Placement::Follow { .. }) {
             return;
         }
-        let mut corners = Vec::new();
-        let mut first = None;
+        let (mut points, mut first, mut places) = (Vec::new(), None, Vec::new());
         for state in states {
             first = first.or(Some(state));
             self.world.set_state(state);
             self.world.data.forward();
-            view::corners(&self.world, &mut corners);
+            let mut near = Vec::new();
+            self.surroundings.corners(&self.world, &mut near);
+            points.push(near);
+            places.push(self.surroundings.place(&self.world));
         }
+        let start = places.first().copied().unwrap_or_default();
+        let is_far = places.iter().any(|place| norm(sub(*place, start)) > self.surroundings.radius());
+        self.along = is_far.then_some(start);
+        let moved = |place: [f64; 3]| if is_far { sub(place, start) } else { [0.0; 3] };
+        let points = points.into_iter().zip(places);
+        let corners: Vec<[f64; 3]> = points
+            .flat_map(|(near, place)| near.into_iter().map(move |point| sub(point, moved(place))))
+            .collect();
         if let Some(first) = first {
             self.world.set_state(first);
             self.world.data.forward();
@@ -155,6 +167,7 @@ impl Renderer {
             Placement::Direction(direction_deg) => view::fit(&corners, direction_deg, fovy, aspect),
             _ => view::best(&mut self.world, &corners, &groups, fovy, aspect),
         };
+        self.view = Some(view);
         self.set_view(&view);
     }
 
@@ -174,9 +187,15 @@ impl Renderer {
     pub fn draw(&mut self, state: &[f64]) -> Result<&[u8], WorldError> {
         self.world.set_state(state);
         self.world.data.forward();
-        if let Placement::Follow(body) = self.placement {
-            let (direction_deg, distance) = view::CLOSE;
-            self.set_view(&View { direction_deg, center: self.world.data.xpos()[body], distance });
+        let place = self.surroundings.place(&self.world);
+        if let Placement::Follow { body, distance } = self.placement {
+            let (direction_deg, center) = (view::CLOSE_DEG, self.world.data.xpos()[body]);
+            self.set_view(&View { direction_deg, center, distance });
+        } else if let (Some(start), Some(view)) = (self.along, self.view) {
+            self.set_view(&View { center: add(view.center, sub(place, start)), ..view });
+        }
+        for light in self.world.data.light_xpos_mut() {
+            *light = add(*light, place);
         }
         if self.marks_contacts {
             let forces = contact_marks::contact_forces(&self.world);
@@ -196,7 +215,7 @@ impl Renderer {
 }
 
 /// Finds a camera by its name.
-fn place(model: &Model, name: &str) -> Result<(Placement, MjvCamera), WorldError> {
+fn place(model: &Model, name: &str, follows: Option<&str>) -> Result<(Placement, MjvCamera), WorldError> {
     let scene = |name: &str| model.inner.name_to_id(MjtObjBase::mjOBJ_CAMERA, name);
     let free = |placement| Ok((placement, MjvCamera::new_free(&model.inner)));
     if let Some((_, direction_deg)) = view::DIRECTIONS.iter().find(|(known, _)| *known == name) {
@@ -204,7 +223,11 @@ fn place(model: &Model, name: &str) -> Result<(Placement, MjvCamera), WorldError
     }
     let own = if name == CAMERAS[0] { CAMERA } else { name };
     match (scene(own), name) {
-        (_, FOLLOWING) => free(Placement::Follow(model.body(HAND)?.0)),
+        (_, FOLLOWING) => {
+            let body = follows.map(|name| model.body(name)).transpose()?;
+            let body = body.map_or_else(|| model.followed_body(), |body| body.0);
+            free(Placement::Follow { body, distance: view::close_distance(model, body) })
+        }
         (Some(id), _) => Ok((Placement::Scene, MjvCamera::new_fixed(id))),
         (None, name) if name == CAMERAS[0] => free(Placement::Auto),
         (None, name) => {

@@ -3,6 +3,10 @@
 //! The module `enabled` is used with the feature `render`. Without it, the functions of `disabled`
 //! return an error with the command to build with the feature.
 
+use std::sync::Arc;
+
+use crate::Assets;
+
 #[cfg(feature = "render")]
 mod animation;
 mod caption;
@@ -10,6 +14,8 @@ mod caption;
 mod contact_marks;
 #[cfg(feature = "render")]
 mod enabled;
+#[cfg(feature = "render")]
+mod light;
 #[cfg(feature = "render")]
 mod palette;
 mod picture;
@@ -28,6 +34,25 @@ mod disabled;
 #[cfg(not(feature = "render"))]
 pub use disabled::{Renderer, animated_png, png};
 
+/// The scene of pictures, with all its visual elements.
+#[derive(Clone, Debug)]
+pub struct PictureModel {
+    /// The MJCF document. A state of the model without visual elements fits that with them.
+    pub document: String,
+    /// The files that it refers to.
+    pub assets: Arc<Assets>,
+    /// The body that the camera `close` follows. Without one it is the first body of the robot with
+    /// a free joint, or the last one of its longest chain of joints.
+    pub follows: Option<String>,
+}
+
+impl PictureModel {
+    /// Makes the model of a document that refers to no files.
+    pub fn new(document: impl Into<String>) -> PictureModel {
+        PictureModel { document: document.into(), assets: Arc::default(), follows: None }
+    }
+}
+
 /// The width and height of an image in pixels. Both are even, as video encoders require.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Size {
@@ -37,7 +62,7 @@ pub struct Size {
 
 /// Names of the cameras that every scene has. `auto` is the camera `view` of the scene if it has
 /// one, otherwise a view from a corner; `front`, `left`, `right` and `back` are sides of the robot,
-/// and `close` follows its hand.
+/// and `close` follows its hand or its base.
 pub const CAMERAS: [&str; 7] = ["auto", "front", "left", "right", "back", "top", "close"];
 
 /// Quality of a picture.

@@ -1,10 +1,9 @@
-//! Lights of a scene, and automatic placement of the camera.
+//! Automatic placement of the camera.
 
 use mujoco_rs::wrappers::mj_model::MjtGeomBase;
 
-use super::Quality;
-use crate::World;
 use crate::frame::{add, dot, norm, scale, sub};
+use crate::{Model, World};
 
 /// The camera directions: at the robot from its front right, slightly from above, or from another
 /// corner if bodies are occluded.
@@ -21,8 +20,9 @@ pub(super) const DIRECTIONS: [(&str, [f64; 2]); 5] = [
     ("top", [0.0, -89.0]),
 ];
 
-/// Azimuth, elevation (degrees) and distance (m) of the camera that follows the hand.
-pub(super) const CLOSE: ([f64; 2], f64) = ([140.0, -25.0], 0.9);
+/// Azimuth and elevation (degrees) and least distance (m) of the camera that follows a body.
+pub(super) const CLOSE_DEG: [f64; 2] = [140.0, -25.0];
+const CLOSE: f64 = 0.9;
 
 /// The fraction of bodies that must be visible; otherwise the next direction is tried.
 const MIN_VISIBLE: f64 = 0.7;
@@ -33,101 +33,111 @@ const MARGIN: f64 = 0.04;
 /// The number of iterations of the camera placement. More do not change the image visibly.
 const ITERATIONS: usize = 20;
 
-/// Anything farther from the robot's base is ignored, for example a ball that rolled away, m.
+/// Anything farther from the base of an arm is ignored, for example a ball that rolled away, m. The
+/// distance is larger for a robot that reaches farther.
 const FAR: f64 = 2.0;
 
-/// Number of lights of a fine picture, and radius of the disk of their directions, rad. OpenGL has
-/// eight lights; the camera has one of them. Each light costs as much as half a picture with one.
-const LIGHTS: usize = 4;
-const LIGHT_RADIUS: f64 = 0.025;
-
-/// Horizontal direction of the light per meter of fall, and the point of the ground on its axis, m.
-const LIGHT_SLOPE: [f64; 2] = [-0.35, 0.3];
-const LIT_POINT: [f64; 2] = [0.345, 0.09];
-
-/// Height of the lights, m.
-const LIGHT_HEIGHT: f64 = 3.3;
-
-/// Returns lights with these slopes that together are as bright as one light. Their shadows
-/// overlap, and the edges fade.
-fn lights(quality: Quality) -> String {
-    let count = if quality == Quality::Fine { LIGHTS } else { 1 };
-    let light = |i: usize| {
-        // Points of a spiral that cover a disk evenly (Vogel, 1979).
-        let turn = std::f64::consts::PI * (3.0 - 5_f64.sqrt()) * i as f64;
-        let radius = match count {
-            1 => 0.0,
-            _ => LIGHT_RADIUS * ((i as f64 + 0.5) / count as f64).sqrt(),
-        };
-        let slope = [LIGHT_SLOPE[0] + radius * turn.cos(), LIGHT_SLOPE[1] + radius * turn.sin()];
-        let [x, y] = [0, 1].map(|axis| LIT_POINT[axis] - LIGHT_HEIGHT * slope[axis]);
-        let (diffuse, specular) = (0.5 / count as f64, 0.15 / count as f64);
-        format!(
-            r#"<light directional="true" pos="{x:.6} {y:.6} {LIGHT_HEIGHT}" dir="{:.6} {:.6} -1" diffuse="{diffuse} {diffuse} {diffuse}" specular="{specular} {specular} {specular}"/>
-  "#,
-            slope[0], slope[1],
-        )
-    };
-    (0..count).map(light).collect()
+/// Where the robot is and how far it reaches; what is near it is in pictures.
+#[derive(Clone, Debug)]
+pub(super) struct Surroundings {
+    /// Top-level bodies of the robot.
+    roots: Vec<usize>,
+    /// Size of the scene: 1 for an arm, more for a robot that reaches farther.
+    scale: f64,
+    /// Where the robot is in the initial state of the model.
+    start: [f64; 3],
+    is_mobile: bool,
 }
 
-/// Adds lights, a sky, a frame buffer for this image size and, if missing, a ground plane to the
-/// document.
-pub(super) fn with_lights(
-    document: &str,
-    [width, height]: [u32; 2],
-    quality: Quality,
-    has_ground: bool,
-) -> String {
-    // The area of the shadows around the lit point, m (ground outside of it has stripes), and the
-    // size of their map, pixels.
-    let (shadow_radius, scale) = (3.2, if quality == Quality::Fine { 2 } else { 3 });
-    let shadow_size = (scale * width.max(height)).next_power_of_two().clamp(256, 4096);
-    let ground = if has_ground {
-        ""
-    } else {
-        r#"<geom type="plane" size="2 2 0.1" contype="0" conaffinity="0" rgba="0.86 0.87 0.88 1"/>"#
-    };
-    let additions = format!(
-        r#"
-<visual>
-  <global offwidth="{width}" offheight="{height}" fovy="32"/>
-  <headlight ambient="0.42 0.42 0.42" diffuse="0.28 0.28 0.28" specular="0.05 0.05 0.05"/>
-  <quality shadowsize="{shadow_size}" offsamples="4"/>
-  <map znear="0.05" zfar="12" shadowclip="{shadow_radius}"/>
-</visual>
-<statistic extent="1"/>
-<asset>
-  <texture type="skybox" builtin="gradient" rgb1="0.94 0.96 0.98" rgb2="1 1 1" width="64" height="384"/>
-</asset>
-<worldbody>
-  {}{ground}
-</worldbody>
-</mujoco>"#,
-        lights(quality),
-    );
-    document.trim_end().strip_suffix("</mujoco>").unwrap_or(document).to_string() + &additions
-}
-
-/// Appends the corners of the bounding boxes of all shapes except planes, and the vertices of
-/// cloths.
-pub(super) fn corners(world: &World, out: &mut Vec<[f64; 3]>) {
-    let (model, data) = (&world.model().inner, &world.data);
-    let kept = |p: &[f64; 3]| norm(*p) < FAR;
-    for (geom, kind) in model.geom_type().iter().enumerate() {
-        if *kind == MjtGeomBase::mjGEOM_PLANE {
-            continue;
+impl Surroundings {
+    pub(super) fn new(model: &Model) -> Surroundings {
+        let roots = model.robot_roots();
+        let is_mobile = model.inner.jnt_bodyid().iter().any(|body| roots.contains(&(*body as usize)));
+        let mut surroundings = Surroundings { roots, scale: 1.0, start: [0.0; 3], is_mobile };
+        let mut world = model.world();
+        world.data.forward();
+        surroundings.start = surroundings.place(&world);
+        let mut corners = Vec::new();
+        for root in surroundings.roots.iter().filter(|root| **root > 0) {
+            let of_tree = |geom: usize| {
+                model.inner.body_rootid()[model.inner.geom_bodyid()[geom] as usize] as usize == *root
+            };
+            let base = world.data.xpos()[*root];
+            let geoms = (0..model.inner.ngeom() as usize).filter(|geom| of_tree(*geom));
+            geoms.for_each(|geom| corners.extend(box_of(&world, geom).map(|corner| sub(corner, base))));
         }
-        let (bounds, at, turn) = (model.geom_aabb()[geom], data.geom_xpos()[geom], data.geom_xmat()[geom]);
-        for corner in 0..8 {
-            let sign = |axis: usize| if corner >> axis & 1 == 0 { -1.0 } else { 1.0 };
-            let local: [f64; 3] = std::array::from_fn(|i| bounds[i] + sign(i) * bounds[3 + i]);
-            let turned = [0, 3, 6]
-                .map(|row| turn[row] * local[0] + turn[row + 1] * local[1] + turn[row + 2] * local[2]);
-            out.extend(Some(add(at, turned)).filter(kept));
-        }
+        let reach = corners.into_iter().map(norm).fold(0.0, f64::max);
+        surroundings.scale = (reach / FAR).max(1.0);
+        surroundings
     }
-    out.extend(data.flexvert_xpos().iter().copied().filter(kept));
+
+    pub(super) fn scale(&self) -> f64 {
+        self.scale
+    }
+
+    pub(super) fn start(&self) -> [f64; 3] {
+        self.start
+    }
+
+    /// Returns whether the base of the robot moves.
+    pub(super) fn is_mobile(&self) -> bool {
+        self.is_mobile
+    }
+
+    /// Returns the distance beyond which things are not near the robot, m.
+    pub(super) fn radius(&self) -> f64 {
+        FAR * self.scale
+    }
+
+    /// Returns where the robot is.
+    pub(super) fn place(&self, world: &World) -> [f64; 3] {
+        world.data.xpos()[self.roots[0]]
+    }
+
+    /// Appends the corners of the bounding boxes of all shapes except planes, and the vertices of
+    /// cloths: those of the robot, and those near it.
+    pub(super) fn corners(&self, world: &World, out: &mut Vec<[f64; 3]>) {
+        let (model, data) = (&world.model().inner, &world.data);
+        let is_near = |point: &[f64; 3]| {
+            self.roots.iter().any(|root| norm(sub(*point, data.xpos()[*root])) < self.radius())
+        };
+        for (geom, kind) in model.geom_type().iter().enumerate() {
+            if *kind == MjtGeomBase::mjGEOM_PLANE {
+                continue;
+            }
+            let root = model.body_rootid()[model.geom_bodyid()[geom] as usize] as usize;
+            let is_robot = root > 0 && self.roots.contains(&root);
+            out.extend(box_of(world, geom).into_iter().filter(|corner| is_robot || is_near(corner)));
+        }
+        out.extend(data.flexvert_xpos().iter().copied().filter(is_near));
+    }
+}
+
+/// Returns the corners of the bounding box of a geom.
+fn box_of(world: &World, geom: usize) -> [[f64; 3]; 8] {
+    let data = &world.data;
+    let bounds = world.model().inner.geom_aabb()[geom];
+    let (at, turn) = (data.geom_xpos()[geom], data.geom_xmat()[geom]);
+    std::array::from_fn(|corner| {
+        let sign = |axis: usize| if corner >> axis & 1 == 0 { -1.0 } else { 1.0 };
+        let local: [f64; 3] = std::array::from_fn(|i| bounds[i] + sign(i) * bounds[3 + i]);
+        let turned =
+            [0, 3, 6].map(|row| turn[row] * local[0] + turn[row + 1] * local[1] + turn[row + 2] * local[2]);
+        add(at, turned)
+    })
+}
+
+/// Returns the distance from which a camera shows a body and what it carries, m.
+pub(super) fn close_distance(model: &Model, body: usize) -> f64 {
+    let mut world = model.world();
+    world.data.forward();
+    let is_part = |geom: &usize| model.is_within(model.inner.geom_bodyid()[*geom] as usize, body);
+    let geoms = (0..model.inner.ngeom() as usize).filter(is_part);
+    let corners = geoms.flat_map(|geom| box_of(&world, geom));
+    let radius = corners.map(|corner| norm(sub(corner, world.data.xpos()[body]))).fold(0.0, f64::max);
+    let fovy = f64::from(model.inner.vis().global.fovy).to_radians();
+    // A ball around the body fits between the upper and the lower edge.
+    (radius / (0.5 * fovy).sin()).max(CLOSE)
 }
 
 /// The placement of a camera.
@@ -223,19 +233,58 @@ pub(super) fn fit(points: &[[f64; 3]], direction_deg: [f64; 2], fovy: f64, aspec
 }
 
 #[cfg(test)]
+#[allow(clippy::unwrap_used)]
 mod tests {
     use super::*;
 
-    #[test]
-    fn the_lights_of_a_fine_picture_are_together_as_bright_as_one() {
-        let one = lights(Quality::Fast);
-        assert!(
-            one.contains(r#"pos="1.500000 -0.900000 3.3" dir="-0.350000 0.300000 -1" diffuse="0.5 0.5 0.5""#),
-            "{one}"
+    /// Returns a robot of this length at `offset`, with a block beside it and one 30 m away.
+    fn scene([x, y, z]: [f64; 3], length: f64) -> Model {
+        let block =
+            |from: f64| format!(r#"<geom type="box" size="0.1 0.1 0.1" pos="{} {y} {z}"/>"#, x + from);
+        let robot = format!(
+            r#"<body pos="{x} {y} {z}"><joint name="lift" type="slide" axis="0 0 1"/>
+            <geom type="box" size="0.1 0.1 {}"/></body>"#,
+            length / 2.0
         );
-        let several = lights(Quality::Fine);
-        assert_eq!(several.matches("<light").count(), 4);
-        assert_eq!(several.matches(r#"diffuse="0.125 0.125 0.125""#).count(), 4);
+        let actuator = r#"<actuator><motor joint="lift"/></actuator>"#;
+        let (near, far) = (block(0.5), block(30.0));
+        let xml = format!("<mujoco><worldbody>{near}{far}{robot}</worldbody>{actuator}</mujoco>");
+        Model::from_xml(&xml).unwrap()
+    }
+
+    #[test]
+    fn what_is_near_a_robot_is_in_its_pictures_wherever_it_is() {
+        let corners = |offset: [f64; 3]| {
+            let model = scene(offset, 1.0);
+            let (mut world, mut corners) = (model.world(), Vec::new());
+            world.data.forward();
+            Surroundings::new(&model).corners(&world, &mut corners);
+            corners
+        };
+        let first = corners([0.0; 3]);
+        // Those of the robot and of the block beside it.
+        assert_eq!(first.len(), 16);
+        for offset in [[5.0, 0.0, 0.0], [-40.0, 7.0, 2.0]] {
+            for (moved, corner) in corners(offset).into_iter().zip(&first) {
+                assert!(norm(sub(moved, add(*corner, offset))) < 1e-9);
+            }
+        }
+    }
+
+    #[test]
+    fn the_scale_of_a_scene_is_that_of_its_robot() {
+        let scale = |length: f64| Surroundings::new(&scene([9.0, 0.0, 0.0], length)).scale();
+        assert_eq!(scale(1.0), 1.0);
+        // Its corners are (0.1, 0.1, 6) from its base.
+        assert!((scale(12.0) - 36.02_f64.sqrt() / 2.0).abs() < 1e-9);
+    }
+
+    #[test]
+    fn a_camera_shows_a_body_with_what_it_carries() {
+        // The camera of a model sees 45 degrees by default.
+        let sin = 22.5_f64.to_radians().sin();
+        assert!((close_distance(&scene([9.0, 0.0, 0.0], 12.0), 1) - 36.02_f64.sqrt() / sin).abs() < 1e-9);
+        assert_eq!(close_distance(&scene([9.0, 0.0, 0.0], 0.2), 1), CLOSE);
     }
 
     #[test]

@@ -1,0 +1,44 @@
+//! The robot of the guide, with the files and the output that the page shows.
+
+#![allow(clippy::unwrap_used)]
+
+mod bench;
+
+use bench::Bench;
+
+const PAGE: &str = include_str!("../../../docs/guide/robots.md");
+
+/// Returns the blocks after a comment, each with the rest of the comment.
+fn blocks(kind: &str) -> Vec<(String, String)> {
+    let begin = format!("<!-- {kind}");
+    PAGE.split(&begin)
+        .skip(1)
+        .map(|part| {
+            let (name, rest) = part.split_once("-->").unwrap();
+            let block = rest.split("```").nth(1).unwrap();
+            let (_, text) = block.split_once('\n').unwrap();
+            (name.trim().trim_start_matches(':').trim().to_string(), text.to_string())
+        })
+        .collect()
+}
+
+#[test]
+fn the_robot_of_the_guide_gives_the_shown_output() {
+    let bench = Bench::new();
+    let files = blocks("file");
+    assert_eq!(files.len(), 2);
+    for (name, text) in files {
+        bench.write(&name, &text);
+    }
+    let commands = blocks("command");
+    assert_eq!(commands.len(), 2);
+    for (_, block) in commands {
+        let (command, expected) = block.split_once('\n').unwrap();
+        let arguments = command.strip_prefix("$ mishandle ").unwrap();
+        let found = bench.run(arguments);
+        let output = bench::text(&found.stdout) + &bench::text(&found.stderr);
+        for line in expected.lines() {
+            assert!(output.contains(line), "{command} does not print: {line}\n{output}");
+        }
+    }
+}

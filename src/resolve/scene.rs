@@ -1,0 +1,162 @@
+//! Targets with a scene: tasks, and robots that a file describes. Their states can be drawn and
+//! recorded in full.
+
+use std::path::Path;
+use std::sync::Arc;
+
+use mishandle_robots::{ControlledRobot, RobotEnvironment, RobotFile};
+use mishandle_rollout::{Environment, Rollout, Scenario, Space, Specification};
+use mishandle_store::RunHeader;
+use mishandle_tasks::{Definition, JOINT_NAMES, Preset, Reward, TaskEnvironment, TaskError, TaskTarget};
+use mishandle_world::{FullState, PictureModel};
+
+use crate::error::MishandleError;
+use crate::plan::Plan;
+use crate::resolve::robot::controlled_robot;
+use crate::resolve::{ResolvedPlan, has_scene, is_robot_file, task, task_target};
+
+/// An environment whose state rows begin with a state of its scene.
+pub(crate) trait SceneEnvironment: Environment {
+    /// Makes a recorder for state rows of this environment.
+    fn full_state(&self) -> Result<FullState, MishandleError>;
+}
+
+impl SceneEnvironment for TaskEnvironment {
+    fn full_state(&self) -> Result<FullState, MishandleError> {
+        let task = self.definition().name;
+        Ok(TaskEnvironment::full_state(self).map_err(|source| TaskError::Scene { task, source })?)
+    }
+}
+
+impl SceneEnvironment for RobotEnvironment {
+    fn full_state(&self) -> Result<FullState, MishandleError> {
+        Ok(RobotEnvironment::full_state(self))
+    }
+}
+
+/// A target with a scene, and its controller.
+pub(crate) enum SceneTarget {
+    Task(TaskTarget),
+    Robot(ControlledRobot),
+}
+
+/// Returns the target of a plan as one with a scene.
+pub(crate) fn scene_target(resolved: &ResolvedPlan) -> Result<SceneTarget, MishandleError> {
+    let plan = &resolved.plan;
+    check_scene(&resolved.target.identity.kind, &plan.target)?;
+    match is_robot_file(&plan.target) {
+        true => Ok(SceneTarget::Robot(controlled_robot(plan)?)),
+        false => Ok(SceneTarget::Task(task_target(plan)?)),
+    }
+}
+
+impl SceneTarget {
+    /// Returns the environment over the axes of `space` that belong to the scene. With
+    /// `all_signals` it computes the signals on request also if no formula reads them.
+    pub(crate) fn environment(
+        &self,
+        space: &Space,
+        specification: &Specification,
+        all_signals: bool,
+    ) -> Result<Arc<dyn SceneEnvironment>, MishandleError> {
+        Ok(match self {
+            SceneTarget::Task(target) => {
+                let environment = target.environment(space, specification)?;
+                Arc::new(if all_signals { environment.with_manner() } else { environment })
+            }
+            SceneTarget::Robot(target) => Arc::new(target.environment(space)?),
+        })
+    }
+
+    /// Makes the system of the controller in an environment that wraps one of this target.
+    pub(crate) fn system_in(
+        &self,
+        environment: Arc<dyn Environment>,
+        space: &Space,
+        specification: &Specification,
+    ) -> Result<Rollout, MishandleError> {
+        Ok(match self {
+            SceneTarget::Task(target) => target.system_in(environment, space, specification)?,
+            SceneTarget::Robot(target) => target.system_in(environment, space, specification)?,
+        })
+    }
+
+    /// Returns the name of an action: its joint, or its number from 1.
+    pub(crate) fn action_name(&self, index: usize) -> String {
+        match self {
+            SceneTarget::Task(_) => JOINT_NAMES[index].to_string(),
+            SceneTarget::Robot(_) => (index + 1).to_string(),
+        }
+    }
+}
+
+/// Checks that targets of this kind have a scene.
+fn check_scene(kind: &str, target: &str) -> Result<(), MishandleError> {
+    match has_scene(kind) {
+        true => Ok(()),
+        false => Err(MishandleError::InvalidValue {
+            what: "the target of pictures and full records",
+            value: target.to_string(),
+            expected: "a task or a target file, because other targets have no scene",
+        }),
+    }
+}
+
+/// Returns the model of the pictures of a target: the name of a task, or the path of a target file.
+///
+/// # Errors
+/// If there is no such task, or a file cannot be read or is wrong.
+pub fn picture_model(target: &str) -> Result<PictureModel, MishandleError> {
+    if is_robot_file(target) {
+        return Ok(RobotFile::read(Path::new(target))?.picture_model().clone());
+    }
+    let task = task(target)?;
+    let scene_error = |source| TaskError::Scene { task: task.definition().name, source };
+    Ok(mishandle_tasks::picture_model(task).map_err(scene_error)?)
+}
+
+/// Returns the model of the pictures of a run.
+///
+/// # Errors
+/// If the target has no scene, or its files cannot be read.
+pub fn recorded_picture(header: &RunHeader) -> Result<PictureModel, MishandleError> {
+    let plan = Plan::from_toml(&header.plan)?;
+    check_scene(&header.target.kind, &plan.target)?;
+    picture_model(&plan.target)
+}
+
+/// Returns the environment of a target over the axes of its start, and a start of it. `x0` has one
+/// value per axis, in the unit of the axis; without it, the axes are nominal.
+pub(crate) fn scene_start(
+    target: &str,
+    x0: Option<&[f64]>,
+) -> Result<(Arc<dyn SceneEnvironment>, Scenario), MishandleError> {
+    let environment: Arc<dyn SceneEnvironment> = match is_robot_file(target) {
+        true => Arc::new(RobotFile::read(Path::new(target))?.starts()?),
+        false => Arc::new(TaskEnvironment::new(task(target)?, Preset::Paper, Reward::Original)?),
+    };
+    let scenario = x0.map_or_else(|| environment.space().nominal(), Scenario::from);
+    environment.space().check(&scenario)?;
+    if let Some(task) = mishandle_tasks::task(target) {
+        check_in_box(task.definition(), x0.unwrap_or_default())?;
+    }
+    Ok((environment, scenario))
+}
+
+/// Checks that an initial state is in the box of a task preset. The error names the bounds of task
+/// preset `paper`.
+fn check_in_box(definition: &Definition, x0: &[f64]) -> Result<(), MishandleError> {
+    let outside = |preset| {
+        definition.initial_box.iter().zip(x0).find(move |(axis, value)| {
+            let [low, high] = axis.bounds(preset);
+            !(low..=high).contains(*value)
+        })
+    };
+    match (outside(Preset::Paper), outside(Preset::Code)) {
+        (Some((axis, &value)), Some(_)) => {
+            let [low, high] = axis.bounds(Preset::Paper);
+            Err(MishandleError::OutsideBox { axis: axis.name, value, unit: axis.unit, low, high })
+        }
+        _ => Ok(()),
+    }
+}
