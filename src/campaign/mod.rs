@@ -10,7 +10,7 @@ use mishandle_store::{RunWriter, StoreError};
 use crate::error::MishandleError;
 use crate::harden::{self, CheckedHardening, Watch, check_plan};
 use crate::plan::{GridRun, Plan, read_grid};
-use crate::resolve::{ResolvedPlan, is_path, recorded_plan};
+use crate::resolve::{ResolvedPlan, is_path, is_robot_file, recorded_plan};
 use crate::run::{Device, Opening, create_run};
 use crate::shipped::Generation;
 
@@ -60,6 +60,10 @@ impl CampaignRun {
             return Err(self.differs(OTHER_PLAN));
         }
         let resolved = recorded_plan(header, None)?;
+        let first = resolved.target.spaces.first().map_or("", |space| space.name());
+        if self.plan.space.is_empty() && resolved.plan.space != first {
+            return Err(self.differs(OTHER_PLAN));
+        }
         opening.apply(&mut run, &resolved)?;
         Ok((run, resolved))
     }
@@ -91,13 +95,18 @@ impl CampaignRun {
     }
 }
 
-/// Returns whether a recorded plan is a plan of the campaign file. The record has the absolute path
-/// of a controller.
+/// Returns whether a recorded plan is a plan of the campaign file. The record has the absolute paths
+/// of a controller and of a target file, and the name of a space where the plan leaves it to the
+/// target.
 fn is_same_plan(recorded: &Plan, planned: &Plan) -> bool {
-    let is_same_file = is_path(&planned.controller)
-        && Path::new(&recorded.controller).file_name() == Path::new(&planned.controller).file_name();
-    let controller = if is_same_file { recorded.controller.clone() } else { planned.controller.clone() };
-    *recorded == Plan { controller, ..planned.clone() }
+    let path = |is_path: bool, recorded: &str, planned: &str| {
+        let is_same = is_path && Path::new(recorded).file_name() == Path::new(planned).file_name();
+        if is_same { recorded.to_string() } else { planned.to_string() }
+    };
+    let controller = path(is_path(&planned.controller), &recorded.controller, &planned.controller);
+    let target = path(is_robot_file(&planned.target), &recorded.target, &planned.target);
+    let space = if planned.space.is_empty() { &recorded.space } else { &planned.space };
+    *recorded == Plan { controller, target, space: space.clone(), ..planned.clone() }
 }
 
 /// Creates the folder of a campaign, with a run file or the folder of a hardening for each run.
