@@ -95,9 +95,9 @@ impl CampaignRun {
     }
 }
 
-/// Returns whether a recorded plan is a plan of the campaign file. The record has the absolute paths
-/// of a controller and of a target file, and the name of a space where the plan leaves it to the
-/// target.
+/// Returns whether a recorded plan is a plan of the campaign file. The record has the absolute
+/// paths of a controller and of a target file, and the name of a space where the plan leaves it to
+/// the target.
 fn is_same_plan(recorded: &Plan, planned: &Plan) -> bool {
     let path = |is_path: bool, recorded: &str, planned: &str| {
         let is_same = is_path && Path::new(recorded).file_name() == Path::new(planned).file_name();

@@ -709,7 +709,7 @@ fn check_groups(description: &Description, library: &Library<'_>) -> Result<(), 
     Ok(())
 }
 
-/// Compiles each constant that is not a group, so that a mistake in one is reported where it stands.
+/// Compiles each constant that is not a group, so that a mistake in one is reported where it is.
 fn check_constants(description: &Description, library: &Library<'_>) -> Result<(), Problem> {
     use mishandle_expression::Names;
     for named in &description.constants {
