@@ -60,6 +60,10 @@ impl CampaignRun {
             return Err(self.differs(OTHER_PLAN));
         }
         let resolved = recorded_plan(header, None)?;
+        let first = resolved.target.spaces.first().map_or("", |space| space.name());
+        if self.plan.space.is_empty() && resolved.plan.space != first {
+            return Err(self.differs(OTHER_PLAN));
+        }
         opening.apply(&mut run, &resolved)?;
         Ok((run, resolved))
     }

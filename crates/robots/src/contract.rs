@@ -145,7 +145,7 @@ fn steps(
         if step == 0 {
             steps.saturated = saturated(robot, worker.controls());
         }
-        if status == StepStatus::Diverged {
+        if status != StepStatus::Running {
             break;
         }
     }
@@ -154,7 +154,9 @@ fn steps(
 
 /// Returns the number of controls with a range if all of them are at an end of it.
 fn saturated(robot: &Robot, controls: &[f64]) -> Option<usize> {
-    let ranges = robot.actuated.iter().map(|index| (controls[*index], robot.control_ranges[*index]));
+    // Servos set their own controls.
+    let actuated = robot.actuated.iter().filter(|index| **index >= robot.servos.len());
+    let ranges = actuated.map(|index| (controls[*index], robot.control_ranges[*index]));
     let is_at_end: Vec<bool> =
         ranges.filter_map(|(x, range)| range.map(|[low, high]| x <= low || x >= high)).collect();
     (!is_at_end.is_empty() && is_at_end.iter().all(|at_end| *at_end)).then_some(is_at_end.len())

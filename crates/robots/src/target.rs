@@ -190,7 +190,7 @@ impl RobotFile {
     /// Returns whether a part of the observation reads more than axes and constants.
     pub(crate) fn part_reads_state(&self, name: &str) -> bool {
         let named = self.description.observation.iter().find(|named| named.key.name == name);
-        let library = self.library(Some(self.actions()));
+        let library = self.library(&self.memory, Some(self.actions()), &[]);
         let mut phase = PhaseBuilder::new(&library);
         named.is_some_and(|named| phase.add(&named.value.value).is_ok()) && phase.finish().reads_state()
     }
@@ -502,14 +502,19 @@ impl RobotFile {
         distinct(all.filter(is_part))
     }
 
-    fn library(&self, actions: Option<usize>) -> Library<'_> {
+    fn library<'a>(
+        &'a self,
+        memory: &'a [RememberedPart],
+        actions: Option<usize>,
+        signals: &'a [Named<Quantity>],
+    ) -> Library<'a> {
         Library {
             model: &self.model.physics,
             constants: &self.description.constants,
             parameters: &self.parameters,
-            memory: &self.memory,
+            memory,
             actions,
-            signals: &[],
+            signals,
         }
     }
 
@@ -517,8 +522,8 @@ impl RobotFile {
     fn robot(&self, actions: usize) -> Result<Robot, Problem> {
         let description = &self.description;
         let model = &self.model.physics;
-        let during = Library { signals: &description.signals, ..self.library(Some(actions)) };
-        let before = Library { memory: &[], ..self.library(None) };
+        let before = self.library(&[], None, &[]);
+        let during = self.library(&self.memory, Some(actions), &description.signals);
         let timestep = model.timestep();
         let control = &description.control;
         let (model, substeps) = match control.substeps {
