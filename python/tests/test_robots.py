@@ -48,10 +48,10 @@ class TestRobots(unittest.TestCase):
         evaluated = mishandle.evaluate(self.file, episodes=20)
         self.assertEqual(evaluated.success_rate.value, 1.0)
         falsified = mishandle.falsify(str(self.file), space="starts+delay", trials=2, budget=60, seed=1)
-        self.assertTrue(all(trial.is_falsified for trial in falsified.trials))
+        self.assertEqual(falsified.falsified_trials, 2)
 
     def test_a_simulation_has_the_signals_of_the_file(self) -> None:
-        episode = mishandle.simulate(self.file, at={"tilt": 0.2})
+        [episode] = mishandle.simulate(self.file, at={"tilt": 0.2})
         self.assertEqual(list(episode.trace), ["angle"])
         self.assertEqual(episode.trace["angle"][0], 0.2)
         self.assertEqual(len(episode.trace["angle"]), 101)
