@@ -104,7 +104,7 @@ fn a_moved_folder_is_found_by_its_new_path() {
     let moved = |path: &Path| replay(&run, 1, number, Moved { target: path.to_str(), controller: None });
     let moved_to = home.path().join("new/pendulum.toml");
     assert!(moved(&moved_to).unwrap().differences.is_empty());
-    // Another name of the file is no other robot.
+    // The name of the file does not matter.
     std::fs::rename(&moved_to, home.path().join("new/p.toml")).unwrap();
     assert!(moved(&home.path().join("new/p.toml")).unwrap().differences.is_empty());
 }

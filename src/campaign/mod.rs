@@ -91,8 +91,8 @@ impl CampaignRun {
     }
 }
 
-/// Returns whether a recorded plan is a plan of the campaign file. The record has the absolute paths
-/// of a controller and a target file, and the name of the space.
+/// Returns whether a recorded plan is a plan of the campaign file. The record has the absolute
+/// paths of a controller and a target file, and the name of the space.
 fn is_same_plan(recorded: &Plan, planned: &Plan) -> bool {
     let same_file = |is_file: bool, recorded: &String, planned: &String| {
         let is_same = is_file && Path::new(recorded).file_name() == Path::new(planned).file_name();

@@ -226,8 +226,8 @@ impl Counterexample {
     /// Looks up the target and checks that its components are the recorded ones.
     ///
     /// `folder` is the folder of the file. `moved` has the present paths of a controller that is
-    /// neither shipped nor in that folder, and of a target file that is not in it; an `Option<&str>`
-    /// is that of the controller.
+    /// neither shipped nor in that folder, and of a target file that is not in it; an
+    /// `Option<&str>` is that of the controller.
     ///
     /// # Errors
     /// If the target is not part of this program, or a part of it cannot be loaded or has another

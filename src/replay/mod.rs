@@ -40,8 +40,8 @@ pub struct ReplayResult {
 /// and the results from the simulation. For a falsification it also derives the other points of the
 /// trial, from the recorded results of the earlier simulations.
 ///
-/// `moved` has the present paths of the run's files that were moved; an `Option<&str>` is that of the
-/// controller.
+/// `moved` has the present paths of the run's files that were moved; an `Option<&str>` is that of
+/// the controller.
 ///
 /// # Errors
 /// If the run has no such simulation, its plan cannot be resolved any more, the controller differs

@@ -8,8 +8,8 @@ use crate::error::MishandleError;
 use crate::plan::Plan;
 use crate::resolve::{is_robot_file, robot_file, target};
 
-/// Returns the target of a plan for a description: spaces, signals and formulas. A target file needs
-/// no policy for it, since nothing is simulated.
+/// Returns the target of a plan for a description: spaces, signals and formulas. A target file
+/// needs no policy for it, since nothing is simulated.
 ///
 /// # Errors
 /// The errors of [`target`], except that the policy of a target file is not read.

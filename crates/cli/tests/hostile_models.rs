@@ -51,7 +51,8 @@ fn a_model_that_ends_mujoco_is_an_error_of_the_file() {
 fn a_time_step_without_end_is_an_error() {
     for timestep in ["0", "1e-12"] {
         let bench = bench(&format!("<option timestep=\"{timestep}\"/>"));
-        bench.refuses("evaluate arm.toml --episodes 2", &["arm.toml, line 5", "from 1 to 10000 are possible"]);
+        bench
+            .refuses("evaluate arm.toml --episodes 2", &["arm.toml, line 5", "from 1 to 10000 are possible"]);
     }
 }
 

@@ -134,8 +134,8 @@ impl RobotFile {
         &self.description.name
     }
 
-    /// Returns the paths of the files that the target is made of: the file itself, those of the model
-    /// and the policy.
+    /// Returns the paths of the files that the target is made of: the file itself, those of the
+    /// model and the policy.
     pub fn files(&self) -> Vec<PathBuf> {
         let policy = match &self.policy {
             RobotPolicy::File { path, .. } => Some(path.clone()),

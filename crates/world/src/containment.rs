@@ -30,7 +30,7 @@ pub fn set_child_program(words: Vec<OsString>) {
     let _ = PROGRAM.set(words);
 }
 
-/// What is done with a document.
+/// Use of a document.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 enum Task {
     /// It is compiled and simulated.

@@ -6,19 +6,24 @@ use std::sync::{Arc, Once};
 
 use mishandle_world::{Assets, Model, WorldError, mjcf_of_untrusted_urdf, run_child, set_child_program};
 
-/// The child: this program, started again with the name of this test.
+/// Set in the child process.
+const CHILD: &str = "MISHANDLE_TEST_CHILD";
+
+/// In a child process, this program is the child.
 #[test]
-#[ignore = "it is the child process of the other tests"]
 fn the_child() {
-    std::process::exit(run_child().into());
+    if std::env::var_os(CHILD).is_some() {
+        std::process::exit(run_child().into());
+    }
 }
 
 fn register() {
     static ONCE: Once = Once::new();
     ONCE.call_once(|| {
-        let program = std::env::current_exe().unwrap().into();
-        let arguments = ["--exact", "the_child", "--ignored", "--nocapture"].map(Into::into);
-        set_child_program([program].into_iter().chain(arguments).collect());
+        let program = std::env::current_exe().unwrap().into_os_string();
+        let set = format!("{CHILD}=1").into();
+        let arguments = ["--exact", "the_child", "--nocapture"].map(Into::into);
+        set_child_program(["env".into(), set, program].into_iter().chain(arguments).collect());
     });
 }
 

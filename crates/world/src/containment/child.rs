@@ -76,8 +76,7 @@ fn simulate(xml: &str, assets: Assets) -> Result<(), WorldError> {
 #[cfg(unix)]
 fn limit() {
     use rustix::process::{Resource, Rlimit, setrlimit};
-    // Memory of the program itself, in KiB, such as that of Python. Only Linux tells it and limits
-    // memory.
+    // Memory of the program itself, in KiB, such as that of Python. Only Linux has this file.
     let status = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
     let own = status.lines().find_map(|line| line.strip_prefix("VmSize:")?.split_whitespace().next());
     let memory = own.and_then(|own| own.parse::<u64>().ok()).unwrap_or(0) * 1024 + (MEMORY_GIB << 30);

@@ -1,4 +1,4 @@
-//! What parent and child send each other.
+//! Requests of the parent and answers of the child.
 
 use std::io::{Read, Write};
 
@@ -78,7 +78,7 @@ impl Answer {
         format!("{ANSWER}{word}\n{message}")
     }
 
-    /// Reads the last answer in a text; `None` if there is none.
+    /// Reads the last answer in a text; `None` without one.
     pub fn read(text: &str) -> Option<Answer> {
         let (_, answer) = text.rsplit_once(ANSWER)?;
         let (word, message) = answer.split_once('\n')?;

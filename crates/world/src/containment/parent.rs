@@ -20,7 +20,8 @@ const TIME: Duration = Duration::from_secs(120);
 /// The largest size of an answer, bytes.
 const LARGEST: u64 = 1 << 16;
 
-/// Hashes of models that a child of this process has tried: a command resolves a plan several times.
+/// Hashes of models that a child of this process has tried: a command resolves a plan several
+/// times.
 static TRIED: LazyLock<Mutex<HashSet<[u64; 2]>>> = LazyLock::new(Mutex::default);
 
 /// Random in each process, so that no file can be made to have the hash of another one.
