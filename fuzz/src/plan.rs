@@ -4,8 +4,8 @@ use mishandle::{Plan, ResolvedPlan};
 
 /// Checks the laws:
 /// - a plan that is read and written reads as the same plan;
-/// - every plan of a toy either resolves, to itself with the name of its space, or is an error. A plan of a task can name files, so it is
-///   not resolved here.
+/// - every plan of a toy either resolves, to itself with the name of its space, or is an error. A
+///   plan of a task can name files, so it is not resolved here.
 pub fn check(bytes: &[u8]) {
     let Ok(text) = std::str::from_utf8(bytes) else { return };
     let Ok(plan) = Plan::from_toml(text) else { return };
