@@ -10,9 +10,9 @@ use mishandle_store::{RunWriter, StoreError};
 use crate::error::MishandleError;
 use crate::harden::{self, CheckedHardening, Watch, check_plan};
 use crate::plan::{GridRun, Plan, read_grid};
-use crate::resolve::{ResolvedPlan, is_path, is_robot_file, recorded_plan};
+use crate::resolve::{ResolvedPlan, described_target, is_path, is_robot_file, recorded_plan};
 use crate::run::{Device, Opening, create_run};
-use crate::shipped::Generation;
+use crate::shipped::{EXPERT, Generation};
 
 /// File of a campaign's folder that contains the campaign.
 const CAMPAIGN_FILE: &str = "campaign.toml";
@@ -208,6 +208,11 @@ pub fn untrained_runs(folder: &Path) -> Result<Vec<GridRun>, MishandleError> {
     runs.retain(|run| {
         !run_path(folder, &run.name, &run.plan).exists() && untrained_path(folder, &run.name).is_file()
     });
+    // As in a run file, a plan without a space has the name of the first one of its target.
+    for GridRun { plan, .. } in runs.iter_mut().filter(|run| run.plan.space.is_empty()) {
+        let target = described_target(&Plan { controller: EXPERT.to_string(), ..plan.clone() })?;
+        plan.space = target.spaces.first().map_or_else(String::new, |space| space.name().to_string());
+    }
     Ok(runs)
 }
 
