@@ -490,8 +490,12 @@ impl RobotWorker {
         let timestep = robot.model.timestep();
         for substep in 0..robot.substeps {
             let now = start + substep as f64 * timestep;
-            for (body, push) in robot.pushed.iter().zip(pushes.as_chunks::<PUSH_SIZE>().0) {
-                self.world.push(*body, force(push, now, timestep));
+            let pushes = || robot.pushed.iter().zip(pushes.as_chunks::<PUSH_SIZE>().0);
+            for (body, _) in pushes() {
+                // Several pushes may act on one body.
+                let own = pushes().filter(|(other, _)| *other == body);
+                let forces = own.map(|(_, push)| force(push, now, timestep));
+                self.world.push(*body, forces.fold([0.0; 3], mishandle_world::frame::add));
             }
             match robot.servos.is_empty() {
                 true => self.world.step(),

@@ -371,3 +371,33 @@ fn success_of_a_validation_is_the_formula_of_that_name_or_the_first() {
     let strict = specification(&format!("strict = \"{angle}\", success = \"{height}\""));
     assert_eq!(strict, (text(height), text(angle)));
 }
+
+#[test]
+fn pushes_on_one_body_add_up() {
+    let folder = tempfile::tempdir().unwrap();
+    let push = |name: &str| {
+        format!("{name} = {{ kind = \"event\", body = \"pole\", time = 0.5, duration = 0.1, x = [-4, 4] }}")
+    };
+    let axes = format!(
+        "[axes]\n{}\n{}",
+        push("first").replace("0.5,", "[0.5, 0.5],"),
+        push("second").replace("0.5,", "[0.5, 0.5],")
+    );
+    let target = target(&read(folder.path(), &FILE.replace("[axes]", &axes)).unwrap());
+    let space = target.space("events").unwrap();
+    let names: Vec<&str> = space.axes().iter().map(|axis| axis.name.as_str()).collect();
+    let scenario = |first: f64, second: f64| -> Vec<f64> {
+        let value = |axis: &mishandle_rollout::Axis| match axis.name.as_str() {
+            "first_x" => first,
+            "second_x" => second,
+            _ => axis.nominal.unwrap(),
+        };
+        space.axes().iter().map(value).collect()
+    };
+    assert!(names.contains(&"first_x") && names.contains(&"second_x"), "{names:?}");
+    let scenarios = [scenario(3.0, 0.0), scenario(0.0, 3.0), scenario(1.5, 1.5), scenario(0.0, 0.0)];
+    let found = simulate(&target, "events", &scenarios);
+    assert_eq!(found[0].trace, found[1].trace);
+    assert_eq!(found[0].trace, found[2].trace);
+    assert_ne!(found[0].trace, found[3].trace);
+}
