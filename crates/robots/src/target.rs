@@ -23,6 +23,7 @@ use crate::library::{Library, RememberedPart, members};
 use crate::model::{self, RobotModel};
 use crate::phase::PhaseBuilder;
 use crate::policy::ExpressionPolicy;
+use crate::program::ProgramPolicy;
 use crate::task_space::TaskSpacePolicy;
 
 /// Kind of the targets that a file describes.
@@ -44,6 +45,8 @@ pub enum RobotPolicy {
     Expression(Arc<dyn Controller>),
     /// The built-in controller of a site's position.
     BuiltIn(Arc<dyn Controller>),
+    /// A program that answers each observation.
+    Program(Arc<ProgramPolicy>),
     /// None: a controller must be given.
     Open,
 }
@@ -123,6 +126,11 @@ impl RobotFile {
                 let policy = TaskSpacePolicy::new(settings, &library, &parts, control_dt).map_err(problem)?;
                 RobotPolicy::BuiltIn(Arc::new(policy))
             }
+            PolicySource::Program(table) => {
+                let folder = path.parent().unwrap_or(Path::new("."));
+                let sizes = [observation_size, actions];
+                RobotPolicy::Program(Arc::new(ProgramPolicy::new(table, folder, sizes, control_dt)))
+            }
             PolicySource::Open => RobotPolicy::Open,
         };
         let text_hash = Identity::new(KIND, "", text).hash;
@@ -154,8 +162,9 @@ impl RobotFile {
     /// model and the policy.
     pub fn files(&self) -> Vec<PathBuf> {
         let policy = match &self.policy {
-            RobotPolicy::File { path, .. } => Some(path.clone()),
-            _ => None,
+            RobotPolicy::File { path, .. } => vec![path.clone()],
+            RobotPolicy::Program(program) => program.files(),
+            _ => Vec::new(),
         };
         [self.path.clone()].into_iter().chain(self.model.files.iter().cloned()).chain(policy).collect()
     }
@@ -283,7 +292,7 @@ impl RobotFile {
             control_dt: robot.control_dt,
             episode_steps: robot.episode_steps,
             is_deterministic: true,
-            can_fail: false,
+            can_fail: matches!(self.policy, RobotPolicy::Program(_)),
             depends_on_seed: noise.action_std > 0.0 || noise.observation_std > 0.0,
             random_axes: random.collect(),
             versions: vec![("MuJoCo".to_string(), mishandle_world::mujoco_version())],
