@@ -5,9 +5,10 @@ use std::sync::Arc;
 use mishandle_rollout::{Controller, EnvironmentWorker, Scenario, Seed, Space, StepStatus};
 use mishandle_rollout::{Environment, Sample};
 
-use crate::environment::{Robot, RobotEnvironment, RobotWorker};
+use crate::environment::{Robot, RobotEnvironment};
 use crate::error::RobotError;
 use crate::target::RobotFile;
+use crate::worker::RobotWorker;
 
 /// Number of control steps of a check.
 const STEPS: usize = 10;

@@ -4,9 +4,9 @@
 //! [`RobotFile::read`] reads and checks a file; [`RobotFile::target`] makes a
 //! [`Target`](mishandle_rollout::Target) of it and a controller. `document` is the tree of the
 //! text, `description` what it says, `library` the names that its expressions may use, `phase` the
-//! expressions that are evaluated together, `environment` the simulation, which runs in the same
-//! engine as every task, `controlled` the robot with a controller in the loop, and `training` what
-//! a training run needs. `contract` checks a policy before the first episode, and `init` writes a
+//! expressions that are evaluated together, `environment` the simulation, which `worker` runs in
+//! the same engine as every task, `controlled` the robot with a controller in the loop, and
+//! `training` what a training run needs. `contract` checks a policy before the first episode, and `init` writes a
 //! first file for a policy of another tool.
 
 mod axes;
@@ -27,6 +27,7 @@ mod quantity;
 mod target;
 mod task_space;
 mod training;
+mod worker;
 
 pub use controlled::ControlledRobot;
 pub use environment::RobotEnvironment;
