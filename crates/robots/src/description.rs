@@ -85,6 +85,14 @@ pub(crate) struct Control {
     pub substeps: Option<usize>,
 }
 
+/// Time that the physics runs before an episode.
+#[derive(Clone, Debug)]
+pub(crate) struct Settle {
+    pub span: std::ops::Range<usize>,
+    /// Duration, s.
+    pub duration: f64,
+}
+
 /// Numbers that an episode remembers.
 #[derive(Clone, Debug)]
 pub(crate) struct Remembered {
@@ -213,6 +221,10 @@ pub(crate) struct Description {
     pub start_velocity: Vec<Named<Expression>>,
     /// Poses of mocap bodies: position, or position and quaternion.
     pub start_mocap: Vec<Named<Expression>>,
+    /// Time that the physics runs before an episode.
+    pub settle: Option<Settle>,
+    /// Conditions under which no episode starts.
+    pub invalid: Vec<Expression>,
     pub memory: Vec<Named<Remembered>>,
     pub servos: Option<Servos>,
     pub control: Control,
@@ -243,7 +255,7 @@ impl Description {
         }
         let model = fields.need("model")?.table("model")?.clone();
         let model_file = Fields::new(&model, "[model]").need("file")?.text("file")?;
-        let Starts { keyframe, positions, velocities, mocap } = start(fields.get("start"))?;
+        let Starts { keyframe, positions, velocities, mocap, settle, invalid } = start(fields.get("start"))?;
         let description = Description {
             name: name.text,
             model,
@@ -253,6 +265,8 @@ impl Description {
             start: positions,
             start_velocity: velocities,
             start_mocap: mocap,
+            settle,
+            invalid,
             memory: named(fields.entries("memory")?, remembered)?,
             servos: fields.get("servos").map(servos).transpose()?,
             control: control(fields.need("control")?.table("control")?)?,
@@ -337,6 +351,8 @@ struct Starts {
     positions: Vec<Named<Expression>>,
     velocities: Vec<Named<Expression>>,
     mocap: Vec<Named<Expression>>,
+    settle: Option<Settle>,
+    invalid: Vec<Expression>,
 }
 
 fn start(item: Option<&Item>) -> Result<Starts, Problem> {
@@ -347,6 +363,17 @@ fn start(item: Option<&Item>) -> Result<Starts, Problem> {
             "keyframe" => starts.keyframe = Some(item.text("keyframe")?),
             "velocity" => starts.velocities = named(&item.table("velocity")?.entries, expression)?,
             "mocap" => starts.mocap = named(&item.table("mocap")?.entries, expression)?,
+            "settle" => {
+                let duration = item.number("settle")?;
+                if duration <= 0.0 {
+                    return Err(Problem::new(&item.span, "`settle` must be a time greater than 0 s"));
+                }
+                starts.settle = Some(Settle { span: item.span.clone(), duration });
+            }
+            "invalid" => {
+                let conditions = item.texts("invalid")?.into_iter().map(Expression::new);
+                starts.invalid = conditions.collect::<Result<_, _>>()?;
+            }
             _ => starts.positions.push(Named { key: key.clone(), value: expression(key, item)? }),
         }
     }

@@ -23,6 +23,10 @@ pub(crate) struct Robot {
     pub start_positions: Vec<Vec<usize>>,
     pub start_velocities: Vec<Vec<usize>>,
     pub start_mocap: Vec<Mocap>,
+    /// Physics steps between the start and sample 0.
+    pub settling: usize,
+    /// Conditions under which no episode starts.
+    pub invalid: Phase,
     /// Places of the parts of the memory; their start values are the last ones of `start`.
     pub memory: Vec<Range<usize>>,
     /// The next values of the memory.
@@ -106,6 +110,12 @@ impl RobotEnvironment {
 }
 
 impl Robot {
+    /// Returns the expression of the controls of a control step, in which an action has arrived or
+    /// not.
+    pub(crate) fn controls(&self, has_arrived: bool) -> &Phase {
+        if has_arrived || self.hold.is_empty() { &self.command } else { &self.hold }
+    }
+
     fn tail_size(&self) -> usize {
         let own = 1 + self.values.len() + self.changes.len() + PUSH_SIZE * self.pushes.len();
         own + self.memory_size() + self.action_size

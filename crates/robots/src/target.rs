@@ -15,7 +15,9 @@ use mishandle_world::{ElementKind, Joint, Mocap, Model, PictureModel, Servo};
 
 use crate::axes::{Axes, ObservedPart, Parameter, parameter_names};
 use crate::controlled::ControlledRobot;
-use crate::description::{AxisEffect, Constant, Description, MAX_SUBSTEPS, Named, PolicySource, Quantity};
+use crate::description::{
+    AxisEffect, Constant, Description, MAX_SUBSTEPS, Named, PolicySource, Quantity, Settle,
+};
 use crate::document;
 use crate::environment::{Robot, RobotEnvironment};
 use crate::error::{Problem, RobotError};
@@ -283,7 +285,7 @@ impl RobotFile {
             control_dt: robot.control_dt,
             episode_steps: robot.episode_steps,
             is_deterministic: true,
-            can_fail: false,
+            can_fail: !self.description.invalid.is_empty(),
             depends_on_seed: noise.action_std > 0.0 || noise.observation_std > 0.0,
             random_axes: random.collect(),
             versions: vec![("MuJoCo".to_string(), mishandle_world::mujoco_version())],
@@ -550,12 +552,28 @@ impl RobotFile {
                 (model.clone(), steps.round() as usize)
             }
         };
+        let settling = match &description.settle {
+            Some(Settle { span, duration }) => physics_steps(*duration, model.timestep()).ok_or_else(|| {
+                let message = format!(
+                    "the {duration} s of `settle` are not a whole number of physics steps of {} s, at most {MAX_SETTLING}",
+                    model.timestep()
+                );
+                Problem::new(span, message)
+            })?,
+            None => 0,
+        };
         let mut start = PhaseBuilder::new(&before);
         let start_positions = start_values(&description.start, &mut start, &before, true)?;
         let start_velocities = start_values(&description.start_velocity, &mut start, &before, false)?;
         let start_mocap = mocap_places(&description.start_mocap, &mut start, &model)?;
         for named in &description.memory {
             start.add(&named.value.start)?;
+        }
+        let mut invalid = PhaseBuilder::new(&during);
+        for condition in &description.invalid {
+            if invalid.add(condition)? != 1 {
+                return Err(Problem::new(&condition.text.span, "a condition of `invalid` is one number"));
+            }
         }
         let mut next = PhaseBuilder::new(&during);
         for (named, part) in description.memory.iter().zip(&self.memory) {
@@ -640,6 +658,8 @@ impl RobotFile {
             start_positions,
             start_velocities,
             start_mocap,
+            settling,
+            invalid: invalid.finish(),
             memory: self.memory.iter().map(|part| part.place.clone()).collect(),
             next: next.finish(),
             servos,
@@ -697,6 +717,17 @@ fn sensor_errors(unit: &str) -> [f64; 2] {
         "m/s" | "rad/s" => [0.1, 0.1],
         _ => [0.02, 0.02],
     }
+}
+
+/// Largest number of physics steps between the start and sample 0.
+const MAX_SETTLING: f64 = 1e6;
+
+/// Returns the number of physics steps of a duration; `None` if it is not a whole number, or too
+/// many.
+fn physics_steps(duration: f64, timestep: f64) -> Option<usize> {
+    let steps = duration / timestep;
+    let is_whole = (steps - steps.round()).abs() <= 1e-6 * steps;
+    (is_whole && (1.0..=MAX_SETTLING).contains(&steps.round())).then_some(steps.round() as usize)
 }
 
 fn single(size: usize, named: &Named<Quantity>) -> Result<(), Problem> {

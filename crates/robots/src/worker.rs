@@ -29,6 +29,7 @@ pub(crate) struct RobotWorker {
     hold: Memory,
     measured: Memory,
     sample: Memory,
+    invalid: Memory,
     /// Values of the reduced signals over the physics steps so far.
     reduced: Vec<f64>,
     observation: Vec<f64>,
@@ -50,6 +51,7 @@ impl RobotWorker {
             hold: robot.hold.memory(),
             measured: robot.measured.memory(),
             sample: robot.sample.memory(),
+            invalid: robot.invalid.memory(),
             reduced: vec![0.0; robot.reductions.len()],
             targets: vec![0.0; robot.servos.len()],
             observation: vec![0.0; robot.observation_size],
@@ -168,7 +170,13 @@ fn clamp(value: f64, low: f64, high: f64) -> f64 {
 }
 
 impl EnvironmentWorker for RobotWorker {
-    fn reset(&mut self, scenario: &Scenario, _seed: Seed, state: &mut [f64], mut sample: Sample<'_>) {
+    fn reset(
+        &mut self,
+        scenario: &Scenario,
+        _seed: Seed,
+        state: &mut [f64],
+        mut sample: Sample<'_>,
+    ) -> StepStatus {
         let robot = self.robot.clone();
         let (physics, tail) = state.split_at_mut(robot.model.state_size());
         tail.copy_from_slice(&robot.nominal_tail());
@@ -209,15 +217,21 @@ impl EnvironmentWorker for RobotWorker {
             robot.start.write(&self.start, index, &mut memory[place.clone()]);
             index += 1;
         }
+        if self.settle((values, memory, action)) == StepStatus::Diverged {
+            return StepStatus::Diverged;
+        }
         self.world.read_state(physics);
-        if robot.sample.reads_forces() || robot.measured.reads_forces() {
+        if [&robot.sample, &robot.measured, &robot.invalid].iter().any(|phase| phase.reads_forces()) {
             self.world.refresh_sensors();
         }
-        let Tail { values, memory, action, .. } = robot.split(tail);
+        if self.is_invalid((values, memory, action)) {
+            return StepStatus::InvalidStart;
+        }
         self.measure(0.0, (values, memory, action), 0);
         self.write_sample(tail, &mut sample);
         self.write_reduced(1, &mut sample);
         sample.rewards.fill(0.0);
+        StepStatus::Running
     }
 
     fn step(&mut self, action: &[f64], state: &mut [f64], sample: Sample<'_>) -> StepStatus {
@@ -243,16 +257,7 @@ impl RobotWorker {
         self.world.set_state(physics);
         let Tail { step, values, pushes, memory, action: last } = robot.split(tail);
         let start = *step * robot.control_dt;
-        let command = match has_arrived || robot.hold.is_empty() {
-            true => (&robot.command, &mut self.command),
-            false => (&robot.hold, &mut self.hold),
-        };
-        let reads = |reads: fn(&Phase) -> bool| reads(&robot.next) || reads(command.0);
-        if reads(Phase::reads_forces) {
-            self.world.refresh_sensors();
-        } else if reads(Phase::reads_poses) {
-            self.world.refresh();
-        }
+        self.refresh_for(&[&robot.next, robot.controls(has_arrived)]);
         // All parts follow from the memory of the step before.
         let mut view = View { world: &self.world, time: start, parameters: values, memory, action };
         robot.next.run(&mut self.next, &mut view);
@@ -260,23 +265,9 @@ impl RobotWorker {
             robot.next.write(&self.next, index, &mut memory[place.clone()]);
         }
         last.copy_from_slice(action);
-        let (phase, numbers) = command;
-        phase.run(numbers, &mut View { world: &self.world, time: start, parameters: values, memory, action });
-        let controls = self.world.ctrl_mut();
-        for (place, actuator) in robot.actuated.iter().enumerate() {
-            let value = phase.value(numbers, 0);
-            controls[*actuator] = value[if value.len() == 1 { 0 } else { place }];
-        }
-        // Targets of servos have no range; their setpoints do.
-        let ranges = controls.iter_mut().zip(&robot.control_ranges).skip(robot.servos.len());
-        for (control, range) in ranges {
-            *control = clip(*control, *range);
-        }
-        if self.world.ctrl().iter().any(|control| !control.is_finite()) {
+        if !self.set_controls(has_arrived, start, (values, memory, action)) {
             return StepStatus::Diverged;
         }
-        // The servos set the controls in each physics step.
-        self.targets.copy_from_slice(&self.world.ctrl()[..robot.servos.len()]);
         let timestep = robot.model.timestep();
         for substep in 0..robot.substeps {
             let now = start + substep as f64 * timestep;
@@ -287,10 +278,7 @@ impl RobotWorker {
                 let forces = own.map(|(_, push)| force(push, now, timestep));
                 self.world.push(*body, forces.fold([0.0; 3], mishandle_world::frame::add));
             }
-            match robot.servos.is_empty() {
-                true => self.world.step(),
-                false => self.world.step_servos(&robot.servos, &self.targets),
-            }
+            self.physics_step();
             self.measure(now + timestep, (values, memory, action), substep);
         }
         if self.world.take_divergence() {
@@ -301,6 +289,83 @@ impl RobotWorker {
         self.write_sample(tail, &mut sample);
         self.write_reduced(robot.substeps, &mut sample);
         if self.has_ended() { StepStatus::Terminated } else { StepStatus::Running }
+    }
+}
+
+impl RobotWorker {
+    /// Computes the poses and forces that phases read.
+    fn refresh_for(&mut self, phases: &[&Phase]) {
+        if phases.iter().any(|phase| phase.reads_forces()) {
+            self.world.refresh_sensors();
+        } else if phases.iter().any(|phase| phase.reads_poses()) {
+            self.world.refresh();
+        }
+    }
+
+    /// Sets the controls of a control step. Returns whether they are finite.
+    fn set_controls(
+        &mut self,
+        has_arrived: bool,
+        time: f64,
+        (values, memory, action): (&[f64], &[f64], &[f64]),
+    ) -> bool {
+        let robot = &*self.robot;
+        let phase = robot.controls(has_arrived);
+        let numbers = if std::ptr::eq(phase, &robot.command) { &mut self.command } else { &mut self.hold };
+        phase.run(numbers, &mut View { world: &self.world, time, parameters: values, memory, action });
+        let controls = self.world.ctrl_mut();
+        for (place, actuator) in robot.actuated.iter().enumerate() {
+            let value = phase.value(numbers, 0);
+            controls[*actuator] = value[if value.len() == 1 { 0 } else { place }];
+        }
+        // Targets of servos have no range; their setpoints do.
+        let ranges = controls.iter_mut().zip(&robot.control_ranges).skip(robot.servos.len());
+        for (control, range) in ranges {
+            *control = clip(*control, *range);
+        }
+        // The servos set the controls in each physics step.
+        self.targets.copy_from_slice(&self.world.ctrl()[..robot.servos.len()]);
+        self.world.ctrl().iter().all(|control| control.is_finite())
+    }
+
+    fn physics_step(&mut self) {
+        match self.robot.servos.is_empty() {
+            true => self.world.step(),
+            false => self.world.step_servos(&self.robot.servos, &self.targets),
+        }
+    }
+
+    /// Runs the physics from the start to sample 0, with the controls of control steps in which no
+    /// action has arrived. The time of expressions stays 0.
+    fn settle(&mut self, numbers: (&[f64], &[f64], &[f64])) -> StepStatus {
+        let robot = self.robot.clone();
+        for step in 0..robot.settling {
+            if step % robot.substeps == 0 {
+                self.refresh_for(&[robot.controls(false)]);
+                if !self.set_controls(false, 0.0, numbers) {
+                    return StepStatus::Diverged;
+                }
+            }
+            self.physics_step();
+        }
+        if robot.settling > 0 && self.world.take_divergence() {
+            return StepStatus::Diverged;
+        }
+        StepStatus::Running
+    }
+
+    /// Returns whether no episode starts from the current state. Forces are up to date.
+    fn is_invalid(&mut self, (values, memory, action): (&[f64], &[f64], &[f64])) -> bool {
+        let robot = &*self.robot;
+        if robot.invalid.is_empty() {
+            return false;
+        }
+        if robot.invalid.reads_poses() {
+            self.world.refresh();
+        }
+        let mut view = View { world: &self.world, time: 0.0, parameters: values, memory, action };
+        robot.invalid.run(&mut self.invalid, &mut view);
+        (0..robot.invalid.len()).any(|index| robot.invalid.value(&self.invalid, index)[0] != 0.0)
     }
 }
 
