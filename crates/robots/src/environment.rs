@@ -2,10 +2,12 @@ use std::ops::Range;
 use std::sync::Arc;
 
 use mishandle_rollout::{Axis, Environment, EnvironmentWorker, RolloutError, Space};
-use mishandle_world::{Body, FullState, Mocap, Model, Servo};
+use mishandle_world::{FullState, Mocap, Model, Servo};
 
-use crate::axes::{ModelChange, PUSH_SIZE, Parameter};
+use crate::axes::{Draw, Parameter};
+use crate::change::ModelChange;
 use crate::description::Over;
+use crate::events::{EVENT_SIZE, Event, slip};
 use crate::phase::Phase;
 use crate::worker::RobotWorker;
 
@@ -62,9 +64,12 @@ pub(crate) struct Robot {
     pub action_limit: f64,
     /// Nominal values of the axes.
     pub values: Vec<f64>,
+    /// Changes of the model by axes, then those by slips.
     pub changes: Vec<ModelChange>,
-    pub pushed: Vec<Body>,
-    pub pushes: Vec<[f64; PUSH_SIZE]>,
+    pub events: Vec<Event>,
+    /// Indices of the slips among the events.
+    pub slips: Vec<usize>,
+    pub draws: Vec<Draw>,
     /// Axes of the environment and what they set.
     pub axes: Vec<(Axis, Parameter)>,
 }
@@ -72,7 +77,7 @@ pub(crate) struct Robot {
 /// A robot of a file as an environment.
 ///
 /// A state row contains MuJoCo's state, the number of control steps, the values of the axes that
-/// expressions read, those of the model, the components of the pushes, the memory, and the last
+/// expressions read, those of the model, the components of the events, the memory, and the last
 /// action.
 #[derive(Clone)]
 pub struct RobotEnvironment {
@@ -117,8 +122,13 @@ impl Robot {
     }
 
     fn tail_size(&self) -> usize {
-        let own = 1 + self.values.len() + self.changes.len() + PUSH_SIZE * self.pushes.len();
+        let own = 1 + self.values.len() + self.axis_changes() + EVENT_SIZE * self.events.len();
         own + self.memory_size() + self.action_size
+    }
+
+    /// Returns the number of changes of the model by axes.
+    fn axis_changes(&self) -> usize {
+        self.changes.len() - self.slips.len()
     }
 
     fn memory_size(&self) -> usize {
@@ -129,8 +139,8 @@ impl Robot {
     pub(crate) fn nominal_tail(&self) -> Vec<f64> {
         let mut tail = vec![0.0];
         tail.extend(&self.values);
-        tail.extend(self.changes.iter().map(|change| change.nominal));
-        tail.extend(self.pushes.iter().flatten());
+        tail.extend(self.changes[..self.axis_changes()].iter().map(|change| change.nominal));
+        tail.extend(self.events.iter().flat_map(|event| event.nominal));
         tail.resize(self.tail_size(), 0.0);
         tail
     }
@@ -138,11 +148,12 @@ impl Robot {
     /// Returns the place of a parameter in the tail.
     pub(crate) fn place(&self, parameter: Parameter) -> usize {
         let changes = 1 + self.values.len();
-        let pushes = changes + self.changes.len();
+        let events = changes + self.axis_changes();
         match parameter {
             Parameter::Value(index) => 1 + index,
             Parameter::Change(index) => changes + index,
-            Parameter::Push { push, component } => pushes + PUSH_SIZE * push + component,
+            Parameter::Event { event, component } => events + EVENT_SIZE * event + component,
+            Parameter::Draw(number) => 1 + self.draws[number].index,
         }
     }
 }
@@ -210,11 +221,18 @@ impl RobotEnvironment {
     }
 }
 
+/// The parts of the tail of a state row on which the model depends.
+#[derive(Clone, Copy)]
+pub(crate) struct ModelParts<'a> {
+    pub changes: &'a [f64],
+    pub events: &'a [[f64; EVENT_SIZE]],
+}
+
 /// The parts of the tail of a state row.
 pub(crate) struct Tail<'a> {
     pub step: &'a mut f64,
     pub values: &'a [f64],
-    pub pushes: &'a [f64],
+    pub model: ModelParts<'a>,
     pub memory: &'a mut [f64],
     pub action: &'a mut [f64],
 }
@@ -223,13 +241,27 @@ impl Robot {
     pub(crate) fn split<'a>(&self, tail: &'a mut [f64]) -> Tail<'a> {
         let (step, rest) = tail.split_at_mut(1);
         let (values, rest) = rest.split_at_mut(self.values.len());
-        let (_, rest) = rest.split_at_mut(self.changes.len());
-        let (pushes, rest) = rest.split_at_mut(PUSH_SIZE * self.pushes.len());
+        let (changes, rest) = rest.split_at_mut(self.axis_changes());
+        let (events, rest) = rest.split_at_mut(EVENT_SIZE * self.events.len());
         let (memory, action) = rest.split_at_mut(self.memory_size());
-        Tail { step: &mut step[0], values, pushes, memory, action }
+        let model = ModelParts { changes, events: events.as_chunks().0 };
+        Tail { step: &mut step[0], values, model, memory, action }
     }
 
-    pub(crate) fn model_values<'a>(&self, tail: &'a [f64]) -> &'a [f64] {
-        &tail[1 + self.values.len()..][..self.changes.len()]
+    /// Returns the values of the axes that change the model, and the components of the events.
+    pub(crate) fn model_parts<'a>(&self, tail: &'a [f64]) -> ModelParts<'a> {
+        let (changes, rest) = tail[1 + self.values.len()..].split_at(self.axis_changes());
+        ModelParts { changes, events: &rest.as_chunks().0[..self.events.len()] }
+    }
+
+    /// Writes the values of all changes of the model in the physics step that starts at `time`;
+    /// without a time, those before the episode.
+    pub(crate) fn write_changes(&self, parts: ModelParts<'_>, time: Option<f64>, values: &mut Vec<f64>) {
+        values.clear();
+        values.extend(parts.changes);
+        let of_slips = self.slips.iter().zip(&self.changes[parts.changes.len()..]);
+        values.extend(of_slips.map(|(event, change)| {
+            time.and_then(|time| slip(&parts.events[*event], time)).unwrap_or(change.nominal)
+        }));
     }
 }

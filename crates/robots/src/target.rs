@@ -14,10 +14,9 @@ use mishandle_rollout::{
 use mishandle_world::{ElementKind, Joint, Mocap, Model, PictureModel, Servo};
 
 use crate::axes::{Axes, ObservedPart, Parameter, parameter_names};
+use crate::axis_table::AxisEffect;
 use crate::controlled::ControlledRobot;
-use crate::description::{
-    AxisEffect, Constant, Description, MAX_SUBSTEPS, Named, PolicySource, Quantity, Settle,
-};
+use crate::description::{Constant, Description, MAX_SUBSTEPS, Named, PolicySource, Quantity, Settle};
 use crate::document;
 use crate::environment::{Robot, RobotEnvironment};
 use crate::error::{Problem, RobotError};
@@ -286,7 +285,9 @@ impl RobotFile {
             episode_steps: robot.episode_steps,
             is_deterministic: true,
             can_fail: !self.description.invalid.is_empty(),
-            depends_on_seed: noise.action_std > 0.0 || noise.observation_std > 0.0,
+            depends_on_seed: !self.axes.draws.is_empty()
+                || noise.action_std > 0.0
+                || noise.observation_std > 0.0,
             random_axes: random.collect(),
             versions: vec![("MuJoCo".to_string(), mishandle_world::mujoco_version())],
             reachable: None,
@@ -445,8 +446,9 @@ impl RobotFile {
         environment: &[(Axis, Parameter)],
         disturbances: &[Disturbance],
     ) -> Result<Vec<Space>, RobotError> {
-        let own: Vec<Axis> =
-            self.description.axes.iter().flat_map(|named| self.axes_of(&named.key.name)).collect();
+        // A search that chose random draws would answer another question.
+        let own = self.description.axes.iter().flat_map(|named| self.axes_of(&named.key.name));
+        let own: Vec<Axis> = own.filter(|axis| axis.kind != AxisKind::Noise).collect();
         let of_kind = |kind: AxisKind| -> Vec<Axis> {
             environment.iter().map(|(axis, _)| axis).filter(|axis| axis.kind == kind).cloned().collect()
         };
@@ -479,6 +481,7 @@ impl RobotFile {
                 "sensing".to_string(),
                 of_loop(|d| matches!(d.effect, Effect::Observation { .. } | Effect::ObservationNoise { .. })),
             ),
+            ("noise".to_string(), of_kind(AxisKind::Noise)),
             ("faults-sensing".to_string(), of_loop(|d| is_fault(d, Side::Sensing))),
             ("faults-actuation".to_string(), of_loop(|d| is_fault(d, Side::Actuation))),
         ];
@@ -648,6 +651,8 @@ impl RobotFile {
             let named = description.observation.iter().find(|named| named.key.name == part.name);
             vec![named.and_then(|named| named.value.clip); part.size]
         };
+        let events = self.axes.events.iter().enumerate();
+        let slips = || events.clone().filter_map(|(index, event)| Some((index, event.change()?)));
         Ok(Robot {
             name: description.name.clone(),
             keyframe,
@@ -681,9 +686,10 @@ impl RobotFile {
             action_size: actions,
             action_limit: description.policy.limit,
             values: self.axes.values.clone(),
-            changes: self.axes.changes.clone(),
-            pushed: self.axes.pushed.clone(),
-            pushes: self.axes.pushes.clone(),
+            changes: self.axes.changes.iter().chain(slips().map(|(_, change)| change)).cloned().collect(),
+            slips: slips().map(|(index, _)| index).collect(),
+            events: self.axes.events.clone(),
+            draws: self.axes.draws.clone(),
             axes: self.axes.environment.clone(),
             model,
         })

@@ -6,8 +6,10 @@ use std::sync::Arc;
 use mishandle_rollout::{EnvironmentWorker, Sample, Scenario, Seed, StepStatus};
 use mishandle_world::{Model, RowWorlds, World};
 
-use crate::axes::{PUSH_SIZE, Parameter, changed};
-use crate::environment::{Robot, Tail};
+use crate::axes::Parameter;
+use crate::change::changed;
+use crate::environment::{ModelParts, Robot, Tail};
+use crate::events::{EventEffect, force, jump};
 use crate::phase::{Memory, Phase};
 use crate::quantity::View;
 
@@ -18,10 +20,11 @@ pub(crate) struct RobotWorker {
     robot: Arc<Robot>,
     parameters: Arc<[Parameter]>,
     world: World,
-    /// Models by the bits of the values of their axes.
+    /// Models by the bits of the values of their changes.
     models: HashMap<Vec<u64>, Model>,
     limit: usize,
-    /// Scratch buffer of the key of a model.
+    /// Scratch buffers of the changes of a model and of its key.
+    changes: Vec<f64>,
     key: Vec<u64>,
     start: Memory,
     next: Memory,
@@ -44,6 +47,7 @@ impl RobotWorker {
             world: robot.model.world(),
             models: HashMap::new(),
             limit: rows.max(MODELS),
+            changes: Vec::new(),
             key: Vec::new(),
             start: robot.start.memory(),
             next: robot.next.memory(),
@@ -63,8 +67,9 @@ impl RobotWorker {
 
 impl RowWorlds for RobotWorker {
     fn of_row(&mut self, row: &[f64]) -> &mut World {
-        let (physics, tail) = row.split_at(self.robot.model.state_size());
-        self.set_model(tail);
+        let robot = self.robot.clone();
+        let (physics, tail) = row.split_at(robot.model.state_size());
+        self.set_model(robot.model_parts(tail), Some(tail[0] * robot.control_dt));
         self.world.set_state(physics);
         &mut self.world
     }
@@ -76,19 +81,20 @@ impl RobotWorker {
         self.world.ctrl()
     }
 
-    /// Gives the world the model of a row.
-    fn set_model(&mut self, tail: &[f64]) {
+    /// Gives the world the model of a row in the physics step that starts at `time`; without a
+    /// time, that before the episode.
+    fn set_model(&mut self, parts: ModelParts<'_>, time: Option<f64>) {
         if self.robot.changes.is_empty() {
             return;
         }
-        let values = self.robot.model_values(tail);
+        self.robot.write_changes(parts, time, &mut self.changes);
         self.key.clear();
-        self.key.extend(values.iter().map(|value| value.to_bits()));
+        self.key.extend(self.changes.iter().map(|value| value.to_bits()));
         if !self.models.contains_key(&self.key) {
             if self.models.len() >= self.limit {
                 self.models.clear();
             }
-            let model = changed(&self.robot.model, &self.robot.changes, values);
+            let model = changed(&self.robot.model, &self.robot.changes, &self.changes);
             self.models.insert(self.key.clone(), model);
         }
         self.world.set_model(&self.models[&self.key]);
@@ -173,7 +179,7 @@ impl EnvironmentWorker for RobotWorker {
     fn reset(
         &mut self,
         scenario: &Scenario,
-        _seed: Seed,
+        seed: Seed,
         state: &mut [f64],
         mut sample: Sample<'_>,
     ) -> StepStatus {
@@ -185,7 +191,12 @@ impl EnvironmentWorker for RobotWorker {
                 tail[robot.place(*parameter)] = *value;
             }
         }
-        self.set_model(tail);
+        for (number, draw) in robot.draws.iter().enumerate() {
+            let own = self.parameters.iter().position(|parameter| *parameter == Parameter::Draw(number));
+            let given = own.and_then(|index| scenario.get(index));
+            tail[robot.place(Parameter::Draw(number))] = draw.value(given, seed, number as u32);
+        }
+        self.set_model(robot.model_parts(tail), None);
         self.world.reset();
         if let Some(keyframe) = robot.keyframe {
             self.world.qpos_mut().copy_from_slice(robot.model.key_qpos(keyframe));
@@ -253,10 +264,17 @@ impl RobotWorker {
     ) -> StepStatus {
         let robot = self.robot.clone();
         let (physics, tail) = state.split_at_mut(robot.model.state_size());
-        self.set_model(tail);
-        self.world.set_state(physics);
-        let Tail { step, values, pushes, memory, action: last } = robot.split(tail);
+        let Tail { step, values, model, memory, action: last } = robot.split(tail);
         let start = *step * robot.control_dt;
+        self.set_model(model, Some(start));
+        self.world.set_state(physics);
+        for (event, components) in robot.events.iter().zip(model.events) {
+            if let EventEffect::Jump(jumping) = event.effect
+                && let Some(offset) = jump(components, *step, robot.control_dt)
+            {
+                jumping.shift(&mut self.world, offset);
+            }
+        }
         self.refresh_for(&[&robot.next, robot.controls(has_arrived)]);
         // All parts follow from the memory of the step before.
         let mut view = View { world: &self.world, time: start, parameters: values, memory, action };
@@ -271,12 +289,20 @@ impl RobotWorker {
         let timestep = robot.model.timestep();
         for substep in 0..robot.substeps {
             let now = start + substep as f64 * timestep;
-            let pushes = || robot.pushed.iter().zip(pushes.as_chunks::<PUSH_SIZE>().0);
+            if !robot.slips.is_empty() {
+                self.set_model(model, Some(now));
+            }
+            let pushes = || {
+                robot.events.iter().zip(model.events).filter_map(|(event, push)| match event.effect {
+                    EventEffect::Push(body) => Some((body, push)),
+                    _ => None,
+                })
+            };
             for (body, _) in pushes() {
                 // Several pushes may act on one body.
                 let own = pushes().filter(|(other, _)| *other == body);
                 let forces = own.map(|(_, push)| force(push, now, timestep));
-                self.world.push(*body, forces.fold([0.0; 3], mishandle_world::frame::add));
+                self.world.push(body, forces.fold([0.0; 3], mishandle_world::frame::add));
             }
             self.physics_step();
             self.measure(now + timestep, (values, memory, action), substep);
@@ -367,12 +393,4 @@ impl RobotWorker {
         robot.invalid.run(&mut self.invalid, &mut view);
         (0..robot.invalid.len()).any(|index| robot.invalid.value(&self.invalid, index)[0] != 0.0)
     }
-}
-
-/// Returns the mean force of a push over the physics step from `time` to `time + step`, N. The push
-/// may cover a part of the step.
-fn force(push: &[f64; PUSH_SIZE], time: f64, step: f64) -> [f64; 3] {
-    let [start, duration, x, y, z] = *push;
-    let covered = ((time + step).min(start + duration) - time.max(start)).max(0.0) / step;
-    [x * covered, y * covered, z * covered]
 }
