@@ -458,6 +458,12 @@ impl RobotFile {
         fn is_fault(disturbance: &Disturbance, side: Side) -> bool {
             matches!(&disturbance.effect, Effect::Fault { site, .. } if site.side == side)
         }
+        let is_steady = |d: &Disturbance| {
+            matches!(d.effect, Effect::ActionDelay | Effect::ObservationDelay | Effect::Observation { .. })
+        };
+        let of_model = [of_kind(AxisKind::Model), of_kind(AxisKind::Event)].concat();
+        let steady = disturbances.iter().filter(|d| is_steady(d)).map(|d| &d.axis);
+        let disturbance = distinct(steady.chain(&of_model));
         let mut spaces = vec![
             ("scenarios".to_string(), own),
             ("starts".to_string(), of_kind(AxisKind::Start)),
@@ -481,6 +487,7 @@ impl RobotFile {
                 "sensing".to_string(),
                 of_loop(|d| matches!(d.effect, Effect::Observation { .. } | Effect::ObservationNoise { .. })),
             ),
+            ("disturbance".to_string(), disturbance),
             ("noise".to_string(), of_kind(AxisKind::Noise)),
             ("faults-sensing".to_string(), of_loop(|d| is_fault(d, Side::Sensing))),
             ("faults-actuation".to_string(), of_loop(|d| is_fault(d, Side::Actuation))),
