@@ -43,7 +43,7 @@ pub(crate) struct Event {
     pub duration: [f64; 2],
 }
 
-/// What happens.
+/// Effect of an event.
 #[derive(Clone, Debug)]
 pub(crate) enum EventKind {
     /// A force acts on a body: its range along each axis of the world, N.

@@ -27,7 +27,7 @@ pub(crate) struct Event {
     pub nominal: [f64; EVENT_SIZE],
 }
 
-/// What an event does.
+/// Effect of an event.
 #[derive(Clone, Debug)]
 pub(crate) enum EventEffect {
     /// A force acts on a body.
@@ -38,7 +38,7 @@ pub(crate) enum EventEffect {
     Slip(ModelChange),
 }
 
-/// What a jump displaces.
+/// The body that a jump displaces.
 #[derive(Clone, Copy, Debug)]
 pub(crate) enum Jumping {
     Mocap(Mocap),

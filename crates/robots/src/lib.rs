@@ -7,8 +7,8 @@
 //! `events` what these axes set, `library` the names that its expressions may use, `phase` the
 //! expressions that are evaluated together, `environment` the simulation, which `worker` runs in
 //! the same engine as every task, `controlled` the robot with a controller in the loop, and
-//! `training` what a training run needs. `contract` checks a policy before the first episode, and `init` writes a
-//! first file for a policy of another tool.
+//! `training` what a training run needs. `contract` checks a policy before the first episode, and
+//! `init` writes a first file for a policy of another tool.
 
 mod axes;
 mod axis_table;

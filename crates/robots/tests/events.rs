@@ -87,7 +87,7 @@ fn simulate(target: &Target, values: &[(&str, f64)]) -> Episode {
     target.system(&space, &specification).unwrap().rollout(&[request]).unwrap().remove(0)
 }
 
-/// What happens in a simulation by hand.
+/// Events of a simulation by hand.
 #[derive(Default)]
 struct Events {
     friction: Option<f64>,

@@ -337,7 +337,7 @@ impl Episodes {
     }
 
     /// Resets the rows whose boundary satisfies the condition. An episode that cannot start is
-    /// skipped: the row goes on with the next one.
+    /// skipped: the row continues with the next one.
     fn reset_rows(&mut self, resets_at: impl Fn(Boundary) -> bool + Sync) -> Result<(), RolloutError> {
         let ended = self.boundaries.iter().enumerate().filter(|(_, boundary)| resets_at(**boundary));
         let mut starting: Vec<usize> = ended.map(|(row, _)| row).collect();
