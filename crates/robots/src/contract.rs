@@ -78,7 +78,9 @@ impl RobotFile {
         for part in self.observed() {
             let range = part.first..part.first + part.size;
             let never = |steps: &Steps| is_constant(steps.observations.iter().map(|all| &all[range.clone()]));
-            if self.part_reads_state(&part.name) && never(&nominal) && never(&away) {
+            // A start away from nominal may be invalid.
+            let is_known = !away.observations.is_empty();
+            if is_known && self.part_reads_state(&part.name) && never(&nominal) && never(&away) {
                 warnings.push(format!(
                     "the part `{}` of the observation never changes in {STEPS} control steps: does it read the right element?",
                     part.name

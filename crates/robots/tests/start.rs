@@ -214,6 +214,26 @@ fn the_check_of_the_contract_names_a_nominal_start_that_is_invalid() {
 }
 
 #[test]
+fn a_start_away_from_nominal_that_is_invalid_says_nothing_about_the_observation() {
+    let folder = tempfile::tempdir().unwrap();
+    let warnings = |condition: &str| {
+        // A box without gravity moves only if its start moves it.
+        let start = format!("velocity = {{ lift = \"drop\" }}\n{condition}");
+        read(folder.path(), &start).unwrap();
+        let path = folder.path().join("box.toml");
+        let file = std::fs::read_to_string(&path).unwrap();
+        let file = file.replace("lift = \"drop\"\n", "lift = \"0\"\n");
+        let file = file.replace("\"box.xml\"", "\"box.xml\"\nmodel.gravity = [0, 0, 0]");
+        std::fs::write(&path, file).unwrap();
+        let robot = RobotFile::read(&path).unwrap();
+        let RobotPolicy::Expression(policy) = robot.policy() else { panic!("the policy is an expression") };
+        robot.check_contract(&**policy).unwrap()
+    };
+    assert_eq!(warnings("invalid = \"drop > 9\""), Vec::<String>::new());
+    assert_eq!(warnings("invalid = \"drop > 0.2\""), Vec::<String>::new());
+}
+
+#[test]
 fn mistakes_of_settling_and_conditions_name_their_line() {
     let folder = tempfile::tempdir().unwrap();
     for (start, part) in [
