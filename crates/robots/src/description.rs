@@ -2,6 +2,7 @@
 
 use mishandle_expression::{Node, parse};
 
+use crate::axis_table::{AxisTable, axis};
 use crate::document::{Fields, Item, Key, Table, Text, Value};
 use crate::error::Problem;
 
@@ -29,7 +30,7 @@ pub(crate) struct Expression {
 }
 
 impl Expression {
-    fn new(text: Text) -> Result<Expression, Problem> {
+    pub(crate) fn new(text: Text) -> Result<Expression, Problem> {
         match parse(&text.text) {
             Ok(node) => Ok(Expression { node, text }),
             Err(error) => Err(Problem::of_expression(&text.span, &text.text, &error)),
@@ -83,6 +84,14 @@ pub(crate) struct Control {
     pub steps: usize,
     /// Physics steps per control step, instead of the time step of the model.
     pub substeps: Option<usize>,
+}
+
+/// Time that the physics runs before an episode.
+#[derive(Clone, Debug)]
+pub(crate) struct Settle {
+    pub span: std::ops::Range<usize>,
+    /// Duration, s.
+    pub duration: f64,
 }
 
 /// Numbers that an episode remembers.
@@ -166,53 +175,6 @@ pub(crate) struct Policy {
     pub output: Option<Text>,
 }
 
-/// Effect of an axis.
-#[derive(Clone, Debug)]
-pub(crate) enum AxisEffect {
-    /// A number that expressions may read.
-    Start,
-    /// As `Start`, of the kind input.
-    Command,
-    /// Numbers of the model.
-    Model { operation: ModelOperation, fields: Vec<Expression> },
-    /// A delay of observations or actions.
-    Delay { of_actions: bool },
-    /// A constant bias of a part of the observation: the same for all its numbers, or an axis for
-    /// each of them.
-    Bias { part: Text, each: bool },
-    /// White noise of a part of the observation.
-    Noise { part: Text },
-    /// A push of a body.
-    Push(Push),
-}
-
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum ModelOperation {
-    Set,
-    Add,
-    Scale,
-}
-
-#[derive(Clone, Debug)]
-pub(crate) struct Push {
-    pub body: Text,
-    pub time: [f64; 2],
-    pub duration: [f64; 2],
-    /// Range of the force along each axis of the world, N.
-    pub force: [Option<[f64; 2]>; 3],
-}
-
-#[derive(Clone, Debug)]
-pub(crate) struct AxisTable {
-    pub effect: AxisEffect,
-    pub range: [f64; 2],
-    pub nominal: Option<f64>,
-    pub unit: String,
-    pub meaning: Option<String>,
-    pub logarithmic: bool,
-    pub integer: bool,
-}
-
 #[derive(Clone, Debug)]
 pub(crate) struct Description {
     pub name: String,
@@ -226,6 +188,10 @@ pub(crate) struct Description {
     pub start_velocity: Vec<Named<Expression>>,
     /// Poses of mocap bodies: position, or position and quaternion.
     pub start_mocap: Vec<Named<Expression>>,
+    /// Time that the physics runs before an episode.
+    pub settle: Option<Settle>,
+    /// Conditions under which no episode starts.
+    pub invalid: Vec<Expression>,
     pub memory: Vec<Named<Remembered>>,
     pub servos: Option<Servos>,
     pub control: Control,
@@ -256,7 +222,7 @@ impl Description {
         }
         let model = fields.need("model")?.table("model")?.clone();
         let model_file = Fields::new(&model, "[model]").need("file")?.text("file")?;
-        let Starts { keyframe, positions, velocities, mocap } = start(fields.get("start"))?;
+        let Starts { keyframe, positions, velocities, mocap, settle, invalid } = start(fields.get("start"))?;
         let description = Description {
             name: name.text,
             model,
@@ -266,6 +232,8 @@ impl Description {
             start: positions,
             start_velocity: velocities,
             start_mocap: mocap,
+            settle,
+            invalid,
             memory: named(fields.entries("memory")?, remembered)?,
             servos: fields.get("servos").map(servos).transpose()?,
             control: control(fields.need("control")?.table("control")?)?,
@@ -350,6 +318,8 @@ struct Starts {
     positions: Vec<Named<Expression>>,
     velocities: Vec<Named<Expression>>,
     mocap: Vec<Named<Expression>>,
+    settle: Option<Settle>,
+    invalid: Vec<Expression>,
 }
 
 fn start(item: Option<&Item>) -> Result<Starts, Problem> {
@@ -360,6 +330,17 @@ fn start(item: Option<&Item>) -> Result<Starts, Problem> {
             "keyframe" => starts.keyframe = Some(item.text("keyframe")?),
             "velocity" => starts.velocities = named(&item.table("velocity")?.entries, expression)?,
             "mocap" => starts.mocap = named(&item.table("mocap")?.entries, expression)?,
+            "settle" => {
+                let duration = item.number("settle")?;
+                if duration <= 0.0 {
+                    return Err(Problem::new(&item.span, "`settle` must be a time greater than 0 s"));
+                }
+                starts.settle = Some(Settle { span: item.span.clone(), duration });
+            }
+            "invalid" => {
+                let conditions = item.texts("invalid")?.into_iter().map(Expression::new);
+                starts.invalid = conditions.collect::<Result<_, _>>()?;
+            }
             _ => starts.positions.push(Named { key: key.clone(), value: expression(key, item)? }),
         }
     }
@@ -548,87 +529,4 @@ fn quantity(key: &Key, item: &Item) -> Result<Quantity, Problem> {
     };
     fields.finish()?;
     Ok(quantity)
-}
-
-fn axis(key: &Key, item: &Item) -> Result<AxisTable, Problem> {
-    let table = item.table(&key.name)?;
-    let mut fields = Fields::new(table, format!("the axis `{}`", key.name));
-    let kind = fields.text("kind")?;
-    let kind_name = kind.as_ref().map_or("start", |kind| kind.text.as_str());
-    let mut range = fields.range("range")?;
-    let mut integer = false;
-    let effect = match kind_name {
-        "start" => AxisEffect::Start,
-        "command" => AxisEffect::Command,
-        "model" => {
-            let operations = [
-                ("set", ModelOperation::Set),
-                ("add", ModelOperation::Add),
-                ("scale", ModelOperation::Scale),
-            ];
-            let mut effects = Vec::new();
-            for (key, operation) in operations {
-                let texts = fields.texts(key)?;
-                if !texts.is_empty() {
-                    let expressions = texts.into_iter().map(Expression::new).collect::<Result<_, _>>()?;
-                    effects.push(AxisEffect::Model { operation, fields: expressions });
-                }
-            }
-            if let Some(delayed) = fields.text("delay")? {
-                let of_actions = match delayed.text.as_str() {
-                    "action" => true,
-                    "observation" => false,
-                    _ => {
-                        return Err(Problem::new(
-                            &delayed.span,
-                            "`delay` must be \"action\" or \"observation\"",
-                        ));
-                    }
-                };
-                integer = true;
-                effects.push(AxisEffect::Delay { of_actions });
-            }
-            let each = fields.flag("each")?;
-            effects.extend(fields.text("bias")?.map(|part| AxisEffect::Bias { part, each }));
-            effects.extend(fields.text("noise")?.map(|part| AxisEffect::Noise { part }));
-            match effects.pop() {
-                Some(effect) if effects.is_empty() => effect,
-                _ => {
-                    let message = format!(
-                        "the axis `{}` of the kind \"model\" needs exactly one of `set`, `add`, `scale`, `delay`, `bias` and `noise`",
-                        key.name
-                    );
-                    return Err(Problem::new(&table.span, message));
-                }
-            }
-        }
-        "event" => {
-            range.get_or_insert([0.0, 0.0]);
-            AxisEffect::Push(Push {
-                body: fields.need("body")?.text("body")?,
-                time: fields.need("time")?.range("time")?,
-                duration: match fields.need("duration")? {
-                    item if matches!(item.value, Value::Number(_)) => [item.number("duration")?; 2],
-                    item => item.range("duration")?,
-                },
-                force: [fields.range("x")?, fields.range("y")?, fields.range("z")?],
-            })
-        }
-        _ => {
-            let span = kind.map_or(table.span.clone(), |kind| kind.span);
-            return Err(Problem::new(&span, "`kind` must be \"start\", \"command\", \"model\" or \"event\""));
-        }
-    };
-    let missing = Problem::new(&table.span, format!("the axis `{}` needs `range = [low, high]`", key.name));
-    let axis = AxisTable {
-        effect,
-        range: range.ok_or(missing)?,
-        nominal: fields.number("nominal")?,
-        unit: fields.text("unit")?.map(|text| text.text).unwrap_or_default(),
-        meaning: fields.text("meaning")?.map(|text| text.text),
-        logarithmic: fields.flag("logarithmic")?,
-        integer: fields.flag("integer")? || integer,
-    };
-    fields.finish()?;
-    Ok(axis)
 }

@@ -215,9 +215,16 @@ impl Lane {
         command(disturbed, rollout.noise, (progress.seed, progress.steps), &mut self.action, draws)
     }
 
-    /// Returns how the signals after the reset end an episode; `None` if it runs.
-    pub(crate) fn end_of_start(&self) -> Option<EpisodeEnd> {
-        first_not_finite(&self.signals).map(|index| EpisodeEnd::InvalidSignal { step: 0, index })
+    /// Returns how a reset with this status and the signals after it end an episode; `None` if it
+    /// runs.
+    pub(crate) fn end_of_start(&self, status: StepStatus) -> Option<EpisodeEnd> {
+        match status {
+            StepStatus::InvalidStart => Some(EpisodeEnd::InvalidScenario),
+            StepStatus::Diverged => Some(EpisodeEnd::Diverged { step: 0 }),
+            StepStatus::Running | StepStatus::Terminated => {
+                first_not_finite(&self.signals).map(|index| EpisodeEnd::InvalidSignal { step: 0, index })
+            }
+        }
     }
 
     /// Returns how the sample after control step `step` ends an episode; `None` if it continues.
