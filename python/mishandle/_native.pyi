@@ -174,6 +174,7 @@ class Target:
         versions: Sequence[tuple[str, str]],
         random_axes: Sequence[str],
         simulate: Callable[[list[tuple[dict[str, Any], int]]], list[Outcome]],
+        painter: Any = None,
     ) -> Target: ...
     def with_requirements(self, requirements: dict[str, str]) -> Target: ...
     @staticmethod

@@ -141,6 +141,7 @@ class EnvironmentSystem(PolicySystem):
                 "function of the vector environment must make a new one"
             )
         super().__init__(first, policy, space, **options)
+        self.has_pictures = first.render_mode == "rgb_array"
 
     def __getstate__(self) -> dict[str, Any]:
         # Simulators outside of Python cannot be copied, so an environment that Gymnasium made is
@@ -244,6 +245,7 @@ class _Row:
     def reset(self) -> None:
         if self.outcome is None:
             self._guarded(self._start, None, 0)
+            self._draw()
 
     def _start(self, argument: None, step: int) -> None:
         observation, info = self._applications.reset(self._environment, self._seed)
@@ -252,6 +254,12 @@ class _Row:
         self._unwrapped = self._environment.unwrapped
         sample, self._late = self._system.first_sample(self._unwrapped, observation, info)
         self._samples.append(sample)
+
+    def _draw(self) -> None:
+        """Draws the last sample if a report asks for it. Its time does not count."""
+        recording = self._system.recording
+        if recording is not None and self._samples:
+            recording.add(self._steps, self._environment.render)
 
     def see(self, step: int) -> None:
         """Sets what the policy sees in a control step, counted from 0."""
@@ -269,6 +277,7 @@ class _Row:
         index = first_not_finite(action)
         if index is None:
             self._guarded(self._advance, action, step)
+            self._draw()
         else:
             self.end("invalid action", step, index)
 

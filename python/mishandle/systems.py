@@ -22,6 +22,7 @@ from mishandle.fault_lines import Disturbed, FaultLine
 from mishandle.fingerprints import walk
 from mishandle.flat_values import idle_action
 from mishandle.limits import TimeLimitExceeded, check_interruptible, check_time_limit, limited
+from mishandle.pictures import Recording
 from mishandle.policies import Policy, as_policy
 
 Scenario = dict[str, Value]
@@ -30,6 +31,11 @@ Source = Union[str, Callable[..., float]]
 """Source of a signal: a path such as ``"obs[3]"``, ``"obs.achieved_goal[0]"``, ``"info.speed"``, ``"data.qpos[2]"`` or
 ``"reward"``, or a function of the unwrapped environment, or of it and the observation. ``data`` and other names are attributes
 of the unwrapped environment; names after a dictionary are its keys."""
+
+
+Frames = Callable[[Scenario, Any, list[int]], Sequence[Any]]
+"""Draws samples of a simulation: a function of the scenario, the trace and the samples that returns one array (height, width, 3) of bytes
+for each sample."""
 
 
 @dataclass
@@ -63,6 +69,10 @@ class System:
     depends_on_seed: bool = True
     knows_control_dt: bool = True
     """Whether ``control_dt`` was given or stated by the system."""
+    has_pictures: bool = False
+    """Whether it can draw its simulations."""
+    recording: Recording | None = None
+    """Pictures that the next simulation draws."""
 
     @property
     def random_axes(self) -> list[str]:
@@ -163,7 +173,12 @@ class FunctionSystem(System):
         steps: int | None,
         units: Mapping[str, str],
         time_limit: float | None,
+        frame: Frames | None = None,
     ) -> None:
+        if frame is not None and not callable(frame):
+            raise InvalidTypeError(f"frame is a {type(frame).__name__}; expected a function frame(scenario, trace, samples)")
+        self._frame = frame
+        self.has_pictures = frame is not None
         self._function = function
         self._takes_seed = _takes_seed(function)
         self.depends_on_seed = self._takes_seed
@@ -211,6 +226,9 @@ class FunctionSystem(System):
         except Exception:
             self.keep_exception()
             return Outcome("crashed", nothing, 0)
+        if self.recording is not None and self._frame is not None:
+            frame = self._frame
+            self.recording.add_all(lambda samples: frame(scenario, trace, samples))
         columns = columns_of(trace)
         missing = [name for name, _ in self.signals if name not in columns]
         if missing:

@@ -34,9 +34,10 @@ from mishandle.formulas import Formula
 from mishandle.fingerprints import Fingerprint, Watch
 from mishandle.limits import check_time_limit
 from mishandle.packages import package_of
+from mishandle.pictures import Painter
 from mishandle.policies import policy_hash
 from mishandle.ray import RayExecutor
-from mishandle.systems import FunctionSystem, NativeSystem, Outcome, Scenario, Source, System, TaskSystem
+from mishandle.systems import Frames, FunctionSystem, NativeSystem, Outcome, Scenario, Source, System, TaskSystem
 from mishandle.vector_environments import environment_system
 
 Formulas = Union[str, Formula, Mapping[str, Union[str, Formula]], None]
@@ -111,6 +112,9 @@ class TargetOptions(TypedDict, total=False):
     """Signals of an environment: source, or source and unit, by name."""
     units: Mapping[str, str]
     """Units of the signals of a function."""
+    frame: Frames
+    """Draws samples of a simulation of a function, for reports: ``frame(scenario, trace, samples)`` returns one array (height, width, 3) of
+    bytes for each sample."""
     steps: int
     """Number of control steps of an episode; by default the time limit of the environment, or the length of the nominal
     trace."""
@@ -257,7 +261,7 @@ def make_target(
     if version is not None and not isinstance(version, str):
         raise InvalidTypeError(f"version is {version!r}; it must be a text")
     watch = Watch(_roots(system, policy, space, options))
-    under_test = _system(system, space, policy, options)
+    local = under_test = _system(system, space, policy, options)
     random_axes = under_test.random_axes
     check_time(formulas, under_test.knows_control_dt, under_test.control_dt)
     nominal = {axis.name: axis.nominal_value for axis in space}
@@ -305,7 +309,11 @@ def make_target(
         not_covered=list(not_covered),
         versions=_versions(under_test, found, version),
         random_axes=random_axes,
-        simulate=lambda batch: [outcome.to_native() for outcome in under_test.simulate(batch)],
+        # Pictures are drawn here, also if a cluster simulates.
+        simulate=lambda batch: [
+            outcome.to_native() for outcome in (under_test if local.recording is None else local).simulate(batch)
+        ],
+        painter=Painter(local) if local.has_pictures else None,
     )
     native = native.with_requirements(requirements(options))
     return Target(native, under_test, space, largest_difference, not_covered=not_covered)
@@ -459,6 +467,7 @@ def _system(system: Any, space: Sequence[Axis], policy: Any, options: TargetOpti
             steps=options.get("steps"),
             units=options.get("units", {}),
             time_limit=options.get("time_limit"),
+            frame=options.get("frame"),
         )
     raise InvalidTypeError(
         f"a {type(system).__name__} is not a system: expected a function, a Gymnasium environment or the name of a task"
@@ -467,7 +476,7 @@ def _system(system: Any, space: Sequence[Axis], policy: Any, options: TargetOpti
 
 NATIVE_OPTIONS = ("stochastic", "action_noise", "observation_noise")
 COMMON_OPTIONS = ("time_limit", "termination", "name", "executor", "axes", "requirements", "version", "files")
-FUNCTION_OPTIONS = ("control_dt", "steps", "units", *COMMON_OPTIONS)
+FUNCTION_OPTIONS = ("control_dt", "steps", "units", "frame", *COMMON_OPTIONS)
 ENVIRONMENT_OPTIONS = ("policy", "batched_policy", "signals", "steps", "control_dt", *COMMON_OPTIONS)
 TASK_OPTIONS = ("policy", "batched_policy", "preset", "rows", *COMMON_OPTIONS)
 
