@@ -2,7 +2,7 @@
 
 from mishandle import sb3
 from mishandle._native import TrainingEpisodes, __version__
-from mishandle.axes import Attribute, Axis, Except, ResetOption
+from mishandle.axes import Attribute, Axis, Except, PolicyArgument, ResetOption
 from mishandle.containment import register_child
 from mishandle.controllers import Controller, load_controller
 from mishandle.errors import (
@@ -58,6 +58,7 @@ __all__ = [
     "MishandleError",
     "MissingPackageError",
     "Objective",
+    "PolicyArgument",
     "RayExecutor",
     "Regression",
     "Repeats",

@@ -13,14 +13,14 @@ from typing import Any
 import gymnasium
 import numpy as np
 
-from mishandle.applications import Applications, environment_seed
+from mishandle.applications import Applications, PolicyArguments, environment_seed
 from mishandle.attributes import Attributes
 from mishandle.axes import Axis, follower, parse_path
 from mishandle.errors import InvalidScenario, InvalidTypeError, InvalidValueError
 from mishandle.fault_lines import Disturbed, FaultLine
 from mishandle.flat_values import all_numbers, idle_action
 from mishandle.limits import TimeLimitExceeded, check_time_limit, limited
-from mishandle.policies import Policy, as_policy
+from mishandle.policies import Policy, as_policy, start
 from mishandle.systems import Outcome, Scenario, Source, System
 
 
@@ -44,7 +44,8 @@ class PolicySystem(System):
             getattr(environment, f"single_{name}", None) or getattr(environment, name, None)
             for name in ("observation_space", "action_space")
         ]
-        self.policy: Policy = as_policy(policy, batched_policy, spaces=(spaces[0], spaces[1]))
+        self.arguments = PolicyArguments(space)
+        self.policy: Policy = as_policy(policy, batched_policy, spaces=(spaces[0], spaces[1]), arguments=self.arguments)
         self._policy_source = policy
         self._environment = environment
         self.space = {axis.name: axis for axis in space}
@@ -180,7 +181,7 @@ class EnvironmentSystem(PolicySystem):
             row.check_own()
         for row in rows:
             row.reset()
-        self.policy.reset(len(rows))
+        start(self.policy, self.arguments, [row.scenario for row in rows])
         for step in range(1, self.steps + 1):
             running = [row for row in rows if row.outcome is None]
             if not running:
@@ -209,6 +210,7 @@ class _Row:
 
     def __init__(self, system: EnvironmentSystem, environment: Any, scenario: Scenario, seed: int, faults: Disturbed | None) -> None:
         self._system = system
+        self.scenario = scenario
         self._applications = Applications(system.space, scenario)
         self._seed = environment_seed(seed)
         self._faults = faults

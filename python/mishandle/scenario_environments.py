@@ -13,7 +13,7 @@ from mishandle import _native
 from mishandle.applications import Applications, environment_seed
 from mishandle.arguments import check_number, check_period, check_space, check_steps, is_real
 from mishandle.attributes import Attributes
-from mishandle.axes import Attribute, Axis, FaultParameter, ResetOption, Value
+from mishandle.axes import Attribute, Axis, FaultParameter, PolicyArgument, ResetOption, Value
 from mishandle.environments import control_period, episode_steps, first_not_finite
 from mishandle.errors import InvalidScenario, InvalidStateError, InvalidTypeError, InvalidValueError
 from mishandle.fault_lines import Disturbed, FaultLine
@@ -181,7 +181,7 @@ class ScenarioEnv(gymnasium.Wrapper[Any, Any, Any, Any]):
 
     def _is_function(self, name: str) -> bool:
         application = self._space[name].apply
-        return application is not None and not isinstance(application, (ResetOption, Attribute, FaultParameter))
+        return application is not None and not isinstance(application, (ResetOption, Attribute, FaultParameter, PolicyArgument))
 
     def step(self, action: Any) -> tuple[Any, Any, bool, bool, dict[str, Any]]:
         if self._disturbed is None:

@@ -16,6 +16,7 @@ from gymnasium.spaces import Box
 from numpy.typing import NDArray
 
 from mishandle import _native
+from mishandle.applications import PolicyArguments
 from mishandle.axes import Axis, Value
 from mishandle.errors import InvalidScenario, InvalidTypeError, InvalidValueError
 from mishandle.fault_lines import Disturbed, FaultLine
@@ -23,7 +24,7 @@ from mishandle.fingerprints import walk
 from mishandle.flat_values import idle_action
 from mishandle.limits import TimeLimitExceeded, check_interruptible, check_time_limit, limited
 from mishandle.pictures import Recording
-from mishandle.policies import Policy, as_policy
+from mishandle.policies import Policy, as_policy, start
 
 Scenario = dict[str, Value]
 
@@ -303,7 +304,8 @@ class TaskSystem(System):
         self.own_signals = native.signals
         observations = Box(-np.inf, np.inf, (native.observation_size,))
         spaces = (observations, Box(-1, 1, (native.action_size,)))
-        self._policy: Policy = as_policy(policy, batched_policy, spaces=spaces, task=task)
+        self.arguments = PolicyArguments(space)
+        self._policy: Policy = as_policy(policy, batched_policy, spaces=spaces, task=task, arguments=self.arguments)
         self.policy_source = policy
         self.facts = [task, preset]
         self.name = task
@@ -365,7 +367,7 @@ class TaskSystem(System):
         samples = [signals]
         returns = np.zeros(rows)
         ends: list[tuple[str, int, int] | None] = [None] * rows
-        self._policy.reset(rows)
+        start(self._policy, self.arguments, [scenario for scenario, _ in padded])
         # The rows share the time of the policy; the task itself cannot hang.
         left = None if self._time_limit is None else self._time_limit * rows
         for step in range(1, self.steps + 1):

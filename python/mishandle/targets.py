@@ -350,7 +350,8 @@ def requirements(options: TargetOptions) -> dict[str, str]:
 def _roots(system: Any, policy: Any, space: Sequence[Axis], options: TargetOptions) -> dict[str, Any]:
     """Returns the functions and objects that decide how a system behaves."""
     if isinstance(system, TaskSystem):
-        return {"task": system.facts, "policy": system.policy_source}
+        arguments = {"arguments": system.arguments} if system.arguments else {}
+        return {"task": system.facts, "policy": system.policy_source, **arguments}
     if isinstance(system, System):
         return {"system": system.code()}
     applications = {axis.name: axis.apply for axis in space}

@@ -12,12 +12,13 @@ from gymnasium.vector.utils import concatenate, create_empty_array, iterate
 from numpy.typing import NDArray
 
 from mishandle.applications import Applications, environment_seed
-from mishandle.axes import Attribute, Axis, FaultParameter, ResetOption
+from mishandle.axes import Attribute, Axis, FaultParameter, PolicyArgument, ResetOption
 from mishandle.environments import EnvironmentSystem, PolicySystem, Time, complete
 from mishandle.errors import InvalidScenario, InvalidTypeError, InvalidValueError
 from mishandle.fault_lines import Disturbed
 from mishandle.flat_values import all_numbers, idle_action
 from mishandle.limits import TimeLimitExceeded, limited
+from mishandle.policies import start
 from mishandle.systems import Outcome, Scenario, System
 
 
@@ -74,7 +75,7 @@ class VectorSystem(PolicySystem):
         vector = self._environment.unwrapped
         one = vector.env_fns[0]() if isinstance(vector, AsyncVectorEnv) else None
         for axis in self.space.values():
-            if axis.apply is None or isinstance(axis.apply, (ResetOption, FaultParameter)):
+            if axis.apply is None or isinstance(axis.apply, (ResetOption, FaultParameter, PolicyArgument)):
                 continue
             if not isinstance(axis.apply, Attribute) or one is None:
                 text = "an attribute" if isinstance(axis.apply, Attribute) else "a function"
@@ -186,7 +187,7 @@ class VectorSystem(PolicySystem):
             batched, info = self._reset(padded)
             rows = list(iterate(self._environment.observation_space, batched))
         rollout.start(rows, info)
-        self.policy.reset(self._rows)
+        start(self.policy, self.arguments, [scenario for scenario, _ in padded])
         space = self._environment.single_action_space
         disturbed = [*faults, *[None] * (self._rows - count)]
         idle = self.idle
