@@ -24,6 +24,7 @@ from mishandle.objectives import Objective
 from mishandle.plots import plot_comparison, plot_robustness_map, plot_search_progress, plot_survival, plot_trace
 from mishandle.processes import JsonProcess
 from mishandle.ray import RayExecutor
+from mishandle.reductions import Reduced
 from mishandle.results import ComparedPair, Estimate, FailureMode, Regression, Repeats, Trial, Witness
 from mishandle.risks import Risk, risk
 from mishandle.runs import Run, open_run
@@ -60,6 +61,7 @@ __all__ = [
     "Objective",
     "PolicyArgument",
     "RayExecutor",
+    "Reduced",
     "Regression",
     "Repeats",
     "Replay",

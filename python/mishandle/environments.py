@@ -21,6 +21,7 @@ from mishandle.fault_lines import Disturbed, FaultLine
 from mishandle.flat_values import all_numbers, idle_action
 from mishandle.limits import TimeLimitExceeded, check_time_limit, limited
 from mishandle.policies import Policy, as_policy, start
+from mishandle.reductions import PhysicsSteps, Reduced
 from mishandle.systems import Outcome, Scenario, Source, System
 
 
@@ -51,7 +52,8 @@ class PolicySystem(System):
         self.space = {axis.name: axis for axis in space}
         self.time_limit = time_limit
         self.sources, self.signals = sources_and_signals(signals)
-        self._readers = [_reader(source) for source in self.sources]
+        self.physics_steps = PhysicsSteps()
+        self._readers = [_reader(source, self.physics_steps) for source in self.sources]
         self.name = spec_name(environment)
         self.steps = episode_steps(environment, steps)
         self.control_dt = control_dt if control_dt is not None else control_period(environment)
@@ -70,6 +72,7 @@ class PolicySystem(System):
         until :func:`complete` sets them."""
         late = []
         for column, (source, read) in enumerate(zip(self.sources, self._readers)):
+            source = source.source if isinstance(source, Reduced) else source
             if isinstance(source, str) and source.startswith("info."):
                 try:
                     read(unwrapped, observation, info, 0.0)
@@ -91,7 +94,7 @@ class PolicySystem(System):
                 try:
                     read(unwrapped, observation, info, reward)
                 except (LookupError, AttributeError, TypeError, ValueError) as error:
-                    text = source if isinstance(source, str) else "a function"
+                    text = source if isinstance(source, (str, Reduced)) else "a function"
                     raise InvalidValueError(
                         f"the signal `{name}` has no value: its source is {text}, and {type(error).__name__}: {error}"
                     ) from error
@@ -287,12 +290,13 @@ class _Row:
         system = self._system
         if self._faults is not None:
             action = self._faults.act(step - 1, action)
-        observation, given, terminated, truncated, info = self._environment.step(action)
-        reward = float(given)
-        self.observation = observation
-        self._steps = step
-        self._total_reward += reward
-        self._samples.append(system.sample(self._unwrapped, observation, info, reward))
+        with system.physics_steps.watched(self._unwrapped):
+            observation, given, terminated, truncated, info = self._environment.step(action)
+            reward = float(given)
+            self.observation = observation
+            self._steps = step
+            self._total_reward += reward
+            self._samples.append(system.sample(self._unwrapped, observation, info, reward))
         if self._late:
             complete(self._samples, self._late)
             self._late = []
@@ -372,32 +376,47 @@ def first_not_finite(action: Any) -> int | None:
 Reader = Callable[[Any, Any, Mapping[str, Any], float], float]
 
 
-def _reader(source: Source) -> Reader:
+def _reader(source: Source, physics_steps: PhysicsSteps) -> Reader:
     """Returns the function from unwrapped environment, observation, info and reward to the value of a signal."""
+    if not isinstance(source, Reduced):
+        read = _values(source)
+        return lambda environment, observation, info, reward: float(read(environment, observation, info, reward))
+    several = _values(source.source)
+    reduced = source
+    if not reduced.reads_physics_steps:
+        return lambda environment, observation, info, reward: reduced.reduce(several(environment, observation, info, reward))
+    if callable(source.source) and _positional_parameters(source.source) >= 2:
+        raise InvalidTypeError("a source that is read after each physics step is a function of the environment; it has no observation there")
+    number = physics_steps.add(reduced, lambda environment: several(environment, None, {}, 0.0))
+    return lambda environment, observation, info, reward: number(environment)
+
+
+def _values(source: str | Callable[..., Any]) -> Callable[[Any, Any, Mapping[str, Any], float], Any]:
+    """Returns the function from unwrapped environment, observation, info and reward to the value of a source."""
     if callable(source):
         function = source
         if _positional_parameters(function) >= 2:
-            return lambda environment, observation, info, reward: float(function(environment, observation))
-        return lambda environment, observation, info, reward: float(function(environment))
+            return lambda environment, observation, info, reward: function(environment, observation)
+        return lambda environment, observation, info, reward: function(environment)
     if source == "reward":
         return lambda environment, observation, info, reward: reward
     segments = parse_path(source)
     first, indexes = segments[0]
     if first == "obs" and len(segments) == len(indexes) == 1:
         [place] = indexes
-        return lambda environment, observation, info, reward: float(observation[place])
+        return lambda environment, observation, info, reward: observation[place]
     if first in ("obs", "info"):
         follow = follower(segments[1:])
 
-        def read(environment: Any, observation: Any, info: Mapping[str, Any], reward: float) -> float:
+        def read(environment: Any, observation: Any, info: Mapping[str, Any], reward: float) -> Any:
             start = observation if first == "obs" else info
             for index in indexes:
                 start = start[index]
-            return float(follow(start))
+            return follow(start)
 
         return read
     follow = follower(segments)
-    return lambda environment, observation, info, reward: float(follow(environment))
+    return lambda environment, observation, info, reward: follow(environment)
 
 
 def _positional_parameters(function: Callable[..., Any]) -> int:

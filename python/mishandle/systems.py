@@ -25,13 +25,15 @@ from mishandle.flat_values import idle_action
 from mishandle.limits import TimeLimitExceeded, check_interruptible, check_time_limit, limited
 from mishandle.pictures import Recording
 from mishandle.policies import Policy, as_policy, start
+from mishandle.reductions import Reduced
 
 Scenario = dict[str, Value]
 
-Source = Union[str, Callable[..., float]]
+Source = Union[str, Callable[..., float], Reduced]
 """Source of a signal: a path such as ``"obs[3]"``, ``"obs.achieved_goal[0]"``, ``"info.speed"``, ``"data.qpos[2]"`` or
 ``"reward"``, or a function of the unwrapped environment, or of it and the observation. ``data`` and other names are attributes
-of the unwrapped environment; names after a dictionary are its keys."""
+of the unwrapped environment; names after a dictionary are its keys. :class:`mishandle.Reduced` reduces several values of a control
+step."""
 
 
 Frames = Callable[[Scenario, Any, list[int]], Sequence[Any]]

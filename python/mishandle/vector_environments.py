@@ -19,6 +19,7 @@ from mishandle.fault_lines import Disturbed
 from mishandle.flat_values import all_numbers, idle_action
 from mishandle.limits import TimeLimitExceeded, limited
 from mishandle.policies import start
+from mishandle.reductions import Reduced
 from mishandle.systems import Outcome, Scenario, System
 
 
@@ -61,7 +62,8 @@ class VectorSystem(PolicySystem):
 
     def _check_sources(self) -> None:
         kind = type(self._environment.unwrapped).__name__
-        for source, (name, _) in zip(self.sources, self.signals):
+        for given, (name, _) in zip(self.sources, self.signals):
+            source = given.source if isinstance(given, Reduced) else given
             if callable(source) or not (source == "reward" or source.startswith(("obs", "info."))):
                 text = "a function" if callable(source) else repr(source)
                 raise InvalidValueError(
