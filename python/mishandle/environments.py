@@ -22,6 +22,7 @@ from mishandle.flat_values import all_numbers, idle_action
 from mishandle.limits import TimeLimitExceeded, check_time_limit, limited
 from mishandle.policies import Policy, as_policy, start
 from mishandle.reductions import PhysicsSteps, Reduced
+from mishandle.starts import Invalid, Settle, Starts
 from mishandle.systems import Outcome, Scenario, Source, System
 
 
@@ -39,6 +40,8 @@ class PolicySystem(System):
         control_dt: float | None,
         time_limit: float | None,
         batched_policy: bool,
+        settle: Settle | None = None,
+        invalid: Invalid | None = None,
     ) -> None:
         check_time_limit(time_limit)
         spaces = [
@@ -55,7 +58,9 @@ class PolicySystem(System):
         self.physics_steps = PhysicsSteps()
         self._readers = [_reader(source, self.physics_steps) for source in self.sources]
         self.name = spec_name(environment)
-        self.steps = episode_steps(environment, steps)
+        self.starts = Starts(settle, invalid, spaces[1])
+        # A time limit of the environment counts the control steps in which it settles.
+        self.steps = episode_steps(environment, steps) if steps is not None else episode_steps(environment, None) - self.starts.steps
         self.control_dt = control_dt if control_dt is not None else control_period(environment)
         self.knows_control_dt = control_dt is not None or states_control_dt(environment)
         self.faults = FaultLine(space, self.control_dt, self.steps, (spaces[0], spaces[1]))
@@ -253,7 +258,8 @@ class _Row:
             self._draw()
 
     def _start(self, argument: None, step: int) -> None:
-        observation, info = self._applications.reset(self._environment, self._seed)
+        start = self._applications.reset(self._environment, self._seed)
+        observation, info = self._system.starts.settled(self._environment, *start)
         self.observation = observation
         # A wrapper may make a new environment in its reset.
         self._unwrapped = self._environment.unwrapped

@@ -37,6 +37,7 @@ from mishandle.packages import package_of
 from mishandle.pictures import Painter
 from mishandle.policies import policy_hash
 from mishandle.ray import RayExecutor
+from mishandle.starts import Invalid, Settle
 from mishandle.systems import Frames, FunctionSystem, NativeSystem, Outcome, Scenario, Source, System, TaskSystem
 from mishandle.vector_environments import environment_system
 
@@ -115,6 +116,12 @@ class TargetOptions(TypedDict, total=False):
     frame: Frames
     """Draws samples of a simulation of a function, for reports: ``frame(scenario, trace, samples)`` returns one array (height, width, 3) of
     bytes for each sample."""
+    settle: Settle
+    """Control steps of an environment after its reset and before the first sample, as a number, or with an action as a pair. The action is
+    0, or the value of the space that is nearest to it."""
+    invalid: Invalid
+    """Says from observation and ``info`` of an environment, after it settled, whether no episode can start there. Such a simulation ends as
+    an invalid scenario, without a verdict."""
     steps: int
     """Number of control steps of an episode; by default the time limit of the environment, or the length of the nominal
     trace."""
@@ -355,7 +362,8 @@ def _roots(system: Any, policy: Any, space: Sequence[Axis], options: TargetOptio
     if isinstance(system, System):
         return {"system": system.code()}
     applications = {axis.name: axis.apply for axis in space}
-    return {"system": system, "policy": policy, "signals": dict(options.get("signals", {})), "axes": applications}
+    start: dict[str, Any] = {name: value for name, value in options.items() if name in ("settle", "invalid")}
+    return {"system": system, "policy": policy, "signals": dict(options.get("signals", {})), "axes": applications, **start}
 
 
 def _policy_hash(policy: Any, found: Mapping[str, Fingerprint]) -> str:
@@ -458,6 +466,8 @@ def _system(system: Any, space: Sequence[Axis], policy: Any, options: TargetOpti
             control_dt=options.get("control_dt"),
             time_limit=options.get("time_limit"),
             batched_policy=options.get("batched_policy", False),
+            settle=options.get("settle"),
+            invalid=options.get("invalid"),
         )
     if callable(system):
         check_applicable(options, FUNCTION_OPTIONS, "a function")
@@ -478,7 +488,7 @@ def _system(system: Any, space: Sequence[Axis], policy: Any, options: TargetOpti
 NATIVE_OPTIONS = ("stochastic", "action_noise", "observation_noise")
 COMMON_OPTIONS = ("time_limit", "termination", "name", "executor", "axes", "requirements", "version", "files")
 FUNCTION_OPTIONS = ("control_dt", "steps", "units", "frame", *COMMON_OPTIONS)
-ENVIRONMENT_OPTIONS = ("policy", "batched_policy", "signals", "steps", "control_dt", *COMMON_OPTIONS)
+ENVIRONMENT_OPTIONS = ("policy", "batched_policy", "signals", "steps", "control_dt", "settle", "invalid", *COMMON_OPTIONS)
 TASK_OPTIONS = ("policy", "batched_policy", "preset", "rows", *COMMON_OPTIONS)
 
 

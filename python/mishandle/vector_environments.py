@@ -187,8 +187,12 @@ class VectorSystem(PolicySystem):
         padded = [*chunk, *[chunk[-1]] * (self._rows - count)]
         with self._timed(clock, count):
             batched, info = self._reset(padded)
+            batched, info, ended = self._settled(batched, info)
             rows = list(iterate(self._environment.observation_space, batched))
         rollout.start(rows, info)
+        for row in range(count):
+            if ended[row] or self.starts.is_invalid(rows[row], row_info(info[row], row)):
+                rollout.end(row, "invalid scenario", 0)
         start(self.policy, self.arguments, [scenario for scenario, _ in padded])
         space = self._environment.single_action_space
         disturbed = [*faults, *[None] * (self._rows - count)]
@@ -259,6 +263,27 @@ class VectorSystem(PolicySystem):
             observations, info = environment.reset(seed=seeds, options=options)
             infos.append(info)
         return observations, infos
+
+
+    def _settled(
+        self, observations: Any, infos: list[Mapping[str, Any]]
+    ) -> tuple[Any, list[Mapping[str, Any]], NDArray[np.bool_]]:
+        """Lets all rows settle after their resets. Returns observations, the ``info`` of each row, and whether its episode ended."""
+        ended = np.zeros(self._rows, dtype=bool)
+        if self.starts.steps == 0:
+            return observations, infos, ended
+        space = self._environment.single_action_space
+        joint: Any = create_empty_array(space, self._rows)
+        joint = concatenate(space, [self.starts.action] * self._rows, joint)
+        for _ in range(self.starts.steps):
+            observations, _, terminated, truncated, info = self._environment.step(joint)
+            infos = [info] * self._rows
+            last = np.asarray(terminated) | np.asarray(truncated)
+            ended |= last
+            self._restarts = bool(last.any())
+            if self._mode is AutoresetMode.DISABLED and last.any():
+                observations, _ = self._environment.reset(options={"reset_mask": last})
+        return observations, infos, ended
 
 
 class _Timed:
