@@ -193,6 +193,20 @@ class Target:
     @property
     def formulas(self) -> list[tuple[str, str]]: ...
 
+def robot_facts(path: str) -> tuple[str, int, int]: ...
+def robot_target(
+    path: str,
+    policy: Any,
+    *,
+    name: str,
+    identified: tuple[str, str, list[str]],
+    space: str,
+    axes: Mapping[str, float | tuple[float, float] | str],
+    noise: tuple[float, float],
+    versions: Sequence[tuple[str, str]],
+    is_deterministic: bool,
+) -> Target: ...
+
 RequestTuple = tuple[list[float | None], int, bool, float | None]
 
 class PlanWorker:

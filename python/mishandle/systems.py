@@ -284,6 +284,34 @@ def _takes_seed(function: Callable[..., Any]) -> bool:
     return any(parameter.name == "seed" for parameter in parameters)
 
 
+class RobotSystem(System):
+    """A robot that a file describes with a policy in Python. The Rust core simulates it and requests the actions of up to 16
+    simulations at once."""
+
+    def __init__(self, file: str, policy: Any, batched_policy: bool) -> None:
+        self.name, observation_size, self._action_size = _native.robot_facts(file)
+        spaces = (Box(-np.inf, np.inf, (observation_size,)), Box(-np.inf, np.inf, (self._action_size,)))
+        self._policy: Policy = as_policy(policy, batched_policy, spaces=spaces)
+        self.versions = [("numpy", np.__version__)]
+        self.exceptions = []
+
+    def act(self, observations: NDArray[np.float32], rows: int, is_start: bool) -> NDArray[np.float32] | None:
+        """Returns one action per row; ``None`` after an exception."""
+        try:
+            if is_start:
+                self._policy.reset(rows)
+            actions = np.array(self._policy.act(observations, rows), dtype=np.float32)
+            if actions.size != rows * self._action_size:
+                raise InvalidValueError(
+                    f"the policy returned {actions.size} numbers for {rows} observation{'s' if rows > 1 else ''}; the robot takes "
+                    f"{self._action_size} for each"
+                )
+            return actions.reshape(rows, self._action_size)
+        except Exception:
+            self.keep_exception()
+            return None
+
+
 class TaskSystem(System):
     """One of the tasks with a policy. A whole batch is stepped together, with the bits of the command line."""
 

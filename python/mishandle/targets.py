@@ -38,7 +38,7 @@ from mishandle.pictures import Painter
 from mishandle.policies import policy_hash
 from mishandle.ray import RayExecutor
 from mishandle.starts import Invalid, Settle
-from mishandle.systems import Frames, FunctionSystem, NativeSystem, Outcome, Scenario, Source, System, TaskSystem
+from mishandle.systems import Frames, FunctionSystem, NativeSystem, Outcome, RobotSystem, Scenario, Source, System, TaskSystem
 from mishandle.vector_environments import environment_system
 
 Formulas = Union[str, Formula, Mapping[str, Union[str, Formula]], None]
@@ -287,11 +287,7 @@ def make_target(
     found = watch.fingerprints()
     not_covered = tuple(gap for each in found.values() for gap in each.gaps)
     if not_covered and version is None:
-        warnings.warn(
-            f"the hash of the system does not cover {'; '.join(not_covered)}: pass `version`, a text that you change with them, so that "
-            "resumed runs and comparisons can tell two versions apart",
-            stacklevel=3,
-        )
+        _warn_of_gaps(not_covered)
     # A task is the same system whatever a question needs of it.
     signals = system.own_signals if isinstance(system, TaskSystem) else under_test.signals
     stated = formulas if known is None else named_formulas(known)
@@ -324,6 +320,14 @@ def make_target(
     )
     native = native.with_requirements(requirements(options))
     return Target(native, under_test, space, largest_difference, not_covered=not_covered)
+
+
+def _warn_of_gaps(not_covered: Sequence[str]) -> None:
+    warnings.warn(
+        f"the hash of the system does not cover {'; '.join(not_covered)}: pass `version`, a text that you change with them, so that "
+        "resumed runs and comparisons can tell two versions apart",
+        stacklevel=4,
+    )
 
 
 def _formulas_of_task(
@@ -408,15 +412,64 @@ def _with_settings(space: Sequence[Axis], options: TargetOptions) -> Sequence[Ax
 def _robot(
     path: pathlib.Path, formula: Formulas, space: Space, options: TargetOptions, check: Callable[[Sequence[Axis]], object]
 ) -> Target:
-    """Returns a robot that a file describes, which the Rust core simulates, with the policy of the file or another one."""
+    """Returns a robot that a file describes, which the Rust core simulates, with the policy of the file, another file or a policy in
+    Python."""
     if space is not None and not isinstance(space, str):
         raise InvalidTypeError(f"the space of {path} is one of its own, by name; `mishandle targets {path}` lists them")
     policy = options.get("policy", "")
     if not isinstance(policy, (str, os.PathLike)):
-        raise InvalidTypeError(f"the policy of {path} is a file or that of the target file, not a {type(policy).__name__}")
+        return _robot_in_python(path.absolute(), formula, space or "", options, check)
     # Absolute, because workers of a cluster have other working folders.
     policy = str(pathlib.Path(policy).absolute()) if os.fspath(policy) else ""
     return _task_in_space(str(path.absolute()), formula, space or "", {**options, "policy": policy}, check)
+
+
+def _robot_in_python(
+    path: pathlib.Path, formula: Formulas, space: str, options: TargetOptions, check: Callable[[Sequence[Axis]], object]
+) -> Target:
+    """Returns a robot that a file describes with a policy in Python, in a space of the file."""
+    check_applicable(options, ROBOT_OPTIONS, "a robot in a file with a policy in Python")
+    policy, version = options["policy"], options.get("version")
+    system = RobotSystem(str(path), policy, options.get("batched_policy", False))
+    given = [f"{name} {digest}" for name, digest in _file_hashes(options.get("files", ()))]
+    watch = Watch({"policy": policy})
+
+    def made(is_deterministic: bool) -> tuple[_native.Target, tuple[str, ...]]:
+        found = watch.fingerprints()
+        parts = "\n".join([_policy_hash(policy, found), repr(version), *given])
+        target = _native.robot_target(
+            str(path),
+            system,
+            name=options.get("name", system.name),
+            identified=(
+                getattr(policy, "name", type(policy).__name__),
+                hashlib.sha256(parts.encode()).hexdigest(),
+                list(found["policy"].gaps),
+            ),
+            space=space,
+            axes=axis_settings(options),
+            noise=(options.get("action_noise", 0.0), options.get("observation_noise", 0.0)),
+            versions=_versions(system, found, version),
+            is_deterministic=is_deterministic,
+        )
+        return target, found["policy"].gaps
+
+    native, _ = made(True)
+    nominal = [axis[5] for axis in native.axes]
+    first, second = (_native.simulate(native, formula=None, values=nominal, repeat=1, seed=0)[0] for _ in range(2))
+    if system.exceptions:
+        raise InvalidStateError(f"the nominal scenario raised an exception:\n{system.exceptions[0]}")
+    is_deterministic = first["end"] == second["end"] and np.array_equal(first["samples"], second["samples"], equal_nan=True)
+    if not is_deterministic:
+        warnings.warn(
+            "the policy is not deterministic: two simulations of the same scenario and seed differ; replays are not bit-identical",
+            stacklevel=4,
+        )
+    # What the simulations changed is a state of the policy.
+    native, gaps = made(is_deterministic)
+    if gaps and version is None:
+        _warn_of_gaps(gaps)
+    return _in_named_space(native, system, formula, space, options, check, gaps)
 
 
 def _task_in_space(
@@ -432,6 +485,20 @@ def _task_in_space(
         )
     noise = (options.get("stochastic", False), options.get("action_noise", 0.0), options.get("observation_noise", 0.0))
     native = _native.Target.of_task(task, os.fspath(policy), options.get("preset", "paper"), space, axis_settings(options), noise)
+    return _in_named_space(native, NativeSystem(native.signals), formula, space, options, check)
+
+
+def _in_named_space(
+    native: _native.Target,
+    system: System,
+    formula: Formulas,
+    space: str,
+    options: TargetOptions,
+    check: Callable[[Sequence[Axis]], object],
+    not_covered: tuple[str, ...] = (),
+) -> Target:
+    """Returns a target that the Rust core simulates in a space that it knows by name."""
+    system.signals = native.signals
     if formula is not None and not isinstance(formula, (str, Formula)):
         raise InvalidTypeError(f"formulas by name are not possible in the space {space!r} of a task; pass one formula")
     requirement = None if formula is None else str(formula)
@@ -442,7 +509,7 @@ def _task_in_space(
     check(axes)
     nominal = [axis[5] for axis in native.axes]
     native = native.with_requirements(requirements(options))
-    return Target(native, NativeSystem(native.signals), axes, 0.0, requirement, nominal)
+    return Target(native, system, axes, 0.0, requirement, nominal, not_covered)
 
 
 def axis_settings(options: TargetOptions) -> dict[str, Any]:
@@ -489,6 +556,7 @@ NATIVE_OPTIONS = ("stochastic", "action_noise", "observation_noise")
 COMMON_OPTIONS = ("time_limit", "termination", "name", "executor", "axes", "requirements", "version", "files")
 FUNCTION_OPTIONS = ("control_dt", "steps", "units", "frame", *COMMON_OPTIONS)
 ENVIRONMENT_OPTIONS = ("policy", "batched_policy", "signals", "steps", "control_dt", "settle", "invalid", *COMMON_OPTIONS)
+ROBOT_OPTIONS = ("policy", "batched_policy", "axes", "requirements", "name", "version", "files", "action_noise", "observation_noise")
 TASK_OPTIONS = ("policy", "batched_policy", "preset", "rows", *COMMON_OPTIONS)
 
 
