@@ -2,7 +2,7 @@
 
 from mishandle import sb3
 from mishandle._native import TrainingEpisodes, __version__
-from mishandle.axes import Attribute, Axis, Except, ResetOption
+from mishandle.axes import Attribute, Axis, Except, PolicyArgument, ResetOption
 from mishandle.containment import register_child
 from mishandle.controllers import Controller, load_controller
 from mishandle.errors import (
@@ -24,6 +24,7 @@ from mishandle.objectives import Objective
 from mishandle.plots import plot_comparison, plot_robustness_map, plot_search_progress, plot_survival, plot_trace
 from mishandle.processes import JsonProcess
 from mishandle.ray import RayExecutor
+from mishandle.reductions import Reduced
 from mishandle.results import ComparedPair, Estimate, FailureMode, Regression, Repeats, Trial, Witness
 from mishandle.risks import Risk, risk
 from mishandle.runs import Run, open_run
@@ -58,7 +59,9 @@ __all__ = [
     "MishandleError",
     "MissingPackageError",
     "Objective",
+    "PolicyArgument",
     "RayExecutor",
+    "Reduced",
     "Regression",
     "Repeats",
     "Replay",

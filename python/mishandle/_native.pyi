@@ -115,6 +115,9 @@ class Controller:
     @property
     def action_size(self) -> int: ...
     def onnx_bytes(self) -> bytes: ...
+    @property
+    def is_recurrent(self) -> bool: ...
+    def reset(self) -> None: ...
     def act(self, observations: NDArray[np.float32]) -> NDArray[np.float32]: ...
 
 class Simulator:
@@ -171,6 +174,7 @@ class Target:
         versions: Sequence[tuple[str, str]],
         random_axes: Sequence[str],
         simulate: Callable[[list[tuple[dict[str, Any], int]]], list[Outcome]],
+        painter: Any = None,
     ) -> Target: ...
     def with_requirements(self, requirements: dict[str, str]) -> Target: ...
     @staticmethod
@@ -188,6 +192,20 @@ class Target:
     def signals(self) -> list[tuple[str, str]]: ...
     @property
     def formulas(self) -> list[tuple[str, str]]: ...
+
+def robot_facts(path: str) -> tuple[str, int, int]: ...
+def robot_target(
+    path: str,
+    policy: Any,
+    *,
+    name: str,
+    identified: tuple[str, str, list[str]],
+    space: str,
+    axes: Mapping[str, float | tuple[float, float] | str],
+    noise: tuple[float, float],
+    versions: Sequence[tuple[str, str]],
+    is_deterministic: bool,
+) -> Target: ...
 
 RequestTuple = tuple[list[float | None], int, bool, float | None]
 

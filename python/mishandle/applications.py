@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import copy
-from collections.abc import Callable, Mapping
+import inspect
+from collections.abc import Callable, Iterable, Mapping
 from typing import Any
 
-from mishandle.axes import Attribute, Axis, FaultParameter, ResetOption, Value
+from mishandle.axes import Attribute, Axis, FaultParameter, PolicyArgument, ResetOption, Value
+from mishandle.errors import InvalidTypeError
 
 
 class Applications:
-    """What the values of some axes change in an environment, apart from faults: attributes to set before the reset, options of the
+    """What the values of some axes change in an environment, apart from faults and its policy: attributes to set before the reset, options of the
     reset, and functions to call after it."""
 
     def __init__(self, space: Mapping[str, Axis], scenario: Mapping[str, Value]) -> None:
@@ -23,7 +25,7 @@ class Applications:
                 self._options.append((name if application is None else application.name, value))
             elif isinstance(application, Attribute):
                 self.attributes.append((application.path, value))
-            elif not isinstance(application, FaultParameter):
+            elif not isinstance(application, (FaultParameter, PolicyArgument)):
                 self._functions.append((application, value))
 
     def options(self, others: Mapping[str, Any] | None = None) -> dict[str, Any]:
@@ -45,6 +47,39 @@ class Applications:
             changed = function(environment, value)
             observation = observation if changed is None else changed
         return observation, info
+
+
+class PolicyArguments:
+    """The keyword arguments that a policy gets from the axes of a space."""
+
+    def __init__(self, space: Iterable[Axis]) -> None:
+        self._names = {axis.name: axis.apply.name for axis in space if isinstance(axis.apply, PolicyArgument)}
+
+    def __bool__(self) -> bool:
+        return bool(self._names)
+
+    def of(self, scenario: Mapping[str, Value]) -> dict[str, Value]:
+        """Returns the arguments in a scenario.
+
+        >>> PolicyArguments([Axis("estimate_bias", -1, 1, apply=PolicyArgument("bias"))]).of({"estimate_bias": 0.5, "mass": 2.0})
+        {'bias': 0.5}
+        """
+        return {argument: scenario[axis] for axis, argument in self._names.items()}
+
+    def check(self, policy: Callable[..., Any]) -> None:
+        """Checks that a policy takes the arguments."""
+        try:
+            parameters = inspect.signature(policy).parameters
+        except (TypeError, ValueError):
+            return
+        if any(parameter.kind is parameter.VAR_KEYWORD for parameter in parameters.values()):
+            return
+        for axis, argument in self._names.items():
+            if argument not in parameters or parameters[argument].kind is inspect.Parameter.POSITIONAL_ONLY:
+                raise InvalidTypeError(
+                    f"the policy has no keyword argument `{argument}`, which the axis `{axis}` sets; its arguments: "
+                    f"{', '.join(parameters) or 'none'}"
+                )
 
 
 def environment_seed(seed: int) -> int:

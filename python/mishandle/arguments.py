@@ -10,7 +10,7 @@ from collections.abc import Iterable, Mapping, Sequence
 
 from typing_extensions import TypeGuard
 
-from mishandle.axes import Attribute, Axis, FaultParameter, ResetOption, parse_path
+from mishandle.axes import Attribute, Axis, FaultParameter, PolicyArgument, ResetOption, parse_path
 from mishandle.errors import InvalidTypeError, InvalidValueError, MishandleError
 from mishandle import _native
 from mishandle.formulas import Formula
@@ -155,6 +155,8 @@ def check_space(space: Sequence[Axis], is_environment: bool, has_steps: bool = T
         elif axis.apply is None or isinstance(axis.apply, ResetOption):
             what, path = "reset option", axis.name if axis.apply is None else axis.apply.name
             parts = tuple(path.split("."))
+        elif isinstance(axis.apply, PolicyArgument):
+            what, path, parts = "policy argument", axis.apply.name, (axis.apply.name,)
         else:
             continue
         for other, kind, known, known_path in setters:

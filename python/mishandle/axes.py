@@ -53,14 +53,22 @@ class FaultParameter:
 
 
 @dataclass(frozen=True)
+class PolicyArgument:
+    """Passes the value of an axis to the policy, as the keyword argument ``name`` of each call: a bias of its estimate, a delay of its
+    own. The policy is a function or another callable. A policy of batches gets an array with one value per row."""
+
+    name: str
+
+
+@dataclass(frozen=True)
 class Except:
     """Any other value than this one: see ``Axis.when``."""
 
     value: Value
 
 
-Application = Union[ResetOption, Attribute, FaultParameter, Callable[[Any, Value], Any]]
-"""How an environment gets the value of an axis. A callable gets the environment and the value after the reset; it returns
+Application = Union[ResetOption, Attribute, FaultParameter, PolicyArgument, Callable[[Any, Value], Any]]
+"""How an environment or its policy gets the value of an axis. A callable gets the environment and the value after the reset; it returns
 the observation if it changes it, otherwise ``None``."""
 
 
@@ -86,8 +94,8 @@ class Axis:
         :func:`mishandle.faults` have the kind ``"fault"``.
     meaning : str
         Description.
-    apply : ResetOption, Attribute or callable, optional
-        How an environment gets the value; by default the reset option with the name of the axis. Functions get a
+    apply : ResetOption, Attribute, PolicyArgument or callable, optional
+        How an environment or its policy gets the value; by default the reset option with the name of the axis. Functions get a
         dictionary instead and ignore it.
     when : mapping, optional
         Values of other axes, by name, without which this axis has no effect. It is then nominal, no search varies it, and no

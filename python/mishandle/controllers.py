@@ -9,17 +9,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mishandle import _native
+from mishandle.errors import InvalidValueError
 
 
 class Controller:
     """A learned policy. Calling it returns its mean actions.
 
+    A policy that remembers earlier observations (a recurrent ONNX model, a controller with a history) needs ``reset()`` at the start
+    of each episode. Others do without.
+
     Parameters
     ----------
-    name : str
-        A shipped controller such as ``"ball-catching/ppo"``, or the path of a ``.safetensors`` or ``.onnx`` file.
+    name : str or path
+        A shipped controller such as ``"ball-catching/ppo"``, or the path of a ``.safetensors`` or ``.onnx`` file with observations and
+        actions of any size.
     task : str, optional
-        The task of an ONNX model that does not name it in its metadata.
+        The task that an ONNX model must fit.
 
     Examples
     --------
@@ -31,7 +36,8 @@ class Controller:
     (4, 9)
     """
 
-    def __init__(self, name: str, task: str | None = None) -> None:
+    def __init__(self, name: str | os.PathLike[str], task: str | None = None) -> None:
+        name = os.fspath(name)
         self._native = _native.Controller(name, task)
         self.name = name
         self._arguments = (os.path.abspath(name) if os.path.exists(name) else name, task)
@@ -41,7 +47,7 @@ class Controller:
 
     @property
     def task(self) -> str:
-        """Name of its task."""
+        """Name of its task; empty for an ONNX model without one."""
         return self._native.task
 
     @property
@@ -79,14 +85,31 @@ class Controller:
         """
         return self._native.onnx_bytes()
 
-    def __call__(self, observations: Any) -> NDArray[np.float32]:
-        """Returns the action of one observation, or one action per row. A controller with a history raises an error: its actions
-        depend on those before."""
+    @property
+    def is_recurrent(self) -> bool:
+        """Whether its actions depend on the observations since ``reset``."""
+        return self._native.is_recurrent
+
+    def reset(self) -> None:
+        """Starts an episode in each row: forgets earlier observations."""
+        self._native.reset()
+
+    def act(self, observations: Any) -> NDArray[np.float32]:
+        """Returns the action of one observation, or one action per row of a batch. All calls of an episode have the same number of
+        rows if the policy is recurrent."""
         array = np.asarray(observations, dtype=np.float32)
+        if array.ndim not in (1, 2):
+            raise InvalidValueError(
+                f"the observations have the shape {array.shape}; expected one observation of {self.observation_size} numbers, or one per "
+                "row"
+            )
         actions = self._native.act(np.atleast_2d(array))
         return actions[0] if array.ndim == 1 else actions
 
+    __call__ = act
 
-def load_controller(name: str, task: str | None = None) -> Controller:
-    """Loads a shipped controller such as ``"ball-catching/ppo"``, or a ``.safetensors`` or ``.onnx`` file."""
+
+def load_controller(name: str | os.PathLike[str], task: str | None = None) -> Controller:
+    """Loads a shipped controller such as ``"ball-catching/ppo"``, or a ``.safetensors`` or ``.onnx`` file with observations and actions
+    of any size."""
     return Controller(name, task)

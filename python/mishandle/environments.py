@@ -13,14 +13,16 @@ from typing import Any
 import gymnasium
 import numpy as np
 
-from mishandle.applications import Applications, environment_seed
+from mishandle.applications import Applications, PolicyArguments, environment_seed
 from mishandle.attributes import Attributes
 from mishandle.axes import Axis, follower, parse_path
 from mishandle.errors import InvalidScenario, InvalidTypeError, InvalidValueError
 from mishandle.fault_lines import Disturbed, FaultLine
 from mishandle.flat_values import all_numbers, idle_action
 from mishandle.limits import TimeLimitExceeded, check_time_limit, limited
-from mishandle.policies import Policy, as_policy
+from mishandle.policies import Policy, as_policy, start
+from mishandle.reductions import PhysicsSteps, Reduced
+from mishandle.starts import Invalid, Settle, Starts
 from mishandle.systems import Outcome, Scenario, Source, System
 
 
@@ -38,21 +40,27 @@ class PolicySystem(System):
         control_dt: float | None,
         time_limit: float | None,
         batched_policy: bool,
+        settle: Settle | None = None,
+        invalid: Invalid | None = None,
     ) -> None:
         check_time_limit(time_limit)
         spaces = [
             getattr(environment, f"single_{name}", None) or getattr(environment, name, None)
             for name in ("observation_space", "action_space")
         ]
-        self.policy: Policy = as_policy(policy, batched_policy, spaces=(spaces[0], spaces[1]))
+        self.arguments = PolicyArguments(space)
+        self.policy: Policy = as_policy(policy, batched_policy, spaces=(spaces[0], spaces[1]), arguments=self.arguments)
         self._policy_source = policy
         self._environment = environment
         self.space = {axis.name: axis for axis in space}
         self.time_limit = time_limit
         self.sources, self.signals = sources_and_signals(signals)
-        self._readers = [_reader(source) for source in self.sources]
+        self.physics_steps = PhysicsSteps()
+        self._readers = [_reader(source, self.physics_steps) for source in self.sources]
         self.name = spec_name(environment)
-        self.steps = episode_steps(environment, steps)
+        self.starts = Starts(settle, invalid, spaces[1])
+        # A time limit of the environment counts the control steps in which it settles.
+        self.steps = episode_steps(environment, steps) if steps is not None else episode_steps(environment, None) - self.starts.steps
         self.control_dt = control_dt if control_dt is not None else control_period(environment)
         self.knows_control_dt = control_dt is not None or states_control_dt(environment)
         self.faults = FaultLine(space, self.control_dt, self.steps, (spaces[0], spaces[1]))
@@ -69,6 +77,7 @@ class PolicySystem(System):
         until :func:`complete` sets them."""
         late = []
         for column, (source, read) in enumerate(zip(self.sources, self._readers)):
+            source = source.source if isinstance(source, Reduced) else source
             if isinstance(source, str) and source.startswith("info."):
                 try:
                     read(unwrapped, observation, info, 0.0)
@@ -90,7 +99,7 @@ class PolicySystem(System):
                 try:
                     read(unwrapped, observation, info, reward)
                 except (LookupError, AttributeError, TypeError, ValueError) as error:
-                    text = source if isinstance(source, str) else "a function"
+                    text = source if isinstance(source, (str, Reduced)) else "a function"
                     raise InvalidValueError(
                         f"the signal `{name}` has no value: its source is {text}, and {type(error).__name__}: {error}"
                     ) from error
@@ -141,6 +150,7 @@ class EnvironmentSystem(PolicySystem):
                 "function of the vector environment must make a new one"
             )
         super().__init__(first, policy, space, **options)
+        self.has_pictures = first.render_mode == "rgb_array"
 
     def __getstate__(self) -> dict[str, Any]:
         # Simulators outside of Python cannot be copied, so an environment that Gymnasium made is
@@ -179,7 +189,7 @@ class EnvironmentSystem(PolicySystem):
             row.check_own()
         for row in rows:
             row.reset()
-        self.policy.reset(len(rows))
+        start(self.policy, self.arguments, [row.scenario for row in rows])
         for step in range(1, self.steps + 1):
             running = [row for row in rows if row.outcome is None]
             if not running:
@@ -208,6 +218,7 @@ class _Row:
 
     def __init__(self, system: EnvironmentSystem, environment: Any, scenario: Scenario, seed: int, faults: Disturbed | None) -> None:
         self._system = system
+        self.scenario = scenario
         self._applications = Applications(system.space, scenario)
         self._seed = environment_seed(seed)
         self._faults = faults
@@ -244,14 +255,22 @@ class _Row:
     def reset(self) -> None:
         if self.outcome is None:
             self._guarded(self._start, None, 0)
+            self._draw()
 
     def _start(self, argument: None, step: int) -> None:
-        observation, info = self._applications.reset(self._environment, self._seed)
+        start = self._applications.reset(self._environment, self._seed)
+        observation, info = self._system.starts.settled(self._environment, *start)
         self.observation = observation
         # A wrapper may make a new environment in its reset.
         self._unwrapped = self._environment.unwrapped
         sample, self._late = self._system.first_sample(self._unwrapped, observation, info)
         self._samples.append(sample)
+
+    def _draw(self) -> None:
+        """Draws the last sample if a report asks for it. Its time does not count."""
+        recording = self._system.recording
+        if recording is not None and self._samples:
+            recording.add(self._steps, self._environment.render)
 
     def see(self, step: int) -> None:
         """Sets what the policy sees in a control step, counted from 0."""
@@ -269,6 +288,7 @@ class _Row:
         index = first_not_finite(action)
         if index is None:
             self._guarded(self._advance, action, step)
+            self._draw()
         else:
             self.end("invalid action", step, index)
 
@@ -276,12 +296,13 @@ class _Row:
         system = self._system
         if self._faults is not None:
             action = self._faults.act(step - 1, action)
-        observation, given, terminated, truncated, info = self._environment.step(action)
-        reward = float(given)
-        self.observation = observation
-        self._steps = step
-        self._total_reward += reward
-        self._samples.append(system.sample(self._unwrapped, observation, info, reward))
+        with system.physics_steps.watched(self._unwrapped):
+            observation, given, terminated, truncated, info = self._environment.step(action)
+            reward = float(given)
+            self.observation = observation
+            self._steps = step
+            self._total_reward += reward
+            self._samples.append(system.sample(self._unwrapped, observation, info, reward))
         if self._late:
             complete(self._samples, self._late)
             self._late = []
@@ -361,32 +382,47 @@ def first_not_finite(action: Any) -> int | None:
 Reader = Callable[[Any, Any, Mapping[str, Any], float], float]
 
 
-def _reader(source: Source) -> Reader:
+def _reader(source: Source, physics_steps: PhysicsSteps) -> Reader:
     """Returns the function from unwrapped environment, observation, info and reward to the value of a signal."""
+    if not isinstance(source, Reduced):
+        read = _values(source)
+        return lambda environment, observation, info, reward: float(read(environment, observation, info, reward))
+    several = _values(source.source)
+    reduced = source
+    if not reduced.reads_physics_steps:
+        return lambda environment, observation, info, reward: reduced.reduce(several(environment, observation, info, reward))
+    if callable(source.source) and _positional_parameters(source.source) >= 2:
+        raise InvalidTypeError("a source that is read after each physics step is a function of the environment; it has no observation there")
+    number = physics_steps.add(reduced, lambda environment: several(environment, None, {}, 0.0))
+    return lambda environment, observation, info, reward: number(environment)
+
+
+def _values(source: str | Callable[..., Any]) -> Callable[[Any, Any, Mapping[str, Any], float], Any]:
+    """Returns the function from unwrapped environment, observation, info and reward to the value of a source."""
     if callable(source):
         function = source
         if _positional_parameters(function) >= 2:
-            return lambda environment, observation, info, reward: float(function(environment, observation))
-        return lambda environment, observation, info, reward: float(function(environment))
+            return lambda environment, observation, info, reward: function(environment, observation)
+        return lambda environment, observation, info, reward: function(environment)
     if source == "reward":
         return lambda environment, observation, info, reward: reward
     segments = parse_path(source)
     first, indexes = segments[0]
     if first == "obs" and len(segments) == len(indexes) == 1:
         [place] = indexes
-        return lambda environment, observation, info, reward: float(observation[place])
+        return lambda environment, observation, info, reward: observation[place]
     if first in ("obs", "info"):
         follow = follower(segments[1:])
 
-        def read(environment: Any, observation: Any, info: Mapping[str, Any], reward: float) -> float:
+        def read(environment: Any, observation: Any, info: Mapping[str, Any], reward: float) -> Any:
             start = observation if first == "obs" else info
             for index in indexes:
                 start = start[index]
-            return float(follow(start))
+            return follow(start)
 
         return read
     follow = follower(segments)
-    return lambda environment, observation, info, reward: float(follow(environment))
+    return lambda environment, observation, info, reward: follow(environment)
 
 
 def _positional_parameters(function: Callable[..., Any]) -> int:

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import hashlib
 import pathlib
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Protocol
 
 import numpy as np
 
+from mishandle.applications import PolicyArguments
+from mishandle.axes import Value
 from mishandle.controllers import Controller
 from mishandle.errors import InvalidTypeError, InvalidValueError
 from mishandle.fingerprints import fingerprint, walk
@@ -26,7 +28,14 @@ class Policy(Protocol):
         """Returns one action per row."""
 
 
-def as_policy(policy: Any, batched: bool = False, *, spaces: tuple[Any, Any] | None = None, task: str | None = None) -> Policy:
+def as_policy(
+    policy: Any,
+    batched: bool = False,
+    *,
+    spaces: tuple[Any, Any] | None = None,
+    task: str | None = None,
+    arguments: PolicyArguments | None = None,
+) -> Policy:
     """Returns the adapter of a policy.
 
     Parameters
@@ -42,7 +51,18 @@ def as_policy(policy: Any, batched: bool = False, *, spaces: tuple[Any, Any] | N
         The spaces of observations and actions of one environment, which an ONNX file must fit.
     task : str, optional
         The name of the task, if the environment is one.
+    arguments : PolicyArguments, optional
+        What axes pass to the policy, which must be a function then; see :func:`start`.
     """
+    if arguments:
+        is_adapted = isinstance(policy, (str, pathlib.Path, Controller)) or hasattr(policy, "predict") or _is_skrl(policy)
+        if is_adapted or _is_torch(policy) or not callable(policy):
+            raise InvalidTypeError(
+                f"an axis passes an argument to the policy, but a {type(policy).__name__} takes observations only; wrap it in a function "
+                "with this argument"
+            )
+        arguments.check(policy)
+        return _Function(policy, batched)
     if isinstance(policy, Controller):
         return _Function(policy, batched=True)
     if isinstance(policy, (str, pathlib.Path)):
@@ -61,6 +81,13 @@ def as_policy(policy: Any, batched: bool = False, *, spaces: tuple[Any, Any] | N
         f"a {type(policy).__name__} is not a policy: expected a function, a model with `predict`, a PyTorch module, an "
         "agent of skrl or the path of an .onnx file"
     )
+
+
+def start(policy: Policy, arguments: PolicyArguments, scenarios: Sequence[Mapping[str, Value]]) -> None:
+    """Starts an episode for each scenario, with the arguments that the policy has in it."""
+    policy.reset(len(scenarios))
+    if arguments and isinstance(policy, _Function):
+        policy.arguments = [arguments.of(scenario) for scenario in scenarios]
 
 
 def policy_hash(policy: Any) -> str:
@@ -107,14 +134,18 @@ class _Function:
     def __init__(self, function: Callable[[Any], Any], batched: bool) -> None:
         self._function = function
         self._batched = batched
+        # Of each row; empty without axes that pass arguments.
+        self.arguments: list[dict[str, Value]] = []
 
     def reset(self, rows: int) -> None:
         _reset(self._function)
 
     def act(self, observations: Any, rows: int) -> Any:
+        given = self.arguments or [{}] * len(observations)
         if self._batched:
-            return self._function(_stack(observations))
-        return [self._function(observation) for observation in observations]
+            columns = {name: np.array([row[name] for row in given]) for name in given[0]}
+            return self._function(_stack(observations), **columns)
+        return [self._function(observation, **row) for observation, row in zip(observations, given)]
 
 
 class _Predicting:

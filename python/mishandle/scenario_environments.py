@@ -13,12 +13,13 @@ from mishandle import _native
 from mishandle.applications import Applications, environment_seed
 from mishandle.arguments import check_number, check_period, check_space, check_steps, is_real
 from mishandle.attributes import Attributes
-from mishandle.axes import Attribute, Axis, FaultParameter, ResetOption, Value
+from mishandle.axes import Attribute, Axis, FaultParameter, PolicyArgument, ResetOption, Value
 from mishandle.environments import control_period, episode_steps, first_not_finite
 from mishandle.errors import InvalidScenario, InvalidStateError, InvalidTypeError, InvalidValueError
 from mishandle.fault_lines import Disturbed, FaultLine
 from mishandle.files import PathLike
 from mishandle.flat_values import idle_action
+from mishandle.starts import Invalid, Settle, Starts
 from mishandle.targets import scenario_numbers
 
 Archive = Union[PathLike, Sequence[PathLike], None]
@@ -52,6 +53,8 @@ class ScenarioEnv(gymnasium.Wrapper[Any, Any, Any, Any]):
         train together need different seeds.
     steps, control_dt
         Of an episode, if ``space`` has faults: see :func:`falsify`.
+    settle, invalid
+        How an episode starts: see :func:`falsify`. Another scenario is drawn after an invalid start.
 
     Notes
     -----
@@ -93,6 +96,8 @@ class ScenarioEnv(gymnasium.Wrapper[Any, Any, Any, Any]):
         seed: int | None = None,
         steps: int | None = None,
         control_dt: float | None = None,
+        settle: Settle | None = None,
+        invalid: Invalid | None = None,
     ) -> None:
         if not isinstance(env, gymnasium.Env):
             is_vector = isinstance(env, gymnasium.vector.VectorEnv)
@@ -111,6 +116,7 @@ class ScenarioEnv(gymnasium.Wrapper[Any, Any, Any, Any]):
         archive_paths = [os.path.abspath(path) for path in paths]
         self._arguments = (nominal, corners, shares["archive_share"], archive_paths)
         self._make()
+        self._starts = Starts(settle, invalid, env.action_space)
         is_faulty = any(isinstance(axis.apply, FaultParameter) for axis in space)
         dt = control_period(env) if control_dt is None else float(control_dt)
         limit = episode_steps(env, steps) if is_faulty else 0
@@ -170,7 +176,8 @@ class ScenarioEnv(gymnasium.Wrapper[Any, Any, Any, Any]):
         applications = Applications(self._space, scenario)
         try:
             self._attributes.set(self.env.unwrapped, applications.attributes)
-            observation, info = applications.reset(self.env, None if seed is None else environment_seed(seed), others)
+            start = applications.reset(self.env, None if seed is None else environment_seed(seed), others)
+            observation, info = self._starts.settled(self.env, *start)
         except BaseException:
             self._end()
             raise
@@ -181,7 +188,7 @@ class ScenarioEnv(gymnasium.Wrapper[Any, Any, Any, Any]):
 
     def _is_function(self, name: str) -> bool:
         application = self._space[name].apply
-        return application is not None and not isinstance(application, (ResetOption, Attribute, FaultParameter))
+        return application is not None and not isinstance(application, (ResetOption, Attribute, FaultParameter, PolicyArgument))
 
     def step(self, action: Any) -> tuple[Any, Any, bool, bool, dict[str, Any]]:
         if self._disturbed is None:

@@ -16,20 +16,29 @@ from gymnasium.spaces import Box
 from numpy.typing import NDArray
 
 from mishandle import _native
+from mishandle.applications import PolicyArguments
 from mishandle.axes import Axis, Value
 from mishandle.errors import InvalidScenario, InvalidTypeError, InvalidValueError
 from mishandle.fault_lines import Disturbed, FaultLine
 from mishandle.fingerprints import walk
 from mishandle.flat_values import idle_action
 from mishandle.limits import TimeLimitExceeded, check_interruptible, check_time_limit, limited
-from mishandle.policies import Policy, as_policy
+from mishandle.pictures import Recording
+from mishandle.policies import Policy, as_policy, start
+from mishandle.reductions import Reduced
 
 Scenario = dict[str, Value]
 
-Source = Union[str, Callable[..., float]]
+Source = Union[str, Callable[..., float], Reduced]
 """Source of a signal: a path such as ``"obs[3]"``, ``"obs.achieved_goal[0]"``, ``"info.speed"``, ``"data.qpos[2]"`` or
 ``"reward"``, or a function of the unwrapped environment, or of it and the observation. ``data`` and other names are attributes
-of the unwrapped environment; names after a dictionary are its keys."""
+of the unwrapped environment; names after a dictionary are its keys. :class:`mishandle.Reduced` reduces several values of a control
+step."""
+
+
+Frames = Callable[[Scenario, Any, list[int]], Sequence[Any]]
+"""Draws samples of a simulation: a function of the scenario, the trace and the samples that returns one array (height, width, 3) of bytes
+for each sample."""
 
 
 @dataclass
@@ -63,6 +72,10 @@ class System:
     depends_on_seed: bool = True
     knows_control_dt: bool = True
     """Whether ``control_dt`` was given or stated by the system."""
+    has_pictures: bool = False
+    """Whether it can draw its simulations."""
+    recording: Recording | None = None
+    """Pictures that the next simulation draws."""
 
     @property
     def random_axes(self) -> list[str]:
@@ -163,7 +176,12 @@ class FunctionSystem(System):
         steps: int | None,
         units: Mapping[str, str],
         time_limit: float | None,
+        frame: Frames | None = None,
     ) -> None:
+        if frame is not None and not callable(frame):
+            raise InvalidTypeError(f"frame is a {type(frame).__name__}; expected a function frame(scenario, trace, samples)")
+        self._frame = frame
+        self.has_pictures = frame is not None
         self._function = function
         self._takes_seed = _takes_seed(function)
         self.depends_on_seed = self._takes_seed
@@ -211,6 +229,9 @@ class FunctionSystem(System):
         except Exception:
             self.keep_exception()
             return Outcome("crashed", nothing, 0)
+        if self.recording is not None and self._frame is not None:
+            frame = self._frame
+            self.recording.add_all(lambda samples: frame(scenario, trace, samples))
         columns = columns_of(trace)
         missing = [name for name, _ in self.signals if name not in columns]
         if missing:
@@ -263,6 +284,34 @@ def _takes_seed(function: Callable[..., Any]) -> bool:
     return any(parameter.name == "seed" for parameter in parameters)
 
 
+class RobotSystem(System):
+    """A robot that a file describes with a policy in Python. The Rust core simulates it and requests the actions of up to 16
+    simulations at once."""
+
+    def __init__(self, file: str, policy: Any, batched_policy: bool) -> None:
+        self.name, observation_size, self._action_size = _native.robot_facts(file)
+        spaces = (Box(-np.inf, np.inf, (observation_size,)), Box(-np.inf, np.inf, (self._action_size,)))
+        self._policy: Policy = as_policy(policy, batched_policy, spaces=spaces)
+        self.versions = [("numpy", np.__version__)]
+        self.exceptions = []
+
+    def act(self, observations: NDArray[np.float32], rows: int, is_start: bool) -> NDArray[np.float32] | None:
+        """Returns one action per row; ``None`` after an exception."""
+        try:
+            if is_start:
+                self._policy.reset(rows)
+            actions = np.array(self._policy.act(observations, rows), dtype=np.float32)
+            if actions.size != rows * self._action_size:
+                raise InvalidValueError(
+                    f"the policy returned {actions.size} numbers for {rows} observation{'s' if rows > 1 else ''}; the robot takes "
+                    f"{self._action_size} for each"
+                )
+            return actions.reshape(rows, self._action_size)
+        except Exception:
+            self.keep_exception()
+            return None
+
+
 class TaskSystem(System):
     """One of the tasks with a policy. A whole batch is stepped together, with the bits of the command line."""
 
@@ -285,7 +334,8 @@ class TaskSystem(System):
         self.own_signals = native.signals
         observations = Box(-np.inf, np.inf, (native.observation_size,))
         spaces = (observations, Box(-1, 1, (native.action_size,)))
-        self._policy: Policy = as_policy(policy, batched_policy, spaces=spaces, task=task)
+        self.arguments = PolicyArguments(space)
+        self._policy: Policy = as_policy(policy, batched_policy, spaces=spaces, task=task, arguments=self.arguments)
         self.policy_source = policy
         self.facts = [task, preset]
         self.name = task
@@ -347,7 +397,7 @@ class TaskSystem(System):
         samples = [signals]
         returns = np.zeros(rows)
         ends: list[tuple[str, int, int] | None] = [None] * rows
-        self._policy.reset(rows)
+        start(self._policy, self.arguments, [scenario for scenario, _ in padded])
         # The rows share the time of the policy; the task itself cannot hang.
         left = None if self._time_limit is None else self._time_limit * rows
         for step in range(1, self.steps + 1):

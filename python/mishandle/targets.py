@@ -34,9 +34,11 @@ from mishandle.formulas import Formula
 from mishandle.fingerprints import Fingerprint, Watch
 from mishandle.limits import check_time_limit
 from mishandle.packages import package_of
+from mishandle.pictures import Painter
 from mishandle.policies import policy_hash
 from mishandle.ray import RayExecutor
-from mishandle.systems import FunctionSystem, NativeSystem, Outcome, Scenario, Source, System, TaskSystem
+from mishandle.starts import Invalid, Settle
+from mishandle.systems import Frames, FunctionSystem, NativeSystem, Outcome, RobotSystem, Scenario, Source, System, TaskSystem
 from mishandle.vector_environments import environment_system
 
 Formulas = Union[str, Formula, Mapping[str, Union[str, Formula]], None]
@@ -111,6 +113,15 @@ class TargetOptions(TypedDict, total=False):
     """Signals of an environment: source, or source and unit, by name."""
     units: Mapping[str, str]
     """Units of the signals of a function."""
+    frame: Frames
+    """Draws samples of a simulation of a function, for reports: ``frame(scenario, trace, samples)`` returns one array (height, width, 3) of
+    bytes for each sample."""
+    settle: Settle
+    """Control steps of an environment after its reset and before the first sample, as a number, or with an action as a pair. The action is
+    0, or the value of the space that is nearest to it."""
+    invalid: Invalid
+    """Says from observation and ``info`` of an environment, after it settled, whether no episode can start there. Such a simulation ends as
+    an invalid scenario, without a verdict."""
     steps: int
     """Number of control steps of an episode; by default the time limit of the environment, or the length of the nominal
     trace."""
@@ -257,7 +268,7 @@ def make_target(
     if version is not None and not isinstance(version, str):
         raise InvalidTypeError(f"version is {version!r}; it must be a text")
     watch = Watch(_roots(system, policy, space, options))
-    under_test = _system(system, space, policy, options)
+    local = under_test = _system(system, space, policy, options)
     random_axes = under_test.random_axes
     check_time(formulas, under_test.knows_control_dt, under_test.control_dt)
     nominal = {axis.name: axis.nominal_value for axis in space}
@@ -276,11 +287,7 @@ def make_target(
     found = watch.fingerprints()
     not_covered = tuple(gap for each in found.values() for gap in each.gaps)
     if not_covered and version is None:
-        warnings.warn(
-            f"the hash of the system does not cover {'; '.join(not_covered)}: pass `version`, a text that you change with them, so that "
-            "resumed runs and comparisons can tell two versions apart",
-            stacklevel=3,
-        )
+        _warn_of_gaps(not_covered)
     # A task is the same system whatever a question needs of it.
     signals = system.own_signals if isinstance(system, TaskSystem) else under_test.signals
     stated = formulas if known is None else named_formulas(known)
@@ -305,10 +312,22 @@ def make_target(
         not_covered=list(not_covered),
         versions=_versions(under_test, found, version),
         random_axes=random_axes,
-        simulate=lambda batch: [outcome.to_native() for outcome in under_test.simulate(batch)],
+        # Pictures are drawn here, also if a cluster simulates.
+        simulate=lambda batch: [
+            outcome.to_native() for outcome in (under_test if local.recording is None else local).simulate(batch)
+        ],
+        painter=Painter(local) if local.has_pictures else None,
     )
     native = native.with_requirements(requirements(options))
     return Target(native, under_test, space, largest_difference, not_covered=not_covered)
+
+
+def _warn_of_gaps(not_covered: Sequence[str]) -> None:
+    warnings.warn(
+        f"the hash of the system does not cover {'; '.join(not_covered)}: pass `version`, a text that you change with them, so that "
+        "resumed runs and comparisons can tell two versions apart",
+        stacklevel=4,
+    )
 
 
 def _formulas_of_task(
@@ -342,11 +361,13 @@ def requirements(options: TargetOptions) -> dict[str, str]:
 def _roots(system: Any, policy: Any, space: Sequence[Axis], options: TargetOptions) -> dict[str, Any]:
     """Returns the functions and objects that decide how a system behaves."""
     if isinstance(system, TaskSystem):
-        return {"task": system.facts, "policy": system.policy_source}
+        arguments = {"arguments": system.arguments} if system.arguments else {}
+        return {"task": system.facts, "policy": system.policy_source, **arguments}
     if isinstance(system, System):
         return {"system": system.code()}
     applications = {axis.name: axis.apply for axis in space}
-    return {"system": system, "policy": policy, "signals": dict(options.get("signals", {})), "axes": applications}
+    start: dict[str, Any] = {name: value for name, value in options.items() if name in ("settle", "invalid")}
+    return {"system": system, "policy": policy, "signals": dict(options.get("signals", {})), "axes": applications, **start}
 
 
 def _policy_hash(policy: Any, found: Mapping[str, Fingerprint]) -> str:
@@ -391,15 +412,64 @@ def _with_settings(space: Sequence[Axis], options: TargetOptions) -> Sequence[Ax
 def _robot(
     path: pathlib.Path, formula: Formulas, space: Space, options: TargetOptions, check: Callable[[Sequence[Axis]], object]
 ) -> Target:
-    """Returns a robot that a file describes, which the Rust core simulates, with the policy of the file or another one."""
+    """Returns a robot that a file describes, which the Rust core simulates, with the policy of the file, another file or a policy in
+    Python."""
     if space is not None and not isinstance(space, str):
         raise InvalidTypeError(f"the space of {path} is one of its own, by name; `mishandle targets {path}` lists them")
     policy = options.get("policy", "")
     if not isinstance(policy, (str, os.PathLike)):
-        raise InvalidTypeError(f"the policy of {path} is a file or that of the target file, not a {type(policy).__name__}")
+        return _robot_in_python(path.absolute(), formula, space or "", options, check)
     # Absolute, because workers of a cluster have other working folders.
     policy = str(pathlib.Path(policy).absolute()) if os.fspath(policy) else ""
     return _task_in_space(str(path.absolute()), formula, space or "", {**options, "policy": policy}, check)
+
+
+def _robot_in_python(
+    path: pathlib.Path, formula: Formulas, space: str, options: TargetOptions, check: Callable[[Sequence[Axis]], object]
+) -> Target:
+    """Returns a robot that a file describes with a policy in Python, in a space of the file."""
+    check_applicable(options, ROBOT_OPTIONS, "a robot in a file with a policy in Python")
+    policy, version = options["policy"], options.get("version")
+    system = RobotSystem(str(path), policy, options.get("batched_policy", False))
+    given = [f"{name} {digest}" for name, digest in _file_hashes(options.get("files", ()))]
+    watch = Watch({"policy": policy})
+
+    def made(is_deterministic: bool) -> tuple[_native.Target, tuple[str, ...]]:
+        found = watch.fingerprints()
+        parts = "\n".join([_policy_hash(policy, found), repr(version), *given])
+        target = _native.robot_target(
+            str(path),
+            system,
+            name=options.get("name", system.name),
+            identified=(
+                getattr(policy, "name", type(policy).__name__),
+                hashlib.sha256(parts.encode()).hexdigest(),
+                list(found["policy"].gaps),
+            ),
+            space=space,
+            axes=axis_settings(options),
+            noise=(options.get("action_noise", 0.0), options.get("observation_noise", 0.0)),
+            versions=_versions(system, found, version),
+            is_deterministic=is_deterministic,
+        )
+        return target, found["policy"].gaps
+
+    native, _ = made(True)
+    nominal = [axis[5] for axis in native.axes]
+    first, second = (_native.simulate(native, formula=None, values=nominal, repeat=1, seed=0)[0] for _ in range(2))
+    if system.exceptions:
+        raise InvalidStateError(f"the nominal scenario raised an exception:\n{system.exceptions[0]}")
+    is_deterministic = first["end"] == second["end"] and np.array_equal(first["samples"], second["samples"], equal_nan=True)
+    if not is_deterministic:
+        warnings.warn(
+            "the policy is not deterministic: two simulations of the same scenario and seed differ; replays are not bit-identical",
+            stacklevel=4,
+        )
+    # What the simulations changed is a state of the policy.
+    native, gaps = made(is_deterministic)
+    if gaps and version is None:
+        _warn_of_gaps(gaps)
+    return _in_named_space(native, system, formula, space, options, check, gaps)
 
 
 def _task_in_space(
@@ -415,6 +485,20 @@ def _task_in_space(
         )
     noise = (options.get("stochastic", False), options.get("action_noise", 0.0), options.get("observation_noise", 0.0))
     native = _native.Target.of_task(task, os.fspath(policy), options.get("preset", "paper"), space, axis_settings(options), noise)
+    return _in_named_space(native, NativeSystem(native.signals), formula, space, options, check)
+
+
+def _in_named_space(
+    native: _native.Target,
+    system: System,
+    formula: Formulas,
+    space: str,
+    options: TargetOptions,
+    check: Callable[[Sequence[Axis]], object],
+    not_covered: tuple[str, ...] = (),
+) -> Target:
+    """Returns a target that the Rust core simulates in a space that it knows by name."""
+    system.signals = native.signals
     if formula is not None and not isinstance(formula, (str, Formula)):
         raise InvalidTypeError(f"formulas by name are not possible in the space {space!r} of a task; pass one formula")
     requirement = None if formula is None else str(formula)
@@ -425,7 +509,7 @@ def _task_in_space(
     check(axes)
     nominal = [axis[5] for axis in native.axes]
     native = native.with_requirements(requirements(options))
-    return Target(native, NativeSystem(native.signals), axes, 0.0, requirement, nominal)
+    return Target(native, system, axes, 0.0, requirement, nominal, not_covered)
 
 
 def axis_settings(options: TargetOptions) -> dict[str, Any]:
@@ -449,6 +533,8 @@ def _system(system: Any, space: Sequence[Axis], policy: Any, options: TargetOpti
             control_dt=options.get("control_dt"),
             time_limit=options.get("time_limit"),
             batched_policy=options.get("batched_policy", False),
+            settle=options.get("settle"),
+            invalid=options.get("invalid"),
         )
     if callable(system):
         check_applicable(options, FUNCTION_OPTIONS, "a function")
@@ -459,6 +545,7 @@ def _system(system: Any, space: Sequence[Axis], policy: Any, options: TargetOpti
             steps=options.get("steps"),
             units=options.get("units", {}),
             time_limit=options.get("time_limit"),
+            frame=options.get("frame"),
         )
     raise InvalidTypeError(
         f"a {type(system).__name__} is not a system: expected a function, a Gymnasium environment or the name of a task"
@@ -467,8 +554,9 @@ def _system(system: Any, space: Sequence[Axis], policy: Any, options: TargetOpti
 
 NATIVE_OPTIONS = ("stochastic", "action_noise", "observation_noise")
 COMMON_OPTIONS = ("time_limit", "termination", "name", "executor", "axes", "requirements", "version", "files")
-FUNCTION_OPTIONS = ("control_dt", "steps", "units", *COMMON_OPTIONS)
-ENVIRONMENT_OPTIONS = ("policy", "batched_policy", "signals", "steps", "control_dt", *COMMON_OPTIONS)
+FUNCTION_OPTIONS = ("control_dt", "steps", "units", "frame", *COMMON_OPTIONS)
+ENVIRONMENT_OPTIONS = ("policy", "batched_policy", "signals", "steps", "control_dt", "settle", "invalid", *COMMON_OPTIONS)
+ROBOT_OPTIONS = ("policy", "batched_policy", "axes", "requirements", "name", "version", "files", "action_noise", "observation_noise")
 TASK_OPTIONS = ("policy", "batched_policy", "preset", "rows", *COMMON_OPTIONS)
 
 

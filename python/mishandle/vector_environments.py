@@ -12,12 +12,14 @@ from gymnasium.vector.utils import concatenate, create_empty_array, iterate
 from numpy.typing import NDArray
 
 from mishandle.applications import Applications, environment_seed
-from mishandle.axes import Attribute, Axis, FaultParameter, ResetOption
+from mishandle.axes import Attribute, Axis, FaultParameter, PolicyArgument, ResetOption
 from mishandle.environments import EnvironmentSystem, PolicySystem, Time, complete
 from mishandle.errors import InvalidScenario, InvalidTypeError, InvalidValueError
 from mishandle.fault_lines import Disturbed
 from mishandle.flat_values import all_numbers, idle_action
 from mishandle.limits import TimeLimitExceeded, limited
+from mishandle.policies import start
+from mishandle.reductions import Reduced
 from mishandle.systems import Outcome, Scenario, System
 
 
@@ -60,7 +62,8 @@ class VectorSystem(PolicySystem):
 
     def _check_sources(self) -> None:
         kind = type(self._environment.unwrapped).__name__
-        for source, (name, _) in zip(self.sources, self.signals):
+        for given, (name, _) in zip(self.sources, self.signals):
+            source = given.source if isinstance(given, Reduced) else given
             if callable(source) or not (source == "reward" or source.startswith(("obs", "info."))):
                 text = "a function" if callable(source) else repr(source)
                 raise InvalidValueError(
@@ -74,7 +77,7 @@ class VectorSystem(PolicySystem):
         vector = self._environment.unwrapped
         one = vector.env_fns[0]() if isinstance(vector, AsyncVectorEnv) else None
         for axis in self.space.values():
-            if axis.apply is None or isinstance(axis.apply, (ResetOption, FaultParameter)):
+            if axis.apply is None or isinstance(axis.apply, (ResetOption, FaultParameter, PolicyArgument)):
                 continue
             if not isinstance(axis.apply, Attribute) or one is None:
                 text = "an attribute" if isinstance(axis.apply, Attribute) else "a function"
@@ -184,9 +187,13 @@ class VectorSystem(PolicySystem):
         padded = [*chunk, *[chunk[-1]] * (self._rows - count)]
         with self._timed(clock, count):
             batched, info = self._reset(padded)
+            batched, info, ended = self._settled(batched, info)
             rows = list(iterate(self._environment.observation_space, batched))
         rollout.start(rows, info)
-        self.policy.reset(self._rows)
+        for row in range(count):
+            if ended[row] or self.starts.is_invalid(rows[row], row_info(info[row], row)):
+                rollout.end(row, "invalid scenario", 0)
+        start(self.policy, self.arguments, [scenario for scenario, _ in padded])
         space = self._environment.single_action_space
         disturbed = [*faults, *[None] * (self._rows - count)]
         idle = self.idle
@@ -256,6 +263,27 @@ class VectorSystem(PolicySystem):
             observations, info = environment.reset(seed=seeds, options=options)
             infos.append(info)
         return observations, infos
+
+
+    def _settled(
+        self, observations: Any, infos: list[Mapping[str, Any]]
+    ) -> tuple[Any, list[Mapping[str, Any]], NDArray[np.bool_]]:
+        """Lets all rows settle after their resets. Returns observations, the ``info`` of each row, and whether its episode ended."""
+        ended = np.zeros(self._rows, dtype=bool)
+        if self.starts.steps == 0:
+            return observations, infos, ended
+        space = self._environment.single_action_space
+        joint: Any = create_empty_array(space, self._rows)
+        joint = concatenate(space, [self.starts.action] * self._rows, joint)
+        for _ in range(self.starts.steps):
+            observations, _, terminated, truncated, info = self._environment.step(joint)
+            infos = [info] * self._rows
+            last = np.asarray(terminated) | np.asarray(truncated)
+            ended |= last
+            self._restarts = bool(last.any())
+            if self._mode is AutoresetMode.DISABLED and last.any():
+                observations, _ = self._environment.reset(options={"reset_mask": last})
+        return observations, infos, ended
 
 
 class _Timed:

@@ -8,11 +8,12 @@ use mishandle::counterexample::{Counterexample, Minimization, Suite, Tested};
 use mishandle::evaluation::{Lifetime, SurvivalCurve};
 use mishandle::store::RunFile;
 use mishandle::{MishandleError as Error, ResolvedPlan};
-use mishandle_report::{Measurement, RunReport, Samples, page};
+use mishandle_report::{Measurement, Painter, RunReport, Samples, page};
 use pyo3::prelude::*;
+use pyo3::pybacked::PyBackedBytes;
 
 use crate::raised;
-use crate::target::PyTarget;
+use crate::target::{PyTarget, keep};
 use crate::work::{self, detached, json, recorded};
 
 /// Returns a report of a run as HTML, measured with the target.
@@ -29,14 +30,40 @@ pub fn report(
         let resolved = recorded(target, &run)?;
         let mut report = RunReport::load(&run, &path.to_string_lossy())?;
         report.add_answer_of(&run, &resolved)?;
-        let measured = report.measure_with(&run, &resolved, Samples { probes, sensitivity }, |_, _| {
-            ControlFlow::Continue(())
-        })?;
+        let mut painter = target.painter.as_ref().map(|painter| PythonPainter { target, painter });
+        let painter = painter.as_mut().map(|painter| -> &mut dyn Painter { painter });
+        let samples = Samples { probes, sensitivity };
+        let measured = report
+            .measure_with(&run, (&resolved, painter), samples, |_, _| work::report(target, None, 0, 0))?;
         if let Measurement::Skipped { reason } = &measured {
             report.note_no_simulations(reason);
         }
         Ok(page(&[report]))
     })
+}
+
+/// A system in Python that draws itself.
+struct PythonPainter<'a> {
+    target: &'a PyTarget,
+    painter: &'a Py<PyAny>,
+}
+
+impl Painter for PythonPainter<'_> {
+    fn begin(&mut self, samples: &[usize]) {
+        let started = Python::attach(|py| self.painter.call_method1(py, "begin", (samples,)).map(drop));
+        if let Err(exception) = started {
+            keep(&self.target.pending, exception);
+        }
+    }
+
+    fn take(&mut self) -> Result<Vec<Vec<u8>>, String> {
+        let taken = Python::attach(|py| {
+            let pictures = self.painter.call_method0(py, "take")?;
+            let pictures: Vec<PyBackedBytes> = pictures.extract(py)?;
+            Ok(pictures.iter().map(|pixels| pixels.to_vec()).collect())
+        });
+        taken.map_err(|exception| keep(&self.target.pending, exception).to_string())
+    }
 }
 
 /// Steps of a survival curve, numbers of simulations at which trials were censored, and number of

@@ -6,24 +6,31 @@ use std::sync::{Mutex, PoisonError};
 use mishandle::controllers::ControllerFile;
 use mishandle::interchange::onnx_bytes;
 
-use mishandle::rollout::{Controller, ControllerWorker};
+use mishandle::rollout::{Controller, ControllerWorker, Seed};
 use numpy::{IntoPyArray, PyArray2, PyArrayMethods, PyReadonlyArray2};
 use pyo3::prelude::*;
 use pyo3::types::PyBytes;
 
-use crate::{InvalidValueError, raised};
+use crate::{InvalidStateError, InvalidValueError, raised};
 
 /// A learned policy. It is deterministic: its actions are the means.
 #[pyclass(frozen, module = "mishandle._native", name = "Controller")]
 pub struct PyController {
-    worker: Mutex<Box<dyn ControllerWorker>>,
+    acting: Mutex<Acting>,
     sizes: (usize, usize),
+    /// Length of what the controller remembers of one simulation.
+    state_size: usize,
     task: String,
     hash: String,
-    /// Number of earlier control steps that the controller remembers.
-    history: usize,
     /// The file of a controller of ours; an ONNX model has none.
     file: Option<ControllerFile>,
+}
+
+/// The policy while it acts, and its memory of each row.
+struct Acting {
+    worker: Box<dyn ControllerWorker>,
+    /// Empty at the start of an episode, before the first observations.
+    states: Vec<f64>,
 }
 
 impl PyController {
@@ -34,22 +41,17 @@ impl PyController {
         file: Option<ControllerFile>,
     ) -> PyController {
         PyController {
-            worker: Mutex::new(controller.worker()),
+            acting: Mutex::new(Acting { worker: controller.worker(), states: Vec::new() }),
             sizes: (controller.observation_size(), controller.action_size()),
+            state_size: controller.state_size(),
             task,
             hash,
-            history: file.as_ref().map_or(0, |file| file.policy.history().length()),
             file,
         }
     }
 
     fn onnx(name: &str, task: Option<&str>) -> PyResult<PyController> {
         let policy = mishandle::resolve::onnx_policy(Path::new(name), task).map_err(raised)?;
-        if policy.state_size() > 0 {
-            let message = "a recurrent ONNX model is not a function of the observation; run it with `mishandle evaluate` or \
-                           `mishandle falsify TASK --controller FILE.onnx`";
-            return Err(InvalidValueError::new_err(message));
-        }
         let task = task.or(policy.task()).unwrap_or_default().to_string();
         Ok(Self::of(&policy, task, policy.hash().to_string(), None))
     }
@@ -100,21 +102,23 @@ impl PyController {
         self.sizes.1
     }
 
-    /// Returns one action per row of observations.
+    /// Whether actions depend on earlier observations.
+    #[getter]
+    fn is_recurrent(&self) -> bool {
+        self.state_size > 0
+    }
+
+    /// Starts episodes: forgets all rows.
+    fn reset(&self) {
+        self.acting.lock().unwrap_or_else(PoisonError::into_inner).states.clear();
+    }
+
+    /// Returns one action per row of observations, and remembers them if it is recurrent.
     fn act<'py>(
         &self,
         py: Python<'py>,
         observations: PyReadonlyArray2<'py, f32>,
     ) -> PyResult<Bound<'py, PyArray2<f32>>> {
-        if self.history > 0 {
-            let message = format!(
-                "the controller remembers its last {} observations and actions, so it is not a function of one observation; \
-                 run it with `mishandle evaluate` or `mishandle falsify`, or export it with `to_onnx`, whose model returns \
-                 what it remembers",
-                self.history
-            );
-            return Err(InvalidValueError::new_err(message));
-        }
         let (observation_size, action_size) = self.sizes;
         let (rows, found) = observations.as_array().dim();
         if found != observation_size {
@@ -123,12 +127,27 @@ impl PyController {
             return Err(InvalidValueError::new_err(message));
         }
         let observations: Vec<f32> = observations.as_array().iter().copied().collect();
-        let actions = py.detach(|| {
+        let size = self.state_size;
+        let acted = py.detach(|| {
+            let mut acting = self.acting.lock().unwrap_or_else(PoisonError::into_inner);
+            let Acting { worker, states } = &mut *acting;
+            if size > 0 && states.is_empty() {
+                states.resize(rows * size, 0.0);
+                // Mean actions draw nothing, so the seed does not matter.
+                states.chunks_exact_mut(size).for_each(|state| worker.reset(state, Seed(0)));
+            } else if states.len() != rows * size {
+                return Err(states.len() / size);
+            }
             let mut actions = vec![0.0; rows * action_size];
-            let mut worker = self.worker.lock().unwrap_or_else(PoisonError::into_inner);
-            worker.act(rows, &observations, &mut [], &mut actions);
-            actions
+            worker.act(rows, &observations, states, &mut actions);
+            Ok(actions)
         });
+        let actions = acted.map_err(|remembered| {
+            InvalidStateError::new_err(format!(
+                "the controller remembers {remembered} rows of observations, but {rows} were given: call `reset()` at the start of \
+                 each episode"
+            ))
+        })?;
         actions.into_pyarray(py).reshape([rows, action_size])
     }
 }

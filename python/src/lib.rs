@@ -18,6 +18,7 @@ mod objective;
 mod pool;
 mod question;
 mod remote;
+mod robot;
 mod run;
 mod scenarios;
 mod search;
@@ -84,6 +85,8 @@ fn contents(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_function(wrap_pyfunction!(remote::recorded_plan, module)?)?;
     module.add_function(wrap_pyfunction!(search::search_names, module)?)?;
     module.add_function(wrap_pyfunction!(target::with_settings, module)?)?;
+    module.add_function(wrap_pyfunction!(robot::robot_facts, module)?)?;
+    module.add_function(wrap_pyfunction!(robot::robot_target, module)?)?;
     module.add_function(wrap_pyfunction!(comparison::compare, module)?)?;
     module.add_function(wrap_pyfunction!(comparison::comparison_page, module)?)?;
     module.add_function(wrap_pyfunction!(artifacts::report, module)?)?;

@@ -76,6 +76,8 @@ pub struct PyTarget {
     pub(crate) plan: Plan,
     pub(crate) space: Space,
     pub(crate) pending: Pending,
+    /// Draws pictures of simulations, if the system has pictures.
+    pub(crate) painter: Option<Arc<Py<PyAny>>>,
     process: u32,
 }
 
@@ -84,7 +86,7 @@ impl PyTarget {
     #[new]
     #[expect(clippy::too_many_arguments, reason = "the arguments are keywords in Python")]
     #[pyo3(signature = (*, name, content, axes, signals, formulas, control_dt, episode_steps, is_deterministic, depends_on_seed,
-        termination, components, not_covered, versions, random_axes, simulate))]
+        termination, components, not_covered, versions, random_axes, simulate, painter=None))]
     fn new(
         name: &str,
         content: &str,
@@ -101,6 +103,7 @@ impl PyTarget {
         versions: Vec<(String, String)>,
         random_axes: Vec<String>,
         simulate: Py<PyAny>,
+        painter: Option<Py<PyAny>>,
     ) -> PyResult<Self> {
         let termination = match termination {
             "hold" => Termination::Hold,
@@ -161,7 +164,8 @@ impl PyTarget {
             factory: Arc::new(factory),
         };
         let plan = Plan { space: SPACE.to_string(), ..Plan::new(&target.identity.name, "") };
-        Ok(PyTarget { target, plan, space, pending, process: std::process::id() })
+        let painter = painter.map(Arc::new);
+        Ok(PyTarget { target, plan, space, pending, painter, process: std::process::id() })
     }
 
     /// Returns the same target with named requirements.
@@ -171,6 +175,7 @@ impl PyTarget {
             plan: Plan { requirements, ..self.plan.clone() },
             space: self.space.clone(),
             pending: self.pending.clone(),
+            painter: self.painter.clone(),
             process: self.process,
         }
     }
@@ -195,7 +200,7 @@ impl PyTarget {
         });
         // Its axes have the settings.
         let ResolvedPlan { target, space, .. } = resolved.map_err(raised)?;
-        Ok(PyTarget { target, plan, space, pending: Pending::default(), process: std::process::id() })
+        Ok(PyTarget::of_parts(target, plan, space, Pending::default()))
     }
 
     /// Axes of the space. A nominal value of `None` is drawn with the seed of the simulation.
@@ -218,6 +223,11 @@ impl PyTarget {
 }
 
 impl PyTarget {
+    /// Makes a target without pictures.
+    pub(crate) fn of_parts(target: Target, plan: Plan, space: Space, pending: Pending) -> PyTarget {
+        PyTarget { target, plan, space, pending, painter: None, process: std::process::id() }
+    }
+
     /// Returns the exception that ended the simulations, once.
     pub(crate) fn take_exception(&self) -> Option<PyErr> {
         self.pending.lock().unwrap_or_else(PoisonError::into_inner).take()

@@ -92,7 +92,7 @@ class Arguments(unittest.TestCase):
 
         def empty_later(scenario):
             calls.append(scenario)
-            return {"gap": [] if len(calls) > 7 else [10.0, 9.0]}
+            return {"gap": [] if len(calls) > 8 else [10.0, 9.0]}
 
         self.assertEqual(sum(trial.failed for trial in self.falsify(empty_later).trials), 2)
 

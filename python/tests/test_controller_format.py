@@ -81,6 +81,29 @@ class Format(unittest.TestCase):
                 expected = self.act(header, layers, observations)
                 np.testing.assert_allclose(found, expected, atol=1e-5, rtol=1e-5, err_msg=f"{activation}, {norm}")
 
+    def test_a_controller_of_another_robot_has_its_own_sizes(self):
+        header, tensors = self.read(ROOT / "controllers/ball-balancing/ppo.safetensors")
+        random = np.random.default_rng(5)
+        for inputs, actions in ((1, 1), (4, 2), (63, 12)):
+            part = lambda name, size: [{"name": name, "unit": "", "size": size}]
+            header["task"] = "my-robot"
+            header["layout"] = {"observation": part("state", inputs), "action": part("force", actions)}
+            header["policy"] = {
+                "kind": "gaussian", "sizes": [inputs, actions], "hidden_activation": "elu", "output_activation": "identity",
+            }
+            layers = {
+                "normalizer.mean": random.normal(size=inputs), "normalizer.variance": np.ones(inputs),
+                "policy.log_std": np.zeros(actions, np.float32),
+                "policy.layers.0.weight": random.normal(size=(actions, inputs)).astype(np.float32) / inputs,
+                "policy.layers.0.bias": random.normal(size=actions).astype(np.float32),
+            }
+            self.write(self.path, header, layers)
+            controller = mishandle.load_controller(self.path)
+            self.assertEqual((controller.task, controller.observation_size, controller.action_size), ("my-robot", inputs, actions))
+            observations = random.normal(size=(6, inputs)).astype(np.float32)
+            expected = self.act(header, layers, observations)
+            np.testing.assert_allclose(controller(observations), expected, atol=1e-5, rtol=1e-5)
+
     def test_a_history_of_the_writer_acts_in_our_program_as_in_the_reader(self):
         header, tensors = self.read(ROOT / "controllers/ball-balancing/ppo.safetensors")
         size, random = len(tensors["normalizer.mean"]), np.random.default_rng(3)
@@ -97,8 +120,13 @@ class Format(unittest.TestCase):
         self.write(self.path, header, layers)
         controller = mishandle.load_controller(str(self.path))
         self.assertEqual((controller.observation_size, controller.action_size), (size, 9))
-        with self.assertRaisesRegex(ValueError, "remembers its last 2 observations and actions"):
-            controller(np.zeros(size))
+        self.assertTrue(controller.is_recurrent)
+        past = [(np.zeros((3, size), np.float32), np.zeros((3, 9), np.float32))] * 2
+        for _ in range(5):
+            observations = random.normal(size=(3, size)).astype(np.float32)
+            expected = self.act(header, layers, observations, past)
+            np.testing.assert_allclose(controller(observations), expected, atol=1e-5, rtol=1e-5)
+            past = [(observations, np.clip(expected, -1, 1)), past[0]]
         self.assertGreater(self.check_history(header, layers, controller), 1)
 
     def test_shipped_controllers_with_a_history_act_as_in_the_reader(self):

@@ -78,6 +78,83 @@ def numbers(*shape, seed=0):
     return (np.random.default_rng(seed).normal(size=shape) * 0.3).astype(np.float32)
 
 
+def linear(path, weights, **properties):
+    """Writes a model that multiplies an observation by a matrix."""
+    inputs, outputs = weights.shape
+    made = model(
+        [helper.make_node("MatMul", ["observation", "w"], ["action"])], {"w": weights.astype(np.float32)},
+        [("observation", ["N", inputs])], [("action", ["N", outputs])], **properties,
+    )
+    onnx.save(made, path)
+
+
+class WithoutTask(unittest.TestCase):
+    """Models of robots that are none of our tasks."""
+
+    def setUp(self):
+        folder = tempfile.TemporaryDirectory()
+        self.addCleanup(folder.cleanup)
+        self.path = pathlib.Path(folder.name) / "policy.onnx"
+
+    def test_a_model_has_the_sizes_that_it_states(self):
+        for inputs, outputs in [(1, 1), (4, 1), (5, 12), (300, 2)]:
+            weights = numbers(inputs, outputs)
+            linear(self.path, weights)
+            policy = mishandle.load_controller(self.path)
+            self.assertEqual((policy.observation_size, policy.action_size, policy.task), (inputs, outputs, ""))
+            self.assertFalse(policy.is_recurrent)
+            observations = numbers(7, inputs, seed=1)
+            np.testing.assert_allclose(policy.act(observations), observations @ weights, atol=1e-5)
+            np.testing.assert_array_equal(policy(observations[2]), policy(observations)[2])
+
+    def test_a_model_may_name_a_robot_that_is_no_task(self):
+        linear(self.path, numbers(4, 1), task="my-robot")
+        self.assertEqual(mishandle.load_controller(self.path).task, "my-robot")
+        with self.assertRaisesRegex(Exception, "the ONNX model is for my-robot, not for point-reaching"):
+            mishandle.load_controller(self.path, task="point-reaching")
+
+    def test_an_observation_of_another_length_is_an_error(self):
+        linear(self.path, numbers(4, 1))
+        policy = mishandle.load_controller(self.path)
+        for wrong in (np.zeros(3), np.zeros((2, 5))):
+            with self.assertRaisesRegex(mishandle.InvalidValueError, r"an observation has [35] numbers; the controller takes 4"):
+                policy(wrong)
+        with self.assertRaisesRegex(mishandle.InvalidValueError, r"the shape \(1, 1, 4\); expected one observation of 4 numbers"):
+            policy(np.zeros((1, 1, 4)))
+
+    def test_a_model_without_a_fixed_size_is_an_error(self):
+        made = model([helper.make_node("Tanh", ["observation"], ["action"])], {}, [("observation", ["N", "M"])], [("action", ["N", "M"])])
+        onnx.save(made, self.path)
+        with self.assertRaisesRegex(mishandle.InvalidValueError, r"the observation `observation` .* has the shape \[N, N\]; expected"):
+            mishandle.load_controller(self.path)
+
+    def test_a_function_acts_with_the_model_and_its_hash_is_a_part_of_the_identity(self):
+        space = [mishandle.Axis("start", -1, 1)]
+
+        def evaluated(gain):
+            linear(self.path, np.array([[-gain], [-2 * gain]]))
+            policy = mishandle.load_controller(self.path)
+
+            def simulate(scenario):
+                position, speed, trace = scenario["start"], 0.0, []
+                for _ in range(20):
+                    trace.append(position)
+                    [force] = policy([position, speed])
+                    speed += 0.1 * float(force)
+                    position += 0.1 * speed
+                return {"position": trace}
+
+            path = self.path.with_name(f"{gain}.sqlite")
+            path.unlink(missing_ok=True)
+            return mishandle.evaluate(simulate, "always(position <= 2)", space, episodes=4, out=path)
+
+        first, again, other = evaluated(1.0), evaluated(1.0), evaluated(0.5)
+        self.assertEqual(first.success_rate.value, 1.0)
+        self.assertEqual(first.not_covered, ())
+        self.assertEqual(first.target_hash, again.target_hash)
+        self.assertNotEqual(first.target_hash, other.target_hash)
+
+
 class Import(unittest.TestCase):
     def setUp(self):
         folder = tempfile.TemporaryDirectory()
@@ -263,8 +340,21 @@ class Import(unittest.TestCase):
         with self.assertRaisesRegex(Exception, "nothing says what the input `h_in` is"):
             self.load(made)
         self.path.with_suffix(".onnx.json").write_text('{"state": [["h_in", "h_out"], ["c_in", "c_out"]]}')
-        with self.assertRaisesRegex(Exception, "recurrent ONNX model is not a function"):
-            self.load(made)
+        ours = self.load(made)
+        self.assertTrue(ours.is_recurrent)
+        theirs = session(made.SerializeToString())
+        batches = np.random.default_rng(5).normal(size=(4, 3, 27)).astype(np.float32)
+        for _ in range(2):
+            ours.reset()
+            states = {"h_in": np.zeros((1, 3, size), np.float32), "c_in": np.zeros((1, 3, size), np.float32)}
+            for observations in batches:
+                expected, hidden, cell = theirs.run(["action", "h_out", "c_out"], {"observation": observations, **states})
+                states = {"h_in": hidden, "c_in": cell}
+                np.testing.assert_allclose(ours.act(observations), expected, atol=TOLERANCE)
+        with self.assertRaisesRegex(mishandle.InvalidStateError, r"remembers 3 rows of observations, but 1 were given: call `reset\(\)`"):
+            ours(batches[0, 0])
+        ours.reset()
+        self.assertEqual(ours(batches[0, 0]).shape, (9,))
 
     def test_hostile_models_are_refused_before_they_take_memory(self):
         huge = np.array([1 << 31, 1 << 31])

@@ -75,20 +75,20 @@ pub fn read_normalizer(path: &Path) -> Result<ObservationNormalizer, MishandleEr
     Ok(normalizer)
 }
 
-/// Loads an ONNX model for the task `task_name`, or for the task that it names itself.
+/// Loads an ONNX model for the task `task_name`, or for the task that it names itself. A model that
+/// names no task of ours has the sizes that it states.
 ///
 /// # Errors
-/// If the task is unknown or not given, or the model cannot be used for it.
+/// If the task is unknown, or the model cannot be used for it.
 pub fn onnx_policy(path: &Path, task_name: Option<&str>) -> Result<OnnxPolicy, MishandleError> {
-    let own = if task_name.is_none() { OnnxPolicy::task_of(path)? } else { None };
-    let Some(name) = task_name.or(own.as_deref()) else {
-        return Err(MishandleError::InvalidValue {
-            what: "the task of the ONNX model",
-            value: "not named in it".to_string(),
-            expected: "given with `task`, or named by `mishandle.task` in the metadata (docs/guide/onnx.md)",
-        });
-    };
-    onnx_policy_of(path, task(name)?.definition())
+    if let Some(name) = task_name {
+        return onnx_policy_of(path, task(name)?.definition());
+    }
+    let own = OnnxPolicy::task_of(path)?;
+    match own.and_then(|name| mishandle_tasks::task(&name)) {
+        Some(known) => onnx_policy_of(path, known.definition()),
+        None => Ok(OnnxPolicy::load_with_own_sizes(path)?),
+    }
 }
 
 /// Loads an ONNX model for a task. A variant accepts models of its own and of its base task.

@@ -203,4 +203,16 @@ pub enum OnnxProblem {
         /// The numbers of the task.
         expected: usize,
     },
+    /// An input or output of a model without a task is not a vector of a fixed size.
+    #[error(
+        "the {side} `{name}` of the ONNX model has the shape {found}; expected [N, SIZE] with a fixed SIZE, of 32-bit floating-point numbers"
+    )]
+    NoVector {
+        /// `observation` or `action`.
+        side: &'static str,
+        /// The name of the input or output.
+        name: String,
+        /// Its shape.
+        found: String,
+    },
 }

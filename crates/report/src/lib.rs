@@ -50,6 +50,7 @@ pub use learning_curve::learning_curve_page;
 pub use load::RunReport;
 pub use measure::{Measurement, Samples};
 pub use page::{Document, page};
+pub use pictures::{PICTURE, Painter};
 pub use survival::{SurvivalLine, survival_figure};
 
 /// Colors of the charts. `page.css` has the color of each in both themes.

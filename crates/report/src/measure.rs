@@ -5,7 +5,7 @@ use std::ops::ControlFlow;
 
 use mishandle::evaluation::{Corners, Estimate, Repeats, wilson};
 use mishandle::falsification::{Repeated, measure_noise, repeat, repeat_seeds};
-use mishandle::inspect::FailureMode;
+use mishandle::inspect::{ExplainedSimulation, FailureMode};
 use mishandle::results::Noise;
 use mishandle::rollout::{Axis, AxisValues, Episode, Request, Scenario, Seed, Space, Stream, System};
 use mishandle::store::RunFile;
@@ -13,7 +13,7 @@ use mishandle::{MishandleError, ResolvedPlan};
 
 use crate::RunReport;
 use crate::load::{CornerSimulation, MAX_MODES, Point};
-use crate::pictures::{self, PictureError, Pictures};
+use crate::pictures::{self, Painter, PictureError, Pictures};
 use crate::sensitivity::{self, Sensitivity};
 
 /// By what fraction of an axis the box of a failure mode is widened on each side.
@@ -75,6 +75,14 @@ pub struct Patch {
     pub failing: Estimate,
 }
 
+/// The source of the pictures of a target.
+enum Drawn<'a> {
+    /// Its scene, if it has one, with the present path of the run's controller.
+    Scene(Option<&'a str>),
+    /// The target itself.
+    Painted(&'a mut dyn Painter),
+}
+
 impl RunReport {
     /// Adds what takes simulations: the size of each mode's failing patch, how often its
     /// representative fails with other seeds, the share of noise, corners, and pictures of tasks.
@@ -94,31 +102,32 @@ impl RunReport {
         watch: impl FnMut(u64, u64) -> ControlFlow<()>,
     ) -> Result<Measurement, MishandleError> {
         match mishandle::resolve::recorded_plan(run.header(), controller) {
-            Ok(resolved) => self.measure_target(run, &resolved, controller, samples, watch),
+            Ok(resolved) => self.measure_target(run, &resolved, Drawn::Scene(controller), samples, watch),
             Err(error) => Ok(Measurement::Skipped { reason: error.to_string() }),
         }
     }
 
     /// Like [`measure`](Self::measure), with a target that is not part of this program, such as a
-    /// Python system.
+    /// Python system. A `painter` draws its pictures.
     ///
     /// # Errors
     /// If a simulation cannot be run.
     pub fn measure_with(
         &mut self,
         run: &RunFile,
-        resolved: &ResolvedPlan,
+        (resolved, painter): (&ResolvedPlan, Option<&mut dyn Painter>),
         samples: Samples,
         watch: impl FnMut(u64, u64) -> ControlFlow<()>,
     ) -> Result<Measurement, MishandleError> {
-        self.measure_target(run, resolved, None, samples, watch)
+        let drawn = painter.map_or(Drawn::Scene(None), Drawn::Painted);
+        self.measure_target(run, resolved, drawn, samples, watch)
     }
 
     fn measure_target(
         &mut self,
         run: &RunFile,
         resolved: &ResolvedPlan,
-        controller: Option<&str>,
+        drawn: Drawn<'_>,
         samples: Samples,
         watch: impl FnMut(u64, u64) -> ControlFlow<()>,
     ) -> Result<Measurement, MishandleError> {
@@ -127,14 +136,14 @@ impl RunReport {
             let reason = format!("the target {} is not the one of the run any more", then.name);
             return Ok(Measurement::Skipped { reason });
         }
-        self.measure_in(run, resolved, controller, samples, watch)
+        self.measure_in(run, resolved, drawn, samples, watch)
     }
 
     fn measure_in(
         &mut self,
         run: &RunFile,
         resolved: &ResolvedPlan,
-        controller: Option<&str>,
+        drawn: Drawn<'_>,
         samples: Samples,
         mut watch: impl FnMut(u64, u64) -> ControlFlow<()>,
     ) -> Result<Measurement, MishandleError> {
@@ -214,10 +223,14 @@ impl RunReport {
         }
         let witness = self.witness.as_slice();
         let mut must_end = || watch(done, total).is_break();
-        let strips = pictures::strips(run, &self.representatives, controller, &mut must_end);
-        let both = strips
-            .and_then(|strips| Ok((strips, pictures::strips(run, witness, controller, &mut must_end)?)));
-        match both {
+        let mut drawn = drawn;
+        let mut strips = |simulations: &[ExplainedSimulation]| match &mut drawn {
+            Drawn::Scene(controller) => pictures::strips(run, simulations, *controller, &mut must_end),
+            Drawn::Painted(painter) => {
+                pictures::painted_strips(run, simulations, (resolved, &mut **painter), &mut must_end)
+            }
+        };
+        match strips(&self.representatives).and_then(|modes| Ok((modes, strips(witness)?))) {
             Err(PictureError::Interrupted) => return Ok(Measurement::Interrupted),
             Ok((strips, witness)) => {
                 measured.strips = strips;

@@ -245,7 +245,13 @@ pub fn frames(report: &RunReport, pictures: &Pictures, explained: &ExplainedSimu
     };
     let frames: String = pictures.frames.iter().map(frame).collect();
     let film = pictures.film.as_ref().map_or(String::new(), |found| film(found, report.header.control_dt));
-    format!("<div class=\"strip\">{frames}</div>\n{film}")
+    let source = match mishandle::resolve::is_python(&report.header.target.kind) {
+        true => {
+            "<p class=\"notes\">The system drew these pictures while the simulation was repeated, with the recorded trace.</p>\n"
+        }
+        false => "",
+    };
+    format!("<div class=\"strip\">{frames}</div>\n{source}{film}")
 }
 
 /// Returns a film that the reader opens. It repeats until it is closed.

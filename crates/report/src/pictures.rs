@@ -1,10 +1,10 @@
-//! Pictures of failures of targets with a scene.
+//! Pictures of failures: of targets with a scene, and of systems that draw themselves.
 
-use mishandle::MishandleError;
 use mishandle::inspect::{Event, ExplainedSimulation, Explanation};
 use mishandle::picture::{FrameCaptions, FrameRenderer};
 use mishandle::store::{RunFile, RunHeader};
-use mishandle::world::{CAMERAS, PictureModel, Quality, Size, WorldError, animated_png, png};
+use mishandle::world::{CAMERAS, Picture, PictureModel, Quality, Size, WorldError, animated_png, png};
+use mishandle::{MishandleError, ResolvedPlan};
 
 /// Size of a picture, pixels.
 pub const PICTURE: (u32, u32) = (320, 240);
@@ -53,9 +53,25 @@ pub enum PictureError {
     /// The scene cannot be rendered.
     #[error(transparent)]
     Render(#[from] WorldError),
+    /// A system that draws itself did not.
+    #[error("{0}")]
+    Painter(String),
     /// The caller ended the drawing.
     #[error("the drawing was interrupted")]
     Interrupted,
+}
+
+/// Draws a system that is not part of this program while it simulates.
+pub trait Painter {
+    /// Asks for pictures of these samples of the next simulation.
+    fn begin(&mut self, samples: &[usize]);
+
+    /// Returns the pictures of the simulation, one for each sample, with the bytes of
+    /// [`PICTURE`] pixels (red, green, blue).
+    ///
+    /// # Errors
+    /// If the system did not draw them.
+    fn take(&mut self) -> Result<Vec<Vec<u8>>, String>;
 }
 
 /// Returns whether the drawing must end; called before each picture.
@@ -81,6 +97,75 @@ pub fn strips(
         .collect()
 }
 
+/// As [`strips`], of a system that draws itself, which simulates each again.
+pub fn painted_strips(
+    run: &RunFile,
+    simulations: &[ExplainedSimulation],
+    (resolved, painter): (&ResolvedPlan, &mut dyn Painter),
+    must_end: MustEnd<'_>,
+) -> Result<Vec<Pictures>, PictureError> {
+    let mut strips = Vec::new();
+    for explained in simulations.iter().take(MAX_STRIPS) {
+        if must_end() {
+            return Err(PictureError::Interrupted);
+        }
+        strips.push(painted_strip(run, explained, resolved, painter)?);
+    }
+    Ok(strips)
+}
+
+fn painted_strip(
+    run: &RunFile,
+    explained: &ExplainedSimulation,
+    resolved: &ResolvedPlan,
+    painter: &mut dyn Painter,
+) -> Result<Pictures, PictureError> {
+    let last = explained.recorded.steps as usize;
+    let event = explained.explanation.event();
+    let shown = strip_samples(event.as_ref(), last);
+    let reel = Reel::new(event.as_ref(), last, run.header().control_dt);
+    let mut samples: Vec<usize> = shown.iter().chain(&reel.samples).copied().collect();
+    samples.sort_unstable();
+    samples.dedup();
+    painter.begin(&samples);
+    let (trial, number) = (explained.recorded.trial, explained.recorded.number);
+    let replayed = mishandle::replay::replay_with(run, trial, number, resolved);
+    let pictures = painter.take();
+    let replayed = replayed?;
+    if !replayed.differences.is_empty() {
+        return Err(MishandleError::RunMismatch { differences: replayed.differences }.into());
+    }
+    let pictures = pictures.map_err(PictureError::Painter)?;
+    let bytes = 3 * (PICTURE.0 * PICTURE.1) as usize;
+    if pictures.len() != samples.len() || pictures.iter().any(|pixels| pixels.len() != bytes) {
+        let message = format!("{} pictures of {} samples were drawn", pictures.len(), samples.len());
+        return Err(PictureError::Painter(message));
+    }
+    let of = |sample: &usize| samples.binary_search(sample).ok().map(|index| &pictures[index]);
+    let mut frames = Vec::new();
+    for sample in &shown {
+        if let Some(pixels) = of(sample) {
+            frames.push(Frame { sample: *sample, png: png(PICTURE.0, PICTURE.1, pixels)? });
+        }
+    }
+    let picture = |sample: &usize| {
+        let (width, height) = (PICTURE.0 as usize, PICTURE.1 as usize);
+        let mut picture = Picture::new(width, height, [u8::MAX; 3]);
+        if let Some(pixels) = of(sample) {
+            picture.paste((0, 0), width, pixels);
+        }
+        picture
+    };
+    let film: Vec<(Picture, u16)> = reel.samples.iter().map(picture).zip(reel.delays).collect();
+    Ok(Pictures { frames, film: Some(Film { window: reel.window, png: animated_png(&film)? }) })
+}
+
+/// Returns the samples of the pictures of a simulation with samples 0 to `last`.
+fn strip_samples(event: Option<&Event>, last: usize) -> Vec<usize> {
+    let decisive = event.map_or(last, |event| event.sample);
+    mishandle::picture::strip_samples(event.and_then(|event| event.start), decisive, (0, last))
+}
+
 fn strip(
     model: &PictureModel,
     size: Size,
@@ -98,8 +183,7 @@ fn strip(
         return Ok(Pictures { frames: Vec::new(), film: None });
     };
     let event = shown.event.as_ref();
-    let decisive = event.map_or(last, |event| event.sample);
-    let samples = mishandle::picture::strip_samples(event.and_then(|event| event.start), decisive, (0, last));
+    let samples = strip_samples(event, last);
     let view: Vec<&[f64]> = samples.iter().map(|sample| trajectory.states[*sample].as_slice()).collect();
     let frames = shown.frames(model, size, (&samples, &view), &mut *must_end)?;
     // A film has many frames; fine ones would take most of the time of the report.
@@ -186,25 +270,43 @@ fn film(
     control_dt: f64,
     must_end: MustEnd<'_>,
 ) -> Result<Film, PictureError> {
-    let last = states.len().saturating_sub(1);
-    let (from, to) = mishandle::picture::Film::new(control_dt, last, event, Some(AROUND), SPEED).window;
-    let marks: Vec<usize> =
-        event.map_or(Vec::new(), Event::marks).into_iter().map(|(sample, _)| sample).collect();
-    let stride = (to - from).div_ceil(MAX_FRAMES).max(1);
-    let is_marked = |sample: usize| marks.contains(&sample);
-    let shown =
-        |sample: &usize| (*sample - from).is_multiple_of(stride) || is_marked(*sample) || *sample == to;
-    let samples: Vec<usize> = (from..=to).filter(shown).collect();
+    let Reel { window, samples, delays } = Reel::new(event, states.len().saturating_sub(1), control_dt);
     renderer.fit(&samples.iter().map(|sample| states[*sample].as_slice()));
     let mut frames = Vec::with_capacity(samples.len());
-    for (index, sample) in samples.iter().enumerate() {
+    for (sample, delay) in samples.iter().zip(delays) {
         if must_end() {
             return Err(PictureError::Interrupted);
         }
-        let held = if is_marked(*sample) || *sample == to { HOLD } else { 0.0 };
-        let next = samples.get(index + 1).copied().unwrap_or(*sample);
-        let delay = 1000.0 * control_dt * (next - sample) as f64 / SPEED + held;
-        frames.push((renderer.draw(*sample, &states[*sample])?, delay.round() as u16));
+        frames.push((renderer.draw(*sample, &states[*sample])?, delay));
     }
-    Ok(Film { window: (from, to), png: animated_png(&frames)? })
+    Ok(Film { window, png: animated_png(&frames)? })
+}
+
+/// The samples of a film around an event.
+struct Reel {
+    /// First and last sample.
+    window: (usize, usize),
+    samples: Vec<usize>,
+    /// Time for which each sample is shown, ms.
+    delays: Vec<u16>,
+}
+
+impl Reel {
+    fn new(event: Option<&Event>, last: usize, control_dt: f64) -> Reel {
+        let (from, to) = mishandle::picture::Film::new(control_dt, last, event, Some(AROUND), SPEED).window;
+        let marks: Vec<usize> =
+            event.map_or(Vec::new(), Event::marks).into_iter().map(|(sample, _)| sample).collect();
+        let stride = (to - from).div_ceil(MAX_FRAMES).max(1);
+        let is_marked = |sample: usize| marks.contains(&sample);
+        let shown =
+            |sample: &usize| (*sample - from).is_multiple_of(stride) || is_marked(*sample) || *sample == to;
+        let samples: Vec<usize> = (from..=to).filter(shown).collect();
+        let delay = |(index, sample): (usize, &usize)| {
+            let held = if is_marked(*sample) || *sample == to { HOLD } else { 0.0 };
+            let next = samples.get(index + 1).copied().unwrap_or(*sample);
+            (1000.0 * control_dt * (next - sample) as f64 / SPEED + held).round() as u16
+        };
+        let delays = samples.iter().enumerate().map(delay).collect();
+        Reel { window: (from, to), samples, delays }
+    }
 }

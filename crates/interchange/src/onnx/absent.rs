@@ -51,6 +51,14 @@ impl OnnxPolicy {
     ///
     /// # Errors
     /// Always.
+    pub fn load_with_own_sizes(path: &Path) -> Result<OnnxPolicy, InterchangeError> {
+        Err(InterchangeError::Onnx { problem: OnnxProblem::NotBuilt, path: path.to_path_buf() })
+    }
+
+    /// Returns the error that names the feature.
+    ///
+    /// # Errors
+    /// Always.
     pub fn task_of(path: &Path) -> Result<Option<String>, InterchangeError> {
         Err(InterchangeError::Onnx { problem: OnnxProblem::NotBuilt, path: path.to_path_buf() })
     }

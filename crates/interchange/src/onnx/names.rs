@@ -7,6 +7,7 @@ use rten_onnx::onnx::{GraphProto, ModelProto, ValueInfoProto};
 use rten_tensor::Layout;
 
 use super::interface::Interface;
+use super::policy::{Expected, wrong_shape};
 use crate::OnnxProblem;
 
 /// Largest number of tensors of the state.
@@ -73,8 +74,12 @@ impl Names {
     }
 
     /// Returns the output with the action: the one that the description names, the only one, the
-    /// one with such a name, or the only one with such a size.
-    pub(super) fn action(&self, values: &HashMap<String, Value>, size: usize) -> Result<&str, OnnxProblem> {
+    /// one with such a name, or the only one with such a size. Without a size, every vector fits.
+    pub(super) fn action(
+        &self,
+        values: &HashMap<String, Value>,
+        size: Option<usize>,
+    ) -> Result<&str, OnnxProblem> {
         let missing = self.actions.iter().chain(self.states.iter().map(|(_, output)| output));
         if let Some(missing) = missing.into_iter().find(|name| !values.contains_key(*name)) {
             return Err(OnnxProblem::Format { reason: format!("no operator writes the output `{missing}`") });
@@ -82,16 +87,20 @@ impl Names {
         let all: Vec<&String> = self.actions.iter().collect();
         let named: Vec<&String> =
             self.actions.iter().filter(|name| ACTION_NAMES.contains(&name.to_lowercase().as_str())).collect();
-        let fits = |name: &&String| values.get(*name).is_some_and(|value| is_action(value, size));
+        let fits = |name: &&String| {
+            let found = values.get(*name).and_then(action_size);
+            found.is_some_and(|found| size.is_none_or(|size| size == found))
+        };
         let fitting: Vec<&String> = self.actions.iter().filter(fits).collect();
         match (&all[..], &named[..], &fitting[..]) {
             ([action], _, _) | (_, [action], _) | (_, _, [action]) => Ok(action),
             (_, _, fitting) => {
                 let found = if fitting.is_empty() { "none" } else { "several" };
+                let are = size.map_or("are vectors".to_string(), |size| format!("have {size} numbers"));
                 Err(OnnxProblem::Interface {
                     place: "its outputs".to_string(),
                     reason: format!(
-                        "nothing says which output is the action: {}; {found} of them have {size} numbers; name it by \
+                        "nothing says which output is the action: {}; {found} of them {are}; name it by \
                          `action` in the metadata or in a side file (docs/guide/onnx.md)",
                         self.actions.join(", ")
                     ),
@@ -101,19 +110,20 @@ impl Names {
     }
 }
 
-/// Checks the shapes of the action and of the state after a control step.
+/// Checks the shapes of the action and of the state after a control step. Returns the size of an
+/// action.
 pub(super) fn check_outputs(
     values: &HashMap<String, Value>,
     action: &str,
     states: &[(Vec<usize>, &(String, String))],
-    task: &str,
-    expected: usize,
-) -> Result<(), OnnxProblem> {
-    if !values.get(action).is_some_and(|value| is_action(value, expected)) {
+    expected: Option<Expected<'_>>,
+) -> Result<usize, OnnxProblem> {
+    let size = values.get(action).and_then(action_size);
+    let size = size.filter(|size| expected.is_none_or(|expected| expected.sizes.1 == *size));
+    let Some(size) = size else {
         let found = values.get(action).map_or("of no tensor".to_string(), type_text);
-        let (task, name) = (task.to_string(), action.to_string());
-        return Err(OnnxProblem::Shape { task, side: "action", name, found, expected });
-    }
+        return Err(wrong_shape(expected, "action", action.to_string(), found));
+    };
     for (shape, (input, output)) in states {
         let found = values.get(output).and_then(float_shape);
         if found.as_ref() != Some(shape) {
@@ -126,11 +136,15 @@ pub(super) fn check_outputs(
             });
         }
     }
-    Ok(())
+    Ok(size)
 }
 
-fn is_action(value: &Value, expected: usize) -> bool {
-    matches!(float_shape(value).as_deref(), Some([1, size] | [size]) if *size == expected)
+/// Returns the number of numbers of a value that can be an action.
+fn action_size(value: &Value) -> Option<usize> {
+    match float_shape(value).as_deref() {
+        Some([1, size] | [size]) => Some(*size),
+        _ => None,
+    }
 }
 
 /// Returns the shape of a value, and that its numbers are integers if they are.

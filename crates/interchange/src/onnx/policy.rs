@@ -94,13 +94,31 @@ impl OnnxPolicy {
         layout: &TaskLayout,
         names: [Option<&str>; 2],
     ) -> Result<OnnxPolicy, InterchangeError> {
+        Self::read(path, names, Some((tasks, layout)))
+    }
+
+    /// As [`load`](Self::load), for a model without a task: the sizes of observations and actions
+    /// are those of the model.
+    ///
+    /// # Errors
+    /// If a file cannot be read or is too large, or the model is not supported or has no fixed size
+    /// of an observation.
+    pub fn load_with_own_sizes(path: &Path) -> Result<OnnxPolicy, InterchangeError> {
+        Self::read(path, [None, None], None)
+    }
+
+    fn read(
+        path: &Path,
+        names: [Option<&str>; 2],
+        environment: Option<(&[&str], &TaskLayout)>,
+    ) -> Result<OnnxPolicy, InterchangeError> {
         let error = |problem| InterchangeError::Onnx { problem, path: path.to_path_buf() };
         let bytes = read(path, limits::ONNX)?;
         let name = beside(path, "data");
         let weights = if name.exists() { Some(read(&name, limits::ONNX)?) } else { None };
         let name = name.file_name().unwrap_or_default().to_string_lossy();
         let weights = weights.as_deref().map(|content| (name.as_ref(), content));
-        Self::new(&bytes, weights, side_file(path)?, names, tasks, layout).map_err(error)
+        Self::new(&bytes, weights, side_file(path)?, names, environment).map_err(error)
     }
 
     /// Returns the task that a model or its side file names.
@@ -126,7 +144,7 @@ impl OnnxPolicy {
         tasks: &[&str],
         layout: &TaskLayout,
     ) -> Result<OnnxPolicy, OnnxProblem> {
-        Self::new(bytes, None, interface, [None, None], tasks, layout)
+        Self::new(bytes, None, interface, [None, None], Some((tasks, layout)))
     }
 
     fn new(
@@ -134,8 +152,7 @@ impl OnnxPolicy {
         weights: Option<Weights<'_>>,
         interface: Option<Interface>,
         [observation, action]: [Option<&str>; 2],
-        tasks: &[&str],
-        layout: &TaskLayout,
+        environment: Option<(&[&str], &TaskLayout)>,
     ) -> Result<OnnxPolicy, OnnxProblem> {
         let mut proto = check::parse(bytes)?;
         check::join(&mut proto, weights)?;
@@ -145,11 +162,17 @@ impl OnnxPolicy {
         interface.observation = observation.map(String::from).or(interface.observation);
         interface.action = action.map(String::from).or(interface.action);
         let described = is_described.then(|| serde_json::to_string(&interface).unwrap_or_default());
-        check_task(&interface, tasks, layout)?;
-        let task = tasks.first().copied().unwrap_or_default();
+        let expected = match environment {
+            Some((tasks, layout)) => {
+                check_task(&interface, tasks, layout)?;
+                let task = tasks.first().copied().unwrap_or_default();
+                Some(Expected { task, sizes: (layout.observation_size(), layout.action_size()) })
+            }
+            None => None,
+        };
         let names = Names::new(&proto, &interface)?;
-        prepare(&mut proto, &names, task, layout.observation_size())?;
-        let core = Core::new(&proto, &names, task, layout)?;
+        prepare(&mut proto, &names, expected)?;
+        let core = Core::new(&proto, &names, expected)?;
         let file_hash = bytes_hash(bytes);
         let weights_hash = weights.map(|(_, content)| bytes_hash(content));
         let hash = match (described, weights_hash) {
@@ -204,6 +227,15 @@ pub(super) fn read(path: &Path, limit: u64) -> Result<Vec<u8>, InterchangeError>
     read_bounded(path, limit).map_err(|source| InterchangeError::Read { source, path: path.to_path_buf() })
 }
 
+/// The task that a model must fit. Without one, its sizes are its own.
+#[derive(Clone, Copy)]
+pub(super) struct Expected<'a> {
+    /// Name of the task, for messages.
+    pub task: &'a str,
+    /// Numbers of an observation and of an action.
+    pub sizes: (usize, usize),
+}
+
 fn check_task(interface: &Interface, tasks: &[&str], layout: &TaskLayout) -> Result<(), OnnxProblem> {
     let task = tasks.first().copied().unwrap_or_default().to_string();
     if let Some(found) = interface.task.as_ref().filter(|found| !tasks.contains(&found.as_str())) {
@@ -216,7 +248,7 @@ fn check_task(interface: &Interface, tasks: &[&str], layout: &TaskLayout) -> Res
 /// Makes the shapes of all inputs fixed, with a batch size of 1, and removes what the runtime does
 /// not need: the names of operators, which may be those of values, and the shapes of other values,
 /// which may be wrong.
-fn prepare(proto: &mut ModelProto, names: &Names, task: &str, size: usize) -> Result<(), OnnxProblem> {
+fn prepare(proto: &mut ModelProto, names: &Names, expected: Option<Expected<'_>>) -> Result<(), OnnxProblem> {
     let Some(graph) = proto.graph.as_mut() else { return Ok(()) };
     graph.node.iter_mut().for_each(|node| node.name = None);
     graph.value_info.clear();
@@ -239,13 +271,16 @@ fn prepare(proto: &mut ModelProto, names: &Names, task: &str, size: usize) -> Re
         let dims: Option<Vec<Option<i64>>> =
             tensor.shape.as_ref().map(|shape| shape.dim.iter().map(|dim| dim.dim_value).collect());
         let fixed: Option<Vec<i64>> = if is_observation {
-            let expected = size as i64;
-            match dims.as_deref() {
-                None => Some(vec![1, expected]),
-                Some([batch, found]) if batch.unwrap_or(1) == 1 && found.unwrap_or(expected) == expected => {
-                    Some(vec![1, expected])
+            let own = || dims.as_deref()?.last().copied().flatten();
+            let size = expected.map_or_else(own, |expected| Some(expected.sizes.0 as i64));
+            match (size, dims.as_deref()) {
+                (Some(size), None) => Some(vec![1, size]),
+                (Some(size), Some([batch, found]))
+                    if batch.unwrap_or(1) == 1 && found.unwrap_or(size) == size =>
+                {
+                    Some(vec![1, size])
                 }
-                Some([found]) if found.unwrap_or(expected) == expected => Some(vec![expected]),
+                (Some(size), Some([found])) if found.unwrap_or(size) == size => Some(vec![size]),
                 _ => None,
             }
         } else {
@@ -255,8 +290,7 @@ fn prepare(proto: &mut ModelProto, names: &Names, task: &str, size: usize) -> Re
         let Some(fixed) = fixed.filter(|fixed| fixed.iter().all(|size| (1..1 << 24).contains(size))) else {
             let found = shape_text(&dims.unwrap_or_default());
             if is_observation {
-                let (task, side) = (task.to_string(), "observation");
-                return Err(OnnxProblem::Shape { task, side, name, found, expected: size });
+                return Err(wrong_shape(expected, "observation", name, found));
             }
             return Err(OnnxProblem::Interface {
                 place: "its inputs".to_string(),
@@ -270,6 +304,20 @@ fn prepare(proto: &mut ModelProto, names: &Names, task: &str, size: usize) -> Re
     Ok(())
 }
 
+/// Returns the error of an input or output that does not fit the task, or that is not a vector.
+pub(super) fn wrong_shape(
+    expected: Option<Expected<'_>>,
+    side: &'static str,
+    name: String,
+    found: String,
+) -> OnnxProblem {
+    let Some(Expected { task, sizes: (observation, action) }) = expected else {
+        return OnnxProblem::NoVector { side, name, found };
+    };
+    let expected = if side == "action" { action } else { observation };
+    OnnxProblem::Shape { task: task.to_string(), side, name, found, expected }
+}
+
 /// Returns a shape as text, with N for sizes that are free.
 fn shape_text(dims: &[Option<i64>]) -> String {
     let dims: Vec<String> =
@@ -278,7 +326,7 @@ fn shape_text(dims: &[Option<i64>]) -> String {
 }
 
 impl Core {
-    fn new(proto: &ModelProto, names: &Names, task: &str, layout: &TaskLayout) -> Result<Core, OnnxProblem> {
+    fn new(proto: &ModelProto, names: &Names, expected: Option<Expected<'_>>) -> Result<Core, OnnxProblem> {
         let format = |reason: String| OnnxProblem::Format { reason };
         let bytes = proto.write_buf().map_err(|error| format(error.to_string()))?;
         // Without optimization, loading a model computes nothing, and what is checked below is what
@@ -323,10 +371,10 @@ impl Core {
         let opset = check::opset(proto).unwrap_or_default();
         let kept = order::asked_values(graph, &outputs);
         let values = dry_run(&model, graph, opset, &inputs, &kept)?;
-        let action = names.action(&values, layout.action_size())?;
+        let action = names.action(&values, expected.map(|expected| expected.sizes.1))?;
         let used: Vec<&str> =
             std::iter::once(action).chain(names.states.iter().map(|(_, output)| output.as_str())).collect();
-        check_outputs(&values, action, &states, task, layout.action_size())?;
+        let action_size = check_outputs(&values, action, &states, expected)?;
         let asked = order::asked_values(graph, &used);
         if asked != kept {
             // Other values are held, so that other bounds hold.
@@ -338,6 +386,7 @@ impl Core {
         };
         let core = Core {
             observation: id(&names.observation)?,
+            sizes: (observation_shape.iter().product(), action_size),
             observation_shape,
             action: place(action)?,
             asked: asked.iter().map(|name| id(name)).collect::<Result<_, OnnxProblem>>()?,
@@ -347,7 +396,6 @@ impl Core {
                     Ok(State { input: id(input)?, output: place(output)?, shape })
                 })
                 .collect::<Result<_, OnnxProblem>>()?,
-            sizes: (layout.observation_size(), layout.action_size()),
             model,
         };
         Ok(core)

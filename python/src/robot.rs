@@ -1,0 +1,243 @@
+//! A policy in Python as the controller of a robot that a file describes.
+
+use std::collections::BTreeMap;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, PoisonError};
+
+use mishandle::plan::AxisSetting;
+use mishandle::rollout::{
+    Component, Controller, ControllerWorker, Episode, EpisodeEnd, Identity, Noise, Request, RolloutError,
+    Seed, Space, Specification, System, SystemFactory,
+};
+use mishandle::store::ComponentRecord;
+use mishandle::{Plan, ResolvedPlan};
+use numpy::{PyArray1, PyArrayMethods, PyReadonlyArray2, PyUntypedArrayMethods};
+use pyo3::exceptions::PyRuntimeError;
+use pyo3::prelude::*;
+use rayon::{ThreadPool, ThreadPoolBuilder};
+
+use crate::target::{Pending, PyTarget, SettingArgument, keep};
+use crate::{InvalidValueError, raised};
+
+/// Number of simulations that the policy acts in at once: as many as a thread steps together.
+const ROWS: usize = 16;
+
+/// Returns the name of a robot, and the lengths of its observations and actions.
+#[pyfunction]
+pub fn robot_facts(py: Python<'_>, path: &str) -> PyResult<(String, usize, usize)> {
+    let robot = py.detach(|| mishandle::resolve::robot_file(&Plan::new(path, ""))).map_err(raised)?;
+    Ok((robot.name().to_string(), robot.observation_size(), robot.actions()))
+}
+
+/// A policy in Python: its name, its hash, and what the hash does not cover.
+type Identified = (String, String, Vec<String>);
+
+/// Returns the target of a robot with a policy. `policy` has the method `act(observations, rows,
+/// is_start)`, which returns one action per row, or `None` after an exception that it has kept.
+#[pyfunction]
+#[pyo3(signature = (path, policy, *, name, identified, space, axes, noise, versions, is_deterministic))]
+#[expect(clippy::too_many_arguments, reason = "the arguments are keywords in Python")]
+pub fn robot_target(
+    py: Python<'_>,
+    path: &str,
+    policy: Py<PyAny>,
+    name: String,
+    identified: Identified,
+    space: &str,
+    axes: BTreeMap<String, SettingArgument>,
+    noise: (f64, f64),
+    versions: Vec<(String, String)>,
+    is_deterministic: bool,
+) -> PyResult<PyTarget> {
+    let pending = Pending::default();
+    let (policy_name, hash, not_covered) = identified;
+    let component = |role: &str, name: String, hash: String| Component {
+        role: role.to_string(),
+        name,
+        hash,
+        file_hash: String::new(),
+    };
+    let noise = Noise { action_std: noise.0, observation_std: noise.1 };
+    // The policy acts in all rows at once, and one after the other, whatever the machine.
+    let pool = ThreadPoolBuilder::new().num_threads(1).build();
+    let pool = Arc::new(pool.map_err(|error| PyRuntimeError::new_err(error.to_string()))?);
+    let axes: BTreeMap<String, AxisSetting> =
+        axes.into_iter().map(|(name, setting)| (name, setting.into())).collect();
+    let made = || {
+        let robot = mishandle::resolve::robot_file(&Plan::new(path, ""))?;
+        let shared = Arc::new(Shared {
+            policy,
+            pending: pending.clone(),
+            has_failed: AtomicBool::new(false),
+            sizes: (robot.observation_size(), robot.actions()),
+        });
+        let controller = Arc::new(PythonPolicy(shared.clone()));
+        let mut target = robot.target((controller, component("policy", policy_name, hash)), noise)?;
+        let uncovered = not_covered.into_iter();
+        target
+            .components
+            .extend(uncovered.map(|part| component(ComponentRecord::NOT_COVERED, part, String::new())));
+        target.identity = Identity::new("python", &format!("python/{name}"), &target.identity.hash);
+        target.is_deterministic = is_deterministic;
+        target.depends_on_seed |= !is_deterministic;
+        target.can_fail = true;
+        target.versions.extend(versions);
+        let inner = target.factory.clone();
+        target.factory = Arc::new(move |space: &Space, specification: &Specification| {
+            // Reports now what a simulation would report.
+            inner(space, specification)?;
+            Ok(Box::new(RobotSystem {
+                space: space.clone(),
+                specification: specification.clone(),
+                factory: inner.clone(),
+                pool: pool.clone(),
+                shared: shared.clone(),
+            }) as Box<dyn System>)
+        });
+        let plan = Plan {
+            space: space.to_string(),
+            axes,
+            action_noise: noise.action_std,
+            observation_noise: noise.observation_std,
+            ..Plan::new(&target.identity.name, "")
+        };
+        // Checks the space and the settings, which the axes then have.
+        let ResolvedPlan { target, space, plan, .. } = ResolvedPlan::with_target(&plan, target)?;
+        Ok::<_, mishandle::MishandleError>((target, space, plan))
+    };
+    let (target, space, plan) = py.detach(made).map_err(raised)?;
+    Ok(PyTarget::of_parts(target, plan, space, pending))
+}
+
+/// The parts that the systems of a target share.
+struct Shared {
+    policy: Py<PyAny>,
+    pending: Pending,
+    /// Whether the policy raised an exception in the running simulations.
+    has_failed: AtomicBool,
+    /// Lengths of an observation and an action.
+    sizes: (usize, usize),
+}
+
+/// Memory of the policy is in Python, for all rows of a batch.
+struct PythonPolicy(Arc<Shared>);
+
+impl Controller for PythonPolicy {
+    fn observation_size(&self) -> usize {
+        self.0.sizes.0
+    }
+
+    fn action_size(&self) -> usize {
+        self.0.sizes.1
+    }
+
+    fn worker(&self) -> Box<dyn ControllerWorker> {
+        Box::new(Worker { shared: self.0.clone(), is_start: true })
+    }
+}
+
+struct Worker {
+    shared: Arc<Shared>,
+    /// Whether the next actions are the first ones of their episodes.
+    is_start: bool,
+}
+
+impl ControllerWorker for Worker {
+    fn reset(&mut self, _state: &mut [f64], _seed: Seed) {
+        self.is_start = true;
+    }
+
+    fn act(&mut self, rows: usize, observations: &[f32], _states: &mut [f64], actions: &mut [f32]) {
+        let is_start = std::mem::take(&mut self.is_start);
+        if self.shared.has_failed.load(Ordering::Relaxed) {
+            return actions.fill(f32::NAN);
+        }
+        let acted = Python::attach(|py| self.shared.act(py, (rows, is_start), observations, actions));
+        let has_acted = acted.unwrap_or_else(|exception| {
+            keep(&self.shared.pending, exception);
+            false
+        });
+        if !has_acted {
+            self.shared.has_failed.store(true, Ordering::Relaxed);
+            actions.fill(f32::NAN);
+        }
+    }
+}
+
+impl Shared {
+    /// Writes the actions of the policy. Returns whether it has acted.
+    fn act(
+        &self,
+        py: Python<'_>,
+        (rows, is_start): (usize, bool),
+        observations: &[f32],
+        actions: &mut [f32],
+    ) -> PyResult<bool> {
+        let observations = PyArray1::from_slice(py, observations).reshape([rows, self.sizes.0])?;
+        let given = self.policy.call_method1(py, "act", (observations, rows, is_start))?;
+        let Some(given) = given.extract::<Option<PyReadonlyArray2<'_, f32>>>(py)? else { return Ok(false) };
+        if given.shape() != [rows, self.sizes.1] {
+            let message = format!("the actions have the shape {:?}", given.shape());
+            return Err(InvalidValueError::new_err(message));
+        }
+        actions.iter_mut().zip(given.as_array()).for_each(|(action, given)| *action = *given);
+        Ok(true)
+    }
+}
+
+/// Simulates on one thread, so that the rows of a policy stay together.
+struct RobotSystem {
+    space: Space,
+    specification: Specification,
+    factory: Arc<SystemFactory>,
+    pool: Arc<ThreadPool>,
+    shared: Arc<Shared>,
+}
+
+impl System for RobotSystem {
+    fn space(&self) -> &Space {
+        &self.space
+    }
+
+    fn rollout(&mut self, requests: &[Request]) -> Result<Vec<Episode>, RolloutError> {
+        let mut episodes = Vec::with_capacity(requests.len());
+        for chunk in requests.chunks(ROWS) {
+            match self.together(chunk)? {
+                (found, false) => episodes.extend(found),
+                // One by one, so that one scenario cannot spoil the others.
+                (_, true) => {
+                    for request in chunk {
+                        let (mut found, has_failed) = self.together(std::slice::from_ref(request))?;
+                        if has_failed {
+                            found.iter_mut().for_each(crash);
+                        }
+                        episodes.extend(found);
+                    }
+                }
+            }
+        }
+        Ok(episodes)
+    }
+}
+
+impl RobotSystem {
+    /// Simulates up to [`ROWS`] requests. Returns whether the policy raised an exception.
+    fn together(&self, requests: &[Request]) -> Result<(Vec<Episode>, bool), RolloutError> {
+        Python::attach(|py| py.check_signals().map_err(|exception| keep(&self.shared.pending, exception)))?;
+        self.shared.has_failed.store(false, Ordering::Relaxed);
+        let (space, specification, factory) = (&self.space, &self.specification, &self.factory);
+        let found = self.pool.install(|| factory(space, specification)?.rollout(requests))?;
+        let pending = self.shared.pending.lock().unwrap_or_else(PoisonError::into_inner);
+        match &*pending {
+            Some(exception) => Err(RolloutError::System(exception.to_string())),
+            None => Ok((found, self.shared.has_failed.load(Ordering::Relaxed))),
+        }
+    }
+}
+
+/// Says that the policy raised an exception, if that is why an episode ended.
+fn crash(episode: &mut Episode) {
+    if let EpisodeEnd::InvalidAction { step, .. } = episode.end {
+        episode.end = EpisodeEnd::Crashed { step };
+    }
+}
