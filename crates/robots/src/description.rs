@@ -327,7 +327,12 @@ fn start(item: Option<&Item>) -> Result<Starts, Problem> {
     let Some(item) = item else { return Ok(starts) };
     for (key, item) in &item.table("start")?.entries {
         match key.name.as_str() {
-            "keyframe" => starts.keyframe = Some(item.text("keyframe")?),
+            "keyframe" => {
+                starts.keyframe = Some(match item.value {
+                    Value::Number(number) => Text { text: number.to_string(), span: item.span.clone() },
+                    _ => item.text("keyframe")?,
+                });
+            }
             "velocity" => starts.velocities = named(&item.table("velocity")?.entries, expression)?,
             "mocap" => starts.mocap = named(&item.table("mocap")?.entries, expression)?,
             "settle" => {

@@ -27,6 +27,10 @@ const fn function(call: &'static str, meaning: &'static str) -> QuantityFunction
 /// expression of whole names; without them it is a group of `[constants]`.
 pub static QUANTITY_FUNCTIONS: &[QuantityFunction] = &[
     function("qpos(joints)", "positions of joints, rad or m; a free joint has 7, a ball joint 4"),
+    function(
+        "key_qpos(keyframe, joints)",
+        "positions of joints in a keyframe, which is given by its name or its number: `key_qpos('home', joints)`",
+    ),
     function("qvel(joints)", "velocities of joints, rad/s or m/s; a free joint has 6, a ball joint 3"),
     function("joint_low(joints)", "lower limits of joints"),
     function("joint_high(joints)", "upper limits of joints"),
@@ -53,6 +57,7 @@ pub static QUANTITY_FUNCTIONS: &[QuantityFunction] = &[
         "the vector v of world axes in the axes of a body: gravity is `body_frame('trunk', [0, 0, -1])`, the velocity \
          that the body feels `body_frame('trunk', body_vel('trunk'))`",
     ),
+    function("repeat(x, n)", "the number x, n times: a height scan over flat ground is `repeat(0.5, 187)`"),
     function("axis_x(body)", "x axis of a body in world axes"),
     function("axis_y(body)", "y axis of a body in world axes"),
     function("axis_z(body)", "z axis of a body in world axes"),
@@ -65,6 +70,9 @@ pub static QUANTITY_FUNCTIONS: &[QuantityFunction] = &[
         "list of the magnitudes of the forces at its contact points, N, at the start of the last physics step",
     ),
 ];
+
+/// Largest number of entries that `repeat` makes.
+const MOST_REPEATS: f64 = 10_000.0;
 
 /// Names of the library for one place of the file.
 pub(crate) struct Library<'a> {
@@ -172,7 +180,7 @@ impl Library<'_> {
                 return Err(format!("`{}` matches no element of the group `{group}`", pattern.name));
             }
         }
-        let names = self.model.names(kind);
+        let names = crate::pattern::names(self.model, kind);
         let one = |(element, found): (&usize, Option<f64>)| {
             found.ok_or_else(|| format!("no pattern matches `{}` of the group `{group}`", names[*element]))
         };
@@ -209,7 +217,7 @@ pub(crate) fn members(
     for name in names {
         let own = select(model, kind, &name.text).map_err(|message| (name.span.clone(), message))?;
         if let Some(index) = own.iter().find(|index| found.contains(*index)) {
-            let twice = &model.names(kind)[*index];
+            let twice = &crate::pattern::names(model, kind)[*index];
             return Err((name.span.clone(), format!("`{twice}` is in the group twice")));
         }
         found.extend(own);
@@ -280,6 +288,16 @@ impl Names<Quantity> for Library<'_> {
 
     fn call(&self, function: &str, arguments: &[Argument]) -> Result<Reading<Quantity>, String> {
         use Quantity as Q;
+        let (keyframe, arguments) = match (function, arguments) {
+            ("key_qpos", [keyframe, joints]) => (Some(keyframe), std::slice::from_ref(joints)),
+            ("key_qpos", _) => {
+                return Err(format!(
+                    "`key_qpos` takes a keyframe and joints, not {} arguments",
+                    arguments.len()
+                ));
+            }
+            _ => (None, arguments),
+        };
         if arguments.len() != 1 {
             return Err(format!("`{function}` takes 1 argument, not {}", arguments.len()));
         }
@@ -300,6 +318,22 @@ impl Names<Quantity> for Library<'_> {
         };
         match function {
             "qpos" => list(self.joints(first, position)?, Q::Positions),
+            "key_qpos" => {
+                let name = match keyframe {
+                    Some(Argument::Text(name)) => name.clone(),
+                    Some(Argument::Numbers(numbers)) if numbers.len() == 1 => numbers[0].to_string(),
+                    _ => {
+                        let message =
+                            "`key_qpos` needs the name of a keyframe in quotation marks, or its number";
+                        return Err(message.to_string());
+                    }
+                };
+                let positions = model.key_qpos(crate::pattern::keyframe(model, &name)?);
+                let values: Vec<f64> =
+                    self.joints(first, position)?.into_iter().map(|index| positions[index]).collect();
+                let size = values.len();
+                numbers(Q::Constants(values), size)
+            }
             "qvel" => list(self.joints(first, velocity)?, Q::Velocities),
             "bias_forces" => list(self.joints(first, velocity)?, Q::BiasForces),
             "ctrl" => list(self.elements(ElementKind::Actuator, first)?, Q::Controls),
@@ -360,22 +394,41 @@ impl Names<Quantity> for Library<'_> {
     }
 
     fn definition(&self, function: &str, arguments: &[Node]) -> Result<Option<NodeKind>, String> {
-        if function != "body_frame" {
-            return Ok(None);
+        match function {
+            "body_frame" => body_frame(arguments),
+            "repeat" => repeat(arguments),
+            _ => return Ok(None),
         }
-        let [body, vector] = arguments else {
-            return Err(format!("`body_frame` takes a body and a vector, not {} arguments", arguments.len()));
-        };
-        let axis = |name: &str| Node {
-            kind: NodeKind::Call(name.to_string(), vec![body.clone()]),
-            span: body.span.clone(),
-        };
-        let axes = ["axis_x", "axis_y", "axis_z"].map(axis);
-        let arguments = axes.into_iter().chain([vector.clone()]).collect();
-        Ok(Some(NodeKind::Call("coordinates".to_string(), arguments)))
+        .map(Some)
     }
 
     fn functions(&self) -> Vec<String> {
         names_of(QUANTITY_FUNCTIONS).map(str::to_string).collect()
+    }
+}
+
+/// Returns the coordinates of a vector along the axes of a body.
+fn body_frame(arguments: &[Node]) -> Result<NodeKind, String> {
+    let [body, vector] = arguments else {
+        return Err(format!("`body_frame` takes a body and a vector, not {} arguments", arguments.len()));
+    };
+    let axis = |name: &str| Node {
+        kind: NodeKind::Call(name.to_string(), vec![body.clone()]),
+        span: body.span.clone(),
+    };
+    let axes = ["axis_x", "axis_y", "axis_z"].map(axis);
+    let arguments = axes.into_iter().chain([vector.clone()]).collect();
+    Ok(NodeKind::Call("coordinates".to_string(), arguments))
+}
+
+/// Returns a list with equal entries.
+fn repeat(arguments: &[Node]) -> Result<NodeKind, String> {
+    match arguments {
+        [number, Node { kind: NodeKind::Number(count), .. }]
+            if count.fract() == 0.0 && (1.0..=MOST_REPEATS).contains(count) =>
+        {
+            Ok(NodeKind::List(vec![(false, number.clone()); *count as usize]))
+        }
+        _ => Err(format!("`repeat` takes a number and how often, a whole number from 1 to {MOST_REPEATS}")),
     }
 }

@@ -1,6 +1,6 @@
 //! Elements of a model by name or by pattern.
 
-use mishandle_world::{ElementKind, Model};
+use mishandle_world::{ElementKind, JointKind, Model};
 use regex_lite::Regex;
 
 /// Largest number of names that a message lists.
@@ -12,10 +12,10 @@ const LISTED: usize = 30;
 /// # Errors
 /// A message if there are none.
 pub(crate) fn select(model: &Model, kind: ElementKind, pattern: &str) -> Result<Vec<usize>, String> {
-    if let Ok(index) = model.find(kind, pattern) {
+    let names = names(model, kind);
+    if let Some(index) = names.iter().position(|name| name == pattern && !name.is_empty()) {
         return Ok(vec![index]);
     }
-    let names = model.names(kind);
     let label = kind.label();
     let regex = Regex::new(&format!("^(?:{pattern})$")).map_err(|error| {
         format!("`{pattern}` is neither the name of a {label} nor a regular expression: {error}")
@@ -30,6 +30,47 @@ pub(crate) fn select(model: &Model, kind: ElementKind, pattern: &str) -> Result<
         return Err(missing(label, pattern, &names));
     }
     Ok(found)
+}
+
+/// Returns the names of the elements of a kind. A free joint without a name is called as its body,
+/// an actuator without one as its joint.
+pub(crate) fn names(model: &Model, kind: ElementKind) -> Vec<String> {
+    let mut own = model.names(kind);
+    let unnamed: Vec<usize> = (0..own.len()).filter(|index| own[*index].is_empty()).collect();
+    for index in unnamed {
+        let owner = match kind {
+            ElementKind::Joint if model.joint_kind(index) == JointKind::Free => {
+                Some((ElementKind::Body, model.body_of_joint(index).index()))
+            }
+            ElementKind::Actuator => model.actuator_joint(index).map(|joint| (ElementKind::Joint, joint)),
+            _ => None,
+        };
+        let Some((kind, owner)) = owner else { continue };
+        let name = model.names(kind).swap_remove(owner);
+        // A name of its own wins.
+        if !own.contains(&name) {
+            own[index] = name;
+        }
+    }
+    own
+}
+
+/// Returns the keyframe with a name or, without such a name, a number.
+///
+/// # Errors
+/// A message if there is none.
+pub(crate) fn keyframe(model: &Model, text: &str) -> Result<usize, String> {
+    let names = model.names(ElementKind::Key);
+    let named = names.iter().position(|name| name == text && !name.is_empty());
+    let number = text.parse().ok().filter(|number| *number < names.len());
+    named.or(number).ok_or_else(|| match names.len() {
+        0 => "the model has no keyframe".to_string(),
+        count => format!(
+            "{}; keyframes also have numbers, from 0 to {}",
+            missing("keyframe", text, &names),
+            count - 1
+        ),
+    })
 }
 
 /// Returns the message that no element has a name.

@@ -51,14 +51,6 @@ impl Model {
         let bodies = (0..joints.len()).filter(|body| is_part(*body));
         bodies.rev().max_by_key(|body| joints[*body]).unwrap_or_default()
     }
-
-    /// Returns whether a body is another one or a descendant of it.
-    pub(crate) fn is_within(&self, mut body: usize, ancestor: usize) -> bool {
-        while body > ancestor {
-            body = self.inner.body_parentid()[body] as usize;
-        }
-        body == ancestor
-    }
 }
 
 #[cfg(test)]

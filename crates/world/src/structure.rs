@@ -3,6 +3,7 @@
 use std::ops::Range;
 
 use mujoco_rs::prelude::MjtTrn;
+use mujoco_rs::wrappers::mj_model::MjtObjBase;
 
 use crate::{Body, ElementKind, Joint, JointKind, Model};
 
@@ -100,6 +101,25 @@ impl Model {
         let kind = self.inner.actuator_trntype()[index];
         let acts_on_joint = matches!(kind, MjtTrn::mjTRN_JOINT | MjtTrn::mjTRN_JOINTINPARENT);
         acts_on_joint.then(|| self.inner.actuator_trnid()[index][0] as usize)
+    }
+
+    /// Returns whether a body is another one or a descendant of it.
+    pub fn is_within(&self, body: Body, ancestor: Body) -> bool {
+        let mut body = body.0;
+        // A body comes after its parent.
+        while body > ancestor.0 {
+            body = self.inner.body_parentid()[body] as usize;
+        }
+        body == ancestor.0
+    }
+
+    /// Returns the index of the site at which a sensor measures, if it measures at one.
+    ///
+    /// # Panics
+    /// If the index is too large.
+    pub fn sensor_site(&self, index: usize) -> Option<usize> {
+        let is_site = self.inner.sensor_objtype()[index] == MjtObjBase::mjOBJ_SITE;
+        is_site.then(|| self.inner.sensor_objid()[index] as usize)
     }
 
     /// Returns the numbers of a sensor in [`World::sensordata`](crate::World::sensordata).

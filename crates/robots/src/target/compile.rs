@@ -154,10 +154,10 @@ impl RobotFile {
             ));
         }
         let keyframe = match &description.keyframe {
-            Some(name) => Some(model.find(ElementKind::Key, &name.text).map_err(|_| {
-                let known = model.names(ElementKind::Key);
-                Problem::new(&name.span, crate::pattern::missing("keyframe", &name.text, &known))
-            })?),
+            Some(name) => Some(
+                crate::pattern::keyframe(&model, &name.text)
+                    .map_err(|message| Problem::new(&name.span, message))?,
+            ),
             None => None,
         };
         let part_clip = |part: &ObservedPart| {

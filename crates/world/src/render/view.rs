@@ -3,7 +3,7 @@
 use mujoco_rs::wrappers::mj_model::MjtGeomBase;
 
 use crate::frame::{add, dot, norm, scale, sub};
-use crate::{Model, World};
+use crate::{Body, Model, World};
 
 /// The camera directions: at the robot from its front right, slightly from above, or from another
 /// corner if bodies are occluded.
@@ -131,7 +131,7 @@ fn box_of(world: &World, geom: usize) -> [[f64; 3]; 8] {
 pub(super) fn close_distance(model: &Model, body: usize) -> f64 {
     let mut world = model.world();
     world.data.forward();
-    let is_part = |geom: &usize| model.is_within(model.inner.geom_bodyid()[*geom] as usize, body);
+    let is_part = |geom: &usize| model.is_within(model.body_of_geom(*geom), Body(body));
     let geoms = (0..model.inner.ngeom() as usize).filter(is_part);
     let corners = geoms.flat_map(|geom| box_of(&world, geom));
     let radius = corners.map(|corner| norm(sub(corner, world.data.xpos()[body]))).fold(0.0, f64::max);
