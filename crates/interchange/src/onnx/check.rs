@@ -180,11 +180,12 @@ fn check_tensor(tensor: &TensorProto) -> Result<(), OnnxProblem> {
 /// A file of weights beside a model: its name and its content.
 pub(super) type Weights<'b> = (&'b str, &'b [u8]);
 
-/// Copies weights in the file `weights` into the model. Weights in any other file are an error: no
-/// path in a model is opened.
+/// Copies weights of another file into the model: `weights`, whatever name the model gives it. No
+/// path in a model is opened, so weights in several files are an error.
 pub(super) fn join(model: &mut ModelProto, weights: Option<Weights<'_>>) -> Result<(), OnnxProblem> {
     let Some(graph) = model.graph.as_mut() else { return Ok(()) };
     // Tensors may share bytes, but all of them together are not larger than the file.
+    let mut first: Option<String> = None;
     let mut left = weights.map_or(0, |(_, content)| content.len());
     let attributes = graph.node.iter_mut().flat_map(|node| &mut node.attribute);
     let constants = attributes.filter_map(|attribute| attribute.t.as_mut());
@@ -197,15 +198,22 @@ pub(super) fn join(model: &mut ModelProto, weights: Option<Weights<'_>>) -> Resu
             entries.find(|entry| entry.key.as_deref() == Some(key)).and_then(|entry| entry.value.as_deref())
         };
         let location = value("location").unwrap_or_default();
-        let Some((_, content)) = weights.filter(|(name, _)| *name == location) else {
-            return Err(OnnxProblem::Unsupported {
-                found: format!("weights in the file `{location}`"),
-                hint:
-                    "only the file MODEL.onnx.data beside MODEL.onnx is read: put it there, or export with \
-                       `torch.onnx.export(..., external_data=False)`"
-                        .to_string(),
-            });
+        let Some((_, content)) = weights else {
+            let reason = format!(
+                "its weights are in another file, `{location}`, and there is no file MODEL.onnx.data beside MODEL.onnx; copy it \
+                 there with that name, or export with `torch.onnx.export(..., external_data=False)`"
+            );
+            return Err(OnnxProblem::Format { reason });
         };
+        // A model whose files were renamed together names the old file.
+        if first.get_or_insert_with(|| location.to_string()).as_str() != location {
+            return Err(OnnxProblem::Unsupported {
+                found: format!("weights in several files, `{}` and `{location}`", first.unwrap_or_default()),
+                hint: "only the file MODEL.onnx.data beside MODEL.onnx is read: export with \
+                       `torch.onnx.export(..., external_data=False)`"
+                    .to_string(),
+            });
+        }
         let number = |key: &str| value(key).map(|text| text.parse::<usize>().ok());
         let offset = number("offset").unwrap_or(Some(0));
         let rest = offset.and_then(|offset| content.get(offset..));

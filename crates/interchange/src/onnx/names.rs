@@ -41,7 +41,10 @@ impl Names {
             let found = interface.state.len();
             return Err(invalid(format!("the state has {found} tensors; the limit is {MAX_STATES}")));
         }
-        let states = interface.state.clone();
+        let states = match interface.state.is_empty() {
+            true => recurrent(&inputs, &outputs),
+            false => interface.state.clone(),
+        };
         let observation = interface.observation.clone();
         let free = inputs.iter().find(|name| states.iter().all(|(input, _)| input != *name));
         let observation = observation.or_else(|| free.cloned());
@@ -101,13 +104,23 @@ impl Names {
                     place: "its outputs".to_string(),
                     reason: format!(
                         "nothing says which output is the action: {}; {found} of them {are}; name it by \
-                         `action` in the metadata or in a side file (docs/guide/onnx.md)",
+                         `action` in the metadata or in a side file (docs/guide/onnx.md), or by \
+                         `output = \"NAME\"` in [policy] of a target file",
                         self.actions.join(", ")
                     ),
                 })
             }
         }
     }
+}
+
+/// Returns the pairs of inputs and outputs that Isaac Lab's exporter of recurrent policies names.
+fn recurrent(inputs: &[String], outputs: &[String]) -> Vec<(String, String)> {
+    let pairs = [("h_in", "h_out"), ("c_in", "c_out")];
+    let has = |names: &[String], name: &str| names.iter().any(|known| known == name);
+    let is_there = |(input, output): &(&str, &str)| has(inputs, input) && has(outputs, output);
+    let owned = |(input, output): (&str, &str)| (input.to_string(), output.to_string());
+    pairs.into_iter().filter(is_there).map(owned).collect()
 }
 
 /// Checks the shapes of the action and of the state after a control step. Returns the size of an
