@@ -2,14 +2,16 @@
 
 use std::sync::Arc;
 
+use mishandle_robots::RobotPolicy;
 use mishandle_rollout::{Component, Controller, ControllerWorker, Noise, Target};
 
 use crate::error::MishandleError;
 use crate::plan::Plan;
-use crate::resolve::{is_robot_file, robot_file, target};
+use crate::resolve::{contract_warnings, is_robot_file, robot_file, target};
 
 /// Returns the target of a plan for a description: spaces, signals and formulas. A target file
-/// needs no policy for it, since nothing is simulated.
+/// needs no policy for it, since nothing is simulated; [`described_warnings`] checks the one that it
+/// names.
 ///
 /// # Errors
 /// The errors of [`target`], except that the policy of a target file is not read.
@@ -26,6 +28,19 @@ pub fn described_target(plan: &Plan) -> Result<Target, MishandleError> {
         file_hash: String::new(),
     };
     Ok(robot.target((Arc::new(idle), component), Noise::default())?)
+}
+
+/// Returns the warnings about the policy that a target file names; none for other targets. A program
+/// is not started for it.
+///
+/// # Errors
+/// If the policy cannot be read, or no episode can start with it.
+pub fn described_warnings(plan: &Plan) -> Result<Vec<String>, MishandleError> {
+    let is_skipped = |policy: &RobotPolicy| matches!(policy, RobotPolicy::Open | RobotPolicy::Program(_));
+    if !is_robot_file(&plan.target) || is_skipped(robot_file(plan)?.policy()) {
+        return Ok(Vec::new());
+    }
+    contract_warnings(plan)
 }
 
 /// A controller whose actions are 0.

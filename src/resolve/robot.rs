@@ -145,8 +145,8 @@ fn not_stochastic(what: &str) -> MishandleError {
 /// Returns the warnings about the policy of a plan whose target is a file; none for other targets.
 ///
 /// # Errors
-/// If no episode can start with this policy.
-pub(crate) fn contract_warnings(plan: &Plan) -> Result<Vec<String>, MishandleError> {
+/// If the policy cannot be read, or no episode can start with it.
+pub fn contract_warnings(plan: &Plan) -> Result<Vec<String>, MishandleError> {
     if !is_robot_file(&plan.target) {
         return Ok(Vec::new());
     }

@@ -4,9 +4,11 @@ use std::sync::Arc;
 
 use mishandle_rollout::{Controller, EnvironmentWorker, Scenario, Seed, Space, StepStatus};
 use mishandle_rollout::{Environment, Sample};
+use mishandle_world::{ElementKind, JointKind};
 
 use crate::environment::{Robot, RobotEnvironment};
 use crate::error::RobotError;
+use crate::pattern::names;
 use crate::target::RobotFile;
 use crate::worker::RobotWorker;
 
@@ -16,12 +18,19 @@ const STEPS: usize = 10;
 /// Share of an axis at which it is held in the second check.
 const AWAY: f64 = 0.8;
 
+/// Largest difference of the norm of a quaternion from 1: numbers with two decimals have it.
+const ROUNDED: f64 = 0.02;
+
 /// Observations and actions of the first control steps of an episode.
 struct Steps {
     observations: Vec<Vec<f32>>,
     actions: Vec<Vec<f32>>,
     /// Number of controls with a range, if the first action puts all of them to its ends.
     saturated: Option<usize>,
+    /// Generalized positions at the start.
+    start: Vec<f64>,
+    /// The control step in which the physics diverged, from 1, with the state before it.
+    diverged: Option<(usize, Vec<f64>)>,
 }
 
 impl RobotFile {
@@ -33,13 +42,15 @@ impl RobotFile {
     /// from nominal: a robot may be at rest in its equilibrium.
     ///
     /// # Errors
-    /// If the first observation or the first action of the nominal scenario is not finite.
+    /// If the first observation or the first action of the nominal scenario is not finite, a
+    /// quaternion of its start is none of a rotation, or its physics diverges in these steps.
     pub fn check_contract(&self, controller: &dyn Controller) -> Result<Vec<String>, RobotError> {
         let robot = Arc::new(self.compiled(controller.action_size())?);
         let space = Space::new("contract", robot.axes.iter().map(|(axis, _)| axis.clone()).collect())?;
         let environment = RobotEnvironment::over(robot.clone(), &space)?;
         let mut worker = environment.robot_worker(1);
         let nominal = steps(&robot, &mut worker, controller, &space.nominal(), environment.state_size());
+        self.check_rotations(&nominal.start)?;
         let away = space.axes().iter().map(|axis| Some(axis.at(AWAY))).collect();
         let away = space.canonical(Scenario::new(away));
         let away = steps(&robot, &mut worker, controller, &away, environment.state_size());
@@ -49,6 +60,18 @@ impl RobotFile {
             return Ok(vec![message.to_string()]);
         };
         self.check_first(first, &nominal.actions)?;
+        if let Some((step, state)) = &nominal.diverged {
+            let action = &nominal.actions[step - 1];
+            let joint = self.fastest_joint(controller.action_size(), &space, action, state)?;
+            let joint = joint.map_or(String::new(), |name| format!(" (joint `{name}`)"));
+            return Err(RobotError::Policy {
+                message: format!(
+                    "the nominal scenario diverges in control step {step}{joint}: a force is too stiff for the time step; usual \
+                     ways out are `integrator = \"implicitfast\"` and a smaller `timestep` in [model], or the armature of the \
+                     joints"
+                ),
+            });
+        }
         let mut warnings = Vec::new();
         if let Some(count) = nominal.saturated {
             warnings.push(format!(
@@ -114,6 +137,71 @@ impl RobotFile {
         Ok(())
     }
 
+    /// Checks the quaternions of free and ball joints at the nominal start.
+    fn check_rotations(&self, positions: &[f64]) -> Result<(), RobotError> {
+        let model = &self.model.physics;
+        for index in 0..model.joint_count() {
+            let joint = model.joint_at(index);
+            let first = match joint.kind {
+                JointKind::Free => joint.qpos + 3,
+                JointKind::Ball => joint.qpos,
+                _ => continue,
+            };
+            let quaternion = &positions[first..first + 4];
+            let norm = quaternion.iter().map(|x| x * x).sum::<f64>().sqrt();
+            if (norm - 1.0).abs() > ROUNDED {
+                let name = names(model, ElementKind::Joint).swap_remove(index);
+                return Err(RobotError::Policy {
+                    message: format!(
+                        "the quaternion {quaternion:?} of the joint `{name}` at the nominal start has the norm {norm}, not 1; write \
+                         (w, x, y, z), for instance with quat_euler(roll, pitch, yaw)"
+                    ),
+                });
+            }
+        }
+        Ok(())
+    }
+
+    /// Returns the joint that moved fastest before the physics diverged in a control step.
+    fn fastest_joint(
+        &self,
+        actions: usize,
+        space: &Space,
+        action: &[f32],
+        state: &[f64],
+    ) -> Result<Option<String>, RobotError> {
+        let mut robot = self.compiled(actions)?;
+        // The controls follow from a control step without physics.
+        let substeps = std::mem::take(&mut robot.substeps);
+        let robot = Arc::new(robot);
+        let mut worker = RobotEnvironment::over(robot.clone(), space)?.robot_worker(1);
+        let mut after = state.to_vec();
+        let mut observation = vec![0.0; robot.observation_size];
+        let mut signals = vec![0.0; robot.signals.len()];
+        let mut rewards = vec![0.0; robot.reward_terms.len()];
+        let sample = Sample { signals: &mut signals, observation: &mut observation, rewards: &mut rewards };
+        if worker.step(&limited(&robot, action), &mut after, sample) == StepStatus::Diverged
+            || !robot.servos.is_empty()
+        {
+            return Ok(None);
+        }
+        let world = worker.world_mut();
+        let mut fastest = None;
+        for _ in 0..substeps {
+            let speeds = world.qvel().iter().map(|speed| speed.abs()).enumerate();
+            let moving = speeds.filter(|(_, speed)| *speed > 0.0);
+            fastest = moving.max_by(|a, b| a.1.total_cmp(&b.1)).map(|(dof, _)| dof);
+            world.step();
+            if world.take_divergence() {
+                break;
+            }
+        }
+        let model = &self.model.physics;
+        let moves = |dof: usize| (0..model.joint_count()).rfind(|joint| model.joint_at(*joint).dof <= dof);
+        let name = |joint: usize| names(model, ElementKind::Joint).swap_remove(joint);
+        Ok(fastest.and_then(moves).map(name))
+    }
+
     /// Returns the parts of the observation with their sizes, and the sum.
     pub fn observation_text(&self) -> String {
         let parts: Vec<String> =
@@ -137,9 +225,17 @@ fn steps(
     let mut observation = vec![0.0; robot.observation_size];
     let mut signals = vec![0.0; robot.signals.len()];
     let mut rewards = vec![0.0; robot.reward_terms.len()];
-    let mut steps = Steps { observations: Vec::new(), actions: Vec::new(), saturated: None };
+    let mut steps = Steps {
+        observations: Vec::new(),
+        actions: Vec::new(),
+        saturated: None,
+        start: Vec::new(),
+        diverged: None,
+    };
     let sample = Sample { signals: &mut signals, observation: &mut observation, rewards: &mut rewards };
-    if worker.reset(scenario, Seed(0), &mut state, sample) != StepStatus::Running {
+    let status = worker.reset(scenario, Seed(0), &mut state, sample);
+    steps.start = worker.world_mut().qpos().to_vec();
+    if status != StepStatus::Running {
         return steps;
     }
     for step in 0..STEPS.min(robot.episode_steps) {
@@ -147,18 +243,26 @@ fn steps(
         let mut action = vec![0.0; controller.action_size()];
         policy.act(1, &observation, &mut memory, &mut action);
         steps.actions.push(action.clone());
-        let limit = robot.action_limit;
-        let clipped: Vec<f64> = action.iter().map(|x| f64::from(*x).clamp(-limit, limit)).collect();
+        let before = state.clone();
         let sample = Sample { signals: &mut signals, observation: &mut observation, rewards: &mut rewards };
-        let status = worker.step(&clipped, &mut state, sample);
+        let status = worker.step(&limited(robot, &action), &mut state, sample);
         if step == 0 {
-            steps.saturated = saturated(robot, worker.controls());
+            steps.saturated = saturated(robot, worker.world_mut().ctrl());
+        }
+        if status == StepStatus::Diverged && action.iter().all(|number| number.is_finite()) {
+            steps.diverged = Some((step + 1, before));
         }
         if status != StepStatus::Running {
             break;
         }
     }
     steps
+}
+
+/// Returns an action within the limit of a robot.
+fn limited(robot: &Robot, action: &[f32]) -> Vec<f64> {
+    let limit = robot.action_limit;
+    action.iter().map(|x| f64::from(*x).clamp(-limit, limit)).collect()
 }
 
 /// Returns the number of controls with a range if all of them are at an end of it.

@@ -76,9 +76,9 @@ impl RowWorlds for RobotWorker {
 }
 
 impl RobotWorker {
-    /// Returns the controls of the last control step.
-    pub(crate) fn controls(&self) -> &[f64] {
-        self.world.ctrl()
+    /// Returns the world of the last episode.
+    pub(crate) fn world_mut(&mut self) -> &mut World {
+        &mut self.world
     }
 
     /// Gives the world the model of a row in the physics step that starts at `time`; without a

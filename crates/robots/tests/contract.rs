@@ -67,7 +67,11 @@ slow = "always(control_a <= 10)"
 "#;
 
 fn read(folder: &Path, file: &str) -> Result<RobotFile, String> {
-    std::fs::write(folder.join("model.xml"), MODEL).unwrap();
+    read_with(folder, MODEL, file)
+}
+
+fn read_with(folder: &Path, model: &str, file: &str) -> Result<RobotFile, String> {
+    std::fs::write(folder.join("model.xml"), model).unwrap();
     std::fs::write(folder.join("sliders.toml"), file).unwrap();
     RobotFile::read(&folder.join("sliders.toml")).map_err(|error| error.to_string())
 }
@@ -197,4 +201,59 @@ fn a_part_of_the_observation_that_never_changes_is_reported() {
         matches!(&warnings[..], [one] if one.starts_with("the part `fixed` of the observation never changes")),
         "{warnings:?}"
     );
+}
+
+#[test]
+fn a_nominal_scenario_that_diverges_is_an_error_that_names_the_joint() {
+    let folder = tempfile::tempdir().unwrap();
+    let stiff = MODEL.replace(
+        "<motor name=\"push_b\" joint=\"b\"",
+        "<position name=\"push_b\" joint=\"b\" kp=\"10\" kv=\"1e6\"",
+    );
+    let check = |file: &str| {
+        let robot = read_with(folder.path(), &stiff, file).unwrap();
+        robot.check_contract(&Answer(|x| [1.0 - x[0], 2.0 - x[1]])).map_err(|error| error.to_string())
+    };
+    let error = check(FILE).unwrap_err();
+    assert!(
+        error.contains("the nominal scenario diverges in control step") && error.contains("(joint `b`)"),
+        "{error}"
+    );
+    // Implicit in velocities, the same damping is stable.
+    let implicit = FILE.replace("model.file", "model.integrator = \"implicitfast\"\nmodel.file");
+    assert_eq!(check(&implicit).unwrap(), Vec::<String>::new());
+}
+
+#[test]
+fn a_start_whose_quaternion_is_no_rotation_is_an_error() {
+    let folder = tempfile::tempdir().unwrap();
+    for quaternion in ["0, 0, 0, 0", "0, 0, 0.2, 1.9"] {
+        let file = FILE.replace("*quat_euler(0, 0, pi / 2)", quaternion);
+        let robot = read(folder.path(), &file).unwrap();
+        let error = robot.check_contract(&Answer(|x| [1.0 - x[0], 1.0])).unwrap_err().to_string();
+        assert!(error.contains("joint `root` at the nominal start") && error.contains("not 1"), "{error}");
+    }
+}
+
+#[test]
+fn a_keyframe_and_repeated_numbers_are_constants() {
+    let folder = tempfile::tempdir().unwrap();
+    let model = MODEL.replace(
+        "</mujoco>",
+        "<keyframe><key name=\"home\" qpos=\"0.5 0.7  0 0 0 1 0 0 0\"/></keyframe></mujoco>",
+    );
+    for keyframe in ["'home'", "0"] {
+        let file = FILE
+            .replace("[2 * shift, 1]", &format!("[*repeat(2 * shift, 3), *key_qpos({keyframe}, joints)]"));
+        let file = file.replace(
+            "position_b = \"qpos(joints)[0]\"",
+            &format!("position_b = \"key_qpos({keyframe}, joints)[0]\""),
+        );
+        let robot = read_with(folder.path(), &model, &file).unwrap();
+        assert_eq!(robot.observation_size(), 7);
+    }
+    let error =
+        |text: &str| read_with(folder.path(), &model, &FILE.replace("[2 * shift, 1]", text)).err().unwrap();
+    assert!(error("repeat(shift, 0.5)").contains("a whole number from 1 to"));
+    assert!(error("key_qpos('away', joints)").contains("no keyframe `away`"));
 }

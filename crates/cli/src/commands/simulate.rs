@@ -57,6 +57,8 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
     plan = plan.only(RunKind::Falsify);
     let resolved = ResolvedPlan::new(&plan)?;
     output::warn_about(&resolved.specification.requirement);
+    // Its errors say more than the end of a simulation that could not start.
+    mishandle::resolve::contract_warnings(&resolved.plan)?;
     let given = scenario(&resolved.space, &resolved.target.spaces, &command.at)?;
     resolved.space.check(&given)?;
     let scenario = resolved.space.canonical(given.clone());

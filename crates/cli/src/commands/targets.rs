@@ -35,6 +35,9 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
         (Some(name), is_json) => {
             let plan = plan(name, command.preset.as_deref());
             let target = mishandle::resolve::described_target(&plan)?;
+            for warning in mishandle::resolve::described_warnings(&plan)? {
+                output::message(&format!("warning: {warning}"));
+            }
             if is_json {
                 output::json(&mishandle::resolve::target_result(&target))?;
             } else {
