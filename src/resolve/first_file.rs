@@ -1,6 +1,6 @@
 //! A first target file from a model, a policy and its description.
 
-use std::path::{Path, PathBuf};
+use std::path::{Component, Path, PathBuf};
 
 use mishandle_files::{limits, read_text_bounded};
 use mishandle_interchange::{OnnxSummary, OnnxTensor};
@@ -13,11 +13,15 @@ use crate::resolve::is_onnx;
 /// Names by which exporters call the output with the action.
 const ACTION_NAMES: [&str; 2] = ["action", "actions"];
 
+/// Names by which Isaac Lab calls the inputs with the state of a recurrent policy.
+const STATES: [&str; 2] = ["h_in", "c_in"];
+
 /// Largest length of the name of a target.
 const MAX_NAME: usize = 60;
 
 /// Writes the text of a first target file for the path `out`, from the model of a robot and an ONNX
-/// policy with the metadata of mjlab or an IO descriptor of Isaac Lab. Nothing is written to disk.
+/// policy with the metadata of mjlab or an IO descriptor of Isaac Lab. With `allow_outside`, the
+/// model may refer to files outside its folder. Nothing is written to disk.
 ///
 /// # Errors
 /// If a file cannot be read, a description contradicts itself, or the model lacks a joint of the
@@ -27,6 +31,7 @@ pub fn first_target_file(
     policy: &Path,
     descriptor: Option<&Path>,
     out: &Path,
+    allow_outside: bool,
 ) -> Result<FirstFile, MishandleError> {
     if !is_onnx(policy) {
         return Err(MishandleError::InvalidValue {
@@ -48,15 +53,21 @@ pub fn first_target_file(
             mjlab_facts(&summary.metadata, &source)?.unwrap_or_default()
         }
     };
-    let paths =
-        Paths { model: path_from(out, model), policy: path_from(out, policy), name: target_name(out) };
+    let paths = Paths {
+        model: path_from(out, model),
+        policy: path_from(out, policy),
+        name: target_name(out),
+        allow_outside,
+    };
     Ok(first_file(model, &paths, &facts, sizes(&summary))?)
 }
 
 /// Returns the numbers of inputs and outputs that the shapes of a model give.
 fn sizes(summary: &OnnxSummary) -> PolicySizes {
     let last = |tensor: &OnnxTensor| tensor.shape.last().copied().flatten();
-    let observation = match summary.inputs.as_slice() {
+    let is_state = |tensor: &&OnnxTensor| STATES.contains(&tensor.name.as_str());
+    let inputs: Vec<&OnnxTensor> = summary.inputs.iter().filter(|input| !is_state(input)).collect();
+    let observation = match inputs.as_slice() {
         [input] => last(input),
         _ => None,
     };
@@ -68,13 +79,15 @@ fn sizes(summary: &OnnxSummary) -> PolicySizes {
     PolicySizes { observation, action }
 }
 
-/// Returns a path as a file at `out` names it: relative if it is below its folder, otherwise
-/// absolute.
+/// Returns a path as a file at `out` names it: relative to its folder.
 fn path_from(out: &Path, file: &Path) -> String {
     let absolute = |path: &Path| path.canonicalize().unwrap_or_else(|_| path.to_path_buf());
     let folder = out.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
     let (folder, file): (PathBuf, PathBuf) = (absolute(folder), absolute(file));
-    file.strip_prefix(&folder).unwrap_or(&file).to_string_lossy().into_owned()
+    let common = folder.components().zip(file.components()).take_while(|(a, b)| a == b).count();
+    let up = folder.components().skip(common).map(|_| Component::ParentDir);
+    let down = file.components().skip(common);
+    up.chain(down).collect::<PathBuf>().to_string_lossy().into_owned()
 }
 
 /// Returns the name of a target in a file with this path.

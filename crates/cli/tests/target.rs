@@ -205,10 +205,14 @@ fn the_contract_is_checked_before_the_first_simulation() {
     let file = std::fs::read_to_string(bench.path("robot.toml")).unwrap();
     let policy = |bytes: Vec<u8>| std::fs::write(bench.path("policy.onnx"), bytes).unwrap();
     let evaluate = "evaluate robot.toml --episodes 2 --out run.sqlite";
-    policy(model(9, [0.0; 2], &[], false));
-    bench.refuses(evaluate, &["[1, 9]", "joint_pos 2, joint_vel 2, actions 2; together 6"]);
-    policy(model(6, [f32::NAN, 0.0], &[], false));
-    bench.refuses(evaluate, &["number 1 of the action is NaN for the first observation"]);
+    for command in [evaluate, "targets robot.toml", "simulate robot.toml"] {
+        policy(model(9, [0.0; 2], &[], false));
+        bench.refuses(command, &["[1, 9]", "joint_pos 2, joint_vel 2, actions 2; together 6"]);
+        policy(model(6, [f32::NAN, 0.0], &[], false));
+        bench.refuses(command, &["number 1 of the action is NaN for the first observation"]);
+        std::fs::remove_file(bench.path("policy.onnx")).unwrap();
+        bench.refuses(command, &["policy.onnx"]);
+    }
     policy(model(6, [0.0; 2], &[], true));
     bench.refuses(evaluate, &["nothing says what the input `image` is"]);
     policy(model(6, [0.0; 2], &[], false));
@@ -230,4 +234,37 @@ fn the_contract_is_checked_before_the_first_simulation() {
         message.contains("the first action puts all 2 controls to the ends of their ranges"),
         "{message}"
     );
+}
+
+#[test]
+fn a_target_file_may_stand_elsewhere_and_a_model_outside_its_folder_if_that_is_allowed() {
+    let bench = bench(METADATA);
+    for folder in ["models", "targets"] {
+        std::fs::create_dir(bench.path(folder)).unwrap();
+    }
+    bench.write("models/scene.xml", "<mujoco><include file=\"../robot.xml\"/></mujoco>");
+    let init = "target init --model models/scene.xml --policy policy.onnx --out targets/robot.toml";
+    bench.refuses(
+        init,
+        &["`../robot.xml` is outside the folder of the model", "--allow-outside", "allow_outside = true"],
+    );
+    bench.check(&format!("{init} --allow-outside"), 0);
+    let file = std::fs::read_to_string(bench.path("targets/robot.toml")).unwrap();
+    assert!(
+        file.contains("file = \"../models/scene.xml\"") && file.contains("onnx = \"../policy.onnx\""),
+        "{file}"
+    );
+    bench.check("targets targets/robot.toml", 0);
+}
+
+#[test]
+fn an_edit_that_mujoco_rejects_has_a_line() {
+    let bench = bench(METADATA);
+    bench.check(INIT, 0);
+    let file = std::fs::read_to_string(bench.path("robot.toml")).unwrap();
+    let edit = "\n[[model.set]]\njoint = \"first\"\naxis = [0, 0, 0]\n\n[constants]";
+    let file = file.replacen("\n[constants]", edit, 1);
+    let line = 1 + file[..file.find("joint = \"first\"\naxis").unwrap()].matches('\n').count();
+    bench.write("robot.toml", &file);
+    bench.refuses("targets robot.toml", &[&format!("robot.toml, line {line}: ")]);
 }

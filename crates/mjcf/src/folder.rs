@@ -42,6 +42,14 @@ impl Folder {
         self.allow_outside
     }
 
+    /// Returns where a file `NAME/REST` is if a folder above is called NAME and may be read.
+    pub(crate) fn in_ancestor(&self, path: &str) -> Option<String> {
+        let (name, rest) = path.split_once('/')?;
+        let is_named = |folder: &&Path| folder.file_name().is_some_and(|own| own == name);
+        let folder = self.canonical.ancestors().filter(|_| self.allow_outside).find(is_named)?;
+        Some(folder.join(rest).to_string_lossy().into_owned())
+    }
+
     /// Reads a file.
     pub(crate) fn read(&mut self, path: &Path) -> Result<Vec<u8>, String> {
         let bytes = read_bounded(path, limits::MODEL).map_err(|error| error.to_string())?;
@@ -70,7 +78,8 @@ impl Folder {
     fn find_one(&self, name: &str) -> Result<Option<PathBuf>, String> {
         let outside = || {
             Err(format!(
-                "`{name}` is outside the folder of the model; allow files outside it if you trust the model"
+                "`{name}` is outside the folder of the model; if you trust the model, allow files outside it: `allow_outside = \
+                 true` in [model] of a target file, --allow-outside of `target init`"
             ))
         };
         if name.contains("://") {

@@ -51,7 +51,8 @@ pub(crate) fn collect(file: &str, text: &str, folder: &mut Folder) -> Result<Sou
         let Some(attribute) = mesh.attribute_node("filename") else { continue };
         let at = attribute.range().start;
         let path = attribute.value().replace('\\', "/");
-        let candidates = candidates(&path, &meshdir, folder.allows_outside());
+        let mut candidates = candidates(&path, &meshdir, folder.allows_outside());
+        candidates.extend(folder.in_ancestor(path.strip_prefix(PACKAGE).unwrap_or_default()));
         match folder.find(&candidates).map_err(|message| error(at, message))? {
             Some((_, path)) => {
                 let unique = assets.add(path, folder).map_err(|reason| error(at, reason))?;

@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use mishandle_mjcf::{Edit, Select, Source};
-use mishandle_world::{Model, PictureModel};
+use mishandle_world::{Model, PictureModel, WorldError};
 use sha2::{Digest, Sha256};
 
 use crate::description::Description;
@@ -40,24 +40,43 @@ pub(crate) fn read(description: &Description, path: &Path, text: &str) -> Result
     let mut edits = edits(&description.model).map_err(problem)?;
     edits.sort_by_key(|(start, _)| *start);
     let source = as_mjcf(source).map_err(failed)?;
+    let at = |start: usize, error: &dyn std::error::Error| Problem::new(&(start..start), error_text(error));
+    let original = source.clone();
     let mut edited = source;
-    for (start, edit) in edits {
-        let message = |error: &dyn std::error::Error| Problem::new(&(start..start), error_text(error));
-        edited = edited.edit(&[edit]).map_err(|error| problem(message(&error)))?;
+    for (start, edit) in &edits {
+        edited = edited.edit(std::slice::from_ref(edit)).map_err(|error| problem(at(*start, &error)))?;
     }
     let assets = Arc::new(edited.assets);
     let physics = without_visuals(&edited.document);
-    let physics =
-        Model::from_untrusted(&physics, assets.clone()).map_err(|error| failed(error_text(&error)))?;
+    let physics = Model::from_untrusted(&physics, assets.clone()).map_err(|error| {
+        let of_edit = rejected(original, &edits);
+        of_edit.map_or_else(|| failed(error_text(&error)), |(start, error)| problem(at(start, &error)))
+    })?;
     let picture = PictureModel::from_untrusted(edited.document, assets);
     Ok(RobotModel { physics, picture, file, files, hash })
 }
 
+/// Returns the place of the first edit after which MuJoCo rejects a model, with its error; none if
+/// it rejects the model without edits.
+fn rejected(mut source: Source, edits: &[(usize, Edit)]) -> Option<(usize, WorldError)> {
+    let compiled = |source: &Source| {
+        let assets = Arc::new(source.assets.clone());
+        Model::from_untrusted(&without_visuals(&source.document), assets).err()
+    };
+    if compiled(&source).is_some() {
+        return None;
+    }
+    edits.iter().find_map(|(start, edit)| {
+        source = source.clone().edit(std::slice::from_ref(edit)).ok()?;
+        Some((*start, compiled(&source)?))
+    })
+}
+
 /// Reads and compiles a model without a target file. Returns its document and the model for
 /// physics.
-pub(crate) fn plain(file: &Path) -> Result<(String, Model), RobotError> {
+pub(crate) fn plain(file: &Path, allow_outside: bool) -> Result<(String, Model), RobotError> {
     let failed = |message: String| RobotError::Model { path: file.to_path_buf(), message };
-    let source = Source::read(file, false).map_err(|error| failed(error_text(&error)))?;
+    let source = Source::read(file, allow_outside).map_err(|error| failed(error_text(&error)))?;
     let source = as_mjcf(source).map_err(failed)?;
     let assets = Arc::new(source.assets);
     let model = Model::from_untrusted(&without_visuals(&source.document), assets)

@@ -93,7 +93,12 @@ scene:
 
 fn init(folder: &Path, model: &str, facts: &PolicyFacts) -> FirstFile {
     std::fs::write(folder.join("robot.xml"), model).unwrap();
-    let paths = Paths { model: "robot.xml".into(), policy: "policy.onnx".into(), name: "legs".into() };
+    let paths = Paths {
+        model: "robot.xml".into(),
+        policy: "policy.onnx".into(),
+        name: "legs".into(),
+        allow_outside: false,
+    };
     let sizes = PolicySizes { observation: Some(13), action: Some(2) };
     first_file(&folder.join("robot.xml"), &paths, facts, sizes).unwrap()
 }
@@ -112,10 +117,11 @@ fn an_io_descriptor_gives_a_file_that_loads() {
     for part in [
         "timestep = 0.005",
         "joints = { group = \"joint\", names = [\"right_hip\", \"left_hip\"] }",
-        "actuators = { group = \"actuator\", names = [\"right_motor\", \"left_motor\"] }",
+        "actuators = { group = \"actuator\", names = [\"right_hip\", \"left_hip\"] }",
         "scale = 0.25",
-        "kp = [40, 30]",
-        "action = \"kp * (default + scale * action - qpos(joints)) - kd * qvel(joints)\"",
+        "joints = \"right_hip\"\ntype = \"position\"\nkp = 40\nkv = 2\n",
+        "joints = \"left_hip\"\ntype = \"position\"\nkp = 30\nkv = 2\n",
+        "action = \"default + scale * action\"",
         "\"right_hip\" = 0.1\n\"left_hip\" = -0.2\n",
         "base_ang_vel = { value = \"0.2 * (body_frame('torso', body_angvel('torso')))\" }",
         "joint_pos_rel = { value = \"qpos(observed) - default_observed\"",
@@ -180,7 +186,8 @@ fn parts_that_are_not_known_are_questions_of_the_file() {
 fn joints_that_the_model_lacks_are_named() {
     let folder = tempfile::tempdir().unwrap();
     std::fs::write(folder.path().join("robot.xml"), MODEL.replace("right_hip", "hip_right")).unwrap();
-    let paths = Paths { model: String::new(), policy: String::new(), name: "legs".into() };
+    let paths =
+        Paths { model: String::new(), policy: String::new(), name: "legs".into(), allow_outside: false };
     let facts = isaac_facts(DESCRIPTOR, "io.yaml").unwrap();
     let error = first_file(&folder.path().join("robot.xml"), &paths, &facts, PolicySizes::default());
     let error = error.unwrap_err().to_string();

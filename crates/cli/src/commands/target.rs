@@ -42,6 +42,9 @@ pub struct InitArguments {
     /// Target file to create
     #[arg(long, value_name = "FILE")]
     pub out: PathBuf,
+    /// Let the model refer to files outside its folder; the target file says so, too
+    #[arg(long)]
+    pub allow_outside: bool,
     /// Overwrite an existing file
     #[arg(long)]
     pub force: bool,
@@ -54,7 +57,7 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
 }
 
 fn init(command: &InitArguments) -> Result<ExitStatus> {
-    let InitArguments { model, policy, descriptor, out, force } = command;
+    let InitArguments { model, policy, descriptor, out, allow_outside, force } = command;
     anyhow::ensure!(
         out.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("toml")),
         "--out is {}; it must end in .toml",
@@ -64,7 +67,8 @@ fn init(command: &InitArguments) -> Result<ExitStatus> {
     output::refuse_inputs(out, "--out", inputs)?;
     // An existing file is reported before any work.
     drop(output::create(out, *force)?);
-    let file = mishandle::resolve::first_target_file(model, policy, descriptor.as_deref(), out)?;
+    let descriptor = descriptor.as_deref();
+    let file = mishandle::resolve::first_target_file(model, policy, descriptor, out, *allow_outside)?;
     output::write_atomically(out, *force, file.text.as_bytes())?;
     for unknown in &file.unknown {
         output::message(&format!("not known: {unknown}"));

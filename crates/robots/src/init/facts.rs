@@ -7,6 +7,7 @@ use crate::error::RobotError;
 pub struct PolicyFacts {
     /// Where they are from, for comments.
     pub(crate) source: String,
+    pub(crate) tool: Tool,
     /// The joints that the actions move, in the order of the actions.
     pub(crate) joints: Vec<String>,
     /// The joints that the observation has, if they are others.
@@ -30,6 +31,15 @@ pub struct PolicyFacts {
     pub(crate) is_rounded: bool,
     /// Statements that this program does not follow.
     pub(crate) remarks: Vec<String>,
+}
+
+/// The tool that exported a policy.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(crate) enum Tool {
+    #[default]
+    Unknown,
+    Mjlab,
+    Isaac,
 }
 
 /// Meaning of the actions.
@@ -71,6 +81,22 @@ pub struct PolicySizes {
 }
 
 impl PolicyFacts {
+    /// Returns the facts with this text before the name of each joint.
+    pub(crate) fn with_prefix(&self, prefix: &str) -> PolicyFacts {
+        let long = |name: &String| format!("{prefix}{name}");
+        let longs = |names: &[String]| names.iter().map(long).collect();
+        let values = |values: &[(String, f64)]| values.iter().map(|(name, x)| (long(name), *x)).collect();
+        let part = |part: &PartFacts| PartFacts { joints: longs(&part.joints), ..part.clone() };
+        PolicyFacts {
+            joints: longs(&self.joints),
+            observed_joints: longs(&self.observed_joints),
+            default: values(&self.default),
+            armature: values(&self.armature),
+            parts: self.parts.iter().map(part).collect(),
+            ..self.clone()
+        }
+    }
+
     /// Returns the default position of a joint.
     pub(crate) fn default_of(&self, joint: &str) -> Option<f64> {
         self.default.iter().find(|(name, _)| name == joint).map(|(_, value)| *value)

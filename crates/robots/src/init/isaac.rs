@@ -1,7 +1,7 @@
 //! Isaac Lab's IO descriptor: the YAML file that `export_IO_descriptors` writes.
 
 use crate::error::RobotError;
-use crate::init::facts::{ActionKind, PartFacts, PolicyFacts, check_length, wrong};
+use crate::init::facts::{ActionKind, PartFacts, PolicyFacts, Tool, check_length, wrong};
 use crate::init::yaml::{self, Yaml};
 
 /// Returns the facts of an IO descriptor.
@@ -14,7 +14,7 @@ pub fn isaac_facts(text: &str, source: &str) -> Result<PolicyFacts, RobotError> 
     let observations = file.get("observations").ok_or_else(|| {
         wrong(source, "there is no key `observations`; expected an IO descriptor of Isaac Lab")
     })?;
-    let mut facts = PolicyFacts { source: source.to_string(), ..PolicyFacts::default() };
+    let mut facts = PolicyFacts { source: source.to_string(), tool: Tool::Isaac, ..PolicyFacts::default() };
     read_actions(actions, &mut facts)?;
     read_robot(&file, &mut facts)?;
     let group = observations.get("policy").or_else(|| match observations {
@@ -61,6 +61,11 @@ fn read_actions(actions: &[std::rc::Rc<Yaml>], facts: &mut PolicyFacts) -> Resul
         let (scale, offset) = (spread("scale", 1.0)?, spread("offset", 0.0)?);
         if action.get("clip").is_some() {
             facts.remarks.push("the clipping of the actions must be written by hand".to_string());
+        }
+        if let Some(joint) = joints.iter().find(|joint| facts.joints.contains(joint)) {
+            let message =
+                format!("the joint `{joint}` has two actions; a target file must combine them by hand");
+            return Err(wrong(&facts.source, message));
         }
         facts.scale.extend(scale);
         offsets.extend(offset);

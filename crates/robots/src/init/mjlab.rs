@@ -2,7 +2,7 @@
 //! text with commas, lists inside of them with semicolons, three decimals.
 
 use crate::error::RobotError;
-use crate::init::facts::{ActionKind, PartFacts, PolicyFacts, check_length, wrong};
+use crate::init::facts::{ActionKind, PartFacts, PolicyFacts, Tool, check_length, wrong};
 
 /// Returns the facts of the metadata of a model; `None` if mjlab did not write it.
 ///
@@ -65,6 +65,7 @@ pub fn mjlab_facts(metadata: &[(String, String)], source: &str) -> Result<Option
     let gains_only = gains.as_ref().map(|[stiffness, _]| stiffness.len());
     Ok(Some(PolicyFacts {
         source: source.to_string(),
+        tool: Tool::Mjlab,
         // The exporter does not say which of the joints have actuators, unless all have.
         joints: if gains_only.is_none_or(|count| count == joints.len()) {
             joints.clone()

@@ -40,6 +40,8 @@ pub struct Paths {
     pub policy: String,
     /// Name of the target.
     pub name: String,
+    /// Whether the model may refer to files outside its folder.
+    pub allow_outside: bool,
 }
 
 /// Writes a first target file for the model at `model` and a policy.
@@ -52,6 +54,8 @@ pub fn first_file(
     facts: &PolicyFacts,
     sizes: PolicySizes,
 ) -> Result<FirstFile, RobotError> {
-    let robot = robot::RobotFacts::read(model, facts)?;
+    let (document, model_facts) = crate::model::plain(model, paths.allow_outside)?;
+    let facts = &robot::named_as_in(&model_facts, facts);
+    let robot = robot::RobotFacts::read(model, (document, model_facts), facts)?;
     write::file(&robot, paths, facts, sizes)
 }

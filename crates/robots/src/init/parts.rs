@@ -1,6 +1,6 @@
 //! Parts of observations whose names are in use.
 
-use crate::init::facts::PartFacts;
+use crate::init::facts::{PartFacts, Tool};
 
 /// An expression for a part of an observation.
 pub(crate) struct KnownPart {
@@ -13,6 +13,9 @@ pub(crate) struct KnownPart {
 pub(crate) struct Words<'a> {
     /// The body that moves freely.
     pub base: Option<&'a str>,
+    pub tool: Tool,
+    /// The site at which mjlab measures the velocity of the base.
+    pub site: Option<&'a str>,
     /// A group of joints, its default positions and its size.
     pub joints: &'a str,
     pub default: &'a str,
@@ -29,12 +32,13 @@ pub(crate) fn known(part: &PartFacts, words: &Words<'_>) -> Option<KnownPart> {
     let joints = words.joints;
     let (expression, unit, size) = match part.name.as_str() {
         "base_lin_vel" | "root_lin_vel_b" | "base_linear_velocity" => {
-            (of_base(|body| format!("body_frame('{body}', body_vel('{body}'))"))?, "m/s", 3)
+            let body = words.base?;
+            (format!("body_frame('{body}', {})", velocity(body, words)), "m/s", 3)
         }
         "base_ang_vel" | "root_ang_vel_b" | "base_angular_velocity" | "gyro" => {
             (of_base(|body| format!("body_frame('{body}', body_angvel('{body}'))"))?, "rad/s", 3)
         }
-        "root_lin_vel_w" => (of_base(|body| format!("body_vel('{body}')"))?, "m/s", 3),
+        "root_lin_vel_w" => (velocity(words.base?, words), "m/s", 3),
         "root_ang_vel_w" => (of_base(|body| format!("body_angvel('{body}')"))?, "rad/s", 3),
         "projected_gravity" | "gravity" => {
             (of_base(|body| format!("body_frame('{body}', [0, 0, -1])"))?, "", 3)
@@ -65,6 +69,18 @@ pub(crate) fn known(part: &PartFacts, words: &Words<'_>) -> Option<KnownPart> {
         unit,
         size,
     })
+}
+
+/// Returns the velocity of the base in world axes at the point where the tool of the policy
+/// measures it.
+fn velocity(body: &str, words: &Words<'_>) -> String {
+    let point = match (words.tool, words.site) {
+        // Isaac Lab's `root_lin_vel` is that of the center of mass.
+        (Tool::Isaac, _) => format!("body_com('{body}')"),
+        (Tool::Mjlab, Some(site)) => format!("site_pos('{site}')"),
+        _ => return format!("body_vel('{body}')"),
+    };
+    format!("body_vel('{body}') + cross(body_angvel('{body}'), {point} - body_pos('{body}'))")
 }
 
 fn relative(words: &Words<'_>) -> String {

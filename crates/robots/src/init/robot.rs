@@ -5,14 +5,20 @@ use std::path::Path;
 use mishandle_world::{ElementKind, JointKind, Model, ModelField};
 
 use crate::error::RobotError;
-use crate::init::facts::{PolicyFacts, wrong};
-use crate::pattern::missing;
+use crate::init::facts::{PolicyFacts, Tool, wrong};
+use crate::pattern::{missing, names as names_in};
 
 /// Largest difference of a number that was rounded to three decimals.
 const ROUNDING: f64 = 5e-4;
 
 /// Numbers of a row of MuJoCo's gains and biases of actuators.
 const GAINS: usize = 10;
+
+/// Numbers of a row of MuJoCo's gears of actuators.
+const GEARS: usize = 6;
+
+/// The sensor with which mjlab measures the velocity of a base.
+const VELOCITY_SENSOR: &str = "imu_lin_vel";
 
 /// The robot of a policy.
 pub(crate) struct RobotFacts {
@@ -22,7 +28,12 @@ pub(crate) struct RobotFacts {
     /// Joints of the observation, if they are others.
     pub observed: Option<Vec<String>>,
     pub base: Option<Base>,
+    /// Name or number of the first keyframe.
     pub keyframe: Option<String>,
+    /// The site at which mjlab measures the velocity of the base.
+    pub site: Option<String>,
+    /// Whether the model names an integrator that is implicit in velocities.
+    pub is_implicit: bool,
     pub floor: Floor,
     /// Body for payloads and pushes.
     pub body: String,
@@ -37,6 +48,9 @@ pub(crate) struct RobotFacts {
 pub(crate) struct JointFacts {
     pub name: String,
     pub default: f64,
+    /// Armature, damping and dry friction in the model.
+    pub armature: f64,
+    pub passive: [f64; 2],
     pub scale: Option<f64>,
     /// Stiffness and damping that the policy expects.
     pub gains: Option<[f64; 2]>,
@@ -48,13 +62,15 @@ pub(crate) struct ActuatorFacts {
     pub name: String,
     /// Stiffness and damping of a position actuator; nothing for one that sets a force.
     pub gains: Option<[f64; 2]>,
+    /// Largest force on the joint, N or N m, if the model limits it.
+    pub limit: Option<f64>,
 }
 
 /// A base that moves freely.
 pub(crate) struct Base {
     pub body: String,
-    /// Its joint, if it has a name.
-    pub joint: Option<String>,
+    /// Name of its joint.
+    pub joint: String,
     /// Height at the start, m.
     pub height: f64,
 }
@@ -67,13 +83,15 @@ pub(crate) enum Floor {
 }
 
 impl RobotFacts {
-    pub(crate) fn read(file: &Path, facts: &PolicyFacts) -> Result<RobotFacts, RobotError> {
-        let (document, model) = crate::model::plain(file)?;
+    pub(crate) fn read(
+        file: &Path,
+        (document, model): (String, Model),
+        facts: &PolicyFacts,
+    ) -> Result<RobotFacts, RobotError> {
         let (mut unknown, mut remarks) = (Vec::new(), facts.remarks.clone());
         let names = moved_joints(&model, facts, &mut unknown)?;
-        let keyframe = (model.count(ElementKind::Key) > 0)
-            .then(|| model.names(ElementKind::Key)[0].clone())
-            .filter(|name| !name.is_empty());
+        let first = model.names(ElementKind::Key).into_iter().next();
+        let keyframe = first.map(|name| if name.is_empty() { "0".to_string() } else { name });
         let joints = joints(&model, facts, &names, keyframe.as_deref(), (&mut unknown, &mut remarks))?;
         let all = model.names(ElementKind::Joint);
         if let Some(name) = facts.observed_joints.iter().find(|name| !all.contains(name)) {
@@ -81,7 +99,8 @@ impl RobotFacts {
         }
         let observed = Some(facts.observed_joints.clone());
         let observed = observed.filter(|observed| !observed.is_empty() && *observed != names);
-        let base = base(&model, keyframe.is_some(), &mut unknown)?;
+        let base = base(&model, &names, keyframe.is_some(), &mut unknown)?;
+        let site = base.as_ref().and_then(|base| velocity_site(&model, base, facts, &mut remarks));
         let bodies = model.names(ElementKind::Body);
         let last = names.last().and_then(|name| model.find(ElementKind::Joint, name).ok());
         let body = match (&base, last) {
@@ -95,14 +114,33 @@ impl RobotFacts {
                 format!("the name `{name}` has a quotation mark or a backslash; rename it in the model");
             return Err(RobotError::Model { path: file.to_path_buf(), message });
         }
+        let is_implicit = document.contains("integrator=\"implicit");
         let floor = floor(&document, &model);
         let mass = model.field(ModelField::BodyMass).iter().sum();
-        Ok(RobotFacts { joints, observed, base, keyframe, floor, body, mass, unknown, remarks, model })
+        Ok(RobotFacts {
+            joints,
+            observed,
+            base,
+            keyframe,
+            site,
+            is_implicit,
+            floor,
+            body,
+            mass,
+            unknown,
+            remarks,
+            model,
+        })
     }
 
     /// Returns whether each joint has an actuator.
     pub(crate) fn has_actuators(&self) -> bool {
         self.joints.iter().all(|joint| joint.actuator.is_some())
+    }
+
+    /// Returns whether the first keyframe has controls that are not 0.
+    pub(crate) fn keyframe_has_controls(&self) -> bool {
+        self.keyframe.is_some() && self.model.key_ctrl(0).iter().any(|control| *control != 0.0)
     }
 
     /// Returns whether the actuators of all joints take positions.
@@ -113,6 +151,18 @@ impl RobotFacts {
 
 fn is_writable(name: &str) -> bool {
     !name.chars().any(|letter| matches!(letter, '\'' | '"' | '\\') || letter.is_control())
+}
+
+/// Returns facts with the names of the model's joints: a model that is composed of others, such as
+/// one that mjlab writes, has a common text, `robot/`, before all names.
+pub(crate) fn named_as_in(model: &Model, facts: &PolicyFacts) -> PolicyFacts {
+    let known = model.names(ElementKind::Joint);
+    let all = || facts.joints.iter().chain(&facts.observed_joints);
+    let Some(first) = all().next().filter(|first| !known.contains(first)) else { return facts.clone() };
+    let prefixes = known.iter().filter_map(|name| name.strip_suffix(first.as_str()));
+    let prefixes = prefixes.filter(|prefix| prefix.ends_with('/'));
+    let fits = |prefix: &&str| all().all(|name| known.contains(&format!("{prefix}{name}")));
+    prefixes.into_iter().find(fits).map_or_else(|| facts.clone(), |prefix| facts.with_prefix(prefix))
 }
 
 /// Returns the joints of the actions in their order.
@@ -134,6 +184,12 @@ fn moved_joints(
         let count = facts.gains.as_ref().map(|[stiffness, _]| stiffness.len());
         if count == Some(own.len()) {
             own
+        } else if let Some(count) = count.filter(|count| *count < facts.observed_joints.len()) {
+            unknown.push(format!(
+                "which of the joints of the policy its actions move: here the first {count}, because {} has {count} stiffnesses",
+                facts.source
+            ));
+            facts.observed_joints[..count].to_vec()
         } else {
             unknown.push("which of the joints of the policy its actions move".to_string());
             facts.observed_joints.clone()
@@ -146,6 +202,10 @@ fn moved_joints(
             false => of_actuators,
         }
     };
+    if names.iter().any(String::is_empty) {
+        let source = if facts.source.is_empty() { "the model" } else { &facts.source };
+        return Err(wrong(source, "a joint that an actuator moves has no name; name it in the model"));
+    }
     if let Some(name) = names.iter().find(|name| !known.contains(name)) {
         return Err(wrong(&facts.source, missing("joint", name, &known)));
     }
@@ -161,7 +221,7 @@ fn joints(
 ) -> Result<Vec<JointFacts>, RobotError> {
     let mut found = Vec::new();
     let mut differs = Vec::new();
-    let actuator_names = model.names(ElementKind::Actuator);
+    let actuator_names = names_in(model, ElementKind::Actuator);
     for (index, name) in names.iter().enumerate() {
         let joint = model.find(ElementKind::Joint, name).unwrap_or_default();
         let place = model.joint_at(joint).qpos;
@@ -187,7 +247,17 @@ fn joints(
             [one] => Some(*one),
             several => several.get(index).copied(),
         };
-        found.push(JointFacts { name: name.clone(), default, scale: scale.map(shortest), gains, actuator });
+        let dof = model.joint_at(joint).dof;
+        let of_dof = |field: ModelField| model.field(field)[dof];
+        found.push(JointFacts {
+            name: name.clone(),
+            default,
+            armature: of_dof(ModelField::DofArmature),
+            passive: [of_dof(ModelField::DofDamping), of_dof(ModelField::DofFrictionloss)],
+            scale: scale.map(shortest),
+            gains,
+            actuator,
+        });
     }
     if let (false, Some(keyframe)) = (differs.is_empty(), keyframe) {
         remarks
@@ -248,26 +318,80 @@ fn actuator(model: &Model, number: usize, name: String) -> ActuatorFacts {
     let gain = model.field(ModelField::ActuatorGainprm)[GAINS * number];
     let bias = &model.field(ModelField::ActuatorBiasprm)[GAINS * number..][..3];
     let is_position = gain > 0.0 && (bias[1] + gain).abs() <= 1e-9 * gain;
-    ActuatorFacts { name, gains: is_position.then(|| [gain, 0.0 - bias[2]]) }
+    let gear = model.field(ModelField::ActuatorGear)[GEARS * number].abs();
+    let largest = |range: [f64; 2]| range[0].abs().max(range[1].abs());
+    // The range of a control is one of forces if the actuator is a motor.
+    let is_motor = bias.iter().all(|number| *number == 0.0);
+    let of_control =
+        model.actuator_range(number).filter(|_| is_motor).map(|range| gain.abs() * largest(range));
+    let of_force = model.actuator_force_range(number).map(largest);
+    let limit = [of_control, of_force].into_iter().flatten().reduce(f64::min);
+    ActuatorFacts {
+        name,
+        gains: is_position.then(|| [gain, 0.0 - bias[2]]),
+        limit: limit.map(|limit| gear * limit),
+    }
 }
 
-/// Returns the first body that moves freely.
-fn base(model: &Model, has_keyframe: bool, unknown: &mut Vec<String>) -> Result<Option<Base>, RobotError> {
-    let free = (0..model.joint_count()).find(|joint| model.joint_kind(*joint) == JointKind::Free);
-    let Some(joint) = free else { return Ok(None) };
+/// Returns the first body that moves freely and has a joint of the policy below it: a free object
+/// is no base.
+fn base(
+    model: &Model,
+    joints: &[String],
+    has_keyframe: bool,
+    unknown: &mut Vec<String>,
+) -> Result<Option<Base>, RobotError> {
+    let moved: Vec<usize> =
+        joints.iter().filter_map(|name| model.find(ElementKind::Joint, name).ok()).collect();
+    let carries = |free: &usize| {
+        let body = model.body_of_joint(*free);
+        moved.iter().any(|joint| model.is_within(model.body_of_joint(*joint), body))
+    };
+    let mut free = (0..model.joint_count()).filter(|joint| model.joint_kind(*joint) == JointKind::Free);
+    let Some(joint) = free.find(carries) else { return Ok(None) };
     let body = model.names(ElementKind::Body)[model.body_of_joint(joint).index()].clone();
-    if body.is_empty() {
+    let name = names_in(model, ElementKind::Joint).swap_remove(joint);
+    if body.is_empty() || !is_writable(&name) {
         unknown.push("the name of the body that moves freely: it has none in the model".to_string());
         return Ok(None);
     }
     let place = model.joint_at(joint).qpos + 2;
     let height = if has_keyframe { model.key_qpos(0)[place] } else { model.qpos0()[place] };
-    let name = model.names(ElementKind::Joint)[joint].clone();
     unknown.push(format!(
         "the height of the base at the start: here that of the model, {height} m; the robot should stand on the floor"
     ));
-    let joint = Some(name).filter(|name| !name.is_empty() && is_writable(name));
-    Ok(Some(Base { body, joint, height }))
+    Ok(Some(Base { body, joint: name, height }))
+}
+
+/// Returns the site of mjlab's velocity sensor, if it is on the base and has the axes of its body.
+fn velocity_site(
+    model: &Model,
+    base: &Base,
+    facts: &PolicyFacts,
+    remarks: &mut Vec<String>,
+) -> Option<String> {
+    let reads = facts.parts.iter().any(|part| part.name == "base_lin_vel");
+    if facts.tool != Tool::Mjlab || !reads {
+        return None;
+    }
+    let sensors = model.names(ElementKind::Sensor);
+    let sensor = sensors.iter().position(|name| name.ends_with(VELOCITY_SENSOR));
+    let site = sensor.and_then(|sensor| model.sensor_site(sensor));
+    let found = site.map(|site| model.names(ElementKind::Site)[site].clone()).filter(|name| {
+        let (Ok(site), Ok(body)) = (model.site(name), model.body(&base.body)) else { return false };
+        let mut world = model.world();
+        world.refresh();
+        let axes = world.rows().site_rotation(site);
+        let is_same = axes.iter().zip(world.body_rotation(body)).all(|(a, b)| (a - b).abs() < 1e-6);
+        is_same && model.body_of_site(site.index()) == body && is_writable(name)
+    });
+    if found.is_none() {
+        remarks.push(format!(
+            "`base_lin_vel` is the velocity of the body's origin; mjlab measures it with the sensor `{VELOCITY_SENSOR}`, and the \
+             model has none on this body with its axes: add cross(angular velocity, position of its site)"
+        ));
+    }
+    found
 }
 
 fn floor(document: &str, model: &Model) -> Floor {

@@ -5,7 +5,7 @@ use std::fmt::Write as _;
 use mishandle_world::ElementKind;
 
 use crate::error::RobotError;
-use crate::init::facts::{ActionKind, PartFacts, PolicyFacts, PolicySizes};
+use crate::init::facts::{ActionKind, PartFacts, PolicyFacts, PolicySizes, Tool};
 use crate::init::parts::{COMMANDS, Words, known, scaled};
 use crate::init::robot::{Floor, JointFacts, RobotFacts};
 use crate::init::{FirstFile, Paths};
@@ -25,6 +25,7 @@ struct Writer<'a> {
     robot: &'a RobotFacts,
     facts: &'a PolicyFacts,
     sizes: PolicySizes,
+    allow_outside: bool,
     text: String,
     unknown: Vec<String>,
     remarks: Vec<String>,
@@ -38,7 +39,8 @@ pub(crate) fn file(
     sizes: PolicySizes,
 ) -> Result<FirstFile, RobotError> {
     let (unknown, remarks) = (robot.unknown.clone(), robot.remarks.clone());
-    let mut writer = Writer { robot, facts, sizes, text: String::new(), unknown, remarks };
+    let allow_outside = paths.allow_outside;
+    let mut writer = Writer { robot, facts, sizes, allow_outside, text: String::new(), unknown, remarks };
     writer.model(&paths.model);
     writer.constants();
     writer.start();
@@ -57,7 +59,7 @@ struct PartLine {
     line: String,
 }
 
-impl Writer<'_> {
+impl<'a> Writer<'a> {
     fn line(&mut self, line: impl AsRef<str>) {
         self.text.push_str(line.as_ref());
         self.text.push('\n');
@@ -83,8 +85,16 @@ impl Writer<'_> {
     fn model(&mut self, model: &str) {
         self.line("[model]");
         self.line(format!("file = {}", text(model)));
+        if self.allow_outside {
+            self.line("allow_outside = true    # the model refers to files outside its folder");
+        }
         if let Some(timestep) = self.facts.timestep {
             self.line(format!("timestep = {timestep}"));
+        }
+        if self.adds_positions() && !self.robot.is_implicit {
+            self.line(
+                "integrator = \"implicitfast\"    # the default of mjlab; Euler diverges with a large kv",
+            );
         }
         if matches!((&self.robot.base, &self.robot.floor), (Some(_), Floor::Missing)) {
             self.line("\n[[model.add]]    # a floor, whose friction decides because of its priority");
@@ -93,7 +103,7 @@ impl Writer<'_> {
                 "xml = '<geom name=\"floor\" type=\"plane\" size=\"0 0 0.05\" friction=\"1 0.005 0.0001\" priority=\"1\"/>'",
             );
         }
-        if !self.robot.has_actuators() {
+        if !self.robot.has_actuators() || self.replaces_motors() {
             self.actuators();
         }
         self.line("");
@@ -101,9 +111,7 @@ impl Writer<'_> {
 
     /// Actuators for a model without them, one table for all joints with the same gains.
     fn actuators(&mut self) {
-        let robot = self.robot;
-        let missing: Vec<&JointFacts> =
-            robot.joints.iter().filter(|joint| joint.actuator.is_none()).collect();
+        let missing = self.without_actuators();
         if self.facts.action == ActionKind::Effort {
             self.line("\n[[model.actuator]]    # the actions are forces");
             self.line(format!("joints = {}\ntype = \"motor\"", pattern(&missing)));
@@ -116,28 +124,102 @@ impl Writer<'_> {
             self.line("# type = \"position\"\n# kp = \n# kv = ");
             return;
         }
-        let mut groups: Vec<([f64; 2], Vec<&JointFacts>)> = Vec::new();
-        for joint in missing {
-            let gains = joint.gains.unwrap_or_default();
-            match groups.iter_mut().find(|(known, _)| *known == gains) {
-                Some((_, joints)) => joints.push(joint),
-                None => groups.push((gains, vec![joint])),
-            }
-        }
-        for ([kp, kv], joints) in groups {
+        let limit = |joint: &JointFacts| joint.actuator.as_ref().and_then(|actuator| actuator.limit);
+        for joints in groups(&missing, |joint| (joint.gains, limit(joint))) {
+            let [kp, kv] = joints[0].gains.unwrap_or_default();
             self.line("\n[[model.actuator]]    # stiffness and damping of the policy's training");
             self.line(format!("joints = {}\ntype = \"position\"\nkp = {kp}\nkv = {kv}", pattern(&joints)));
+            if let Some(limit) = limit(joints[0]) {
+                self.line(format!("forcerange = [-{limit}, {limit}]    # of the motors of the model"));
+            }
         }
-        self.unknown.push("limits of the joints' torques (`forcerange` in [[model.actuator]])".to_string());
+        if missing.iter().any(|joint| limit(joint).is_none()) {
+            self.unknown
+                .push("limits of the joints' torques (`forcerange` in [[model.actuator]])".to_string());
+        }
+        if self.facts.armature.is_empty() {
+            self.armature(&missing);
+        }
+        self.passive();
+    }
+
+    /// Asks for the armature of joints, which decides how stiff an actuator with large gains is.
+    fn armature(&mut self, joints: &[&JointFacts]) {
+        self.unknown.push(format!(
+            "the armature of the joints, which is not in {}: here that of the model; mjlab's own robots have kv² / (16 kp), a \
+             damping ratio of 2, as in the comments of the file",
+            self.facts.source
+        ));
+        for joints in groups(joints, |joint| joint.gains) {
+            let [kp, kv] = joints[0].gains.unwrap_or_default();
+            let armature = format!("{:.6}", kv * kv / (16.0 * kp));
+            self.line(format!("\n# TODO armature: {} in the model", joints[0].armature));
+            self.line(format!("# [[model.set]]\n# joint = {}\n# armature = {armature}", pattern(&joints)));
+        }
+    }
+
+    /// Reports damping and friction that joints have beside the damping of the policy's training.
+    fn passive(&mut self) {
+        let has = |joint: &&JointFacts| joint.passive != [0.0; 2];
+        let joints = self.robot.joints.iter().filter(has);
+        let texts: Vec<String> = joints
+            .map(|joint| {
+                let [damping, friction] = joint.passive;
+                format!("{} damping {damping}, frictionloss {friction}", joint.name)
+            })
+            .collect();
+        if self.facts.tool == Tool::Isaac && !texts.is_empty() {
+            self.remarks.push(format!(
+                "joints of the model have damping or friction beside that of the actuators, which the descriptor does not list; \
+                 [[model.set]] changes it: {}",
+                texts.join("; ")
+            ));
+        }
+    }
+
+    /// Returns the joints for which the file adds actuators.
+    fn without_actuators(&self) -> Vec<&'a JointFacts> {
+        let replaces = self.replaces_motors();
+        self.robot.joints.iter().filter(|joint| joint.actuator.is_none() || replaces).collect()
+    }
+
+    /// Returns whether the file adds position actuators.
+    fn adds_positions(&self) -> bool {
+        let added = self.without_actuators();
+        self.facts.action != ActionKind::Effort
+            && !added.is_empty()
+            && added.iter().all(|joint| joint.gains.is_some())
+    }
+
+    /// Returns whether the file adds position actuators beside motors of the model, because the
+    /// policy's training had them. They need the names of the joints.
+    fn replaces_motors(&self) -> bool {
+        let robot = self.robot;
+        let taken = robot.model.names(ElementKind::Actuator);
+        self.facts.action != ActionKind::Effort
+            && robot.has_actuators()
+            && !robot.takes_positions()
+            && robot.joints.iter().all(|joint| joint.gains.is_some() && !taken.contains(&joint.name))
+    }
+
+    /// Returns whether an action is the control of an actuator.
+    fn acts_by_control(&self) -> bool {
+        let has_gains = self.robot.joints.iter().all(|joint| joint.gains.is_some());
+        match self.facts.action {
+            ActionKind::Effort => true,
+            ActionKind::Position => false,
+            ActionKind::Unknown => self.robot.has_actuators() && !self.robot.takes_positions() && !has_gains,
+        }
     }
 
     fn constants(&mut self) {
         let robot = self.robot;
         let names: Vec<String> = robot.joints.iter().map(|joint| text(&joint.name)).collect();
+        let own = |joint: &'a JointFacts| joint.actuator.as_ref().filter(|_| !self.replaces_motors());
         let actuators: Vec<String> = robot
             .joints
             .iter()
-            .map(|joint| text(joint.actuator.as_ref().map_or(&joint.name, |actuator| &actuator.name)))
+            .map(|joint| text(own(joint).map_or(&joint.name, |actuator| &actuator.name)))
             .collect();
         self.line("[constants]    # joints and their actuators, in the order of the actions");
         self.line(format!("joints = {{ group = \"joint\", names = [{}] }}", names.join(", ")));
@@ -166,8 +248,8 @@ impl Writer<'_> {
         if let Some(observed) = &robot.observed {
             others.push(("observed".to_string(), observed.clone()));
         }
-        for part in &self.facts.parts {
-            if let Some(group) = self.own_group(part) {
+        for (part, key) in self.facts.parts.iter().zip(keys(&self.facts.parts)) {
+            if let Some(group) = self.own_group(part, &key) {
                 others.push((group, part.joints.clone()));
             }
         }
@@ -203,32 +285,47 @@ impl Writer<'_> {
 
     /// Returns the name of the group of a part's joints, if they are neither those of the actions
     /// nor those of the whole observation.
-    fn own_group(&self, part: &PartFacts) -> Option<String> {
+    fn own_group(&self, part: &PartFacts, key: &str) -> Option<String> {
         let of_actions = self.robot.joints.iter().map(|joint| &joint.name).eq(&part.joints);
         let is_own =
             !part.joints.is_empty() && !of_actions && self.robot.observed.as_ref() != Some(&part.joints);
-        is_own.then(|| format!("{}_joints", key(&part.name)))
+        is_own.then(|| format!("{key}_joints"))
     }
 
     /// Returns whether positions must be reached by the file itself, because the actuators take
     /// forces.
     fn moves_by_force(&self) -> bool {
-        self.facts.action != ActionKind::Effort && self.robot.has_actuators() && !self.robot.takes_positions()
+        !self.acts_by_control()
+            && self.robot.has_actuators()
+            && !self.robot.takes_positions()
+            && !self.replaces_motors()
     }
 
     fn start(&mut self) {
         let robot = self.robot;
         self.line("[start]");
-        if let Some(keyframe) = &robot.keyframe {
-            self.line(format!("keyframe = {}", text(keyframe)));
+        let mut wins = "";
+        match &robot.keyframe {
+            // Motors beside the file's actuators would push with these controls.
+            Some(keyframe) if self.replaces_motors() && robot.keyframe_has_controls() => {
+                self.remarks.push(format!(
+                    "the file leaves out the keyframe `{keyframe}`, because it sets controls of the model's motors"
+                ));
+            }
+            Some(keyframe) => {
+                self.line(format!("keyframe = {}", text(keyframe)));
+                wins = "    # wins over the keyframe, its height too";
+            }
+            None => {}
         }
         match &robot.base {
-            Some(base) if base.joint.is_some() => {
-                let joint = text(base.joint.as_deref().unwrap_or_default());
-                self.line(format!("{joint} = \"[0, 0, {}, *quat_euler(roll, pitch, 0)]\"", base.height));
+            Some(base) => {
+                let joint = text(&base.joint);
+                let pose = format!("[0, 0, {}, *quat_euler(roll, pitch, 0)]", base.height);
+                self.line(format!("{joint} = \"{pose}\"{wins}"));
                 self.line("joints = \"default\"");
             }
-            _ => self.line("joints = \"default + start_offset\""),
+            None => self.line("joints = \"default + start_offset\""),
         }
         self.line("");
     }
@@ -277,8 +374,8 @@ impl Writer<'_> {
         };
         let mut lines = Vec::new();
         let (mut sum, mut without_size) = (0, Vec::new());
-        for part in parts {
-            let own_group = self.own_group(part);
+        for (part, name) in parts.iter().zip(keys(parts)) {
+            let own_group = self.own_group(part, &name);
             let others = match &robot.observed {
                 Some(observed) if part.joints.is_empty() || part.joints == *observed => Some("observed"),
                 _ => None,
@@ -292,12 +389,13 @@ impl Writer<'_> {
             let default = if group == "joints" { "default".to_string() } else { format!("default_{group}") };
             let words = Words {
                 base: robot.base.as_ref().map(|base| base.body.as_str()),
+                tool: self.facts.tool,
+                site: robot.site.as_deref(),
                 joints: group,
                 default: &default,
                 joint_count,
-                action_count: robot.joints.len(),
+                action_count: self.sizes.action.unwrap_or(robot.joints.len()),
             };
-            let name = key(&part.name);
             let line = match known(part, &words) {
                 Some(found) => {
                     sum += found.size;
@@ -326,26 +424,33 @@ impl Writer<'_> {
             };
             lines.push(PartLine { name, line });
         }
-        let sensors = robot.model.names(ElementKind::Sensor);
-        if let Some(sensor) = sensors.iter().find(|name| name.ends_with("imu_lin_vel"))
-            && lines.iter().any(|line| line.name == "base_lin_vel")
-        {
-            self.remarks.push(format!(
-                "`base_lin_vel` is the velocity of the body's origin; if the policy was trained with the sensor `{sensor}`, add \
-                 cross(angular velocity, position of its site)"
-            ));
-        }
         match (self.sizes.observation, without_size.as_slice()) {
             (Some(size), [one]) if size > sum => {
                 self.unknown
                     .push(format!("`{one}` has {}, if all other parts are right", numbers(size - sum)));
             }
             (Some(size), []) if size != sum => {
-                self.remarks.push(format!("the parts have {}, but the policy reads {size}", numbers(sum)));
+                let layout = self.gymnasium(size).filter(|_| self.facts.parts.is_empty());
+                self.remarks.push(format!(
+                    "the parts have {}, but the policy reads {size}{}",
+                    numbers(sum),
+                    layout.unwrap_or_default()
+                ));
             }
             _ => {}
         }
         lines
+    }
+
+    /// Returns the hint that a number of inputs is that of the usual observation of Gymnasium.
+    fn gymnasium(&self, size: usize) -> Option<String> {
+        let (positions, velocities) = (self.robot.model.qpos_size(), self.robot.model.qvel_size());
+        // A robot's place in its plane or on its line is left out.
+        let left_out = [0, 1, 2].into_iter().find(|left_out| positions + velocities == size + left_out)?;
+        Some(format!(
+            " = {positions} - {left_out} + {velocities}: the usual observation of Gymnasium's robots is all positions but the \
+             first {left_out}, then all velocities, `qpos('.*')[{left_out}:]` and `qvel('.*')`"
+        ))
     }
 
     fn policy(&mut self, policy: &str, parts: &[PartLine]) {
@@ -357,7 +462,7 @@ impl Writer<'_> {
         let target =
             if self.offset().is_some() { "offset + scale * action" } else { "default + scale * action" };
         let action = match self.facts.action {
-            ActionKind::Effort => "scale * action".to_string(),
+            _ if self.acts_by_control() => "scale * action".to_string(),
             _ if self.moves_by_force() => match robot.joints.iter().all(|joint| joint.gains.is_some()) {
                 true => {
                     self.remarks.push(
@@ -375,8 +480,19 @@ impl Writer<'_> {
             },
             _ => target.to_string(),
         };
+        if self.replaces_motors() {
+            self.remarks.push(
+                "the actuators of the model take forces, so the file adds position actuators, which act in every physics step, \
+                 and leaves those of the model at 0"
+                    .to_string(),
+            );
+        }
         if self.facts.action == ActionKind::Unknown {
-            self.unknown.push("the meaning of the actions: here targets of joint positions".to_string());
+            let meaning = match self.acts_by_control() {
+                true => "controls of the actuators, which take forces",
+                false => "targets of joint positions",
+            };
+            self.unknown.push(format!("the meaning of the actions: here {meaning}"));
         }
         self.line("[policy]");
         self.line(format!("onnx = {}", text(policy)));
@@ -422,7 +538,7 @@ impl Writer<'_> {
         }
         self.unknown
             .push("which formulas the robot must satisfy: those of the file are examples".to_string());
-        if robot.base.as_ref().is_some_and(|base| base.joint.is_some()) {
+        if robot.base.is_some() {
             axes.push("roll = { range = [-0.1, 0.1], unit = \"rad\" }".to_string());
             axes.push("pitch = { range = [-0.1, 0.1], unit = \"rad\" }".to_string());
         } else {
@@ -501,6 +617,35 @@ fn key(name: &str) -> String {
 fn pattern(joints: &[&JointFacts]) -> String {
     let names: Vec<String> = joints.iter().map(|joint| regex_lite::escape(&joint.name)).collect();
     text(&names.join("|"))
+}
+
+/// Returns the keys of the parts of an observation: a part with the name of an earlier one gets a
+/// number.
+fn keys(parts: &[PartFacts]) -> Vec<String> {
+    let mut keys: Vec<String> = Vec::new();
+    for part in parts {
+        let plain = key(&part.name);
+        let mut numbered = (2..).map(|number| format!("{plain}_{number}"));
+        let is_new = |key: &String| !keys.contains(key);
+        let own = Some(plain.clone()).filter(is_new).or_else(|| numbered.find(is_new));
+        keys.push(own.unwrap_or(plain));
+    }
+    keys
+}
+
+/// Returns the joints that agree in a value, in the order of the first of each group.
+fn groups<'a, K: PartialEq>(
+    joints: &[&'a JointFacts],
+    value: impl Fn(&JointFacts) -> K,
+) -> Vec<Vec<&'a JointFacts>> {
+    let mut groups: Vec<Vec<&JointFacts>> = Vec::new();
+    for joint in joints {
+        match groups.iter_mut().find(|group| value(group[0]) == value(joint)) {
+            Some(group) => group.push(joint),
+            None => groups.push(vec![joint]),
+        }
+    }
+    groups
 }
 
 fn list(values: &[f64]) -> String {

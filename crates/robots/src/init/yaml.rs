@@ -44,6 +44,10 @@ pub(crate) fn parse(text: &str) -> Result<Rc<Yaml>, String> {
     let is_content = |line: &Line| {
         !line.text.is_empty() && !line.text.starts_with('#') && !matches!(line.text.as_str(), "---" | "...")
     };
+    let starts_with_tab = |line: &str| line.trim_start_matches(' ').starts_with('\t');
+    if let Some(number) = text.lines().position(starts_with_tab) {
+        return Err(format!("line {}: the line starts with a tab; YAML is indented with spaces", number + 1));
+    }
     let lines = text.lines().enumerate().map(line).filter(is_content).collect();
     let mut reader = Reader { lines, at: 0, anchors: HashMap::new() };
     let value = reader.block(0, 0)?;
@@ -78,17 +82,22 @@ impl Reader {
         let mut values = Vec::new();
         while let Some(line) = self.lines.get_mut(self.at).filter(|line| line.indent == indent) {
             let Some(rest) = entry(&line.text) else { break };
-            let rest = rest.trim_start().to_string();
-            if rest.is_empty() {
+            let (anchor, rest) = anchored(rest.trim_start());
+            let rest = rest.to_string();
+            let value = if rest.is_empty() {
                 self.at += 1;
-                values.push(self.block(indent + 1, depth + 1)?);
-                continue;
+                self.block(indent + 1, depth + 1)?
+            } else {
+                // The rest of the line is the first line of the entry.
+                line.indent += line.text.len() - rest.len();
+                line.text = rest;
+                let inner = line.indent;
+                self.block(inner, depth + 1)?
+            };
+            if let Some(anchor) = anchor {
+                self.anchors.insert(anchor, value.clone());
             }
-            // The rest of the line is the first line of the entry.
-            line.indent += line.text.len() - rest.len();
-            line.text = rest;
-            let inner = line.indent;
-            values.push(self.block(inner, depth + 1)?);
+            values.push(value);
         }
         Ok(Rc::new(Yaml::List(values)))
     }
@@ -101,13 +110,7 @@ impl Reader {
                 return Err(format!("line {}: the key `{name}` is there twice", line.number));
             }
             self.at += 1;
-            let (anchor, rest) = match rest.strip_prefix('&') {
-                Some(rest) => {
-                    let (name, rest) = rest.split_once(' ').unwrap_or((rest, ""));
-                    (Some(name.to_string()), rest.trim_start())
-                }
-                None => (None, rest),
-            };
+            let (anchor, rest) = anchored(rest);
             let is_next_entry = |next: &Line| next.indent == indent && entry(&next.text).is_some();
             let value = match rest {
                 // The entries of a list may be as far to the left as the key.
@@ -145,6 +148,13 @@ impl Reader {
         }
         Ok(Rc::new(plain(&text)))
     }
+}
+
+/// Returns the name of the anchor at the start of a value, and the rest of the value.
+fn anchored(text: &str) -> (Option<String>, &str) {
+    let Some(text) = text.strip_prefix('&') else { return (None, text) };
+    let (name, rest) = text.split_once(' ').unwrap_or((text, ""));
+    (Some(name.to_string()), rest.trim_start())
 }
 
 /// Returns the rest of an entry of a list.
@@ -225,7 +235,7 @@ mod tests {
     fn blocks_lists_and_folded_lines() {
         let text = "# comment\nactions:\n- name: move\n  extras:\n    description: Joint action term that\n      continues.\n  \
                     joint_names: &id001\n  - hip\n  - knee\n  scale: [0.5, -1e-3]\n  clip: null\nlimits:\n- - -1.0\n  - 2\n- - 3\n  \
-                    - 4\nagain: *id001\nquoted: 'it''s: fine'\n";
+                    - 4\nagain: *id001\nentries:\n- &id002\n  - hip\n- *id002\nquoted: 'it''s: fine'\n";
         let file = parse(text).unwrap();
         let action = &file.get("actions").unwrap().list()[0];
         let description = action.get("extras").unwrap().get("description").unwrap();
@@ -237,6 +247,9 @@ mod tests {
         assert_eq!(limits[0].numbers().unwrap(), [-1.0, 2.0]);
         assert_eq!(limits[1].numbers().unwrap(), [3.0, 4.0]);
         assert_eq!(file.get("again").unwrap().texts().unwrap(), ["hip", "knee"]);
+        let entries = file.get("entries").unwrap().list();
+        assert_eq!(entries[0].texts().unwrap(), ["hip"]);
+        assert_eq!(entries[1], entries[0]);
         assert_eq!(file.get("quoted").unwrap().text(), Some("it's: fine"));
     }
 
@@ -248,6 +261,7 @@ mod tests {
             ("a: {b: 1}\n", "line 1"),
             ("a: *missing\n", "line 1"),
             ("a: [1, 2\n", "line 1"),
+            ("a:\n\tb: 1\n", "line 2"),
             ("a: 1\n  - 2\n  b: 3\nc\n", "line 4"),
         ] {
             let error = parse(text).unwrap_err();
