@@ -177,6 +177,8 @@ fn patch_text(patch: Patch, is_random: bool) -> String {
 fn region_table(report: &RunReport, mode: &FailureMode) -> String {
     let scenario = &mode.representative().scenario;
     let matters = |axis: &usize| mode.axes.contains(axis);
+    // The failure of several axes none of which could be moved has no cause among them.
+    let has_all = mode.is_isolated && mode.axes.len() > 1 && mode.axes.len() == report.axes.len();
     let all = 0..report.axes.len();
     let order: Vec<usize> = all.clone().filter(matters).chain(all.filter(|axis| !matters(axis))).collect();
     let rows = order.iter().take(MAX_AXES).map(|index| {
@@ -187,7 +189,7 @@ fn region_table(report: &RunReport, mode: &FailureMode) -> String {
             false => format!("{} to {}", value_text(axis, Some(low)), value_text(axis, Some(high))),
         });
         let name = text(&short(&axis.name, 40));
-        let name = if matters(index) { format!("<b>{name}</b>") } else { name };
+        let name = if matters(index) && !has_all { format!("<b>{name}</b>") } else { name };
         let cells = [region, value_text(axis, value), value_text(axis, axis.nominal)];
         std::iter::once(name).chain(cells.iter().map(|cell| text(cell))).collect()
     });
@@ -196,6 +198,9 @@ fn region_table(report: &RunReport, mode: &FailureMode) -> String {
     if mode.is_isolated {
         notes.push(match mode.axes.as_slice() {
             [] => "The nominal scenario fails in the same way.".to_string(),
+            _ if has_all => {
+                "No axis could be moved to nominal without losing the failure, so nothing says which axes cause it.".to_string()
+            }
             _ => "Bold axes cause these failures: moved toward nominal, each failure remains with these axes alone off nominal. The \
                   ranges of the other axes say nothing."
                 .to_string(),

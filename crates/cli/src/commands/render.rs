@@ -311,7 +311,8 @@ fn filmstrip(
     let steps = mishandle::picture::strip_samples(event.and_then(|event| event.start), decisive, film.window);
     let count = steps.len();
     renderer.fit(&steps.iter().map(|step| states[*step].as_slice()));
-    let columns = count.min(STRIP_COLUMNS);
+    // As few empty cells as this number of rows has: four frames are two rows of two.
+    let columns = count.div_ceil(count.div_ceil(STRIP_COLUMNS));
     let (width, height) = renderer.frame_size();
     let mut whole = Picture::new(columns * width, count.div_ceil(columns) * height, [255; 3]);
     for (i, step) in steps.iter().enumerate() {

@@ -21,14 +21,15 @@ fn is_noise(std: f64) -> bool {
 /// Flags that define the target and its scenarios.
 #[derive(Debug, Args)]
 pub struct Subject {
-    /// Name of a target: a task, or toy/NAME; `mishandle targets` lists them
+    /// Name of a target, a task or toy/NAME, which `mishandle targets` lists; or the path of a target
+    /// file (.toml)
     pub target: Option<String>,
     /// Controller of a task: the path of a .safetensors or .onnx file, or the name of a shipped
     /// controller such as ppo or expert
     #[arg(long, value_name = "C")]
     pub controller: Option<String>,
-    /// Scenario space of the target, or several joined by + [default: starts; in margin:
-    /// disturbance]
+    /// Scenario space of the target, or several joined by + [default: the first one: starts of a
+    /// task, scenarios of a target file; in margin: disturbance]
     #[arg(long, value_name = "NAME")]
     pub space: Option<String>,
     #[command(flatten)]
