@@ -358,6 +358,22 @@ fn urdf_finds_its_meshes_and_misses_only_those_that_are_seen() {
 }
 
 #[test]
+fn a_package_is_looked_up_above_the_model_if_that_is_allowed() {
+    let files = folder(&[]);
+    let path = files.path().join("arm_description/robots/urdf/arm.urdf");
+    let mesh = files.path().join("arm_description/meshes/link.stl");
+    for path in [&path, &mesh] {
+        fs::create_dir_all(path.parent().unwrap()).unwrap();
+    }
+    let urdf = "<robot name='r'><link name='base'><collision><geometry>\
+                <mesh filename='package://arm_description/meshes/link.stl'/></geometry></collision></link></robot>";
+    fs::write(&path, urdf).unwrap();
+    fs::write(&mesh, "1").unwrap();
+    assert_eq!(Source::read(&path, true).unwrap().assets.len(), 1);
+    assert!(Source::read(&path, false).is_err());
+}
+
+#[test]
 fn a_missing_main_file_is_an_error_with_its_path() {
     let error = Source::read(&PathBuf::from("/nowhere/robot.xml"), false).unwrap_err();
     assert_eq!(error.file, "/nowhere/robot.xml");
