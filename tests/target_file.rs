@@ -216,6 +216,53 @@ fn a_campaign_and_a_comparison_know_the_files() {
     assert!(differences.len() == 1 && differences[0].starts_with("hash of the model"), "{differences:?}");
 }
 
+/// A cart-pole whose nominal start is its equilibrium: masses and friction change nothing there.
+const CART: &str = r#"<mujoco><option timestep="0.005"/><worldbody>
+  <body name="cart"><joint name="slide" type="slide" axis="1 0 0" damping="0.1"/>
+    <geom type="box" size="0.15 0.1 0.06" mass="1"/>
+    <body name="pole"><joint name="hinge" axis="0 1 0" damping="0.002"/>
+      <geom type="capsule" fromto="0 0 0 0 0 0.6" size="0.02" mass="0.1"/></body></body></worldbody>
+  <actuator><motor name="force" joint="slide" ctrlrange="-20 20"/></actuator></mujoco>"#;
+
+const BALANCED: &str = r#"
+format = 1
+name = "cartpole"
+model.file = "cartpole.xml"
+control = { period = 0.02, steps = 30 }
+start = { hinge = "tilt" }
+observation.state = "[*qpos('.*'), *qvel('.*')]"
+policy = { expression = "dot([1, 25, 2, 4], state)", action = "action" }
+signals.angle = "abs(qpos('hinge')[0])"
+formulas.upright = "always(angle <= 0.5)"
+
+[axes]
+tilt = { range = [-0.3, 0.3], unit = "rad" }
+pole = { kind = "model", range = [0.5, 4], scale = "body_mass('pole')" }
+friction = { kind = "model", range = [0, 1], add = "dof_frictionloss('slide')" }
+"#;
+
+#[test]
+fn an_axis_that_has_no_effect_in_an_equilibrium_has_one_elsewhere() {
+    let home = tempfile::tempdir().unwrap();
+    let target = home.path().join("cartpole.toml");
+    std::fs::write(home.path().join("cartpole.xml"), CART).unwrap();
+    std::fs::write(&target, BALANCED).unwrap();
+    let found = run(&plan(&target), &home.path().join("run.sqlite"));
+    assert_eq!(found.header().preflight, Vec::<String>::new());
+    // Without a tilted start, no other axis changes anything.
+    edit(&target, "tilt = {", "tilt = { kind = \"command\",");
+    edit(&target, "hinge = \"tilt\"", "hinge = \"0 * tilt\"");
+    let found = run(&plan(&target), &home.path().join("still.sqlite"));
+    let names: Vec<&str> = found
+        .header()
+        .preflight
+        .iter()
+        .filter(|found| found.contains("changes no trace"))
+        .map(|found| &found[..11])
+        .collect();
+    assert_eq!(names, ["axis `tilt`", "axis `pole`", "axis `frict"]);
+}
+
 #[test]
 fn an_axis_of_a_symmetric_robot_has_an_effect() {
     let home = tempfile::tempdir().unwrap();

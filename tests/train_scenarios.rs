@@ -110,8 +110,14 @@ impl Environment for Watched {
 struct WatchedWorker(Box<dyn EnvironmentWorker>, Steps);
 
 impl EnvironmentWorker for WatchedWorker {
-    fn reset(&mut self, scenario: &Scenario, seed: Seed, state: &mut [f64], sample: Sample<'_>) {
-        self.0.reset(scenario, seed, state, sample);
+    fn reset(
+        &mut self,
+        scenario: &Scenario,
+        seed: Seed,
+        state: &mut [f64],
+        sample: Sample<'_>,
+    ) -> StepStatus {
+        self.0.reset(scenario, seed, state, sample)
     }
 
     fn step(&mut self, action: &[f64], state: &mut [f64], sample: Sample<'_>) -> StepStatus {

@@ -248,9 +248,16 @@ struct RecordingWorker {
 }
 
 impl EnvironmentWorker for RecordingWorker {
-    fn reset(&mut self, scenario: &Scenario, seed: Seed, state: &mut [f64], sample: Sample<'_>) {
-        self.worker.reset(scenario, seed, state, sample);
+    fn reset(
+        &mut self,
+        scenario: &Scenario,
+        seed: Seed,
+        state: &mut [f64],
+        sample: Sample<'_>,
+    ) -> StepStatus {
+        let status = self.worker.reset(scenario, seed, state, sample);
         self.recording.lock().states.push(state.to_vec());
+        status
     }
 
     fn step(&mut self, action: &[f64], state: &mut [f64], sample: Sample<'_>) -> StepStatus {

@@ -25,9 +25,13 @@ impl MishandleError {
                 }
                 if *kind == "space" && name == "noise" {
                     return Some(
-                        "a task has this space only with --action-noise above 0 or a random initial state"
+                        "a task has this space only with --action-noise above 0 or a random initial state, and a target \
+                         file with axes of the kind \"noise\""
                             .to_string(),
                     );
+                }
+                if let (true, Some(file)) = (matches!(*kind, "target" | "task"), target_file(name)) {
+                    return Some(format!("did you mean the target file `{file}`?"));
                 }
                 let suggestion = suggest(name, known.iter().map(String::as_str));
                 suggestion.or_else(|| kind.starts_with("controller").then(path_hint))
@@ -52,6 +56,12 @@ impl MishandleError {
             _ => None,
         }
     }
+}
+
+/// Returns the target file with this name without its ending, if there is one.
+fn target_file(name: &str) -> Option<String> {
+    let file = format!("{name}.toml");
+    std::path::Path::new(&file).is_file().then_some(file)
 }
 
 fn suggest<'a>(name: &str, known: impl IntoIterator<Item = &'a str>) -> Option<String> {

@@ -33,9 +33,9 @@ const MAX_LEVELS: usize = 5;
 /// and returns warnings in words.
 ///
 /// The first probe is the nominal scenario. The next ones set each axis to its bounds, and to its
-/// nominal value if the bounds agree. They end
-/// after a second or one percent of the question's simulations, whichever is more. A probe that
-/// fails is skipped: the question itself reports failures.
+/// nominal value if the bounds agree. If that changes no trace, another start does the same again.
+/// The probes end after a second or one percent of the question's simulations, whichever is more,
+/// for each of the two starts. A probe that fails is skipped: the question itself reports failures.
 ///
 /// # Errors
 /// If the requirement does not fit the signals, or the policy of a target file cannot act.
@@ -108,7 +108,8 @@ fn mixed_units(resolved: &ResolvedPlan, warnings: &mut Vec<String>) -> Result<()
     Ok(())
 }
 
-/// Probes each axis at its bounds, and warns of those that change no trace.
+/// Warns of axes that change no trace: neither from the nominal start, which may be an equilibrium,
+/// nor from another one.
 fn axes_without_effect(
     resolved: &ResolvedPlan,
     system: &mut dyn System,
@@ -116,6 +117,30 @@ fn axes_without_effect(
     probes: &mut Vec<Episode>,
     warnings: &mut Vec<String>,
 ) {
+    let axes = resolved.space.axes();
+    let free: Vec<usize> = (0..axes.len()).filter(|index| !axes[*index].is_fixed()).collect();
+    let mut unchanged = unchanging(resolved, &mut *system, (seed, limit), (&free, false), probes);
+    if axes.iter().any(|axis| axis.kind == AxisKind::Start && !axis.is_fixed()) {
+        unchanged = unchanging(resolved, system, (seed, limit), (&unchanged, true), probes);
+    }
+    for axis in unchanged.into_iter().map(|index| &axes[index]) {
+        warnings.push(format!(
+            "axis `{}` changes no trace: all signals are equal at its {}; is its name right, and does the system read it?",
+            axis.name,
+            if axis.levels().is_some() { "values" } else { "lowest, nominal and highest value" }
+        ));
+    }
+}
+
+/// Probes axes at their bounds and between them, and returns those that change no trace. The other
+/// axes of the start are nominal, or away from nominal.
+fn unchanging(
+    resolved: &ResolvedPlan,
+    system: &mut dyn System,
+    (seed, limit): (Seed, usize),
+    (probed, starts_away): (&[usize], bool),
+    probes: &mut Vec<Episode>,
+) -> Vec<usize> {
     let axes = resolved.space.axes();
     let values = |axis: &Axis| -> Vec<f64> {
         match axis.levels() {
@@ -146,14 +171,17 @@ fn axes_without_effect(
     // The scenarios in which an axis is probed: with each category of another axis, because the
     // severity of a fault means nothing without the fault.
     let bases = |index: usize| -> Vec<Vec<Option<f64>>> {
-        if axes[index].kind == AxisKind::Start {
-            return vec![axes.iter().map(|axis| axis.nominal).collect()];
+        let is_start = |axis: &Axis| axis.kind == AxisKind::Start;
+        if is_start(&axes[index]) {
+            let value =
+                |axis: &Axis| if starts_away && is_start(axis) { Some(axis.at(AWAY)) } else { axis.nominal };
+            return vec![axes.iter().map(value).collect()];
         }
         // Another fault would hide the effect, and a late onset comes after the end of an episode.
         let hides = |other: &Axis| {
             other.kind == AxisKind::Fault && (other.is_onset() || !is_same_fault(index, other))
         };
-        let is_away = |other: &Axis| other.kind != AxisKind::Start && !other.is_fixed() && !hides(other);
+        let is_away = |other: &Axis| (starts_away || !is_start(other)) && !other.is_fixed() && !hides(other);
         let value = |other: &Axis| if is_away(other) { Some(other.at(AWAY)) } else { other.nominal };
         let base: Vec<Option<f64>> = axes.iter().map(value).collect();
         let others = axes.iter().enumerate();
@@ -176,9 +204,9 @@ fn axes_without_effect(
         Request::new(resolved.space.canonical(Scenario::new(scenario)), seed)
     };
     let mut requests = Vec::new();
-    let mut probed = Vec::new();
-    for (index, axis) in axes.iter().enumerate().filter(|(_, axis)| !axis.is_fixed()) {
-        let (bases, values) = (bases(index), values(axis));
+    let mut ranges = Vec::new();
+    for index in probed.iter().copied() {
+        let (bases, values) = (bases(index), values(&axes[index]));
         let (first, count) = (requests.len(), bases.len() * values.len());
         if first + count > limit {
             break;
@@ -186,12 +214,12 @@ fn axes_without_effect(
         for base in &bases {
             requests.extend(values.iter().map(|value| request(base, index, Some(*value))));
         }
-        probed.push((index, bases, values.len(), first..first + count));
+        ranges.push((index, bases, values.len(), first..first + count));
     }
     let episodes = rollout(system, requests);
     let is_comparable = |episode: &Episode| episode.end.has_verdict() && !episode.trace.is_empty();
     let mut unchanged = Vec::new();
-    for (index, bases, count, range) in probed {
+    for (index, bases, count, range) in ranges {
         let Some(found) = episodes.get(range).filter(|found| found.iter().all(is_comparable)) else {
             continue;
         };
@@ -206,18 +234,16 @@ fn axes_without_effect(
         bases.iter().map(|base| request(base, *index, value)).collect()
     };
     let mut nominal = rollout(system, unchanged.iter().flat_map(between).collect()).into_iter();
+    let mut without_effect = Vec::new();
     for (index, bases, found) in unchanged {
         let nominal: Vec<Episode> = nominal.by_ref().take(bases.len()).collect();
         let is_same = |(a, b): (&Episode, &Episode)| is_comparable(b) && is_same(&a.trace, &b.trace);
         if nominal.len() == bases.len() && found.zip(&nominal).all(is_same) {
-            warnings.push(format!(
-                "axis `{}` changes no trace: all signals are equal at its {}; is its name right, and does the system read it?",
-                axes[index].name,
-                if axes[index].levels().is_some() { "values" } else { "lowest, nominal and highest value" }
-            ));
+            without_effect.push(index);
         }
     }
     probes.extend(episodes);
+    without_effect
 }
 
 fn is_same(a: &Trace, b: &Trace) -> bool {

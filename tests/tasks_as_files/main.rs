@@ -33,3 +33,14 @@ fn point_reaching_as_a_file_has_the_same_traces() {
 fn ball_balancing_as_a_file_has_the_same_traces() {
     traces_are_equal("ball-balancing");
 }
+
+/// The seed draws the offsets of the start in both.
+#[test]
+fn ball_pushing_as_a_file_has_the_same_traces() {
+    traces_are_equal("ball-pushing");
+}
+
+#[test]
+fn door_opening_as_a_file_has_the_same_traces() {
+    traces_are_equal("door-opening");
+}

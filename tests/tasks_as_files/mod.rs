@@ -1,4 +1,4 @@
-//! Two tasks of the benchmark as target files, with a shipped controller.
+//! Four tasks of the benchmark as target files, with a shipped controller.
 
 use mishandle::Plan;
 use mishandle::resolve::task_target;
@@ -6,9 +6,11 @@ use mishandle_robots::RobotFile;
 use mishandle_rollout::{Component, Episode, Noise, Request, Seed, Specification, Target};
 use mishandle_stl::Formula;
 
-const FILES: [(&str, &str); 2] = [
+const FILES: [(&str, &str); 4] = [
     ("point-reaching", include_str!("point-reaching.toml")),
     ("ball-balancing", include_str!("ball-balancing.toml")),
+    ("ball-pushing", include_str!("ball-pushing.toml")),
+    ("door-opening", include_str!("door-opening.toml")),
 ];
 
 /// Returns a task as the built-in target and as a file.

@@ -42,3 +42,18 @@ fn the_robot_of_the_guide_gives_the_shown_output() {
         }
     }
 }
+
+#[test]
+fn the_robot_has_a_margin_without_a_space_and_is_found_without_its_ending() {
+    let bench = Bench::new();
+    for (name, text) in blocks("file") {
+        bench.write(&name, &text);
+    }
+    let found = bench.run("margin cartpole.toml --budget 60");
+    let output = bench::text(&found.stdout) + &bench::text(&found.stderr);
+    assert!(matches!(found.status.code(), Some(0 | 1)), "{output}");
+    assert!(output.contains("space disturbance (6 axes)"), "{output}");
+    for command in ["evaluate cartpole", "falsify cartpole", "targets cartpole"] {
+        bench.refuses(command, &["did you mean the target file `cartpole.toml`?"]);
+    }
+}

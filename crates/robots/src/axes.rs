@@ -1,12 +1,16 @@
-//! The axes of a file: numbers that expressions read, changes of the model, pushes, and
-//! disturbances between sensors, policy and actuators.
+//! The axes of a file: numbers that expressions read, changes of the model, events, random draws,
+//! and disturbances between sensors, policy and actuators.
 
-use mishandle_expression::{Argument, NodeKind};
-use mishandle_rollout::{Axis, AxisKind, AxisValues, Disturbance, Effect, TimeProfile};
-use mishandle_world::{Body, Change, ElementKind, FieldOperation, Model, ModelField};
+use mishandle_rollout::{
+    Axis, AxisKind, AxisValues, Distribution, Disturbance, Effect, Seed, Stream, TimeProfile,
+};
+use mishandle_world::{FieldOperation, ModelField};
 
-use crate::description::{AxisEffect, AxisTable, Description, Expression, ModelOperation, Named, Push};
+use crate::axis_table::{AxisEffect, AxisTable, ModelOperation};
+use crate::change::{ModelChange, checked_change};
+use crate::description::{Description, Named};
 use crate::error::Problem;
+use crate::events::Event;
 use crate::library::Library;
 use crate::quantity::Quantity;
 
@@ -17,30 +21,32 @@ pub(crate) enum Parameter {
     Value(usize),
     /// A change of the model.
     Change(usize),
-    /// A component of a push: time, duration, or force along an axis.
-    Push { push: usize, component: usize },
+    /// A component of an event.
+    Event { event: usize, component: usize },
+    /// A random draw.
+    Draw(usize),
 }
 
-/// Number of components of a push: time, duration and three forces.
-pub(crate) const PUSH_SIZE: usize = 5;
-
-/// A change of numbers of the model by the value of an axis.
+/// A random draw that expressions read.
 #[derive(Clone, Debug)]
-pub(crate) struct ModelChange {
-    pub operation: FieldOperation,
-    pub targets: Vec<(ModelField, Vec<usize>)>,
-    pub nominal: f64,
+pub(crate) struct Draw {
+    axis: Axis,
+    /// Standard deviation of a normal draw; a draw without one is uniform.
+    std: Option<f64>,
+    /// Index of its value among the numbers that expressions read.
+    pub index: usize,
 }
 
-impl ModelChange {
-    /// Returns the changes of the model for a value of the axis.
-    pub(crate) fn changes(&self, value: f64) -> impl Iterator<Item = Change> + '_ {
-        self.targets.iter().map(move |(field, entries)| Change::Field {
-            field: *field,
-            entries: entries.clone(),
-            operation: self.operation,
-            value,
-        })
+impl Draw {
+    /// Returns the value that expressions read: that of the scenario, or else draw number `number`
+    /// of the seed.
+    pub(crate) fn value(&self, given: Option<f64>, seed: Seed, number: u32) -> f64 {
+        let Some(std) = self.std else {
+            return given.unwrap_or_else(|| self.axis.at(seed.uniform(Stream::Reset, 0, number)));
+        };
+        let mut drawn = [0.0];
+        seed.normals(Stream::Reset, 1 + u64::from(number), &mut drawn);
+        std * given.unwrap_or(drawn[0])
     }
 }
 
@@ -52,17 +58,17 @@ pub(crate) struct Axes {
     /// Nominal values of the numbers that expressions read.
     pub values: Vec<f64>,
     pub changes: Vec<ModelChange>,
-    pub pushed: Vec<Body>,
-    /// Nominal components of each push.
-    pub pushes: Vec<[f64; PUSH_SIZE]>,
+    pub events: Vec<Event>,
+    pub draws: Vec<Draw>,
     /// Disturbances of observations and actions.
     pub disturbances: Vec<Disturbance>,
 }
 
 /// Returns the names of the axes that expressions may read.
 pub(crate) fn parameter_names(description: &Description) -> Vec<String> {
+    use AxisEffect as E;
     let is_read =
-        |axis: &&Named<AxisTable>| matches!(axis.value.effect, AxisEffect::Start | AxisEffect::Command);
+        |axis: &&Named<AxisTable>| matches!(axis.value.effect, E::Start | E::Command | E::Draw { .. });
     description.axes.iter().filter(is_read).map(|axis| axis.key.name.clone()).collect()
 }
 
@@ -101,7 +107,8 @@ impl Axes {
         let kind = match table.effect {
             AxisEffect::Start => AxisKind::Start,
             AxisEffect::Command => AxisKind::Input,
-            AxisEffect::Push(_) => AxisKind::Event,
+            AxisEffect::Event(_) => AxisKind::Event,
+            AxisEffect::Draw { .. } => AxisKind::Noise,
             _ => AxisKind::Model,
         };
         // A number without effect is the nominal one, where there is such a number.
@@ -121,24 +128,15 @@ impl Axes {
                 format!("the axis `{name}` needs `nominal`, the value of the model as it is"),
             )
         })?;
-        let axis = self.axis(kind, named, table.range, nominal)?;
+        let axis = self.axis(kind, named, nominal)?;
         match &table.effect {
             AxisEffect::Start | AxisEffect::Command => {
                 self.environment.push((axis, Parameter::Value(self.values.len())));
                 self.values.push(nominal);
             }
             AxisEffect::Model { operation, fields } => {
-                let change = model_change(*operation, fields, nominal, library)?;
-                for value in [table.range[0], table.range[1], nominal] {
-                    for change in change.changes(value) {
-                        library.model.check_change(&change).map_err(|error| {
-                            Problem::new(&named.key.span, format!("the axis `{name}`: {error}"))
-                        })?;
-                    }
-                }
-                if *operation == ModelOperation::Set {
-                    check_nominal(&change, named, library.model)?;
-                }
+                let operation = (*operation, fields.as_slice());
+                let change = checked_change(named, operation, table.range, Some(nominal), library)?;
                 self.environment.push((axis, Parameter::Change(self.changes.len())));
                 self.changes.push(change);
             }
@@ -174,19 +172,15 @@ impl Axes {
                 let entries = (part.first..part.first + part.size).map(|entry| (entry, 1.0)).collect();
                 self.disturbances.push(Disturbance { axis, effect: Effect::ObservationNoise { entries } });
             }
-            AxisEffect::Push(push) => self.push(named, push, library)?,
+            AxisEffect::Draw { std } => self.add_draw(named, axis, *std)?,
+            AxisEffect::Event(event) => self.add_event(named, event, library)?,
         }
         Ok(())
     }
 
-    fn axis(
-        &self,
-        kind: AxisKind,
-        named: &Named<AxisTable>,
-        range: [f64; 2],
-        nominal: f64,
-    ) -> Result<Axis, Problem> {
+    fn axis(&self, kind: AxisKind, named: &Named<AxisTable>, nominal: f64) -> Result<Axis, Problem> {
         let table = &named.value;
+        let range = table.range;
         let name = named.key.name.as_str();
         let is_plain = |c: char| c.is_ascii_alphanumeric() || c == '_';
         if name.is_empty() || !name.chars().all(is_plain) || name.starts_with(|c: char| c.is_ascii_digit()) {
@@ -208,105 +202,54 @@ impl Axes {
         Ok(axis)
     }
 
-    fn push(&mut self, named: &Named<AxisTable>, push: &Push, library: &Library<'_>) -> Result<(), Problem> {
-        let argument = Argument::Text(push.body.text.clone());
-        let bodies = library.elements(ElementKind::Body, Some(&argument));
-        let bodies = bodies.map_err(|message| Problem::new(&push.body.span, message))?;
-        let [body] = bodies.as_slice() else {
-            return Err(Problem::new(
-                &push.body.span,
-                format!("{} bodies match; a push acts on one", bodies.len()),
-            ));
-        };
-        let index = self.pushed.len();
-        let name = &named.key.name;
-        let mut nominal = [push.time[0], push.duration[1], 0.0, 0.0, 0.0];
-        let mut add = |axes: &mut Axes,
-                       component: usize,
-                       part: &str,
-                       unit: &str,
-                       range: [f64; 2],
-                       meaning: String| {
-            let [low, high] = range;
-            if component >= 2 && !(low <= 0.0 && high >= 0.0) {
-                let message = "the range of a force contains 0, the force of an undisturbed episode";
-                return Err(Problem::new(&named.key.span, message));
-            }
-            if low == high {
-                nominal[component] = low;
-                return Ok(());
-            }
-            let axis =
-                Axis::new(AxisKind::Event, &format!("{name}_{part}"), unit, range, Some(nominal[component]));
-            axes.environment.push((axis.meaning(&meaning), Parameter::Push { push: index, component }));
-            Ok(())
-        };
-        if push.time[0] < 0.0 || push.duration[0] < 0.0 {
-            return Err(Problem::new(
-                &named.key.span,
-                "the time and the duration of a push are not negative",
-            ));
+    fn add_draw(&mut self, named: &Named<AxisTable>, axis: Axis, std: Option<f64>) -> Result<(), Problem> {
+        let table = &named.value;
+        if table.nominal.is_some() {
+            let message = "a random draw has no nominal value: without a value, its seed decides";
+            return Err(Problem::new(&named.key.span, message));
         }
-        let on = format!("the push on `{}`", push.body.text);
-        add(self, 0, "time", "s", push.time, format!("start time of {on}"))?;
-        add(self, 1, "duration", "s", push.duration, format!("duration of {on}"))?;
-        for (component, axis) in ["x", "y", "z"].into_iter().enumerate() {
-            if let Some(range) = push.force[component] {
-                add(
-                    self,
-                    2 + component,
-                    axis,
-                    "N",
-                    range,
-                    format!("force of {on} along the world's {axis} axis"),
-                )?;
+        let mut axis = Axis { nominal: None, ..axis };
+        if let Some(std) = std {
+            if axis.values != AxisValues::Continuous {
+                return Err(Problem::new(&named.key.span, "a normal draw is neither whole nor logarithmic"));
             }
+            let meaning = table.meaning.as_deref().unwrap_or("random draw");
+            let unit = if axis.unit.is_empty() { String::new() } else { format!(" {}", axis.unit) };
+            axis.meaning = format!("{meaning}, in units of its standard deviation, {std}{unit}");
+            axis.unit = String::new();
+            axis.distribution = Distribution::Normal;
         }
-        self.pushed.push(library.model.body_at(*body));
-        self.pushes.push(nominal);
+        self.environment.push((axis.clone(), Parameter::Draw(self.draws.len())));
+        self.draws.push(Draw { axis, std, index: self.values.len() });
+        // A reset replaces it.
+        self.values.push(0.0);
         Ok(())
     }
 
     /// Two axes must not change the same number: their order would matter, and the range of one may
-    /// be wrong after the other.
+    /// be wrong after the other. A slip may set or scale a number of an axis: it comes after it.
     fn check_overlap(&self, description: &Description) -> Result<(), Problem> {
         let mut seen: Vec<(ModelField, usize)> = Vec::new();
-        let models =
-            description.axes.iter().filter(|axis| matches!(axis.value.effect, AxisEffect::Model { .. }));
-        for (named, change) in models.zip(&self.changes) {
-            let own: Vec<(ModelField, usize)> = change
-                .targets
-                .iter()
-                .flat_map(|(field, entries)| entries.iter().map(|entry| (*field, *entry)))
-                .collect();
-            if own.iter().any(|entry| seen.contains(entry)) {
+        let mut seen_by_slips = Vec::new();
+        let (mut changes, mut events) = (self.changes.iter(), self.events.iter());
+        for named in &description.axes {
+            let (change, is_after) = match &named.value.effect {
+                AxisEffect::Model { .. } => (changes.next(), false),
+                AxisEffect::Event(_) => (events.next().and_then(Event::change), true),
+                _ => continue,
+            };
+            let Some(change) = change else { continue };
+            let own: Vec<(ModelField, usize)> = change.numbers().collect();
+            let is_after = is_after && change.operation != FieldOperation::Add;
+            let others = if is_after { &mut seen_by_slips } else { &mut seen };
+            if own.iter().any(|entry| others.contains(entry)) {
                 let message = format!("`{}` changes a number that an axis before it changes", named.key.name);
                 return Err(Problem::new(&named.key.span, message));
             }
-            seen.extend(own);
+            others.extend(own);
         }
         Ok(())
     }
-}
-
-/// The nominal value of an axis that sets numbers must be that of the model: with it, the episode
-/// is the undisturbed one.
-fn check_nominal(change: &ModelChange, named: &Named<AxisTable>, model: &Model) -> Result<(), Problem> {
-    for (field, entries) in &change.targets {
-        for entry in entries {
-            let found = model.field(*field)[*entry];
-            if found != change.nominal {
-                let message = format!(
-                    "the axis `{}` has the nominal value {}, but {} of the model is {found}",
-                    named.key.name,
-                    change.nominal,
-                    field.name()
-                );
-                return Err(Problem::new(&named.key.span, message));
-            }
-        }
-    }
-    Ok(())
 }
 
 fn find_part<'a>(
@@ -326,84 +269,7 @@ fn find_part<'a>(
     })
 }
 
-fn model_change(
-    operation: ModelOperation,
-    fields: &[Expression],
-    nominal: f64,
-    library: &Library<'_>,
-) -> Result<ModelChange, Problem> {
-    let targets = fields.iter().map(|field| model_numbers(field, library)).collect::<Result<_, _>>()?;
-    let operation = match operation {
-        ModelOperation::Set => FieldOperation::Set,
-        ModelOperation::Add => FieldOperation::Add,
-        ModelOperation::Scale => FieldOperation::Scale,
-    };
-    Ok(ModelChange { operation, targets, nominal })
-}
-
-/// Resolves numbers of the model, such as `geom_friction('floor')[0]`.
-fn model_numbers(
-    expression: &Expression,
-    library: &Library<'_>,
-) -> Result<(ModelField, Vec<usize>), Problem> {
-    let problem = |message: String| Problem::new(&expression.text.span, message);
-    let form = || {
-        problem(
-            "write the numbers of the model as `field('element')`, with `[index]` or `[first:end]`"
-                .to_string(),
-        )
-    };
-    let index = |node: &mishandle_expression::Node| match node.kind {
-        NodeKind::Number(value) if value.fract() == 0.0 && value >= 0.0 => Ok(value as usize),
-        _ => Err(form()),
-    };
-    let (call, columns) = match &expression.node.kind {
-        NodeKind::Index(call, column) => (&**call, Some((index(column)?, index(column)? + 1))),
-        NodeKind::Slice(call, Some(first), Some(end)) => (&**call, Some((index(first)?, index(end)?))),
-        NodeKind::Call(..) | NodeKind::Name(_) => (&expression.node, None),
-        _ => return Err(form()),
-    };
-    let (name, argument) = match &call.kind {
-        NodeKind::Name(name) => (name, None),
-        NodeKind::Call(name, arguments) => match arguments.as_slice() {
-            [] => (name, None),
-            [node] => match &node.kind {
-                NodeKind::Text(text) => (name, Some(Argument::Text(text.clone()))),
-                NodeKind::Name(group) => (name, Some(Argument::Name(group.clone()))),
-                _ => return Err(form()),
-            },
-            _ => return Err(form()),
-        },
-        _ => return Err(form()),
-    };
-    let field = match name.as_str() {
-        "gravity" => ModelField::Gravity,
-        "wind" => ModelField::Wind,
-        name => ModelField::from_name(name).map_err(|error| problem(error.to_string()))?,
-    };
-    let rows: Vec<usize> = match field.rows() {
-        None => vec![0],
-        Some(kind) => {
-            let elements = library.elements(kind, argument.as_ref()).map_err(problem)?;
-            elements.into_iter().flat_map(|element| library.model.field_rows(field, element)).collect()
-        }
-    };
-    let width = field.width();
-    let (first, end) = columns.unwrap_or((0, width));
-    if first >= end || end > width {
-        return Err(problem(format!("`{name}` has the numbers 0 to {}", width - 1)));
-    }
-    Ok((field, rows.into_iter().flat_map(|row| row * width + first..row * width + end).collect()))
-}
-
 /// Returns the numbers of a part of the observation, which policies that are expressions read.
 pub(crate) fn observed(part: &ObservedPart) -> Quantity {
     Quantity::Observed(part.first..part.first + part.size)
-}
-
-/// Returns the model with the changes of the values that differ from the nominal ones.
-pub(crate) fn changed(model: &Model, changes: &[ModelChange], values: &[f64]) -> Model {
-    let different = changes.iter().zip(values).filter(|(change, value)| change.nominal != **value);
-    let all: Vec<Change> = different.flat_map(|(change, value)| change.changes(*value)).collect();
-    if all.is_empty() { model.clone() } else { model.changed(&all) }
 }

@@ -5,9 +5,10 @@ use std::sync::Arc;
 use mishandle_rollout::{Controller, EnvironmentWorker, Scenario, Seed, Space, StepStatus};
 use mishandle_rollout::{Environment, Sample};
 
-use crate::environment::{Robot, RobotEnvironment, RobotWorker};
+use crate::environment::{Robot, RobotEnvironment};
 use crate::error::RobotError;
 use crate::target::RobotFile;
+use crate::worker::RobotWorker;
 
 /// Number of control steps of a check.
 const STEPS: usize = 10;
@@ -39,10 +40,15 @@ impl RobotFile {
         let environment = RobotEnvironment::over(robot.clone(), &space)?;
         let mut worker = environment.robot_worker(1);
         let nominal = steps(&robot, &mut worker, controller, &space.nominal(), environment.state_size());
-        self.check_first(&nominal)?;
         let away = space.axes().iter().map(|axis| Some(axis.at(AWAY))).collect();
         let away = space.canonical(Scenario::new(away));
         let away = steps(&robot, &mut worker, controller, &away, environment.state_size());
+        let Some(first) = nominal.observations.first() else {
+            let message = "no episode starts at the nominal start: a condition of `start.invalid` holds, or the physics \
+                           diverges while it settles";
+            return Ok(vec![message.to_string()]);
+        };
+        self.check_first(first, &nominal.actions)?;
         let mut warnings = Vec::new();
         if let Some(count) = nominal.saturated {
             warnings.push(format!(
@@ -50,7 +56,6 @@ impl RobotFile {
                  actions those of the policy?"
             ));
         }
-        let first = &nominal.observations[0];
         let others = others(first);
         let answers: Vec<Vec<f32>> =
             others.iter().map(|observation| answer(controller, observation)).collect();
@@ -73,7 +78,9 @@ impl RobotFile {
         for part in self.observed() {
             let range = part.first..part.first + part.size;
             let never = |steps: &Steps| is_constant(steps.observations.iter().map(|all| &all[range.clone()]));
-            if self.part_reads_state(&part.name) && never(&nominal) && never(&away) {
+            // A start away from nominal may be invalid.
+            let is_known = !away.observations.is_empty();
+            if is_known && self.part_reads_state(&part.name) && never(&nominal) && never(&away) {
                 warnings.push(format!(
                     "the part `{}` of the observation never changes in {STEPS} control steps: does it read the right element?",
                     part.name
@@ -83,10 +90,10 @@ impl RobotFile {
         Ok(warnings)
     }
 
-    fn check_first(&self, nominal: &Steps) -> Result<(), RobotError> {
+    fn check_first(&self, first: &[f32], actions: &[Vec<f32>]) -> Result<(), RobotError> {
         let error = |message: String| Err(RobotError::Policy { message });
         for part in self.observed() {
-            let numbers = &nominal.observations[0][part.first..part.first + part.size];
+            let numbers = &first[part.first..part.first + part.size];
             if numbers.iter().any(|number| !number.is_finite()) {
                 return error(format!(
                     "the part `{}` of the observation is not finite at the nominal start; read other quantities, or change \
@@ -95,7 +102,7 @@ impl RobotFile {
                 ));
             }
         }
-        let action = nominal.actions.first().into_iter().flatten();
+        let action = actions.first().into_iter().flatten();
         if let Some((index, number)) = action.enumerate().find(|(_, number)| !number.is_finite()) {
             return error(format!(
                 "number {} of the action is {number} for the first observation of the nominal scenario; no episode can start. \
@@ -115,7 +122,7 @@ impl RobotFile {
     }
 }
 
-/// Simulates the first control steps of a scenario.
+/// Simulates the first control steps of a scenario; none if no episode starts from it.
 fn steps(
     robot: &Robot,
     worker: &mut RobotWorker,
@@ -132,7 +139,9 @@ fn steps(
     let mut rewards = vec![0.0; robot.reward_terms.len()];
     let mut steps = Steps { observations: Vec::new(), actions: Vec::new(), saturated: None };
     let sample = Sample { signals: &mut signals, observation: &mut observation, rewards: &mut rewards };
-    worker.reset(scenario, Seed(0), &mut state, sample);
+    if worker.reset(scenario, Seed(0), &mut state, sample) != StepStatus::Running {
+        return steps;
+    }
     for step in 0..STEPS.min(robot.episode_steps) {
         steps.observations.push(observation.clone());
         let mut action = vec![0.0; controller.action_size()];

@@ -2,6 +2,7 @@
 
 use mishandle_expression::{Node, parse};
 
+use crate::axis_table::{AxisTable, axis};
 use crate::document::{Fields, Item, Key, Table, Text, Value};
 use crate::error::Problem;
 
@@ -29,7 +30,7 @@ pub(crate) struct Expression {
 }
 
 impl Expression {
-    fn new(text: Text) -> Result<Expression, Problem> {
+    pub(crate) fn new(text: Text) -> Result<Expression, Problem> {
         match parse(&text.text) {
             Ok(node) => Ok(Expression { node, text }),
             Err(error) => Err(Problem::of_expression(&text.span, &text.text, &error)),
@@ -85,6 +86,14 @@ pub(crate) struct Control {
     pub substeps: Option<usize>,
 }
 
+/// Time that the physics runs before an episode.
+#[derive(Clone, Debug)]
+pub(crate) struct Settle {
+    pub span: std::ops::Range<usize>,
+    /// Duration, s.
+    pub duration: f64,
+}
+
 /// Numbers that an episode remembers.
 #[derive(Clone, Debug)]
 pub(crate) struct Remembered {
@@ -111,6 +120,8 @@ pub(crate) enum PolicySource {
     Expression(Expression),
     /// The built-in controller of a site's position.
     TaskSpace(Box<TaskSpace>),
+    /// A program that answers each observation with an action.
+    Program(ProgramTable),
     /// Given with `--controller` only.
     Open,
 }
@@ -130,6 +141,17 @@ pub(crate) struct TaskSpace {
     /// Stiffness, 1/s², and damping, 1/s, of the joints, times their inertia.
     pub kp: f64,
     pub kd: f64,
+}
+
+/// A program that answers each observation with an action.
+#[derive(Clone, Debug)]
+pub(crate) struct ProgramTable {
+    /// The program and its arguments.
+    pub words: Vec<Text>,
+    /// Time limit of an answer, s.
+    pub time_limit: f64,
+    /// Length of what the program remembers.
+    pub state: usize,
 }
 
 #[derive(Clone, Debug)]
@@ -153,53 +175,6 @@ pub(crate) struct Policy {
     pub output: Option<Text>,
 }
 
-/// Effect of an axis.
-#[derive(Clone, Debug)]
-pub(crate) enum AxisEffect {
-    /// A number that expressions may read.
-    Start,
-    /// As `Start`, of the kind input.
-    Command,
-    /// Numbers of the model.
-    Model { operation: ModelOperation, fields: Vec<Expression> },
-    /// A delay of observations or actions.
-    Delay { of_actions: bool },
-    /// A constant bias of a part of the observation: the same for all its numbers, or an axis for
-    /// each of them.
-    Bias { part: Text, each: bool },
-    /// White noise of a part of the observation.
-    Noise { part: Text },
-    /// A push of a body.
-    Push(Push),
-}
-
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum ModelOperation {
-    Set,
-    Add,
-    Scale,
-}
-
-#[derive(Clone, Debug)]
-pub(crate) struct Push {
-    pub body: Text,
-    pub time: [f64; 2],
-    pub duration: [f64; 2],
-    /// Range of the force along each axis of the world, N.
-    pub force: [Option<[f64; 2]>; 3],
-}
-
-#[derive(Clone, Debug)]
-pub(crate) struct AxisTable {
-    pub effect: AxisEffect,
-    pub range: [f64; 2],
-    pub nominal: Option<f64>,
-    pub unit: String,
-    pub meaning: Option<String>,
-    pub logarithmic: bool,
-    pub integer: bool,
-}
-
 #[derive(Clone, Debug)]
 pub(crate) struct Description {
     pub name: String,
@@ -213,6 +188,10 @@ pub(crate) struct Description {
     pub start_velocity: Vec<Named<Expression>>,
     /// Poses of mocap bodies: position, or position and quaternion.
     pub start_mocap: Vec<Named<Expression>>,
+    /// Time that the physics runs before an episode.
+    pub settle: Option<Settle>,
+    /// Conditions under which no episode starts.
+    pub invalid: Vec<Expression>,
     pub memory: Vec<Named<Remembered>>,
     pub servos: Option<Servos>,
     pub control: Control,
@@ -243,7 +222,7 @@ impl Description {
         }
         let model = fields.need("model")?.table("model")?.clone();
         let model_file = Fields::new(&model, "[model]").need("file")?.text("file")?;
-        let Starts { keyframe, positions, velocities, mocap } = start(fields.get("start"))?;
+        let Starts { keyframe, positions, velocities, mocap, settle, invalid } = start(fields.get("start"))?;
         let description = Description {
             name: name.text,
             model,
@@ -253,6 +232,8 @@ impl Description {
             start: positions,
             start_velocity: velocities,
             start_mocap: mocap,
+            settle,
+            invalid,
             memory: named(fields.entries("memory")?, remembered)?,
             servos: fields.get("servos").map(servos).transpose()?,
             control: control(fields.need("control")?.table("control")?)?,
@@ -337,6 +318,8 @@ struct Starts {
     positions: Vec<Named<Expression>>,
     velocities: Vec<Named<Expression>>,
     mocap: Vec<Named<Expression>>,
+    settle: Option<Settle>,
+    invalid: Vec<Expression>,
 }
 
 fn start(item: Option<&Item>) -> Result<Starts, Problem> {
@@ -347,6 +330,17 @@ fn start(item: Option<&Item>) -> Result<Starts, Problem> {
             "keyframe" => starts.keyframe = Some(item.text("keyframe")?),
             "velocity" => starts.velocities = named(&item.table("velocity")?.entries, expression)?,
             "mocap" => starts.mocap = named(&item.table("mocap")?.entries, expression)?,
+            "settle" => {
+                let duration = item.number("settle")?;
+                if duration <= 0.0 {
+                    return Err(Problem::new(&item.span, "`settle` must be a time greater than 0 s"));
+                }
+                starts.settle = Some(Settle { span: item.span.clone(), duration });
+            }
+            "invalid" => {
+                let conditions = item.texts("invalid")?.into_iter().map(Expression::new);
+                starts.invalid = conditions.collect::<Result<_, _>>()?;
+            }
             _ => starts.positions.push(Named { key: key.clone(), value: expression(key, item)? }),
         }
     }
@@ -421,16 +415,18 @@ fn policy(table: &Table) -> Result<Policy, Problem> {
     let controller = fields.text("controller")?;
     let expression = fields.text("expression")?.map(Expression::new).transpose()?;
     let actions = fields.get("actions").map(|item| whole(item, "actions", 10_000.0)).transpose()?;
-    let source = match (onnx, controller, expression) {
-        (None, Some(name), None) if name.text == TASK_SPACE => {
+    let process = process(&mut fields)?;
+    let source = match (onnx, controller, expression, process) {
+        (None, Some(name), None, None) if name.text == TASK_SPACE => {
             PolicySource::TaskSpace(Box::new(task_space(&mut fields)?))
         }
-        (Some(file), None, None) | (None, Some(file), None) => PolicySource::File(file),
-        (None, None, Some(expression)) => PolicySource::Expression(expression),
-        (None, None, None) => PolicySource::Open,
+        (Some(file), None, None, None) | (None, Some(file), None, None) => PolicySource::File(file),
+        (None, None, Some(expression), None) => PolicySource::Expression(expression),
+        (None, None, None, Some(program)) => PolicySource::Program(program),
+        (None, None, None, None) => PolicySource::Open,
         _ => {
-            let message = "[policy] takes one of `onnx`, `controller` and `expression`; without one of them, give a policy \
-                           with --controller";
+            let message = "[policy] takes one of `onnx`, `controller`, `expression` and `process`; without one of them, give \
+                           a policy with --controller";
             return Err(Problem::new(&table.span, message));
         }
     };
@@ -451,6 +447,35 @@ fn policy(table: &Table) -> Result<Policy, Problem> {
     };
     fields.finish()?;
     Ok(policy)
+}
+
+/// Time limit of an answer of a program, s, if the file states none.
+const TIME_LIMIT: f64 = 10.0;
+
+/// Largest number of numbers that a program remembers.
+const MAX_STATE: f64 = 100_000.0;
+
+fn process(fields: &mut Fields<'_>) -> Result<Option<ProgramTable>, Problem> {
+    let words = fields.texts("process")?;
+    let time_limit = fields.get("time_limit");
+    let state = fields.get("state");
+    let stray = |item: &Item, key: &str| Problem::new(&item.span, format!("`{key}` belongs to `process`"));
+    if words.is_empty() {
+        return match (time_limit, state) {
+            (Some(item), _) => Err(stray(item, "time_limit")),
+            (_, Some(item)) => Err(stray(item, "state")),
+            _ => Ok(None),
+        };
+    }
+    let limit = match time_limit {
+        None => TIME_LIMIT,
+        Some(item) => match item.number("time_limit")? {
+            limit if limit > 0.0 && limit <= 1e6 => limit,
+            _ => return Err(Problem::new(&item.span, "`time_limit` must be more than 0 s")),
+        },
+    };
+    let state = state.map_or(Ok(0), |item| whole(item, "state", MAX_STATE))?;
+    Ok(Some(ProgramTable { words, time_limit: limit, state }))
 }
 
 /// Name of the built-in controller.
@@ -504,87 +529,4 @@ fn quantity(key: &Key, item: &Item) -> Result<Quantity, Problem> {
     };
     fields.finish()?;
     Ok(quantity)
-}
-
-fn axis(key: &Key, item: &Item) -> Result<AxisTable, Problem> {
-    let table = item.table(&key.name)?;
-    let mut fields = Fields::new(table, format!("the axis `{}`", key.name));
-    let kind = fields.text("kind")?;
-    let kind_name = kind.as_ref().map_or("start", |kind| kind.text.as_str());
-    let mut range = fields.range("range")?;
-    let mut integer = false;
-    let effect = match kind_name {
-        "start" => AxisEffect::Start,
-        "command" => AxisEffect::Command,
-        "model" => {
-            let operations = [
-                ("set", ModelOperation::Set),
-                ("add", ModelOperation::Add),
-                ("scale", ModelOperation::Scale),
-            ];
-            let mut effects = Vec::new();
-            for (key, operation) in operations {
-                let texts = fields.texts(key)?;
-                if !texts.is_empty() {
-                    let expressions = texts.into_iter().map(Expression::new).collect::<Result<_, _>>()?;
-                    effects.push(AxisEffect::Model { operation, fields: expressions });
-                }
-            }
-            if let Some(delayed) = fields.text("delay")? {
-                let of_actions = match delayed.text.as_str() {
-                    "action" => true,
-                    "observation" => false,
-                    _ => {
-                        return Err(Problem::new(
-                            &delayed.span,
-                            "`delay` must be \"action\" or \"observation\"",
-                        ));
-                    }
-                };
-                integer = true;
-                effects.push(AxisEffect::Delay { of_actions });
-            }
-            let each = fields.flag("each")?;
-            effects.extend(fields.text("bias")?.map(|part| AxisEffect::Bias { part, each }));
-            effects.extend(fields.text("noise")?.map(|part| AxisEffect::Noise { part }));
-            match effects.pop() {
-                Some(effect) if effects.is_empty() => effect,
-                _ => {
-                    let message = format!(
-                        "the axis `{}` of the kind \"model\" needs exactly one of `set`, `add`, `scale`, `delay`, `bias` and `noise`",
-                        key.name
-                    );
-                    return Err(Problem::new(&table.span, message));
-                }
-            }
-        }
-        "event" => {
-            range.get_or_insert([0.0, 0.0]);
-            AxisEffect::Push(Push {
-                body: fields.need("body")?.text("body")?,
-                time: fields.need("time")?.range("time")?,
-                duration: match fields.need("duration")? {
-                    item if matches!(item.value, Value::Number(_)) => [item.number("duration")?; 2],
-                    item => item.range("duration")?,
-                },
-                force: [fields.range("x")?, fields.range("y")?, fields.range("z")?],
-            })
-        }
-        _ => {
-            let span = kind.map_or(table.span.clone(), |kind| kind.span);
-            return Err(Problem::new(&span, "`kind` must be \"start\", \"command\", \"model\" or \"event\""));
-        }
-    };
-    let missing = Problem::new(&table.span, format!("the axis `{}` needs `range = [low, high]`", key.name));
-    let axis = AxisTable {
-        effect,
-        range: range.ok_or(missing)?,
-        nominal: fields.number("nominal")?,
-        unit: fields.text("unit")?.map(|text| text.text).unwrap_or_default(),
-        meaning: fields.text("meaning")?.map(|text| text.text),
-        logarithmic: fields.flag("logarithmic")?,
-        integer: fields.flag("integer")? || integer,
-    };
-    fields.finish()?;
-    Ok(axis)
 }

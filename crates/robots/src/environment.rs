@@ -1,19 +1,15 @@
-use std::collections::HashMap;
 use std::ops::Range;
 use std::sync::Arc;
 
-use mishandle_rollout::{
-    Axis, Environment, EnvironmentWorker, RolloutError, Sample, Scenario, Seed, Space, StepStatus,
-};
-use mishandle_world::{Body, FullState, Mocap, Model, RowWorlds, Servo, World};
+use mishandle_rollout::{Axis, Environment, EnvironmentWorker, RolloutError, Space};
+use mishandle_world::{FullState, Mocap, Model, Servo};
 
-use crate::axes::{ModelChange, PUSH_SIZE, Parameter, changed};
+use crate::axes::{Draw, Parameter};
+use crate::change::ModelChange;
 use crate::description::Over;
-use crate::phase::{Memory, Phase};
-use crate::quantity::View;
-
-/// Largest number of models that a worker keeps.
-const MODELS: usize = 64;
+use crate::events::{EVENT_SIZE, Event, slip};
+use crate::phase::Phase;
+use crate::worker::RobotWorker;
 
 /// The compiled expressions and numbers of a robot.
 pub(crate) struct Robot {
@@ -29,6 +25,10 @@ pub(crate) struct Robot {
     pub start_positions: Vec<Vec<usize>>,
     pub start_velocities: Vec<Vec<usize>>,
     pub start_mocap: Vec<Mocap>,
+    /// Physics steps between the start and sample 0.
+    pub settling: usize,
+    /// Conditions under which no episode starts.
+    pub invalid: Phase,
     /// Places of the parts of the memory; their start values are the last ones of `start`.
     pub memory: Vec<Range<usize>>,
     /// The next values of the memory.
@@ -64,9 +64,12 @@ pub(crate) struct Robot {
     pub action_limit: f64,
     /// Nominal values of the axes.
     pub values: Vec<f64>,
+    /// Changes of the model by axes, then those by slips.
     pub changes: Vec<ModelChange>,
-    pub pushed: Vec<Body>,
-    pub pushes: Vec<[f64; PUSH_SIZE]>,
+    pub events: Vec<Event>,
+    /// Indices of the slips among the events.
+    pub slips: Vec<usize>,
+    pub draws: Vec<Draw>,
     /// Axes of the environment and what they set.
     pub axes: Vec<(Axis, Parameter)>,
 }
@@ -74,7 +77,7 @@ pub(crate) struct Robot {
 /// A robot of a file as an environment.
 ///
 /// A state row contains MuJoCo's state, the number of control steps, the values of the axes that
-/// expressions read, those of the model, the components of the pushes, the memory, and the last
+/// expressions read, those of the model, the components of the events, the memory, and the last
 /// action.
 #[derive(Clone)]
 pub struct RobotEnvironment {
@@ -112,9 +115,20 @@ impl RobotEnvironment {
 }
 
 impl Robot {
+    /// Returns the expression of the controls of a control step, in which an action has arrived or
+    /// not.
+    pub(crate) fn controls(&self, has_arrived: bool) -> &Phase {
+        if has_arrived || self.hold.is_empty() { &self.command } else { &self.hold }
+    }
+
     fn tail_size(&self) -> usize {
-        let own = 1 + self.values.len() + self.changes.len() + PUSH_SIZE * self.pushes.len();
+        let own = 1 + self.values.len() + self.axis_changes() + EVENT_SIZE * self.events.len();
         own + self.memory_size() + self.action_size
+    }
+
+    /// Returns the number of changes of the model by axes.
+    fn axis_changes(&self) -> usize {
+        self.changes.len() - self.slips.len()
     }
 
     fn memory_size(&self) -> usize {
@@ -122,23 +136,24 @@ impl Robot {
     }
 
     /// Returns the tail of the state row of an undisturbed episode.
-    fn nominal_tail(&self) -> Vec<f64> {
+    pub(crate) fn nominal_tail(&self) -> Vec<f64> {
         let mut tail = vec![0.0];
         tail.extend(&self.values);
-        tail.extend(self.changes.iter().map(|change| change.nominal));
-        tail.extend(self.pushes.iter().flatten());
+        tail.extend(self.changes[..self.axis_changes()].iter().map(|change| change.nominal));
+        tail.extend(self.events.iter().flat_map(|event| event.nominal));
         tail.resize(self.tail_size(), 0.0);
         tail
     }
 
     /// Returns the place of a parameter in the tail.
-    fn place(&self, parameter: Parameter) -> usize {
+    pub(crate) fn place(&self, parameter: Parameter) -> usize {
         let changes = 1 + self.values.len();
-        let pushes = changes + self.changes.len();
+        let events = changes + self.axis_changes();
         match parameter {
             Parameter::Value(index) => 1 + index,
             Parameter::Change(index) => changes + index,
-            Parameter::Push { push, component } => pushes + PUSH_SIZE * push + component,
+            Parameter::Event { event, component } => events + EVENT_SIZE * event + component,
+            Parameter::Draw(number) => 1 + self.draws[number].index,
         }
     }
 }
@@ -195,24 +210,7 @@ impl Environment for RobotEnvironment {
 
 impl RobotEnvironment {
     pub(crate) fn robot_worker(&self, rows: usize) -> RobotWorker {
-        let robot = self.robot.clone();
-        RobotWorker {
-            world: robot.model.world(),
-            models: HashMap::new(),
-            limit: rows.max(MODELS),
-            key: Vec::new(),
-            start: robot.start.memory(),
-            next: robot.next.memory(),
-            command: robot.command.memory(),
-            hold: robot.hold.memory(),
-            measured: robot.measured.memory(),
-            sample: robot.sample.memory(),
-            reduced: vec![0.0; robot.reductions.len()],
-            targets: vec![0.0; robot.servos.len()],
-            observation: vec![0.0; robot.observation_size],
-            parameters: self.parameters.clone(),
-            robot,
-        }
+        RobotWorker::new(self.robot.clone(), self.parameters.clone(), rows)
     }
 
     /// Makes a recorder for state rows of this environment. Each body is a part of its contacts.
@@ -223,301 +221,47 @@ impl RobotEnvironment {
     }
 }
 
-pub(crate) struct RobotWorker {
-    robot: Arc<Robot>,
-    parameters: Arc<[Parameter]>,
-    world: World,
-    /// Models by the bits of the values of their axes.
-    models: HashMap<Vec<u64>, Model>,
-    limit: usize,
-    /// Scratch buffer of the key of a model.
-    key: Vec<u64>,
-    start: Memory,
-    next: Memory,
-    command: Memory,
-    hold: Memory,
-    measured: Memory,
-    sample: Memory,
-    /// Values of the reduced signals over the physics steps so far.
-    reduced: Vec<f64>,
-    observation: Vec<f64>,
-    /// Targets of the servos.
-    targets: Vec<f64>,
+/// The parts of the tail of a state row on which the model depends.
+#[derive(Clone, Copy)]
+pub(crate) struct ModelParts<'a> {
+    pub changes: &'a [f64],
+    pub events: &'a [[f64; EVENT_SIZE]],
 }
 
 /// The parts of the tail of a state row.
-struct Tail<'a> {
-    step: &'a mut f64,
-    values: &'a [f64],
-    pushes: &'a [f64],
-    memory: &'a mut [f64],
-    action: &'a mut [f64],
+pub(crate) struct Tail<'a> {
+    pub step: &'a mut f64,
+    pub values: &'a [f64],
+    pub model: ModelParts<'a>,
+    pub memory: &'a mut [f64],
+    pub action: &'a mut [f64],
 }
 
 impl Robot {
-    fn split<'a>(&self, tail: &'a mut [f64]) -> Tail<'a> {
+    pub(crate) fn split<'a>(&self, tail: &'a mut [f64]) -> Tail<'a> {
         let (step, rest) = tail.split_at_mut(1);
         let (values, rest) = rest.split_at_mut(self.values.len());
-        let (_, rest) = rest.split_at_mut(self.changes.len());
-        let (pushes, rest) = rest.split_at_mut(PUSH_SIZE * self.pushes.len());
+        let (changes, rest) = rest.split_at_mut(self.axis_changes());
+        let (events, rest) = rest.split_at_mut(EVENT_SIZE * self.events.len());
         let (memory, action) = rest.split_at_mut(self.memory_size());
-        Tail { step: &mut step[0], values, pushes, memory, action }
+        let model = ModelParts { changes, events: events.as_chunks().0 };
+        Tail { step: &mut step[0], values, model, memory, action }
     }
 
-    fn model_values<'a>(&self, tail: &'a [f64]) -> &'a [f64] {
-        &tail[1 + self.values.len()..][..self.changes.len()]
-    }
-}
-
-impl RowWorlds for RobotWorker {
-    fn of_row(&mut self, row: &[f64]) -> &mut World {
-        let (physics, tail) = row.split_at(self.robot.model.state_size());
-        self.set_model(tail);
-        self.world.set_state(physics);
-        &mut self.world
-    }
-}
-
-impl RobotWorker {
-    /// Returns the controls of the last control step.
-    pub(crate) fn controls(&self) -> &[f64] {
-        self.world.ctrl()
+    /// Returns the values of the axes that change the model, and the components of the events.
+    pub(crate) fn model_parts<'a>(&self, tail: &'a [f64]) -> ModelParts<'a> {
+        let (changes, rest) = tail[1 + self.values.len()..].split_at(self.axis_changes());
+        ModelParts { changes, events: &rest.as_chunks().0[..self.events.len()] }
     }
 
-    /// Gives the world the model of a row.
-    fn set_model(&mut self, tail: &[f64]) {
-        if self.robot.changes.is_empty() {
-            return;
-        }
-        let values = self.robot.model_values(tail);
-        self.key.clear();
-        self.key.extend(values.iter().map(|value| value.to_bits()));
-        if !self.models.contains_key(&self.key) {
-            if self.models.len() >= self.limit {
-                self.models.clear();
-            }
-            let model = changed(&self.robot.model, &self.robot.changes, values);
-            self.models.insert(self.key.clone(), model);
-        }
-        self.world.set_model(&self.models[&self.key]);
+    /// Writes the values of all changes of the model in the physics step that starts at `time`;
+    /// without a time, those before the episode.
+    pub(crate) fn write_changes(&self, parts: ModelParts<'_>, time: Option<f64>, values: &mut Vec<f64>) {
+        values.clear();
+        values.extend(parts.changes);
+        let of_slips = self.slips.iter().zip(&self.changes[parts.changes.len()..]);
+        values.extend(of_slips.map(|(event, change)| {
+            time.and_then(|time| slip(&parts.events[*event], time)).unwrap_or(change.nominal)
+        }));
     }
-
-    /// Writes the observation, the signals without a reduction and the rewards of the current
-    /// state.
-    fn write_sample(&mut self, tail: &mut [f64], sample: &mut Sample<'_>) {
-        let robot = &*self.robot;
-        if robot.sample.reads_poses() {
-            self.world.refresh();
-        }
-        let Tail { step, values, memory, action, .. } = robot.split(tail);
-        let time = *step * robot.control_dt;
-        let mut view = View { world: &self.world, time, parameters: values, memory, action };
-        robot.sample.run(&mut self.sample, &mut view);
-        for (index, (first, size)) in robot.parts.iter().enumerate() {
-            robot.sample.write(&self.sample, index, &mut self.observation[*first..first + size]);
-        }
-        for ((out, value), clip) in sample.observation.iter_mut().zip(&self.observation).zip(&robot.clips) {
-            *out = clip.map_or(*value, |[low, high]| clamp(*value, low, high)) as f32;
-        }
-        let signals = robot.parts.len();
-        for (index, signal) in robot.plain_signals.iter().enumerate() {
-            let value = robot.sample.value(&self.sample, signals + index)[0];
-            sample.signals[*signal] = clip(value, robot.signal_clips[*signal]);
-        }
-        let rewards = signals + robot.plain_signals.len();
-        for (index, reward) in sample.rewards.iter_mut().enumerate() {
-            *reward = robot.sample.value(&self.sample, rewards + index)[0];
-        }
-    }
-
-    /// Returns whether a condition of the last sample ends a training episode.
-    fn has_ended(&self) -> bool {
-        let robot = &*self.robot;
-        let first = robot.parts.len() + robot.plain_signals.len() + robot.reward_terms.len();
-        (first..first + robot.ends).any(|index| robot.sample.value(&self.sample, index)[0] != 0.0)
-    }
-
-    /// Evaluates the signals with a reduction after a physics step; `count` is the number of steps
-    /// before.
-    fn measure(&mut self, time: f64, (values, memory, action): (&[f64], &[f64], &[f64]), count: usize) {
-        let robot = &*self.robot;
-        if robot.measured.is_empty() {
-            return;
-        }
-        // Forward kinematics change no bit of the next step.
-        if robot.measured.reads_poses() {
-            self.world.refresh();
-        }
-        let mut view = View { world: &self.world, time, parameters: values, memory, action };
-        robot.measured.run(&mut self.measured, &mut view);
-        for (index, (reduced, (over, _))) in self.reduced.iter_mut().zip(&robot.reductions).enumerate() {
-            *reduced = over.add(*reduced, robot.measured.value(&self.measured, index)[0], count);
-        }
-    }
-
-    fn write_reduced(&self, count: usize, sample: &mut Sample<'_>) {
-        for (reduced, (over, signal)) in self.reduced.iter().zip(&self.robot.reductions) {
-            sample.signals[*signal] = clip(over.finish(*reduced, count), self.robot.signal_clips[*signal]);
-        }
-    }
-}
-
-fn clip(value: f64, bounds: Option<[f64; 2]>) -> f64 {
-    bounds.map_or(value, |[low, high]| clamp(value, low, high))
-}
-
-/// As `f64::clamp`, and NaN stays NaN.
-fn clamp(value: f64, low: f64, high: f64) -> f64 {
-    if value < low {
-        low
-    } else if value > high {
-        high
-    } else {
-        value
-    }
-}
-
-impl EnvironmentWorker for RobotWorker {
-    fn reset(&mut self, scenario: &Scenario, _seed: Seed, state: &mut [f64], mut sample: Sample<'_>) {
-        let robot = self.robot.clone();
-        let (physics, tail) = state.split_at_mut(robot.model.state_size());
-        tail.copy_from_slice(&robot.nominal_tail());
-        for (parameter, value) in self.parameters.iter().zip(scenario.values()) {
-            if let Some(value) = value {
-                tail[robot.place(*parameter)] = *value;
-            }
-        }
-        self.set_model(tail);
-        self.world.reset();
-        if let Some(keyframe) = robot.keyframe {
-            self.world.qpos_mut().copy_from_slice(robot.model.key_qpos(keyframe));
-            self.world.qvel_mut().copy_from_slice(robot.model.key_qvel(keyframe));
-            self.world.ctrl_mut().copy_from_slice(robot.model.key_ctrl(keyframe));
-        }
-        let Tail { values, memory, action, .. } = robot.split(tail);
-        let mut view = View { world: &self.world, time: 0.0, parameters: values, memory, action };
-        robot.start.run(&mut self.start, &mut view);
-        let places = robot.start_positions.iter().chain(&robot.start_velocities).enumerate();
-        for (index, indices) in places {
-            let value = robot.start.value(&self.start, index);
-            let state = match index < robot.start_positions.len() {
-                true => self.world.qpos_mut(),
-                false => self.world.qvel_mut(),
-            };
-            for (place, index) in indices.iter().enumerate() {
-                state[*index] = value[if value.len() == 1 { 0 } else { place }];
-            }
-        }
-        let mut index = robot.start_positions.len() + robot.start_velocities.len();
-        for mocap in &robot.start_mocap {
-            let pose = robot.start.value(&self.start, index);
-            let quaternion = pose.get(3..7).map_or([1.0, 0.0, 0.0, 0.0], |q| [q[0], q[1], q[2], q[3]]);
-            self.world.place(*mocap, [pose[0], pose[1], pose[2]], quaternion);
-            index += 1;
-        }
-        for place in &robot.memory {
-            robot.start.write(&self.start, index, &mut memory[place.clone()]);
-            index += 1;
-        }
-        self.world.read_state(physics);
-        if robot.sample.reads_forces() || robot.measured.reads_forces() {
-            self.world.refresh_sensors();
-        }
-        let Tail { values, memory, action, .. } = robot.split(tail);
-        self.measure(0.0, (values, memory, action), 0);
-        self.write_sample(tail, &mut sample);
-        self.write_reduced(1, &mut sample);
-        sample.rewards.fill(0.0);
-    }
-
-    fn step(&mut self, action: &[f64], state: &mut [f64], sample: Sample<'_>) -> StepStatus {
-        self.advance(action, true, state, sample)
-    }
-
-    fn step_before_actions(&mut self, action: &[f64], state: &mut [f64], sample: Sample<'_>) -> StepStatus {
-        self.advance(action, false, state, sample)
-    }
-}
-
-impl RobotWorker {
-    fn advance(
-        &mut self,
-        action: &[f64],
-        has_arrived: bool,
-        state: &mut [f64],
-        mut sample: Sample<'_>,
-    ) -> StepStatus {
-        let robot = self.robot.clone();
-        let (physics, tail) = state.split_at_mut(robot.model.state_size());
-        self.set_model(tail);
-        self.world.set_state(physics);
-        let Tail { step, values, pushes, memory, action: last } = robot.split(tail);
-        let start = *step * robot.control_dt;
-        let command = match has_arrived || robot.hold.is_empty() {
-            true => (&robot.command, &mut self.command),
-            false => (&robot.hold, &mut self.hold),
-        };
-        let reads = |reads: fn(&Phase) -> bool| reads(&robot.next) || reads(command.0);
-        if reads(Phase::reads_forces) {
-            self.world.refresh_sensors();
-        } else if reads(Phase::reads_poses) {
-            self.world.refresh();
-        }
-        // All parts follow from the memory of the step before.
-        let mut view = View { world: &self.world, time: start, parameters: values, memory, action };
-        robot.next.run(&mut self.next, &mut view);
-        for (index, place) in robot.memory.iter().enumerate() {
-            robot.next.write(&self.next, index, &mut memory[place.clone()]);
-        }
-        last.copy_from_slice(action);
-        let (phase, numbers) = command;
-        phase.run(numbers, &mut View { world: &self.world, time: start, parameters: values, memory, action });
-        let controls = self.world.ctrl_mut();
-        for (place, actuator) in robot.actuated.iter().enumerate() {
-            let value = phase.value(numbers, 0);
-            controls[*actuator] = value[if value.len() == 1 { 0 } else { place }];
-        }
-        // Targets of servos have no range; their setpoints do.
-        let ranges = controls.iter_mut().zip(&robot.control_ranges).skip(robot.servos.len());
-        for (control, range) in ranges {
-            *control = clip(*control, *range);
-        }
-        if self.world.ctrl().iter().any(|control| !control.is_finite()) {
-            return StepStatus::Diverged;
-        }
-        // The servos set the controls in each physics step.
-        self.targets.copy_from_slice(&self.world.ctrl()[..robot.servos.len()]);
-        let timestep = robot.model.timestep();
-        for substep in 0..robot.substeps {
-            let now = start + substep as f64 * timestep;
-            let pushes = || robot.pushed.iter().zip(pushes.as_chunks::<PUSH_SIZE>().0);
-            for (body, _) in pushes() {
-                // Several pushes may act on one body.
-                let own = pushes().filter(|(other, _)| *other == body);
-                let forces = own.map(|(_, push)| force(push, now, timestep));
-                self.world.push(*body, forces.fold([0.0; 3], mishandle_world::frame::add));
-            }
-            match robot.servos.is_empty() {
-                true => self.world.step(),
-                false => self.world.step_servos(&robot.servos, &self.targets),
-            }
-            self.measure(now + timestep, (values, memory, action), substep);
-        }
-        if self.world.take_divergence() {
-            return StepStatus::Diverged;
-        }
-        self.world.read_state(physics);
-        *step += 1.0;
-        self.write_sample(tail, &mut sample);
-        self.write_reduced(robot.substeps, &mut sample);
-        if self.has_ended() { StepStatus::Terminated } else { StepStatus::Running }
-    }
-}
-
-/// Returns the mean force of a push over the physics step from `time` to `time + step`, N. The push
-/// may cover a part of the step.
-fn force(push: &[f64; PUSH_SIZE], time: f64, step: f64) -> [f64; 3] {
-    let [start, duration, x, y, z] = *push;
-    let covered = ((time + step).min(start + duration) - time.max(start)).max(0.0) / step;
-    [x * covered, y * covered, z * covered]
 }

@@ -3,19 +3,23 @@
 //!
 //! [`RobotFile::read`] reads and checks a file; [`RobotFile::target`] makes a
 //! [`Target`](mishandle_rollout::Target) of it and a controller. `document` is the tree of the
-//! text, `description` what it says, `library` the names that its expressions may use, `phase` the
-//! expressions that are evaluated together, `environment` the simulation, which runs in the same
-//! engine as every task, `controlled` the robot with a controller in the loop, and `training` what
-//! a training run needs. `contract` checks a policy before the first episode, and `init` writes a
-//! first file for a policy of another tool.
+//! text, `description` what it says, `axis_table` what it says about axes, `axes`, `change` and
+//! `events` what these axes set, `library` the names that its expressions may use, `phase` the
+//! expressions that are evaluated together, `environment` the simulation, which `worker` runs in
+//! the same engine as every task, `controlled` the robot with a controller in the loop, and
+//! `training` what a training run needs. `contract` checks a policy before the first episode, and
+//! `init` writes a first file for a policy of another tool.
 
 mod axes;
+mod axis_table;
+mod change;
 mod contract;
 mod controlled;
 mod description;
 mod document;
 mod environment;
 mod error;
+mod events;
 mod init;
 mod inside;
 mod library;
@@ -23,10 +27,12 @@ mod model;
 mod pattern;
 mod phase;
 mod policy;
+mod program;
 mod quantity;
 mod target;
 mod task_space;
 mod training;
+mod worker;
 
 pub use controlled::ControlledRobot;
 pub use environment::RobotEnvironment;
@@ -35,5 +41,6 @@ pub use init::{FirstFile, Paths, PolicyFacts, PolicySizes, first_file, isaac_fac
 pub use inside::check_inside;
 pub use library::{QUANTITY_FUNCTIONS, QuantityFunction};
 pub use mishandle_expression::functions;
+pub use program::ProgramPolicy;
 pub use target::{FILE_ROLES, KIND, RobotFile, RobotPolicy};
 pub use training::{RobotBatches, RobotTraining};

@@ -49,7 +49,7 @@ pub(crate) fn read(description: &Description, path: &Path, text: &str) -> Result
     let physics = without_visuals(&edited.document);
     let physics =
         Model::from_untrusted(&physics, assets.clone()).map_err(|error| failed(error_text(&error)))?;
-    let picture = PictureModel { assets, ..PictureModel::new(edited.document) };
+    let picture = PictureModel::from_untrusted(edited.document, assets);
     Ok(RobotModel { physics, picture, file, files, hash })
 }
 
@@ -60,7 +60,7 @@ pub(crate) fn plain(file: &Path) -> Result<(String, Model), RobotError> {
     let source = Source::read(file, false).map_err(|error| failed(error_text(&error)))?;
     let source = as_mjcf(source).map_err(failed)?;
     let assets = Arc::new(source.assets);
-    let model = Model::from_xml_with_assets(&without_visuals(&source.document), assets)
+    let model = Model::from_untrusted(&without_visuals(&source.document), assets)
         .map_err(|error| failed(error_text(&error)))?;
     Ok((source.document, model))
 }

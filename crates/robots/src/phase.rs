@@ -97,6 +97,11 @@ impl Phase {
         self.places.is_empty()
     }
 
+    /// Returns the number of expressions.
+    pub(crate) fn len(&self) -> usize {
+        self.places.len()
+    }
+
     pub(crate) fn run(&self, memory: &mut Memory, view: &mut View<'_>) {
         self.program.run(&mut memory.0, view);
     }

@@ -162,10 +162,35 @@ fn nominal_values_of_all_axes_change_no_bit() {
         "delay",
         "timing",
         "sensing",
+        "disturbance",
         "faults-sensing",
         "faults-actuation",
     ];
     assert_eq!(names, expected);
+}
+
+#[test]
+fn every_robot_has_a_disturbance_of_delays_biases_model_and_events() {
+    let folder = tempfile::tempdir().unwrap();
+    let names = |file: &str| -> Vec<String> {
+        let target = target(&read(folder.path(), file).unwrap());
+        let space = target.space("disturbance").unwrap();
+        assert!(space.axes().iter().all(|axis| axis.nominal.is_some()), "a margin needs nominal values");
+        assert!(space.axes().iter().all(|axis| !target.random_axes.contains(&axis.name)));
+        space.axes().iter().map(|axis| axis.name.clone()).collect()
+    };
+    let of_loop =
+        ["action_delay", "observation_delay", "bias_state_1", "bias_state_2", "bias_state_3", "bias_state_4"];
+    let of_file = ["pole", "gust_time", "gust_duration", "gust_x"];
+    assert_eq!(names(FILE), [&of_loop[..], &of_file].concat());
+    let (before, _) = FILE.split_once("[axes]").unwrap();
+    let plain =
+        format!("{}[formulas]\nupright = \"always(angle <= 0.5)\"", before.replace("\"tilt\"", "\"0.1\""));
+    assert_eq!(names(&plain), of_loop);
+    // An axis of the file with the same effect replaces that of every robot.
+    let late = "[axes]\nlate = { kind = \"model\", range = [0, 9], delay = \"action\" }";
+    let own = names(&FILE.replace("[axes]", late));
+    assert!(own.contains(&"late".to_string()) && !own.contains(&"action_delay".to_string()), "{own:?}");
 }
 
 #[test]

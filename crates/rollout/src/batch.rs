@@ -111,8 +111,7 @@ impl<E: Environment + ?Sized> CpuBatch<E> {
     ) {
         self.for_rows(samples, |row, worker, state, sample, status| {
             if let Some((scenario, seed)) = start(row) {
-                worker.reset(&scenario, seed, state, sample);
-                *status = StepStatus::Running;
+                *status = worker.reset(&scenario, seed, state, sample);
             }
         });
     }

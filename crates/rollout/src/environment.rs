@@ -44,8 +44,11 @@ pub trait EnvironmentWorker: Send {
     /// Writes the initial state under `scenario` into `state`, and its sample into `sample`. Sets
     /// the reward terms to 0.
     ///
-    /// Random draws must come from [`Stream::Reset`](crate::Stream::Reset) of `seed`.
-    fn reset(&mut self, scenario: &Scenario, seed: Seed, state: &mut [f64], sample: Sample<'_>);
+    /// Returns [`StepStatus::Running`], or why no episode starts from the state: the contents of
+    /// `sample` are meaningless then. Random draws must come from
+    /// [`Stream::Reset`](crate::Stream::Reset) of `seed`.
+    fn reset(&mut self, scenario: &Scenario, seed: Seed, state: &mut [f64], sample: Sample<'_>)
+    -> StepStatus;
 
     /// Advances `state` by one control step under `action`, which is not clipped, and writes the
     /// sample after the step.
@@ -71,7 +74,7 @@ pub struct Sample<'a> {
     pub rewards: &'a mut [f64],
 }
 
-/// Status of a simulation after a control step.
+/// Status of a simulation after a reset or a control step.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum StepStatus {
     /// The simulation continues.
@@ -81,4 +84,6 @@ pub enum StepStatus {
     Terminated,
     /// A state value is no longer finite.
     Diverged,
+    /// The environment rejects the scenario. Only a reset returns it.
+    InvalidStart,
 }

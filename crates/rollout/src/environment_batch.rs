@@ -14,7 +14,8 @@ pub trait EnvironmentBatch: Send {
 
     /// Starts these episodes.
     ///
-    /// A row may occur at most once. All rows must be reset before the first step.
+    /// A row may occur at most once. All rows must be reset before the first step. The
+    /// [status](Self::statuses) of a row says whether its episode started.
     ///
     /// # Errors
     /// If the batch fails as a whole.
@@ -33,7 +34,7 @@ pub trait EnvironmentBatch: Send {
     /// Returns the reward terms of the last step, `[rows, reward terms]`.
     fn rewards(&self) -> &[f64];
 
-    /// Returns the status of each row after the last step.
+    /// Returns the status of each row after its last reset or step.
     fn statuses(&self) -> &[StepStatus];
 
     /// Copies the states of all rows into `states`, `[rows, state_size]`. A checkpoint stores them.

@@ -128,6 +128,14 @@ pub enum RolloutError {
     /// A system outside this crate failed.
     #[error("the system under test failed: {0}")]
     System(String),
+    /// Random scenario after random scenario is invalid.
+    #[error("{environment} could not start from {draws} random scenarios one after the other")]
+    NoStart {
+        /// Name of the environment.
+        environment: String,
+        /// Number of scenarios.
+        draws: usize,
+    },
     /// An environment batch cannot be made or stepped.
     #[error("the environment batch failed: {0}")]
     Batch(String),

@@ -7,8 +7,8 @@ use crate::disturbance::{ActiveDisturbances, command};
 use crate::fault::Side;
 use crate::rollout::Rollout;
 use crate::{
-    ControllerWorker, EpisodeEnd, Request, RolloutError, Sample, Seed, SpecificationMonitor, StepStatus,
-    Verdict,
+    ControllerFailure, ControllerWorker, EpisodeEnd, Request, RolloutError, Sample, Seed,
+    SpecificationMonitor, StepStatus, Verdict,
 };
 
 /// Maximum number of rows that one thread steps in lockstep. Sixteen rows share each read of the
@@ -161,6 +161,14 @@ impl Lane {
             &mut rows.controller_states[..count * rollout.controller.state_size()],
             &mut self.actions[..count * action_size],
         );
+        for (row, progress) in progress.iter_mut().enumerate().filter(|(_, progress)| progress.is_running()) {
+            let step = progress.steps + 1;
+            match self.controller.failure(row) {
+                None => {}
+                Some(ControllerFailure::Crashed) => progress.end = EpisodeEnd::Crashed { step },
+                Some(ControllerFailure::TimedOut) => progress.end = EpisodeEnd::TimedOut { step },
+            }
+        }
         self.hold_paused(rollout, rows, progress);
         for (actions, progress) in self.actions.chunks(action_size).zip(progress) {
             let invalid = actions.iter().position(|action| !action.is_finite());
@@ -207,9 +215,16 @@ impl Lane {
         command(disturbed, rollout.noise, (progress.seed, progress.steps), &mut self.action, draws)
     }
 
-    /// Returns how the signals after the reset end an episode; `None` if it runs.
-    pub(crate) fn end_of_start(&self) -> Option<EpisodeEnd> {
-        first_not_finite(&self.signals).map(|index| EpisodeEnd::InvalidSignal { step: 0, index })
+    /// Returns how a reset with this status and the signals after it end an episode; `None` if it
+    /// runs.
+    pub(crate) fn end_of_start(&self, status: StepStatus) -> Option<EpisodeEnd> {
+        match status {
+            StepStatus::InvalidStart => Some(EpisodeEnd::InvalidScenario),
+            StepStatus::Diverged => Some(EpisodeEnd::Diverged { step: 0 }),
+            StepStatus::Running | StepStatus::Terminated => {
+                first_not_finite(&self.signals).map(|index| EpisodeEnd::InvalidSignal { step: 0, index })
+            }
+        }
     }
 
     /// Returns how the sample after control step `step` ends an episode; `None` if it continues.

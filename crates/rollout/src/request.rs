@@ -107,7 +107,7 @@ pub enum EpisodeEnd {
     /// A state value stopped being finite in this control step. The simulation is neither a success
     /// nor a falsification.
     Diverged {
-        /// Control step.
+        /// Control step, from 1; 0 is the reset.
         step: usize,
     },
     /// A formula has no finite value on the trace, for instance after a division by zero, so all

@@ -166,12 +166,12 @@ impl RolloutWorker {
         let state_size = rollout.environment.state_size();
         let state = &mut self.states[row * state_size..][..state_size];
         let scenario = rollout.environment_scenario(request);
-        self.environment.reset(&scenario, request.seed, state, self.lane.sample(row));
+        let status = self.environment.reset(&scenario, request.seed, state, self.lane.sample(row));
         self.lane.start(rollout, &mut self.rows, row, request);
         let mut progress = Progress::start(request);
         let samples = rollout.environment.episode_steps() + 1;
         let mut trace = Trace::with_capacity(rollout.environment.signals().clone(), samples);
-        match self.lane.end_of_start() {
+        match self.lane.end_of_start(status) {
             Some(end) => progress.end = end,
             None => trace.push(&self.lane.signals),
         }

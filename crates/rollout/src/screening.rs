@@ -397,7 +397,7 @@ impl Group {
         lane.start(rollout, &mut self.rows, row, request);
         self.simulations[row] = Some(Simulation { index, start: self.history.visit, has_overflowed: false });
         self.progress[row] = Progress::start(request);
-        match lane.end_of_start() {
+        match lane.end_of_start(StepStatus::Running) {
             Some(end) => self.progress[row].end = end,
             None => self.history.write(row, &lane.signals),
         }

@@ -20,6 +20,8 @@ struct Line {
     terms: [String; 1],
     /// Position beyond which the simulation diverges.
     divergence_limit: f64,
+    /// Lowest position from which an episode can start.
+    lowest_start: f64,
     /// Replaces values of the sample at a position.
     corrupt: Corrupt,
     /// Actions that the environment received.
@@ -35,6 +37,7 @@ impl Line {
             signals: Arc::from(["x".to_string()]),
             terms: ["near".to_string()],
             divergence_limit,
+            lowest_start: f64::NEG_INFINITY,
             corrupt: |_, _| {},
             received: Arc::default(),
         }
@@ -75,6 +78,7 @@ impl Environment for Line {
     fn worker(&self) -> Box<dyn EnvironmentWorker> {
         Box::new(LineWorker {
             divergence_limit: self.divergence_limit,
+            lowest_start: self.lowest_start,
             corrupt: self.corrupt,
             received: self.received.clone(),
         })
@@ -83,6 +87,7 @@ impl Environment for Line {
 
 struct LineWorker {
     divergence_limit: f64,
+    lowest_start: f64,
     corrupt: Corrupt,
     received: Arc<Mutex<Vec<f64>>>,
 }
@@ -97,9 +102,20 @@ impl LineWorker {
 }
 
 impl EnvironmentWorker for LineWorker {
-    fn reset(&mut self, scenario: &Scenario, seed: Seed, state: &mut [f64], mut sample: Sample<'_>) {
+    fn reset(
+        &mut self,
+        scenario: &Scenario,
+        seed: Seed,
+        state: &mut [f64],
+        mut sample: Sample<'_>,
+    ) -> StepStatus {
         state[0] = scenario.get(0).unwrap() + 0.01 * seed.uniform(Stream::Reset, 0, 0);
         self.write_sample(state[0], &mut sample);
+        match state[0] {
+            x if x > self.divergence_limit => StepStatus::Diverged,
+            x if x < self.lowest_start => StepStatus::InvalidStart,
+            _ => StepStatus::Running,
+        }
     }
 
     fn step(&mut self, action: &[f64], state: &mut [f64], mut sample: Sample<'_>) -> StepStatus {
@@ -234,6 +250,27 @@ fn a_diverged_simulation_is_undecided_and_does_not_affect_others() {
         }
     }
     assert!(diverged > 0 && completed > 0);
+}
+
+#[test]
+fn an_episode_that_cannot_start_has_no_verdict_and_does_not_affect_others() {
+    let limited = Line { lowest_start: -0.35, ..Line::new(0.85) };
+    let episodes = rollout(limited, -1.0, NOISE).rollout(&requests(21)).unwrap();
+    let free = rollout(Line::new(9.0), -1.0, NOISE).rollout(&requests(21)).unwrap();
+    for (episode, free) in episodes.iter().zip(&free) {
+        let expected = match free.trace.column(0)[0] {
+            x if x < -0.35 => EpisodeEnd::InvalidScenario,
+            x if x > 0.85 => EpisodeEnd::Diverged { step: 0 },
+            _ => {
+                assert_eq!(episode, free);
+                continue;
+            }
+        };
+        assert_eq!((episode.end, episode.steps, episode.trace.len()), (expected, 0, 0));
+        assert_eq!((episode.robustness(), episode.is_violated(), episode.is_success()), (None, false, false));
+    }
+    let count = |end: EpisodeEnd| episodes.iter().filter(|episode| episode.end == end).count();
+    assert_eq!((count(EpisodeEnd::InvalidScenario), count(EpisodeEnd::Diverged { step: 0 })), (7, 2));
 }
 
 /// Runs requests to the end and with a stop threshold. The requirement is `formula`, and positions

@@ -559,7 +559,13 @@ impl TaskWorker {
 }
 
 impl EnvironmentWorker for TaskWorker {
-    fn reset(&mut self, scenario: &Scenario, seed: Seed, state: &mut [f64], mut sample: Sample<'_>) {
+    fn reset(
+        &mut self,
+        scenario: &Scenario,
+        seed: Seed,
+        state: &mut [f64],
+        mut sample: Sample<'_>,
+    ) -> StepStatus {
         for (parameter, value) in self.space_parameters.iter().zip(scenario.values()) {
             self.values.set(*parameter, *value);
         }
@@ -591,6 +597,7 @@ impl EnvironmentWorker for TaskWorker {
         }
         world.read_state(physics);
         targets.copy_from_slice(&start);
+        StepStatus::Running
     }
 
     fn step(&mut self, action: &[f64], state: &mut [f64], sample: Sample<'_>) -> StepStatus {

@@ -219,15 +219,14 @@ fn plain_rows(environment: &TaskEnvironment, scenarios: &[Scenario], steps: u64)
         let mut observation = vec![0.0; environment.observation_size()];
         let mut signals = vec![0.0; environment.signals().len()];
         let mut rewards = vec![0.0; environment.reward_terms().len()];
-        let mut status = StepStatus::Running;
         (0..=steps)
             .map(|step| {
                 let sample =
                     Sample { observation: &mut observation, signals: &mut signals, rewards: &mut rewards };
-                match step.checked_sub(1) {
+                let status = match step.checked_sub(1) {
                     None => worker.reset(scenario, Seed(row as u64), &mut state, sample),
-                    Some(step) => status = worker.step(&actions(row, step), &mut state, sample),
-                }
+                    Some(step) => worker.step(&actions(row, step), &mut state, sample),
+                };
                 bits(&observation, &signals, BatchStatus::Step(status))
             })
             .collect()

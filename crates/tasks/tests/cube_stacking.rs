@@ -37,10 +37,10 @@ impl ExpertEpisode {
             }
             let sample =
                 Sample { observation: &mut observation, signals: &mut signals, rewards: &mut rewards };
-            match step {
+            let _ = match step {
                 0 => worker.reset(&x0.into(), Seed(1), &mut state, sample),
-                _ => drop(worker.step(&action.map(f64::from), &mut state, sample)),
-            }
+                _ => worker.step(&action.map(f64::from), &mut state, sample),
+            };
             let (observation, signals) = (observation.clone(), signals.clone());
             rows.push(Row { observation, signals, reward: rewards.iter().sum() });
         }

@@ -116,8 +116,14 @@ struct RobotWorker {
 }
 
 impl EnvironmentWorker for RobotWorker {
-    fn reset(&mut self, scenario: &Scenario, seed: Seed, state: &mut [f64], sample: Sample<'_>) {
-        self.worker.reset(scenario, seed, state, sample);
+    fn reset(
+        &mut self,
+        scenario: &Scenario,
+        seed: Seed,
+        state: &mut [f64],
+        sample: Sample<'_>,
+    ) -> StepStatus {
+        self.worker.reset(scenario, seed, state, sample)
     }
 
     fn step(&mut self, action: &[f64], state: &mut [f64], sample: Sample<'_>) -> StepStatus {

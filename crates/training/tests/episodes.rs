@@ -6,15 +6,15 @@ mod toy;
 
 use std::sync::Arc;
 
-use mishandle_rollout::{EnvironmentWorker, Sample, Scenario, Seed, StepStatus};
+use mishandle_rollout::{EnvironmentWorker, Sample, Scenario, Seed, StepStatus, TrainingScenarios};
 use mishandle_training::{
-    Boundary, EpisodeSettings, Episodes, RolloutBuffer, ScenarioSettings, TimeoutHandling,
+    Boundary, EpisodeSettings, Episodes, RolloutBuffer, ScenarioDraw, ScenarioSettings, TimeoutHandling,
 };
 use toy::{Toy, names, space};
 
 /// Environment whose observation is (control step, 100) and whose reward is the action. The axis
 /// `fate` determines the end: below 1 none, below 2 termination at control step 5, otherwise
-/// divergence at step 3.
+/// divergence at step 3. Scenarios of 3 and more cannot be started.
 #[derive(Clone)]
 struct Counter;
 
@@ -33,10 +33,17 @@ fn counter(low: f64) -> Arc<Toy<Counter>> {
 }
 
 impl EnvironmentWorker for Counter {
-    fn reset(&mut self, scenario: &Scenario, _seed: Seed, state: &mut [f64], sample: Sample<'_>) {
+    fn reset(
+        &mut self,
+        scenario: &Scenario,
+        _seed: Seed,
+        state: &mut [f64],
+        sample: Sample<'_>,
+    ) -> StepStatus {
         state.copy_from_slice(&[0.0, scenario.get(0).unwrap()]);
         sample.observation.copy_from_slice(&[0.0, 100.0]);
         sample.rewards.fill(0.0);
+        if state[1] >= 3.0 { StepStatus::InvalidStart } else { StepStatus::Running }
     }
 
     fn step(&mut self, action: &[f64], state: &mut [f64], sample: Sample<'_>) -> StepStatus {
@@ -186,4 +193,36 @@ fn the_rollout_buffer_stores_the_value_after_each_step() {
     let moments = buffer.observation_moments(2);
     assert_eq!(moments.mean(), [0.75, 100.0]);
     assert_eq!(moments.variance().collect::<Vec<_>>(), [0.6875, 0.0]);
+}
+
+#[test]
+fn an_episode_that_cannot_start_is_skipped_and_the_others_keep_their_seeds() {
+    let (rows, seed, scenarios) = (4, Seed(3), ScenarioSettings::default());
+    let environment = counter(2.75);
+    let draw = ScenarioDraw::new(TrainingScenarios::of(environment.space.clone()), &scenarios);
+    // Every other scenario cannot be started; the others diverge at control step 3.
+    let started = |row: u64| -> Vec<f64> {
+        let fates = (0..200).map(|episode| draw.draw(seed.child(row).child(episode)).1.get(0).unwrap());
+        fates.filter(|fate| *fate < 3.0).collect()
+    };
+    let expected: Vec<Vec<f64>> = (0..rows).map(started).collect();
+    let made = Episodes::new(&environment, &settings(4, 50), &scenarios, seed).unwrap();
+    let mut episodes = made.with_privileged();
+    for episode in 0..60 {
+        for (row, fates) in expected.iter().enumerate() {
+            let found = 2.75 + 0.25 * (1.0 + f64::from(episodes.privileged()[3 * row + 2]));
+            assert!((found - fates[episode]).abs() < 1e-6, "{found} in episode {episode} of row {row}");
+        }
+        (0..3).for_each(|_| episodes.step(&[0.5; 4]).unwrap());
+    }
+    let statistics = episodes.take_statistics();
+    assert_eq!((statistics.episodes, statistics.diverged, statistics.steps), (4 * 60, 4 * 60, 4 * 180));
+}
+
+#[test]
+fn a_row_that_never_starts_is_an_error() {
+    let made = Episodes::new(&counter(3.0), &settings(2, 7), &ScenarioSettings::default(), Seed(3));
+    let message = made.err().map(|error| error.to_string());
+    let expected = "counter could not start from 1000 random scenarios one after the other";
+    assert_eq!(message.as_deref(), Some(expected));
 }

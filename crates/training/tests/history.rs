@@ -36,10 +36,17 @@ fn cue() -> Arc<Toy<Cue>> {
 }
 
 impl EnvironmentWorker for Cue {
-    fn reset(&mut self, scenario: &Scenario, _seed: Seed, state: &mut [f64], sample: Sample<'_>) {
+    fn reset(
+        &mut self,
+        scenario: &Scenario,
+        _seed: Seed,
+        state: &mut [f64],
+        sample: Sample<'_>,
+    ) -> StepStatus {
         state[0] = scenario.get(0).unwrap().signum();
         sample.observation[0] = state[0] as f32;
         sample.rewards.fill(0.0);
+        StepStatus::Running
     }
 
     fn step(&mut self, action: &[f64], state: &mut [f64], sample: Sample<'_>) -> StepStatus {

@@ -32,10 +32,17 @@ fn powers(fate: f64) -> Arc<Toy<Powers>> {
 }
 
 impl EnvironmentWorker for Powers {
-    fn reset(&mut self, scenario: &Scenario, _seed: Seed, state: &mut [f64], sample: Sample<'_>) {
+    fn reset(
+        &mut self,
+        scenario: &Scenario,
+        _seed: Seed,
+        state: &mut [f64],
+        sample: Sample<'_>,
+    ) -> StepStatus {
         state.copy_from_slice(&[0.0, scenario.get(0).unwrap()]);
         sample.observation[0] = 0.0;
         sample.rewards.fill(0.0);
+        StepStatus::Running
     }
 
     fn step(&mut self, _action: &[f64], state: &mut [f64], sample: Sample<'_>) -> StepStatus {

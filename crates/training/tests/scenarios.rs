@@ -57,11 +57,18 @@ impl Drifter {
 }
 
 impl EnvironmentWorker for Drifter {
-    fn reset(&mut self, scenario: &Scenario, seed: Seed, state: &mut [f64], mut sample: Sample<'_>) {
+    fn reset(
+        &mut self,
+        scenario: &Scenario,
+        seed: Seed,
+        state: &mut [f64],
+        mut sample: Sample<'_>,
+    ) -> StepStatus {
         assert_eq!(scenario.values().len(), 1, "the environment gets its own axes only");
         let random = seed.uniform(Stream::Reset, 0, 0);
         state.copy_from_slice(&[0.0, scenario.get(0).unwrap(), random]);
         Self::show(state, &[0.0; 2], &mut sample);
+        StepStatus::Running
     }
 
     fn step(&mut self, action: &[f64], state: &mut [f64], mut sample: Sample<'_>) -> StepStatus {

@@ -103,3 +103,16 @@ fn a_urdf_is_converted_as_without_a_child() {
         mishandle_world::mjcf_of_urdf(urdf, &none).unwrap()
     );
 }
+
+#[cfg(feature = "render")]
+#[test]
+fn a_picture_of_a_model_that_no_machine_can_hold_is_an_error() {
+    use mishandle_world::{PictureModel, Quality, Renderer, Size};
+    register();
+    let field =
+        "<asset><hfield name=\"h\" nrow=\"100000\" ncol=\"100000\" size=\"1 1 1 1\"/></asset><worldbody>";
+    let picture = PictureModel::from_untrusted(PENDULUM.replace("<worldbody>", field), Arc::default());
+    let made = Renderer::new(&picture, Size::new(64, 64).unwrap(), Quality::Fast, "auto");
+    let message = made.err().unwrap().to_string();
+    assert!(message.starts_with("a child process tried the model"), "{message}");
+}

@@ -32,6 +32,10 @@ pub enum Boundary {
     Truncated,
 }
 
+/// Largest number of episodes of a row that are skipped one after the other because they cannot
+/// start.
+const STARTS: usize = 1000;
+
 /// Index of the child seed of the episodes.
 const EPISODES: u64 = 0;
 
@@ -43,7 +47,8 @@ const EPISODES: u64 = 0;
 /// scenario, as in a [`Rollout`](mishandle_rollout::Rollout) with the same scenario and seed. An
 /// episode ends when the task terminates it, when it diverges (the final observation is then that
 /// of the previous step), or at the time limit. With staggered starts, part of the time limit of
-/// each first episode has already elapsed, so that the rows are not in phase.
+/// each first episode has already elapsed, so that the rows are not in phase. An episode that the
+/// environment cannot start is skipped and is in no statistics.
 pub struct Episodes {
     spec: EnvironmentSpec,
     batch: Box<dyn EnvironmentBatch>,
@@ -66,7 +71,7 @@ pub struct Episodes {
     rewards: Vec<f64>,
     boundaries: Vec<Boundary>,
     final_observations: Vec<f32>,
-    /// Starts of the new episodes.
+    /// Starts of the new episodes, with those that were skipped.
     starts: Vec<Start>,
     statistics: EpisodeStatistics,
 }
@@ -108,7 +113,8 @@ impl Episodes {
     /// episodes.
     ///
     /// # Errors
-    /// If the batch cannot be created or reset, or the space of the scenarios does not fit it.
+    /// If the batch cannot be created or reset, the space of the scenarios does not fit it, or
+    /// episode after episode cannot start.
     pub fn new(
         environments: &dyn BatchFactory,
         settings: &EpisodeSettings,
@@ -330,28 +336,33 @@ impl Episodes {
         Ok(())
     }
 
-    /// Resets the rows whose boundary satisfies the condition.
+    /// Resets the rows whose boundary satisfies the condition. An episode that cannot start is
+    /// skipped: the row continues with the next one.
     fn reset_rows(&mut self, resets_at: impl Fn(Boundary) -> bool + Sync) -> Result<(), RolloutError> {
-        let Episodes {
-            batch, row_states, boundaries, starts, scenarios, disturbed, privileged, seed, ..
-        } = self;
-        starts.clear();
-        let ended = boundaries.iter().enumerate().filter(|(_, boundary)| resets_at(**boundary));
-        starts.extend(ended.map(|(row, _)| {
-            let seed = episode_seed(*seed, row, &row_states[row]);
-            let (_, scenario) = scenarios.draw(seed);
-            Start { row, scenario, seed }
-        }));
-        if starts.is_empty() {
+        let ended = self.boundaries.iter().enumerate().filter(|(_, boundary)| resets_at(**boundary));
+        let mut starting: Vec<usize> = ended.map(|(row, _)| row).collect();
+        self.starts.clear();
+        if starting.is_empty() {
             return Ok(());
         }
-        if let Some(privileged) = privileged {
-            starts.iter().for_each(|start| privileged.start(start.row, &start.scenario));
+        for _ in 0..STARTS {
+            let first = self.starts.len();
+            for row in &starting {
+                let start = self.draw_start(*row);
+                self.starts.push(start);
+            }
+            self.batch.reset(&self.starts[first..])?;
+            let statuses = self.batch.statuses();
+            starting.retain(|row| statuses[*row] != StepStatus::Running);
+            starting.iter().for_each(|row| self.row_states[*row].episode += 1);
+            if starting.is_empty() {
+                break;
+            }
         }
-        if let Some(disturbed) = disturbed {
-            starts.iter_mut().for_each(|start| disturbed.start(start));
+        if !starting.is_empty() {
+            return Err(RolloutError::NoStart { environment: self.spec.name.clone(), draws: STARTS });
         }
-        batch.reset(starts)?;
+        let Episodes { batch, boundaries, disturbed, privileged, .. } = self;
         if let Some(disturbed) = disturbed {
             disturbed.observe(batch.observations(), |row| resets_at(boundaries[row]).then_some(0));
         }
@@ -359,6 +370,20 @@ impl Episodes {
             privileged.show(batch.observations());
         }
         Ok(())
+    }
+
+    /// Draws the start of the episode of a row.
+    fn draw_start(&mut self, row: usize) -> Start {
+        let seed = episode_seed(self.seed, row, &self.row_states[row]);
+        let (_, scenario) = self.scenarios.draw(seed);
+        if let Some(privileged) = &mut self.privileged {
+            privileged.start(row, &scenario);
+        }
+        let mut start = Start { row, scenario, seed };
+        if let Some(disturbed) = &mut self.disturbed {
+            disturbed.start(&mut start);
+        }
+        start
     }
 
     /// Returns the statistics and sets them to 0.
@@ -433,7 +458,9 @@ impl Episodes {
             }
             row_state.total_reward += self.rewards[row];
             self.boundaries[row] = match status {
-                StepStatus::Terminated | StepStatus::Diverged => Boundary::Terminated,
+                StepStatus::Terminated | StepStatus::Diverged | StepStatus::InvalidStart => {
+                    Boundary::Terminated
+                }
                 StepStatus::Running if row_state.elapsed >= self.time_limit => self.at_time_limit,
                 StepStatus::Running => Boundary::Running,
             };

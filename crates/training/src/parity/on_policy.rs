@@ -39,10 +39,17 @@ fn nowhere() -> Arc<Toy<Still>> {
 }
 
 impl EnvironmentWorker for Still {
-    fn reset(&mut self, _scenario: &Scenario, _seed: Seed, state: &mut [f64], sample: Sample<'_>) {
+    fn reset(
+        &mut self,
+        _scenario: &Scenario,
+        _seed: Seed,
+        state: &mut [f64],
+        sample: Sample<'_>,
+    ) -> StepStatus {
         state.fill(0.0);
         sample.observation.fill(0.0);
         sample.rewards.fill(0.0);
+        StepStatus::Running
     }
 
     fn step(&mut self, _action: &[f64], _state: &mut [f64], _sample: Sample<'_>) -> StepStatus {

@@ -38,11 +38,18 @@ impl Line {
 }
 
 impl EnvironmentWorker for Line {
-    fn reset(&mut self, scenario: &Scenario, seed: Seed, state: &mut [f64], mut sample: Sample<'_>) {
+    fn reset(
+        &mut self,
+        scenario: &Scenario,
+        seed: Seed,
+        state: &mut [f64],
+        mut sample: Sample<'_>,
+    ) -> StepStatus {
         let (low, high) = (f64::from(seed.0 as u32), f64::from((seed.0 >> 32) as u32));
         state.copy_from_slice(&[scenario.get(0).unwrap(), scenario.get(1).unwrap(), 0.0, low, high]);
         Self::show(state, &mut sample);
         sample.rewards.fill(0.0);
+        StepStatus::Running
     }
 
     fn step(&mut self, action: &[f64], state: &mut [f64], mut sample: Sample<'_>) -> StepStatus {

@@ -115,7 +115,8 @@ mod tests {
 
     fn error(program: &[&str]) -> WorldError {
         let program = program.iter().map(OsString::from).collect();
-        try_in_child(Some(&program), Task::Simulate, "<mujoco/>", &Assets::new()).unwrap_err()
+        try_in_child(Some(&program), Task::Simulate, "<mujoco/>", &Assets::new())
+            .expect_err("the child ends without an answer")
     }
 
     #[test]

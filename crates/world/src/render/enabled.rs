@@ -82,8 +82,11 @@ impl Renderer {
         let is_large = size.width().max(size.height()) > *Size::RANGE.end() / 2;
         let factor = if quality == Quality::Fine && !is_large { 2 } else { 1 };
         let [width, height] = [factor * size.width(), factor * size.height()];
-        let PictureModel { document, assets, follows } = picture;
-        let bare = Model::from_xml_with_assets(document, assets.clone())?;
+        let PictureModel { document, assets, follows, is_untrusted } = picture;
+        let bare = match is_untrusted {
+            true => Model::from_untrusted(document, assets.clone()),
+            false => Model::from_xml_with_assets(document, assets.clone()),
+        }?;
         let surroundings = Surroundings::new(&bare);
         let lit = light::with_lights(&bare, [width, height], quality, &surroundings);
         let model = light::without_others(Model::from_xml_with_assets(&lit, assets.clone())?, &bare, quality);

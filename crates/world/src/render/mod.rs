@@ -44,12 +44,19 @@ pub struct PictureModel {
     /// The body that the camera `close` follows. Without one it is the first body of the robot with
     /// a free joint, or the last one of its longest chain of joints.
     pub follows: Option<String>,
+    /// Whether the document is of others: a child process tries it before this process compiles it.
+    pub is_untrusted: bool,
 }
 
 impl PictureModel {
-    /// Makes the model of a document that refers to no files.
+    /// Makes the model of a document of our own that refers to no files.
     pub fn new(document: impl Into<String>) -> PictureModel {
-        PictureModel { document: document.into(), assets: Arc::default(), follows: None }
+        PictureModel { document: document.into(), assets: Arc::default(), follows: None, is_untrusted: false }
+    }
+
+    /// Makes the model of a document of others and the files that it refers to.
+    pub fn from_untrusted(document: impl Into<String>, assets: Arc<Assets>) -> PictureModel {
+        PictureModel { assets, is_untrusted: true, ..PictureModel::new(document) }
     }
 }
 
