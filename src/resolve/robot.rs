@@ -8,7 +8,8 @@ use mishandle_controllers::{ControllerFile, Layout, bytes_hash};
 use mishandle_files::{limits, read_bounded};
 use mishandle_interchange::{InterchangeError, OnnxPolicy, OnnxProblem};
 use mishandle_robots::{
-    ControlledRobot, RobotBatches, RobotEnvironment, RobotError, RobotFile, RobotPolicy, RobotTraining,
+    ControlledRobot, ProgramPolicy, RobotBatches, RobotEnvironment, RobotError, RobotFile, RobotPolicy,
+    RobotTraining,
 };
 use mishandle_rollout::{Component, Controller, Identity, Noise, Space, Specification, Target};
 use mishandle_text::path_text;
@@ -86,6 +87,7 @@ fn controller(robot: &RobotFile, plan: &Plan) -> Result<Identified, MishandleErr
             value: "missing".to_string(),
             expected: "a path, because the target file has no policy: --controller FILE",
         }),
+        RobotPolicy::Program(policy) => of_program(policy, plan),
         RobotPolicy::Expression(policy) => of_the_file(policy, "expression", plan),
         RobotPolicy::BuiltIn(policy) => of_the_file(policy, "task-space", plan),
     }
@@ -103,6 +105,32 @@ fn of_the_file(
     let hash = format!("{name} of the target file");
     let component =
         Component { role: "controller".to_string(), name: name.to_string(), hash, file_hash: String::new() };
+    Ok((policy.clone(), component))
+}
+
+/// Variable of the environment that allows target files to start programs.
+const ALLOW_PROGRAMS: &str = "MISHANDLE_ALLOW_PROGRAMS";
+
+/// Returns the policy of a program, which the user must have allowed: nothing else in a target file
+/// is code.
+fn of_program(policy: &Arc<ProgramPolicy>, plan: &Plan) -> Result<Identified, MishandleError> {
+    let command = policy.command();
+    if plan.stochastic {
+        return Err(not_stochastic("a program"));
+    }
+    if std::env::var_os(ALLOW_PROGRAMS).is_none_or(|value| value != "1") {
+        let message = format!(
+            "it is the program `{command}`; if you trust the target file, allow it with {ALLOW_PROGRAMS}=1 in the environment"
+        );
+        return Err(RobotError::Policy { message }.into());
+    }
+    policy.check()?;
+    let component = Component {
+        role: "controller".to_string(),
+        name: command,
+        hash: policy.hash()?,
+        file_hash: String::new(),
+    };
     Ok((policy.clone(), component))
 }
 

@@ -1,4 +1,5 @@
-//! `cargo xtask examples`: runs the Python examples, which need PyTorch and other large packages.
+//! `cargo xtask examples`: runs the robots in files, and the Python examples, which need PyTorch
+//! and other large packages.
 //!
 //! Each file of requirements in `python/examples` has a virtual environment under `target`. An
 //! example that no other file is named after uses `requirements.txt`.
@@ -11,6 +12,7 @@ use anyhow::{Context, Result, bail, ensure};
 
 use crate::mujoco;
 use crate::process::run;
+use crate::robots::{self, ROBOTS};
 use crate::venv::environment;
 
 /// Examples whose packages exclude those of `requirements.txt`, with their file of requirements.
@@ -28,13 +30,18 @@ pub fn examples(root: &Path, arguments: &[String]) -> Result<()> {
     let (options, names): (Vec<_>, Vec<_>) =
         arguments.iter().cloned().partition(|argument| argument.starts_with("--"));
     let folder = root.join("python/examples");
-    let known = find(&folder)?;
+    let mut known = find(&folder)?;
+    known.extend(ROBOTS.iter().map(|robot| robot.name.to_string()));
     for name in &names {
         ensure!(known.contains(name), "unknown example `{name}`; expected one of {}", known.join(", "));
     }
     let chosen = if names.is_empty() { known } else { names };
     mujoco::fetch(root)?;
     for name in &chosen {
+        if let Some(robot) = ROBOTS.iter().find(|robot| robot.name == *name) {
+            robots::show(root, robot)?;
+            continue;
+        }
         let python =
             environment(root, &root.join("target/examples-venv"), &folder.join(requirements_of(name)))?;
         eprintln!("running python/examples/{name}.py");

@@ -19,10 +19,12 @@ mod pictures;
 mod process;
 mod readme;
 mod results;
+mod robots;
 mod sanitize;
 mod settings;
 mod tidy;
 mod venv;
+mod wheel;
 
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
@@ -78,7 +80,7 @@ const CHORES: &[Chore] = &[
     Chore {
         name: "examples",
         arguments: "[NAME...] [--record] [--train]",
-        about: "run python/examples in a virtual environment with PyTorch (gigabytes the first time)",
+        about: "run examples/robots, and python/examples in a virtual environment with PyTorch (gigabytes the first time)",
         run: examples::examples,
     },
     Chore {

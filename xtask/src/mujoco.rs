@@ -1,16 +1,14 @@
 //! Fetches MuJoCo's shared library: downloads its wheel from PyPI, checks the library and puts it
 //! where the build looks.
 
-use std::ffi::OsStr;
 use std::fs;
-use std::io::ErrorKind;
 use std::os::unix::fs::symlink;
 use std::path::{Path, PathBuf};
-use std::process::{Command, Output};
 use std::time::Instant;
 
-use anyhow::{Context, Result, anyhow, bail, ensure};
-use sha2::{Digest, Sha256};
+use anyhow::{Context, Result, bail, ensure};
+
+use crate::wheel::{self, sha256};
 
 const VERSION: &str = "3.17.0";
 const LIBRARY: &str = "libmujoco.so.3.17.0";
@@ -29,36 +27,7 @@ const LINK_DIR_DEFAULT: &str = "crates/world/link";
 const KEPT: &str = "mishandle/mujoco-3.17.0";
 
 /// Selects one wheel, whichever Python runs pip: the library inside is the same in all of them.
-const WHEEL: &[&str] = &[
-    "--no-deps",
-    "--only-binary=:all:",
-    "--python-version=3.12",
-    "--implementation=cp",
-    "--platform=manylinux_2_28_x86_64",
-];
-/// Keeps pip quiet, and makes it fail within seconds on a machine without network.
-const PIP: &[&str] = &[
-    "--quiet",
-    "--no-input",
-    "--disable-pip-version-check",
-    "--retries=2",
-    "--timeout=20",
-    "--progress-bar=off",
-];
-
-/// Unpacks the library and the licenses of the only wheel in a folder into that folder, without
-/// their paths.
-const UNPACK: &str = "
-import glob, os, sys, zipfile
-folder, names = sys.argv[1], sys.argv[2:]
-with zipfile.ZipFile(glob.glob(os.path.join(folder, '*.whl'))[0]) as wheel:
-    for member in wheel.namelist():
-        name = member.rsplit('/', 1)[-1]
-        if name in names:
-            with open(os.path.join(folder, name), 'wb') as out:
-                out.write(wheel.read(member))
-";
-
+const WHEEL: &[&str] = &["--python-version=3.12", "--implementation=cp", "--platform=manylinux_2_28_x86_64"];
 /// Puts MuJoCo's library into `target/mujoco/lib`, unless it exists or the user has their own.
 /// Keeps a copy in the user's data folder, where a program from `cargo install` finds it without
 /// this clone.
@@ -144,60 +113,9 @@ fn is_in_place(folder: &Path) -> bool {
 }
 
 fn download(scratch: &Path) -> Result<()> {
-    let requirement = format!("mujoco=={VERSION}");
     eprintln!("MuJoCo {VERSION}: downloading the wheel from PyPI");
-    let pip = python(
-        ["-m", "pip", "download", &requirement, "--dest"]
-            .map(OsStr::new)
-            .into_iter()
-            .chain([scratch.as_os_str()])
-            .chain(WHEEL.iter().chain(PIP).map(OsStr::new)),
-    )?;
-    ensure!(pip.status.success(), "{}", why_pip_failed(&String::from_utf8_lossy(&pip.stderr)));
-
-    let unpacked = python(
-        [OsStr::new("-c"), OsStr::new(UNPACK), scratch.as_os_str(), OsStr::new(LIBRARY)]
-            .into_iter()
-            .chain(LICENSES.map(OsStr::new)),
-    )?;
-    ensure!(
-        unpacked.status.success(),
-        "cannot unpack the wheel of MuJoCo {VERSION}: {}",
-        last_line(&String::from_utf8_lossy(&unpacked.stderr))
-    );
-    Ok(())
-}
-
-fn python<'a>(arguments: impl Iterator<Item = &'a OsStr>) -> Result<Output> {
-    // The setting is about installations; this is only a download.
-    Command::new("python3").args(arguments).env("PIP_REQUIRE_VIRTUALENV", "0").output().map_err(|error| {
-        match error.kind() {
-            ErrorKind::NotFound => {
-                anyhow!("downloading MuJoCo from PyPI needs `python3`; install Python 3 with pip")
-            }
-            _ => anyhow!(error).context("cannot run `python3`"),
-        }
-    })
-}
-
-/// Returns pip's error in one line.
-fn why_pip_failed(stderr: &str) -> String {
-    if stderr.contains("No module named pip") {
-        return "downloading MuJoCo from PyPI needs pip, which `python3` lacks; install it (Debian: `apt install python3-pip`)"
-            .into();
-    }
-    let unreachable =
-        ["NewConnectionError", "ConnectTimeoutError", "ProxyError", "NameResolutionError", "SSLError"];
-    if unreachable.iter().any(|name| stderr.contains(name)) {
-        return format!(
-            "cannot download MuJoCo {VERSION}: pip cannot reach PyPI; check the network, or pip's mirror and proxy"
-        );
-    }
-    format!("cannot download MuJoCo {VERSION}: pip says: {}", last_line(stderr))
-}
-
-fn last_line(text: &str) -> &str {
-    text.lines().map(str::trim).rfind(|line| !line.is_empty()).unwrap_or("(nothing)")
+    wheel::download("mujoco", VERSION, WHEEL, scratch)?;
+    wheel::unpack_named(scratch, &LICENSES.into_iter().chain([LIBRARY]).collect::<Vec<_>>())
 }
 
 /// Moves the unpacked files into `folder`, with renames, so that another build finds a complete
@@ -220,32 +138,9 @@ fn place(scratch: &Path, folder: &Path) -> Result<()> {
     Ok(())
 }
 
-fn sha256(bytes: &[u8]) -> String {
-    Sha256::digest(bytes).iter().map(|byte| format!("{byte:02x}")).collect()
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn pip_errors_become_one_line() {
-        for (stderr, expected) in [
-            ("/usr/bin/python3: No module named pip\n", "needs pip"),
-            (
-                "WARNING: Retrying ... NewConnectionError('...')\nERROR: No matching distribution\n",
-                "cannot reach PyPI",
-            ),
-            (
-                "WARNING: a\nERROR: No matching distribution found\n\n",
-                "pip says: ERROR: No matching distribution found",
-            ),
-            ("", "pip says: (nothing)"),
-        ] {
-            let line = why_pip_failed(stderr);
-            assert!(line.contains(expected) && !line.contains('\n'), "{line}");
-        }
-    }
 
     #[test]
     fn a_library_with_another_hash_is_refused() {

@@ -120,6 +120,8 @@ pub(crate) enum PolicySource {
     Expression(Expression),
     /// The built-in controller of a site's position.
     TaskSpace(Box<TaskSpace>),
+    /// A program that answers each observation with an action.
+    Program(ProgramTable),
     /// Given with `--controller` only.
     Open,
 }
@@ -139,6 +141,17 @@ pub(crate) struct TaskSpace {
     /// Stiffness, 1/s², and damping, 1/s, of the joints, times their inertia.
     pub kp: f64,
     pub kd: f64,
+}
+
+/// A program that answers each observation with an action.
+#[derive(Clone, Debug)]
+pub(crate) struct ProgramTable {
+    /// The program and its arguments.
+    pub words: Vec<Text>,
+    /// Time limit of an answer, s.
+    pub time_limit: f64,
+    /// Length of what the program remembers.
+    pub state: usize,
 }
 
 #[derive(Clone, Debug)]
@@ -402,16 +415,18 @@ fn policy(table: &Table) -> Result<Policy, Problem> {
     let controller = fields.text("controller")?;
     let expression = fields.text("expression")?.map(Expression::new).transpose()?;
     let actions = fields.get("actions").map(|item| whole(item, "actions", 10_000.0)).transpose()?;
-    let source = match (onnx, controller, expression) {
-        (None, Some(name), None) if name.text == TASK_SPACE => {
+    let process = process(&mut fields)?;
+    let source = match (onnx, controller, expression, process) {
+        (None, Some(name), None, None) if name.text == TASK_SPACE => {
             PolicySource::TaskSpace(Box::new(task_space(&mut fields)?))
         }
-        (Some(file), None, None) | (None, Some(file), None) => PolicySource::File(file),
-        (None, None, Some(expression)) => PolicySource::Expression(expression),
-        (None, None, None) => PolicySource::Open,
+        (Some(file), None, None, None) | (None, Some(file), None, None) => PolicySource::File(file),
+        (None, None, Some(expression), None) => PolicySource::Expression(expression),
+        (None, None, None, Some(program)) => PolicySource::Program(program),
+        (None, None, None, None) => PolicySource::Open,
         _ => {
-            let message = "[policy] takes one of `onnx`, `controller` and `expression`; without one of them, give a policy \
-                           with --controller";
+            let message = "[policy] takes one of `onnx`, `controller`, `expression` and `process`; without one of them, give \
+                           a policy with --controller";
             return Err(Problem::new(&table.span, message));
         }
     };
@@ -432,6 +447,35 @@ fn policy(table: &Table) -> Result<Policy, Problem> {
     };
     fields.finish()?;
     Ok(policy)
+}
+
+/// Time limit of an answer of a program, s, if the file states none.
+const TIME_LIMIT: f64 = 10.0;
+
+/// Largest number of numbers that a program remembers.
+const MAX_STATE: f64 = 100_000.0;
+
+fn process(fields: &mut Fields<'_>) -> Result<Option<ProgramTable>, Problem> {
+    let words = fields.texts("process")?;
+    let time_limit = fields.get("time_limit");
+    let state = fields.get("state");
+    let stray = |item: &Item, key: &str| Problem::new(&item.span, format!("`{key}` belongs to `process`"));
+    if words.is_empty() {
+        return match (time_limit, state) {
+            (Some(item), _) => Err(stray(item, "time_limit")),
+            (_, Some(item)) => Err(stray(item, "state")),
+            _ => Ok(None),
+        };
+    }
+    let limit = match time_limit {
+        None => TIME_LIMIT,
+        Some(item) => match item.number("time_limit")? {
+            limit if limit > 0.0 && limit <= 1e6 => limit,
+            _ => return Err(Problem::new(&item.span, "`time_limit` must be more than 0 s")),
+        },
+    };
+    let state = state.map_or(Ok(0), |item| whole(item, "state", MAX_STATE))?;
+    Ok(Some(ProgramTable { words, time_limit: limit, state }))
 }
 
 /// Name of the built-in controller.

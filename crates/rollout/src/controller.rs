@@ -30,4 +30,19 @@ pub trait ControllerWorker: Send {
     /// All slices are row-major: `observations` is `[rows, observation_size]`, `states` is
     /// `[rows, state_size]`, and `actions` is `[rows, action_size]`.
     fn act(&mut self, rows: usize, observations: &[f32], states: &mut [f64], actions: &mut [f32]);
+
+    /// Returns why the last call of [`act`](Self::act) has no action of a row, for controllers that
+    /// can fail.
+    fn failure(&self, _row: usize) -> Option<ControllerFailure> {
+        None
+    }
+}
+
+/// Why a controller has no action.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum ControllerFailure {
+    /// It ended or answered something else than an action.
+    Crashed,
+    /// It took longer than its time limit.
+    TimedOut,
 }

@@ -7,8 +7,8 @@ use crate::disturbance::{ActiveDisturbances, command};
 use crate::fault::Side;
 use crate::rollout::Rollout;
 use crate::{
-    ControllerWorker, EpisodeEnd, Request, RolloutError, Sample, Seed, SpecificationMonitor, StepStatus,
-    Verdict,
+    ControllerFailure, ControllerWorker, EpisodeEnd, Request, RolloutError, Sample, Seed,
+    SpecificationMonitor, StepStatus, Verdict,
 };
 
 /// Maximum number of rows that one thread steps in lockstep. Sixteen rows share each read of the
@@ -161,6 +161,14 @@ impl Lane {
             &mut rows.controller_states[..count * rollout.controller.state_size()],
             &mut self.actions[..count * action_size],
         );
+        for (row, progress) in progress.iter_mut().enumerate().filter(|(_, progress)| progress.is_running()) {
+            let step = progress.steps + 1;
+            match self.controller.failure(row) {
+                None => {}
+                Some(ControllerFailure::Crashed) => progress.end = EpisodeEnd::Crashed { step },
+                Some(ControllerFailure::TimedOut) => progress.end = EpisodeEnd::TimedOut { step },
+            }
+        }
         self.hold_paused(rollout, rows, progress);
         for (actions, progress) in self.actions.chunks(action_size).zip(progress) {
             let invalid = actions.iter().position(|action| !action.is_finite());

@@ -52,7 +52,7 @@ pub use mishandle_random::{Seed, Stream};
 
 pub use batch::{CpuBatch, Samples};
 pub use condition::{Condition, Holds};
-pub use controller::{Controller, ControllerWorker};
+pub use controller::{Controller, ControllerFailure, ControllerWorker};
 pub use delay::delays;
 pub use disturbance::{Disturbance, Effect, TimeProfile};
 pub use environment::{Environment, EnvironmentWorker, Sample, StepStatus};

@@ -23,6 +23,7 @@ use crate::error::{Problem, RobotError};
 use crate::library::RememberedPart;
 use crate::model::RobotModel;
 use crate::phase::PhaseBuilder;
+use crate::program::ProgramPolicy;
 
 pub(crate) use read::read_text;
 
@@ -45,6 +46,8 @@ pub enum RobotPolicy {
     Expression(Arc<dyn Controller>),
     /// The built-in controller of a site's position.
     BuiltIn(Arc<dyn Controller>),
+    /// A program that answers each observation.
+    Program(Arc<ProgramPolicy>),
     /// None: a controller must be given.
     Open,
 }
@@ -78,8 +81,9 @@ impl RobotFile {
     /// model and the policy.
     pub fn files(&self) -> Vec<PathBuf> {
         let policy = match &self.policy {
-            RobotPolicy::File { path, .. } => Some(path.clone()),
-            _ => None,
+            RobotPolicy::File { path, .. } => vec![path.clone()],
+            RobotPolicy::Program(program) => program.files(),
+            _ => Vec::new(),
         };
         [self.path.clone()].into_iter().chain(self.model.files.iter().cloned()).chain(policy).collect()
     }
@@ -192,7 +196,7 @@ impl RobotFile {
             control_dt: robot.control_dt,
             episode_steps: robot.episode_steps,
             is_deterministic: true,
-            can_fail: !self.description.invalid.is_empty(),
+            can_fail: matches!(self.policy, RobotPolicy::Program(_)) || !self.description.invalid.is_empty(),
             depends_on_seed: !self.axes.draws.is_empty()
                 || noise.action_std > 0.0
                 || noise.observation_std > 0.0,

@@ -16,6 +16,7 @@ use crate::library::{Library, RememberedPart, members};
 use crate::model::{self, RobotModel};
 use crate::phase::PhaseBuilder;
 use crate::policy::ExpressionPolicy;
+use crate::program::ProgramPolicy;
 use crate::target::{KIND, RobotFile, RobotPolicy};
 use crate::task_space::TaskSpacePolicy;
 
@@ -74,6 +75,11 @@ impl RobotFile {
             PolicySource::TaskSpace(settings) => {
                 let policy = TaskSpacePolicy::new(settings, &library, &parts, control_dt).map_err(problem)?;
                 RobotPolicy::BuiltIn(Arc::new(policy))
+            }
+            PolicySource::Program(table) => {
+                let folder = path.parent().unwrap_or(Path::new("."));
+                let sizes = [observation_size, actions];
+                RobotPolicy::Program(Arc::new(ProgramPolicy::new(table, folder, sizes, control_dt)))
             }
             PolicySource::Open => RobotPolicy::Open,
         };

@@ -116,7 +116,7 @@ mod tests {
     fn error(program: &[&str]) -> WorldError {
         let program = program.iter().map(OsString::from).collect();
         try_in_child(Some(&program), Task::Simulate, "<mujoco/>", &Assets::new())
-            .expect_err("the trial fails")
+            .expect_err("the child ends without an answer")
     }
 
     #[test]

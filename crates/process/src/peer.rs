@@ -1,0 +1,198 @@
+//! One running program.
+
+use std::io::{ErrorKind, Read, Write};
+use std::os::unix::process::CommandExt;
+use std::path::PathBuf;
+use std::process::{Child, ChildStderr, ChildStdin, ChildStdout, Command, Stdio};
+use std::sync::{Arc, Mutex, PoisonError};
+use std::time::{Duration, Instant};
+
+use rustix::event::PollFlags;
+use rustix::io::ioctl_fionbio;
+use rustix::process::{Pid, Signal, WaitId, WaitIdOptions, kill_process_group, waitid};
+
+use crate::Failure;
+use crate::lines::{Lines, NoLine, ready};
+
+/// Length of the end of the standard error that is kept, bytes.
+const KEPT: usize = 2000;
+
+/// Time that a program has to end by itself after its input is closed.
+const GRACE: Duration = Duration::from_millis(200);
+
+/// A program to start.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Program {
+    /// The program and its arguments. A program without `/` is looked up in `PATH`.
+    pub words: Vec<String>,
+    /// Working directory.
+    pub folder: PathBuf,
+}
+
+/// A running program that answers line by line.
+pub struct Peer {
+    child: Child,
+    /// Closed when the program is dropped.
+    stdin: Option<ChildStdin>,
+    stdout: Lines<ChildStdout>,
+    stderr: Arc<Mutex<Vec<u8>>>,
+    has_failed: bool,
+}
+
+impl Peer {
+    /// Starts a program in a process group of its own, so that Ctrl-C reaches it only through this
+    /// process.
+    ///
+    /// # Errors
+    /// If it cannot be started.
+    pub fn start(program: &Program) -> Result<Peer, Failure> {
+        let name = program.words.first().cloned().unwrap_or_default();
+        let failed = |source| Failure::Start { program: name.clone(), source };
+        let mut command = Command::new(&name);
+        command.args(program.words.iter().skip(1)).current_dir(&program.folder).process_group(0);
+        command.stdin(Stdio::piped()).stdout(Stdio::piped()).stderr(Stdio::piped());
+        let mut child = command.spawn().map_err(failed)?;
+        let (Some(stdin), Some(stdout), Some(pipe)) =
+            (child.stdin.take(), child.stdout.take(), child.stderr.take())
+        else {
+            return Err(failed(std::io::Error::other("it has no pipes")));
+        };
+        // A question longer than the pipe must not wait forever for a program that does not read.
+        ioctl_fionbio(&stdin, true).map_err(|error| failed(error.into()))?;
+        let stderr = Arc::new(Mutex::new(Vec::new()));
+        let kept = stderr.clone();
+        std::thread::spawn(move || keep_end(pipe, &kept));
+        Ok(Peer { child, stdin: Some(stdin), stdout: Lines::new(stdout), stderr, has_failed: false })
+    }
+
+    /// Sends a line without its end, and returns the line that answers it.
+    ///
+    /// # Errors
+    /// If the program ended, took too long or wrote more than one line. The program is ended then,
+    /// and further questions fail.
+    pub fn ask(&mut self, line: &str, limit: Duration) -> Result<String, Failure> {
+        let answer = self.converse(line, limit);
+        if answer.is_err() {
+            self.has_failed = true;
+            self.kill();
+        }
+        answer
+    }
+
+    fn converse(&mut self, line: &str, limit: Duration) -> Result<String, Failure> {
+        if self.has_failed {
+            return Err(Failure::Ended { stderr: self.stderr() });
+        }
+        if self.stdout.has_more() {
+            // It would be taken for the answer to this question.
+            let next = self.stdout.next(Instant::now());
+            return Err(match next {
+                Err(NoLine::Ended) => self.ended(),
+                _ => self.malformed("an answer before the question"),
+            });
+        }
+        let end = Instant::now() + limit;
+        match self.stdin.as_mut().map(|stdin| write_line(stdin, line, end)) {
+            Some(Ok(true)) => {}
+            Some(Ok(false)) => return Err(self.timed_out(limit)),
+            _ => return Err(self.ended()),
+        }
+        match self.stdout.next(end) {
+            Ok(bytes) => {
+                String::from_utf8(bytes).map_err(|_| self.malformed("bytes that are not UTF-8 text"))
+            }
+            Err(NoLine::Ended) => Err(self.ended()),
+            Err(NoLine::TimedOut) => Err(self.timed_out(limit)),
+            Err(NoLine::TooLong) => Err(self.malformed("a line of more than 256 MiB")),
+        }
+    }
+
+    fn timed_out(&self, limit: Duration) -> Failure {
+        Failure::TimedOut { limit, stderr: self.stderr() }
+    }
+
+    fn malformed(&self, what: &str) -> Failure {
+        Failure::Malformed { what: what.to_string(), stderr: self.stderr() }
+    }
+
+    /// Waits for the last words of the program.
+    fn ended(&mut self) -> Failure {
+        wait(&self.child, GRACE);
+        Failure::Ended { stderr: self.stderr() }
+    }
+
+    /// Returns the end of what the program wrote to its standard error.
+    pub fn stderr(&self) -> String {
+        let bytes = self.stderr.lock().unwrap_or_else(PoisonError::into_inner);
+        String::from_utf8_lossy(&bytes).into_owned()
+    }
+
+    /// Ends the program and its process group.
+    fn kill(&mut self) {
+        self.stdin = None;
+        // Before the program is reaped: its number may belong to another one afterwards.
+        if let Some(group) = pid(&self.child) {
+            let _ = kill_process_group(group, Signal::KILL);
+        }
+        let _ = self.child.wait();
+    }
+}
+
+impl Drop for Peer {
+    fn drop(&mut self) {
+        self.stdin = None;
+        // A program that reads its input to the end may save something first.
+        if !self.has_failed {
+            wait(&self.child, GRACE);
+        }
+        self.kill();
+    }
+}
+
+fn pid(child: &Child) -> Option<Pid> {
+    i32::try_from(child.id()).ok().and_then(Pid::from_raw)
+}
+
+/// Waits until a program ends, at most `limit`, and leaves its status to be read.
+fn wait(child: &Child, limit: Duration) {
+    let Some(pid) = pid(child) else { return };
+    let end = Instant::now() + limit;
+    let options = WaitIdOptions::EXITED | WaitIdOptions::NOWAIT | WaitIdOptions::NOHANG;
+    while let Ok(None) = waitid(WaitId::Pid(pid), options)
+        && Instant::now() < end
+    {
+        std::thread::sleep(Duration::from_millis(2));
+    }
+}
+
+/// Writes a line into a pipe that does not block, until `end`; returns whether all of it was
+/// written.
+fn write_line(pipe: &mut ChildStdin, line: &str, end: Instant) -> std::io::Result<bool> {
+    for mut bytes in [line.as_bytes(), b"\n"] {
+        while !bytes.is_empty() {
+            match pipe.write(bytes) {
+                Ok(0) => return Err(ErrorKind::WriteZero.into()),
+                Ok(count) => bytes = &bytes[count..],
+                Err(error) if error.kind() == ErrorKind::Interrupted => {}
+                Err(error) if error.kind() == ErrorKind::WouldBlock => {
+                    if !ready(&*pipe, PollFlags::OUT, end)? {
+                        return Ok(false);
+                    }
+                }
+                Err(error) => return Err(error),
+            }
+        }
+    }
+    Ok(true)
+}
+
+/// Reads a pipe to its end, so that its writer never waits, and keeps the last bytes.
+fn keep_end(mut pipe: ChildStderr, kept: &Mutex<Vec<u8>>) {
+    let mut buffer = [0; 4096];
+    while let Ok(count @ 1..) = pipe.read(&mut buffer) {
+        let mut kept = kept.lock().unwrap_or_else(PoisonError::into_inner);
+        kept.extend_from_slice(&buffer[..count]);
+        let excess = kept.len().saturating_sub(KEPT);
+        kept.drain(..excess);
+    }
+}
