@@ -184,3 +184,21 @@ fn the_start_of_a_robot_has_one_value_per_axis_of_its_starts() {
     assert!(place(Some(&[0.1, 0.2])).unwrap_err().contains("2"));
     assert!(place(Some(&[f64::NAN])).unwrap_err().contains("place"));
 }
+
+#[test]
+fn a_start_that_diverges_while_it_settles_has_no_picture_and_an_invalid_one_has() {
+    let folder = tempfile::tempdir().unwrap();
+    let picture = |start: &str, hold: &str| {
+        let path = file(folder.path());
+        let text = FILE
+            .replace("slide = \"place\"", start)
+            .replace("actions = 1", &format!("actions = 1\nhold = \"{hold}\""));
+        std::fs::write(&path, text).unwrap();
+        let made = mishandle::picture::initial_state(path.to_str().unwrap(), None);
+        made.map(|trajectory| trajectory.states.len()).map_err(|error| error.to_string())
+    };
+    let invalid = "slide = \"0.1\", settle = 0.1, invalid = \"1\"";
+    assert_eq!(picture(invalid, "0"), Ok(1));
+    let error = picture("slide = \"0.1\", settle = 1", "1e9 * qvel('slide') + 1").err().unwrap();
+    assert!(error.contains("one whose physics diverges"), "{error}");
+}

@@ -46,6 +46,8 @@ class VectorSystem(PolicySystem):
         self._rows: int = environment.num_envs
         self.idle = idle_action(environment.single_action_space)
         self._mode = AutoresetMode(environment.metadata.get("autoreset_mode", AutoresetMode.NEXT_STEP))
+        # After a reset in the same step, the last state of an episode cannot be drawn.
+        self.has_pictures = environment.render_mode == "rgb_array" and self._mode is not AutoresetMode.SAME_STEP
         # A row that ended in the last step would restart in the next one, also after a reset in
         # some versions of Gymnasium.
         self._restarts = False
@@ -193,6 +195,7 @@ class VectorSystem(PolicySystem):
         for row in range(count):
             if ended[row] or self.starts.is_invalid(rows[row], row_info(info[row], row)):
                 rollout.end(row, "invalid scenario", 0)
+        self._draw(0)
         start(self.policy, self.arguments, [scenario for scenario, _ in padded])
         space = self._environment.single_action_space
         disturbed = [*faults, *[None] * (self._rows - count)]
@@ -226,6 +229,7 @@ class VectorSystem(PolicySystem):
                 ended = np.asarray(terminated) | np.asarray(truncated)
                 rows = list(iterate(self._environment.observation_space, batched))
             self._restarts = bool(ended.any())
+            self._draw(step)
             last = list(rows)
             if self._mode is AutoresetMode.SAME_STEP and ended.any():
                 for row in np.flatnonzero(ended).tolist():
@@ -235,6 +239,11 @@ class VectorSystem(PolicySystem):
                 batched, _ = self._environment.reset(options={"reset_mask": ended})
                 rows = list(iterate(self._environment.observation_space, batched))
         return rollout.outcomes()
+
+    def _draw(self, sample: int) -> None:
+        """Draws a sample of the first row if a report asks for it."""
+        if self.recording is not None:
+            self.recording.add(sample, lambda: self._environment.render()[0])
 
     def _timed(self, clock: Time, rows: int) -> Any:
         """Limits a call to the rest of the time of ``rows`` simulations together."""

@@ -146,7 +146,9 @@ class Format(unittest.TestCase):
         past, largest = [zeros] * steps, 0.0
         history = np.zeros((2, steps * (size + controller.action_size)), np.float32)
         for _ in range(20):
-            observation = (layers["normalizer.mean"] + random.normal(size=(2, size))).astype(np.float32)
+            # The size of observations in training: rounding errors grow with the inputs of the network.
+            spread = np.sqrt(layers["normalizer.variance"]) * random.normal(size=(2, size))
+            observation = (layers["normalizer.mean"] + spread).astype(np.float32)
             expected = self.act(header, layers, observation, past)
             outputs = ["action", "unclipped_action", "next_history"]
             action, unclipped, history = session.run(outputs, {"observation": observation, "history": history})

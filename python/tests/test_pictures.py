@@ -14,6 +14,7 @@ from typing import Any
 import gymnasium
 import mishandle
 import numpy as np
+from gymnasium.vector import AsyncVectorEnv, AutoresetMode, SyncVectorEnv
 from mishandle import Axis
 from mishandle.pictures import HEIGHT, WIDTH, picture
 
@@ -98,7 +99,15 @@ class Pictures(unittest.TestCase):
 
     def test_an_environment_draws_itself(self) -> None:
         options = {"policy": lambda observation: [0.0], "signals": {"place": "obs[0]"}, "steps": 20, "control_dt": 0.1}
-        self.check(*self.page(Moving("rgb_array"), **options))
+        for made in (
+            Moving("rgb_array"),
+            SyncVectorEnv([lambda: Moving("rgb_array")] * 2),
+            AsyncVectorEnv([lambda: Moving("rgb_array")] * 2),
+            AsyncVectorEnv([lambda: Moving("rgb_array")] * 2, autoreset_mode=AutoresetMode.DISABLED),
+        ):
+            self.check(*self.page(made, **options))
+            (self.folder / "run.sqlite").unlink()
+            made.close()
 
     def test_a_system_without_pictures_has_none_on_its_page(self) -> None:
         page, _ = self.page(run)

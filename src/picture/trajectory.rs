@@ -68,7 +68,13 @@ pub fn initial_state(target: &str, x0: Option<&[f64]>) -> Result<StateTrajectory
     let mut signals = vec![0.0; environment.signals().len()];
     let mut rewards = vec![0.0; environment.reward_terms().len()];
     let sample = Sample { observation: &mut observation, signals: &mut signals, rewards: &mut rewards };
-    environment.worker().reset(&scenario, Seed(0), &mut state, sample);
+    if environment.worker().reset(&scenario, Seed(0), &mut state, sample) == StepStatus::Diverged {
+        return Err(MishandleError::InvalidValue {
+            what: "the initial state",
+            value: "one whose physics diverges".to_string(),
+            expected: "one that settles: change `start` of the target file",
+        });
+    }
     Ok(StateTrajectory { states: vec![state], control_dt: environment.control_dt(), environment })
 }
 
