@@ -4,7 +4,7 @@ use std::ops::Range;
 
 use mishandle_expression::{Argument, Meaning, Names, Node, NodeKind, Reading, Size};
 use mishandle_stl::nearest;
-use mishandle_world::{ElementKind, Model};
+use mishandle_world::{Body, ElementKind, Model};
 
 use crate::description::{self, Constant, Named};
 use crate::document::Text;
@@ -65,6 +65,11 @@ pub static QUANTITY_FUNCTIONS: &[QuantityFunction] = &[
     function("site_mat(site)", "rotation matrix of a site, row by row"),
     function("geom_pos(geom)", "position of a geom, m"),
     function("sensor(sensors)", "data of sensors of the model, at the start of the last physics step"),
+    function(
+        "cfrc_ext(bodies)",
+        "torque and force from outside on each body, 6 numbers, N m and N, about the center of mass of its tree, at the start \
+         of the last physics step: MuJoCo's `cfrc_ext`; without an argument those of all bodies, also without names, but the world",
+    ),
     function(
         "contact_forces(geom or body)",
         "list of the magnitudes of the forces at its contact points, N, at the start of the last physics step",
@@ -260,6 +265,12 @@ impl Names<Quantity> for Library<'_> {
                 let size = Size::Vector(dofs.len());
                 reading(Quantity::BiasForces(dofs), size)
             }
+            ("cfrc_ext", None) => {
+                let bodies: Vec<Body> =
+                    (1..self.model.count(ElementKind::Body)).map(|index| self.model.body_at(index)).collect();
+                let size = Size::Vector(6 * bodies.len());
+                reading(Quantity::ExternalForces(bodies), size)
+            }
             ("pi", None) => Ok(Meaning::Number(std::f64::consts::PI)),
             ("action", None) => match self.actions {
                 Some(size) => reading(Quantity::Action, Size::Vector(size)),
@@ -378,6 +389,15 @@ impl Names<Quantity> for Library<'_> {
                     return Err("the sensors of a pattern must follow each other in the model".to_string());
                 }
                 numbers(Q::Sensor(range), size)
+            }
+            "cfrc_ext" => {
+                let bodies: Vec<Body> = self
+                    .elements(ElementKind::Body, first)?
+                    .into_iter()
+                    .map(|index| model.body_at(index))
+                    .collect();
+                let size = 6 * bodies.len();
+                numbers(Q::ExternalForces(bodies), size)
             }
             "contact_forces" => {
                 let owner = match self.one(ElementKind::Geom, first) {

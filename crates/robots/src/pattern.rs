@@ -58,7 +58,7 @@ pub(crate) fn names(model: &Model, kind: ElementKind) -> Vec<String> {
 /// Returns the keyframe with a name or, without such a name, a number.
 ///
 /// # Errors
-/// A message if there is none.
+/// A message if the model has no such keyframe.
 pub(crate) fn keyframe(model: &Model, text: &str) -> Result<usize, String> {
     let names = model.names(ElementKind::Key);
     let named = names.iter().position(|name| name == text && !name.is_empty());

@@ -13,6 +13,7 @@ pub(crate) struct Phase {
     places: Vec<Place>,
     reads_poses: bool,
     reads_forces: bool,
+    reads_external_forces: bool,
 }
 
 /// The memory of a phase for one worker.
@@ -68,7 +69,8 @@ impl<'a> PhaseBuilder<'a> {
         let program = self.compiler.program();
         let reads = |currency| program.reads().any(|what| what.currency() == currency);
         let (reads_poses, reads_forces) = (reads(Currency::Pose), reads(Currency::Dynamic));
-        Phase { program, places: self.places, reads_poses, reads_forces }
+        let reads_external_forces = program.reads().any(|what| matches!(what, Quantity::ExternalForces(_)));
+        Phase { program, places: self.places, reads_poses, reads_forces, reads_external_forces }
     }
 }
 
@@ -85,6 +87,11 @@ impl Phase {
     /// Returns whether it reads forces or sensors, which follow from a physics step.
     pub(crate) fn reads_forces(&self) -> bool {
         self.reads_forces
+    }
+
+    /// Returns whether it reads external forces, which nothing else computes.
+    pub(crate) fn reads_external_forces(&self) -> bool {
+        self.reads_external_forces
     }
 
     /// Returns whether it reads anything that may change during an episode.

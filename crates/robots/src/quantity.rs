@@ -37,6 +37,7 @@ pub(crate) enum Quantity {
     GeomPosition(usize),
     Sensor(Range<usize>),
     ContactForces(ContactOwner),
+    ExternalForces(Vec<Body>),
 }
 
 /// The element whose contacts are meant.
@@ -71,7 +72,7 @@ impl Quantity {
             Q::BodyAxis(..) | Q::InertialPosition(_) => Currency::Pose,
             Q::SitePosition(_) | Q::SiteRotation(_) | Q::GeomPosition(_) => Currency::Pose,
             Q::ActuatorForces(_) | Q::BiasForces(_) | Q::CenterOfMass(_) => Currency::Dynamic,
-            Q::Sensor(_) | Q::ContactForces(_) => Currency::Dynamic,
+            Q::Sensor(_) | Q::ContactForces(_) | Q::ExternalForces(_) => Currency::Dynamic,
         }
     }
 }
@@ -118,6 +119,11 @@ impl Reader<Quantity> for View<'_> {
             Q::BodyAxis(body, axis) => out.copy_from_slice(&column(&world.body_rotation(*body), *axis)),
             Q::InertialPosition(body) => out.copy_from_slice(&world.body_inertial_position(*body)),
             Q::CenterOfMass(body) => out.copy_from_slice(&world.subtree_com(*body)),
+            Q::ExternalForces(bodies) => {
+                for (out, body) in out.chunks_exact_mut(6).zip(bodies) {
+                    out.copy_from_slice(&world.external_force(*body));
+                }
+            }
             Q::SitePosition(site) => out.copy_from_slice(&world.rows().site_position(*site)),
             Q::SiteRotation(site) => out.copy_from_slice(&world.rows().site_rotation(*site)),
             Q::GeomPosition(geom) => out.copy_from_slice(&world.geom_position(*geom)),

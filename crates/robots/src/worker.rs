@@ -107,6 +107,9 @@ impl RobotWorker {
         if robot.sample.reads_poses() {
             self.world.refresh();
         }
+        if robot.sample.reads_external_forces() {
+            self.world.refresh_external_forces();
+        }
         let Tail { step, values, memory, action, .. } = robot.split(tail);
         let time = *step * robot.control_dt;
         let mut view = View { world: &self.world, time, parameters: values, memory, action };
@@ -145,6 +148,9 @@ impl RobotWorker {
         // Forward kinematics change no bit of the next step.
         if robot.measured.reads_poses() {
             self.world.refresh();
+        }
+        if robot.measured.reads_external_forces() {
+            self.world.refresh_external_forces();
         }
         let mut view = View { world: &self.world, time, parameters: values, memory, action };
         robot.measured.run(&mut self.measured, &mut view);
@@ -326,6 +332,9 @@ impl RobotWorker {
         } else if phases.iter().any(|phase| phase.reads_poses()) {
             self.world.refresh();
         }
+        if phases.iter().any(|phase| phase.reads_external_forces()) {
+            self.world.refresh_external_forces();
+        }
     }
 
     /// Sets the controls of a control step. Returns whether they are finite.
@@ -388,6 +397,9 @@ impl RobotWorker {
         }
         if robot.invalid.reads_poses() {
             self.world.refresh();
+        }
+        if robot.invalid.reads_external_forces() {
+            self.world.refresh_external_forces();
         }
         let mut view = View { world: &self.world, time: 0.0, parameters: values, memory, action };
         robot.invalid.run(&mut self.invalid, &mut view);

@@ -83,8 +83,14 @@ fn expression(robot: &RobotFile) -> Arc<dyn Controller> {
 
 /// Returns the signals of the nominal scenario at the first and the second sample.
 fn samples(file: &str) -> [Vec<f64>; 2] {
+    let all = samples_with(MODEL, file);
+    [all[0].clone(), all[1].clone()]
+}
+
+/// Returns the signals of the nominal scenario at each sample.
+fn samples_with(model: &str, file: &str) -> Vec<Vec<f64>> {
     let folder = tempfile::tempdir().unwrap();
-    let robot = read(folder.path(), file).unwrap();
+    let robot = read_with(folder.path(), model, file).unwrap();
     let component =
         Component { role: "controller".into(), name: "e".into(), hash: "h".into(), file_hash: String::new() };
     let target = robot.target((expression(&robot), component), Noise::default()).unwrap();
@@ -94,7 +100,8 @@ fn samples(file: &str) -> [Vec<f64>; 2] {
     let request = Request::new(Scenario::from([0.0].as_slice()), Seed(0));
     let episodes = target.system(&space, &specification).unwrap().rollout(&[request]).unwrap();
     let trace = &episodes[0].trace;
-    [0, 1].map(|sample| (0..trace.names().len()).map(|index| trace.column(index)[sample]).collect())
+    let row = |sample: usize| (0..trace.names().len()).map(|index| trace.column(index)[sample]).collect();
+    (0..trace.len()).map(row).collect()
 }
 
 #[test]
@@ -256,4 +263,21 @@ fn a_keyframe_and_repeated_numbers_are_constants() {
         |text: &str| read_with(folder.path(), &model, &FILE.replace("[2 * shift, 1]", text)).err().unwrap();
     assert!(error("repeat(shift, 0.5)").contains("a whole number from 1 to"));
     assert!(error("key_qpos('away', joints)").contains("no keyframe `away`"));
+}
+
+#[test]
+fn the_external_force_on_a_box_at_rest_is_its_weight() {
+    let model = MODEL.replace("gravity=\"0 0 0\"", "gravity=\"0 0 -10\"").replace(
+        "<geom type=\"box\" size=\"0.1 0.1 0.1\" contype=\"0\" conaffinity=\"0\"/>",
+        "<geom type=\"box\" size=\"0.1 0.1 0.1\" mass=\"3\"/>",
+    );
+    let model = model.replace("<worldbody>", "<worldbody><geom type=\"plane\" size=\"0 0 1\"/>");
+    let file = FILE.replace("steps = 12", "steps = 200").replace("[0, 0, 0, *quat", "[0, 0, 0.1, *quat");
+    let file = file.replace("velocity.root = \"[1, 0, 0, 0, 0, 3]\"\n", "");
+    let file = file.replace("[axes]", "all = \"cfrc_ext[17]\"\nup = \"cfrc_ext('box')[5]\"\n\n[axes]");
+    let samples = samples_with(&model, &file);
+    let [.., all, up] = samples.last().unwrap()[..] else { panic!("two signals") };
+    assert!((up - 30.0).abs() < 0.01, "{up}");
+    // The box is the third body.
+    assert_eq!(all, up);
 }

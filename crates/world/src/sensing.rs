@@ -32,6 +32,20 @@ impl World {
         self.data.qfrc_bias()
     }
 
+    /// Computes the external forces on bodies from the contacts and constraints of the start of the
+    /// last step, or of the last [`refresh_sensors`](Self::refresh_sensors). Neither the state nor
+    /// the bits of later steps change.
+    pub fn refresh_external_forces(&mut self) {
+        self.data.rne_post_constraint();
+    }
+
+    /// Returns the external torque and force on a body, N m and N, about the center of mass of its
+    /// tree: MuJoCo's `cfrc_ext` of the last
+    /// [`refresh_external_forces`](Self::refresh_external_forces).
+    pub fn external_force(&self, body: Body) -> [f64; 6] {
+        self.data.cfrc_ext()[body.0]
+    }
+
     /// Writes the joint-space inertia matrix, row-major, a row and a column for each generalized
     /// velocity. It is of the start of the last step or of the last
     /// [`refresh_sensors`](Self::refresh_sensors).
