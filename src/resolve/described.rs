@@ -10,8 +10,8 @@ use crate::plan::Plan;
 use crate::resolve::{contract_warnings, is_robot_file, robot_file, target};
 
 /// Returns the target of a plan for a description: spaces, signals and formulas. A target file
-/// needs no policy for it, since nothing is simulated; [`described_warnings`] checks the one that it
-/// names.
+/// needs no policy for it, since nothing is simulated; [`described_warnings`] checks the one that
+/// it names.
 ///
 /// # Errors
 /// The errors of [`target`], except that the policy of a target file is not read.
@@ -30,8 +30,8 @@ pub fn described_target(plan: &Plan) -> Result<Target, MishandleError> {
     Ok(robot.target((Arc::new(idle), component), Noise::default())?)
 }
 
-/// Returns the warnings about the policy that a target file names; none for other targets. A program
-/// is not started for it.
+/// Returns the warnings about the policy that a target file names; none for other targets. A
+/// program is not started for it.
 ///
 /// # Errors
 /// If the policy cannot be read, or no episode can start with it.

@@ -59,7 +59,15 @@ pub(crate) fn collect(file: &str, text: &str, folder: &mut Folder) -> Result<Sou
                 splices.replace(attribute.range_value(), unique);
             }
             None if mesh.ancestors().any(|node| name(node) == "visual") => {}
-            None => return Err(error(at, format!("found no file `{}`", candidates.join("`, no `")))),
+            None => {
+                let above = match path.starts_with(PACKAGE) && !folder.allows_outside() {
+                    true => {
+                        "; if files outside the folder are allowed, the package is looked up above it, too"
+                    }
+                    false => "",
+                };
+                return Err(error(at, format!("found no file `{}`{above}", candidates.join("`, no `"))));
+            }
         }
     }
     Ok(Source { document: splices.apply(text), assets: assets.files })

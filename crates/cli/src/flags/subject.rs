@@ -21,8 +21,8 @@ fn is_noise(std: f64) -> bool {
 /// Flags that define the target and its scenarios.
 #[derive(Debug, Args)]
 pub struct Subject {
-    /// Name of a target, a task or toy/NAME, which `mishandle targets` lists; or the path of a target
-    /// file (.toml)
+    /// Name of a target, a task or toy/NAME, which `mishandle targets` lists; or the path of a
+    /// target file (.toml)
     pub target: Option<String>,
     /// Controller of a task: the path of a .safetensors or .onnx file, or the name of a shipped
     /// controller such as ppo or expert
