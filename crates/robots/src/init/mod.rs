@@ -2,8 +2,9 @@
 //!
 //! `facts` is what the policy's exporter says, `mjlab` and `isaac` read it, `yaml` is the subset of
 //! YAML that the latter needs. `robot` is what the model says, `parts` the parts of observations
-//! that have a known name, and `write` the text.
+//! that have a known name, `actuators` what moves the joints, and `write` the text.
 
+mod actuators;
 mod facts;
 mod isaac;
 mod mjlab;
