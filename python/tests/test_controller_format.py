@@ -146,7 +146,7 @@ class Format(unittest.TestCase):
         past, largest = [zeros] * steps, 0.0
         history = np.zeros((2, steps * (size + controller.action_size)), np.float32)
         for _ in range(20):
-            # The size of observations in training: rounding errors grow with the inputs of the network.
+            # As in training: rounding errors grow with the inputs of the network.
             spread = np.sqrt(layers["normalizer.variance"]) * random.normal(size=(2, size))
             observation = (layers["normalizer.mean"] + spread).astype(np.float32)
             expected = self.act(header, layers, observation, past)
