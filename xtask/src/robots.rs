@@ -7,7 +7,7 @@ use std::process::Command;
 use anyhow::{Context, Result, ensure};
 
 use crate::process::{as_typed, cargo, run};
-use crate::{mujoco, wheel};
+use crate::wheel;
 
 /// An example: a target file whose model is in a wheel.
 pub struct Robot {
@@ -57,7 +57,6 @@ const PROGRAM: &str = "target/release/mishandle";
 /// # Errors
 /// If a step fails.
 pub fn show(root: &Path, robot: &Robot) -> Result<()> {
-    mujoco::fetch(root)?;
     install(root, robot)?;
     run(&mut cargo(root, &["build", "--release", "--package", "mishandle-cli"]), &[0])?;
     for arguments in robot.commands {
