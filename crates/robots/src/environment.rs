@@ -256,7 +256,7 @@ impl Robot {
 
     /// Returns the bodies of the pushes, one for each push.
     pub(crate) fn pushed(&self) -> impl Iterator<Item = Body> {
-        self.events.iter().filter_map(|event| event.pushed())
+        self.events.iter().filter_map(Event::pushed)
     }
 
     /// Returns the mean force of all pushes on a body over the physics step from `time`, N.

@@ -126,7 +126,7 @@ impl EnvironmentBatch for TrainingBatch {
         let sizes = self.sizes;
         let action = |row: usize| &actions[row * sizes.action..][..sizes.action];
         self.visit(|first, rows, _| {
-            (0..rows.len()).for_each(|row| rows.command(row, action(first + row), true))
+            (0..rows.len()).for_each(|row| rows.command(row, action(first + row), true));
         });
         self.batch.start_step()?;
         self.batch.finish_step()?;
