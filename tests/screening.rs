@@ -122,7 +122,7 @@ impl WorldBatch for WrongWorlds {
 
     fn start_step(&mut self) -> Result<(), WorldError> {
         if !self.1 {
-            self.0.buffers().targets.fill(0.1);
+            self.0.buffers().inputs.fill(0.1);
         }
         self.0.start_step()
     }
@@ -447,4 +447,48 @@ fn a_lost_device_ends_a_campaign_with_its_error() {
         text.contains("the physics engine of the worlds failed") && text.contains("the device is lost"),
         "{text}"
     );
+}
+
+const CART_POLE: &str = r#"<mujoco><worldbody><body name="cart">
+  <joint name="slide" type="slide" axis="1 0 0" damping="0.1"/><geom size="0.1" mass="1"/>
+  <body name="pole"><joint name="hinge" axis="0 1 0"/><geom type="capsule" fromto="0 0 0 0 0 0.6" size="0.02" mass="0.1"/></body>
+</body></worldbody><actuator><motor joint="slide" ctrlrange="-8 8"/></actuator></mujoco>"#;
+
+const CART_POLE_FILE: &str = r#"
+format = 1
+name = "cart-pole"
+model.file = "cart-pole.xml"
+control = { period = 0.02, steps = 50 }
+start.hinge = "tilt"
+observation.state = "[*qpos('slide'), *qvel('slide'), *qpos('hinge'), *qvel('hinge')]"
+policy = { expression = "dot([1, 2, 25, 4], state)", action = "action" }
+signals.angle = "abs(qpos('hinge'))[0]"
+axes.tilt = { range = [-0.3, 0.3], unit = "rad" }
+formulas.upright = "always(angle <= 0.2)"
+"#;
+
+#[test]
+fn a_robot_in_a_file_is_screened_as_a_task() {
+    let folder = tempfile::tempdir().unwrap();
+    std::fs::write(folder.path().join("cart-pole.xml"), CART_POLE).unwrap();
+    let path = folder.path().join("cart-pole.toml");
+    let risk = RiskPlan { simulations: 100, method: "monte-carlo".to_string(), ..RiskPlan::default() };
+    let answers = |file: &str| {
+        std::fs::write(&path, file).unwrap();
+        let plan = Plan { seed: 4, risk: Some(risk.clone()), ..Plan::new(path.to_str().unwrap(), "") };
+        let resolved = ResolvedPlan::new(&plan).unwrap();
+        let Answer::Risk(direct) = ask(&resolved, Engine::Direct).unwrap() else { panic!("a failure rate") };
+        (direct.monte_carlo.failures, ask(&screening(resolved, 0.3), Engine::Screening(&CpuDevice)))
+    };
+    let (failures, answer) = answers(CART_POLE_FILE);
+    assert!((5..95).contains(&failures), "{failures} failures: the test needs both outcomes");
+    let Answer::ScreenedRisk(report) = answer.unwrap() else { panic!("a screened rate") };
+    let counts = report.counts;
+    assert_eq!((counts.trials, counts.flagged, counts.flagged_events), (100, failures, failures));
+    assert!(counts.sampled > 0);
+    assert_eq!(counts.sampled_events, 0);
+    let peak = CART_POLE_FILE
+        .replace("\"abs(qpos('hinge'))[0]\"", "{ value = \"abs(qpos('hinge'))[0]\", over = \"max\" }");
+    let error = answers(&peak).1.unwrap_err().to_string();
+    assert!(error.contains("cart-pole.toml, line 9: the signal `angle` has `over`"), "{error}");
 }

@@ -96,7 +96,10 @@ def compile_model(xml: str, timestep: float, assets: Mapping[str, bytes] | None 
             raise RuntimeError(f"expected the package {package} {MUJOCO_VERSION}, found {found}; pip install 'mishandle[gpu]'")
     model = mujoco.MjModel.from_xml_string(xml, dict(assets or {}))
     if model.ntendon > 0 or model.opt.integrator != mujoco.mjtIntegrator.mjINT_IMPLICITFAST:
-        raise RuntimeError("the device gpu needs a model without tendons and with the integrator implicitfast")
+        raise RuntimeError(
+            "the device gpu needs a model without tendons and with the integrator implicitfast; in a target file, that is "
+            "`integrator = \"implicitfast\"` in [model]"
+        )
     model.opt.timestep = timestep
     # Without this flag, MuJoCo Warp finds 4 instead of 8 contacts between two boxes.
     model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_NATIVECCD)
@@ -145,8 +148,8 @@ class _Announcement:
 class WarpBatch:
     """Worlds of one model, one per row, that MuJoCo Warp steps together.
 
-    Arguments: the MJCF document, the physics step (s), the number of worlds, the number of physics steps per control step, the servos
-    (rows with the columns ``gpu_servos.COLUMNS``), the bodies that ``forces`` push, the fields of the model that :meth:`write_fields`
+    Arguments: the MJCF document, the physics step (s), the number of worlds, the number of physics steps per control step, the servos of
+    the first actuators (rows with the columns ``gpu_servos.COLUMNS``), the bodies that ``forces`` push, the fields of the model that :meth:`write_fields`
     replaces, such as ``geom_friction`` or ``opt.gravity``, and the device. A probe, with the keys ``gpu_probe.KEYS``, measures forces and
     motion over the physics steps; without one, nothing is measured. ``assets`` are the files that the document refers to, by name.
     """
@@ -240,7 +243,7 @@ class WarpBatch:
             self._parts.append(self._probe.readings)
         self._output_size = sum(part.shape[1] for part in self._parts) + 1
         sizes = {
-            "targets": len(servos),
+            "inputs": model.nu,
             "active": model.neq,
             "mocap": 7 * model.nmocap,
             "forces": 3 * self._substeps if pushed else 0,
@@ -267,6 +270,7 @@ class WarpBatch:
         parts = {
             states.mjSTATE_QPOS: data.qpos,
             states.mjSTATE_QVEL: data.qvel,
+            states.mjSTATE_ACT: data.act,
             states.mjSTATE_WARMSTART: data.qacc_warmstart,
             states.mjSTATE_CTRL: data.ctrl,
             states.mjSTATE_XFRC_APPLIED: data.xfrc_applied,
@@ -300,7 +304,7 @@ class WarpBatch:
     def _control_step(self) -> None:
         data, rows, there = self.data, self._rows, self._there
         if self._device.is_cuda:
-            for name in ("targets", "active", "mocap", "forces"):
+            for name in ("inputs", "active", "mocap", "forces"):
                 if there[name].size > 0:
                     wp.copy(there[name], self._host[name])
         self._status.zero_()
@@ -311,6 +315,10 @@ class WarpBatch:
             for pose, offset, size in ((data.mocap_pos, 0, 3), (data.mocap_quat, 3, 4)):
                 view = _floats(pose)
                 wp.launch(kernels.to_float, view.shape, inputs=[there["mocap"], 7, offset, size], outputs=[view])
+        servos = self._servos.shape[0]
+        if data.ctrl.shape[1] > servos:
+            dim = (rows, data.ctrl.shape[1] - servos)
+            wp.launch(kernels.set_controls, dim, inputs=[there["inputs"], servos], outputs=[data.ctrl])
         for substep in range(self._substeps):
             if self._pushed.size > 0:
                 force = wp.array(
@@ -343,7 +351,7 @@ class WarpBatch:
         model, data, servos = self._model, self.data, self._servos
         if servos.shape[0] == 0:
             return
-        inputs = [servos.shape[0], model.opt.timestep, servos, self._there["targets"], data.qpos, data.qvel, data.qfrc_passive]
+        inputs = [servos.shape[0], model.opt.timestep, servos, self._there["inputs"], data.qpos, data.qvel, data.qfrc_passive]
         inputs += [data.qfrc_bias, model.dof_damping, data.M, model.M_rowadr, model.M_rownnz, model.M_colind]
         inputs += [model.actuator_gainprm, model.actuator_biasprm]
         wp.launch(servo_rule.make_kernel(servos.shape[0]), self._rows, inputs=inputs, outputs=[data.ctrl])
@@ -352,7 +360,7 @@ class WarpBatch:
         """Returns the address and the number of elements of each buffer of the host. All are row-major; ``active`` has bytes, ``outputs``
         32-bit numbers, the others 64-bit numbers:
 
-        - ``targets``: target of each servo
+        - ``inputs``: target of each servo, then control of each other actuator
         - ``active``: 1 for each active equality constraint, otherwise 0
         - ``mocap``: position and quaternion of each mocap body
         - ``forces``: force on every pushed body in each physics step, N

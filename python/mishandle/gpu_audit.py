@@ -203,7 +203,9 @@ class CpuPhysics:
     def set_inputs(self, inputs: dict[str, NDArray[Any]], row: int, substep: int) -> None:
         """Takes the first half of a physics step, and sets the controls of the servos and the push."""
         mujoco.mj_step1(self.model, self.data)
-        self.data.ctrl[: len(self.servos)] = gpu.servo_rule.find_controls(self.servos, inputs["targets"][row], self.model, self.data)
+        targets, controls = np.split(inputs["inputs"][row], [len(self.servos)])
+        self.data.ctrl[len(self.servos) :] = controls
+        self.data.ctrl[: len(self.servos)] = gpu.servo_rule.find_controls(self.servos, targets, self.model, self.data)
         if self.pushed:
             self.data.xfrc_applied[self.pushed, :3] = inputs["forces"][row, 3 * substep : 3 * substep + 3]
 

@@ -36,6 +36,12 @@ def set_forces(
 
 
 @wp.kernel
+def set_controls(inputs: wp.array2d(dtype=wp.float64), first: int, ctrl: wp.array2d(dtype=float)) -> None:
+    row, column = wp.tid()
+    ctrl[row, first + column] = float(inputs[row, first + column])
+
+
+@wp.kernel
 def set_bools(source: wp.array2d(dtype=wp.uint8), target: wp.array2d(dtype=wp.bool)) -> None:
     row, column = wp.tid()
     target[row, column] = source[row, column] != wp.uint8(0)

@@ -32,7 +32,7 @@ struct Buffer {
 /// A batch that a Python object steps. The object owns the buffers and never moves them.
 struct WarpWorlds {
     object: Py<PyAny>,
-    targets: Buffer,
+    inputs: Buffer,
     active: Buffer,
     mocap: Buffer,
     forces: Buffer,
@@ -95,7 +95,7 @@ fn make(py: Python<'_>, spec: &BatchSpec) -> PyResult<WarpWorlds> {
     let buffer = buffers(&object)?;
     let layout = BatchLayout::new(&spec.model, spec.probe.as_ref());
     Ok(WarpWorlds {
-        targets: buffer("targets", spec.rows * spec.servos.len())?,
+        inputs: buffer("inputs", spec.rows * spec.model.actuators())?,
         active: buffer("active", spec.rows * layout.constraints)?,
         mocap: buffer("mocap", spec.rows * 7 * layout.mocaps)?,
         forces: buffer("forces", forces)?,
@@ -197,7 +197,7 @@ impl WorldBatch for WarpWorlds {
         #[allow(unsafe_code)]
         unsafe {
             BatchBuffers {
-                targets: slice(self.targets),
+                inputs: slice(self.inputs),
                 active: slice(self.active),
                 mocap: slice(self.mocap),
                 forces: slice(self.forces),

@@ -189,7 +189,7 @@ class Physics(unittest.TestCase):
             states.append(state_of(model, data))
             targets.append(data.qpos[:7] + directions)
         batch.write_states(np.arange(rows, dtype=np.int32), np.array(states))
-        batch.arrays()["targets"][:] = targets
+        batch.arrays()["inputs"][:, :7] = targets
         batch.step()
         found, braking = batch.data.ctrl.numpy()[:, :7], 0
         for row in range(rows):
@@ -258,7 +258,7 @@ class Physics(unittest.TestCase):
         values = [np.concatenate([gpu.attribute(model, name).ravel() for name in fields]) for model in models[1:]]
         batch.write_fields(np.arange(1, rows, dtype=np.int32), np.array(values))
         buffers = batch.arrays()
-        buffers["targets"][:], buffers["active"][:], buffers["forces"][:] = 0.12, 1, force
+        buffers["inputs"][:], buffers["active"][:], buffers["forces"][:] = 0.12, 1, force
         batch.step()
         nq, nv = models[0].nq, models[0].nv
         expected = np.zeros((rows, nv))
@@ -545,6 +545,57 @@ class Commands(unittest.TestCase):
         corners = {name: value for name, value in corners.items() if not name.startswith("careful") and name != "center_carefully_succeeds"}
         corners["points"] = [{name: value for name, value in point.items() if "careful" not in name} for point in corners["points"]]
         self.assertEqual(found["corners"], corners)
+
+
+CART_POLE = """<mujoco><option timestep="0.005" integrator="INTEGRATOR"/><worldbody>
+<body name="cart"><joint name="slide" type="slide" axis="1 0 0" damping="0.1"/><geom type="box" size="0.15 0.1 0.06" mass="1"/>
+<body name="pole"><joint name="hinge" axis="0 1 0" damping="0.002"/>
+<geom type="capsule" fromto="0 0 0 0 0 0.6" size="0.02" mass="0.1"/><site name="tip" pos="0 0 0.6"/></body></body>
+<body name="goal" mocap="true"><geom size="0.01" contype="0" conaffinity="0"/></body></worldbody>
+<actuator><general joint="slide" ctrllimited="true" ctrlrange="-8 8" dyntype="filter" dynprm="0.02"/></actuator></mujoco>"""
+
+CART_POLE_FILE = """
+format = 1
+name = "cart-pole"
+model.file = "cart-pole.xml"
+control = { period = 0.02, steps = 100 }
+start = { hinge = "tilt" }
+observation = { state = "[*qpos('slide') - body_pos('goal')[0], *qvel('slide'), *qpos('hinge'), *qvel('hinge')]" }
+policy = { expression = "dot([1, 2, 25, 4], state)", action = "action" }
+signals = { angle = "abs(qpos('hinge'))[0]", height = "site_pos('tip')[2]" }
+formulas = { upright = "always(angle <= 0.2) and always(height >= 0.3)" }
+
+[axes]
+tilt = { range = [-0.3, 0.3], unit = "rad" }
+pole = { kind = "model", range = [0.5, 4], scale = "body_mass('pole')" }
+gust = { kind = "event", body = "pole", time = [0, 1], duration = [0.05, 0.2], x = [-2, 2] }
+move = { kind = "event", jump = "goal", time = [0, 1], x = [-0.5, 0.5] }
+"""
+
+
+@unittest.skipIf(gpu is None, "needs the extra gpu")
+class RobotsInFiles(unittest.TestCase):
+    def risk(self, integrator):
+        with tempfile.TemporaryDirectory() as folder:
+            Path(folder, "cart-pole.xml").write_text(CART_POLE.replace("INTEGRATOR", integrator))
+            path = Path(folder, "cart-pole.toml")
+            path.write_text(CART_POLE_FILE)
+            question = "--space starts+dynamics+events --simulations 100 --method monte-carlo --seed 3 --json"
+            screening = f"--screening gpu --rows 40 --confirm 1 --out {folder}/run.sqlite"
+            return json.loads(gpu_verdicts.command("risk", path, *question.split(), *screening.split()))
+
+    def test_mujoco_warp_and_mujoco_c_agree_on_most_simulations(self):
+        found = self.risk("implicitfast")["screening"]
+        failures = found["findings"]["failure"]
+        self.assertEqual((found["simulations"], found["without_verdict"]), (100, 0))
+        self.assertGreater(found["flagged"], 10)
+        self.assertGreater(found["audit_sample"], 10)
+        refuted = found["flagged"] - failures["flagged"]
+        self.assertLessEqual(refuted + failures["audit_sample"], 2)
+
+    def test_another_integrator_is_an_error_that_names_its_key(self):
+        with self.assertRaisesRegex(RuntimeError, r"`integrator = \"implicitfast\"` in \[model\]"):
+            self.risk("Euler")
 
 
 class WithoutTheExtra(unittest.TestCase):

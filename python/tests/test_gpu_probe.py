@@ -132,7 +132,7 @@ class Readings(unittest.TestCase):
         arguments = {"xml": document, "timestep": 1 / 480, "servos": servos, "probe": probe}
         batch = gpu.WarpBatch(**arguments, rows=rows, substeps=substeps, device="cpu")
         states, inputs = self.states(model, rows), batch.arrays()
-        inputs["targets"][:] = states[:, 1:3] + np.random.default_rng(4).uniform(-0.5, 0.5, (rows, 2))
+        inputs["inputs"][:] = states[:, 1:3] + np.random.default_rng(4).uniform(-0.5, 0.5, (rows, 2))
         inputs["active"][::2] = 1
         batch.write_states(np.arange(rows, dtype=np.int32), states)
         batch.step()

@@ -6,15 +6,10 @@ const TASK: &str = "task";
 /// Kind of the targets that are written in Python.
 const PYTHON: &str = "python";
 
-/// Returns whether targets of this kind are tasks, which other engines can simulate.
-pub fn is_task(kind: &str) -> bool {
-    kind == TASK
-}
-
-/// Returns whether targets of this kind have a scene, joints and pictures: tasks, and robots that a
-/// file describes.
+/// Returns whether targets of this kind have a scene, joints and pictures, and can be screened by
+/// other engines: tasks, and robots that a file describes.
 pub fn has_scene(kind: &str) -> bool {
-    is_task(kind) || kind == mishandle_robots::KIND
+    kind == TASK || kind == mishandle_robots::KIND
 }
 
 /// Returns whether targets of this kind are written in Python, so that this program cannot simulate
@@ -33,8 +28,8 @@ mod tests {
     fn the_kinds_are_those_of_the_targets() {
         let kind = |name, controller| target(&Plan::new(name, controller)).unwrap().identity.kind;
         let task = kind("ball-balancing", "expert");
-        assert!(is_task(&task) && has_scene(&task));
+        assert!(has_scene(&task));
         let toy = kind("toy/noisy", "");
-        assert!(!is_task(&toy) && !has_scene(&toy) && !is_python(&toy));
+        assert!(!has_scene(&toy) && !is_python(&toy));
     }
 }

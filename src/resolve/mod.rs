@@ -41,7 +41,7 @@ pub use controller::{controller_name, find_controller};
 pub use described::{described_target, described_warnings};
 pub use first_file::first_target_file;
 pub use import::{import_controller, is_onnx, onnx_policy, read_normalizer};
-pub use kind::{has_scene, is_python, is_task};
+pub use kind::{has_scene, is_python};
 pub use randomness::{depends_on_seed, space_depends_on_seed};
 pub(crate) use recorded::resolve_recorded;
 pub use recorded::{Moved, recorded_plan};
@@ -222,7 +222,7 @@ fn leave_out_careful(plan: &Plan, target: &Target, specification: &mut Specifica
 
 /// Checks the settings of a screening.
 fn check_screening(screening: &ScreeningPlan, plan: &Plan, target: &Target) -> Result<(), MishandleError> {
-    if !is_task(&target.identity.kind) {
+    if !has_scene(&target.identity.kind) {
         return Err(MishandleError::UnsupportedOption { target: plan.target.clone(), option: "screening" });
     }
     let method = plan.risk.as_ref().map_or("auto", |risk| &risk.method);

@@ -55,10 +55,11 @@ pub(crate) fn robot_target(plan: &Plan) -> Result<Target, MishandleError> {
     Ok(robot.target(controller, noise)?)
 }
 
-/// As [`robot_target`], for recordings of its states.
-pub(crate) fn controlled_robot(plan: &Plan) -> Result<ControlledRobot, MishandleError> {
-    let (robot, (controller, _), noise) = parts(plan)?;
-    Ok(robot.controlled(controller, noise)?)
+/// As [`robot_target`], for recordings of its states and for other engines.
+pub(crate) fn controlled_robot(plan: &Plan) -> Result<(RobotFile, ControlledRobot), MishandleError> {
+    let (file, (controller, _), noise) = parts(plan)?;
+    let robot = file.controlled(controller, noise)?;
+    Ok((file, robot))
 }
 
 /// A controller, and its identity.

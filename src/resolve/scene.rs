@@ -1,14 +1,16 @@
 //! Targets with a scene: tasks, and robots that a file describes. Their states can be drawn and
-//! recorded in full.
+//! recorded in full, and other engines can simulate them.
 
 use std::path::Path;
 use std::sync::Arc;
 
 use mishandle_robots::{ControlledRobot, RobotEnvironment, RobotFile};
-use mishandle_rollout::{Environment, Rollout, Scenario, Space, Specification};
+use mishandle_rollout::{Environment, Rollout, Scenario, ScenarioBatch, Space, Specification};
 use mishandle_store::RunHeader;
-use mishandle_tasks::{Definition, JOINT_NAMES, Preset, Reward, TaskEnvironment, TaskError, TaskTarget};
-use mishandle_world::{FullState, PictureModel};
+use mishandle_tasks::{
+    Definition, JOINT_NAMES, Preset, Reward, TaskBatch, TaskEnvironment, TaskError, TaskTarget,
+};
+use mishandle_world::{FullState, PictureModel, WorldDevice};
 
 use crate::error::MishandleError;
 use crate::plan::Plan;
@@ -37,7 +39,7 @@ impl SceneEnvironment for RobotEnvironment {
 /// A target with a scene, and its controller.
 pub(crate) enum SceneTarget {
     Task(TaskTarget),
-    Robot(ControlledRobot),
+    Robot(RobotFile, ControlledRobot),
 }
 
 /// Returns the target of a plan as one with a scene.
@@ -45,7 +47,10 @@ pub(crate) fn scene_target(resolved: &ResolvedPlan) -> Result<SceneTarget, Misha
     let plan = &resolved.plan;
     check_scene(&resolved.target.identity.kind, &plan.target)?;
     match is_robot_file(&plan.target) {
-        true => Ok(SceneTarget::Robot(controlled_robot(plan)?)),
+        true => {
+            let (file, robot) = controlled_robot(plan)?;
+            Ok(SceneTarget::Robot(file, robot))
+        }
         false => Ok(SceneTarget::Task(task_target(plan)?)),
     }
 }
@@ -64,8 +69,31 @@ impl SceneTarget {
                 let environment = target.environment(space, specification)?;
                 Arc::new(if all_signals { environment.with_manner() } else { environment })
             }
-            SceneTarget::Robot(target) => Arc::new(target.environment(space)?),
+            SceneTarget::Robot(_, target) => Arc::new(target.environment(space)?),
         })
+    }
+
+    /// Makes batches whose physics `device` steps, with these numbers of rows.
+    ///
+    /// # Errors
+    /// If the device cannot simulate the target over the axes of `space`.
+    pub(crate) fn batches(
+        &self,
+        (space, specification): (&Space, &Specification),
+        device: &dyn WorldDevice,
+        rows: impl Iterator<Item = usize>,
+    ) -> Result<Vec<Box<dyn ScenarioBatch>>, MishandleError> {
+        type Boxed = Box<dyn ScenarioBatch>;
+        match self {
+            SceneTarget::Task(target) => {
+                let environment = target.environment(space, specification)?;
+                rows.map(|rows| Ok(Box::new(TaskBatch::new(&environment, device, rows)?) as Boxed)).collect()
+            }
+            SceneTarget::Robot(file, target) => {
+                let robot = file.on_device(target, space)?;
+                rows.map(|rows| Ok(Box::new(robot.batch(device, rows)?) as Boxed)).collect()
+            }
+        }
     }
 
     /// Makes the system of the controller in an environment that wraps one of this target.
@@ -77,7 +105,7 @@ impl SceneTarget {
     ) -> Result<Rollout, MishandleError> {
         Ok(match self {
             SceneTarget::Task(target) => target.system_in(environment, space, specification)?,
-            SceneTarget::Robot(target) => target.system_in(environment, space, specification)?,
+            SceneTarget::Robot(_, target) => target.system_in(environment, space, specification)?,
         })
     }
 
@@ -85,7 +113,7 @@ impl SceneTarget {
     pub(crate) fn action_name(&self, index: usize) -> String {
         match self {
             SceneTarget::Task(_) => JOINT_NAMES[index].to_string(),
-            SceneTarget::Robot(_) => (index + 1).to_string(),
+            SceneTarget::Robot(..) => (index + 1).to_string(),
         }
     }
 }

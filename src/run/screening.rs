@@ -8,13 +8,12 @@ use mishandle_evaluation::{
     evaluate_screened,
 };
 use mishandle_network::NetworkDevice;
-use mishandle_rollout::{RolloutError, ScenarioBatch, Screen, Screening, System};
-use mishandle_tasks::TaskBatch;
+use mishandle_rollout::{Screen, Screening, System};
 use mishandle_world::WorldDevice;
 
 use crate::error::MishandleError;
 use crate::plan::Plan;
-use crate::resolve::{ResolvedPlan, is_task, task_target};
+use crate::resolve::{ResolvedPlan, scene_target};
 use crate::run::evaluate::{corner_report, with_requests};
 
 /// A device besides the CPU, which a front end that has one passes to the questions.
@@ -31,18 +30,13 @@ pub struct Device {
 /// each: while the engine steps one of them, the CPU computes the samples and actions of the other.
 ///
 /// # Errors
-/// If the target is not a task, or the device cannot simulate it.
+/// If the target has no scene, or the device cannot simulate it.
 pub fn screening(
     resolved: &ResolvedPlan,
     device: &dyn WorldDevice,
     rows: usize,
 ) -> Result<Screening, MishandleError> {
-    if !is_task(&resolved.target.identity.kind) {
-        let target = resolved.plan.target.clone();
-        return Err(MishandleError::UnsupportedOption { target, option: "--screening" });
-    }
-    let target = task_target(&resolved.plan)?;
-    let environment = target.environment(&resolved.space, &resolved.specification)?;
+    let target = scene_target(resolved)?;
     let Plan { risk, evaluate, falsify, .. } = &resolved.plan;
     let simulations = [
         risk.as_ref().map(|table| table.simulations as usize),
@@ -52,12 +46,11 @@ pub fn screening(
     // More worlds than simulations would be idle.
     let rows = rows.min(simulations.into_iter().flatten().max().unwrap_or(rows)).max(1);
     let halves = [rows.div_ceil(2), rows / 2];
-    let batches = halves
-        .into_iter()
-        .filter(|rows| *rows > 0)
-        .map(|rows| Ok(Box::new(TaskBatch::new(&environment, device, rows)?) as Box<dyn ScenarioBatch>))
-        .collect::<Result<Vec<_>, RolloutError>>()?;
-    let rollout = target.system_in(Arc::new(environment), &resolved.space, &resolved.specification)?;
+    let (space, specification) = (&resolved.space, &resolved.specification);
+    let batches =
+        target.batches((space, specification), device, halves.into_iter().filter(|rows| *rows > 0))?;
+    let environment = target.environment(space, specification, false)?;
+    let rollout = target.system_in(environment, space, specification)?;
     Ok(Screening::new(rollout, batches))
 }
 

@@ -2,12 +2,12 @@ use std::ops::Range;
 use std::sync::Arc;
 
 use mishandle_rollout::{Axis, Environment, EnvironmentWorker, RolloutError, Space};
-use mishandle_world::{FullState, Mocap, Model, Servo};
+use mishandle_world::{Body, FullState, Mocap, Model, Servo, frame};
 
 use crate::axes::{Draw, Parameter};
 use crate::change::ModelChange;
 use crate::description::Over;
-use crate::events::{EVENT_SIZE, Event, slip};
+use crate::events::{EVENT_SIZE, Event, force, slip};
 use crate::phase::Phase;
 use crate::worker::RobotWorker;
 
@@ -81,9 +81,9 @@ pub(crate) struct Robot {
 /// action.
 #[derive(Clone)]
 pub struct RobotEnvironment {
-    robot: Arc<Robot>,
+    pub(crate) robot: Arc<Robot>,
     space: Space,
-    parameters: Arc<[Parameter]>,
+    pub(crate) parameters: Arc<[Parameter]>,
 }
 
 impl RobotEnvironment {
@@ -121,7 +121,7 @@ impl Robot {
         if has_arrived || self.hold.is_empty() { &self.command } else { &self.hold }
     }
 
-    fn tail_size(&self) -> usize {
+    pub(crate) fn tail_size(&self) -> usize {
         let own = 1 + self.values.len() + self.axis_changes() + EVENT_SIZE * self.events.len();
         own + self.memory_size() + self.action_size
     }
@@ -252,6 +252,18 @@ impl Robot {
     pub(crate) fn model_parts<'a>(&self, tail: &'a [f64]) -> ModelParts<'a> {
         let (changes, rest) = tail[1 + self.values.len()..].split_at(self.axis_changes());
         ModelParts { changes, events: &rest.as_chunks().0[..self.events.len()] }
+    }
+
+    /// Returns the bodies of the pushes, one for each push.
+    pub(crate) fn pushed(&self) -> impl Iterator<Item = Body> {
+        self.events.iter().filter_map(Event::pushed)
+    }
+
+    /// Returns the mean force of all pushes on a body over the physics step from `time`, N.
+    pub(crate) fn force_on(&self, body: Body, events: &[[f64; EVENT_SIZE]], time: f64) -> [f64; 3] {
+        let own = self.events.iter().zip(events).filter(|(event, _)| event.pushed() == Some(body));
+        let forces = own.map(|(_, push)| force(push, time, self.model.timestep()));
+        forces.fold([0.0; 3], frame::add)
     }
 
     /// Writes the values of all changes of the model in the physics step that starts at `time`;

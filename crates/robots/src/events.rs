@@ -80,6 +80,25 @@ pub(crate) fn slip(slip: &[f64; EVENT_SIZE], time: f64) -> Option<f64> {
 }
 
 impl Event {
+    /// Returns the body that the event pushes.
+    pub(crate) fn pushed(&self) -> Option<Body> {
+        match self.effect {
+            EventEffect::Push(body) => Some(body),
+            _ => None,
+        }
+    }
+
+    /// Returns whether the event number `index` of a robot has an effect in some episode in which
+    /// these parameters are set.
+    pub(crate) fn can_act(&self, index: usize, parameters: &[Parameter]) -> bool {
+        let mut rest = [0.0; EVENT_SIZE];
+        rest[MAGNITUDE] = self.change().map_or(0.0, |change| change.nominal);
+        (MAGNITUDE..EVENT_SIZE).any(|component| {
+            let parameter = Parameter::Event { event: index, component };
+            self.nominal[component] != rest[component] || parameters.contains(&parameter)
+        })
+    }
+
     /// Returns the change of the model that the event may make.
     pub(crate) fn change(&self) -> Option<&ModelChange> {
         match &self.effect {

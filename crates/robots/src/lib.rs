@@ -6,12 +6,13 @@
 //! text, `description` what it says, `axis_table` what it says about axes, `axes`, `change` and
 //! `events` what these axes set, `library` the names that its expressions may use, `phase` the
 //! expressions that are evaluated together, `environment` the simulation, which `worker` runs in
-//! the same engine as every task, `controlled` the robot with a controller in the loop, and
-//! `training` what a training run needs. `contract` checks a policy before the first episode, and
-//! `init` writes a first file for a policy of another tool.
+//! the same engine as every task, `batch` many of its rows in another engine, `controlled` the
+//! robot with a controller in the loop, and `training` what a training run needs. `contract` checks
+//! a policy before the first episode, and `init` writes a first file for a policy of another tool.
 
 mod axes;
 mod axis_table;
+mod batch;
 mod change;
 mod contract;
 mod controlled;
@@ -34,6 +35,7 @@ mod task_space;
 mod training;
 mod worker;
 
+pub use batch::RobotBatch;
 pub use controlled::ControlledRobot;
 pub use environment::RobotEnvironment;
 pub use error::RobotError;
@@ -42,5 +44,5 @@ pub use inside::check_inside;
 pub use library::{QUANTITY_FUNCTIONS, QuantityFunction};
 pub use mishandle_expression::functions;
 pub use program::ProgramPolicy;
-pub use target::{FILE_ROLES, KIND, RobotFile, RobotPolicy};
+pub use target::{DeviceRobot, FILE_ROLES, KIND, RobotFile, RobotPolicy};
 pub use training::{RobotBatches, RobotTraining};

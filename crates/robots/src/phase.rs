@@ -100,6 +100,15 @@ impl Phase {
         self.program.reads().any(|what| !is_fixed(what))
     }
 
+    /// Returns whether it reads the control of an actuator before number `end`.
+    pub(crate) fn reads_controls(&self, end: usize) -> bool {
+        let is_before = |what: &Quantity| match what {
+            Quantity::Controls(actuators) => actuators.iter().any(|actuator| *actuator < end),
+            _ => false,
+        };
+        self.program.reads().any(is_before)
+    }
+
     pub(crate) fn is_empty(&self) -> bool {
         self.places.is_empty()
     }

@@ -9,7 +9,7 @@ use mishandle_world::{Model, RowWorlds, World};
 use crate::axes::Parameter;
 use crate::change::changed;
 use crate::environment::{ModelParts, Robot, Tail};
-use crate::events::{EventEffect, force, jump};
+use crate::events::{EventEffect, jump};
 use crate::phase::{Memory, Phase};
 use crate::quantity::View;
 
@@ -270,10 +270,65 @@ impl RobotWorker {
     ) -> StepStatus {
         let robot = self.robot.clone();
         let (physics, tail) = state.split_at_mut(robot.model.state_size());
+        let start = tail[0] * robot.control_dt;
+        self.set_model(robot.model_parts(tail), Some(start));
+        self.world.set_state(physics);
+        if !self.begin_step(action, has_arrived, tail) {
+            return StepStatus::Diverged;
+        }
+        let Tail { values, model, memory, .. } = robot.split(tail);
+        let timestep = robot.model.timestep();
+        for substep in 0..robot.substeps {
+            let now = start + substep as f64 * timestep;
+            if !robot.slips.is_empty() {
+                self.set_model(model, Some(now));
+            }
+            for body in robot.pushed() {
+                self.world.push(body, robot.force_on(body, model.events, now));
+            }
+            self.physics_step();
+            self.measure(now + timestep, (values, memory, action), substep);
+        }
+        if self.world.take_divergence() {
+            return StepStatus::Diverged;
+        }
+        self.world.read_state(physics);
+        let status = self.end_step(tail, &mut sample);
+        self.write_reduced(robot.substeps, &mut sample);
+        status
+    }
+}
+
+/// The parts of a control step before and after the physics, which another engine may take.
+impl RobotWorker {
+    /// Returns the world.
+    pub(crate) fn world(&self) -> &World {
+        &self.world
+    }
+
+    /// Sets the world to a row that another engine steps: positions and velocities, controls, and
+    /// the poses of the mocap bodies. Forces are not those of the row.
+    pub(crate) fn load(
+        &mut self,
+        tail: &[f64],
+        (positions, velocities): (&[f64], &[f64]),
+        controls: &[f64],
+        mocap: &[f64],
+    ) {
+        let robot = self.robot.clone();
+        self.set_model(robot.model_parts(tail), Some(tail[0] * robot.control_dt));
+        self.world.qpos_mut().copy_from_slice(positions);
+        self.world.qvel_mut().copy_from_slice(velocities);
+        self.world.ctrl_mut().copy_from_slice(controls);
+        self.world.place_all(mocap);
+    }
+
+    /// Applies the jumps of a control step, and computes the memory and the controls from the world
+    /// and the action. Returns whether the controls are finite.
+    pub(crate) fn begin_step(&mut self, action: &[f64], has_arrived: bool, tail: &mut [f64]) -> bool {
+        let robot = self.robot.clone();
         let Tail { step, values, model, memory, action: last } = robot.split(tail);
         let start = *step * robot.control_dt;
-        self.set_model(model, Some(start));
-        self.world.set_state(physics);
         for (event, components) in robot.events.iter().zip(model.events) {
             if let EventEffect::Jump(jumping) = event.effect
                 && let Some(offset) = jump(components, *step, robot.control_dt)
@@ -289,37 +344,13 @@ impl RobotWorker {
             robot.next.write(&self.next, index, &mut memory[place.clone()]);
         }
         last.copy_from_slice(action);
-        if !self.set_controls(has_arrived, start, (values, memory, action)) {
-            return StepStatus::Diverged;
-        }
-        let timestep = robot.model.timestep();
-        for substep in 0..robot.substeps {
-            let now = start + substep as f64 * timestep;
-            if !robot.slips.is_empty() {
-                self.set_model(model, Some(now));
-            }
-            let pushes = || {
-                robot.events.iter().zip(model.events).filter_map(|(event, push)| match event.effect {
-                    EventEffect::Push(body) => Some((body, push)),
-                    _ => None,
-                })
-            };
-            for (body, _) in pushes() {
-                // Several pushes may act on one body.
-                let own = pushes().filter(|(other, _)| *other == body);
-                let forces = own.map(|(_, push)| force(push, now, timestep));
-                self.world.push(body, forces.fold([0.0; 3], mishandle_world::frame::add));
-            }
-            self.physics_step();
-            self.measure(now + timestep, (values, memory, action), substep);
-        }
-        if self.world.take_divergence() {
-            return StepStatus::Diverged;
-        }
-        self.world.read_state(physics);
-        *step += 1.0;
-        self.write_sample(tail, &mut sample);
-        self.write_reduced(robot.substeps, &mut sample);
+        self.set_controls(has_arrived, start, (values, memory, action))
+    }
+
+    /// Counts a control step and writes its sample, without signals over its physics steps.
+    pub(crate) fn end_step(&mut self, tail: &mut [f64], sample: &mut Sample<'_>) -> StepStatus {
+        tail[0] += 1.0;
+        self.write_sample(tail, sample);
         if self.has_ended() { StepStatus::Terminated } else { StepStatus::Running }
     }
 }
@@ -364,10 +395,7 @@ impl RobotWorker {
     }
 
     fn physics_step(&mut self) {
-        match self.robot.servos.is_empty() {
-            true => self.world.step(),
-            false => self.world.step_servos(&self.robot.servos, &self.targets),
-        }
+        self.world.step_servos(&self.robot.servos, &self.targets);
     }
 
     /// Runs the physics from the start to sample 0, with the controls of control steps in which no

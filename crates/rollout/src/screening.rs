@@ -42,15 +42,17 @@ pub trait ScenarioBatch: Send {
 
 /// A group of adjacent rows of a [`ScenarioBatch`] that one thread handles. Its rows count from 0.
 pub trait ScenarioRows {
-    /// Starts an episode in a row and writes its first sample.
-    fn start(&mut self, row: usize, scenario: &Scenario, seed: Seed, sample: Sample<'_>);
+    /// Starts an episode in a row, writes its first sample, and returns its status.
+    fn start(&mut self, row: usize, scenario: &Scenario, seed: Seed, sample: Sample<'_>) -> StepStatus;
 
     /// Writes the sample of a row after a control step, without rewards, and returns its status. If
     /// the engine has not simulated the step, the sample is meaningless.
     fn sample(&mut self, row: usize, observation: &mut [f32], signals: &mut [f64]) -> BatchStatus;
 
-    /// Sets the action of a row in the next control step. It is not clipped.
-    fn command(&mut self, row: usize, action: &[f64]);
+    /// Sets the action of a row in the next control step. It is not clipped. While an action is
+    /// delayed, none has arrived before the first one: see
+    /// [`step_before_actions`](crate::EnvironmentWorker::step_before_actions).
+    fn command(&mut self, row: usize, action: &[f64], has_arrived: bool);
 }
 
 /// Status of a row after a control step.
@@ -393,11 +395,11 @@ impl Group {
     ) {
         let (request, rollout, lane) = (&shared.requests[index], shared.rollout, &mut thread.lane);
         let scenario = rollout.environment_scenario(request);
-        environment.start(row, &scenario, request.seed, lane.sample(row));
+        let status = environment.start(row, &scenario, request.seed, lane.sample(row));
         lane.start(rollout, &mut self.rows, row, request);
         self.simulations[row] = Some(Simulation { index, start: self.history.visit, has_overflowed: false });
         self.progress[row] = Progress::start(request);
-        match lane.end_of_start(StepStatus::Running) {
+        match lane.end_of_start(status) {
             Some(end) => self.progress[row].end = end,
             None => self.history.write(row, &lane.signals),
         }
@@ -472,8 +474,8 @@ impl Group {
         lane.act(rollout, &mut self.rows, &mut self.progress);
         for (row, progress) in self.progress.iter().enumerate() {
             if progress.is_running() {
-                lane.action(rollout, &mut self.rows, row, progress);
-                environment.command(row, &lane.action);
+                let has_arrived = lane.action(rollout, &mut self.rows, row, progress);
+                environment.command(row, &lane.action, has_arrived);
             }
         }
     }

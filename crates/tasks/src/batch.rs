@@ -8,7 +8,8 @@ use mishandle_rollout::{
     ScenarioBatch, ScenarioRows, Seed, StepStatus,
 };
 use mishandle_world::{
-    BatchBuffers, BatchLayout, BatchSpec, Model, Outputs, RowStatus, WorldBatch, WorldDevice, WorldError,
+    BatchBuffers, BatchLayout, BatchSpec, Model, Outputs, PendingRows, RowStatus, WorldBatch, WorldDevice,
+    WorldError, split_rows,
 };
 use rayon::prelude::*;
 
@@ -29,7 +30,7 @@ pub struct TaskBatch {
     /// Last action of each row.
     actions: Vec<f64>,
     /// Inputs of the worlds of each group that the next step needs.
-    pending: Vec<Pending>,
+    pending: Vec<PendingRows>,
 }
 
 /// State that all threads share.
@@ -62,39 +63,6 @@ struct Thread {
     output: Vec<f64>,
     observation: Vec<f64>,
     fields: Vec<f64>,
-}
-
-/// States and varying fields that the worlds have not got yet.
-#[derive(Default)]
-struct Pending {
-    states: RowValues,
-    fields: RowValues,
-}
-
-/// Numbers of some rows, one row after another.
-#[derive(Default)]
-struct RowValues {
-    rows: Vec<usize>,
-    values: Vec<f64>,
-}
-
-impl RowValues {
-    /// Sets the numbers of a row.
-    fn set(&mut self, row: usize, values: &[f64]) {
-        match self.rows.iter().position(|known| *known == row) {
-            Some(index) => self.values[index * values.len()..][..values.len()].copy_from_slice(values),
-            None => {
-                self.rows.push(row);
-                self.values.extend_from_slice(values);
-            }
-        }
-    }
-
-    /// Moves the numbers of all rows out of `others`.
-    fn append(&mut self, others: &mut RowValues) {
-        self.rows.append(&mut others.rows);
-        self.values.append(&mut others.values);
-    }
 }
 
 impl TaskBatch {
@@ -134,7 +102,7 @@ impl TaskBatch {
             tails: vec![0.0; rows * events.size],
             memory: vec![0.0; rows * sizes.memory],
             actions: vec![0.0; rows * JOINTS],
-            pending: (0..rows.div_ceil(GROUP_ROWS)).map(|_| Pending::default()).collect(),
+            pending: (0..rows.div_ceil(GROUP_ROWS)).map(|_| PendingRows::default()).collect(),
             shared: Shared {
                 model,
                 layout,
@@ -155,7 +123,7 @@ impl TaskBatch {
         visit: impl Fn(usize, &mut TaskRows<'_>, T) + Sync,
     ) {
         let TaskBatch { worlds, rows, shared, tails, memory, actions, pending } = self;
-        let BatchBuffers { targets, active, mocap, forces, outputs } = worlds.buffers();
+        let BatchBuffers { inputs: targets, active, mocap, forces, outputs } = worlds.buffers();
         let Sizes { output, active: active_size, mocap: mocap_size, memory: memory_size, .. } = shared.sizes;
         let parts: Vec<_> = groups(targets, JOINTS)
             .zip(groups(active, active_size))
@@ -196,20 +164,7 @@ impl TaskBatch {
 
     /// Writes the pending states and fields to the worlds.
     fn write_pending(&mut self) -> Result<(), RolloutError> {
-        let mut all = Pending::default();
-        for pending in &mut self.pending {
-            all.states.append(&mut pending.states);
-            all.fields.append(&mut pending.fields);
-        }
-        let Pending { states, fields } = all;
-        let mut result = Ok(());
-        if !fields.rows.is_empty() {
-            result = self.worlds.write_fields(&fields.rows, &fields.values);
-        }
-        if !states.rows.is_empty() {
-            result = result.and_then(|()| self.worlds.write_states(&states.rows, &states.values));
-        }
-        result.map_err(|error| engine_error(&error))
+        PendingRows::write(&mut self.pending, &mut *self.worlds).map_err(|error| engine_error(&error))
     }
 
     /// Copies the states of all rows into `states`, `[rows, state_size]`.
@@ -218,7 +173,7 @@ impl TaskBatch {
         let Sizes { state: size, physics: physics_size, memory: memory_size, .. } = self.shared.sizes;
         let mut physics = vec![0.0; self.rows * physics_size];
         self.worlds.read_states(&mut physics).map_err(|error| engine_error(&error))?;
-        let targets = self.worlds.buffers().targets.chunks(JOINTS);
+        let targets = self.worlds.buffers().inputs.chunks(JOINTS);
         let rows = states.chunks_mut(size).zip(physics.chunks(physics_size)).zip(targets).enumerate();
         let tail_size = self.shared.events.size;
         for (row, ((state, physics), targets)) in rows {
@@ -240,13 +195,9 @@ impl TaskBatch {
     }
 }
 
-/// Splits rows of `size` numbers into groups, which are empty if `size` is 0.
+/// Splits rows of `size` numbers into groups.
 fn groups<T>(numbers: &mut [T], size: usize) -> impl Iterator<Item = &mut [T]> {
-    let mut rest = numbers;
-    std::iter::repeat_with(move || {
-        let length = (GROUP_ROWS * size).min(rest.len());
-        rest.split_off_mut(..length).unwrap_or_default()
-    })
+    split_rows(numbers, GROUP_ROWS * size)
 }
 
 fn engine_error(error: &WorldError) -> RolloutError {
@@ -306,7 +257,7 @@ pub(crate) struct TaskRows<'a> {
     memory: &'a mut [f64],
     actions: &'a mut [f64],
     outputs: Outputs<'a>,
-    pending: &'a mut Pending,
+    pending: &'a mut PendingRows,
 }
 
 impl TaskRows<'_> {
@@ -331,20 +282,15 @@ impl TaskRows<'_> {
         self.outputs.write(row, output);
         self.targets[row * JOINTS..][..JOINTS].copy_from_slice(&state[physics..][..JOINTS]);
         self.active[row * active..][..active].copy_from_slice(world.active());
-        let (positions, quaternions) = world.mocap_poses();
-        let poses = self.mocap[row * mocap..][..mocap].as_chunks_mut::<7>().0;
-        for ((pose, position), quaternion) in poses.iter_mut().zip(positions).zip(quaternions) {
-            pose[..3].copy_from_slice(position);
-            pose[3..].copy_from_slice(quaternion);
-        }
+        world.write_mocap_poses(&mut self.mocap[row * mocap..][..mocap]);
         let (tail, own_memory) = state[physics + JOINTS..].split_at(events.size);
         self.tails[row * events.size..][..events.size].copy_from_slice(tail);
         self.memory[row * memory..][..memory].copy_from_slice(own_memory);
-        self.pending.states.set(self.first_row + row, &state[..physics]);
+        self.pending.set_state(self.first_row + row, &state[..physics]);
         if !events.fields.is_empty() {
             fields.clear();
             world.model().read_fields(&events.fields, fields);
-            self.pending.fields.set(self.first_row + row, fields);
+            self.pending.set_fields(self.first_row + row, fields);
         }
     }
 
@@ -377,7 +323,7 @@ impl TaskRows<'_> {
         let has_jumped = events.jump(tail, &mut self.mocap[row * mocap..][..mocap]);
         if events.slips(tail) {
             let fields = self.thread.worker.read_fields(tail, &events.fields);
-            self.pending.fields.set(self.first_row + row, &fields);
+            self.pending.set_fields(self.first_row + row, &fields);
         }
         tail[0] += 1.0;
         has_jumped
@@ -385,17 +331,18 @@ impl TaskRows<'_> {
 }
 
 impl ScenarioRows for TaskRows<'_> {
-    fn start(&mut self, row: usize, scenario: &Scenario, seed: Seed, sample: Sample<'_>) {
+    fn start(&mut self, row: usize, scenario: &Scenario, seed: Seed, sample: Sample<'_>) -> StepStatus {
         let Thread { worker, state, .. } = &mut *self.thread;
-        worker.reset(scenario, seed, state, sample);
+        let status = worker.reset(scenario, seed, state, sample);
         self.write_start(row);
+        status
     }
 
     fn sample(&mut self, row: usize, observation: &mut [f32], signals: &mut [f64]) -> BatchStatus {
         self.rewarded_sample(row, Sample { observation, signals, rewards: &mut [] })
     }
 
-    fn command(&mut self, row: usize, action: &[f64]) {
+    fn command(&mut self, row: usize, action: &[f64], _has_arrived: bool) {
         let Shared { model, layout, functions, sizes, events, .. } = self.shared;
         self.actions[row * JOINTS..][..JOINTS].copy_from_slice(action);
         let has_jumped = events.size > 0 && self.begin_step(row);

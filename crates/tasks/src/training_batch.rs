@@ -114,8 +114,8 @@ impl EnvironmentBatch for TrainingBatch {
             let mut signals = vec![0.0; sizes.signals];
             for row in 0..rows.len() {
                 if let Some(Start { scenario, seed, .. }) = starting[first + row] {
-                    rows.start(row, scenario, *seed, sizes.sample(row, &mut samples, &mut signals));
-                    samples.statuses[row] = StepStatus::Running;
+                    let sample = sizes.sample(row, &mut samples, &mut signals);
+                    samples.statuses[row] = rows.start(row, scenario, *seed, sample);
                 }
             }
         });
@@ -125,7 +125,9 @@ impl EnvironmentBatch for TrainingBatch {
     fn step(&mut self, actions: &[f64]) -> Result<(), RolloutError> {
         let sizes = self.sizes;
         let action = |row: usize| &actions[row * sizes.action..][..sizes.action];
-        self.visit(|first, rows, _| (0..rows.len()).for_each(|row| rows.command(row, action(first + row))));
+        self.visit(|first, rows, _| {
+            (0..rows.len()).for_each(|row| rows.command(row, action(first + row), true));
+        });
         self.batch.start_step()?;
         self.batch.finish_step()?;
         self.visit(|_, rows, mut samples| {

@@ -260,7 +260,7 @@ fn batch_rows(
                     Some(_) => group.sample(row, &mut observation, &mut signals),
                 };
                 rows.lock().unwrap()[row].push(bits(&observation, &signals, status));
-                group.command(row, &actions(row, step));
+                group.command(row, &actions(row, step), true);
             }
         });
         batch.start_step().unwrap();

@@ -18,7 +18,7 @@ pub struct BatchSpec {
     pub rows: usize,
     /// Number of physics steps per control step.
     pub substeps: usize,
-    /// Servos, in the order of the first actuators.
+    /// Servos of the first actuators. The inputs of the other actuators are their controls.
     pub servos: Vec<Servo>,
     /// Elements whose forces and motion are measured over the physics steps. Without them, an
     /// output row has no [`Readings`].
@@ -84,8 +84,8 @@ pub trait WorldBatch: Send {
 /// Buffers of a batch.
 #[derive(Debug)]
 pub struct BatchBuffers<'a> {
-    /// Targets of the servos, rad or m, `[rows, servos]`.
-    pub targets: &'a mut [f64],
+    /// Targets of the servos, rad or m, then controls of the other actuators, `[rows, actuators]`.
+    pub inputs: &'a mut [f64],
     /// Whether each equality constraint is active, `[rows, constraints]`.
     pub active: &'a mut [bool],
     /// Position (m) and quaternion of each mocap body, `[rows, 7 mocap bodies]`.
@@ -308,7 +308,7 @@ pub struct CpuWorlds {
     /// World of each row if their models differ, otherwise one world for all rows.
     worlds: Vec<World>,
     states: Vec<f64>,
-    targets: Vec<f64>,
+    inputs: Vec<f64>,
     active: Vec<bool>,
     mocap: Vec<f64>,
     forces: Vec<f64>,
@@ -326,7 +326,7 @@ impl CpuWorlds {
         CpuWorlds {
             worlds: (0..worlds).map(|_| spec.model.world()).collect(),
             states: vec![0.0; rows * spec.model.state_size()],
-            targets: vec![0.0; rows * spec.servos.len()],
+            inputs: vec![0.0; rows * spec.model.actuators()],
             active: vec![false; rows * layout.constraints],
             mocap: vec![0.0; rows * 7 * layout.mocaps],
             forces: vec![0.0; rows * forces],
@@ -363,7 +363,7 @@ impl WorldBatch for CpuWorlds {
 
     fn buffers(&mut self) -> BatchBuffers<'_> {
         BatchBuffers {
-            targets: &mut self.targets,
+            inputs: &mut self.inputs,
             active: &mut self.active,
             mocap: &mut self.mocap,
             forces: &mut self.forces,
@@ -380,13 +380,15 @@ impl WorldBatch for CpuWorlds {
             world.set_state(state);
             world.set_active(&self.active[row * self.layout.constraints..][..self.layout.constraints]);
             world.place_all(&self.mocap[row * 7 * self.layout.mocaps..][..7 * self.layout.mocaps]);
+            let inputs = &self.inputs[row * model.actuators()..][..model.actuators()];
+            let (targets, controls) = inputs.split_at(servos.len());
+            world.ctrl_mut()[servos.len()..].copy_from_slice(controls);
             self.recorder.iter_mut().for_each(ProbeRecorder::clear);
             for substep in 0..*substeps {
                 let force = self.forces.as_chunks().0.get(row * substeps + substep);
                 if let Some(force) = force {
                     pushed.iter().for_each(|body| world.push(*body, *force));
                 }
-                let targets = &self.targets[row * servos.len()..];
                 match &mut self.recorder {
                     Some(recorder) => recorder.step(servos, targets, world),
                     None => world.step_servos(servos, targets),

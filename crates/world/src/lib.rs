@@ -33,6 +33,7 @@ mod kinematics;
 mod lookup;
 mod model;
 mod part_forces;
+mod pending;
 mod probe;
 mod render;
 mod rows;
@@ -56,6 +57,7 @@ pub use full_state::{FullState, RowWorlds};
 pub use kinematics::Arm;
 pub use model::Model;
 pub use part_forces::{Part, PartForces, PartMap};
+pub use pending::{PendingRows, split_rows};
 pub use probe::{FORCES, Probe, ProbeRecorder, ProbedJoint, Readings};
 pub use render::{
     CAMERAS, Caption, CaptionLayout, CaptionPart, Color, Picture, PictureModel, Quality, Renderer, Size,

@@ -47,11 +47,14 @@ impl Servo {
 
 impl World {
     /// Advances the state by one physics step in which the servos of the first actuators move
-    /// towards `targets`, rad or m.
+    /// towards `targets`, rad or m. Without servos, it is a plain [`step`](Self::step).
     ///
     /// # Panics
     /// If there are more than 16 servos or their velocities are not consecutive.
     pub fn step_servos(&mut self, servos: &[Servo], targets: &[f64]) {
+        if servos.is_empty() {
+            return self.step();
+        }
         self.data.step1();
         self.set_servos(servos, targets);
         self.data.step2();

@@ -192,6 +192,17 @@ impl World {
         (self.data.mocap_pos(), self.data.mocap_quat())
     }
 
+    /// Writes position (m) and quaternion of each mocap body, as [`place_all`](Self::place_all)
+    /// takes them.
+    pub fn write_mocap_poses(&self, poses: &mut [f64]) {
+        let (positions, quaternions) = self.mocap_poses();
+        let own = poses.as_chunks_mut::<7>().0.iter_mut().zip(positions).zip(quaternions);
+        for ((pose, position), quaternion) in own {
+            pose[..3].copy_from_slice(position);
+            pose[3..].copy_from_slice(quaternion);
+        }
+    }
+
     /// Moves a mocap body by `offset`, m.
     pub fn shift(&mut self, mocap: Mocap, offset: [f64; 3]) {
         let position = &mut self.data.mocap_pos_mut()[mocap.0];

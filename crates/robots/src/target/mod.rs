@@ -1,6 +1,7 @@
 //! A robot that a file describes, as a target.
 
 mod compile;
+mod device;
 mod read;
 mod spaces;
 
@@ -25,6 +26,7 @@ use crate::model::RobotModel;
 use crate::phase::PhaseBuilder;
 use crate::program::ProgramPolicy;
 
+pub use device::DeviceRobot;
 pub(crate) use read::read_text;
 
 /// Kind of the targets that a file describes.
