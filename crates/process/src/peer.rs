@@ -29,9 +29,14 @@ pub struct Program {
     pub folder: PathBuf,
 }
 
+/// Ends the process group of a program as soon as its input ends: as soon as this process does,
+/// however it ends.
+const WATCH: &str = "read -r _; kill -s KILL -- \"-$1\"";
+
 /// A running program that answers line by line.
 pub struct Peer {
     child: Child,
+    watcher: Child,
     /// Closed when the program is dropped.
     stdin: Option<ChildStdin>,
     stdout: Lines<ChildStdout>,
@@ -52,17 +57,21 @@ impl Peer {
         command.args(program.words.iter().skip(1)).current_dir(&program.folder).process_group(0);
         command.stdin(Stdio::piped()).stdout(Stdio::piped()).stderr(Stdio::piped());
         let mut child = command.spawn().map_err(failed)?;
-        let (Some(stdin), Some(stdout), Some(pipe)) =
-            (child.stdin.take(), child.stdout.take(), child.stderr.take())
-        else {
-            return Err(failed(std::io::Error::other("it has no pipes")));
+        let mut watch = Command::new("sh");
+        watch.args(["-c", WATCH, "sh", &child.id().to_string()]).current_dir("/").process_group(0);
+        watch.stdin(Stdio::piped()).stdout(Stdio::null()).stderr(Stdio::null());
+        let pipes = (child.stdin.take(), child.stdout.take(), child.stderr.take());
+        let (Ok(watcher), (Some(stdin), Some(stdout), Some(pipe))) = (watch.spawn(), pipes) else {
+            let _ = child.kill();
+            let _ = child.wait();
+            return Err(failed(std::io::Error::other("it has no pipes, or no `sh` watches it")));
         };
         // A question longer than the pipe must not wait forever for a program that does not read.
         ioctl_fionbio(&stdin, true).map_err(|error| failed(error.into()))?;
         let stderr = Arc::new(Mutex::new(Vec::new()));
         let kept = stderr.clone();
         std::thread::spawn(move || keep_end(pipe, &kept));
-        Ok(Peer { child, stdin: Some(stdin), stdout: Lines::new(stdout), stderr, has_failed: false })
+        Ok(Peer { child, watcher, stdin: Some(stdin), stdout: Lines::new(stdout), stderr, has_failed: false })
     }
 
     /// Sends a line without its end, and returns the line that answers it.
@@ -130,6 +139,8 @@ impl Peer {
     /// Ends the program and its process group.
     fn kill(&mut self) {
         self.stdin = None;
+        let _ = self.watcher.kill();
+        let _ = self.watcher.wait();
         // Before the program is reaped: its number may belong to another one afterwards.
         if let Some(group) = pid(&self.child) {
             let _ = kill_process_group(group, Signal::KILL);

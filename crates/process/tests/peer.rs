@@ -89,6 +89,37 @@ fn no_program_outlives_its_owner() {
 }
 
 #[test]
+fn no_program_outlives_a_killed_owner() {
+    // The owner is this test in a process of its own, which starts a program that never ends.
+    const OWNER: &str = "MISHANDLE_TEST_OWNER";
+    if std::env::var_os(OWNER).is_some() {
+        let mut peer = shell("read -r line; trap '' TERM HUP; echo $$; sleep 1000");
+        println!("program {}", peer.ask("question", LIMIT).expect("the number of a process"));
+        std::thread::sleep(LIMIT);
+        return;
+    }
+    let mut owner = std::process::Command::new(std::env::current_exe().expect("this program"))
+        .args(["--exact", "no_program_outlives_a_killed_owner", "--nocapture"])
+        .env(OWNER, "1")
+        .stdout(std::process::Stdio::piped())
+        .spawn()
+        .expect("the owner starts");
+    let output = std::io::BufReader::new(owner.stdout.take().expect("its output"));
+    let line = std::io::BufRead::lines(output).map_while(Result::ok).find(|line| line.contains("program "));
+    let program =
+        line.as_deref().and_then(|line| line.split("program ").nth(1)).expect("a number").to_string();
+    let is_running = || std::path::Path::new("/proc").join(&program).join("cwd").read_link().is_ok();
+    assert!(is_running());
+    owner.kill().expect("the owner is killed");
+    owner.wait().expect("the end of the owner");
+    let end = Instant::now() + LIMIT;
+    while is_running() {
+        assert!(Instant::now() < end, "process {program} is still running");
+        std::thread::sleep(Duration::from_millis(10));
+    }
+}
+
+#[test]
 fn a_program_that_reads_its_input_to_the_end_can_finish() {
     let file = std::env::temp_dir().join(format!("mishandle-process-{}", std::process::id()));
     let script = format!("read -r line; echo $line; cat; echo saved > {}", file.display());

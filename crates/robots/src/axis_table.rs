@@ -104,7 +104,8 @@ fn event(key: &Key, table: &Table, fields: &mut Fields<'_>) -> Result<AxisTable,
         }
         _ => {
             let message = format!(
-                "the event `{}` needs exactly one of `body` (a push), `jump` (a displacement of a body) and `slip` (other                  numbers of the model for a while)",
+                "the event `{}` needs exactly one of `body` (a push), `jump` (a displacement of a body) and `slip` (other numbers of \
+                 the model for a while)",
                 key.name
             );
             return Err(Problem::new(&table.span, message));

@@ -461,7 +461,14 @@ const TIME_LIMIT: f64 = 10.0;
 const MAX_STATE: f64 = 100_000.0;
 
 fn process(fields: &mut Fields<'_>) -> Result<Option<ProgramTable>, Problem> {
-    let words = fields.texts("process")?;
+    let item = fields.get("process");
+    let words = item.map_or(Ok(Vec::new()), |item| item.texts("process"))?;
+    if let (Some(item), true) = (item, words.is_empty()) {
+        return Err(Problem::new(
+            &item.span,
+            "`process` needs a program, such as [\"python3\", \"my_policy.py\"]",
+        ));
+    }
     let time_limit = fields.get("time_limit");
     let state = fields.get("state");
     let stray = |item: &Item, key: &str| Problem::new(&item.span, format!("`{key}` belongs to `process`"));
@@ -476,7 +483,12 @@ fn process(fields: &mut Fields<'_>) -> Result<Option<ProgramTable>, Problem> {
         None => TIME_LIMIT,
         Some(item) => match item.number("time_limit")? {
             limit if limit > 0.0 && limit <= 1e6 => limit,
-            _ => return Err(Problem::new(&item.span, "`time_limit` must be more than 0 s")),
+            _ => {
+                return Err(Problem::new(
+                    &item.span,
+                    "`time_limit` must be more than 0 and at most 1,000,000 s",
+                ));
+            }
         },
     };
     let state = state.map_or(Ok(0), |item| whole(item, "state", MAX_STATE))?;

@@ -273,7 +273,8 @@ impl Robot {
         values.extend(parts.changes);
         let of_slips = self.slips.iter().zip(&self.changes[parts.changes.len()..]);
         values.extend(of_slips.map(|(event, change)| {
-            time.and_then(|time| slip(&parts.events[*event], time)).unwrap_or(change.nominal)
+            time.and_then(|time| slip(&parts.events[*event], time, self.model.timestep()))
+                .unwrap_or(change.nominal)
         }));
     }
 }

@@ -72,11 +72,12 @@ pub(crate) fn jump(jump: &[f64; EVENT_SIZE], step: f64, control_dt: f64) -> Opti
     ((time / control_dt).floor() == step && [x, y, z] != [0.0; 3]).then_some([x, y, z])
 }
 
-/// Returns the value of a slip in the physics step that starts at `time`; `None` if it does not
-/// last then.
-pub(crate) fn slip(slip: &[f64; EVENT_SIZE], time: f64) -> Option<f64> {
+/// Returns the value of a slip in the physics step from `time` to `time + step`; `None` if it does
+/// not last in the middle of the step. Times at the border of two steps are rounded numbers.
+pub(crate) fn slip(slip: &[f64; EVENT_SIZE], time: f64, step: f64) -> Option<f64> {
     let [start, duration, value, ..] = *slip;
-    (time >= start && time < start + duration).then_some(value)
+    let middle = time + step / 2.0;
+    (middle >= start && middle < start + duration).then_some(value)
 }
 
 impl Event {
@@ -222,4 +223,21 @@ fn jumping(body: &Text, library: &Library<'_>) -> Result<Jumping, Problem> {
         let message = format!("`{}` cannot jump: it is neither a mocap body nor has a free joint", body.text);
         Problem::new(&body.span, message)
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_slip_lasts_as_many_physics_steps_as_its_duration_has() {
+        for step in [0.002, 0.004, 0.005, 1.0 / 120.0] {
+            for (first, count) in (0..60).flat_map(|first| (0..60).map(move |count| (first, count))) {
+                let event = [f64::from(first) * step, f64::from(count) * step, 0.5, 0.0, 0.0];
+                let found: Vec<i32> =
+                    (0..130).filter(|k| slip(&event, f64::from(*k) * step, step).is_some()).collect();
+                assert_eq!(found, (first..first + count).collect::<Vec<_>>(), "step {step} s, {event:?}");
+            }
+        }
+    }
 }

@@ -52,7 +52,7 @@ pub fn run(command: &Arguments, gpu: Option<&Device>) -> Result<ExitStatus> {
     } else if found.is_complete || (found.screening.is_some() && has_result) {
         output::line(&evaluation::text(&found))?;
     }
-    let without = report.diverged + report.invalid + report.undecided;
+    let without = report.diverged + report.invalid + report.undecided + report.failed;
     let tested = match &found.screening {
         Some(counts) => {
             asked.report_screening(counts);

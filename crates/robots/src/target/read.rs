@@ -10,7 +10,7 @@ use mishandle_world::ElementKind;
 
 use crate::axes::{Axes, ObservedPart, parameter_names};
 use crate::description::{Constant, Description, Named, PolicySource, Quantity};
-use crate::document;
+use crate::document::{self, Key};
 use crate::error::{Problem, RobotError};
 use crate::library::{Library, RememberedPart, members};
 use crate::model::{self, RobotModel};
@@ -51,6 +51,7 @@ impl RobotFile {
             signals: &[],
         };
         let without = library(&[], None);
+        check_names(&description).map_err(problem)?;
         check_groups(&description, &without).map_err(problem)?;
         let actuated = actuated(&description, &without).map_err(problem)?;
         let memory = remembered_parts(&description, &without).map_err(problem)?;
@@ -100,6 +101,7 @@ impl RobotFile {
         };
         // This reports mistakes now, with their lines.
         file.robot(file.actions()).map_err(|found| found.at(path, text))?;
+        file.check_replaced().map_err(|found| found.at(path, text))?;
         Ok(file)
     }
 }
@@ -120,6 +122,30 @@ fn actuated(description: &Description, library: &Library<'_>) -> Result<Vec<usiz
             .elements(ElementKind::Actuator, Some(&Argument::Name(group.text.clone())))
             .map_err(|message| Problem::new(&group.span, message)),
     }
+}
+
+/// Names of every expression.
+const NAMES: [&str; 4] = ["action", "bias_forces", "pi", "time"];
+
+/// A constant, an axis and a part of the memory have names of their own: one would hide the other.
+fn check_names(description: &Description) -> Result<(), Problem> {
+    let constants = description.constants.iter().map(|named| (&named.key, "constant"));
+    let axes = description.axes.iter().map(|named| (&named.key, "axis"));
+    let memory = description.memory.iter().map(|named| (&named.key, "part of the memory"));
+    let mut seen: Vec<(&Key, &str)> = Vec::new();
+    for (key, what) in constants.chain(axes).chain(memory) {
+        let name = key.name.as_str();
+        if NAMES.contains(&name) {
+            let message = format!("`{name}` has a meaning in every expression; give the {what} another name");
+            return Err(Problem::new(&key.span, message));
+        }
+        if let Some((_, other)) = seen.iter().find(|(other, _)| other.name == name) {
+            let message = format!("`{name}` is the name of a {other} already; give the {what} another name");
+            return Err(Problem::new(&key.span, message));
+        }
+        seen.push((key, what));
+    }
+    Ok(())
 }
 
 /// Looks up the elements of each group, so that a mistake in one is reported where it stands.
@@ -200,14 +226,6 @@ fn remembered_parts(
         let mut phase = PhaseBuilder::new(library);
         let size = phase.add(&named.value.start)?;
         let (name, is_number) = (named.key.name.clone(), phase.is_number(0));
-        if library.constants.iter().any(|constant| constant.key.name == name)
-            || library.parameters.contains(&name)
-        {
-            return Err(Problem::new(
-                &named.key.span,
-                format!("`{name}` is the name of a constant or of an axis as well"),
-            ));
-        }
         parts.push(RememberedPart { name, place: first..first + size, is_number });
         first += size;
     }

@@ -5,7 +5,9 @@ use mishandle_rollout::{Axis, AxisKind, Disturbance, Effect, RolloutError, Space
 
 use crate::axes::{ObservedPart, Parameter};
 use crate::axis_table::AxisEffect;
-use crate::error::RobotError;
+use crate::document::Text;
+use crate::error::{Problem, RobotError};
+use crate::pattern::missing;
 use crate::target::RobotFile;
 
 impl RobotFile {
@@ -169,13 +171,51 @@ impl RobotFile {
         for named in &self.description.spaces {
             let mut axes = Vec::new();
             for name in &named.value {
-                axes.extend(self.axes_of(&name.text));
+                axes.extend(self.named_axes(name, disturbances).map_err(|problem| self.at(problem))?);
             }
             spaces.retain(|(known, _)| *known != named.key.name);
             spaces.push((named.key.name.clone(), axes));
         }
         let made = spaces.into_iter().filter(|(_, axes)| !axes.is_empty());
         Ok(made.map(|(name, axes)| Space::new(&name, axes)).collect::<Result<_, RolloutError>>()?)
+    }
+
+    /// Returns the axes of a name in a space of the file: those of an axis of the file, or one that
+    /// every robot has.
+    fn named_axes(&self, name: &Text, disturbances: &[Disturbance]) -> Result<Vec<Axis>, Problem> {
+        let own = self.axes_of(&name.text);
+        if !own.is_empty() {
+            return Ok(own);
+        }
+        let found = distinct(disturbances.iter().map(|d| &d.axis).filter(|axis| axis.name == name.text));
+        if found.is_empty() {
+            let own = self.description.axes.iter().map(|axis| axis.key.name.clone());
+            let builtin = distinct(disturbances.iter().map(|d| &d.axis)).into_iter().map(|axis| axis.name);
+            let known: Vec<String> = own.chain(builtin).collect();
+            return Err(Problem::new(&name.span, missing("axis", &name.text, &known)));
+        }
+        Ok(found)
+    }
+
+    /// An axis with the name of a disturbance that every robot has must be such a disturbance: it
+    /// takes its place.
+    pub(crate) fn check_replaced(&self) -> Result<(), Problem> {
+        let faults = self.sites(self.actions()).into_iter().flat_map(FaultSite::disturbances);
+        let builtin: Vec<Disturbance> = delays().into_iter().chain(self.sensing()).chain(faults).collect();
+        for axis in &self.description.axes {
+            let is_disturbance = matches!(
+                axis.value.effect,
+                AxisEffect::Delay { .. } | AxisEffect::Bias { .. } | AxisEffect::Noise { .. }
+            );
+            if !is_disturbance && builtin.iter().any(|d| d.axis.name == axis.key.name) {
+                let message = format!(
+                    "every robot has an axis `{}` already, which this one would hide; give it another name",
+                    axis.key.name
+                );
+                return Err(Problem::new(&axis.key.span, message));
+            }
+        }
+        Ok(())
     }
 
     /// Returns the axes that an axis of the file makes: a push, for instance, makes several.
