@@ -39,7 +39,7 @@ impl SceneEnvironment for RobotEnvironment {
 /// A target with a scene, and its controller.
 pub(crate) enum SceneTarget {
     Task(TaskTarget),
-    Robot(RobotFile, ControlledRobot),
+    Robot(Box<RobotFile>, ControlledRobot),
 }
 
 /// Returns the target of a plan as one with a scene.
@@ -49,7 +49,7 @@ pub(crate) fn scene_target(resolved: &ResolvedPlan) -> Result<SceneTarget, Misha
     match is_robot_file(&plan.target) {
         true => {
             let (file, robot) = controlled_robot(plan)?;
-            Ok(SceneTarget::Robot(file, robot))
+            Ok(SceneTarget::Robot(Box::new(file), robot))
         }
         false => Ok(SceneTarget::Task(task_target(plan)?)),
     }
