@@ -208,12 +208,21 @@ pub fn untrained_runs(folder: &Path) -> Result<Vec<GridRun>, MishandleError> {
     runs.retain(|run| {
         !run_path(folder, &run.name, &run.plan).exists() && untrained_path(folder, &run.name).is_file()
     });
-    // As in a run file, a plan without a space has the name of the first one of its target.
-    for GridRun { plan, .. } in runs.iter_mut().filter(|run| run.plan.space.is_empty()) {
+    Ok(runs)
+}
+
+/// Returns a plan as its run file would have it: without a space, it has the first one of its
+/// target. Its controller need not exist.
+///
+/// # Errors
+/// If the target is unknown.
+pub fn with_space(plan: &Plan) -> Result<Plan, MishandleError> {
+    let mut plan = plan.clone();
+    if plan.space.is_empty() {
         let target = described_target(&Plan { controller: EXPERT.to_string(), ..plan.clone() })?;
         plan.space = target.spaces.first().map_or_else(String::new, |space| space.name().to_string());
     }
-    Ok(runs)
+    Ok(plan)
 }
 
 /// Adds the run files of the untrained runs whose controllers are trained by now.

@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use mishandle::Plan;
-use mishandle::campaign::{campaign_runs, untrained_runs};
+use mishandle::campaign::{campaign_runs, untrained_runs, with_space};
 use mishandle::evaluation::{Corners, Estimate, FormulaRoles};
 use mishandle::files::{limits, read_text_bounded};
 use mishandle::plan::GridRun;
@@ -163,8 +163,9 @@ impl CampaignResults {
             .map(|run| read_run(&run.name, &run.path, root))
             .collect::<Result<Vec<RunResults>, PaperError>>()?;
         let untrained = untrained_runs(folder)?.into_iter();
-        let untrained: Vec<UntrainedRun> =
-            untrained.map(|GridRun { name, plan }| UntrainedRun { name, plan }).collect();
+        // In tables, they stand beside runs whose files name the space.
+        let run = |GridRun { name, plan }| Ok(UntrainedRun { name, plan: with_space(&plan)? });
+        let untrained = untrained.map(run).collect::<Result<Vec<UntrainedRun>, PaperError>>()?;
         Ok(CampaignResults { command: command(folder, &name, root, &untrained), name, runs, untrained })
     }
 }
