@@ -317,8 +317,8 @@ class WarpBatch:
                 wp.launch(kernels.to_float, view.shape, inputs=[there["mocap"], 7, offset, size], outputs=[view])
         servos = self._servos.shape[0]
         if data.ctrl.shape[1] > servos:
-            dim = (rows, data.ctrl.shape[1] - servos)
-            wp.launch(kernels.set_controls, dim, inputs=[there["inputs"], servos], outputs=[data.ctrl])
+            others = (rows, data.ctrl.shape[1] - servos)
+            wp.launch(kernels.set_controls, others, inputs=[there["inputs"], servos], outputs=[data.ctrl])
         for substep in range(self._substeps):
             if self._pushed.size > 0:
                 force = wp.array(
