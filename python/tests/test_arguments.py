@@ -88,12 +88,16 @@ class Arguments(unittest.TestCase):
         self.assertEqual((found.falsified_trials, found.simulations), (0, 3))
 
     def test_an_empty_trace_is_a_crash_and_not_the_end_of_the_run(self):
-        calls = []
+        calls, good = [], 1000
 
         def empty_later(scenario):
             calls.append(scenario)
-            return {"gap": [] if len(calls) > 8 else [10.0, 9.0]}
+            return {"gap": [] if len(calls) > good else [10.0, 9.0]}
 
+        # Checks before the first simulation call the function, too: the last two calls are simulations.
+        self.assertEqual(sum(trial.failed for trial in self.falsify(empty_later).trials), 0)
+        good = len(calls) - 2
+        calls.clear()
         self.assertEqual(sum(trial.failed for trial in self.falsify(empty_later).trials), 2)
 
     def test_a_number_that_is_nan_from_time_to_time_is_not_deterministic(self):

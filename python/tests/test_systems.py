@@ -241,14 +241,14 @@ class Functions(Folder):
     def test_an_interrupt_ends_the_run_and_keeps_its_rows(self):
         # Programs that a shell starts in the background ignore the signal.
         self.addCleanup(signal.signal, signal.SIGINT, signal.signal(signal.SIGINT, signal.default_int_handler))
-        count = 0
+        count, at = 0, 15
 
         def system(scenario):
             nonlocal count
             count += 1
-            if count == 15:
+            if count == at:
                 os.kill(os.getpid(), signal.SIGINT)
-            return {"d": [1.0, 1.0]}
+            return {"d": [1.0, 5.0 + scenario["x"] + 2.0 * scenario["y"]]}
 
         run = self.path / "i.sqlite"
         # A shell starts background jobs with SIGINT ignored.
@@ -257,6 +257,11 @@ class Functions(Folder):
             mishandle.falsify(system, "always(d >= 0)", SQUARE, search="random", trials=1, budget=100, out=run)
         stored = len(mishandle.open_run(run).columns()["trial"])
         self.assertTrue(5 <= stored <= 15, stored)
+        # The checks before the first simulation end, too.
+        count, at = 0, 5
+        with self.assertRaises(KeyboardInterrupt):
+            mishandle.falsify(system, "always(d >= 0)", SQUARE, search="random", trials=1, budget=100)
+        self.assertLess(count, 20)
 
     def test_a_nominal_scenario_without_a_verdict_is_reported(self):
         with self.assertWarnsRegex(UserWarning, "no verdict: the signal `d` is nan at sample 1"):

@@ -35,10 +35,11 @@ const MAX_LEVELS: usize = 5;
 /// The first probe is the nominal scenario. The next ones set each axis to its bounds, and to its
 /// nominal value if the bounds agree. If that changes no trace, another start does the same again.
 /// The probes end after a second or one percent of the question's simulations, whichever is more,
-/// for each of the two starts. A probe that fails is skipped: the question itself reports failures.
+/// for each of the two starts. A probe without a verdict is skipped: the question itself reports it.
 ///
 /// # Errors
-/// If the requirement does not fit the signals, or the policy of a target file cannot act.
+/// If the requirement does not fit the signals, the policy of a target file cannot act, or the
+/// system fails as a whole, as after Ctrl-C in a system in Python.
 pub(crate) fn preflight(resolved: &ResolvedPlan) -> Result<Vec<String>, MishandleError> {
     let mut warnings = contract_warnings(&resolved.plan)?;
     fixed_axes(resolved, &mut warnings);
@@ -47,14 +48,14 @@ pub(crate) fn preflight(resolved: &ResolvedPlan) -> Result<Vec<String>, Mishandl
     let mut system = resolved.system()?;
     let start = Instant::now();
     let nominal = Request::new(resolved.space.nominal(), seed);
-    let Some(nominal) = rollout(&mut *system, vec![nominal]).pop() else { return Ok(warnings) };
+    let Some(nominal) = rollout(&mut *system, vec![nominal])?.pop() else { return Ok(warnings) };
     let each = start.elapsed().as_secs_f64().max(1e-6);
     let in_time = (TIME.as_secs_f64() / each) as usize;
     let limit = in_time.max((SHARE * simulations(&resolved.plan)) as usize);
     let mut probes = vec![nominal];
     // Traces of a nondeterministic target differ without a reason.
     if resolved.target.is_deterministic {
-        axes_without_effect(resolved, &mut *system, (seed, limit), &mut probes, &mut warnings);
+        axes_without_effect(resolved, &mut *system, (seed, limit), &mut probes, &mut warnings)?;
     }
     requirement(resolved, &probes, &mut warnings)?;
     // A run file has short texts, and nobody reads a long one.
@@ -70,12 +71,11 @@ fn simulations(plan: &Plan) -> f64 {
     falsify.or(margin).or(risk).or(evaluate).unwrap_or(0.0)
 }
 
-/// Simulates probes; none if they fail.
-fn rollout(system: &mut dyn System, requests: Vec<Request>) -> Vec<Episode> {
-    let count = requests.len();
+/// Simulates probes.
+fn rollout(system: &mut dyn System, requests: Vec<Request>) -> Result<Vec<Episode>, MishandleError> {
     let requests: Vec<Request> =
         (1..).zip(requests).map(|(number, request)| Request { number, ..request }).collect();
-    system.rollout(&requests).ok().filter(|episodes| episodes.len() == count).unwrap_or_default()
+    Ok(system.rollout(&requests)?)
 }
 
 fn fixed_axes(resolved: &ResolvedPlan, warnings: &mut Vec<String>) {
@@ -116,12 +116,12 @@ fn axes_without_effect(
     (seed, limit): (Seed, usize),
     probes: &mut Vec<Episode>,
     warnings: &mut Vec<String>,
-) {
+) -> Result<(), MishandleError> {
     let axes = resolved.space.axes();
     let free: Vec<usize> = (0..axes.len()).filter(|index| !axes[*index].is_fixed()).collect();
-    let mut unchanged = unchanging(resolved, &mut *system, (seed, limit), (&free, false), probes);
+    let mut unchanged = unchanging(resolved, &mut *system, (seed, limit), (&free, false), probes)?;
     if axes.iter().any(|axis| axis.kind == AxisKind::Start && !axis.is_fixed()) {
-        unchanged = unchanging(resolved, system, (seed, limit), (&unchanged, true), probes);
+        unchanged = unchanging(resolved, system, (seed, limit), (&unchanged, true), probes)?;
     }
     for axis in unchanged.into_iter().map(|index| &axes[index]) {
         warnings.push(format!(
@@ -130,6 +130,7 @@ fn axes_without_effect(
             if axis.levels().is_some() { "values" } else { "lowest, nominal and highest value" }
         ));
     }
+    Ok(())
 }
 
 /// Probes axes at their bounds and between them, and returns those that change no trace. The other
@@ -140,7 +141,7 @@ fn unchanging(
     (seed, limit): (Seed, usize),
     (probed, starts_away): (&[usize], bool),
     probes: &mut Vec<Episode>,
-) -> Vec<usize> {
+) -> Result<Vec<usize>, MishandleError> {
     let axes = resolved.space.axes();
     let values = |axis: &Axis| -> Vec<f64> {
         match axis.levels() {
@@ -216,7 +217,7 @@ fn unchanging(
         }
         ranges.push((index, bases, values.len(), first..first + count));
     }
-    let episodes = rollout(system, requests);
+    let episodes = rollout(system, requests)?;
     let is_comparable = |episode: &Episode| episode.end.has_verdict() && !episode.trace.is_empty();
     let mut unchanged = Vec::new();
     for (index, bases, count, range) in ranges {
@@ -233,7 +234,7 @@ fn unchanging(
         let value = axes[*index].nominal.or(Some(axes[*index].at(0.5)));
         bases.iter().map(|base| request(base, *index, value)).collect()
     };
-    let mut nominal = rollout(system, unchanged.iter().flat_map(between).collect()).into_iter();
+    let mut nominal = rollout(system, unchanged.iter().flat_map(between).collect())?.into_iter();
     let mut without_effect = Vec::new();
     for (index, bases, found) in unchanged {
         let nominal: Vec<Episode> = nominal.by_ref().take(bases.len()).collect();
@@ -243,7 +244,7 @@ fn unchanging(
         }
     }
     probes.extend(episodes);
-    without_effect
+    Ok(without_effect)
 }
 
 fn is_same(a: &Trace, b: &Trace) -> bool {
