@@ -35,7 +35,8 @@ const MAX_LEVELS: usize = 5;
 /// The first probe is the nominal scenario. The next ones set each axis to its bounds, and to its
 /// nominal value if the bounds agree. If that changes no trace, another start does the same again.
 /// The probes end after a second or one percent of the question's simulations, whichever is more,
-/// for each of the two starts. A probe without a verdict is skipped: the question itself reports it.
+/// for each of the two starts. A probe without a verdict is skipped: the question itself reports
+/// it.
 ///
 /// # Errors
 /// If the requirement does not fit the signals, the policy of a target file cannot act, or the
