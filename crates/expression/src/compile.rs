@@ -10,6 +10,13 @@ use crate::{ExpressionError, Node, NodeKind};
 /// Largest number of numbers of a program.
 const MAX_MEMORY: usize = 1_000_000;
 
+/// Start of the message of a mistake in a definition.
+const IN_DEFINITION: &str = "in the definition of ";
+
+/// Largest number of definitions that use each other in a chain: each of them is compiled again
+/// wherever an expression starts.
+const MAX_CHAIN: usize = 100;
+
 /// The size of a quantity.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Size {
@@ -245,9 +252,18 @@ impl<R: PartialEq> Compiler<R> {
                 if self.open.iter().any(|open| open == name) {
                     return Err(error(node, format!("the definition of `{name}` uses itself")));
                 }
+                if self.open.len() >= MAX_CHAIN {
+                    let message = format!("more than {MAX_CHAIN} definitions use each other in a chain");
+                    return Err(error(node, message));
+                }
                 self.open.push(name.to_string());
                 let place = self.add(&definition, names).map_err(|problem| {
-                    error(node, format!("in the definition of `{name}`: {}", problem.message))
+                    // The innermost definition has the mistake.
+                    let message = match problem.message.starts_with(IN_DEFINITION) {
+                        true => problem.message,
+                        false => format!("{IN_DEFINITION}`{name}`: {}", problem.message),
+                    };
+                    error(node, message)
                 });
                 self.open.pop();
                 place?

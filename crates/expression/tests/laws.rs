@@ -24,7 +24,12 @@ impl Names<What> for Robot {
             "twice" => definition("2 * position('arm')"),
             "loop" => definition("1 + loop"),
             "broken" => definition("home + missing"),
-            _ => Err(format!("there is no `{name}`")),
+            // `chain7` is 1 + chain6, and so on.
+            _ => match name.strip_prefix("chain").and_then(|number| number.parse::<u32>().ok()) {
+                Some(0) => Ok(Meaning::Number(0.0)),
+                Some(number) => definition(&format!("1 + chain{}", number - 1)),
+                None => Err(format!("there is no `{name}`")),
+            },
         }
     }
 
@@ -262,4 +267,13 @@ fn hostile_texts_are_errors() {
     // A long chain below the bound compiles on the small stack of a test.
     let chain = format!("1{}", " + 1".repeat(200));
     assert_eq!(values(&chain), [201.0]);
+}
+
+#[test]
+fn a_chain_of_definitions_has_at_most_100() {
+    let mut compiler = Compiler::new();
+    let place = compiler.add(&parse("chain100").unwrap(), &Robot).unwrap();
+    assert_eq!(value(&compiler.program().memory(), &place), [100.0]);
+    let found = message("chain101");
+    assert!(found.contains("more than 100 definitions") && found.len() < 120, "{found}");
 }
