@@ -120,10 +120,7 @@ fn of_program(policy: &Arc<ProgramPolicy>, plan: &Plan) -> Result<Identified, Mi
         return Err(not_stochastic("a program"));
     }
     if std::env::var_os(ALLOW_PROGRAMS).is_none_or(|value| value != "1") {
-        let message = format!(
-            "it is the program `{command}`; if you trust the target file, allow it with {ALLOW_PROGRAMS}=1 in the environment"
-        );
-        return Err(RobotError::Policy { message }.into());
+        return Err(RobotError::NotAllowed { command, variable: ALLOW_PROGRAMS }.into());
     }
     policy.check()?;
     let component = Component {

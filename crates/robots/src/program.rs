@@ -6,6 +6,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::Duration;
 
+use mishandle_controllers::bytes_hash;
 use mishandle_process::{Failure, Peer, Program};
 use mishandle_rollout::{Controller, ControllerFailure, ControllerWorker, Identity, Seed};
 use serde::Deserialize;
@@ -79,7 +80,7 @@ impl ProgramPolicy {
         let mut content = format!("{:?}", self.program.words);
         for path in self.files() {
             let bytes = std::fs::read(&path).map_err(|source| RobotError::Read { path, source })?;
-            content.push_str(&Identity::new(KIND, "program", &String::from_utf8_lossy(&bytes)).hash);
+            content.push_str(&bytes_hash(&bytes));
         }
         Ok(Identity::new(KIND, "program", &content).hash)
     }
