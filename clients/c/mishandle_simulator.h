@@ -603,6 +603,7 @@ static inline void mishandle_answer(struct mishandle_question *question, struct 
         is_hello = strcmp(question->type, "hello") == 0;
         if (!is_hello) mishandle_run(question, has_started);
     }
+    fflush(stdout);             /* prints of the simulator, which go to standard error */
     setlocale(LC_NUMERIC, "C"); /* the simulator may have chosen a locale with a decimal comma */
     snprintf(id, sizeof id, "{\"id\":%llu", (unsigned long long)question->id);
     mishandle_write(out, id);

@@ -1,37 +1,19 @@
-"""Tests of the clients of the simulator protocol: `python3 clients/test_clients.py`.
-
-They talk to each client over pipes and need no build of Mishandle. With its program in the environment variable
-MISHANDLE, they also run `mishandle protocol check` and `mishandle falsify` on each. What is not installed is skipped.
-"""
+"""What holds for every client of the simulator protocol, and for the same two systems in every language."""
 
 import json
 import os
 import pathlib
-import random
-import shutil
 import subprocess
 import sys
 import tempfile
-import textwrap
 import unittest
 
 from peer import Peer, check_hello
 
-HERE = pathlib.Path(__file__).resolve().parent
+HERE = pathlib.Path(__file__).resolve().parent.parent
 PROGRAM = os.environ.get("MISHANDLE")
-built = tempfile.TemporaryDirectory()
-STRICT = ["-std=c99", "-O1", "-g", "-Wall", "-Wextra", "-Wpedantic", "-Werror"]
-SANITIZED = ["-fsanitize=address,undefined", "-fno-sanitize-recover=all"]
-
-
-def compile_c(source, *flags):
-    compiler = shutil.which("cc") or shutil.which("gcc")
-    if compiler is None:
-        raise unittest.SkipTest("no C compiler: apt-get install gcc")
-    program = pathlib.Path(built.name) / pathlib.Path(source).stem
-    if not program.exists():
-        subprocess.run([compiler, *STRICT, *flags, f"-I{HERE / 'c'}", str(source), "-o", str(program), "-lm"], check=True)
-    return str(program)
+PYTHON_TANK = [sys.executable, "tank.py"]
+PYTHON_CART = [sys.executable, "cart.py"]
 
 
 def brake(observation):
@@ -124,11 +106,11 @@ class Tank(Client):
     """The same tank in several languages."""
 
     def test_the_tank_is_that_of_python(self):
-        with self.start() as peer, PythonTank.start() as reference:
-            for key in ("control_dt", "steps", "signals", "formulas"):
-                self.assertEqual(peer.hello[key], reference.hello[key])
-            for scenario in [reference.nominal(), *reference.corners()]:
-                self.assertEqual(peer.episode(scenario), reference.episode(scenario))
+        with self.start() as peer, Peer(PYTHON_TANK, HERE / "python") as python:
+            for key in ("control_dt", "steps", "axes", "signals", "formulas"):
+                self.assertEqual(peer.hello[key], python.hello[key])
+            for scenario in [python.nominal(), *python.corners()]:
+                self.assertEqual(peer.episode(scenario), python.episode(scenario))
 
     def test_it_overflows_in_a_corner_and_not_at_nominal(self):
         with self.start() as peer:
@@ -166,81 +148,3 @@ class Cart(Client):
         with self.start() as peer:
             peer.ask("reset", seed="0", scenario=peer.nominal())
             self.assertIn("error", peer.ask("step"))
-
-
-class PythonTank(Tank, unittest.TestCase):
-    command, folder = [sys.executable, "tank.py"], HERE / "python"
-
-
-class PythonCart(Cart, unittest.TestCase):
-    command, folder, target = [sys.executable, "cart.py"], HERE / "python", ["cart.toml"]
-
-
-class Python(unittest.TestCase):
-    """The client in Python with code that breaks things."""
-
-    def ask(self, body, kind="simulate", **fields):
-        """Serves a function with this body, and returns the answer and the process's other output."""
-        start = 'import os, subprocess, sys\nfrom mishandle_simulator import serve\ndef simulate(scenario, seed):\n'
-        end = '\nserve({"name": "test"}, simulate)\n'
-        code = start + textwrap.indent(textwrap.dedent(body), "    ") + end
-        with Peer([sys.executable, "-c", code], HERE / "python") as peer:
-            answer = peer.ask(kind, **{"seed": "18446744073709551615", "scenario": {"a": 1}, **fields})
-            again = peer.ask(kind, **{"seed": "18446744073709551615", "scenario": {"a": 1}, **fields})
-            self.assertEqual(answer, again)
-            self.assertEqual(peer.close()[1], b"")
-            return answer, peer.printed()
-
-    def test_the_client_has_at_most_40_lines(self):
-        self.assertLessEqual(len((HERE / "python/mishandle_simulator.py").read_text().splitlines()), 40)
-
-    def test_prints_of_user_code_and_of_its_children_go_to_standard_error(self):
-        body = """
-        print("a print")
-        sys.stdout.write("a write\\n")
-        os.write(1, b"a library in C\\n")
-        subprocess.run(["echo", "a child"])
-        return {"trace": {"y": [1]}}"""
-        answer, printed = self.ask(body)
-        self.assertEqual(answer, {"trace": {"y": [1]}})
-        for text in ("a print", "a write", "a library in C", "a child"):
-            self.assertIn(text, printed)
-
-    def test_user_code_cannot_read_questions(self):
-        answer, _ = self.ask('return {"trace": {"y": [len(subprocess.run("cat", capture_output=True).stdout)]}}')
-        self.assertEqual(answer, {"trace": {"y": [0]}})
-        self.assertIn("EOFError", self.ask("input()")[0]["error"])
-
-    def test_an_exception_is_an_error_with_its_text_and_a_traceback_on_standard_error(self):
-        answer, printed = self.ask('raise ValueError("no \\"solution\\"\\nfor Δt")')
-        self.assertEqual(answer, {"error": 'ValueError: no "solution"\nfor Δt'})
-        self.assertIn("Traceback", printed)
-
-    def test_what_is_no_answer_is_an_error(self):
-        for body in ("pass", "return [1]", 'return {"trace": {"y": [object()]}}', 'return {"trace": {"y": {1j}}}'):
-            self.assertIn("TypeError", self.ask(body)[0]["error"], body)
-
-    def test_numbers_that_are_not_finite_are_null(self):
-        answer, _ = self.ask('return {"trace": {"y": (1.5, float("nan"), float("inf"), -float("inf"), 2)}}')
-        self.assertEqual(answer, {"trace": {"y": [1.5, None, None, None, 2]}})
-
-    def test_arrays_become_lists(self):
-        body = """
-        import array
-        class Number(float):
-            def tolist(self): return float(self)
-        return {"trace": {"y": array.array("d", [1, float("nan")]), "z": [Number(2)]}, "end": "terminated"}"""
-        self.assertEqual(self.ask(body)[0], {"trace": {"y": [1, None], "z": [2]}, "end": "terminated"})
-
-    def test_the_seed_has_64_bits(self):
-        self.assertEqual(self.ask('return {"trace": {}, "reason": str(seed)}')[0]["reason"], "18446744073709551615")
-
-    def test_serve_needs_one_mode(self):
-        for arguments in ("", "print, print, print", "reset=print", "step=print"):
-            code = f"from mishandle_simulator import serve\nserve({{}}, {arguments})"
-            ended = subprocess.run([sys.executable, "-c", code], cwd=HERE / "python", capture_output=True, text=True)
-            self.assertIn("serve needs simulate=, or reset= and step=", ended.stderr)
-
-
-if __name__ == "__main__":
-    unittest.main()
