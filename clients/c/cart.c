@@ -32,7 +32,7 @@ static const struct mishandle_simulator cart = {
              {.name = "velocity", .unit = "m/s", .low = -1.0, .high = 1.0, .kind = "start"},
              {.name = "mass", .unit = "kg", .low = 0.5, .high = 2.0, .nominal = 1.0, .kind = "model"}},
     .signals = {{.name = "position", .unit = "m"}, {.name = "velocity", .unit = "m/s"}},
-    .formulas = {{"safe", "always(position <= 1 and position >= -1)"}},
+    .formulas = {{"on_rail", "always(position <= 1 and position >= -1)"}},
     .observation = {{.name = "position", .unit = "m"}, {.name = "velocity", .unit = "m/s"}},
     .action = {{.name = "force", .unit = "N"}},
     .action_limit = 1.0,

@@ -28,7 +28,7 @@ static const struct mishandle_simulator tank = {
              {.name = "demand", .unit = "m²/s", .low = 0.02, .high = 0.1, .nominal = 0.06, .kind = "model"},
              {.name = "lag", .unit = "s", .low = 0.5, .high = 2.0, .nominal = 1.0, .kind = "model"}},
     .signals = {{.name = "level", .unit = "m"}, {.name = "valve"}},
-    .formulas = {{"safe", "always(level <= 1)"},
+    .formulas = {{"no_overflow", "always(level <= 1)"},
                  {"success", "always[20s:30s](level >= 0.5 and level <= 0.9)"}},
     .simulate = simulate,
 };

@@ -14,7 +14,7 @@ HELLO = {
         {"name": "mass", "unit": "kg", "low": 0.5, "high": 2.0, "nominal": 1.0, "kind": "model"},
     ],
     "signals": [{"name": "position", "unit": "m"}, {"name": "velocity", "unit": "m/s"}],
-    "formulas": [{"name": "safe", "text": "always(position <= 1 and position >= -1)"}],
+    "formulas": [{"name": "on_rail", "text": "always(position <= 1 and position >= -1)"}],
     "policy": {
         "observation": [{"name": "position", "unit": "m", "size": 1}, {"name": "velocity", "unit": "m/s", "size": 1}],
         "action": [{"name": "force", "unit": "N", "size": 1}],

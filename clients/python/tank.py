@@ -17,7 +17,7 @@ HELLO = {
     ],
     "signals": [{"name": "level", "unit": "m"}, {"name": "valve", "unit": ""}],
     "formulas": [
-        {"name": "safe", "text": "always(level <= 1)"},
+        {"name": "no_overflow", "text": "always(level <= 1)"},
         {"name": "success", "text": "always[20s:30s](level >= 0.5 and level <= 0.9)"},
     ],
 }

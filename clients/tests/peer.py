@@ -29,15 +29,19 @@ def require(holds, problem):
 class Peer:
     """One running simulator."""
 
-    def __init__(self, words, folder, limit=60.0):
+    def __init__(self, words, folder, limit=20.0):
         self.limit, self.number = limit, 0
         self.stderr = tempfile.TemporaryFile()
         self.process = subprocess.Popen(
             words, cwd=folder, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=self.stderr, bufsize=0
         )
         self.pending = b""
-        self.hello = self.ask("hello", protocol=1)
-        require("error" not in self.hello, f"hello is {self.hello}")
+        try:
+            self.hello = self.ask("hello", protocol=1)
+            require("error" not in self.hello, f"hello is {self.hello}")
+        except BaseException:
+            self.__exit__()
+            raise
 
     def __enter__(self):
         return self
@@ -85,8 +89,8 @@ class Peer:
     def close(self):
         """Closes standard input. Returns the exit code and what still came on standard output."""
         self.process.stdin.close()
-        rest = self.process.stdout.read()
-        return self.process.wait(self.limit), rest
+        code = self.process.wait(self.limit)
+        return code, self.process.stdout.read()
 
     # Episodes
 

@@ -13,7 +13,11 @@ from peer import Peer, check_hello
 
 FLAGS = ["-std=c99", "-O1", "-g", "-Wall", "-Wextra", "-Wpedantic", "-Werror"]
 FLAGS += ["-fsanitize=address,undefined", "-fno-sanitize-recover=all"]
-built = tempfile.TemporaryDirectory()
+built = pathlib.Path(tempfile.mkdtemp())
+
+
+def tearDownModule():
+    shutil.rmtree(built)
 
 
 def compile_c(source):
@@ -21,7 +25,7 @@ def compile_c(source):
     compiler = shutil.which("cc") or shutil.which("gcc")
     if compiler is None:
         raise unittest.SkipTest("no C compiler: apt-get install gcc")
-    program = pathlib.Path(built.name) / pathlib.Path(source).stem
+    program = built / pathlib.Path(source).stem
     if not program.exists():
         subprocess.run([compiler, *FLAGS, f"-I{HERE / 'c'}", str(source), "-o", str(program), "-lm"], check=True)
     return str(program)
@@ -84,7 +88,7 @@ class C(unittest.TestCase):
 
     @classmethod
     def setUpClass(cls):
-        source = pathlib.Path(built.name) / "misuses.c"
+        source = built / "misuses.c"
         source.write_text(MISUSES)
         cls.command = [compile_c(source)]
 
