@@ -3,6 +3,7 @@
 import json
 import os
 import pathlib
+import shlex
 import subprocess
 import sys
 import tempfile
@@ -87,7 +88,7 @@ class Client:
 
     @unittest.skipUnless(PROGRAM, "MISHANDLE does not name the program")
     def test_mishandle_checks_and_falsifies_it(self):
-        words = " ".join(map(str, self.command))
+        words = shlex.join(self.command)
         checked = self.mishandle("protocol", "check", words)
         self.assertEqual(checked.returncode, 0, checked.stdout + checked.stderr)
         found = self.mishandle("falsify", *(self.target or ["--command", words]), "--trials", "1", "--budget", "200")

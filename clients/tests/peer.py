@@ -99,8 +99,8 @@ class Peer:
 
     def corners(self):
         names = [axis["name"] for axis in self.hello["axes"]]
-        ends = [axis["values"] if isinstance(axis.get("values"), list) else (axis["low"], axis["high"]) for axis in self.hello["axes"]]
-        return [dict(zip(names, corner)) for corner in itertools.product(*ends)]
+        ends = lambda axis: axis["values"] if isinstance(axis.get("values"), list) else (axis["low"], axis["high"])
+        return [dict(zip(names, corner)) for corner in itertools.product(*map(ends, self.hello["axes"]))]
 
     def episode(self, scenario, seed="0", policy=None):
         """Simulates a scenario. Returns the trace and the end, or raises its error."""
