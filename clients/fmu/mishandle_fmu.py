@@ -11,6 +11,7 @@ import argparse
 import contextlib
 import pathlib
 import re
+import subprocess
 import sys
 import tempfile
 
@@ -187,12 +188,21 @@ def list_variables(model):
     sys.exit("state at least one --signal")
 
 
+def scratch_folder():
+    """Makes a folder that is removed when this process ends, also if it is killed, as at a time limit."""
+    folder = tempfile.mkdtemp(prefix="mishandle-fmu-")
+    # The shell waits for the end of its input, outside the process group that Mishandle kills.
+    remove = ["sh", "-c", 'cat; rm -rf -- "$1"', "sh", folder]
+    quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
+    scratch_folder.owner = subprocess.Popen(remove, stdin=subprocess.PIPE, start_new_session=True, **quiet)
+    return folder
+
+
 def main():
     options = parse()
     if not options.fmu.is_file():
         sys.exit(f"{options.fmu} is no file")
-    with tempfile.TemporaryDirectory(prefix="mishandle-fmu-") as folder:
-        run(options, Model(options.fmu, folder))
+    run(options, Model(options.fmu, scratch_folder()))
 
 
 def run(options, model):

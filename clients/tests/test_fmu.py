@@ -6,6 +6,7 @@ import shutil
 import subprocess
 import sys
 import tempfile
+import time
 import unittest
 
 from contract import HERE, PYTHON_TANK, Client
@@ -50,13 +51,17 @@ class FmuTank(Client, unittest.TestCase):
             self.assertEqual(peer.nominal(), {"start_level": 0.5, "demand": 0.06, "lag": 1.0})
             self.assertEqual(peer.hello["versions"]["fmi"], "2.0")
 
-    def test_the_folder_of_the_unpacked_fmu_is_removed(self):
-        with tempfile.TemporaryDirectory() as scratch:
-            command = ["env", f"TMPDIR={scratch}", *self.command]
-            with Peer(command, self.folder) as peer:
-                peer.episode(peer.nominal())
-                self.assertEqual(peer.close(), (0, b""))
-            self.assertEqual(list(pathlib.Path(scratch).iterdir()), [])
+    def test_the_unpacked_fmu_is_removed_also_after_a_kill(self):
+        for end in (Peer.close, lambda peer: peer.process.kill()):
+            with tempfile.TemporaryDirectory() as scratch:
+                with Peer(["env", f"TMPDIR={scratch}", *self.command], self.folder) as peer:
+                    peer.episode(peer.nominal())
+                    self.assertEqual(len(list(pathlib.Path(scratch).iterdir())), 1)
+                    end(peer)
+                until = time.monotonic() + 20
+                while list(pathlib.Path(scratch).iterdir()) and time.monotonic() < until:
+                    time.sleep(0.02)
+                self.assertEqual(list(pathlib.Path(scratch).iterdir()), [])
 
 
 class FmuWithActions(Client, unittest.TestCase):
