@@ -17,6 +17,7 @@ import tempfile
 
 import fmpy
 from fmpy.fmi1 import FMICallException
+from fmpy.fmi2 import fmi2Terminated
 from fmpy.simulation import (
     apply_start_values,
     instantiate_fmu,
@@ -27,7 +28,7 @@ from fmpy.simulation import (
 sys.path.append(str(pathlib.Path(__file__).resolve().parent.parent / "python"))
 from mishandle_simulator import serve  # noqa: E402
 
-FATAL = 4
+DISCARD, FATAL = 2, 4
 REALS = {"Real", "Float64"}
 COUNTS = {"Integer", "Enumeration", *(f"{sign}Int{bits}" for sign in ("", "U") for bits in (8, 16, 32, 64))}
 
@@ -96,11 +97,17 @@ class Model:
         getattr(self.fmu, f"set{variable.type}")([variable.valueReference], [value])
 
     def step(self, dt):
-        """Takes a control step. Returns whether the FMU ends the simulation, which FMI 3 can say."""
+        """Takes a control step. Returns whether the FMU ends the simulation."""
         time = self.start_time + self.steps * dt
-        ended = self.fmu.doStep(currentCommunicationPoint=time, communicationStepSize=dt)
         self.steps += 1
-        return isinstance(ended, tuple) and bool(ended[1])
+        try:
+            facts = self.fmu.doStep(currentCommunicationPoint=time, communicationStepSize=dt)
+        except FMICallException as error:
+            # FMI 2 discards the step in which the simulation ends.
+            if error.status == DISCARD and self.fmu.getBooleanStatus(fmi2Terminated):
+                return True
+            raise
+        return self.description.fmiVersion != "2.0" and bool(facts[1])
 
 
 def identifier(name):

@@ -84,19 +84,33 @@ class FmuWithActions(Client, unittest.TestCase):
 
 
 class Fmu(unittest.TestCase):
-    def test_types_become_values_and_a_failed_step_is_an_error(self):
+    def test_booleans_are_categories_and_integers_whole_numbers(self):
         command = [*START, *TIMES, "--axis", "is_closed", "--axis", "fails_at=0:400", *SIGNALS]
         with Peer(command, folder) as peer:
             check_hello(peer.hello)
             closed, fails = peer.hello["axes"]
             self.assertEqual((closed["values"], closed["nominal"]), (["false", "true"], "false"))
             self.assertEqual((fails["values"], fails["high"]), ("integer", 400))
-            before = peer.episode({"is_closed": "true", "fails_at": 0})
-            self.assertEqual(set(before[0]["valve"]), {0.0})
+            trace, _ = peer.episode({"is_closed": "true", "fails_at": 0})
+            self.assertEqual(set(trace["valve"]), {0.0})
+
+    def test_an_fmu_may_end_the_simulation(self):
+        with Peer([*START, *TIMES, "--axis", "ends_at=0:400", *SIGNALS], folder) as peer:
+            whole, end = peer.episode({"ends_at": 0})
+            self.assertIsNone(end)
             for step in (1, 77, 300):
-                with self.assertRaisesRegex(RuntimeError, "fmi2DoStep failed"):
-                    peer.episode({"is_closed": "true", "fails_at": step})
-            self.assertEqual(peer.episode({"is_closed": "true", "fails_at": 301}), before)
+                trace, end = peer.episode({"ends_at": step})
+                self.assertEqual(end, "terminated")
+                self.assertEqual(trace["level"][:step], whole["level"][:step])
+                self.assertEqual(len(trace["level"]), step + 1)
+            self.assertEqual(peer.episode({"ends_at": 301}), (whole, None))
+
+    def test_an_error_of_the_fmu_is_an_error_or_the_end_of_the_process(self):
+        """pythonfmu calls an exception a fatal error, after which nothing of the FMU may be called."""
+        command = [*START, *TIMES, "--axis", "fails_at=0:400", *SIGNALS]
+        with Peer(command, folder) as peer:
+            with self.assertRaisesRegex(AssertionError, "(?s)the simulator ended.*fmi2DoStep failed"):
+                peer.episode({"fails_at": 77})
 
     def test_mistakes_name_what_is_wrong(self):
         for words, expected in (

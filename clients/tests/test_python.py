@@ -1,5 +1,6 @@
 """The client in Python."""
 
+import ast
 import subprocess
 import sys
 import textwrap
@@ -81,3 +82,9 @@ class Python(unittest.TestCase):
             code = f"from mishandle_simulator import serve\nserve({{}}, {arguments})"
             ended = subprocess.run([sys.executable, "-c", code], cwd=HERE / "python", capture_output=True, text=True)
             self.assertIn("serve needs simulate=, or reset= and step=", ended.stderr)
+
+
+class Ros2(unittest.TestCase):
+    def test_the_skeleton_parses_and_says_that_it_was_not_run(self):
+        text = (HERE / "ros2/mishandle_ros2.py").read_text()
+        self.assertIn("NOT RUN", ast.get_docstring(ast.parse(text)))
