@@ -11,7 +11,7 @@ def serve(hello, simulate=None, reset=None, step=None):
         raise TypeError("serve needs simulate=, or reset= and step=")
     answers = os.fdopen(os.dup(1), "w", encoding="utf-8", newline="\n")
     questions = os.fdopen(os.dup(0), encoding="utf-8")
-    # Whatever else prints, also a library in C or a child, goes to standard error, and nothing else reads questions.
+    # What libraries and children print goes to standard error, and they cannot read questions.
     os.dup2(os.open(os.devnull, os.O_RDONLY), 0)
     os.dup2(2, 1)
     sys.stdout = sys.stderr

@@ -52,10 +52,13 @@ HELLO = {
 }
 
 
+def prepare(node):
+    node.wind = node.create_publisher(Float64, "/wind", 1)
+
+
 def apply(node, scenario):
     """Sets the axes of a scenario: parameters, poses or plugins of your world."""
-    publisher = node.create_publisher(Float64, "/wind", 1)
-    publisher.publish(Float64(data=float(scenario["wind"])))
+    node.wind.publish(Float64(data=float(scenario["wind"])))
 
 
 # ---- Nothing below this line depends on the robot ----
@@ -71,6 +74,7 @@ class World(Node):
         for name, (topic, kind, number) in SIGNALS.items():
             keep = lambda message, name=name, number=number: self.last.__setitem__(name, number(message))
             self.create_subscription(kind, topic, keep, qos_profile_sensor_data)
+        prepare(self)
         if not self.control.wait_for_service(timeout_sec=30.0):
             raise RuntimeError(f"no service /world/{WORLD}/control; is the bridge running?")
 

@@ -12,6 +12,7 @@ use std::process::Command;
 use anyhow::{Context, Result, ensure};
 
 use crate::process::run;
+use crate::venv;
 
 struct Golden {
     /// `<crate>-<name>`
@@ -43,7 +44,10 @@ pub fn remake(root: &Path, names: &[String]) -> Result<()> {
         .collect();
     for golden in &chosen {
         eprintln!("{}: running {}", golden.id, golden.folder.join("make.py").display());
-        let python = environment(root, golden)?;
+        let python = venv::installed(
+            &root.join("target/golden-venv").join(&golden.id),
+            &golden.folder.join("requirements.txt"),
+        )?;
         // No .pyc files beside the golden files, and no order that depends on random hashes.
         let fixed = [("PYTHONDONTWRITEBYTECODE", "1"), ("PYTHONHASHSEED", "0")];
         run(Command::new(python).arg("make.py").current_dir(&golden.folder).envs(fixed), &[0])?;
@@ -84,25 +88,4 @@ fn folders_in(folder: &Path) -> Result<Vec<PathBuf>> {
 
 fn file_name(path: &Path) -> String {
     path.file_name().unwrap_or_default().to_string_lossy().into_owned()
-}
-
-/// Returns the Python of the folder's virtual environment, and creates the environment if its
-/// requirements changed.
-fn environment(root: &Path, golden: &Golden) -> Result<PathBuf> {
-    let venv = root.join("target/golden-venv").join(&golden.id);
-    let python = venv.join("bin/python");
-    let requirements = golden.folder.join("requirements.txt");
-    let required =
-        fs::read(&requirements).with_context(|| format!("cannot read {}", requirements.display()))?;
-    let installed = venv.join("installed.txt");
-    if fs::read(&installed).is_ok_and(|bytes| bytes == required) {
-        return Ok(python);
-    }
-    eprintln!("{}: installing its requirements into {}", golden.id, venv.display());
-    run(Command::new("python3").args(["-m", "venv", "--clear"]).arg(&venv), &[0])
-        .context("cannot make a virtual environment (Debian: `apt install python3-venv`)")?;
-    let install = ["-m", "pip", "install", "--quiet", "--disable-pip-version-check", "--requirement"];
-    run(Command::new(&python).args(install).arg(&requirements), &[0])?;
-    fs::write(&installed, required).with_context(|| format!("cannot write {}", installed.display()))?;
-    Ok(python)
 }

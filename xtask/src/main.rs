@@ -5,6 +5,7 @@
 
 mod book;
 mod check;
+mod clients;
 mod corpus;
 mod demo;
 mod deny;
@@ -50,7 +51,7 @@ const CHORES: &[Chore] = &[
     Chore {
         name: "test",
         arguments: "",
-        about: "run everything that CI runs: fmt, tidy, clippy, tests, docs, dependencies, python, readme",
+        about: "run everything that CI runs: fmt, tidy, clippy, tests, docs, dependencies, python, clients, readme",
         run: |root, _| check::check(root),
     },
     Chore {
@@ -70,6 +71,12 @@ const CHORES: &[Chore] = &[
         arguments: "[--update]",
         about: "run the commands in README.md and compare their output; --update writes it to the page",
         run: readme::check_or_update,
+    },
+    Chore {
+        name: "clients",
+        arguments: "",
+        about: "test the clients of the simulator protocol in clients/",
+        run: |root, _| clients::test(root),
     },
     Chore {
         name: "external",

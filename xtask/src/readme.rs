@@ -78,7 +78,10 @@ pub fn check_or_update(root: &Path, arguments: &[String]) -> Result<()> {
 }
 
 /// Builds the program as the tests do, so that nothing is compiled again after them.
-fn build(root: &Path) -> Result<()> {
+///
+/// # Errors
+/// If the build fails.
+pub fn build(root: &Path) -> Result<()> {
     run(&mut cargo(root, &["build", "--workspace", "--bins"]), &[0])
 }
 
