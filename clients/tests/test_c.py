@@ -5,6 +5,7 @@ import pathlib
 import random
 import shutil
 import subprocess
+import sys
 import tempfile
 import unittest
 
@@ -45,6 +46,9 @@ class CCart(Cart, unittest.TestCase):
     @classmethod
     def setUpClass(cls):
         cls.command = [compile_c(HERE / "c/cart.c")]
+        words = [json.dumps(cls.command), json.dumps([sys.executable, str(HERE / "python/cart_policy.py")])]
+        (built / "cart.toml").write_text(f"process = {words[0]}\npolicy.process = {words[1]}\n")
+        cls.target = [str(built / "cart.toml")]
 
     def test_it_is_the_cart_of_python(self):
         with self.start() as peer, Peer(PYTHON_CART, HERE / "python") as reference:

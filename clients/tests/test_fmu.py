@@ -2,6 +2,7 @@
 
 import importlib.util
 import pathlib
+import shlex
 import shutil
 import subprocess
 import sys
@@ -9,7 +10,7 @@ import tempfile
 import time
 import unittest
 
-from contract import HERE, PYTHON_TANK, Client
+from contract import HERE, PROGRAM, PYTHON_TANK, Client
 from peer import Peer, check_hello
 
 missing = [name for name in ("fmpy", "pythonfmu") if importlib.util.find_spec(name) is None]
@@ -72,8 +73,12 @@ class FmuWithActions(Client, unittest.TestCase):
     command = [*START, *TIMES, *fixed, *SIGNALS, *policy_of_tank, "--formula", "no_overflow=always(level <= 1)"]
     folder = folder
     policy = staticmethod(lambda observation: [0.1 if observation[0] < 0.7 else 0.0])
-    # It needs a controller, which the test of the cart has.
-    test_mishandle_checks_and_falsifies_it = None
+
+    @unittest.skipUnless(PROGRAM, "MISHANDLE does not name the program")
+    def test_mishandle_checks_and_falsifies_it(self):
+        """Falsifying it needs a controller, which the test of the cart has."""
+        checked = self.mishandle("protocol", "check", shlex.join(self.command))
+        self.assertEqual(checked.returncode, 0, checked.stdout + checked.stderr)
 
     def test_without_demand_the_level_is_the_integral_of_the_action(self):
         with self.start() as peer:
