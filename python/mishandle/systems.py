@@ -25,6 +25,7 @@ from mishandle.flat_values import idle_action
 from mishandle.limits import TimeLimitExceeded, check_interruptible, check_time_limit, limited
 from mishandle.pictures import Recording
 from mishandle.policies import Policy, as_policy, start
+from mishandle.policy_servers import Rows
 from mishandle.reductions import Reduced
 
 Scenario = dict[str, Value]
@@ -95,6 +96,12 @@ class System:
         """Keeps the exception that is handled now."""
         if len(self.exceptions) < 10:
             self.exceptions.append(traceback.format_exc())
+
+
+    def keep_reason(self, error: TimeLimitExceeded) -> None:
+        """Keeps the exception of a time limit that is handled now, if it says more than that the time is over."""
+        if error.args:
+            self.keep_exception()
 
 
 class NativeSystem(System):
@@ -307,7 +314,7 @@ class RobotSystem(System):
                     f"{self._action_size} for each"
                 )
             return actions.reshape(rows, self._action_size)
-        except Exception:
+        except (Exception, TimeLimitExceeded):
             self.keep_exception()
             return None
 
@@ -397,7 +404,11 @@ class TaskSystem(System):
         samples = [signals]
         returns = np.zeros(rows)
         ends: list[tuple[str, int, int] | None] = [None] * rows
-        start(self._policy, self.arguments, [scenario for scenario, _ in padded])
+        start(
+            self._policy,
+            self.arguments,
+            Rows([scenario for scenario, _ in padded], is_running=lambda row: row < count and ends[row] is None),
+        )
         # The rows share the time of the policy; the task itself cannot hang.
         left = None if self._time_limit is None else self._time_limit * rows
         for step in range(1, self.steps + 1):
@@ -412,7 +423,8 @@ class TaskSystem(System):
                 with limited(left):
                     given = [self._idle] * rows if is_paused else self._policy.act(seen, rows)
                 actions = np.array(given, dtype=np.float32).reshape(rows, -1)
-            except TimeLimitExceeded:
+            except TimeLimitExceeded as error:
+                self.keep_reason(error)
                 ends = [end or ("timed out", step, 0) for end in ends]
                 break
             except Exception:
