@@ -332,8 +332,9 @@ def actions_of(answer: Any, space: Any, server: PolicyServer) -> list[Any]:
         actions = actions[None]
     if shape == () and actions.ndim == 2 and actions.shape[1] == 1:
         actions = actions[:, 0]
-    count = server.execute or len(actions)
-    if actions.shape[1:] != shape or not 1 <= count <= len(actions):
+    horizon = len(actions) if actions.ndim else 0
+    count = server.execute or horizon
+    if actions.shape[1:] != shape or not 1 <= count <= horizon:
         one = " x ".join(map(str, shape)) or "1"
         needed = f", and {count} actions are executed" if server.execute else ""
         raise PolicyServerError(
