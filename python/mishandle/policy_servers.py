@@ -119,7 +119,7 @@ class PolicyServer:
             dialog = self.dialog()
         except (PolicyServerError, TimeLimitExceeded) as error:
             raise PolicyServerError(f"{error}; is a server of the protocol {self.protocol!r} running there?") from error
-        dialog.connection.close()
+        dialog.connection.leave()
         self.metadata.clear()
         self.metadata.update(dialog.metadata)
 
@@ -310,7 +310,7 @@ class _Row:
     def close(self) -> None:
         dialog, self._dialog = self._dialog, None
         if dialog is not None:
-            dialog.connection.close()
+            dialog.connection.leave()
 
 
 def actions_of(answer: Any, space: Any, server: PolicyServer) -> list[Any]:

@@ -17,6 +17,9 @@ from mishandle.limits import TimeLimitExceeded
 _RETRY = 0.2
 """Pause between two attempts to reach a server that was there before, in seconds."""
 
+_GOODBYE = 1.0
+"""Longest time that a server has to agree that a connection ends, in seconds."""
+
 _MAX_TEXT = 4000
 """Longest text of a server in an error, in characters; of a longer one, the end is kept."""
 
@@ -86,7 +89,7 @@ class Connection:
                 # With a socket of our own, websockets follows no redirect and uses no proxy.
                 opened = socket.create_connection((parts.hostname or "", port), timeout=self._time_limit)
                 opened.settimeout(None)
-                # A server that does not read must not block a question for ever.
+                # A server that does not read must not block a question longer.
                 opened.setsockopt(socket.SOL_SOCKET, socket.SO_SNDTIMEO, struct.pack("ll", *_seconds_and_microseconds(self._time_limit)))
                 opening = connect(
                     self.url,
@@ -97,8 +100,9 @@ class Connection:
                     open_timeout=self._time_limit,
                     # A server that compiles its model answers no ping for a while.
                     ping_interval=None,
+                    close_timeout=_GOODBYE,
                 )
-                # Left by `close` only, because leaving the context waits for the server.
+                # Left by `leave` or `close`.
                 return opening.__enter__()
         except BaseException:
             if opened is not None:
@@ -109,6 +113,10 @@ class Connection:
     def is_open(self) -> bool:
         """Whether the other side has not closed it."""
         return bool(self._socket.protocol.state.name == "OPEN")
+
+    def leave(self) -> None:
+        """Closes the connection between two questions, with a word to the server."""
+        self._socket.close()
 
     def close(self) -> None:
         """Closes the connection at once, without waiting for the server."""
