@@ -299,6 +299,7 @@ class RobotSystem(System):
         self.name, observation_size, self._action_size = _native.robot_facts(file)
         spaces = (Box(-np.inf, np.inf, (observation_size,)), Box(-np.inf, np.inf, (self._action_size,)))
         self._policy: Policy = as_policy(policy, batched_policy, spaces=spaces)
+        self.has_timed_out = False
         self.versions = [("numpy", np.__version__)]
         self.exceptions = []
 
@@ -314,7 +315,8 @@ class RobotSystem(System):
                     f"{self._action_size} for each"
                 )
             return actions.reshape(rows, self._action_size)
-        except (Exception, TimeLimitExceeded):
+        except (Exception, TimeLimitExceeded) as error:
+            self.has_timed_out = isinstance(error, TimeLimitExceeded)
             self.keep_exception()
             return None
 
