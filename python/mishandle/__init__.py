@@ -12,6 +12,7 @@ from mishandle.errors import (
     InvalidValueError,
     MishandleError,
     MissingPackageError,
+    PolicyServerError,
 )
 from mishandle.explanations import Comparison, Explanation, compare
 from mishandle.falsification import Evaluation, Exports, Falsification, evaluate, falsify
@@ -22,6 +23,7 @@ from mishandle.hardening import Hardening, harden
 from mishandle.limits import TimeLimitExceeded
 from mishandle.objectives import Objective
 from mishandle.plots import plot_comparison, plot_robustness_map, plot_search_progress, plot_survival, plot_trace
+from mishandle.policy_servers import PolicyServer
 from mishandle.processes import JsonProcess
 from mishandle.ray import RayExecutor
 from mishandle.reductions import Reduced
@@ -30,6 +32,7 @@ from mishandle.risks import Risk, risk
 from mishandle.runs import Run, open_run
 from mishandle.scenario_environments import ScenarioEnv
 from mishandle.searches import Minimum, Search, find_minimum, search_names
+from mishandle.server_requests import Resized
 from mishandle.simulations import Replay, regress, repeat, replay, simulate
 from mishandle.targets import Simulation
 from mishandle.task_environments import TaskEnv, TaskVectorEnv, register
@@ -60,12 +63,15 @@ __all__ = [
     "MissingPackageError",
     "Objective",
     "PolicyArgument",
+    "PolicyServer",
+    "PolicyServerError",
     "RayExecutor",
     "Reduced",
     "Regression",
     "Repeats",
     "Replay",
     "ResetOption",
+    "Resized",
     "Risk",
     "Run",
     "ScenarioEnv",

@@ -53,10 +53,12 @@ class PolicyArguments:
     """The keyword arguments that a policy gets from the axes of a space."""
 
     def __init__(self, space: Iterable[Axis]) -> None:
-        self._names = {axis.name: axis.apply.name for axis in space if isinstance(axis.apply, PolicyArgument)}
+        self.space = {axis.name: axis for axis in space}
+        self.axes = {axis.apply.name: axis for axis in self.space.values() if isinstance(axis.apply, PolicyArgument)}
+        """Axes by the name of the argument."""
 
     def __bool__(self) -> bool:
-        return bool(self._names)
+        return bool(self.axes)
 
     def of(self, scenario: Mapping[str, Value]) -> dict[str, Value]:
         """Returns the arguments in a scenario.
@@ -64,7 +66,7 @@ class PolicyArguments:
         >>> PolicyArguments([Axis("estimate_bias", -1, 1, apply=PolicyArgument("bias"))]).of({"estimate_bias": 0.5, "mass": 2.0})
         {'bias': 0.5}
         """
-        return {argument: scenario[axis] for axis, argument in self._names.items()}
+        return {argument: scenario[axis.name] for argument, axis in self.axes.items()}
 
     def check(self, policy: Callable[..., Any]) -> None:
         """Checks that a policy takes the arguments."""
@@ -74,10 +76,10 @@ class PolicyArguments:
             return
         if any(parameter.kind is parameter.VAR_KEYWORD for parameter in parameters.values()):
             return
-        for axis, argument in self._names.items():
+        for argument, axis in self.axes.items():
             if argument not in parameters or parameters[argument].kind is inspect.Parameter.POSITIONAL_ONLY:
                 raise InvalidTypeError(
-                    f"the policy has no keyword argument `{argument}`, which the axis `{axis}` sets; its arguments: "
+                    f"the policy has no keyword argument `{argument}`, which the axis `{axis.name}` sets; its arguments: "
                     f"{', '.join(parameters) or 'none'}"
                 )
 

@@ -21,6 +21,7 @@ from mishandle.fault_lines import Disturbed, FaultLine
 from mishandle.flat_values import all_numbers, idle_action
 from mishandle.limits import TimeLimitExceeded, check_time_limit, limited
 from mishandle.policies import Policy, as_policy, start
+from mishandle.policy_servers import Rows
 from mishandle.reductions import PhysicsSteps, Reduced
 from mishandle.starts import Invalid, Settle, Starts
 from mishandle.systems import Outcome, Scenario, Source, System
@@ -49,7 +50,13 @@ class PolicySystem(System):
             for name in ("observation_space", "action_space")
         ]
         self.arguments = PolicyArguments(space)
-        self.policy: Policy = as_policy(policy, batched_policy, spaces=(spaces[0], spaces[1]), arguments=self.arguments)
+        self.policy: Policy = as_policy(
+            policy,
+            batched_policy,
+            spaces=(spaces[0], spaces[1]),
+            arguments=self.arguments,
+            can_draw=getattr(environment, "render_mode", None) == "rgb_array",
+        )
         self._policy_source = policy
         self._environment = environment
         self.space = {axis.name: axis for axis in space}
@@ -119,7 +126,8 @@ class PolicySystem(System):
                 spent = (time.perf_counter() - started) / len(times)
                 for row in times:
                     row.spent += spent
-        except TimeLimitExceeded:
+        except TimeLimitExceeded as error:
+            self.keep_reason(error)
             return "timed out", None
         except Exception:
             self.keep_exception()
@@ -189,7 +197,8 @@ class EnvironmentSystem(PolicySystem):
             row.check_own()
         for row in rows:
             row.reset()
-        start(self.policy, self.arguments, [row.scenario for row in rows])
+        batch = Rows([row.scenario for row in rows], lambda: [row.draw() for row in rows], lambda row: rows[row].outcome is None)
+        start(self.policy, self.arguments, batch)
         for step in range(1, self.steps + 1):
             running = [row for row in rows if row.outcome is None]
             if not running:
@@ -271,6 +280,10 @@ class _Row:
         recording = self._system.recording
         if recording is not None and self._samples:
             recording.add(self._steps, self._environment.render)
+
+    def draw(self) -> Any:
+        """Returns a picture for the policy; ``None`` after the end."""
+        return self._environment.render() if self.outcome is None else None
 
     def see(self, step: int) -> None:
         """Sets what the policy sees in a control step, counted from 0."""

@@ -22,5 +22,9 @@ class MissingPackageError(MishandleError, ImportError):
     """An optional package is not installed. The message contains the command that installs it."""
 
 
+class PolicyServerError(MishandleError, RuntimeError):
+    """A policy server cannot be reached, reports an error, or sends something else than actions."""
+
+
 class InvalidScenario(MishandleError):
     """Raise it in a system or its reset if it cannot start from the scenario."""

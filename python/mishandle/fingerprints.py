@@ -398,6 +398,10 @@ class _Walker:
             self._leaf("controller", value.hash)
         elif type(value).__name__ == "JsonProcess":
             self._later(":state", value.__getstate__())
+        elif type(value).__name__ == "PolicyServer":
+            self._later(":settings", value.settings)
+            if value.gap is not None:
+                self._gap(value.gap)
         elif hasattr(value, "_simulations"):
             # One of our tasks as an environment.
             self._later(".settings", [*value._simulations.settings, getattr(value, "_limit", None)])

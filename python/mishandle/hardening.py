@@ -13,6 +13,7 @@ from mishandle.arguments import check_number, check_settings, is_real
 from mishandle.documents import read
 from mishandle.errors import InvalidTypeError, MishandleError
 from mishandle.files import PathLike, write_text
+from mishandle.policy_servers import as_server
 from mishandle.targets import TargetOptions, axis_settings
 from mishandle.targets import requirements as named_requirements
 
@@ -137,9 +138,9 @@ def harden(
         raise InvalidTypeError("the space of a hardening is one of the task, by name, such as 'starts+delay'; `axes` narrows or adds axes")
     options: TargetOptions = {"axes": {} if axes is None else axes, "requirements": {} if requirements is None else requirements}
     check_settings(options["axes"])
-    if not isinstance(policy, (str, os.PathLike)):
+    if not isinstance(given := as_server(policy), (str, os.PathLike)):
         raise InvalidTypeError(
-            f"a hardening trains one of our controllers, by name or path, not a {type(policy).__name__}; write a network of skrl or "
+            f"a hardening trains one of our controllers, by name or path, not a {type(given).__name__}; write a network of skrl or "
             "Stable-Baselines3 as a controller with `mishandle import`, or retrain it with mishandle.ScenarioEnv"
         )
     counts = {"rounds": rounds, "steps": steps, "budget": budget, "episodes": episodes, "risk": risk, "margin": margin}

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import pathlib
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable
 from typing import Any, Protocol
 
 import numpy as np
@@ -16,6 +16,7 @@ from mishandle.errors import InvalidTypeError, InvalidValueError
 from mishandle.fingerprints import fingerprint, walk
 from mishandle.onnx_files import model_files
 from mishandle.onnx_policies import OnnxPolicy
+from mishandle.policy_servers import PolicyServer, Rows, ServedPolicy
 
 
 class Policy(Protocol):
@@ -35,6 +36,7 @@ def as_policy(
     spaces: tuple[Any, Any] | None = None,
     task: str | None = None,
     arguments: PolicyArguments | None = None,
+    can_draw: bool = False,
 ) -> Policy:
     """Returns the adapter of a policy.
 
@@ -43,7 +45,7 @@ def as_policy(
     policy
         A function of one observation (of a batch, if ``batched``); a model with ``predict``, such as those of
         Stable-Baselines3, with its ``VecNormalize`` if it has one; an agent of skrl 2; a PyTorch module from observations to
-        actions; a path of an ONNX file; a :class:`~mishandle.Controller`. The method or attribute ``reset`` of a function or
+        actions; a path of an ONNX file; a :class:`~mishandle.Controller`; a :class:`~mishandle.PolicyServer`. The method or attribute ``reset`` of a function or
         module, if it is callable, is called at the start of an episode.
     batched : bool
         Whether a function takes a batch of observations, with one row per environment.
@@ -52,8 +54,14 @@ def as_policy(
     task : str, optional
         The name of the task, if the environment is one.
     arguments : PolicyArguments, optional
-        What axes pass to the policy, which must be a function then; see :func:`start`.
+        What axes pass to the policy, which must be a function or a server then; see :func:`start`.
+    can_draw : bool
+        Whether the system draws pictures for the policy.
     """
+    if isinstance(policy, PolicyServer):
+        if spaces is None:
+            raise InvalidValueError("a policy server needs the spaces of observations and actions")
+        return ServedPolicy(policy, spaces, arguments, can_draw)
     if arguments:
         is_adapted = isinstance(policy, (str, pathlib.Path, Controller)) or hasattr(policy, "predict") or _is_skrl(policy)
         if is_adapted or _is_torch(policy) or not callable(policy):
@@ -79,15 +87,17 @@ def as_policy(
         return _Function(policy, batched)
     raise InvalidTypeError(
         f"a {type(policy).__name__} is not a policy: expected a function, a model with `predict`, a PyTorch module, an "
-        "agent of skrl or the path of an .onnx file"
+        "agent of skrl, the path of an .onnx file or the address of a policy server"
     )
 
 
-def start(policy: Policy, arguments: PolicyArguments, scenarios: Sequence[Mapping[str, Value]]) -> None:
-    """Starts an episode for each scenario, with the arguments that the policy has in it."""
-    policy.reset(len(scenarios))
+def start(policy: Policy, arguments: PolicyArguments, rows: Rows) -> None:
+    """Starts an episode in each row, with the arguments that the policy has in its scenario."""
+    policy.reset(len(rows.scenarios))
     if arguments and isinstance(policy, _Function):
-        policy.arguments = [arguments.of(scenario) for scenario in scenarios]
+        policy.arguments = [arguments.of(scenario) for scenario in rows.scenarios]
+    elif isinstance(policy, ServedPolicy):
+        policy.begin(rows)
 
 
 def policy_hash(policy: Any) -> str:

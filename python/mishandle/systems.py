@@ -25,6 +25,7 @@ from mishandle.flat_values import idle_action
 from mishandle.limits import TimeLimitExceeded, check_interruptible, check_time_limit, limited
 from mishandle.pictures import Recording
 from mishandle.policies import Policy, as_policy, start
+from mishandle.policy_servers import Rows
 from mishandle.reductions import Reduced
 
 Scenario = dict[str, Value]
@@ -95,6 +96,12 @@ class System:
         """Keeps the exception that is handled now."""
         if len(self.exceptions) < 10:
             self.exceptions.append(traceback.format_exc())
+
+
+    def keep_reason(self, error: TimeLimitExceeded) -> None:
+        """Keeps the exception of a time limit that is handled now, if it says more than that the time is over."""
+        if error.args:
+            self.keep_exception()
 
 
 class NativeSystem(System):
@@ -292,6 +299,7 @@ class RobotSystem(System):
         self.name, observation_size, self._action_size = _native.robot_facts(file)
         spaces = (Box(-np.inf, np.inf, (observation_size,)), Box(-np.inf, np.inf, (self._action_size,)))
         self._policy: Policy = as_policy(policy, batched_policy, spaces=spaces)
+        self.has_timed_out = False
         self.versions = [("numpy", np.__version__)]
         self.exceptions = []
 
@@ -307,7 +315,8 @@ class RobotSystem(System):
                     f"{self._action_size} for each"
                 )
             return actions.reshape(rows, self._action_size)
-        except Exception:
+        except (Exception, TimeLimitExceeded) as error:
+            self.has_timed_out = isinstance(error, TimeLimitExceeded)
             self.keep_exception()
             return None
 
@@ -397,7 +406,11 @@ class TaskSystem(System):
         samples = [signals]
         returns = np.zeros(rows)
         ends: list[tuple[str, int, int] | None] = [None] * rows
-        start(self._policy, self.arguments, [scenario for scenario, _ in padded])
+        start(
+            self._policy,
+            self.arguments,
+            Rows([scenario for scenario, _ in padded], is_running=lambda row: row < count and ends[row] is None),
+        )
         # The rows share the time of the policy; the task itself cannot hang.
         left = None if self._time_limit is None else self._time_limit * rows
         for step in range(1, self.steps + 1):
@@ -412,7 +425,8 @@ class TaskSystem(System):
                 with limited(left):
                     given = [self._idle] * rows if is_paused else self._policy.act(seen, rows)
                 actions = np.array(given, dtype=np.float32).reshape(rows, -1)
-            except TimeLimitExceeded:
+            except TimeLimitExceeded as error:
+                self.keep_reason(error)
                 ends = [end or ("timed out", step, 0) for end in ends]
                 break
             except Exception:

@@ -36,6 +36,7 @@ from mishandle.limits import check_time_limit
 from mishandle.packages import package_of
 from mishandle.pictures import Painter
 from mishandle.policies import policy_hash
+from mishandle.policy_servers import PolicyServer, as_server, states_determinism
 from mishandle.ray import RayExecutor
 from mishandle.starts import Invalid, Settle
 from mishandle.systems import Frames, FunctionSystem, NativeSystem, Outcome, RobotSystem, Scenario, Source, System, TaskSystem
@@ -62,7 +63,7 @@ class Simulation:
     total_reward: float
     trace: dict[str, NDArray[np.float64]]
     exceptions: list[str] = field(default_factory=list)
-    """Tracebacks of the exceptions of the call that simulated it, if it crashed."""
+    """Tracebacks of the exceptions of the call that simulated it, if it crashed, or if a policy server did not answer in time."""
     document: results.Simulation | None = field(default=None, repr=False)
     """The result of ``mishandle simulate``, with the explanation; ``None`` in a replay."""
 
@@ -95,7 +96,7 @@ class Target:
         # Signals that no formula reads may be missing at the end.
         trace = {name: column for (name, _), column in zip(self.system.signals, found["samples"].T)}
         keys = ("scenario", "seed", "end", "steps", "robustness", "total_reward")
-        exceptions = self.system.exceptions if found["end"].startswith("crashed") else []
+        exceptions = self.system.exceptions if found["end"].startswith(("crashed", "timed out")) else []
         document = results.build(results.Simulation, json.loads(found["document"])) if "document" in found else None
         return Simulation(trace=trace, exceptions=list(exceptions), document=document, **{key: found[key] for key in keys})
 
@@ -212,7 +213,10 @@ def make_target(
     executor = options.get("executor")
     if isinstance(executor, str) and executor != "ray":
         raise InvalidValueError(f"there is no executor {executor!r}; expected 'ray' or a RayExecutor")
-    policy = options.get("policy")
+    policy = as_server(options.get("policy"))
+    if isinstance(policy, PolicyServer):
+        options = {**options, "policy": policy}
+        policy.connect()
     if isinstance(policy, (str, os.PathLike)) and os.fspath(policy).endswith(".onnx"):
         # Absolute, because workers of a cluster have other working folders.
         policy = pathlib.Path(policy).absolute()
@@ -305,7 +309,7 @@ def make_target(
         formulas=list(formulas.items()),
         control_dt=under_test.control_dt,
         episode_steps=under_test.steps,
-        is_deterministic=largest_difference == 0,
+        is_deterministic=largest_difference == 0 and states_determinism(policy),
         depends_on_seed=under_test.depends_on_seed,
         termination=termination,
         components=components,
@@ -466,7 +470,7 @@ def _robot_in_python(
             stacklevel=4,
         )
     # What the simulations changed is a state of the policy.
-    native, gaps = made(is_deterministic)
+    native, gaps = made(is_deterministic and states_determinism(policy))
     if gaps and version is None:
         _warn_of_gaps(gaps)
     return _in_named_space(native, system, formula, space, options, check, gaps)

@@ -19,6 +19,7 @@ from mishandle.fault_lines import Disturbed
 from mishandle.flat_values import all_numbers, idle_action
 from mishandle.limits import TimeLimitExceeded, limited
 from mishandle.policies import start
+from mishandle.policy_servers import Rows
 from mishandle.reductions import Reduced
 from mishandle.systems import Outcome, Scenario, System
 
@@ -196,7 +197,8 @@ class VectorSystem(PolicySystem):
             if ended[row] or self.starts.is_invalid(rows[row], row_info(info[row], row)):
                 rollout.end(row, "invalid scenario", 0)
         self._draw(0)
-        start(self.policy, self.arguments, [scenario for scenario, _ in padded])
+        batch = Rows([scenario for scenario, _ in padded], self._environment.render, lambda row: row in rollout.running())
+        start(self.policy, self.arguments, batch)
         space = self._environment.single_action_space
         disturbed = [*faults, *[None] * (self._rows - count)]
         idle = self.idle

@@ -33,7 +33,8 @@ pub fn robot_facts(py: Python<'_>, path: &str) -> PyResult<(String, usize, usize
 type Identified = (String, String, Vec<String>);
 
 /// Returns the target of a robot with a policy. `policy` has the method `act(observations, rows,
-/// is_start)`, which returns one action per row, or `None` after an exception that it has kept.
+/// is_start)`, which returns one action per row, or `None` after an exception that it has kept. The
+/// attribute `has_timed_out` says whether that was a time limit.
 #[pyfunction]
 #[pyo3(signature = (path, policy, *, name, identified, space, axes, noise, versions, is_deterministic))]
 #[expect(clippy::too_many_arguments, reason = "the arguments are keywords in Python")]
@@ -209,7 +210,8 @@ impl System for RobotSystem {
                     for request in chunk {
                         let (mut found, has_failed) = self.together(std::slice::from_ref(request))?;
                         if has_failed {
-                            found.iter_mut().for_each(crash);
+                            let has_timed_out = self.has_timed_out()?;
+                            found.iter_mut().for_each(|episode| fail(episode, has_timed_out));
                         }
                         episodes.extend(found);
                     }
@@ -221,6 +223,15 @@ impl System for RobotSystem {
 }
 
 impl RobotSystem {
+    /// Returns whether the last exception of the policy was a time limit.
+    fn has_timed_out(&self) -> Result<bool, RolloutError> {
+        Python::attach(|py| {
+            let found = self.shared.policy.getattr(py, "has_timed_out");
+            let found = found.and_then(|value| value.extract::<bool>(py));
+            found.map_err(|exception| keep(&self.shared.pending, exception))
+        })
+    }
+
     /// Simulates up to [`ROWS`] requests. Returns whether the policy raised an exception.
     fn together(&self, requests: &[Request]) -> Result<(Vec<Episode>, bool), RolloutError> {
         Python::attach(|py| py.check_signals().map_err(|exception| keep(&self.shared.pending, exception)))?;
@@ -236,8 +247,9 @@ impl RobotSystem {
 }
 
 /// Says that the policy raised an exception, if that is why an episode ended.
-fn crash(episode: &mut Episode) {
+fn fail(episode: &mut Episode, has_timed_out: bool) {
     if let EpisodeEnd::InvalidAction { step, .. } = episode.end {
-        episode.end = EpisodeEnd::Crashed { step };
+        episode.end =
+            if has_timed_out { EpisodeEnd::TimedOut { step } } else { EpisodeEnd::Crashed { step } };
     }
 }

@@ -1,4 +1,4 @@
-"""Runs the examples of the docstrings and of docs/guide/python.md."""
+"""Runs the examples of the docstrings and of docs/guide/python.md and policy_servers.md."""
 
 import doctest
 import importlib
@@ -40,6 +40,22 @@ class Examples(unittest.TestCase):
             finally:
                 os.chdir(before)
         self.assertEqual(names["again"].differences, ())
+
+    def test_the_page_of_policy_servers_runs(self):
+        text = (ROOT / "docs/guide/policy_servers.md").read_text()
+        blocks = re.findall(r"```python\n(.*?)```", text, flags=re.DOTALL)
+        before = os.getcwd()
+        with tempfile.TemporaryDirectory() as folder:
+            os.chdir(folder)
+            try:
+                names = {}
+                for block in blocks:
+                    exec(compile(block, "docs/guide/policy_servers.md", "exec"), names)
+            finally:
+                os.chdir(before)
+        names["server"].shutdown()
+        # The policy sees 3.2 m to each side.
+        self.assertGreater(abs(names["found"].counterexamples[0].scenario["start"]), 3.0)
 
     def test_the_table_of_the_examples_is_that_of_their_results(self):
         sys.path.insert(0, str(ROOT / "python/examples"))

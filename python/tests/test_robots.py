@@ -2,12 +2,14 @@
 
 import pathlib
 import tempfile
+import time
 import unittest
 
 from typing import Any
 
 import mishandle
 import numpy as np
+from servers import openpi_server
 
 MODEL = """<mujoco>
   <option timestep="0.005"/>
@@ -80,6 +82,30 @@ class TestRobots(unittest.TestCase):
                     pairs = [pair for pair in zip(one["robustness"], other["robustness"]) if None not in pair]
                     self.assertGreater(len(pairs), 20)
                     np.testing.assert_allclose(*zip(*pairs), atol=1e-3)
+
+    def test_a_server_is_the_policy_and_its_failures_are_no_verdicts(self) -> None:
+        def policy(request: Any) -> Any:
+            tilt = request["observation/state"][2]
+            if tilt > 0.25:
+                time.sleep(0.5)
+            if tilt < -0.25:
+                raise RuntimeError("out of memory")
+            return {"actions": [np.dot([1, 2, 25, 4], request["observation/state"])]}
+
+        with openpi_server(policy) as server:
+            served = mishandle.PolicyServer(server.url, time_limit=0.2)
+            ends = {}
+            for tilt in (0.2, 0.28, -0.28, -0.2):
+                [found] = mishandle.simulate(self.file, at={"tilt": tilt}, policy=served, version="1")
+                ends[tilt] = (found.end, found.robustness is None, "".join(found.exceptions))
+            with self.assertRaisesRegex(mishandle.InvalidValueError, "the system draws none"):
+                mishandle.simulate(self.file, policy=mishandle.PolicyServer(server.url, observation={"picture": "render"}))
+        for tilt in (0.2, -0.2):
+            self.assertEqual(ends[tilt], ("completed", False, ""))
+        self.assertEqual(ends[0.28][:2], ("timed out in control step 1", True))
+        self.assertIn("did not answer within 0.2 s", ends[0.28][2])
+        self.assertEqual(ends[-0.28][:2], ("crashed in control step 1", True))
+        self.assertIn("out of memory", ends[-0.28][2])
 
     def test_each_question_takes_a_policy_in_python(self) -> None:
         found = mishandle.falsify(self.file, space="starts+delay", policy=balance, trials=2, budget=60, seed=1, out=self.folder / "a.sqlite")
