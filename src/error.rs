@@ -40,6 +40,19 @@ pub enum MishandleError {
         /// Name of the option.
         option: &'static str,
     },
+    /// A file names a program that the user has not allowed.
+    #[error(
+        "the {role} is the program `{command}`, which a file names; if you trust the file, allow it with {variable}=1 in \
+         the environment"
+    )]
+    ProgramNotAllowed {
+        /// Simulator or policy.
+        role: &'static str,
+        /// Command of the program.
+        command: String,
+        /// Variable of the environment that allows programs.
+        variable: &'static str,
+    },
     /// The plan is not valid TOML.
     #[error("line {line} of the plan, `{found}`, is not valid TOML: {message}")]
     PlanSyntax {
@@ -479,6 +492,9 @@ pub enum MishandleError {
     /// A target file is wrong.
     #[error(transparent)]
     Robot(Box<mishandle_robots::RobotError>),
+    /// A simulator that is a program does not work.
+    #[error(transparent)]
+    Simulator(#[from] mishandle_simulators::SimulatorError),
     /// An expert cannot be built.
     #[error("cannot build the expert of {task}")]
     Expert {

@@ -1,7 +1,7 @@
 //! Controller, disturbances, noise and monitor of up to 16 simulations. The physics is elsewhere: a
 //! lane maps samples to actions.
 
-use mishandle_stl::{MonitorError, Trace};
+use mishandle_stl::Trace;
 
 use crate::disturbance::{ActiveDisturbances, command};
 use crate::fault::Side;
@@ -14,9 +14,6 @@ use crate::{
 /// Maximum number of rows that one thread steps in lockstep. Sixteen rows share each read of the
 /// network's weights and their states still fit into the cache.
 pub(crate) const ROWS: usize = 16;
-
-/// Number of control steps between two checks of the [stop threshold](Request::stop_threshold).
-const CHECK_PERIOD: usize = 10;
 
 /// Position of a simulation in its episode.
 #[derive(Clone, Copy, Debug)]
@@ -241,7 +238,7 @@ impl Lane {
     /// Returns whether an episode of `steps` control steps is checked for its [stop
     /// threshold](Request::stop_threshold).
     pub(crate) fn checks_stop(request: &Request, steps: usize) -> bool {
-        request.stop_threshold.is_some() && steps.is_multiple_of(CHECK_PERIOD)
+        request.may_stop_after(steps)
     }
 
     /// Returns whether the start of an episode may end it: see [`Request::stop_threshold`].
@@ -260,20 +257,7 @@ impl Lane {
         trace: &Trace,
         end: &mut EpisodeEnd,
     ) -> Result<Verdict, RolloutError> {
-        if !end.has_verdict() {
-            return Ok(Verdict::default());
-        }
-        let mut verdict = match self.monitor.verdict(trace, rollout.environment.episode_steps() + 1) {
-            Err(RolloutError::Monitor { source: MonitorError::Undefined { step, .. }, .. }) => {
-                *end = EpisodeEnd::Undefined { step };
-                return Ok(Verdict::default());
-            }
-            verdict => verdict?,
-        };
-        if request.needs_subformulas && verdict.robustness.is_some() {
-            verdict.subformulas = self.monitor.subformulas(trace)?;
-        }
-        Ok(verdict)
+        self.monitor.judge(request, trace, rollout.environment.episode_steps() + 1, end)
     }
 }
 

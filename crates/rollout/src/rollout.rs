@@ -181,6 +181,7 @@ impl RolloutWorker {
             trace,
             trace_digest: None,
             verdict: Verdict::default(),
+            reason: String::new(),
             total_reward: 0.0,
             steps: 0,
             end: EpisodeEnd::Completed,

@@ -1,0 +1,31 @@
+//! Simulators that are programs: they read questions as lines of JSON and write answers, in any
+//! language. `docs/reference/simulator_protocol.md` describes the protocol.
+//!
+//! A [`Simulator`] is a command that has described itself, with its running processes. [`target`]
+//! makes a target of it: its system simulates a batch on all threads, each with a process of its
+//! own that lives on for the next batch. In the mode [`Mode::Step`], a controller acts between the
+//! answers, with the delays, errors of sensors and faults of [`ControlLoop`].
+//!
+//! A program can do anything at any time. Each failure ends the simulation, never with a verdict,
+//! and replaces the process; no answer is taken for that to another question.
+//!
+//! [`ControlLoop`]: mishandle_rollout::ControlLoop
+
+mod answer;
+mod command;
+mod description;
+mod error;
+mod hello;
+mod process;
+mod question;
+mod simulator;
+mod steps;
+mod system;
+mod target;
+
+pub use command::program;
+pub use description::Description;
+pub use error::SimulatorError;
+pub use hello::{Mode, PROTOCOL};
+pub use simulator::Simulator;
+pub use target::{IdentifiedController, KIND, SIMULATOR, target};
