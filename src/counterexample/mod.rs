@@ -22,7 +22,9 @@ use mishandle_text::path_text;
 use crate::error::MishandleError;
 use crate::inspect::{ExplainedSimulation, explain, explain_episode};
 use crate::plan::{FalsifyPlan, Plan};
-use crate::resolve::{Moved, ResolvedPlan, command, controller_name, is_target_file, resolve_recorded};
+use crate::resolve::{
+    Moved, ResolvedPlan, command, controller_name, is_target_file, resolve_recorded, simulator_file,
+};
 use crate::run::differences_of_builds;
 
 pub(crate) use export::smaller;
@@ -371,7 +373,8 @@ fn facts(component: &ComponentRecord, is_moved: bool) -> [String; 4] {
 
 /// Checks that a target file beside a counterexample names only files that are there, too.
 fn check_target(plan: &Plan) -> Result<(), MishandleError> {
-    if is_target_file(&plan.target) {
+    // A simulator is a program, which the user must allow.
+    if is_target_file(&plan.target) && simulator_file(plan)?.is_none() {
         mishandle_robots::check_inside(Path::new(&plan.target))?;
     }
     Ok(())

@@ -8,8 +8,8 @@ use mishandle_rollout::{Component, Controller, ControllerWorker, Noise, Target};
 use crate::error::MishandleError;
 use crate::plan::Plan;
 use crate::resolve::policy::Identified;
-use crate::resolve::simulator::described_simulator;
-use crate::resolve::{command, contract_warnings, is_target_file, robot_file, target};
+use crate::resolve::simulator::{described_simulator, simulator_file};
+use crate::resolve::{contract_warnings, is_target_file, robot_file, target};
 
 /// Returns the target of a plan for a description: spaces, signals and formulas. A target file
 /// needs no policy for it, since nothing is simulated; [`described_warnings`] checks the one that
@@ -18,8 +18,8 @@ use crate::resolve::{command, contract_warnings, is_target_file, robot_file, tar
 /// # Errors
 /// The errors of [`target`], except that the policy of a target file is not read.
 pub fn described_target(plan: &Plan) -> Result<Target, MishandleError> {
-    if command(&plan.target).is_some() {
-        return described_simulator(plan);
+    if let Some(file) = simulator_file(plan)? {
+        return described_simulator(plan, &file);
     }
     if !is_target_file(&plan.target) {
         return target(plan);
@@ -47,7 +47,8 @@ pub(crate) fn idle(observations: usize, actions: usize) -> Identified {
 /// If the policy cannot be read, or no episode can start with it.
 pub fn described_warnings(plan: &Plan) -> Result<Vec<String>, MishandleError> {
     let is_skipped = |policy: &RobotPolicy| matches!(policy, RobotPolicy::Open | RobotPolicy::Program(_));
-    if !is_target_file(&plan.target) || is_skipped(robot_file(plan)?.policy()) {
+    let is_robot = is_target_file(&plan.target) && simulator_file(plan)?.is_none();
+    if !is_robot || is_skipped(robot_file(plan)?.policy()) {
         return Ok(Vec::new());
     }
     contract_warnings(plan)

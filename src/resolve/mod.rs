@@ -54,6 +54,7 @@ pub use robot::robot_file;
 pub(crate) use scene::{SceneEnvironment, scene_start, scene_target};
 pub use scene::{picture_model, recorded_picture};
 pub use search::search_entry;
+pub(crate) use simulator::simulator_file;
 pub use subject::{axis_facts, named_scenario};
 pub use target_file::{command, command_target, has_files, is_target_file};
 pub(crate) use target_file::{file_label, files_of};
@@ -73,8 +74,8 @@ pub fn target(plan: &Plan) -> Result<Target, MishandleError> {
         check_no_task_options(plan)?;
         return Ok(toy?);
     }
-    if command(&plan.target).is_some() {
-        return simulator_target(plan);
+    if let Some(file) = simulator_file(plan)? {
+        return simulator_target(plan, &file);
     }
     if is_target_file(&plan.target) {
         return robot_target(plan);

@@ -7,8 +7,9 @@ use std::sync::Arc;
 use mishandle_controllers::{ControllerFile, Layout, bytes_hash};
 use mishandle_files::{limits, read_bounded};
 use mishandle_interchange::{InterchangeError, OnnxPolicy, OnnxProblem};
-use mishandle_robots::{ProgramPolicy, RobotError};
+use mishandle_robots::RobotError;
 use mishandle_rollout::{Component, Controller};
+use mishandle_simulators::ProgramPolicy;
 
 use crate::error::MishandleError;
 use crate::resolve::{controller_name, is_onnx};

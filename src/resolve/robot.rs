@@ -17,6 +17,7 @@ use crate::plan::Plan;
 use crate::resolve::policy::{
     Identified, NeededPolicy, controller_file, not_stochastic, of_file, of_program,
 };
+use crate::resolve::simulator::simulator_file;
 use crate::resolve::training::{TrainingEnvironment, TrainingScene, TrainingTarget, noise, not_a_start};
 use crate::resolve::{is_onnx, is_target_file};
 use crate::shipped::ShippedFile;
@@ -98,12 +99,13 @@ fn of_the_file(
     Ok((policy.clone(), component))
 }
 
-/// Returns the warnings about the policy of a plan whose target is a file; none for other targets.
+/// Returns the warnings about the policy of a plan whose target is the file of a robot; none for
+/// other targets.
 ///
 /// # Errors
 /// If the policy cannot be read, or no episode can start with it.
 pub fn contract_warnings(plan: &Plan) -> Result<Vec<String>, MishandleError> {
-    if !is_target_file(&plan.target) {
+    if !is_target_file(&plan.target) || simulator_file(plan)?.is_some() {
         return Ok(Vec::new());
     }
     let robot = robot_file(plan)?;

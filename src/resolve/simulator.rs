@@ -4,57 +4,99 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use mishandle_controllers::{Entry, Layout};
+use mishandle_files::{limits, read_text_bounded};
 use mishandle_rollout::{ControlLoop, LoopPart, Target};
-use mishandle_simulators::{Description, Simulator};
+use mishandle_simulators::{
+    Description, FilePolicy, ProgramPolicy, ProgramSettings, Simulator, SimulatorFile,
+};
 
 use crate::error::MishandleError;
 use crate::plan::Plan;
 use crate::resolve::check_no_task_options;
 use crate::resolve::described::idle;
-use crate::resolve::policy::{Identified, NeededPolicy, check_allowed, of_file};
-use crate::resolve::target_file::command;
+use crate::resolve::policy::{Identified, NeededPolicy, check_allowed, of_file, of_program};
+use crate::resolve::target_file::{command, is_target_file};
 use crate::resolve::training::noise;
 
 /// Starts the simulator of a plan and looks up its controller.
-pub(crate) fn simulator_target(plan: &Plan) -> Result<Target, MishandleError> {
-    let simulator = Arc::new(start(plan)?);
-    let controller = controller(simulator.description(), plan)?;
+pub(crate) fn simulator_target(plan: &Plan, file: &SimulatorFile) -> Result<Target, MishandleError> {
+    let simulator = Arc::new(start(plan, file)?);
+    let controller = controller(simulator.description(), plan, file)?;
     Ok(mishandle_simulators::target(simulator, controller, noise(plan))?)
 }
 
 /// As [`simulator_target`], without a controller: for a description.
-pub(crate) fn described_simulator(plan: &Plan) -> Result<Target, MishandleError> {
-    let simulator = Arc::new(start(plan)?);
+pub(crate) fn described_simulator(plan: &Plan, file: &SimulatorFile) -> Result<Target, MishandleError> {
+    let simulator = Arc::new(start(plan, file)?);
     let policy = simulator.description().policy.as_ref();
     let controller = policy.map(|policy| {
-        let size = |parts: &[LoopPart]| parts.iter().map(|part| part.size).sum();
-        idle(size(&policy.observation), size(&policy.action))
+        let [observations, actions] = policy.sizes();
+        idle(observations, actions)
     });
     Ok(mishandle_simulators::target(simulator, controller, noise(plan))?)
 }
 
-/// Returns the files of the simulator of a plan.
+/// Returns the simulator that a plan names by its command or by a target file; `None` for any other
+/// target.
+///
+/// # Errors
+/// If the command has no word, or the file cannot be read or is wrong.
+pub(crate) fn simulator_file(plan: &Plan) -> Result<Option<SimulatorFile>, MishandleError> {
+    if let Some(command) = command(&plan.target) {
+        let folder = if plan.folder.is_empty() { Path::new(".") } else { Path::new(&plan.folder) };
+        let program = mishandle_simulators::program(command, folder.to_path_buf())?;
+        return Ok(Some(SimulatorFile { program, time_limit: None, policy: FilePolicy::Open }));
+    }
+    if !is_target_file(&plan.target) {
+        return Ok(None);
+    }
+    let path = Path::new(&plan.target);
+    // The reader of robots reports a file that cannot be read.
+    let Ok(text) = read_text_bounded(path, limits::SETTINGS) else { return Ok(None) };
+    Ok(SimulatorFile::parse(path, &text)?)
+}
+
+/// Returns the files of a simulator, with those of its policy.
 ///
 /// # Errors
 /// If the program does not start, or describes itself wrongly.
-pub(crate) fn simulator_files(plan: &Plan) -> Result<Vec<PathBuf>, MishandleError> {
-    Ok(start(plan)?.files())
+pub(crate) fn simulator_files(plan: &Plan, file: &SimulatorFile) -> Result<Vec<PathBuf>, MishandleError> {
+    let own = Some(PathBuf::from(&plan.target)).filter(|_| is_target_file(&plan.target));
+    let simulator = start(plan, file)?;
+    let policy = match &file.policy {
+        FilePolicy::Open => Vec::new(),
+        FilePolicy::File { path, .. } => vec![path.clone()],
+        FilePolicy::Program(settings) => match &simulator.description().policy {
+            Some(policy) => program(settings, policy, file).files(),
+            None => Vec::new(),
+        },
+    };
+    Ok(own.into_iter().chain(simulator.files()).chain(policy).collect())
 }
 
 /// Starts the program of a plan, which the user must have typed or allowed.
-fn start(plan: &Plan) -> Result<Simulator, MishandleError> {
-    let command = command(&plan.target).unwrap_or_default();
-    if !plan.is_typed {
-        check_allowed("simulator", command)?;
+fn start(plan: &Plan, file: &SimulatorFile) -> Result<Simulator, MishandleError> {
+    let is_typed = plan.is_typed && command(&plan.target).is_some();
+    if !is_typed {
+        check_allowed("simulator", &file.program.words.join(" "))?;
     }
-    let folder = if plan.folder.is_empty() { Path::new(".") } else { Path::new(&plan.folder) };
-    let program = mishandle_simulators::program(command, folder.to_path_buf())?;
-    Ok(Simulator::start(program, None)?)
+    Ok(Simulator::start(file.program.clone(), file.time_limit)?)
 }
 
-/// Loads the controller of a plan, which a simulator with a policy needs.
-fn controller(description: &Description, plan: &Plan) -> Result<Option<Identified>, MishandleError> {
+/// Loads the controller of a plan or of a target file, which a simulator with a policy needs.
+fn controller(
+    description: &Description,
+    plan: &Plan,
+    file: &SimulatorFile,
+) -> Result<Option<Identified>, MishandleError> {
     let Some(policy) = &description.policy else {
+        if file.policy != FilePolicy::Open {
+            return Err(MishandleError::InvalidValue {
+                what: "the table [policy] of the target file",
+                value: "given".to_string(),
+                expected: "left out, because the simulator states no `policy`: it contains its own controller",
+            });
+        }
         check_no_task_options(plan)?;
         return Ok(None);
     };
@@ -66,11 +108,25 @@ fn controller(description: &Description, plan: &Plan) -> Result<Option<Identifie
     if !plan.controller.is_empty() {
         return of_file(&needed, Path::new(&plan.controller), [None, None], plan.stochastic).map(Some);
     }
-    Err(MishandleError::InvalidValue {
-        what: "the controller",
-        value: "missing".to_string(),
-        expected: "a path, because the simulator has a policy that Mishandle runs: --controller FILE",
-    })
+    match &file.policy {
+        FilePolicy::File { path, interface } => {
+            let names = [0, 1].map(|index| interface[index].as_deref());
+            of_file(&needed, path, names, plan.stochastic).map(Some)
+        }
+        FilePolicy::Program(settings) => {
+            of_program(&Arc::new(program(settings, policy, file)), plan.stochastic).map(Some)
+        }
+        FilePolicy::Open => Err(MishandleError::InvalidValue {
+            what: "the controller",
+            value: "missing".to_string(),
+            expected: "a path, because the simulator has a policy that Mishandle runs: --controller FILE",
+        }),
+    }
+}
+
+/// Returns a policy that is a program.
+fn program(settings: &ProgramSettings, policy: &ControlLoop, file: &SimulatorFile) -> ProgramPolicy {
+    ProgramPolicy::new(settings.clone(), &file.program.folder, policy.sizes(), policy.control_dt)
 }
 
 /// Returns what the policy of a simulator must fit.

@@ -6,7 +6,7 @@ use mishandle_text::path_text;
 
 use crate::error::MishandleError;
 use crate::plan::Plan;
-use crate::resolve::simulator::simulator_files;
+use crate::resolve::simulator::{simulator_file, simulator_files};
 use crate::resolve::{controller_name, robot_file};
 
 /// Start of the name of a target that is the command of a simulator.
@@ -38,12 +38,14 @@ pub fn has_files(target: &str) -> bool {
 /// # Errors
 /// If a file cannot be read or is wrong, or a simulator does not start.
 pub(crate) fn files_of(plan: &Plan) -> Result<Option<(PathBuf, Vec<PathBuf>)>, MishandleError> {
-    let (home, files) = match command(&plan.target) {
-        Some(_) => (Path::new(&plan.folder), simulator_files(plan)?),
-        None if is_target_file(&plan.target) => {
-            (Path::new(&plan.target).parent().unwrap_or(Path::new("")), robot_file(plan)?.files())
-        }
+    let home = match command(&plan.target) {
+        Some(_) => Path::new(&plan.folder),
+        None if is_target_file(&plan.target) => Path::new(&plan.target).parent().unwrap_or(Path::new("")),
         None => return Ok(None),
+    };
+    let files = match simulator_file(plan)? {
+        Some(file) => simulator_files(plan, &file)?,
+        None => robot_file(plan)?.files(),
     };
     let home = if home.as_os_str().is_empty() { Path::new(".") } else { home };
     Ok(Some((home.to_path_buf(), files)))

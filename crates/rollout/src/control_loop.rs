@@ -31,6 +31,11 @@ pub struct ControlLoop {
 }
 
 impl ControlLoop {
+    /// Returns the lengths of an observation and an action.
+    pub fn sizes(&self) -> [usize; 2] {
+        [&self.observation, &self.action].map(|parts| parts.iter().map(|part| part.size).sum())
+    }
+
     /// Returns all delays, errors of sensors and faults.
     pub fn disturbances(&self) -> Vec<Disturbance> {
         delays().into_iter().chain(self.sensing(|_, _| true)).chain(self.faults()).collect()

@@ -7,8 +7,8 @@ use crate::disturbance::{ActiveDisturbances, command};
 use crate::fault::Side;
 use crate::rollout::Rollout;
 use crate::{
-    ControllerFailure, ControllerWorker, EpisodeEnd, Request, RolloutError, Sample, Seed,
-    SpecificationMonitor, StepStatus, Verdict,
+    ControllerWorker, EpisodeEnd, Request, RolloutError, Sample, Seed, SpecificationMonitor, StepStatus,
+    Verdict,
 };
 
 /// Maximum number of rows that one thread steps in lockstep. Sixteen rows share each read of the
@@ -16,24 +16,26 @@ use crate::{
 pub(crate) const ROWS: usize = 16;
 
 /// Position of a simulation in its episode.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Debug)]
 pub(crate) struct Progress {
     pub seed: Seed,
     /// Number of control steps taken.
     pub steps: usize,
     /// [`EpisodeEnd::Completed`] while the simulation runs.
     pub end: EpisodeEnd,
+    /// Why the controller failed; empty if it did not.
+    pub reason: String,
 }
 
 impl Progress {
     /// Returns the position at the start of a request's episode.
     pub(crate) fn start(request: &Request) -> Progress {
-        Progress { seed: request.seed, steps: 0, end: EpisodeEnd::Completed }
+        Progress { seed: request.seed, steps: 0, end: EpisodeEnd::Completed, reason: String::new() }
     }
 
     /// The position of a row without a simulation.
     pub(crate) const IDLE: Progress =
-        Progress { seed: Seed(0), steps: 0, end: EpisodeEnd::Stopped { step: 0 } };
+        Progress { seed: Seed(0), steps: 0, end: EpisodeEnd::Stopped { step: 0 }, reason: String::new() };
 
     pub(crate) fn is_running(&self) -> bool {
         self.end == EpisodeEnd::Completed
@@ -160,10 +162,9 @@ impl Lane {
         );
         for (row, progress) in progress.iter_mut().enumerate().filter(|(_, progress)| progress.is_running()) {
             let step = progress.steps + 1;
-            match self.controller.failure(row) {
-                None => {}
-                Some(ControllerFailure::Crashed) => progress.end = EpisodeEnd::Crashed { step },
-                Some(ControllerFailure::TimedOut) => progress.end = EpisodeEnd::TimedOut { step },
+            if let Some(failure) = self.controller.failure(row) {
+                progress.end = failure.end(step);
+                progress.reason.clone_from(&failure.reason);
             }
         }
         self.hold_paused(rollout, rows, progress);

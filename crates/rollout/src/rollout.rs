@@ -154,8 +154,9 @@ impl RolloutWorker {
                 break;
             }
         }
-        for (episode, progress) in episodes.iter_mut().zip(&self.progress) {
+        for (episode, progress) in episodes.iter_mut().zip(&mut self.progress) {
             (episode.steps, episode.end) = (progress.steps, progress.end);
+            episode.reason = std::mem::take(&mut progress.reason);
             let Episode { request, trace, end, .. } = episode;
             episode.verdict = self.lane.finish(rollout, request, trace, end)?;
         }

@@ -38,8 +38,26 @@ pub enum SimulatorError {
         /// Problem, and a way out.
         problem: String,
     },
-    /// A file of the simulator cannot be read.
-    #[error("cannot read {} of the simulator", path.display())]
+    /// A target file is wrong at a line.
+    #[error("{}, line {line}: {message}", path.display())]
+    Line {
+        /// The file.
+        path: PathBuf,
+        /// Number of the line, from 1.
+        line: usize,
+        /// Problem, and a way out where there is one.
+        message: String,
+    },
+    /// A policy that is a program does not answer as it should.
+    #[error("the policy `{command}`: {problem}")]
+    Policy {
+        /// The command.
+        command: String,
+        /// Problem, and a way out.
+        problem: String,
+    },
+    /// A file of a program cannot be read.
+    #[error("cannot read {} of the program", path.display())]
     Read {
         /// The file.
         path: PathBuf,

@@ -6,26 +6,33 @@
 //! own that lives on for the next batch. In the mode [`Mode::Step`], a controller acts between the
 //! answers, with the delays, errors of sensors and faults of [`ControlLoop`].
 //!
+//! A [`ProgramPolicy`] is a controller that is a program, in the loop of any environment. A
+//! [`SimulatorFile`] names a command, a time limit and a policy.
+//!
 //! A program can do anything at any time. Each failure ends the simulation, never with a verdict,
 //! and replaces the process; no answer is taken for that to another question.
 //!
 //! [`ControlLoop`]: mishandle_rollout::ControlLoop
 
 mod answer;
-mod command;
 mod description;
 mod error;
+mod file;
 mod hello;
+mod policy;
 mod process;
+mod program;
 mod question;
 mod simulator;
 mod steps;
 mod system;
 mod target;
 
-pub use command::program;
 pub use description::Description;
 pub use error::SimulatorError;
+pub use file::{FilePolicy, SimulatorFile};
 pub use hello::{Mode, PROTOCOL};
+pub use policy::{ProgramPolicy, ProgramSettings};
+pub use program::program;
 pub use simulator::Simulator;
 pub use target::{IdentifiedController, KIND, SIMULATOR, target};

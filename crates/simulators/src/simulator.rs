@@ -1,20 +1,18 @@
 //! A simulator: its command, its description and its running processes.
 
-use std::fs::File;
-use std::io::Read;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::sync::{Mutex, PoisonError};
 use std::time::Duration;
 
 use mishandle_process::{Failure, Program};
 use mishandle_rollout::RolloutError;
 use rayon::prelude::*;
-use sha2::{Digest, Sha256};
 
 use crate::SimulatorError;
 use crate::description::Description;
 use crate::hello::Hello;
 use crate::process::{NoStart, SimulatorProcess};
+use crate::program::{command_text, program_hash, word_files};
 
 /// A simulator that has described itself. Its processes live as long as it does: they are shared by
 /// all systems of its target, and each simulation takes one of them.
@@ -122,14 +120,10 @@ impl std::fmt::Debug for Simulator {
     }
 }
 
-fn command_text(program: &Program) -> String {
-    shlex::try_join(program.words.iter().map(String::as_str)).unwrap_or_else(|_| program.words.join(" "))
-}
-
+/// Returns the words of the command that are files, and the files that the description names.
 fn files(program: &Program, description: &Description) -> Vec<PathBuf> {
-    let words = program.words.iter().map(|word| program.folder.join(word)).filter(|path| path.is_file());
-    let mut files: Vec<PathBuf> = Vec::new();
-    for path in words.chain(description.files.iter().map(|name| program.folder.join(name))) {
+    let mut files = word_files(program);
+    for path in description.files.iter().map(|name| program.folder.join(name)) {
         if !files.contains(&path) {
             files.push(path);
         }
@@ -137,29 +131,8 @@ fn files(program: &Program, description: &Description) -> Vec<PathBuf> {
     files
 }
 
-/// Returns the hash of words, files and description. A run records versions of software
-/// apart.
+/// Returns the hash of words, files and description. A run records versions of software apart.
 fn hash(program: &Program, hello: &Hello, files: &[PathBuf]) -> Result<String, SimulatorError> {
     let hello = Hello { versions: Default::default(), time_limit: None, ..hello.clone() };
-    let mut hash = Sha256::new();
-    hash.update(format!("{:?}\n{}\n", program.words, serde_json::json!(hello)));
-    for path in files {
-        let read = |source| SimulatorError::Read { path: path.clone(), source };
-        hash.update(file_hash(path).map_err(read)?);
-    }
-    Ok(hash.finalize().iter().map(|byte| format!("{byte:02x}")).collect())
-}
-
-/// Returns the hash of a file of any length.
-fn file_hash(path: &Path) -> std::io::Result<[u8; 32]> {
-    if !path.is_file() {
-        return Err(std::io::Error::other("it is not a file"));
-    }
-    let (mut file, mut buffer, mut hash) = (File::open(path)?, vec![0; 1 << 16], Sha256::new());
-    loop {
-        match file.read(&mut buffer)? {
-            0 => return Ok(hash.finalize().into()),
-            count => hash.update(&buffer[..count]),
-        }
-    }
+    program_hash(program, &serde_json::json!(hello).to_string(), files)
 }

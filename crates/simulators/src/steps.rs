@@ -2,7 +2,7 @@
 
 use mishandle_process::Failure;
 use mishandle_rollout::{
-    ActiveInterface, ControllerFailure, ControllerWorker, EpisodeEnd, Request, Scenario, SpecificationMonitor,
+    ActiveInterface, ControllerWorker, EpisodeEnd, Request, Scenario, SpecificationMonitor,
 };
 use mishandle_stl::Trace;
 
@@ -64,14 +64,8 @@ impl ControlledWorker {
         }
         self.controller.act(1, &self.observation, &mut self.state, &mut self.output);
         let in_step = step + 1;
-        match self.controller.failure(0) {
-            None => {}
-            Some(ControllerFailure::Crashed) => {
-                return Err((EpisodeEnd::Crashed { step: in_step }, String::new()));
-            }
-            Some(ControllerFailure::TimedOut) => {
-                return Err((EpisodeEnd::TimedOut { step: in_step }, String::new()));
-            }
+        if let Some(failure) = self.controller.failure(0) {
+            return Err((failure.end(in_step), failure.reason.clone()));
         }
         if let (Some((output, state)), Some(active)) = (&mut self.held, &active) {
             if active.is_paused(step) {
