@@ -319,13 +319,16 @@ pub enum MishandleError {
     },
     /// The simulation has no robustness.
     #[error(
-        "simulation {number} of trial {trial} has no robustness, so there is nothing to explain; choose another one"
+        "simulation {number} of trial {trial} has no robustness, so there is nothing to explain; choose another one{}",
+        if reason.is_empty() { String::new() } else { format!("\nit ended because: {reason}") }
     )]
     NothingToExplain {
         /// Number of the trial.
         trial: u32,
         /// Number of the simulation.
         number: u32,
+        /// Why it ended so, in the words of the target; empty if it said nothing.
+        reason: String,
     },
     /// The formula is too long to be explained.
     #[error("the formula has {subformulas} sub-formulas; one with more than {limit} cannot be explained")]

@@ -373,6 +373,24 @@ class Requirement:
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
+class EndReasons:
+    """The simulations of a run with one end whose target, or its controller, said why."""
+
+    end: str
+    """The end, such as ``crashed``, ``timed out``, ``invalid scenario`` or ``terminated``."""
+    simulations: int
+    """Number of simulations with this end and a reason, those of corners and of the moves toward
+    nominal included."""
+    trial: int
+    """Trial of the first of them."""
+    simulation: int
+    """Number of the first of them."""
+    reason: str
+    """Reason of the first of them, in the words of the program: at most 4096 bytes, often with
+    the end of its standard error."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
 class Screening:
     """Counts of a screening: another engine simulates everything, MuJoCo C confirms what it
     flags and an audit sample of the rest."""
@@ -529,6 +547,8 @@ class Evaluation:
     numeric axis of kind ``start``."""
     requirements: tuple[Requirement, ...] | None = None
     """Each named requirement over the random simulations; missing without one."""
+    reasons: tuple[EndReasons, ...] | None = None
+    """Reasons that the target gave for the ends of simulations, by end; missing without one."""
     screening: Screening | None = None
     """Counts of the screening; missing without it. The rates are then those of a two-phase
     sample: see ``gpu.md``."""
@@ -832,6 +852,8 @@ class Falsification:
     (``random``) fails; ``None`` otherwise."""
     requirements: tuple[Requirement, ...] | None = None
     """Each named requirement over all simulations; missing without one."""
+    reasons: tuple[EndReasons, ...] | None = None
+    """Reasons that the target gave for the ends of simulations, by end; missing without one."""
     trials: tuple[Trial, ...]
     """The trials."""
     failures: int | None = None
@@ -987,6 +1009,8 @@ class Margin:
     """Number of different seeds of these; ``None`` without one."""
     witness: Witness | None
     """The violation with the smallest disturbance; ``None`` without one."""
+    reasons: tuple[EndReasons, ...] | None = None
+    """Reasons that the target gave for the ends of simulations, by end; missing without one."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -1190,6 +1214,8 @@ class Risk:
     """Multilevel splitting; ``None`` if it was not run."""
     failures: tuple[RiskFailure, ...]
     """Up to three failures, those nearest to the center of the distribution first."""
+    reasons: tuple[EndReasons, ...] | None = None
+    """Reasons that the target gave for the ends of simulations, by end; missing without one."""
     screening: Screening | None = None
     """Counts of the screening; missing without it. The estimate of Monte Carlo is then that of a
     two-phase sample: see ``gpu.md``."""
@@ -1219,6 +1245,9 @@ class Explanation:
     violated: bool
     """Whether the requirement is violated. At a robustness of 0, ``<=``, ``>=`` and ``==`` hold,
     and ``<``, ``>`` and ``!=`` do not."""
+    reason: str | None = None
+    """Why the simulation ended so, in the words of the target or its controller; missing if they
+    said nothing."""
     decided: Instant | None
     """First sample after which nothing can change whether the requirement is satisfied; ``None``
     if the trace does not decide it."""
@@ -1403,6 +1432,9 @@ class Simulation:
     """The requirement."""
     end: str | None
     """How the simulation ended, in words; ``None`` with ``--repeat``, as the next three keys."""
+    reason: str | None = None
+    """Why the simulation ended so, in the words of the target or its controller; missing if they
+    said nothing."""
     steps: int | None
     """Number of control steps."""
     robustness: float | None
@@ -1864,6 +1896,9 @@ class Replay:
     """Random seed of the simulation."""
     end: str
     """How the simulation ended, in words."""
+    reason: str | None = None
+    """Why the simulation ended so, in the words of the target or its controller; missing if they
+    said nothing."""
     steps: int
     """Number of control steps."""
     robustness: float | None

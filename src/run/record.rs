@@ -263,6 +263,7 @@ pub(crate) fn record(episode: &Episode, resolved: &ResolvedPlan) -> Simulation {
         end: stored_end(episode.end),
         steps: episode.steps as u32,
         verdicts: verdicts.into_iter().chain(minima).chain(others).collect(),
+        reason: episode.reason.clone(),
         trace_digest: Some(episode.trace_digest.unwrap_or_else(|| trace.digest())),
         trace: is_falsified.then_some(trace),
     }
@@ -405,7 +406,7 @@ pub fn recorded_episode(simulation: &Simulation) -> Episode {
     Episode {
         request: request(simulation, false),
         end: episode_end(simulation.end),
-        reason: String::new(),
+        reason: simulation.reason.clone(),
         steps: simulation.steps as usize,
         verdict: Verdict {
             robustness: simulation.robustness,

@@ -40,6 +40,7 @@ mod hardening;
 mod margin;
 mod modes;
 mod monitor;
+mod reasons;
 mod regression;
 mod replay;
 mod risk;
@@ -74,6 +75,7 @@ pub use hardening::{
 pub use margin::{CategoryMargin, Level, Margin, Norms, Witness};
 pub use modes::{Coverage, FailureMode, FirstInMode, FoundMode, Modes, UnseenModes};
 pub use monitor::Monitor;
+pub use reasons::EndReasons;
 pub use regression::{BaselineTest, Regression, RegressionTest};
 pub use replay::Replay;
 pub use risk::{

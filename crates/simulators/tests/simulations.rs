@@ -60,7 +60,7 @@ def simulate(q):
     ];
     assert_eq!(ends, expected);
     // The level of 5 violates the bound 4 by 1, whatever would have come.
-    let robustness: Vec<Option<f64>> = found.iter().map(|episode| episode.robustness()).collect();
+    let robustness: Vec<Option<f64>> = found.iter().map(mishandle_rollout::Episode::robustness).collect();
     assert_eq!(robustness, [Some(-1.0), None, None, None, None]);
     assert_eq!([0, 2, 3].map(|index| found[index].reason.as_str()), ["dry", "no steady state", "no license"]);
 }
@@ -94,7 +94,7 @@ fn a_policy_acts_on_the_observation_within_its_limit() {
 fn a_delay_shifts_the_actions_and_a_bias_the_observation() {
     let folder = folder("HELLO['policy'] = POLICY");
     let target = controlled(folder.path(), "action = 1.0 if level > 2.01 else 0.0");
-    let names: Vec<&str> = target.spaces.iter().map(|space| space.name()).collect();
+    let names: Vec<&str> = target.spaces.iter().map(mishandle_rollout::Space::name).collect();
     for name in
         ["scenarios", "delay", "timing", "sensing", "disturbance", "faults-sensing", "faults-actuation"]
     {
