@@ -217,6 +217,40 @@ class Search:
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
+class ProtocolFinding:
+    """The outcome of one check."""
+
+    check: str
+    """Name of the check: ``hello``, ``nominal``, ``corners``, ``repeat``, ``seeds``, ``order``,
+    ``unknown``, ``process``, ``output`` or ``end``."""
+    passed: bool
+    """Whether it passed."""
+    finding: str
+    """Finding in words; if the check failed, with a way out."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class ProtocolCheck:
+    """Whether a simulator that is a program keeps the protocol."""
+
+    command: str
+    """The command."""
+    name: str | None
+    """Name of the simulator; ``None`` if it does not describe itself."""
+    passed: bool
+    """Whether all checks passed."""
+    checks: tuple[ProtocolFinding, ...]
+    """The checks, in the order in which they were made. A check that a failed one makes
+    pointless is missing."""
+    start_seconds: float | None
+    """Time from the start of the program to its description, s; ``None`` without one."""
+    simulation_seconds: float | None
+    """Median time of the simulations of the nominal scenario, s; ``None`` without one."""
+    step_seconds: float | None
+    """Mean time of a control step in these simulations, s; ``None`` in the mode ``trace``."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
 class RequirementVerdict:
     """A named requirement on one simulation."""
 

@@ -54,6 +54,7 @@ pub use robot::robot_file;
 pub(crate) use scene::{SceneEnvironment, scene_start, scene_target};
 pub use scene::{picture_model, recorded_picture};
 pub use search::search_entry;
+pub use simulator::check_protocol;
 pub(crate) use simulator::simulator_file;
 pub use subject::{axis_facts, named_scenario};
 pub use target_file::{command, command_target, has_files, is_target_file};

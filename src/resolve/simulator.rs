@@ -5,6 +5,7 @@ use std::sync::Arc;
 
 use mishandle_controllers::{Entry, Layout};
 use mishandle_files::{limits, read_text_bounded};
+use mishandle_results::ProtocolCheck;
 use mishandle_rollout::{ControlLoop, LoopPart, Target};
 use mishandle_simulators::{
     Description, FilePolicy, ProgramPolicy, ProgramSettings, Simulator, SimulatorFile,
@@ -34,6 +35,15 @@ pub(crate) fn described_simulator(plan: &Plan, file: &SimulatorFile) -> Result<T
         idle(observations, actions)
     });
     Ok(mishandle_simulators::target(simulator, controller, noise(plan))?)
+}
+
+/// Checks whether the simulator of a command, which the user typed, keeps the protocol.
+///
+/// # Errors
+/// If the command is not a list of words.
+pub fn check_protocol(command: &str) -> Result<ProtocolCheck, MishandleError> {
+    let program = mishandle_simulators::program(command, PathBuf::from("."))?;
+    Ok(mishandle_simulators::check(program, None))
 }
 
 /// Returns the simulator that a plan names by its command or by a target file; `None` for any other

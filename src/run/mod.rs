@@ -42,7 +42,6 @@ pub(crate) use question::asked;
 pub use question::{Answer, Engine, MarginOutcome, Progress, Watch, ask, recorded_answer};
 pub use random_rows::has_random_rows;
 pub(crate) use reason::given;
-pub use reason::short_reason;
 pub(crate) use record::axis_records;
 pub use record::{create_run, recorded_axis, recorded_episode};
 pub(crate) use recorded::recorded_named;

@@ -116,6 +116,18 @@ impl Peer {
         }
     }
 
+    /// Returns whether the program has written something since its last answer.
+    pub fn has_unread(&mut self) -> bool {
+        self.stdout.has_more()
+    }
+
+    /// Closes the input of the program, and returns whether it ends by itself in the time that it
+    /// has for that.
+    pub fn close(mut self) -> bool {
+        self.stdin = None;
+        wait(&self.child, GRACE)
+    }
+
     fn timed_out(&self, limit: Duration) -> Failure {
         Failure::TimedOut { limit, stderr: self.stderr() }
     }
@@ -164,16 +176,19 @@ fn pid(child: &Child) -> Option<Pid> {
     i32::try_from(child.id()).ok().and_then(Pid::from_raw)
 }
 
-/// Waits until a program ends, at most `limit`, and leaves its status to be read.
-fn wait(child: &Child, limit: Duration) {
-    let Some(pid) = pid(child) else { return };
+/// Waits until a program ends, at most `limit`, and leaves its status to be read. Returns whether
+/// it ended.
+fn wait(child: &Child, limit: Duration) -> bool {
+    let Some(pid) = pid(child) else { return true };
     let end = Instant::now() + limit;
     let options = WaitIdOptions::EXITED | WaitIdOptions::NOWAIT | WaitIdOptions::NOHANG;
-    while let Ok(None) = waitid(WaitId::Pid(pid), options)
-        && Instant::now() < end
-    {
+    while let Ok(None) = waitid(WaitId::Pid(pid), options) {
+        if Instant::now() >= end {
+            return false;
+        }
         std::thread::sleep(Duration::from_millis(2));
     }
+    true
 }
 
 /// Writes a line into a pipe that does not block, until `end`; returns whether all of it was

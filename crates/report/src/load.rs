@@ -212,7 +212,7 @@ impl RunReport {
         let reasons = run.reasons()?;
         let reasons = reasons.iter().map(|found| {
             let simulations = mishandle_text::plural(found.simulations, "simulation");
-            let reason = mishandle::run::short_reason(&found.reason);
+            let reason = mishandle_text::first_and_last_line(&found.reason);
             let (trial, number) = (found.trial, found.number);
             format!("{}: {simulations}, the first of them {number} of trial {trial}: {reason}", found.end)
         });

@@ -9,12 +9,15 @@
 //! A [`ProgramPolicy`] is a controller that is a program, in the loop of any environment. A
 //! [`SimulatorFile`] names a command, a time limit and a policy.
 //!
+//! [`check`](check()) asks a simulator questions whose right answers are known, as a test suite.
+//!
 //! A program can do anything at any time. Each failure ends the simulation, never with a verdict,
 //! and replaces the process; no answer is taken for that to another question.
 //!
 //! [`ControlLoop`]: mishandle_rollout::ControlLoop
 
 mod answer;
+mod check;
 mod description;
 mod error;
 mod file;
@@ -28,6 +31,7 @@ mod steps;
 mod system;
 mod target;
 
+pub use check::check;
 pub use description::Description;
 pub use error::SimulatorError;
 pub use file::{FilePolicy, SimulatorFile};

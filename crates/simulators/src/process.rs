@@ -59,4 +59,22 @@ impl SimulatorProcess {
         answer::read(&text, Asked { id: self.id, signals, kind: asked })
             .map_err(|what| Failure::Malformed { what, stderr: self.peer.stderr() })
     }
+
+    /// Asks a question of a type that does not exist, and returns its number and the line of the
+    /// answer.
+    pub(crate) fn ask_unknown(&mut self, limit: Duration) -> Result<(u64, String), Failure> {
+        self.id += 1;
+        let line = format!("{{\"id\":{},\"type\":\"does-not-exist\"}}", self.id);
+        Ok((self.id, self.peer.ask(&line, limit)?))
+    }
+
+    /// Returns the program behind it.
+    pub(crate) fn into_peer(self) -> Peer {
+        self.peer
+    }
+
+    /// Returns whether the program has written something since its last answer.
+    pub(crate) fn has_unread(&mut self) -> bool {
+        self.peer.has_unread()
+    }
 }

@@ -18,7 +18,7 @@ fn in_order(target: &Target, starts: &[f64]) -> Vec<Episode> {
 #[track_caller]
 fn misbehaving(changes: &str) -> (EpisodeEnd, String) {
     let folder = folder(changes);
-    let found = in_order(&tank(folder.path(), 1.0), &[1.0, 2.0, 3.0, 3.0]);
+    let found = in_order(&tank(folder.path(), 3.0), &[1.0, 2.0, 3.0, 3.0]);
     for (index, level) in [(0, 1.0), (2, 3.0), (3, 3.0)] {
         let Episode { end, trace, reason, .. } = &found[index];
         assert_eq!(*end, EpisodeEnd::Completed, "{reason}");
@@ -53,7 +53,7 @@ fn a_crash_is_a_crash_with_its_standard_error() {
 fn silence_is_a_timeout_also_with_sigterm_ignored_and_the_output_closed_by_a_child() {
     let (end, reason) = misbehaving(&instead("time.sleep(60)"));
     assert_eq!(end, TIMED_OUT);
-    assert!(reason.contains("within 1 s"), "{reason}");
+    assert!(reason.contains("within 3 s"), "{reason}");
     let (end, _) = misbehaving(&instead("signal.signal(signal.SIGTERM, signal.SIG_IGN)\nwhile True: pass"));
     assert_eq!(end, TIMED_OUT);
     // The child keeps the pipe open, so that its end is not seen.
@@ -70,7 +70,7 @@ fn a_closed_output_is_a_crash() {
 #[test]
 fn a_late_answer_is_never_read() {
     let (end, _) =
-        misbehaving(&instead("time.sleep(1.3)\nprint(json.dumps({'id': q['id'], **a}), flush=True)"));
+        misbehaving(&instead("time.sleep(3.3)\nprint(json.dumps({'id': q['id'], **a}), flush=True)"));
     assert_eq!(end, TIMED_OUT);
 }
 

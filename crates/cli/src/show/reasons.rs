@@ -1,7 +1,7 @@
 //! Why simulations ended as they did, in the words of their target, as text.
 
 use mishandle::results::EndReasons;
-use mishandle_text::plural;
+use mishandle_text::{first_and_last_line, plural};
 
 use super::{escape, output, simulation};
 
@@ -15,7 +15,7 @@ pub fn text(found: Option<&[EndReasons]>) -> String {
             "{}: {} ({which}): {}",
             escape::name(&found.end),
             plural(found.simulations, "simulation"),
-            escape::name(&mishandle::run::short_reason(&found.reason))
+            escape::name(&first_and_last_line(&found.reason))
         );
         output::wrapped(&text, output::width().saturating_sub(2)).replace('\n', "\n  ")
     };
