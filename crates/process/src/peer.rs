@@ -4,6 +4,7 @@ use std::io::{ErrorKind, Read, Write};
 use std::os::unix::process::CommandExt;
 use std::path::PathBuf;
 use std::process::{Child, ChildStderr, ChildStdin, ChildStdout, Command, Stdio};
+use std::sync::mpsc::{Receiver, Sender, channel};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
@@ -41,6 +42,8 @@ pub struct Peer {
     stdin: Option<ChildStdin>,
     stdout: Lines<ChildStdout>,
     stderr: Arc<Mutex<Vec<u8>>>,
+    /// Disconnected when the standard error has been read to its end.
+    stderr_end: Receiver<()>,
     has_failed: bool,
 }
 
@@ -70,8 +73,13 @@ impl Peer {
         ioctl_fionbio(&stdin, true).map_err(|error| failed(error.into()))?;
         let stderr = Arc::new(Mutex::new(Vec::new()));
         let kept = stderr.clone();
-        std::thread::spawn(move || keep_end(pipe, &kept));
-        Ok(Peer { child, watcher, stdin: Some(stdin), stdout: Lines::new(stdout), stderr, has_failed: false })
+        let (reads, stderr_end) = channel();
+        std::thread::spawn(move || {
+            keep_end(pipe, &kept);
+            drop::<Sender<()>>(reads);
+        });
+        let stdout = Lines::new(stdout);
+        Ok(Peer { child, watcher, stdin: Some(stdin), stdout, stderr, stderr_end, has_failed: false })
     }
 
     /// Sends a line without its end, and returns the line that answers it.
@@ -139,6 +147,8 @@ impl Peer {
     /// Waits for the last words of the program.
     fn ended(&mut self) -> Failure {
         wait(&self.child, GRACE);
+        // A child of the program may keep the pipe open.
+        let _ = self.stderr_end.recv_timeout(GRACE);
         Failure::Ended { stderr: self.stderr() }
     }
 

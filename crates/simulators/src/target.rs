@@ -76,14 +76,12 @@ pub fn target(
     })
 }
 
-/// Returns the spaces of the simulator, then those of the loop with its policy.
+/// Returns the spaces of the simulator, then the space `disturbance` of all that can disturb it, and
+/// those of the loop with its policy.
 fn spaces(own: &[Space], axes: &[Axis], disturbances: &[Disturbance]) -> Result<Vec<Space>, RolloutError> {
     let LoopSpaces { timing_and_sensing, steady, faults } = LoopSpaces::new(disturbances);
     let of_model = axes.iter().filter(|axis| matches!(axis.kind, AxisKind::Model | AxisKind::Event));
     let mut spaces = own.to_vec();
-    if disturbances.is_empty() {
-        return Ok(spaces);
-    }
     let disturbance = ("disturbance".to_string(), distinct(steady.iter().chain(of_model)));
     for (name, axes) in timing_and_sensing.into_iter().chain([disturbance]).chain(faults) {
         if !axes.is_empty() && own.iter().all(|space| space.name() != name) {
