@@ -76,8 +76,8 @@ pub fn target(
     })
 }
 
-/// Returns the spaces of the simulator, then the space `disturbance` of all that can disturb it, and
-/// those of the loop with its policy.
+/// Returns the spaces of the simulator, then the space `disturbance` of all that can disturb it,
+/// and those of the loop with its policy.
 fn spaces(own: &[Space], axes: &[Axis], disturbances: &[Disturbance]) -> Result<Vec<Space>, RolloutError> {
     let LoopSpaces { timing_and_sensing, steady, faults } = LoopSpaces::new(disturbances);
     let of_model = axes.iter().filter(|axis| matches!(axis.kind, AxisKind::Model | AxisKind::Event));
