@@ -5,7 +5,7 @@ use crate::fault::{Channel, FaultSite, Side};
 use crate::{Axis, AxisKind, Disturbance, Effect, TimeProfile, delays};
 
 /// Numbers of an observation or action that have one name and unit.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct LoopPart {
     /// Name.
     pub name: String,
@@ -13,6 +13,8 @@ pub struct LoopPart {
     pub unit: String,
     /// How many numbers it has.
     pub size: usize,
+    /// Range of each number, in which faults are measured; `None` if it follows from the unit.
+    pub range: Option<[f64; 2]>,
 }
 
 /// The loop of an environment and its controller.
@@ -78,7 +80,7 @@ impl ControlLoop {
     pub fn faults(&self) -> Vec<Disturbance> {
         let ranges = self.observation.iter().flat_map(|part| {
             let largest = largest(&part.unit);
-            vec![[-largest, largest]; part.size]
+            vec![part.range.unwrap_or([-largest, largest]); part.size]
         });
         let limit = if self.action_limit.is_finite() { self.action_limit } else { 1.0 };
         let actions = self.action.iter().map(|part| part.size).sum();

@@ -1,5 +1,6 @@
 //! The description of a simulator, checked.
 
+use std::cmp::Ordering;
 use std::collections::BTreeSet;
 use std::time::Duration;
 
@@ -299,14 +300,23 @@ fn control_loop(entry: &PolicyEntry, hello: &Hello) -> Result<ControlLoop, Strin
                 return Err(format!("two parts `{}` of the {side}", part.name));
             }
         }
+        for PartEntry { name, range, .. } in entries {
+            if range.is_some_and(|[low, high]| low.partial_cmp(&high) != Some(Ordering::Less)) {
+                return Err(format!("the range of `{name}`, whose first number must be below the second"));
+            }
+        }
         let size = entries.iter().fold(0_usize, |sum, part| sum.saturating_add(part.size));
         if entries.iter().any(|part| part.size == 0) || !(1..=MAX_COUNT).contains(&size) {
             return Err(format!(
                 "a policy whose {side} has {size} numbers; each part needs one, and {MAX_COUNT} are possible"
             ));
         }
-        let part =
-            |part: &PartEntry| LoopPart { name: part.name.clone(), unit: part.unit.clone(), size: part.size };
+        let part = |part: &PartEntry| LoopPart {
+            name: part.name.clone(),
+            unit: part.unit.clone(),
+            size: part.size,
+            range: part.range,
+        };
         Ok(entries.iter().map(part).collect::<Vec<LoopPart>>())
     };
     if entry.action_limit.is_nan() || entry.action_limit <= 0.0 {

@@ -118,6 +118,8 @@ pub(crate) struct PartEntry {
     pub unit: String,
     #[serde(default = "one")]
     pub size: usize,
+    #[serde(default)]
+    pub range: Option<[f64; 2]>,
 }
 
 /// Content of one answer.

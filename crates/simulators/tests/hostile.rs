@@ -179,6 +179,7 @@ fn wrong_descriptions_are_errors_before_the_first_simulation() {
         ("HELLO['formulas'][0]['name'] = 'safe'", "temporal operator"),
         ("HELLO['policy'] = POLICY; HELLO['mode'] = 'trace'", "policies in the mode `step`"),
         ("HELLO.update(mode='step', policy={**POLICY, 'action': []})", "0 numbers"),
+        ("POLICY['observation'][0]['range'] = [1, 1]; HELLO['policy'] = POLICY", "the range of `level`"),
         ("HELLO['name'] = 'a\\nb'", "visible characters"),
         ("HELLO['time_limit'] = -1", "time limit"),
         ("HELLO['name'] = 'x' * 5000000", "bytes"),

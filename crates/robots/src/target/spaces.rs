@@ -53,8 +53,10 @@ impl RobotFile {
             name: part.name.clone(),
             unit: part.unit.clone(),
             size: part.size,
+            range: None,
         };
-        let action = |number| LoopPart { name: format!("action_{number}"), unit: String::new(), size: 1 };
+        let action =
+            |number| LoopPart { name: format!("action_{number}"), unit: String::new(), size: 1, range: None };
         let control = ControlLoop {
             observation: self.parts.iter().map(part).collect(),
             action: (1..=actions).map(action).collect(),
