@@ -107,6 +107,13 @@ fn controller(
                 expected: "left out, because the simulator states no `policy`: it contains its own controller",
             });
         }
+        if !plan.controller.is_empty() {
+            return Err(MishandleError::InvalidValue {
+                what: "the controller",
+                value: plan.controller.clone(),
+                expected: "left out, because the simulator states no `policy`: it contains its own controller",
+            });
+        }
         check_no_task_options(plan)?;
         return Ok(None);
     };
