@@ -40,6 +40,19 @@ pub enum MishandleError {
         /// Name of the option.
         option: &'static str,
     },
+    /// A file names a program that the user has not allowed.
+    #[error(
+        "the {role} is the program `{command}`, which a file names; if you trust the file, allow it with {variable}=1 in \
+         the environment"
+    )]
+    ProgramNotAllowed {
+        /// Simulator or policy.
+        role: &'static str,
+        /// Command of the program.
+        command: String,
+        /// Variable of the environment that allows programs.
+        variable: &'static str,
+    },
     /// The plan is not valid TOML.
     #[error("line {line} of the plan, `{found}`, is not valid TOML: {message}")]
     PlanSyntax {
@@ -306,13 +319,16 @@ pub enum MishandleError {
     },
     /// The simulation has no robustness.
     #[error(
-        "simulation {number} of trial {trial} has no robustness, so there is nothing to explain; choose another one"
+        "simulation {number} of trial {trial} has no robustness, so there is nothing to explain; choose another one{}",
+        if reason.is_empty() { String::new() } else { format!("\nit ended because: {reason}") }
     )]
     NothingToExplain {
         /// Number of the trial.
         trial: u32,
         /// Number of the simulation.
         number: u32,
+        /// Why it ended so, in the words of the target; empty if it said nothing.
+        reason: String,
     },
     /// The formula is too long to be explained.
     #[error("the formula has {subformulas} sub-formulas; one with more than {limit} cannot be explained")]
@@ -479,6 +495,9 @@ pub enum MishandleError {
     /// A target file is wrong.
     #[error(transparent)]
     Robot(Box<mishandle_robots::RobotError>),
+    /// A simulator that is a program does not work.
+    #[error(transparent)]
+    Simulator(#[from] mishandle_simulators::SimulatorError),
     /// An expert cannot be built.
     #[error("cannot build the expert of {task}")]
     Expert {

@@ -65,6 +65,7 @@ pub fn simulation(trial: u32, number: u32, trace: Option<StoredTrace>) -> Simula
         end: SimulationEnd::Stopped { step: number },
         steps: number,
         verdicts: vec![None],
+        reason: String::new(),
         trace_digest: None,
         trace,
     }

@@ -217,6 +217,40 @@ class Search:
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
+class ProtocolFinding:
+    """The outcome of one check."""
+
+    check: str
+    """Name of the check: ``hello``, ``nominal``, ``corners``, ``repeat``, ``seeds``, ``order``,
+    ``unknown``, ``process``, ``output`` or ``end``."""
+    passed: bool
+    """Whether it passed."""
+    finding: str
+    """Finding in words; if the check failed, with a way out."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class ProtocolCheck:
+    """Whether a simulator that is a program keeps the protocol."""
+
+    command: str
+    """The command."""
+    name: str | None
+    """Name of the simulator; ``None`` if it does not describe itself."""
+    passed: bool
+    """Whether all checks passed."""
+    checks: tuple[ProtocolFinding, ...]
+    """The checks, in the order in which they were made. A check that a failed one makes
+    pointless is missing."""
+    start_seconds: float | None
+    """Time from the start of the program to its description, s; ``None`` without one."""
+    simulation_seconds: float | None
+    """Median time of the simulations of the nominal scenario, s; ``None`` without one."""
+    step_seconds: float | None
+    """Mean time of a control step in these simulations, s; ``None`` in the mode ``trace``."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
 class RequirementVerdict:
     """A named requirement on one simulation."""
 
@@ -370,6 +404,24 @@ class Requirement:
     """Trial of the simulation with the minimum robustness."""
     simulation: int | None
     """Number of this simulation."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class EndReasons:
+    """The simulations of a run with one end whose target, or its controller, said why."""
+
+    end: str
+    """The end, such as ``crashed``, ``timed out``, ``invalid scenario`` or ``terminated``."""
+    simulations: int
+    """Number of simulations with this end and a reason, those of corners and of the moves toward
+    nominal included."""
+    trial: int
+    """Trial of the first of them."""
+    simulation: int
+    """Number of the first of them."""
+    reason: str
+    """Reason of the first of them, in the words of the program: at most 4096 bytes, often with
+    the end of its standard error."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -529,6 +581,8 @@ class Evaluation:
     numeric axis of kind ``start``."""
     requirements: tuple[Requirement, ...] | None = None
     """Each named requirement over the random simulations; missing without one."""
+    reasons: tuple[EndReasons, ...] | None = None
+    """Reasons that the target gave for the ends of simulations, by end; missing without one."""
     screening: Screening | None = None
     """Counts of the screening; missing without it. The rates are then those of a two-phase
     sample: see ``gpu.md``."""
@@ -832,6 +886,8 @@ class Falsification:
     (``random``) fails; ``None`` otherwise."""
     requirements: tuple[Requirement, ...] | None = None
     """Each named requirement over all simulations; missing without one."""
+    reasons: tuple[EndReasons, ...] | None = None
+    """Reasons that the target gave for the ends of simulations, by end; missing without one."""
     trials: tuple[Trial, ...]
     """The trials."""
     failures: int | None = None
@@ -987,6 +1043,8 @@ class Margin:
     """Number of different seeds of these; ``None`` without one."""
     witness: Witness | None
     """The violation with the smallest disturbance; ``None`` without one."""
+    reasons: tuple[EndReasons, ...] | None = None
+    """Reasons that the target gave for the ends of simulations, by end; missing without one."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -1190,6 +1248,8 @@ class Risk:
     """Multilevel splitting; ``None`` if it was not run."""
     failures: tuple[RiskFailure, ...]
     """Up to three failures, those nearest to the center of the distribution first."""
+    reasons: tuple[EndReasons, ...] | None = None
+    """Reasons that the target gave for the ends of simulations, by end; missing without one."""
     screening: Screening | None = None
     """Counts of the screening; missing without it. The estimate of Monte Carlo is then that of a
     two-phase sample: see ``gpu.md``."""
@@ -1219,6 +1279,9 @@ class Explanation:
     violated: bool
     """Whether the requirement is violated. At a robustness of 0, ``<=``, ``>=`` and ``==`` hold,
     and ``<``, ``>`` and ``!=`` do not."""
+    reason: str | None = None
+    """Why the simulation ended so, in the words of the target or its controller; missing if they
+    said nothing."""
     decided: Instant | None
     """First sample after which nothing can change whether the requirement is satisfied; ``None``
     if the trace does not decide it."""
@@ -1403,6 +1466,9 @@ class Simulation:
     """The requirement."""
     end: str | None
     """How the simulation ended, in words; ``None`` with ``--repeat``, as the next three keys."""
+    reason: str | None = None
+    """Why the simulation ended so, in the words of the target or its controller; missing if they
+    said nothing."""
     steps: int | None
     """Number of control steps."""
     robustness: float | None
@@ -1864,6 +1930,9 @@ class Replay:
     """Random seed of the simulation."""
     end: str
     """How the simulation ended, in words."""
+    reason: str | None = None
+    """Why the simulation ended so, in the words of the target or its controller; missing if they
+    said nothing."""
     steps: int
     """Number of control steps."""
     robustness: float | None

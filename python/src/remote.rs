@@ -189,6 +189,7 @@ impl RemoteSystem {
                 subformulas,
                 others,
             },
+            reason: String::new(),
             total_reward,
             trace,
             trace_digest: Some(digest),

@@ -433,6 +433,7 @@ impl PythonSystem {
         Ok(Episode {
             request: request.clone(),
             end,
+            reason: String::new(),
             steps: *steps,
             verdict,
             total_reward: *total_reward,

@@ -10,7 +10,7 @@ use mishandle_store::{RunWriter, StoreError};
 use crate::error::MishandleError;
 use crate::harden::{self, CheckedHardening, Watch, check_plan};
 use crate::plan::{GridRun, Plan, read_grid};
-use crate::resolve::{ResolvedPlan, described_target, is_path, is_robot_file, recorded_plan};
+use crate::resolve::{ResolvedPlan, described_target, is_path, is_target_file, recorded_plan};
 use crate::run::{Device, Opening, create_run};
 use crate::shipped::{EXPERT, Generation};
 
@@ -103,10 +103,14 @@ fn is_same_plan(recorded: &Plan, planned: &Plan) -> bool {
         if is_same { recorded.clone() } else { planned.clone() }
     };
     let controller = same_file(is_path(&planned.controller), &recorded.controller, &planned.controller);
-    let target = same_file(is_robot_file(&planned.target), &recorded.target, &planned.target);
+    let target = same_file(is_target_file(&planned.target), &recorded.target, &planned.target);
     // Without a name, it is the first space of the target.
     let space = if planned.space.is_empty() { &recorded.space } else { &planned.space }.clone();
-    *recorded == Plan { controller, target, space, ..planned.clone() }
+    let folder = match planned.folder.is_empty() {
+        true => recorded.folder.clone(),
+        false => same_file(true, &recorded.folder, &planned.folder),
+    };
+    *recorded == Plan { controller, target, folder, space, ..planned.clone() }
 }
 
 /// Creates the folder of a campaign, with a run file or the folder of a hardening for each run.

@@ -9,7 +9,7 @@ use serde::{Deserialize, Deserializer, Serialize};
 use super::{AxisValue, BESIDE, Counterexample, Decisive, Expected, MinimizedFrom};
 use crate::error::MishandleError;
 use crate::plan::{FalsifyPlan, Plan};
-use crate::resolve::{is_path, is_robot_file};
+use crate::resolve::{command, command_target, is_path, is_target_file};
 
 /// Version of the format.
 const FORMAT: u64 = 1;
@@ -56,6 +56,9 @@ struct Target {
     /// `./FILE` for a target file beside the counterexample; absent for any other target.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     file: Option<String>,
+    /// Command of a simulator, in the folder of the counterexample; absent for any other target.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    command: Option<String>,
 }
 
 #[derive(Serialize, Deserialize)]
@@ -194,7 +197,8 @@ impl Document {
                 name: target.name.clone(),
                 hash: target.hash.clone(),
                 deterministic: target.is_deterministic,
-                file: is_robot_file(&plan.target).then(|| plan.target.clone()),
+                file: is_target_file(&plan.target).then(|| plan.target.clone()),
+                command: command(&plan.target).map(str::to_string),
             },
             preset: plan.preset.clone(),
             space: plan.space.clone(),
@@ -243,7 +247,7 @@ impl Document {
         check_controller(&self.controller)?;
         // A name that is the path of a file would be read.
         if let Some(file) =
-            self.target.file.as_ref().or(Some(&self.target.name).filter(|name| is_robot_file(name)))
+            self.target.file.as_ref().or(Some(&self.target.name).filter(|name| is_target_file(name)))
         {
             check_target_file(file)?;
         }
@@ -277,6 +281,11 @@ impl Document {
                 is_complete: known.complete,
             })
         });
+        let target = match (&self.target.file, &self.target.command) {
+            (Some(file), _) => file.clone(),
+            (None, Some(command)) => command_target(command),
+            (None, None) => self.target.name.clone(),
+        };
         let plan = Plan {
             space: self.space,
             preset: self.preset,
@@ -285,7 +294,7 @@ impl Document {
             observation_noise: self.observation_noise,
             seed,
             falsify: Some(FalsifyPlan { formula: Some(self.formula), ..FalsifyPlan::default() }),
-            ..Plan::new(self.target.file.as_ref().unwrap_or(&self.target.name), &self.controller)
+            ..Plan::new(&target, &self.controller)
         };
         Ok(Counterexample {
             plan,
@@ -348,7 +357,7 @@ fn check_controller(controller: &str) -> Result<(), MishandleError> {
 
 /// Checks that the target file is `./NAME.toml`, which cannot name another file of the machine.
 fn check_target_file(file: &str) -> Result<(), MishandleError> {
-    if is_beside(file) && is_robot_file(file) {
+    if is_beside(file) && is_target_file(file) {
         return Ok(());
     }
     Err(invalid(format!(

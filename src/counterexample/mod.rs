@@ -22,7 +22,9 @@ use mishandle_text::path_text;
 use crate::error::MishandleError;
 use crate::inspect::{ExplainedSimulation, explain, explain_episode};
 use crate::plan::{FalsifyPlan, Plan};
-use crate::resolve::{Moved, ResolvedPlan, controller_name, is_robot_file, resolve_recorded};
+use crate::resolve::{
+    Moved, ResolvedPlan, command, controller_name, is_target_file, resolve_recorded, simulator_file,
+};
 use crate::run::differences_of_builds;
 
 pub(crate) use export::smaller;
@@ -253,7 +255,7 @@ impl Counterexample {
         let mut plan = self.plan_in(folder);
         check_target(&plan)?;
         // The controller of a target file can be in the file.
-        if !plan.controller.is_empty() || is_robot_file(&plan.target) {
+        if !plan.controller.is_empty() || is_target_file(&plan.target) {
             plan.controller = controller.to_string();
         }
         ResolvedPlan::new(&plan).map_err(|error| match error {
@@ -273,6 +275,9 @@ impl Counterexample {
             if let Some(name) = file.strip_prefix(BESIDE) {
                 *file = path_text(&folder.join(name));
             }
+        }
+        if command(&plan.target).is_some() {
+            plan.folder = path_text(folder);
         }
         plan
     }
@@ -368,7 +373,8 @@ fn facts(component: &ComponentRecord, is_moved: bool) -> [String; 4] {
 
 /// Checks that a target file beside a counterexample names only files that are there, too.
 fn check_target(plan: &Plan) -> Result<(), MishandleError> {
-    if is_robot_file(&plan.target) {
+    // A simulator is a program, which the user must allow.
+    if is_target_file(&plan.target) && simulator_file(plan)?.is_none() {
         mishandle_robots::check_inside(Path::new(&plan.target))?;
     }
     Ok(())
@@ -382,6 +388,7 @@ fn describe(header: &RunHeader, explained: &ExplainedSimulation) -> Result<Count
     let plan = Plan {
         controller: portable::controller(&recorded_plan, &header.components),
         target: portable::target(&recorded_plan),
+        folder: String::new(),
         seed: recorded.seed,
         // The trace has the signals of the run.
         careful: header.formulas.iter().any(|formula| formula.name == "careful"),

@@ -8,7 +8,7 @@ use mishandle_store::ComponentRecord;
 use super::BESIDE;
 use crate::error::MishandleError;
 use crate::plan::Plan;
-use crate::resolve::{controller_name, is_onnx, is_path, is_robot_file, robot_file};
+use crate::resolve::{controller_name, files_of, is_onnx, is_path, is_target_file};
 use crate::shipped::shipped_controller;
 
 /// Returns the name of a shipped controller, or `./FILE` for any other. The plan of a run has an
@@ -30,7 +30,7 @@ pub(super) fn controller(plan: &Plan, components: &[ComponentRecord]) -> String 
 
 /// Returns the name of a target, or `./FILE` for a target file.
 pub(super) fn target(plan: &Plan) -> String {
-    if is_robot_file(&plan.target) { beside(&plan.target) } else { plan.target.clone() }
+    if is_target_file(&plan.target) { beside(&plan.target) } else { plan.target.clone() }
 }
 
 fn beside(path: &str) -> String {
@@ -45,14 +45,10 @@ fn beside(path: &str) -> String {
 /// If a file is outside the folder of the target file, cannot be read or written, or the folder has
 /// another file in its place.
 pub fn copy_target(plan: &Plan, folder: &Path) -> Result<Vec<PathBuf>, MishandleError> {
-    if !is_robot_file(&plan.target) {
-        return Ok(Vec::new());
-    }
-    let home = Path::new(&plan.target).parent().filter(|parent| !parent.as_os_str().is_empty());
-    let home = home.unwrap_or(Path::new("."));
-    let home = home.canonicalize().map_err(|source| file_error(home, source))?;
+    let Some((home, files)) = files_of(plan)? else { return Ok(Vec::new()) };
+    let home = home.canonicalize().map_err(|source| file_error(&home, source))?;
     let mut copies = Vec::new();
-    for path in robot_file(plan)?.files().iter().flat_map(|path| with_sides(path)) {
+    for path in files.iter().flat_map(|path| with_sides(path)) {
         let path = path.canonicalize().map_err(|source| file_error(&path, source))?;
         let Ok(relative) = path.strip_prefix(&home) else {
             return Err(MishandleError::OutsideTargetFolder { path, folder: home });

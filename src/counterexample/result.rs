@@ -5,7 +5,7 @@ use mishandle_results::{Replay, Seed};
 use mishandle_text::path_text;
 
 use crate::counterexample::{Counterexample, CounterexampleReplay};
-use crate::run::{end_text, recorded_axes};
+use crate::run::{end_text, given, recorded_axes};
 
 impl CounterexampleReplay {
     /// Returns the replay of a counterexample as a result. `path` is that of its file.
@@ -25,6 +25,7 @@ impl CounterexampleReplay {
             scenario: scenario().map(|axis| (axis.axis.clone(), axis.value)).collect(),
             seed: Seed(recorded.seed),
             end: end_text(episode.end, &signals),
+            reason: given(&episode.reason),
             steps: episode.steps as u64,
             robustness: episode.robustness().map(Into::into),
             violated: episode.robustness().map(is_violated),

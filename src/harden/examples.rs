@@ -17,7 +17,7 @@ use crate::error::MishandleError;
 use crate::inspect::{ExplainedSimulation, Failure, explain_episode, failure_modes};
 use crate::picture::{StateTrajectory, simulate_states};
 use crate::plan::HardenPlan;
-use crate::resolve::{ResolvedPlan, is_robot_file, recorded_plan};
+use crate::resolve::{ResolvedPlan, is_target_file, recorded_plan};
 
 /// Failures of the failure modes of a finished hardening: a minimized one of a round, the latest
 /// first, if it fails in this mode, or else the worst one of the final searches.
@@ -78,7 +78,7 @@ impl ModeExamples {
         let accepted = found.rounds.iter().rev().find(|round| round.accepted);
         let Some(accepted) = accepted else { return Ok(None) };
         let (folder, plan) = Folder::open(folder)?;
-        if is_robot_file(&plan.target) {
+        if is_target_file(&plan.target) {
             return Ok(None);
         }
         let table = plan.harden.ok_or(MishandleError::MissingPlanTable { table: "harden" })?;

@@ -64,19 +64,37 @@ pub fn recorded_result(
     let mut result = answer.result(resolved, run)?;
     let falsify = resolved.plan.falsify.as_ref();
     let is_isolated = falsify.is_some_and(|falsify| falsify.isolate == Some(true));
-    if resolved.plan.requirements.is_empty() && !is_isolated {
+    // Only a target that can fail says why.
+    if resolved.plan.requirements.is_empty() && !is_isolated && !resolved.target.can_fail {
         return Ok(result);
     }
     let run = RunFile::open_unchecked(run)?;
+    let reasons = reasons(&run)?;
     match &mut result {
         results::Answer::Falsification(found) => {
-            found.requirements = requirements(&run)?;
+            (found.requirements, found.reasons) = (requirements(&run)?, reasons);
             for trial in &mut found.trials {
                 trial.cause = isolation(&run, trial.trial)?.map(|isolation| isolation.result());
             }
         }
-        results::Answer::Evaluation(found) => found.requirements = requirements(&run)?,
-        _ => {}
+        results::Answer::Evaluation(found) => {
+            (found.requirements, found.reasons) = (requirements(&run)?, reasons);
+        }
+        results::Answer::Margin(found) => found.reasons = reasons,
+        results::Answer::Risk(found) => found.reasons = reasons,
+        results::Answer::Hardening(_) => {}
     }
     Ok(result)
+}
+
+/// Returns why simulations of a run ended as they did; `None` if no target said so.
+pub fn reasons(run: &RunFile) -> Result<Option<Vec<results::EndReasons>>, MishandleError> {
+    let reasons = run.reasons()?.into_iter().map(|found| results::EndReasons {
+        end: found.end,
+        simulations: found.simulations,
+        trial: found.trial,
+        simulation: found.number,
+        reason: found.reason,
+    });
+    Ok(Some(reasons.collect::<Vec<_>>()).filter(|reasons| !reasons.is_empty()))
 }

@@ -221,7 +221,7 @@ pub fn explain<'a>(
 ) -> Result<ExplainedSimulation, MishandleError> {
     let recorded = run.simulation(trial, number)?;
     if recorded.robustness.is_none() {
-        return Err(MishandleError::NothingToExplain { trial, number });
+        return Err(MishandleError::NothingToExplain { trial, number, reason: recorded.reason });
     }
     let trace = match &recorded.trace {
         Some(stored) => trace(run.header(), stored),

@@ -172,8 +172,8 @@ fn caused_point(failure: &Failure) -> FailurePoint {
 fn failure(header: &RunHeader, axes: &[Axis], simulation: Simulation) -> Result<Failure, MishandleError> {
     let trace = simulation.trace.as_ref().map(|stored| trace(header, stored));
     let Some(trace) = trace else {
-        let Simulation { trial, number, .. } = simulation;
-        return Err(MishandleError::NothingToExplain { trial, number });
+        let Simulation { trial, number, reason, .. } = simulation;
+        return Err(MishandleError::NothingToExplain { trial, number, reason });
     };
     let Simulation { trial, number, seed, scenario, robustness, .. } = simulation;
     let Violation { robustness: evaluated, signature } = violation(header, &trace)?;

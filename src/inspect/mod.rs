@@ -16,7 +16,7 @@ mod simulation;
 mod smooth_region;
 mod space_coverage;
 
-pub use answer::{recorded_result, whole_result};
+pub use answer::{reasons, recorded_result, whole_result};
 pub use comparison::{ComparedPair, Comparison, compare, sameness};
 pub use event::{Event, EventKind, release};
 pub use explanation::{

@@ -55,10 +55,16 @@ pub struct Plan {
     /// Version of the format.
     #[serde(default = "format")]
     pub format: u32,
-    /// Name of the target: a task, `toy/NAME`, or the path of a target file. Empty if an argument
-    /// names it.
+    /// Name of the target: a task, `toy/NAME`, the path of a target file, or `process:COMMAND` for
+    /// a simulator. Empty if an argument names it.
     #[serde(default)]
     pub target: String,
+    /// Working folder of the simulator `process:COMMAND`. Empty: the present one.
+    #[serde(default, skip_serializing_if = "String::is_empty")]
+    pub folder: String,
+    /// Whether the user typed the command of the simulator, which allows it. A file never does.
+    #[serde(skip)]
+    pub is_typed: bool,
     /// Name of the scenario space, or several names joined by `+`. Empty: the first space of the
     /// target.
     #[serde(default)]
@@ -312,6 +318,8 @@ impl Plan {
         Plan {
             format: FORMAT,
             target: target.to_string(),
+            folder: String::new(),
+            is_typed: false,
             space: String::new(),
             axes: BTreeMap::new(),
             preset: paper(),

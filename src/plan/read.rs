@@ -49,9 +49,10 @@ const fn key<T: DeserializeOwned>(name: &'static str, allowed: &'static str) -> 
     Key { name, allowed, reads: reads::<T> }
 }
 
-const KEYS: [Key; 50] = [
+const KEYS: [Key; 51] = [
     key::<u32>("format", "2"),
     key::<String>("target", "a string, such as \"ball-balancing\""),
+    key::<String>("folder", "a string, such as \"simulators\""),
     key::<String>("space", "a string, such as \"starts\""),
     Key { name: AXES, allowed: "a table of axes, as [axes]", reads: is_table },
     key::<String>("preset", "\"paper\" or \"code\""),

@@ -3,7 +3,7 @@ use mishandle_stl::is_violated;
 use mishandle_store::RunFile;
 
 use crate::replay::ReplayResult;
-use crate::run::{box_point, end_text, recorded_axes, recorded_scenario};
+use crate::run::{box_point, end_text, given, recorded_axes, recorded_scenario};
 
 impl ReplayResult {
     /// Returns the replay of a simulation of `run` as a result.
@@ -22,6 +22,7 @@ impl ReplayResult {
             scenario: recorded_scenario(&header.axes, &recorded.scenario),
             seed: Seed(recorded.seed),
             end: end_text(episode.end, &signals),
+            reason: given(&recorded.reason).or_else(|| given(&episode.reason)),
             steps: episode.steps as u64,
             robustness: episode.robustness().map(Into::into),
             violated: episode.robustness().map(is_violated),

@@ -7,7 +7,9 @@ use mishandle_rollout::{Component, Controller, ControllerWorker, Noise, Target};
 
 use crate::error::MishandleError;
 use crate::plan::Plan;
-use crate::resolve::{contract_warnings, is_robot_file, robot_file, target};
+use crate::resolve::policy::Identified;
+use crate::resolve::simulator::{described_simulator, simulator_file};
+use crate::resolve::{contract_warnings, is_target_file, robot_file, target};
 
 /// Returns the target of a plan for a description: spaces, signals and formulas. A target file
 /// needs no policy for it, since nothing is simulated; [`described_warnings`] checks the one that
@@ -16,18 +18,26 @@ use crate::resolve::{contract_warnings, is_robot_file, robot_file, target};
 /// # Errors
 /// The errors of [`target`], except that the policy of a target file is not read.
 pub fn described_target(plan: &Plan) -> Result<Target, MishandleError> {
-    if !is_robot_file(&plan.target) {
+    if let Some(file) = simulator_file(plan)? {
+        return described_simulator(plan, &file);
+    }
+    if !is_target_file(&plan.target) {
         return target(plan);
     }
     let robot = robot_file(plan)?;
-    let idle = Idle { observations: robot.observation_size(), actions: robot.actions() };
+    let idle = idle(robot.observation_size(), robot.actions());
+    Ok(robot.target(idle, Noise::default())?)
+}
+
+/// Returns a controller whose actions are 0.
+pub(crate) fn idle(observations: usize, actions: usize) -> Identified {
     let component = Component {
         role: "controller".to_string(),
         name: "none".to_string(),
         hash: String::new(),
         file_hash: String::new(),
     };
-    Ok(robot.target((Arc::new(idle), component), Noise::default())?)
+    (Arc::new(Idle { observations, actions }), component)
 }
 
 /// Returns the warnings about the policy that a target file names; none for other targets. A
@@ -37,7 +47,8 @@ pub fn described_target(plan: &Plan) -> Result<Target, MishandleError> {
 /// If the policy cannot be read, or no episode can start with it.
 pub fn described_warnings(plan: &Plan) -> Result<Vec<String>, MishandleError> {
     let is_skipped = |policy: &RobotPolicy| matches!(policy, RobotPolicy::Open | RobotPolicy::Program(_));
-    if !is_robot_file(&plan.target) || is_skipped(robot_file(plan)?.policy()) {
+    let is_robot = is_target_file(&plan.target) && simulator_file(plan)?.is_none();
+    if !is_robot || is_skipped(robot_file(plan)?.policy()) {
         return Ok(Vec::new());
     }
     contract_warnings(plan)

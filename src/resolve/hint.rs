@@ -33,6 +33,12 @@ impl MishandleError {
                 if let (true, Some(file)) = (matches!(*kind, "target" | "task"), target_file(name)) {
                     return Some(format!("did you mean the target file `{file}`?"));
                 }
+                if *kind == "target" && std::path::Path::new(name).is_file() {
+                    return Some(
+                        "a simulator that is a program is named by its command: --command 'python3 FILE'"
+                            .to_string(),
+                    );
+                }
                 let suggestion = suggest(name, known.iter().map(String::as_str));
                 suggestion.or_else(|| kind.starts_with("controller").then(path_hint))
             }

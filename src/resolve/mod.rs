@@ -12,13 +12,16 @@ mod first_file;
 mod hint;
 mod import;
 mod kind;
+mod policy;
 mod randomness;
 mod recorded;
 mod requirements;
 mod robot;
 mod scene;
 pub(crate) mod search;
+mod simulator;
 mod subject;
+mod target_file;
 mod task;
 mod training;
 
@@ -32,6 +35,7 @@ use crate::error::MishandleError;
 use crate::plan::{Plan, ScreeningPlan};
 use crate::resolve::requirements::{joined, named_requirements, table_formula};
 use crate::resolve::robot::robot_target;
+use crate::resolve::simulator::simulator_target;
 
 pub use axis_setting::with_settings;
 pub use catalog::{search_result, target_result, task_result};
@@ -46,11 +50,15 @@ pub use randomness::{depends_on_seed, space_depends_on_seed};
 pub(crate) use recorded::resolve_recorded;
 pub use recorded::{Moved, recorded_plan};
 pub use robot::contract_warnings;
-pub use robot::{is_robot_file, robot_file};
+pub use robot::robot_file;
 pub(crate) use scene::{SceneEnvironment, scene_start, scene_target};
 pub use scene::{picture_model, recorded_picture};
 pub use search::search_entry;
+pub use simulator::check_protocol;
+pub(crate) use simulator::simulator_file;
 pub use subject::{axis_facts, named_scenario};
+pub use target_file::{command, command_target, has_files, is_target_file};
+pub(crate) use target_file::{file_label, files_of};
 pub use task::{preset, task, task_target};
 pub(crate) use training::STARTS;
 pub use training::{
@@ -67,7 +75,10 @@ pub fn target(plan: &Plan) -> Result<Target, MishandleError> {
         check_no_task_options(plan)?;
         return Ok(toy?);
     }
-    if is_robot_file(&plan.target) {
+    if let Some(file) = simulator_file(plan)? {
+        return simulator_target(plan, &file);
+    }
+    if is_target_file(&plan.target) {
         return robot_target(plan);
     }
     if mishandle_tasks::task(&plan.target).is_none() {

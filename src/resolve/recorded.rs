@@ -4,7 +4,7 @@ use mishandle_store::{ComponentRecord, RunHeader};
 
 use crate::error::MishandleError;
 use crate::plan::Plan;
-use crate::resolve::{ResolvedPlan, is_robot_file};
+use crate::resolve::{ResolvedPlan, is_target_file};
 
 /// Present paths of the files of a run that were moved.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -42,7 +42,7 @@ pub(crate) fn resolve_recorded(
     moved: Moved<'_>,
 ) -> Result<ResolvedPlan, MishandleError> {
     if let Some(target) = moved.target {
-        if !is_robot_file(&plan.target) {
+        if !is_target_file(&plan.target) {
             return Err(MishandleError::TargetNotMoved { target: plan.target });
         }
         plan.target = target.to_string();
@@ -70,7 +70,7 @@ pub(crate) fn resolve_recorded(
             MishandleError::ForeignTarget { name }
         }
         // A changed file can have lost what the plan names.
-        (error, _) if is_robot_file(&plan.target) => {
+        (error, _) if is_target_file(&plan.target) => {
             MishandleError::MissingTarget { target: plan.target.clone(), source: Box::new(error) }
         }
         (error, _) => error,

@@ -15,7 +15,7 @@ use mishandle_world::{FullState, PictureModel, WorldDevice};
 use crate::error::MishandleError;
 use crate::plan::Plan;
 use crate::resolve::robot::controlled_robot;
-use crate::resolve::{ResolvedPlan, has_scene, is_robot_file, task, task_target};
+use crate::resolve::{ResolvedPlan, has_scene, is_target_file, task, task_target};
 
 /// An environment whose state rows begin with a state of its scene.
 pub(crate) trait SceneEnvironment: Environment {
@@ -46,7 +46,7 @@ pub(crate) enum SceneTarget {
 pub(crate) fn scene_target(resolved: &ResolvedPlan) -> Result<SceneTarget, MishandleError> {
     let plan = &resolved.plan;
     check_scene(&resolved.target.identity.kind, &plan.target)?;
-    match is_robot_file(&plan.target) {
+    match is_target_file(&plan.target) {
         true => {
             let (file, robot) = controlled_robot(plan)?;
             Ok(SceneTarget::Robot(Box::new(file), robot))
@@ -135,7 +135,7 @@ fn check_scene(kind: &str, target: &str) -> Result<(), MishandleError> {
 /// # Errors
 /// If there is no such task, or a file cannot be read or is wrong.
 pub fn picture_model(target: &str) -> Result<PictureModel, MishandleError> {
-    if is_robot_file(target) {
+    if is_target_file(target) {
         return Ok(RobotFile::read(Path::new(target))?.picture_model().clone());
     }
     let task = task(target)?;
@@ -159,7 +159,7 @@ pub(crate) fn scene_start(
     target: &str,
     x0: Option<&[f64]>,
 ) -> Result<(Arc<dyn SceneEnvironment>, Scenario), MishandleError> {
-    let environment: Arc<dyn SceneEnvironment> = match is_robot_file(target) {
+    let environment: Arc<dyn SceneEnvironment> = match is_target_file(target) {
         true => Arc::new(RobotFile::read(Path::new(target))?.starts()?),
         false => Arc::new(TaskEnvironment::new(task(target)?, Preset::Paper, Reward::Original)?),
     };

@@ -2,6 +2,7 @@
 
 use mishandle_results::{AxisFacts, AxisValues, Named, NeededAxis, Scenario, Seed, Subject};
 use mishandle_rollout as rollout;
+use mishandle_simulators::SIMULATOR;
 
 use crate::resolve::ResolvedPlan;
 
@@ -9,7 +10,7 @@ impl ResolvedPlan {
     /// Returns what the question of the plan is about.
     pub fn subject(&self) -> Subject {
         let ResolvedPlan { plan, target, space, .. } = self;
-        let controller = target.components.first();
+        let controller = target.components.iter().find(|component| component.role != SIMULATOR);
         let axes = space.axes();
         let set = axes.iter().filter(|axis| plan.axes.contains_key(&axis.name));
         Subject {

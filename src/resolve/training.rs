@@ -13,7 +13,7 @@ use crate::error::MishandleError;
 use crate::plan::{GPU, Plan};
 use crate::resolve::controller::{controller_of, split_task};
 use crate::resolve::robot::RobotToTrain;
-use crate::resolve::{is_onnx, is_robot_file, preset, task};
+use crate::resolve::{is_onnx, is_target_file, preset, task};
 use crate::shipped::{EXPERT, ShippedFile, check_home, shipped_settings};
 
 /// Name of the space of the initial states.
@@ -124,7 +124,7 @@ pub struct TrainingEnvironment {
 /// If there is no such task, the file cannot be read or is wrong, or its robot cannot be trained
 /// there.
 pub fn training_target(target: &str, device: &str) -> Result<Box<dyn TrainingTarget>, MishandleError> {
-    if !is_robot_file(target) {
+    if !is_target_file(target) {
         return Ok(Box::new(TaskToTrain(task(target)?)));
     }
     match device == GPU {
@@ -138,7 +138,7 @@ pub fn training_target(target: &str, device: &str) -> Result<Box<dyn TrainingTar
 
 /// Returns the name of the reward of a target if the user names none.
 pub fn default_reward(target: &str) -> &'static str {
-    if is_robot_file(target) { RobotToTrain::REWARD } else { "shaped" }
+    if is_target_file(target) { RobotToTrain::REWARD } else { "shaped" }
 }
 
 /// Returns the reward of a task named `shaped` or `original`.

@@ -15,7 +15,7 @@ use mishandle_store::{AxisRecord, IfExists, RunHeader, RunWriter, Simulation, St
 use crate::build::build;
 use crate::error::MishandleError;
 use crate::plan::Plan;
-use crate::resolve::{ResolvedPlan, controller_name, is_path, is_robot_file};
+use crate::resolve::{ResolvedPlan, controller_name, file_label, is_path};
 
 /// Names of the verdicts that are stored in addition to the robustness. If the search needs
 /// sub-formulas, two verdicts per sub-formula of the requirement follow: its minimum and the sample
@@ -216,10 +216,7 @@ fn create(resolved: &ResolvedPlan, path: &Path) -> Result<RunWriter, MishandleEr
 
 /// Returns `runs/KIND-TARGET[-CONTROLLER][-SEARCH]-sSEED[-N].sqlite`. The first name has no number.
 fn free_name(plan: &Plan, number: u32) -> PathBuf {
-    let target = match is_robot_file(&plan.target) {
-        true => controller_name(&plan.target),
-        false => plan.target.replace('/', "-"),
-    };
+    let target = file_label(&plan.target);
     let kind = plan.kind().name();
     let search = plan.falsify.as_ref().map_or("", |falsify| falsify.search.as_str());
     let seed = format!("s{}", plan.seed);
@@ -266,6 +263,7 @@ pub(crate) fn record(episode: &Episode, resolved: &ResolvedPlan) -> Simulation {
         end: stored_end(episode.end),
         steps: episode.steps as u32,
         verdicts: verdicts.into_iter().chain(minima).chain(others).collect(),
+        reason: episode.reason.clone(),
         trace_digest: Some(episode.trace_digest.unwrap_or_else(|| trace.digest())),
         trace: is_falsified.then_some(trace),
     }
@@ -408,6 +406,7 @@ pub fn recorded_episode(simulation: &Simulation) -> Episode {
     Episode {
         request: request(simulation, false),
         end: episode_end(simulation.end),
+        reason: simulation.reason.clone(),
         steps: simulation.steps as usize,
         verdict: Verdict {
             robustness: simulation.robustness,

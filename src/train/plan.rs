@@ -5,7 +5,7 @@ use mishandle_training::AxisSetting;
 
 use crate::error::MishandleError;
 use crate::plan::CPU;
-use crate::resolve::{TrainingTarget, default_reward, is_robot_file, training_target};
+use crate::resolve::{TrainingTarget, default_reward, is_target_file, training_target};
 use crate::train::curve::has_no_rows;
 use mishandle_text::{path_text, shell_quote};
 
@@ -176,7 +176,7 @@ impl TrainPlan {
 
 /// Returns the default file of a trained controller.
 pub fn default_out(task: &str, algorithm: &str, seed: u64) -> PathBuf {
-    let task = match Path::new(task).file_stem().filter(|_| is_robot_file(task)) {
+    let task = match Path::new(task).file_stem().filter(|_| is_target_file(task)) {
         Some(stem) => stem.to_string_lossy(),
         None => task.into(),
     };

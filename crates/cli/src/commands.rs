@@ -13,6 +13,7 @@ mod harden;
 mod man;
 mod margin;
 mod monitor;
+mod protocol;
 mod regress;
 mod render;
 mod replay;
@@ -42,7 +43,7 @@ pub const GROUPS: [(&str, &[&str]); 6] = [
     ("Understand", &["explain", "simulate", "replay", "render", "report", "monitor"]),
     ("Keep", &["runs", "counterexamples", "regress", "export"]),
     ("Train", &["train", "harden", "controller"]),
-    ("Look up", &["tasks", "targets", "target", "searches", "completions", "man", "help"]),
+    ("Look up", &["tasks", "targets", "target", "searches", "protocol", "completions", "man", "help"]),
 ];
 
 /// The commands, in the order of [`GROUPS`].
@@ -72,6 +73,7 @@ pub enum Command {
     Targets(targets::Arguments),
     Target(target::Arguments),
     Searches(searches::Arguments),
+    Protocol(protocol::Arguments),
     Completions(completions::Arguments),
     Man(man::Arguments),
 }
@@ -104,6 +106,7 @@ pub fn run(command: &Command, gpu: Option<&Device>, program: fn() -> clap::Comma
         Command::Targets(arguments) => targets::run(arguments),
         Command::Target(arguments) => target::run(arguments),
         Command::Searches(arguments) => searches::run(arguments),
+        Command::Protocol(arguments) => protocol::run(arguments),
         Command::Completions(arguments) => completions::run(arguments, program),
         Command::Man(arguments) => man::run(arguments, program),
     }

@@ -16,6 +16,7 @@ pub mod mode_survey;
 pub mod modes;
 pub mod output;
 pub mod progress;
+pub mod reasons;
 pub mod regression;
 pub mod replay;
 pub mod requirements;

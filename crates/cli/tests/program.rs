@@ -23,6 +23,7 @@ fn the_help_of_every_command_has_examples() {
     for command in [
         "tasks",
         "searches",
+        "protocol",
         "targets",
         "target",
         "monitor",

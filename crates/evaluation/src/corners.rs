@@ -328,6 +328,7 @@ mod tests {
             trace_digest: None,
             steps: 1,
             verdict: Verdict { robustness: success, success, strict: success, ..Verdict::default() },
+            reason: String::new(),
             total_reward: 0.0,
             end,
         };

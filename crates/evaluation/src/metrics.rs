@@ -196,6 +196,7 @@ mod tests {
                 subformulas: Vec::new(),
                 others: Vec::new(),
             },
+            reason: String::new(),
             total_reward: 0.0,
             end: EpisodeEnd::Completed,
         }

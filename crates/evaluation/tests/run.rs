@@ -55,6 +55,7 @@ impl System for ClosedForm {
                     subformulas: Vec::new(),
                     others: Vec::new(),
                 },
+                reason: String::new(),
                 total_reward: 0.0,
                 trace,
                 trace_digest: None,

@@ -230,6 +230,7 @@ mod tests {
                 end,
                 steps: 3,
                 verdict: Verdict { robustness, ..Verdict::default() },
+                reason: String::new(),
                 total_reward: 0.0,
                 trace: Trace::new([].into()),
                 trace_digest: None,

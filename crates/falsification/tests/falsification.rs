@@ -238,6 +238,7 @@ fn recorded(number: u32, u: f64, x0: f64) -> Episode {
         end: EpisodeEnd::Completed,
         steps: 1,
         verdict: Verdict { robustness: Some(3.0), ..Verdict::default() },
+        reason: String::new(),
         total_reward: 0.0,
         trace: mishandle_stl::Trace::new([].into()),
         trace_digest: None,

@@ -1,6 +1,6 @@
 //! Lines from a pipe, with a time limit.
 
-use std::io::{ErrorKind, Read};
+use std::io::{BufRead, ErrorKind, Read};
 use std::os::fd::AsFd;
 use std::time::Instant;
 
@@ -40,8 +40,10 @@ impl<R: Read + AsFd> Lines<R> {
     pub(crate) fn next(&mut self, end: Instant) -> Result<Vec<u8>, NoLine> {
         let mut buffer = [0; 1 << 16];
         loop {
-            if let Some(found) = self.bytes[self.searched..].iter().position(|byte| *byte == b'\n') {
-                let rest = self.bytes.split_off(self.searched + found + 1);
+            // As fast as `memchr`, which the library keeps to itself: an answer can be long.
+            let found = (&self.bytes[self.searched..]).skip_until(b'\n').unwrap_or_default();
+            if found > 0 && self.bytes[self.searched + found - 1] == b'\n' {
+                let rest = self.bytes.split_off(self.searched + found);
                 let mut line = std::mem::replace(&mut self.bytes, rest);
                 self.searched = 0;
                 line.pop();

@@ -4,6 +4,7 @@ use std::io::{ErrorKind, Read, Write};
 use std::os::unix::process::CommandExt;
 use std::path::PathBuf;
 use std::process::{Child, ChildStderr, ChildStdin, ChildStdout, Command, Stdio};
+use std::sync::mpsc::{Receiver, Sender, channel};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
@@ -41,6 +42,8 @@ pub struct Peer {
     stdin: Option<ChildStdin>,
     stdout: Lines<ChildStdout>,
     stderr: Arc<Mutex<Vec<u8>>>,
+    /// Disconnected when the standard error has been read to its end.
+    stderr_end: Receiver<()>,
     has_failed: bool,
 }
 
@@ -70,8 +73,13 @@ impl Peer {
         ioctl_fionbio(&stdin, true).map_err(|error| failed(error.into()))?;
         let stderr = Arc::new(Mutex::new(Vec::new()));
         let kept = stderr.clone();
-        std::thread::spawn(move || keep_end(pipe, &kept));
-        Ok(Peer { child, watcher, stdin: Some(stdin), stdout: Lines::new(stdout), stderr, has_failed: false })
+        let (reads, stderr_end) = channel();
+        std::thread::spawn(move || {
+            keep_end(pipe, &kept);
+            drop::<Sender<()>>(reads);
+        });
+        let stdout = Lines::new(stdout);
+        Ok(Peer { child, watcher, stdin: Some(stdin), stdout, stderr, stderr_end, has_failed: false })
     }
 
     /// Sends a line without its end, and returns the line that answers it.
@@ -116,6 +124,18 @@ impl Peer {
         }
     }
 
+    /// Returns whether the program has written something since its last answer.
+    pub fn has_unread(&mut self) -> bool {
+        self.stdout.has_more()
+    }
+
+    /// Closes the input of the program, and returns whether it ends by itself in the time that it
+    /// has for that.
+    pub fn close(mut self) -> bool {
+        self.stdin = None;
+        wait(&self.child, GRACE)
+    }
+
     fn timed_out(&self, limit: Duration) -> Failure {
         Failure::TimedOut { limit, stderr: self.stderr() }
     }
@@ -127,6 +147,8 @@ impl Peer {
     /// Waits for the last words of the program.
     fn ended(&mut self) -> Failure {
         wait(&self.child, GRACE);
+        // A child of the program may keep the pipe open.
+        let _ = self.stderr_end.recv_timeout(GRACE);
         Failure::Ended { stderr: self.stderr() }
     }
 
@@ -164,16 +186,19 @@ fn pid(child: &Child) -> Option<Pid> {
     i32::try_from(child.id()).ok().and_then(Pid::from_raw)
 }
 
-/// Waits until a program ends, at most `limit`, and leaves its status to be read.
-fn wait(child: &Child, limit: Duration) {
-    let Some(pid) = pid(child) else { return };
+/// Waits until a program ends, at most `limit`, and leaves its status to be read. Returns whether
+/// it ended.
+fn wait(child: &Child, limit: Duration) -> bool {
+    let Some(pid) = pid(child) else { return true };
     let end = Instant::now() + limit;
     let options = WaitIdOptions::EXITED | WaitIdOptions::NOWAIT | WaitIdOptions::NOHANG;
-    while let Ok(None) = waitid(WaitId::Pid(pid), options)
-        && Instant::now() < end
-    {
+    while let Ok(None) = waitid(WaitId::Pid(pid), options) {
+        if Instant::now() >= end {
+            return false;
+        }
         std::thread::sleep(Duration::from_millis(2));
     }
+    true
 }
 
 /// Writes a line into a pipe that does not block, until `end`; returns whether all of it was

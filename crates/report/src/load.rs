@@ -208,7 +208,15 @@ impl RunReport {
             }
         }
         let preflight = header.preflight.iter();
-        let preflight = preflight.map(|warning| format!("Before the first simulation: {warning}.")).collect();
+        let preflight = preflight.map(|warning| format!("Before the first simulation: {warning}."));
+        let reasons = run.reasons()?;
+        let reasons = reasons.iter().map(|found| {
+            let simulations = mishandle_text::plural(found.simulations, "simulation");
+            let reason = mishandle_text::first_and_last_line(&found.reason);
+            let (trial, number) = (found.trial, found.number);
+            format!("{}: {simulations}, the first of them {number} of trial {trial}: {reason}", found.end)
+        });
+        let notes = preflight.chain(reasons).collect();
         Ok(RunReport {
             path: path.to_string(),
             plan,
@@ -226,7 +234,7 @@ impl RunReport {
             answer: None,
             witness: None,
             measured: None,
-            notes: preflight,
+            notes,
         })
     }
 

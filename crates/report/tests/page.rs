@@ -86,6 +86,7 @@ fn write(path: &Path, header: &RunHeader, trials: &[(u32, bool)]) {
                     end: SimulationEnd::Completed,
                     steps: 4,
                     verdicts: vec![],
+                    reason: String::new(),
                     trace_digest: None,
                     trace,
                 }])

@@ -6,8 +6,9 @@ use serde::Serialize;
 
 use crate::{
     Campaign, Comparison, Controller, ControllerExport, ControllerImport, Counterexamples, Evaluation,
-    Explanation, Exports, Falsification, Hardening, Margin, Masking, Monitor, Regression, Replay, Risk,
-    RunSummary, Search, Simulation, Tables, Target, Targets, Task, Training, TrainingPlan, Verification,
+    Explanation, Exports, Falsification, Hardening, Margin, Masking, Monitor, ProtocolCheck, Regression,
+    Replay, Risk, RunSummary, Search, Simulation, Tables, Target, Targets, Task, Training, TrainingPlan,
+    Verification,
 };
 
 /// Version of the documents. Within a version, keys are only added.
@@ -48,6 +49,7 @@ impl Document {
             Document::object::<Targets>("targets"),
             Document::object::<Target>("targets TARGET"),
             Document::array::<Search>("searches"),
+            Document::object::<ProtocolCheck>("protocol check"),
             Document::object::<Monitor>("monitor"),
             Document::object::<Evaluation>("evaluate"),
             Document::object::<Falsification>("falsify"),

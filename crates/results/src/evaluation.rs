@@ -1,7 +1,7 @@
 use schemars::JsonSchema;
 use serde::Serialize;
 
-use crate::{Estimate, Number, Requirement, Scenario, Screening, Seed, Subject};
+use crate::{EndReasons, Estimate, Number, Requirement, Scenario, Screening, Seed, Subject};
 
 /// Success rate, dangerous behavior rate and completion time of a controller.
 #[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
@@ -29,6 +29,9 @@ pub struct Evaluation {
     /// Each named requirement over the random simulations; missing without one.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub requirements: Option<Vec<Requirement>>,
+    /// Reasons that the target gave for the ends of simulations, by end; missing without one.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub reasons: Option<Vec<EndReasons>>,
     /// Counts of the screening; missing without it. The rates are then those of a two-phase sample:
     /// see `gpu.md`.
     #[serde(skip_serializing_if = "Option::is_none")]

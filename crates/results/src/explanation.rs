@@ -27,6 +27,10 @@ pub struct Explanation {
     /// Whether the requirement is violated. At a robustness of 0, `<=`, `>=` and `==` hold, and
     /// `<`, `>` and `!=` do not.
     pub violated: bool,
+    /// Why the simulation ended so, in the words of the target or its controller; missing if they
+    /// said nothing.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub reason: Option<String>,
     /// First sample after which nothing can change whether the requirement is satisfied; `null` if
     /// the trace does not decide it.
     pub decided: Option<Instant>,

@@ -1,7 +1,7 @@
 use schemars::JsonSchema;
 use serde::Serialize;
 
-use crate::{Estimate, Modes, Named, Number, Repeats, Scenario, Screening, Seed, Subject};
+use crate::{EndReasons, Estimate, Modes, Named, Number, Repeats, Scenario, Screening, Seed, Subject};
 
 /// Counterexamples that the trials of a search found.
 #[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
@@ -57,6 +57,9 @@ pub struct Falsification {
     /// Each named requirement over all simulations; missing without one.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub requirements: Option<Vec<Requirement>>,
+    /// Reasons that the target gave for the ends of simulations, by end; missing without one.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub reasons: Option<Vec<EndReasons>>,
     /// The trials.
     pub trials: Vec<Trial>,
     /// Failure modes, with `--keep-going`.

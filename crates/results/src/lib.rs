@@ -13,6 +13,7 @@
 //! - [`Campaign`], [`RunSummary`], [`Tables`], [`Verification`]: about several runs.
 //! - [`Training`], [`TrainingPlan`], [`Hardening`], [`Controller`]: about controllers.
 //! - [`Task`], [`Targets`], [`Target`], [`Search`]: what can be named.
+//! - [`ProtocolCheck`]: about a simulator that is a program.
 //! - [`Number`], [`Seed`], [`Named`]: values that JSON cannot hold as they are.
 //!
 //! [`Document`] lists the documents with their schemas. This crate contains no physics, reads no
@@ -40,6 +41,8 @@ mod hardening;
 mod margin;
 mod modes;
 mod monitor;
+mod protocol;
+mod reasons;
 mod regression;
 mod replay;
 mod risk;
@@ -74,6 +77,8 @@ pub use hardening::{
 pub use margin::{CategoryMargin, Level, Margin, Norms, Witness};
 pub use modes::{Coverage, FailureMode, FirstInMode, FoundMode, Modes, UnseenModes};
 pub use monitor::Monitor;
+pub use protocol::{ProtocolCheck, ProtocolFinding};
+pub use reasons::EndReasons;
 pub use regression::{BaselineTest, Regression, RegressionTest};
 pub use replay::Replay;
 pub use risk::{

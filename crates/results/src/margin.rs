@@ -1,7 +1,7 @@
 use schemars::JsonSchema;
 use serde::Serialize;
 
-use crate::{Named, Number, Repeats, Scenario, Seed, Subject, optional};
+use crate::{EndReasons, Named, Number, Repeats, Scenario, Seed, Subject, optional};
 
 /// The smallest disturbance that violates a requirement.
 #[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
@@ -38,6 +38,9 @@ pub struct Margin {
     pub no_violation_seeds: Option<u64>,
     /// The violation with the smallest disturbance; `null` without one.
     pub witness: Option<Witness>,
+    /// Reasons that the target gave for the ends of simulations, by end; missing without one.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub reasons: Option<Vec<EndReasons>>,
 }
 
 impl Margin {

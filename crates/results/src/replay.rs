@@ -29,6 +29,10 @@ pub struct Replay {
     pub seed: Seed,
     /// How the simulation ended, in words.
     pub end: String,
+    /// Why the simulation ended so, in the words of the target or its controller; missing if they
+    /// said nothing.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub reason: Option<String>,
     /// Number of control steps.
     pub steps: u64,
     /// Robustness of the requirement; `null` without a verdict.

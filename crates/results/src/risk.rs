@@ -1,7 +1,7 @@
 use schemars::JsonSchema;
 use serde::Serialize;
 
-use crate::{Estimate, Number, Scenario, Screening, Seed, Subject, number};
+use crate::{EndReasons, Estimate, Number, Scenario, Screening, Seed, Subject, number};
 
 /// The probability of a violation under a distribution of scenarios.
 #[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
@@ -45,6 +45,9 @@ pub struct Risk {
     pub splitting: Option<Splitting>,
     /// Up to three failures, those nearest to the center of the distribution first.
     pub failures: Vec<RiskFailure>,
+    /// Reasons that the target gave for the ends of simulations, by end; missing without one.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub reasons: Option<Vec<EndReasons>>,
     /// Counts of the screening; missing without it. The estimate of Monte Carlo is then that of a
     /// two-phase sample: see `gpu.md`.
     #[serde(skip_serializing_if = "Option::is_none")]

@@ -15,6 +15,10 @@ pub struct Simulation {
     pub formula: String,
     /// How the simulation ended, in words; `null` with `--repeat`, as the next three keys.
     pub end: Option<String>,
+    /// Why the simulation ended so, in the words of the target or its controller; missing if they
+    /// said nothing.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub reason: Option<String>,
     /// Number of control steps.
     pub steps: Option<u64>,
     /// Robustness of the requirement.

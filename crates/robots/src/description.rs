@@ -211,6 +211,11 @@ impl Description {
     /// Reads the tree of a file.
     pub(crate) fn new(table: &Table) -> Result<Description, Problem> {
         let mut fields = Fields::new(table, "the file");
+        if let Some(item) = fields.get("process") {
+            let message = "a file with `process` names a simulator that is a program; it answers questions such as \
+                           `falsify`, but has no robot to train or to draw";
+            return Err(Problem::new(&item.span, message));
+        }
         let format = fields.need("format")?;
         if format.number("format")? != FORMAT {
             return Err(Problem::new(&format.span, format!("this program reads format = {FORMAT}")));

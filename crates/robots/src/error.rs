@@ -47,17 +47,6 @@ pub enum RobotError {
         /// Problem, and a way out where there is one.
         message: String,
     },
-    /// The policy is a program that the user has not allowed.
-    #[error(
-        "the policy is the program `{command}`; if you trust the target file, allow it with {variable}=1 in the \
-         environment"
-    )]
-    NotAllowed {
-        /// Command of the program.
-        command: String,
-        /// Variable of the environment that allows programs.
-        variable: &'static str,
-    },
     /// The target is inconsistent.
     #[error(transparent)]
     Target(#[from] mishandle_rollout::RolloutError),

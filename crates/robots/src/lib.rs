@@ -28,7 +28,6 @@ mod model;
 mod pattern;
 mod phase;
 mod policy;
-mod program;
 mod quantity;
 mod target;
 mod task_space;
@@ -43,6 +42,5 @@ pub use init::{FirstFile, Paths, PolicyFacts, PolicySizes, first_file, isaac_fac
 pub use inside::check_inside;
 pub use library::{QUANTITY_FUNCTIONS, QuantityFunction};
 pub use mishandle_expression::functions;
-pub use program::ProgramPolicy;
 pub use target::{DeviceRobot, FILE_ROLES, KIND, RobotFile, RobotPolicy};
 pub use training::{RobotBatches, RobotTraining};

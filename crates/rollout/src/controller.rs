@@ -1,4 +1,4 @@
-use crate::Seed;
+use crate::{EpisodeEnd, Seed};
 
 /// A policy: computes actions from observations.
 ///
@@ -33,16 +33,27 @@ pub trait ControllerWorker: Send {
 
     /// Returns why the last call of [`act`](Self::act) has no action of a row, for controllers that
     /// can fail.
-    fn failure(&self, _row: usize) -> Option<ControllerFailure> {
+    fn failure(&self, _row: usize) -> Option<&ControllerFailure> {
         None
     }
 }
 
 /// Why a controller has no action.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum ControllerFailure {
-    /// It ended or answered something else than an action.
-    Crashed,
-    /// It took longer than its time limit.
-    TimedOut,
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct ControllerFailure {
+    /// Whether it took longer than its time limit. Otherwise it ended, or answered something else
+    /// than an action.
+    pub is_timeout: bool,
+    /// Reason in words.
+    pub reason: String,
+}
+
+impl ControllerFailure {
+    /// Returns the end of a simulation whose controller failed in control step `step`.
+    pub fn end(&self, step: usize) -> EpisodeEnd {
+        match self.is_timeout {
+            true => EpisodeEnd::TimedOut { step },
+            false => EpisodeEnd::Crashed { step },
+        }
+    }
 }

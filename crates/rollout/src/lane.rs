@@ -1,42 +1,41 @@
 //! Controller, disturbances, noise and monitor of up to 16 simulations. The physics is elsewhere: a
 //! lane maps samples to actions.
 
-use mishandle_stl::{MonitorError, Trace};
+use mishandle_stl::Trace;
 
 use crate::disturbance::{ActiveDisturbances, command};
 use crate::fault::Side;
 use crate::rollout::Rollout;
 use crate::{
-    ControllerFailure, ControllerWorker, EpisodeEnd, Request, RolloutError, Sample, Seed,
-    SpecificationMonitor, StepStatus, Verdict,
+    ControllerWorker, EpisodeEnd, Request, RolloutError, Sample, Seed, SpecificationMonitor, StepStatus,
+    Verdict,
 };
 
 /// Maximum number of rows that one thread steps in lockstep. Sixteen rows share each read of the
 /// network's weights and their states still fit into the cache.
 pub(crate) const ROWS: usize = 16;
 
-/// Number of control steps between two checks of the [stop threshold](Request::stop_threshold).
-const CHECK_PERIOD: usize = 10;
-
 /// Position of a simulation in its episode.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Debug)]
 pub(crate) struct Progress {
     pub seed: Seed,
     /// Number of control steps taken.
     pub steps: usize,
     /// [`EpisodeEnd::Completed`] while the simulation runs.
     pub end: EpisodeEnd,
+    /// Why the controller failed; empty if it did not.
+    pub reason: String,
 }
 
 impl Progress {
     /// Returns the position at the start of a request's episode.
     pub(crate) fn start(request: &Request) -> Progress {
-        Progress { seed: request.seed, steps: 0, end: EpisodeEnd::Completed }
+        Progress { seed: request.seed, steps: 0, end: EpisodeEnd::Completed, reason: String::new() }
     }
 
     /// The position of a row without a simulation.
     pub(crate) const IDLE: Progress =
-        Progress { seed: Seed(0), steps: 0, end: EpisodeEnd::Stopped { step: 0 } };
+        Progress { seed: Seed(0), steps: 0, end: EpisodeEnd::Stopped { step: 0 }, reason: String::new() };
 
     pub(crate) fn is_running(&self) -> bool {
         self.end == EpisodeEnd::Completed
@@ -163,10 +162,9 @@ impl Lane {
         );
         for (row, progress) in progress.iter_mut().enumerate().filter(|(_, progress)| progress.is_running()) {
             let step = progress.steps + 1;
-            match self.controller.failure(row) {
-                None => {}
-                Some(ControllerFailure::Crashed) => progress.end = EpisodeEnd::Crashed { step },
-                Some(ControllerFailure::TimedOut) => progress.end = EpisodeEnd::TimedOut { step },
+            if let Some(failure) = self.controller.failure(row) {
+                progress.end = failure.end(step);
+                progress.reason.clone_from(&failure.reason);
             }
         }
         self.hold_paused(rollout, rows, progress);
@@ -241,7 +239,7 @@ impl Lane {
     /// Returns whether an episode of `steps` control steps is checked for its [stop
     /// threshold](Request::stop_threshold).
     pub(crate) fn checks_stop(request: &Request, steps: usize) -> bool {
-        request.stop_threshold.is_some() && steps.is_multiple_of(CHECK_PERIOD)
+        request.may_stop_after(steps)
     }
 
     /// Returns whether the start of an episode may end it: see [`Request::stop_threshold`].
@@ -260,20 +258,7 @@ impl Lane {
         trace: &Trace,
         end: &mut EpisodeEnd,
     ) -> Result<Verdict, RolloutError> {
-        if !end.has_verdict() {
-            return Ok(Verdict::default());
-        }
-        let mut verdict = match self.monitor.verdict(trace, rollout.environment.episode_steps() + 1) {
-            Err(RolloutError::Monitor { source: MonitorError::Undefined { step, .. }, .. }) => {
-                *end = EpisodeEnd::Undefined { step };
-                return Ok(Verdict::default());
-            }
-            verdict => verdict?,
-        };
-        if request.needs_subformulas && verdict.robustness.is_some() {
-            verdict.subformulas = self.monitor.subformulas(trace)?;
-        }
-        Ok(verdict)
+        self.monitor.judge(request, trace, rollout.environment.episode_steps() + 1, end)
     }
 }
 

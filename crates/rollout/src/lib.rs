@@ -25,6 +25,7 @@
 
 mod batch;
 mod condition;
+mod control_loop;
 mod controller;
 mod delay;
 mod disturbance;
@@ -52,6 +53,7 @@ pub use mishandle_random::{Seed, Stream};
 
 pub use batch::{CpuBatch, Samples};
 pub use condition::{Condition, Holds};
+pub use control_loop::{ControlLoop, LoopPart, LoopSpaces, distinct};
 pub use controller::{Controller, ControllerFailure, ControllerWorker};
 pub use delay::delays;
 pub use disturbance::{Disturbance, Effect, TimeProfile};

@@ -2,6 +2,9 @@ use mishandle_stl::{Trace, is_violated};
 
 use crate::{Scenario, Seed, Verdict};
 
+/// Number of control steps between two checks of the [stop threshold](Request::stop_threshold).
+const CHECK_PERIOD: usize = 10;
+
 /// One simulation to run.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Request {
@@ -37,6 +40,12 @@ impl Request {
             stop_threshold: None,
         }
     }
+
+    /// Returns whether the simulation is checked for its [stop threshold](Self::stop_threshold)
+    /// after this number of control steps.
+    pub fn may_stop_after(&self, steps: usize) -> bool {
+        self.stop_threshold.is_some() && steps.is_multiple_of(CHECK_PERIOD)
+    }
 }
 
 /// The result of one simulation. It contains its [`Request`], so that searches, callbacks and
@@ -47,6 +56,8 @@ pub struct Episode {
     pub request: Request,
     /// How the simulation ended.
     pub end: EpisodeEnd,
+    /// Why it ended so, in the words of the target or of its controller; empty if they say nothing.
+    pub reason: String,
     /// Number of control steps taken.
     pub steps: usize,
     /// Values of the formulas on the trace. All are undecided if the end of the episode yields no

@@ -154,8 +154,9 @@ impl RolloutWorker {
                 break;
             }
         }
-        for (episode, progress) in episodes.iter_mut().zip(&self.progress) {
+        for (episode, progress) in episodes.iter_mut().zip(&mut self.progress) {
             (episode.steps, episode.end) = (progress.steps, progress.end);
+            episode.reason = std::mem::take(&mut progress.reason);
             let Episode { request, trace, end, .. } = episode;
             episode.verdict = self.lane.finish(rollout, request, trace, end)?;
         }
@@ -181,6 +182,7 @@ impl RolloutWorker {
             trace,
             trace_digest: None,
             verdict: Verdict::default(),
+            reason: String::new(),
             total_reward: 0.0,
             steps: 0,
             end: EpisodeEnd::Completed,

@@ -446,10 +446,8 @@ impl Group {
 
     /// Evaluates the simulation in a row, if it has ended, and makes the row idle.
     fn finish(&mut self, shared: &Shared<'_>, thread: &mut Thread, row: usize) -> Result<(), RolloutError> {
-        let (Some(simulation), Progress { steps, mut end, .. }) = (self.simulations[row], self.progress[row])
-        else {
-            return Ok(());
-        };
+        let Some(simulation) = self.simulations[row] else { return Ok(()) };
+        let (steps, mut end) = (self.progress[row].steps, self.progress[row].end);
         let is_complete = steps == shared.rollout.environment.episode_steps();
         if self.progress[row].is_running() && !is_complete {
             return Ok(());

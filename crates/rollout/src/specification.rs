@@ -4,7 +4,7 @@ use mishandle_stl::{
     Clock, Formula, Monitor, MonitorError, SubformulaMinimum, Trace, is_satisfied, is_violated,
 };
 
-use crate::{NamedFormula, RolloutError};
+use crate::{EpisodeEnd, NamedFormula, Request, RolloutError};
 
 /// The formulas that are evaluated on an episode. Only the requirement is mandatory.
 #[derive(Clone, Debug, PartialEq)]
@@ -237,7 +237,7 @@ impl SpecificationMonitor {
     /// least 0.
     ///
     /// An error, such as a signal that is NaN, stops nothing: the verdict reports it.
-    pub(crate) fn can_stop(&mut self, trace: &Trace, samples: usize, threshold: f64) -> bool {
+    pub fn can_stop(&mut self, trace: &Trace, samples: usize, threshold: f64) -> bool {
         let monitor = &mut self.requirement.monitor;
         let is_determined = monitor.horizon().is_some_and(|horizon| trace.len() > horizon);
         let is_above = |bounds: Option<(f64, f64)>| bounds.is_some_and(|(low, _)| low > threshold);
@@ -258,6 +258,35 @@ impl SpecificationMonitor {
             Err(MonitorError::Undefined { .. }) => Ok(Vec::new()),
             Err(source) => Err(RolloutError::Monitor { formula: self.requirement.text.clone(), source }),
         }
+    }
+
+    /// Returns the verdict of an episode that has ended, with the values of the sub-formulas if the
+    /// request needs them. `trace` is the whole episode or the start of one with `samples` samples.
+    /// The end may become [`EpisodeEnd::Undefined`].
+    ///
+    /// # Errors
+    /// If a signal of a formula contains NaN or an infinity.
+    pub fn judge(
+        &mut self,
+        request: &Request,
+        trace: &Trace,
+        samples: usize,
+        end: &mut EpisodeEnd,
+    ) -> Result<Verdict, RolloutError> {
+        if !end.has_verdict() {
+            return Ok(Verdict::default());
+        }
+        let mut verdict = match self.verdict(trace, samples) {
+            Err(RolloutError::Monitor { source: MonitorError::Undefined { step, .. }, .. }) => {
+                *end = EpisodeEnd::Undefined { step };
+                return Ok(Verdict::default());
+            }
+            verdict => verdict?,
+        };
+        if request.needs_subformulas && verdict.robustness.is_some() {
+            verdict.subformulas = self.subformulas(trace)?;
+        }
+        Ok(verdict)
     }
 
     /// Returns the values of the formulas on `trace`, which is a whole episode or the start of one

@@ -139,6 +139,7 @@ fn simulation(trial: u32, number: u32) -> Simulation {
         end: SimulationEnd::Completed,
         steps: 300,
         verdicts: vec![Some(x.cos()), Some(0.25), None, Some(-x)],
+        reason: String::new(),
         trace_digest: Some(u128::from(number) << 64 | 7),
         trace: None,
     }

@@ -128,6 +128,7 @@ fn simulation(trial: u32, number: u32, robustness: Option<f64>, end: SimulationE
         end,
         steps: 150,
         verdicts: vec![None, Some(f64::from(number) * 0.1)],
+        reason: String::new(),
         trace_digest: None,
         trace: None,
     }

@@ -94,6 +94,7 @@
 //!     end: SimulationEnd::Completed,
 //!     steps: 300,
 //!     verdicts: vec![None],
+//!     reason: String::new(),
 //!     trace_digest: None,
 //!     trace: None,
 //! }])?;
@@ -134,6 +135,7 @@ mod parquet {
         Err(StoreError::NoParquet)
     }
 }
+mod reason;
 mod record;
 mod row;
 mod run_file;
@@ -149,6 +151,7 @@ pub use header::{
     AxisRecord, BuildRecord, ComponentRecord, FormulaRecord, RunHeader, RunKind, SignalRecord, TargetRecord,
 };
 pub use parquet::export_parquet;
+pub use reason::EndReasons;
 pub use record::{Counts, Simulation, SimulationEnd, TrialRecord, TrialStatus, TrialSummary};
 pub use run_file::{MAX_TRIALS, RunFile, Simulations};
 pub use run_writer::{IfExists, RunWriter};

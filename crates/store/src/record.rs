@@ -152,6 +152,11 @@ pub struct Simulation {
     pub steps: u32,
     /// One value per verdict in the header; `None` where it does not apply.
     pub verdicts: Vec<Option<f64>>,
+    /// Why it ended so, in the words of the target or its controller; empty if they said nothing.
+    /// At most 4096 bytes are stored.
+    ///
+    /// [`RunFile::simulations`](crate::RunFile::simulations) does not read it, as the trace.
+    pub reason: String,
     /// [`trace_digest`](crate::trace_digest) of the trace. A replay can be compared with it even if
     /// the trace is not stored.
     pub trace_digest: Option<u128>,

@@ -92,6 +92,7 @@ pub(crate) fn feed(digest: &mut Digest, simulation: &Simulation, trace_digest: O
         end,
         steps,
         verdicts,
+        reason: _,
         trace_digest: _,
         trace: _,
     } = simulation;
@@ -294,6 +295,7 @@ pub(crate) fn read(row: &Row<'_>, path: &Path, header: &RunHeader) -> Result<Sim
         end: end.ok_or_else(|| damaged("its end is unknown"))?,
         steps: row.get(13).in_file(path)?,
         verdicts: verdicts.ok_or_else(|| damaged("its verdicts are unreadable"))?,
+        reason: String::new(),
         trace_digest: trace_digest.map_err(|_| damaged("its trace digest is unreadable"))?,
         trace: None,
     };

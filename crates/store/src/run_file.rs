@@ -8,8 +8,8 @@ use crate::database::Database;
 use crate::digest::Digest;
 use crate::error::{InFile, StoreError};
 use crate::{
-    Counts, Result, RunHeader, ScreenedChunk, Simulation, StoredTrace, TrialRecord, TrialSummary, row,
-    schema, screened, trace_blob, version,
+    Counts, Result, RunHeader, ScreenedChunk, Simulation, StoredTrace, TrialRecord, TrialSummary, reason,
+    row, schema, screened, trace_blob, version,
 };
 
 /// Largest number of simulations that [`Simulations`] reads at once.
@@ -178,7 +178,7 @@ impl RunFile {
         Simulations::between(self, trial, trial)
     }
 
-    /// Returns one simulation, with its trace if the trace is stored.
+    /// Returns one simulation, with its reason, and with its trace if the trace is stored.
     ///
     /// # Errors
     /// [`UnknownSimulation`](StoreError::UnknownSimulation), [`Damaged`](StoreError::Damaged), or
@@ -186,7 +186,8 @@ impl RunFile {
     pub fn simulation(&self, trial: u32, number: u32) -> Result<Simulation> {
         let simulation =
             self.recorded(trial, number)?.ok_or(StoreError::UnknownSimulation { trial, number })?;
-        Ok(Simulation { trace: self.trace_of(&simulation)?, ..simulation })
+        let reason = reason::read(self, trial, number)?;
+        Ok(Simulation { trace: self.trace_of(&simulation)?, reason, ..simulation })
     }
 
     /// Returns one simulation without its trace; `None` if the run does not have it.
@@ -321,6 +322,7 @@ impl RunFile {
     pub(crate) fn check_rows(&self) -> Result<()> {
         self.trials_between(0, u32::MAX)?;
         screened::feed(self, &mut Digest::of("check"))?;
+        reason::check(self)?;
         Simulations::between(self, 0, u32::MAX).try_for_each(|simulation| simulation.map(drop))
     }
 

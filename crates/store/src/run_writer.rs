@@ -12,8 +12,8 @@ use crate::error::{InFile, StoreError};
 use crate::run_file::RunFile;
 use crate::version::{APPLICATION_ID, FORMAT_VERSION};
 use crate::{
-    Result, RunHeader, ScreenedChunk, Simulation, TrialRecord, TrialStatus, header_table, row, schema,
-    screened, trace_blob, version,
+    Result, RunHeader, ScreenedChunk, Simulation, TrialRecord, TrialStatus, header_table, reason, row,
+    schema, screened, trace_blob, version,
 };
 
 /// Behavior of [`RunWriter::create`] if the file exists.
@@ -351,6 +351,7 @@ fn insert(file: &RunFile, simulation: &Simulation) -> Result<()> {
         Some(_) => StoreError::AlreadyRecorded { what: format!("simulation {number} of trial {trial}") },
         None => StoreError::from_sqlite(&file.path, &error),
     })?;
+    reason::insert(file, (trial, number), &simulation.reason)?;
     if let Some(trace) = &simulation.trace {
         let blob = trace_blob::encode(trace);
         let sql = "INSERT INTO trace (trial, number, blob) VALUES (?1, ?2, ?3)";
@@ -429,6 +430,7 @@ mod tests {
             end: SimulationEnd::Completed,
             steps: 300,
             verdicts: vec![],
+            reason: String::new(),
             trace_digest: None,
             trace: Some(StoredTrace { columns: vec![column] }),
         }

@@ -14,7 +14,7 @@ use rusqlite::Connection;
 
 use crate::error::{InFile, StoreError};
 use crate::row::COUNTS;
-use crate::{MAX_TRIALS, Result, RunHeader, header_table};
+use crate::{MAX_TRIALS, Result, RunHeader, header_table, reason};
 
 /// The statements that create the tables. SQLite stores their text, and opening a file compares it,
 /// so every character is part of the format.
@@ -135,7 +135,8 @@ const MAX_COLUMNS: usize = 1900;
 /// A malicious file can contain triggers, or views in place of the tables.
 pub(crate) fn read_header(connection: &Connection, path: &Path) -> Result<RunHeader> {
     let found = statements(connection).in_file(path)?;
-    let others = without(found, path, TABLES.iter().copied())?;
+    let mut others = without(found, path, TABLES.iter().copied())?;
+    others.remove(reason::TABLE);
     let header = header_table::read(connection, path)?;
     check_empty(&without(others, path, views(&header).iter().map(String::as_str))?, path)?;
     Ok(header)

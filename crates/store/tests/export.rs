@@ -31,6 +31,7 @@ fn run(folder: &Path) -> RunWriter {
         end: SimulationEnd::Stopped { step: 17 },
         steps: 17,
         verdicts: vec![Some(0.5), None],
+        reason: String::new(),
         trace_digest: Some(0xab),
         trace: None,
     };
@@ -44,6 +45,7 @@ fn run(folder: &Path) -> RunWriter {
         stop_threshold: None,
         end: SimulationEnd::InvalidAction { step: 4, index: 6 },
         steps: 300,
+        reason: String::new(),
         trace_digest: None,
         ..full.clone()
     };

@@ -2,12 +2,14 @@
 //!
 //! It knows no type of the other crates. What a result means is said where the result is shown.
 
+mod ends;
 mod instant;
 mod invisible;
 mod number;
 mod path;
 mod shell_quote;
 
+pub use ends::first_and_last_line;
 pub use instant::instant;
 pub use invisible::{is_invisible, visible};
 pub use number::{decimal, number_text, p_value_text, plural, probability_text};

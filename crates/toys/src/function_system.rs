@@ -71,6 +71,7 @@ impl FunctionSystem {
                 subformulas: Vec::new(),
                 others: Vec::new(),
             },
+            reason: String::new(),
             total_reward: 0.0,
             trace,
             trace_digest: None,

@@ -146,6 +146,7 @@ impl ToySystem {
             end,
             steps,
             verdict,
+            reason: String::new(),
             total_reward: 0.0,
             trace,
             trace_digest: None,

@@ -4,7 +4,7 @@ use mishandle_stl::{DecisivePredicate, Formula, is_violated};
 use mishandle_store::RunHeader;
 
 use crate::inspect::{Conjunct, ExplainedSimulation, Explanation, PredicateHistory};
-use crate::run::{box_point, recorded_axes, recorded_scenario};
+use crate::run::{box_point, given, recorded_axes, recorded_scenario};
 
 /// Numbers of evenly spaced samples in the table of signals, up to the decisive one and behind it.
 const ROWS_BEFORE: usize = 8;
@@ -37,6 +37,7 @@ impl ExplainedSimulation {
             formula: header.formula.clone(),
             robustness: diagnosis.robustness().into(),
             violated: is_violated(diagnosis.robustness()),
+            reason: given(&recorded.reason),
             decided: decided.map(at),
             predicate: diagnosis.predicate.as_ref().map(|predicate| Predicate {
                 formula: predicate.text.clone(),

@@ -87,6 +87,7 @@ fn empty(resolved: &ResolvedPlan, run: &Path, is_complete: bool) -> Evaluation {
         metrics: Metrics::default(),
         corners: None,
         requirements: None,
+        reasons: None,
         screening: None,
         failures: None,
     }

@@ -43,6 +43,7 @@ pub fn falsification_result(
         failure_rate_bound: failure_rate_bound(resolved, found),
         trials: found.trials.iter().map(|found| trial(resolved, found)).collect(),
         requirements: None,
+        reasons: None,
         modes: None,
         screening: counts.map(|counts| screening(resolved, found, counts)),
     }

@@ -42,6 +42,7 @@ pub fn margin_result(resolved: &ResolvedPlan, found: &MarginOutcome, run: &Path)
         no_violation_simulations: passed.map(|level| level.verdicts()),
         no_violation_seeds: passed.map(|level| level.seeds),
         witness: margin.witness.as_ref().map(witness),
+        reasons: None,
     }
 }
 

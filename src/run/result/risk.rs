@@ -125,6 +125,7 @@ fn shared(resolved: &ResolvedPlan, scenarios: &Scenarios, failures: &[Failure], 
         importance: None,
         splitting: None,
         failures: failures.iter().map(failure).collect(),
+        reasons: None,
         screening: None,
     }
 }

@@ -3,7 +3,7 @@ use mishandle_rollout::{Episode, Scenario};
 use mishandle_stl::{Formula, is_violated};
 
 use crate::resolve::{ResolvedPlan, named_scenario};
-use crate::run::end_text;
+use crate::run::{end_text, given};
 
 /// Returns the result of one simulation of a scenario, with its explanation if it has a verdict.
 pub fn simulation_result(
@@ -14,6 +14,7 @@ pub fn simulation_result(
     let signals: Vec<&str> = resolved.signals.iter().map(|signal| signal.name.as_str()).collect();
     Simulation {
         end: Some(end_text(episode.end, &signals)),
+        reason: given(&episode.reason),
         steps: Some(episode.steps as u64),
         robustness: episode.robustness().map(Into::into),
         violated: episode.robustness().map(is_violated),
@@ -54,6 +55,7 @@ fn empty(resolved: &ResolvedPlan, scenario: &Scenario) -> Simulation {
         scenario: named_scenario(resolved.space.axes(), scenario.values()),
         formula: resolved.specification.requirement.to_string(),
         end: None,
+        reason: None,
         steps: None,
         robustness: None,
         violated: None,

@@ -7,7 +7,7 @@ use mishandle::counterexample::CounterexampleReplay;
 use crate::exit_status::ExitStatus;
 use crate::flags::{self, numbers};
 use crate::run::{self, counterexample};
-use crate::show::{output, replay, simulation};
+use crate::show::{output, reasons, replay, simulation};
 
 /// Replay a recorded simulation and check that the result is bit-identical
 #[derive(Debug, Args)]
@@ -68,8 +68,8 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
         output::json(&found)?;
     } else {
         output::line(&replay::text(&found))?;
-        if !found.has_verdict {
-            output::line(&found.end)?;
+        if !found.has_verdict || found.reason.is_some() {
+            output::line(&format!("{}{}", found.end, reasons::of_one(found.reason.as_deref())))?;
         }
     }
     if !replayed.differences.is_empty() {

@@ -12,7 +12,7 @@ use crate::exit_status::ExitStatus;
 use crate::flags::{self, numbers};
 use crate::run;
 use crate::show::progress::Bar;
-use crate::show::{output, scenario, simulation};
+use crate::show::{output, reasons, scenario, simulation};
 
 /// Simulate one chosen scenario, once or repeatedly with other random seeds
 #[derive(Debug, Args)]
@@ -157,7 +157,8 @@ fn once(command: &Arguments, resolved: &ResolvedPlan, scenario: &Scenario) -> Re
     let mut simulated = mishandle::inspect::simulate(resolved, scenario, [Seed(resolved.plan.seed)])?;
     let Simulated { header, episode, result } = simulated.pop().context("the target returned no episode")?;
     let Some(robustness) = episode.robustness() else {
-        bail!("the simulation has no verdict: {}", result.end.unwrap_or_default());
+        let reason = reasons::of_one(result.reason.as_deref());
+        bail!("the simulation has no verdict: {}{reason}", result.end.unwrap_or_default());
     };
     if let Some(path) = &command.trace.trace {
         let more = match command.trace.is_full() {

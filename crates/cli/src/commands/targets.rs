@@ -17,6 +17,9 @@ use crate::show::{output, scenario};
 pub struct Arguments {
     /// Name of a target to describe, or the path of a target file (.toml)
     pub target: Option<String>,
+    /// Describe the simulator of this command, such as 'python3 my_simulator.py'
+    #[arg(long, value_name = "COMMAND", conflicts_with = "target")]
+    pub command: Option<String>,
     /// Task preset of the described initial box and formulas: paper or code [default: paper]
     #[arg(long, requires = "target")]
     pub preset: Option<String>,
@@ -26,7 +29,8 @@ pub struct Arguments {
 }
 
 pub fn run(command: &Arguments) -> Result<ExitStatus> {
-    match (&command.target, command.json) {
+    let typed = command.command.as_deref().map(mishandle::resolve::command_target);
+    match (typed.as_ref().or(command.target.as_ref()), command.json) {
         (None, false) => output::line(&list())?,
         (None, true) => {
             let names = mishandle::resolve::target_names();
@@ -52,7 +56,7 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
 /// the action noise only if there is action noise.
 fn plan(name: &str, preset: Option<&str>) -> Plan {
     let is_task = mishandle::tasks::task(name).is_some();
-    let mut plan = Plan::new(name, if is_task { "expert" } else { "" });
+    let mut plan = Plan { is_typed: true, ..Plan::new(name, if is_task { "expert" } else { "" }) };
     plan.action_noise = if is_task { 1.0 } else { 0.0 };
     plan.preset = preset.map_or(plan.preset, String::from);
     plan

@@ -3,13 +3,15 @@
 use anyhow::{Context, Result, bail, ensure};
 use mishandle::Plan;
 use mishandle::files::{limits, read_text_bounded};
+use mishandle::resolve::command_target;
 
 use super::{Run, Subject};
 
 /// Returns the plan that the flags describe: the plan of `--plan` or a new plan, with the values of
 /// the flags.
 pub fn plan(subject: &Subject, run: &Run) -> Result<Plan> {
-    let mut plan = match (&subject.plan, &subject.target) {
+    let target = subject.command.as_deref().map(command_target).or_else(|| subject.target.clone());
+    let mut plan = match (&subject.plan, &target) {
         (Some(path), _) => {
             let text = read_text_bounded(path, limits::PLAN).with_context(|| path.display().to_string())?;
             Plan::from_toml(&text).with_context(|| path.display().to_string())?
@@ -22,7 +24,9 @@ pub fn plan(subject: &Subject, run: &Run) -> Result<Plan> {
             field.clone_from(value);
         }
     };
-    edit(&mut plan.target, &subject.target);
+    if let Some(target) = target {
+        (plan.target, plan.folder, plan.is_typed) = (target, String::new(), true);
+    }
     edit(&mut plan.space, &subject.space);
     edit(&mut plan.controller, &subject.controller);
     edit(&mut plan.preset, &subject.preset);

@@ -50,8 +50,9 @@ pub struct OpenRun {
 
 /// Arguments of all commands that a resumed run takes from its own plan. The path of the controller
 /// is not among them.
-const PLANNED: [&str; 12] = [
+const PLANNED: [&str; 13] = [
     "target",
+    "command",
     "space",
     "axis",
     "set",

@@ -24,6 +24,10 @@ pub struct Subject {
     /// Name of a target, a task or toy/NAME, which `mishandle targets` lists; or the path of a
     /// target file (.toml)
     pub target: Option<String>,
+    /// Command of a simulator that is a program, such as 'python3 my_simulator.py', instead of a
+    /// target: it answers questions as lines of JSON (docs/reference/simulator_protocol.md)
+    #[arg(long, value_name = "COMMAND", conflicts_with = "target")]
+    pub command: Option<String>,
     /// Controller of a task: the path of a .safetensors or .onnx file, or the name of a shipped
     /// controller such as ppo or expert
     #[arg(long, value_name = "C")]

@@ -2,7 +2,7 @@
 
 use mishandle::results::{Estimate, Evaluation};
 
-use super::{corners, output, requirements, screening, simulation, subject};
+use super::{corners, output, reasons, requirements, screening, simulation, subject};
 
 /// Returns the first line of the result.
 fn heading(found: &Evaluation) -> String {
@@ -62,5 +62,5 @@ fn direct_text(found: &Evaluation) -> String {
     {
         text.push_str(&format!("\n\n{counts}; they do not count as successes"));
     }
-    text + &requirements::text(found.requirements.as_deref())
+    text + &reasons::text(found.reasons.as_deref()) + &requirements::text(found.requirements.as_deref())
 }

@@ -4,18 +4,19 @@ use mishandle::results::{Explanation, SignalTable};
 use mishandle::stl::is_violated;
 use mishandle_text::{decimal, instant};
 
-use super::{escape, output, scenario};
+use super::{escape, output, reasons, scenario};
 
 /// Returns the explanation, which starts with the scenario.
 pub fn text(found: &Explanation) -> String {
     let scenario = scenario::first_text(&found.space_axes, &found.scenario, usize::MAX);
     let verdict = if is_violated(found.robustness.0) { "violated" } else { "satisfied" };
     let mut parts = vec![format!(
-        "{}, seed {}\nformula {}\n{verdict}: robustness {}",
+        "{}, seed {}\nformula {}\n{verdict}: robustness {}{}",
         scenario,
         found.seed.0,
         escape::name(&found.formula),
         decimal(found.robustness.0, 4),
+        reasons::of_one(found.reason.as_deref()),
     )];
     let sentences: Vec<String> = found.sentences.iter().map(|sentence| escape::name(sentence)).collect();
     if !sentences.is_empty() {

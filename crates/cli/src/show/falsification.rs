@@ -4,13 +4,14 @@ use mishandle::results::{Cause, Estimate, Falsification, Repeats, SearchValue, S
 use mishandle::search::OptionValue;
 use mishandle_text::{decimal, plural};
 
-use super::{escape, output, requirements, scenario, screening, simulation, subject};
+use super::{escape, output, reasons, requirements, scenario, screening, simulation, subject};
 
 /// Returns the trials, what they say together, and the part of the space that cannot fail.
 pub fn text(found: &Falsification) -> String {
     let region = found.smooth_region.as_ref().map_or(String::new(), region_text);
     let requirements = requirements::text(found.requirements.as_deref());
-    format!("{}{region}{requirements}{}", trials_text(found), screening::falsification_text(found))
+    let reasons = reasons::text(found.reasons.as_deref());
+    format!("{}{region}{reasons}{requirements}{}", trials_text(found), screening::falsification_text(found))
 }
 
 fn region_text(region: &SmoothRegion) -> String {

@@ -3,7 +3,7 @@
 use mishandle::results::{AxisFacts, CategoryMargin, Level, Margin, Named, Scenario, Witness};
 use mishandle_text::{decimal, plural};
 
-use super::{escape, output, scenario, subject};
+use super::{escape, output, reasons, scenario, subject};
 
 /// Returns the amplitudes that were tried, and the witness.
 pub fn text(found: &Margin) -> String {
@@ -26,11 +26,12 @@ pub fn text(found: &Margin) -> String {
         (None, None) => "no violation so far, but the search is not finished".to_string(),
     };
     format!(
-        "{}\nformula {}\n{}\n{}\n\n{conclusion}",
+        "{}\nformula {}\n{}\n{}\n\n{conclusion}{}",
         subject::heading(&found.subject),
         found.formula,
         categories_text(found),
-        output::table(&rows)
+        output::table(&rows),
+        reasons::text(found.reasons.as_deref())
     )
 }
 

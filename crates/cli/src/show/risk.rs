@@ -6,7 +6,7 @@ use mishandle::results::{
 use mishandle::risk::{FREQUENT, Method};
 use mishandle_text::{decimal, plural, probability_text as probability};
 
-use super::{escape, output, scenario, screening, simulation, subject};
+use super::{escape, output, reasons, scenario, screening, simulation, subject};
 
 /// Largest number of axes with one distribution whose names are printed.
 const NAMED: usize = 3;
@@ -14,10 +14,11 @@ const NAMED: usize = 3;
 /// Returns the answer, its parts and the failures; after a screening the disagreements of the two
 /// engines.
 pub fn text(found: &Risk) -> String {
-    match &found.screening {
+    let text = match &found.screening {
         Some(counts) => screened_text(found, counts),
         None => direct_text(found),
-    }
+    };
+    text + &reasons::text(found.reasons.as_deref())
 }
 
 /// Returns the lines above the answer.

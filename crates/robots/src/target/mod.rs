@@ -13,6 +13,7 @@ use mishandle_rollout::{
     AxisKind, Component, Controller, Identity, NamedFormula, Noise, RolloutError, Signal, Space,
     Specification, Target,
 };
+use mishandle_simulators::ProgramPolicy;
 use mishandle_world::{Model, PictureModel};
 
 use crate::axes::{Axes, ObservedPart};
@@ -24,7 +25,6 @@ use crate::error::{Problem, RobotError};
 use crate::library::RememberedPart;
 use crate::model::RobotModel;
 use crate::phase::PhaseBuilder;
-use crate::program::ProgramPolicy;
 
 pub use device::DeviceRobot;
 pub(crate) use read::read_text;

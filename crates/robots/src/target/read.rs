@@ -2,10 +2,12 @@
 
 use std::path::Path;
 use std::sync::Arc;
+use std::time::Duration;
 
 use mishandle_expression::Argument;
 use mishandle_files::{limits, read_bounded};
 use mishandle_rollout::Identity;
+use mishandle_simulators::{ProgramPolicy, ProgramSettings};
 use mishandle_world::ElementKind;
 
 use crate::axes::{Axes, ObservedPart, parameter_names};
@@ -16,7 +18,6 @@ use crate::library::{Library, RememberedPart, members};
 use crate::model::{self, RobotModel};
 use crate::phase::PhaseBuilder;
 use crate::policy::ExpressionPolicy;
-use crate::program::ProgramPolicy;
 use crate::target::{KIND, RobotFile, RobotPolicy};
 use crate::task_space::TaskSpacePolicy;
 
@@ -80,7 +81,12 @@ impl RobotFile {
             PolicySource::Program(table) => {
                 let folder = path.parent().unwrap_or(Path::new("."));
                 let sizes = [observation_size, actions];
-                RobotPolicy::Program(Arc::new(ProgramPolicy::new(table, folder, sizes, control_dt)))
+                let settings = ProgramSettings {
+                    words: table.words.iter().map(|word| word.text.clone()).collect(),
+                    time_limit: Duration::from_secs_f64(table.time_limit),
+                    state: table.state,
+                };
+                RobotPolicy::Program(Arc::new(ProgramPolicy::new(settings, folder, sizes, control_dt)))
             }
             PolicySource::Open => RobotPolicy::Open,
         };

@@ -1,7 +1,9 @@
 //! The spaces of a robot, and the disturbances that every robot has.
 
-use mishandle_rollout::fault::{Channel, FaultSite, Side};
-use mishandle_rollout::{Axis, AxisKind, Disturbance, Effect, RolloutError, Space, TimeProfile, delays};
+use mishandle_rollout::{
+    Axis, AxisKind, ControlLoop, Disturbance, Effect, LoopPart, LoopSpaces, RolloutError, Space, delays,
+    distinct,
+};
 
 use crate::axes::{ObservedPart, Parameter};
 use crate::axis_table::AxisEffect;
@@ -33,88 +35,37 @@ impl RobotFile {
             };
             !own.iter().any(replaces) && !taken.contains(&disturbance.axis.name.as_str())
         };
-        let faults = self.sites(actions).into_iter().flat_map(FaultSite::disturbances);
-        let builtin = delays().into_iter().chain(self.sensing()).chain(faults);
-        let builtin: Vec<Disturbance> = builtin.filter(is_new).collect();
+        let builtin = self.builtin(actions).into_iter().filter(is_new).collect::<Vec<_>>();
         own.iter().cloned().chain(builtin).collect()
     }
 
-    /// Returns a bias of each number of the observation, and white noise of each part. A part whose
-    /// bias or noise the file states has no other one.
-    fn sensing(&self) -> Vec<Disturbance> {
-        let states = |part: &ObservedPart, is_noise: bool| {
+    /// Returns the disturbances that every robot has. A part of the observation whose bias or noise
+    /// the file states has no other one.
+    fn builtin(&self, actions: usize) -> Vec<Disturbance> {
+        let states = |part: &LoopPart, is_noise: bool| {
             self.description.axes.iter().any(|axis| match &axis.value.effect {
                 AxisEffect::Bias { part: stated, .. } => !is_noise && stated.text == part.name,
                 AxisEffect::Noise { part: stated } => is_noise && stated.text == part.name,
                 _ => false,
             })
         };
-        let steps = self.description.control.steps;
-        let mut all = Vec::new();
-        for part in &self.parts {
-            let [bias, noise] = sensor_errors(&part.unit);
-            let entries = part.first..part.first + part.size;
-            if !states(part, false) {
-                all.extend(entries.clone().map(|entry| {
-                    let number =
-                        if part.size == 1 { String::new() } else { format!("_{}", entry - part.first + 1) };
-                    let name = format!("{}{number}", part.name);
-                    let axis = Axis::new(
-                        AxisKind::Model,
-                        &format!("bias_{name}"),
-                        &part.unit,
-                        [-bias, bias],
-                        Some(0.0),
-                    )
-                    .meaning(&format!("constant bias of the observed {name}"));
-                    let profile = TimeProfile::Constant(0..steps + 1);
-                    Disturbance { axis, effect: Effect::Observation { entry, factor: 1.0, profile } }
-                }));
-            }
-            if !states(part, true) {
-                let name = &part.name;
-                let axis =
-                    Axis::new(AxisKind::Model, &format!("noise_{name}"), &part.unit, [0.0, noise], Some(0.0))
-                        .meaning(&format!("standard deviation of white noise on the observed {name}"));
-                let entries = entries.map(|entry| (entry, 1.0)).collect();
-                all.push(Disturbance { axis, effect: Effect::ObservationNoise { entries } });
-            }
-        }
-        all
-    }
-
-    /// Returns the observation and the action as places of faults.
-    fn sites(&self, actions: usize) -> [FaultSite; 2] {
-        let robot = |side, name: &str, channels, ranges| FaultSite {
-            side,
-            name: name.to_string(),
-            number: 0,
-            channels,
-            ranges,
-            has_numbers: true,
+        let part = |part: &ObservedPart| LoopPart {
+            name: part.name.clone(),
+            unit: part.unit.clone(),
+            size: part.size,
+            range: None,
+        };
+        let action =
+            |number| LoopPart { name: format!("action_{number}"), unit: String::new(), size: 1, range: None };
+        let control = ControlLoop {
+            observation: self.parts.iter().map(part).collect(),
+            action: (1..=actions).map(action).collect(),
+            action_limit: self.description.policy.limit,
             control_dt: self.description.control.period,
             episode_steps: self.description.control.steps,
         };
-        let channel = |part: &ObservedPart| Channel {
-            name: part.name.clone(),
-            entries: (part.first..part.first + part.size).collect(),
-        };
-        let largest = |unit: &str| match unit {
-            "m" => 10.0,
-            "rad" => std::f64::consts::PI,
-            "m/s" | "rad/s" => 20.0,
-            _ => 1.0,
-        };
-        let ranges =
-            self.parts.iter().flat_map(|part| vec![[-largest(&part.unit), largest(&part.unit)]; part.size]);
-        let limit =
-            if self.description.policy.limit.is_finite() { self.description.policy.limit } else { 1.0 };
-        let action =
-            (0..actions).map(|index| Channel { name: format!("action_{}", index + 1), entries: vec![index] });
-        [
-            robot(Side::Sensing, "sensor_fault", self.parts.iter().map(channel).collect(), ranges.collect()),
-            robot(Side::Actuation, "actuator_fault", action.collect(), vec![[-limit, limit]; actions]),
-        ]
+        let sensing = control.sensing(|part, is_noise| !states(part, is_noise));
+        delays().into_iter().chain(sensing).chain(control.faults()).collect()
     }
 
     fn spaces(
@@ -128,46 +79,20 @@ impl RobotFile {
         let of_kind = |kind: AxisKind| -> Vec<Axis> {
             environment.iter().map(|(axis, _)| axis).filter(|axis| axis.kind == kind).cloned().collect()
         };
-        let of_loop = |matches: fn(&Disturbance) -> bool| -> Vec<Axis> {
-            distinct(disturbances.iter().filter(|d| matches(d)).map(|d| &d.axis))
-        };
-        fn is_fault(disturbance: &Disturbance, side: Side) -> bool {
-            matches!(&disturbance.effect, Effect::Fault { site, .. } if site.side == side)
-        }
-        let is_steady = |d: &Disturbance| {
-            matches!(d.effect, Effect::ActionDelay | Effect::ObservationDelay | Effect::Observation { .. })
-        };
+        let LoopSpaces { timing_and_sensing, steady, faults } = LoopSpaces::new(disturbances);
         let of_model = [of_kind(AxisKind::Model), of_kind(AxisKind::Event)].concat();
-        let steady = disturbances.iter().filter(|d| is_steady(d)).map(|d| &d.axis);
-        let disturbance = distinct(steady.chain(&of_model));
+        let disturbance = distinct(steady.iter().chain(&of_model));
         let mut spaces = vec![
             ("scenarios".to_string(), own),
             ("starts".to_string(), of_kind(AxisKind::Start)),
             ("commands".to_string(), of_kind(AxisKind::Input)),
             ("dynamics".to_string(), of_kind(AxisKind::Model)),
             ("events".to_string(), of_kind(AxisKind::Event)),
-            (
-                "delay".to_string(),
-                of_loop(|d| matches!(d.effect, Effect::ActionDelay | Effect::ObservationDelay)),
-            ),
-            (
-                "timing".to_string(),
-                of_loop(|d| {
-                    matches!(
-                        d.effect,
-                        Effect::ActionJitter | Effect::ObservationJitter | Effect::ObservationPeriod
-                    )
-                }),
-            ),
-            (
-                "sensing".to_string(),
-                of_loop(|d| matches!(d.effect, Effect::Observation { .. } | Effect::ObservationNoise { .. })),
-            ),
-            ("disturbance".to_string(), disturbance),
-            ("noise".to_string(), of_kind(AxisKind::Noise)),
-            ("faults-sensing".to_string(), of_loop(|d| is_fault(d, Side::Sensing))),
-            ("faults-actuation".to_string(), of_loop(|d| is_fault(d, Side::Actuation))),
         ];
+        spaces.extend(timing_and_sensing);
+        spaces.push(("disturbance".to_string(), disturbance));
+        spaces.push(("noise".to_string(), of_kind(AxisKind::Noise)));
+        spaces.extend(faults);
         for named in &self.description.spaces {
             let mut axes = Vec::new();
             for name in &named.value {
@@ -200,8 +125,7 @@ impl RobotFile {
     /// An axis with the name of a disturbance that every robot has must be such a disturbance: it
     /// takes its place.
     pub(crate) fn check_replaced(&self) -> Result<(), Problem> {
-        let faults = self.sites(self.actions()).into_iter().flat_map(FaultSite::disturbances);
-        let builtin: Vec<Disturbance> = delays().into_iter().chain(self.sensing()).chain(faults).collect();
+        let builtin = self.builtin(self.actions());
         for axis in &self.description.axes {
             let is_disturbance = matches!(
                 axis.value.effect,
@@ -226,26 +150,5 @@ impl RobotFile {
             axis.name == name || axis.name.strip_prefix(name).is_some_and(|rest| rest.starts_with('_'))
         };
         distinct(all.filter(is_part))
-    }
-}
-
-/// Returns the axes with different names: several disturbances may follow one axis.
-fn distinct<'a>(axes: impl Iterator<Item = &'a Axis>) -> Vec<Axis> {
-    let mut found: Vec<Axis> = Vec::new();
-    for axis in axes {
-        if found.iter().all(|known| known.name != axis.name) {
-            found.push(axis.clone());
-        }
-    }
-    found
-}
-
-/// Largest bias and largest standard deviation of the noise of a sensor, in this unit.
-fn sensor_errors(unit: &str) -> [f64; 2] {
-    match unit {
-        "m" => [0.02, 0.01],
-        "rad" => [0.01, 0.005],
-        "m/s" | "rad/s" => [0.1, 0.1],
-        _ => [0.02, 0.02],
     }
 }

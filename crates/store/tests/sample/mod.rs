@@ -116,6 +116,7 @@ pub fn record(trial: u32, number: u32) -> Simulation {
         },
         steps: number.min(300),
         verdicts: vec![Some(-x), number.is_multiple_of(2).then(|| f64::from(number))],
+        reason: String::new(),
         trace_digest: Some(u128::from(number) << 64 | u128::from(trial)),
         trace: None,
     }

@@ -85,7 +85,7 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
     let chosen = choose(command, &file)?;
     let moved = Moved { controller: command.controller.as_deref(), target: command.target.as_deref() };
     // The files of a target are copied; they must be those of the run.
-    let has_files = mishandle::resolve::is_robot_file(&Plan::from_toml(&file.header().plan)?.target);
+    let has_files = mishandle::resolve::has_files(&Plan::from_toml(&file.header().plan)?.target);
     let resolved = match command.minimize || has_files || command.target.is_some() {
         true => Some(mishandle::resolve::recorded_plan(file.header(), moved)?),
         false => None,

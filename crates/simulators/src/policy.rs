@@ -6,14 +6,13 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::Duration;
 
-use mishandle_controllers::bytes_hash;
 use mishandle_process::{Failure, Peer, Program};
-use mishandle_rollout::{Controller, ControllerFailure, ControllerWorker, Identity, Seed};
+use mishandle_rollout::{Controller, ControllerFailure, ControllerWorker, Seed};
 use serde::Deserialize;
 
-use crate::description::ProgramTable;
-use crate::error::RobotError;
-use crate::target::KIND;
+use crate::SimulatorError;
+use crate::answer::kept;
+use crate::program::{command_text, program_hash, word_files};
 
 /// Numbers of the state before what the program remembers: the number of control steps, and both
 /// halves of the seed.
@@ -40,49 +39,53 @@ struct Answer {
     state: Vec<f64>,
 }
 
+/// Settings of a policy that is a program, as a file states them.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ProgramSettings {
+    /// The program and its arguments.
+    pub words: Vec<String>,
+    /// Time limit of an answer.
+    pub time_limit: Duration,
+    /// Length of what the program remembers.
+    pub state: usize,
+}
+
 impl ProgramPolicy {
-    /// Makes the policy of a file in this folder.
-    pub(crate) fn new(
-        table: &ProgramTable,
+    /// Makes the policy of a program in this folder, for an observation and an action of these
+    /// sizes.
+    pub fn new(
+        settings: ProgramSettings,
         folder: &Path,
-        sizes: [usize; 2],
+        [observation_size, action_size]: [usize; 2],
         control_dt: f64,
     ) -> ProgramPolicy {
         let folder = if folder.as_os_str().is_empty() { Path::new(".") } else { folder };
-        let words = table.words.iter().map(|word| word.text.clone()).collect();
-        let [observation_size, action_size] = sizes;
         ProgramPolicy {
-            program: Arc::new(Program { words, folder: folder.to_path_buf() }),
-            time_limit: Duration::from_secs_f64(table.time_limit),
+            program: Arc::new(Program { words: settings.words, folder: folder.to_path_buf() }),
+            time_limit: settings.time_limit,
             control_dt,
             observation_size,
             action_size,
-            remembered: table.state,
+            remembered: settings.state,
         }
     }
 
     /// Returns the command as a user would type it.
     pub fn command(&self) -> String {
-        self.program.words.join(" ")
+        command_text(&self.program)
     }
 
-    /// Returns the words of the command that are files beside the target file: its code.
+    /// Returns the words of the command that are files in its folder: its code.
     pub fn files(&self) -> Vec<PathBuf> {
-        let files = self.program.words.iter().map(|word| self.program.folder.join(word));
-        files.filter(|path| path.is_file()).collect()
+        word_files(&self.program)
     }
 
     /// Returns the hash of the command and of its files.
     ///
     /// # Errors
     /// If a file cannot be read.
-    pub fn hash(&self) -> Result<String, RobotError> {
-        let mut content = format!("{:?}", self.program.words);
-        for path in self.files() {
-            let bytes = std::fs::read(&path).map_err(|source| RobotError::Read { path, source })?;
-            content.push_str(&bytes_hash(&bytes));
-        }
-        Ok(Identity::new(KIND, "program", &content).hash)
+    pub fn hash(&self) -> Result<String, SimulatorError> {
+        program_hash(&self.program, "", &self.files())
     }
 
     /// Starts the program and asks it twice for the action of an observation of zeros: its answer
@@ -90,8 +93,8 @@ impl ProgramPolicy {
     ///
     /// # Errors
     /// If it cannot be started, or one answer is wrong or differs from the other.
-    pub fn check(&self) -> Result<(), RobotError> {
-        let error = |message: String| RobotError::Policy { message };
+    pub fn check(&self) -> Result<(), SimulatorError> {
+        let error = |problem: String| SimulatorError::Policy { command: self.command(), problem };
         let mut worker = Worker::new(self);
         let mut state = vec![0.0; self.state_size()];
         worker.reset(&mut state, Seed(0));
@@ -99,17 +102,15 @@ impl ProgramPolicy {
         let mut ask = || {
             let (mut state, mut action) = (state.clone(), vec![0.0; self.action_size]);
             let answered = worker.ask(&observation, &mut state, &mut action);
-            answered.map(|()| (state, action)).map_err(|why| error(format!("`{}`: {why}", self.command())))
+            answered.map(|()| (state, action)).map_err(|why| error(why.to_string()))
         };
         let (first, second) = (ask()?, ask()?);
         match format!("{first:?}") == format!("{second:?}") {
             true => Ok(()),
             false => Err(error(format!(
-                "`{}` answers the same question with {:?} and then {:?}; a program answers from its question alone: what \
-                 it remembers is the list `state` of its answer, and random numbers follow from `seed` and `time`",
-                self.command(),
-                first.1,
-                second.1
+                "it answers the same question with {:?} and then {:?}; a program answers from its question alone: what it \
+                 remembers is the list `state` of its answer, and random numbers follow from `seed` and `time`",
+                first.1, second.1
             ))),
         }
     }
@@ -251,13 +252,11 @@ impl ControllerWorker for Worker {
             let state = &mut states[row * state_size..][..state_size];
             // A simulation that failed has ended; its program is not started again for it.
             let failure = match state[0].is_nan() {
-                true => Some(ControllerFailure::Crashed),
-                false => {
-                    self.ask(&observations[row * size..][..size], state, action).err().map(|why| match why {
-                        Failure::TimedOut { .. } => ControllerFailure::TimedOut,
-                        _ => ControllerFailure::Crashed,
-                    })
-                }
+                true => Some(ControllerFailure { is_timeout: false, reason: String::new() }),
+                false => self.ask(&observations[row * size..][..size], state, action).err().map(|why| {
+                    let is_timeout = matches!(why, Failure::TimedOut { .. });
+                    ControllerFailure { is_timeout, reason: kept(&format!("policy: {why}")) }
+                }),
             };
             if failure.is_some() {
                 state[0] = f64::NAN;
@@ -267,7 +266,7 @@ impl ControllerWorker for Worker {
         }
     }
 
-    fn failure(&self, row: usize) -> Option<ControllerFailure> {
-        self.failures.get(row).copied().flatten()
+    fn failure(&self, row: usize) -> Option<&ControllerFailure> {
+        self.failures.get(row)?.as_ref()
     }
 }

@@ -1,0 +1,84 @@
+//! Targets that are paths or commands, which a plan keeps with absolute paths.
+
+use std::path::{Path, PathBuf};
+
+use mishandle_text::path_text;
+
+use crate::error::MishandleError;
+use crate::plan::Plan;
+use crate::resolve::simulator::{simulator_file, simulator_files};
+use crate::resolve::{controller_name, robot_file};
+
+/// Start of the name of a target that is the command of a simulator.
+const COMMAND: &str = "process:";
+
+/// Returns the command of a target that is a simulator.
+pub fn command(target: &str) -> Option<&str> {
+    target.strip_prefix(COMMAND)
+}
+
+/// Returns the name of the target of a command.
+pub fn command_target(command: &str) -> String {
+    format!("{COMMAND}{command}")
+}
+
+/// Returns whether the name of a target is the path of a target file.
+pub fn is_target_file(target: &str) -> bool {
+    let extension = Path::new(target).extension();
+    command(target).is_none() && extension.is_some_and(|extension| extension.eq_ignore_ascii_case("toml"))
+}
+
+/// Returns whether a target is made of files of the user: a target file, or a simulator.
+pub fn has_files(target: &str) -> bool {
+    command(target).is_some() || is_target_file(target)
+}
+
+/// Returns the folder of the files of a target, and the files; `None` for a target without files.
+///
+/// # Errors
+/// If a file cannot be read or is wrong, or a simulator does not start.
+pub(crate) fn files_of(plan: &Plan) -> Result<Option<(PathBuf, Vec<PathBuf>)>, MishandleError> {
+    let home = match command(&plan.target) {
+        Some(_) => Path::new(&plan.folder),
+        None if is_target_file(&plan.target) => Path::new(&plan.target).parent().unwrap_or(Path::new("")),
+        None => return Ok(None),
+    };
+    let files = match simulator_file(plan)? {
+        Some(file) => simulator_files(plan, &file)?,
+        None => robot_file(plan)?.files(),
+    };
+    let home = if home.as_os_str().is_empty() { Path::new(".") } else { home };
+    Ok(Some((home.to_path_buf(), files)))
+}
+
+/// Returns a short name of a target for the names of files.
+pub(crate) fn file_label(target: &str) -> String {
+    if is_target_file(target) {
+        return controller_name(target);
+    }
+    let Some(command) = command(target) else { return target.replace('/', "-") };
+    let words =
+        mishandle_simulators::program(command, ".".into()).map_or(Vec::new(), |program| program.words);
+    // `python3 my_sim.py` is known by its script.
+    let script = words.iter().skip(1).find(|word| Path::new(word).extension().is_some());
+    let name = controller_name(script.or(words.first()).map_or("", String::as_str));
+    let name: String = name.chars().filter(|c| c.is_alphanumeric() || "-_.".contains(*c)).take(60).collect();
+    if name.is_empty() { "simulator".to_string() } else { name }
+}
+
+impl Plan {
+    /// Returns the plan with the absolute path of its target file or of the working folder of its
+    /// simulator.
+    pub(crate) fn with_absolute_target(&self) -> Plan {
+        let mut plan = self.clone();
+        let is_command = command(&plan.target).is_some();
+        let place = if is_command { &mut plan.folder } else { &mut plan.target };
+        if is_command || is_target_file(place) {
+            let present = if place.is_empty() { "." } else { place.as_str() };
+            if let Ok(path) = std::path::absolute(present) {
+                *place = path_text(&path);
+            }
+        }
+        plan
+    }
+}
