@@ -24,7 +24,7 @@ from mishandle.limits import TimeLimitExceeded
 from mishandle.objectives import Objective
 from mishandle.plots import plot_comparison, plot_robustness_map, plot_search_progress, plot_survival, plot_trace
 from mishandle.policy_servers import PolicyServer
-from mishandle.processes import JsonProcess
+from mishandle.processes import Process
 from mishandle.ray import RayExecutor
 from mishandle.reductions import Reduced
 from mishandle.results import ComparedPair, Estimate, FailureMode, Regression, Repeats, Trial, Witness
@@ -56,7 +56,6 @@ __all__ = [
     "InvalidStateError",
     "InvalidTypeError",
     "InvalidValueError",
-    "JsonProcess",
     "Margin",
     "Minimum",
     "MishandleError",
@@ -64,6 +63,7 @@ __all__ = [
     "Objective",
     "PolicyArgument",
     "PolicyServer",
+    "Process",
     "PolicyServerError",
     "RayExecutor",
     "Reduced",

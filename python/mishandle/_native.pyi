@@ -185,6 +185,7 @@ class Target:
         space: str,
         axes: Mapping[str, float | tuple[float, float] | str],
         noise: tuple[bool, float, float],
+        folder: str | None = None,
     ) -> Target: ...
     @property
     def axes(self) -> list[AxisTuple]: ...

@@ -396,8 +396,6 @@ class _Walker:
     def _own(self, value: Any) -> None:
         if type(value).__name__ == "Controller":
             self._leaf("controller", value.hash)
-        elif type(value).__name__ == "JsonProcess":
-            self._later(":state", value.__getstate__())
         elif type(value).__name__ == "PolicyServer":
             self._later(":settings", value.settings)
             if value.gap is not None:

@@ -265,7 +265,7 @@ class FunctionSystem(System):
                 warnings.warn(
                     f"a simulation timed out, and the process {process.pid} that the function talks to still runs: unless its answers "
                     "say to which scenario they belong, the next scenario gets the late one. Kill and restart the process when a "
-                    "mishandle.TimeLimitExceeded passes the function, or use mishandle.JsonProcess",
+                    "mishandle.TimeLimitExceeded passes the function, or use mishandle.Process",
                     stacklevel=2,
                 )
 

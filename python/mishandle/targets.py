@@ -37,6 +37,7 @@ from mishandle.packages import package_of
 from mishandle.pictures import Painter
 from mishandle.policies import policy_hash
 from mishandle.policy_servers import PolicyServer, as_server, states_determinism
+from mishandle.processes import Process
 from mishandle.ray import RayExecutor
 from mishandle.starts import Invalid, Settle
 from mishandle.systems import Frames, FunctionSystem, NativeSystem, Outcome, RobotSystem, Scenario, Source, System, TaskSystem
@@ -227,6 +228,8 @@ def make_target(
         if space is not None and not isinstance(space, str):
             raise InvalidTypeError(f"the space of {system} is one of its own, by name; `mishandle targets {system}` lists them")
         return _task_in_space(system, formula, space or "starts", {"policy": "", **options}, check)
+    if isinstance(system, Process):
+        return _simulator(system, formula, space, options, check)
     if isinstance(system, (str, os.PathLike)) and os.fspath(system).lower().endswith(".toml"):
         return _robot(pathlib.Path(system), formula, space, options, check)
     if isinstance(system, str) and policy is None:
@@ -428,6 +431,22 @@ def _robot(
     return _task_in_space(str(path.absolute()), formula, space or "", {**options, "policy": policy}, check)
 
 
+def _simulator(
+    process: Process, formula: Formulas, space: Space, options: TargetOptions, check: Callable[[Sequence[Axis]], object]
+) -> Target:
+    """Returns a simulator that is a program, which the Rust core asks, with the policy of a file if it needs one."""
+    if space is not None and not isinstance(space, str):
+        raise InvalidTypeError("the space of a Process is one that its program states, by name")
+    policy = options.get("policy", "")
+    if not isinstance(policy, (str, os.PathLike)):
+        raise InvalidTypeError(
+            f"the policy of a Process is the path of an ONNX model or of a controller, not a {type(policy).__name__}; a policy in Python "
+            "can be a program that a target file names"
+        )
+    policy = str(pathlib.Path(policy).absolute()) if os.fspath(policy) else ""
+    return _task_in_space(process.target, formula, space or "", {**options, "policy": policy}, check, folder=str(process.folder))
+
+
 def _robot_in_python(
     path: pathlib.Path, formula: Formulas, space: str, options: TargetOptions, check: Callable[[Sequence[Axis]], object]
 ) -> Target:
@@ -477,9 +496,15 @@ def _robot_in_python(
 
 
 def _task_in_space(
-    task: str, formula: Formulas, space: str, options: TargetOptions, check: Callable[[Sequence[Axis]], object]
+    task: str,
+    formula: Formulas,
+    space: str,
+    options: TargetOptions,
+    check: Callable[[Sequence[Axis]], object],
+    folder: str | None = None,
 ) -> Target:
-    """Returns a task with one of our controllers, which the Rust core simulates: only it has the axes of all spaces."""
+    """Returns a task with one of our controllers, which the Rust core simulates: only it has the axes of all spaces. ``folder`` is the
+    working folder of a simulator, which the Rust core asks."""
     check_applicable(options, ("policy", "preset", "axes", "requirements", *NATIVE_OPTIONS), f"a task in the space {space!r}")
     policy = options.get("policy")
     if not isinstance(policy, (str, os.PathLike)):
@@ -488,7 +513,8 @@ def _task_in_space(
             "space to test another policy from the initial states"
         )
     noise = (options.get("stochastic", False), options.get("action_noise", 0.0), options.get("observation_noise", 0.0))
-    native = _native.Target.of_task(task, os.fspath(policy), options.get("preset", "paper"), space, axis_settings(options), noise)
+    preset = options.get("preset", "paper")
+    native = _native.Target.of_task(task, os.fspath(policy), preset, space, axis_settings(options), noise, folder)
     return _in_named_space(native, NativeSystem(native.signals), formula, space, options, check)
 
 

@@ -181,9 +181,12 @@ impl PyTarget {
     }
 
     /// Returns a task with one of our controllers in a space of the task, as the command line
-    /// simulates it. The last argument says whether actions are sampled, and the standard
-    /// deviations of the noise of actions and observations.
+    /// simulates it. `noise` says whether actions are sampled, and the standard deviations of the
+    /// noise of actions and observations; `folder` is the working folder of a simulator, whose
+    /// command the user wrote.
     #[staticmethod]
+    #[pyo3(signature = (task, controller, preset, space, axes, noise, folder=None))]
+    #[expect(clippy::too_many_arguments, reason = "Python passes them")]
     fn of_task(
         py: Python<'_>,
         task: &str,
@@ -192,8 +195,11 @@ impl PyTarget {
         space: &str,
         axes: BTreeMap<String, SettingArgument>,
         noise: (bool, f64, f64),
+        folder: Option<String>,
     ) -> PyResult<Self> {
+        let is_typed = folder.is_some();
         let plan = task_plan(task, controller, preset, space, axes, noise);
+        let plan = Plan { folder: folder.unwrap_or_default(), is_typed, ..plan };
         let resolved = py.detach(|| {
             let checked = Plan { falsify: Some(FalsifyPlan::default()), ..plan.clone() };
             ResolvedPlan::new(&checked)

@@ -1,75 +1,93 @@
-"""Systems that are processes of their own."""
+"""Simulators that are programs of their own."""
 
-import pickle
+import pathlib
 import subprocess
 import sys
+import tempfile
 import unittest
 import warnings
 
 import mishandle
-from mishandle import Axis, JsonProcess
-from mishandle.policies import policy_hash
+from mishandle import Axis, InvalidTypeError, InvalidValueError, MishandleError, Process
 
 CHILD = """
 import json, os, sys, time
 for line in sys.stdin:
-    given = json.loads(line)
-    if given["a"] > 0.8:
-        time.sleep(3)
-    if given["a"] < 0.1:
-        sys.exit(3)
-    print(json.dumps({"y": [given["a"]] * 2, "process": [os.getpid()] * 2, "seed": [given.get("seed", -1)] * 2}), flush=True)
+    question = json.loads(line)
+    answer = {"id": question["id"]}
+    if question["type"] == "hello":
+        answer |= {"protocol": 1, "name": "child", "control_dt": 1.0, "steps": 1, "seeded": True, "time_limit": 1}
+        answer["axes"] = [{"name": "a", "unit": "", "low": 0, "high": 1, "nominal": 0.5}]
+        answer["signals"] = [{"name": name, "unit": ""} for name in ("y", "process", "seed")]
+        answer["formulas"] = [{"name": "small", "text": "always(y <= 2)"}]
+    else:
+        a = question["scenario"]["a"]
+        if a > 0.8:
+            time.sleep(3)
+        if a < 0.1:
+            sys.exit("out of range")
+        answer["trace"] = {"y": [a] * 2, "process": [os.getpid()] * 2, "seed": [int(question["seed"]) % 1000] * 2}
+    print(json.dumps(answer), flush=True)
 """
-
-SPACE = [Axis("a", 0, 1, nominal=0.5)]
 
 
 class Processes(unittest.TestCase):
-    def simulate(self, system, a, **options):
-        return mishandle.simulate(system, "always(y <= 2)", SPACE, at={"a": a}, **options)[0]
+    def setUp(self):
+        folder = tempfile.TemporaryDirectory()
+        self.addCleanup(folder.cleanup)
+        self.folder = pathlib.Path(folder.name)
+        (self.folder / "child.py").write_text(CHILD)
+        self.child = Process([sys.executable, "child.py"], folder=self.folder)
 
-    def test_the_late_answer_of_a_scenario_is_never_that_of_the_next(self):
-        with JsonProcess([sys.executable, "-c", CHILD]) as child:
-            first = self.simulate(child, 0.5)
-            self.assertEqual(self.simulate(child, 0.5).trace["process"][0], first.trace["process"][0])
-            self.assertEqual(self.simulate(child, 0.9, time_limit=0.5).end, "timed out in control step 0")
-            found = self.simulate(child, 0.25, time_limit=10)
-            self.assertEqual(found.robustness, 1.75)
-            self.assertNotEqual(found.trace["process"][0], first.trace["process"][0])
+    def simulate(self, a, **options):
+        return mishandle.simulate(self.child, at={"a": a}, **options)[0]
 
-    def test_a_process_that_ends_is_a_crash_and_starts_again(self):
-        with JsonProcess([sys.executable, "-c", CHILD]) as child:
-            found = self.simulate(child, 0.05)
-            self.assertEqual(found.end, "crashed in control step 0")
-            self.assertIn("exit code 3 instead of an answer", found.exceptions[0])
-            self.assertEqual(self.simulate(child, 0.5).robustness, 1.5)
+    def test_the_program_states_its_axes_and_its_formula(self):
+        found = self.simulate(0.5)
+        self.assertEqual(found.robustness, 1.5)
+        result = mishandle.falsify(self.child, "always(y <= 0.6)", trials=1, budget=60, search="random", out=self.folder / "run.sqlite")
+        self.assertEqual(result.falsified_trials, 1)
 
-    def test_a_process_gets_a_seed_if_it_names_a_key_for_it(self):
-        for key, seed in [(None, -1), ("seed", 7)]:
-            with JsonProcess([sys.executable, "-c", CHILD], seed=key) as child:
-                self.assertEqual(self.simulate(child, 0.5, seed=7).trace["seed"][0], seed)
+    def test_failures_are_typed_ends_without_verdict_and_keep_their_reason(self):
+        late = self.simulate(0.9)
+        self.assertIn("time limit", late.end.replace("timed out", "time limit"))
+        self.assertIsNone(late.robustness)
+        crashed = self.simulate(0.05)
+        self.assertIn("crashed", crashed.end.replace("failed", "crashed"))
+        self.assertIsNone(crashed.robustness)
+        self.assertEqual(self.simulate(0.25).robustness, 1.75)
 
-    def test_a_copy_starts_a_process_of_its_own(self):
-        with JsonProcess([sys.executable, "-c", CHILD], seed="seed") as child:
-            before = policy_hash(child)
-            self.simulate(child, 0.5)
-            self.assertEqual(policy_hash(child), before)
-            with pickle.loads(pickle.dumps(child)) as copy:
-                self.assertEqual(self.simulate(copy, 0.5).robustness, 1.5)
-        self.assertNotEqual(policy_hash(JsonProcess([sys.executable, "-c", CHILD + " "])), before)
+    def test_a_replay_of_a_run_needs_the_permission_for_programs(self):
+        run = self.folder / "run.sqlite"
+        mishandle.evaluate(self.child, episodes=3, out=run)
+        with self.assertRaisesRegex(MishandleError, "MISHANDLE_ALLOW_PROGRAMS"):
+            mishandle.replay(run, 1, 1)
 
-    def test_a_process_that_outlives_a_time_limit_is_reported(self):
-        child = subprocess.Popen([sys.executable, "-c", CHILD], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
+    def test_what_does_not_fit_is_an_error(self):
+        with self.assertRaises(InvalidTypeError):
+            Process(7)
+        with self.assertRaises(InvalidValueError):
+            Process(" ")
+        with self.assertRaisesRegex(InvalidTypeError, "space of a Process"):
+            mishandle.simulate(self.child, space=[Axis("a", 0, 1)], at={"a": 0.5})
+        with self.assertRaisesRegex(InvalidTypeError, "policy of a Process"):
+            mishandle.simulate(self.child, policy=lambda observation: [0.0], at={"a": 0.5})
+        with self.assertRaisesRegex(MishandleError, "no-such-program"):
+            mishandle.simulate(Process("no-such-program"), at={"a": 0.5})
+
+    def test_a_process_that_outlives_a_time_limit_of_a_function_is_reported(self):
+        program = "import sys, time\nfor line in sys.stdin: time.sleep(3); print(line, flush=True)"
+        child = subprocess.Popen([sys.executable, "-c", program], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
 
         def ask(scenario):
-            child.stdin.write(f'{{"a": {scenario["a"]}}}\n')
+            child.stdin.write(f"{scenario['a']}\n")
             child.stdin.flush()
-            return {"y": [float(child.stdout.readline().split("[")[1].split(",")[0])] * 2}
+            return {"y": [float(child.stdout.readline())] * 2}
 
         with child:
             with warnings.catch_warnings(record=True) as caught:
                 warnings.simplefilter("always")
-                self.simulate(ask, 0.9, time_limit=0.5, version="1")
+                mishandle.simulate(ask, "always(y <= 2)", [Axis("a", 0, 1)], at={"a": 0.9}, time_limit=0.5, version="1")
             self.assertIn(f"the process {child.pid} that the function talks to still runs", str(caught[0].message))
             child.kill()
 

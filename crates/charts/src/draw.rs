@@ -260,7 +260,8 @@ impl Ranged for Places {
 
     fn map(&self, place: &f64, (first, last): (i32, i32)) -> i32 {
         let [low, high] = self.ends;
-        first + (f64::from(last - first) * (place - low) / (high - low)).round() as i32
+        // Far outside of the axis, a place has no pixel; the nearest number stands for it.
+        first.saturating_add((f64::from(last - first) * (place - low) / (high - low)).round() as i32)
     }
 
     fn key_points<Hint: KeyPointHint>(&self, hint: Hint) -> Vec<f64> {

@@ -218,6 +218,18 @@ impl Axis {
         if self.levels().is_some() && (self.low.fract() != 0.0 || self.high.fract() != 0.0) {
             return Err(error("the bounds of a discrete axis must be whole numbers"));
         }
+        let largest = if self.levels().is_some() { LARGEST_WHOLE } else { LARGEST };
+        if self.low.abs().max(self.high.abs()) > largest {
+            return Err(error(match self.levels() {
+                Some(_) => {
+                    "the bounds of a discrete axis must be at most 2^53, the largest exact whole number"
+                }
+                None => "the bounds must be at most 1e150",
+            }));
+        }
+        if self.values == AxisValues::Logarithmic && self.low < 1.0 / LARGEST {
+            return Err(error("the lower bound of a logarithmic axis must be at least 1e-150"));
+        }
         match self.nominal {
             None if self.kind != AxisKind::Noise => Err(error("only a noise axis may have no nominal value")),
             Some(nominal) if !nominal.is_finite() => Err(error("the nominal value must be finite")),
@@ -225,6 +237,12 @@ impl Axis {
         }
     }
 }
+
+/// Largest bound: widths of ranges, ratios of bounds and squares stay finite.
+const LARGEST: f64 = 1e150;
+
+/// Largest bound of a discrete axis: 2^53, up to which each whole number is exact.
+const LARGEST_WHOLE: f64 = 9_007_199_254_740_992.0;
 
 /// One value per axis of a [`Space`], in the order of the axes and in SI units.
 ///
@@ -490,6 +508,17 @@ mod tests {
         assert!((gain.at(0.5) - 1.0).abs() < 1e-15);
         assert_eq!((gain.at(0.0), gain.at(1.0)), (0.25, 4.0));
         assert!((gain.unit_coordinate(2.0) - 0.75).abs() < 1e-15);
+    }
+
+    #[test]
+    fn bounds_whose_widths_or_ratios_are_not_finite_or_not_exact_are_refused() {
+        let is_possible = |values, low, high| Space::new("s", vec![axis(values, low, high)]).is_ok();
+        assert!(is_possible(AxisValues::Continuous, -1e150, 1e150));
+        assert!(!is_possible(AxisValues::Continuous, -1e308, 1e308));
+        assert!(is_possible(AxisValues::Logarithmic, 1e-150, 1e150));
+        assert!(!is_possible(AxisValues::Logarithmic, 1e-320, 1.0));
+        assert!(is_possible(AxisValues::Integer, 0.0, 9_007_199_254_740_992.0));
+        assert!(!is_possible(AxisValues::Integer, 0.0, 1e30));
     }
 
     #[test]

@@ -17,6 +17,9 @@ use crate::hello::{
 /// Largest number of control steps.
 const MAX_STEPS: usize = 1_000_000;
 
+/// Longest episode, s: about 30,000 years, so that all times are finite and distinct.
+const MAX_DURATION: f64 = 1e12;
+
 /// Largest number of numbers of a trace.
 const MAX_NUMBERS: usize = 1 << 24;
 
@@ -84,6 +87,12 @@ impl Description {
         }
         if !(1..=MAX_STEPS).contains(&steps) {
             return Err(format!("{steps} control steps; from 1 to {MAX_STEPS} are possible"));
+        }
+        if control_dt * steps as f64 > MAX_DURATION {
+            return Err(format!(
+                "an episode of {} s; at most {MAX_DURATION} s are possible",
+                control_dt * steps as f64
+            ));
         }
         let (axes, spaces) = axes_and_spaces(hello)?;
         let signals = signals(hello)?;

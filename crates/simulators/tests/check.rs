@@ -39,6 +39,7 @@ fn each_broken_rule_fails_its_check_with_a_way_out() {
     for (changes, failing, advice) in [
         ("sys.exit(1)".to_string(), "hello", "ended"),
         ("HELLO['formulas'] = []".to_string(), "hello", "--formula"),
+        ("HELLO['control_dt'] = 1e308".to_string(), "hello", "an episode of"),
         ("def simulate(q): return {'error': 'no'}".to_string(), "nominal", "the error `no`"),
         (
             "def simulate(q): return {'trace': {'level': [0, None, 0, 0, 0, 0], 'inflow': [0] * 6}}".to_string(),
