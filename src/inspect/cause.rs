@@ -2,7 +2,7 @@
 //! nominal.
 
 use mishandle_evaluation::{Estimate, wilson};
-use mishandle_falsification::{norms, off_nominal};
+use mishandle_falsification::{distance, off_nominal};
 use mishandle_results::Cause;
 use mishandle_rollout::{Axis, AxisValues, Scenario, Space};
 use mishandle_store::{RunFile, Simulation};
@@ -45,9 +45,8 @@ pub(crate) fn isolation(run: &RunFile, trial: u32) -> Result<Option<Isolation>, 
     let axes: Vec<Axis> = run.header().axes.iter().map(recorded_axis).collect();
     let space = Space::new(&run.header().space, axes)?;
     let off = |simulation: &Simulation| off_nominal(&space, &Scenario::new(simulation.scenario.clone()));
-    let distance = |simulation: &Simulation| {
-        let l1 = norms(&space, &Scenario::new(simulation.scenario.clone())).l1;
-        (off(simulation).len(), l1)
+    let order = |simulation: &Simulation| {
+        (off(simulation).len(), distance(&space, &Scenario::new(simulation.scenario.clone())))
     };
     let scenario = |simulation: &Simulation| Scenario::new(simulation.scenario.clone());
     // What other seeds say is true of the scenario that has them.
@@ -55,7 +54,7 @@ pub(crate) fn isolation(run: &RunFile, trial: u32) -> Result<Option<Isolation>, 
     let is_repeated = |row: &&Simulation| repeated.as_ref().is_none_or(|at| at.is_same(&scenario(row)));
     let failing = rows.iter().filter(|row| row.seed == original.seed && row.is_violated());
     let closest = failing.chain([&original]).filter(is_repeated).min_by(|a, b| {
-        let (a, b) = (distance(a), distance(b));
+        let (a, b) = (order(a), order(b));
         a.0.cmp(&b.0).then(a.1.total_cmp(&b.1))
     });
     let closest = closest.unwrap_or(&original).clone();

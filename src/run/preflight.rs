@@ -11,6 +11,7 @@ use mishandle_stl::{Clock, Formula, Monitor, Trace, is_satisfied};
 use crate::error::MishandleError;
 use crate::plan::Plan;
 use crate::resolve::{ResolvedPlan, contract_warnings};
+use crate::run::end_text;
 use crate::run::violation::decided;
 
 /// Time that the probes take at most, unless they are less than [`SHARE`] of the question.
@@ -35,8 +36,8 @@ const MAX_LEVELS: usize = 5;
 /// The first probe is the nominal scenario. The next ones set each axis to its bounds, and to its
 /// nominal value if the bounds agree. If that changes no trace, another start does the same again.
 /// The probes end after a second or one percent of the question's simulations, whichever is more,
-/// for each of the two starts. A probe without a verdict is skipped: the question itself reports
-/// it.
+/// for each of the two starts. A probe that fails is skipped: the question itself reports such
+/// simulations. If the nominal one fails, few others may succeed, so that is a warning.
 ///
 /// # Errors
 /// If the requirement does not fit the signals, the policy of a target file cannot act, or the
@@ -50,6 +51,7 @@ pub(crate) fn preflight(resolved: &ResolvedPlan) -> Result<Vec<String>, Mishandl
     let start = Instant::now();
     let nominal = Request::new(resolved.space.nominal(), seed);
     let Some(nominal) = rollout(&mut *system, vec![nominal])?.pop() else { return Ok(warnings) };
+    warnings.extend(failed(&nominal, resolved));
     let each = start.elapsed().as_secs_f64().max(1e-6);
     let in_time = (TIME.as_secs_f64() / each) as usize;
     let limit = in_time.max((SHARE * simulations(&resolved.plan)) as usize);
@@ -61,6 +63,17 @@ pub(crate) fn preflight(resolved: &ResolvedPlan) -> Result<Vec<String>, Mishandl
     requirement(resolved, &probes, &mut warnings)?;
     // A run file has short texts, and nobody reads a long one.
     Ok(warnings.into_iter().map(|warning| warning.chars().take(MAX_CHARACTERS).collect()).collect())
+}
+
+/// Warns of a nominal scenario that a simulator or a controller cannot simulate.
+fn failed(nominal: &Episode, resolved: &ResolvedPlan) -> Option<String> {
+    let ends = matches!(
+        nominal.end,
+        EpisodeEnd::Crashed { .. } | EpisodeEnd::TimedOut { .. } | EpisodeEnd::InvalidScenario
+    );
+    let names: Vec<&str> = resolved.signals.iter().map(|signal| signal.name.as_str()).collect();
+    let reason = if nominal.reason.is_empty() { String::new() } else { format!(": {}", nominal.reason) };
+    ends.then(|| format!("the nominal scenario has no verdict: {}{reason}", end_text(nominal.end, &names)))
 }
 
 /// Returns the number of simulations that a question plans.

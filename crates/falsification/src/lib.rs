@@ -57,8 +57,8 @@ pub use falsification::{Falsification, FalsificationBatch, FalsificationSettings
 pub use isolate::{isolate, isolation_budget};
 pub use keep_going::{KeepGoing, SignatureOf, simulations_without_mode};
 pub use margin::{
-    Margin, MarginSettings, Narrowed, Witness, category_axes, check_margin, each_category, each_fault,
-    has_margin, margin, norms,
+    Margin, MarginSettings, Narrowed, Witness, category_axes, check_margin, distance, each_category,
+    each_fault, has_margin, margin, norms,
 };
 pub use minimize::{Minimized, axes_off_nominal, is_close, minimize, off_nominal};
 pub use modes::{

@@ -38,12 +38,30 @@ pub fn norms(space: &Space, scenario: &Scenario) -> Norms {
     })
 }
 
+/// Returns how far a scenario is from nominal: the sum of the offsets of all its axes, those of the
+/// initial state too. Categories are not far from each other.
+pub fn distance(space: &Space, scenario: &Scenario) -> f64 {
+    let is_ordered = |axis: &Axis| !matches!(axis.values, AxisValues::Categorical(_));
+    offsets_of(space, scenario, is_ordered).sum()
+}
+
 /// Returns the offsets of the disturbed axes, each from 0 to 1.
 pub(super) fn offsets<'a>(space: &'a Space, scenario: &'a Scenario) -> impl Iterator<Item = f64> + 'a {
-    let pairs = space.axes().iter().zip(scenario.values()).filter(|(axis, _)| is_disturbed(axis));
+    offsets_of(space, scenario, is_disturbed)
+}
+
+/// Returns the offsets of some axes, each from 0 to 1 within the bounds of its axis.
+fn offsets_of<'a>(
+    space: &'a Space,
+    scenario: &'a Scenario,
+    is_asked: impl Fn(&Axis) -> bool + 'a,
+) -> impl Iterator<Item = f64> + 'a {
+    let pairs = space.axes().iter().zip(scenario.values()).filter(move |(axis, _)| is_asked(axis));
     pairs.filter_map(|(axis, value)| {
         let (nominal, value) = (axis.unit_coordinate(axis.nominal?), axis.unit_coordinate((*value)?));
         let room = if value < nominal { nominal - lowest(axis) } else { 1.0 - lowest(axis) - nominal };
+        // An initial state may be where the range ends, or beyond.
+        let room = if room > 0.0 { room } else { 1.0 };
         Some(if value == nominal { 0.0 } else { (value - nominal).abs() / room })
     })
 }

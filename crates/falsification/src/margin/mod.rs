@@ -15,7 +15,7 @@ use mishandle_rollout::{Episode, Seed, Space, System};
 use mishandle_stl::is_satisfied;
 
 use crate::{FalsificationError, minimize};
-pub use amplitude::norms;
+pub use amplitude::{distance, norms};
 use amplitude::{is_disturbed, offsets};
 use attempt::Attempt;
 pub use categories::{Narrowed, category_axes, each_category, each_fault};

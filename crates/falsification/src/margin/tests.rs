@@ -376,6 +376,23 @@ fn an_exhaustive_claim_holds_for_every_scenario() {
     }
 }
 
+#[test]
+fn the_distance_from_nominal_counts_the_initial_state_and_no_category() {
+    let names = ["a", "b", "c"].map(String::from).to_vec();
+    let axes = vec![
+        Axis { nominal: Some(20.0), ..Axis::start("t0", "degC", 10.0, 25.0) },
+        integer("n", 0.0, 4.0),
+        Axis::new(AxisKind::Model, "season", "", [0.0, 2.0], Some(0.0))
+            .with_values(AxisValues::Categorical(names.into())),
+    ];
+    let space = Space::new("s", axes).unwrap();
+    let at = |values: [f64; 3]| distance(&space, &Scenario::from(values));
+    assert_eq!(at([20.0, 0.0, 0.0]), 0.0);
+    assert!((at([10.0, 0.0, 0.0]) - 1.0).abs() < 1e-12, "its bound is 1 away");
+    assert!((at([22.5, 2.0, 2.0]) - 1.0).abs() < 1e-12, "half of each range");
+    assert!(at([11.0, 0.0, 0.0]) < at([10.5, 0.0, 0.0]));
+}
+
 /// A ridge between 0 and 1 that a bisection does not come back to: it fails above 0.3 near one of
 /// 2¹² vectors of signs, and everywhere above 0.9. All seeds come within 0.01 of each other or
 /// within a factor of 1.3.
