@@ -57,11 +57,11 @@ class Processes(unittest.TestCase):
         self.assertIsNone(crashed.robustness)
         self.assertEqual(self.simulate(0.25).robustness, 1.75)
 
-    def test_a_replay_of_a_run_needs_the_permission_for_programs(self):
+    def test_a_replay_asks_the_program_again(self):
         run = self.folder / "run.sqlite"
-        mishandle.evaluate(self.child, episodes=3, out=run)
-        with self.assertRaisesRegex(MishandleError, "MISHANDLE_ALLOW_PROGRAMS"):
-            mishandle.replay(run, 1, 1)
+        mishandle.evaluate(self.child, episodes=3, out=run, axes={"a": (0.2, 0.7)})
+        again = mishandle.replay(run, self.child, trial=1, number=2, axes={"a": (0.2, 0.7)})
+        self.assertEqual(again.recorded_robustness, again.repetition.robustness)
 
     def test_what_does_not_fit_is_an_error(self):
         with self.assertRaises(InvalidTypeError):
@@ -76,7 +76,7 @@ class Processes(unittest.TestCase):
             mishandle.simulate(Process("no-such-program"), at={"a": 0.5})
 
     def test_a_process_that_outlives_a_time_limit_of_a_function_is_reported(self):
-        program = "import sys, time\nfor line in sys.stdin: time.sleep(3); print(line, flush=True)"
+        program = "import sys, time\nfor line in sys.stdin: time.sleep(3 * (float(line) > 0.8)); print(float(line), flush=True)"
         child = subprocess.Popen([sys.executable, "-c", program], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
 
         def ask(scenario):
