@@ -189,3 +189,42 @@ fn margins_probabilities_and_campaigns_take_a_simulator() {
     bench.refuses("campaign grid.toml --out made", &["MISHANDLE_ALLOW_PROGRAMS=1"]);
     allowed(&bench, bench.path("").as_path(), "campaign grid.toml --out made", 1);
 }
+
+/// Simulators of one axis, the start `t0` with the nominal value 20, and of what `level` follows.
+fn room(answer: &str) -> String {
+    format!(
+        "import json, sys\n\
+         for line in sys.stdin:\n\
+        \x20   q = json.loads(line)\n\
+        \x20   if q['type'] == 'hello': a = {{'protocol': 1, 'name': 'room', 'control_dt': 1.0, 'steps': 1,\n\
+        \x20       'axes': [{{'name': 't0', 'unit': 'degC', 'low': 10.0, 'high': 25.0, 'nominal': 20.0, 'kind': 'start'}}],\n\
+        \x20       'signals': [{{'name': 'temp', 'unit': 'degC'}}],\n\
+        \x20       'formulas': [{{'name': 'warm', 'text': 'always(temp >= 16)'}}]}}\n\
+        \x20   elif q['type'] == 'simulate': t0 = q['scenario']['t0']; {answer}\n\
+        \x20   else: a = {{'error': 'unknown type'}}\n\
+        \x20   print(json.dumps({{'id': q['id'], **a}}), flush=True)\n"
+    )
+}
+
+#[test]
+fn a_counterexample_of_a_start_moves_toward_nominal() {
+    let bench = Bench::new();
+    bench.write("room.py", &room("a = {'trace': {'temp': [t0, t0]}}"));
+    let said = bench.check("falsify --command 'python3 room.py' --trials 1 --seed 1 --out run.sqlite", 1);
+    let moved = said.lines().find(|line| line.starts_with("moved toward nominal")).expect(&said);
+    let value = moved.split("t0 = ").nth(1).and_then(|rest| rest.split(' ').next()).expect(moved);
+    // It fails below 16, and the search found it at the bound 10.
+    let value: f64 = value.parse().unwrap();
+    assert!((15.5..16.0).contains(&value), "{said}");
+}
+
+#[test]
+fn a_nominal_scenario_that_crashes_is_a_warning_with_its_reason() {
+    let bench = Bench::new();
+    bench.write("room.py", &room("sys.exit('no license for the solver')"));
+    let output = bench.run("evaluate --command 'python3 room.py' --episodes 3 --out run.sqlite");
+    assert_eq!(output.status.code(), Some(2));
+    let said = text(&output.stderr);
+    assert!(said.contains("the nominal scenario has no verdict"), "{said}");
+    assert!(said.contains("no license for the solver"), "{said}");
+}
