@@ -70,7 +70,7 @@ class Failures(unittest.TestCase):
         started = time.monotonic()
         with self.assertRaisesRegex(PolicyServerError, f"ws://127.0.0.1:{port} cannot be reached: .*refused.*'openpi' running there"):
             simulate(f"ws://127.0.0.1:{port}", 0.5)
-        self.assertLess(time.monotonic() - started, 10.0)
+        self.assertLess(time.monotonic() - started, 2.0)
         with self.assertRaisesRegex(mishandle.InvalidValueError, "is not the address of a policy server"):
             simulate("ws://", 0.5)
 
@@ -160,12 +160,12 @@ class Failures(unittest.TestCase):
     def test_a_server_that_does_not_read_is_a_time_out(self) -> None:
         with deaf_server() as port:
             policy = PolicyServer(
-                f"ws://127.0.0.1:{port}", observation={"large": lambda observation: np.zeros(10_000_000)}, time_limit=1.0
+                f"ws://127.0.0.1:{port}", observation={"large": lambda observation: np.zeros(2_000_000)}, time_limit=1.0
             )
             started = time.monotonic()
             with self.assertRaisesRegex(mishandle.InvalidStateError, "did not answer within 1 s"):
                 simulate(policy, 0.5)
-            self.assertLess(time.monotonic() - started, 30.0)
+            self.assertLess(time.monotonic() - started, 8.0)
 
     def test_a_killed_server_ends_one_simulation_and_serves_the_next_after_its_restart(self) -> None:
         with process(dies=True) as (server, port):
@@ -228,7 +228,7 @@ class Failures(unittest.TestCase):
             started = time.monotonic()
             child.send_signal(signal.SIGINT)
             _, errors = child.communicate(timeout=20)
-            self.assertLess(time.monotonic() - started, 15.0)
+            self.assertLess(time.monotonic() - started, 5.0)
             self.assertIn("KeyboardInterrupt", errors)
             server.policy = proportional
             done.set()
