@@ -26,33 +26,26 @@ class Examples(unittest.TestCase):
             examples += found.attempted
         self.assertGreater(examples, 20)
 
-    def test_the_page_runs_from_top_to_bottom(self):
-        text = (ROOT / "docs/guide/python.md").read_text()
-        blocks = re.findall(r"```python\n(.*?)```", text, flags=re.DOTALL)
-        self.assertGreaterEqual(len(blocks), 4)
+    def run_page(self, page, least):
+        """Runs the examples of a page, of which there are a least number, in an empty folder, and returns their names."""
+        blocks = re.findall(r"```python\n(.*?)```", (ROOT / page).read_text(), flags=re.DOTALL)
+        self.assertGreaterEqual(len(blocks), least)
         before = os.getcwd()
+        names = {}
         with tempfile.TemporaryDirectory() as folder:
             os.chdir(folder)
             try:
-                names = {}
                 for block in blocks:
-                    exec(compile(block, "docs/guide/python.md", "exec"), names)
+                    exec(compile(block, page, "exec"), names)
             finally:
                 os.chdir(before)
-        self.assertEqual(names["again"].differences, ())
+        return names
+
+    def test_the_page_runs_from_top_to_bottom(self):
+        self.assertEqual(self.run_page("docs/guide/python.md", least=4)["again"].differences, ())
 
     def test_the_page_of_policy_servers_runs(self):
-        text = (ROOT / "docs/guide/policy_servers.md").read_text()
-        blocks = re.findall(r"```python\n(.*?)```", text, flags=re.DOTALL)
-        before = os.getcwd()
-        with tempfile.TemporaryDirectory() as folder:
-            os.chdir(folder)
-            try:
-                names = {}
-                for block in blocks:
-                    exec(compile(block, "docs/guide/policy_servers.md", "exec"), names)
-            finally:
-                os.chdir(before)
+        names = self.run_page("docs/guide/policy_servers.md", least=3)
         names["server"].shutdown()
         # The policy sees 3.2 m to each side.
         self.assertGreater(abs(names["found"].counterexamples[0].scenario["start"]), 3.0)
