@@ -154,7 +154,7 @@ pub fn report(file: &RunFile, path: &Path, options: &Options<'_>) -> Result<Opti
         Measurement::Interrupted => return Ok(None),
         Measurement::Skipped { reason } => {
             report.note_no_simulations(&reason);
-            let said = format!("{}: no simulations: {reason}", path.display());
+            let said = format!("{}: the page has no further simulations: {reason}", path.display());
             bar.line().suspend(|| output::message(&said));
         }
         Measurement::Done => {}
