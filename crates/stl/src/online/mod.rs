@@ -9,9 +9,11 @@ use crate::clock::Clock;
 use crate::error::MonitorError;
 use crate::formula::Formula;
 use crate::pointwise::{self, Undefined};
+use crate::trace::Trace;
 use crate::verdict::{is_satisfied, is_violated};
 use graph::{Graph, Kind};
 use partial::{Buffers, Length, Operand};
+use std::ops::Range;
 use stream::Cell;
 
 /// Number of samples up to which windows are allocated when a monitor is created.
@@ -106,6 +108,8 @@ pub struct OnlineMonitor {
     cells: Vec<Cell>,
     /// The number of signals of a sample.
     signals: usize,
+    /// A sample of a trace.
+    sample: Vec<f64>,
     /// For each node, the number of samples that its bounds belong to.
     bounded: Vec<usize>,
     len: usize,
@@ -138,6 +142,7 @@ impl OnlineMonitor {
             parts,
             cells,
             signals: names.len(),
+            sample: Vec::with_capacity(names.len()),
             bounded,
             len: 0,
             stated: samples,
@@ -202,6 +207,25 @@ impl OnlineMonitor {
             }
         }
         Ok(())
+    }
+
+    /// Adds some samples of a trace of the same signals.
+    ///
+    /// # Errors
+    /// As for [`push`](OnlineMonitor::push), for the first sample with an error. The samples before
+    /// it are added.
+    ///
+    /// # Panics
+    /// If the trace has another number of signals, or not all of these samples.
+    pub fn push_trace(&mut self, trace: &Trace, samples: Range<usize>) -> Result<(), MonitorError> {
+        let mut sample = std::mem::take(&mut self.sample);
+        let result = samples.into_iter().try_for_each(|step| {
+            sample.clear();
+            sample.extend((0..trace.names().len()).map(|column| trace.column(column)[step]));
+            self.push(&sample)
+        });
+        self.sample = sample;
+        result
     }
 
     fn undefined(&self, Undefined { operation, step }: Undefined) -> MonitorError {
