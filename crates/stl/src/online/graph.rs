@@ -38,6 +38,12 @@ pub(super) struct Node {
     pub head: usize,
     /// Whether it is a formula or an operand of a node that is not a state formula.
     pub is_read: bool,
+    /// Whether the bounds at a sample without exact value are the extremum of the exact operands in
+    /// the window, and unknown on the other side: the window contains an unknown sample.
+    pub is_direct: bool,
+    /// The first sample read, if the node has wider bounds at later samples and only one operator
+    /// reads it, which takes the extremum over samples.
+    pub folded: Option<usize>,
 }
 
 impl Node {
@@ -123,6 +129,7 @@ impl Graph {
         }
         graph.find_needs();
         graph.find_memory();
+        graph.find_monotone();
         Ok(graph)
     }
 
@@ -138,6 +145,8 @@ impl Graph {
             keep: 1,
             head: 0,
             is_read: false,
+            is_direct: false,
+            folded: None,
         };
         if let Kind::Apply(operator, window) = kind {
             let [first, last] = operands.map(|operand| &self.nodes[operand]);
@@ -233,6 +242,55 @@ impl Graph {
                     read.head = read.head.max(head);
                 }
             }
+        }
+    }
+
+    /// Finds the nodes whose bounds are wider at later samples. Their extrema are at the ends.
+    fn find_monotone(&mut self) {
+        let mut readers = vec![Vec::new(); self.nodes.len()];
+        for root in &self.roots {
+            readers[*root].push(None);
+        }
+        let mut widens = vec![false; self.nodes.len()];
+        for id in 0..self.nodes.len() {
+            let node = &self.nodes[id];
+            let of_state = node.operands.iter().all(|operand| self.nodes[*operand].is_state);
+            let is_direct = match node.operator() {
+                Some((Operator::Always | Operator::Eventually, window)) => {
+                    !window.is_unbounded() && node.need > 0 && of_state
+                }
+                Some((Operator::Once | Operator::Historically, window)) => {
+                    !window.is_unbounded() && window.begin == 0 && of_state
+                }
+                _ => false,
+            };
+            let is_pointwise = node.operator().is_some_and(|(operator, _)| !operator.is_temporal());
+            let same = |operand: &usize| {
+                let reach = self.nodes[*operand].reach;
+                widens[*operand] && reach.ahead == node.reach.ahead && !reach.is_unbounded
+            };
+            widens[id] = node.is_state || is_direct || (is_pointwise && node.operands.iter().all(same));
+            for operand in node.operands {
+                if !node.is_state && readers[operand].last() != Some(&Some(id)) {
+                    readers[operand].push(Some(id));
+                }
+            }
+            self.nodes[id].is_direct = is_direct;
+        }
+        for id in (0..self.nodes.len()).rev() {
+            let node = &self.nodes[id];
+            let [Some(reader)] = readers[id][..] else { continue };
+            if node.is_state || node.is_direct || !widens[id] {
+                continue;
+            }
+            let reader = &self.nodes[reader];
+            self.nodes[id].folded = match reader.operator() {
+                Some((Operator::Always | Operator::Eventually, window)) => {
+                    (reader.need == 0).then_some(window.begin)
+                }
+                Some((operator, _)) if !operator.is_temporal() => reader.folded,
+                _ => None,
+            };
         }
     }
 }

@@ -261,11 +261,8 @@ impl OnlineMonitor {
                 .map(|operand| Operand { node: &self.graph.nodes[operand], cell: &operands[operand] });
             partial::bound(node, &mut cells[0], operands, length, &mut self.buffers);
         }
-        let Cell { low, high, .. } = &self.cells[root];
-        match (low.first(), high.first()) {
-            (Some(low), Some(high)) => Bounds { low: *low, high: *high },
-            _ => Bounds::UNKNOWN,
-        }
+        let (low, high) = Operand { node: &self.graph.nodes[root], cell: &self.cells[root] }.bounds(0);
+        Bounds { low, high }
     }
 
     /// Returns the verdict of formula `i` at time 0 if every continuation of the trace has it.
@@ -308,6 +305,11 @@ impl OnlineMonitor {
     pub fn needed_samples(&self, i: usize) -> (usize, bool) {
         let reach = self.graph.nodes[self.graph.roots[i]].reach;
         (reach.ahead.saturating_add(1), reach.is_unbounded)
+    }
+
+    /// Returns the number of distinct operators of the formulas.
+    pub fn operators(&self) -> usize {
+        self.graph.nodes.iter().filter(|node| node.operator().is_some()).count()
     }
 
     /// Returns the number of samples.

@@ -65,14 +65,33 @@ impl Operand<'_> {
             return side.unknown();
         }
         let Some(unknown) = sample.checked_sub(self.cell.len) else { return self.cell.exact(sample) };
+        if self.node.is_direct {
+            return self.direct(sample, side);
+        }
         let values = match side {
             Side::Low => &self.cell.low,
             Side::High => &self.cell.high,
         };
-        match values.len() {
+        match (values.len(), self.node.folded) {
             // A state formula.
-            0 => side.unknown(),
-            len => values[unknown.min(len - 1)],
+            (0, _) => side.unknown(),
+            (_, Some(begin)) => values[usize::from(sample > begin.max(self.cell.len))],
+            (len, None) => values[unknown.min(len - 1)],
+        }
+    }
+
+    /// Returns a bound of a node with [`Node::is_direct`].
+    fn direct(self, sample: usize, side: Side) -> f64 {
+        let Some((operator, window)) = self.node.operator() else { return side.unknown() };
+        let (begin, known) = match operator {
+            Operator::Eventually => (sample.saturating_add(window.begin), Side::Low),
+            Operator::Always => (sample.saturating_add(window.begin), Side::High),
+            Operator::Once => (sample.saturating_sub(window.end), Side::Low),
+            _ => (sample.saturating_sub(window.end), Side::High),
+        };
+        match side == known {
+            true => self.cell.suffix(begin).unwrap_or(side.unknown()),
+            false => side.unknown(),
         }
     }
 
@@ -80,17 +99,33 @@ impl Operand<'_> {
     fn both(self, sample: usize) -> (f64, f64) {
         match constant(self.node) {
             Some(value) => (value, value),
-            None => (self.at(sample, Side::Low), self.at(sample, Side::High)),
+            None => self.bounds(sample),
         }
+    }
+
+    /// Returns the least and the greatest value at a sample.
+    pub fn bounds(self, sample: usize) -> (f64, f64) {
+        (self.at(sample, Side::Low), self.at(sample, Side::High))
     }
 
     /// Returns a sample from which on the bounds do not change.
     fn top(self) -> usize {
+        if self.node.is_direct {
+            let end = self.node.operator().map_or(0, |(_, window)| window.end);
+            return self.cell.len.saturating_add(end).saturating_add(1);
+        }
         self.cell.len + self.cell.low.len().saturating_sub(1)
     }
 
     /// Returns the extremum of the bounds at these samples.
     fn fold(self, pick: Pick, samples: std::ops::Range<usize>, side: Side) -> f64 {
+        if (self.node.is_direct || self.node.folded.is_some()) && samples.start >= self.cell.len {
+            // The bounds are monotone.
+            return match samples.is_empty() {
+                true => pick.neutral(),
+                false => pick.of(self.at(samples.start, side), self.at(samples.end - 1, side)),
+            };
+        }
         let end = samples.end.min(self.top().max(samples.start).saturating_add(1));
         (samples.start..end).fold(pick.neutral(), |best, sample| pick.of(best, self.at(sample, side)))
     }
@@ -115,13 +150,28 @@ pub(super) fn bound(
     let (mut low, mut high) = (std::mem::take(&mut cell.low), std::mem::take(&mut cell.high));
     low.clear();
     high.clear();
-    let Some((operator, window)) = node.operator().filter(|_| !node.is_state && cell.len <= node.need) else {
+    let Some((operator, window)) =
+        node.operator().filter(|_| !node.is_state && !node.is_direct && cell.len <= node.need)
+    else {
         (cell.low, cell.high) = (low, high);
         return;
     };
     let first = cell.len;
     let last = node.need.min(length.pushed.saturating_add(node.slack.min(MAX_SLACK))).max(first);
     let [x, y] = operands;
+    if let Some(begin) = node.folded {
+        // Samples after the last one that is decided do not matter.
+        let end =
+            length.stated.map_or(last, |samples| last.min(node.reach.decided(samples).saturating_sub(1)));
+        let begin = begin.max(first);
+        for sample in [begin, end.max(begin)] {
+            let bounds = pointwise_bounds(operator, x.both(sample), y.both(sample));
+            low.push(bounds.0);
+            high.push(bounds.1);
+        }
+        (cell.low, cell.high) = (low, high);
+        return;
+    }
     if !operator.is_temporal() || matches!(operator, Operator::Rise | Operator::Fall) {
         for sample in first..=last {
             let bounds = match operator {
@@ -319,11 +369,13 @@ impl Evaluation<'_> {
             Operator::Unless => pick.dual().neutral(),
             _ => pick.neutral(),
         };
-        let top = self.x.top().max(self.y.top()).max(begin);
-        let end = end.min(top.saturating_add(1));
         let has_exact = accumulated.next > accumulated.from;
         let partial = if has_exact { accumulated.next } else { begin };
-        for sample in (partial..end).rev() {
+        if self.operator.arity() == 1 && self.node.need == 0 {
+            return pick.of(accumulated.all.q, self.x.fold(pick, partial..end, side));
+        }
+        let top = self.x.top().max(self.y.top()).max(begin);
+        for sample in (partial..end.min(top.saturating_add(1))).rev() {
             value = self.function(sample, side).apply(pick, value);
         }
         if has_exact {
