@@ -34,6 +34,7 @@
 
 mod bounds;
 mod clock;
+mod dense;
 mod diagnosis;
 mod error;
 mod explain;
@@ -57,6 +58,9 @@ mod until;
 mod verdict;
 
 pub use clock::{Clock, TimeUnit};
+pub use dense::{
+    Breakpoint, DenseError, DenseMonitor, DenseRobustness, DenseSignal, Interpolation, Violation,
+};
 pub use diagnosis::{DecisivePredicate, DecisiveSubformula, Diagnosis};
 pub use error::{MonitorError, ParseError, Position, name_hint};
 pub use explain::EvaluationTime;

@@ -62,7 +62,7 @@ pub(crate) fn apply(
     Err(Undefined { operation, step })
 }
 
-fn compute(operator: Operator, x: Values<'_>, y: Values<'_>, out: &mut [f64]) {
+pub(crate) fn compute(operator: Operator, x: Values<'_>, y: Values<'_>, out: &mut [f64]) {
     match operator {
         Operator::Negate | Operator::Not => map_with(x, out, |x| -x),
         Operator::Abs => map_with(x, out, f64::abs),

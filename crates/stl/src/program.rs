@@ -178,7 +178,7 @@ impl Program {
 }
 
 /// Returns the columns and names of the signals that the formula reads.
-fn columns(formula: &Formula, names: &[String]) -> Result<Vec<(usize, String)>, MonitorError> {
+pub(crate) fn columns(formula: &Formula, names: &[String]) -> Result<Vec<(usize, String)>, MonitorError> {
     if let Some(definition) = formula.defined.iter().find(|definition| names.contains(&definition.name)) {
         return Err(MonitorError::ShadowsSignal { name: definition.name.clone() });
     }
