@@ -1,4 +1,5 @@
-//! Dense time against the reference evaluator of discrete time, on grids that make both equal or close.
+//! Dense time against the reference evaluator of discrete time, on grids that make both equal or
+//! close.
 #![allow(clippy::unwrap_used)] // clippy's setting for tests does not cover helper functions
 
 #[allow(dead_code, reason = "the laws use the rest")]
@@ -6,7 +7,7 @@ mod naive;
 
 use mishandle_stl::{
     Clock, DenseError, DenseMonitor, DenseRobustness, DenseSignal, Formula, Interpolation, Monitor, TimeUnit,
-    Trace,
+    Trace, is_satisfied,
 };
 use naive::{Interval, NAMES, Random, Tree};
 use std::sync::Arc;
@@ -41,8 +42,8 @@ fn random_tree(random: &mut Random, size: usize, n: usize) -> Tree {
     }
 }
 
-/// Returns the discrete-time formula of the dense-time one on a grid of `factor` samples per second. `until` and its
-/// relatives need their left operand at t′, too.
+/// Returns the discrete-time formula of the dense-time one on a grid of `factor` samples per
+/// second. `until` and its relatives need their left operand at t′, too.
 fn on_grid(tree: &Tree, factor: usize) -> Tree {
     let window = |window: &Interval| {
         window.map(|(begin, end)| (begin * factor, if end == usize::MAX { end } else { end * factor }))
@@ -72,8 +73,9 @@ fn random_samples(random: &mut Random, n: usize, is_complete: bool) -> (Vec<f64>
     (times, values)
 }
 
-/// Signals that hold change at whole seconds only. So does every sub-formula with whole bounds, and dense time equals
-/// discrete time on a trace with a sample for each whole second and one for each time between two of them.
+/// Signals that hold change at whole seconds only. So does every sub-formula with whole bounds, and
+/// dense time equals discrete time on a trace with a sample for each whole second and one for each
+/// time between two of them.
 #[test]
 fn held_signals_equal_the_discrete_definitions_at_instants_and_between_them() {
     let mut random = Random(44);
@@ -94,7 +96,7 @@ fn held_signals_equal_the_discrete_definitions_at_instants_and_between_them() {
             signals.push(DenseSignal::new(*name, times, values, Interpolation::Hold).unwrap());
         }
         let grid = on_grid(&tree, 2);
-        let expected = grid.evaluate(&columns);
+        let (expected, holds) = (grid.evaluate(&columns), grid.holds(&columns));
         let monitor = monitor(&text);
         let found = monitor.robustness_signal(&signals).unwrap();
         let context = format!("{text} on {signals:?}: {found:?}");
@@ -102,6 +104,8 @@ fn held_signals_equal_the_discrete_definitions_at_instants_and_between_them() {
         for (element, expected) in expected.iter().enumerate() {
             let time = element as f64 / 2.0;
             assert_eq!(found.at(time), Some(*expected), "at {time}: {context}");
+            // The verdict is Boolean, also if the robustness is zero.
+            assert_eq!(found.at(time).map(is_satisfied), Some(holds[element]), "at {time}: {context}");
             if element % 2 == 1 {
                 assert_eq!(found.at(time + 0.25), Some(*expected), "at {time} + 0.25: {context}");
             }
@@ -122,7 +126,8 @@ fn held_signals_equal_the_discrete_definitions_at_instants_and_between_them() {
     }
 }
 
-/// The largest slope of a sub-formula, and how far its values on a grid are from those in dense time.
+/// The largest slope of a sub-formula, and how far its values on a grid are from those in dense
+/// time.
 fn error_bound(tree: &Tree, slope: f64, step: f64) -> (f64, f64) {
     match tree {
         Tree::Number(_) => (0.0, 0.0),
@@ -154,8 +159,8 @@ fn is_close(found: f64, expected: f64, bound: f64) -> bool {
     found == expected || (found - expected).abs() <= bound
 }
 
-/// A linear signal changes by at most slope · step between two samples of a grid, so every value in dense time is close
-/// to that in discrete time on the grid.
+/// A linear signal changes by at most slope · step between two samples of a grid, so every value in
+/// dense time is close to that in discrete time on the grid.
 #[test]
 fn linear_signals_are_close_to_the_discrete_definitions_on_a_fine_grid() {
     const PER_SECOND: usize = 16;
@@ -228,8 +233,9 @@ fn check_shape(found: &DenseRobustness, text: &str) {
     }
 }
 
-/// The relation to discrete time: with samples at whole multiples of a period that hold, and bounds that are multiples
-/// of it, the decided values at the samples are equal, except of formulas with `until`, `since`, `release` and `unless`.
+/// The relation to discrete time: with samples at whole multiples of a period that hold, and bounds
+/// that are multiples of it, the decided values at the samples are equal, except of formulas with
+/// `until`, `since`, `release` and `unless`.
 #[test]
 fn held_samples_of_a_period_have_the_values_of_discrete_time_at_the_samples() {
     let mut random = Random(46);
