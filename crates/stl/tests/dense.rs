@@ -2,14 +2,14 @@
 //! close.
 #![allow(clippy::unwrap_used)] // clippy's setting for tests does not cover helper functions
 
-#[allow(dead_code, reason = "the laws use the rest")]
+#[allow(dead_code, reason = "these tests use a part of it")]
 mod naive;
 
 use mishandle_stl::{
     Clock, DenseError, DenseMonitor, DenseRobustness, DenseSignal, Formula, Interpolation, Monitor, TimeUnit,
     Trace, is_satisfied,
 };
-use naive::{Interval, NAMES, Random, Tree};
+use naive::{NAMES, Random, Tree};
 use std::sync::Arc;
 
 fn names() -> Arc<[String]> {
@@ -22,43 +22,12 @@ fn monitor(text: &str) -> DenseMonitor {
         .unwrap_or_else(|error| panic!("{text}: {error}"))
 }
 
-/// Returns whether the tree has an operator that reads the next or previous sample.
-fn has_neighbors(tree: &Tree) -> bool {
-    let is_neighbor = |name: &str| naive::ONE.contains(&name) && name != "not";
-    match tree {
-        Tree::Number(_) | Tree::Signal(_) => false,
-        Tree::One(name, _, x) => is_neighbor(name) || has_neighbors(x),
-        Tree::Two(_, _, x, y) => has_neighbors(x) || has_neighbors(y),
-    }
-}
-
 /// Returns a random formula that has a meaning in dense time.
 fn random_tree(random: &mut Random, size: usize, n: usize) -> Tree {
     loop {
         let tree = Tree::random(random, size, n);
-        if !has_neighbors(&tree) {
+        if !tree.has_neighbors() {
             return tree;
-        }
-    }
-}
-
-/// Returns the discrete-time formula of the dense-time one on a grid of `factor` samples per
-/// second. `until` and its relatives need their left operand at t′, too.
-fn on_grid(tree: &Tree, factor: usize) -> Tree {
-    let window = |window: &Interval| {
-        window.map(|(begin, end)| (begin * factor, if end == usize::MAX { end } else { end * factor }))
-    };
-    let sub = |tree: &Tree| Box::new(on_grid(tree, factor));
-    match tree {
-        Tree::Number(_) | Tree::Signal(_) => tree.clone(),
-        Tree::One(name, bounds, x) => Tree::One(name, window(bounds), sub(x)),
-        Tree::Two(name, bounds, x, y) => {
-            let right = match *name {
-                "until" | "since" | "unless" => Box::new(Tree::Two("and", None, sub(x), sub(y))),
-                "release" => Box::new(Tree::Two("or", None, sub(x), sub(y))),
-                _ => sub(y),
-            };
-            Tree::Two(name, window(bounds), sub(x), right)
         }
     }
 }
@@ -95,7 +64,7 @@ fn held_signals_equal_the_discrete_definitions_at_instants_and_between_them() {
             assert_eq!(index, signals.len());
             signals.push(DenseSignal::new(*name, times, values, Interpolation::Hold).unwrap());
         }
-        let grid = on_grid(&tree, 2);
+        let grid = tree.on_grid(2);
         let (expected, holds) = (grid.evaluate(&columns), grid.holds(&columns));
         let monitor = monitor(&text);
         let found = monitor.robustness_signal(&signals).unwrap();
@@ -207,7 +176,7 @@ fn linear_signals_are_close_to_the_discrete_definitions_on_a_fine_grid() {
         let (_, bound) = error_bound(&tree, slope, step);
         tight += usize::from(bound < 0.2);
         compared += 1;
-        for (sample, expected) in on_grid(&tree, PER_SECOND).evaluate(&columns).iter().enumerate() {
+        for (sample, expected) in tree.on_grid(PER_SECOND).evaluate(&columns).iter().enumerate() {
             let time = sample as f64 * step;
             let got = found.at(time).unwrap();
             assert!(
@@ -249,7 +218,7 @@ fn held_samples_of_a_period_have_the_values_of_discrete_time_at_the_samples() {
         {
             continue;
         }
-        let text = scaled(&tree).write(&mut random);
+        let text = tree.scaled(100).write(&mut random);
         compared += 1;
         let times: Vec<f64> = (0..n).map(|i| i as f64 / 10.0).collect();
         let columns: Vec<Vec<f64>> = NAMES.iter().map(|_| random.column(n)).collect();
@@ -273,18 +242,4 @@ fn held_samples_of_a_period_have_the_values_of_discrete_time_at_the_samples() {
         }
     }
     assert!(compared > 1_000, "{compared}");
-}
-
-/// Multiplies all bounds by 100.
-fn scaled(tree: &Tree) -> Tree {
-    let window = |window: &Interval| {
-        window.map(|(begin, end)| (begin * 100, if end == usize::MAX { end } else { end * 100 }))
-    };
-    match tree {
-        Tree::One(name, bounds, x) => Tree::One(name, window(bounds), Box::new(scaled(x))),
-        Tree::Two(name, bounds, x, y) => {
-            Tree::Two(name, window(bounds), Box::new(scaled(x)), Box::new(scaled(y)))
-        }
-        _ => tree.clone(),
-    }
 }

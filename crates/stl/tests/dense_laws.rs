@@ -1,14 +1,14 @@
 //! Laws of robustness in dense time, and inputs at the limits.
 #![allow(clippy::unwrap_used)] // clippy's setting for tests does not cover helper functions
 
-#[allow(dead_code, reason = "the laws of discrete time use the rest")]
+#[allow(dead_code, reason = "these tests use a part of it")]
 mod naive;
 
 use mishandle_stl::{
     DenseError, DenseMonitor, DenseRobustness, DenseSignal, Formula, Interpolation, TimeUnit, Violation,
     is_satisfied, is_violated,
 };
-use naive::{Interval, NAMES, ONE, Random, Tree};
+use naive::{NAMES, ONE, Random, Tree};
 use std::time::Instant;
 
 fn evaluate(text: &str, signals: &[DenseSignal]) -> Result<DenseRobustness, DenseError> {
@@ -130,22 +130,10 @@ fn a_shift_of_all_times_shifts_the_result() {
 
 #[test]
 fn a_scale_of_times_and_bounds_scales_the_result() {
-    fn scaled(tree: &Tree, factor: usize) -> Tree {
-        let window = |bounds: &Interval| {
-            bounds.map(|(begin, end)| (begin * factor, if end == usize::MAX { end } else { end * factor }))
-        };
-        match tree {
-            Tree::One(name, bounds, x) => Tree::One(name, window(bounds), Box::new(scaled(x, factor))),
-            Tree::Two(name, bounds, x, y) => {
-                Tree::Two(name, window(bounds), Box::new(scaled(x, factor)), Box::new(scaled(y, factor)))
-            }
-            _ => tree.clone(),
-        }
-    }
     for_random_cases(2, 3_000, |tree, text, signals, random| {
         let found = evaluate(text, signals).unwrap();
         let factor = random.pick(&[2, 10, 1000]);
-        let text = scaled(tree, factor).write(random);
+        let text = tree.scaled(factor).write(random);
         let other = evaluate(&text, &with_times(signals, |time| time * factor as f64)).unwrap();
         let back = |time: f64| found.at(time / factor as f64).unwrap();
         let (_, end) = other.domain().unwrap();

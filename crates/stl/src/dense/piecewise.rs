@@ -118,6 +118,9 @@ impl Piecewise {
     /// Returns the value at a time between knot `next` and the one before it.
     fn between(&self, next: usize, time: Ticks) -> Knot {
         let (a, b) = (&self.knots[next - 1], &self.knots[next]);
+        if a.after == b.before {
+            return Knot::continuous(time, a.after);
+        }
         let share = (time - a.time) as f64 / (b.time - a.time) as f64;
         Knot::continuous(time, interpolate(a.after, b.before, share))
     }
