@@ -52,13 +52,16 @@ impl DenseSignal {
         if times.is_empty() {
             return Err(DenseError::Empty { signal });
         }
+        let mut previous = Ticks::MIN;
         for (index, time) in times.iter().copied().enumerate() {
             if time.is_nan() || time.abs() > MAX_SECONDS {
                 return Err(DenseError::BadTime { signal, index, time });
             }
-            if index > 0 && ticks(time) <= ticks(times[index - 1]) {
+            let next = ticks(time);
+            if next <= previous {
                 return Err(DenseError::NotIncreasing { signal, index, time, previous: times[index - 1] });
             }
+            previous = next;
             if !values[index].is_finite() {
                 return Err(DenseError::NotFinite { signal, value: values[index], time });
             }
