@@ -132,65 +132,93 @@ fn is_close(found: f64, expected: f64, bound: f64) -> bool {
     found == expected || (found - expected).abs() <= bound
 }
 
-/// A linear signal changes by at most slope · step between two samples of a grid, so every value in
-/// dense time is close to that in discrete time on the grid.
+const PER_SECOND: usize = 64;
+
+/// Checks a formula on random signals of `n` seconds, one of which may hold. A linear signal changes
+/// by at most slope · step between two samples of a grid, so every value in dense time is close to
+/// that in discrete time on the grid. Returns how close; `None` if the formula is not linear.
+fn compare_on_grid(random: &mut Random, tree: &Tree, n: usize, holds: bool) -> Option<f64> {
+    let text = tree.write(random);
+    let step = 1.0 / PER_SECOND as f64;
+    let mut slope: f64 = 0.0;
+    let mut signals = Vec::new();
+    let mut columns = Vec::new();
+    for (index, name) in NAMES.iter().enumerate() {
+        let (times, values) = random_samples(random, n, true);
+        let values: Vec<f64> = values.iter().map(|value| value / 4.0).collect();
+        let interpolation = if holds && index == 0 { Interpolation::Hold } else { Interpolation::Linear };
+        let value = |sample: usize| {
+            let time = sample as f64 * step;
+            let next = times.partition_point(|known| *known <= time).min(times.len() - 1).max(1);
+            let share = (time - times[next - 1]) / (times[next] - times[next - 1]);
+            match interpolation {
+                Interpolation::Hold => values[times.partition_point(|known| *known <= time) - 1],
+                Interpolation::Linear => values[next - 1] + share * (values[next] - values[next - 1]),
+            }
+        };
+        columns.push((0..=n * PER_SECOND).map(value).collect::<Vec<f64>>());
+        if interpolation == Interpolation::Linear {
+            let slopes = (1..times.len()).map(|i| (values[i] - values[i - 1]) / (times[i] - times[i - 1]));
+            slope = slopes.fold(slope, |slope, next| slope.max(next.abs()));
+        }
+        signals.push(DenseSignal::new(*name, times, values, interpolation).unwrap());
+    }
+    let found = match monitor(&text).robustness_signal(&signals) {
+        Ok(found) => found,
+        // A product of two signals.
+        Err(DenseError::NotLinear { .. }) => return None,
+        Err(error) => panic!("{text}: {error}"),
+    };
+    let (_, bound) = error_bound(tree, slope, step);
+    for (sample, expected) in tree.on_grid(PER_SECOND).evaluate(&columns).iter().enumerate() {
+        let time = sample as f64 * step;
+        let got = found.at(time).unwrap();
+        assert!(
+            is_close(got, *expected, bound),
+            "{text} at {time}: {got}, not {expected} ± {bound} on {signals:?}: {found:?}"
+        );
+    }
+    check_shape(&found, &text);
+    Some(bound)
+}
+
 #[test]
 fn linear_signals_are_close_to_the_discrete_definitions_on_a_fine_grid() {
-    const PER_SECOND: usize = 64;
-    let step = 1.0 / PER_SECOND as f64;
     let mut random = Random(45);
-    let (mut compared, mut tight) = (0, 0);
+    let mut bounds = Vec::new();
     for case in 0..2_500 {
-        let n = 1 + random.below(5);
-        let size = 1 + random.below(4);
+        let (n, size) = (1 + random.below(5), 1 + random.below(4));
         let tree = random_tree(&mut random, size, n + 1);
-        let text = tree.write(&mut random);
-        let holds = case % 3 == 0;
-        let mut slope: f64 = 0.0;
-        let mut signals = Vec::new();
-        let mut columns = Vec::new();
-        for (index, name) in NAMES.iter().enumerate() {
-            let (times, values) = random_samples(&mut random, n, true);
-            let values: Vec<f64> = values.iter().map(|value| value / 4.0).collect();
-            // One signal in some logs holds.
-            let interpolation = if holds && index == 0 { Interpolation::Hold } else { Interpolation::Linear };
-            let value = |sample: usize| {
-                let time = sample as f64 * step;
-                let next = times.partition_point(|known| *known <= time).min(times.len() - 1).max(1);
-                let share = (time - times[next - 1]) / (times[next] - times[next - 1]);
-                match interpolation {
-                    Interpolation::Hold => values[times.partition_point(|known| *known <= time) - 1],
-                    Interpolation::Linear => values[next - 1] + share * (values[next] - values[next - 1]),
-                }
-            };
-            columns.push((0..=n * PER_SECOND).map(value).collect::<Vec<f64>>());
-            if interpolation == Interpolation::Linear {
-                let slopes =
-                    (1..times.len()).map(|i| (values[i] - values[i - 1]) / (times[i] - times[i - 1]));
-                slope = slopes.fold(slope, |slope, next| slope.max(next.abs()));
-            }
-            signals.push(DenseSignal::new(*name, times, values, interpolation).unwrap());
-        }
-        let found = match monitor(&text).robustness_signal(&signals) {
-            Ok(found) => found,
-            // A product of two signals.
-            Err(DenseError::NotLinear { .. }) => continue,
-            Err(error) => panic!("{text}: {error}"),
-        };
-        let (_, bound) = error_bound(&tree, slope, step);
-        tight += usize::from(bound > 0.0 && bound < 0.05);
-        compared += 1;
-        for (sample, expected) in tree.on_grid(PER_SECOND).evaluate(&columns).iter().enumerate() {
-            let time = sample as f64 * step;
-            let got = found.at(time).unwrap();
-            assert!(
-                is_close(got, *expected, bound),
-                "{text} at {time}: {got}, not {expected} ± {bound} on {signals:?}: {found:?}"
-            );
-        }
-        check_shape(&found, &text);
+        bounds.extend(compare_on_grid(&mut random, &tree, n, case % 3 == 0));
     }
-    assert!(compared > 1_500 && tight > 500, "{compared} {tight}");
+    let tight = bounds.iter().filter(|bound| (0.0..0.05).contains(*bound)).count();
+    assert!(bounds.len() > 1_500 && tight > 500, "{} {tight}", bounds.len());
+}
+
+/// The sum of a signal that holds and a linear one has jumps between lines.
+#[test]
+fn functions_with_jumps_and_slopes_are_close_to_the_discrete_definitions_on_a_fine_grid() {
+    let mut random = Random(47);
+    for case in 0..3_000 {
+        let n = 1 + random.below(5);
+        let operand = |random: &mut Random, other: usize| {
+            let signals = (Box::new(Tree::Signal(0)), Box::new(Tree::Signal(other)));
+            Box::new(Tree::Two(random.pick(&["+", "-"]), None, signals.0, signals.1))
+        };
+        let window = |random: &mut Random| {
+            let begin = random.below(n);
+            random.pick(&[None, Some((0, 1)), Some((begin, begin + 1)), Some((begin, usize::MAX))])
+        };
+        let (x, y) = (operand(&mut random, 1), operand(&mut random, 2));
+        let bounds = window(&mut random);
+        let one = |random: &mut Random, x| Box::new(Tree::One(random.pick(&TIMED_ONE), window(random), x));
+        let tree = match case % 3 {
+            0 => Tree::Two(random.pick(&TIMED_TWO), bounds, x, y),
+            1 => *one(&mut random, x),
+            _ => Tree::Two(random.pick(&TIMED_TWO), bounds, one(&mut random, x), one(&mut random, y)),
+        };
+        compare_on_grid(&mut random, &tree, n, true);
+    }
 }
 
 /// Breakpoints increase, no value is NaN, and no line leads to infinity.
