@@ -134,9 +134,10 @@ fn is_close(found: f64, expected: f64, bound: f64) -> bool {
 
 const PER_SECOND: usize = 64;
 
-/// Checks a formula on random signals of `n` seconds, one of which may hold. A linear signal changes
-/// by at most slope · step between two samples of a grid, so every value in dense time is close to
-/// that in discrete time on the grid. Returns how close; `None` if the formula is not linear.
+/// Checks a formula on random signals of `n` seconds, one of which may hold. A linear signal
+/// changes by at most slope · step between two samples of a grid, so every value in dense time is
+/// close to that in discrete time on the grid. Returns how close; `None` if the formula is not
+/// linear.
 fn compare_on_grid(random: &mut Random, tree: &Tree, n: usize, holds: bool) -> Option<f64> {
     let text = tree.write(random);
     let step = 1.0 / PER_SECOND as f64;
