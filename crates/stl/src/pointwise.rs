@@ -76,7 +76,7 @@ pub(crate) fn apply_once(operator: Operator, x: f64, y: f64) -> Result<f64, Unde
     Ok(out[0])
 }
 
-fn compute(operator: Operator, x: Values<'_>, y: Values<'_>, out: &mut [f64]) {
+pub(crate) fn compute(operator: Operator, x: Values<'_>, y: Values<'_>, out: &mut [f64]) {
     match operator {
         Operator::Negate | Operator::Not => map_with(x, out, |x| -x),
         Operator::Abs => map_with(x, out, f64::abs),
