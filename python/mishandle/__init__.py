@@ -18,6 +18,7 @@ from mishandle.explanations import Comparison, Explanation, compare
 from mishandle.falsification import Evaluation, Exports, Falsification, evaluate, falsify
 from mishandle.fault_axes import faults
 from mishandle.formulas import Formula, robustness
+from mishandle.logs import Log, Topic, read_log, read_logs
 from mishandle.margins import Margin, margin
 from mishandle.hardening import Hardening, harden
 from mishandle.limits import TimeLimitExceeded
@@ -56,6 +57,7 @@ __all__ = [
     "InvalidStateError",
     "InvalidTypeError",
     "InvalidValueError",
+    "Log",
     "Margin",
     "Minimum",
     "MishandleError",
@@ -80,6 +82,7 @@ __all__ = [
     "TimeLimitExceeded",
     "TaskEnv",
     "TaskVectorEnv",
+    "Topic",
     "TrainingEpisodes",
     "Trial",
     "Witness",
@@ -98,6 +101,8 @@ __all__ = [
     "plot_search_progress",
     "plot_survival",
     "plot_trace",
+    "read_log",
+    "read_logs",
     "regress",
     "repeat",
     "replay",
