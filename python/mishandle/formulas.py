@@ -130,8 +130,7 @@ class Formula:
         columns = self._columns(trace)
         names = list(columns)
         samples = np.column_stack(list(columns.values())) if names else np.zeros((0, 0))
-        found = self._native.robustness_bounds(names, samples, self._period(period))
-        return (float("-inf"), float("inf")) if found is None else found
+        return self._native.robustness_bounds(names, samples, self._period(period))
 
     def subformula_signals(
         self, trace: Any, *, period: float | None = None, decided_only: bool = False

@@ -2,7 +2,9 @@
 
 use std::sync::Arc;
 
-use mishandle::stl::{Clock, Formula, Monitor, Recording, Trace, spelled};
+use mishandle::stl::{
+    Bounds, Clock, Formula, Monitor, MonitorError, OnlineMonitor, Recording, Trace, spelled,
+};
 use numpy::ndarray::ArrayView2;
 use numpy::{IntoPyArray, PyArray1, PyReadonlyArray2};
 use pyo3::prelude::*;
@@ -98,15 +100,17 @@ impl PyFormula {
         names: Vec<String>,
         samples: PyReadonlyArray2<'_, f64>,
         period: Option<f64>,
-    ) -> PyResult<Option<(f64, f64)>> {
+    ) -> PyResult<(f64, f64)> {
         let trace = trace(names.into(), samples.as_array());
-        let mut monitor = Monitor::new(&self.formula, trace.names(), clock(period)?).map_err(plain)?;
-        let needed = monitor.needed_samples();
-        // Longer continuations of a plot need no answer.
-        if needed > MAX_CONTINUATION {
-            return Ok(None);
+        if trace.is_empty() {
+            return Err(plain(MonitorError::EmptyTrace));
         }
-        py.detach(|| monitor.robustness_bounds(&trace, needed)).map_err(plain)
+        let formulas = std::slice::from_ref(&self.formula);
+        let mut monitor = OnlineMonitor::new(formulas, trace.names(), clock(period)?, None).map_err(plain)?;
+        monitor.state_samples(Some(monitor.needed_samples(0).0));
+        py.detach(|| monitor.push_trace(&trace, 0..trace.len())).map_err(plain)?;
+        let Bounds { low, high } = monitor.bounds(0);
+        Ok((low, high))
     }
 }
 
@@ -115,9 +119,6 @@ impl PyFormula {
 pub fn spelled_name(name: &str) -> String {
     spelled(name).into_owned()
 }
-
-/// Longest continuation of a trace, in samples.
-const MAX_CONTINUATION: usize = 10_000_000;
 
 fn clock(period: Option<f64>) -> PyResult<Clock> {
     let Some(period) = period else { return Ok(Clock::unknown()) };

@@ -1,18 +1,13 @@
 //! When and by which predicate a trace violates a formula.
 
-use std::sync::Arc;
-
 use mishandle_falsification::Signature;
 use mishandle_rollout::RolloutError;
-use mishandle_stl::{Clock, Formula, Monitor, Trace, is_satisfied, is_violated};
+use mishandle_stl::{Clock, Formula, OnlineMonitor, Trace, is_satisfied};
 use mishandle_store::RunHeader;
 
 /// Largest number of sub-formulas of a formula that is explained: the text of each is written, and
 /// the first ones contain most of the others.
 pub(crate) const MAX_SUBFORMULAS: usize = 1000;
-
-/// Largest number of samples of a trace whose continuations are bounded.
-const MAX_SAMPLES: usize = 10_000_000;
 
 /// A part of the explanation of a violation that takes little time.
 pub(crate) struct Violation {
@@ -56,7 +51,7 @@ pub(crate) fn violation_of(
 }
 
 /// Returns the first sample after which no continuation of the trace changes the sign of the
-/// robustness.
+/// robustness. It reads no later sample.
 pub(crate) fn decided(
     formula: &Formula,
     trace: &Trace,
@@ -64,37 +59,17 @@ pub(crate) fn decided(
     robustness: f64,
 ) -> Result<Option<usize>, RolloutError> {
     let monitor_error = |source| RolloutError::Monitor { formula: formula.to_string(), source };
-    let mut monitor = Monitor::new(formula, trace.names(), clock).map_err(monitor_error)?;
+    let mut monitor = OnlineMonitor::new(std::slice::from_ref(formula), trace.names(), clock, None)
+        .map_err(monitor_error)?;
     // An episode that ended early may be shorter than the windows.
-    let samples = monitor.horizon().map_or(trace.len(), |horizon| trace.len().max(horizon.saturating_add(1)));
-    if samples > MAX_SAMPLES {
-        return Ok(None);
+    let (needed, is_unbounded) = monitor.needed_samples(0);
+    let samples = if is_unbounded { trace.len() } else { trace.len().max(needed) };
+    monitor.state_samples(Some(samples));
+    for step in 0..trace.len() {
+        monitor.push_trace(trace, step..step + 1).map_err(monitor_error)?;
+        if monitor.verdict(0) == Some(is_satisfied(robustness)) {
+            return Ok(Some(step));
+        }
     }
-    let mut is_decided = |len: usize| -> Result<bool, RolloutError> {
-        let bounds = monitor.robustness_bounds(&prefix(trace, len), samples).map_err(monitor_error)?;
-        let is_fixed =
-            |(low, high)| if is_violated(robustness) { is_violated(high) } else { is_satisfied(low) };
-        Ok(bounds.is_some_and(is_fixed))
-    };
-    if !is_decided(trace.len())? {
-        return Ok(None);
-    }
-    // More samples can only narrow the bounds.
-    let (mut open, mut closed) = (0, trace.len());
-    while closed - open > 1 {
-        let middle = (open + closed) / 2;
-        if is_decided(middle)? { closed = middle } else { open = middle }
-    }
-    Ok(Some(closed - 1))
-}
-
-/// Returns the first samples of a trace.
-fn prefix(trace: &Trace, len: usize) -> Trace {
-    let mut prefix = Trace::with_capacity(Arc::clone(trace.names()), len);
-    let mut sample = vec![0.0; trace.names().len()];
-    for step in 0..len {
-        sample.iter_mut().enumerate().for_each(|(index, value)| *value = trace.column(index)[step]);
-        prefix.push(&sample);
-    }
-    prefix
+    Ok(None)
 }

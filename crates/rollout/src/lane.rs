@@ -7,8 +7,8 @@ use crate::disturbance::{ActiveDisturbances, command};
 use crate::fault::Side;
 use crate::rollout::Rollout;
 use crate::{
-    ControllerWorker, EpisodeEnd, Request, RolloutError, Sample, Seed, SpecificationMonitor, StepStatus,
-    Verdict,
+    ControllerWorker, EarlyStop, EpisodeEnd, Request, RolloutError, Sample, Seed, SpecificationMonitor,
+    StepStatus, Verdict,
 };
 
 /// Maximum number of rows that one thread steps in lockstep. Sixteen rows share each read of the
@@ -49,6 +49,8 @@ pub(crate) struct LaneRows {
     disturbances: [Option<ActiveDisturbances>; ROWS],
     /// Last answer and state of the controller of each row that a fault can pause.
     answers: [Option<Answer>; ROWS],
+    /// Requirement of each row that has had a simulation which may stop early.
+    stops: [Option<EarlyStop>; ROWS],
 }
 
 /// Last action of a controller, and its state after it.
@@ -63,7 +65,17 @@ impl LaneRows {
             controller_states: vec![0.0; ROWS * rollout.controller.state_size()],
             disturbances: Default::default(),
             answers: Default::default(),
+            stops: Default::default(),
         }
+    }
+
+    /// Returns whether the episode of a row may end after `steps` control steps: see
+    /// [`Request::stop_threshold`].
+    pub(crate) fn can_stop(&mut self, row: usize, request: &Request, steps: usize) -> bool {
+        let (Some(threshold), Some(stop)) = (request.stop_threshold, &mut self.stops[row]) else {
+            return false;
+        };
+        request.may_stop_after(steps) && stop.can_stop(threshold)
     }
 }
 
@@ -72,6 +84,8 @@ impl LaneRows {
 pub(crate) struct Lane {
     controller: Box<dyn ControllerWorker>,
     monitor: SpecificationMonitor,
+    /// What the rows start with.
+    stop: EarlyStop,
     /// Observation of each row.
     observations: Vec<f32>,
     actions: Vec<f32>,
@@ -95,6 +109,12 @@ impl Lane {
                 environment.signals(),
                 environment.control_dt(),
             )?,
+            stop: EarlyStop::new(
+                &rollout.specification,
+                environment.signals(),
+                environment.control_dt(),
+                environment.episode_steps() + 1,
+            )?,
             observations: vec![0.0; ROWS * observation_size],
             actions: vec![0.0; ROWS * action_size],
             action: vec![0.0; action_size],
@@ -116,7 +136,7 @@ impl Lane {
         (action, Sample { observation: &mut observations[row * size..][..size], signals, rewards })
     }
 
-    /// Resets the controller and the disturbances of a row.
+    /// Resets the controller, the disturbances and the requirement of a row.
     pub(crate) fn start(&mut self, rollout: &Rollout, rows: &mut LaneRows, row: usize, request: &Request) {
         rows.disturbances[row] = rollout.routing.has_effects().then(|| {
             ActiveDisturbances::new(&rollout.routing, &request.scenario, request.seed, self.action.len())
@@ -127,6 +147,9 @@ impl Lane {
         let can_pause = rows.disturbances[row].as_ref().is_some_and(ActiveDisturbances::has_pause);
         let action = vec![0.0; if can_pause { self.action.len() } else { 0 }];
         rows.answers[row] = can_pause.then(|| Answer { action, state: state.to_vec() });
+        if request.stop_threshold.is_some() {
+            rows.stops[row].get_or_insert_with(|| self.stop.clone()).start();
+        }
     }
 
     /// Computes the actions of the next control step of each row. Ends the simulations with an
@@ -179,7 +202,7 @@ impl Lane {
     /// Takes back the answers of controllers that a fault pauses, as if they had not been asked.
     fn hold_paused(&mut self, rollout: &Rollout, rows: &mut LaneRows, progress: &[Progress]) {
         let (action_size, state_size) = (self.action.len(), rollout.controller.state_size());
-        let LaneRows { controller_states, disturbances, answers } = rows;
+        let LaneRows { controller_states, disturbances, answers, .. } = rows;
         for (row, ((answer, disturbed), progress)) in
             answers.iter_mut().zip(disturbances).zip(progress).enumerate()
         {
@@ -236,17 +259,11 @@ impl Lane {
         })
     }
 
-    /// Returns whether an episode of `steps` control steps is checked for its [stop
-    /// threshold](Request::stop_threshold).
-    pub(crate) fn checks_stop(request: &Request, steps: usize) -> bool {
-        request.may_stop_after(steps)
-    }
-
-    /// Returns whether the start of an episode may end it: see [`Request::stop_threshold`].
-    pub(crate) fn can_stop(&mut self, rollout: &Rollout, request: &Request, trace: &Trace) -> bool {
-        request.stop_threshold.is_some_and(|threshold| {
-            self.monitor.can_stop(trace, rollout.environment.episode_steps() + 1, threshold)
-        })
+    /// Adds the sample in the buffers to the requirement of a row, if its episode may stop early.
+    pub(crate) fn record(&self, rows: &mut LaneRows, row: usize, request: &Request) {
+        if let (Some(_), Some(stop)) = (request.stop_threshold, &mut rows.stops[row]) {
+            stop.push(&self.signals);
+        }
     }
 
     /// Evaluates the formulas on the trace of an episode that has ended. The end may become

@@ -174,7 +174,10 @@ impl RolloutWorker {
         let mut trace = Trace::with_capacity(rollout.environment.signals().clone(), samples);
         match self.lane.end_of_start(status) {
             Some(end) => progress.end = end,
-            None => trace.push(&self.lane.signals),
+            None => {
+                trace.push(&self.lane.signals);
+                self.lane.record(&mut self.rows, row, request);
+            }
         }
         self.progress.push(progress);
         Episode {
@@ -208,9 +211,8 @@ impl RolloutWorker {
         episode.trace.push(&self.lane.signals);
         progress.steps = step;
         episode.total_reward += self.lane.rewards.iter().sum::<f64>();
-        if Lane::checks_stop(&episode.request, step)
-            && self.lane.can_stop(rollout, &episode.request, &episode.trace)
-        {
+        self.lane.record(&mut self.rows, row, &episode.request);
+        if self.rows.can_stop(row, &episode.request, step) {
             progress.end = EpisodeEnd::Stopped { step };
         }
     }

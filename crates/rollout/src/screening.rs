@@ -401,7 +401,10 @@ impl Group {
         self.progress[row] = Progress::start(request);
         match lane.end_of_start(status) {
             Some(end) => self.progress[row].end = end,
-            None => self.history.write(row, &lane.signals),
+            None => {
+                self.history.write(row, &lane.signals);
+                lane.record(&mut self.rows, row, request);
+            }
         }
     }
 
@@ -419,7 +422,7 @@ impl Group {
         if !progress.is_running() {
             return;
         }
-        let (step, Thread { lane, trace }) = (progress.steps + 1, thread);
+        let (step, lane) = (progress.steps + 1, &mut thread.lane);
         let Sample { observation, signals, .. } = lane.sample(row);
         let status = match environment.sample(row, observation, signals) {
             BatchStatus::Step(status) => status,
@@ -436,11 +439,9 @@ impl Group {
         progress.steps = step;
         self.history.write(row, &lane.signals);
         let request = &shared.requests[simulation.index];
-        if Lane::checks_stop(request, step) {
-            self.history.read(row, simulation.start, step + 1, trace);
-            if lane.can_stop(shared.rollout, request, trace) {
-                progress.end = EpisodeEnd::Stopped { step };
-            }
+        lane.record(&mut self.rows, row, request);
+        if self.rows.can_stop(row, request, step) {
+            progress.end = EpisodeEnd::Stopped { step };
         }
     }
 

@@ -1,7 +1,8 @@
 use std::sync::Arc;
 
 use mishandle_stl::{
-    Clock, Formula, Monitor, MonitorError, SubformulaMinimum, Trace, is_satisfied, is_violated,
+    Bounds, Clock, Formula, Monitor, MonitorError, OnlineMonitor, SubformulaMinimum, Trace, is_satisfied,
+    is_violated,
 };
 
 use crate::{EpisodeEnd, NamedFormula, Request, RolloutError};
@@ -157,15 +158,25 @@ pub struct SpecificationMonitor {
 struct FormulaMonitor {
     text: String,
     monitor: Monitor,
+    /// For the start of an episode.
+    online: OnlineMonitor,
 }
 
 impl FormulaMonitor {
     fn new(formula: &Formula, signals: &[String], clock: Clock) -> Result<FormulaMonitor, RolloutError> {
+        let compile = || {
+            let online = OnlineMonitor::new(std::slice::from_ref(formula), signals, clock, None)?;
+            Ok((Monitor::new(formula, signals, clock)?, online))
+        };
         let text = formula.to_string();
-        match Monitor::new(formula, signals, clock) {
-            Ok(monitor) => Ok(FormulaMonitor { text, monitor }),
+        match compile() {
+            Ok((monitor, online)) => Ok(FormulaMonitor { text, monitor, online }),
             Err(source) => Err(RolloutError::Monitor { formula: text, source }),
         }
+    }
+
+    fn error(&self, source: MonitorError) -> RolloutError {
+        RolloutError::Monitor { formula: self.text.clone(), source }
     }
 
     /// Returns the robustness at the samples at which the trace decides the formula, without a cut
@@ -186,17 +197,17 @@ impl FormulaMonitor {
     /// that is closer to 0.
     fn at_start(&mut self, trace: &Trace, samples: usize) -> Result<Option<f64>, RolloutError> {
         let is_complete = trace.len() >= samples;
-        let decided = self.decided(trace, is_complete)?.first().copied();
-        let found = match decided {
-            None if !is_complete && !trace.is_empty() => {
-                let bounds = self.monitor.robustness_bounds(trace, samples);
-                match bounds.map_err(|source| RolloutError::Monitor { formula: self.text.clone(), source })? {
-                    Some((_, high)) if is_violated(high) => Some(high),
-                    Some((low, _)) if is_satisfied(low) => Some(low),
-                    _ => None,
-                }
+        let found = if is_complete || self.monitor.horizon().is_some_and(|horizon| trace.len() > horizon) {
+            self.monitor.decided_robustness(trace).map_err(|source| self.error(source))?
+        } else {
+            self.online.reset();
+            self.online.state_samples(Some(samples));
+            self.online.push_trace(trace, 0..trace.len()).map_err(|source| self.error(source))?;
+            match self.online.bounds(0) {
+                Bounds { high, .. } if is_violated(high) => Some(high),
+                Bounds { low, .. } if is_satisfied(low) => Some(low),
+                _ => None,
             }
-            decided => decided,
         };
         // An empty window has an infinite value: the formula depends on no sample of the trace.
         Ok(found.filter(|rho| rho.is_finite()))
@@ -230,19 +241,6 @@ impl SpecificationMonitor {
                 .map(|(_, formula)| monitor(formula))
                 .collect::<Result<_, _>>()?,
         })
-    }
-
-    /// Returns whether `trace`, the start of an episode with `samples` samples, determines the
-    /// robustness of the requirement at time 0, or shows that it is above `threshold`, which is at
-    /// least 0.
-    ///
-    /// An error, such as a signal that is NaN, stops nothing: the verdict reports it.
-    pub fn can_stop(&mut self, trace: &Trace, samples: usize, threshold: f64) -> bool {
-        let monitor = &mut self.requirement.monitor;
-        let is_determined = monitor.horizon().is_some_and(|horizon| trace.len() > horizon);
-        let is_above = |bounds: Option<(f64, f64)>| bounds.is_some_and(|(low, _)| low > threshold);
-        trace.len() < samples
-            && (is_determined || monitor.robustness_bounds(trace, samples).is_ok_and(is_above))
     }
 
     /// Returns the minimum robustness of each sub-formula of the requirement on `trace`.
@@ -294,7 +292,7 @@ impl SpecificationMonitor {
     ///
     /// On the start of an episode, a robustness that every continuation has with the same sign is a
     /// bound: the upper bound if it is negative, the lower bound if it is positive.
-    /// [`Monitor::robustness_bounds`] computes it.
+    /// [`OnlineMonitor::bounds`] computes it.
     ///
     /// # Errors
     /// If a signal of a formula contains NaN or an infinity, or a formula has no finite value.

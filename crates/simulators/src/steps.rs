@@ -1,9 +1,7 @@
 //! Simulations that Mishandle steps, with a policy, noise and disturbances between its answers.
 
 use mishandle_process::Failure;
-use mishandle_rollout::{
-    ActiveInterface, ControllerWorker, EpisodeEnd, Request, Scenario, SpecificationMonitor,
-};
+use mishandle_rollout::{ActiveInterface, ControllerWorker, EarlyStop, EpisodeEnd, Request, Scenario};
 use mishandle_stl::Trace;
 
 use crate::answer::{Answer, AskedKind, End};
@@ -96,7 +94,7 @@ impl ProcessSystem {
         &self,
         request: &Request,
         scenario: &Scenario,
-        (monitor, mut worker): (&mut SpecificationMonitor, Option<&mut ControlledWorker>),
+        (stop, mut worker): (&mut EarlyStop, Option<&mut ControlledWorker>),
         process: &mut SimulatorProcess,
     ) -> Result<Ran, (Failure, usize)> {
         let description = self.simulator.description();
@@ -110,6 +108,7 @@ impl ProcessSystem {
         if let Some(worker) = &mut worker {
             worker.start(request, active.as_ref());
         }
+        stop.start();
         let mut trace = Trace::new(self.names.clone());
         let mut step = 0;
         loop {
@@ -117,6 +116,9 @@ impl ProcessSystem {
             let is_last = matches!(ended, Some(EpisodeEnd::Terminated { .. }));
             if let (Some(signals), true) = (&answer.signals, ended.is_none() || is_last) {
                 trace.push(signals);
+                if request.stop_threshold.is_some() {
+                    stop.push(signals);
+                }
             }
             if let Some(end) = ended {
                 let reason = answer.error.take().unwrap_or_else(|| std::mem::take(&mut answer.reason));
@@ -125,8 +127,8 @@ impl ProcessSystem {
             if step == description.steps {
                 return Ok(Ran { trace, end: EpisodeEnd::Completed, reason: answer.reason });
             }
-            let can_stop = |threshold| monitor.can_stop(&trace, self.samples(), threshold);
-            if step > 0 && request.may_stop_after(step) && request.stop_threshold.is_some_and(can_stop) {
+            let can_stop = |threshold| request.may_stop_after(step) && stop.can_stop(threshold);
+            if step > 0 && request.stop_threshold.is_some_and(can_stop) {
                 return Ok(Ran { trace, end: EpisodeEnd::Stopped { step }, reason: String::new() });
             }
             if let (Some(worker), Some(controlled), Some(policy)) =

@@ -4,8 +4,8 @@ use std::sync::Arc;
 
 use mishandle_process::Failure;
 use mishandle_rollout::{
-    Controller, Disturbance, Episode, EpisodeEnd, Interface, Noise, PerThread, Request, RolloutError,
-    Scenario, Space, Specification, SpecificationMonitor, System,
+    Controller, Disturbance, EarlyStop, Episode, EpisodeEnd, Interface, Noise, PerThread, Request,
+    RolloutError, Scenario, Space, Specification, SpecificationMonitor, System,
 };
 use mishandle_stl::Trace;
 use rayon::prelude::*;
@@ -41,6 +41,8 @@ pub(crate) struct ProcessSystem {
 /// Buffers of one thread.
 struct Worker {
     pub monitor: SpecificationMonitor,
+    /// In the mode `step`.
+    pub stop: EarlyStop,
     /// In the mode `step`.
     pub controlled: Option<ControlledWorker>,
 }
@@ -89,6 +91,7 @@ impl ProcessSystem {
         let control_dt = self.simulator.description().control_dt;
         Ok(Worker {
             monitor: SpecificationMonitor::new(&self.specification, &self.names, control_dt)?,
+            stop: EarlyStop::new(&self.specification, &self.names, control_dt, self.samples())?,
             controlled: self.controlled.as_ref().map(ControlledWorker::new),
         })
     }
@@ -125,8 +128,8 @@ impl ProcessSystem {
         let ran = match self.simulator.description().mode {
             Mode::Trace => self.trace(request, &scenario, &mut process).map_err(|failure| (failure, 0)),
             Mode::Step => {
-                let Worker { monitor, controlled } = worker;
-                self.steps(request, &scenario, (monitor, controlled.as_mut()), &mut process)
+                let Worker { stop, controlled, .. } = worker;
+                self.steps(request, &scenario, (stop, controlled.as_mut()), &mut process)
             }
         };
         Ok(match ran {

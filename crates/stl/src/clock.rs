@@ -82,7 +82,7 @@ impl fmt::Display for Interval {
 }
 
 /// An interval in samples: `begin <= end`; `end` is `usize::MAX` if the interval is unbounded.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub(crate) struct Window {
     pub begin: usize,
     pub end: usize,

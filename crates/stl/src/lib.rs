@@ -6,7 +6,8 @@
 //! returns the robustness: a number that is positive if the trace satisfies the formula, negative
 //! if the trace violates it, and whose size is the distance to the border between the two. The sign
 //! of a zero is the Boolean verdict, see [`is_satisfied`]. A [`Clock`] converts the time bounds of
-//! a formula to samples. A [`Recording`] takes the place of a long trace and needs less memory.
+//! a formula to samples. A [`Recording`] takes the place of a long trace and needs less memory. An
+//! [`OnlineMonitor`] evaluates formulas while the samples arrive.
 //!
 //! # Differences from RTAMT
 //! RTAMT 0.4.10 parses `a - b + c` as `a - (b + c)` and `a / b * c` as `a / (b * c)`. Here `+` and
@@ -32,7 +33,6 @@
 //! assert_eq!(monitor.robustness(&trace).unwrap(), 6.0); // 26 degrees are 6 more than 20
 //! ```
 
-mod bounds;
 mod clock;
 mod diagnosis;
 mod error;
@@ -43,6 +43,7 @@ mod lexer;
 mod monitor;
 mod name;
 mod number;
+mod online;
 mod operator;
 mod parser;
 mod pointwise;
@@ -63,6 +64,7 @@ pub use explain::EvaluationTime;
 pub use formula::Formula;
 pub use monitor::Monitor;
 pub use name::{spelled, unquoted};
+pub use online::{Bounds, OnlineMonitor};
 pub use recording::Recording;
 pub use spelling::nearest;
 pub use subformula::{SubformulaMinimum, SubformulaNode};

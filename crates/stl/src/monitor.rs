@@ -128,7 +128,7 @@ impl Monitor {
     /// If the trace is empty or has other signals, a signal of the formula is NaN or infinite, or
     /// arithmetic has no finite value at a sample.
     pub fn robustness_signal(&mut self, trace: &Trace) -> Result<&[f64], MonitorError> {
-        self.evaluate(&mut Samples::Trace(trace), Windows::Cut)
+        self.evaluate(&mut Samples::Trace(trace, trace.len()), Windows::Cut)
     }
 
     /// Returns [`Monitor::robustness_signal`] of a recording. It must be one for the formula and
@@ -167,11 +167,50 @@ impl Monitor {
 
     /// Returns the robustness at time 0: the first value of [`Monitor::robustness_signal`].
     ///
+    /// It reads the samples up to the [`horizon`](Monitor::horizon), so that `always[0:100] p` costs
+    /// 101 samples of a trace of any length. Later samples may have errors.
+    ///
     /// # Errors
-    /// As for [`Monitor::robustness_signal`].
+    /// As for [`Monitor::robustness_signal`], for the samples that it reads.
+    ///
+    /// # Example
+    /// ```
+    /// use std::sync::Arc;
+    /// use mishandle_stl::{Clock, Formula, Monitor, Trace};
+    ///
+    /// let names: Arc<[String]> = Arc::from(["x".to_owned()]);
+    /// let formula = Formula::parse("always[0:1](x <= 2)").unwrap();
+    /// let mut monitor = Monitor::new(&formula, &names, Clock::steps(1.0)).unwrap();
+    /// let mut trace = Trace::new(names);
+    /// for x in [0.0, 1.0, f64::NAN] {
+    ///     trace.push(&[x]);
+    /// }
+    /// assert_eq!(monitor.robustness(&trace).unwrap(), 1.0);
+    /// assert!(monitor.robustness_signal(&trace).is_err());
+    /// ```
     pub fn robustness(&mut self, trace: &Trace) -> Result<f64, MonitorError> {
+        let needed = self.horizon().map_or(usize::MAX, |_| self.needed_samples());
+        let found = match trace.len() >= needed {
+            // Without windows that are cut, which could have other errors.
+            true => self.evaluate(&mut Samples::Trace(trace, needed), Windows::Whole),
+            false => self.robustness_signal(trace),
+        };
         // `evaluate` rejects an empty trace.
-        self.robustness_signal(trace)?.first().copied().ok_or(MonitorError::EmptyTrace)
+        found?.first().copied().ok_or(MonitorError::EmptyTrace)
+    }
+
+    /// Returns the robustness at time 0 if the trace decides the formula there: the first value of
+    /// [`Monitor::decided_robustness_signal`]. It reads the samples that [`Monitor::robustness`]
+    /// reads.
+    ///
+    /// # Errors
+    /// As for [`Monitor::decided_robustness_signal`], for the samples that it reads.
+    pub fn decided_robustness(&mut self, trace: &Trace) -> Result<Option<f64>, MonitorError> {
+        let is_decided = self.decided_samples(trace.len()) > 0;
+        let needed = self.horizon().map_or(usize::MAX, |_| self.needed_samples());
+        let mut samples = Samples::Trace(trace, trace.len().min(needed));
+        let first = self.evaluate(&mut samples, Windows::Whole)?.first().copied();
+        Ok(first.filter(|_| is_decided))
     }
 
     /// Returns the robustness at the samples at which the trace decides the formula, without a cut
@@ -215,7 +254,7 @@ impl Monitor {
     /// ```
     pub fn decided_robustness_signal(&mut self, trace: &Trace) -> Result<&[f64], MonitorError> {
         let decided = self.decided_samples(trace.len());
-        Ok(&self.evaluate(&mut Samples::Trace(trace), Windows::Whole)?[..decided])
+        Ok(&self.evaluate(&mut Samples::Trace(trace, trace.len()), Windows::Whole)?[..decided])
     }
 
     /// Returns the number of samples, from the first, at which a trace of `samples` samples decides
@@ -278,16 +317,17 @@ impl Monitor {
         let mut minima = std::mem::take(&mut self.minima);
         minima.clear();
         minima.resize(self.program.listed, SubformulaMinimum::UNKNOWN);
-        let result = self.run(&mut Samples::Trace(trace), Windows::Whole, |index, values, covered| {
-            let found = match values {
-                Values::Signal(values) => SubformulaMinimum::of(values.iter().copied(), covered.start),
-                Values::Constant(value) => SubformulaMinimum::of(covered.take(1).map(|_| value), 0),
-            };
-            let known = minima[index];
-            if known == SubformulaMinimum::UNKNOWN || found.minimum.total_cmp(&known.minimum).is_lt() {
-                minima[index] = found;
-            }
-        });
+        let result =
+            self.run(&mut Samples::Trace(trace, trace.len()), Windows::Whole, |index, values, covered| {
+                let found = match values {
+                    Values::Signal(values) => SubformulaMinimum::of(values.iter().copied(), covered.start),
+                    Values::Constant(value) => SubformulaMinimum::of(covered.take(1).map(|_| value), 0),
+                };
+                let known = minima[index];
+                if known == SubformulaMinimum::UNKNOWN || found.minimum.total_cmp(&known.minimum).is_lt() {
+                    minima[index] = found;
+                }
+            });
         self.minima = minima;
         result?;
         Ok(&self.minima)
@@ -394,18 +434,18 @@ impl Monitor {
         values: &mut Vec<f64>,
         visit: &mut impl FnMut(usize, Values<'_>, Range<usize>),
     ) -> Result<(), Undefined> {
-        let trace = match samples {
-            Samples::Trace(trace) => trace,
+        let (trace, len) = match samples {
+            Samples::Trace(trace, len) => (trace, *len),
             Samples::Recorded(recorded) => {
                 *values = std::mem::take(&mut recorded.states[state].values);
                 return recorded.states[state].undefined.take().map_or(Ok(()), Err);
             }
         };
-        if values.len() < trace.len() {
-            values.resize(trace.len(), 0.0);
+        if values.len() < len {
+            values.resize(len, 0.0);
         }
         let state = &self.program.states[state];
-        for tile in state::tiles(trace.len()) {
+        for tile in state::tiles(len) {
             let out = &mut values[tile.clone()];
             state.evaluate(trace, tile.clone(), &mut self.tile, out, |index, values| {
                 visit(index, values, tile.clone());
@@ -445,13 +485,13 @@ impl Monitor {
             return Err(MonitorError::EmptyTrace);
         }
         let not_finite = match samples {
-            Samples::Trace(trace) => {
+            Samples::Trace(trace, len) => {
                 if !self.checked_names.as_ref().is_some_and(|names| Arc::ptr_eq(names, trace.names())) {
                     self.check_names(trace.names())?;
                     self.checked_names = Some(Arc::clone(trace.names()));
                 }
                 let first = |column: usize| {
-                    let values = trace.column(column);
+                    let values = &trace.column(column)[..*len];
                     if pointwise::all_finite(values) {
                         return None;
                     }
@@ -493,14 +533,15 @@ enum Windows {
 
 /// The samples to evaluate.
 pub(crate) enum Samples<'a> {
-    Trace(&'a Trace),
+    /// The first samples of a trace.
+    Trace(&'a Trace, usize),
     Recorded(&'a mut Recorded),
 }
 
 impl Samples<'_> {
     fn len(&self) -> usize {
         match self {
-            Samples::Trace(trace) => trace.len(),
+            Samples::Trace(_, len) => *len,
             Samples::Recorded(recorded) => recorded.samples,
         }
     }

@@ -1,7 +1,7 @@
 //! The table of operators: spellings, precedence and operands.
 
 /// An operator or function of the language.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub(crate) enum Operator {
     Negate,
     Abs,

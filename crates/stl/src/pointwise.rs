@@ -62,6 +62,20 @@ pub(crate) fn apply(
     Err(Undefined { operation, step })
 }
 
+/// Applies an operator to the values of one sample, or to `x` alone.
+///
+/// # Errors
+/// As for [`apply`]; the step is 0.
+#[inline]
+pub(crate) fn apply_once(operator: Operator, x: f64, y: f64) -> Result<f64, Undefined> {
+    let mut out = [0.0];
+    compute(operator, Values::Constant(x), Values::Constant(y), &mut out);
+    if operator.is_arithmetic() && !out[0].is_finite() {
+        apply(operator, Values::Constant(x), Values::Constant(y), &mut out)?;
+    }
+    Ok(out[0])
+}
+
 fn compute(operator: Operator, x: Values<'_>, y: Values<'_>, out: &mut [f64]) {
     match operator {
         Operator::Negate | Operator::Not => map_with(x, out, |x| -x),

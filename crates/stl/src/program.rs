@@ -178,7 +178,7 @@ impl Program {
 }
 
 /// Returns the columns and names of the signals that the formula reads.
-fn columns(formula: &Formula, names: &[String]) -> Result<Vec<(usize, String)>, MonitorError> {
+pub(crate) fn columns(formula: &Formula, names: &[String]) -> Result<Vec<(usize, String)>, MonitorError> {
     if let Some(definition) = formula.defined.iter().find(|definition| names.contains(&definition.name)) {
         return Err(MonitorError::ShadowsSignal { name: definition.name.clone() });
     }
@@ -328,7 +328,13 @@ impl Compiler<'_> {
 
 /// Returns [`Instruction::undecided`] of an operator with an operand of reach `first` and one of
 /// reach `last` (the same for a unary operator), whose result has the reach `result`.
-fn undecided(operator: Operator, window: Window, first: Reach, last: Reach, result: Reach) -> usize {
+pub(crate) fn undecided(
+    operator: Operator,
+    window: Window,
+    first: Reach,
+    last: Reach,
+    result: Reach,
+) -> usize {
     match operator {
         Operator::Until | Operator::Release if window.end == 0 => last.ahead,
         // The left operand is not evaluated at the last sample.

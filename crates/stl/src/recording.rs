@@ -125,7 +125,7 @@ impl Recording {
     pub(crate) fn samples(&mut self) -> Samples<'_> {
         match &mut self.recorded {
             Some(recorded) => Samples::Recorded(recorded),
-            None => Samples::Trace(&self.trace),
+            None => Samples::Trace(&self.trace, self.trace.len()),
         }
     }
 }

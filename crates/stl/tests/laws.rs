@@ -4,7 +4,8 @@
 mod naive;
 
 use mishandle_stl::{
-    Clock, Formula, Monitor, MonitorError, Recording, SubformulaMinimum, Trace, is_satisfied, is_violated,
+    Bounds, Clock, Formula, Monitor, MonitorError, OnlineMonitor, Recording, SubformulaMinimum, Trace,
+    is_satisfied, is_violated,
 };
 use naive::{Interval, NAMES, Random, TIMED_ONE, TIMED_TWO, Tree};
 use std::sync::Arc;
@@ -314,6 +315,43 @@ fn no_continuation_of_the_trace_changes_a_decided_value_of_bounded_windows() {
     assert!(values > 3000, "{values}");
 }
 
+/// Bounds of a trace that will have `samples` samples.
+fn bounds(text: &str, columns: &[Vec<f64>], samples: usize) -> Bounds {
+    let formulas = [Formula::parse(text).unwrap()];
+    let mut monitor =
+        OnlineMonitor::new(&formulas, &names(), Clock::steps(1.0 / 60.0), Some(samples)).unwrap();
+    let trace = trace_of(columns);
+    monitor.push_trace(&trace, 0..trace.len()).unwrap();
+    monitor.bounds(0)
+}
+
+/// The value at time 0 is the first of the signal, bit for bit, and later samples may be anything.
+#[test]
+fn the_value_at_time_0_reads_the_samples_up_to_the_horizon() {
+    let mut random = Random(32);
+    let mut later = 0;
+    for _ in 0..5000 {
+        let n = 1 + random.below(20);
+        let size = random.below(5);
+        let text = Tree::random(&mut random, size, 5).write(&mut random);
+        let mut columns = random_columns(&mut random, n);
+        let mut monitor = monitor(&text);
+        let trace = trace_of(&columns);
+        let first = monitor.robustness_signal(&trace).unwrap()[0].to_bits();
+        let decided = monitor.decided_robustness_signal(&trace).unwrap().first().map(|x| x.to_bits());
+        let horizon = monitor.horizon().unwrap_or(n);
+        for column in &mut columns {
+            column.iter_mut().skip(horizon + 1).for_each(|value| *value = f64::NAN);
+        }
+        let trace = trace_of(&columns);
+        assert_eq!(monitor.robustness(&trace).unwrap().to_bits(), first, "{text} on {columns:?}");
+        let found = monitor.decided_robustness(&trace).unwrap().map(f64::to_bits);
+        assert_eq!(found, decided, "{text} on {columns:?}");
+        later += usize::from(horizon + 1 < n);
+    }
+    assert!(later > 1000, "{later}");
+}
+
 #[test]
 fn every_continuation_of_a_trace_has_a_robustness_within_the_bounds() {
     let mut random = Random(31);
@@ -324,19 +362,19 @@ fn every_continuation_of_a_trace_has_a_robustness_within_the_bounds() {
         let text = Tree::random(&mut random, size, samples).write(&mut random);
         let start = 1 + random.below(samples - 1);
         let columns = random_columns(&mut random, start);
-        let Some((low, high)) = monitor(&text).robustness_bounds(&trace_of(&columns), samples).unwrap()
-        else {
-            assert!(decided(&text, &random_columns(&mut random, samples)).is_empty(), "{text}");
+        if monitor(&text).decided_samples(samples) == 0 {
+            assert_eq!(bounds(&text, &columns, samples), Bounds::UNKNOWN, "{text}");
             continue;
-        };
+        }
+        let Bounds { low, high } = bounds(&text, &columns, samples);
         assert!(low <= high, "{text}: {low} {high}");
         known_signs += usize::from(low > 0.0 || high < 0.0);
         for _ in 0..3 {
             let whole = continued(&mut random, &columns, samples - start);
             let value = decided(&text, &whole)[0];
             assert!(low <= value && value <= high, "{text} on {whole:?} after {start}: {low} {value} {high}");
-            let bounds = monitor(&text).robustness_bounds(&trace_of(&whole), samples).unwrap();
-            assert_eq!(bounds, Some((value, value)), "{text} on {whole:?}");
+            let known = Bounds { low: value, high: value };
+            assert_eq!(bounds(&text, &whole, samples), known, "{text} on {whole:?}");
         }
     }
     assert!(known_signs > 1000, "only {known_signs} formulas were decided early");
@@ -379,21 +417,24 @@ fn windows_inside_an_unbounded_operator_are_not_cut_at_the_end_of_the_trace() {
 }
 
 #[test]
-fn robustness_at_time_0_agrees_with_the_signal_in_value_and_error() {
+fn robustness_at_time_0_has_the_errors_of_the_samples_up_to_the_horizon() {
     let columns = [vec![1.0, 2.0, 1.0], vec![1.0, 0.0, 1.0], vec![4.0, -1.0, 1.0]];
     // On samples 0 and 1 alone, the last value of `next a` is infinite and the product NaN.
     let text = "(next a) * b >= 0";
     assert_eq!(monitor(text).robustness(&trace_of(&columns)), Ok(2.0));
     assert_eq!(robustness(text, &columns), [2.0, 0.0, f64::INFINITY]);
-    for text in ["sqrt(c_1) >= 1", "a / b > 0"] {
-        let trace = trace_of(&columns);
-        let expected = monitor(text).robustness_signal(&trace).map(|signal| signal[0]);
-        assert!(matches!(expected, Err(MonitorError::Undefined { step: 1, .. })), "{expected:?}");
-        assert_eq!(monitor(text).robustness(&trace), expected, "{text}");
+    let trace = trace_of(&columns);
+    for (text, expected) in [("sqrt(c_1) >= 1", 1.0), ("a / b > 0", 1.0)] {
+        assert_eq!(monitor(text).robustness(&trace), Ok(expected), "{text}");
+        let always = format!("always[0:1]({text})");
+        let signal = monitor(&always).robustness_signal(&trace).map(|signal| signal[0]);
+        assert!(matches!(signal, Err(MonitorError::Undefined { step: 1, .. })), "{signal:?}");
+        assert_eq!(monitor(&always).robustness(&trace), signal, "{text}");
     }
-    // Arithmetic on a cut window is not a decided value, so it is not an error there.
+    // The signal has windows that are cut, and 0 times infinity.
     let text = "(always[1:2] a) * (b - 1) >= -9";
-    assert!(monitor(text).robustness(&trace_of(&columns)).is_err());
+    assert!(monitor(text).robustness_signal(&trace).is_err());
+    assert_eq!(monitor(text).robustness(&trace), Ok(9.0));
     assert_eq!(decided(text, &columns), [9.0]);
 }
 

@@ -2,6 +2,9 @@
 //! shares no code with the crate: it has its own trees, which it writes as text in any of the
 //! allowed spellings.
 
+#[allow(dead_code)] // not every test needs them
+mod bounds;
+
 /// SplitMix64.
 pub struct Random(pub u64);
 

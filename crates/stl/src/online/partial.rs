@@ -1,0 +1,420 @@
+//! Bounds of a node at the samples that the samples pushed do not decide.
+//!
+//! An unknown sample of a state formula has the bounds -∞ and +∞. Every operator except pointwise
+//! ones, `rise` and `fall` is monotone, so that each side is computed alone.
+
+use super::graph::Node;
+use super::stream::{Accumulated, Cell, constant, pick};
+use super::window::{Function, Pick};
+use crate::clock::Window;
+use crate::extremum::{self, Maximum, Minimum};
+use crate::monitor::temporal_binary;
+use crate::operator::Operator;
+use crate::pointwise;
+use crate::until;
+
+/// Largest number of unknown samples at which past operators are bounded one by one. Later ones
+/// have no bounds.
+const MAX_SLACK: usize = 1 << 20;
+
+/// The least or the greatest value.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Side {
+    Low,
+    High,
+}
+
+impl Side {
+    fn unknown(self) -> f64 {
+        match self {
+            Side::Low => f64::NEG_INFINITY,
+            Side::High => f64::INFINITY,
+        }
+    }
+}
+
+/// Buffers for the operands of one operator.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Buffers {
+    first: Vec<f64>,
+    last: Vec<f64>,
+    scratch: Vec<f64>,
+}
+
+impl Buffers {
+    /// Returns the scratch values, at least this number of them.
+    fn scratch(scratch: &mut Vec<f64>, len: usize) -> &mut [f64] {
+        if scratch.len() < len {
+            scratch.resize(len, 0.0);
+        }
+        scratch
+    }
+}
+
+/// An operand.
+#[derive(Clone, Copy)]
+pub(super) struct Operand<'a> {
+    pub node: &'a Node,
+    pub cell: &'a Cell,
+}
+
+impl Operand<'_> {
+    fn at(self, sample: usize, side: Side) -> f64 {
+        if sample > self.node.need {
+            // Read without effect, and perhaps not kept.
+            return side.unknown();
+        }
+        let Some(unknown) = sample.checked_sub(self.cell.len) else { return self.cell.exact(sample) };
+        let values = match side {
+            Side::Low => &self.cell.low,
+            Side::High => &self.cell.high,
+        };
+        match values.len() {
+            // A state formula.
+            0 => side.unknown(),
+            len => values[unknown.min(len - 1)],
+        }
+    }
+
+    /// Returns the bounds for a pointwise operator, which know constants at all samples.
+    fn both(self, sample: usize) -> (f64, f64) {
+        match constant(self.node) {
+            Some(value) => (value, value),
+            None => (self.at(sample, Side::Low), self.at(sample, Side::High)),
+        }
+    }
+
+    /// Returns a sample from which on the bounds do not change.
+    fn top(self) -> usize {
+        self.cell.len + self.cell.low.len().saturating_sub(1)
+    }
+
+    /// Returns the extremum of the bounds at these samples.
+    fn fold(self, pick: Pick, samples: std::ops::Range<usize>, side: Side) -> f64 {
+        let end = samples.end.min(self.top().max(samples.start).saturating_add(1));
+        (samples.start..end).fold(pick.neutral(), |best, sample| pick.of(best, self.at(sample, side)))
+    }
+}
+
+/// The samples pushed, and the stated number of samples.
+#[derive(Clone, Copy)]
+pub(super) struct Length {
+    pub pushed: usize,
+    pub stated: Option<usize>,
+}
+
+/// Computes the bounds of a node at the samples from its number of exact values on, as far as other
+/// nodes read them.
+pub(super) fn bound(
+    node: &Node,
+    cell: &mut Cell,
+    operands: [Operand<'_>; 2],
+    length: Length,
+    buffers: &mut Buffers,
+) {
+    let (mut low, mut high) = (std::mem::take(&mut cell.low), std::mem::take(&mut cell.high));
+    low.clear();
+    high.clear();
+    let Some((operator, window)) = node.operator().filter(|_| !node.is_state && cell.len <= node.need) else {
+        (cell.low, cell.high) = (low, high);
+        return;
+    };
+    let first = cell.len;
+    let last = node.need.min(length.pushed.saturating_add(node.slack.min(MAX_SLACK))).max(first);
+    let [x, y] = operands;
+    if !operator.is_temporal() || matches!(operator, Operator::Rise | Operator::Fall) {
+        for sample in first..=last {
+            let bounds = match operator {
+                Operator::Rise | Operator::Fall => edge_bounds(operator, x, sample),
+                _ => pointwise_bounds(operator, x.both(sample), y.both(sample)),
+            };
+            low.push(bounds.0);
+            high.push(bounds.1);
+        }
+    } else {
+        let evaluation = Evaluation { node, cell, operator, window, x, y, first, last, length };
+        for (side, out) in [(Side::Low, &mut low), (Side::High, &mut high)] {
+            out.resize(last - first + 1, side.unknown());
+            evaluation.run(side, out, buffers);
+        }
+    }
+    if node.slack > MAX_SLACK && last < node.need {
+        let end = last - first;
+        (low[end], high[end]) = (f64::NEG_INFINITY, f64::INFINITY);
+    }
+    (cell.low, cell.high) = (low, high);
+}
+
+/// One temporal operator at the samples `first` to `last`.
+struct Evaluation<'a> {
+    node: &'a Node,
+    cell: &'a Cell,
+    operator: Operator,
+    window: Window,
+    x: Operand<'a>,
+    y: Operand<'a>,
+    first: usize,
+    last: usize,
+    length: Length,
+}
+
+impl Evaluation<'_> {
+    fn run(&self, side: Side, out: &mut [f64], buffers: &mut Buffers) {
+        let pick = pick(self.operator);
+        match self.operator {
+            Operator::Until | Operator::Release | Operator::Since if self.window.end == 0 => {
+                self.each(out, |sample| self.y.at(sample, side));
+            }
+            Operator::Next | Operator::StrongNext => self.each(out, |sample| self.x.at(sample + 1, side)),
+            Operator::Previous | Operator::StrongPrevious => {
+                let start =
+                    if self.operator == Operator::Previous { f64::INFINITY } else { f64::NEG_INFINITY };
+                self.each(out, |sample| match sample.checked_sub(1) {
+                    Some(before) => self.x.at(before, side),
+                    None => start,
+                });
+            }
+            Operator::Once | Operator::Historically if self.window.is_unbounded() => {
+                let mut best = if self.first > 0 { self.cell.latest } else { pick.neutral() };
+                self.each(out, |sample| {
+                    if let Some(newest) = sample.checked_sub(self.window.begin) {
+                        best = pick.of(best, self.x.at(newest, side));
+                    }
+                    best
+                });
+            }
+            Operator::Once | Operator::Historically => {
+                let begin = self.first.saturating_sub(self.window.end);
+                let values = &mut buffers.first;
+                fill(values, begin, self.last, self.x, side);
+                let scratch = extremum::behind_scratch_len(self.window, values.len());
+                let scratch = Buffers::scratch(&mut buffers.scratch, scratch);
+                behind(pick, values, self.window, scratch);
+                out.copy_from_slice(&values[self.first - begin..]);
+            }
+            Operator::Since => self.since(pick, side, out, buffers),
+            _ => match &self.cell.accumulated {
+                Some(accumulated) => self.accumulated(pick, accumulated, side, out),
+                None if self.operator.arity() == 1 => self.ahead(pick, side, out, buffers),
+                None => self.until(side, out, buffers),
+            },
+        }
+    }
+
+    fn each(&self, out: &mut [f64], value: impl FnMut(usize) -> f64) {
+        out.iter_mut().zip((self.first..=self.last).map(value)).for_each(|(out, value)| *out = value);
+    }
+
+    fn since(&self, pick: Pick, side: Side, out: &mut [f64], buffers: &mut Buffers) {
+        let Window { begin, end } = self.window;
+        let Buffers { first: p, last: q, scratch } = buffers;
+        if !self.window.is_unbounded() {
+            let start = self.first.saturating_sub(end);
+            fill(p, start, self.last, self.x, side);
+            fill(q, start, self.last, self.y, side);
+            let scratch = Buffers::scratch(scratch, until::scratch_len(self.window, p.len()));
+            until::since::<Maximum>(p, q, self.window, scratch);
+            return out.copy_from_slice(&q[self.first - start..]);
+        }
+        let start = (self.first + 1).saturating_sub(begin);
+        if begin > 0 {
+            fill(p, start, self.last, self.x, side);
+            let after = Window { begin: 0, end: begin - 1 };
+            let scratch = Buffers::scratch(scratch, extremum::behind_scratch_len(after, p.len()));
+            behind(pick.dual(), p, after, scratch);
+        }
+        let mut value = self.cell.since().unwrap_or(pick.neutral());
+        self.each(out, |sample| match sample.checked_sub(begin) {
+            Some(newest) => {
+                value = self.function(newest, side).apply(pick, value);
+                if begin > 0 { pick.dual().of(p[sample - start], value) } else { value }
+            }
+            None => pick.neutral(),
+        });
+    }
+
+    /// `always` and `eventually` with an end, at several samples.
+    fn ahead(&self, pick: Pick, side: Side, out: &mut [f64], buffers: &mut Buffers) {
+        let Window { begin, end } = self.window;
+        let start = self.first + begin;
+        let top = self.x.top().min(self.last + end);
+        if start > top {
+            return out.fill(self.x.at(start, side));
+        }
+        let values = &mut buffers.first;
+        values.clear();
+        let exact = self.x.cell.len.clamp(start, top + 1);
+        values.resize(exact - start, pick.neutral());
+        values.extend((exact..=top).map(|sample| self.x.at(sample, side)));
+        let window = Window { begin: 0, end: end - begin };
+        let scratch =
+            Buffers::scratch(&mut buffers.scratch, extremum::ahead_scratch_len(window, values.len()));
+        match pick {
+            Pick::Least => extremum::ahead::<Minimum>(values, window, scratch),
+            Pick::Greatest => extremum::ahead::<Maximum>(values, window, scratch),
+        }
+        self.each(out, |sample| match values.get(sample + begin - start) {
+            Some(value) if sample + begin < exact && self.x.cell.len > start => {
+                pick.of(*value, self.cell.suffix(sample + begin).unwrap_or(pick.neutral()))
+            }
+            Some(value) => *value,
+            None => self.x.at(sample + begin, side),
+        });
+    }
+
+    /// `until`, `release` and `unless` with an end, at several samples.
+    fn until(&self, side: Side, out: &mut [f64], buffers: &mut Buffers) {
+        let Window { begin, end } = self.window;
+        let top = self.x.top().max(self.y.top()).min(self.last + end).max(self.last);
+        // Later samples have the bounds of the last one, so that longer windows have the same value.
+        let near = begin.min(top - self.first + 1);
+        let window = Window { begin: near, end: near + (end - begin) };
+        let Buffers { first: p, last: q, scratch } = buffers;
+        fill(p, self.first, top + near + 1, self.x, side);
+        fill(q, self.first, top + near + 1, self.y, side);
+        let samples = p.len();
+        let held = Window { begin: 0, end: window.end };
+        let len =
+            samples + extremum::ahead_scratch_len(held, samples).max(until::scratch_len(window, samples));
+        temporal_binary(self.operator, window, p, q, Buffers::scratch(scratch, len));
+        out.copy_from_slice(&q[..out.len()]);
+    }
+
+    /// Operators ahead of which the exact operands are accumulated.
+    fn accumulated(&self, pick: Pick, accumulated: &Accumulated, side: Side, out: &mut [f64]) {
+        let begin = self.window.begin;
+        let Length { pushed, stated } = self.length;
+        // A value does not decrease, or does not increase, with the number of samples of the trace.
+        let grows = matches!(self.operator, Operator::Eventually | Operator::Until);
+        let is_shortest = grows == (side == Side::Low);
+        let ends_at = |samples: usize| samples.saturating_sub(self.node.undecided);
+        let (end, decided) = match stated {
+            _ if !self.window.is_unbounded() => (accumulated.to, usize::MAX),
+            Some(samples) => (ends_at(samples), usize::MAX),
+            None if is_shortest => (ends_at(pushed), self.node.reach.decided(pushed)),
+            None => (usize::MAX, usize::MAX),
+        };
+        // The shortest trace that decides these samples is longer than the one pushed.
+        for sample in self.first.max(decided)..=self.last {
+            let end = ends_at(sample.saturating_add(self.node.reach.ahead).saturating_add(1));
+            let value = self.from(pick, accumulated, sample + begin, end, side);
+            out[sample - self.first] = pick.dual().of(self.held(pick, accumulated, sample, side), value);
+        }
+        let Some(last) = decided.min(self.last + 1).checked_sub(1).filter(|last| *last >= self.first) else {
+            return;
+        };
+        let mut value = self.from(pick, accumulated, last + begin, end, side);
+        for sample in (self.first..=last).rev() {
+            out[sample - self.first] = pick.dual().of(self.held(pick, accumulated, sample, side), value);
+            // No sample at or after `end` is in the window.
+            if sample > self.first && sample + begin - 1 < end {
+                value = self.function(sample + begin - 1, side).apply(pick, value);
+            }
+        }
+    }
+
+    /// Returns the composition from sample `begin` to before `end`.
+    fn from(&self, pick: Pick, accumulated: &Accumulated, begin: usize, end: usize, side: Side) -> f64 {
+        let mut value = match self.operator {
+            Operator::Unless => pick.dual().neutral(),
+            _ => pick.neutral(),
+        };
+        let top = self.x.top().max(self.y.top()).max(begin);
+        let end = end.min(top.saturating_add(1));
+        let has_exact = accumulated.next > accumulated.from;
+        let partial = if has_exact { accumulated.next } else { begin };
+        for sample in (partial..end).rev() {
+            value = self.function(sample, side).apply(pick, value);
+        }
+        if has_exact {
+            value = accumulated.all.apply(pick, value);
+            for sample in (begin..accumulated.from).rev() {
+                value = self.function(sample, side).apply(pick, value);
+            }
+        }
+        value
+    }
+
+    /// Returns the function of a sample.
+    fn function(&self, sample: usize, side: Side) -> Function {
+        let p = match self.operator.arity() {
+            1 => pick(self.operator).dual().neutral(),
+            _ => self.x.at(sample, side),
+        };
+        Function { p, q: self.y.at(sample, side) }
+    }
+
+    /// Returns the extremum of the left operand before the window of a sample.
+    fn held(&self, pick: Pick, accumulated: &Accumulated, sample: usize, side: Side) -> f64 {
+        if self.operator.arity() == 1 || self.window.begin == 0 {
+            return pick.dual().neutral();
+        }
+        let end = sample + self.window.begin;
+        if self.node.need > 0 {
+            return self.x.fold(pick.dual(), sample..end, side);
+        }
+        let partial = self.x.cell.len.min(end);
+        pick.dual().of(accumulated.held, self.x.fold(pick.dual(), partial..end, side))
+    }
+}
+
+/// Copies the bounds of an operand at the samples `first` to `last`.
+fn fill(values: &mut Vec<f64>, first: usize, last: usize, operand: Operand<'_>, side: Side) {
+    values.clear();
+    values.extend((first..=last).map(|sample| operand.at(sample, side)));
+}
+
+fn behind(pick: Pick, values: &mut [f64], window: Window, scratch: &mut [f64]) {
+    match pick {
+        Pick::Least => extremum::behind::<Minimum>(values, window, scratch),
+        Pick::Greatest => extremum::behind::<Maximum>(values, window, scratch),
+    }
+}
+
+/// Returns the bounds of a pointwise operator from those of its operands. Arithmetic without a
+/// value has none.
+fn pointwise_bounds(operator: Operator, x: (f64, f64), y: (f64, f64)) -> (f64, f64) {
+    let (least, greatest) = (Pick::Least, Pick::Greatest);
+    match operator {
+        Operator::Not | Operator::Negate => (-x.1, -x.0),
+        Operator::And => (least.of(x.0, y.0), least.of(x.1, y.1)),
+        Operator::Or => (greatest.of(x.0, y.0), greatest.of(x.1, y.1)),
+        Operator::Implies => (greatest.of(-x.1, y.0), greatest.of(-x.0, y.1)),
+        Operator::Iff => equivalence_bounds(x, y),
+        Operator::Xor => {
+            let (low, high) = equivalence_bounds(x, y);
+            (-high, -low)
+        }
+        _ if is_known(x) && is_known(y) => match pointwise::apply_once(operator, x.0, y.0) {
+            Ok(value) => (value, value),
+            Err(_) => (f64::NEG_INFINITY, f64::INFINITY),
+        },
+        _ => (f64::NEG_INFINITY, f64::INFINITY),
+    }
+}
+
+/// Returns whether both bounds are the same, also in the sign of a zero.
+fn is_known((low, high): (f64, f64)) -> bool {
+    low.to_bits() == high.to_bits()
+}
+
+/// Returns the bounds of `(x and y) or (not x and not y)`.
+fn equivalence_bounds(x: (f64, f64), y: (f64, f64)) -> (f64, f64) {
+    let both = (Pick::Least.of(x.0, y.0), Pick::Least.of(x.1, y.1));
+    let neither = (Pick::Least.of(-x.1, -y.1), Pick::Least.of(-x.0, -y.0));
+    (Pick::Greatest.of(both.0, neither.0), Pick::Greatest.of(both.1, neither.1))
+}
+
+/// Returns the bounds of `rise` or `fall`: the minimum of the negated value before and the value
+/// now, or of the value before and the negated value now.
+fn edge_bounds(operator: Operator, x: Operand<'_>, sample: usize) -> (f64, f64) {
+    let is_rise = operator == Operator::Rise;
+    let start = if is_rise { f64::NEG_INFINITY } else { f64::INFINITY };
+    let both = |sample| (x.at(sample, Side::Low), x.at(sample, Side::High));
+    let before = sample.checked_sub(1).map_or((start, start), both);
+    let now = both(sample);
+    match is_rise {
+        true => (Pick::Least.of(-before.1, now.0), Pick::Least.of(-before.0, now.1)),
+        false => (Pick::Least.of(before.0, -now.1), Pick::Least.of(before.1, -now.0)),
+    }
+}

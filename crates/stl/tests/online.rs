@@ -1,0 +1,169 @@
+//! Laws of online monitors, checked on random formulas.
+#![allow(clippy::unwrap_used)] // clippy's setting for tests does not cover helper functions
+
+#[allow(dead_code)] // this test needs a part of the reference
+mod naive;
+
+use mishandle_stl::{Bounds, Clock, Formula, Monitor, OnlineMonitor, Trace};
+use naive::{NAMES, Random, Tree};
+use std::sync::Arc;
+
+fn names() -> Arc<[String]> {
+    NAMES.map(String::from).into()
+}
+
+fn online(texts: &[&str], samples: Option<usize>) -> OnlineMonitor {
+    let formulas: Vec<Formula> = texts.iter().map(|text| Formula::parse(text).unwrap()).collect();
+    OnlineMonitor::new(&formulas, &names(), Clock::steps(1.0), samples).unwrap()
+}
+
+fn sample(columns: &[Vec<f64>], step: usize) -> Vec<f64> {
+    columns.iter().map(|column| column[step]).collect()
+}
+
+/// Number of random formulas of each law; MISHANDLE_FORMULAS sets another one.
+fn formulas(default: usize) -> usize {
+    std::env::var("MISHANDLE_FORMULAS").map_or(default, |text| text.parse().unwrap())
+}
+
+fn bits(bounds: Bounds) -> (u64, u64) {
+    (bounds.low.to_bits(), bounds.high.to_bits())
+}
+
+fn known(bounds: Option<(f64, f64)>) -> Bounds {
+    bounds.map_or(Bounds::UNKNOWN, |(low, high)| Bounds { low, high })
+}
+
+/// A random formula with its text, and a trace.
+fn case(random: &mut Random, case: usize) -> (Tree, String, Vec<Vec<f64>>) {
+    let samples = 1 + random.below(if case.is_multiple_of(20) { 40 } else { 14 });
+    let (size, n) = (random.below(6), 1 + samples * random.below(4) / 3);
+    let tree = Tree::random(random, size, n);
+    let text = tree.write(random);
+    (tree, text, NAMES.map(|_| random.column(samples)).to_vec())
+}
+
+#[test]
+fn the_bounds_follow_the_definitions_at_every_prefix() {
+    let mut random = Random(41);
+    let (mut prefixes, mut early) = (0, 0);
+    for number in 0..formulas(4000) {
+        let (tree, text, columns) = case(&mut random, number);
+        // Shorter than the trace, as long, or longer.
+        let stated = 1 + random.below(columns[0].len() + 6);
+        let mut monitor = online(&[&text], Some(stated));
+        for n in 1..=columns[0].len() {
+            monitor.push(&sample(&columns, n - 1)).unwrap();
+            let found = monitor.bounds(0);
+            let expected = known(tree.bounds(&columns, n, &[stated.max(n)]));
+            assert_eq!(
+                bits(found),
+                bits(expected),
+                "{text} after {n} of {stated} on {columns:?}: {found:?} {expected:?}"
+            );
+            prefixes += 1;
+            early += usize::from(n < stated && found.verdict().is_some());
+        }
+    }
+    assert!(8 * early > prefixes, "{early} of {prefixes} verdicts are early");
+}
+
+/// The bounds contain those of every length. They may be wider, because the length counts as
+/// independent for each window without an end.
+#[test]
+fn the_bounds_without_a_length_are_those_of_all_lengths() {
+    let mut random = Random(42);
+    let (mut prefixes, mut wider) = (0, 0);
+    for number in 0..formulas(400) {
+        let (tree, text, columns) = case(&mut random, number);
+        let mut monitor = online(&[&text], None);
+        let (behind, ahead) = tree.offsets();
+        for n in 1..=columns[0].len() {
+            monitor.push(&sample(&columns, n - 1)).unwrap();
+            let found = monitor.bounds(0);
+            // Longer traces have the bounds of the longest one: all windows contain unknown samples.
+            let longest = n + (ahead - behind) as usize + 8;
+            let lengths: Vec<usize> = (n..=longest).collect();
+            let expected = known(tree.bounds(&columns, n, &lengths));
+            assert_eq!(
+                bits(found),
+                bits(expected),
+                "{text} after {n} on {columns:?}: {found:?} {expected:?}"
+            );
+            let each = lengths.iter().filter_map(|length| tree.bounds(&columns, n, &[*length]));
+            let hull = each.reduce(|x, y| (x.0.min(y.0), x.1.max(y.1))).unwrap();
+            assert!(
+                found.low <= hull.0 && hull.1 <= found.high,
+                "{text} after {n} on {columns:?}: {found:?} {hull:?}"
+            );
+            prefixes += 1;
+            wider += usize::from((found.low, found.high) != hull);
+        }
+    }
+    assert!(wider * 50 < prefixes, "{wider} of {prefixes} bounds are wider");
+}
+
+#[test]
+fn each_push_decides_the_value_that_the_whole_trace_has() {
+    let mut random = Random(43);
+    let mut values = 0;
+    for number in 0..formulas(4000) {
+        let (_, text, columns) = case(&mut random, number);
+        let samples = columns[0].len();
+        let formula = Formula::parse(&text).unwrap();
+        let mut offline = Monitor::new(&formula, &names(), Clock::steps(1.0)).unwrap();
+        let mut trace = Trace::new(names());
+        (0..samples).for_each(|step| trace.push(&sample(&columns, step)));
+        let horizon = offline.horizon();
+        let expected = offline.decided_robustness_signal(&trace).unwrap();
+        let mut monitor = online(&[&text], None);
+        for step in 0..samples {
+            monitor.push(&sample(&columns, step)).unwrap();
+            let decided = horizon.and_then(|horizon| step.checked_sub(horizon));
+            let found = monitor.decided(0).map(|(sample, value)| (sample, value.to_bits()));
+            assert_eq!(
+                found,
+                decided.map(|sample| (sample, expected[sample].to_bits())),
+                "{text} on {columns:?}"
+            );
+            values += usize::from(decided.is_some());
+        }
+        monitor.finish();
+        let expected = known(expected.first().map(|value| (*value, *value)));
+        assert_eq!(bits(monitor.bounds(0)), bits(expected), "{text} on {columns:?}");
+    }
+    assert!(values > 10_000, "{values}");
+}
+
+/// Formulas that share parts have the values of separate monitors, also after a reset.
+#[test]
+fn formulas_that_share_parts_have_their_own_values() {
+    let mut random = Random(44);
+    for number in 0..formulas(1000) {
+        let (_, part, columns) = case(&mut random, number);
+        let texts = [
+            part.clone(),
+            format!("always[0:3]({part})"),
+            format!("({part}) until[1:4] (not ({part}))"),
+            format!("once[1:2]({part}) or a > 0"),
+            format!("(a > 0) since ({part})"),
+        ];
+        let stated = Some(columns[0].len()).filter(|_| number % 2 == 0);
+        let mut shared = online(&texts.each_ref().map(String::as_str), stated);
+        for step in 0..random.below(columns[0].len()) {
+            shared.push(&sample(&columns, step)).unwrap();
+            shared.bounds(random.below(texts.len()));
+        }
+        shared.reset();
+        let mut separate = texts.each_ref().map(|text| online(&[text], stated));
+        for step in 0..columns[0].len() {
+            shared.push(&sample(&columns, step)).unwrap();
+            for (i, one) in separate.iter_mut().enumerate() {
+                one.push(&sample(&columns, step)).unwrap();
+                let text = &texts[i];
+                assert_eq!(shared.decided(i), one.decided(0), "{text} on {columns:?}");
+                assert_eq!(bits(shared.bounds(i)), bits(one.bounds(0)), "{text} after {step} on {columns:?}");
+            }
+        }
+    }
+}
