@@ -23,6 +23,7 @@ from mishandle.margins import Margin, margin
 from mishandle.hardening import Hardening, harden
 from mishandle.limits import TimeLimitExceeded
 from mishandle.objectives import Objective
+from mishandle.online import OnlineMonitor
 from mishandle.plots import plot_comparison, plot_robustness_map, plot_search_progress, plot_survival, plot_trace
 from mishandle.policy_servers import PolicyServer
 from mishandle.processes import Process
@@ -63,6 +64,7 @@ __all__ = [
     "MishandleError",
     "MissingPackageError",
     "Objective",
+    "OnlineMonitor",
     "PolicyArgument",
     "PolicyServer",
     "Process",
