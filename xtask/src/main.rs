@@ -15,6 +15,7 @@ mod falsifier_bench;
 mod fuzz;
 mod golden;
 mod markdown;
+mod monitor;
 mod mujoco;
 mod pictures;
 mod process;
@@ -51,7 +52,7 @@ const CHORES: &[Chore] = &[
     Chore {
         name: "test",
         arguments: "",
-        about: "run everything that CI runs: fmt, tidy, clippy, tests, docs, dependencies, python, clients, readme",
+        about: "run everything that CI runs: fmt, tidy, clippy, tests, docs, dependencies, python, monitor, clients, readme",
         run: |root, _| check::check(root),
     },
     Chore {
@@ -77,6 +78,12 @@ const CHORES: &[Chore] = &[
         arguments: "",
         about: "test the clients of the simulator protocol in clients/",
         run: |root, _| clients::test(root),
+    },
+    Chore {
+        name: "monitor",
+        arguments: "[--update]",
+        about: "check the header of the C interface and run its example with AddressSanitizer; --update writes the header",
+        run: monitor::check_or_update,
     },
     Chore {
         name: "external",

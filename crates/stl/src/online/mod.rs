@@ -135,7 +135,7 @@ impl OnlineMonitor {
         let cells = graph.nodes.iter().map(|node| Cell::new(node, samples.unwrap_or(usize::MAX))).collect();
         let parts = graph.roots.iter().map(|root| graph.parts(*root)).collect();
         let bounded = vec![0; graph.nodes.len()];
-        let buffers = Buffers::default();
+        let buffers = Buffers::new(&graph.nodes, PREALLOCATED);
         Ok(OnlineMonitor {
             graph,
             clock,

@@ -42,6 +42,23 @@ pub(super) struct Buffers {
 }
 
 impl Buffers {
+    /// Allocates what the operators over time need, for windows of up to this number of samples.
+    pub fn new(nodes: &[Node], longest: usize) -> Buffers {
+        let operators = nodes.iter().filter(|node| !node.is_state);
+        let needed = operators.filter_map(|node| {
+            let (_, Window { begin, end }) = node.operator()?;
+            let window = if end == usize::MAX { begin } else { end };
+            let unknown = node.reach.ahead.saturating_add(node.slack).min(node.need);
+            Some(unknown.saturating_add(window.saturating_mul(2)).saturating_add(4))
+        });
+        let samples = needed.max().unwrap_or(0).min(longest);
+        let buffer = || Vec::with_capacity(samples);
+        // Short windows need this number of scratch values beside those of the samples.
+        let short = extremum::ahead_scratch_len(Window { begin: 0, end: 0 }, 0);
+        let scratch = if samples == 0 { 0 } else { 3 * samples + short };
+        Buffers { first: buffer(), last: buffer(), scratch: Vec::with_capacity(scratch) }
+    }
+
     /// Returns the scratch values, at least this number of them.
     fn scratch(scratch: &mut Vec<f64>, len: usize) -> &mut [f64] {
         if scratch.len() < len {
