@@ -2,7 +2,9 @@
 
 use std::sync::Arc;
 
-use mishandle::stl::{Clock, Formula, Monitor, Recording, Trace};
+use mishandle::stl::{
+    Clock, DenseError, DenseMonitor, DenseSignal, Formula, Interpolation, Monitor, Recording, TimeUnit, Trace,
+};
 
 use crate::bytes::Bytes;
 
@@ -20,7 +22,7 @@ const DEPTH: usize = 6;
 
 /// Checks that the robustness signal of a formula equals that of the reference evaluator, also
 /// after the formula was printed and parsed, or the trace was recorded, and that the robustness at
-/// time 0 is its first value.
+/// time 0 is its first value. Checks dense time likewise.
 pub fn check(bytes: &[u8]) {
     let mut bytes = Bytes(bytes);
     let samples = 1 + bytes.below(SAMPLES);
@@ -48,6 +50,63 @@ pub fn check(bytes: &[u8]) {
         }
         let recorded = monitor.recorded_robustness_signal(recording);
         assert_eq!(recorded, Ok(&expected[..]), "{text} on {columns:?}");
+    }
+    for interpolation in [Interpolation::Hold, Interpolation::Linear] {
+        check_dense(&tree, &text, &columns, interpolation, &mut bytes);
+    }
+}
+
+/// Checks dense time with samples at whole seconds, some of which the columns skip. Signals that
+/// hold change there only, so that the values equal those of discrete time with a sample for each
+/// second, and one for each time between two of them.
+fn check_dense(
+    tree: &Tree,
+    text: &str,
+    columns: &[Vec<f64>],
+    interpolation: Interpolation,
+    bytes: &mut Bytes<'_>,
+) {
+    let mut times = vec![0.0];
+    for _ in 1..columns[0].len() {
+        times.push(times[times.len() - 1] + 1.0 + bytes.below(2) as f64);
+    }
+    let signal = |(name, values): (&&str, &Vec<f64>)| {
+        DenseSignal::new(*name, times.clone(), values.clone(), interpolation).expect("increasing times")
+    };
+    let signals: Vec<DenseSignal> = NAMES.iter().zip(columns).map(signal).collect();
+    let formula = Formula::parse(text).unwrap_or_else(|error| panic!("{text}: {error}"));
+    let monitor = match DenseMonitor::new(&formula, &NAMES.map(String::from), Some(TimeUnit::Seconds)) {
+        Ok(monitor) => monitor,
+        Err(error) => {
+            let is_right = matches!(error, DenseError::NoNeighbor { .. }) && tree.has_neighbors();
+            return assert!(is_right, "{text}: {error}");
+        }
+    };
+    let found = match monitor.robustness_signal(&signals) {
+        Ok(found) => found,
+        Err(error) => {
+            let is_right =
+                matches!(error, DenseError::NotLinear { .. }) && interpolation == Interpolation::Linear;
+            return assert!(is_right, "{text}: {error}");
+        }
+    };
+    let points: Vec<_> = found.breakpoints().collect();
+    assert!(points.windows(2).all(|pair| pair[0].time < pair[1].time), "{text} on {signals:?}");
+    let is_number = |value: f64| !value.is_nan();
+    assert!(points.iter().all(|point| [point.before, point.at, point.after].into_iter().all(is_number)));
+    assert_eq!(found.domain(), Some((0.0, times[times.len() - 1])), "{text} on {signals:?}");
+    if interpolation == Interpolation::Hold {
+        assert_eq!(monitor.robustness(&signals).ok(), found.first(), "{text} on {signals:?}");
+        let elements = 0..=2 * times[times.len() - 1] as usize;
+        let held = |values: &Vec<f64>| -> Vec<f64> {
+            let value =
+                |element: usize| values[times.partition_point(|time| *time <= (element / 2) as f64) - 1];
+            elements.clone().map(value).collect()
+        };
+        let expected = tree.on_grid(2).evaluate(&columns.iter().map(held).collect::<Vec<_>>());
+        for (element, expected) in elements.clone().zip(expected) {
+            assert_eq!(found.at(element as f64 / 2.0), Some(expected), "{text} at {element} on {signals:?}");
+        }
     }
 }
 

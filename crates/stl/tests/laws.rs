@@ -1,6 +1,7 @@
 //! Laws that hold for every formula and trace, checked on random ones.
 #![allow(clippy::unwrap_used)] // clippy's setting for tests does not cover helper functions
 
+#[allow(dead_code, reason = "these tests use a part of it")]
 mod naive;
 
 use mishandle_stl::{

@@ -3,9 +3,14 @@
 //! each signal, a blank line, and formulas. The line after a formula starts with `=>` and has the
 //! robustness at each sample, the decided values after `decided`, or a part of the message after
 //! `error: `.
+//!
+//! A block in dense time starts with the line `dense hold` or `dense linear`. A signal has
+//! `TIME: VALUE` for each sample, and the result `TIME: VALUE` for each breakpoint, or
+//! `TIME: BEFORE/VALUE` where it jumps to its value, or `TIME: BEFORE/VALUE/AFTER`. After
+//! `violated` are the intervals of violation, `START to END`.
 #![allow(clippy::unwrap_used)] // clippy's setting for tests does not cover helper functions
 
-use mishandle_stl::{Clock, Formula, Monitor, Trace};
+use mishandle_stl::{Breakpoint, Clock, DenseMonitor, DenseSignal, Formula, Interpolation, Monitor, Trace};
 use std::sync::Arc;
 
 const PAGE: &str = include_str!("../../../docs/reference/formulas.md");
@@ -30,27 +35,89 @@ fn signal(line: &str) -> (String, Vec<f64>) {
     (name, numbers(&line[end..]))
 }
 
-fn trace_and_clock(head: &str) -> (Trace, Clock) {
-    let period = head.lines().find_map(|line| line.strip_prefix("period ")?.strip_suffix(" s"));
-    let clock = period.map_or(Clock::unknown(), |secs| Clock::steps(secs.parse().unwrap()));
-    let signals = head.lines().filter(|line| !line.starts_with("period "));
-    let (names, columns): (Vec<String>, Vec<Vec<f64>>) = signals.map(signal).unzip();
-    let mut trace = Trace::new(Arc::from(names));
-    for step in 0..columns[0].len() {
-        trace.push(&columns.iter().map(|column| column[step]).collect::<Vec<_>>());
-    }
-    (trace, clock)
+/// Returns a word, or a number as it is printed: with the sign of a zero, which is the verdict.
+fn canonical(word: &str) -> String {
+    word.parse::<f64>().map_or(word.to_owned(), |number| number.to_string())
 }
 
-fn evaluate(text: &str, trace: &Trace, clock: Clock, only_decided: bool) -> Result<Vec<f64>, String> {
-    let formula = Formula::parse(text).map_err(|error| error.to_string())?;
-    let monitor = Monitor::new(&formula, trace.names(), clock);
-    let mut monitor = monitor.map_err(|error| error.to_string())?;
-    let found = match only_decided {
-        true => monitor.decided_robustness_signal(trace),
-        false => monitor.robustness_signal(trace),
+/// The signals of a block.
+enum Log {
+    Trace(Trace, Clock),
+    Dense(Vec<DenseSignal>),
+}
+
+impl Log {
+    fn new(head: &str) -> Log {
+        let dense = [("dense hold\n", Interpolation::Hold), ("dense linear\n", Interpolation::Linear)];
+        for (line, interpolation) in dense {
+            if let Some(signals) = head.strip_prefix(line) {
+                return Log::Dense(signals.lines().map(|line| dense_signal(line, interpolation)).collect());
+            }
+        }
+        let period = head.lines().find_map(|line| line.strip_prefix("period ")?.strip_suffix(" s"));
+        let clock = period.map_or(Clock::unknown(), |secs| Clock::steps(secs.parse().unwrap()));
+        let signals = head.lines().filter(|line| !line.starts_with("period "));
+        let (names, columns): (Vec<String>, Vec<Vec<f64>>) = signals.map(signal).unzip();
+        let mut trace = Trace::new(Arc::from(names));
+        for step in 0..columns[0].len() {
+            trace.push(&columns.iter().map(|column| column[step]).collect::<Vec<_>>());
+        }
+        Log::Trace(trace, clock)
+    }
+
+    /// Returns the values of a formula as the page writes them, of the kind that `expected` has.
+    fn evaluate(&self, text: &str, expected: &str) -> Result<String, String> {
+        let formula = Formula::parse(text).map_err(|error| error.to_string())?;
+        let kind = ["decided", "violated"].into_iter().find(|kind| expected.starts_with(kind)).unwrap_or("");
+        let values = match self {
+            Log::Trace(trace, clock) => {
+                let monitor = Monitor::new(&formula, trace.names(), *clock);
+                let mut monitor = monitor.map_err(|error| error.to_string())?;
+                let found = match kind {
+                    "decided" => monitor.decided_robustness_signal(trace),
+                    _ => monitor.robustness_signal(trace),
+                };
+                found
+                    .map(|found| found.iter().map(f64::to_string).collect::<Vec<_>>().join(" "))
+                    .map_err(|error| error.to_string())?
+            }
+            Log::Dense(signals) => {
+                dense_values(&formula, signals, kind).map_err(|error| error.to_string())?
+            }
+        };
+        Ok(format!("{kind} {values}"))
+    }
+}
+
+fn dense_signal(line: &str, interpolation: Interpolation) -> DenseSignal {
+    let (name, samples) = line.split_once(' ').unwrap();
+    let samples = numbers(&samples.replace(':', " "));
+    let column = |first: usize| samples.iter().skip(first).step_by(2).copied().collect();
+    DenseSignal::new(name, column(0), column(1), interpolation).unwrap()
+}
+
+fn dense_values(
+    formula: &Formula,
+    signals: &[DenseSignal],
+    kind: &str,
+) -> Result<String, mishandle_stl::DenseError> {
+    let names: Vec<String> = signals.iter().map(|signal| signal.name().to_owned()).collect();
+    let monitor = DenseMonitor::new(formula, &names, None)?;
+    let found = match kind {
+        "decided" => monitor.decided_robustness_signal(signals)?,
+        _ => monitor.robustness_signal(signals)?,
     };
-    found.map(<[f64]>::to_vec).map_err(|error| error.to_string())
+    if kind == "violated" {
+        let intervals =
+            found.violations().into_iter().map(|found| format!("{} to {}", found.start, found.end));
+        return Ok(intervals.collect::<Vec<_>>().join(", "));
+    }
+    let point = |Breakpoint { time, before, at, after }: Breakpoint| match () {
+        () if [before, after] == [at; 2] => format!("{time}: {at}"),
+        () if after == at => format!("{time}: {before}/{at}"),
+        () => format!("{time}: {before}/{at}/{after}"),
+    };
+    Ok(found.breakpoints().map(point).collect::<Vec<_>>().join(", "))
 }
 
 #[test]
@@ -68,7 +135,7 @@ fn check(page: &'static str) -> usize {
     let (mut examples, mut wrong) = (0, Vec::new());
     for block in blocks(page) {
         let (head, formulas) = block.split_once("\n\n").unwrap();
-        let (trace, clock) = trace_and_clock(head);
+        let log = Log::new(head);
         let mut text = String::new();
         for line in formulas.lines() {
             let Some(expected) = line.strip_prefix("=>") else {
@@ -76,17 +143,13 @@ fn check(page: &'static str) -> usize {
                 continue;
             };
             let text = std::mem::take(&mut text);
-            let (expected, only_decided) = match expected.trim().strip_prefix("decided") {
-                Some(expected) => (expected, true),
-                None => (expected.trim(), false),
-            };
-            let found = evaluate(&text, &trace, clock, only_decided);
+            let expected = expected.trim();
+            let found = log.evaluate(&text, expected);
             let is_right = match expected.strip_prefix("error: ") {
                 Some(part) => found.as_ref().is_err_and(|error| error.contains(part)),
-                // The sign of a zero is the verdict.
                 None => found.as_ref().is_ok_and(|found| {
-                    let bits = |values: &[f64]| values.iter().map(|x| x.to_bits()).collect::<Vec<_>>();
-                    bits(found) == bits(&numbers(expected))
+                    let words = |text: &str| text.split_whitespace().map(canonical).collect::<Vec<_>>();
+                    words(found) == words(expected)
                 }),
             };
             examples += 1;

@@ -60,8 +60,8 @@ fn zip(operator: Operator, x: &Piecewise, y: &Piecewise) -> Result<Piecewise, De
         if let Some(mut last) = last.take() {
             let ends = [last.after, knot.before];
             if ends[0] != ends[1] && ends.iter().any(|x| x.is_infinite()) {
-                // The difference of two finite numbers overflows at one end; or, in arithmetic, a line goes through
-                // zero where the other operand is infinite.
+                // The difference of two finite numbers overflows at one end; or, in arithmetic, a
+                // line goes through zero where the other operand is infinite.
                 let is_comparison =
                     operator.is_comparison() && [in_x, in_y].iter().all(|x| x.knot.before.is_finite());
                 if !is_comparison {

@@ -40,7 +40,7 @@ pub enum DenseError {
         /// The term as text.
         term: String,
     },
-    /// The formula reads no signal, and there is none whose times could be those of the result.
+    /// The formula reads no signal, and no other signal has times for the result.
     #[error("there are no signals; dense time needs at least one to know when the log starts and ends")]
     NoSignals,
     /// The signals have no time in common.
@@ -120,7 +120,8 @@ pub enum DenseError {
         /// Its time, s.
         time: f64,
     },
-    /// Arithmetic without a finite value: a division by zero, the square root of a negative number, an overflow.
+    /// Arithmetic without a finite value: a division by zero, the square root of a negative number,
+    /// an overflow.
     #[error("`{}` has no finite value at {} s", with_short_numbers(operation), Shown(*time))]
     Undefined {
         /// The operation with the values of its operands.

@@ -1,8 +1,8 @@
 //! Dense time: robustness over signals with samples at any times, without resampling.
 //!
-//! Signals are piecewise constant or piecewise linear; the robustness is computed exactly, at all times. Values, limits
-//! and breakpoints follow from the breakpoints of the operands: samples, crossings of two lines, zeros of `abs`, and
-//! ends of windows. See [`DenseMonitor`].
+//! Signals are piecewise constant or piecewise linear; the robustness is computed exactly, at all
+//! times. Values, limits and breakpoints follow from the breakpoints of the operands: samples,
+//! crossings of two lines, zeros of `abs`, and ends of windows. See [`DenseMonitor`].
 
 mod arithmetic;
 mod error;

@@ -17,11 +17,12 @@ use crate::program::columns;
 
 /// Computes the robustness of a formula in dense time.
 ///
-/// Signals have samples at any times, each signal at its own, and an [`Interpolation`] between them. The robustness is
-/// a function of time, and it is exact: nothing is sampled.
+/// Signals have samples at any times, each signal at its own, and an [`Interpolation`] between
+/// them. The robustness is a function of time, and it is exact: nothing is sampled.
 ///
 /// # Semantics
-/// It is that of RTAMT 0.4.10's dense-time offline monitor for values that hold until the next sample:
+/// It is that of RTAMT 0.4.10's dense-time offline monitor for values that hold until the next
+/// sample:
 ///
 /// ```text
 /// ρ(always[a:b] φ, t)  = inf ρ(φ, t′) over t′ in [t+a, t+b]      eventually: sup; historically, once: [t-b, t-a]
@@ -29,33 +30,38 @@ use crate::program::columns;
 /// ρ(φ since[a:b] ψ, t) = sup over t′ in [t-b, t-a] of min(ρ(ψ, t′), inf ρ(φ, s) over s in [t′, t])
 /// ```
 ///
-/// Unlike in discrete time, `until` and `since` need the left operand at t′ itself. The other definitions, and the
-/// verdict of a zero, are those of [`Monitor`](crate::Monitor). An extremum that is a limit and no value counts as
-/// one. Where a line crosses zero, the verdict of that instant is not stated.
+/// Unlike in discrete time, `until` and `since` need the left operand at t′ itself. The other
+/// definitions, and the verdict of a zero, are those of [`Monitor`](crate::Monitor). An extremum
+/// that is a limit and no value counts as one. Where a line crosses zero, the verdict of that
+/// instant is not stated.
 ///
 /// # Ends of the log
-/// Windows are cut where an operand ends, and the extremum over an empty window is infinite, as in discrete time.
-/// RTAMT holds the last values forever instead. [`DenseMonitor::decided_robustness_signal`] uses no cut window.
+/// Windows are cut where an operand ends, and the extremum over an empty window is infinite, as in
+/// discrete time. RTAMT holds the last values forever instead.
+/// [`DenseMonitor::decided_robustness_signal`] uses no cut window.
 ///
-/// Held values hold until the end of the log, which is the last sample of all signals that the formula reads. A linear
-/// signal ends at its last sample. An operator has a value where all of its operands have one.
+/// Held values hold until the end of the log, which is the last sample of all signals that the
+/// formula reads. A linear signal ends at its last sample. An operator has a value where all of its
+/// operands have one.
 ///
-/// With signals that hold and have samples at 0, T, 2T, …, and bounds that are multiples of T, the values at the
-/// samples equal those of [`Monitor`](crate::Monitor), for all operators but `until`, `since`, `release` and `unless`.
+/// With signals that hold and have samples at 0, T, 2T, …, and bounds that are multiples of T, the
+/// values at the samples equal those of [`Monitor`](crate::Monitor), for all operators but `until`,
+/// `since`, `release` and `unless`.
 ///
 /// # Operators
-/// A bound is a time. `next`, `prev`, `s_next`, `s_prev`, `rise` and `fall` read neighboring samples and are errors.
-/// With linear signals, products and quotients of two such signals, `sqrt`, `exp`, `ln` and `pow` are errors, since the
-/// result is not piecewise linear; a factor or divisor that holds is allowed. With signals that hold, all arithmetic is.
+/// A bound is a time. `next`, `prev`, `s_next`, `s_prev`, `rise` and `fall` read neighboring
+/// samples and are errors. With linear signals, products and quotients of two such signals, `sqrt`,
+/// `exp`, `ln` and `pow` are errors, since the result is not piecewise linear; a factor or divisor
+/// that holds is allowed. With signals that hold, all arithmetic is.
 ///
 /// # Times
-/// Times and bounds are decimals inside, with 24 decimals in seconds: 0.8 - 0.1 is 0.7. Times of crossings are rounded
-/// like a product of `f64`.
+/// Times and bounds are decimals inside, with 24 decimals in seconds: 0.8 - 0.1 is 0.7. Times of
+/// crossings are rounded like a product of `f64`.
 ///
 /// # Cost
-/// Time and memory are linear in the number n of breakpoints of the operands, for each operator and all bounds. An
-/// extremum of two lines adds at most one breakpoint between two others, a window at most twice two. Constant pieces
-/// have no breakpoints inside.
+/// Time and memory are linear in the number n of breakpoints of the operands, for each operator and
+/// all bounds. An extremum of two lines adds at most one breakpoint between two others, a window at
+/// most twice two. Constant pieces have no breakpoints inside.
 ///
 /// # Example
 /// ```
@@ -88,8 +94,8 @@ impl DenseMonitor {
     /// Compiles `formula` for signals with these names. Bounds without a unit are in `unit`.
     ///
     /// # Errors
-    /// If `names` lacks a signal of the formula or contains a name that the formula defines, a bound other than 0 and
-    /// `inf` has no unit, or an operator has no meaning in dense time.
+    /// If `names` lacks a signal of the formula or contains a name that the formula defines, a
+    /// bound other than 0 and `inf` has no unit, or an operator has no meaning in dense time.
     pub fn new(
         formula: &Formula,
         names: &[String],
@@ -102,18 +108,19 @@ impl DenseMonitor {
         Ok(DenseMonitor { formula: formula.clone(), windows, ahead })
     }
 
-    /// Returns the time after t that the value at t depends on, s; `None` if it depends on all later values.
+    /// Returns the time after t that the value at t depends on, s; `None` if it depends on all
+    /// later values.
     pub fn horizon(&self) -> Option<f64> {
         // A bounded past window around an unbounded one subtracts from it.
         (self.ahead < UNBOUNDED / 2).then(|| seconds(self.ahead))
     }
 
-    /// Returns the robustness at the first time at which all signals of the formula have a value. Windows are cut at
-    /// the end of the log. Later samples than the horizon's are not read.
+    /// Returns the robustness at the first time at which all signals of the formula have a value.
+    /// Windows are cut at the end of the log. Later samples than the horizon's are not read.
     ///
     /// # Errors
-    /// If a signal of the formula is missing, the signals have no time in common, arithmetic leaves the piecewise-linear
-    /// functions or has no finite value.
+    /// If a signal of the formula is missing, the signals have no time in common, arithmetic leaves
+    /// the piecewise-linear functions or has no finite value.
     pub fn robustness(&self, signals: &[DenseSignal]) -> Result<f64, DenseError> {
         let log = Log::new(&self.formula, signals)?;
         let until = log.first.saturating_add(self.ahead);
@@ -121,8 +128,8 @@ impl DenseMonitor {
         result.first().ok_or(DenseError::NoSignals)
     }
 
-    /// Returns the robustness at all times from the first one at which all signals of the formula have a value. Windows
-    /// are cut at the end of the log.
+    /// Returns the robustness at all times from the first one at which all signals of the formula
+    /// have a value. Windows are cut at the end of the log.
     ///
     /// # Errors
     /// As for [`DenseMonitor::robustness`].
@@ -130,12 +137,13 @@ impl DenseMonitor {
         self.evaluate(&Log::new(&self.formula, signals)?, Windows::Cut, Ticks::MAX)
     }
 
-    /// Returns the robustness at the times at which the log decides the formula, without a cut window. It is empty if
-    /// there is no such time.
+    /// Returns the robustness at the times at which the log decides the formula, without a cut
+    /// window. It is empty if there is no such time.
     ///
-    /// As in [`Monitor::decided_robustness_signal`](crate::Monitor::decided_robustness_signal), every bounded window
-    /// ahead is inside the log, and a window without an end closes at the last time at which its operands are decided.
-    /// Windows of past operators are cut at the start of the log.
+    /// As in [`Monitor::decided_robustness_signal`](crate::Monitor::decided_robustness_signal),
+    /// every bounded window ahead is inside the log, and a window without an end closes at the last
+    /// time at which its operands are decided. Windows of past operators are cut at the start of
+    /// the log.
     ///
     /// # Errors
     /// As for [`DenseMonitor::robustness`].

@@ -5,13 +5,43 @@ use super::time::Ticks;
 use crate::extremum::Extremum;
 use std::convert::Infallible;
 
-/// The function that the result equals in a part of a cell, which is the time between two neighboring knots.
+/// The function that the result equals in a part of a cell, which is the time between two
+/// neighboring knots.
 #[derive(Clone, Copy, PartialEq)]
 enum Source {
     First,
     Last,
-    /// One at an end and the other at the other; they differ by the sign of a zero.
+    /// They are equal up to the signs of zeros, or their crossing is at one of its ends.
     Both,
+}
+
+/// The extremum in a cell.
+struct Cell {
+    /// The values at the start and the end.
+    ends: [f64; 2],
+    crossing: Option<Crossing>,
+    /// The sources before and after the crossing.
+    sources: [Source; 2],
+}
+
+impl Cell {
+    fn new<E: Extremum>(times: [Ticks; 2], x: [f64; 2], y: [f64; 2]) -> Cell {
+        let ends = [E::pick(x[0], y[0]), E::pick(x[1], y[1])];
+        if let Some(crossing) = crossing(times, x, y) {
+            let is_first = ends[0] == x[0];
+            let sources =
+                if is_first { [Source::First, Source::Last] } else { [Source::Last, Source::First] };
+            return Cell { ends, crossing: Some(crossing), sources };
+        }
+        // At an end where both are zero, the sign is that of the function which is the extremum
+        // inside.
+        let (ends, source) = match (ends == x, ends == y) {
+            (true, false) => (x, Source::First),
+            (false, true) => (y, Source::Last),
+            _ => (ends, Source::Both),
+        };
+        Cell { ends, crossing: None, sources: [source; 2] }
+    }
 }
 
 /// The intersection of two lines.
@@ -20,7 +50,8 @@ struct Crossing {
     value: f64,
 }
 
-/// Returns where two lines between two times cross: from `x[0]` to `x[1]`, and from `y[0]` to `y[1]`.
+/// Returns where two lines between two times cross: from `x[0]` to `x[1]`, and from `y[0]` to
+/// `y[1]`.
 fn crossing(times: [Ticks; 2], x: [f64; 2], y: [f64; 2]) -> Option<Crossing> {
     if !((x[0] < y[0] && x[1] > y[1]) || (x[0] > y[0] && x[1] < y[1])) {
         return None;
@@ -30,54 +61,55 @@ fn crossing(times: [Ticks; 2], x: [f64; 2], y: [f64; 2]) -> Option<Crossing> {
     // The rounding of `share` moves the value of the flatter line less.
     let is_flatter = (0.5 * x[1] - 0.5 * x[0]).abs() <= (0.5 * y[1] - 0.5 * y[0]).abs();
     let [a, b] = if is_flatter { x } else { y };
-    (times[0] < time && time < times[1]).then(|| Crossing { time, value: interpolate(a, b, share) })
+    (times[0] < time && time < times[1]).then(|| Crossing { time, value: interpolate(a, b, share.value) })
 }
 
 /// Returns the pointwise minimum or maximum.
 pub(crate) fn pick<E: Extremum>(x: &Piecewise, y: &Piecewise) -> Piecewise {
     let mut out = Builder::default();
-    let mut last: Option<(Sample, Sample, Option<Source>)> = None;
+    // The samples at the last knot, and the cell before it.
+    let mut last: Option<([Sample; 2], Option<Cell>)> = None;
     let result = merge(x, y, |in_x, in_y| {
-        let mut left = None;
-        if let Some((x0, y0, before)) = last {
-            let (a, b) = ([x0.knot.after, in_x.knot.before], [y0.knot.after, in_y.knot.before]);
-            let ends = [E::pick(a[0], b[0]), E::pick(a[1], b[1])];
-            let crossing = crossing([x0.knot.time, in_x.knot.time], a, b);
-            let (first, then) = match &crossing {
-                Some(_) if ends[0] == a[0] => (Source::First, Source::Last),
-                Some(_) => (Source::Last, Source::First),
-                None if ends.map(f64::to_bits) == a.map(f64::to_bits) => (Source::First, Source::First),
-                None if ends.map(f64::to_bits) == b.map(f64::to_bits) => (Source::Last, Source::Last),
-                None => (Source::Both, Source::Both),
-            };
-            push::<E>(&mut out, x0, y0, before == Some(first), first);
-            if let Some(Crossing { time, value }) = crossing {
+        let samples = [in_x, in_y];
+        let cell = last.take().map(|(from, before)| {
+            let times = [from[0].knot.time, in_x.knot.time];
+            let ends = |index: usize| [from[index].knot.after, samples[index].knot.before];
+            let cell = Cell::new::<E>(times, ends(0), ends(1));
+            push::<E>(&mut out, from, before.as_ref(), Some(&cell));
+            if let Some(Crossing { time, value }) = cell.crossing {
                 out.push(Knot::continuous(time, value));
             }
-            left = Some(then);
-        }
-        last = Some((in_x, in_y, left));
+            cell
+        });
+        last = Some((samples, cell));
         Ok::<(), Infallible>(())
     });
     let Ok(()) = result;
-    if let Some((x, y, _)) = last {
-        push::<E>(&mut out, x, y, false, Source::Both);
+    if let Some((samples, before)) = last {
+        push::<E>(&mut out, samples, before.as_ref(), None);
     }
     out.finish()
 }
 
-/// Pushes the extremum at the time of two samples, unless it is in the middle of a line of the source on both sides.
-fn push<E: Extremum>(out: &mut Builder, x: Sample, y: Sample, is_same_source: bool, source: Source) {
-    let knot = x.knot.zip(y.knot, E::pick);
-    let passes = |sample: Sample| !sample.is_knot && sample.knot.at.to_bits() == knot.at.to_bits();
-    let is_inside = match source {
-        Source::First => passes(x),
-        Source::Last => passes(y),
-        Source::Both => false,
-    };
-    if !(is_same_source && is_inside) {
-        out.push(knot);
+/// Pushes the extremum between two cells, unless it is in the middle of a line of the same source
+/// on both sides.
+fn push<E: Extremum>(out: &mut Builder, [x, y]: [Sample; 2], before: Option<&Cell>, after: Option<&Cell>) {
+    let at = E::pick(x.knot.at, y.knot.at);
+    if let (Some(before), Some(after)) = (before, after)
+        && before.sources[1] == after.sources[0]
+    {
+        let passes = |sample: Sample| !sample.is_knot && sample.knot.at.to_bits() == at.to_bits();
+        let is_inside = match after.sources[0] {
+            Source::First => passes(x),
+            Source::Last => passes(y),
+            Source::Both => passes(x) && passes(y),
+        };
+        if is_inside {
+            return;
+        }
     }
+    let (before, after) = (before.map_or(at, |cell| cell.ends[1]), after.map_or(at, |cell| cell.ends[0]));
+    out.push(Knot { time: x.knot.time, before, at, after });
 }
 
 /// Returns the absolute value.
@@ -99,8 +131,8 @@ pub(crate) fn abs(x: &Piecewise) -> Piecewise {
     out.finish()
 }
 
-/// Returns the knots of two functions at equal times: all knots of both, and their crossings. In each cell one
-/// function is nowhere below the other.
+/// Returns the knots of two functions at equal times: all knots of both, and their crossings. In
+/// each cell one function is nowhere below the other.
 pub(crate) fn aligned(x: &Piecewise, y: &Piecewise) -> Vec<(Knot, Knot)> {
     let mut knots: Vec<(Knot, Knot)> = Vec::new();
     let result = merge(x, y, |in_x, in_y| {

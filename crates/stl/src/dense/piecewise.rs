@@ -35,8 +35,9 @@ impl Knot {
     }
 }
 
-/// A function on the closed interval from its first to its last knot. Between two knots it is the line from the
-/// `after` of the first to the `before` of the second. Where one of them is infinite, both are equal.
+/// A function on the closed interval from its first to its last knot. Between two knots it is the
+/// line from the `after` of the first to the `before` of the second. Where one of them is infinite,
+/// both are equal.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(crate) struct Piecewise {
     pub knots: Vec<Knot>,
@@ -117,6 +118,9 @@ impl Piecewise {
     /// Returns the value at a time between knot `next` and the one before it.
     fn between(&self, next: usize, time: Ticks) -> Knot {
         let (a, b) = (&self.knots[next - 1], &self.knots[next]);
+        if a.after == b.before {
+            return Knot::continuous(time, a.after);
+        }
         let share = (time - a.time) as f64 / (b.time - a.time) as f64;
         Knot::continuous(time, interpolate(a.after, b.before, share))
     }
@@ -124,29 +128,64 @@ impl Piecewise {
 
 /// Returns the value at this share of the way from `a` to `b`.
 pub(crate) fn interpolate(a: f64, b: f64, share: f64) -> f64 {
-    if a == b { a } else { a * (1.0 - share) + b * share }
+    match b - a {
+        0.0 => a,
+        change if change.is_finite() => a + change * share,
+        // Two infinities, or numbers whose difference overflows.
+        _ if a == b => a,
+        _ => a * (1.0 - share) + b * share,
+    }
 }
 
-/// Returns the share of the way from t₀ to t₁ at which a line from `a` to `b` crosses zero; the signs must differ.
-pub(crate) fn zero_crossing(a: f64, b: f64) -> f64 {
+/// A share of the way from one knot to the next, from 0 to 1.
+#[derive(Clone, Copy)]
+pub(crate) struct Share {
+    pub value: f64,
+    /// The rounding error of `value`, so that a crossing at a third of 3 s is at 1 s.
+    rest: f64,
+}
+
+/// Returns where a line from `a` to `b` crosses zero; the signs must differ.
+pub(crate) fn zero_crossing(a: f64, b: f64) -> Share {
     // A quarter, so that the difference of two large numbers does not overflow.
     let (a, b) = (0.25 * a, 0.25 * b);
-    if a == b { 0.5 } else { (a / (a - b)).clamp(0.0, 1.0) }
+    if a == b {
+        return Share { value: 0.5, rest: 0.0 };
+    }
+    let change = a - b;
+    let added = change - a;
+    let lost = (a - (change - added)) - (b + added);
+    let value = (a / change).clamp(0.0, 1.0);
+    let rest = ((-value).mul_add(change, a) - value * lost) / change;
+    Share { value, rest: if rest.abs() < f64::EPSILON { rest } else { 0.0 } }
 }
 
 /// Returns the time at this share of the way.
-pub(crate) fn time_at(from: Ticks, to: Ticks, share: f64) -> Ticks {
-    from + ((to - from) as f64 * share).round() as Ticks
+pub(crate) fn time_at(from: Ticks, to: Ticks, share: Share) -> Ticks {
+    // In whole numbers of 2⁻⁵³, since few numbers of ticks are exact as `f64`.
+    const BITS: u32 = f64::MANTISSA_DIGITS;
+    const ONE: f64 = (1_u64 << BITS) as f64;
+    let parts = (share.value * ONE).floor();
+    let rest = share.value - parts / ONE + share.rest;
+    let (high, low) = ((to - from) >> BITS, (to - from) & ((1 << BITS) - 1));
+    let whole = high * parts as Ticks + ((low * parts as Ticks) >> BITS);
+    from + whole + ((to - from) as f64 * rest).round() as Ticks
 }
 
-/// Collects knots in the order of time, and leaves out those in the middle of a constant piece.
+/// Collects knots in the order of time, and leaves out those in the middle of a constant piece. A
+/// piece of zeros gets one sign, which is its verdict.
 #[derive(Default)]
 pub(crate) struct Builder {
     knots: Vec<Knot>,
 }
 
 impl Builder {
-    pub(crate) fn push(&mut self, knot: Knot) {
+    pub(crate) fn push(&mut self, mut knot: Knot) {
+        if let Some(last) = self.knots.last()
+            && last.after == knot.before
+        {
+            knot.before = last.after;
+        }
         if let [.., a, b] = &self.knots[..] {
             let value = knot.before.to_bits();
             if [a.after, b.before, b.at, b.after].iter().all(|x| x.to_bits() == value) {
@@ -178,7 +217,8 @@ pub(crate) struct Sample {
     pub is_knot: bool,
 }
 
-/// Calls `visit` at each time at which one of two functions has a knot, and at the ends of the common domain.
+/// Calls `visit` at each time at which one of two functions has a knot, and at the ends of the
+/// common domain.
 pub(crate) fn merge<F, Error>(x: &Piecewise, y: &Piecewise, mut visit: F) -> Result<(), Error>
 where
     F: FnMut(Sample, Sample) -> Result<(), Error>,

@@ -28,7 +28,8 @@ pub struct Violation {
 
 /// The robustness of a formula as a piecewise-linear function of time.
 ///
-/// Between two breakpoints it is the line from the `after` of the first to the `before` of the second.
+/// Between two breakpoints it is the line from the `after` of the first to the `before` of the
+/// second.
 #[derive(Clone, Debug, PartialEq)]
 pub struct DenseRobustness {
     function: Piecewise,
@@ -51,7 +52,8 @@ impl DenseRobustness {
         DenseRobustness { function }
     }
 
-    /// Returns the breakpoints in the order of time, the first and last time among them; none if no time is decided.
+    /// Returns the breakpoints in the order of time, the first and last time among them; none if no
+    /// time is decided.
     pub fn breakpoints(&self) -> impl ExactSizeIterator<Item = Breakpoint> {
         self.function.knots.iter().map(|knot| Breakpoint {
             time: seconds(knot.time),
@@ -78,19 +80,20 @@ impl DenseRobustness {
 
     /// Returns the robustness at a time, s; `None` outside of the domain.
     pub fn at(&self, time: f64) -> Option<f64> {
-        if !(time.abs() <= MAX_SECONDS) {
+        if time.is_nan() || time.abs() > MAX_SECONDS {
             return None;
         }
         let (time, knots) = (ticks(time), &self.function.knots);
         let next = knots.partition_point(|knot| knot.time < time);
-        // A breakpoint whose time is no `f64` is found by its nearest `f64`.
+        // The nearest `f64` finds a breakpoint between two of them.
         let near = &knots[next.saturating_sub(1)..(next + 1).min(knots.len())];
         let found = near.iter().find(|knot| is_same(knot.time, time));
         found.map(|knot| knot.at).or_else(|| self.function.at(time))
     }
 
-    /// Returns when the formula is violated: the intervals in which the robustness is negative or −0.0, in the order of
-    /// time. An interval ends where the robustness crosses zero or jumps. Whether its ends belong to it is not stated.
+    /// Returns when the formula is violated: the intervals in which the robustness is negative or
+    /// −0.0, in the order of time. An interval ends where the robustness crosses zero or jumps.
+    /// Whether its ends belong to it is not stated.
     ///
     /// # Example
     /// ```
@@ -131,7 +134,8 @@ impl DenseRobustness {
         found.into_iter().map(|(start, end)| Violation { start: seconds(start), end: seconds(end) }).collect()
     }
 
-    /// Returns the least value or limit with the first time at which it is reached, s; `None` if it is empty.
+    /// Returns the least value or limit with the first time at which it is reached, s; `None` if it
+    /// is empty.
     pub fn minimum(&self) -> Option<(f64, f64)> {
         let values =
             |knot: &super::piecewise::Knot| [knot.before, knot.at, knot.after].map(|x| (knot.time, x));

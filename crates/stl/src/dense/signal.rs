@@ -7,8 +7,8 @@ use super::time::{MAX_SECONDS, Ticks, ticks};
 /// The values of a signal between two samples.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Interpolation {
-    /// Each value holds until the next sample, and the last one until the end of the log: piecewise constant, as in
-    /// RTAMT.
+    /// Each value holds until the next sample, and the last one until the end of the log: piecewise
+    /// constant, as in RTAMT.
     Hold,
     /// A line leads from each sample to the next: piecewise linear.
     Linear,
@@ -37,8 +37,8 @@ impl DenseSignal {
     /// Creates a signal.
     ///
     /// # Errors
-    /// If there are no samples, or not as many times as values; if a time is not finite, further than 1e13 s from 0,
-    /// or not later than the time before; if a value is not finite.
+    /// If there are no samples, or not as many times as values; if a time is not finite, further
+    /// than 1e13 s from 0, or not later than the time before; if a value is not finite.
     pub fn new(
         name: impl Into<String>,
         times: Vec<f64>,
@@ -52,14 +52,16 @@ impl DenseSignal {
         if times.is_empty() {
             return Err(DenseError::Empty { signal });
         }
+        let mut previous = Ticks::MIN;
         for (index, time) in times.iter().copied().enumerate() {
-            // `!(…)` is true for NaN.
-            if !(time.abs() <= MAX_SECONDS) {
+            if time.is_nan() || time.abs() > MAX_SECONDS {
                 return Err(DenseError::BadTime { signal, index, time });
             }
-            if index > 0 && ticks(time) <= ticks(times[index - 1]) {
+            let next = ticks(time);
+            if next <= previous {
                 return Err(DenseError::NotIncreasing { signal, index, time, previous: times[index - 1] });
             }
+            previous = next;
             if !values[index].is_finite() {
                 return Err(DenseError::NotFinite { signal, value: values[index], time });
             }
@@ -97,7 +99,8 @@ impl DenseSignal {
         self.times[self.times.len() - 1]
     }
 
-    /// Returns the signal as a function up to `until`, at most. Held values extend to `end`, the end of the log.
+    /// Returns the signal as a function up to `until`, at most. Held values extend to `end`, the
+    /// end of the log.
     pub(crate) fn piecewise(&self, end: Ticks, until: Ticks) -> Piecewise {
         let mut out = Builder::default();
         let mut previous = self.values[0];

@@ -1,7 +1,8 @@
 //! Times as exact decimals: whole numbers of 10⁻²⁴ s.
 //!
-//! A time in a log and a bound in a formula are decimals, such as 0.7 and 0.1 s. As `f64`, 0.8 - 0.1 differs from
-//! 0.7, and a window would miss a sample at its end. As whole numbers of ticks the difference is exact.
+//! A time in a log and a bound in a formula are decimals, such as 0.7 and 0.1 s. As `f64`, 0.8 -
+//! 0.1 differs from 0.7, and a window would miss a sample at its end. As whole numbers of ticks the
+//! difference is exact.
 
 use crate::clock::{Bound, TimeUnit};
 
@@ -17,13 +18,14 @@ const PER_NANOSECOND: Ticks = 10_i128.pow(15);
 /// The largest time of a signal, s.
 pub(crate) const MAX_SECONDS: f64 = 1e13;
 
-/// A bound of this many ticks, or more, is beyond every log. Sums of a time and a bound do not overflow.
+/// The bound `inf`. Finite bounds are less. Sums of a time and a bound do not overflow.
 pub(crate) const UNBOUNDED: Ticks = 10_i128.pow(38);
 
 /// Whole numbers below this are exact in `f64`.
 const EXACT: f64 = (1_u64 << 53) as f64;
 
-/// Returns the ticks of a time whose shortest decimal is that of `seconds`, which must be at most [`MAX_SECONDS`].
+/// Returns the ticks of a time whose shortest decimal is that of `seconds`, which must be at most
+/// [`MAX_SECONDS`].
 pub(crate) fn ticks(seconds: f64) -> Ticks {
     let nanoseconds = (seconds * 1e9).round();
     if nanoseconds.abs() < EXACT && nanoseconds / 1e9 == seconds {
@@ -32,7 +34,7 @@ pub(crate) fn ticks(seconds: f64) -> Ticks {
     decimal(seconds, 0)
 }
 
-/// Returns the ticks of a bound, at most [`UNBOUNDED`].
+/// Returns the ticks of a bound, less than [`UNBOUNDED`] if it is finite.
 pub(crate) fn bound_ticks(bound: Bound, unit: TimeUnit) -> Ticks {
     if bound.value.is_infinite() {
         return UNBOUNDED;
@@ -56,7 +58,7 @@ fn decimal(value: f64, exponent: i32) -> Ticks {
     let power = power.parse().unwrap_or(0) - decimals as i32 + exponent + DECIMALS;
     if power >= 0 {
         let factor = 10_i128.checked_pow(power.unsigned_abs()).unwrap_or(UNBOUNDED);
-        return digits.saturating_mul(factor).clamp(-UNBOUNDED, UNBOUNDED);
+        return digits.saturating_mul(factor).clamp(1 - UNBOUNDED, UNBOUNDED - 1);
     }
     match 10_i128.checked_pow(power.unsigned_abs()) {
         Some(divisor) => (digits + digits.signum() * (divisor / 2)) / divisor,
@@ -103,7 +105,7 @@ mod tests {
         assert_eq!(of(300.0, TimeUnit::Milliseconds), ticks(0.3));
         assert_eq!(of(0.3, TimeUnit::Nanoseconds), ticks(3e-10));
         assert_eq!(of(f64::INFINITY, TimeUnit::Seconds), UNBOUNDED);
-        assert_eq!(of(1e300, TimeUnit::Seconds), UNBOUNDED);
+        assert_eq!(of(1e300, TimeUnit::Seconds), UNBOUNDED - 1);
         assert_eq!(bound_ticks(Bound { value: 2.0, unit: None }, TimeUnit::Microseconds), ticks(2e-6));
     }
 }

@@ -4,10 +4,11 @@
 //! U[a,b](t) = sup over t' in [t+a, t+b] of min(q(t'), inf p over [t, t'])
 //! ```
 //!
-//! As in RTAMT's dense-time monitor the left operand is needed at t' itself. Since `[t, t']` is `[t, t+a]` and
-//! `[t+a, t']`, `U[a,b](t) = min(inf p over [t, t+a], U[0,b-a](t+a))`. And `U[0,w] = min(U, sup q over [t, t+w])`, where
-//! U is `until` without a bound: if p holds up to some t' with q, and q holds at some t'' within w, then p holds up to
-//! the earlier one of them. `since` is `until` with time reversed.
+//! As in RTAMT's dense-time monitor the left operand is needed at t' itself. Since `[t, t']` is
+//! `[t, t+a]` and `[t+a, t']`, `U[a,b](t) = min(inf p over [t, t+a], U[0,b-a](t+a))`. And `U[0,w] =
+//! min(U, sup q over [t, t+w])`, where U is `until` without a bound: if p holds up to some t' with
+//! q, and q holds at some t'' within w, then p holds up to the earlier one of them. `since` is
+//! `until` with time reversed.
 //!
 //! # Reference
 //! Donzé, Ferrère and Maler, "Efficient robust monitoring for STL", CAV 2013.
@@ -37,11 +38,13 @@ pub(crate) fn until(p: &Piecewise, q: &Piecewise, [begin, end]: [Ticks; 2], doma
 
 /// Returns `p until q` on the common domain of both.
 ///
-/// The scan goes from the end to the start. Let V be the result at the next knot, and let p and q be lines up to there,
-/// with the limits p₁ and q₁, one of them nowhere below the other.
-/// - If p does not fall, the least p on the way is the present one: the result is min(p, max(q, q₁, V)).
-/// - If p falls, the least p is that at t': the result is max(h, min(p₁, V)), where h is the greatest min(p, q) on the
-///   rest of the cell. It is p if p is below q, else q₁ if q rises, else q.
+/// The scan goes from the end to the start. Let V be the result at the next knot, and let p and q
+/// be lines up to there, with the limits p₁ and q₁, one of them nowhere below the other.
+/// - If p does not fall, the least p on the way is the present one: the result is min(p, max(q, q₁,
+///   V)).
+/// - If p falls, the least p is that at t': the result is max(h, min(p₁, V)), where h is the
+///   greatest min(p, q) on the rest of the cell. It is p if p is below q, else q₁ if q rises, else
+///   q.
 ///
 /// Both have the form min(P, max(Q, M)) of lines P, Q and a number M.
 fn unbounded(p: &Piecewise, q: &Piecewise) -> Piecewise {

@@ -1,15 +1,17 @@
 //! Minimum and maximum over sliding windows, in time linear in the number of knots.
 //!
-//! The window `[t + begin, t + end]` contains the points `t + begin` and `t + end`, and the knots between them. On a
-//! line the extremum is at an end. So the result at t is the extremum of three numbers: the function at `t + begin`,
-//! the function at `t + end`, and the extremum of the values and limits of the knots inside, which a monotone deque
-//! yields (Lemire's algorithm). The first two are the function, shifted; the last one is constant between the times at
-//! which a knot enters or leaves. The pointwise extremum of these three functions adds at most two crossings between
+//! The window `[t + begin, t + end]` contains the points `t + begin` and `t + end`, and the knots
+//! between them. On a line the extremum is at an end. So the result at t is the extremum of three
+//! numbers: the function at `t + begin`, the function at `t + end`, and the extremum of the values
+//! and limits of the knots inside, which a monotone deque yields (Lemire's algorithm). The first
+//! two are the function, shifted; the last one is constant between the times at which a knot enters
+//! or leaves. The pointwise extremum of these three functions adds at most two crossings between
 //! two such times.
 //!
 //! # Reference
-//! Lemire, "Streaming maximum-minimum filter using no more than three comparisons per element", Nordic Journal of
-//! Computing 13, 2006. Donzé, Ferrère and Maler, "Efficient robust monitoring for STL", CAV 2013.
+//! Lemire, "Streaming maximum-minimum filter using no more than three comparisons per element",
+//! Nordic Journal of Computing 13, 2006. Donzé, Ferrère and Maler, "Efficient robust monitoring for
+//! STL", CAV 2013.
 
 use super::pick::pick;
 use super::piecewise::{Builder, Knot, Piecewise};
@@ -17,8 +19,9 @@ use super::time::Ticks;
 use crate::extremum::Extremum;
 use std::collections::VecDeque;
 
-/// Returns the extremum over `[t + begin, t + end]` for every t in `[start, stop]`. A window is cut at the ends of the
-/// domain of `x`; the extremum over an empty window is neutral. The bounds may be negative.
+/// Returns the extremum over `[t + begin, t + end]` for every t in `[start, stop]`. A window is cut
+/// at the ends of the domain of `x`; the extremum over an empty window is neutral. The bounds may
+/// be negative.
 pub(crate) fn window<E: Extremum>(
     x: &Piecewise,
     [begin, end]: [Ticks; 2],
@@ -28,7 +31,8 @@ pub(crate) fn window<E: Extremum>(
     if begin == end {
         return shifted::<E>(x, begin, [start, stop], |_, knot| knot.at);
     }
-    // A window that begins at a knot contains the limit from the right, unless the domain ends there.
+    // A window that begins at a knot contains the limit from the right, unless the domain ends
+    // there.
     let at_begin = shifted::<E>(x, begin, [start, stop], |index, knot| {
         if index < last { E::pick(knot.at, knot.after) } else { knot.at }
     });

@@ -361,6 +361,52 @@ impl Tree {
     }
 }
 
+/// Formulas in dense time, whose bounds are seconds.
+impl Tree {
+    /// Returns whether an operator reads the next or the previous sample, which dense time lacks.
+    pub fn has_neighbors(&self) -> bool {
+        match self {
+            Tree::Number(_) | Tree::Signal(_) => false,
+            Tree::One(name, _, x) => (ONE.contains(name) && *name != "not") || x.has_neighbors(),
+            Tree::Two(_, _, x, y) => x.has_neighbors() || y.has_neighbors(),
+        }
+    }
+
+    /// Returns the formula with all bounds multiplied by a factor.
+    pub fn scaled(&self, factor: usize) -> Tree {
+        let window = |bounds: &Interval| {
+            bounds.map(|(begin, end)| (begin * factor, if end == usize::MAX { end } else { end * factor }))
+        };
+        let sub = |tree: &Tree| Box::new(tree.scaled(factor));
+        match self {
+            Tree::Number(_) | Tree::Signal(_) => self.clone(),
+            Tree::One(name, bounds, x) => Tree::One(name, window(bounds), sub(x)),
+            Tree::Two(name, bounds, x, y) => Tree::Two(name, window(bounds), sub(x), sub(y)),
+        }
+    }
+
+    /// Returns the discrete-time formula for a grid of this number of samples per second. In dense
+    /// time `until` and its relatives need their left operand when the right one holds, too.
+    pub fn on_grid(&self, per_second: usize) -> Tree {
+        fn closed(tree: Tree) -> Tree {
+            match tree {
+                Tree::Number(_) | Tree::Signal(_) => tree,
+                Tree::One(name, window, x) => Tree::One(name, window, Box::new(closed(*x))),
+                Tree::Two(name, window, x, y) => {
+                    let (x, y) = (Box::new(closed(*x)), Box::new(closed(*y)));
+                    let right = match name {
+                        "until" | "since" | "unless" => Box::new(Tree::Two("and", None, x.clone(), y)),
+                        "release" => Box::new(Tree::Two("or", None, x.clone(), y)),
+                        _ => y,
+                    };
+                    Tree::Two(name, window, x, right)
+                }
+            }
+        }
+        closed(self.scaled(per_second))
+    }
+}
+
 /// Begin and end of a window; the end of an unbounded window is its begin.
 fn ends(window: Interval) -> (i64, i64) {
     let (begin, end) = window.unwrap_or((0, usize::MAX));
