@@ -2,7 +2,7 @@
 
 use std::io;
 
-use mishandle_stl::MonitorError;
+use mishandle_stl::{DenseError, MonitorError};
 
 /// The result of reading a log.
 pub type Result<T> = std::result::Result<T, LogError>;
@@ -29,6 +29,9 @@ pub enum LogError {
     /// The signals of the log do not fit the formula.
     #[error("{0}")]
     Formula(#[from] MonitorError),
+    /// The formula has no value in dense time.
+    #[error("{0}")]
+    Dense(#[from] DenseError),
 }
 
 impl LogError {

@@ -5,6 +5,8 @@
 //!   [`Log`]: topics whose columns have the same times.
 //! - [`Log::samples`] turns a log into [`Samples`]: even ones, resampled ones, or functions of
 //!   time.
+//! - [`Samples::verdict`] evaluates a formula: the robustness, when which part is violated, and the
+//!   decisive predicate.
 //! - [`Options`] are the choices on this way. A choice that nobody stated is never guessed: the
 //!   error names its flag, see [`LogError::flag`].
 //! - [`Times`] keeps times exact, and finds the period of even ones, however they are rounded.
@@ -38,6 +40,7 @@ mod place;
 mod samples;
 mod table;
 mod times;
+mod verdict;
 
 pub use date::offset as utc_offset;
 pub use error::{LogError, Result};
@@ -46,3 +49,4 @@ pub use mishandle_stl::{DenseSignal, Interpolation};
 pub use options::{Duplicates, Format, Missing, Options, Sampling, Unit};
 pub use samples::{Samples, Signals};
 pub use times::Times;
+pub use verdict::{At, Evaluation, Interval, Part, Verdict};

@@ -45,6 +45,8 @@ pub struct OpenLog {
 pub struct Log {
     /// The topics.
     pub topics: Vec<Topic>,
+    /// The column that seems to have the times, if none was read as such.
+    pub likely_time: Option<String>,
 }
 
 /// Signals that have the same times.
@@ -188,6 +190,7 @@ impl OpenLog {
         if let Some(name) = self.options.topic_column.clone() {
             return self.read_split(signals, &name);
         }
+        let likely_time = self.likely_time().map(str::to_owned);
         let mut columns: Vec<Vec<(usize, &str)>> = self.tables.iter().map(|_| Vec::new()).collect();
         for signal in signals {
             let Some((table, column)) = self.place_of(signal)? else {
@@ -225,7 +228,7 @@ impl OpenLog {
         if topics.iter().any(|topic| topic.places.is_empty()) {
             return Err(content("the file has a header, but no samples"));
         }
-        Ok(Log { topics })
+        Ok(Log { topics, likely_time })
     }
 
     /// Reads signals of a log whose rows belong to the topics that a column names.
@@ -298,7 +301,7 @@ impl OpenLog {
                 shown.join(", ")
             )));
         }
-        Ok(Log { topics: found })
+        Ok(Log { topics: found, likely_time: None })
     }
 }
 

@@ -23,6 +23,8 @@ pub struct Samples {
     /// The instant of 0 s in nanoseconds, in the scale of the file; `None` if times are those of
     /// the file.
     pub origin_ns: Option<i128>,
+    /// The column that seems to have the times, if none was read as such.
+    pub likely_time: Option<String>,
 }
 
 /// The signals of a log over time.
@@ -41,6 +43,17 @@ pub enum Signals {
     },
     /// Functions of time, which all begin and end at the same time.
     Dense(Vec<DenseSignal>),
+}
+
+impl Samples {
+    /// Returns the time of a sample in seconds; `None` in dense time, and if the log has no times
+    /// and no period.
+    pub fn time_of(&self, sample: usize) -> Option<f64> {
+        match &self.signals {
+            Signals::Even { period, start, .. } => period.map(|period| start + sample as f64 * period),
+            Signals::Dense(_) => None,
+        }
+    }
 }
 
 impl Log {
@@ -68,12 +81,13 @@ impl Log {
             }
         }
         let origin_ns = self.common_origin();
+        let likely_time = self.likely_time.take();
         let signals = match options.sampling {
             Sampling::Even => self.even(options)?,
             Sampling::Resampled(interpolation) => align::resampled(self, interpolation, options)?,
             Sampling::Dense(interpolation) => Signals::Dense(align::dense(self, interpolation, options)?),
         };
-        Ok(Samples { signals, missing, origin_ns })
+        Ok(Samples { signals, missing, origin_ns, likely_time })
     }
 
     /// Shifts the times of all topics to one origin, that of the earliest, and returns it in

@@ -223,7 +223,10 @@ fn topics_with_different_times_share_their_common_time() {
     let log = || {
         let a = topic("a", &[epoch, epoch + 2 * half, epoch + 4 * half], &[0.0, 1.0, 2.0]);
         let b = topic("b", &[epoch + half, epoch + 3 * half], &[5.0, 7.0]);
-        [Log { topics: vec![a.clone(), b.clone()] }, Log { topics: vec![b, a] }]
+        [
+            Log { topics: vec![a.clone(), b.clone()], likely_time: None },
+            Log { topics: vec![b, a], likely_time: None },
+        ]
     };
     for log in log() {
         let found = log.clone().samples(&dense(LINEAR)).expect("dense");
@@ -239,6 +242,9 @@ fn topics_with_different_times_share_their_common_time() {
         let error = log.samples(&Options::default()).expect_err("two rates");
         assert_eq!(error.flag(), Some("--resample"), "{error}");
     }
-    let apart = Log { topics: vec![topic("a", &[0, 1], &[0.0, 1.0]), topic("b", &[5, 6], &[0.0, 1.0])] };
+    let apart = Log {
+        topics: vec![topic("a", &[0, 1], &[0.0, 1.0]), topic("b", &[5, 6], &[0.0, 1.0])],
+        likely_time: None,
+    };
     assert!(apart.samples(&dense(LINEAR)).expect_err("apart").to_string().contains("no time in common"));
 }
