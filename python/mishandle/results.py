@@ -265,11 +265,99 @@ class RequirementVerdict:
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class Monitor:
-    """Robustness of a formula on a recorded trace."""
+class LogVerdict:
+    """The verdict of a formula on a log."""
 
+    log: str
+    """File of the log; of a log with several topics, their files."""
+    name: str | None
+    """Name of the requirement; ``None`` for that of ``--formula``."""
+    description: str | None
+    """Description of the requirement; ``None`` without one."""
+    severity: str
+    """``error`` or ``warning``: only a violated formula with ``error`` gives exit code 1."""
+    formula: str
+    """Formula."""
     robustness: float
     """Robustness at time 0."""
+    violated: bool
+    """Whether it is violated."""
+    cuts_windows: bool
+    """Whether the robustness depends on a window that is cut."""
+    samples: int | None
+    """Number of samples; ``None`` with ``--dense``."""
+    missing_values: int
+    """Number of missing values that ``--missing`` held or left out."""
+    origin_ns: int | None
+    """Instant of 0 s in nanoseconds, if times in this document are differences from it; ``None``
+    if they are those of the log."""
+    violations: tuple[LogViolation, ...]
+    """When each part of the formula is violated, in the order of time. Parts are the operands of
+    ``and`` below ``always``."""
+    worst_part: WorstPart | None
+    """The part that is violated most, or nearest to it; ``None`` if the formula requires none
+    inside the log."""
+    predicate: LogPredicate | None
+    """The predicate that determines the robustness; ``None`` with ``--dense``,
+    ``--strict-horizon``, and if none does."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class LogViolation:
+    """A time in which a part of a formula is violated."""
+
+    formula: str
+    """The part."""
+    start: float | None
+    """First time in seconds; ``None`` if the log has no times and no period."""
+    end: float | None
+    """Last time in seconds."""
+    duration: float | None
+    """``end`` minus ``start``: 0 for a single sample."""
+    start_sample: int | None
+    """First sample, from 0; ``None`` with ``--dense``."""
+    end_sample: int | None
+    """Last sample."""
+    worst: float
+    """Least robustness of the part in this time."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class WorstPart:
+    """The part of a formula that is violated most."""
+
+    formula: str
+    """The part."""
+    robustness: float
+    """Its least robustness."""
+    time: float | None
+    """Its time in seconds; ``None`` if the log has no times and no period."""
+    sample: int | None
+    """Its sample, from 0; ``None`` with ``--dense``."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class LogPredicate:
+    """The predicate that determines the robustness at time 0."""
+
+    formula: str
+    """The comparison."""
+    time: float | None
+    """The time in seconds; ``None`` if the log has no times and no period."""
+    sample: int
+    """The sample, from 0."""
+    values: tuple[float, float]
+    """Values of the two sides."""
+    robustness: float
+    """Its robustness."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Monitor:
+    """Robustness of formulas on recorded logs."""
+
+    robustness: float
+    """Robustness at time 0 of the first formula; of several logs, in the worst one."""
     violated: bool
     """Whether the formula is violated. At a robustness of 0, ``<=``, ``>=`` and ``==`` hold, and
     ``<``, ``>`` and ``!=`` do not."""
@@ -278,12 +366,17 @@ class Monitor:
     ``--strict-horizon``."""
     cuts_windows: bool
     """Whether ``robustness`` depends on a window that is cut."""
-    robustness_signal: tuple[float, ...]
-    """Robustness at each sample; with ``--strict-horizon`` at the first samples, those whose
-    windows are inside the trace."""
+    robustness_signal: tuple[float, ...] | None = None
+    """Robustness at each sample, with ``--values``; with ``--strict-horizon`` at the first
+    samples, those whose windows are inside the trace. With ``--dense``, at each breakpoint."""
+    robustness_times: tuple[float, ...] | None = None
+    """The times of ``robustness_signal`` in seconds, with ``--values``, if the log has times."""
     requirements: tuple[RequirementVerdict, ...] | None = None
     """Each named requirement; missing without one. Without ``--formula``, the other keys are
-    those of the first."""
+    those of the first. Missing with several logs."""
+    verdicts: tuple[LogVerdict, ...]
+    """The verdict of each formula on each log, worst first: errors that are violated, warnings
+    that are violated, then satisfied formulas."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)

@@ -1,5 +1,6 @@
 //! Flags: groups that commands share, and the parsing of their values.
 
+mod log;
 pub mod numbers;
 mod plan;
 mod recorded;
@@ -9,6 +10,7 @@ mod subject;
 
 use std::ops::RangeInclusive;
 
+pub use log::LogFlags;
 pub use plan::plan;
 pub use recorded::{Recorded, TraceFile, check_flags, is_file};
 pub use run::{OpenRun, Run};

@@ -11,6 +11,7 @@ pub mod falsification;
 pub mod formula_error;
 pub mod hardening;
 pub mod live_curve;
+pub mod log_verdicts;
 pub mod margin;
 pub mod mode_survey;
 pub mod modes;

@@ -271,7 +271,7 @@ fn monitor_prints_the_robustness_and_returns_1_for_a_violation() {
     let bench = Bench::new();
     bench.write("d.csv", "time,d\n0.0,0.2\n0.1,0.3\n0.2,0.1\n");
     // 0.35 - d = 0.15, 0.05, 0.25
-    let found = bench.json("monitor --formula 'always[0:2](d <= 0.35)' d.csv --json", 0);
+    let found = bench.json("monitor --formula 'always[0:2](d <= 0.35)' d.csv --json --values", 0);
     let (rho, signal) =
         (found["robustness"].as_f64().unwrap(), found["robustness_signal"].as_array().unwrap());
     assert!((rho - 0.05).abs() < 1e-12);
@@ -298,7 +298,7 @@ fn strict_horizon_accepts_no_window_that_is_cut_under_an_unbounded_operator() {
         let document = bench.json(&format!("{command} --json"), cut.1);
         assert_eq!((document["robustness"].as_f64(), &document["windows"]), (Some(cut.0), &"cut".into()));
         assert_eq!(document["cuts_windows"], true);
-        let document = bench.json(&format!("{command} --strict-horizon --json"), whole.1);
+        let document = bench.json(&format!("{command} --strict-horizon --json --values"), whole.1);
         assert_eq!((document["robustness"].as_f64(), &document["windows"]), (Some(whole.0), &"whole".into()));
         assert_eq!(document["robustness_signal"].as_array().unwrap().len(), 2);
         assert_eq!(document["cuts_windows"], false);
@@ -320,7 +320,7 @@ fn errors_of_monitor_name_cause_and_position() {
     bench.write("uneven.csv", "time,d\n0,1\n0.1,1\n0.3,1\n");
     bench.refuses("monitor --formula 'always[0:2](d <= )' d.csv", &["column 18", "^"]);
     bench.refuses("monitor --formula 'x > 1' d.csv", &["signal `x` is not in the trace", "d, e"]);
-    bench.refuses("monitor --formula 'e > 0' d.csv", &["`e` is NaN at step 1"]);
+    bench.refuses("monitor --formula 'e > 0' d.csv", &["line 3: `e` is `nan`", "--missing"]);
     bench.refuses("monitor --formula 'd > 0' text.csv", &["line 3", "`d` is `abc`"]);
     bench.refuses("monitor --formula 'd > 0' twice.csv", &["two columns are named `d`: 1 and 2"]);
     bench.refuses("monitor --formula 'd > 0' uneven.csv", &["evenly spaced", "0.15"]);

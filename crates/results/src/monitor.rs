@@ -3,10 +3,10 @@ use serde::Serialize;
 
 use crate::{Number, RequirementVerdict};
 
-/// Robustness of a formula on a recorded trace.
+/// Robustness of formulas on recorded logs.
 #[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
 pub struct Monitor {
-    /// Robustness at time 0.
+    /// Robustness at time 0 of the first formula; of several logs, in the worst one.
     pub robustness: Number,
     /// Whether the formula is violated. At a robustness of 0, `<=`, `>=` and `==` hold, and `<`,
     /// `>` and `!=` do not.
@@ -16,11 +16,102 @@ pub struct Monitor {
     pub windows: String,
     /// Whether `robustness` depends on a window that is cut.
     pub cuts_windows: bool,
-    /// Robustness at each sample; with `--strict-horizon` at the first samples, those whose windows
-    /// are inside the trace.
-    pub robustness_signal: Vec<Number>,
+    /// Robustness at each sample, with `--values`; with `--strict-horizon` at the first samples,
+    /// those whose windows are inside the trace. With `--dense`, at each breakpoint.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub robustness_signal: Option<Vec<Number>>,
+    /// The times of `robustness_signal` in seconds, with `--values`, if the log has times.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub robustness_times: Option<Vec<Number>>,
     /// Each named requirement; missing without one. Without `--formula`, the other keys are those
-    /// of the first.
+    /// of the first. Missing with several logs.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub requirements: Option<Vec<RequirementVerdict>>,
+    /// The verdict of each formula on each log, worst first: errors that are violated, warnings
+    /// that are violated, then satisfied formulas.
+    pub verdicts: Vec<LogVerdict>,
+}
+
+/// The verdict of a formula on a log.
+#[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
+pub struct LogVerdict {
+    /// File of the log; of a log with several topics, their files.
+    pub log: String,
+    /// Name of the requirement; `null` for that of `--formula`.
+    pub name: Option<String>,
+    /// Description of the requirement; `null` without one.
+    pub description: Option<String>,
+    /// `error` or `warning`: only a violated formula with `error` gives exit code 1.
+    pub severity: String,
+    /// Formula.
+    pub formula: String,
+    /// Robustness at time 0.
+    pub robustness: Number,
+    /// Whether it is violated.
+    pub violated: bool,
+    /// Whether the robustness depends on a window that is cut.
+    pub cuts_windows: bool,
+    /// Number of samples; `null` with `--dense`.
+    pub samples: Option<u64>,
+    /// Number of missing values that `--missing` held or left out.
+    pub missing_values: u64,
+    /// Instant of 0 s in nanoseconds, if times in this document are differences from it; `null` if
+    /// they are those of the log.
+    pub origin_ns: Option<i64>,
+    /// When each part of the formula is violated, in the order of time. Parts are the operands of
+    /// `and` below `always`.
+    pub violations: Vec<LogViolation>,
+    /// The part that is violated most, or nearest to it; `null` if the formula requires none inside
+    /// the log.
+    pub worst_part: Option<WorstPart>,
+    /// The predicate that determines the robustness; `null` with `--dense`, `--strict-horizon`, and
+    /// if none does.
+    pub predicate: Option<LogPredicate>,
+}
+
+/// A time in which a part of a formula is violated.
+#[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
+pub struct LogViolation {
+    /// The part.
+    pub formula: String,
+    /// First time in seconds; `null` if the log has no times and no period.
+    pub start: Option<Number>,
+    /// Last time in seconds.
+    pub end: Option<Number>,
+    /// `end` minus `start`: 0 for a single sample.
+    pub duration: Option<Number>,
+    /// First sample, from 0; `null` with `--dense`.
+    pub start_sample: Option<u64>,
+    /// Last sample.
+    pub end_sample: Option<u64>,
+    /// Least robustness of the part in this time.
+    pub worst: Number,
+}
+
+/// The part of a formula that is violated most.
+#[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
+pub struct WorstPart {
+    /// The part.
+    pub formula: String,
+    /// Its least robustness.
+    pub robustness: Number,
+    /// Its time in seconds; `null` if the log has no times and no period.
+    pub time: Option<Number>,
+    /// Its sample, from 0; `null` with `--dense`.
+    pub sample: Option<u64>,
+}
+
+/// The predicate that determines the robustness at time 0.
+#[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
+pub struct LogPredicate {
+    /// The comparison.
+    pub formula: String,
+    /// The time in seconds; `null` if the log has no times and no period.
+    pub time: Option<Number>,
+    /// The sample, from 0.
+    pub sample: u64,
+    /// Values of the two sides.
+    pub values: [Number; 2],
+    /// Its robustness.
+    pub robustness: Number,
 }

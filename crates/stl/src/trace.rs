@@ -39,6 +39,17 @@ impl Trace {
         Trace { names, columns, len: 0 }
     }
 
+    /// Creates a trace from the values of each signal, in the order of the names.
+    ///
+    /// # Panics
+    /// If there is not one column per name, or their lengths differ.
+    pub fn from_columns(names: Arc<[String]>, columns: Vec<Vec<f64>>) -> Trace {
+        assert_eq!(names.len(), columns.len(), "a trace must have one column per name");
+        let len = columns.first().map_or(0, Vec::len);
+        assert!(columns.iter().all(|column| column.len() == len), "columns must have the same length");
+        Trace { names, columns, len }
+    }
+
     /// Appends a sample: one value per signal, in the order of the names. Does not allocate within
     /// the capacity.
     ///

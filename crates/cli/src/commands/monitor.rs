@@ -1,37 +1,27 @@
-mod log;
-mod times;
+use std::path::PathBuf;
 
-use std::fs::File;
-use std::io::Read;
-use std::path::{Path, PathBuf};
-
-use anyhow::{Context, Result, anyhow, bail, ensure};
+use anyhow::{Context, Result, ensure};
 use clap::Args;
-use log::{Log, Samples};
-use mishandle::results::{self, Number, RequirementVerdict};
-use mishandle::stl::{
-    Clock, Formula, Monitor, MonitorError, Recording, TimeUnit, is_violated, name_hint, unquoted,
-};
-use mishandle_text::{number_text, plural, shell_quote, visible};
+use mishandle::results::{self, LogVerdict, Number, RequirementVerdict};
+use mishandle_logs::Evaluation;
+use mishandle_text::plural;
 
 use crate::exit_status::ExitStatus;
-use crate::flags::{self, numbers};
-use crate::show::{formula_error, output, requirements};
+use crate::flags::{self, LogFlags};
+use crate::run::logs::{self, Requirement};
+use crate::show::{log_verdicts, output};
 
-/// Sampling periods.
-const PERIOD: &str = "a number of seconds above 0, such as 0.1";
-
-fn is_period(secs: f64) -> bool {
-    secs > 0.0 && secs.is_finite()
-}
-
-/// Compute the robustness of a temporal logic formula on a recorded trace
+/// Compute the robustness of temporal logic formulas on recorded logs
 #[derive(Debug, Args)]
-#[command(after_help = "The trace is a CSV file: a header with the signal names, then one row of numbers per
-sample. The optional column `time` (seconds) determines the sampling period; --time names
-another column. Columns that the formula does not read may have any name and hold any text.
-In a formula, the name of a column that is not a plain word stands in backquotes:
+#[command(
+    after_help = "A log is a CSV file (also with semicolons, tabs or spaces), JSON lines, a NumPy .npz or .npy file, or
+a Parquet file. A signal is a column. The optional column `time` (seconds, or dates with a zone)
+determines the sampling period; --time names another one. Columns that no formula reads may hold
+anything. In a formula, the name of a column that is not a plain word stands in backquotes:
 `/joint[0]/position`. In a shell, a formula with backquotes stands in single quotes.
+
+Several files are several logs: the answer is a table of verdicts, worst first. --topic reads
+several files as one log.
 
 Windows that extend past the end of the trace are cut there, as in RTAMT. A cut window can
 satisfy a formula that the whole window would violate. --strict-horizon uses whole windows
@@ -43,9 +33,13 @@ Examples:
   mishandle monitor --formula 'always[0:2](d <= 0.3)' trace.csv             bounds count samples
   mishandle monitor --formula 'always[0:2s](d <= 0.3)' --period 0.1 trace.csv
   mishandle monitor --formula 'always[0:2](d <= 0.3)' --period 0.1 --unit s trace.csv  as in RTAMT
+  mishandle monitor --formulas requirements.toml --junit verdicts.xml logs/*.parquet
+  mishandle monitor --formula 'always(`arm/q` <= 2)' --topic arm=arm.csv --resample hold --period 0.01
 
-Exit code 1 means that a formula is violated at time 0. docs/reference/formulas.md describes
-the language of formulas.")]
+Exit code 1 means that a formula is violated at time 0; requirements with the severity `warning`
+do not count. docs/guide/logs.md describes logs, docs/reference/formulas.md the language of
+formulas."
+)]
 pub struct Arguments {
     /// Formula in the syntax of RTAMT
     #[arg(long, allow_hyphen_values = true)]
@@ -53,14 +47,12 @@ pub struct Arguments {
     /// Formula with a name; repeat the flag for several. Each has a verdict of its own
     #[arg(long, value_name = "NAME=FORMULA", allow_hyphen_values = true, value_parser = flags::named_formula)]
     pub requirement: Vec<(String, String)>,
-    /// CSV file with the trace; - reads stdin
-    pub trace: PathBuf,
-    /// Sampling period in seconds [default: that of the times; bounds in seconds need one of both]
-    #[arg(long, value_name = "SECONDS", allow_negative_numbers = true, value_parser = numbers::number(PERIOD, is_period))]
-    pub period: Option<f64>,
-    /// Column with the times of the samples in seconds [default: `time`, if there is one]
-    #[arg(long, value_name = "COLUMN")]
-    pub time: Option<String>,
+    /// TOML file with [[requirement]] tables: name, formula, severity, unit, description
+    #[arg(long, value_name = "FILE")]
+    pub formulas: Option<PathBuf>,
+    /// Files with a log each; - reads stdin
+    #[arg(value_name = "LOG")]
+    pub logs: Vec<PathBuf>,
     /// Unit of interval bounds without a unit: s, ms, us or ns [default: such bounds count samples]
     #[arg(long)]
     pub unit: Option<String>,
@@ -70,179 +62,134 @@ pub struct Arguments {
     /// Print one JSON document to stdout
     #[arg(long)]
     pub json: bool,
+    /// With --json: print the robustness at each sample
+    #[arg(long, requires = "json")]
+    pub values: bool,
+    /// File to create with the verdicts as JUnit XML
+    #[arg(long, value_name = "FILE")]
+    pub junit: Option<PathBuf>,
+    /// File to create with the verdicts as a table in Markdown
+    #[arg(long, value_name = "FILE")]
+    pub markdown: Option<PathBuf>,
+    /// Overwrite the files of --junit and --markdown
+    #[arg(long)]
+    pub force: bool,
+    #[command(flatten)]
+    pub log: LogFlags,
 }
 
 pub fn run(command: &Arguments) -> Result<ExitStatus> {
-    let formula = command.formula.iter().map(|text| (None, text));
-    let named = command.requirement.iter().map(|(name, text)| (Some(name), text));
-    ensure!(
-        command.formula.is_some() || !command.requirement.is_empty(),
-        "there is no formula: give --formula FORMULA, or --requirement NAME=FORMULA"
-    );
-    ensure!(
-        usize::from(command.formula.is_some()) + command.requirement.len() == 1
-            || command.trace.as_os_str() != "-",
-        "several formulas need a trace in a file, because stdin can be read once"
-    );
-    let found = formula
-        .chain(named)
-        .map(|(name, text)| Ok((name, evaluate(command, text)?)))
-        .collect::<Result<Vec<_>>>()?;
-    let verdict = |(name, found): &(Option<&String>, Evaluated)| {
-        let robustness = found.signal[0];
-        Some(RequirementVerdict {
-            name: (*name)?.clone(),
-            formula: found.formula.to_string(),
-            robustness: Some(robustness.into()),
-            violated: Some(is_violated(robustness)),
-        })
-    };
-    let verdicts: Vec<RequirementVerdict> = found.iter().filter_map(verdict).collect();
-    let (_, first) = &found[0];
-    let robustness = first.signal[0];
-    if command.json {
-        output::json(&results::Monitor {
-            robustness: robustness.into(),
-            violated: is_violated(robustness),
-            windows: if command.strict_horizon { "whole" } else { "cut" }.to_string(),
-            cuts_windows: first.cuts_windows,
-            robustness_signal: first.signal.iter().copied().map(Number).collect(),
-            requirements: (!verdicts.is_empty()).then_some(verdicts),
-        })?;
-    } else {
-        if command.formula.is_some() {
-            let verdict = if is_violated(robustness) { "violated" } else { "satisfied" };
-            output::line(&format!("robustness {} at time 0: {verdict}", number_text(robustness + 0.0)))?;
-        }
-        if !verdicts.is_empty() {
-            output::line(requirements::verdicts_text(Some(&verdicts)).trim_start())?;
-        }
-        if found.iter().any(|(_, found)| found.cuts_windows) {
-            output::message(&format!(
-                "note: a window extends past the end of the trace, which has {}; it is cut there, as in RTAMT; \
-                 samples after the end could change the value (--strict-horizon uses whole windows only)",
-                plural(first.samples, "sample")
-            ));
+    let requirements = requirements(command)?;
+    let options = command.log.options();
+    let sources = command.log.logs(&command.logs)?;
+    logs::check_stdin(&sources)?;
+    let inputs = || sources.iter().flatten().map(|source| source.path.as_path());
+    for (flag, path) in [("--junit", &command.junit), ("--markdown", &command.markdown)] {
+        if let Some(path) = path {
+            output::refuse_inputs(path, flag, inputs())?;
         }
     }
-    let fails = found.iter().any(|(_, found)| is_violated(found.signal[0]));
+    let formulas = logs::formulas(&requirements, &sources[0], &options)?;
+    let (mut verdicts, mut values) = (Vec::new(), None);
+    for source in &sources {
+        let log = logs::read(source, &formulas, &options)?;
+        for (requirement, formula) in requirements.iter().zip(&formulas) {
+            let verdict = log.verdict(requirement, formula, command.strict_horizon);
+            verdicts.push(verdict.with_context(|| format!("trace {}", log.name))?);
+        }
+        if command.values {
+            ensure!(sources.len() == 1, "--values prints the values of one log; name one");
+            let evaluation =
+                Evaluation { unit: requirements[0].unit, strict_horizon: command.strict_horizon };
+            values = Some(log.samples.robustness_signal(&formulas[0], &evaluation)?);
+        }
+    }
+    let as_asked = verdicts.clone();
+    logs::worst_first(&mut verdicts);
+    let is_one_log = sources.len() == 1;
+    if let Some(path) = &command.junit {
+        output::write_atomically(path, command.force, log_verdicts::junit(&verdicts).as_bytes())?;
+    }
+    if let Some(path) = &command.markdown {
+        output::write_atomically(path, command.force, log_verdicts::markdown(&verdicts).as_bytes())?;
+    }
+    let fails = verdicts.iter().any(|verdict| verdict.violated && verdict.severity == "error");
+    let cut = verdicts.iter().find(|verdict| verdict.cuts_windows);
+    let note = cut.filter(|_| !command.json).map(|cut| {
+        let samples = cut.samples.map(|samples| format!(", which has {}", plural(samples, "sample")));
+        format!(
+            "note: a window extends past the end of the trace{}; it is cut there, as in RTAMT; samples after the end could \
+             change the value (--strict-horizon uses whole windows only)",
+            samples.unwrap_or_default()
+        )
+    });
+    let missing = verdicts.iter().map(|verdict| verdict.missing_values).max().unwrap_or(0);
+    if command.json {
+        output::json(&document(command, is_one_log, as_asked, verdicts, values))?;
+    } else {
+        match &verdicts[..] {
+            [only] if is_one_log => output::line(&log_verdicts::text(only))?,
+            _ => output::line(&log_verdicts::table(&verdicts, !is_one_log))?,
+        }
+        if missing > 0 {
+            output::message(&format!("note: {} missing in a log", plural(missing, "value")));
+        }
+    }
+    if let Some(note) = note {
+        output::message(&note);
+    }
     Ok(if fails { ExitStatus::Violated } else { ExitStatus::Done })
 }
 
-/// A formula on the trace.
-struct Evaluated {
-    formula: Formula,
-    samples: usize,
-    cuts_windows: bool,
-    /// The robustness at each sample; at least one.
-    signal: Vec<f64>,
-}
-
-fn evaluate(command: &Arguments, text: &str) -> Result<Evaluated> {
-    let unit = command.unit.as_deref().map(unit).transpose()?;
-    let parsed = Formula::parse(text);
-    if let Err(error) = &parsed
-        && let Some(hint) = hint(command, text)
-    {
-        bail!("{}\nhint: {hint}", formula_error::message(text, error));
-    }
-    let formula = parsed.map_err(|error| anyhow!("{}", formula_error::message(text, &error)))?;
-    output::warn_about(&formula);
-    let trace_name = || format!("trace {}", command.trace.display());
-    let log = Log::open(source(&command.trace).with_context(trace_name)?).with_context(trace_name)?;
-    log.check_signals(&formula).with_context(trace_name)?;
-    let likely_time = log.likely_time().filter(|name| visible(name) == *name).map(str::to_owned);
-    let samples = log.samples(&formula, command.time.as_deref()).with_context(trace_name)?;
-    let period = match &samples.times {
-        Some(times) => times.period(command.period).with_context(trace_name)?,
-        None => command.period,
+/// Returns the formulas of all flags.
+fn requirements(command: &Arguments) -> Result<Vec<Requirement>> {
+    let unit = command.unit.as_deref().map(|text| logs::time_unit(text, "--unit")).transpose()?;
+    let plain = |name: Option<&String>, text: &String| Requirement {
+        name: name.cloned(),
+        text: text.clone(),
+        is_error: true,
+        unit,
+        description: None,
     };
-    let clock = match (period, unit) {
-        (Some(period), Some(unit)) => Clock::rtamt(period, unit),
-        (Some(period), None) => Clock::steps(period),
-        (None, unit) if formula.needs_period(unit.is_some()) => {
-            bail!(no_period(&samples, likely_time.as_deref()))
-        }
-        (None, _) => Clock::unknown(),
-    };
-    let mut monitor = Monitor::new(&formula, &samples.names, clock).map_err(|error| match error {
-        MonitorError::NotAMultiple { .. } if samples.times.is_some() && command.period.is_none() => {
-            anyhow!("{error}; the steps are those of the times, in seconds; --period sets another one that fits them")
-        }
-        error => error.into(),
-    })?;
-    let count = samples.recording.len();
-    let cuts_windows = !command.strict_horizon && monitor.cuts_windows(count);
-    let signal = signal(&mut monitor, samples.recording, command.strict_horizon)?.to_vec();
-    Ok(Evaluated { formula, samples: count, cuts_windows, signal })
-}
-
-/// Returns the hint on a formula that does not parse, if it has the name of a column without the
-/// backquotes that it needs.
-fn hint(command: &Arguments, text: &str) -> Option<String> {
-    let file = File::open(&command.trace).ok().filter(|_| command.trace.is_file())?;
-    let log = Log::open(file).ok()?;
-    name_hint(unquoted(text, log.names().iter().map(String::as_str))?)
-}
-
-/// Describes why the sampling period is unknown, although a bound is a time.
-fn no_period(samples: &Samples, likely_time: Option<&str>) -> String {
-    let needs = "a bound of the formula is a time, which needs the time between two samples";
-    match (&samples.times, likely_time) {
-        (Some(_), _) => format!("{needs}, but the trace has one sample; pass --period SECONDS"),
-        (None, Some(name)) => format!(
-            "{needs}, but the trace has no column `time`; if the column `{name}` has the times in seconds, pass --time {}, \
-             otherwise --period SECONDS",
-            shell_quote(name)
-        ),
-        (None, None) => format!(
-            "{needs}, but the trace has no column `time`; pass --period SECONDS, or the name of the column with the times \
-             as --time COLUMN"
-        ),
+    let mut found: Vec<Requirement> = command.formula.iter().map(|text| plain(None, text)).collect();
+    found.extend(command.requirement.iter().map(|(name, text)| plain(Some(name), text)));
+    if let Some(path) = &command.formulas {
+        found.extend(logs::requirements(path, unit)?);
     }
-}
-
-/// Returns the robustness signal: all samples with cut windows, or the decided ones, of which there
-/// is at least one.
-fn signal(monitor: &mut Monitor, recording: Recording, strict_horizon: bool) -> Result<&[f64]> {
-    if !strict_horizon {
-        return Ok(monitor.recorded_robustness_signal(recording)?);
-    }
-    let needed = monitor.needed_samples();
     ensure!(
-        needed <= recording.len(),
-        "the formula needs {needed} samples, but the trace has only {}; without --strict-horizon, windows are cut at its \
-         end",
-        recording.len()
+        !found.is_empty(),
+        "there is no formula: give --formula FORMULA, --requirement NAME=FORMULA, or --formulas FILE"
     );
-    let signal = monitor.recorded_decided_robustness_signal(recording)?;
-    ensure!(
-        signal[0].is_finite(),
-        "the robustness at time 0 is {}: it depends on no sample of the trace; without --strict-horizon, empty windows \
-         are allowed",
-        signal[0]
-    );
-    Ok(signal)
+    Ok(found)
 }
 
-fn unit(text: &str) -> Result<TimeUnit> {
-    let known = TimeUnit::ALL.map(TimeUnit::symbol);
-    TimeUnit::ALL
-        .into_iter()
-        .find(|unit| unit.symbol() == text)
-        .with_context(|| format!("--unit is `{text}`; it must be one of {}", known.join(", ")))
-}
-
-/// Opens a file, or stdin for `-`.
-fn source(path: &Path) -> Result<Box<dyn Read>> {
-    if path.as_os_str() == "-" {
-        return Ok(Box::new(std::io::stdin()));
-    }
-    let file = File::open(path).map_err(|error| match path.metadata() {
-        Ok(found) if !found.is_file() => {
-            std::io::Error::other("expected a file or a pipe, found a socket or a device")
-        }
-        _ => error,
+/// Returns the document of `--json`.
+fn document(
+    command: &Arguments,
+    is_one_log: bool,
+    as_asked: Vec<LogVerdict>,
+    verdicts: Vec<LogVerdict>,
+    values: Option<Vec<(mishandle_logs::At, f64)>>,
+) -> results::Monitor {
+    let named = as_asked.iter().filter_map(|verdict| {
+        Some(RequirementVerdict {
+            name: verdict.name.clone()?,
+            formula: verdict.formula.clone(),
+            robustness: Some(verdict.robustness),
+            violated: Some(verdict.violated),
+        })
     });
-    Ok(Box::new(file?))
+    let named: Vec<RequirementVerdict> = named.filter(|_| is_one_log).collect();
+    let first = if is_one_log { &as_asked[0] } else { &verdicts[0] };
+    let times = values.as_ref().and_then(|values| values.iter().map(|(at, _)| at.secs.map(Number)).collect());
+    results::Monitor {
+        robustness: first.robustness,
+        violated: first.violated,
+        windows: if command.strict_horizon { "whole" } else { "cut" }.to_string(),
+        cuts_windows: first.cuts_windows,
+        robustness_signal: values.map(|values| values.into_iter().map(|(_, value)| Number(value)).collect()),
+        robustness_times: times,
+        requirements: (!named.is_empty()).then_some(named),
+        verdicts,
+    }
 }

@@ -1,0 +1,178 @@
+//! Verdicts on recorded logs: as text, Markdown and JUnit.
+
+use mishandle::results::{LogVerdict, Number};
+use mishandle_text::number_text;
+
+use super::{escape, output};
+
+/// Number of violations that the text of a verdict lists.
+const LISTED: usize = 10;
+
+/// Returns the verdict as text: when the formula is violated, how long, and by which part.
+pub fn text(found: &LogVerdict) -> String {
+    let verdict = if found.violated { "violated" } else { "satisfied" };
+    let mut lines =
+        vec![format!("robustness {} at time 0: {verdict}", number_text(found.robustness.0 + 0.0))];
+    // A part can be violated although the formula is not, where the formula has an `or`.
+    if found.violated {
+        for violation in found.violations.iter().take(LISTED) {
+            lines.push(format!("{} violated {}", escape::name(&violation.formula), interval(violation)));
+        }
+        if let Some(more) = found.violations.len().checked_sub(LISTED + 1) {
+            lines.push(format!("and {} more times", more + 1));
+        }
+    }
+    if let Some(predicate) = &found.predicate {
+        let [left, right] = predicate.values.map(|value| short(value.0));
+        let at = at(predicate.time, Some(predicate.sample));
+        lines.push(format!(
+            "decided by {} at {at}: the sides are {left} and {right}",
+            escape::name(&predicate.formula)
+        ));
+    }
+    lines.join("\n")
+}
+
+/// Returns the table of several verdicts.
+pub fn table(found: &[LogVerdict], has_logs: bool) -> String {
+    output::table(&rows(found, has_logs))
+}
+
+fn rows(found: &[LogVerdict], has_logs: bool) -> Vec<Vec<String>> {
+    let has_names = found.iter().any(|verdict| verdict.name.is_some());
+    let mut rows = Vec::new();
+    let head = ["log", "requirement", "verdict", "robustness", "first violation", "in all", "formula"];
+    let is_shown = |column: usize| (column != 0 || has_logs) && (column != 1 || has_names);
+    let kept = |row: [String; 7]| {
+        row.into_iter().enumerate().filter(|(column, _)| is_shown(*column)).map(|(_, cell)| cell).collect()
+    };
+    rows.push(kept(head.map(String::from)));
+    for verdict in found {
+        let state = match (verdict.violated, verdict.severity.as_str()) {
+            (true, "warning") => "violated (warning)",
+            (true, _) => "violated",
+            (false, _) => "satisfied",
+        };
+        let first = verdict.violations.first().filter(|_| verdict.violated);
+        rows.push(kept([
+            escape::name(&verdict.log),
+            escape::name(verdict.name.as_deref().unwrap_or("-")),
+            state.to_string(),
+            number_text(verdict.robustness.0 + 0.0),
+            first.map_or("-".to_string(), |violation| at(violation.start, violation.start_sample)),
+            total(verdict).unwrap_or_else(|| "-".to_string()),
+            escape::name(&verdict.formula),
+        ]));
+    }
+    rows
+}
+
+/// Returns the time in which the formula's parts are violated.
+fn total(verdict: &LogVerdict) -> Option<String> {
+    let found = verdict.violations.iter().map(|violation| violation.duration.map(|duration| duration.0));
+    let total = found.sum::<Option<f64>>()?;
+    (verdict.violated && !verdict.violations.is_empty()).then(|| format!("{} s", short(total)))
+}
+
+fn interval(violation: &mishandle::results::LogViolation) -> String {
+    let worst = format!("at worst {}", number_text(violation.worst.0 + 0.0));
+    match (violation.start, violation.end, violation.duration) {
+        (Some(start), Some(end), Some(duration)) if duration.0 > 0.0 => {
+            format!("from {} s to {} s ({} s), {worst}", short(start.0), short(end.0), short(duration.0))
+        }
+        (Some(start), ..) => format!("at {} s, {worst}", short(start.0)),
+        _ => {
+            let (first, last) = (violation.start_sample.unwrap_or(0), violation.end_sample.unwrap_or(0));
+            match first == last {
+                true => format!("at sample {first}, {worst}"),
+                false => format!("from sample {first} to {last}, {worst}"),
+            }
+        }
+    }
+}
+
+fn at(time: Option<Number>, sample: Option<u64>) -> String {
+    match (time, sample) {
+        (Some(time), _) => format!("{} s", short(time.0)),
+        (None, Some(sample)) => format!("sample {sample}"),
+        (None, None) => "-".to_string(),
+    }
+}
+
+/// Formats a number without the digits that errors of rounding leave behind.
+fn short(value: f64) -> String {
+    number_text(format!("{value:.9e}").parse().unwrap_or(value))
+}
+
+/// Returns a Markdown table of the verdicts.
+pub fn markdown(found: &[LogVerdict]) -> String {
+    let rows = rows(found, true);
+    let line = |cells: Vec<String>| {
+        let cells: Vec<String> = cells.iter().map(|cell| cell.replace('|', "\\|")).collect();
+        format!("| {} |\n", cells.join(" | "))
+    };
+    let mut text = String::new();
+    for (index, row) in rows.into_iter().enumerate() {
+        let columns = row.len();
+        text += &line(row);
+        if index == 0 {
+            text += &line(vec!["---".to_string(); columns]);
+        }
+    }
+    text
+}
+
+/// Returns the verdicts as a report of JUnit: a suite for each log, a case for each requirement.
+pub fn junit(found: &[LogVerdict]) -> String {
+    let mut logs: Vec<&str> = Vec::new();
+    for verdict in found {
+        if !logs.contains(&verdict.log.as_str()) {
+            logs.push(&verdict.log);
+        }
+    }
+    let is_failure = |verdict: &&LogVerdict| verdict.violated && verdict.severity == "error";
+    let mut text = String::from("<?xml version=\"1.0\" encoding=\"UTF-8\"?>\n<testsuites>\n");
+    for log in logs {
+        let cases: Vec<&LogVerdict> = found.iter().filter(|verdict| verdict.log == log).collect();
+        let failures = cases.iter().copied().filter(is_failure).count();
+        text += &format!(
+            "  <testsuite name=\"{}\" tests=\"{}\" failures=\"{failures}\">\n",
+            xml(log),
+            cases.len()
+        );
+        for case in cases {
+            let name = xml(case.name.as_deref().unwrap_or(&case.formula));
+            text += &format!("    <testcase classname=\"{}\" name=\"{name}\">\n", xml(log));
+            let message = format!("{}\n{}", case.formula, self::text(case));
+            if is_failure(&case) {
+                let summary = format!("robustness {}", number_text(case.robustness.0));
+                text +=
+                    &format!("      <failure message=\"{}\">{}</failure>\n", xml(&summary), xml(&message));
+            } else {
+                text += &format!("      <system-out>{}</system-out>\n", xml(&message));
+            }
+            text += "    </testcase>\n";
+        }
+        text += "  </testsuite>\n";
+    }
+    text + "</testsuites>\n"
+}
+
+/// Escapes a text for XML, which allows no control characters.
+fn xml(text: &str) -> String {
+    let mut escaped = String::new();
+    for character in text.chars() {
+        match character {
+            '&' => escaped += "&amp;",
+            '<' => escaped += "&lt;",
+            '>' => escaped += "&gt;",
+            '"' => escaped += "&quot;",
+            '\n' => escaped.push('\n'),
+            _ if character.is_control() || matches!(character, '\u{fffe}' | '\u{ffff}') => {
+                escaped.push('\u{fffd}')
+            }
+            _ => escaped.push(character),
+        }
+    }
+    escaped
+}

@@ -1,0 +1,211 @@
+//! CSV files, in the dialects of Excel, MATLAB, pandas, NumPy, PlotJuggler and `rostopic echo -p`.
+
+mod decode;
+mod head;
+
+use std::cell::Cell as SharedCell;
+use std::io::{self, Read};
+use std::rc::Rc;
+
+use csv::{ByteRecord, Reader, Terminator};
+use head::{Ahead, Head, MAX_ROW, too_long};
+use mishandle_text::{plural, visible};
+
+use crate::cell::{Cell, Sinks};
+use crate::error::{Result, content, undecided};
+use crate::options::{Options, Unit};
+use crate::place::Counted;
+use crate::table::Table;
+
+/// A CSV file whose header was read.
+pub(crate) struct CsvTable {
+    reader: Reader<RowLimit<Box<dyn Read>>>,
+    row_bytes: Rc<SharedCell<usize>>,
+    head: Head,
+    decimal_comma: Option<bool>,
+}
+
+/// Fails after [`MAX_ROW`] bytes of one row. The reader of CSV collects a whole row, and a hostile
+/// file can consist of one.
+///
+/// Ends the last line with a line break if it has none, so that the reader has always consumed the
+/// line break of a row.
+struct RowLimit<R> {
+    source: R,
+    /// Number of bytes since the last complete row.
+    row_bytes: Rc<SharedCell<usize>>,
+    is_in_line: bool,
+}
+
+impl<R: Read> Read for RowLimit<R> {
+    fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
+        let mut count = self.source.read(buffer)?;
+        if let (0, true, Some(first)) = (count, self.is_in_line, buffer.first_mut()) {
+            (*first, count) = (b'\n', 1);
+        }
+        if let Some(last) = count.checked_sub(1) {
+            self.is_in_line = buffer[last] != b'\n';
+        }
+        self.row_bytes.set(self.row_bytes.get() + count);
+        if self.row_bytes.get() > MAX_ROW {
+            return Err(io::Error::new(io::ErrorKind::InvalidData, too_long()));
+        }
+        Ok(count)
+    }
+}
+
+impl CsvTable {
+    /// Reads the header: the names of the columns. Spaces around a name and a byte order mark are
+    /// ignored. A column that nobody reads may have any name, also none or that of another one.
+    pub(crate) fn open(source: Box<dyn Read>, options: &Options) -> Result<CsvTable> {
+        let mut ahead = Ahead::new(decode::utf8(source)?);
+        let (head, start) = Head::read(&mut ahead, options)?;
+        let rest: Box<dyn Read> = match head.has_blanks {
+            false => Box::new(ahead.rest_from(start)),
+            true => Box::new(decode::Blanks {
+                source: ahead.rest_from(start),
+                is_due: false,
+                is_quoted: false,
+                is_in_line: false,
+            }),
+        };
+        let row_bytes = Rc::new(SharedCell::new(0));
+        let source = RowLimit { source: rest, row_bytes: row_bytes.clone(), is_in_line: false };
+        // Errors about lines are our own: the reader counts records, and loses count at blank lines
+        // and at `\r\n`.
+        let mut builder = csv::ReaderBuilder::new();
+        builder.has_headers(false).terminator(Terminator::Any(b'\n')).flexible(true);
+        builder.delimiter(head.delimiter).comment(head.comment);
+        let reader = builder.from_reader(source);
+        let decimal_comma = options.decimal_comma.or((head.delimiter == b',').then_some(false));
+        Ok(CsvTable { reader, row_bytes, head, decimal_comma })
+    }
+
+    /// Returns the line of the file at which the reader is.
+    fn position(&self) -> u64 {
+        self.reader.position().line() + self.head.next_line - 1
+    }
+
+    /// Returns the line on which the record begins, counted from 1. The reader has consumed it with
+    /// its line break.
+    fn line(&self, record: &ByteRecord) -> u64 {
+        let within = record.as_slice().iter().filter(|byte| **byte == b'\n').count() as u64;
+        self.position().saturating_sub(1 + within)
+    }
+
+    /// Checks that no blank line of a log with one column is before `line`: it would be a sample.
+    fn check_blank(&self, line: u64, next: u64) -> Result<()> {
+        if self.head.names.len() > 1 || line <= next || self.head.comment.is_some() {
+            return Ok(());
+        }
+        let name = visible(&self.head.names[0]);
+        Err(content(format!(
+            "line {next} is blank, so `{name}` lacks a number there; write one, or remove the line"
+        )))
+    }
+}
+
+/// Replaces the decimal comma of a number by a point, if the file has commas there.
+struct Decimals {
+    /// As the flag or the separator of the cells says.
+    stated: Option<bool>,
+    /// As the numbers so far say.
+    seen: Option<bool>,
+    text: String,
+}
+
+impl Decimals {
+    fn read<'a>(&'a mut self, cell: &'a str, line: u64) -> Result<&'a str> {
+        if self.stated == Some(false) || !cell.contains([',', '.']) {
+            return Ok(cell);
+        }
+        let is_number = |text: &str| text.parse::<f64>().is_ok();
+        let is_comma = match (cell.contains(','), cell.contains('.')) {
+            (false, true) if is_number(cell) => false,
+            (true, false) => {
+                self.text.clear();
+                self.text.push_str(cell);
+                if let Some(at) = cell.find(',') {
+                    self.text.replace_range(at..=at, ".");
+                }
+                if !is_number(&self.text) {
+                    return Ok(cell);
+                }
+                true
+            }
+            _ => return Ok(cell),
+        };
+        match self.stated.or(self.seen) {
+            Some(known) if known != is_comma => Err(undecided(
+                "--decimal",
+                format!(
+                    "line {line}: `{}` has a decimal {}, the numbers before have a {}; pass --decimal comma or --decimal point",
+                    visible(&cell.chars().take(40).collect::<String>()),
+                    if is_comma { "comma" } else { "point" },
+                    if known { "comma" } else { "point" },
+                ),
+            )),
+            _ => {
+                self.seen = Some(is_comma);
+                Ok(if is_comma { &self.text } else { cell })
+            }
+        }
+    }
+}
+
+impl Table for CsvTable {
+    fn names(&self) -> &[String] {
+        &self.head.names
+    }
+
+    fn counted(&self) -> Counted {
+        Counted::Lines
+    }
+
+    fn known_time(&self) -> Option<(usize, Unit)> {
+        self.head.is_rostopic.then_some((0, Unit::Nanoseconds))
+    }
+
+    fn foreign(&self) -> Option<usize> {
+        self.head.foreign.first().copied()
+    }
+
+    fn read(mut self: Box<Self>, sinks: &mut Sinks) -> Result<()> {
+        let mut record = ByteRecord::new();
+        let mut decimals = Decimals { stated: self.decimal_comma, seen: None, text: String::new() };
+        let mut next_line = self.position();
+        while self.reader.read_byte_record(&mut record).map_err(csv_error)? {
+            self.row_bytes.set(0);
+            let line = self.line(&record);
+            // The reader skips blank lines, but for those of a file whose lines end with `\r\n`.
+            let is_blank = record.as_slice() == b"\r" && record.len() == 1;
+            self.check_blank(if is_blank { line + 1 } else { line }, next_line)?;
+            next_line = self.position();
+            if is_blank {
+                continue;
+            }
+            if record.len() != self.head.names.len() {
+                return Err(content(format!(
+                    "line {line} has {}, but the header has {}; every line must have one cell for each name",
+                    plural(record.len(), "cell"),
+                    plural(self.head.names.len(), "name")
+                )));
+            }
+            for (column, sink) in &mut sinks.columns {
+                let cell = record.get(*column).unwrap_or_default().trim_ascii();
+                let text = String::from_utf8_lossy(cell);
+                sink.push(Cell::Text(decimals.read(&text, line)?), line)?;
+            }
+            sinks.places.push(line);
+        }
+        self.check_blank(self.position(), next_line)
+    }
+}
+
+fn csv_error(error: csv::Error) -> crate::LogError {
+    let message = error.to_string();
+    match error.into_kind() {
+        csv::ErrorKind::Io(error) => error.into(),
+        _ => content(message),
+    }
+}

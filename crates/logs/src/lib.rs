@@ -1,0 +1,52 @@
+//! Logs of robots and simulators, as samples for the monitors of `mishandle-stl`.
+//!
+//! - [`OpenLog`] opens CSV, JSON lines, NumPy and Parquet (`csv.rs`, `json_lines.rs`, `numpy.rs`,
+//!   `parquet.rs`) and knows the names of the columns. [`OpenLog::read`] reads some of them as a
+//!   [`Log`]: topics whose columns have the same times.
+//! - [`Log::samples`] turns a log into [`Samples`]: even ones, resampled ones, or functions of
+//!   time.
+//! - [`Samples::verdict`] evaluates a formula: the robustness, when which part is violated, and the
+//!   decisive predicate.
+//! - [`Options`] are the choices on this way. A choice that nobody stated is never guessed: the
+//!   error names its flag, see [`LogError::flag`].
+//! - [`Times`] keeps times exact, and finds the period of even ones, however they are rounded.
+//!
+//! # Example
+//! ```
+//! use mishandle_logs::{Interpolation, OpenLog, Options, Sampling, Signals};
+//!
+//! let csv = "time,d\n0,1\n0.1,2\n0.35,4\n";
+//! let sampling = Sampling::Resampled(Interpolation::Hold);
+//! let options = Options { sampling, period: Some(0.1), ..Options::default() };
+//! let log = OpenLog::open_csv(Box::new(csv.as_bytes()), &options).unwrap();
+//! let samples = log.read(&["d"]).unwrap().samples(&options).unwrap();
+//! let Signals::Even { trace, .. } = samples.signals else { panic!("not resampled") };
+//! assert_eq!(trace.signal("d").unwrap(), [1.0, 2.0, 2.0, 2.0]);
+//! ```
+
+mod cell;
+mod csv;
+mod date;
+mod decimal;
+mod error;
+mod format;
+mod json_lines;
+mod log;
+mod numpy;
+mod options;
+#[cfg(feature = "parquet")]
+mod parquet;
+mod place;
+mod samples;
+mod table;
+mod times;
+mod verdict;
+
+pub use date::offset as utc_offset;
+pub use error::{LogError, Result};
+pub use log::{Column, Log, OpenLog, Source, Topic};
+pub use mishandle_stl::{DenseSignal, Interpolation};
+pub use options::{Duplicates, Format, Missing, Options, Sampling, Unit};
+pub use samples::{Samples, Signals};
+pub use times::Times;
+pub use verdict::{At, Evaluation, Interval, Part, Verdict};

@@ -1,0 +1,398 @@
+//! Logs: files whose columns are known, and the topics that are read from them.
+
+use std::fs::File;
+use std::io::{self, Read};
+use std::path::{Path, PathBuf};
+
+use mishandle_stl::{Formula, Recording, nearest};
+use mishandle_text::visible;
+
+use crate::cell::{Sink, Sinks, TimeColumn, TopicColumn, ValueColumn};
+use crate::csv::CsvTable;
+use crate::error::{LogError, Result, content, undecided};
+use crate::format;
+use crate::json_lines::JsonTable;
+use crate::numpy::NumpyTable;
+use crate::options::{Format, Missing, Options};
+use crate::place::Places;
+use crate::table::Table;
+use crate::times::Times;
+
+/// Column with the time of each sample in seconds, if no other is named.
+const TIME: &str = "time";
+
+/// Words in the names of columns with times, in the logs of other programs.
+const TIME_WORDS: [&str; 8] = ["t", "ts", "sec", "secs", "second", "seconds", "elapsed", "clock"];
+
+/// A file of a log.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Source {
+    /// The topic of its columns, which are then named `topic/column`.
+    pub topic: Option<String>,
+    /// The path; `-` is stdin.
+    pub path: PathBuf,
+}
+
+/// A log whose columns are known and whose rows were not read yet.
+pub struct OpenLog {
+    tables: Vec<(Option<String>, Box<dyn Table>)>,
+    names: Vec<String>,
+    options: Options,
+}
+
+/// The rows of a log: topics with columns.
+#[derive(Clone, Debug)]
+pub struct Log {
+    /// The topics.
+    pub topics: Vec<Topic>,
+    /// The column that seems to have the times, if none was read as such.
+    pub likely_time: Option<String>,
+}
+
+/// Signals that have the same times.
+#[derive(Clone, Debug)]
+pub struct Topic {
+    /// The name, if the log has several topics.
+    pub name: Option<String>,
+    /// The time of each row, if the file has them.
+    pub times: Option<Times>,
+    /// The signals.
+    pub columns: Vec<Column>,
+    pub(crate) places: Places,
+}
+
+/// A signal.
+#[derive(Clone, Debug)]
+pub struct Column {
+    /// The name, as a formula reads it: `topic/column` if the log has several topics.
+    pub name: String,
+    /// The value in each row; NaN where it is missing.
+    pub values: Vec<f64>,
+}
+
+impl Topic {
+    /// Creates a topic; all columns and the times must have the same length.
+    pub fn new(name: Option<String>, times: Option<Times>, columns: Vec<Column>) -> Topic {
+        let rows = columns.first().map_or_else(
+            || times.as_ref().map_or(0, |times| times.secs().len()),
+            |column| column.values.len(),
+        );
+        Topic { name, times, columns, places: Places::rows(rows) }
+    }
+}
+
+impl OpenLog {
+    /// Opens the files of a log and reads the names of their columns.
+    ///
+    /// # Errors
+    /// If a file is not what its format requires, or the choices exclude each other.
+    pub fn open(sources: &[Source], options: &Options) -> Result<OpenLog> {
+        options.check()?;
+        let (mut tables, mut names) = (Vec::new(), Vec::new());
+        for Source { topic, path } in sources {
+            let table = open_table(path, options).map_err(|error| match error {
+                // Several files need their names.
+                LogError::Content(message) if sources.len() > 1 => {
+                    content(format!("{}: {message}", path.display()))
+                }
+                error => error,
+            })?;
+            names.extend(table.names().iter().map(|name| full_name(topic.as_deref(), name)));
+            tables.push((topic.clone(), table));
+        }
+        Ok(OpenLog { tables, names, options: options.clone() })
+    }
+
+    /// Opens a log in CSV from memory or a pipe.
+    ///
+    /// # Errors
+    /// As for [`OpenLog::open`].
+    pub fn open_csv(source: Box<dyn Read>, options: &Options) -> Result<OpenLog> {
+        options.check()?;
+        let table: Box<dyn Table> = Box::new(CsvTable::open(source, options)?);
+        let names = table.names().to_vec();
+        Ok(OpenLog { tables: vec![(None, table)], names, options: options.clone() })
+    }
+
+    /// Returns the names of all columns, as a formula reads them. With a column that names the
+    /// topics, they are without the topics, which are known after reading.
+    pub fn names(&self) -> &[String] {
+        &self.names
+    }
+
+    /// Returns the name of a column that seems to have the times, if none is named `time`.
+    pub fn likely_time(&self) -> Option<&str> {
+        let is_time = |name: &&String| {
+            let name = name.to_lowercase();
+            let mut words = name.split(|c: char| !c.is_alphanumeric());
+            name.contains("time") || name.contains("stamp") || words.any(|word| TIME_WORDS.contains(&word))
+        };
+        self.tables.iter().flat_map(|(_, table)| table.names()).find(is_time).map(String::as_str)
+    }
+
+    /// Checks that the log has the signals of the formula, each of them once.
+    ///
+    /// # Errors
+    /// If it lacks one, or has it twice.
+    pub fn check_signals(&self, formula: &Formula) -> Result<()> {
+        if self.options.topic_column.is_some() {
+            return Ok(());
+        }
+        for signal in formula.signals() {
+            if self.place_of(signal)?.is_none()
+                && let Some(column) = self.tables.iter().find_map(|(_, table)| table.foreign())
+            {
+                return Err(content(format!(
+                    "no column is named `{}`, and the name of column {} is not UTF-8 text; save the file as UTF-8",
+                    visible(signal),
+                    column + 1
+                )));
+            }
+        }
+        // Errors about signals and definitions, with the names of all columns.
+        Recording::new(formula, self.names.as_slice().into())?;
+        Ok(())
+    }
+
+    /// Returns the table and the column of a signal.
+    fn place_of(&self, signal: &str) -> Result<Option<(usize, usize)>> {
+        let mut found = None;
+        for (index, (topic, table)) in self.tables.iter().enumerate() {
+            let name = match topic {
+                Some(topic) => signal.strip_prefix(topic.as_str()).and_then(|rest| rest.strip_prefix('/')),
+                None => Some(signal),
+            };
+            let Some(column) = name.map(|name| column(table.as_ref(), name)).transpose()?.flatten() else {
+                continue;
+            };
+            if found.replace((index, column)).is_some() {
+                return Err(content(format!("two files have the signal `{}`", visible(signal))));
+            }
+        }
+        Ok(found)
+    }
+
+    /// Returns the column with the times of a table, if there is one.
+    fn time_column(&self, table: &dyn Table) -> Result<Option<usize>> {
+        let Some(name) = &self.options.time else {
+            return Ok(column(table, TIME)?.or(table.known_time().map(|(column, _)| column)));
+        };
+        named_column(table, name, "--time").map(Some)
+    }
+
+    /// Reads these signals, which the log must have, and the times. Other columns may hold
+    /// anything.
+    ///
+    /// # Errors
+    /// If a row has no number or time where one must be, or the file is not what its format
+    /// requires.
+    pub fn read(mut self, signals: &[&str]) -> Result<Log> {
+        if let Some(name) = self.options.topic_column.clone() {
+            return self.read_split(signals, &name);
+        }
+        let likely_time = self.likely_time().map(str::to_owned);
+        let mut columns: Vec<Vec<(usize, &str)>> = self.tables.iter().map(|_| Vec::new()).collect();
+        for signal in signals {
+            let Some((table, column)) = self.place_of(signal)? else {
+                return Err(content(format!("no column is named `{}`", visible(signal))));
+            };
+            columns[table].push((column, signal));
+        }
+        // Without signals, the rows of the first file count.
+        let is_read = |index: usize| !columns[index].is_empty() || (signals.is_empty() && index == 0);
+        let mut topics = Vec::new();
+        for (index, requested) in columns.iter().enumerate().filter(|(index, _)| is_read(*index)) {
+            let table = self.tables[index].1.as_ref();
+            let (counted, known) = (table.counted(), table.known_time());
+            let time = self.time_column(table)?;
+            let mut sinks = Sinks { columns: Vec::new(), places: Places::new(counted) };
+            for (column, signal) in requested {
+                let values = ValueColumn::new(signal, &self.options, counted);
+                sinks.columns.push((*column, Sink::Values(values)));
+            }
+            if let Some(column) = time {
+                let unit = known.filter(|(known, _)| *known == column).map(|(_, unit)| unit);
+                let times = TimeColumn::new(&table.names()[column], unit, &self.options, counted);
+                sinks.columns.push((column, Sink::Times(times)));
+            }
+            // Rows are counted by a column, so one is read at least.
+            if sinks.columns.is_empty() {
+                let options = Options { missing: Missing::Hold, ..Options::default() };
+                sinks.columns.push((0, Sink::Values(ValueColumn::new("", &options, counted))));
+            }
+            let topic = std::mem::take(&mut self.tables[index].0);
+            let table = std::mem::replace(&mut self.tables[index].1, Box::new(Taken));
+            table.read(&mut sinks)?;
+            topics.push(Topic::of(topic, sinks, requested.len()));
+        }
+        if topics.iter().any(|topic| topic.places.is_empty()) {
+            return Err(content("the file has a header, but no samples"));
+        }
+        Ok(Log { topics, likely_time })
+    }
+
+    /// Reads signals of a log whose rows belong to the topics that a column names.
+    fn read_split(mut self, signals: &[&str], topic_column: &str) -> Result<Log> {
+        if self.tables.len() != 1 {
+            return Err(undecided("--topic-column", "--topic-column reads one file; leave out --topic"));
+        }
+        let (_, table) = self.tables.remove(0);
+        let (counted, names) = (table.counted(), table.names().to_vec());
+        let topic = named_column(table.as_ref(), topic_column, "--topic-column")?;
+        let time = self.time_column(table.as_ref())?;
+        let is_candidate = |column: usize| {
+            let ending = format!("/{}", names[column]);
+            column != topic && signals.iter().any(|signal| signal.ends_with(&ending))
+        };
+        let mut sinks = Sinks { columns: Vec::new(), places: Places::new(counted) };
+        sinks.columns.push((topic, Sink::Topics(TopicColumn::new(&names[topic], counted))));
+        if let Some(column) = time {
+            let unit = table.known_time().filter(|(known, _)| *known == column).map(|(_, unit)| unit);
+            sinks
+                .columns
+                .push((column, Sink::Times(TimeColumn::new(&names[column], unit, &self.options, counted))));
+        }
+        for column in (0..names.len()).filter(|column| is_candidate(*column)) {
+            sinks
+                .columns
+                .push((column, Sink::Values(ValueColumn::new(&names[column], &self.options, counted))));
+        }
+        table.read(&mut sinks)?;
+        let Sinks { columns, places } = sinks;
+        let (mut topics, mut times, mut values) = (None, None, Vec::new());
+        for (_, sink) in columns {
+            match sink {
+                Sink::Topics(column) => topics = Some(column),
+                Sink::Times(column) => times = Some(column.finish()),
+                Sink::Values(column) => values.push(column),
+            }
+        }
+        let topics = topics.ok_or_else(|| content("the file has no column with topics"))?;
+        let mut found = Vec::new();
+        for (index, topic) in topics.topics.iter().enumerate() {
+            let requested: Vec<&ValueColumn> = values
+                .iter()
+                .filter(|column| signals.contains(&full_name(Some(topic), &column.name).as_str()))
+                .collect();
+            if requested.is_empty() {
+                continue;
+            }
+            let rows: Vec<usize> =
+                (0..topics.rows.len()).filter(|row| topics.rows[*row] as usize == index).collect();
+            let columns = requested.into_iter().map(|column| Column {
+                name: full_name(Some(topic), &column.name),
+                values: rows.iter().map(|row| column.values[*row]).collect(),
+            });
+            found.push(Topic {
+                name: Some(topic.clone()),
+                columns: columns.collect(),
+                times: times.as_ref().map(|times: &Times| times.of(&rows)),
+                places: places.of(&rows),
+            });
+        }
+        let has =
+            |signal: &str| found.iter().flat_map(|topic| &topic.columns).any(|column| column.name == signal);
+        if let Some(signal) = signals.iter().find(|signal| !has(signal)) {
+            let shown: Vec<String> =
+                topics.topics.iter().take(20).map(|topic| format!("`{}`", visible(topic))).collect();
+            return Err(content(format!(
+                "no row has the signal `{}`; names are topic/column with the topics {}",
+                visible(signal),
+                shown.join(", ")
+            )));
+        }
+        Ok(Log { topics: found, likely_time: None })
+    }
+}
+
+impl Topic {
+    fn of(name: Option<String>, sinks: Sinks, requested: usize) -> Topic {
+        let (mut times, mut columns) = (None, Vec::new());
+        for (_, sink) in sinks.columns {
+            match sink {
+                Sink::Values(ValueColumn { name, values, .. }) => columns.push(Column { name, values }),
+                Sink::Times(column) => times = Some(column.finish()),
+                Sink::Topics(_) => {}
+            }
+        }
+        columns.truncate(requested);
+        Topic { name, times, columns, places: sinks.places }
+    }
+}
+
+/// Takes the place of a table that is read.
+struct Taken;
+
+impl Table for Taken {
+    fn names(&self) -> &[String] {
+        &[]
+    }
+
+    fn counted(&self) -> crate::place::Counted {
+        crate::place::Counted::Rows
+    }
+
+    fn read(self: Box<Self>, _: &mut Sinks) -> Result<()> {
+        Ok(())
+    }
+}
+
+fn full_name(topic: Option<&str>, name: &str) -> String {
+    topic.map_or_else(|| name.to_owned(), |topic| format!("{topic}/{name}"))
+}
+
+/// Returns the column named `name`, if there is one.
+fn column(table: &dyn Table, name: &str) -> Result<Option<usize>> {
+    let names = table.names();
+    let mut found = (0..names.len()).filter(|column| names[*column] == name);
+    let (first, second) = (found.next(), found.next());
+    if let (Some(first), Some(second)) = (first, second) {
+        return Err(content(format!(
+            "two columns are named `{}`: {} and {}; rename one in the header",
+            visible(name),
+            first + 1,
+            second + 1
+        )));
+    }
+    Ok(first)
+}
+
+/// Returns the column that a flag names.
+fn named_column(table: &dyn Table, name: &str, flag: &'static str) -> Result<usize> {
+    if let Some(column) = column(table, name.trim())? {
+        return Ok(column);
+    }
+    let similar = nearest(name, table.names().iter().map(String::as_str));
+    let typed = similar.filter(|similar| visible(similar) == *similar);
+    let hint = typed.map(|similar| format!("; did you mean `{similar}`?"));
+    let message =
+        format!("{flag} is `{}`, but no column has this name{}", visible(name), hint.unwrap_or_default());
+    Err(undecided(flag, message))
+}
+
+fn open_table(path: &Path, options: &Options) -> Result<Box<dyn Table>> {
+    if path.as_os_str() == "-" {
+        let source: Box<dyn Read> = Box::new(io::stdin());
+        return match options.format {
+            None | Some(Format::Csv) => Ok(Box::new(CsvTable::open(source, options)?)),
+            Some(Format::JsonLines) => Ok(Box::new(JsonTable::open(source)?)),
+            Some(Format::Numpy | Format::Parquet) => Err(content("this format needs a file, not stdin")),
+        };
+    }
+    let file = File::open(path).map_err(|error| match path.metadata() {
+        Ok(found) if !found.is_file() && !found.is_dir() => {
+            io::Error::other("expected a file or a pipe, found a socket or a device")
+        }
+        _ => error,
+    })?;
+    let (format, source) = format::of(path, file, options.format)?;
+    Ok(match format {
+        Format::Csv => Box::new(CsvTable::open(source, options)?),
+        Format::JsonLines => Box::new(JsonTable::open(source)?),
+        Format::Numpy => Box::new(NumpyTable::open(path)?),
+        #[cfg(feature = "parquet")]
+        Format::Parquet => Box::new(crate::parquet::ParquetTable::open(path)?),
+        #[cfg(not(feature = "parquet"))]
+        Format::Parquet => return Err(content("this program was built without Parquet")),
+    })
+}

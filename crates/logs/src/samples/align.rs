@@ -1,0 +1,205 @@
+//! Signals of several topics on one axis of time.
+
+use mishandle_stl::{DenseSignal, Interpolation};
+use mishandle_text::{plural, visible};
+
+use super::{Signals, secs_text, trace};
+use crate::cell::MAX_ROWS;
+use crate::error::{Result, content, undecided};
+use crate::log::{Column, Log, Topic};
+use crate::options::Options;
+
+/// Largest share of a period by which a rounded time may be off the grid.
+const SNAP: f64 = 0.1;
+
+/// Returns the difference up to which a time is that of a sample. The time and the start of the
+/// grid are both rounded.
+fn snap(rounding: f64, period: f64) -> f64 {
+    (2.0 * rounding * (1.0 - 1e-6)).clamp(1e-9 * period, SNAP * period)
+}
+
+/// The values of a column that are there, with their times.
+struct Track {
+    name: String,
+    times: Vec<f64>,
+    values: Vec<f64>,
+    /// Largest error of a time by rounding.
+    rounding: f64,
+}
+
+/// The common time of all signals.
+#[derive(Clone, Copy)]
+struct Span {
+    start: f64,
+    end: f64,
+}
+
+/// Returns the signals at multiples of the period after the start.
+pub(super) fn resampled(log: Log, interpolation: Interpolation, options: &Options) -> Result<Signals> {
+    let period = options.period.ok_or_else(|| undecided("--period", "--resample needs --period SECONDS"))?;
+    if let [topic] = &log.topics[..]
+        && let Some(times) = &topic.times
+        && topic.columns.iter().all(|column| column.values.iter().all(|value| !value.is_nan()))
+        && times.period(Some(period)).is_ok()
+    {
+        // Even samples stay as they are, also where their times are rounded.
+        return log.even(options);
+    }
+    let (tracks, span) = tracks(log, interpolation, options)?;
+    let last_rounding = tracks.iter().map(|track| track.rounding).fold(0.0, f64::max);
+    let slack = snap(last_rounding, period);
+    let steps = ((span.end - span.start + slack) / period).floor();
+    if !(steps < MAX_ROWS as f64) {
+        return Err(undecided(
+            "--period",
+            format!(
+                "{} at --period {period} are more than {}; pass a longer period",
+                secs_text(span.end - span.start),
+                plural(MAX_ROWS as u64, "sample")
+            ),
+        ));
+    }
+    let rows = steps as usize + 1;
+    let columns = tracks.into_iter().map(|track| track.at(span.start, period, rows, interpolation)).collect();
+    Ok(Signals::Even {
+        trace: trace(columns, rows)?,
+        period: Some(period),
+        start: span.start,
+        has_times: true,
+    })
+}
+
+/// Returns the signals as functions of time, cut to their common time.
+pub(super) fn dense(log: Log, interpolation: Interpolation, options: &Options) -> Result<Vec<DenseSignal>> {
+    let (tracks, span) = tracks(log, interpolation, options)?;
+    tracks.into_iter().map(|track| track.cut(span, interpolation)).collect()
+}
+
+/// Returns the columns with their times, and the time that all of them have.
+fn tracks(log: Log, interpolation: Interpolation, options: &Options) -> Result<(Vec<Track>, Span)> {
+    let mut tracks = Vec::new();
+    for topic in log.topics {
+        tracks.extend(topic.tracks(options)?);
+    }
+    let firsts = tracks.iter().filter_map(|track| track.times.first().copied());
+    let lasts = tracks.iter().filter_map(|track| track.times.last().copied());
+    let start = firsts.fold(f64::NEG_INFINITY, f64::max);
+    // A value that is held lasts until the end of the log; a line ends at its last sample.
+    let end = match interpolation {
+        Interpolation::Hold => lasts.fold(f64::NEG_INFINITY, f64::max),
+        Interpolation::Linear => lasts.fold(f64::INFINITY, f64::min),
+    };
+    if !(start <= end && (end - start).is_finite()) {
+        return Err(content("the signals of the formula have no time in common"));
+    }
+    let held = |track: &&Track| {
+        let last = track.times.last().copied().unwrap_or(end);
+        options.tolerance.is_some_and(|tolerance| end - last > tolerance)
+    };
+    if let Some(track) = tracks.iter().find(held) {
+        let last = track.times.last().copied().unwrap_or(end);
+        return Err(too_long(&track.name, end - last, "at the end of the log", options));
+    }
+    Ok((tracks, Span { start, end }))
+}
+
+impl Topic {
+    fn tracks(self, options: &Options) -> Result<Vec<Track>> {
+        let Some(times) = self.times else {
+            return Err(undecided(
+                "--time",
+                "--resample and --dense need the times of the samples; name their column with --time COLUMN",
+            ));
+        };
+        let rounding = times.rounding().into_iter().fold(0.0, f64::max);
+        let mut tracks = Vec::new();
+        for Column { name, mut values } in self.columns {
+            let rows: Vec<usize> = (0..values.len()).filter(|row| !values[*row].is_nan()).collect();
+            let long = |pair: &[usize]| {
+                let step = times.secs()[pair[1]] - times.secs()[pair[0]];
+                options.tolerance.is_some_and(|tolerance| step > tolerance)
+            };
+            if let Some(pair) = rows.windows(2).find(|pair| long(pair)) {
+                let step = times.secs()[pair[1]] - times.secs()[pair[0]];
+                let place = format!("before {}", times.places.text(pair[1]));
+                return Err(too_long(&name, step, &place, options));
+            }
+            let secs = match rows.len() == values.len() {
+                true => times.secs().to_vec(),
+                false => {
+                    values.retain(|value| !value.is_nan());
+                    rows.iter().map(|row| times.secs()[*row]).collect()
+                }
+            };
+            tracks.push(Track { name, times: secs, values, rounding });
+        }
+        Ok(tracks)
+    }
+}
+
+fn too_long(name: &str, step: f64, place: &str, options: &Options) -> crate::LogError {
+    let tolerance = options.tolerance.map(secs_text).unwrap_or_default();
+    undecided(
+        "--tolerance",
+        format!(
+            "`{}` has no value for {} {place}, longer than --tolerance {tolerance}",
+            visible(name),
+            secs_text(step)
+        ),
+    )
+}
+
+impl Track {
+    /// Returns the values at `start + i * period`.
+    fn at(self, start: f64, period: f64, rows: usize, interpolation: Interpolation) -> Column {
+        let snap = snap(self.rounding, period);
+        let mut values = Vec::with_capacity(rows);
+        let mut last = 0;
+        for row in 0..rows {
+            let time = start + row as f64 * period;
+            while last + 1 < self.times.len() && self.times[last + 1] <= time + snap {
+                last += 1;
+            }
+            let is_sample = (time - self.times[last]).abs() <= snap;
+            values.push(if is_sample { self.values[last] } else { self.value(last, time, interpolation) });
+        }
+        Column { name: self.name, values }
+    }
+
+    /// Returns the value at a time after sample `last` and before the next one.
+    fn value(&self, last: usize, time: f64, interpolation: Interpolation) -> f64 {
+        let value = self.values[last];
+        match (interpolation, self.times.get(last + 1)) {
+            (Interpolation::Linear, Some(next)) => {
+                let share = (time - self.times[last]) / (next - self.times[last]);
+                value + share.clamp(0.0, 1.0) * (self.values[last + 1] - value)
+            }
+            _ => value,
+        }
+    }
+
+    /// Returns the signal on the common time.
+    fn cut(mut self, span: Span, interpolation: Interpolation) -> Result<DenseSignal> {
+        let inside = self.times.partition_point(|time| *time <= span.start);
+        if let Some(last) = inside.checked_sub(1) {
+            self.values[last] = self.value(last, span.start, interpolation);
+            self.times[last] = span.start;
+            self.times.drain(..last);
+            self.values.drain(..last);
+        }
+        let after = self.times.partition_point(|time| *time <= span.end);
+        let last = after.saturating_sub(1);
+        if self.times.get(last).is_some_and(|time| *time < span.end) {
+            let value = self.value(last, span.end, interpolation);
+            self.times.truncate(after);
+            self.values.truncate(after);
+            self.times.push(span.end);
+            self.values.push(value);
+        } else {
+            self.times.truncate(after);
+            self.values.truncate(after);
+        }
+        DenseSignal::new(&self.name, self.times, self.values, interpolation)
+            .map_err(|error| content(error.to_string()))
+    }
+}

@@ -1,0 +1,28 @@
+//! Tables: what the readers of all formats have in common.
+
+use crate::cell::Sinks;
+use crate::error::Result;
+use crate::options::Unit;
+use crate::place::Counted;
+
+/// A file whose columns are known and whose rows were not read yet.
+pub(crate) trait Table {
+    /// Returns the names of the columns.
+    fn names(&self) -> &[String];
+
+    /// Returns what messages call the rows.
+    fn counted(&self) -> Counted;
+
+    /// Returns the column with the times and their unit, if the format states both.
+    fn known_time(&self) -> Option<(usize, Unit)> {
+        None
+    }
+
+    /// Returns a column whose name is not UTF-8, of which the name is an approximation.
+    fn foreign(&self) -> Option<usize> {
+        None
+    }
+
+    /// Reads the rows into these columns.
+    fn read(self: Box<Self>, sinks: &mut Sinks) -> Result<()>;
+}

@@ -1,0 +1,356 @@
+//! Verdicts of a formula on the samples of a log: when it is violated, how long, and by which part.
+
+use mishandle_stl::{
+    Clock, DenseMonitor, DenseSignal, Diagnosis, Formula, Monitor, MonitorError, SubformulaNode, TimeUnit,
+    Trace, is_violated,
+};
+use mishandle_text::{number_text, shell_quote, visible};
+
+use crate::error::{LogError, Result, content, undecided};
+use crate::samples::{Samples, Signals};
+
+/// Periods in which bounds of formulas in dense time are whole numbers, s.
+const TICKS: [f64; 3] = [1e-9, 1e-6, 1e-3];
+
+/// Questions about a log.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Evaluation {
+    /// The unit of bounds without one; `None`: they count samples.
+    pub unit: Option<TimeUnit>,
+    /// Whether only windows inside the log count, instead of cutting them at its end.
+    pub strict_horizon: bool,
+}
+
+/// The verdict of a formula on a log.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Verdict {
+    /// The robustness at the first time.
+    pub robustness: f64,
+    /// Whether a window is cut at the end of the log.
+    pub cuts_windows: bool,
+    /// The number of samples; `None` in dense time.
+    pub samples: Option<usize>,
+    /// The violations of the parts of the formula, in the order of time.
+    pub violations: Vec<Interval>,
+    /// The part that is violated most, or nearest to it.
+    pub part: Option<Part>,
+    /// The chain from the formula to the predicate that determines the robustness; `None` in dense
+    /// time.
+    pub diagnosis: Option<Diagnosis>,
+}
+
+/// A part of a formula: an operand of its `and`s below its `always`.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Part {
+    /// The text.
+    pub formula: String,
+    /// The least robustness where the formula requires the part.
+    pub worst: f64,
+    /// Its time.
+    pub at: At,
+}
+
+/// A time in which a part of the formula is violated.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Interval {
+    /// The text of the part.
+    pub formula: String,
+    /// The first time.
+    pub start: At,
+    /// The last time.
+    pub end: At,
+    /// The least robustness of the part in this time.
+    pub worst: f64,
+}
+
+/// A time of a log.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct At {
+    /// In seconds, as the log counts them; `None` if the log has no times and no period.
+    pub secs: Option<f64>,
+    /// The sample; `None` in dense time.
+    pub sample: Option<usize>,
+}
+
+/// The first and last time relative to that of a formula at which it requires a part; `None`
+/// without an end.
+type Reach = (usize, Option<usize>);
+
+impl Samples {
+    /// Returns the verdict of a formula.
+    ///
+    /// # Errors
+    /// If the samples lack a signal, a bound has no unit or is not a whole number of samples, or the
+    /// log is too short for `strict_horizon`.
+    pub fn verdict(&self, formula: &Formula, evaluation: &Evaluation) -> Result<Verdict> {
+        match &self.signals {
+            Signals::Even { trace, period, start, has_times } => {
+                let clock = clock(formula, *period, *has_times, self.likely_time.as_deref(), evaluation)?;
+                let even = Even { trace, clock, period: *period, start: *start, evaluation };
+                even.verdict(formula).map_err(|error| match error {
+                    LogError::Formula(error @ MonitorError::NotAMultiple { .. }) if *has_times => undecided(
+                        "--period",
+                        format!(
+                            "{error}; the steps are those of the times, in seconds; --period sets another one that fits them"
+                        ),
+                    ),
+                    error => error,
+                })
+            }
+            Signals::Dense(signals) => dense(signals, formula, evaluation),
+        }
+    }
+
+    /// Returns the robustness at each sample with its time; in dense time at each breakpoint.
+    ///
+    /// # Errors
+    /// As for [`Samples::verdict`].
+    pub fn robustness_signal(&self, formula: &Formula, evaluation: &Evaluation) -> Result<Vec<(At, f64)>> {
+        match &self.signals {
+            Signals::Even { trace, period, start, has_times } => {
+                let clock = clock(formula, *period, *has_times, self.likely_time.as_deref(), evaluation)?;
+                let even = Even { trace, clock, period: *period, start: *start, evaluation };
+                let values = even.signal(formula)?;
+                Ok(values.into_iter().enumerate().map(|(sample, value)| (even.at(sample), value)).collect())
+            }
+            Signals::Dense(signals) => {
+                let names: Vec<String> = signals.iter().map(|signal| signal.name().to_owned()).collect();
+                let monitor = DenseMonitor::new(formula, &names, evaluation.unit)?;
+                let found = match evaluation.strict_horizon {
+                    true => monitor.decided_robustness_signal(signals)?,
+                    false => monitor.robustness_signal(signals)?,
+                };
+                Ok(found.breakpoints().map(|point| (in_secs(point.time), point.at)).collect())
+            }
+        }
+    }
+}
+
+fn in_secs(secs: f64) -> At {
+    At { secs: Some(secs), sample: None }
+}
+
+fn clock(
+    formula: &Formula,
+    period: Option<f64>,
+    has_times: bool,
+    likely_time: Option<&str>,
+    evaluation: &Evaluation,
+) -> Result<Clock> {
+    match (period, evaluation.unit) {
+        (Some(period), Some(unit)) => Ok(Clock::rtamt(period, unit)),
+        (Some(period), None) => Ok(Clock::steps(period)),
+        (None, unit) if formula.needs_period(unit.is_some()) => {
+            let needs = "a bound of the formula is a time, which needs the time between two samples";
+            let typed = likely_time.filter(|name| visible(name) == *name);
+            let message = match (has_times, typed) {
+                (true, _) => format!("{needs}, but the trace has one sample; pass --period SECONDS"),
+                (false, Some(name)) => format!(
+                    "{needs}, but the trace has no column `time`; if the column `{name}` has the times in seconds, pass \
+                     --time {}, otherwise --period SECONDS",
+                    shell_quote(name)
+                ),
+                (false, None) => format!(
+                    "{needs}, but the trace has no column `time`; pass --period SECONDS, or the name of the column with the \
+                     times as --time COLUMN"
+                ),
+            };
+            Err(undecided("--period", message))
+        }
+        (None, _) => Ok(Clock::unknown()),
+    }
+}
+
+/// Returns the positions of the parts of a formula, and when it requires them.
+fn parts(nodes: &[SubformulaNode]) -> Vec<(usize, Reach)> {
+    let mut open = vec![(0, (0, Some(0)))];
+    let mut found = Vec::new();
+    while let Some((position, reach)) = open.pop() {
+        let (first, last): Reach = reach;
+        let node = &nodes[position];
+        match (node.operator, node.window) {
+            (Some("always"), Some((begin, end))) => {
+                let last = last.zip(end).map(|(last, end)| last.saturating_add(end));
+                open.push((node.operands[0], (first.saturating_add(begin), last)));
+            }
+            (Some("and"), _) => open.extend(node.operands.iter().rev().map(|operand| (*operand, reach))),
+            _ => found.push((position, reach)),
+        }
+    }
+    found
+}
+
+/// Even samples, and how a formula is evaluated on them.
+struct Even<'a> {
+    trace: &'a Trace,
+    clock: Clock,
+    period: Option<f64>,
+    start: f64,
+    evaluation: &'a Evaluation,
+}
+
+impl Even<'_> {
+    fn at(&self, sample: usize) -> At {
+        // `start` of a log with a single time is known without a period.
+        let secs = self.period.map(|period| self.start + sample as f64 * period);
+        At { secs, sample: Some(sample) }
+    }
+
+    /// Returns the robustness at all samples that count, of which there is at least one.
+    fn signal(&self, formula: &Formula) -> Result<Vec<f64>> {
+        let mut monitor = Monitor::new(formula, self.trace.names(), self.clock)?;
+        if !self.evaluation.strict_horizon {
+            return Ok(monitor.robustness_signal(self.trace)?.to_vec());
+        }
+        let needed = monitor.needed_samples();
+        if needed > self.trace.len() {
+            return Err(content(format!(
+                "the formula needs {needed} samples, but the trace has only {}; without --strict-horizon, windows are cut \
+                 at its end",
+                self.trace.len()
+            )));
+        }
+        let signal = monitor.decided_robustness_signal(self.trace)?;
+        if !signal[0].is_finite() {
+            return Err(content(format!(
+                "the robustness at time 0 is {}: it depends on no sample of the trace; without --strict-horizon, empty \
+                 windows are allowed",
+                number_text(signal[0])
+            )));
+        }
+        Ok(signal.to_vec())
+    }
+
+    fn verdict(&self, formula: &Formula) -> Result<Verdict> {
+        let mut monitor = Monitor::new(formula, self.trace.names(), self.clock)?;
+        let cuts_windows = !self.evaluation.strict_horizon && monitor.cuts_windows(self.trace.len());
+        let robustness = match self.evaluation.strict_horizon {
+            true => self.signal(formula)?[0],
+            false => monitor.robustness(self.trace)?,
+        };
+        drop(monitor);
+        let nodes = formula.subformula_nodes(&self.clock)?;
+        let texts: Vec<String> = formula.subformulas().collect();
+        let (mut violations, mut worst) = (Vec::new(), None);
+        for (position, (first, last)) in parts(&nodes) {
+            let Ok(part) = Formula::parse(&texts[position]) else { continue };
+            let values = self.part_values(&part)?;
+            let end = last.map_or(values.len(), |last| last.saturating_add(1).min(values.len()));
+            let range = first.min(end)..end;
+            let text = &texts[position];
+            for run in runs(&values, range.clone()) {
+                let least = run.clone().map(|sample| values[sample]).fold(f64::INFINITY, f64::min);
+                violations.push(Interval {
+                    formula: text.clone(),
+                    start: self.at(run.start),
+                    end: self.at(run.end - 1),
+                    worst: least,
+                });
+            }
+            let least = range.min_by(|a, b| values[*a].total_cmp(&values[*b]));
+            if let Some(sample) = least
+                && worst.as_ref().is_none_or(|known: &Part| values[sample] < known.worst)
+            {
+                worst = Some(Part { formula: text.clone(), worst: values[sample], at: self.at(sample) });
+            }
+        }
+        violations.sort_by_key(|found| found.start.sample);
+        let diagnosis = (!self.evaluation.strict_horizon)
+            .then(|| formula.diagnose(self.trace, &self.clock))
+            .transpose()?;
+        Ok(Verdict {
+            robustness,
+            cuts_windows,
+            samples: Some(self.trace.len()),
+            violations,
+            part: worst,
+            diagnosis,
+        })
+    }
+
+    /// Returns the robustness of a part at the samples at which it is decided.
+    fn part_values(&self, part: &Formula) -> Result<Vec<f64>> {
+        let mut monitor = Monitor::new(part, self.trace.names(), self.clock)?;
+        Ok(match self.evaluation.strict_horizon {
+            true => monitor.decided_robustness_signal(self.trace)?.to_vec(),
+            false => monitor.robustness_signal(self.trace)?.to_vec(),
+        })
+    }
+}
+
+/// Returns the runs of violated samples in a range.
+fn runs(values: &[f64], range: std::ops::Range<usize>) -> Vec<std::ops::Range<usize>> {
+    let mut found: Vec<std::ops::Range<usize>> = Vec::new();
+    for sample in range.filter(|sample| is_violated(values[*sample])) {
+        match found.last_mut() {
+            Some(run) if run.end == sample => run.end += 1,
+            _ => found.push(sample..sample + 1),
+        }
+    }
+    found
+}
+
+fn dense(signals: &[DenseSignal], formula: &Formula, evaluation: &Evaluation) -> Result<Verdict> {
+    let names: Vec<String> = signals.iter().map(|signal| signal.name().to_owned()).collect();
+    let start = signals.first().map_or(0.0, DenseSignal::start);
+    let end = signals.first().map_or(0.0, DenseSignal::end);
+    let monitor = DenseMonitor::new(formula, &names, evaluation.unit)?;
+    let robustness = match evaluation.strict_horizon {
+        true => monitor.decided_robustness_signal(signals)?.first().ok_or_else(|| {
+            content(format!(
+                "the windows of the formula are longer than the log, which has {} s; without --strict-horizon, they are \
+                 cut at its end",
+                number_text(end - start)
+            ))
+        })?,
+        false => monitor.robustness(signals)?,
+    };
+    let cuts_windows = !evaluation.strict_horizon
+        && monitor.decided_robustness_signal(signals)?.first().is_none_or(|decided| decided != robustness);
+    let unit = evaluation.unit.unwrap_or(TimeUnit::Seconds);
+    let nodes = TICKS.iter().find_map(|tick| {
+        formula.subformula_nodes(&Clock::rtamt(*tick, unit)).ok().map(|nodes| (*tick, nodes))
+    });
+    let texts: Vec<String> = formula.subformulas().collect();
+    let (mut violations, mut worst) = (Vec::new(), None);
+    let (tick, found) = nodes.map_or((0.0, vec![(0, (0, Some(0)))]), |(tick, nodes)| (tick, parts(&nodes)));
+    for (position, (first, last)) in found {
+        let Ok(part) = Formula::parse(&texts[position]) else { continue };
+        let monitor = DenseMonitor::new(&part, &names, evaluation.unit)?;
+        let values = match evaluation.strict_horizon {
+            true => monitor.decided_robustness_signal(signals)?,
+            false => monitor.robustness_signal(signals)?,
+        };
+        let from = start + first as f64 * tick;
+        let to = last.map_or(end, |last| start + last as f64 * tick);
+        let inside = |time: f64| (from..=to).contains(&time);
+        let points: Vec<(f64, f64)> = values
+            .breakpoints()
+            .flat_map(|point| [point.before, point.at, point.after].map(|value| (point.time, value)))
+            .chain([from, to].into_iter().filter_map(|time| Some((time, values.at(time)?))))
+            .filter(|(time, _)| inside(*time))
+            .collect();
+        let least = |within: &dyn Fn(f64) -> bool| {
+            let points = points.iter().filter(|(time, _)| within(*time));
+            points.copied().min_by(|a, b| a.1.total_cmp(&b.1))
+        };
+        for found in values.violations() {
+            let (begin, end) = (found.start.max(from), found.end.min(to));
+            if begin <= end {
+                violations.push(Interval {
+                    formula: texts[position].clone(),
+                    start: in_secs(begin),
+                    end: in_secs(end),
+                    worst: least(&|time| (begin..=end).contains(&time)).map_or(-0.0, |(_, value)| value),
+                });
+            }
+        }
+        if let Some((time, value)) = least(&|_| true)
+            && worst.as_ref().is_none_or(|known: &Part| value < known.worst)
+        {
+            worst = Some(Part { formula: texts[position].clone(), worst: value, at: in_secs(time) });
+        }
+    }
+    violations.sort_by(|a, b| a.start.secs.unwrap_or(0.0).total_cmp(&b.start.secs.unwrap_or(0.0)));
+    Ok(Verdict { robustness, cuts_windows, samples: None, violations, part: worst, diagnosis: None })
+}

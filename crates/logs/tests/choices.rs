@@ -1,0 +1,250 @@
+//! Choices: units, zones, order, missing values, resampling, topics. What nobody stated is an error
+//! that names the flag.
+
+use std::io::Cursor;
+
+use mishandle_logs::{
+    Column, Duplicates, Interpolation, Log, Missing, OpenLog, Options, Result, Samples, Sampling, Signals,
+    Times, Topic, Unit,
+};
+
+fn samples(text: &str, signals: &[&str], options: &Options) -> Result<Samples> {
+    OpenLog::open_csv(Box::new(Cursor::new(text.to_owned())), options)?.read(signals)?.samples(options)
+}
+
+fn values(text: &str, signals: &[&str], options: &Options) -> Vec<Vec<f64>> {
+    match samples(text, signals, options).unwrap_or_else(|error| panic!("{text}: {error}")).signals {
+        Signals::Even { trace, .. } => {
+            signals.iter().map(|s| trace.signal(s).expect("read").to_vec()).collect()
+        }
+        Signals::Dense(found) => {
+            let of = |name: &&str| {
+                found.iter().find(|signal| signal.name() == *name).expect("read").values().to_vec()
+            };
+            signals.iter().map(of).collect()
+        }
+    }
+}
+
+#[track_caller]
+fn asks(text: &str, options: &Options, flag: &str, part: &str) {
+    let error = samples(text, &["d"], options).expect_err("an undecided choice");
+    assert_eq!(error.flag(), Some(flag), "{error}");
+    assert!(error.to_string().contains(part) && error.to_string().contains(flag), "{error}");
+}
+
+fn resampled(interpolation: Interpolation, period: f64) -> Options {
+    Options { sampling: Sampling::Resampled(interpolation), period: Some(period), ..Options::default() }
+}
+
+fn dense(interpolation: Interpolation) -> Options {
+    Options { sampling: Sampling::Dense(interpolation), ..Options::default() }
+}
+
+const HOLD: Interpolation = Interpolation::Hold;
+const LINEAR: Interpolation = Interpolation::Linear;
+
+#[test]
+fn a_unit_is_never_guessed() {
+    let plain = Options::default();
+    asks("time,d\n1700000000000000000,1\n", &plain, "--time-unit", "line 2: `time` is 1.7e18");
+    asks("time,d\n1700000000000,1\n", &plain, "--time-unit", "looks like ms, us or ns");
+    for name in ["timestamp_ns", "t [ms]", "time(us)", "header.stamp.nanosec"] {
+        let options = Options { time: Some(name.to_owned()), ..Options::default() };
+        asks(&format!("{name},d\n0,1\n1,1\n"), &options, "--time-unit", "looks like");
+        let stated = Options { time_unit: Some(Unit::Milliseconds), ..options };
+        let found = samples(&format!("{name},d\n0,1\n20,1\n"), &["d"], &stated).expect("stated");
+        assert!(matches!(found.signals, Signals::Even { period: Some(0.02), .. }), "{found:?}");
+    }
+    asks("time,d\n2024-01-31 12:00:00,1\n", &plain, "--utc-offset", "line 2");
+    let error = samples("time,d\n1/2/2024 12:00,1\n", &["d"], &plain).expect_err("an ambiguous date");
+    assert!(error.to_string().contains("line 2: `time` is `1/2/2024 12:00`; a time must be"), "{error}");
+    let error = samples("time,d\n0,1\n2024-01-31T12:00:00Z,1\n", &["d"], &plain).expect_err("mixed times");
+    assert!(
+        error.to_string().contains("line 3: `time` is a date, but a number in the rows before"),
+        "{error}"
+    );
+}
+
+#[test]
+fn nanoseconds_stay_exact_at_an_epoch() {
+    let options = Options { time_unit: Some(Unit::Nanoseconds), ..dense(HOLD) };
+    let text = "time,d\n1700000000000000001,1\n1700000000000000002,2\n1700000000000000004,3\n";
+    let found = samples(text, &["d"], &options).expect("nanoseconds");
+    assert_eq!(found.origin_ns, Some(1_700_000_000_000_000_001));
+    let Signals::Dense(signals) = found.signals else { panic!("dense") };
+    assert_eq!(signals[0].times(), [0.0, 1e-9, 3e-9]);
+    // The same instants in seconds with nine decimals, and as dates.
+    for (unit, rows) in [
+        (Some(Unit::Seconds), ["1700000000.000000001", "1700000000.000000002", "1700000000.000000004"]),
+        (
+            None,
+            [
+                "2023-11-14T22:13:20.000000001Z",
+                "2023-11-14T22:13:20.000000002Z",
+                "2023-11-14T23:13:20.000000004+01:00",
+            ],
+        ),
+    ] {
+        let text = format!("time,d\n{},1\n{},2\n{},3\n", rows[0], rows[1], rows[2]);
+        let found =
+            samples(&text, &["d"], &Options { time_unit: unit, ..options.clone() }).expect("exact times");
+        let Signals::Dense(same) = found.signals else { panic!("dense") };
+        assert_eq!(same, signals, "{rows:?}");
+    }
+    let times = Times::nanoseconds("stamp", &[i64::MAX - 2, i64::MAX - 1, i64::MAX]);
+    assert_eq!(times.secs(), [0.0, 1e-9, 2e-9]);
+    assert_eq!(times.period(None).expect("even times"), Some(1e-9));
+}
+
+#[test]
+fn order_and_doubles_are_choices() {
+    let plain = Options::default();
+    asks("time,d\n0,1\n2,1\n1,1\n", &plain, "--sort", "does not increase: it is 2 and then 1 in line 4");
+    asks(
+        "time,d\n0,1\n1,1\n1,1\n",
+        &plain,
+        "--duplicates",
+        "does not increase: it is 1 and then 1 in line 4",
+    );
+    asks("time,d\n0,1\n0.1,1\n0.3,1\n", &plain, "--resample", "steps from 0 to 0.1 in line 3");
+    let sorted = Options { sort: true, ..Options::default() };
+    assert_eq!(values("time,d\n2,3\n0,1\n1,2\n", &["d"], &sorted), [[1.0, 2.0, 3.0]]);
+    let text = "time,d\n0,1\n1,2\n1,3\n1,4\n2,5\n";
+    for (duplicates, expected) in [(Duplicates::First, [1.0, 2.0, 5.0]), (Duplicates::Last, [1.0, 4.0, 5.0])]
+    {
+        assert_eq!(values(text, &["d"], &Options { duplicates, ..Options::default() }), [expected]);
+    }
+}
+
+#[test]
+fn missing_values_are_choices() {
+    for cell in ["", "NaN", "null", "None", "abc", "inf", "-", "NA"] {
+        let text = format!("time,d\n0,1\n1,{cell}\n2,3\n");
+        asks(&text, &Options::default(), "--missing", &format!("line 3: `d` is `{cell}`"));
+        let hold = Options { missing: Missing::Hold, ..Options::default() };
+        assert_eq!(values(&text, &["d"], &hold), [[1.0, 1.0, 3.0]]);
+        // Without the row, the samples are not even.
+        let drop = Options { missing: Missing::Drop, ..Options::default() };
+        assert_eq!(values(&text, &["d"], &drop), [[1.0, 3.0]]);
+        let linear = Options { missing: Missing::Drop, ..resampled(LINEAR, 1.0) };
+        assert_eq!(values(&text, &["d"], &linear), [[1.0, 2.0, 3.0]]);
+    }
+    let hold = Options { missing: Missing::Hold, ..Options::default() };
+    asks("time,d\n0,\n1,2\n", &hold, "--missing", "line 2: `d` has no value yet");
+    let error = samples("time,d\n0,\n1,\n", &["d"], &hold).expect_err("no number");
+    assert!(error.to_string().contains("`d` has no number in any row"), "{error}");
+    asks(
+        "time,d\n0,1\n,1\n",
+        &Options::default(),
+        "--missing",
+        "line 3: `time` is ``; every row needs a finite time",
+    );
+}
+
+#[test]
+fn rows_of_topics_with_blanks_are_resampled_together() {
+    let text = "time,a,b\n0,1,\n0.5,,10\n1,2,\n1.5,,20\n2,3,\n2.5,,30\n";
+    let options = Options { missing: Missing::Drop, ..resampled(HOLD, 0.5) };
+    // b starts at 0.5 s; a is held until the end.
+    assert_eq!(
+        values(text, &["a", "b"], &options),
+        [[1.0, 2.0, 2.0, 3.0, 3.0], [10.0, 10.0, 20.0, 20.0, 30.0]]
+    );
+    let linear = Options { missing: Missing::Drop, ..resampled(LINEAR, 0.5) };
+    assert_eq!(values(text, &["a", "b"], &linear), [[1.5, 2.0, 2.5, 3.0], [10.0, 15.0, 20.0, 25.0]]);
+}
+
+#[test]
+fn a_column_can_name_the_topic_of_each_row() {
+    let text = "time,topic,x,y\n0.00,arm,1,\n0.01,/hand,,5\n1.00,arm,2,\n1.01,/hand,,6\n2.00,arm,3,\n";
+    let options = Options { topic_column: Some("topic".to_owned()), ..resampled(HOLD, 1.0) };
+    assert_eq!(values(text, &["arm/x", "/hand/y"], &options), [[1.0, 2.0], [5.0, 6.0]]);
+    let even = Options { topic_column: Some("topic".to_owned()), ..Options::default() };
+    assert_eq!(values(text, &["arm/x"], &even), [[1.0, 2.0, 3.0]]);
+    let both = samples(text, &["arm/x", "/hand/y"], &even).expect_err("two rates");
+    assert_eq!(both.flag(), Some("--resample"), "{both}");
+    let lacks = samples(text, &["arm/y"], &even).expect_err("blanks");
+    assert!(lacks.to_string().contains("line 2: `arm/y` has no number"), "{lacks}");
+    let unknown = samples(text, &["leg/x"], &even).expect_err("no such topic");
+    assert!(unknown.to_string().contains("topics `arm`, `/hand`"), "{unknown}");
+}
+
+#[test]
+fn resampling_even_samples_at_their_period_changes_nothing() {
+    for rate in [3.0, 10.0, 24.0, 29.97, 30.0, 1000.0] {
+        for write in [
+            |time: f64| format!("{time:.4}"),
+            |time: f64| time.to_string(),
+            |time: f64| (time as f32).to_string(),
+            |time: f64| format!("{:.6}", 1.7e9 + time),
+        ] {
+            let rows = (0..500).map(|i| format!("{},{}", write(f64::from(i) / rate), (i * 37) % 101));
+            let text = format!("time,d\n{}\n", rows.collect::<Vec<_>>().join("\n"));
+            let Ok(even) = samples(&text, &["d"], &Options::default()) else { continue };
+            let Signals::Even { trace, period, .. } = even.signals else { panic!("even") };
+            for interpolation in [HOLD, LINEAR] {
+                let again = values(&text, &["d"], &resampled(interpolation, period.expect("times")));
+                assert_eq!(again[0], trace.signal("d").expect("read"), "{rate} {interpolation:?}");
+            }
+        }
+    }
+}
+
+#[test]
+fn jitter_is_resampled_and_gaps_need_a_tolerance() {
+    let text = "time,d\n0,0\n0.11,1.1\n0.19,1.9\n0.3,3\n0.55,5.5\n";
+    assert_eq!(values(text, &["d"], &resampled(HOLD, 0.1)), [[0.0, 0.0, 1.9, 3.0, 3.0, 3.0]]);
+    let linear = values(text, &["d"], &resampled(LINEAR, 0.1));
+    for (row, value) in linear[0].iter().enumerate() {
+        assert!((value - row as f64).abs() < 1e-12, "{linear:?}");
+    }
+    let bounded = Options { tolerance: Some(0.2), ..resampled(HOLD, 0.1) };
+    asks(text, &bounded, "--tolerance", "`d` has no value for 0.25");
+    asks(
+        text,
+        &Options { tolerance: Some(1.0), ..Options::default() },
+        "--tolerance",
+        "--resample or --dense",
+    );
+    asks(text, &Options { period: None, ..resampled(HOLD, 0.1) }, "--period", "--resample needs");
+    asks("d\n1\n2\n", &resampled(HOLD, 0.1), "--time", "need the times of the samples");
+    asks("time,d\n0,1\n1e10,2\n", &resampled(HOLD, 1e-3), "--period", "pass a longer period");
+}
+
+#[test]
+fn topics_with_different_times_share_their_common_time() {
+    let topic = |name: &str, times: &[i64], values: &[f64]| {
+        let column = Column { name: format!("{name}/v"), values: values.to_vec() };
+        Topic::new(Some(name.to_owned()), Some(Times::nanoseconds("stamp", times)), vec![column])
+    };
+    let epoch = 1_700_000_000_000_000_000;
+    let half = 500_000_000;
+    let log = || {
+        let a = topic("a", &[epoch, epoch + 2 * half, epoch + 4 * half], &[0.0, 1.0, 2.0]);
+        let b = topic("b", &[epoch + half, epoch + 3 * half], &[5.0, 7.0]);
+        [
+            Log { topics: vec![a.clone(), b.clone()], likely_time: None },
+            Log { topics: vec![b, a], likely_time: None },
+        ]
+    };
+    for log in log() {
+        let found = log.clone().samples(&dense(LINEAR)).expect("dense");
+        let Signals::Dense(mut signals) = found.signals else { panic!("dense") };
+        signals.sort_by(|a, b| a.name().cmp(b.name()));
+        assert_eq!((signals[0].times(), signals[0].values()), (&[0.5, 1.0, 1.5][..], &[0.5, 1.0, 1.5][..]));
+        assert_eq!((signals[1].times(), signals[1].values()), (&[0.5, 1.5][..], &[5.0, 7.0][..]));
+        let found = log.clone().samples(&dense(HOLD)).expect("dense");
+        let Signals::Dense(mut signals) = found.signals else { panic!("dense") };
+        signals.sort_by(|a, b| a.name().cmp(b.name()));
+        assert_eq!((signals[0].times(), signals[0].values()), (&[0.5, 1.0, 2.0][..], &[0.0, 1.0, 2.0][..]));
+        assert_eq!((signals[1].times(), signals[1].values()), (&[0.5, 1.5, 2.0][..], &[5.0, 7.0, 7.0][..]));
+        let error = log.samples(&Options::default()).expect_err("two rates");
+        assert_eq!(error.flag(), Some("--resample"), "{error}");
+    }
+    let apart = Log {
+        topics: vec![topic("a", &[0, 1], &[0.0, 1.0]), topic("b", &[5, 6], &[0.0, 1.0])],
+        likely_time: None,
+    };
+    assert!(apart.samples(&dense(LINEAR)).expect_err("apart").to_string().contains("no time in common"));
+}
