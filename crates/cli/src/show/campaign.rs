@@ -1,7 +1,7 @@
 //! The results of a campaign, as text: a table for each kind of question.
 
 use mishandle::results::{
-    Answer, Campaign, Corners, Estimate, Evaluation, Falsification, Hardening, Margin, Risk,
+    Answer, Campaign, CornerPoint, Corners, Estimate, Evaluation, Falsification, Hardening, Margin, Risk,
 };
 use mishandle_text::{decimal, probability_text};
 
@@ -105,9 +105,13 @@ fn evaluation_cells(found: &Evaluation) -> Vec<String> {
         Some(counts) => counts.confirmed_without_verdict,
         None => report.diverged + report.invalid + report.failed + report.undecided,
     };
+    // A rate of simulations none of which has a verdict would say that the controller was tested.
+    let is_tested = found.screening.is_some() || without < report.simulations;
+    let optional = |rate| if is_tested { optional(rate) } else { "-".to_string() };
+    let [rate, ends] = success_cells(&report.success_rate, is_tested);
     vec![
-        percent(&report.success_rate),
-        interval(&report.success_rate),
+        rate,
+        ends,
         optional(&report.strict_success_rate),
         optional(&report.careful_success_rate),
         optional(&report.dangerous_behavior_rate),
@@ -117,9 +121,20 @@ fn evaluation_cells(found: &Evaluation) -> Vec<String> {
     ]
 }
 
+/// Returns the success rate and its interval.
+fn success_cells(rate: &Estimate, is_tested: bool) -> [String; 2] {
+    if is_tested { [percent(rate), interval(rate)] } else { ["-", "-"].map(String::from) }
+}
+
+/// Returns how many of the points with a verdict fail.
 fn failing_corners(corners: &Corners) -> String {
-    let failing = corners.points.iter().filter(|point| point.successes < point.n).count();
-    format!("{failing} of {}", corners.points.len())
+    let without = |point: &CornerPoint| point.diverged + point.invalid + point.failed + point.undecided;
+    let tested: Vec<&CornerPoint> = corners.points.iter().filter(|point| without(point) < point.n).collect();
+    if tested.is_empty() {
+        return "-".to_string();
+    }
+    let failing = tested.iter().filter(|point| point.successes < point.n).count();
+    format!("{failing} of {}", tested.len())
 }
 
 fn percent(rate: &Estimate) -> String {
@@ -133,9 +148,53 @@ fn interval(rate: &Estimate) -> String {
 
 #[cfg(test)]
 mod tests {
-    use mishandle::results::CampaignRun;
+    use mishandle::results::{CampaignRun, Scenario};
 
     use super::*;
+
+    /// Each point has one simulation, which succeeds, violates the formula or has no verdict.
+    fn corners(ends: &[&str]) -> Corners {
+        let point = |end: &&str| CornerPoint {
+            kind: "corner".to_string(),
+            scenario: std::iter::empty::<(String, Option<f64>)>().collect::<Scenario>(),
+            reachable: None,
+            counts: true,
+            n: 1,
+            successes: u32::from(*end == "success"),
+            strict_successes: None,
+            careful_successes: None,
+            diverged: u32::from(*end == "diverged"),
+            invalid: u32::from(*end == "invalid"),
+            failed: u32::from(*end == "failed"),
+            undecided: u32::from(*end == "undecided"),
+        };
+        Corners {
+            seeds: 1,
+            n: ends.len() as u64,
+            succeeding: 0,
+            strictly_succeeding: None,
+            carefully_succeeding: None,
+            center_succeeds: None,
+            center_strictly_succeeds: None,
+            center_carefully_succeeds: None,
+            points: ends.iter().map(point).collect(),
+        }
+    }
+
+    #[test]
+    fn corners_without_a_verdict_are_no_failing_corners() {
+        for end in ["diverged", "invalid", "failed", "undecided"] {
+            assert_eq!(failing_corners(&corners(&[end, end])), "-", "{end}");
+            assert_eq!(failing_corners(&corners(&["success", "violation", end])), "1 of 2", "{end}");
+        }
+    }
+
+    #[test]
+    fn an_evaluation_without_any_verdict_has_no_success_rate() {
+        let rate = Estimate { value: Some(0.0), low: Some(0.0), high: Some(0.5), n: 3 };
+        assert_eq!(success_cells(&rate, false), ["-", "-"]);
+        assert_eq!(success_cells(&rate, true), ["0.00 %", "[0.00, 50.00]"]);
+    }
 
     #[test]
     fn a_hardening_has_a_row_with_both_failure_probabilities_and_what_got_worse() {
