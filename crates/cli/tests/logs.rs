@@ -1,8 +1,10 @@
 //! Logs of robots: sets of requirements, several logs, topics and the files of verdicts.
 
-mod common;
+#![allow(clippy::unwrap_used)]
 
-use common::{Bench, text};
+mod bench;
+
+use bench::{Bench, text};
 
 const REQUIREMENTS: &str = r#"
 [[requirement]]
@@ -24,14 +26,22 @@ fn a_set_of_requirements_on_several_logs_gives_a_table_worst_first() {
     bench.write("good.csv", "time,force\n0,1\n0.5,0\n1,0\n");
     bench.write("loud.csv", "time,force\n0,2\n0.5,1.5\n1,1.5\n");
     bench.write("bad.csv", "time,force\n0,2\n0.5,3\n1,0\n");
-    let found = bench.json("monitor --formulas set.toml good.csv loud.csv bad.csv --json --junit v.xml --markdown v.md", 1);
+    let found = bench.json(
+        "monitor --formulas set.toml good.csv loud.csv bad.csv --json --junit v.xml --markdown v.md",
+        1,
+    );
     let order: Vec<String> = found["verdicts"]
         .as_array()
         .expect("verdicts")
         .iter()
-        .map(|verdict| format!("{} {} {}", verdict["log"], verdict["name"], verdict["violated"]).replace('"', ""))
+        .map(|verdict| {
+            format!("{} {} {}", verdict["log"], verdict["name"], verdict["violated"]).replace('"', "")
+        })
         .collect();
-    assert_eq!(order[..3], ["bad.csv gentle true", "bad.csv settles true", "loud.csv settles true"].map(String::from));
+    assert_eq!(
+        order[..3],
+        ["bad.csv gentle true", "bad.csv settles true", "loud.csv settles true"].map(String::from)
+    );
     let violation = &found["verdicts"][0]["violations"][0];
     assert_eq!((&violation["formula"], violation["start"].as_f64()), (&"force <= 2".into(), Some(0.5)));
     assert_eq!((violation["duration"].as_f64(), violation["worst"].as_f64()), (Some(0.0), Some(-1.0)));
@@ -53,7 +63,10 @@ fn mistakes_in_a_set_of_requirements_are_named() {
     for (set, part) in [
         ("[[requirement]]\nname = \"a\"\nformula = \"d > 0\"\nseverty = \"warning\"\n", "severty"),
         ("[[requirement]]\nname = \"a\"\nformula = \"d > 0\"\nseverity = \"low\"\n", "unknown variant `low`"),
-        ("[[requirement]]\nname = \"a\"\nformula = \"d > 0\"\nunit = \"h\"\n", "unit is `h`; it must be one of s, ms"),
+        (
+            "[[requirement]]\nname = \"a\"\nformula = \"d > 0\"\nunit = \"h\"\n",
+            "unit is `h`; it must be one of s, ms",
+        ),
         ("[[requirement]]\nname = \"a\"\nformula = \"d > \"\n", "`a`: formula: column"),
         ("", "has no [[requirement]]"),
     ] {
@@ -75,7 +88,8 @@ fn topics_of_several_files_are_one_log() {
     bench.refuses(&format!("monitor {formula} {topics}"), &["have different times; pass --resample"]);
     let found = bench.json(&format!("monitor {formula} {topics} --dense hold --json"), 0);
     assert!((found["robustness"].as_f64().expect("a number") - 0.05).abs() < 1e-12, "{found}");
-    let found = bench.json(&format!("monitor {formula} {topics} --resample hold --period 0.1 --json --values"), 0);
+    let found =
+        bench.json(&format!("monitor {formula} {topics} --resample hold --period 0.1 --json --values"), 0);
     assert_eq!(found["robustness_times"].as_array().expect("times").len(), 11);
     bench.refuses(&format!("monitor {formula} {topics} arm.csv"), &["--topic names the files of one log"]);
     bench.refuses("monitor --formula 'x > 0'", &["there is no log: name a file, or several topics"]);
