@@ -234,8 +234,7 @@ fn a_bound_in_seconds_needs_the_time_between_two_samples() {
     ] {
         check(&bench, &format!("monitor {arguments}"), &asks);
     }
-    for name in ["Time", "timestamp", "t", "__time", "header.stamp", "elapsed_s", "time [s]", "sec"]
-    {
+    for name in ["Time", "timestamp", "t", "__time", "header.stamp", "elapsed_s", "time [s]", "sec"] {
         bench.write("named.csv", &format!("{name},d\n{rows}"));
         let quoted = if name.contains('[') { format!("'{name}'") } else { name.to_string() };
         let parts = [asks[0], asks[1], &format!("--time {quoted}")];

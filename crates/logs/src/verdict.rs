@@ -80,8 +80,8 @@ impl Samples {
     /// Returns the verdict of a formula.
     ///
     /// # Errors
-    /// If the samples lack a signal, a bound has no unit or is not a whole number of samples, or the
-    /// log is too short for `strict_horizon`.
+    /// If the samples lack a signal, a bound has no unit or is not a whole number of samples, or
+    /// the log is too short for `strict_horizon`.
     pub fn verdict(&self, formula: &Formula, evaluation: &Evaluation) -> Result<Verdict> {
         match &self.signals {
             Signals::Even { trace, period, start, has_times } => {

@@ -125,7 +125,7 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
     });
     let missing = verdicts.iter().map(|verdict| verdict.missing_values).max().unwrap_or(0);
     if command.json {
-        output::json(&document(command, is_one_log, as_asked, verdicts, values))?;
+        output::json(&document(command, is_one_log, &as_asked, verdicts, values))?;
     } else {
         match &verdicts[..] {
             [only] if is_one_log => output::line(&log_verdicts::text(only))?,
@@ -167,7 +167,7 @@ fn requirements(command: &Arguments) -> Result<Vec<Requirement>> {
 fn document(
     command: &Arguments,
     is_one_log: bool,
-    as_asked: Vec<LogVerdict>,
+    as_asked: &[LogVerdict],
     verdicts: Vec<LogVerdict>,
     values: Option<Vec<(mishandle_logs::At, f64)>>,
 ) -> results::Monitor {

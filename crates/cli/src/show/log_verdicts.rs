@@ -169,7 +169,7 @@ fn xml(text: &str) -> String {
             '"' => escaped += "&quot;",
             '\n' => escaped.push('\n'),
             _ if character.is_control() || matches!(character, '\u{fffe}' | '\u{ffff}') => {
-                escaped.push('\u{fffd}')
+                escaped.push('\u{fffd}');
             }
             _ => escaped.push(character),
         }

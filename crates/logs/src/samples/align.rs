@@ -40,6 +40,7 @@ pub(super) fn resampled(log: Log, interpolation: Interpolation, options: &Option
     if let [topic] = &log.topics[..]
         && let Some(times) = &topic.times
         && topic.columns.iter().all(|column| column.values.iter().all(|value| !value.is_nan()))
+        && is_near(times.secs(), period)
         && times.period(Some(period)).is_ok()
     {
         // Even samples stay as they are, also where their times are rounded.
@@ -49,7 +50,7 @@ pub(super) fn resampled(log: Log, interpolation: Interpolation, options: &Option
     let last_rounding = tracks.iter().map(|track| track.rounding).fold(0.0, f64::max);
     let slack = snap(last_rounding, period);
     let steps = ((span.end - span.start + slack) / period).floor();
-    if !(steps < MAX_ROWS as f64) {
+    if steps.is_nan() || steps >= MAX_ROWS as f64 {
         return Err(undecided(
             "--period",
             format!(
@@ -67,6 +68,14 @@ pub(super) fn resampled(log: Log, interpolation: Interpolation, options: &Option
         start: span.start,
         has_times: true,
     })
+}
+
+/// Returns whether the mean step is near the period. Other times do not fit it, which takes long to
+/// find out.
+fn is_near(secs: &[f64], period: f64) -> bool {
+    let [first, .., last] = secs else { return true };
+    let mean = (last - first) / (secs.len() - 1) as f64;
+    (mean / period - 1.0).abs() < 0.1
 }
 
 /// Returns the signals as functions of time, cut to their common time.
