@@ -62,7 +62,7 @@ impl PyOnlineMonitor {
             self.check_length(values.len())?;
             self.sample.iter_mut().zip(values).for_each(|(target, value)| *target = *value);
         } else {
-            let values = sample.try_iter().and_then(|items| items.collect::<PyResult<Vec<_>>>());
+            let values = sample.try_iter().and_then(Iterator::collect::<PyResult<Vec<_>>>);
             let values =
                 values.or_else(|_| sample.extract::<f64>().map(|_| vec![sample.clone()])).map_err(|_| {
                     InvalidTypeError::new_err(
