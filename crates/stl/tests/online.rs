@@ -81,7 +81,8 @@ fn the_bounds_without_a_length_are_those_of_all_lengths() {
         for n in 1..=columns[0].len() {
             monitor.push(&sample(&columns, n - 1)).unwrap();
             let found = monitor.bounds(0);
-            // Longer traces have the bounds of the longest one: all windows contain unknown samples.
+            // Longer traces have the bounds of the longest one: all windows contain unknown
+            // samples.
             let longest = n + (ahead - behind) as usize + 8;
             let lengths: Vec<usize> = (n..=longest).collect();
             let expected = known(tree.bounds(&columns, n, &lengths));

@@ -68,7 +68,7 @@ impl Bounds {
 ///
 /// # Cost
 /// With A as the number of distinct operators, a push takes amortized time in proportion to A,
-/// whatever the windows. The bounds are computed when they are asked for. This takes time in
+/// whatever the windows. The bounds are computed when they are requested. This takes time in
 /// proportion to A if the operands of the windows ahead are state formulas. Otherwise it takes time
 /// in proportion to the number of samples that wait: the windows of the operands of windows, and of
 /// past operators inside windows ahead. A window without an end inside a window ahead waits for the
@@ -120,8 +120,8 @@ pub struct OnlineMonitor {
 }
 
 impl OnlineMonitor {
-    /// Compiles `formulas` for samples of the signals `names`. `samples` is the number of samples of
-    /// the whole trace; `None` if it is unknown.
+    /// Compiles `formulas` for samples of the signals `names`. `samples` is the number of samples
+    /// of the whole trace; `None` if it is unknown.
     ///
     /// # Errors
     /// As for [`Monitor::new`](crate::Monitor::new).
@@ -232,9 +232,9 @@ impl OnlineMonitor {
         MonitorError::Undefined { operation, step, time_secs: self.clock.time_secs(step) }
     }
 
-    /// Returns the least and the greatest robustness of formula `i` at time 0 over all continuations
-    /// of the trace: both are the robustness once it is decided. They are unknown before the first
-    /// sample, and if the stated number of samples does not decide the formula.
+    /// Returns the least and the greatest robustness of formula `i` at time 0 over all
+    /// continuations of the trace: both are the robustness once it is decided. They are unknown
+    /// before the first sample, and if the stated number of samples does not decide the formula.
     ///
     /// # Panics
     /// If there is no formula `i`.

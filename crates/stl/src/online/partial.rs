@@ -333,7 +333,8 @@ impl Evaluation<'_> {
     fn until(&self, side: Side, out: &mut [f64], buffers: &mut Buffers) {
         let Window { begin, end } = self.window;
         let top = self.x.top().max(self.y.top()).min(self.last + end).max(self.last);
-        // Later samples have the bounds of the last one, so that longer windows have the same value.
+        // Later samples have the bounds of the last one, so that longer windows have the same
+        // value.
         let near = begin.min(top - self.first + 1);
         let window = Window { begin: near, end: near + (end - begin) };
         let Buffers { first: p, last: q, scratch } = buffers;

@@ -9,7 +9,7 @@ use crate::operator::Operator;
 use crate::pointwise::{self, Undefined};
 use std::collections::VecDeque;
 
-/// What an operator remembers of its operands.
+/// The memory of an operator about its operands.
 #[derive(Clone, Debug)]
 enum Memory {
     Nothing,
