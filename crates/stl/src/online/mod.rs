@@ -16,8 +16,14 @@ use partial::{Buffers, Length, Operand};
 use std::ops::Range;
 use stream::Cell;
 
-/// Number of samples up to which windows are allocated when a monitor is created.
-const PREALLOCATED: usize = 1 << 16;
+/// Number of samples up to which vectors are allocated when a monitor is created: those that a
+/// formula needs whose windows have 65,536 samples one after the other. Longer ones grow.
+const PREALLOCATED: usize = 1 << 18;
+
+/// Returns the capacity of a vector for this number of samples when a monitor is created.
+fn preallocated(samples: usize) -> usize {
+    if samples <= PREALLOCATED { samples } else { 0 }
+}
 
 /// The least and the greatest robustness at time 0 over all continuations of a trace.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -135,7 +141,7 @@ impl OnlineMonitor {
         let cells = graph.nodes.iter().map(|node| Cell::new(node, samples.unwrap_or(usize::MAX))).collect();
         let parts = graph.roots.iter().map(|root| graph.parts(*root)).collect();
         let bounded = vec![0; graph.nodes.len()];
-        let buffers = Buffers::new(&graph.nodes, PREALLOCATED);
+        let buffers = Buffers::new(&graph.nodes);
         Ok(OnlineMonitor {
             graph,
             clock,
