@@ -74,17 +74,30 @@ impl Bounds {
 ///
 /// # Cost
 /// With A as the number of distinct operators, a push takes amortized time in proportion to A,
-/// whatever the windows. The bounds are computed when they are requested. This takes time in
-/// proportion to A if the operands of the windows ahead are state formulas. Otherwise it takes time
-/// in proportion to the number of samples that wait: the windows of the operands of windows, and of
-/// past operators inside windows ahead. A window without an end inside a window ahead waits for the
-/// end of the trace.
+/// whatever the windows. The bounds are computed when they are requested. This takes, for each
+/// operator:
 ///
-/// Memory: at most five numbers per operator and sample of its window (nine for `until` and its
-/// relatives), whatever the length of the trace; constant for a window without an end, unless it is
-/// inside a window ahead without an end, whose operands are all kept. Windows of up to 65,536
-/// samples are allocated by [`new`](OnlineMonitor::new), and no push or question allocates after it;
-/// longer ones grow with the samples pushed.
+/// - constant time if its operands are state formulas or are over samples up to the present only;
+/// - time in proportion to the logarithm of the window for `always` and `eventually` at time 0
+///   over such windows of state formulas, alone or with pointwise operators between windows that
+///   end alike;
+/// - time in proportion to the windows that it waits for if they are nested otherwise: windows in
+///   three levels, `until` and its relatives inside a window or with a window inside, pointwise
+///   operators between operands that wait for different samples, as in `always[0:9](p implies
+///   eventually[0:5] q)`;
+/// - time in proportion to the number of samples of the trace if a window ahead without an end is
+///   inside another window ahead.
+///
+/// Memory: per operator at most nine numbers per sample of the windows that it waits for, its own
+/// included, and for all operators together fifteen numbers per sample of the longest sum of such
+/// windows, whatever the length of the trace; constant for a window without an end. A window ahead
+/// without an end inside a window ahead without an end keeps all its values.
+///
+/// [`new`](OnlineMonitor::new) allocates this memory if windows inside each other have up to 65,536
+/// samples together, and `next`, `prev` and edges count as one each. No push, question or reset
+/// allocates after it, until an error. Memory for longer windows is allocated as samples arrive,
+/// and so is that of a window ahead without an end inside another window ahead, and of a trace that
+/// becomes longer than stated.
 ///
 /// # Example
 /// ```
