@@ -56,7 +56,8 @@ impl EarlyStop {
         (self.len, self.has_failed) = (0, false);
     }
 
-    /// Adds a sample. An error, such as a signal that is NaN, stops nothing: the verdict reports it.
+    /// Adds a sample. An error, such as a signal that is NaN, stops nothing: the verdict reports
+    /// it.
     ///
     /// # Panics
     /// If the length of `sample` is not the number of signals.

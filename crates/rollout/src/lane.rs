@@ -84,7 +84,7 @@ impl LaneRows {
 pub(crate) struct Lane {
     controller: Box<dyn ControllerWorker>,
     monitor: SpecificationMonitor,
-    /// What the rows start with.
+    /// The early stop that every row starts with.
     stop: EarlyStop,
     /// Observation of each row.
     observations: Vec<f32>,

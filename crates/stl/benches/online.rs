@@ -1,5 +1,5 @@
-//! Time per sample and operator of an online monitor, on the tasks' formulas and on nested ones, and
-//! time and memory of a stream of 10^7 samples.
+//! Time per sample and operator of an online monitor, on the tasks' formulas and on nested ones,
+//! and time and memory of a stream of 10^7 samples.
 #![allow(clippy::print_stdout)]
 
 use mishandle_stl::{Clock, Formula, OnlineMonitor};

@@ -7,8 +7,8 @@
 //! if the trace violates it, and whose size is the distance to the border between the two. The sign
 //! of a zero is the Boolean verdict, see [`is_satisfied`]. A [`Clock`] converts the time bounds of
 //! a formula to samples. A [`Recording`] takes the place of a long trace and needs less memory. An
-//! [`OnlineMonitor`] evaluates formulas while the samples arrive, a [`DenseMonitor`] on signals with
-//! samples at any times.
+//! [`OnlineMonitor`] evaluates formulas while the samples arrive, a [`DenseMonitor`] on signals
+//! with samples at any times.
 //!
 //! # Differences from RTAMT
 //! RTAMT 0.4.10 parses `a - b + c` as `a - (b + c)` and `a / b * c` as `a / (b * c)`. Here `+` and

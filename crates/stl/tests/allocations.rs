@@ -5,7 +5,7 @@
 #![allow(clippy::unwrap_used)] // clippy's setting for tests does not cover helper functions
 #![allow(unsafe_code)]
 
-use mishandle_stl::{Clock, Formula, Monitor, Recording, Trace};
+use mishandle_stl::{Clock, Formula, Monitor, OnlineMonitor, Recording, Trace};
 use std::alloc::{GlobalAlloc, Layout, System};
 use std::cell::Cell;
 use std::sync::Arc;
@@ -90,6 +90,99 @@ fn a_used_monitor_does_not_allocate() {
     let before = ALLOCATIONS.get();
     drop(std::hint::black_box(vec![0_u8; 16]));
     assert_eq!(ALLOCATIONS.get() - before, 1);
+}
+
+fn online(text: &str, samples: Option<usize>) -> OnlineMonitor {
+    let names = ["a", "b", "c"].map(String::from);
+    let formula = Formula::parse(text).unwrap();
+    OnlineMonitor::new(&[formula], &names, Clock::steps(1.0), samples).unwrap()
+}
+
+/// Pushes samples and asks every question after each; returns the number of allocations.
+fn allocations(monitor: &mut OnlineMonitor, samples: usize, every: usize) -> usize {
+    let before = ALLOCATIONS.get();
+    for step in 0..samples {
+        let angle = step as f64 * 0.1;
+        monitor.push(&[angle.sin(), angle.cos(), (angle * 0.1).sin()]).unwrap();
+        monitor.decided(0);
+        if step % every == 0 {
+            std::hint::black_box(monitor.bounds(0));
+        }
+    }
+    ALLOCATIONS.get() - before
+}
+
+#[test]
+fn an_online_monitor_does_not_allocate_after_new() {
+    let formulas = [
+        // Those of the tasks.
+        "always[50:300](a <= 0.12)",
+        "eventually[0:300](a <= 0.024 and b > 0)",
+        "eventually[0:270](always[0:30](a <= 0.024 and b >= 0.045 and b <= 0.055 and c <= 0.05))",
+        "always[0:299](a > 0.5 and next(a <= 0.5) implies b <= 0.1)",
+        "always[50:300](a <= 0.2 and b > 0) and always[200:300](a <= 0.1)",
+        // Nested windows.
+        "always[0:250](a > 0.5 implies eventually[0:50](b > 0))",
+        "always[0:20](eventually[3:30](always[1:40](a <= b)))",
+        "always[0:200]((a > -2) until[5:50] (b > 0))",
+        "((a > 0) unless[2:30] (b > 0)) release[1:60] (eventually[0:9](c > 0) iff once[2:7](b > 0))",
+        "always[0:300](a > 0 implies once[0:50](eventually[4:8](b > 0)))",
+        "eventually[2:90](historically[3:70]((b > 0) since[10:20] (next(c > 0))))",
+        "always[3:9](rise(eventually[0:5](a > 0)) xor fall(s_prev(b > 0)))",
+        // Without an end.
+        "always(a <= 0.9) and eventually(b > 0.5)",
+        "(a > -2) until (b > 0.99)",
+        "always(once(a > 0) or b > 0)",
+        "always(a > 0.5 implies eventually[0:50](b > 0))",
+        "always[0:80]((b > 0) since[7:inf] (c > 0))",
+    ];
+    for text in formulas {
+        for stated in [None, Some(400)] {
+            let mut monitor = online(text, stated);
+            assert_eq!(allocations(&mut monitor, 1000, 1), 0, "{text} of {stated:?}");
+            let before = ALLOCATIONS.get();
+            monitor.reset();
+            assert_eq!(ALLOCATIONS.get() - before, 0, "{text}");
+            assert_eq!(allocations(&mut monitor, 1000, 1), 0, "{text} of {stated:?} after a reset");
+        }
+    }
+}
+
+#[test]
+fn an_online_monitor_of_65536_samples_does_not_allocate_after_new() {
+    for text in [
+        "always[0:65536](a <= 0.12)",
+        "(a > -2) until[1:65536] (b > 2)",
+        "always[0:32768](eventually[0:32768](a > 0) or b > 0)",
+        "always[0:30000]((a > -2) until[5:35000] (b > 0))",
+        "eventually[0:30000](historically[3:35000](eventually[0:500](c > 0)))",
+    ] {
+        assert_eq!(allocations(&mut online(text, None), 70_000, 4_999), 0, "{text}");
+    }
+}
+
+/// A window that no trace fills takes memory for the samples pushed only.
+#[test]
+fn a_window_of_2_to_the_43_samples_allocates_nothing_in_new() {
+    for text in [
+        "always[0:{}](a <= 0.12)",
+        "(a > -2) until[1:{}] (b > 2)",
+        "(a > -2) since[1:{}] (b > 2)",
+        "once[{}:{}](a > 0)",
+        "always[0:9](eventually[0:{}](a > 0))",
+        "always[0:{}](b > 0 implies (a > 0) unless[3:{}] (b > 0))",
+    ] {
+        let peak = |bound: &str| {
+            let before = LIVE.get();
+            PEAK.set(before);
+            drop(online(&text.replace("{}", bound), None));
+            PEAK.get() - before
+        };
+        let (huge, short) = (peak("8796093022208"), peak("100"));
+        assert!(huge < short + 50_000, "{text}: {huge} bytes, {short} with a short window");
+        let mut monitor = online(&text.replace("{}", "8796093022208"), None);
+        assert!(allocations(&mut monitor, 300, 7) > 0, "{text} grows with the samples");
+    }
 }
 
 /// Number of samples of the tests of memory: a power of two, so that vectors that double have no

@@ -81,7 +81,8 @@ fn the_bounds_without_a_length_are_those_of_all_lengths() {
         for n in 1..=columns[0].len() {
             monitor.push(&sample(&columns, n - 1)).unwrap();
             let found = monitor.bounds(0);
-            // Longer traces have the bounds of the longest one: all windows contain unknown samples.
+            // Longer traces have the bounds of the longest one: all windows contain unknown
+            // samples.
             let longest = n + (ahead - behind) as usize + 8;
             let lengths: Vec<usize> = (n..=longest).collect();
             let expected = known(tree.bounds(&columns, n, &lengths));
@@ -166,4 +167,60 @@ fn formulas_that_share_parts_have_their_own_values() {
             }
         }
     }
+}
+
+/// A rejected sample leaves no trace: the monitor equals one that never saw it.
+#[test]
+fn a_rejected_sample_leaves_the_monitor_unchanged() {
+    let mut random = Random(45);
+    for number in 0..formulas(500) {
+        let (_, text, columns) = case(&mut random, number);
+        let text = format!("({text}) and a < 1e300 and 1 / b < 1e300");
+        let (mut plain, mut tried) = (online(&[&text], None), online(&[&text], None));
+        for step in 0..columns[0].len() {
+            let good: Vec<f64> = sample(&columns, step).iter().map(|value| value.abs() + 1.0).collect();
+            for bad in [f64::NAN, f64::INFINITY, f64::NEG_INFINITY] {
+                let mut sample = good.clone();
+                sample[0] = bad;
+                assert!(tried.push(&sample).is_err(), "{text}");
+            }
+            let mut zero = good.clone();
+            zero[1] = 0.0;
+            assert!(tried.push(&zero).is_err(), "{text}: 1 / 0");
+            assert_eq!(tried.len(), step, "{text}");
+            let (expected, found) = (plain.push(&good), tried.push(&good));
+            assert_eq!(found, expected, "{text}");
+            assert_eq!(tried.decided(0), plain.decided(0), "{text}");
+            assert_eq!(bits(tried.bounds(0)), bits(plain.bounds(0)), "{text}");
+            if expected.is_err() {
+                break;
+            }
+        }
+    }
+}
+
+/// `historically a` is 0 once a is, and 1 / 0 has no value.
+#[test]
+fn a_failed_monitor_says_so_until_it_is_reset() {
+    let mut monitor = online(&["1 / historically(a)"], None);
+    let push = |monitor: &mut OnlineMonitor, a: f64| monitor.push(&[a; NAMES.len()]);
+    push(&mut monitor, 2.0).unwrap();
+    assert_eq!(monitor.decided(0), Some((0, 0.5)));
+    let error = push(&mut monitor, 0.0).expect_err("1 / 0");
+    assert_eq!(error.to_string(), "`1 / 0` has no finite value at step 1 (t = 1 s)");
+    for _ in 0..3 {
+        assert_eq!(push(&mut monitor, 2.0), Err(error.clone()));
+        assert_eq!(monitor.decided(0), None);
+    }
+    monitor.reset();
+    push(&mut monitor, 4.0).unwrap();
+    assert_eq!((monitor.len(), monitor.decided(0)), (1, Some((0, 0.25))));
+
+    // The bounds that wait for more samples are unknown, too.
+    let mut monitor = online(&["always[0:5](1 / historically(a))"], None);
+    push(&mut monitor, 2.0).unwrap();
+    assert_eq!(monitor.bounds(0).high, 0.5);
+    push(&mut monitor, 0.0).expect_err("1 / 0");
+    assert_eq!(monitor.bounds(0), Bounds::UNKNOWN);
+    assert_eq!(monitor.verdict(0), None);
 }

@@ -8,7 +8,7 @@ use crate::program::{columns, undecided};
 use crate::subformula::Reach;
 use std::collections::HashMap;
 
-/// What a node computes.
+/// The operation of a node.
 #[derive(Clone, Copy, Debug)]
 pub(super) enum Kind {
     Constant(f64),
@@ -216,7 +216,8 @@ impl Graph {
             let Some((operator, window)) = node.operator().filter(|_| !node.is_state) else { continue };
             let [first, last] = node.operands.map(|operand| self.nodes[operand].reach.ahead);
             let has_exact = node.operands.iter().all(|operand| !self.nodes[*operand].reach.is_unbounded);
-            // An operand is read from this many samples before the first sample without exact value.
+            // An operand is read from this many samples before the first sample without exact
+            // value.
             let before = match operator {
                 // The deque has the extrema.
                 Operator::Always | Operator::Eventually => None,

@@ -16,8 +16,14 @@ use partial::{Buffers, Length, Operand};
 use std::ops::Range;
 use stream::Cell;
 
-/// Number of samples up to which windows are allocated when a monitor is created.
-const PREALLOCATED: usize = 1 << 16;
+/// Number of samples up to which vectors are allocated when a monitor is created: those that a
+/// formula needs whose windows have 65,536 samples one after the other. Longer ones grow.
+const PREALLOCATED: usize = 1 << 18;
+
+/// Returns the capacity of a vector for this number of samples when a monitor is created.
+fn preallocated(samples: usize) -> usize {
+    if samples <= PREALLOCATED { samples } else { 0 }
+}
 
 /// The least and the greatest robustness at time 0 over all continuations of a trace.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -68,17 +74,30 @@ impl Bounds {
 ///
 /// # Cost
 /// With A as the number of distinct operators, a push takes amortized time in proportion to A,
-/// whatever the windows. The bounds are computed when they are asked for. This takes time in
-/// proportion to A if the operands of the windows ahead are state formulas. Otherwise it takes time
-/// in proportion to the number of samples that wait: the windows of the operands of windows, and of
-/// past operators inside windows ahead. A window without an end inside a window ahead waits for the
-/// end of the trace.
+/// whatever the windows. The bounds are computed when they are requested. This takes, for each
+/// operator:
 ///
-/// Memory: at most five numbers per operator and sample of its window (nine for `until` and its
-/// relatives), whatever the length of the trace; constant for a window without an end, unless it is
-/// inside a window ahead without an end, whose operands are all kept. Windows of up to 65,536
-/// samples are allocated by [`new`](OnlineMonitor::new), and no push or question allocates after it;
-/// longer ones grow with the samples pushed.
+/// - constant time if its operands are state formulas or are over samples up to the present only;
+/// - time in proportion to the logarithm of the window for `always` and `eventually` at time 0
+///   over such windows of state formulas, alone or with pointwise operators between windows that
+///   end alike;
+/// - time in proportion to the windows that it waits for if they are nested otherwise: windows in
+///   three levels, `until` and its relatives inside a window or with a window inside, pointwise
+///   operators between operands that wait for different samples, as in `always[0:9](p implies
+///   eventually[0:5] q)`;
+/// - time in proportion to the number of samples of the trace if a window ahead without an end is
+///   inside another window ahead.
+///
+/// Memory: per operator at most nine numbers per sample of the windows that it waits for, its own
+/// included, and for all operators together fifteen numbers per sample of the longest sum of such
+/// windows, whatever the length of the trace; constant for a window without an end. A window ahead
+/// without an end inside a window ahead without an end keeps all its values.
+///
+/// [`new`](OnlineMonitor::new) allocates this memory if windows inside each other have up to 65,536
+/// samples together, and `next`, `prev` and edges count as one each. No push, question or reset
+/// allocates after it, until an error. Memory for longer windows is allocated as samples arrive,
+/// and so is that of a window ahead without an end inside another window ahead, and of a trace that
+/// becomes longer than stated.
 ///
 /// # Example
 /// ```
@@ -120,8 +139,8 @@ pub struct OnlineMonitor {
 }
 
 impl OnlineMonitor {
-    /// Compiles `formulas` for samples of the signals `names`. `samples` is the number of samples of
-    /// the whole trace; `None` if it is unknown.
+    /// Compiles `formulas` for samples of the signals `names`. `samples` is the number of samples
+    /// of the whole trace; `None` if it is unknown.
     ///
     /// # Errors
     /// As for [`Monitor::new`](crate::Monitor::new).
@@ -135,7 +154,7 @@ impl OnlineMonitor {
         let cells = graph.nodes.iter().map(|node| Cell::new(node, samples.unwrap_or(usize::MAX))).collect();
         let parts = graph.roots.iter().map(|root| graph.parts(*root)).collect();
         let bounded = vec![0; graph.nodes.len()];
-        let buffers = Buffers::new(&graph.nodes, PREALLOCATED);
+        let buffers = Buffers::new(&graph.nodes);
         Ok(OnlineMonitor {
             graph,
             clock,
@@ -232,9 +251,9 @@ impl OnlineMonitor {
         MonitorError::Undefined { operation, step, time_secs: self.clock.time_secs(step) }
     }
 
-    /// Returns the least and the greatest robustness of formula `i` at time 0 over all continuations
-    /// of the trace: both are the robustness once it is decided. They are unknown before the first
-    /// sample, and if the stated number of samples does not decide the formula.
+    /// Returns the least and the greatest robustness of formula `i` at time 0 over all
+    /// continuations of the trace: both are the robustness once it is decided. They are unknown
+    /// before the first sample, and if the stated number of samples does not decide the formula.
     ///
     /// # Panics
     /// If there is no formula `i`.

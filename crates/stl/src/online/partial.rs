@@ -4,6 +4,7 @@
 //! ones, `rise` and `fall` is monotone, so that each side is computed alone.
 
 use super::graph::Node;
+use super::preallocated;
 use super::stream::{Accumulated, Cell, constant, pick};
 use super::window::{Function, Pick};
 use crate::clock::Window;
@@ -42,16 +43,16 @@ pub(super) struct Buffers {
 }
 
 impl Buffers {
-    /// Allocates what the operators over time need, for windows of up to this number of samples.
-    pub fn new(nodes: &[Node], longest: usize) -> Buffers {
+    /// Allocates what the operators over time need.
+    pub fn new(nodes: &[Node]) -> Buffers {
         let operators = nodes.iter().filter(|node| !node.is_state);
         let needed = operators.filter_map(|node| {
             let (_, Window { begin, end }) = node.operator()?;
             let window = if end == usize::MAX { begin } else { end };
             let unknown = node.reach.ahead.saturating_add(node.slack).min(node.need);
-            Some(unknown.saturating_add(window.saturating_mul(2)).saturating_add(4))
+            Some(preallocated(unknown.saturating_add(window.saturating_mul(2)).saturating_add(4)))
         });
-        let samples = needed.max().unwrap_or(0).min(longest);
+        let samples = needed.max().unwrap_or(0);
         let buffer = || Vec::with_capacity(samples);
         // Short windows need this number of scratch values beside those of the samples.
         let short = extremum::ahead_scratch_len(Window { begin: 0, end: 0 }, 0);
@@ -333,7 +334,8 @@ impl Evaluation<'_> {
     fn until(&self, side: Side, out: &mut [f64], buffers: &mut Buffers) {
         let Window { begin, end } = self.window;
         let top = self.x.top().max(self.y.top()).min(self.last + end).max(self.last);
-        // Later samples have the bounds of the last one, so that longer windows have the same value.
+        // Later samples have the bounds of the last one, so that longer windows have the same
+        // value.
         let near = begin.min(top - self.first + 1);
         let window = Window { begin: near, end: near + (end - begin) };
         let Buffers { first: p, last: q, scratch } = buffers;

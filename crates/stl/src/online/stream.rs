@@ -1,15 +1,15 @@
 //! The exact values of a node, in the order of the samples: a node has the value at a sample as
 //! soon as the samples pushed decide it.
 
-use super::PREALLOCATED;
 use super::graph::{Kind, Node};
+use super::preallocated;
 use super::window::{Composition, Extrema, Function, Pick};
 use crate::clock::Window;
 use crate::operator::Operator;
 use crate::pointwise::{self, Undefined};
 use std::collections::VecDeque;
 
-/// What an operator remembers of its operands.
+/// The memory of an operator about its operands.
 #[derive(Clone, Debug)]
 enum Memory {
     Nothing,
@@ -72,13 +72,13 @@ impl Cell {
             true => 0,
             false => node.reach.ahead.saturating_add(node.slack).min(node.need).saturating_add(2),
         };
-        let partial = partial.min(PREALLOCATED);
+        let partial = preallocated(partial);
         let mut cell = Cell {
             len: 0,
             latest: 0.0,
             pushed: 0.0,
-            recent: VecDeque::with_capacity(keep.min(PREALLOCATED)),
-            head: Vec::with_capacity(node.head.min(samples).min(PREALLOCATED)),
+            recent: VecDeque::with_capacity(preallocated(keep)),
+            head: Vec::with_capacity(preallocated(node.head.min(samples))),
             memory: Memory::of(node, samples),
             accumulated: None,
             low: Vec::with_capacity(partial),
@@ -301,7 +301,9 @@ impl Memory {
         };
         let pick = pick(operator);
         let length = window.length().min(samples);
-        let before = || Extrema::new(pick.dual(), window.begin.min(samples));
+        // One more, which is added before the first one is removed.
+        let held = if window.begin > 0 { window.begin.min(samples).saturating_add(1) } else { 0 };
+        let before = || Extrema::new(pick.dual(), held);
         match operator {
             Operator::Until | Operator::Release | Operator::Since if window.end == 0 => Memory::Nothing,
             Operator::Once | Operator::Historically if window.is_unbounded() => Memory::Fold(pick.neutral()),

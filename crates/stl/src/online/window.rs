@@ -5,7 +5,7 @@
 //! Lemire, "Streaming Maximum-Minimum Filter Using No More than Three Comparisons per Element",
 //! Nordic Journal of Computing 13, 2006.
 
-use super::PREALLOCATED;
+use super::preallocated;
 use crate::extremum::{Extremum, Maximum, Minimum};
 use std::collections::VecDeque;
 
@@ -53,7 +53,7 @@ pub(super) struct Extrema {
 
 impl Extrema {
     pub fn new(pick: Pick, length: usize) -> Extrema {
-        Extrema { pick, suffixes: VecDeque::with_capacity(length.min(PREALLOCATED)) }
+        Extrema { pick, suffixes: VecDeque::with_capacity(preallocated(length)) }
     }
 
     pub fn push(&mut self, sample: usize, value: f64) {
@@ -128,7 +128,7 @@ pub(super) struct Composition {
 
 impl Composition {
     pub fn new(pick: Pick, is_reversed: bool, length: usize) -> Composition {
-        let stack = || Vec::with_capacity(length.min(PREALLOCATED));
+        let stack = || Vec::with_capacity(preallocated(length));
         let back_all = Function::identity(pick);
         Composition { pick, is_reversed, front: stack(), back: stack(), back_all }
     }

@@ -105,8 +105,8 @@ impl Tree {
         }
     }
 
-    /// Returns the bounds at all samples of the longest trace; those at samples that are not decided
-    /// have no meaning.
+    /// Returns the bounds at all samples of the longest trace; those at samples that are not
+    /// decided have no meaning.
     fn sides(&self, trace: &[Vec<f64>], n: usize, lengths: &[usize]) -> Sides {
         let longest = lengths[lengths.len() - 1];
         let of = |values: Vec<(f64, f64)>| {
