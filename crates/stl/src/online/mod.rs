@@ -77,14 +77,15 @@ impl Bounds {
 /// whatever the windows. The bounds are computed when they are requested. This takes, for each
 /// operator:
 ///
-/// - constant time if its operands are state formulas or are over samples up to the present only;
+/// - constant time if its operands are state formulas, or pointwise operators on these and on
+///   `once`, `historically` and `since` without an interval, and neighbors;
 /// - time in proportion to the logarithm of the window for `always` and `eventually` at time 0
-///   over such windows of state formulas, alone or with pointwise operators between windows that
-///   end alike;
-/// - time in proportion to the windows that it waits for if they are nested otherwise: windows in
-///   three levels, `until` and its relatives inside a window or with a window inside, pointwise
-///   operators between operands that wait for different samples, as in `always[0:9](p implies
-///   eventually[0:5] q)`;
+///   over windows ahead with an end, or `once[0:b]` and `historically[0:b]`, of state formulas:
+///   alone, or with pointwise operators between operands that wait for the same number of samples;
+/// - time in proportion to the windows that it waits for otherwise: windows in three levels,
+///   `until` and its relatives inside a window or with a window inside, other windows of the past
+///   inside windows ahead, pointwise operators between operands that wait for different numbers of
+///   samples, as in `always[0:9](p implies eventually[0:5] q)`;
 /// - time in proportion to the number of samples of the trace if a window ahead without an end is
 ///   inside another window ahead.
 ///
