@@ -450,7 +450,7 @@ fn the_cost_is_linear_in_the_number_of_breakpoints() {
             let values: Vec<f64> = (0..n).map(|_| random.below(2001) as f64 / 1000.0 - 1.0).collect();
             [signal(&times, &values, interpolation)]
         };
-        let (short, long) = (log(100_000), log(1_000_000));
+        let (short, long) = (log(10_000), log(100_000));
         for text in texts {
             let monitor = compile(text, &short).unwrap();
             let time = |signals: &[DenseSignal]| {
@@ -458,13 +458,11 @@ fn the_cost_is_linear_in_the_number_of_breakpoints() {
                 let found = monitor.robustness_signal(signals).unwrap();
                 (start.elapsed().as_secs_f64(), found.breakpoints().len())
             };
-            let best = (0..3).map(|_| time(&short).0).fold(f64::INFINITY, f64::min);
-            let (whole, breakpoints) = time(&long);
-            assert!(
-                whole < 40.0 * best + 0.05,
-                "{text}: {whole} s for 1,000,000 samples, {best} s for 100,000"
-            );
-            assert!(breakpoints < 6_000_000, "{text}: {breakpoints}");
+            // The least of several times, because other programs share the machine.
+            let best = |signals| (0..3).map(|_| time(signals).0).fold(f64::INFINITY, f64::min);
+            let (part, whole, breakpoints) = (best(&short), best(&long), time(&long).1);
+            assert!(whole < 40.0 * part + 0.05, "{text}: {whole} s for 100,000 samples, {part} s for 10,000");
+            assert!(breakpoints < 600_000, "{text}: {breakpoints}");
         }
     }
 }

@@ -14,11 +14,11 @@ use crate::show::{log_verdicts, output};
 /// Compute the robustness of temporal logic formulas on recorded logs
 #[derive(Debug, Args)]
 #[command(
-    after_help = "A log is a CSV file (also with semicolons, tabs or spaces), JSON lines, a NumPy .npz or .npy file, or
-a Parquet file. A signal is a column. The optional column `time` (seconds, or dates with a zone)
-determines the sampling period; --time names another one. Columns that no formula reads may hold
-anything. In a formula, the name of a column that is not a plain word stands in backquotes:
-`/joint[0]/position`. In a shell, a formula with backquotes stands in single quotes.
+    after_help = "A log is a CSV file (also with semicolons, tabs or spaces), JSON lines, a NumPy .npz or
+.npy file, or a Parquet file. A signal is a column. The optional column `time` (seconds, or dates
+with a zone) determines the sampling period; --time names another one. Columns that no formula
+reads may hold anything. In a formula, the name of a column that is not a plain word stands in
+backquotes: `/joint[0]/position`. In a shell, a formula with backquotes stands in single quotes.
 
 Several files are several logs: the answer is a table of verdicts, worst first. --topic reads
 several files as one log.
@@ -34,7 +34,7 @@ Examples:
   mishandle monitor --formula 'always[0:2s](d <= 0.3)' --period 0.1 trace.csv
   mishandle monitor --formula 'always[0:2](d <= 0.3)' --period 0.1 --unit s trace.csv  as in RTAMT
   mishandle monitor --formulas requirements.toml --junit verdicts.xml logs/*.parquet
-  mishandle monitor --formula 'always(`arm/q` <= 2)' --topic arm=arm.csv --resample hold --period 0.01
+  mishandle monitor --formula 'always(`arm/q` <= 2)' --topic arm=arm.csv --dense hold
 
 Exit code 1 means that a formula is violated at time 0; requirements with the severity `warning`
 do not count. docs/guide/logs.md describes logs, docs/reference/formulas.md the language of

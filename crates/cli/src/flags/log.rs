@@ -49,8 +49,7 @@ pub struct LogFlags {
     /// Read each signal as a function of time: the last value holds, or a line between two samples
     #[arg(long, value_name = "INTERPOLATION")]
     pub dense: Option<InterpolationFlag>,
-    /// Longest step between two samples in seconds that --resample or --dense bridges [default:
-    /// any]
+    /// Longest step in seconds that --resample or --dense bridges [default: any]
     #[arg(long, value_name = "SECONDS", allow_negative_numbers = true, value_parser = numbers::number(PERIOD, is_period))]
     pub tolerance: Option<f64>,
     /// Cells without a finite number: an error, the last value, or left out
