@@ -166,10 +166,10 @@ def main():
                     notes[monitor] = f"failed: {type(error).__name__}: {error}"
                     continue
                 times[monitor].append(spent)
-                wanted = expected[: count - HORIZON][-len(values) if monitor is by_mishandle_rows else 0 :]
-                if not np.array_equal(values, wanted):
-                    equal = np.count_nonzero(np.asarray(values) == wanted) if len(values) == len(wanted) else 0
-                    notes[monitor] = f"other values: {len(values)} values, {len(wanted)} expected, {equal} equal"
+                required = expected[: count - HORIZON][-len(values) if monitor is by_mishandle_rows else 0 :]
+                if not np.array_equal(values, required):
+                    equal = np.count_nonzero(np.asarray(values) == required) if len(values) == len(required) else 0
+                    notes[monitor] = f"other values: {len(values)} values, {len(required)} expected, {equal} equal"
         print(f"\n`{text}`\n\n| monitor | µs per sample | values |\n|---|---|---|")
         for monitor, spent in times.items():
             figures = f"{statistics.median(spent):.2f} ({min(spent):.2f} to {max(spent):.2f})" if spent else "-"

@@ -1,4 +1,4 @@
-"""Runs the examples of the docstrings and of docs/guide/python.md and policy_servers.md."""
+"""Runs the examples of the docstrings and of docs/guide/python.md, policy_servers.md and online.md."""
 
 import doctest
 import importlib
@@ -49,6 +49,17 @@ class Examples(unittest.TestCase):
         names["server"].shutdown()
         # The policy sees 3.2 m to each side.
         self.assertGreater(abs(names["found"].counterexamples[0].scenario["start"]), 3.0)
+
+    def test_the_page_of_online_monitors_runs(self):
+        self.run_page("docs/guide/online.md", least=3)
+
+    def test_the_page_of_online_monitors_quotes_tested_programs(self):
+        page = (ROOT / "docs/guide/online.md").read_text()
+        for language, source in [("rust", "crates/stl/src/online/mod.rs"), ("c", "crates/monitor-c/examples/monitor.c")]:
+            tested = {line.removeprefix("///").strip() for line in (ROOT / source).read_text().splitlines()}
+            (block,) = re.findall(rf"```{language}\n(.*?)```", page, flags=re.DOTALL)
+            for line in filter(None, block.splitlines()):
+                self.assertIn(line.strip(), tested, source)
 
     def test_the_table_of_the_examples_is_that_of_their_results(self):
         sys.path.insert(0, str(ROOT / "python/examples"))
