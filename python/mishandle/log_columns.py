@@ -31,12 +31,12 @@ class Tables:
         self.columns: dict[str, Columns] = {}
         self.not_read: dict[str, str] = {}
         self.messages = 0
-        self._wanted = requested
+        self._requested = requested
         self._time = time
 
     def is_requested(self, topic: str) -> bool:
         """Returns whether to read a topic."""
-        if self._wanted is None or topic in self._wanted:
+        if self._requested is None or topic in self._requested:
             return True
         self.not_read[topic] = "was not requested"
         return False

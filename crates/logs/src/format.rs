@@ -4,7 +4,7 @@ use std::fs::File;
 use std::io::{self, Read};
 use std::path::Path;
 
-use mishandle_text::{path_text, shell_quote};
+use mishandle_text::path_text;
 
 use crate::error::{Result, content};
 use crate::options::Format;
@@ -53,9 +53,8 @@ fn format(path: &Path, first: &[u8], stated: Option<Format>) -> Result<Format> {
 
 /// Returns the error for a format that the Python package reads.
 fn in_python(path: &Path, what: &str) -> crate::LogError {
-    let path = shell_quote(&path_text(path));
+    let path = path_text(path);
     content(format!(
-        "the file is {what}, which Python reads: mishandle.robustness(formula, mishandle.read_log({path})), after \
-         pip install 'mishandle[logs]'"
+        "the file is {what}, which Python reads: mishandle.read_log({path:?}), after pip install 'mishandle[logs]'"
     ))
 }
