@@ -1386,6 +1386,10 @@ class Explanation:
     """Sub-formulas from the requirement to the predicate."""
     conjuncts: tuple[Conjunct, ...]
     """Conjuncts of the requirement."""
+    sentences: tuple[str, ...]
+    """The explanation in sentences."""
+    signals: SignalTable | None
+    """Signals of the requirement at some samples; ``None`` without a predicate."""
     point: str | None
     """``corner`` or ``center`` for a simulation at the corners of the initial box, trial 2 of an
     evaluation; otherwise ``None``."""
@@ -1393,10 +1397,6 @@ class Explanation:
     """The axes of the scenario space."""
     control_dt: float
     """Time between two samples, s."""
-    sentences: tuple[str, ...]
-    """The explanation in sentences."""
-    signals: SignalTable | None
-    """Signals of the requirement at some samples; ``None`` without a predicate."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -2044,6 +2044,39 @@ class Replay:
     """Whether the end of the simulation allows a verdict."""
     space_axes: tuple[AxisFacts, ...]
     """The axes of the scenario space."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class LogExplanation:
+    """A verdict on a log and what decides it."""
+
+    verdict: LogVerdict
+    """The verdict."""
+    period: float
+    """Time between two samples, s."""
+    decided: Instant | None
+    """First sample after which nothing can change whether the requirement is satisfied; ``None``
+    if the trace does not decide it."""
+    predicate: Predicate | None
+    """Decisive predicate; ``None`` if an operator has an empty window."""
+    window: Window | None
+    """Samples at which the operator above evaluates the predicate; ``None`` without a predicate."""
+    path: tuple[PathStep, ...]
+    """Sub-formulas from the requirement to the predicate."""
+    conjuncts: tuple[Conjunct, ...]
+    """Conjuncts of the requirement."""
+    sentences: tuple[str, ...]
+    """The explanation in sentences."""
+    signals: SignalTable | None
+    """Signals of the requirement at some samples; ``None`` without a predicate."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class LogExplanations:
+    """When, where and by which predicate a log violates or satisfies formulas."""
+
+    explanations: tuple[LogExplanation, ...]
+    """Each formula on each log, worst first, as in the document of ``monitor``."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)

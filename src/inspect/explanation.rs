@@ -83,21 +83,16 @@ pub(crate) enum OperatorEvent {
     Implied { operands: [String; 2], sample: usize },
 }
 
-/// Explains the robustness of `trace`.
+/// Explains the robustness of `trace`; `clock` says how bounds count its samples.
 ///
 /// # Errors
 /// If the trace lacks a signal of the formula, the formula has no finite value on it, or it has
 /// more than 1,000 sub-formulas.
-pub fn explain_trace(
-    formula: &Formula,
-    trace: &Trace,
-    control_dt: f64,
-) -> Result<Explanation, MishandleError> {
+pub fn explain_trace(formula: &Formula, trace: &Trace, clock: Clock) -> Result<Explanation, MishandleError> {
     let subformulas = formula.subformulas().len();
     if subformulas > MAX_SUBFORMULAS {
         return Err(MishandleError::LongFormula { subformulas, limit: MAX_SUBFORMULAS });
     }
-    let clock = Clock::steps(control_dt);
     let monitor_error = |source| RolloutError::Monitor { formula: formula.to_string(), source };
     let diagnosis = formula.diagnose(trace, &clock).map_err(monitor_error)?;
     let robustness_of = |formula: &Formula| -> Result<Vec<f64>, MishandleError> {
@@ -249,7 +244,7 @@ pub fn explain_recorded(
 ) -> Result<ExplainedSimulation, MishandleError> {
     let formula = Formula::parse(&header.formula)
         .map_err(|source| RolloutError::Parse { formula: header.formula.clone(), source })?;
-    let mut explanation = explain_trace(&formula, &trace, header.control_dt)?;
+    let mut explanation = explain_trace(&formula, &trace, Clock::steps(header.control_dt))?;
     if let Some(predicate) = &explanation.diagnosis.predicate {
         explanation.unit = unit(header, &predicate.text);
     }
@@ -258,11 +253,17 @@ pub fn explain_recorded(
 
 /// Returns the unit of the signals of a formula; empty if they have none or several.
 pub fn unit(header: &RunHeader, formula: &str) -> String {
-    let Ok(formula) = Formula::parse(formula) else { return String::new() };
-    let of = |name: &str| {
+    common_unit(formula, |name| {
         header.signals.iter().find(|signal| signal.name == name).map(|signal| signal.unit.clone())
-    };
-    let mut units: Vec<String> = formula.signals().into_iter().filter_map(of).collect();
+    })
+}
+
+/// Returns the unit that all signals of a formula have, if they have one; empty otherwise. `of` is
+/// the unit of a signal.
+pub fn common_unit(formula: &str, of: impl Fn(&str) -> Option<String>) -> String {
+    let Ok(formula) = Formula::parse(formula) else { return String::new() };
+    let mut units: Vec<String> =
+        formula.signals().into_iter().map(|name| of(name).unwrap_or_default()).collect();
     units.dedup();
     if units.len() == 1 { units.remove(0) } else { String::new() }
 }

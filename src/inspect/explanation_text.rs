@@ -4,7 +4,7 @@ use mishandle_stl::{DecisivePredicate, is_satisfied, is_violated};
 
 use crate::inspect::explanation::OperatorEvent;
 use crate::inspect::{Explanation, PredicateHistory};
-use mishandle_text::{decimal, instant, plural};
+use mishandle_text::{decimal, plural};
 
 /// Largest number of characters of an operand that a sentence repeats.
 const MAX_OPERAND: usize = 80;
@@ -14,10 +14,9 @@ impl Explanation {
     /// can change the verdict, the values of the decisive predicate, the samples of its window at
     /// which it fails, and what the operators above it require. Empty without a decisive predicate.
     ///
-    /// `control_dt` is the time between two samples, in seconds. Names and formulas are as in the
+    /// `at` names a sample, such as [`mishandle_text::instant`]. Names and formulas are as in the
     /// run file: escape them before you print them. Formulas are between backticks.
-    pub fn sentences(&self, control_dt: f64) -> Vec<String> {
-        let at = |sample: usize| instant(sample, control_dt);
+    pub fn sentences(&self, at: impl Fn(usize) -> String) -> Vec<String> {
         let verdict = match is_violated(self.diagnosis.robustness()) {
             true => "satisfy",
             false => "violate",
@@ -144,7 +143,8 @@ fn event_text(event: &OperatorEvent, at: &dyn Fn(usize) -> String) -> String {
 mod tests {
     use std::sync::Arc;
 
-    use mishandle_stl::{Formula, Trace};
+    use mishandle_stl::{Clock, Formula, Trace};
+    use mishandle_text::instant;
 
     use crate::inspect::explain_trace;
 
@@ -153,7 +153,8 @@ mod tests {
         let mut trace = Trace::new(Arc::from(["a".to_string(), "b".to_string()]));
         samples.iter().for_each(|sample| trace.push(sample));
         let formula = Formula::parse(formula).unwrap();
-        explain_trace(&formula, &trace, 0.1).unwrap().sentences(0.1)
+        let found = explain_trace(&formula, &trace, Clock::steps(0.1)).unwrap();
+        found.sentences(|sample| instant(sample, 0.1))
     }
 
     #[test]

@@ -20,8 +20,8 @@ pub use answer::{reasons, recorded_result, whole_result};
 pub use comparison::{ComparedPair, Comparison, compare, sameness};
 pub use event::{Event, EventKind, release};
 pub use explanation::{
-    Conjunct, ExplainedSimulation, Explanation, PredicateHistory, explain, explain_episode, explain_recorded,
-    explain_trace, unit,
+    Conjunct, ExplainedSimulation, Explanation, PredicateHistory, common_unit, explain, explain_episode,
+    explain_recorded, explain_trace, unit,
 };
 pub use explanation_text::compared_values;
 pub use failure_modes::{Failure, FailureCause, FailureMode, FailureModes, failure_modes};

@@ -267,7 +267,7 @@ impl FrameRenderer {
 mod tests {
     use std::sync::Arc;
 
-    use mishandle_stl::{Formula, Trace};
+    use mishandle_stl::{Clock, Formula, Trace};
 
     use super::*;
     use crate::inspect::explain_trace;
@@ -276,7 +276,8 @@ mod tests {
     fn captions(formula: &str, values: &[f64]) -> FrameCaptions {
         let mut trace = Trace::new(Arc::from(["gap".to_owned()]));
         values.iter().for_each(|value| trace.push(&[*value]));
-        let explanation = explain_trace(&Formula::parse(formula).unwrap(), &trace, 0.5).unwrap();
+        let explanation =
+            explain_trace(&Formula::parse(formula).unwrap(), &trace, Clock::steps(0.5)).unwrap();
         let signals = [SignalRecord { name: "gap".to_string(), unit: "m".to_string() }];
         FrameCaptions::new(0.5, &signals, Some(&explanation), explanation.event().as_ref(), values.len() - 1)
     }

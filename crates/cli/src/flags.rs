@@ -1,6 +1,7 @@
 //! Flags: groups that commands share, and the parsing of their values.
 
 mod log;
+mod log_question;
 pub mod numbers;
 mod plan;
 mod recorded;
@@ -11,6 +12,7 @@ mod subject;
 use std::ops::RangeInclusive;
 
 pub use log::LogFlags;
+pub use log_question::{LogQuestion, Logs, OF_LOGS};
 pub use plan::plan;
 pub use recorded::{Recorded, TraceFile, check_flags, is_file};
 pub use run::{OpenRun, Run};

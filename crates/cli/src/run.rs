@@ -4,6 +4,7 @@
 pub mod counterexample;
 mod file;
 pub mod grid;
+pub mod log_question;
 pub mod logs;
 pub mod pages;
 pub mod question;

@@ -17,6 +17,9 @@ name = "settles"
 formula = "eventually[0:0.5](always(force <= 1))"
 unit = "s"
 severity = "warning"
+
+[units]
+force = "N"
 "#;
 
 #[test]
@@ -108,4 +111,62 @@ fn the_text_says_when_how_long_and_by_which_part() {
     ] {
         assert!(out.contains(part), "{out}");
     }
+}
+
+#[test]
+fn a_log_is_explained_with_times_of_the_log_and_units() {
+    let bench = Bench::new();
+    bench.write("set.toml", REQUIREMENTS);
+    bench.write("bad.csv", "time,force\n10,2\n10.5,3\n11,0\n");
+    let found = bench.check("explain --formulas set.toml --log bad.csv", 1);
+    for part in [
+        "bad.csv, gentle\nformula always(force <= 2)\nrobustness -1 at time 0: violated",
+        "From 10.5 s (sample 1) on, nothing can satisfy the formula.",
+        "force is 3.0000 N, the threshold 2.0000 N. The trace violates it by 1.0000 N.",
+        "bad.csv, settles",
+    ] {
+        assert!(found.contains(part), "{part}\n{found}");
+    }
+    let document = bench.json("explain --formulas set.toml --log bad.csv --json", 1);
+    let first = &document["explanations"][0];
+    assert_eq!(first["predicate"]["time"], 10.5);
+    assert_eq!(first["signals"]["columns"][0]["unit"], "N");
+    assert_eq!(first["verdict"]["violations"][0]["start"], 10.5);
+}
+
+#[test]
+fn a_page_about_logs_has_a_section_for_each_verdict_and_escapes_names() {
+    let bench = Bench::new();
+    bench.write("set.toml", REQUIREMENTS);
+    bench.write("<b>.csv", "time,force\n0,2\n0.5,3\n1,0\n");
+    bench.write("good.csv", "time,force\n0,1\n0.5,0\n1,0\n");
+    bench.check("report --formulas set.toml --log good.csv <b>.csv --out page.html", 0);
+    let page = std::fs::read_to_string(bench.path("page.html")).unwrap();
+    assert_eq!(page.matches("<section class=\"run\"").count(), 4);
+    assert_eq!(page.matches("<svg").count(), 4);
+    assert!(page.contains("&lt;b&gt;.csv") && !page.contains("<b>.csv"));
+    assert!(page.contains("force (N)") && page.contains("The gripper must not crush the part"));
+    let order = ["gentle on &lt;b&gt;.csv", "gentle on good.csv"].map(|name| page.find(name).expect(name));
+    assert!(order[0] < order[1]);
+    bench.check("report --formulas set.toml --log good.csv --dense hold --out dense.html", 0);
+    assert!(!std::fs::read_to_string(bench.path("dense.html")).unwrap().contains("Vertical line"));
+}
+
+#[test]
+fn flags_of_runs_and_logs_do_not_mix() {
+    let bench = Bench::new();
+    bench.write("a.csv", "time,force\n0,1\n1,0\n");
+    for (arguments, message) in [
+        ("explain --log a.csv --formula force<=1 --trial 2", "cannot be used with '--trial"),
+        ("explain run.sqlite --formula force<=1", "cannot be used with '--formula"),
+        ("report run.sqlite --log a.csv --out p.html", "cannot be used with '--log"),
+        ("report --log a.csv --out p.html", "there is no formula"),
+        ("report --log a.csv --formula force<=1 --out a.csv", "--out"),
+        ("explain --log a.csv --formula force<=1 --dense hold", "pass --resample instead of --dense"),
+        ("explain --log a.csv --formula force<=1 --strict-horizon", "leave out --strict-horizon"),
+    ] {
+        bench.refuses(arguments, &[message]);
+    }
+    bench.write("set.toml", "[[requirement]]\nname = 'a'\nformula = 'force <= 1'\n[units]\nspeed = 'm/s'\n");
+    bench.refuses("monitor --formulas set.toml a.csv", &["[units] names `speed`, which no formula reads"]);
 }

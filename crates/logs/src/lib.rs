@@ -26,6 +26,7 @@
 
 mod cell;
 mod csv;
+mod curve;
 mod date;
 mod decimal;
 mod error;

@@ -101,6 +101,19 @@ impl Samples {
         }
     }
 
+    /// Returns how the bounds of a formula count the samples; `None` in dense time.
+    ///
+    /// # Errors
+    /// If a bound has no unit that the samples can tell.
+    pub fn clock(&self, formula: &Formula, evaluation: &Evaluation) -> Result<Option<Clock>> {
+        match &self.signals {
+            Signals::Even { period, has_times, .. } => {
+                clock(formula, *period, *has_times, self.likely_time.as_deref(), evaluation).map(Some)
+            }
+            Signals::Dense(_) => Ok(None),
+        }
+    }
+
     /// Returns the robustness at each sample with its time; in dense time at each breakpoint.
     ///
     /// # Errors

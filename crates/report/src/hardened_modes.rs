@@ -246,7 +246,7 @@ impl Card {
         let name = CONTROLLERS[mode.failing()].to_lowercase();
         out.push_str(&format!("</ul>\n<h5>Why the controller {name} fails</h5>\n<ul class=\"why\">"));
         if let Some((header, explained)) = failing.and_then(|outcome| outcome.explained.as_ref()) {
-            for sentence in explained.explanation.sentences(header.control_dt) {
+            for sentence in explained.explanation.sentences(|sample| instant(sample, header.control_dt)) {
                 out.push_str(&format!("<li>{}</li>", with_code(&sentence)));
             }
         }

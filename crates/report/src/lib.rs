@@ -5,13 +5,13 @@
 //! under noise, corners and pictures. [`page`] writes the HTML. [`campaign_page`] and [`run_page`]
 //! write those of a campaign, [`comparison_page`] writes the page of two evaluations on the same
 //! scenarios and seeds, [`learning_curve_page`] that of a training run, [`hardening_page`] that of
-//! a hardening, with [`HardenedModes`].
+//! a hardening, with [`HardenedModes`]. [`log_page`] writes the page about verdicts on logs.
 //!
 //! - `load`, `measure`, `pictures`: the facts. `words`: verdict and meaning in sentences.
-//! - `space`, `map`, `curves`, `trace`: charts, drawn by the crate `charts`. A style sheet maps
-//!   their colors to the theme.
-//! - `html`, `section`, `modes`, `hardened_modes`, `page`: text. Every name, unit and formula of a
-//!   run file is escaped.
+//! - `space`, `map`, `curves`, `trace`, `predicate_chart`: charts, drawn by the crate `charts`. A
+//!   style sheet maps their colors to the theme.
+//! - `html`, `section`, `modes`, `hardened_modes`, `log`, `page`: text. Every name, unit and
+//!   formula of a run file or log is escaped.
 
 #![allow(clippy::result_large_err, reason = "functions return the error of the library")]
 
@@ -24,12 +24,14 @@ mod hardening;
 mod html;
 mod learning_curve;
 mod load;
+mod log;
 mod map;
 mod margin;
 mod measure;
 mod modes;
 mod page;
 mod pictures;
+mod predicate_chart;
 mod ranking;
 mod risk;
 mod section;
@@ -48,6 +50,7 @@ pub use hardening::{HardeningSummary, hardening_page};
 pub use html::text as escaped;
 pub use learning_curve::learning_curve_page;
 pub use load::RunReport;
+pub use log::{LogSection, log_page};
 pub use measure::{Measurement, Samples};
 pub use page::{Document, page};
 pub use pictures::{PICTURE, Painter};

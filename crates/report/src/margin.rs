@@ -234,7 +234,9 @@ fn witness_section(report: &RunReport, witness: &Witness) -> String {
         witness.seed.0,
         disturbed(report, &explained.recorded.scenario)
     );
-    for sentence in explained.explanation.sentences(header.control_dt) {
+    for sentence in
+        explained.explanation.sentences(|sample| mishandle_text::instant(sample, header.control_dt))
+    {
         out.push_str(&format!("<li>{}</li>", with_code(&sentence)));
     }
     let mut figures = trace::figures(header, explained).into_iter();

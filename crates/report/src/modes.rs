@@ -93,7 +93,7 @@ fn card(
         "<h5>The failure closest to nominal: trial {trial}, simulation {}</h5>\n<ul class=\"why\">",
         tables::link(report, id, trial, number_of)
     ));
-    for sentence in explained.explanation.sentences(header.control_dt) {
+    for sentence in explained.explanation.sentences(time) {
         out.push_str(&format!("<li>{}</li>", with_code(&sentence)));
     }
     out.push_str(&format!(

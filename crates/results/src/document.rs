@@ -6,9 +6,9 @@ use serde::Serialize;
 
 use crate::{
     Campaign, Comparison, Controller, ControllerExport, ControllerImport, Counterexamples, Evaluation,
-    Explanation, Exports, Falsification, Hardening, Margin, Masking, Monitor, ProtocolCheck, Regression,
-    Replay, Risk, RunSummary, Search, Simulation, Tables, Target, Targets, Task, Training, TrainingPlan,
-    Verification,
+    Explanation, Exports, Falsification, Hardening, LogExplanations, Margin, Masking, Monitor, ProtocolCheck,
+    Regression, Replay, Risk, RunSummary, Search, Simulation, Tables, Target, Targets, Task, Training,
+    TrainingPlan, Verification,
 };
 
 /// Version of the documents. Within a version, keys are only added.
@@ -63,6 +63,7 @@ impl Document {
             Document::array::<RunSummary>("runs"),
             Document::object::<Replay>("replay"),
             Document::object::<Explanation>("explain"),
+            Document::object::<LogExplanations>("explain --log"),
             Document::object::<Masking>("explain --masking"),
             Document::object::<Counterexamples>("counterexamples"),
             Document::object::<Exports>("counterexamples export"),

@@ -1,7 +1,7 @@
 use schemars::JsonSchema;
 use serde::Serialize;
 
-use crate::{AxisFacts, Number, Scenario, Seed, Signal};
+use crate::{AxisFacts, LogVerdict, Number, Scenario, Seed, Signal};
 
 /// When, where and by which predicate a simulation violates or satisfies the requirement. Samples
 /// count from 0.
@@ -31,6 +31,21 @@ pub struct Explanation {
     /// said nothing.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub reason: Option<String>,
+    /// The cause of the verdict.
+    #[serde(flatten)]
+    pub decision: Decision,
+    /// `corner` or `center` for a simulation at the corners of the initial box, trial 2 of an
+    /// evaluation; otherwise `null`.
+    pub point: Option<String>,
+    /// The axes of the scenario space.
+    pub space_axes: Vec<AxisFacts>,
+    /// Time between two samples, s.
+    pub control_dt: f64,
+}
+
+/// The instants, predicates and parts that decide a requirement on a trace.
+#[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
+pub struct Decision {
     /// First sample after which nothing can change whether the requirement is satisfied; `null` if
     /// the trace does not decide it.
     pub decided: Option<Instant>,
@@ -42,17 +57,29 @@ pub struct Explanation {
     pub path: Vec<PathStep>,
     /// Conjuncts of the requirement.
     pub conjuncts: Vec<Conjunct>,
-    /// `corner` or `center` for a simulation at the corners of the initial box, trial 2 of an
-    /// evaluation; otherwise `null`.
-    pub point: Option<String>,
-    /// The axes of the scenario space.
-    pub space_axes: Vec<AxisFacts>,
-    /// Time between two samples, s.
-    pub control_dt: f64,
     /// The explanation in sentences.
     pub sentences: Vec<String>,
     /// Signals of the requirement at some samples; `null` without a predicate.
     pub signals: Option<SignalTable>,
+}
+
+/// When, where and by which predicate a log violates or satisfies formulas.
+#[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
+pub struct LogExplanations {
+    /// Each formula on each log, worst first, as in the document of `monitor`.
+    pub explanations: Vec<LogExplanation>,
+}
+
+/// A verdict on a log and what decides it.
+#[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
+pub struct LogExplanation {
+    /// The verdict.
+    pub verdict: LogVerdict,
+    /// Time between two samples, s.
+    pub period: f64,
+    /// The cause of the verdict, with its times.
+    #[serde(flatten)]
+    pub decision: Decision,
 }
 
 /// A sample and its time.

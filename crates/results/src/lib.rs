@@ -66,8 +66,8 @@ pub use document::{Document, SCHEMA, Versioned};
 pub use estimate::{Estimate, QUANTILES, Quantile, Repeats};
 pub use evaluation::{CornerPoint, Corners, Evaluation, Metrics, ScreenedFailure};
 pub use explanation::{
-    Conjunct, EvaluatedCount, Explanation, Instant, MaskedConjunct, Masking, PathStep, Predicate, SignalRow,
-    SignalTable, Window,
+    Conjunct, Decision, EvaluatedCount, Explanation, Instant, LogExplanation, LogExplanations,
+    MaskedConjunct, Masking, PathStep, Predicate, SignalRow, SignalTable, Window,
 };
 pub use falsification::{Cause, Falsification, Requirement, SearchValue, SmoothRegion, Trial, Unevaluated};
 pub use hardening::{

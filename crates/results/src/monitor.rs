@@ -69,6 +69,13 @@ pub struct LogVerdict {
     pub predicate: Option<LogPredicate>,
 }
 
+impl LogVerdict {
+    /// Returns whether the verdict gives exit code 1.
+    pub fn fails(&self) -> bool {
+        self.violated && self.severity == "error"
+    }
+}
+
 /// A time in which a part of a formula is violated.
 #[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
 pub struct LogViolation {

@@ -1,7 +1,8 @@
 use mishandle_results as results;
 use mishandle_results::{Instant, PathStep, Predicate, Seed, SignalRow, SignalTable, Window};
-use mishandle_stl::{DecisivePredicate, Formula, is_violated};
+use mishandle_stl::{DecisivePredicate, DecisiveSubformula, Formula, Trace, is_violated};
 use mishandle_store::RunHeader;
+use mishandle_text::instant;
 
 use crate::inspect::{Conjunct, ExplainedSimulation, Explanation, PredicateHistory};
 use crate::run::{box_point, given, recorded_axes, recorded_scenario};
@@ -17,16 +18,13 @@ impl ExplainedSimulation {
     /// Returns the explanation as a result. The header is that of its run, `run` the path of its
     /// file.
     pub fn result(&self, header: &RunHeader, run: Option<&str>) -> results::Explanation {
-        let ExplainedSimulation { recorded, explanation, .. } = self;
-        let Explanation { diagnosis, history, decided, conjuncts, .. } = explanation;
-        let at = |sample: usize| Instant { sample: sample as u64, time: sample as f64 * header.control_dt };
-        let window = |window: Option<(usize, usize)>| window.map(|(first, last)| [first as u64, last as u64]);
-        let conjunct = |conjunct: &Conjunct| results::Conjunct {
-            formula: conjunct.text.clone(),
-            robustness: conjunct.robustness.into(),
-            decided: conjunct.decided.map(at),
-        };
+        let ExplainedSimulation { recorded, explanation, trace } = self;
+        let robustness = explanation.diagnosis.robustness();
         let point = box_point(header, recorded.trial, &recorded.scenario);
+        let unit = |name: &str| {
+            let signal = header.signals.iter().find(|signal| signal.name == name);
+            signal.map_or(String::new(), |signal| signal.unit.clone())
+        };
         results::Explanation {
             run: run.map(str::to_string),
             target: header.target.name.clone(),
@@ -35,9 +33,50 @@ impl ExplainedSimulation {
             scenario: recorded_scenario(&header.axes, &recorded.scenario),
             seed: Seed(recorded.seed),
             formula: header.formula.clone(),
-            robustness: diagnosis.robustness().into(),
-            violated: is_violated(diagnosis.robustness()),
+            robustness: robustness.into(),
+            violated: is_violated(robustness),
             reason: given(&recorded.reason),
+            decision: explanation.result(
+                &header.formula,
+                trace,
+                unit,
+                |sample| sample as f64 * header.control_dt,
+                |sample| instant(sample, header.control_dt),
+            ),
+            point: point.map(str::to_string),
+            space_axes: recorded_axes(&header.axes),
+            control_dt: header.control_dt,
+        }
+    }
+}
+
+impl Explanation {
+    /// Returns what decides `formula` on `trace` as a result. `unit` is that of a signal, `time`
+    /// that of a sample in seconds, and `name` names a sample in a sentence.
+    pub fn result(
+        &self,
+        formula: &str,
+        trace: &Trace,
+        unit: impl Fn(&str) -> String,
+        time: impl Fn(usize) -> f64,
+        name: impl Fn(usize) -> String,
+    ) -> results::Decision {
+        let Explanation { diagnosis, history, decided, conjuncts, .. } = self;
+        let at = |sample: usize| Instant { sample: sample as u64, time: time(sample) };
+        let window = |window: Option<(usize, usize)>| window.map(|(first, last)| [first as u64, last as u64]);
+        let conjunct = |conjunct: &Conjunct| results::Conjunct {
+            formula: conjunct.text.clone(),
+            robustness: conjunct.robustness.into(),
+            decided: conjunct.decided.map(at),
+        };
+        let step = |found: &DecisiveSubformula| PathStep {
+            formula: found.text.clone(),
+            operator: found.operator.map(str::to_string),
+            at: at(found.sample),
+            window: window(found.window),
+            robustness: found.robustness.into(),
+        };
+        results::Decision {
             decided: decided.map(at),
             predicate: diagnosis.predicate.as_ref().map(|predicate| Predicate {
                 formula: predicate.text.clone(),
@@ -49,46 +88,38 @@ impl ExplainedSimulation {
                 negated: predicate.is_negated,
             }),
             window: history.as_ref().map(violated_window),
-            path: diagnosis
-                .path
-                .iter()
-                .map(|found| PathStep {
-                    formula: found.text.clone(),
-                    operator: found.operator.map(str::to_string),
-                    at: at(found.sample),
-                    window: window(found.window),
-                    robustness: found.robustness.into(),
-                })
-                .collect(),
+            path: diagnosis.path.iter().map(step).collect(),
             conjuncts: conjuncts.iter().map(conjunct).collect(),
-            point: point.map(str::to_string),
-            space_axes: recorded_axes(&header.axes),
-            control_dt: header.control_dt,
-            sentences: explanation.sentences(header.control_dt),
-            signals: diagnosis.predicate.as_ref().map(|predicate| self.signal_table(header, predicate)),
+            sentences: self.sentences(name),
+            signals: diagnosis
+                .predicate
+                .as_ref()
+                .map(|predicate| self.signal_table(formula, predicate, trace, unit)),
         }
     }
 
     /// Returns the formula's signals up to the decisive sample, at the instant that decides the
     /// formula, and at the end.
-    fn signal_table(&self, header: &RunHeader, predicate: &DecisivePredicate) -> SignalTable {
+    fn signal_table(
+        &self,
+        formula: &str,
+        predicate: &DecisivePredicate,
+        trace: &Trace,
+        unit: impl Fn(&str) -> String,
+    ) -> SignalTable {
         let of = |text: &str| {
             Formula::parse(text).map(|formula| formula.signals().into_iter().map(str::to_string).collect())
         };
         let decisive: Vec<String> = of(&predicate.text).unwrap_or_default();
-        let others: Vec<String> = of(&header.formula).unwrap_or_default();
+        let others: Vec<String> = of(formula).unwrap_or_default();
         let others = others.into_iter().filter(|name| !decisive.contains(name));
         let names = decisive.iter().cloned().chain(others).take(SIGNAL_COLUMNS);
-        let unit = |name: &str| {
-            let signal = header.signals.iter().find(|signal| signal.name == name);
-            signal.map_or(String::new(), |signal| signal.unit.clone())
-        };
         let columns: Vec<results::Signal> =
             names.map(|name| results::Signal { unit: unit(&name), name }).collect();
         let value = |signal: &results::Signal, sample: usize| {
-            self.trace.signal(&signal.name).and_then(|values| values.get(sample)).map(|x| (*x).into())
+            trace.signal(&signal.name).and_then(|values| values.get(sample)).map(|x| (*x).into())
         };
-        let samples = shown_samples(predicate.sample, self.explanation.decided, self.trace.len());
+        let samples = shown_samples(predicate.sample, self.decided, trace.len());
         let rows = samples.into_iter().map(|sample| SignalRow {
             sample: sample as u64,
             values: columns.iter().map(|signal| value(signal, sample)).collect(),

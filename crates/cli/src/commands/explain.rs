@@ -1,28 +1,38 @@
-use anyhow::{Result, bail, ensure};
+use anyhow::{Context, Result, bail, ensure};
 use clap::Args;
-use mishandle::results::{EvaluatedCount, Masking};
+use mishandle::results::{EvaluatedCount, LogExplanations, Masking};
 use mishandle::store::RunFile;
 use mishandle_text::plural;
 
 use crate::exit_status::ExitStatus;
 use crate::flags::{self, numbers};
-use crate::run::{self, counterexample};
+use crate::run::{self, counterexample, log_question};
 use crate::show::progress::Bar;
 use crate::show::{escape, explanation, output, simulation};
 
-/// Explain a recorded simulation: when, where and by which predicate the formula is violated
+/// Flags about a run, which mean nothing for a log.
+const OF_RUNS: [&str; 6] = ["trial", "simulation", "controller", "target", "skip_check", "masking"];
+
+/// Explain a recorded simulation or a log: when, where and by which predicate a formula is violated
 #[derive(Debug, Args)]
 #[command(after_help = "Examples:
   mishandle explain runs/RUN.sqlite                      the first counterexample
   mishandle explain runs/RUN.sqlite --trial 2 --simulation 17
   mishandle explain runs/RUN.sqlite --masking            which conjuncts hide others
   mishandle explain failure.json                         an exported counterexample
+  mishandle explain --log rig.csv --formula 'always(force <= 2)'
 
 A counterexample of any target is explained from its recorded trace. Other simulations have none and
-are replayed.")]
+are replayed. docs/guide/logs.md describes logs.")]
+#[command(mut_arg("file", |file| file
+    .required(false)
+    .required_unless_present_any(["paths", "topic"])
+    .conflicts_with_all(flags::OF_LOGS)))]
+#[command(mut_arg("paths", |paths| paths.conflicts_with_all(OF_RUNS)))]
+#[command(mut_arg("topic", |topic| topic.conflicts_with_all(OF_RUNS)))]
 pub struct Arguments {
     #[command(flatten)]
-    pub recorded: flags::Recorded,
+    pub recorded: Option<flags::Recorded>,
     /// Explain the whole run: how often each conjunct sets the robustness, and how often each one
     /// fails, over at most N simulations, which are simulated again; violated ones first [default
     /// of N: 500]
@@ -33,23 +43,26 @@ pub struct Arguments {
     /// Print one JSON document to stdout
     #[arg(long)]
     pub json: bool,
+    #[command(flatten)]
+    pub logs: flags::Logs,
 }
 
 pub fn run(command: &Arguments) -> Result<ExitStatus> {
-    if flags::is_file(&command.recorded.file) {
-        return counterexample(command);
+    let Some(recorded) = &command.recorded else { return logs(command) };
+    if flags::is_file(&recorded.file) {
+        return counterexample(command, recorded);
     }
-    let file = run::read(&command.recorded.file, command.recorded.skip_check)?;
+    let file = run::read(&recorded.file, recorded.skip_check)?;
     if let Some(limit) = command.masking {
-        return masking(command, &file, limit);
+        return masking(command, recorded, &file, limit);
     }
     let Some((trial, simulation)) =
-        mishandle::replay::select_simulation(&file, command.recorded.trial, command.recorded.simulation)?
+        mishandle::replay::select_simulation(&file, recorded.trial, recorded.simulation)?
     else {
-        bail!("{} has no decided simulation to explain", command.recorded.file.display());
+        bail!("{} has no decided simulation to explain", recorded.file.display());
     };
-    let explained = mishandle::inspect::explain(&file, trial, simulation, command.recorded.moved())?;
-    let found = explained.result(file.header(), Some(&command.recorded.file.to_string_lossy()));
+    let explained = mishandle::inspect::explain(&file, trial, simulation, recorded.moved())?;
+    let found = explained.result(file.header(), Some(&recorded.file.to_string_lossy()));
     if command.json {
         output::json(&found)?;
     } else {
@@ -60,9 +73,38 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
     Ok(if is_violated { ExitStatus::Violated } else { ExitStatus::Done })
 }
 
+/// Explains the verdicts of formulas on logs, worst first.
+fn logs(command: &Arguments) -> Result<ExitStatus> {
+    let sources = log_question::sources(&command.logs.question, &command.logs.paths)?;
+    let mut found = Vec::new();
+    log_question::ask(&command.logs.question, &sources, |log, asked| {
+        for asked in asked {
+            let explained = log.explanation(&asked).with_context(|| format!("trace {}", log.name))?;
+            found.push(explained);
+        }
+        Ok(())
+    })?;
+    run::logs::worst_first(&mut found, |(explained, _)| &explained.verdict);
+    let fails = found.iter().any(|(explained, _)| explained.verdict.fails());
+    if command.json {
+        let explanations = found.into_iter().map(|(explained, _)| explained).collect();
+        output::json(&LogExplanations { explanations })?;
+    } else {
+        let texts: Vec<String> =
+            found.iter().map(|(explained, start)| explanation::log_text(explained, *start)).collect();
+        output::line(&texts.join("\n\n\n"))?;
+    }
+    Ok(if fails { ExitStatus::Violated } else { ExitStatus::Done })
+}
+
 /// Prints which conjuncts set the robustness of a run and which ones fail.
-fn masking(command: &Arguments, file: &RunFile, limit: u64) -> Result<ExitStatus> {
-    let resolved = match mishandle::resolve::recorded_plan(file.header(), command.recorded.moved()) {
+fn masking(
+    command: &Arguments,
+    recorded: &flags::Recorded,
+    file: &RunFile,
+    limit: u64,
+) -> Result<ExitStatus> {
+    let resolved = match mishandle::resolve::recorded_plan(file.header(), recorded.moved()) {
         Ok(resolved) => Some(resolved),
         Err(error) => {
             output::message(&format!("only recorded counterexamples are explained: {error}"));
@@ -87,7 +129,7 @@ fn masking(command: &Arguments, file: &RunFile, limit: u64) -> Result<ExitStatus
     ensure!(
         satisfied.evaluated + violated.evaluated > 0,
         "{} has no simulation to explain",
-        command.recorded.file.display()
+        recorded.file.display()
     );
     match command.json {
         true => output::json(&found)?,
@@ -132,16 +174,16 @@ fn count_text(count: EvaluatedCount, kind: &str) -> String {
 }
 
 /// Simulates an exported counterexample and explains it.
-fn counterexample(command: &Arguments) -> Result<ExitStatus> {
-    flags::check_flags(command.recorded.trial, command.recorded.simulation)?;
-    let (_, replayed) = counterexample::replay(&command.recorded.file, command.recorded.moved())?;
+fn counterexample(command: &Arguments, recorded: &flags::Recorded) -> Result<ExitStatus> {
+    flags::check_flags(recorded.trial, recorded.simulation)?;
+    let (_, replayed) = counterexample::replay(&recorded.file, recorded.moved())?;
     let (header, explained) = (&replayed.header, &replayed.explained);
     if !replayed.differences.is_empty() {
         output::message(
             "warning: the simulation differs from the recorded one; `mishandle replay` lists the differences",
         );
     }
-    let found = explained.result(header, Some(&command.recorded.file.to_string_lossy()));
+    let found = explained.result(header, Some(&recorded.file.to_string_lossy()));
     match command.json {
         true => output::json(&found)?,
         false => output::line(&explanation::text(&found))?,

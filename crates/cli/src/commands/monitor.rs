@@ -1,14 +1,13 @@
 use std::path::PathBuf;
 
-use anyhow::{Context, Result, ensure};
+use anyhow::{Result, ensure};
 use clap::Args;
 use mishandle::results::{self, LogVerdict, Number, RequirementVerdict};
-use mishandle_logs::Evaluation;
 use mishandle_text::plural;
 
 use crate::exit_status::ExitStatus;
-use crate::flags::{self, LogFlags};
-use crate::run::logs::{self, Requirement};
+use crate::flags::LogQuestion;
+use crate::run::{log_question, logs};
 use crate::show::{log_verdicts, output};
 
 /// Compute the robustness of temporal logic formulas on recorded logs
@@ -41,24 +40,9 @@ do not count. docs/guide/logs.md describes logs, docs/reference/formulas.md the 
 formulas."
 )]
 pub struct Arguments {
-    /// Formula in the syntax of RTAMT
-    #[arg(long, allow_hyphen_values = true)]
-    pub formula: Option<String>,
-    /// Formula with a name; repeat the flag for several. Each has a verdict of its own
-    #[arg(long, value_name = "NAME=FORMULA", allow_hyphen_values = true, value_parser = flags::named_formula)]
-    pub requirement: Vec<(String, String)>,
-    /// TOML file with [[requirement]] tables: name, formula, severity, unit, description
-    #[arg(long, value_name = "FILE")]
-    pub formulas: Option<PathBuf>,
     /// Files with a log each; - reads stdin
     #[arg(value_name = "LOG")]
     pub logs: Vec<PathBuf>,
-    /// Unit of interval bounds without a unit: s, ms, us or ns [default: such bounds count samples]
-    #[arg(long)]
-    pub unit: Option<String>,
-    /// Use only windows inside the trace, instead of cutting them at its end as RTAMT does
-    #[arg(long)]
-    pub strict_horizon: bool,
     /// Print one JSON document to stdout
     #[arg(long)]
     pub json: bool,
@@ -75,37 +59,28 @@ pub struct Arguments {
     #[arg(long)]
     pub force: bool,
     #[command(flatten)]
-    pub log: LogFlags,
+    pub question: LogQuestion,
 }
 
 pub fn run(command: &Arguments) -> Result<ExitStatus> {
-    let requirements = requirements(command)?;
-    let options = command.log.options();
-    let sources = command.log.logs(&command.logs)?;
-    logs::check_stdin(&sources)?;
+    let sources = log_question::sources(&command.question, &command.logs)?;
+    ensure!(!command.values || sources.len() == 1, "--values prints the values of one log; name one");
     let inputs = || sources.iter().flatten().map(|source| source.path.as_path());
     for (flag, path) in [("--junit", &command.junit), ("--markdown", &command.markdown)] {
         if let Some(path) = path {
             output::refuse_inputs(path, flag, inputs())?;
         }
     }
-    let formulas = logs::formulas(&requirements, &sources[0], &options)?;
     let (mut verdicts, mut values) = (Vec::new(), None);
-    for source in &sources {
-        let log = logs::read(source, &formulas, &options)?;
-        for (requirement, formula) in requirements.iter().zip(&formulas) {
-            let verdict = log.verdict(requirement, formula, command.strict_horizon);
-            verdicts.push(verdict.with_context(|| format!("trace {}", log.name))?);
-        }
+    log_question::ask(&command.question, &sources, |log, asked| {
         if command.values {
-            ensure!(sources.len() == 1, "--values prints the values of one log; name one");
-            let evaluation =
-                Evaluation { unit: requirements[0].unit, strict_horizon: command.strict_horizon };
-            values = Some(log.samples.robustness_signal(&formulas[0], &evaluation)?);
+            values = Some(log.samples.robustness_signal(&asked[0].formula, &asked[0].evaluation)?);
         }
-    }
+        verdicts.extend(asked.into_iter().map(|asked| asked.verdict));
+        Ok(())
+    })?;
     let as_asked = verdicts.clone();
-    logs::worst_first(&mut verdicts);
+    logs::worst_first(&mut verdicts, |verdict| verdict);
     let is_one_log = sources.len() == 1;
     if let Some(path) = &command.junit {
         output::write_atomically(path, command.force, log_verdicts::junit(&verdicts).as_bytes())?;
@@ -113,7 +88,7 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
     if let Some(path) = &command.markdown {
         output::write_atomically(path, command.force, log_verdicts::markdown(&verdicts).as_bytes())?;
     }
-    let fails = verdicts.iter().any(|verdict| verdict.violated && verdict.severity == "error");
+    let fails = verdicts.iter().any(LogVerdict::fails);
     let cut = verdicts.iter().find(|verdict| verdict.cuts_windows);
     let note = cut.filter(|_| !command.json).map(|cut| {
         let samples = cut.samples.map(|samples| format!(", which has {}", plural(samples, "sample")));
@@ -141,28 +116,6 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
     Ok(if fails { ExitStatus::Violated } else { ExitStatus::Done })
 }
 
-/// Returns the formulas of all flags.
-fn requirements(command: &Arguments) -> Result<Vec<Requirement>> {
-    let unit = command.unit.as_deref().map(|text| logs::time_unit(text, "--unit")).transpose()?;
-    let plain = |name: Option<&String>, text: &String| Requirement {
-        name: name.cloned(),
-        text: text.clone(),
-        is_error: true,
-        unit,
-        description: None,
-    };
-    let mut found: Vec<Requirement> = command.formula.iter().map(|text| plain(None, text)).collect();
-    found.extend(command.requirement.iter().map(|(name, text)| plain(Some(name), text)));
-    if let Some(path) = &command.formulas {
-        found.extend(logs::requirements(path, unit)?);
-    }
-    ensure!(
-        !found.is_empty(),
-        "there is no formula: give --formula FORMULA, --requirement NAME=FORMULA, or --formulas FILE"
-    );
-    Ok(found)
-}
-
 /// Returns the document of `--json`.
 fn document(
     command: &Arguments,
@@ -185,7 +138,7 @@ fn document(
     results::Monitor {
         robustness: first.robustness,
         violated: first.violated,
-        windows: if command.strict_horizon { "whole" } else { "cut" }.to_string(),
+        windows: if command.question.strict_horizon { "whole" } else { "cut" }.to_string(),
         cuts_windows: first.cuts_windows,
         robustness_signal: values.map(|values| values.into_iter().map(|(_, value)| Number(value)).collect()),
         robustness_times: times,

@@ -5,7 +5,7 @@ use clap::{Args, ValueEnum};
 use mishandle::inspect::{Event, Explanation};
 use mishandle::picture::{Film, FrameCaptions, FrameRenderer, StateTrajectory};
 use mishandle::world::{CAMERAS, Picture, Quality, Size, png};
-use mishandle_text::plural;
+use mishandle_text::{instant, plural};
 
 use crate::exit_status::ExitStatus;
 use crate::flags::{self, numbers};
@@ -268,7 +268,8 @@ fn recorded(
         mishandle::inspect::explain_recorded(run.header(), replayed.recorded, replayed.episode.trace).ok()
     });
     let explanation = explained.as_ref().map(|explained| &explained.explanation);
-    for sentence in explanation.map_or(Vec::new(), |found| found.sentences(run.header().control_dt)) {
+    let at = |sample| instant(sample, run.header().control_dt);
+    for sentence in explanation.map_or(Vec::new(), |found| found.sentences(at)) {
         output::message(&sentence);
     }
     let event = match command.event {
@@ -345,8 +346,8 @@ fn video(
     if film.window != (0, last) {
         output::message(&format!(
             "the video shows {} to {}",
-            mishandle_text::instant(first, *control_dt),
-            mishandle_text::instant(end, *control_dt)
+            instant(first, *control_dt),
+            instant(end, *control_dt)
         ));
     }
     renderer.fit(&states[first..=end].iter().step_by(FIT_STRIDE).map(Vec::as_slice));

@@ -4,17 +4,17 @@ use anyhow::{Context, Result, bail, ensure};
 use clap::Args;
 use mishandle::harden::is_hardening;
 use mishandle::train::Curve;
-use mishandle_report::{Samples, hardening_page, learning_curve_page, page};
+use mishandle_report::{LogSection, Samples, hardening_page, learning_curve_page, log_page, page};
 use mishandle_text::{path_text, shell_quote};
 
 use crate::exit_status::ExitStatus;
 use crate::flags::{self, numbers};
-use crate::run::{self, pages};
+use crate::run::{self, log_question, pages};
 use crate::show::output;
 use crate::show::progress::Bar;
 
-/// Write a page about runs (verdict, failure modes, robustness maps, traces, pictures) or about a
-/// learning curve
+/// Write a page about runs (verdict, failure modes, robustness maps, traces, pictures), about a
+/// learning curve, or about logs
 #[derive(Debug, Args)]
 #[command(after_help = "Examples:
   mishandle report runs/RUN.sqlite --out report.html
@@ -23,14 +23,17 @@ use crate::show::progress::Bar;
   mishandle report runs/RUN.sqlite --no-simulations --out report.html
   mishandle report better.harden --out report.html      a hardening, before and after
   mishandle report curve.csv --out curve.html           the learning curve of `train --csv`
+  mishandle report --log logs/*.csv --formula 'always(force <= 2)' --out logs.html
 
 The page is one HTML file that loads nothing and runs no script. docs/guide/report.md explains its
 charts. If the target of a run is available, scenarios around each failure mode are simulated,
-corners, and repeats with other seeds. Otherwise the page has what the run file contains.")]
+corners, and repeats with other seeds. Otherwise the page has what the run file contains.
+docs/guide/logs.md describes logs.")]
+#[command(mut_arg("runs", |runs| runs.conflicts_with_all(flags::OF_LOGS)))]
 pub struct Arguments {
     /// Run files, the folder of a campaign or of a hardening, or the .csv file of `mishandle train
     /// --csv`
-    #[arg(value_name = "RUN", required = true)]
+    #[arg(value_name = "RUN", required_unless_present_any = ["paths", "topic"])]
     pub runs: Vec<PathBuf>,
     /// HTML file to create; for a campaign, a folder for the index and a page for each run
     #[arg(long, value_name = "FILE")]
@@ -67,9 +70,14 @@ pub struct Arguments {
     /// Number of threads; does not affect the page [default: number of cores]
     #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = numbers::integer::<usize>(flags::THREADS))]
     pub threads: Option<usize>,
+    #[command(flatten)]
+    pub logs: flags::Logs,
 }
 
 pub fn run(command: &Arguments) -> Result<ExitStatus> {
+    if command.runs.is_empty() {
+        return write_logs(command);
+    }
     run::set_threads(command.threads)?;
     let controller = command.controller.as_deref().map(Path::new);
     let inputs = command.runs.iter().map(PathBuf::as_path).chain(controller);
@@ -153,6 +161,27 @@ fn write_curve(path: &Path, command: &Arguments) -> Result<ExitStatus> {
         output::message(&format!("warning: the last line of {file} is incomplete and was ignored"));
     }
     write(&learning_curve_page(&curve, &path_text(path)), command)
+}
+
+/// Writes the page about verdicts on logs.
+fn write_logs(command: &Arguments) -> Result<ExitStatus> {
+    let sources = log_question::sources(&command.logs.question, &command.logs.paths)?;
+    let inputs = sources.iter().flatten().map(|source| source.path.as_path());
+    output::refuse_inputs(&command.out, "--out", inputs)?;
+    drop(output::create(&command.out, command.force)?);
+    let mut sections = Vec::new();
+    log_question::ask(&command.logs.question, &sources, |log, asked| {
+        sections.extend(asked.into_iter().map(|asked| {
+            // Dense time and logs without times have verdicts and charts, but no decisive sample.
+            let explained = log.explanation(&asked).ok();
+            let decision = explained.as_ref().map(|(explained, _)| &explained.decision);
+            let unit = |name: &str| asked.units.get(name).cloned();
+            LogSection::new(asked.verdict, &asked.formula, &asked.evaluation, &log.samples, unit, decision)
+        }));
+        Ok(())
+    })?;
+    run::logs::worst_first(&mut sections, LogSection::verdict);
+    write(&log_page(&sections), command)
 }
 
 fn write(page: &str, command: &Arguments) -> Result<ExitStatus> {

@@ -1,14 +1,16 @@
 //! Verdicts of requirements on recorded logs.
 
+use std::collections::BTreeMap;
 use std::path::Path;
 
 use anyhow::{Context, Result, anyhow, bail, ensure};
-use mishandle::results::{LogPredicate, LogVerdict, LogViolation, Number, WorstPart};
-use mishandle::stl::{Formula, TimeUnit, is_violated, name_hint, unquoted};
-use mishandle_logs::{At, Evaluation, OpenLog, Options, Samples, Source, Verdict};
+use mishandle::inspect::{common_unit, explain_trace};
+use mishandle::results::{LogExplanation, LogPredicate, LogVerdict, LogViolation, Number, WorstPart};
+use mishandle::stl::{Clock, Formula, TimeUnit, is_violated, name_hint, unquoted};
+use mishandle_logs::{At, Evaluation, OpenLog, Options, Samples, Signals, Source, Verdict};
 use serde::Deserialize;
 
-use crate::show::{formula_error, output};
+use crate::show::{formula_error, log_verdicts, output};
 
 /// A formula with a name.
 #[derive(Clone, Debug)]
@@ -20,7 +22,12 @@ pub struct Requirement {
     /// The unit of bounds without one.
     pub unit: Option<TimeUnit>,
     pub description: Option<String>,
+    /// Units of signals, which are shown with their values.
+    pub units: Units,
 }
+
+/// Units by the names of signals.
+pub type Units = BTreeMap<String, String>;
 
 /// A file of requirements.
 #[derive(Debug, Deserialize)]
@@ -28,6 +35,8 @@ pub struct Requirement {
 struct File {
     #[serde(default)]
     requirement: Vec<Entry>,
+    #[serde(default)]
+    units: Units,
 }
 
 #[derive(Debug, Deserialize)]
@@ -72,6 +81,7 @@ pub fn requirements(path: &Path, unit: Option<TimeUnit>) -> Result<Vec<Requireme
             text: entry.formula,
             is_error: entry.severity == Severity::Error,
             description: entry.description,
+            units: file.units.clone(),
         });
     }
     Ok(found)
@@ -102,6 +112,12 @@ pub fn formulas(requirements: &[Requirement], log: &[Source], options: &Options)
         output::warn_about(&formula);
         formulas.push(formula);
     }
+    for unit in requirements.iter().flat_map(|requirement| requirement.units.keys()) {
+        ensure!(
+            formulas.iter().any(|formula| formula.signals().contains(&unit.as_str())),
+            "[units] names `{unit}`, which no formula reads"
+        );
+    }
     Ok(formulas)
 }
 
@@ -113,6 +129,21 @@ fn hint(text: &str, log: &[Source], options: &Options) -> Option<String> {
     }
     let log = OpenLog::open(log, options).ok()?;
     name_hint(unquoted(text, log.names().iter().map(String::as_str))?)
+}
+
+impl Requirement {
+    /// Returns how the formula is evaluated.
+    pub fn evaluation(&self, strict_horizon: bool) -> Evaluation {
+        Evaluation { unit: self.unit, strict_horizon }
+    }
+}
+
+/// A formula that was asked of a log, and its verdict.
+pub struct Asked {
+    pub formula: Formula,
+    pub units: Units,
+    pub evaluation: Evaluation,
+    pub verdict: LogVerdict,
 }
 
 /// A log that was read for some formulas.
@@ -146,10 +177,9 @@ impl ReadLog {
         &self,
         requirement: &Requirement,
         formula: &Formula,
-        strict_horizon: bool,
+        evaluation: &Evaluation,
     ) -> Result<LogVerdict> {
-        let evaluation = Evaluation { unit: requirement.unit, strict_horizon };
-        let found = self.samples.verdict(formula, &evaluation)?;
+        let found = self.samples.verdict(formula, evaluation)?;
         Ok(LogVerdict {
             log: self.name.clone(),
             name: requirement.name.clone(),
@@ -171,6 +201,42 @@ impl ReadLog {
             }),
             predicate: self.predicate(&found),
         })
+    }
+
+    /// Returns what decides a verdict, and the time of the first sample in seconds.
+    pub fn explanation(&self, asked: &Asked) -> Result<(LogExplanation, f64)> {
+        let Signals::Even { trace, period, start, .. } = &self.samples.signals else {
+            bail!(
+                "samples are explained: pass --resample instead of --dense; `mishandle monitor` and `mishandle report \
+                 --log` read dense time"
+            );
+        };
+        ensure!(
+            !asked.evaluation.strict_horizon,
+            "windows are cut at the end of the trace in an explanation: leave out --strict-horizon"
+        );
+        let (start, period) = (
+            *start,
+            period.context(
+                "the log has no times: pass the column with the times as --time COLUMN, or --period SECONDS",
+            )?,
+        );
+        let clock = self.samples.clock(&asked.formula, &asked.evaluation)?.unwrap_or(Clock::steps(period));
+        let mut explained = explain_trace(&asked.formula, trace, clock)?;
+        let unit = |name: &str| asked.units.get(name).cloned();
+        if let Some(predicate) = &explained.diagnosis.predicate {
+            explained.unit = common_unit(&predicate.text, unit);
+        }
+        let time = |sample: usize| start + sample as f64 * period;
+        let name = |sample| log_verdicts::instant(sample, time(sample));
+        let decision = explained.result(
+            &asked.verdict.formula,
+            trace,
+            |name| unit(name).unwrap_or_default(),
+            time,
+            name,
+        );
+        Ok((LogExplanation { verdict: asked.verdict.clone(), period, decision }, start))
     }
 
     fn predicate(&self, found: &Verdict) -> Option<LogPredicate> {
@@ -202,13 +268,16 @@ fn violations(found: &Verdict) -> Vec<LogViolation> {
 
 /// Orders verdicts: violated errors, violated warnings, satisfied formulas; within each, the least
 /// robustness first.
-pub fn worst_first(verdicts: &mut [LogVerdict]) {
+pub fn worst_first<T>(found: &mut [T], verdict: impl Fn(&T) -> &LogVerdict) {
     let class = |verdict: &LogVerdict| match (verdict.violated, verdict.severity.as_str()) {
         (true, "error") => 0,
         (true, _) => 1,
         (false, _) => 2,
     };
-    verdicts.sort_by(|a, b| class(a).cmp(&class(b)).then(a.robustness.0.total_cmp(&b.robustness.0)));
+    found.sort_by(|a, b| {
+        let (a, b) = (verdict(a), verdict(b));
+        class(a).cmp(&class(b)).then(a.robustness.0.total_cmp(&b.robustness.0))
+    });
 }
 
 /// Checks that stdin is read once.

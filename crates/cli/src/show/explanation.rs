@@ -1,10 +1,10 @@
-//! The explanation of a simulation, as text.
+//! Explanations of simulations and logs, as text.
 
-use mishandle::results::{Explanation, SignalTable};
+use mishandle::results::{Decision, Explanation, LogExplanation, SignalTable};
 use mishandle::stl::is_violated;
 use mishandle_text::{decimal, instant};
 
-use super::{escape, output, reasons, scenario};
+use super::{escape, log_verdicts, output, reasons, scenario};
 
 /// Returns the explanation, which starts with the scenario.
 pub fn text(found: &Explanation) -> String {
@@ -18,12 +18,31 @@ pub fn text(found: &Explanation) -> String {
         decimal(found.robustness.0, 4),
         reasons::of_one(found.reason.as_deref()),
     )];
+    parts.extend(decision(&found.decision, &|sample| instant(sample as usize, found.control_dt)));
+    parts.join("\n\n")
+}
+
+/// Returns the explanation of a verdict on a log. `start` is the time of the first sample, s.
+pub fn log_text(found: &LogExplanation, start: f64) -> String {
+    let mut parts = vec![format!(
+        "{}\nformula {}\n{}",
+        log_verdicts::title(&found.verdict),
+        escape::name(&found.verdict.formula),
+        log_verdicts::text(&found.verdict)
+    )];
+    let at = |sample: u64| log_verdicts::instant(sample as usize, start + sample as f64 * found.period);
+    parts.extend(decision(&found.decision, &at));
+    parts.join("\n\n")
+}
+
+/// Returns the sentences and tables about what decides a formula.
+fn decision(found: &Decision, at: &dyn Fn(u64) -> String) -> Vec<String> {
+    let mut parts = Vec::new();
     let sentences: Vec<String> = found.sentences.iter().map(|sentence| escape::name(sentence)).collect();
     if !sentences.is_empty() {
         parts.push(sentences.join("\n"));
     }
-    let at = |sample: u64| instant(sample as usize, found.control_dt);
-    parts.push(output::table(&path_table(found, &at)));
+    parts.push(output::table(&path_table(found, at)));
     if found.conjuncts.len() > 1 {
         let columns = ["conjunct on its own", "robustness", "decided at"];
         let mut rows = vec![columns.map(String::from).to_vec()];
@@ -36,12 +55,12 @@ pub fn text(found: &Explanation) -> String {
         }));
         parts.push(output::table(&rows));
     }
-    parts.extend(found.signals.as_ref().map(|signals| output::table(&signal_table(signals, &at))));
-    parts.join("\n\n")
+    parts.extend(found.signals.as_ref().map(|signals| output::table(&signal_table(signals, at))));
+    parts
 }
 
 /// Returns the table of the chain from the formula to the predicate.
-fn path_table(found: &Explanation, at: &dyn Fn(u64) -> String) -> Vec<Vec<String>> {
+fn path_table(found: &Decision, at: &dyn Fn(u64) -> String) -> Vec<Vec<String>> {
     let columns = ["decisive sub-formula", "at", "window", "robustness"];
     let mut rows = vec![columns.map(String::from).to_vec()];
     let path = &found.path;

@@ -33,6 +33,17 @@ pub fn text(found: &LogVerdict) -> String {
     lines.join("\n")
 }
 
+/// Names the log and the requirement of a verdict.
+pub fn title(found: &LogVerdict) -> String {
+    let log = escape::name(&found.log);
+    found.name.as_ref().map_or(log.clone(), |name| format!("{log}, {}", escape::name(name)))
+}
+
+/// Names a sample and its time in seconds.
+pub fn instant(sample: usize, time: f64) -> String {
+    format!("{} s (sample {sample})", short(time))
+}
+
 /// Returns the table of several verdicts.
 pub fn table(found: &[LogVerdict], has_logs: bool) -> String {
     output::table(&rows(found, has_logs))
@@ -130,11 +141,10 @@ pub fn junit(found: &[LogVerdict]) -> String {
             logs.push(&verdict.log);
         }
     }
-    let is_failure = |verdict: &&LogVerdict| verdict.violated && verdict.severity == "error";
     let mut text = String::from("<?xml version=\"1.0\" encoding=\"UTF-8\"?>\n<testsuites>\n");
     for log in logs {
         let cases: Vec<&LogVerdict> = found.iter().filter(|verdict| verdict.log == log).collect();
-        let failures = cases.iter().copied().filter(is_failure).count();
+        let failures = cases.iter().copied().filter(|case| case.fails()).count();
         text += &format!(
             "  <testsuite name=\"{}\" tests=\"{}\" failures=\"{failures}\">\n",
             xml(log),
@@ -144,7 +154,7 @@ pub fn junit(found: &[LogVerdict]) -> String {
             let name = xml(case.name.as_deref().unwrap_or(&case.formula));
             text += &format!("    <testcase classname=\"{}\" name=\"{name}\">\n", xml(log));
             let message = format!("{}\n{}", case.formula, self::text(case));
-            if is_failure(&case) {
+            if case.fails() {
                 let summary = format!("robustness {}", number_text(case.robustness.0));
                 text +=
                     &format!("      <failure message=\"{}\">{}</failure>\n", xml(&summary), xml(&message));

@@ -1,0 +1,45 @@
+//! Flags that ask whether logs meet formulas.
+
+use std::path::PathBuf;
+
+use clap::Args;
+
+use super::{LogFlags, named_formula};
+
+/// Flags and groups of flags that mean nothing for a run.
+pub const OF_LOGS: [&str; 7] =
+    ["paths", "formula", "requirement", "formulas", "unit", "strict_horizon", "LogFlags"];
+
+/// Formulas, and how the logs are read.
+#[derive(Debug, Args)]
+#[command(next_help_heading = "Formulas")]
+pub struct LogQuestion {
+    /// Formula in the syntax of RTAMT
+    #[arg(long, allow_hyphen_values = true)]
+    pub formula: Option<String>,
+    /// Formula with a name; repeat the flag for several. Each has a verdict of its own
+    #[arg(long, value_name = "NAME=FORMULA", allow_hyphen_values = true, value_parser = named_formula)]
+    pub requirement: Vec<(String, String)>,
+    /// TOML file with [[requirement]] tables: name, formula, severity, unit, description
+    #[arg(long, value_name = "FILE")]
+    pub formulas: Option<PathBuf>,
+    /// Unit of interval bounds without a unit: s, ms, us or ns [default: such bounds count samples]
+    #[arg(long)]
+    pub unit: Option<String>,
+    /// Use only windows inside the trace, instead of cutting them at its end as RTAMT does
+    #[arg(long)]
+    pub strict_horizon: bool,
+    #[command(flatten)]
+    pub log: LogFlags,
+}
+
+/// Logs as an alternative to runs.
+#[derive(Debug, Args)]
+#[command(next_help_heading = "Logs instead of runs")]
+pub struct Logs {
+    /// Files with a log each, as for `mishandle monitor`, whose flags for formulas and logs apply
+    #[arg(long = "log", value_name = "LOG", num_args = 1..)]
+    pub paths: Vec<PathBuf>,
+    #[command(flatten)]
+    pub question: LogQuestion,
+}
