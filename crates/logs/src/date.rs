@@ -1,5 +1,5 @@
-//! Dates and durations as text: ISO 8601 and RFC 3339, MATLAB's `31-Jan-2024 12:00:00`,
-//! `00:01:02.5` and `1.5 sec`.
+//! Dates and durations as text: ISO 8601 and RFC 3339, `2024/01/31 12:00:00`, `31.01.2024 12:00:00`,
+//! MATLAB's `31-Jan-2024 12:00:00`, `00:01:02.5` and `1.5 sec`.
 
 use crate::decimal::Decimal;
 
@@ -29,7 +29,7 @@ pub(crate) fn written(text: &str) -> Option<Written> {
     {
         return Some(Written::Duration(Decimal::parse(number)?.times(secs * SECOND)?));
     }
-    let at = text.find(['T', 't', ' ']).filter(|at| text[..*at].contains('-'));
+    let at = text.find(['T', 't', ' ']).filter(|at| text[..*at].contains(['-', '/', '.']));
     let Some(at) = at else {
         return Some(Written::Duration(clock(text, u32::MAX)?));
     };
@@ -83,15 +83,23 @@ fn clock(text: &str, last_hour: u32) -> Option<i128> {
     Some(minutes * 60 * SECOND + secs)
 }
 
-/// Reads a date and returns its number of days after 1970-01-01.
+/// Reads a date and returns its number of days after 1970-01-01. Between points the day comes
+/// first, unless the year does; between slashes only the year can.
 fn day(text: &str) -> Option<i64> {
-    let parts: Vec<&str> = text.split('-').collect();
+    let separator = text.chars().find(|c| ['-', '/', '.'].contains(c))?;
+    let parts: Vec<&str> = text.split(separator).collect();
     let [first, month, last] = parts[..] else { return None };
     let named = MONTHS.iter().position(|name| month.eq_ignore_ascii_case(name));
-    let (year, month, day) = match named {
-        Some(index) if first.len() <= 2 && last.len() == 4 => (whole(last)?, index as u32 + 1, whole(first)?),
-        None if first.len() == 4 && month.len() == 2 && last.len() == 2 => {
+    let is_short = |part: &str| if separator == '-' { part.len() == 2 } else { part.len() <= 2 };
+    let (year, month, day) = match (named, separator) {
+        (Some(index), '-') if first.len() <= 2 && last.len() == 4 => {
+            (whole(last)?, index as u32 + 1, whole(first)?)
+        }
+        (None, _) if first.len() == 4 && is_short(month) && is_short(last) => {
             (whole(first)?, whole(month)?, whole(last)?)
+        }
+        (None, '.') if is_short(first) && is_short(month) && last.len() == 4 => {
+            (whole(last)?, whole(month)?, whole(first)?)
         }
         _ => return None,
     };
@@ -139,6 +147,9 @@ mod tests {
         instant("2100-03-01 00:00:00 UTC", 4_107_542_400, 0);
         instant("2000-03-01T00:00Z", 951_868_800, 0);
         instant("31-Jan-2024 12:00:00 +00:00", 1_706_702_400, 0);
+        // The same instant, as a spreadsheet writes it in Japan and in Germany.
+        instant("2024/1/31 12:00:00Z", 1_706_702_400, 0);
+        instant("31.01.2024 12:00:00Z", 1_706_702_400, 0);
     }
 
     #[test]
@@ -153,6 +164,11 @@ mod tests {
     fn what_is_no_date_or_has_two_readings_is_refused() {
         for text in [
             "1/2/2024 12:00",
+            "31/01/2024 12:00",
+            "2024.1/31 12:00",
+            "2024-1-31 12:00",
+            "31.1.24 12:00",
+            "1.31.2024 12:00",
             "2023-02-29T00:00:00Z",
             "2024-13-01T00:00:00Z",
             "2024-01-01T24:00:00Z",
