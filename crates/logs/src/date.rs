@@ -1,5 +1,5 @@
-//! Dates and durations as text: ISO 8601 and RFC 3339, `2024/01/31 12:00:00`, `31.01.2024 12:00:00`,
-//! MATLAB's `31-Jan-2024 12:00:00`, `00:01:02.5` and `1.5 sec`.
+//! Dates and durations as text: ISO 8601 and RFC 3339, `2024/01/31 12:00:00`,
+//! `31.01.2024 12:00:00`, MATLAB's `31-Jan-2024 12:00:00`, `00:01:02.5` and `1.5 sec`.
 
 use crate::decimal::Decimal;
 

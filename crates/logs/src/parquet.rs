@@ -8,7 +8,7 @@ use parquet::basic::{ConvertedType, LogicalType, TimeUnit, Type as PhysicalType}
 use parquet::column::reader::{ColumnReader, ColumnReaderImpl};
 use parquet::data_type::DataType;
 use parquet::errors::ParquetError;
-use parquet::file::reader::{FileReader, SerializedFileReader};
+use parquet::file::reader::{FileReader, RowGroupReader, SerializedFileReader};
 
 use crate::cell::{Cell, Sink, Sinks};
 use crate::error::{LogError, Result, content};
@@ -18,12 +18,28 @@ use crate::table::Table;
 /// Number of rows that are in memory at a time.
 const BATCH: usize = 1 << 13;
 
+/// Number of first rows whose lists say how many columns a list has.
+const HEAD: usize = 1000;
+
+/// Largest number of columns.
+const MAX_COLUMNS: usize = 1_000_000;
+
 /// A Parquet file whose metadata was read.
 pub(crate) struct ParquetTable {
     reader: SerializedFileReader<File>,
     names: Vec<String>,
-    /// The leaf of the schema, and the meaning of its values, for each column.
-    columns: Vec<(usize, Meaning)>,
+    columns: Vec<Leaf>,
+}
+
+/// A column: a leaf of the schema, or an element of its lists.
+#[derive(Clone, Copy)]
+struct Leaf {
+    leaf: usize,
+    meaning: Meaning,
+    /// The number of the element; 0 without lists.
+    element: usize,
+    /// Definition level of values that are not missing.
+    present: i16,
 }
 
 /// The meaning of the integers of a column.
@@ -43,13 +59,59 @@ impl ParquetTable {
         let (mut names, mut columns) = (Vec::new(), Vec::new());
         let schema = reader.metadata().file_metadata().schema_descr();
         for (leaf, column) in schema.columns().iter().enumerate() {
-            if let Some(meaning) = Meaning::of(column).filter(|_| column.max_rep_level() == 0) {
-                names.push(column.path().parts().join("/"));
-                columns.push((leaf, meaning));
+            let Some(meaning) = Meaning::of(column) else { continue };
+            let parts = column.path().parts();
+            let first = Leaf { leaf, meaning, element: 0, present: column.max_def_level() };
+            match column.max_rep_level() {
+                0 => {
+                    names.push(parts.join("/"));
+                    columns.push(first);
+                }
+                1 => {
+                    for element in 0..longest_list(&reader, first)? {
+                        names.push(element_name(parts, element));
+                        columns.push(Leaf { element, ..first });
+                    }
+                }
+                // Lists of lists.
+                _ => {}
+            }
+            if columns.len() > MAX_COLUMNS {
+                return Err(content(format!("the file has more than {MAX_COLUMNS} columns")));
             }
         }
         Ok(ParquetTable { reader, names, columns })
     }
+}
+
+/// Returns the name of an element of a list, such as `state[0]` or `points[0]/x`. A list has two
+/// levels of its own in the schema, such as `state.list.element`, or none.
+fn element_name(parts: &[String], element: usize) -> String {
+    match parts.iter().position(|part| part == "list" || part == "bag") {
+        Some(level) if level > 0 => {
+            let name = format!("{}[{element}]", parts[..level].join("/"));
+            [&[name], parts.get(level + 2..).unwrap_or_default()].concat().join("/")
+        }
+        _ => format!("{}[{element}]", parts.join("/")),
+    }
+}
+
+/// Returns the length of the longest list of a leaf in the first rows.
+fn longest_list(reader: &SerializedFileReader<File>, leaf: Leaf) -> Result<usize> {
+    let (mut longest, mut rows) = (0, 0);
+    for group in 0..reader.num_row_groups() {
+        let group = reader.get_row_group(group).map_err(damaged)?;
+        rows += visit(&*group, leaf, HEAD - rows, &mut |_, element, cell| {
+            if !matches!(cell, Cell::Missing) {
+                longest = longest.max(element + 1);
+            }
+            Ok(())
+        })?;
+        if rows >= HEAD || longest > MAX_COLUMNS {
+            break;
+        }
+    }
+    Ok(longest)
 }
 
 impl Meaning {
@@ -100,14 +162,7 @@ impl Table for ParquetTable {
             let count = usize::try_from(group.metadata().num_rows())
                 .map_err(|_| damaged_text("a size is negative"))?;
             for (column, sink) in &mut sinks.columns {
-                let (leaf, meaning) = self.columns[*column];
-                let chunk = group.metadata().column(leaf);
-                let start = chunk.dictionary_page_offset().unwrap_or(0).min(chunk.data_page_offset());
-                if start < 0 || chunk.compressed_size() < 0 {
-                    return Err(damaged_text("a size is negative"));
-                }
-                let reader = group.get_column_reader(leaf).map_err(damaged)?;
-                let read = read_column(reader, meaning, sink, rows as u64)?;
+                let read = read_column(&*group, self.columns[*column], sink, rows as u64)?;
                 if read != count {
                     return Err(damaged_text(&format!(
                         "`{}` has too few values",
@@ -123,68 +178,102 @@ impl Table for ParquetTable {
 }
 
 /// Reads a column of a row group and returns its number of rows.
-fn read_column(reader: ColumnReader, meaning: Meaning, sink: &mut Sink, before: u64) -> Result<usize> {
-    match reader {
+fn read_column(group: &dyn RowGroupReader, leaf: Leaf, sink: &mut Sink, before: u64) -> Result<usize> {
+    let mut pushed = 0;
+    let mut push = |row: usize, cell: Cell<'_>| sink.push(cell, before + row as u64 + 1);
+    let rows = visit(group, leaf, usize::MAX, &mut |row, element, cell| {
+        if element == leaf.element {
+            // Rows whose list is too short.
+            (pushed..row).try_for_each(|row| push(row, Cell::Missing))?;
+            push(row, cell)?;
+            pushed = row + 1;
+        }
+        Ok(())
+    })?;
+    (pushed..rows).try_for_each(|row| push(row, Cell::Missing))?;
+    Ok(rows)
+}
+
+/// Gets the row, the number of the element in its list, and the cell.
+type Visitor<'a> = &'a mut dyn FnMut(usize, usize, Cell<'_>) -> Result<()>;
+
+/// Gives all values of the first rows of a leaf to `each`, and returns the number of these rows. An
+/// empty list is a missing element.
+fn visit(group: &dyn RowGroupReader, leaf: Leaf, limit: usize, each: Visitor<'_>) -> Result<usize> {
+    let chunk = group.metadata().column(leaf.leaf);
+    let start = chunk.dictionary_page_offset().unwrap_or(0).min(chunk.data_page_offset());
+    if start < 0 || chunk.compressed_size() < 0 {
+        return Err(damaged_text("a size is negative"));
+    }
+    let meaning = leaf.meaning;
+    match group.get_column_reader(leaf.leaf).map_err(damaged)? {
         ColumnReader::BoolColumnReader(reader) => {
-            read_typed(reader, sink, before, |value| Cell::Integer((*value).into()))
+            visit_typed(reader, leaf, limit, each, |value| Cell::Integer((*value).into()))
         }
         ColumnReader::Int32ColumnReader(reader) => {
             let unsigned = matches!(meaning, Meaning::Unsigned);
-            read_typed(reader, sink, before, |value| match unsigned {
+            visit_typed(reader, leaf, limit, each, |value| match unsigned {
                 true => Cell::Integer(value.cast_unsigned().into()),
                 false => meaning.cell((*value).into()),
             })
         }
         ColumnReader::Int64ColumnReader(reader) => {
-            read_typed(reader, sink, before, |value| meaning.cell(*value))
+            visit_typed(reader, leaf, limit, each, |value| meaning.cell(*value))
         }
         ColumnReader::FloatColumnReader(reader) => {
-            read_typed(reader, sink, before, |value| Cell::Single(*value))
+            visit_typed(reader, leaf, limit, each, |value| Cell::Single(*value))
         }
         ColumnReader::DoubleColumnReader(reader) => {
-            read_typed(reader, sink, before, |value| Cell::Number(*value))
+            visit_typed(reader, leaf, limit, each, |value| Cell::Number(*value))
         }
-        ColumnReader::ByteArrayColumnReader(reader) => read_typed(reader, sink, before, |value| {
+        ColumnReader::ByteArrayColumnReader(reader) => visit_typed(reader, leaf, limit, each, |value| {
             Cell::Text(std::str::from_utf8(value.data()).unwrap_or("\u{fffd}").trim())
         }),
         _ => Err(damaged_text("a column has another type than the schema")),
     }
 }
 
-fn read_typed<T: DataType>(
+fn visit_typed<T: DataType>(
     mut reader: ColumnReaderImpl<T>,
-    sink: &mut Sink,
-    before: u64,
+    leaf: Leaf,
+    limit: usize,
+    each: Visitor<'_>,
     cell: impl Fn(&T::T) -> Cell<'_>,
 ) -> Result<usize> {
-    let (mut levels, mut values) = (Vec::new(), Vec::new());
+    let (mut definitions, mut repetitions, mut values) = (Vec::new(), Vec::new(), Vec::new());
     let mut rows = 0;
-    loop {
-        levels.clear();
+    while rows < limit {
+        definitions.clear();
+        repetitions.clear();
         values.clear();
-        let (count, _, _) =
-            reader.read_records(BATCH, Some(&mut levels), None, &mut values).map_err(damaged)?;
+        let batch = BATCH.min(limit - rows);
+        let (count, _, levels) = reader
+            .read_records(batch, Some(&mut definitions), Some(&mut repetitions), &mut values)
+            .map_err(damaged)?;
         if count == 0 {
-            return Ok(rows);
+            break;
         }
-        // Without nulls, a required column has no levels.
-        let deepest = levels.iter().copied().max().unwrap_or(0);
         let mut found = values.iter();
-        let has_nulls = values.len() < count;
-        for row in 0..count {
-            let is_value = !has_nulls || (!values.is_empty() && levels.get(row) == Some(&deepest));
-            let next = if is_value { found.next() } else { None };
-            sink.push(next.map_or(Cell::Missing, &cell), before + (rows + row) as u64 + 1)?;
+        let (mut row, mut element) = (rows, 0);
+        for level in 0..levels {
+            // Without lists and without optional groups, a column has no levels.
+            let continues = repetitions.get(level).is_some_and(|repetition| *repetition > 0);
+            element = if continues { element + 1 } else { 0 };
+            row += usize::from(!continues && level > 0);
+            let is_present = definitions.get(level).is_none_or(|definition| *definition == leaf.present);
+            let next = if is_present { found.next() } else { None };
+            each(row, element, next.map_or(Cell::Missing, &cell))?;
         }
         rows += count;
     }
+    Ok(rows)
 }
 
 fn damaged(error: ParquetError) -> LogError {
     match error {
         ParquetError::NYI(message) | ParquetError::General(message) if message.contains("feature") => {
             content(format!(
-                "the file has a compression that this program lacks: {message}; write it with Snappy"
+                "the file has a compression that this program lacks: {message}; write it with Snappy or Zstd"
             ))
         }
         error => damaged_text(&error.to_string()),

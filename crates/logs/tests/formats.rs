@@ -80,7 +80,10 @@ fn floats(values: &[f64]) -> Vec<u8> {
 }
 
 #[cfg(feature = "parquet")]
-fn parquet(path: &Path, times: &[f64], d: &[Option<f64>]) {
+const SNAPPY: parquet::basic::Compression = parquet::basic::Compression::SNAPPY;
+
+#[cfg(feature = "parquet")]
+fn parquet(path: &Path, compression: parquet::basic::Compression, times: &[f64], d: &[Option<f64>]) {
     use std::sync::Arc;
 
     use parquet::data_type::DoubleType;
@@ -93,7 +96,7 @@ fn parquet(path: &Path, times: &[f64], d: &[Option<f64>]) {
     )
     .expect("a schema");
     let file = std::fs::File::create(path).expect("a file");
-    let properties = WriterProperties::builder().set_compression(parquet::basic::Compression::SNAPPY).build();
+    let properties = WriterProperties::builder().set_compression(compression).build();
     let mut writer =
         SerializedFileWriter::new(file, Arc::new(schema), Arc::new(properties)).expect("a writer");
     let half = times.len() / 2;
@@ -143,7 +146,7 @@ fn a_log_in_all_formats_gives_the_same_samples() {
     if cfg!(feature = "parquet") {
         files.push(folder.path().join("a.parquet"));
         #[cfg(feature = "parquet")]
-        parquet(&files[files.len() - 1], &times, &d.iter().map(|d| Some(*d)).collect::<Vec<_>>());
+        parquet(&files[files.len() - 1], SNAPPY, &times, &d.iter().map(|d| Some(*d)).collect::<Vec<_>>());
     }
     for path in files {
         let found =
@@ -188,7 +191,7 @@ fn nulls_of_parquet_are_missing_values() {
     use mishandle_logs::Missing;
     let folder = tempfile::tempdir().expect("a scratch folder");
     let path = folder.path().join("a.parquet");
-    parquet(&path, &[0.0, 1.0, 2.0, 3.0], &[Some(1.0), None, None, Some(4.0)]);
+    parquet(&path, SNAPPY, &[0.0, 1.0, 2.0, 3.0], &[Some(1.0), None, None, Some(4.0)]);
     let error = open(&path, &["pose/d"], &Options::default()).expect_err("nulls");
     assert!(error.to_string().starts_with("row 2: `pose/d` is ``"), "{error}");
     let hold = Options { missing: Missing::Hold, ..Options::default() };
@@ -210,7 +213,7 @@ fn damaged_and_hostile_files_end_with_a_message() {
     #[cfg(feature = "parquet")]
     {
         let path = folder.path().join("whole.parquet");
-        parquet(&path, &[0.0, 1.0, 2.0], &[Some(1.0), None, Some(2.0)]);
+        parquet(&path, SNAPPY, &[0.0, 1.0, 2.0], &[Some(1.0), None, Some(2.0)]);
         whole.push(("parquet", std::fs::read(path).expect("written above")));
     }
     for (ending, bytes) in whole {
@@ -277,4 +280,79 @@ fn files_are_topics_of_one_log() {
         error.to_string().contains("the topics `arm` and `late` have different times; pass --resample"),
         "{error}"
     );
+}
+
+#[test]
+fn files_that_the_tools_of_users_wrote_give_the_samples_that_they_were_given() {
+    let data = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data");
+    let mut files: Vec<_> =
+        std::fs::read_dir(&data).expect("files").map(|entry| entry.expect("a file").path()).collect();
+    let is_log = |path: &PathBuf| path.extension().is_some_and(|ending| ending != "py");
+    files.retain(|path| is_log(path) && (cfg!(feature = "parquet") || path.extension().is_none_or(|ending| ending != "parquet")));
+    files.sort();
+    assert!(files.len() >= 9, "{files:?}");
+    for path in files {
+        let name = path.file_name().expect("a name").to_string_lossy().into_owned();
+        let has_lists =
+            ["polars", "pyarrow", "numpy.npz", "numpy_c"].iter().any(|tool| name.starts_with(tool));
+        let signals: &[&str] = if has_lists { &["force", "q[1]", "q[0]"] } else { &["force"] };
+        let found =
+            open(&path, signals, &Options::default()).unwrap_or_else(|error| panic!("{name}: {error}"));
+        let Signals::Even { trace, period: Some(period), .. } = found.signals else { panic!("{name}") };
+        assert!((period - 0.1).abs() < 1e-12, "{name}: {period}");
+        assert_eq!(trace.signal("force").expect("read"), [0.5, 1.5, 2.5, 1.0], "{name}");
+        if has_lists {
+            assert_eq!(trace.signal("q[0]").expect("read"), [1.0, 2.0, 3.0, 4.0], "{name}");
+            assert_eq!(trace.signal("q[1]").expect("read"), [-1.0, -2.0, -3.0, -4.0], "{name}");
+        }
+        if name.starts_with("pyarrow") {
+            open(&path, &["pose/position/x"], &Options::default())
+                .unwrap_or_else(|error| panic!("{name}: {error}"));
+        }
+    }
+}
+
+#[cfg(feature = "parquet")]
+#[test]
+fn lists_of_other_lengths_have_missing_elements() {
+    use std::sync::Arc;
+
+    use mishandle_logs::Missing;
+    use parquet::data_type::{DoubleType, Int64Type};
+    use parquet::file::writer::SerializedFileWriter;
+    use parquet::schema::parser::parse_message_type;
+
+    let folder = tempfile::tempdir().expect("a scratch folder");
+    let path = folder.path().join("a.parquet");
+    let schema = "message log { required int64 n; optional group q (LIST) { repeated group list { optional double element; } } }";
+    let schema = parse_message_type(schema).expect("a schema");
+    let file = std::fs::File::create(&path).expect("a file");
+    let mut writer = SerializedFileWriter::new(file, Arc::new(schema), Arc::default()).expect("a writer");
+    let mut group = writer.next_row_group().expect("a group");
+    let mut column = group.next_column().expect("n").expect("n");
+    column.typed::<Int64Type>().write_batch(&[1, 2, 3, 4, 5], None, None).expect("values");
+    column.close().expect("n");
+    let mut column = group.next_column().expect("q").expect("q");
+    // [1, 2], [], null, [3], [null, 4]
+    let (definitions, repetitions) = ([3, 3, 1, 0, 3, 2, 3], [0, 1, 0, 0, 0, 0, 1]);
+    let values = [1.0, 2.0, 3.0, 4.0];
+    column
+        .typed::<DoubleType>()
+        .write_batch(&values, Some(&definitions), Some(&repetitions))
+        .expect("values");
+    column.close().expect("q");
+    group.close().expect("a group");
+    writer.close().expect("a file");
+    let hold = Options { missing: Missing::Hold, ..Options::default() };
+    let found = open(&path, &["n", "q[0]"], &hold).expect("held");
+    assert_eq!(found.missing, 3);
+    let Signals::Even { trace, .. } = found.signals else { panic!("even") };
+    assert_eq!(trace.signal("q[0]").expect("read"), [1.0, 1.0, 1.0, 3.0, 3.0]);
+    let drop = Options { missing: Missing::Drop, ..Options::default() };
+    let found = open(&path, &["n", "q[1]"], &drop).expect("dropped");
+    let Signals::Even { trace, .. } = found.signals else { panic!("even") };
+    assert_eq!(trace.signal("n").expect("read"), [1.0, 5.0]);
+    assert_eq!(trace.signal("q[1]").expect("read"), [2.0, 4.0]);
+    let error = open(&path, &["q[2]"], &Options::default()).expect_err("two elements");
+    assert!(error.to_string().contains("q[2]"), "{error}");
 }
