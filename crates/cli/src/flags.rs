@@ -10,7 +10,7 @@ mod subject;
 
 use std::ops::RangeInclusive;
 
-pub use log::LogFlags;
+pub use log::{FollowFlags, LogFlags};
 pub use plan::plan;
 pub use recorded::{Recorded, TraceFile, check_flags, is_file};
 pub use run::{OpenRun, Run};

@@ -1,3 +1,5 @@
+mod follow;
+
 use std::path::PathBuf;
 
 use anyhow::{Context, Result, ensure};
@@ -7,7 +9,7 @@ use mishandle_logs::Evaluation;
 use mishandle_text::plural;
 
 use crate::exit_status::ExitStatus;
-use crate::flags::{self, LogFlags};
+use crate::flags::{self, FollowFlags, LogFlags};
 use crate::run::logs::{self, Requirement};
 use crate::show::{log_verdicts, output};
 
@@ -65,6 +67,11 @@ pub struct Arguments {
     /// With --json: print the robustness at each sample
     #[arg(long, requires = "json")]
     pub values: bool,
+    /// Read a log that is still written and print changes as JSON lines; ends with the verdict
+    #[arg(long, conflicts_with_all = ["json", "values", "junit", "markdown", "dense"])]
+    pub follow: bool,
+    #[command(flatten)]
+    pub following: FollowFlags,
     /// File to create with the verdicts as JUnit XML
     #[arg(long, value_name = "FILE")]
     pub junit: Option<PathBuf>,
@@ -90,6 +97,13 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
         }
     }
     let formulas = logs::formulas(&requirements, &sources[0], &options)?;
+    if command.follow {
+        ensure!(sources.len() == 1, "--follow reads one log; --topic NAME=FILE reads several files as one");
+        let following = command.following.following();
+        let requested =
+            follow::Requested { requirements: &requirements, formulas: &formulas, options: &options };
+        return follow::run(&sources[0], &requested, following, command);
+    }
     let (mut verdicts, mut values) = (Vec::new(), None);
     for source in &sources {
         let log = logs::read(source, &formulas, &options)?;
