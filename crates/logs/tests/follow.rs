@@ -233,7 +233,7 @@ fn options(random: &mut Random) -> Options {
     let is_even = sampling == Sampling::Even;
     Options {
         sampling,
-        period: (!is_even).then(|| random.of(&[0.1, 0.03, 0.25])),
+        period: (!is_even).then(|| random.of(&[0.1, 0.0335, 0.25])),
         tolerance: (!is_even && random.below(3) == 0).then(|| random.of(&[0.2, 0.35])),
         missing: random.of(&[Missing::Error, Missing::Hold, Missing::Drop]),
         duplicates: random.of(&[Duplicates::Error, Duplicates::First, Duplicates::Last]),

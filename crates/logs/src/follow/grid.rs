@@ -99,7 +99,9 @@ impl Grid {
                 Interpolation::Hold => clock.min(latest),
                 Interpolation::Linear => clock,
             };
-            if !(time + slack <= known) {
+            // A row from the grid time on, and no other one is so near to it: they differ by the last
+            // digit at least, which is more than the slack.
+            if known < time {
                 return Ok(None);
             }
         }
