@@ -11,6 +11,7 @@ pub mod counterexample;
 pub mod csv;
 pub mod curve;
 pub mod formula;
+pub mod log;
 pub mod mjcf;
 pub mod monitor;
 pub mod onnx;
@@ -26,13 +27,14 @@ pub mod trace_blob;
 type Seeds = fn() -> Vec<Vec<u8>>;
 
 /// The seeds of every target, by its name.
-pub const SEEDS: [(&str, Seeds); 14] = [
+pub const SEEDS: [(&str, Seeds); 15] = [
     ("checkpoint", checkpoint::seeds),
     ("controller", controller::seeds),
     ("counterexample", counterexample::seeds),
     ("csv", csv::seeds),
     ("curve", curve::seeds),
     ("formula", formula::seeds),
+    ("log", log::seeds),
     ("mjcf", mjcf::seeds),
     ("monitor", monitor::seeds),
     ("onnx", onnx::seeds),

@@ -380,6 +380,50 @@ class Monitor:
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
+class FirstViolation:
+    """The first violation of a part of a formula."""
+
+    formula: str
+    """The part."""
+    sample: int
+    """Its sample, from 0."""
+    time: float | None
+    """Its time in seconds; ``None`` if the log has no times and no period."""
+    robustness: float
+    """The robustness of the part there."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class MonitorChange:
+    """A line of ``monitor --follow``: what the samples so far say about a formula."""
+
+    event: str
+    """``verdict``: no continuation changes the verdict. ``end``: the samples have ended before
+    that, and the verdict is that of ``monitor`` without ``--follow``. ``interrupted``: a signal
+    ended the command. ``bounds``, with ``--bounds``: the bounds have changed."""
+    name: str | None
+    """Name of the requirement; ``None`` for that of ``--formula``."""
+    samples: int
+    """Number of samples so far."""
+    time: float | None
+    """Time of the last sample in seconds; ``None`` if the log has no times and no period."""
+    origin_ns: int | None
+    """Instant of 0 s in nanoseconds, if times are differences from it; ``None`` if they are
+    those of the log."""
+    low: float
+    """The least robustness at time 0 over all continuations."""
+    high: float
+    """The greatest robustness at time 0 over all continuations. With ``end``, it is ``low``."""
+    violated: bool | None
+    """Whether the formula is violated; ``None`` as long as this is not certain."""
+    violation: FirstViolation | None
+    """The first violation of a part of the formula that is known; ``None`` if the formula is not
+    violated, and if none is known. Parts are the operands of ``and`` below ``always``."""
+    cuts_windows: bool
+    """With ``end``: whether the robustness depends on a window that is cut."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
 class AxisFacts:
     """An axis of a scenario space."""
 

@@ -11,7 +11,7 @@ mod subject;
 
 use std::ops::RangeInclusive;
 
-pub use log::LogFlags;
+pub use log::{FollowFlags, LogFlags};
 pub use log_question::{LogQuestion, Logs, OF_LOGS};
 pub use plan::plan;
 pub use recorded::{Recorded, TraceFile, check_flags, is_file};

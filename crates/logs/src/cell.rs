@@ -161,6 +161,10 @@ impl TimeColumn {
         }
     }
 
+    pub(crate) fn name(&self) -> &str {
+        &self.name
+    }
+
     pub(crate) fn finish(self) -> Times {
         self.times
     }
@@ -367,11 +371,61 @@ impl TopicColumn {
 }
 
 /// The columns of a table that somebody reads, and where its rows are.
-#[derive(Debug)]
 pub(crate) struct Sinks {
     /// The index of each column in the file, and what it is read as.
     pub(crate) columns: Vec<(usize, Sink)>,
     pub(crate) places: Places,
+    /// Takes each row as soon as it is read; without it, the columns keep all rows.
+    pub(crate) each: Option<Box<dyn FnMut(Row) -> Result<()>>>,
+}
+
+/// A row that was read.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) struct Row {
+    /// Its number, as the places of its file count.
+    pub(crate) number: u64,
+    /// The topic that a column names.
+    pub(crate) topic: Option<String>,
+    /// The time, if the file has times.
+    pub(crate) time: Option<RowTime>,
+    /// The values in the order of the columns; NaN where one is missing.
+    pub(crate) values: Vec<f64>,
+}
+
+/// The time of a row.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct RowTime {
+    /// In seconds since the origin of its file; NaN if it is missing.
+    pub(crate) secs: f64,
+    /// The instant of 0 s in attoseconds, if times are differences from it.
+    pub(crate) origin: Option<i128>,
+    /// Largest error by rounding, as the times of the file show so far.
+    pub(crate) rounding: f64,
+}
+
+impl Sinks {
+    pub(crate) fn new(counted: Counted) -> Sinks {
+        Sinks { columns: Vec::new(), places: Places::new(counted), each: None }
+    }
+
+    /// States that each column has a cell of row `number`.
+    pub(crate) fn end_row(&mut self, number: u64) -> Result<()> {
+        let Some(each) = &mut self.each else {
+            self.places.push(number);
+            return Ok(());
+        };
+        let mut row = Row { number, topic: None, time: None, values: Vec::with_capacity(self.columns.len()) };
+        for (_, sink) in &mut self.columns {
+            match sink {
+                Sink::Values(column) => row.values.extend(column.values.pop()),
+                Sink::Times(column) => row.time = column.times.pop(),
+                Sink::Topics(column) => {
+                    row.topic = column.rows.pop().map(|topic| column.topics[topic as usize].clone());
+                }
+            }
+        }
+        each(row)
+    }
 }
 
 /// A column that collects cells.

@@ -196,7 +196,7 @@ impl Table for CsvTable {
                 let text = String::from_utf8_lossy(cell);
                 sink.push(Cell::Text(decimals.read(&text, line)?), line)?;
             }
-            sinks.places.push(line);
+            sinks.end_row(line)?;
         }
         self.check_blank(self.position(), next_line)
     }

@@ -1,6 +1,5 @@
 //! The format of a file: by its first bytes, then by the ending of its name.
 
-use std::fs::File;
 use std::io::{self, Read};
 use std::path::Path;
 
@@ -10,15 +9,18 @@ use crate::error::{Result, content};
 use crate::options::Format;
 
 /// Returns the format of a file, and a reader from its start.
-pub(crate) fn of(path: &Path, mut file: File, stated: Option<Format>) -> Result<(Format, Box<dyn Read>)> {
-    if path.is_dir() {
-        return match path.join("metadata.yaml").is_file() {
-            true => Err(in_python(path, "a folder of rosbag2")),
-            false => Err(content("expected a file, found a folder")),
-        };
-    }
+pub(crate) fn of(
+    path: &Path,
+    mut file: impl Read + 'static,
+    stated: Option<Format>,
+) -> Result<(Format, Box<dyn Read>)> {
     let mut first = Vec::new();
-    file.by_ref().take(16).read_to_end(&mut first)?;
+    // No format has a line break where it is told, and a pipe may have no more yet.
+    while first.len() < 16 && !first.contains(&b'\n') {
+        if file.by_ref().take(1).read_to_end(&mut first)? == 0 {
+            break;
+        }
+    }
     let found = format(path, &first, stated);
     Ok((found?, Box::new(io::Cursor::new(first).chain(file))))
 }
@@ -48,6 +50,14 @@ fn format(path: &Path, first: &[u8], stated: Option<Format>) -> Result<Format> {
         "csv" | "tsv" | "txt" | "dat" | "log" => Ok(Format::Csv),
         _ if first.trim_ascii_start().starts_with(b"{") => Ok(Format::JsonLines),
         _ => Ok(Format::Csv),
+    }
+}
+
+/// Returns the error for a folder.
+pub(crate) fn of_folder(path: &Path) -> crate::LogError {
+    match path.join("metadata.yaml").is_file() {
+        true => in_python(path, "a folder of rosbag2"),
+        false => content("expected a file, found a folder"),
     }
 }
 

@@ -17,11 +17,19 @@ use crate::table::Table;
 const MAX_LINE: u64 = 16 << 20;
 
 /// The lines whose fields are the columns: this many lines, of this many bytes.
-const HEAD_LINES: usize = 1000;
+pub(crate) const HEAD_LINES: usize = 1000;
 const HEAD_BYTES: usize = 4 << 20;
 
 /// Largest number of columns.
 const MAX_NAMES: usize = 1_000_000;
+
+/// The columns of a file.
+pub(crate) struct JsonHead<'a> {
+    /// The fields of this many lines, without blank ones.
+    pub(crate) lines: usize,
+    /// Fields that only later lines can have.
+    pub(crate) more: &'a [String],
+}
 
 /// A file of JSON lines whose first lines were read.
 pub(crate) struct JsonTable {
@@ -32,13 +40,15 @@ pub(crate) struct JsonTable {
 
 impl JsonTable {
     /// Reads the first lines, whose fields are the columns.
-    pub(crate) fn open(source: Box<dyn Read>) -> Result<JsonTable> {
+    pub(crate) fn open(source: Box<dyn Read>, of: &JsonHead<'_>) -> Result<JsonTable> {
         let mut source = BufReader::new(source);
         let mut known = Names::default();
         let (mut head, mut bytes) = (Vec::new(), 0);
-        while head.len() < HEAD_LINES && bytes < HEAD_BYTES {
+        let mut read = 0;
+        while read < of.lines && bytes < HEAD_BYTES {
             let Some(line) = next_line(&mut source, head.len())? else { break };
             bytes += line.len();
+            read += usize::from(!line.trim_ascii().is_empty());
             read_line(&line, head.len() as u64 + 1, &mut known)?;
             head.push(line);
         }
@@ -46,6 +56,9 @@ impl JsonTable {
             return Err(content(
                 "the file has no fields; each line must be a JSON object such as {\"time\": 0.1, \"d\": 2}",
             ));
+        }
+        for name in of.more {
+            known.add(name);
         }
         Ok(JsonTable { source, head, names: known.list })
     }
@@ -94,7 +107,7 @@ impl Table for JsonTable {
                 let cell = row.cells[*slot].as_ref().map_or(Cell::Missing, Leaf::cell);
                 sink.push(cell, number as u64)?;
             }
-            sinks.places.push(number as u64);
+            sinks.end_row(number as u64)?;
         }
     }
 }
@@ -165,12 +178,18 @@ struct Names {
     known: std::collections::HashSet<String>,
 }
 
-impl Leaves for Names {
-    fn take(&mut self, path: &str, _: &dyn Fn() -> Leaf) {
+impl Names {
+    fn add(&mut self, path: &str) {
         if self.list.len() < MAX_NAMES && !self.known.contains(path) {
             self.known.insert(path.to_owned());
             self.list.push(path.to_owned());
         }
+    }
+}
+
+impl Leaves for Names {
+    fn take(&mut self, path: &str, _: &dyn Fn() -> Leaf) {
+        self.add(path);
     }
 }
 
@@ -281,13 +300,16 @@ impl<'de> Visitor<'de> for Node<'_> {
 mod tests {
     use super::*;
 
+    const HEAD: JsonHead<'_> = JsonHead { lines: HEAD_LINES, more: &[] };
+
     fn names(text: &str) -> Vec<String> {
-        JsonTable::open(Box::new(std::io::Cursor::new(text.to_owned()))).expect("JSON lines").names
+        JsonTable::open(Box::new(std::io::Cursor::new(text.to_owned())), &HEAD).expect("JSON lines").names
     }
 
     #[track_caller]
     fn refuses(text: &str, message: &str) {
-        let error = JsonTable::open(Box::new(std::io::Cursor::new(text.to_owned()))).err().expect("an error");
+        let error =
+            JsonTable::open(Box::new(std::io::Cursor::new(text.to_owned())), &HEAD).err().expect("an error");
         assert!(error.to_string().contains(message), "{text}: {error}");
     }
 

@@ -7,6 +7,8 @@
 //!   time.
 //! - [`Samples::verdict`] evaluates a formula: the robustness, when which part is violated, and the
 //!   decisive predicate.
+//! - [`Follow`] reads a log that is still written, sample by sample, and [`Watch`] says what the
+//!   samples so far decide (`follow`).
 //! - [`Options`] are the choices on this way. A choice that nobody stated is never guessed: the
 //!   error names its flag, see [`LogError::flag`].
 //! - [`Times`] keeps times exact, and finds the period of even ones, however they are rounded.
@@ -30,6 +32,7 @@ mod curve;
 mod date;
 mod decimal;
 mod error;
+mod follow;
 mod format;
 mod json_lines;
 mod log;
@@ -45,6 +48,7 @@ mod verdict;
 
 pub use date::offset as utc_offset;
 pub use error::{LogError, Result};
+pub use follow::{Answer, Follow, Following, Next, Violated, Watch, Watched};
 pub use log::{Column, Log, OpenLog, Source, Topic};
 pub use mishandle_stl::{DenseSignal, Interpolation};
 pub use options::{Duplicates, Format, Missing, Options, Sampling, Unit};

@@ -11,7 +11,7 @@ use crate::cell::{Sink, Sinks, TimeColumn, TopicColumn, ValueColumn};
 use crate::csv::CsvTable;
 use crate::error::{LogError, Result, content, undecided};
 use crate::format;
-use crate::json_lines::JsonTable;
+use crate::json_lines::{HEAD_LINES, JsonHead, JsonTable};
 use crate::numpy::NumpyTable;
 use crate::options::{Format, Missing, Options};
 use crate::place::Places;
@@ -90,7 +90,12 @@ impl OpenLog {
         options.check()?;
         let (mut tables, mut names) = (Vec::new(), Vec::new());
         for Source { topic, path } in sources {
-            let table = open_table(path, options).map_err(|error| match error {
+            let plain = |input: Input| match input {
+                Input::Stdin => Box::new(io::stdin()) as Box<dyn Read>,
+                Input::File(file) => Box::new(file),
+            };
+            let head = JsonHead { lines: HEAD_LINES, more: &[] };
+            let table = open_table(path, options, &head, plain).map_err(|error| match error {
                 // Several files need their names.
                 LogError::Content(message) if sources.len() > 1 => {
                     content(format!("{}: {message}", path.display()))
@@ -101,6 +106,19 @@ impl OpenLog {
             tables.push((topic.clone(), table));
         }
         Ok(OpenLog { tables, names, options: options.clone() })
+    }
+
+    /// Opens a file whose rows are handed out as they come.
+    pub(crate) fn open_live(
+        source: &Source,
+        options: &Options,
+        head: &JsonHead<'_>,
+        wrapped: impl FnOnce(Input) -> Box<dyn Read>,
+    ) -> Result<OpenLog> {
+        let table = open_table(&source.path, options, head, wrapped)?;
+        let topic = source.topic.clone();
+        let names = table.names().iter().map(|name| full_name(topic.as_deref(), name)).collect();
+        Ok(OpenLog { tables: vec![(topic, table)], names, options: options.clone() })
     }
 
     /// Opens a log in CSV from memory or a pipe.
@@ -140,13 +158,9 @@ impl OpenLog {
         }
         for signal in formula.signals() {
             if self.place_of(signal)?.is_none()
-                && let Some(column) = self.tables.iter().find_map(|(_, table)| table.foreign())
+                && let Some(column) = self.foreign()
             {
-                return Err(content(format!(
-                    "no column is named `{}`, and the name of column {} is not UTF-8 text; save the file as UTF-8",
-                    visible(signal),
-                    column + 1
-                )));
+                return Err(not_utf8(signal, column));
             }
         }
         // Errors about signals and definitions, with the names of all columns.
@@ -154,8 +168,13 @@ impl OpenLog {
         Ok(())
     }
 
+    /// Returns the first column whose name is not UTF-8.
+    pub(crate) fn foreign(&self) -> Option<usize> {
+        self.tables.iter().find_map(|(_, table)| table.foreign())
+    }
+
     /// Returns the table and the column of a signal.
-    fn place_of(&self, signal: &str) -> Result<Option<(usize, usize)>> {
+    pub(crate) fn place_of(&self, signal: &str) -> Result<Option<(usize, usize)>> {
         let mut found = None;
         for (index, (topic, table)) in self.tables.iter().enumerate() {
             let name = match topic {
@@ -202,28 +221,9 @@ impl OpenLog {
         let is_read = |index: usize| !columns[index].is_empty() || (signals.is_empty() && index == 0);
         let mut topics = Vec::new();
         for (index, requested) in columns.iter().enumerate().filter(|(index, _)| is_read(*index)) {
-            let table = self.tables[index].1.as_ref();
-            let (counted, known) = (table.counted(), table.known_time());
-            let time = self.time_column(table)?;
-            let mut sinks = Sinks { columns: Vec::new(), places: Places::new(counted) };
-            for (column, signal) in requested {
-                let values = ValueColumn::new(signal, &self.options, counted);
-                sinks.columns.push((*column, Sink::Values(values)));
-            }
-            if let Some(column) = time {
-                let unit = known.filter(|(known, _)| *known == column).map(|(_, unit)| unit);
-                let times = TimeColumn::new(&table.names()[column], unit, &self.options, counted);
-                sinks.columns.push((column, Sink::Times(times)));
-            }
-            // Rows are counted by a column, so one is read at least.
-            if sinks.columns.is_empty() {
-                let options = Options { missing: Missing::Hold, ..Options::default() };
-                sinks.columns.push((0, Sink::Values(ValueColumn::new("", &options, counted))));
-            }
-            let topic = std::mem::take(&mut self.tables[index].0);
-            let table = std::mem::replace(&mut self.tables[index].1, Box::new(Taken));
-            table.read(&mut sinks)?;
-            topics.push(Topic::of(topic, sinks, requested.len()));
+            let mut sinks = self.sinks(index, requested)?;
+            self.take(index).read(&mut sinks)?;
+            topics.push(Topic::of(std::mem::take(&mut self.tables[index].0), sinks, requested.len()));
         }
         if topics.iter().any(|topic| topic.places.is_empty()) {
             return Err(content("the file has a header, but no samples"));
@@ -231,34 +231,66 @@ impl OpenLog {
         Ok(Log { topics, likely_time })
     }
 
-    /// Reads signals of a log whose rows belong to the topics that a column names.
-    fn read_split(mut self, signals: &[&str], topic_column: &str) -> Result<Log> {
-        if self.tables.len() != 1 {
-            return Err(undecided("--topic-column", "--topic-column reads one file; leave out --topic"));
+    /// Returns the columns that read these signals of a table, and its times.
+    pub(crate) fn sinks(&self, index: usize, requested: &[(usize, &str)]) -> Result<Sinks> {
+        let table = self.tables[index].1.as_ref();
+        let counted = table.counted();
+        let mut sinks = Sinks::new(counted);
+        for (column, signal) in requested {
+            let values = ValueColumn::new(signal, &self.options, counted);
+            sinks.columns.push((*column, Sink::Values(values)));
         }
-        let (_, table) = self.tables.remove(0);
-        let (counted, names) = (table.counted(), table.names().to_vec());
-        let topic = named_column(table.as_ref(), topic_column, "--topic-column")?;
-        let time = self.time_column(table.as_ref())?;
+        if let Some(column) = self.time_column(table)? {
+            sinks.columns.push((column, Sink::Times(self.times(table, column))));
+        }
+        // Rows are counted by a column, so one is read at least.
+        if sinks.columns.is_empty() {
+            let options = Options { missing: Missing::Hold, ..Options::default() };
+            sinks.columns.push((0, Sink::Values(ValueColumn::new("", &options, counted))));
+        }
+        Ok(sinks)
+    }
+
+    fn times(&self, table: &dyn Table, column: usize) -> TimeColumn {
+        let unit = table.known_time().filter(|(known, _)| *known == column).map(|(_, unit)| unit);
+        TimeColumn::new(&table.names()[column], unit, &self.options, table.counted())
+    }
+
+    /// Takes a table to read its rows.
+    pub(crate) fn take(&mut self, index: usize) -> Box<dyn Table> {
+        std::mem::replace(&mut self.tables[index].1, Box::new(Taken))
+    }
+
+    /// Returns the columns of a table whose rows belong to the topics that a column names: the
+    /// topics, the times, and the columns of the signals. Other signals are those of no topic.
+    pub(crate) fn split_sinks(&self, signals: &[&str], topic_column: &str) -> Result<Sinks> {
+        let [(_, table)] = &self.tables[..] else {
+            return Err(undecided("--topic-column", "--topic-column reads one file; leave out --topic"));
+        };
+        let (table, names) = (table.as_ref(), table.names());
+        let topic = named_column(table, topic_column, "--topic-column")?;
         let is_candidate = |column: usize| {
             let ending = format!("/{}", names[column]);
             column != topic && signals.iter().any(|signal| signal.ends_with(&ending))
         };
-        let mut sinks = Sinks { columns: Vec::new(), places: Places::new(counted) };
+        let counted = table.counted();
+        let mut sinks = Sinks::new(counted);
         sinks.columns.push((topic, Sink::Topics(TopicColumn::new(&names[topic], counted))));
-        if let Some(column) = time {
-            let unit = table.known_time().filter(|(known, _)| *known == column).map(|(_, unit)| unit);
-            sinks
-                .columns
-                .push((column, Sink::Times(TimeColumn::new(&names[column], unit, &self.options, counted))));
+        if let Some(column) = self.time_column(table)? {
+            sinks.columns.push((column, Sink::Times(self.times(table, column))));
         }
         for column in (0..names.len()).filter(|column| is_candidate(*column)) {
-            sinks
-                .columns
-                .push((column, Sink::Values(ValueColumn::new(&names[column], &self.options, counted))));
+            let values = ValueColumn::new(&names[column], &self.options, counted);
+            sinks.columns.push((column, Sink::Values(values)));
         }
-        table.read(&mut sinks)?;
-        let Sinks { columns, places } = sinks;
+        Ok(sinks)
+    }
+
+    /// Reads signals of a log whose rows belong to the topics that a column names.
+    fn read_split(mut self, signals: &[&str], topic_column: &str) -> Result<Log> {
+        let mut sinks = self.split_sinks(signals, topic_column)?;
+        self.take(0).read(&mut sinks)?;
+        let Sinks { columns, places, .. } = sinks;
         let (mut topics, mut times, mut values) = (None, None, Vec::new());
         for (_, sink) in columns {
             match sink {
@@ -320,6 +352,15 @@ impl Topic {
     }
 }
 
+/// Returns the error for a signal that may be a column whose name is not UTF-8.
+pub(crate) fn not_utf8(signal: &str, column: usize) -> LogError {
+    content(format!(
+        "no column is named `{}`, and the name of column {} is not UTF-8 text; save the file as UTF-8",
+        visible(signal),
+        column + 1
+    ))
+}
+
 /// Takes the place of a table that is read.
 struct Taken;
 
@@ -337,7 +378,7 @@ impl Table for Taken {
     }
 }
 
-fn full_name(topic: Option<&str>, name: &str) -> String {
+pub(crate) fn full_name(topic: Option<&str>, name: &str) -> String {
     topic.map_or_else(|| name.to_owned(), |topic| format!("{topic}/{name}"))
 }
 
@@ -370,14 +411,28 @@ fn named_column(table: &dyn Table, name: &str, flag: &'static str) -> Result<usi
     Err(undecided(flag, message))
 }
 
-fn open_table(path: &Path, options: &Options) -> Result<Box<dyn Table>> {
+/// Where the bytes of a file come from.
+pub(crate) enum Input {
+    Stdin,
+    File(File),
+}
+
+fn open_table(
+    path: &Path,
+    options: &Options,
+    head: &JsonHead<'_>,
+    wrapped: impl FnOnce(Input) -> Box<dyn Read>,
+) -> Result<Box<dyn Table>> {
     if path.as_os_str() == "-" {
-        let source: Box<dyn Read> = Box::new(io::stdin());
+        let source = wrapped(Input::Stdin);
         return match options.format {
             None | Some(Format::Csv) => Ok(Box::new(CsvTable::open(source, options)?)),
-            Some(Format::JsonLines) => Ok(Box::new(JsonTable::open(source)?)),
+            Some(Format::JsonLines) => Ok(Box::new(JsonTable::open(source, head)?)),
             Some(Format::Numpy | Format::Parquet) => Err(content("this format needs a file, not stdin")),
         };
+    }
+    if path.is_dir() {
+        return Err(format::of_folder(path));
     }
     let file = File::open(path).map_err(|error| match path.metadata() {
         Ok(found) if !found.is_file() && !found.is_dir() => {
@@ -385,10 +440,10 @@ fn open_table(path: &Path, options: &Options) -> Result<Box<dyn Table>> {
         }
         _ => error,
     })?;
-    let (format, source) = format::of(path, file, options.format)?;
+    let (format, source) = format::of(path, wrapped(Input::File(file)), options.format)?;
     Ok(match format {
         Format::Csv => Box::new(CsvTable::open(source, options)?),
-        Format::JsonLines => Box::new(JsonTable::open(source)?),
+        Format::JsonLines => Box::new(JsonTable::open(source, head)?),
         Format::Numpy => Box::new(NumpyTable::open(path)?),
         #[cfg(feature = "parquet")]
         Format::Parquet => Box::new(crate::parquet::ParquetTable::open(path)?),

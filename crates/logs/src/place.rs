@@ -36,6 +36,10 @@ impl Places {
         self.rows += 1;
     }
 
+    pub(crate) fn counted(&self) -> Counted {
+        self.counted
+    }
+
     pub(crate) fn len(&self) -> usize {
         self.rows
     }

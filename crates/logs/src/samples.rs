@@ -1,7 +1,7 @@
 //! From the rows of a log to the samples of a formula: order, missing values, even samples,
 //! resampling and dense time.
 
-mod align;
+pub(crate) mod align;
 
 use std::sync::Arc;
 

@@ -1,5 +1,7 @@
 //! Tables: what the readers of all formats have in common.
 
+use std::io;
+
 use crate::cell::Sinks;
 use crate::error::Result;
 use crate::options::Unit;
@@ -25,4 +27,14 @@ pub(crate) trait Table {
 
     /// Reads the rows into these columns.
     fn read(self: Box<Self>, sinks: &mut Sinks) -> Result<()>;
+}
+
+/// Reads again if a signal has interrupted it.
+pub(crate) fn retried(mut read: impl FnMut() -> io::Result<usize>) -> io::Result<usize> {
+    loop {
+        match read() {
+            Err(error) if error.kind() == io::ErrorKind::Interrupted => {}
+            read => return read,
+        }
+    }
 }

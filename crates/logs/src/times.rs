@@ -13,6 +13,7 @@ use grid::Grid;
 use mishandle_text::{number_text, visible};
 use simplest::simplest;
 
+use crate::cell::RowTime;
 use crate::error::{LogError, Result, content, undecided};
 use crate::place::{Counted, Places};
 
@@ -41,6 +42,8 @@ pub struct Times {
     secs: Vec<f64>,
     /// The power of ten of the last digit of each time.
     last_digits: Vec<i16>,
+    /// The least power of ten of a last digit among the times that were removed.
+    finest: i16,
     /// Largest error of every time besides that of its last digit.
     noise: f64,
     pub(crate) places: Places,
@@ -100,6 +103,7 @@ impl Times {
             origin: None,
             secs: Vec::new(),
             last_digits: Vec::new(),
+            finest: i16::MAX,
             noise: 0.0,
             places: Places::new(counted),
         }
@@ -114,6 +118,7 @@ impl Times {
             origin: Some(i128::from(origin) * 10_i128.pow(9)),
             secs,
             last_digits: vec![-9; times.len()],
+            finest: i16::MAX,
             noise: 0.0,
             places: Places::rows(times.len()),
         }
@@ -162,6 +167,17 @@ impl Times {
         self.places.push(number);
     }
 
+    /// Removes the last time. What the digits of the times say is kept.
+    pub(crate) fn pop(&mut self) -> Option<RowTime> {
+        let (secs, last_digit) = (self.secs.pop()?, self.last_digits.pop()?);
+        self.places = Places::new(Counted::Lines);
+        if !secs.is_nan() {
+            self.finest = self.finest.min(last_digit);
+        }
+        let rounding = half_unit(self.finest.into()).max(self.noise);
+        Some(RowTime { secs, origin: self.origin, rounding })
+    }
+
     /// Returns the times in seconds.
     pub fn secs(&self) -> &[f64] {
         &self.secs
@@ -179,6 +195,7 @@ impl Times {
             origin: self.origin,
             secs: rows.iter().map(|row| self.secs[*row]).collect(),
             last_digits: rows.iter().map(|row| self.last_digits[*row]).collect(),
+            finest: self.finest,
             noise: self.noise,
             places: self.places.of(rows),
         }

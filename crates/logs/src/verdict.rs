@@ -74,7 +74,7 @@ pub struct At {
 
 /// The first and last time relative to that of a formula at which it requires a part; `None`
 /// without an end.
-type Reach = (usize, Option<usize>);
+pub(crate) type Reach = (usize, Option<usize>);
 
 impl Samples {
     /// Returns the verdict of a formula.
@@ -175,7 +175,7 @@ fn clock(
 }
 
 /// Returns the positions of the parts of a formula, and when it requires them.
-fn parts(nodes: &[SubformulaNode]) -> Vec<(usize, Reach)> {
+pub(crate) fn parts(nodes: &[SubformulaNode]) -> Vec<(usize, Reach)> {
     let mut open = vec![(0, (0, Some(0)))];
     let mut found = Vec::new();
     while let Some((position, reach)) = open.pop() {
@@ -217,19 +217,11 @@ impl Even<'_> {
         }
         let needed = monitor.needed_samples();
         if needed > self.trace.len() {
-            return Err(content(format!(
-                "the formula needs {needed} samples, but the trace has only {}; without --strict-horizon, windows are cut \
-                 at its end",
-                self.trace.len()
-            )));
+            return Err(too_short(needed, self.trace.len()));
         }
         let signal = monitor.decided_robustness_signal(self.trace)?;
         if !signal[0].is_finite() {
-            return Err(content(format!(
-                "the robustness at time 0 is {}: it depends on no sample of the trace; without --strict-horizon, empty \
-                 windows are allowed",
-                number_text(signal[0])
-            )));
+            return Err(infinite(signal[0]));
         }
         Ok(signal.to_vec())
     }
@@ -289,6 +281,23 @@ impl Even<'_> {
             false => monitor.robustness_signal(self.trace)?.to_vec(),
         })
     }
+}
+
+/// Returns the error for a log that is too short for `strict_horizon`.
+pub(crate) fn too_short(needed: usize, samples: usize) -> LogError {
+    content(format!(
+        "the formula needs {needed} samples, but the trace has only {samples}; without --strict-horizon, windows are cut \
+         at its end"
+    ))
+}
+
+/// Returns the error for a robustness that no sample decides.
+pub(crate) fn infinite(robustness: f64) -> LogError {
+    content(format!(
+        "the robustness at time 0 is {}: it depends on no sample of the trace; without --strict-horizon, empty windows \
+         are allowed",
+        number_text(robustness)
+    ))
 }
 
 /// Returns the runs of violated samples in a range.

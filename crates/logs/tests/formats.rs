@@ -288,7 +288,10 @@ fn files_that_the_tools_of_users_wrote_give_the_samples_that_they_were_given() {
     let mut files: Vec<_> =
         std::fs::read_dir(&data).expect("files").map(|entry| entry.expect("a file").path()).collect();
     let is_log = |path: &PathBuf| path.extension().is_some_and(|ending| ending != "py");
-    files.retain(|path| is_log(path) && (cfg!(feature = "parquet") || path.extension().is_none_or(|ending| ending != "parquet")));
+    files.retain(|path| {
+        is_log(path)
+            && (cfg!(feature = "parquet") || path.extension().is_none_or(|ending| ending != "parquet"))
+    });
     files.sort();
     assert!(files.len() >= 9, "{files:?}");
     for path in files {

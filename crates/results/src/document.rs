@@ -6,9 +6,9 @@ use serde::Serialize;
 
 use crate::{
     Campaign, Comparison, Controller, ControllerExport, ControllerImport, Counterexamples, Evaluation,
-    Explanation, Exports, Falsification, Hardening, LogExplanations, Margin, Masking, Monitor, ProtocolCheck,
-    Regression, Replay, Risk, RunSummary, Search, Simulation, Tables, Target, Targets, Task, Training,
-    TrainingPlan, Verification,
+    Explanation, Exports, Falsification, Hardening, LogExplanations, Margin, Masking, Monitor, MonitorChange,
+    ProtocolCheck, Regression, Replay, Risk, RunSummary, Search, Simulation, Tables, Target, Targets, Task,
+    Training, TrainingPlan, Verification,
 };
 
 /// Version of the documents. Within a version, keys are only added.
@@ -51,6 +51,7 @@ impl Document {
             Document::array::<Search>("searches"),
             Document::object::<ProtocolCheck>("protocol check"),
             Document::object::<Monitor>("monitor"),
+            Document::object::<MonitorChange>("monitor --follow"),
             Document::object::<Evaluation>("evaluate"),
             Document::object::<Falsification>("falsify"),
             Document::object::<Margin>("margin"),

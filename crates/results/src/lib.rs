@@ -76,7 +76,9 @@ pub use hardening::{
 };
 pub use margin::{CategoryMargin, Level, Margin, Norms, Witness};
 pub use modes::{Coverage, FailureMode, FirstInMode, FoundMode, Modes, UnseenModes};
-pub use monitor::{LogPredicate, LogVerdict, LogViolation, Monitor, WorstPart};
+pub use monitor::{
+    FirstViolation, LogPredicate, LogVerdict, LogViolation, Monitor, MonitorChange, WorstPart,
+};
 pub use protocol::{ProtocolCheck, ProtocolFinding};
 pub use reasons::EndReasons;
 pub use regression::{BaselineTest, Regression, RegressionTest};

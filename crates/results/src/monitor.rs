@@ -122,3 +122,45 @@ pub struct LogPredicate {
     /// Its robustness.
     pub robustness: Number,
 }
+
+/// A line of `monitor --follow`: what the samples so far say about a formula.
+#[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
+pub struct MonitorChange {
+    /// `verdict`: no continuation changes the verdict. `end`: the samples have ended before that,
+    /// and the verdict is that of `monitor` without `--follow`. `interrupted`: a signal ended the
+    /// command. `bounds`, with `--bounds`: the bounds have changed.
+    pub event: String,
+    /// Name of the requirement; `null` for that of `--formula`.
+    pub name: Option<String>,
+    /// Number of samples so far.
+    pub samples: u64,
+    /// Time of the last sample in seconds; `null` if the log has no times and no period.
+    pub time: Option<Number>,
+    /// Instant of 0 s in nanoseconds, if times are differences from it; `null` if they are those of
+    /// the log.
+    pub origin_ns: Option<i64>,
+    /// The least robustness at time 0 over all continuations.
+    pub low: Number,
+    /// The greatest robustness at time 0 over all continuations. With `end`, it is `low`.
+    pub high: Number,
+    /// Whether the formula is violated; `null` as long as this is not certain.
+    pub violated: Option<bool>,
+    /// The first violation of a part of the formula that is known; `null` if the formula is not
+    /// violated, and if none is known. Parts are the operands of `and` below `always`.
+    pub violation: Option<FirstViolation>,
+    /// With `end`: whether the robustness depends on a window that is cut.
+    pub cuts_windows: bool,
+}
+
+/// The first violation of a part of a formula.
+#[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
+pub struct FirstViolation {
+    /// The part.
+    pub formula: String,
+    /// Its sample, from 0.
+    pub sample: u64,
+    /// Its time in seconds; `null` if the log has no times and no period.
+    pub time: Option<Number>,
+    /// The robustness of the part there.
+    pub robustness: Number,
+}

@@ -69,7 +69,7 @@ pub use explain::EvaluationTime;
 pub use formula::Formula;
 pub use monitor::Monitor;
 pub use name::{spelled, unquoted};
-pub use online::{Bounds, OnlineMonitor};
+pub use online::{Bounds, CutMonitor, OnlineMonitor};
 pub use recording::Recording;
 pub use spelling::nearest;
 pub use subformula::{SubformulaMinimum, SubformulaNode};

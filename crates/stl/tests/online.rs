@@ -4,7 +4,7 @@
 #[allow(dead_code)] // this test needs a part of the reference
 mod naive;
 
-use mishandle_stl::{Bounds, Clock, Formula, Monitor, OnlineMonitor, Trace};
+use mishandle_stl::{Bounds, Clock, CutMonitor, Formula, Monitor, OnlineMonitor, Trace, is_satisfied};
 use naive::{NAMES, Random, Tree};
 use std::sync::Arc;
 
@@ -134,6 +134,45 @@ fn each_push_decides_the_value_that_the_whole_trace_has() {
         assert_eq!(bits(monitor.bounds(0)), bits(expected), "{text} on {columns:?}");
     }
     assert!(values > 10_000, "{values}");
+}
+
+/// A monitor with cut windows has, at each end, the robustness of the monitor that reads whole
+/// traces, and its bounds before are those of all ends that follow.
+#[test]
+fn cut_windows_have_the_robustness_of_the_trace_so_far() {
+    let mut random = Random(45);
+    let mut early = 0;
+    for number in 0..formulas(4000) {
+        let (_, text, columns) = case(&mut random, number);
+        let formula = Formula::parse(&text).unwrap();
+        let nodes = formula.subformula_nodes(&Clock::steps(1.0)).unwrap();
+        let sides = nodes.iter().flat_map(|node| node.sides.iter().flatten());
+        if !sides.clone().all(|side| Formula::parse(side).unwrap().is_state_predicate()) {
+            // The documentation excludes them.
+            continue;
+        }
+        let mut offline = Monitor::new(&formula, &names(), Clock::steps(1.0)).unwrap();
+        let mut online = CutMonitor::new(&[formula], &names(), Clock::steps(1.0)).unwrap();
+        let mut trace = Trace::new(names());
+        let mut known = Bounds::UNKNOWN;
+        for step in 0..columns[0].len() {
+            trace.push(&sample(&columns, step));
+            online.push(&sample(&columns, step)).unwrap();
+            let Ok(expected) = offline.robustness(&trace) else { continue };
+            let bounds = online.bounds(0);
+            known = Bounds { low: known.low.max(bounds.low), high: known.high.min(bounds.high) };
+            let shown = || format!("{text} after {} on {columns:?}: {known:?} {expected:?}", step + 1);
+            assert!(known.low <= expected && expected <= known.high, "{}", shown());
+            let verdict = known.verdict();
+            assert!(verdict.is_none_or(|verdict| verdict == is_satisfied(expected)), "{}", shown());
+            early += usize::from(verdict.is_some() && step + 1 < columns[0].len());
+            let mut ended = online.clone();
+            ended.finish().unwrap();
+            let exact = Bounds { low: expected, high: expected };
+            assert_eq!(bits(ended.bounds(0)), bits(exact), "{}: {:?}", shown(), ended.bounds(0));
+        }
+    }
+    assert!(early > 4000, "{early}");
 }
 
 /// Formulas that share parts have the values of separate monitors, also after a reset.

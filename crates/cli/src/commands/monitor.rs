@@ -1,3 +1,5 @@
+mod follow;
+
 use std::path::PathBuf;
 
 use anyhow::{Result, ensure};
@@ -6,7 +8,7 @@ use mishandle::results::{self, LogVerdict, Number, RequirementVerdict};
 use mishandle_text::plural;
 
 use crate::exit_status::ExitStatus;
-use crate::flags::LogQuestion;
+use crate::flags::{FollowFlags, LogQuestion};
 use crate::run::{log_question, logs};
 use crate::show::{log_verdicts, output};
 
@@ -49,6 +51,11 @@ pub struct Arguments {
     /// With --json: print the robustness at each sample
     #[arg(long, requires = "json")]
     pub values: bool,
+    /// Read a log that is still written and print changes as JSON lines; ends with the verdict
+    #[arg(long, conflicts_with_all = ["json", "values", "junit", "markdown", "dense"])]
+    pub follow: bool,
+    #[command(flatten)]
+    pub following: FollowFlags,
     /// File to create with the verdicts as JUnit XML
     #[arg(long, value_name = "FILE")]
     pub junit: Option<PathBuf>,
@@ -70,6 +77,11 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
         if let Some(path) = path {
             output::refuse_inputs(path, flag, inputs())?;
         }
+    }
+    if command.follow {
+        ensure!(sources.len() == 1, "--follow reads one log; --topic NAME=FILE reads several files as one");
+        let requested = log_question::requested(&command.question, &sources)?;
+        return follow::run(&sources[0], &requested, command);
     }
     let (mut verdicts, mut values) = (Vec::new(), None);
     log_question::ask(&command.question, &sources, |log, asked| {

@@ -1,17 +1,25 @@
 //! Flags that say how a log is read.
 
 use std::path::PathBuf;
+use std::time::Duration;
 
 use anyhow::{Result, bail, ensure};
 use clap::{Args, ValueEnum};
 use mishandle_logs::{
-    Duplicates, Format, Interpolation, Missing, Options, Sampling, Source, Unit, utc_offset,
+    Duplicates, Following, Format, Interpolation, Missing, Options, Sampling, Source, Unit, utc_offset,
 };
 
 use super::numbers;
 
 /// Sampling periods.
 const PERIOD: &str = "a number of seconds above 0, such as 0.1";
+
+/// Times without growth.
+const IDLE: &str = "a number of seconds from 0 to 1e9, such as 5";
+
+fn is_idle(secs: f64) -> bool {
+    (0.0..=1e9).contains(&secs)
+}
 
 fn is_period(secs: f64) -> bool {
     secs > 0.0 && secs.is_finite()
@@ -67,6 +75,31 @@ pub struct LogFlags {
     /// Decimal point or comma of a CSV file [default: as its numbers show]
     #[arg(long, value_name = "CHOICE")]
     pub decimal: Option<DecimalFlag>,
+}
+
+/// The choices for a log that is still written.
+#[derive(Clone, Debug, Args)]
+#[command(next_help_heading = "Following a log")]
+pub struct FollowFlags {
+    /// Print the bounds of the robustness whenever they change, not only the verdict
+    #[arg(long, requires = "follow")]
+    pub bounds: bool,
+    /// Go on after a violation until every formula has a verdict
+    #[arg(long, requires = "follow")]
+    pub keep_going: bool,
+    /// Seconds of the log by which a row can come too late [default: samples wait for all topics]
+    #[arg(long, requires = "follow", value_name = "SECONDS", allow_negative_numbers = true, value_parser = numbers::number(PERIOD, is_period))]
+    pub lateness: Option<f64>,
+    /// Seconds without growth after which a file is complete [default: it never is]
+    #[arg(long, requires = "follow", value_name = "SECONDS", allow_negative_numbers = true, value_parser = numbers::number(IDLE, is_idle))]
+    pub idle: Option<f64>,
+}
+
+impl FollowFlags {
+    /// Returns the choices.
+    pub fn following(&self) -> Following {
+        Following { lateness: self.lateness, idle: self.idle.map(Duration::from_secs_f64) }
+    }
 }
 
 #[derive(Clone, Copy, Debug, ValueEnum)]

@@ -3,7 +3,8 @@
 use std::path::PathBuf;
 
 use anyhow::{Context, Result, ensure};
-use mishandle_logs::Source;
+use mishandle::stl::Formula;
+use mishandle_logs::{Options, Source};
 
 use super::logs::{self, Asked, ReadLog, Requirement};
 use crate::flags::LogQuestion;
@@ -15,15 +16,29 @@ pub fn sources(question: &LogQuestion, paths: &[PathBuf]) -> Result<Vec<Vec<Sour
     Ok(sources)
 }
 
+/// Formulas that are asked of logs, and how these are read.
+pub struct Requested {
+    pub requirements: Vec<Requirement>,
+    /// The formula of each requirement.
+    pub formulas: Vec<Formula>,
+    pub options: Options,
+}
+
+/// Parses the formulas of all flags; an error may have a hint about the first log.
+pub fn requested(question: &LogQuestion, sources: &[Vec<Source>]) -> Result<Requested> {
+    let requirements = requirements(question)?;
+    let options = question.log.options();
+    let formulas = logs::formulas(&requirements, &sources[0], &options)?;
+    Ok(Requested { requirements, formulas, options })
+}
+
 /// Reads each log and gives its verdicts to `each`, in the order of the flags.
 pub fn ask(
     question: &LogQuestion,
     sources: &[Vec<Source>],
     mut each: impl FnMut(&ReadLog, Vec<Asked>) -> Result<()>,
 ) -> Result<()> {
-    let requirements = requirements(question)?;
-    let options = question.log.options();
-    let formulas = logs::formulas(&requirements, &sources[0], &options)?;
+    let Requested { requirements, formulas, options } = requested(question, sources)?;
     for source in sources {
         let log = logs::read(source, &formulas, &options)?;
         let asked = requirements.iter().zip(&formulas).map(|(requirement, formula)| {

@@ -71,6 +71,19 @@ impl Formatter for EscapedJson {
     }
 }
 
+/// As [`EscapedJson`], on one line.
+pub struct EscapedLine;
+
+impl Formatter for EscapedLine {
+    fn write_string_fragment<W: Write + ?Sized>(
+        &mut self,
+        out: &mut W,
+        fragment: &str,
+    ) -> std::io::Result<()> {
+        out.write_all(escaped(fragment, |_| false, unicode).as_bytes())
+    }
+}
+
 fn unicode(c: char, out: &mut String) {
     let mut units = [0; 2];
     for unit in c.encode_utf16(&mut units) {

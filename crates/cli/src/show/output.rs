@@ -15,7 +15,7 @@ use mishandle::stl::{Formula, MonitorError, spelled};
 use serde::Serialize;
 use serde_json::Serializer;
 
-use super::escape::EscapedJson;
+use super::escape::{EscapedJson, EscapedLine};
 use super::{escape, formula_error};
 
 /// Prints a line to stdout.
@@ -31,6 +31,18 @@ fn print(escaped: &str) -> Result<()> {
 /// Prints a result as a JSON document, whose first key is its version.
 pub fn json(result: &impl Serialize) -> Result<()> {
     print_json(&Versioned::new(result))
+}
+
+/// Prints a result as a JSON document on one line, which a reader has at once.
+pub fn json_line(result: &impl Serialize) -> Result<()> {
+    let mut text = Vec::new();
+    let mut serializer = Serializer::with_formatter(&mut text, EscapedLine);
+    Versioned::new(result).serialize(&mut serializer)?;
+    text.push(b'\n');
+    let mut out = std::io::stdout().lock();
+    out.write_all(&text)?;
+    out.flush()?;
+    Ok(())
 }
 
 /// Prints results as a JSON array. Each of them has its version as the first key.

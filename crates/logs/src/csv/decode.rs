@@ -2,6 +2,8 @@
 
 use std::io::{self, Read};
 
+use crate::table::retried;
+
 /// Removes a byte order mark and converts UTF-16, which Excel writes as "Unicode text", to UTF-8.
 pub(super) fn utf8(mut source: Box<dyn Read>) -> io::Result<Box<dyn Read>> {
     let mut first = Vec::new();
@@ -31,14 +33,18 @@ struct Utf16<R> {
 }
 
 /// Number of bytes that are converted at once.
-const BLOCK: u64 = 8192;
+const BLOCK: usize = 8192;
 
 impl<R: Read> Utf16<R> {
     fn fill(&mut self) -> io::Result<()> {
         self.out.clear();
         self.given = 0;
-        let mut block = Vec::new();
-        self.source.by_ref().take(BLOCK).read_to_end(&mut block)?;
+        let mut block = vec![0; BLOCK];
+        let read = retried(|| self.source.read(&mut block))?;
+        block.truncate(read);
+        if !read.is_multiple_of(2) {
+            self.source.by_ref().take(1).read_to_end(&mut block)?;
+        }
         let is_end = block.is_empty();
         let units = block.chunks(2).map(|pair| match *pair {
             [a, b] if self.is_big => u16::from_be_bytes([a, b]),

@@ -6,6 +6,7 @@ use mishandle_text::{plural, visible};
 
 use crate::error::{Result, content, undecided};
 use crate::options::Options;
+use crate::table::retried;
 
 /// Largest size of a row in bytes. A row of 80,000 numbers with all their digits has 2 MB.
 pub(super) const MAX_ROW: usize = 16 << 20;
@@ -14,7 +15,7 @@ pub(super) const MAX_ROW: usize = 16 << 20;
 const DELIMITERS: [char; 3] = [',', ';', '\t'];
 
 /// Number of bytes that are read at once.
-const BLOCK: u64 = 1 << 16;
+const BLOCK: usize = 1 << 16;
 
 /// The dialect and the columns of a file.
 #[derive(Debug)]
@@ -74,8 +75,12 @@ impl<R: Read> Ahead<R> {
                 return Err(io::Error::new(io::ErrorKind::InvalidData, too_long()));
             }
             if !self.is_end {
-                let read = self.source.by_ref().take(BLOCK).read_to_end(&mut self.bytes)?;
-                self.is_end = read == 0;
+                // What is there: a pipe has the rest of a block only later.
+                let known = self.bytes.len();
+                self.bytes.resize(known + BLOCK, 0);
+                let read = retried(|| self.source.read(&mut self.bytes[known..]));
+                self.bytes.truncate(known + *read.as_ref().unwrap_or(&0));
+                self.is_end = read? == 0;
                 continue;
             }
             let line = self.bytes[self.taken..].to_vec();

@@ -14,7 +14,7 @@ const SNAP: f64 = 0.1;
 
 /// Returns the difference up to which a time is that of a sample. The time and the start of the
 /// grid are both rounded.
-fn snap(rounding: f64, period: f64) -> f64 {
+pub(crate) fn snap(rounding: f64, period: f64) -> f64 {
     (2.0 * rounding * (1.0 - 1e-6)).clamp(1e-9 * period, SNAP * period)
 }
 

@@ -1,5 +1,6 @@
 //! Online monitors: samples are pushed one at a time.
 
+mod cut;
 mod graph;
 mod partial;
 mod stream;
@@ -11,6 +12,7 @@ use crate::formula::Formula;
 use crate::pointwise::{self, Undefined};
 use crate::trace::Trace;
 use crate::verdict::{is_satisfied, is_violated};
+pub use cut::CutMonitor;
 use graph::{Graph, Kind};
 use partial::{Buffers, Length, Operand};
 use std::ops::Range;

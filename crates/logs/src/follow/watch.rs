@@ -1,0 +1,282 @@
+//! Formulas over samples that come one at a time: bounds, verdicts and the first violations.
+
+use mishandle_stl::{
+    Bounds, Clock, CutMonitor, Formula, Monitor, MonitorError, OnlineMonitor, TimeUnit, is_violated,
+};
+
+use super::needs_period;
+use crate::error::Result;
+use crate::verdict::{Reach, infinite, parts, too_short};
+
+/// A formula to watch.
+#[derive(Clone, Debug)]
+pub struct Watched {
+    /// The formula.
+    pub formula: Formula,
+    /// The unit of bounds without one; `None`: they count samples.
+    pub unit: Option<TimeUnit>,
+}
+
+/// What the samples so far say about a formula.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Answer {
+    /// The bounds of the robustness at time 0 over all continuations.
+    pub bounds: Bounds,
+    /// Whether the formula is satisfied, as soon as it is certain.
+    pub verdict: Option<bool>,
+    /// The first violation of a part of the formula that is known, if it is not satisfied.
+    pub violation: Option<Violated>,
+    /// Whether the robustness depends on a window that is cut at the end of the log.
+    pub cuts_windows: bool,
+}
+
+/// The violation of a part of a formula: an operand of its `and`s below its `always`.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Violated {
+    /// The text of the part.
+    pub formula: String,
+    /// The sample.
+    pub sample: usize,
+    /// The robustness of the part there.
+    pub robustness: f64,
+}
+
+/// Online monitors of some formulas, which share equal parts.
+#[derive(Clone, Debug)]
+pub struct Watch {
+    groups: Vec<Group>,
+    /// The group and the position in it of each formula.
+    places: Vec<(usize, usize)>,
+    names: Vec<String>,
+    is_strict: bool,
+    len: usize,
+}
+
+/// Formulas with the same clock.
+#[derive(Clone, Debug)]
+struct Group {
+    clock: Clock,
+    online: Online,
+    watched: Vec<State>,
+}
+
+#[derive(Clone, Debug)]
+enum Online {
+    Cut(CutMonitor),
+    Whole(OnlineMonitor),
+}
+
+/// A formula, and what is known about it.
+#[derive(Clone, Debug)]
+struct State {
+    formula: Formula,
+    parts: Vec<Part>,
+    answer: Answer,
+}
+
+#[derive(Clone, Debug)]
+struct Part {
+    text: String,
+    /// The position among the formulas of the monitor.
+    root: usize,
+    reach: Reach,
+    violation: Option<Violated>,
+}
+
+impl Watch {
+    /// Compiles formulas for samples of these signals, `period` seconds apart. `is_strict`: only
+    /// windows inside the log count, instead of cutting them at its end.
+    ///
+    /// # Errors
+    /// If a formula does not fit the signals, or a bound needs a period or is no whole number of
+    /// samples.
+    pub fn new(watched: &[Watched], names: &[String], period: Option<f64>, is_strict: bool) -> Result<Watch> {
+        let mut units: Vec<Option<TimeUnit>> = Vec::new();
+        for found in watched {
+            if period.is_none() && found.formula.needs_period(found.unit.is_some()) {
+                return Err(needs_period());
+            }
+            if !units.contains(&found.unit) {
+                units.push(found.unit);
+            }
+        }
+        let group = |unit: &Option<TimeUnit>| {
+            let formulas =
+                watched.iter().filter(|found| found.unit == *unit).map(|found| found.formula.clone());
+            Group::new(formulas.collect(), *unit, names, period, is_strict)
+        };
+        let groups = units.iter().map(group).collect::<Result<Vec<Group>>>()?;
+        let mut counts = vec![0; units.len()];
+        let place = |found: &Watched| {
+            let group = units.iter().position(|unit| *unit == found.unit).unwrap_or(0);
+            counts[group] += 1;
+            (group, counts[group] - 1)
+        };
+        let places = watched.iter().map(place).collect();
+        Ok(Watch { groups, places, names: names.to_vec(), is_strict, len: 0 })
+    }
+
+    /// Adds a sample.
+    ///
+    /// # Errors
+    /// If arithmetic has no finite value.
+    pub fn push(&mut self, sample: &[f64]) -> Result<()> {
+        for group in &mut self.groups {
+            group.push(sample)?;
+        }
+        self.len += 1;
+        Ok(())
+    }
+
+    /// Returns the number of samples.
+    pub fn len(&self) -> usize {
+        self.len
+    }
+
+    /// Returns whether there are no samples.
+    pub fn is_empty(&self) -> bool {
+        self.len == 0
+    }
+
+    /// Returns what is known about formula `i`. Its bounds stay once the verdict is certain.
+    ///
+    /// # Panics
+    /// If there is no formula `i`.
+    pub fn answer(&self, i: usize) -> &Answer {
+        let (group, position) = self.places[i];
+        &self.groups[group].watched[position].answer
+    }
+
+    /// States that the log ends with the last sample. All formulas then have a verdict, that of
+    /// [`Samples::verdict`](crate::Samples::verdict).
+    ///
+    /// # Errors
+    /// If windows must be inside the log, and it is too short.
+    pub fn finish(&mut self) -> Result<()> {
+        for group in &mut self.groups {
+            group.finish(&self.names, self.len, self.is_strict)?;
+        }
+        Ok(())
+    }
+}
+
+impl Group {
+    fn new(
+        formulas: Vec<Formula>,
+        unit: Option<TimeUnit>,
+        names: &[String],
+        period: Option<f64>,
+        is_strict: bool,
+    ) -> Result<Group> {
+        let clock = match (period, unit) {
+            (Some(period), Some(unit)) => Clock::rtamt(period, unit),
+            (Some(period), None) => Clock::steps(period),
+            (None, _) => Clock::unknown(),
+        };
+        let mut all = formulas.clone();
+        let mut watched = Vec::new();
+        for formula in formulas {
+            let nodes = formula.subformula_nodes(&clock)?;
+            let texts: Vec<String> = formula.subformulas().collect();
+            let mut found = Vec::new();
+            for (position, reach) in parts(&nodes) {
+                let Ok(part) = Formula::parse(&texts[position]) else { continue };
+                found.push(Part { text: texts[position].clone(), root: all.len(), reach, violation: None });
+                all.push(part);
+            }
+            let answer =
+                Answer { bounds: Bounds::UNKNOWN, verdict: None, violation: None, cuts_windows: false };
+            watched.push(State { formula, parts: found, answer });
+        }
+        let online = match is_strict {
+            true => Online::Whole(OnlineMonitor::new(&all, names, clock, None)?),
+            false => Online::Cut(CutMonitor::new(&all, names, clock)?),
+        };
+        Ok(Group { clock, online, watched })
+    }
+
+    fn push(&mut self, sample: &[f64]) -> Result<()> {
+        self.online.push(sample)?;
+        for (root, state) in self.watched.iter_mut().enumerate() {
+            if state.answer.verdict.is_some() {
+                continue;
+            }
+            for part in state.parts.iter_mut().filter(|part| part.violation.is_none()) {
+                let (first, last) = part.reach;
+                part.violation = self
+                    .online
+                    .decided(part.root)
+                    .filter(|(sample, value)| {
+                        first <= *sample && last.is_none_or(|last| *sample <= last) && is_violated(*value)
+                    })
+                    .map(|(sample, robustness)| Violated { formula: part.text.clone(), sample, robustness });
+            }
+            state.answer.bounds = self.online.bounds(root);
+            state.decide();
+        }
+        Ok(())
+    }
+
+    fn finish(&mut self, names: &[String], len: usize, is_strict: bool) -> Result<()> {
+        self.online.finish()?;
+        for (root, state) in self.watched.iter_mut().enumerate() {
+            if state.answer.verdict.is_some() {
+                continue;
+            }
+            let monitor = Monitor::new(&state.formula, names, self.clock)?;
+            state.answer.bounds = self.online.bounds(root);
+            if is_strict && monitor.needed_samples() > len {
+                return Err(too_short(monitor.needed_samples(), len));
+            }
+            if is_strict && !state.answer.bounds.low.is_finite() {
+                return Err(infinite(state.answer.bounds.low));
+            }
+            state.answer.cuts_windows = !is_strict && monitor.cuts_windows(len);
+            state.decide();
+        }
+        Ok(())
+    }
+}
+
+impl State {
+    fn decide(&mut self) {
+        self.answer.verdict = self.answer.bounds.verdict();
+        if self.answer.verdict == Some(false) {
+            let found = self.parts.iter().filter_map(|part| part.violation.clone());
+            self.answer.violation = found.min_by_key(|violation| violation.sample);
+        }
+    }
+}
+
+impl Online {
+    fn push(&mut self, sample: &[f64]) -> std::result::Result<(), MonitorError> {
+        match self {
+            Online::Cut(monitor) => monitor.push(sample),
+            Online::Whole(monitor) => monitor.push(sample),
+        }
+    }
+
+    fn bounds(&mut self, root: usize) -> Bounds {
+        match self {
+            Online::Cut(monitor) => monitor.bounds(root),
+            Online::Whole(monitor) => monitor.bounds(root),
+        }
+    }
+
+    fn decided(&self, root: usize) -> Option<(usize, f64)> {
+        match self {
+            Online::Cut(monitor) => monitor.decided(root),
+            Online::Whole(monitor) => monitor.decided(root),
+        }
+    }
+
+    fn finish(&mut self) -> std::result::Result<(), MonitorError> {
+        match self {
+            Online::Cut(monitor) => monitor.finish(),
+            Online::Whole(monitor) => {
+                monitor.finish();
+                Ok(())
+            }
+        }
+    }
+}

@@ -1,0 +1,372 @@
+//! Laws of logs that are followed: however their bytes arrive, the samples and the verdicts are
+//! those of the same logs when they are complete.
+
+use std::io::{self, Read};
+use std::time::Duration;
+
+use mishandle_logs::{
+    Duplicates, Evaluation, Follow, Following, Interpolation, LogError, Missing, Next, OpenLog, Options,
+    Result, Samples, Sampling, Signals, Source, Watch, Watched,
+};
+use mishandle_stl::{Formula, is_satisfied};
+
+struct Random(u64);
+
+impl Random {
+    fn below(&mut self, count: usize) -> usize {
+        self.0 = self.0.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        (self.0 >> 33) as usize % count
+    }
+
+    fn of<T: Copy>(&mut self, choices: &[T]) -> T {
+        choices[self.below(choices.len())]
+    }
+}
+
+/// Gives a few bytes at a time, and is interrupted now and then.
+struct Pieces {
+    bytes: Vec<u8>,
+    at: usize,
+    random: Random,
+}
+
+impl Read for Pieces {
+    fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
+        if self.random.below(20) == 0 {
+            return Err(io::ErrorKind::Interrupted.into());
+        }
+        if self.random.below(200) == 0 {
+            std::thread::sleep(Duration::from_micros(50));
+        }
+        let most = self.random.of(&[1, 3, 17, 300]);
+        let count = most.min(buffer.len()).min(self.bytes.len() - self.at);
+        buffer[..count].copy_from_slice(&self.bytes[self.at..self.at + count]);
+        self.at += count;
+        Ok(count)
+    }
+}
+
+fn pieces(text: &str, random: &mut Random) -> Box<dyn Read + Send> {
+    let seed = random.below(1 << 30) as u64;
+    Box::new(Pieces { bytes: text.as_bytes().to_vec(), at: 0, random: Random(seed) })
+}
+
+/// The samples of a followed log, and what is known about formulas after each of them.
+struct Found {
+    samples: Vec<Vec<f64>>,
+    times: Vec<Option<f64>>,
+    watch: Watch,
+    /// The bounds and the verdict of each formula after each sample.
+    known: Vec<Vec<(f64, f64, Option<bool>)>>,
+}
+
+type Pipes = Vec<(Option<String>, Box<dyn Read + Send>)>;
+
+fn followed(
+    pipes: Pipes,
+    formulas: &[Formula],
+    options: &Options,
+    lateness: Option<f64>,
+    is_strict: bool,
+) -> Result<Found> {
+    let following = Following { lateness, idle: None };
+    let mut follow = Follow::open_pipes(pipes, formulas, options, following)?;
+    let watched: Vec<Watched> =
+        formulas.iter().map(|formula| Watched { formula: formula.clone(), unit: None }).collect();
+    let mut watch = Watch::new(&watched, follow.signals(), options.period, is_strict)?;
+    let (mut samples, mut times, mut known) = (Vec::new(), Vec::new(), Vec::new());
+    loop {
+        match follow.next(Duration::from_secs(20))? {
+            Next::Waiting => panic!("no end"),
+            Next::End => break,
+            Next::Sample => {
+                watch.push(follow.sample())?;
+                samples.push(follow.sample().to_vec());
+                times.push(follow.time());
+                let each = (0..formulas.len()).map(|i| {
+                    let answer = watch.answer(i);
+                    (answer.bounds.low, answer.bounds.high, answer.verdict)
+                });
+                known.push(each.collect());
+            }
+        }
+    }
+    watch.finish()?;
+    Ok(Found { samples, times, watch, known })
+}
+
+/// Formulas over `a` and `b`, with windows ahead and behind, with and without an end.
+const FORMULAS: [&str; 9] = [
+    "always(a <= 1.5)",
+    "eventually(b >= 1.9)",
+    "always(a >= 0 implies eventually[0:4](b >= 0))",
+    "always[0:5](a <= 1) and eventually[2:20](b >= 1)",
+    "(a >= -1.5) until[1:8] (b >= 0.5)",
+    "eventually(always[0:2](a >= b))",
+    "always(rise(a >= 0) implies not(b <= -1) unless[0:3] (a <= 0))",
+    "historically(a <= 9) and next(b >= 0) or always(once[0:3](a <= b))",
+    "always[0:3](eventually[1:6](abs(a - b) <= 0.2))",
+];
+
+fn formulas(random: &mut Random, names: [&str; 2]) -> Vec<Formula> {
+    let text = |random: &mut Random| {
+        let words = random.of(&FORMULAS).split_inclusive(|c: char| !c.is_alphanumeric());
+        let renamed = words.map(|word| {
+            let (name, rest) = word.split_at(word.find(|c: char| !c.is_alphanumeric()).unwrap_or(word.len()));
+            match name {
+                "a" => format!("`{}`{rest}", names[0]),
+                "b" => format!("`{}`{rest}", names[1]),
+                _ => word.to_owned(),
+            }
+        });
+        renamed.collect::<String>()
+    };
+    (0..1 + random.below(3)).map(|_| Formula::parse(&text(random)).expect("a formula")).collect()
+}
+
+/// Checks that a followed log has the samples and verdicts of the whole one.
+#[track_caller]
+fn agrees(
+    whole: Result<Samples>,
+    found: Result<Found>,
+    formulas: &[Formula],
+    is_strict: bool,
+    shown: &str,
+) -> usize {
+    let whole = match (whole, &found) {
+        (Ok(whole), _) => whole,
+        (Err(_), Err(_)) => return 0,
+        (Err(error), Ok(_)) => panic!("{shown}: only the whole log is refused: {error}"),
+    };
+    let evaluation = Evaluation { unit: None, strict_horizon: is_strict };
+    let verdicts: Result<Vec<_>> =
+        formulas.iter().map(|formula| whole.verdict(formula, &evaluation)).collect();
+    let (verdicts, found) = match (verdicts, found) {
+        (Ok(verdicts), Ok(found)) => (verdicts, found),
+        (Err(_), Err(LogError::Content(_))) => return 0,
+        (Err(_), Ok(found)) => {
+            // Certain before the log was long enough for whole windows.
+            assert!(is_strict && found.known.iter().flatten().any(|known| known.2.is_some()), "{shown}");
+            return 0;
+        }
+        (verdicts, found) => panic!("{shown}: {verdicts:?} and {:?}", found.err()),
+    };
+    let Signals::Even { trace, period, start, has_times } = &whole.signals else { panic!("dense") };
+    assert_eq!(found.samples.len(), trace.len(), "{shown}");
+    for (step, sample) in found.samples.iter().enumerate() {
+        let mut order: Vec<usize> = (0..trace.names().len()).collect();
+        order.sort_by_key(|column| &trace.names()[*column]);
+        let expected: Vec<u64> = order.iter().map(|column| trace.column(*column)[step].to_bits()).collect();
+        assert_eq!(
+            sample.iter().map(|v| v.to_bits()).collect::<Vec<_>>(),
+            expected,
+            "{shown}: sample {step}"
+        );
+        if let (Some(period), true) = (period, *has_times || found.times[step].is_some()) {
+            let time = start + step as f64 * period;
+            assert!(found.times[step].is_some_and(|found| (found - time).abs() < 1e-9), "{shown}");
+        }
+    }
+    let mut early = 0;
+    for (i, verdict) in verdicts.iter().enumerate() {
+        let is_satisfied = is_satisfied(verdict.robustness);
+        let answer = found.watch.answer(i);
+        let shown = format!("{shown}: {} has {:?}, {answer:?}", formulas[i], verdict.robustness);
+        assert_eq!(answer.verdict, Some(is_satisfied), "{shown}");
+        let last = found.known.last().map(|known| known[i]);
+        if last.is_some_and(|(.., verdict)| verdict.is_none()) {
+            assert_eq!(answer.bounds.low.to_bits(), verdict.robustness.to_bits(), "{shown}");
+            assert_eq!(answer.cuts_windows, verdict.cuts_windows, "{shown}");
+        }
+        for known in &found.known {
+            let (low, high, certain) = known[i];
+            assert!(low <= verdict.robustness && verdict.robustness <= high, "{shown}: {low} to {high}");
+            assert!(certain.is_none_or(|certain| certain == is_satisfied), "{shown}");
+            early += usize::from(certain.is_some());
+        }
+        if let (Some(violation), false) = (&answer.violation, is_satisfied) {
+            let same = verdict.violations.iter().find(|known| {
+                known.formula == violation.formula && known.start.sample == Some(violation.sample)
+            });
+            assert!(same.is_some(), "{shown}: {:?}", verdict.violations);
+        }
+    }
+    1 + early
+}
+
+fn value(random: &mut Random) -> String {
+    format!("{}", random.below(33) as f64 / 8.0 - 2.0)
+}
+
+/// A cell, which can be missing.
+fn cell(random: &mut Random, missing: Missing) -> String {
+    let is_missing = random.below(if missing == Missing::Error { 400 } else { 6 }) == 0;
+    if is_missing { random.of(&["", "nan", "NaN"]).to_owned() } else { value(random) }
+}
+
+/// Times of a clock that is far from even, in milliseconds.
+fn times(random: &mut Random, rows: usize) -> Vec<usize> {
+    let mut at = random.below(300);
+    (0..rows)
+        .map(|_| {
+            // Now and then the same time again, or one before.
+            at = match random.below(80) {
+                0 => at,
+                1 => at.saturating_sub(random.below(40)),
+                _ => at + random.of(&[7, 40, 93, 100, 100, 171]),
+            };
+            at
+        })
+        .collect()
+}
+
+fn secs(ms: usize) -> String {
+    format!("{}.{:03}", ms / 1000, ms % 1000)
+}
+
+fn options(random: &mut Random) -> Options {
+    let sampling = random.of(&[
+        Sampling::Even,
+        Sampling::Resampled(Interpolation::Hold),
+        Sampling::Resampled(Interpolation::Linear),
+    ]);
+    let is_even = sampling == Sampling::Even;
+    Options {
+        sampling,
+        period: (!is_even).then(|| random.of(&[0.1, 0.0335, 0.25])),
+        tolerance: (!is_even && random.below(3) == 0).then(|| random.of(&[0.2, 0.35])),
+        missing: random.of(&[Missing::Error, Missing::Hold, Missing::Drop]),
+        duplicates: random.of(&[Duplicates::Error, Duplicates::First, Duplicates::Last]),
+        ..Options::default()
+    }
+}
+
+#[test]
+fn a_log_that_arrives_in_pieces_is_the_log() {
+    let mut random = Random(1);
+    let mut agreed = [0; 3];
+    for case in 0..3000 {
+        let mut options = options(&mut random);
+        let has_times = options.sampling != Sampling::Even || random.below(2) == 0;
+        let rows = random.of(&[0, 1, 3, 10, 40]);
+        let mut ms = times(&mut random, rows);
+        if options.sampling == Sampling::Even {
+            // Even times, with a period or none.
+            ms = (0..rows).map(|row| 200 + 125 * row).collect();
+            options.period = random.of(&[None, Some(0.125)]);
+            options.missing = random.of(&[Missing::Error, Missing::Hold]);
+        }
+        let mut text = if has_times { "time,a,b\n" } else { "a,b\n" }.to_owned();
+        let end = random.of(&["\n", "\r\n"]);
+        for ms in ms {
+            if has_times {
+                text += &format!("{},", secs(ms));
+            }
+            text += &format!(
+                "{},{}{end}",
+                cell(&mut random, options.missing),
+                cell(&mut random, options.missing)
+            );
+        }
+        if random.below(4) == 0 {
+            text.truncate(text.trim_end().len());
+        }
+        let formulas = formulas(&mut random, ["a", "b"]);
+        let is_strict = random.below(3) == 0;
+        let read = || -> Result<Samples> {
+            let log = OpenLog::open_csv(Box::new(io::Cursor::new(text.clone())), &options)?;
+            let mut signals: Vec<&str> = formulas.iter().flat_map(Formula::signals).collect();
+            signals.sort_unstable();
+            signals.dedup();
+            log.read(&signals)?.samples(&options)
+        };
+        let found = followed(vec![(None, pieces(&text, &mut random))], &formulas, &options, None, is_strict);
+        let shown = format!("case {case}, {options:?}, {text:?}, {:?}", found.as_ref().err());
+        let sampling = match options.sampling {
+            Sampling::Even => 0,
+            Sampling::Resampled(Interpolation::Hold) => 1,
+            _ => 2,
+        };
+        agreed[sampling] += agrees(read(), found, &formulas, is_strict, &shown);
+    }
+    assert!(agreed.iter().all(|count| *count > 2000), "{agreed:?}");
+}
+
+/// Writes the topics to files, and returns what is read from them when they are complete.
+fn complete(texts: &[(&str, String)], formulas: &[Formula], options: &Options) -> Result<Samples> {
+    let folder = tempfile::tempdir().expect("a folder");
+    let mut sources = Vec::new();
+    for (topic, text) in texts {
+        let path = folder.path().join(format!("{topic}.csv"));
+        std::fs::write(&path, text).expect("a file");
+        sources.push(Source { topic: (!topic.is_empty()).then(|| (*topic).to_owned()), path });
+    }
+    let log = OpenLog::open(&sources, options)?;
+    let mut signals: Vec<&str> = formulas.iter().flat_map(Formula::signals).collect();
+    signals.sort_unstable();
+    signals.dedup();
+    log.read(&signals)?.samples(options)
+}
+
+/// The rows of one topic in order, and with some of them shifted if they are sorted later.
+fn rows(random: &mut Random, rows: usize, options: &Options) -> Vec<(usize, String)> {
+    let mut found: Vec<(usize, String)> =
+        times(random, rows).into_iter().map(|ms| (ms, cell(random, options.missing))).collect();
+    if options.sort {
+        for at in 1..found.len() {
+            if random.below(3) == 0 {
+                found.swap(at - 1, at);
+            }
+        }
+    }
+    found
+}
+
+#[test]
+fn topics_that_arrive_in_any_order_are_one_log() {
+    let mut random = Random(7);
+    let mut agreed = [0; 4];
+    for case in 0..3000 {
+        let mut options = options(&mut random);
+        if options.sampling == Sampling::Even {
+            options.sampling = Sampling::Resampled(Interpolation::Hold);
+            options.period = Some(0.1);
+        }
+        let is_one_file = random.below(3) == 0;
+        options.sort = random.below(3) == 0;
+        // More than any row is late.
+        let lateness = (options.sort || random.below(4) == 0).then_some(1000.0);
+        let counts = [random.of(&[1, 5, 30]), random.of(&[1, 5, 30])];
+        let [arm, hand] = counts.map(|count| rows(&mut random, count, &options));
+        let formulas = formulas(&mut random, ["arm/q", "hand/force"]);
+        let is_strict = random.below(3) == 0;
+        let (whole, pipes): (Result<Samples>, Pipes) = if is_one_file {
+            options.topic_column = Some("topic".to_owned());
+            let mut lines: Vec<(usize, String)> = Vec::new();
+            lines.extend(arm.iter().map(|(ms, cell)| (*ms, format!("{},arm,{cell},\n", secs(*ms)))));
+            lines.extend(hand.iter().map(|(ms, cell)| (*ms, format!("{},hand,,{cell}\n", secs(*ms)))));
+            if !options.sort && random.below(2) == 0 {
+                lines.sort_by_key(|(ms, _)| *ms);
+            }
+            let text = "time,topic,q,force\n".to_owned()
+                + &lines.into_iter().map(|(_, line)| line).collect::<String>();
+            (complete(&[("", text.clone())], &formulas, &options), vec![(None, pieces(&text, &mut random))])
+        } else {
+            let text = |name: &str, rows: &[(usize, String)]| {
+                let lines = rows.iter().map(|(ms, cell)| format!("{},{cell}\n", secs(*ms)));
+                format!("time,{name}\n") + &lines.collect::<String>()
+            };
+            let texts = [("arm", text("q", &arm)), ("hand", text("force", &hand))];
+            let pipes =
+                texts.iter().map(|(topic, text)| (Some((*topic).to_owned()), pieces(text, &mut random)));
+            let pipes = pipes.collect();
+            (complete(&texts, &formulas, &options), pipes)
+        };
+        let found = followed(pipes, &formulas, &options, lateness, is_strict);
+        let shown =
+            format!("case {case}, {options:?}, {lateness:?}, {arm:?}, {hand:?}, {:?}", found.as_ref().err());
+        let kind = usize::from(is_one_file) + 2 * usize::from(options.sort);
+        agreed[kind] += agrees(whole, found, &formulas, is_strict, &shown);
+    }
+    assert!(agreed.iter().all(|count| *count > 1000), "{agreed:?}");
+}
