@@ -382,6 +382,16 @@ pub enum MishandleError {
         /// The end.
         end: mishandle_rollout::EpisodeEnd,
     },
+    /// The first simulations of a search all failed.
+    #[error(
+        "the first {count} simulations have no verdict, so the search stopped; this is the end of the first one: {end}"
+    )]
+    NothingRuns {
+        /// Number of simulations.
+        count: u32,
+        /// End of the first simulation, with its reason.
+        end: String,
+    },
     /// The space of a counterexample has other axes now.
     #[error("the counterexample has the axes {recorded}; the space {space} of {target} has: {found}")]
     CounterexampleAxes {
