@@ -120,7 +120,7 @@ fn a_search_stops_if_its_first_simulations_all_fail_and_a_resumed_one_too() {
             let budget = if gives_up {
                 ""
             } else {
-                &[" --trials 2 --budget 30", " --simulations 200", " --budget 60"][number]
+                [" --trials 2 --budget 30", " --simulations 200", " --budget 60"][number]
             };
             let search = if gives_up { search } else { search.split(' ').next().unwrap() };
             let space = if search == "margin" { " --space scenarios" } else { "" };
