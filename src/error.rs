@@ -382,6 +382,16 @@ pub enum MishandleError {
         /// The end.
         end: mishandle_rollout::EpisodeEnd,
     },
+    /// The first simulations of a search all failed.
+    #[error(
+        "the first {count} simulations have no verdict, so the search stopped; this is the end of the first one: {end}"
+    )]
+    NothingRuns {
+        /// Number of simulations.
+        count: u32,
+        /// End of the first simulation, with its reason.
+        end: String,
+    },
     /// The space of a counterexample has other axes now.
     #[error("the counterexample has the axes {recorded}; the space {space} of {target} has: {found}")]
     CounterexampleAxes {
@@ -534,14 +544,20 @@ pub enum MishandleError {
     },
     /// Parts of the target of a run differ from those of the run.
     #[error(
-        "{} changed since the run: restore {}, or if unchanged files are elsewhere, give the path of the target file \
-         with --target FILE; with the changed files, make a new run",
+        "{} changed since the run: restore {}{}; with the change, make a new run",
         joined(parts),
-        if parts.len() == 1 { "it" } else { "them" }
+        if parts.len() == 1 { "it" } else { "them" },
+        if *has_file {
+            ", or if unchanged files are elsewhere, give the path of the target file with --target FILE"
+        } else {
+            ""
+        }
     )]
     ChangedParts {
         /// Role and name of each part.
         parts: Vec<String>,
+        /// Whether the target is a file.
+        has_file: bool,
     },
     /// The target file of a run cannot be used any more.
     #[error(

@@ -469,7 +469,10 @@ class Corners:
     seeds: int
     """Number of simulations per point."""
     n: int
-    """Number of corners that count: all, or the reachable ones with ``--box reachable``."""
+    """Number of corners that count: those from which the target can start, with ``--box
+    reachable`` the reachable ones."""
+    without_verdict: int
+    """Number of these at which no simulation has a verdict. They do not count as successes."""
     succeeding: int
     """Number of these at which all simulations succeed."""
     strictly_succeeding: int | None
@@ -479,13 +482,14 @@ class Corners:
     """Number of these at which all simulations succeed carefully; missing without such a
     formula."""
     center_succeeds: bool | None
-    """Whether all simulations at the center succeed; ``None`` if it does not count."""
+    """Whether all simulations at the center succeed; ``None`` if it does not count, or none of
+    them has a verdict."""
     center_strictly_succeeds: bool | None
-    """Whether all simulations at the center succeed strictly; ``None`` if it does not count, and
-    without a strict formula."""
+    """Whether all simulations at the center succeed strictly; ``None`` if it does not count,
+    none of them has a verdict, and without a strict formula."""
     center_carefully_succeeds: bool | None = None
-    """Whether all simulations at the center succeed carefully; missing if it does not count, and
-    without such a formula."""
+    """Whether all simulations at the center succeed carefully; missing if it does not count,
+    none of them has a verdict, and without such a formula."""
     points: tuple[CornerPoint, ...]
     """The corners, then the center."""
 
@@ -504,6 +508,8 @@ class CornerPoint:
     """Whether the point counts."""
     n: int
     """Number of simulations."""
+    invalid_starts: int | None = None
+    """Number of these that cannot start, which decide nothing; missing if there are none."""
     successes: int
     """Number of these that succeed."""
     strict_successes: int | None
@@ -1224,8 +1230,11 @@ class MonteCarlo:
     """Number of simulations."""
     failures: int
     """Number of these that violate the requirement."""
+    invalid_starts: int | None = None
+    """Number of these from whose scenario the target cannot start, which leave the failure rate;
+    missing if there are none."""
     without_verdict: int
-    """Number of these without a verdict, which count as passed."""
+    """Number of others without a verdict, which count as passed."""
     bound_with_undecided: float | None
     """Upper bound of the probability (97.5 %) if the simulations without a verdict are failures."""
     failure_rate: Estimate
@@ -1256,7 +1265,8 @@ class Importance:
     components: int
     """Number of regions."""
     regions: Estimate
-    """Probability of a failure in the regions, with a 95 % betting interval."""
+    """Probability of a failure in the regions, with a 95 % betting interval. It is that among
+    all scenarios, so it does not answer the question if ``monte_carlo`` has invalid starts."""
     outside: float
     """Estimate of the probability of failures outside of the regions from the few draws there,
     without an interval."""
@@ -1368,13 +1378,14 @@ class Risk:
     probability: Probability | None
     """The answer; ``None`` without an estimate."""
     bounds: tuple[float, float]
-    """Lower and upper bound (95 %) without an assumption."""
+    """Lower and upper bound (95 %) without an assumption; ``[0, 1]`` without any verdict."""
     refusals: tuple[str, ...]
     """Why parts have no estimate, in words; a budget that is too small for multilevel splitting
     is one of them."""
     splitting_refusal: str | None
-    """Why multilevel splitting has no estimate: ``budget``, ``chains``, ``monte-carlo``,
-    ``below-importance`` or ``above-importance``; ``None`` if it has one, or was not needed."""
+    """Why multilevel splitting has no estimate: ``budget``, ``chains``, ``invalid-starts``,
+    ``monte-carlo``, ``below-importance`` or ``above-importance``; ``None`` if it has one, or was
+    not needed."""
     monte_carlo: MonteCarlo
     """Plain Monte Carlo."""
     exploration: Exploration
@@ -1822,6 +1833,23 @@ class ComparedRun:
     they are the same."""
     commit: str
     """Git commit of the program that made the run."""
+    without_verdict: EndCounts
+    """Random simulations without a verdict on success, of the pairs that count. They do not
+    count as successes."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class EndCounts:
+    """Numbers of simulations without a verdict on success, by reason."""
+
+    diverged: int
+    """Diverged."""
+    invalid: int
+    """Ended because the controller or the environment returned a value that is not finite."""
+    failed: int
+    """Could not start, crashed or took too long."""
+    undecided: int
+    """Left success undecided."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -1829,11 +1857,11 @@ class PairedRates:
     """A rate of both runs."""
 
     first: Estimate
-    """Rate of A, with its Wilson interval."""
+    """Rate of A, with its Wilson interval; ``None`` if no simulation of A has a verdict."""
     second: Estimate
-    """Rate of B, with its Wilson interval."""
+    """Rate of B, with its Wilson interval; ``None`` if no simulation of B has a verdict."""
     difference: Estimate
-    """B minus A, with Newcombe's interval for pairs."""
+    """B minus A, with Newcombe's interval for pairs; ``None`` if one of the rates is."""
     first_only: int
     """Number of pairs in which only A succeeds."""
     second_only: int
@@ -1902,7 +1930,9 @@ class Comparison:
     differences: tuple[str, ...]
     """Facts that differ and can cause differences, as text."""
     pairs: int
-    """Number of random simulations of each."""
+    """Number of pairs of random simulations that count."""
+    left_out: int
+    """Number of other pairs: the target cannot start from the scenario in A or in B."""
     success: PairedRates
     """Success rate."""
     strict_success: PairedRates | None
@@ -2408,14 +2438,15 @@ class Training:
     """Why there is no training time; ``None`` with one."""
     success_rate: float | None
     """Success rate of the best policy in validation, on random starts without disturbances;
-    ``None`` without validation."""
+    ``None`` without validation, and if no episode has a verdict."""
     strict_success_rate: float | None
     """Strict success rate of the best policy in the same validation; ``None`` without
-    validation."""
+    validation, and if no episode has a verdict."""
     space: ScenarioRates | None
-    """Its validation on random scenarios of the space; ``None`` without a space."""
+    """Its validation on random scenarios of the space; ``None`` without a space, and without a
+    verdict."""
     corners: ScenarioRates | None
-    """Its validation at corners of the space; ``None`` without a space."""
+    """Its validation at corners of the space; ``None`` without a space, and without a verdict."""
     controller_hash: str
     """Hash of the best policy."""
     best: str

@@ -2,7 +2,10 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use mishandle_evaluation::{Corners, PairedCounts, paired_mean_difference, sign_test};
+use mishandle_evaluation::{
+    Corners, EndCounts, Estimate, PairedCounts, count_end, decides_careful_success, decides_strict_success,
+    decides_success, paired_mean_difference, rate, sign_test,
+};
 use mishandle_results::{ComparedRun, PairedMeans, PairedRates};
 use mishandle_robots::FILE_ROLES;
 use mishandle_rollout::{Episode, Seed};
@@ -20,7 +23,8 @@ const RANDOM_TRIAL: u32 = 1;
 /// Two evaluations, compared pair by pair: simulation i of both has the same scenario and seed.
 ///
 /// The rates and means cover the random simulations. The corners and the center of the initial box
-/// are not a random sample, so they appear among the new and the fixed failures only.
+/// are not a random sample, so they appear among the new and the fixed failures only. A pair whose
+/// scenario the target cannot start, in A or in B, counts nowhere.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Comparison {
     /// The first run, A.
@@ -38,8 +42,10 @@ pub struct Comparison {
     pub formula: String,
     /// Axes of the scenarios.
     pub axes: Vec<AxisRecord>,
-    /// Number of pairs of random simulations.
+    /// Number of pairs of random simulations that count.
     pub pairs: u64,
+    /// Number of other pairs of random simulations: the target cannot start from the scenario.
+    pub left_out: u64,
     /// Success.
     pub success: PairedRates,
     /// Strict success; `None` if the target has no such formula.
@@ -57,7 +63,7 @@ pub struct Comparison {
     pub new_failures: Vec<ComparedPair>,
     /// Pairs in which B succeeds and A does not.
     pub fixed_failures: Vec<ComparedPair>,
-    /// All pairs, the new and the fixed failures among them.
+    /// All pairs that count, the new and the fixed failures among them.
     pub compared: Vec<ComparedPair>,
 }
 
@@ -68,6 +74,9 @@ impl Comparison {
     /// Returns in a few words what the success rates say: `B succeeds less often`.
     pub fn judgment(&self) -> &'static str {
         let PairedRates { first_only, second_only, p_value, .. } = self.success;
+        if !self.has_verdicts() {
+            return "the success rates are unknown";
+        }
         match (p_value < SIGNIFICANT, second_only > first_only) {
             (true, true) => "B succeeds more often",
             (true, false) => "B succeeds less often",
@@ -77,6 +86,9 @@ impl Comparison {
 
     /// Returns a sentence on the success rates with the numbers behind the judgment.
     pub fn verdict(&self) -> String {
+        if let Some(name) = self.untested() {
+            return format!("No random simulation of {name} has a verdict, so there is nothing to compare.");
+        }
         let PairedRates { first_only, second_only, p_value, .. } = self.success;
         let p = match p_value_text(p_value) {
             small if small.starts_with('<') => format!("p {small}"),
@@ -88,6 +100,21 @@ impl Comparison {
             second_only,
             self.judgment(),
         )
+    }
+
+    /// Returns whether simulations of both runs have a verdict. Otherwise nothing is compared.
+    pub fn has_verdicts(&self) -> bool {
+        self.untested().is_none()
+    }
+
+    /// Returns the runs of which no random simulation has a verdict.
+    fn untested(&self) -> Option<&'static str> {
+        match [self.success.first, self.success.second].map(|rate| rate.value.is_some()) {
+            [true, true] => None,
+            [false, false] => Some("A or of B"),
+            [false, true] => Some("A"),
+            [true, false] => Some("B"),
+        }
     }
 
     /// Returns a sentence if controller and target of both have the same hashes.
@@ -118,11 +145,23 @@ pub fn sameness(a: &ComparedRun, b: &ComparedRun) -> Option<String> {
     ))
 }
 
-fn paired_rates(counts: PairedCounts) -> PairedRates {
-    let [first, second] = counts.rates();
-    let PairedCounts { first_only, second_only, .. } = counts;
-    let p_value = sign_test(first_only, second_only);
-    PairedRates { first, second, difference: counts.difference(), first_only, second_only, p_value }
+/// Returns the rates of pairs, of which `verdicts` have one in A and in B.
+fn paired_rates(counts: PairedCounts, verdicts: [u64; 2]) -> PairedRates {
+    let PairedCounts { both, first_only, second_only, .. } = counts;
+    let n = counts.n();
+    let (first, second) = (rate(both + first_only, verdicts[0], n), rate(both + second_only, verdicts[1], n));
+    let difference = match first.value.and(second.value) {
+        Some(_) => counts.difference(),
+        None => Estimate { n, ..Estimate::default() },
+    };
+    PairedRates {
+        first,
+        second,
+        difference,
+        first_only,
+        second_only,
+        p_value: sign_test(first_only, second_only),
+    }
 }
 
 fn paired_means(pairs: &[(f64, f64)], seed: Seed) -> PairedMeans {
@@ -196,13 +235,25 @@ pub fn compare(first: &RunFile, second: &RunFile) -> Result<Comparison, Mishandl
         ),
     }
     let is_random = |pair: &&Pair| pair.rows[0].trial != Corners::TRIAL;
+    let planned = pairs.iter().filter(is_random).count();
+    pairs.retain(|pair| pair.episodes.iter().all(|episode| episode.end.counts_in_rates()));
     let random: Vec<&Pair> = pairs.iter().filter(is_random).collect();
+    let without_verdict = |index: usize| {
+        let mut counts = EndCounts::default();
+        random.iter().for_each(|pair| count_end(&mut counts, &pair.episodes[index]));
+        counts
+    };
     let has =
         |name: &str| [a, b].iter().all(|header| header.formulas.iter().any(|formula| formula.name == name));
-    let rates = |holds: fn(&Episode) -> bool| {
-        let mut counts = PairedCounts::default();
-        random.iter().for_each(|pair| counts.add(holds(&pair.episodes[0]), holds(&pair.episodes[1])));
-        paired_rates(counts)
+    let rates = |holds: fn(&Episode) -> bool, decides: fn(&Episode) -> bool| {
+        let (mut counts, mut verdicts) = (PairedCounts::default(), [0; 2]);
+        for pair in &random {
+            let [first, second] = &pair.episodes;
+            counts.add(holds(first), holds(second));
+            verdicts[0] += u64::from(decides(first));
+            verdicts[1] += u64::from(decides(second));
+        }
+        paired_rates(counts, verdicts)
     };
     let means = |value: fn(&Episode) -> Option<f64>| {
         let values: Vec<(f64, f64)> =
@@ -215,17 +266,18 @@ pub fn compare(first: &RunFile, second: &RunFile) -> Result<Comparison, Mishandl
         compared.iter().filter(is_it).cloned().collect()
     };
     Ok(Comparison {
-        first: compared_run(first),
-        second: compared_run(second),
+        first: compared_run(first, without_verdict(0)),
+        second: compared_run(second, without_verdict(1)),
         differences,
         target: a.target.name.clone(),
         target_kind: a.target.kind.clone(),
         formula: a.formula.clone(),
         axes: a.axes.clone(),
         pairs: random.len() as u64,
-        success: rates(Episode::is_success),
-        strict: has("strict").then(|| rates(Episode::is_strict_success)),
-        careful: has("careful").then(|| rates(Episode::is_careful_success)),
+        left_out: (planned - random.len()) as u64,
+        success: rates(Episode::is_success, decides_success),
+        strict: has("strict").then(|| rates(Episode::is_strict_success, decides_strict_success)),
+        careful: has("careful").then(|| rates(Episode::is_careful_success, decides_careful_success)),
         robustness: means(|episode| episode.robustness().filter(|rho| rho.is_finite())),
         dangerous_steps: has("safe")
             .then(|| means(|episode| episode.verdict.dangerous_steps.map(|steps| steps as f64))),
@@ -380,7 +432,7 @@ fn differences(a: &RunHeader, b: &RunHeader) -> Vec<String> {
     found
 }
 
-fn compared_run(run: &RunFile) -> ComparedRun {
+fn compared_run(run: &RunFile, without_verdict: EndCounts) -> ComparedRun {
     let header = run.header();
     let controller = header.components.iter().find(|component| !component.is_not_covered());
     let not_covered = header.components.iter().filter(|component| component.is_not_covered());
@@ -391,5 +443,6 @@ fn compared_run(run: &RunFile) -> ComparedRun {
         target_hash: header.target.hash.clone(),
         not_covered: not_covered.map(|component| component.name.clone()).collect(),
         commit: header.build.git_commit.clone(),
+        without_verdict,
     }
 }

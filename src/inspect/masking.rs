@@ -104,18 +104,20 @@ struct Counter<'a> {
 
 impl Counter<'_> {
     fn new<'a>(path: &Path, formula: &'a Formula) -> Counter<'a> {
-        let texts: Vec<String> = formula.subformulas().collect();
         let positions = formula.conjuncts();
-        let conjunct = |position: &usize| MaskedConjunct {
-            formula: texts[*position].clone(),
-            ..MaskedConjunct::default()
+        // Their positions ascend.
+        let (mut texts, mut next) = (formula.subformulas(), 0);
+        let mut conjunct = |position: &usize| {
+            let text = position.checked_sub(next).and_then(|skipped| texts.nth(skipped));
+            next = position + 1;
+            MaskedConjunct { formula: text.unwrap_or_default(), ..MaskedConjunct::default() }
         };
         let found = Masking {
             run: path.to_string_lossy().into_owned(),
             formula: formula.to_string(),
             satisfied: EvaluatedCount::default(),
             violated: EvaluatedCount::default(),
-            conjuncts: positions.iter().map(conjunct).collect(),
+            conjuncts: positions.iter().map(&mut conjunct).collect(),
         };
         Counter { formula, positions, found }
     }

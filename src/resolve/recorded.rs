@@ -100,7 +100,10 @@ pub(crate) fn resolve_recorded(
                 let renamed = if then.name == now.name { "" } else { &format!(" (now `{}`)", now.name) };
                 format!("the {} `{}`{renamed}", then.role, then.name)
             };
-            Err(MishandleError::ChangedParts { parts: changed.iter().map(part).collect() })
+            Err(MishandleError::ChangedParts {
+                parts: changed.iter().map(part).collect(),
+                has_file: is_target_file(&plan.target),
+            })
         }
     }
 }

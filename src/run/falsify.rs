@@ -13,6 +13,7 @@ use crate::error::MishandleError;
 use crate::plan::{FalsifyPlan, Plan};
 use crate::resolve::search::new_search;
 use crate::resolve::{self, ResolvedPlan};
+use crate::run::first_simulations::FirstSimulations;
 use crate::run::journal::{Journal, Numbering};
 use crate::run::violation::violation_of;
 use crate::run::{Progress, header, record};
@@ -24,8 +25,8 @@ use crate::run::{Progress, header, record};
 /// and can stop the campaign.
 ///
 /// # Errors
-/// If the plan has no table `[falsify]`, `run` contains other simulations than the plan, or a
-/// simulation cannot be run or stored.
+/// If the plan has no table `[falsify]`, `run` contains other simulations than the plan, a
+/// simulation cannot be run or stored, or the first ones all fail.
 pub fn falsify(
     resolved: &ResolvedPlan,
     mut run: RunWriter,
@@ -42,11 +43,15 @@ pub fn falsify(
     }
     let mut progress =
         Progress { max_simulations: u64::from(trials) * u64::from(budget), ..Progress::default() };
+    let mut first = FirstSimulations::default();
     for simulation in run.file().simulations() {
         let simulation = with_needed_trace(run.file(), simulation?, falsify)?;
-        campaign.replay(&record::episode(&simulation, resolved)?)?;
+        let episode = record::episode(&simulation, resolved)?;
+        campaign.replay(&episode)?;
+        first.add(&episode);
         progress.simulations += 1;
     }
+    first.check(resolved, run.file())?;
     let mut started = vec![false; trials as usize];
     let recorded = campaign.outcome();
     for trial in run.file().trials()? {
@@ -78,6 +83,8 @@ pub fn falsify(
         }
         progress.simulations += batch.episodes.len() as u64;
         progress.max_simulations -= batch.unspent(budget);
+        batch.episodes.iter().for_each(|episode| first.add(episode));
+        first.check(resolved, run.file())?;
         Ok::<_, MishandleError>(watch(&progress))
     })?;
     // A search can end without another simulation, and a run can be killed between the last

@@ -19,6 +19,7 @@ use mishandle_store::{
 
 use crate::error::MishandleError;
 use crate::resolve::ResolvedPlan;
+use crate::run::first_simulations::FirstSimulations;
 use crate::run::{outcomes, record};
 
 /// Largest number of traces that a run keeps besides those of a falsification. More traces would
@@ -46,6 +47,8 @@ pub(crate) struct Journal<'a> {
     /// Trial and number of the simulation that is looked for, and its request once it is asked.
     sought: Option<(u32, u32)>,
     found: RefCell<Option<Request>>,
+    /// The first simulations of a search; `None` if the question does not stop after failures.
+    first: Option<RefCell<FirstSimulations>>,
     /// Why the question ended, if it is an error of this journal.
     error: RefCell<Option<MishandleError>>,
 }
@@ -60,6 +63,14 @@ impl<'a> Journal<'a> {
             traces: Cell::new(traces),
             ..Journal::of(resolved, File::Write(Box::new(run.into())), started)
         })
+    }
+
+    /// Continues a search, which stops if its first simulations all fail.
+    pub(crate) fn of_search(
+        resolved: &'a ResolvedPlan,
+        run: RunWriter,
+    ) -> Result<Journal<'a>, MishandleError> {
+        Ok(Journal { first: Some(RefCell::default()), ..Journal::new(resolved, run)? })
     }
 
     /// Asks the question of a run again, without simulating anything, up to simulation `number` of
@@ -85,6 +96,7 @@ impl<'a> Journal<'a> {
             asked: Cell::new(0),
             sought: None,
             found: RefCell::new(None),
+            first: None,
             error: RefCell::new(None),
         }
     }
@@ -307,7 +319,15 @@ impl System for JournalSystem<'_> {
         }
         journal.asked.set(journal.asked.get() + requests.len() as u64);
         // A system that returns too few episodes is reported by the question.
-        Ok(answers.into_iter().map_while(|answer| answer.or_else(|| simulated.next())).collect())
+        let episodes: Vec<Episode> =
+            answers.into_iter().map_while(|answer| answer.or_else(|| simulated.next())).collect();
+        if let Some(first) = &journal.first {
+            let mut first = first.borrow_mut();
+            episodes.iter().for_each(|episode| first.add(episode));
+            let checked = journal.read(|run| first.check(journal.resolved, run));
+            checked.map_err(|error| journal.fail(error))?;
+        }
+        Ok(episodes)
     }
 }
 

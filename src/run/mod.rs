@@ -11,6 +11,7 @@ mod completion;
 mod end_text;
 pub(crate) mod evaluate;
 pub(crate) mod falsify;
+mod first_simulations;
 pub(crate) mod header;
 mod journal;
 mod opening;

@@ -110,7 +110,7 @@ pub type Watch<'w> = &'w mut (dyn FnMut(&Progress) -> ControlFlow<()> + Send);
 ///
 /// # Errors
 /// If the run is of another plan or contains other simulations, the engine is not that of the plan,
-/// or a simulation cannot be run or stored.
+/// a simulation cannot be run or stored, or the first simulations of a search all fail.
 pub fn ask(
     resolved: &ResolvedPlan,
     run: RunWriter,
@@ -144,7 +144,7 @@ fn ask_directly(resolved: &ResolvedPlan, run: RunWriter, watch: Watch<'_>) -> Re
         }
         RunKind::Falsify => Ok(Answer::Falsification(falsify(resolved, run, watch)?, None)),
         RunKind::Margin | RunKind::Risk => {
-            let journal = Journal::new(resolved, run)?;
+            let journal = Journal::of_search(resolved, run)?;
             let answer = recorded(&journal, watch)?;
             let ended = ended(&answer);
             journal.check(&ended, answer.is_complete())?;

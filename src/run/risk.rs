@@ -66,6 +66,11 @@ pub fn risk_refusals(report: &Report) -> Vec<String> {
             plural(*simulations, "simulation"),
             plural(*needed, "simulation")
         ),
+        Refusal::InvalidStarts => {
+            "multilevel splitting: the target cannot start from some scenarios, and the chains cannot leave these out; Monte \
+             Carlo does"
+                .to_string()
+        }
         Refusal::Chains(Disagreement::Incomplete { complete }) => format!(
             "multilevel splitting: {complete} of {chains} chains reached a failure within the budget; a larger budget lets all of them"
         ),
@@ -101,5 +106,13 @@ pub fn risk_refusals(report: &Report) -> Vec<String> {
                 probability_text(importance.outside)
             )
         });
+    let importance = match report.importance.is_some() && report.monte_carlo.invalid_starts > 0 {
+        true => Some(
+            "importance sampling: the target cannot start from some scenarios, and the weights cannot leave these out; Monte \
+             Carlo does"
+                .to_string(),
+        ),
+        false => importance,
+    };
     splitting.into_iter().chain(importance).collect()
 }

@@ -334,10 +334,12 @@ fn controllers(
                 git_commit: build().git_commit,
                 command: plan.command(),
                 settings: settings.to_toml(),
-                validation: validation.map(|validation| ValidationRecord {
-                    episodes: settings.run().validation_episodes,
-                    success_rate: validation.success_rate,
-                    strict_success_rate: validation.strict_success_rate,
+                validation: validation.filter(|found| found.nominal().has_verdicts()).map(|validation| {
+                    ValidationRecord {
+                        episodes: settings.run().validation_episodes,
+                        success_rate: validation.success_rate,
+                        strict_success_rate: validation.strict_success_rate,
+                    }
                 }),
             },
         },

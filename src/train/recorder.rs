@@ -3,6 +3,7 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use mishandle_controllers::Policy;
+use mishandle_evaluation::{decides_strict_success, decides_success, rate};
 use mishandle_rollout::{
     Environment, Episode, Noise, Request, Rollout, Scenario, Seed, Specification, System, TrainingScenarios,
 };
@@ -157,14 +158,7 @@ impl<'a> TrainingRecorder<'a> {
         .with_disturbances(self.scenarios.space.clone(), &self.scenarios.disturbances)?;
         let request = |i| Request::new(scenario(i), VALIDATION_SEED.child(i));
         let found = rollout.rollout(&(0..episodes as u64).map(request).collect::<Vec<Request>>())?;
-        let rate = |holds: &dyn Fn(&Episode) -> bool| {
-            found.iter().filter(|episode| holds(episode)).count() as f64 / episodes as f64
-        };
-        Ok(Rates {
-            success_rate: rate(&Episode::is_success),
-            strict_success_rate: rate(&Episode::is_strict_success),
-            mean_return: found.iter().map(|episode| episode.total_reward).sum::<f64>() / episodes as f64,
-        })
+        Ok(rates_of(&found, self.specification.strict.is_some()))
     }
 
     fn measure(&self, policy: &Policy, episodes: usize) -> Result<Validation, MishandleError> {
@@ -231,5 +225,67 @@ impl Observer for TrainingRecorder<'_> {
                 self.checkpoint_time = Some(Instant::now());
             }
         }
+    }
+}
+
+/// Returns the results of episodes: rates as those of an evaluation, NaN without any verdict.
+/// Without a strict formula, the rate of strict success is 0.
+fn rates_of(episodes: &[Episode], has_strict: bool) -> Rates {
+    let started: Vec<&Episode> = episodes.iter().filter(|episode| episode.end.counts_in_rates()).collect();
+    let count = |is: fn(&Episode) -> bool| started.iter().filter(|episode| is(episode)).count() as u64;
+    let n = started.len() as u64;
+    let rate = |holds: fn(&Episode) -> bool, decides: fn(&Episode) -> bool| {
+        rate(count(holds), count(decides), n).value.unwrap_or(f64::NAN)
+    };
+    Rates {
+        success_rate: rate(Episode::is_success, decides_success),
+        strict_success_rate: match has_strict {
+            true => rate(Episode::is_strict_success, decides_strict_success),
+            false => 0.0,
+        },
+        mean_return: started.iter().map(|episode| episode.total_reward).sum::<f64>() / n as f64,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use mishandle_rollout::{EpisodeEnd, Seed, Verdict};
+    use mishandle_stl::Trace;
+
+    use super::*;
+
+    fn episode(end: EpisodeEnd, rho: Option<f64>) -> Episode {
+        Episode {
+            request: Request::new([0.5], Seed(0)),
+            end,
+            reason: String::new(),
+            steps: 1,
+            verdict: Verdict { robustness: rho, success: rho, strict: rho, ..Verdict::default() },
+            total_reward: 2.0,
+            trace: Trace::new(Arc::from([])),
+            trace_digest: None,
+        }
+    }
+
+    #[test]
+    fn a_validation_has_the_rates_of_an_evaluation() {
+        let passed = episode(EpisodeEnd::Completed, Some(1.0));
+        let (crash, rejected) = (EpisodeEnd::Crashed { step: 1 }, EpisodeEnd::InvalidScenario);
+        let rates = |ends: &[EpisodeEnd]| {
+            let others = ends.iter().map(|end| episode(*end, None));
+            let Rates { success_rate, strict_success_rate, mean_return } =
+                rates_of(&std::iter::once(passed.clone()).chain(others).collect::<Vec<_>>(), true);
+            assert_eq!((success_rate, mean_return), (strict_success_rate, 2.0));
+            success_rate
+        };
+        assert_eq!(
+            [rates(&[]), rates(&[rejected]), rates(&[crash]), rates(&[crash, rejected])],
+            [1.0, 1.0, 0.5, 0.5]
+        );
+        for ends in [vec![crash; 3], vec![rejected; 3]] {
+            let found: Vec<Episode> = ends.into_iter().map(|end| episode(end, None)).collect();
+            assert!(rates_of(&found, true).success_rate.is_nan());
+        }
+        assert_eq!(rates_of(&[passed], false).strict_success_rate, 0.0);
     }
 }

@@ -1,5 +1,7 @@
 use mishandle_controllers::ControllerFile;
-use mishandle_results::{Controller, ScenarioRates, Seed, Training, TrainingPlan, TrainingTime, Validation};
+use mishandle_results::{
+    Controller, Number, ScenarioRates, Seed, Training, TrainingPlan, TrainingTime, Validation,
+};
 use mishandle_text::path_text;
 use mishandle_training::{Rates, RunSettings};
 
@@ -26,10 +28,10 @@ impl TrainReport {
             stop_condition: self.stopped_early().then(|| stop_condition(settings.run())),
             training_time,
             no_training_time,
-            success_rate: validation.map(|validation| validation.success_rate.into()),
-            strict_success_rate: validation.map(|validation| validation.strict_success_rate.into()),
-            space: validation.and_then(|validation| validation.space).map(rates),
-            corners: validation.and_then(|validation| validation.corners).map(rates),
+            success_rate: validation.and_then(|validation| decided(validation.success_rate)),
+            strict_success_rate: validation.and_then(|validation| decided(validation.strict_success_rate)),
+            space: validation.and_then(|validation| validation.space).and_then(rates),
+            corners: validation.and_then(|validation| validation.corners).and_then(rates),
             controller_hash: result.best.hash(),
             best: path_text(&plan.out),
             last: path_text(&plan.last()),
@@ -39,12 +41,17 @@ impl TrainReport {
     }
 }
 
-fn rates(rates: Rates) -> ScenarioRates {
-    ScenarioRates {
+/// Returns a rate; `None` without a verdict.
+fn decided(rate: f64) -> Option<Number> {
+    (!rate.is_nan()).then(|| rate.into())
+}
+
+fn rates(rates: Rates) -> Option<ScenarioRates> {
+    rates.has_verdicts().then(|| ScenarioRates {
         success_rate: rates.success_rate.into(),
         strict_success_rate: rates.strict_success_rate.into(),
         mean_return: rates.mean_return.into(),
-    }
+    })
 }
 
 /// Describes the condition of early stopping.

@@ -8,7 +8,9 @@ use mishandle_rollout::{
 };
 
 use crate::run::simulate;
-use crate::{EvaluationError, FormulaRoles};
+use crate::{
+    EvaluationError, FormulaRoles, decides_careful_success, decides_strict_success, decides_success,
+};
 
 /// Largest number of axes of which all corners are evaluated.
 const ALL_CORNERS: usize = 4;
@@ -112,6 +114,8 @@ impl Corners {
             scenario: scenario.clone(),
             is_reachable: is_reachable(scenario),
             n: 0,
+            invalid_starts: 0,
+            verdicts: [0; 3],
             successes: 0,
             strict_successes: roles.strict.then_some(0),
             careful_successes: roles.careful.then_some(0),
@@ -170,6 +174,10 @@ pub struct CornerResult {
     pub is_reachable: Option<bool>,
     /// Number of simulations.
     pub n: u32,
+    /// Number of simulations that cannot start. They decide nothing.
+    pub invalid_starts: u32,
+    /// Numbers of simulations with a verdict on success, strict success and careful success.
+    verdicts: [u32; 3],
     /// Number of simulations with success.
     pub successes: u32,
     /// Number of simulations with success and strict success; `None` without a strict formula.
@@ -188,19 +196,25 @@ pub struct CornerResult {
 }
 
 impl CornerResult {
-    /// Returns whether all simulations succeed.
-    pub fn succeeds(&self) -> bool {
-        self.n > 0 && self.successes == self.n
+    /// Returns whether all simulations that started succeed; `None` if none has a verdict.
+    pub fn succeeds(&self) -> Option<bool> {
+        self.all(self.successes, 0)
     }
 
-    /// Returns whether all simulations succeed strictly; `None` without a strict formula.
+    /// Returns whether all simulations that started succeed strictly; `None` if none has a verdict,
+    /// and without a strict formula.
     pub fn succeeds_strictly(&self) -> Option<bool> {
-        self.strict_successes.map(|successes| self.n > 0 && successes == self.n)
+        self.all(self.strict_successes?, 1)
     }
 
-    /// Returns whether all simulations succeed carefully; `None` without a careful formula.
+    /// Returns whether all simulations that started succeed carefully; `None` if none has a
+    /// verdict, and without a careful formula.
     pub fn succeeds_carefully(&self) -> Option<bool> {
-        self.careful_successes.map(|successes| self.n > 0 && successes == self.n)
+        self.all(self.careful_successes?, 2)
+    }
+
+    fn all(&self, successes: u32, kind: usize) -> Option<bool> {
+        (self.verdicts[kind] > 0).then_some(successes == self.n - self.invalid_starts)
     }
 }
 
@@ -228,9 +242,11 @@ impl CornerReport {
         self.points.last().filter(|point| self.counts(point))
     }
 
-    /// Returns whether a point counts.
+    /// Returns whether a point counts: not if it is excluded as unreachable, or the target cannot
+    /// start from it.
     pub fn counts(&self, point: &CornerResult) -> bool {
-        !(self.excludes_unreachable && point.is_reachable == Some(false))
+        let is_excluded = self.excludes_unreachable && point.is_reachable == Some(false);
+        !is_excluded && (point.n == 0 || point.invalid_starts < point.n)
     }
 
     /// Returns the number of simulations so far.
@@ -244,6 +260,10 @@ impl CornerReport {
         let Some(point) = self.points.get_mut(index as usize) else { return };
         let (success, strict) = (episode.is_success(), episode.is_strict_success());
         point.n += 1;
+        point.invalid_starts += u32::from(!episode.end.counts_in_rates());
+        let decided =
+            [decides_success(episode), decides_strict_success(episode), decides_careful_success(episode)];
+        point.verdicts.iter_mut().zip(decided).for_each(|(count, decided)| *count += u32::from(decided));
         match episode.end {
             EpisodeEnd::Diverged { .. } => point.diverged += 1,
             end if end.is_invalid() => point.invalid += 1,
@@ -347,6 +367,45 @@ mod tests {
         let point = &report.points[0];
         assert_eq!((point.n, point.successes, point.strict_successes), (8, 1, Some(1)));
         assert_eq!((point.diverged, point.invalid, point.undecided), (1, 3, 2));
+    }
+
+    #[test]
+    fn a_point_without_a_verdict_neither_succeeds_nor_fails_and_an_invalid_start_counts_nowhere() {
+        let corners = Corners::new(&space(1), false, Seed(0)).unwrap();
+        let roles = FormulaRoles { strict: true, careful: true, ..FormulaRoles::default() };
+        let found = |seeds: u32, ends: &[(EpisodeEnd, Option<f64>)]| {
+            let mut report = CornerReport { seeds, ..corners.report(roles, false, |_| None) };
+            for (end, rho) in ends {
+                let verdict = Verdict {
+                    robustness: *rho,
+                    success: *rho,
+                    strict: *rho,
+                    careful: *rho,
+                    ..Verdict::default()
+                };
+                report.add(&Episode {
+                    request: corners.request(1).unwrap(),
+                    trace: Trace::new(Arc::from([])),
+                    trace_digest: None,
+                    steps: 1,
+                    verdict,
+                    reason: String::new(),
+                    total_reward: 0.0,
+                    end: *end,
+                });
+            }
+            let point = &report.points[0];
+            let succeeds = [point.succeeds(), point.succeeds_strictly(), point.succeeds_carefully()];
+            assert!(succeeds.iter().all(|other| *other == succeeds[0]), "{succeeds:?}");
+            (report.counts(point), succeeds[0])
+        };
+        let passed = (EpisodeEnd::Completed, Some(1.0));
+        for end in crate::ends::WITHOUT_VERDICT {
+            let starts = end != EpisodeEnd::InvalidScenario;
+            assert_eq!(found(1, &[(end, None)]), (starts, None), "{end:?}");
+            assert_eq!(found(2, &[passed, (end, None)]), (true, Some(!starts)), "{end:?}");
+            assert_eq!(found(2, &[(EpisodeEnd::Completed, Some(-1.0)), (end, None)]), (true, Some(false)));
+        }
     }
 
     #[test]

@@ -28,6 +28,7 @@ mod betting;
 mod chi_squared;
 mod corners;
 mod effect;
+mod ends;
 mod error;
 mod exact;
 mod f_distribution;
@@ -50,20 +51,23 @@ pub use betting::{betting_mean, betting_mean_at};
 pub use chi_squared::chi_squared_tail;
 pub use corners::{CornerReport, CornerResult, Corners, evaluate_corners};
 pub use effect::vargha_delaney;
+pub use ends::count_end;
 pub use error::EvaluationError;
 pub use exact::{fisher_test, sign_test};
 pub use holm::holm;
 pub use interval::{bootstrap_mean, bound_without_failures, clopper_pearson, mean, wilson};
 pub use kolmogorov_smirnov::kolmogorov_smirnov;
 pub use kruskal_wallis::{KruskalWallis, kruskal_wallis};
-pub use metrics::{FormulaRoles, MetricCounter};
-pub use mishandle_results::{Estimate, Metrics, QUANTILES, Repeats};
+pub use metrics::{
+    FormulaRoles, MetricCounter, decides_careful_success, decides_strict_success, decides_success, rate,
+};
+pub use mishandle_results::{EndCounts, Estimate, Metrics, QUANTILES, Repeats};
 pub use paired::{PairedCounts, paired_mean_difference};
 pub use repeats::{repeats, variance_share};
 pub use run::{Evaluation, ScenarioFilter, evaluate};
 pub use screened::{
-    EndCounts, EvaluationFailure, SCREENED_CHUNK, ScreenedEvaluation, ScreenedProgress, Selection,
-    evaluate_screened, screen,
+    EvaluationFailure, SCREENED_CHUNK, ScreenedEvaluation, ScreenedProgress, Selection, evaluate_screened,
+    screen,
 };
 pub use sensitivity::{SensitivitySample, total_effects};
 pub use smooth_region::{NotSmooth, SmoothRegion, smooth_region};

@@ -2,6 +2,7 @@
 
 use mishandle_results::{Estimate, Metrics};
 use mishandle_rollout::{Episode, EpisodeEnd, Seed, Specification};
+use mishandle_stl::is_satisfied;
 
 use crate::{betting_mean, bootstrap_mean, wilson};
 
@@ -30,6 +31,53 @@ impl FormulaRoles {
     }
 }
 
+/// Simulations that succeed, and those with a verdict on it.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+struct Count {
+    successes: u64,
+    verdicts: u64,
+}
+
+impl Count {
+    fn add(&mut self, is_success: bool, has_verdict: bool) {
+        self.successes += u64::from(is_success);
+        self.verdicts += u64::from(has_verdict);
+    }
+
+    /// Returns the rate among `n` simulations.
+    fn rate(self, n: u64) -> Estimate {
+        rate(self.successes, self.verdicts, n)
+    }
+}
+
+/// Returns the rate of successes among `n` simulations, of which `verdicts` have a verdict, with
+/// its Wilson interval. Without any verdict nothing was measured, so there is no value.
+pub fn rate(successes: u64, verdicts: u64, n: u64) -> Estimate {
+    if verdicts == 0 { Estimate { n, ..Estimate::default() } } else { wilson(successes, n) }
+}
+
+/// Returns whether an episode has a verdict on success.
+pub fn decides_success(episode: &Episode) -> bool {
+    episode.end.has_verdict() && episode.verdict.success.is_some()
+}
+
+/// Returns whether an episode has a verdict on strict success, which includes success.
+pub fn decides_strict_success(episode: &Episode) -> bool {
+    decides_both(episode, episode.verdict.strict)
+}
+
+/// Returns whether an episode has a verdict on careful success, which includes success.
+pub fn decides_careful_success(episode: &Episode) -> bool {
+    decides_both(episode, episode.verdict.careful)
+}
+
+/// A violated formula decides without the other one.
+fn decides_both(episode: &Episode, other: Option<f64>) -> bool {
+    let both = [episode.verdict.success, other];
+    let is_violated = both.iter().flatten().any(|rho| !is_satisfied(*rho));
+    episode.end.has_verdict() && (is_violated || both.iter().all(Option::is_some))
+}
+
 /// Accumulates the metrics of simulations, with at most 16 bytes per simulation.
 ///
 /// # Example
@@ -50,9 +98,9 @@ pub struct MetricCounter {
     undecided: u64,
     strict_undecided: u64,
     careful_undecided: u64,
-    successes: u64,
-    strict_successes: u64,
-    careful_successes: u64,
+    success: Count,
+    strict: Count,
+    careful: Count,
     dangerous_fractions: Vec<f64>,
     completion_steps: Vec<f64>,
     roles: FormulaRoles,
@@ -84,7 +132,12 @@ impl MetricCounter {
 
     /// Returns the number of successes.
     pub fn successes(&self) -> u64 {
-        self.successes
+        self.success.successes
+    }
+
+    /// Returns the number of simulations with a verdict on success.
+    pub fn verdicts(&self) -> u64 {
+        self.success.verdicts
     }
 
     /// Returns the fraction of dangerous steps of each simulation that has one.
@@ -111,7 +164,7 @@ impl MetricCounter {
         }
         if episode.end.is_failed() {
             self.failed += 1;
-            self.invalid_scenarios += u64::from(episode.end == EpisodeEnd::InvalidScenario);
+            self.invalid_scenarios += u64::from(!episode.end.counts_in_rates());
             return;
         }
         if matches!(episode.end, EpisodeEnd::Undefined { .. }) {
@@ -123,9 +176,9 @@ impl MetricCounter {
         self.undecided += u64::from(verdict.success.is_none());
         self.strict_undecided += u64::from(verdict.strict.is_none());
         self.careful_undecided += u64::from(verdict.careful.is_none());
-        self.successes += u64::from(episode.is_success());
-        self.strict_successes += u64::from(episode.is_strict_success());
-        self.careful_successes += u64::from(episode.is_careful_success());
+        self.success.add(episode.is_success(), decides_success(episode));
+        self.strict.add(episode.is_strict_success(), decides_strict_success(episode));
+        self.careful.add(episode.is_careful_success(), decides_careful_success(episode));
         if let (Some(dangerous), true) = (verdict.dangerous_steps, episode.steps > 0) {
             self.dangerous_fractions.push(dangerous as f64 / episode.steps as f64);
         }
@@ -146,9 +199,9 @@ impl MetricCounter {
             undecided: self.undecided,
             strict_undecided: self.strict_undecided,
             careful_undecided: self.roles.careful.then_some(self.careful_undecided),
-            success_rate: wilson(self.successes, started),
-            strict_success_rate: self.roles.strict.then(|| wilson(self.strict_successes, started)),
-            careful_success_rate: self.roles.careful.then(|| wilson(self.careful_successes, started)),
+            success_rate: self.success.rate(started),
+            strict_success_rate: self.roles.strict.then(|| self.strict.rate(started)),
+            careful_success_rate: self.roles.careful.then(|| self.careful.rate(started)),
             dangerous_behavior_rate: self.roles.safe.then(|| betting_mean(&self.dangerous_fractions)),
             dangerous_episode_rate: self.roles.safe.then(|| self.dangerous_episode_rate()),
             task_completion_time: self.roles.completion.then(|| bootstrap_mean(&self.completion_steps, seed)),
@@ -292,11 +345,28 @@ mod tests {
     }
 
     #[test]
+    fn without_any_verdict_no_success_rate_has_a_value() {
+        let unknown = |n| Estimate { n, ..Estimate::default() };
+        for end in crate::ends::WITHOUT_VERDICT {
+            let found = report(&vec![Episode { end, ..episode(None, None, 0, None) }; 3]);
+            let n = if end == EpisodeEnd::InvalidScenario { 0 } else { 3 };
+            assert_eq!(found.success_rate, unknown(n), "{end:?}");
+            assert_eq!(found.strict_success_rate, Some(unknown(n)), "{end:?}");
+            assert_eq!(found.careful_success_rate, Some(unknown(n)), "{end:?}");
+        }
+        // A violated success decides the others, which include it.
+        let found = report(&[episode(Some(-1.0), None, 0, None)]);
+        assert_eq!(found.strict_success_rate, Some(wilson(0, 1)));
+        let found = report(&[episode(Some(1.0), None, 0, None)]);
+        assert_eq!((found.success_rate, found.strict_success_rate), (wilson(1, 1), Some(unknown(1))));
+    }
+
+    #[test]
     fn an_undecided_simulation_is_a_failure_with_a_dangerous_fraction() {
         let report = report(&[episode(None, Some(1.0), 4, Some(0)), episode(Some(1.0), None, 0, Some(0))]);
         assert_eq!((report.undecided, report.strict_undecided), (1, 1));
         assert_eq!(report.success_rate.value, Some(0.5));
-        assert_eq!(report.strict_success_rate.unwrap().value, Some(0.0));
+        assert_eq!(report.strict_success_rate.unwrap().value, None, "neither has a strict verdict");
         assert_eq!(report.dangerous_behavior_rate.unwrap().value, Some(0.5));
         assert_eq!(report.task_completion_time.unwrap().n, 1);
     }

@@ -5,11 +5,11 @@ use std::ops::ControlFlow;
 use std::sync::Mutex;
 
 use mishandle_random::Sequence;
-use mishandle_rollout::{Episode, EpisodeEnd, Request, RolloutError, Screen, ScreenedEpisode, System};
+use mishandle_rollout::{Episode, Request, RolloutError, Screen, ScreenedEpisode, System};
 
 use crate::run::simulate;
 use crate::two_phase::OthersSample;
-use crate::{Estimate, Evaluation, EvaluationError, FormulaRoles, TwoPhase};
+use crate::{EndCounts, Estimate, Evaluation, EvaluationError, FormulaRoles, TwoPhase, count_end};
 
 /// Confidence of the intervals.
 const CONFIDENCE: f64 = 0.95;
@@ -86,41 +86,10 @@ pub struct EvaluationFailure {
     pub robustness: Option<f64>,
 }
 
-/// Numbers of simulations without a verdict of the success formula, by reason.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct EndCounts {
-    /// Diverged.
-    pub diverged: u64,
-    /// Ended because the controller or the environment returned a value that is not finite.
-    pub invalid: u64,
-    /// Could not start, crashed or took too long.
-    pub failed: u64,
-    /// Left success undecided.
-    pub undecided: u64,
-}
-
-impl EndCounts {
-    fn add(&mut self, episode: &Episode) {
-        match episode.end {
-            EpisodeEnd::Diverged { .. } => self.diverged += 1,
-            end if end.is_invalid() => self.invalid += 1,
-            end if end.is_failed() => self.failed += 1,
-            _ => self.undecided += u64::from(episode.verdict.success.is_none()),
-        }
-    }
-
-    fn add_all(&mut self, other: EndCounts) {
-        self.diverged += other.diverged;
-        self.invalid += other.invalid;
-        self.failed += other.failed;
-        self.undecided += other.undecided;
-    }
-}
-
 /// Result of a screened evaluation. All rates are of the system.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct ScreenedEvaluation {
-    /// Simulations, and those without success.
+    /// Simulations, and those without success. Invalid starts have no event.
     pub failures: TwoPhase,
     /// Simulations, and those without strict success; `None` without this formula.
     pub strict_failures: Option<TwoPhase>,
@@ -135,6 +104,9 @@ pub struct ScreenedEvaluation {
     pub without_verdict: u64,
     /// Why simulations of the system have no verdict.
     pub ends: EndCounts,
+    /// Numbers of flagged and of sampled simulations from whose scenario the system cannot start.
+    /// They are in no rate. The other engine gives them no verdict either, so they are flagged.
+    pub invalid_starts: [u64; 2],
     /// Simulations of the system without success, at most 100.
     pub first_failures: Vec<EvaluationFailure>,
     /// Whether all simulations are finished. Simulations of an interrupted chunk do not count.
@@ -144,18 +116,29 @@ pub struct ScreenedEvaluation {
 impl ScreenedEvaluation {
     /// Returns the success rate: see [`TwoPhase::estimate`].
     pub fn success_rate(&self) -> Estimate {
-        complement(self.failures.estimate(CONFIDENCE))
+        complement(self.estimate(self.failures))
     }
 
     /// Returns the strict success rate; `None` without this formula.
     pub fn strict_success_rate(&self) -> Option<Estimate> {
-        Some(complement(self.strict_failures?.estimate(CONFIDENCE)))
+        Some(complement(self.estimate(self.strict_failures?)))
     }
 
     /// Returns the rate of simulations with a sample that violates the safe condition; `None`
     /// without this condition.
     pub fn dangerous_episode_rate(&self) -> Option<Estimate> {
-        Some(self.dangerous?.estimate(CONFIDENCE))
+        Some(self.estimate(self.dangerous?))
+    }
+
+    /// Returns the rate of an event among the valid scenarios; without a value if the system gave
+    /// no verdict at all.
+    fn estimate(&self, counts: TwoPhase) -> Estimate {
+        let [flagged, sampled] = self.invalid_starts;
+        let counts = counts.without(flagged, sampled);
+        match self.without_verdict < self.confirmed() {
+            true => counts.estimate(CONFIDENCE),
+            false => Estimate { n: counts.trials, ..Estimate::default() },
+        }
     }
 
     /// Returns the number of simulations of the system.
@@ -178,6 +161,8 @@ impl ScreenedEvaluation {
         self.screened_without_verdict += selection.without_verdict;
         self.overflows += selection.overflows;
         self.without_verdict += flagged.without_verdict + sampled.without_verdict;
+        self.invalid_starts[0] += flagged.invalid_starts;
+        self.invalid_starts[1] += sampled.invalid_starts;
         self.ends.add_all(flagged.ends);
         self.ends.add_all(sampled.ends);
         self.first_failures.extend(flagged.first_failures);
@@ -193,6 +178,7 @@ struct Repeated {
     /// Numbers of simulations without success, without strict success, and with any danger.
     events: [u64; 3],
     without_verdict: u64,
+    invalid_starts: u64,
     ends: EndCounts,
     first_failures: Vec<EvaluationFailure>,
 }
@@ -200,12 +186,16 @@ struct Repeated {
 impl Repeated {
     fn add(&mut self, episode: &Episode) {
         self.simulations += 1;
+        self.without_verdict += u64::from(episode.robustness().is_none());
+        count_end(&mut self.ends, episode);
+        if !episode.end.counts_in_rates() {
+            self.invalid_starts += 1;
+            return;
+        }
         let events = [!episode.is_success(), !episode.is_strict_success(), episode.verdict.is_dangerous()];
         for (count, event) in self.events.iter_mut().zip(events) {
             *count += u64::from(event);
         }
-        self.without_verdict += u64::from(episode.robustness().is_none());
-        self.ends.add(episode);
         if !episode.is_success() && self.first_failures.len() < SHOWN {
             self.first_failures.push(EvaluationFailure {
                 request: episode.request.clone(),

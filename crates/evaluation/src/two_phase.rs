@@ -57,6 +57,17 @@ pub struct TwoPhase {
 }
 
 impl TwoPhase {
+    /// Returns the counts without some flagged and sampled trials, which are not of the population
+    /// that the rate is about.
+    pub fn without(&self, flagged: u64, sampled: u64) -> TwoPhase {
+        TwoPhase {
+            trials: self.trials - flagged - sampled,
+            flagged: self.flagged - flagged,
+            sampled: self.sampled - sampled,
+            ..*self
+        }
+    }
+
     /// Returns the rate of the event with an interval that contains the true rate with a
     /// probability of at least `confidence`.
     ///

@@ -1,6 +1,6 @@
 //! Outcomes of trials and falsifications.
 
-use mishandle_evaluation::{Estimate, bound_without_failures, wilson};
+use mishandle_evaluation::{Estimate, bound_without_failures, rate};
 use mishandle_rollout::{Episode, EpisodeEnd, Scenario, Seed};
 use mishandle_stl::is_violated;
 
@@ -150,7 +150,7 @@ pub struct FalsificationOutcome {
     /// Number of falsified trials.
     pub falsified_trials: u32,
     /// Falsification rate: fraction of falsified trials among the ended trials, with its Wilson
-    /// interval.
+    /// interval; no value if no simulation has a verdict.
     pub falsification_rate: Estimate,
     /// Mean number of simulations over the falsified trials; `None` without falsified trials. It
     /// does not depend on the number of trials without a violation, unlike the median and the
@@ -209,13 +209,15 @@ impl FalsificationOutcome {
         // before it ends.
         let falsified = || trials.iter().filter(|trial| trial.end.is_some() && trial.falsified());
         let falsified_trials = falsified().count() as u32;
+        let is_tested = |trial: &&TrialOutcome| trial.minimum.is_some() || trial.screened > 0;
+        let tested = trials.iter().filter(is_tested).count() as u64;
         let spent: u64 = falsified().filter_map(|trial| trial.first_violation).map(u64::from).sum();
         let is_complete = !trials.is_empty() && ended == trials.len() as u64;
         let unfalsified = trials.len() as u64 - u64::from(falsified_trials);
         let total_with_budget = spent + unfalsified * u64::from(budget);
         FalsificationOutcome {
             falsified_trials,
-            falsification_rate: wilson(falsified_trials.into(), ended),
+            falsification_rate: rate(falsified_trials.into(), tested, ended),
             mean_simulations: (falsified_trials > 0).then(|| spent as f64 / f64::from(falsified_trials)),
             median_simulations: is_complete
                 .then(|| median(falsified().filter_map(|trial| trial.first_violation), trials.len()))

@@ -272,18 +272,23 @@ impl EvaluationSummary {
             completion: facts.has_formula("completion"),
         };
         let metrics = counter(plan, roles, random).report(Seed(plan.seed));
-        let mut points: Vec<(&[Option<f64>], bool)> = Vec::new();
+        // Points, whether all their simulations succeed, and whether any has a verdict.
+        let mut points: Vec<(&[Option<f64>], bool, bool)> = Vec::new();
         for Simulation { scenario, robustness, .. } in corners {
             let is_success = robustness.is_some_and(f64::is_sign_positive);
-            match points.iter_mut().find(|(known, _)| *known == &scenario[..]) {
-                Some((_, succeeds)) => *succeeds &= is_success,
-                None => points.push((scenario, is_success)),
+            match points.iter_mut().find(|(known, ..)| *known == &scenario[..]) {
+                Some((_, succeeds, is_tested)) => {
+                    *succeeds &= is_success;
+                    *is_tested |= robustness.is_some();
+                }
+                None => points.push((scenario, is_success, robustness.is_some())),
             }
         }
+        points.retain(|(.., is_tested)| *is_tested);
         EvaluationSummary {
             dangerous_behavior_rate: metrics.dangerous_behavior_rate,
             task_completion_time: metrics.task_completion_time,
-            failing_corners: points.iter().filter(|(_, succeeds)| !succeeds).count() as u32,
+            failing_corners: points.iter().filter(|(_, succeeds, _)| !succeeds).count() as u32,
             corners: points.len() as u32,
         }
     }

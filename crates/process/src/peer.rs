@@ -55,7 +55,17 @@ impl Peer {
     /// If it cannot be started.
     pub fn start(program: &Program) -> Result<Peer, Failure> {
         let name = program.words.first().cloned().unwrap_or_default();
-        let failed = |source| Failure::Start { program: name.clone(), source };
+        let failed = |source: std::io::Error| {
+            // The system reports a missing folder as if it were the program.
+            let source = match program.folder.is_dir() {
+                true => source,
+                false => std::io::Error::other(format!(
+                    "its working folder {} does not exist",
+                    program.folder.display()
+                )),
+            };
+            Failure::Start { program: name.clone(), source }
+        };
         let mut command = Command::new(&name);
         command.args(program.words.iter().skip(1)).current_dir(&program.folder).process_group(0);
         command.stdin(Stdio::piped()).stdout(Stdio::piped()).stderr(Stdio::piped());

@@ -128,3 +128,12 @@ fn a_program_that_reads_its_input_to_the_end_can_finish() {
     let _ = std::fs::remove_file(&file);
     assert_eq!(saved.expect("the file"), "saved\n");
 }
+
+#[test]
+fn a_working_folder_that_vanished_is_named() {
+    let folder = std::env::temp_dir().join(format!("mishandle-gone-{}", std::process::id()));
+    let words = ["sh", "-c", "cat"].map(String::from).to_vec();
+    let error =
+        Peer::start(&Program { words, folder: folder.clone() }).err().expect("no program").to_string();
+    assert_eq!(error, format!("cannot start `sh`: its working folder {} does not exist", folder.display()));
+}

@@ -59,7 +59,7 @@ impl Outcome {
     fn words(self) -> &'static str {
         match self {
             Outcome::BothSucceed => "both succeed",
-            Outcome::BothFail => "both fail",
+            Outcome::BothFail => "neither succeeds",
             Outcome::Fixed => "fixed: A fails, B succeeds",
             Outcome::New => "new: A succeeds, B fails",
         }
@@ -88,6 +88,7 @@ fn html(found: &Comparison, headers: [&RunHeader; 2]) -> String {
     );
     let mut notes: Vec<String> = Vec::new();
     notes.extend(found.sameness().map(|sentence| text(&sentence) + "."));
+    notes.extend(without_verdict(found));
     notes.extend(found.differences.iter().map(|what| format!("A and B also differ in {}.", text(what))));
     if !notes.is_empty() {
         let notes: String = notes.iter().map(|note| format!("<li>{note}</li>")).collect();
@@ -128,6 +129,22 @@ fn corners_text(found: &Comparison) -> String {
     }
 }
 
+/// Says which simulations count as no success, and which pairs count nowhere.
+fn without_verdict(found: &Comparison) -> Vec<String> {
+    let run = |name: &str, run: &ComparedRun| {
+        let total = run.without_verdict.total();
+        (total > 0).then(|| {
+            let simulations = plural(total, "random simulation");
+            format!("{simulations} of {name} without a verdict. They do not count as successes.")
+        })
+    };
+    let left_out = (found.left_out > 0).then(|| {
+        let pairs = plural(found.left_out, "pair");
+        format!("{pairs} left out: the target cannot start from the scenario.")
+    });
+    run("A", &found.first).into_iter().chain(run("B", &found.second)).chain(left_out).collect()
+}
+
 fn tiles(found: &Comparison) -> String {
     let random = |pairs: &[ComparedPair]| pairs.iter().filter(|pair| pair.trial != Corners::TRIAL).count();
     let rate = |rate: &Estimate| rate.value.map_or("–".to_string(), percent);
@@ -159,7 +176,7 @@ fn differences(found: &Comparison) -> String {
                 b,
                 difference.value.map_or("–".to_string(), show),
                 ends.map_or("–".to_string(), |(low, high)| format!("{} to {}", show(low), show(high))),
-                mishandle_text::p_value_text(p),
+                difference.value.map_or("–".to_string(), |_| mishandle_text::p_value_text(p)),
                 difference.n.to_string(),
             ]
         };
@@ -216,7 +233,7 @@ impl View<'_> {
     /// Returns the charts: robustness of A against B, and maps of the space.
     fn figures(&self) -> String {
         let legend = "<p class=\"legend\"><span><b class=\"fail\">✕</b> new failure</span> <span><b class=\"pass\">○</b> fixed \
-                      failure</span> <span><b>■</b> both fail</span> <span><b class=\"pass\">•</b> both succeed</span></p>\n";
+                      failure</span> <span><b>■</b> neither succeeds</span> <span><b class=\"pass\">•</b> both succeed</span></p>\n";
         let scatter = self.scatter();
         let maps: String = self.maps().concat();
         format!(

@@ -183,7 +183,9 @@ impl RunReport {
                     let point = Point::from(simulation.clone());
                     let strict = roles.strict.then(|| episode.is_strict_success());
                     let careful = roles.careful.then(|| episode.is_careful_success());
-                    corners.push(CornerSimulation { point, strict, careful });
+                    if episode.end.counts_in_rates() {
+                        corners.push(CornerSimulation { point, strict, careful });
+                    }
                 }
                 _ => {
                     metrics.add(&episode());

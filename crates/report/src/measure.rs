@@ -210,11 +210,8 @@ impl RunReport {
                 }
                 for episode in system.rollout(batch)? {
                     let _ = count(&episode);
-                    measured.corners.push(CornerSimulation {
-                        point: point(&episode),
-                        strict: None,
-                        careful: None,
-                    });
+                    let corner = CornerSimulation { point: point(&episode), strict: None, careful: None };
+                    measured.corners.extend(episode.end.counts_in_rates().then_some(corner));
                 }
             }
         }

@@ -60,6 +60,13 @@ pub fn meaning(found: &Risk) -> Vec<String> {
          another probability."
     ));
     sentences.extend(found.refusals.iter().map(|refusal| format!("No estimate: {}.", text(refusal))));
+    let invalid = found.monte_carlo.invalid_starts;
+    if invalid > 0 {
+        sentences.push(format!(
+            "{} left out, because the target cannot start from the scenario: it is the probability among all others.",
+            plural(invalid, "simulation")
+        ));
+    }
     let undecided = found.monte_carlo.without_verdict;
     if undecided > 0 {
         sentences.push(format!(
@@ -138,7 +145,9 @@ fn parts(found: &Risk) -> String {
             plural(importance.components, "region"),
             failures(importance.monte_carlo_outside)
         );
-        rows.push(row("importance sampling", importance.simulations, Some(importance.regions), note));
+        // The regions have a probability among all scenarios.
+        let estimate = Some(importance.regions).filter(|_| monte_carlo.invalid_starts == 0);
+        rows.push(row("importance sampling", importance.simulations, estimate, note));
     }
     table("Parts of the estimation", &["part", "simulations", "probability", "95 % interval", "found"], &rows)
 }

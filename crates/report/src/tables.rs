@@ -256,15 +256,22 @@ pub fn corners(report: &RunReport) -> Option<String> {
         Some((_, [0, ..])) => "does not",
         Some(_) => "fails",
     };
+    let is_tested = undecided < corners.len();
     let rest = match undecided {
+        _ if !is_tested => String::new(),
         0 => String::new(),
         n => format!(" {} without a verdict.", mishandle_text::plural(n as u64, "corner")),
     };
-    let manner = manner(report, &recorded);
+    let (what, manner) = match is_tested {
+        true => {
+            let what =
+                format!("{failing_corners} of the {} corners of the initial box {verb}{each}", corners.len());
+            (what, manner(report, &recorded))
+        }
+        false => ("No simulation at the corners of the initial box has a verdict".to_string(), String::new()),
+    };
     let intro = format!(
-        "<p>{failing_corners} of the {} corners of the initial box {verb}{each}; its center {center}.{rest}{manner} Random \
-         scenarios hardly ever meet a corner.</p>\n",
-        corners.len()
+        "<p>{what}; its center {center}.{rest}{manner} Random scenarios hardly ever meet a corner.</p>\n"
     );
     let rows: Vec<Vec<String>> = failing
         .iter()

@@ -1,7 +1,7 @@
 use schemars::JsonSchema;
 use serde::Serialize;
 
-use crate::{AxisFacts, Estimate, Number, Scenario, Seed, optional};
+use crate::{AxisFacts, EndCounts, Estimate, Number, Scenario, Seed, optional};
 
 /// Two evaluations on the same scenarios and seeds, A and B, compared pair by pair.
 ///
@@ -21,8 +21,10 @@ pub struct Comparison {
     pub second: ComparedRun,
     /// Facts that differ and can cause differences, as text.
     pub differences: Vec<String>,
-    /// Number of random simulations of each.
+    /// Number of pairs of random simulations that count.
     pub pairs: u64,
+    /// Number of other pairs: the target cannot start from the scenario in A or in B.
+    pub left_out: u64,
     /// Success rate.
     pub success: PairedRates,
     /// Strict success rate; `null` if the target has no such formula.
@@ -63,16 +65,19 @@ pub struct ComparedRun {
     pub not_covered: Vec<String>,
     /// Git commit of the program that made the run.
     pub commit: String,
+    /// Random simulations without a verdict on success, of the pairs that count. They do not count
+    /// as successes.
+    pub without_verdict: EndCounts,
 }
 
 /// A rate of both runs.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, JsonSchema)]
 pub struct PairedRates {
-    /// Rate of A, with its Wilson interval.
+    /// Rate of A, with its Wilson interval; `null` if no simulation of A has a verdict.
     pub first: Estimate,
-    /// Rate of B, with its Wilson interval.
+    /// Rate of B, with its Wilson interval; `null` if no simulation of B has a verdict.
     pub second: Estimate,
-    /// B minus A, with Newcombe's interval for pairs.
+    /// B minus A, with Newcombe's interval for pairs; `null` if one of the rates is.
     pub difference: Estimate,
     /// Number of pairs in which only A succeeds.
     pub first_only: u64,

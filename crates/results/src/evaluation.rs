@@ -56,10 +56,10 @@ pub struct ScreenedFailure {
 
 /// Metrics of a controller over the simulations from random scenarios, without the corners.
 ///
-/// Diverged, invalid and undecided simulations count as failures in both success rates, because
-/// excluding them would reward a controller that breaks the physics. They do not count as
-/// falsified. A diverged or invalid simulation is excluded from the dangerous behavior rate and the
-/// task completion time.
+/// Diverged, invalid, crashed and undecided simulations count as failures in the success rates,
+/// because excluding them would reward a controller that breaks the physics. They do not count as
+/// falsified. Without any verdict the rates are `null`, because nothing was measured. A diverged or
+/// invalid simulation is excluded from the dangerous behavior rate and the task completion time.
 ///
 /// A scenario from which the target cannot start says nothing about the controller, so no rate
 /// includes it; `failed` does.
@@ -112,14 +112,45 @@ pub struct Metrics {
     pub task_completion_time: Option<Estimate>,
 }
 
+/// Numbers of simulations without a verdict on success, by reason.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, JsonSchema)]
+pub struct EndCounts {
+    /// Diverged.
+    pub diverged: u64,
+    /// Ended because the controller or the environment returned a value that is not finite.
+    pub invalid: u64,
+    /// Could not start, crashed or took too long.
+    pub failed: u64,
+    /// Left success undecided.
+    pub undecided: u64,
+}
+
+impl EndCounts {
+    /// Adds other counts.
+    pub fn add_all(&mut self, other: EndCounts) {
+        self.diverged += other.diverged;
+        self.invalid += other.invalid;
+        self.failed += other.failed;
+        self.undecided += other.undecided;
+    }
+
+    /// Returns the number of all these simulations.
+    pub fn total(&self) -> u64 {
+        self.diverged + self.invalid + self.failed + self.undecided
+    }
+}
+
 /// Results at the corners and the center of the initial box. They are counts of chosen points, so
 /// they have no intervals.
 #[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
 pub struct Corners {
     /// Number of simulations per point.
     pub seeds: u32,
-    /// Number of corners that count: all, or the reachable ones with `--box reachable`.
+    /// Number of corners that count: those from which the target can start, with `--box reachable`
+    /// the reachable ones.
     pub n: u64,
+    /// Number of these at which no simulation has a verdict. They do not count as successes.
+    pub without_verdict: u64,
     /// Number of these at which all simulations succeed.
     pub succeeding: u64,
     /// Number of these at which all simulations succeed strictly; `null` without a strict formula.
@@ -127,13 +158,14 @@ pub struct Corners {
     /// Number of these at which all simulations succeed carefully; missing without such a formula.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub carefully_succeeding: Option<u64>,
-    /// Whether all simulations at the center succeed; `null` if it does not count.
+    /// Whether all simulations at the center succeed; `null` if it does not count, or none of them
+    /// has a verdict.
     pub center_succeeds: Option<bool>,
-    /// Whether all simulations at the center succeed strictly; `null` if it does not count, and
-    /// without a strict formula.
+    /// Whether all simulations at the center succeed strictly; `null` if it does not count, none of
+    /// them has a verdict, and without a strict formula.
     pub center_strictly_succeeds: Option<bool>,
-    /// Whether all simulations at the center succeed carefully; missing if it does not count, and
-    /// without such a formula.
+    /// Whether all simulations at the center succeed carefully; missing if it does not count, none
+    /// of them has a verdict, and without such a formula.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub center_carefully_succeeds: Option<bool>,
     /// The corners, then the center.
@@ -153,6 +185,9 @@ pub struct CornerPoint {
     pub counts: bool,
     /// Number of simulations.
     pub n: u32,
+    /// Number of these that cannot start, which decide nothing; missing if there are none.
+    #[serde(skip_serializing_if = "is_zero")]
+    pub invalid_starts: u32,
     /// Number of these that succeed.
     pub successes: u32,
     /// Number of these that succeed strictly; `null` without a strict formula.
@@ -168,4 +203,20 @@ pub struct CornerPoint {
     pub failed: u32,
     /// Number of other simulations that left success undecided.
     pub undecided: u32,
+}
+
+impl CornerPoint {
+    /// Returns the number of simulations that decide about the point: all but the invalid starts.
+    pub fn started(&self) -> u32 {
+        self.n - self.invalid_starts
+    }
+
+    /// Returns whether any simulation has a verdict.
+    pub fn has_verdict(&self) -> bool {
+        self.diverged + self.invalid + self.failed + self.undecided < self.n
+    }
+}
+
+fn is_zero(count: &u32) -> bool {
+    *count == 0
 }

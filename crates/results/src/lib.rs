@@ -64,7 +64,7 @@ pub use controller::{Controller, ControllerExport, ControllerImport, Validation}
 pub use counterexamples::{Counterexamples, ExportedCounterexample, Exports, Minimized};
 pub use document::{Document, SCHEMA, Versioned};
 pub use estimate::{Estimate, QUANTILES, Quantile, Repeats};
-pub use evaluation::{CornerPoint, Corners, Evaluation, Metrics, ScreenedFailure};
+pub use evaluation::{CornerPoint, Corners, EndCounts, Evaluation, Metrics, ScreenedFailure};
 pub use explanation::{
     Conjunct, Decision, EvaluatedCount, Explanation, Instant, LogExplanation, LogExplanations,
     MaskedConjunct, Masking, PathStep, Predicate, SignalRow, SignalTable, Window,

@@ -27,13 +27,14 @@ pub struct Risk {
     pub is_complete: bool,
     /// The answer; `null` without an estimate.
     pub probability: Option<Probability>,
-    /// Lower and upper bound (95 %) without an assumption.
+    /// Lower and upper bound (95 %) without an assumption; `[0, 1]` without any verdict.
     pub bounds: [f64; 2],
     /// Why parts have no estimate, in words; a budget that is too small for multilevel splitting is
     /// one of them.
     pub refusals: Vec<String>,
-    /// Why multilevel splitting has no estimate: `budget`, `chains`, `monte-carlo`,
-    /// `below-importance` or `above-importance`; `null` if it has one, or was not needed.
+    /// Why multilevel splitting has no estimate: `budget`, `chains`, `invalid-starts`,
+    /// `monte-carlo`, `below-importance` or `above-importance`; `null` if it has one, or was not
+    /// needed.
     pub splitting_refusal: Option<String>,
     /// Plain Monte Carlo.
     pub monte_carlo: MonteCarlo,
@@ -91,7 +92,11 @@ pub struct MonteCarlo {
     pub simulations: u64,
     /// Number of these that violate the requirement.
     pub failures: u64,
-    /// Number of these without a verdict, which count as passed.
+    /// Number of these from whose scenario the target cannot start, which leave the failure rate;
+    /// missing if there are none.
+    #[serde(skip_serializing_if = "is_zero")]
+    pub invalid_starts: u64,
+    /// Number of others without a verdict, which count as passed.
     pub without_verdict: u64,
     /// Upper bound of the probability (97.5 %) if the simulations without a verdict are failures.
     pub bound_with_undecided: Option<Number>,
@@ -120,7 +125,8 @@ pub struct Importance {
     pub effective_failures: f64,
     /// Number of regions.
     pub components: u64,
-    /// Probability of a failure in the regions, with a 95 % betting interval.
+    /// Probability of a failure in the regions, with a 95 % betting interval. It is that among all
+    /// scenarios, so it does not answer the question if `monte_carlo` has invalid starts.
     pub regions: Estimate,
     /// Estimate of the probability of failures outside of the regions from the few draws there,
     /// without an interval.
@@ -172,4 +178,8 @@ pub struct RiskFailure {
     pub seed: Seed,
     /// Robustness.
     pub robustness: Number,
+}
+
+fn is_zero(count: &u64) -> bool {
+    *count == 0
 }

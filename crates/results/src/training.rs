@@ -31,13 +31,16 @@ pub struct Training {
     /// Why there is no training time; `null` with one.
     pub no_training_time: Option<String>,
     /// Success rate of the best policy in validation, on random starts without disturbances; `null`
-    /// without validation.
+    /// without validation, and if no episode has a verdict.
     pub success_rate: Option<Number>,
-    /// Strict success rate of the best policy in the same validation; `null` without validation.
+    /// Strict success rate of the best policy in the same validation; `null` without
+    /// validation, and if no episode has a verdict.
     pub strict_success_rate: Option<Number>,
-    /// Its validation on random scenarios of the space; `null` without a space.
+    /// Its validation on random scenarios of the space; `null` without a space, and
+    /// without a verdict.
     pub space: Option<ScenarioRates>,
-    /// Its validation at corners of the space; `null` without a space.
+    /// Its validation at corners of the space; `null` without a space, and without a
+    /// verdict.
     pub corners: Option<ScenarioRates>,
     /// Hash of the best policy.
     pub controller_hash: String,

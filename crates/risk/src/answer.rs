@@ -67,6 +67,9 @@ pub enum Refusal {
         /// Fewest simulations of the whole estimation for an estimate of this part.
         needed: u64,
     },
+    /// The target cannot start from some scenarios. The chains estimate the probability of a
+    /// violation among all of them, not among the valid ones.
+    InvalidStarts,
     /// The chains disagree or are too small.
     Chains(Disagreement),
     /// The interval is apart from that of Monte Carlo.
@@ -85,10 +88,14 @@ impl Answer {
         splitting: Option<&Splitting>,
         importance: Option<&Importance>,
     ) -> Answer {
+        let all_valid = monte_carlo.invalid_starts == 0;
+        // The regions have a probability among all scenarios, too.
+        let importance = importance.filter(|_| all_valid);
         let bounds = bounds(monte_carlo, importance);
         let weighted = importance.and_then(|importance| weighted(importance, monte_carlo, bounds));
-        let splitting = splitting.map(|splitting| {
-            checked(splitting, monte_carlo, importance, weighted.map(|(estimate, _)| estimate))
+        let splitting = splitting.map(|splitting| match all_valid {
+            true => checked(splitting, monte_carlo, importance, weighted.map(|(estimate, _)| estimate)),
+            false => Err(Refusal::InvalidStarts),
         });
         let (accepted, splitting_refusal) = match splitting {
             Some(Ok(estimate)) => (Some(estimate), None),
@@ -133,7 +140,7 @@ fn bounds(monte_carlo: &MonteCarlo, importance: Option<&Importance>) -> [f64; 2]
 /// Returns the probability of failures outside of the regions, from Monte Carlo, to which they were
 /// not fitted.
 fn outside(importance: &Importance, monte_carlo: &MonteCarlo, confidence: f64) -> Estimate {
-    clopper_pearson(importance.monte_carlo_outside, monte_carlo.simulations, confidence)
+    clopper_pearson(importance.monte_carlo_outside, monte_carlo.valid(), confidence)
 }
 
 /// Returns the estimate of importance sampling and whether its interval has an assumption; `None`

@@ -24,6 +24,16 @@ impl<E: Into<RiskError>> From<E> for Stop {
 /// Largest number of failures that are kept.
 const KEPT: usize = 1000;
 
+/// Outcome of the simulation of a draw.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Outcome {
+    /// Robustness; `None` without a verdict.
+    pub robustness: Option<f64>,
+    /// Whether the target can start from the scenario. The probability is that among such
+    /// scenarios.
+    pub is_valid: bool,
+}
+
 /// A simulation that violates the requirement.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Failure {
@@ -69,10 +79,9 @@ impl<'a> Experiment<'a> {
         self.budget.saturating_sub(self.done)
     }
 
-    /// Returns the robustness of each draw; `None` without a verdict. After an interruption, the
-    /// last draws are missing.
-    pub(crate) fn simulate(&mut self, draws: &[Draw]) -> Result<Vec<Option<f64>>, RiskError> {
-        let mut robustness = Vec::with_capacity(draws.len());
+    /// Returns the outcome of each draw. After an interruption, the last draws are missing.
+    pub(crate) fn simulate(&mut self, draws: &[Draw]) -> Result<Vec<Outcome>, RiskError> {
+        let mut outcomes = Vec::with_capacity(draws.len());
         for batch in draws.chunks(self.batch) {
             if self.is_interrupted {
                 break;
@@ -88,7 +97,10 @@ impl<'a> Experiment<'a> {
                 Some(Failure { draw: draw.clone(), number: episode.request.number, robustness })
             };
             self.failures.extend(batch.iter().zip(&episodes).filter_map(failed));
-            robustness.extend(episodes.iter().map(Episode::robustness));
+            outcomes.extend(episodes.iter().map(|episode| Outcome {
+                robustness: episode.robustness(),
+                is_valid: episode.end.counts_in_rates(),
+            }));
             self.done += batch.len() as u64;
             self.is_interrupted = (self.watch)(self.done).is_break();
         }
@@ -96,16 +108,16 @@ impl<'a> Experiment<'a> {
             self.sort_failures();
             self.failures.truncate(KEPT);
         }
-        Ok(robustness)
+        Ok(outcomes)
     }
 
     /// Returns the robustness of each draw, the worst possible one without a verdict.
     pub(crate) fn robustness(&mut self, draws: &[Draw]) -> Result<Vec<f64>, Stop> {
-        let robustness = self.simulate(draws)?;
-        if robustness.len() < draws.len() {
+        let outcomes = self.simulate(draws)?;
+        if outcomes.len() < draws.len() {
             return Err(Stop::Interrupted);
         }
-        Ok(robustness.into_iter().map(|rho| rho.unwrap_or(f64::INFINITY)).collect())
+        Ok(outcomes.into_iter().map(|outcome| outcome.robustness.unwrap_or(f64::INFINITY)).collect())
     }
 
     /// Returns up to `n` failures, the ones nearest to the center of the distribution first, each

@@ -4,7 +4,7 @@ use mishandle_evaluation::{Estimate, TwoStage, clopper_pearson, two_stage};
 use mishandle_random::Sequence;
 use mishandle_stl::is_violated;
 
-use crate::experiment::{Experiment, Stop};
+use crate::experiment::{Experiment, Outcome, Stop};
 use crate::{CONFIDENCE, Draw, FREQUENT};
 
 /// Independent simulations under the distribution, and their failures.
@@ -14,7 +14,10 @@ pub struct MonteCarlo {
     pub simulations: u64,
     /// Number of those that violate the requirement.
     pub failures: u64,
-    /// Number of those without a verdict. They count as passed in the estimate.
+    /// Number of those from whose scenario the target cannot start. They leave the estimate, which
+    /// is that of the probability among valid scenarios: valid draws are a random sample of these.
+    pub invalid_starts: u64,
+    /// Number of others without a verdict. They count as passed in the estimate.
     pub without_verdict: u64,
     /// The draws that violate the requirement.
     pub(crate) failed: Vec<Draw>,
@@ -37,13 +40,17 @@ impl MonteCarlo {
         while self.simulations < end {
             let count = CHUNK.min(end - self.simulations);
             let draws: Vec<Draw> = (0..count).map(|_| experiment.scenarios.draw(random)).collect();
-            let robustness = experiment.simulate(&draws)?;
-            self.simulations += robustness.len() as u64;
-            self.without_verdict += robustness.iter().filter(|rho| rho.is_none()).count() as u64;
-            let failed = draws.into_iter().zip(&robustness).filter(|(_, rho)| rho.is_some_and(is_violated));
+            let outcomes = experiment.simulate(&draws)?;
+            self.simulations += outcomes.len() as u64;
+            for outcome in &outcomes {
+                self.invalid_starts += u64::from(!outcome.is_valid);
+                self.without_verdict += u64::from(outcome.is_valid && outcome.robustness.is_none());
+            }
+            let is_failed = |outcome: &Outcome| outcome.robustness.is_some_and(is_violated);
+            let failed = draws.into_iter().zip(&outcomes).filter(|(_, outcome)| is_failed(outcome));
             self.failed.extend(failed.map(|(draw, _)| draw));
             self.failures = self.failed.len() as u64;
-            if (robustness.len() as u64) < count {
+            if (outcomes.len() as u64) < count {
                 return Err(Stop::Interrupted);
             }
         }
@@ -54,8 +61,18 @@ impl MonteCarlo {
     /// for Monte Carlo alone.
     pub(crate) fn decide(&mut self) -> bool {
         let is_reached = self.failures >= FREQUENT;
-        self.stages = Some(TwoStage { first: self.simulations, threshold: FREQUENT, is_reached });
+        self.stages = Some(TwoStage { first: self.valid(), threshold: FREQUENT, is_reached });
         is_reached
+    }
+
+    /// Returns the number of simulations with a valid scenario, which the estimate counts.
+    pub fn valid(&self) -> u64 {
+        self.simulations - self.invalid_starts
+    }
+
+    /// Returns whether any simulation has a verdict.
+    pub fn has_verdict(&self) -> bool {
+        self.without_verdict < self.valid()
     }
 
     /// Returns the failure rate with its exact 95 % interval, which accounts for the decision after
@@ -66,8 +83,9 @@ impl MonteCarlo {
 
     pub(crate) fn estimate_at(&self, confidence: f64) -> Estimate {
         match self.stages {
-            None => clopper_pearson(self.failures, self.simulations, confidence),
-            Some(stages) => two_stage(self.failures, self.simulations, stages, confidence),
+            _ if !self.has_verdict() => Estimate { n: self.valid(), ..Estimate::default() },
+            None => clopper_pearson(self.failures, self.valid(), confidence),
+            Some(stages) => two_stage(self.failures, self.valid(), stages, confidence),
         }
     }
 
@@ -77,6 +95,6 @@ impl MonteCarlo {
         // The decision was made from the failures alone. It has two outcomes, each with half of the
         // probability of a miss.
         let confidence = 0.5 + 0.5 * CONFIDENCE;
-        clopper_pearson(self.failures + self.without_verdict, self.simulations, confidence).high
+        clopper_pearson(self.failures + self.without_verdict, self.valid(), confidence).high
     }
 }

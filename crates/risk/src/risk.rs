@@ -57,7 +57,10 @@ pub struct Report {
 /// scenarios.
 ///
 /// The sample is a scenario and a seed, so the noise of the simulation is part of the probability.
-/// A simulation without a verdict counts as passed, and is counted apart.
+/// The probability is that among valid scenarios: a simulation that the target cannot start leaves
+/// numerator and denominator. Importance sampling and splitting weigh all scenarios, so they give
+/// no estimate if the target cannot start from a scenario of Monte Carlo. Another simulation
+/// without a verdict counts as passed, and is counted apart.
 ///
 /// 1. Plain Monte Carlo. If it has [`FREQUENT`] failures, all other simulations are Monte Carlo,
 ///    too.

@@ -8,7 +8,7 @@ use mishandle_evaluation::{Estimate, SCREENED_CHUNK, ScreenedProgress, TwoPhase,
 use mishandle_random::{Seed, Sequence};
 use mishandle_rollout::{Request, Screen, ScreenedEpisode, System};
 
-use crate::experiment::Experiment;
+use crate::experiment::{Experiment, Outcome};
 use crate::risk::SHOWN;
 use crate::{CONFIDENCE, Draw, Failure, RiskError, Scenarios};
 
@@ -37,7 +37,10 @@ pub struct ScreenedReport {
     pub screened_without_verdict: u64,
     /// Number of these in which the other engine had too little memory for contacts or constraints.
     pub overflows: u64,
-    /// Number of simulations of the system without a verdict.
+    /// Numbers of flagged and of sampled simulations from whose scenario the system cannot start.
+    /// They leave the estimate. The other engine gives them no verdict either, so they are flagged.
+    pub invalid_starts: [u64; 2],
+    /// Number of other simulations of the system without a verdict.
     pub without_verdict: u64,
     /// Violations of the system, those nearest to the center of the distribution first.
     pub failures: Vec<Failure>,
@@ -48,7 +51,12 @@ pub struct ScreenedReport {
 impl ScreenedReport {
     /// Returns the failure rate of the system with its 95 % interval: see [`TwoPhase::estimate`].
     pub fn estimate(&self) -> Estimate {
-        self.counts.estimate(CONFIDENCE)
+        let [flagged, sampled] = self.invalid_starts;
+        let counts = self.counts.without(flagged, sampled);
+        match self.without_verdict < counts.flagged + counts.sampled {
+            true => counts.estimate(CONFIDENCE),
+            false => Estimate { n: counts.trials, ..Estimate::default() },
+        }
     }
 
     /// Returns the number of simulations of the system.
@@ -78,6 +86,7 @@ pub fn screened_risk(
     let call = |progress: ScreenedProgress| watch.lock().is_ok_and(|mut watch| watch(progress).is_continue());
     let mut counts = TwoPhase::default();
     let (mut screened_without_verdict, mut overflows, mut without_verdict) = (0, 0, 0);
+    let mut invalid_starts = [0; 2];
     // The stream of the draws is that of Monte Carlo.
     let (mut random, mut sample) = (Sequence::new(seed.child(0).0, 0), Sequence::new(seed.child(0).0, 1));
     let mut confirmed = 0;
@@ -114,13 +123,20 @@ pub fn screened_risk(
         let (flagged, sampled) = (chosen(&selection.flagged), chosen(&selection.sampled));
         screened.set(base + count);
         let mut undecided_by_system = 0;
-        let mut simulate = |draws: &[Draw]| -> Result<u64, RiskError> {
-            let robustness = experiment.simulate(draws)?;
-            is_complete &= robustness.len() == draws.len();
-            undecided_by_system += robustness.iter().filter(|rho| rho.is_none()).count() as u64;
-            Ok(robustness.iter().flatten().filter(|rho| is_violated(**rho)).count() as u64)
+        // The numbers of violations and of invalid starts.
+        let mut simulate = |draws: &[Draw]| -> Result<[u64; 2], RiskError> {
+            let outcomes = experiment.simulate(draws)?;
+            is_complete &= outcomes.len() == draws.len();
+            let count =
+                |is: fn(&Outcome) -> bool| outcomes.iter().filter(|outcome| is(outcome)).count() as u64;
+            undecided_by_system += count(|outcome| outcome.is_valid && outcome.robustness.is_none());
+            Ok([
+                count(|outcome| outcome.robustness.is_some_and(is_violated)),
+                count(|outcome| !outcome.is_valid),
+            ])
         };
-        let (flagged_events, sampled_events) = (simulate(&flagged)?, simulate(&sampled)?);
+        let ([flagged_events, flagged_invalid], [sampled_events, sampled_invalid]) =
+            (simulate(&flagged)?, simulate(&sampled)?);
         // A part of a chunk would be biased: its flagged trials are repeated first.
         if !is_complete {
             break;
@@ -133,12 +149,15 @@ pub fn screened_risk(
         screened_without_verdict += selection.without_verdict;
         overflows += selection.overflows;
         without_verdict += undecided_by_system;
+        invalid_starts[0] += flagged_invalid;
+        invalid_starts[1] += sampled_invalid;
         confirmed = counts.flagged + counts.sampled;
     }
     Ok(ScreenedReport {
         counts,
         screened_without_verdict,
         overflows,
+        invalid_starts,
         without_verdict,
         failures: experiment.distinct_failures(SHOWN.0, SHOWN.1),
         is_complete,

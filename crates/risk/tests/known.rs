@@ -152,6 +152,55 @@ fn simulations_without_a_verdict_are_counted_apart() {
     }
 }
 
+/// The target cannot start from half of the line, and `rare` of the line fails: 2 `rare` of the
+/// valid scenarios.
+fn half_valid(rare: f64, method: Method, seed: u64) -> Report {
+    let outcome = move |request: &Request| match request.scenario.get(0) {
+        Some(x) if x < 0.5 => SimulatedEnd::InvalidStart,
+        Some(x) => SimulatedEnd::Robustness(1.0 - rare - x),
+        None => SimulatedEnd::Undecided,
+    };
+    let scenarios = Scenarios::new(&line(), [], false).unwrap();
+    let mut system = FunctionSystem::new(line(), outcome);
+    risk(&mut system, &scenarios, &settings(20_000, method, seed), |_| ControlFlow::Continue(())).unwrap()
+}
+
+#[test]
+fn the_probability_is_that_among_the_scenarios_from_which_the_target_can_start() {
+    for method in [Method::MonteCarlo, Method::Auto] {
+        let found: Vec<Report> = (0..20).map(|seed| half_valid(0.01, method, seed)).collect();
+        assert!(found.iter().filter(|report| covers(&report.answer.estimate, 0.02)).count() >= 16);
+        for Report { monte_carlo, answer, .. } in &found {
+            assert_eq!(monte_carlo.estimate().n, monte_carlo.simulations - monte_carlo.invalid_starts);
+            assert!((monte_carlo.invalid_starts as f64 / 20_000.0 - 0.5).abs() < 0.02);
+            assert_eq!((monte_carlo.without_verdict, answer.source), (0, Some(Source::MonteCarlo)));
+        }
+    }
+}
+
+#[test]
+fn importance_sampling_and_splitting_refuse_invalid_starts() {
+    for method in [Method::Auto, Method::Importance, Method::Splitting] {
+        let Report { answer, monte_carlo, splitting, .. } = half_valid(1e-4, method, 1);
+        assert!(matches!(answer.source, None | Some(Source::MonteCarlo)), "{method:?}");
+        assert_eq!(answer.splitting_refusal == Some(Refusal::InvalidStarts), splitting.is_some());
+        assert!(answer.bounds[0] < 2e-4 && answer.bounds[1] > 2e-4);
+        assert!(monte_carlo.valid() < monte_carlo.simulations);
+    }
+}
+
+#[test]
+fn without_any_valid_scenario_there_is_no_estimate() {
+    let scenarios = Scenarios::new(&line(), [], false).unwrap();
+    for end in [SimulatedEnd::InvalidStart, SimulatedEnd::Diverged, SimulatedEnd::Undecided] {
+        let mut system = FunctionSystem::new(line(), move |_| end);
+        let settings = settings(1000, Method::MonteCarlo, 1);
+        let report = risk(&mut system, &scenarios, &settings, |_| ControlFlow::Continue(())).unwrap();
+        assert_eq!((report.answer.source, report.answer.bounds), (None, [0.0, 1.0]), "{end:?}");
+        assert_eq!(report.monte_carlo.estimate().value, None, "{end:?}");
+    }
+}
+
 #[test]
 fn splitting_with_a_small_budget_says_so() {
     let known = &systems()[4];

@@ -185,6 +185,12 @@ impl EpisodeEnd {
         matches!(self, EpisodeEnd::InvalidScenario | EpisodeEnd::Crashed { .. } | EpisodeEnd::TimedOut { .. })
     }
 
+    /// Returns whether rates count the simulation. An invalid start says nothing about the
+    /// controller, so no rate does; any other end without a verdict counts, as no success.
+    pub fn counts_in_rates(self) -> bool {
+        self != EpisodeEnd::InvalidScenario
+    }
+
     /// Returns whether the controller or the environment returned a value that is not finite.
     pub fn is_invalid(self) -> bool {
         matches!(

@@ -4,6 +4,8 @@ use std::fmt;
 
 use serde::de::{DeserializeSeed, Deserializer, Error, MapAccess, SeqAccess, Visitor};
 
+use crate::words::in_words;
+
 /// Largest length of a reason that is kept, bytes.
 const LONGEST_REASON: usize = 2000;
 
@@ -62,7 +64,7 @@ pub(crate) fn read(text: &str, asked: Asked<'_>) -> Result<Answer, String> {
             AskedKind::Sample { observation: None } => "{\"id\": 2, \"signals\": [0.5]}",
             AskedKind::Sample { .. } => "{\"id\": 2, \"signals\": [0.5], \"observation\": [0.5]}",
         };
-        format!("`{start}`, which is not an answer such as {example}: {error}")
+        format!("`{start}`, which is not an answer such as {example}: {}", in_words(&error))
     })?;
     if answer.error.is_none() {
         check(&answer, asked)?;
@@ -312,7 +314,7 @@ mod tests {
             (r#"{"id": 7, "trace": {"a": [1, 2, 3, 4], "b": []}}"#.to_string(), "more than 3"),
             (r#"{"id": 7, "trace": {"a": [1, 2], "b": [1, 2]}}"#.to_string(), "2 samples instead of 3"),
             (r#"{"id": 7, "trace": {"a": [1, 2, 3], "b": [1]}}"#.to_string(), "one length"),
-            (r#"{"id": 7, "trace": {"a": ["nan", 2, 3], "b": [1]}}"#.to_string(), "expected f64"),
+            (r#"{"id": 7, "trace": {"a": ["nan", 2, 3], "b": [1]}}"#.to_string(), "expected a number"),
             (r#"{"id": 7, "trace": {"a": [NaN, 2, 3], "b": [1]}}"#.to_string(), "expected"),
             (r#"{"id": 7, "end": "done"}"#.to_string(), "`end` is"),
             (r#"{"id": 7, "signals": [1, 2]}"#.to_string(), "unknown key `signals`"),

@@ -218,6 +218,9 @@ fn axis(entry: &AxisEntry) -> Result<Axis, String> {
             return Err(wrong(format!("whose values must be {known}")));
         }
     };
+    if low > high {
+        return Err(wrong(format!("whose `low` {low} is above its `high` {high}")));
+    }
     if !(low..=high).contains(&nominal) {
         return Err(wrong(format!("whose nominal value {nominal} is not from {low} to {high}")));
     }

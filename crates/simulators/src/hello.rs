@@ -5,6 +5,8 @@ use std::collections::BTreeMap;
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
 
+use crate::words::in_words;
+
 /// Version of the protocol.
 pub const PROTOCOL: u64 = 1;
 
@@ -172,7 +174,7 @@ pub(crate) fn read(text: &str, id: u64) -> Result<Hello, NoHello> {
     }
     let hello: Hello = serde_json::from_str(text).map_err(|error| {
         let start: String = text.chars().take(200).collect();
-        malformed(format!("`{start}`, which is not a description of a simulator: {error}"))
+        malformed(format!("`{start}`, which is not a description of a simulator: {}", in_words(&error)))
     })?;
     match (hello.id, hello.protocol) {
         (found, _) if found != id => Err(malformed(format!("the id {found} instead of {id}"))),

@@ -30,6 +30,7 @@ mod simulator;
 mod steps;
 mod system;
 mod target;
+mod words;
 
 pub use check::check;
 pub use description::Description;

@@ -13,6 +13,7 @@ use serde::Deserialize;
 use crate::SimulatorError;
 use crate::answer::kept;
 use crate::program::{command_text, program_hash, word_files};
+use crate::words::in_words;
 
 /// Numbers of the state before what the program remembers: the number of control steps, and both
 /// halves of the seed.
@@ -206,7 +207,10 @@ impl Worker {
 fn read(text: &str, id: u64, actions: usize, remembered: usize) -> Result<Answer, String> {
     let answer: Answer = serde_json::from_str(text).map_err(|error| {
         let start: String = text.chars().take(200).collect();
-        format!("`{start}`, which is not an answer such as {{\"id\": 1, \"action\": [0.5]}}: {error}")
+        format!(
+            "`{start}`, which is not an answer such as {{\"id\": 1, \"action\": [0.5]}}: {}",
+            in_words(&error)
+        )
     })?;
     if answer.id != id {
         return Err(format!("the answer to question {} instead of {id}", answer.id));

@@ -163,8 +163,9 @@ fn end_of(answer: &Answer, step: usize) -> Option<EpisodeEnd> {
     let signals = answer.signals.as_deref().unwrap_or_default();
     let invalid = signals.iter().position(|value| !value.is_finite());
     match (answer.end, invalid) {
-        (Some(End::Invalid), _) if step == 0 => Some(EpisodeEnd::InvalidScenario),
-        (Some(End::Invalid | End::Diverged), _) => Some(EpisodeEnd::Diverged { step }),
+        // The mode `trace` cannot say when a simulator finds it out.
+        (Some(End::Invalid), _) => Some(EpisodeEnd::InvalidScenario),
+        (Some(End::Diverged), _) => Some(EpisodeEnd::Diverged { step }),
         (_, Some(index)) => Some(EpisodeEnd::InvalidSignal { step, index }),
         (Some(End::Terminated), None) => Some(EpisodeEnd::Terminated { step }),
         (None, None) => None,

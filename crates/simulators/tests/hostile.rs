@@ -170,7 +170,7 @@ fn wrong_descriptions_are_errors_before_the_first_simulation() {
         ("HELLO['signals'] = []", "no signals"),
         ("HELLO['signals'] *= 2", "two signals"),
         ("HELLO['axes'] *= 2", "two axes have this name"),
-        ("HELLO['axes'][0]['low'] = 9", "not from 9 to 8"),
+        ("HELLO['axes'][0]['low'] = 9", "whose `low` 9 is above its `high` 8"),
         ("HELLO['axes'][0]['kind'] = 'initial'", "must be start, model"),
         ("HELLO['axes'][0]['values'] = ['a', 'a']", "names and bounds"),
         ("HELLO['spaces'] = {'starts': ['depth']}", "the name of no axis"),

@@ -77,6 +77,20 @@ fn a_stepped_tank_without_a_policy_has_the_trace_of_the_other_mode() {
 }
 
 #[test]
+fn a_step_that_is_invalid_makes_an_invalid_scenario_and_one_that_diverges_does_not() {
+    for (end, expected) in
+        [("invalid", EpisodeEnd::InvalidScenario), ("diverged", EpisodeEnd::Diverged { step: 1 })]
+    {
+        let folder = folder(&format!(
+            "HELLO['mode'] = 'step'\ndef answer(q):\n    if q['type'] == 'hello': return HELLO\n    \
+             if q['type'] == 'reset': return {{'signals': [0, 0]}}\n    return {{'end': '{end}', 'reason': 'dry'}}"
+        ));
+        let found = levels(&tank(folder.path(), 5.0), &[1.0]).expect("episodes");
+        assert_eq!((found[0].end, found[0].robustness(), found[0].reason.as_str()), (expected, None, "dry"));
+    }
+}
+
+#[test]
 fn a_policy_acts_on_the_observation_within_its_limit() {
     let folder = folder("HELLO['policy'] = POLICY");
     let target = controlled(folder.path(), "action = level / 4");

@@ -120,6 +120,38 @@ impl Reach {
     }
 }
 
+/// The texts of [`Formula::subformulas`].
+struct Texts<'a> {
+    formula: &'a Formula,
+    starts: Vec<usize>,
+    nodes: std::vec::IntoIter<usize>,
+}
+
+impl Texts<'_> {
+    fn text(&self, node: usize) -> String {
+        std::fmt::from_fn(|f| self.formula.write_node(f, Operator::name, node, &self.starts)).to_string()
+    }
+}
+
+impl Iterator for Texts<'_> {
+    type Item = String;
+
+    fn next(&mut self) -> Option<String> {
+        self.nth(0)
+    }
+
+    fn nth(&mut self, n: usize) -> Option<String> {
+        let node = self.nodes.nth(n)?;
+        Some(self.text(node))
+    }
+
+    fn size_hint(&self) -> (usize, Option<usize>) {
+        self.nodes.size_hint()
+    }
+}
+
+impl ExactSizeIterator for Texts<'_> {}
+
 impl Formula {
     /// Returns the texts of all sub-formulas, the formula itself among them.
     ///
@@ -131,8 +163,9 @@ impl Formula {
     /// `abs(a - b)`) are numbers and are not listed. A sub-formula that occurs twice is listed
     /// twice. Each text parses to its sub-formula.
     ///
-    /// A text is written when the iterator returns it. The texts of a long formula together have a
-    /// length that is quadratic in its own; `len` returns their number in linear time.
+    /// A text is written when the iterator returns it, and `nth` writes none of those before. The
+    /// texts of a long formula together have a length that is quadratic in its own; `len` returns
+    /// their number in linear time.
     ///
     /// # Example
     /// ```
@@ -150,13 +183,10 @@ impl Formula {
     ///         "safe",
     ///     ]
     /// );
+    /// assert_eq!(formula.subformulas().nth(4).unwrap(), "v < 1");
     /// ```
     pub fn subformulas(&self) -> impl ExactSizeIterator<Item = String> {
-        let starts = self.starts();
-        self.listed_nodes().into_iter().map(move |node| {
-            let text = std::fmt::from_fn(|f| self.write_node(f, Operator::name, node, &starts));
-            text.to_string()
-        })
+        Texts { formula: self, starts: self.starts(), nodes: self.listed_nodes().into_iter() }
     }
 
     /// Returns the syntax tree of the sub-formulas, in the order of

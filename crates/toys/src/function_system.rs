@@ -14,6 +14,8 @@ pub enum SimulatedEnd {
     Undecided,
     /// The simulation diverges.
     Diverged,
+    /// The simulation cannot start.
+    InvalidStart,
 }
 
 /// A [`System`] whose robustness is a function of the request.
@@ -54,6 +56,7 @@ impl FunctionSystem {
             SimulatedEnd::Robustness(rho) => (Some(rho), EpisodeEnd::Completed),
             SimulatedEnd::Undecided => (None, EpisodeEnd::Stopped { step: 1 }),
             SimulatedEnd::Diverged => (None, EpisodeEnd::Diverged { step: 1 }),
+            SimulatedEnd::InvalidStart => (None, EpisodeEnd::InvalidScenario),
         };
         let mut trace = Trace::with_capacity(self.signals.clone(), 2);
         (0..2).for_each(|_| trace.push(&[robustness.unwrap_or(0.0)]));

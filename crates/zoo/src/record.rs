@@ -226,7 +226,9 @@ impl From<&CornerReport> for CornersRecord {
         };
         let has_strict = report.points.iter().any(|point| point.strict_successes.is_some());
         let has_careful = report.points.iter().any(|point| point.careful_successes.is_some());
-        let fails = |point: &&CornerResult| !point.succeeds() || point.succeeds_strictly() == Some(false);
+        // A record has no third answer: a point without a verdict does not succeed.
+        let succeeds = |point: &CornerResult| point.succeeds() == Some(true);
+        let fails = |point: &&CornerResult| !succeeds(point) || point.succeeds_strictly() == Some(false);
         let failing = |point: &CornerResult| FailingPoint {
             values: point.scenario.values().to_vec(),
             successes: point.successes,
@@ -235,11 +237,11 @@ impl From<&CornerReport> for CornersRecord {
         CornersRecord {
             seeds: report.seeds,
             n: report.corners().count() as u32,
-            succeeding: count(&CornerResult::succeeds),
+            succeeding: count(&succeeds),
             strictly_succeeding: has_strict.then(|| count(&|point| point.succeeds_strictly() == Some(true))),
             carefully_succeeding: has_careful
                 .then(|| count(&|point| point.succeeds_carefully() == Some(true))),
-            center_succeeds: report.center().map(CornerResult::succeeds),
+            center_succeeds: report.center().map(succeeds),
             center_strictly_succeeds: report.center().and_then(CornerResult::succeeds_strictly),
             center_carefully_succeeds: report.center().and_then(CornerResult::succeeds_carefully),
             failing: report.corners().chain(report.center()).filter(fails).map(failing).collect(),

@@ -16,6 +16,7 @@ impl Comparison {
             second: self.second.clone(),
             differences: self.differences.clone(),
             pairs: self.pairs,
+            left_out: self.left_out,
             success: self.success,
             strict_success: self.strict,
             careful_success: self.careful,

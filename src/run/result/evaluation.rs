@@ -101,6 +101,7 @@ fn corners(axes: &[Axis], report: &CornerReport) -> Corners {
         reachable: point.is_reachable,
         counts: report.counts(point),
         n: point.n,
+        invalid_starts: point.invalid_starts,
         successes: point.successes,
         strict_successes: point.strict_successes,
         careful_successes: point.careful_successes,
@@ -110,16 +111,18 @@ fn corners(axes: &[Axis], report: &CornerReport) -> Corners {
         undecided: point.undecided,
     };
     let count =
-        |holds: fn(&CornerResult) -> bool| report.corners().filter(|point| holds(point)).count() as u64;
+        |holds: &dyn Fn(&CornerResult) -> bool| report.corners().filter(|point| holds(point)).count() as u64;
+    let all = |holds: fn(&CornerResult) -> Option<bool>| count(&|point| holds(point) == Some(true));
     let has_strict = report.points.iter().any(|point| point.strict_successes.is_some());
     let has_careful = report.points.iter().any(|point| point.careful_successes.is_some());
     Corners {
         seeds: report.seeds,
         n: report.corners().count() as u64,
-        succeeding: count(CornerResult::succeeds),
-        strictly_succeeding: has_strict.then(|| count(|point| point.succeeds_strictly() == Some(true))),
-        carefully_succeeding: has_careful.then(|| count(|point| point.succeeds_carefully() == Some(true))),
-        center_succeeds: report.center().map(CornerResult::succeeds),
+        without_verdict: count(&|point| point.succeeds().is_none()),
+        succeeding: all(CornerResult::succeeds),
+        strictly_succeeding: has_strict.then(|| all(CornerResult::succeeds_strictly)),
+        carefully_succeeding: has_careful.then(|| all(CornerResult::succeeds_carefully)),
+        center_succeeds: report.center().and_then(CornerResult::succeeds),
         center_strictly_succeeds: report.center().and_then(CornerResult::succeeds_strictly),
         center_carefully_succeeds: report.center().and_then(CornerResult::succeeds_carefully),
         points: report.points.iter().enumerate().map(point).collect(),

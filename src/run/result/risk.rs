@@ -40,6 +40,7 @@ pub fn risk_result(
         monte_carlo: MonteCarlo {
             simulations: monte_carlo.simulations,
             failures: monte_carlo.failures,
+            invalid_starts: monte_carlo.invalid_starts,
             without_verdict: monte_carlo.without_verdict,
             bound_with_undecided: monte_carlo.bound_with_undecided().map(Into::into),
             failure_rate: monte_carlo.estimate(),
@@ -76,6 +77,7 @@ pub fn screened_risk_result(
         monte_carlo: MonteCarlo {
             simulations: counts.trials,
             failures: counts.flagged_events + counts.sampled_events,
+            invalid_starts: report.invalid_starts.iter().sum(),
             without_verdict: report.without_verdict,
             bound_with_undecided: None,
             failure_rate: estimate,
@@ -167,6 +169,7 @@ fn splitting(found: &Splitting) -> results::Splitting {
 fn refusal_name(refusal: &Refusal) -> &'static str {
     match refusal {
         Refusal::Budget { .. } => "budget",
+        Refusal::InvalidStarts => "invalid-starts",
         Refusal::Chains(_) => "chains",
         Refusal::MonteCarlo => "monte-carlo",
         Refusal::BelowImportance => "below-importance",

@@ -12,9 +12,10 @@ use mishandle_text::{path_text, plural, shell_quote};
 use crate::exit_status::ExitStatus;
 use crate::flags::{self, numbers};
 use crate::interrupt;
+use crate::run::grid::Ended;
 use crate::run::{self, grid, pages};
 use crate::show::progress::Bar;
-use crate::show::{campaign, output};
+use crate::show::{campaign, escape, output};
 
 /// Run a grid of questions (evaluate, falsify, margin, risk) and hardenings: targets, controllers,
 /// spaces, formulas, searches, seeds
@@ -27,7 +28,7 @@ use crate::show::{campaign, output};
 The campaign file is a plan in which keys may have lists of values: see docs/guide/campaigns.md.
 Each combination is a run with a run file in the folder; one of [harden] has a folder there, and
 beside it the accepted controller. Exit code 1 means that a violation was found by falsify, margin
-or risk, or that a hardening accepted no controller.")]
+or risk, or that a hardening accepted no controller; 2 also that no simulation has a verdict.")]
 pub struct Arguments {
     /// Campaign file (TOML)
     #[arg(value_name = "FILE", required_unless_present = "resume")]
@@ -78,13 +79,14 @@ pub fn run(command: &Arguments, gpu: Option<&Device>) -> Result<ExitStatus> {
         Some(address) => simulate_on_ray(&folder, address, opening)?,
         None => ExitStatus::Done,
     };
-    let mut finished = Vec::new();
+    let mut ended = Ended::default();
     if status == ExitStatus::Done {
-        finished = grid::run_all(&runs, &bar, opening, command.jobs.unwrap_or(1), gpu)?;
+        ended = grid::run_all(&runs, &bar, opening, command.jobs.unwrap_or(1), gpu)?;
     }
     bar.clear();
-    let found =
-        Campaign { folder: path_text(&folder), is_complete: finished.len() == runs.len(), runs: finished };
+    let Ended { finished, stopped } = ended;
+    let is_complete = finished.len() + stopped.len() == runs.len();
+    let found = Campaign { folder: path_text(&folder), is_complete, runs: finished };
     let untrained = mishandle::campaign::untrained_runs(&folder)?;
     if !untrained.is_empty() {
         let runs = plural(untrained.len() as u64, "run");
@@ -118,6 +120,15 @@ pub fn run(command: &Arguments, gpu: Option<&Device>) -> Result<ExitStatus> {
         ));
     }
     output::message(&format!("Run files: {name}"));
+    for (run, why) in &stopped {
+        output::message(&format!("error: run {}: {}", escape::name(run), escape::name(why)));
+    }
+    ensure!(stopped.is_empty(), "{} without a result", plural(stopped.len() as u64, "run"));
+    // Exit code 0 would say that the controllers were tested.
+    ensure!(
+        found.runs.is_empty() || found.runs.iter().any(|run| has_verdict(&run.result)),
+        "no simulation has a verdict, so nothing was tested; the run files contain the end of each simulation"
+    );
     let has_failed = found.runs.iter().any(|run| match &run.result {
         Answer::Falsification(found) => found.falsified_trials > 0,
         Answer::Margin(found) => found.witness.is_some(),
@@ -126,6 +137,17 @@ pub fn run(command: &Arguments, gpu: Option<&Device>) -> Result<ExitStatus> {
         Answer::Evaluation(_) => false,
     });
     Ok(if has_failed { ExitStatus::Violated } else { ExitStatus::Done })
+}
+
+/// Returns whether any simulation of a run has a verdict.
+fn has_verdict(result: &Answer) -> bool {
+    match result {
+        Answer::Falsification(found) => found.falsification_rate.value.is_some(),
+        Answer::Evaluation(found) => found.metrics.success_rate.value.is_some(),
+        Answer::Margin(found) => found.has_verdict(),
+        Answer::Risk(found) => found.monte_carlo.failure_rate.value.is_some(),
+        Answer::Hardening(found) => found.failure_probability.iter().any(|rate| rate.value.is_some()),
+    }
 }
 
 /// Opens the campaign to resume, or else creates a new one.

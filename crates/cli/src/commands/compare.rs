@@ -1,6 +1,6 @@
 use std::path::PathBuf;
 
-use anyhow::{Result, bail};
+use anyhow::{Result, bail, ensure};
 use clap::Args;
 use mishandle::plan::EvaluatePlan;
 use mishandle::{Plan, ResolvedPlan};
@@ -27,7 +27,8 @@ A and B are run files of `mishandle evaluate` with the same target, space, seed 
 episodes. They are compared pair by pair. With --against, both controllers are evaluated first, and
 the run files are kept in runs/.
 
-Exit code 1 means that B fails in a simulation in which A succeeds.")]
+Exit code 1 means that B fails in a simulation in which A succeeds, 2 also that no random simulation
+of A or of B has a verdict.")]
 pub struct Arguments {
     #[command(flatten)]
     pub subject: flags::Subject,
@@ -93,11 +94,17 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
         output::write_atomically(out, command.force, comparison_page(&found, [&a, &b]).as_bytes())?;
         output::message(&format!("Page: {}", shell_quote(&out.to_string_lossy())));
     }
+    let has_verdicts = found.has_verdicts();
     let found = found.result();
     match command.run.json {
         true => output::json(&found)?,
         false => output::line(&comparison::text(&found))?,
     }
+    // Exit code 0 would say that B fails nowhere, and 1 that it fails.
+    ensure!(
+        has_verdicts,
+        "the controllers were not compared: no random simulation of one of them has a verdict"
+    );
     Ok(if !found.new_failures.is_empty() { ExitStatus::Violated } else { ExitStatus::Done })
 }
 

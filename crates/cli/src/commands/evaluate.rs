@@ -2,7 +2,7 @@ use anyhow::{Result, bail, ensure};
 use clap::Args;
 use mishandle::Plan;
 use mishandle::plan::{EvaluatePlan, StartRegion};
-use mishandle::results::Answer;
+use mishandle::results::{Answer, CornerPoint};
 use mishandle::run::Device;
 use mishandle::store::RunKind;
 
@@ -72,6 +72,12 @@ pub fn run(command: &Arguments, gpu: Option<&Device>) -> Result<ExitStatus> {
     ensure!(
         without < tested,
         "no simulation has a verdict, so the controller was not tested; the run file contains the end of each simulation"
+    );
+    let points = found.corners.iter().flat_map(|corners| &corners.points);
+    let counted: Vec<&CornerPoint> = points.filter(|point| point.counts && point.n > 0).collect();
+    ensure!(
+        counted.is_empty() || counted.iter().any(|point| point.has_verdict()),
+        "no simulation at the corners and the center of the initial box has a verdict, so they were not tested"
     );
     Ok(ExitStatus::Done)
 }

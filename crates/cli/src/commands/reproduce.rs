@@ -4,7 +4,7 @@ mod verify;
 
 use std::path::{Path, PathBuf};
 
-use anyhow::{Context, Result, ensure};
+use anyhow::{Context, Result, bail, ensure};
 use clap::{Args, Subcommand};
 use mishandle::files::{limits, read_text_bounded};
 use mishandle::results;
@@ -165,7 +165,10 @@ fn reproduce(name: &str, table: &ReproduceTable) -> Result<ExitStatus> {
     let all_cores = || std::thread::available_parallelism().map_or(1, usize::from);
     let jobs = table.jobs.unwrap_or_else(all_cores);
     let opening = mishandle::run::Opening { durable: table.durable, any_build: table.any_build };
-    let finished = grid::run_all(&runs, &bar, opening, jobs, None)?;
+    let grid::Ended { finished, stopped } = grid::run_all(&runs, &bar, opening, jobs, None)?;
+    if let Some((name, why)) = stopped.first() {
+        bail!("run {name}: {why}");
+    }
     bar.clear();
     show(&tables::load(std::slice::from_ref(&folder))?, None, table.json)?;
     let quoted = shell_quote(&folder.to_string_lossy());

@@ -5,6 +5,7 @@ use std::sync::Mutex;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 
 use anyhow::{Context, Result};
+use mishandle::MishandleError;
 use mishandle::campaign::CampaignRun as PlannedRun;
 use mishandle::harden::{HardenProgress, HardenUnit};
 use mishandle::results::{Answer, CampaignRun};
@@ -14,17 +15,27 @@ use super::file::report_build_differences;
 use crate::interrupt;
 use crate::show::progress::Bar;
 
-/// Runs or completes all runs in order, `jobs` at a time. Returns the finished ones, which are
-/// fewer if a signal interrupts them.
+/// The runs of a campaign that have ended.
+#[derive(Default)]
+pub struct Ended {
+    /// Runs with a result.
+    pub finished: Vec<CampaignRun>,
+    /// Names of searches that stopped because their first simulations all failed, and why.
+    pub stopped: Vec<(String, String)>,
+}
+
+/// Runs or completes all runs in order, `jobs` at a time. Returns the ended ones, which are fewer
+/// if a signal interrupts them. A search that stopped does not stop the other runs.
 pub fn run_all(
     runs: &[PlannedRun],
     bar: &Bar,
     opening: Opening,
     jobs: usize,
     gpu: Option<&Device>,
-) -> Result<Vec<CampaignRun>> {
+) -> Result<Ended> {
     let progress = Progress::new(runs, bar);
     let (next, failed) = (AtomicUsize::new(0), AtomicBool::new(false));
+    let stopped: Mutex<Vec<(usize, String, String)>> = Mutex::default();
     let work = || {
         let mut finished = Vec::new();
         while !failed.load(Ordering::Relaxed) && !interrupt::requested() {
@@ -39,7 +50,15 @@ pub fn run_all(
                     interrupt::control_flow()
                 }
             };
-            let result = run_one(run, opening, gpu, watch).with_context(|| format!("run {}", run.name));
+            let result = match run_one(run, opening, gpu, watch) {
+                Err(error) if is_stopped(&error) => {
+                    if let Ok(mut stopped) = stopped.lock() {
+                        stopped.push((index, run.name.clone(), error.to_string()));
+                    }
+                    continue;
+                }
+                result => result.with_context(|| format!("run {}", run.name)),
+            };
             failed.fetch_or(result.is_err(), Ordering::Relaxed);
             finished.extend(result.transpose().map(|result| (index, result)));
         }
@@ -57,7 +76,16 @@ pub fn run_all(
         }),
     };
     finished.sort_by_key(|(index, _)| *index);
-    finished.into_iter().map(|(_, result)| result).collect()
+    let mut stopped = stopped.into_inner().unwrap_or_default();
+    stopped.sort_unstable();
+    Ok(Ended {
+        finished: finished.into_iter().map(|(_, result)| result).collect::<Result<_>>()?,
+        stopped: stopped.into_iter().map(|(_, name, why)| (name, why)).collect(),
+    })
+}
+
+fn is_stopped(error: &anyhow::Error) -> bool {
+    matches!(error.downcast_ref(), Some(MishandleError::NothingRuns { .. }))
 }
 
 /// Progress of a run.

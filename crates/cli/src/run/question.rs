@@ -70,6 +70,9 @@ pub fn ask(
         control_flow()
     });
     bar.clear();
+    if let Err(MishandleError::NothingRuns { .. }) = &answer {
+        output::message(&format!("Run file: {name}"));
+    }
     let answer = answer?;
     let seconds = start.elapsed().as_secs_f64();
     Ok(Asked { resolved, answer, path, name, kind, simulations, seconds })

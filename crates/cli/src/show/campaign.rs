@@ -89,7 +89,10 @@ fn falsification_cells(found: &Falsification) -> Vec<String> {
     let counts =
         found.trials.iter().map(|trial| trial.diverged + trial.invalid + trial.failed + trial.undecided);
     vec![
-        format!("{} of {}", found.falsified_trials, found.falsification_rate.n),
+        match found.falsification_rate.value {
+            Some(_) => format!("{} of {}", found.falsified_trials, found.falsification_rate.n),
+            None => "-".to_string(),
+        },
         percent(&found.falsification_rate),
         interval(&found.falsification_rate),
         found.mean_simulations.map_or("-".to_string(), |mean| format!("{mean:.1}")),
@@ -105,13 +108,9 @@ fn evaluation_cells(found: &Evaluation) -> Vec<String> {
         Some(counts) => counts.confirmed_without_verdict,
         None => report.diverged + report.invalid + report.failed + report.undecided,
     };
-    // A rate of simulations none of which has a verdict would say that the controller was tested.
-    let is_tested = found.screening.is_some() || without < report.simulations;
-    let optional = |rate| if is_tested { optional(rate) } else { "-".to_string() };
-    let [rate, ends] = success_cells(&report.success_rate, is_tested);
     vec![
-        rate,
-        ends,
+        percent(&report.success_rate),
+        interval(&report.success_rate),
         optional(&report.strict_success_rate),
         optional(&report.careful_success_rate),
         optional(&report.dangerous_behavior_rate),
@@ -121,19 +120,14 @@ fn evaluation_cells(found: &Evaluation) -> Vec<String> {
     ]
 }
 
-/// Returns the success rate and its interval.
-fn success_cells(rate: &Estimate, is_tested: bool) -> [String; 2] {
-    if is_tested { [percent(rate), interval(rate)] } else { ["-", "-"].map(String::from) }
-}
-
 /// Returns how many of the points with a verdict fail.
 fn failing_corners(corners: &Corners) -> String {
-    let without = |point: &CornerPoint| point.diverged + point.invalid + point.failed + point.undecided;
-    let tested: Vec<&CornerPoint> = corners.points.iter().filter(|point| without(point) < point.n).collect();
+    let tested: Vec<&CornerPoint> =
+        corners.points.iter().filter(|point| point.counts && point.has_verdict()).collect();
     if tested.is_empty() {
         return "-".to_string();
     }
-    let failing = tested.iter().filter(|point| point.successes < point.n).count();
+    let failing = tested.iter().filter(|point| point.successes < point.started()).count();
     format!("{failing} of {}", tested.len())
 }
 
@@ -150,35 +144,19 @@ fn interval(rate: &Estimate) -> String {
 mod tests {
     use mishandle::results::{CampaignRun, Scenario};
 
+    use super::super::corners::samples;
     use super::*;
 
     /// Each point has one simulation, which succeeds, violates the formula or has no verdict.
     fn corners(ends: &[&str]) -> Corners {
-        let point = |end: &&str| CornerPoint {
-            kind: "corner".to_string(),
-            scenario: std::iter::empty::<(String, Option<f64>)>().collect::<Scenario>(),
-            reachable: None,
-            counts: true,
-            n: 1,
-            successes: u32::from(*end == "success"),
-            strict_successes: None,
-            careful_successes: None,
-            diverged: u32::from(*end == "diverged"),
-            invalid: u32::from(*end == "invalid"),
-            failed: u32::from(*end == "failed"),
-            undecided: u32::from(*end == "undecided"),
+        let point = |end: &&str| {
+            let mut point = samples::point("corner", 1, Scenario::default());
+            if *end != "success" {
+                samples::fail(&mut point, end);
+            }
+            point
         };
-        Corners {
-            seeds: 1,
-            n: ends.len() as u64,
-            succeeding: 0,
-            strictly_succeeding: None,
-            carefully_succeeding: None,
-            center_succeeds: None,
-            center_strictly_succeeds: None,
-            center_carefully_succeeds: None,
-            points: ends.iter().map(point).collect(),
-        }
+        samples::corners(1, ends.iter().map(point).collect())
     }
 
     #[test]
@@ -191,9 +169,8 @@ mod tests {
 
     #[test]
     fn an_evaluation_without_any_verdict_has_no_success_rate() {
-        let rate = Estimate { value: Some(0.0), low: Some(0.0), high: Some(0.5), n: 3 };
-        assert_eq!(success_cells(&rate, false), ["-", "-"]);
-        assert_eq!(success_cells(&rate, true), ["0.00 %", "[0.00, 50.00]"]);
+        let unknown = Estimate { n: 3, ..Estimate::default() };
+        assert_eq!([percent(&unknown), interval(&unknown)], ["-", "-"]);
     }
 
     #[test]

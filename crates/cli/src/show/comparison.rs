@@ -1,10 +1,10 @@
 //! The comparison of two evaluations, as text.
 
 use mishandle::evaluation::Corners;
-use mishandle::results::{ComparedPair, ComparedRun, Comparison, Estimate, Number, PairedRates};
+use mishandle::results::{ComparedPair, ComparedRun, Comparison, EndCounts, Estimate, Number, PairedRates};
 use mishandle_text::{decimal, p_value_text, plural};
 
-use super::{escape, output, scenario};
+use super::{escape, output, scenario, simulation};
 
 /// Largest number of new or fixed failures in the text. The JSON document lists all.
 const MAX_LISTED: usize = 20;
@@ -33,6 +33,7 @@ pub fn text(found: &Comparison) -> String {
         parts.push(format!("A and B also differ in:\n  {}", listed.join("\n  ")));
     }
     parts.push(output::table(&table(found)));
+    parts.extend(without_verdict(found));
     parts.push(format!("{} The other p-values are of exact sign tests.", found.verdict));
     let lists = [
         ("New failures: A succeeds, B fails", &found.new_failures),
@@ -45,6 +46,21 @@ pub fn text(found: &Comparison) -> String {
             .map(|(title, pairs)| list(found, title, pairs)),
     );
     parts.join("\n\n")
+}
+
+/// Says which simulations count as no success, and which pairs count nowhere.
+fn without_verdict(found: &Comparison) -> Option<String> {
+    let run = |name: &str, run: &ComparedRun| {
+        let EndCounts { diverged, invalid, failed, undecided } = run.without_verdict;
+        let counts = simulation::without_verdict(diverged, invalid, failed, undecided)?;
+        Some(format!("{name}: {counts}; they do not count as successes"))
+    };
+    let left_out = (found.left_out > 0).then(|| {
+        format!("left out: {}, from whose scenario the target cannot start", plural(found.left_out, "pair"))
+    });
+    let lines: Vec<String> =
+        run("A", &found.first).into_iter().chain(run("B", &found.second)).chain(left_out).collect();
+    (!lines.is_empty()).then(|| lines.join("\n"))
 }
 
 fn table(found: &Comparison) -> Vec<Vec<String>> {
@@ -64,7 +80,7 @@ fn table(found: &Comparison) -> Vec<Vec<String>> {
             percent(second.value),
             difference.value.map_or("-".to_string(), points),
             interval(difference, &points),
-            p_value_text(*p_value),
+            difference.value.map_or("-".to_string(), |_| p_value_text(*p_value)),
             difference.n.to_string(),
         ]);
     }
@@ -85,7 +101,7 @@ fn table(found: &Comparison) -> Vec<Vec<String>> {
             mean(means.second),
             means.difference.value.map_or("-".to_string(), signed),
             interval(&means.difference, &signed),
-            p_value_text(means.p_value),
+            means.difference.value.map_or("-".to_string(), |_| p_value_text(means.p_value)),
             means.difference.n.to_string(),
         ]);
     }

@@ -9,6 +9,9 @@ use super::{output, simulation};
 const START: &str = "start";
 const CORNER: &str = "corner";
 
+/// Text in place of a result that no simulation decides.
+const NO_VERDICT: &str = "no verdict";
+
 /// Number of failing points that a line lists.
 const LISTED: usize = 2;
 
@@ -23,11 +26,13 @@ pub fn text(axes: &[AxisFacts], report: &Corners) -> String {
         rows.push(row("careful", axes, report, &|point| point.careful_successes));
     }
     rows.extend(without_verdict(axes, report).into_iter().map(|text| vec![String::new(), text]));
-    let left_out: Vec<String> =
-        report.points.iter().filter(|point| !point.counts).map(|point| coordinates(axes, point)).collect();
-    if !left_out.is_empty() {
-        let cells = [String::new(), format!("unreachable, not counted: {}", listed(&left_out))];
-        rows.push(cells.to_vec());
+    for (why, starts) in [("unreachable", true), ("the target cannot start", false)] {
+        let is_it = |point: &&CornerPoint| !point.counts && (point.started() > 0) == starts;
+        let places: Vec<String> =
+            report.points.iter().filter(is_it).map(|point| coordinates(axes, point)).collect();
+        if !places.is_empty() {
+            rows.push(vec![String::new(), format!("{why}, not counted: {}", listed(&places))]);
+        }
     }
     rows.push(vec![String::new(), legend(axes)]);
     output::table(&rows)
@@ -79,28 +84,34 @@ fn row(
     report: &Corners,
     successes: &dyn Fn(&CornerPoint) -> Option<u32>,
 ) -> Vec<String> {
-    let failures = |point: &CornerPoint| point.n - successes(point).unwrap_or_default();
-    let with_seeds = |point: &CornerPoint| match point.n {
+    let failures = |point: &CornerPoint| point.started() - successes(point).unwrap_or_default();
+    let with_seeds = |point: &CornerPoint| match point.started() {
         0 | 1 => String::new(),
         n => format!(" with {} of {n} seeds", failures(point)),
     };
-    let (done, total) = (
-        counted(report, CORNER).filter(|point| failures(point) == 0).count(),
-        counted(report, CORNER).count(),
-    );
+    let (tested, others): (Vec<&CornerPoint>, Vec<&CornerPoint>) =
+        counted(report, CORNER).partition(|point| point.has_verdict());
+    let done = tested.iter().filter(|point| failures(point) == 0).count();
     let verb = if done == 1 { "succeeds" } else { "succeed" };
-    let mut text = format!("{done} of {total} {verb}");
-    if report.seeds > 1 {
+    let mut text = match (tested.len(), others.len()) {
+        (0, 0) => "none counts".to_string(),
+        (0, _) => NO_VERDICT.to_string(),
+        (total, _) => format!("{done} of {total} {verb}"),
+    };
+    if report.seeds > 1 && !tested.is_empty() {
         text += &format!(" with all of {} seeds", report.seeds);
+    }
+    if !others.is_empty() && !tested.is_empty() {
+        text += &format!(", {} without a verdict", others.len());
     }
     if let Some(center) = center(report) {
         text += &match failures(center) {
+            _ if !center.has_verdict() => ", the center has no verdict".to_string(),
             0 => ", the center succeeds".to_string(),
             _ => format!(", the center fails{}", with_seeds(center)),
         };
     }
-    let mut failing: Vec<&CornerPoint> =
-        counted(report, CORNER).filter(|point| failures(point) > 0).collect();
+    let mut failing: Vec<&CornerPoint> = tested.into_iter().filter(|point| failures(point) > 0).collect();
     failing.sort_by_key(|point| std::cmp::Reverse(failures(point)));
     if !failing.is_empty() {
         let places: Vec<String> =
@@ -129,11 +140,63 @@ fn coordinates(axes: &[AxisFacts], point: &CornerPoint) -> String {
     format!("({})", texts.join(", "))
 }
 
+/// Corners for tests.
+#[cfg(test)]
+pub mod samples {
+    use mishandle::results::{CornerPoint, Corners, Scenario};
+
+    /// Returns a point whose `n` simulations succeed.
+    pub fn point(kind: &str, n: u32, scenario: Scenario) -> CornerPoint {
+        CornerPoint {
+            kind: kind.to_string(),
+            scenario,
+            reachable: None,
+            counts: true,
+            n,
+            invalid_starts: 0,
+            successes: n,
+            strict_successes: None,
+            careful_successes: None,
+            diverged: 0,
+            invalid: 0,
+            failed: 0,
+            undecided: 0,
+        }
+    }
+
+    /// Lets one more simulation of a point end so: `violation`, `diverged`, `invalid`, `failed` or
+    /// `undecided`.
+    pub fn fail(point: &mut CornerPoint, end: &str) {
+        point.successes -= 1;
+        let others = [&mut point.diverged, &mut point.invalid, &mut point.failed, &mut point.undecided];
+        for (name, count) in ["diverged", "invalid", "failed", "undecided"].into_iter().zip(others) {
+            *count += u32::from(name == end);
+        }
+    }
+
+    /// Returns the results of points.
+    pub fn corners(seeds: u32, points: Vec<CornerPoint>) -> Corners {
+        Corners {
+            seeds,
+            n: points.len() as u64,
+            without_verdict: 0,
+            succeeding: 0,
+            strictly_succeeding: None,
+            carefully_succeeding: None,
+            center_succeeds: None,
+            center_strictly_succeeds: None,
+            center_carefully_succeeds: None,
+            points,
+        }
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use mishandle::resolve::axis_facts;
     use mishandle::rollout::Axis;
 
+    use super::samples::{corners, fail, point};
     use super::*;
 
     fn axes() -> Vec<AxisFacts> {
@@ -147,32 +210,17 @@ mod tests {
         let point = |(index, [x, y]): (usize, [f64; 2])| {
             let failed = failures.iter().find(|(at, _)| *at == index).map_or(0, |(_, count)| *count);
             let is_reachable = unreachable != Some([x, y]);
+            let kind = if index < 4 { CORNER } else { "center" };
+            let mut found = point(kind, 2, [("x", Some(x)), ("y", Some(y))].into_iter().collect());
+            (0..failed).for_each(|_| fail(&mut found, "violation"));
             CornerPoint {
-                kind: if index < 4 { CORNER } else { "center" }.to_string(),
-                scenario: [("x", Some(x)), ("y", Some(y))].into_iter().collect(),
                 reachable: Some(is_reachable),
                 counts: is_reachable,
-                n: 2,
-                successes: 2 - failed,
-                strict_successes: Some(2 - failed),
-                careful_successes: None,
-                diverged: 0,
-                invalid: 0,
-                failed: 0,
-                undecided: 0,
+                strict_successes: Some(found.successes),
+                ..found
             }
         };
-        Corners {
-            seeds: 2,
-            n: 4 - u64::from(unreachable.is_some()),
-            succeeding: 0,
-            strictly_succeeding: None,
-            carefully_succeeding: None,
-            center_succeeds: None,
-            center_strictly_succeeds: None,
-            center_carefully_succeeds: None,
-            points: places.into_iter().enumerate().map(point).collect(),
-        }
+        corners(2, places.into_iter().enumerate().map(point).collect())
     }
 
     #[test]
@@ -216,6 +264,47 @@ mod tests {
         ] {
             assert!(lines.contains(line), "{lines}");
         }
+    }
+
+    #[test]
+    fn points_without_a_verdict_neither_succeed_nor_fail() {
+        let mut all = report(&[], None);
+        let end = |point: &mut CornerPoint, n: u32| {
+            (0..n).for_each(|_| fail(point, "failed"));
+            point.strict_successes = Some(point.successes);
+        };
+        end(&mut all.points[1], 2);
+        let first = |report: &Corners| text(&axes(), report).lines().next().unwrap_or_default().to_string();
+        let line = first(&all);
+        let expected =
+            "corners  3 of 3 succeed with all of 2 seeds, 1 without a verdict, the center succeeds";
+        assert_eq!(line, expected);
+        // One of two seeds has a verdict: a crash is not a success.
+        end(&mut all.points[0], 1);
+        assert!(
+            first(&all).ends_with("corners that fail: (0.75, -0.1) with 1 of 2 seeds"),
+            "{}",
+            first(&all)
+        );
+        let mut none = report(&[], None);
+        none.points.iter_mut().for_each(|point| end(point, 2));
+        assert_eq!(first(&none), "corners  no verdict, the center has no verdict");
+        // The target rejects two corners. They are not among those that count.
+        let mut rejected = report(&[], None);
+        for index in [1, 3] {
+            end(&mut rejected.points[index], 2);
+            rejected.points[index].invalid_starts = 2;
+            rejected.points[index].counts = false;
+        }
+        assert!(
+            first(&rejected).starts_with("corners  2 of 2 succeed with all of 2 seeds, the center succeeds")
+        );
+        let lines = text(&axes(), &rejected);
+        assert!(
+            lines.contains("the target cannot start, not counted: (0.75, 0.1), (0.85, 0.1)\n"),
+            "{lines}"
+        );
+        assert!(!lines.contains("unreachable"), "{lines}");
     }
 
     #[test]

@@ -1,6 +1,7 @@
 //! The result of an evaluation, as text.
 
 use mishandle::results::{Estimate, Evaluation};
+use mishandle_text::plural;
 
 use super::{corners, output, reasons, requirements, screening, simulation, subject};
 
@@ -61,6 +62,13 @@ fn direct_text(found: &Evaluation) -> String {
         simulation::without_verdict(report.diverged, report.invalid, report.failed, report.undecided)
     {
         text.push_str(&format!("\n\n{counts}; they do not count as successes"));
+        let left_out = report.simulations - report.success_rate.n;
+        if left_out > 0 {
+            text.push_str(&format!(
+                ". In no rate: {}, from whose scenario the target cannot start",
+                plural(left_out, "simulation")
+            ));
+        }
     }
     text + &reasons::text(found.reasons.as_deref()) + &requirements::text(found.requirements.as_deref())
 }

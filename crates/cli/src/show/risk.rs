@@ -46,6 +46,7 @@ fn direct_text(found: &Risk) -> String {
         output::table(&parts(found)),
     );
     text.truncate(text.trim_end().len());
+    text.push_str(&left_out(found));
     let undecided = found.monte_carlo.without_verdict;
     if undecided > 0 {
         text.push_str(&format!(
@@ -70,12 +71,24 @@ fn screened_text(found: &Risk, counts: &Screening) -> String {
         screening::engines(counts, &[("failure", "failures there")], ["violated or no verdict", "satisfied"]),
     );
     text.push_str(&simulation::without_gpu_verdict(counts.without_verdict, counts.overflows));
+    text.push_str(&left_out(found));
     if counts.confirmed_without_verdict > 0 {
         let undecided = plural(counts.confirmed_without_verdict, "simulation");
         text.push_str(&format!("\n\n{undecided} of MuJoCo C without a verdict count as passed"));
     }
     text.push_str(&failures_text(found));
     text
+}
+
+/// Says how many scenarios the probability is not about.
+fn left_out(found: &Risk) -> String {
+    match found.monte_carlo.invalid_starts {
+        0 => String::new(),
+        n => format!(
+            "\n\nleft out: {}, because the target cannot start from the scenario; the probability is that among all others",
+            plural(n, "simulation")
+        ),
+    }
 }
 
 fn failures_text(found: &Risk) -> String {
@@ -172,7 +185,9 @@ fn parts(found: &Risk) -> Vec<Vec<String>> {
             "failures in {regions}; Monte Carlo: {}, {monte_carlo_outside} outside",
             failures(monte_carlo.failures)
         );
-        rows.push(row("importance sampling", *simulations, Some(importance.regions), note));
+        // The regions have a probability among all scenarios.
+        let estimate = Some(importance.regions).filter(|_| monte_carlo.invalid_starts == 0);
+        rows.push(row("importance sampling", *simulations, estimate, note));
     }
     rows
 }

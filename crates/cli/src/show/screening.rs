@@ -12,7 +12,11 @@ pub fn evaluation_text(found: &Evaluation, counts: &Screening) -> String {
     let percent = |rate: Option<f64>| rate.map_or("-".to_string(), |rate| format!("{:.2}", 100.0 * rate));
     let row = |name: &str, rate: &Estimate| {
         let interval = format!("[{}, {}]", percent(rate.low), percent(rate.high));
-        vec![name.to_string(), format!("{} %", percent(rate.value)), interval, rate.n.to_string()]
+        let [value, interval] = match rate.value {
+            Some(_) => [format!("{} %", percent(rate.value)), interval],
+            None => ["-".to_string(), "-".to_string()],
+        };
+        vec![name.to_string(), value, interval, rate.n.to_string()]
     };
     let mut rates = vec![["", "value", "95 % interval", "n"].map(String::from).to_vec()];
     rates.push(row("success rate", &report.success_rate));

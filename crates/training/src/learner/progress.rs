@@ -87,16 +87,16 @@ impl fmt::Display for TrainingProgress {
         if let Some(Validation { success_rate, strict_success_rate, space, corners, part, .. }) =
             self.validation
         {
-            let (success, strict) = (100.0 * success_rate, 100.0 * strict_success_rate);
-            write!(f, ", success {success:.1} %, strict {strict:.1} %")?;
+            let (success, strict) = (percent(success_rate), percent(strict_success_rate));
+            write!(f, ", success {success}, strict {strict}")?;
             for (name, rates) in [("space", space), ("corners", corners)] {
                 if let Some(rates) = rates {
-                    write!(f, ", {name} {:.1} %", 100.0 * rates.success_rate)?;
+                    write!(f, ", {name} {}", percent(rates.success_rate))?;
                 }
             }
             if let Some(PartValidation { share, rates }) = part {
-                let (success, share) = (100.0 * rates.success_rate, 100.0 * share);
-                write!(f, ", within {share:.0} % of the ranges {success:.1} %")?;
+                let (success, share) = (percent(rates.success_rate), 100.0 * share);
+                write!(f, ", within {share:.0} % of the ranges {success}")?;
             }
         }
         if let Some(share) = self.scenario_share {
@@ -166,15 +166,27 @@ pub struct PartValidation {
     pub rates: Rates,
 }
 
-/// Results of the episodes of a validation.
+/// Results of the episodes of a validation that can start.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Rates {
-    /// Fraction that satisfied the success formula.
+    /// Fraction that satisfied the success formula; NaN if none has a verdict.
     pub success_rate: f64,
-    /// Fraction that satisfied the strict success formula.
+    /// Fraction that satisfied the strict success formula; NaN if none has a verdict.
     pub strict_success_rate: f64,
     /// Mean undiscounted return.
     pub mean_return: f64,
+}
+
+impl Rates {
+    /// Returns whether an episode has a verdict on success, and one on strict success.
+    pub fn has_verdicts(&self) -> bool {
+        !self.success_rate.is_nan() && !self.strict_success_rate.is_nan()
+    }
+}
+
+/// Formats a rate; `-` without a verdict.
+fn percent(rate: f64) -> String {
+    if rate.is_nan() { "-".to_string() } else { format!("{:.1} %", 100.0 * rate) }
 }
 
 impl Validation {

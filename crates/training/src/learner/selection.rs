@@ -163,9 +163,10 @@ fn validation(checkpoint: &Checkpoint, name: &str) -> Result<Validation, Trainin
 }
 
 /// Compares by strict success, then success, then return. A later policy does not replace an equal
-/// one.
+/// one, and no verdict is worse than any.
 fn better(new: Rates, old: Rates) -> bool {
-    let key = |v: Rates| (v.strict_success_rate, v.success_rate, v.mean_return);
+    let rate = |rate: f64| if rate.is_nan() { f64::NEG_INFINITY } else { rate };
+    let key = |v: Rates| (rate(v.strict_success_rate), rate(v.success_rate), v.mean_return);
     key(new) > key(old)
 }
 
@@ -182,6 +183,16 @@ mod tests {
 
     fn validation_of(success_rate: f64, strict_success_rate: f64, mean_return: f64) -> Validation {
         Validation::of_starts(Rates { success_rate, strict_success_rate, mean_return })
+    }
+
+    #[test]
+    fn a_policy_without_a_verdict_is_worse_than_any_other() {
+        let unknown = Rates { success_rate: f64::NAN, strict_success_rate: f64::NAN, mean_return: 9.0 };
+        let failing = Rates { success_rate: 0.0, strict_success_rate: 0.0, mean_return: -9.0 };
+        assert!(better(failing, unknown) && !better(unknown, failing) && !better(unknown, unknown));
+        let mut selection = PolicySelection::new(Some(0.0), None, 1);
+        selection.record(&policy(0.0), Validation::of_starts(unknown), 0);
+        assert!(!selection.target_reached());
     }
 
     #[test]

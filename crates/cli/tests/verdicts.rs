@@ -1,0 +1,217 @@
+//! Simulations that end without a verdict, in every question: an invalid start is in no rate, any
+//! other end is not a success, nothing without any verdict is a result, and a search whose first
+//! simulations all fail stops.
+
+#![allow(clippy::unwrap_used)]
+
+mod bench;
+
+use bench::{Bench, text};
+use serde_json::Value;
+
+/// A simulator that ends as the function `end` of its file says.
+const SIMULATOR: &str = r#"
+import json, sys
+from end import end
+HELLO = {"protocol": 1, "name": "s", "control_dt": 0.1, "steps": 5,
+  "axes": [{"name": "a", "unit": "m", "low": 0.0, "high": 1.0, "nominal": 0.5, "kind": "start"},
+           {"name": "push", "unit": "N", "low": -1.0, "high": 1.0, "nominal": 0.0, "kind": "input"}],
+  "signals": [{"name": "x", "unit": "m"}], "formulas": [{"name": "low", "text": "always(x <= 0.8)"}]}
+for line in sys.stdin:
+    q = json.loads(line)
+    print(json.dumps({"id": q["id"], **(HELLO if q["type"] == "hello" else end(q["scenario"]["a"]))}), flush=True)
+"#;
+
+/// Ends without a verdict: name, answer, and whether a search gives up on them.
+const ENDS: [(&str, &str, bool); 6] = [
+    ("invalid", "{'end': 'invalid', 'reason': 'no steady state'}", true),
+    ("error", "{'error': 'no license'}", true),
+    ("crash", "sys.exit('no license')", true),
+    ("nan", "{'trace': {'x': [None] * 6}}", true),
+    ("diverged", "{'end': 'diverged'}", false),
+    ("undecided", "{'trace': {'x': [0.0, 0.0]}, 'end': 'terminated'}", false),
+];
+
+const COMMAND: &str = "--command 'python3 s.py'";
+
+/// Returns a folder with the simulator, which ends with `answer` where `condition` holds for the
+/// start `a`; otherwise `a` is the signal, and starts above 0.8 fail.
+fn bench(condition: &str, answer: &str) -> Bench {
+    let bench = Bench::new();
+    bench.write("s.py", SIMULATOR);
+    bench.write(
+        "end.py",
+        &format!(
+            "import sys\ndef end(a): return {answer} if {condition} else {{'trace': {{'x': [a] * 6}}}}\n"
+        ),
+    );
+    bench
+}
+
+/// Returns exit code, JSON document and messages.
+#[track_caller]
+fn ask(bench: &Bench, arguments: &str) -> (Option<i32>, Value, String) {
+    let mut command = bench.command(&format!("{arguments} --json"));
+    let output = command.env("MISHANDLE_ALLOW_PROGRAMS", "1").output().unwrap();
+    let document = serde_json::from_slice(&output.stdout).unwrap_or_default();
+    (output.status.code(), document, text(&output.stderr))
+}
+
+/// Returns the number of recorded simulations.
+fn rows(bench: &Bench, run: &str) -> usize {
+    bench.check(&format!("export {run} --out rows.csv --force"), 0);
+    std::fs::read_to_string(bench.path("rows.csv")).unwrap().lines().count() - 1
+}
+
+#[test]
+fn nothing_without_a_verdict_is_a_result() {
+    for (end, answer, _) in ENDS {
+        let bench = bench("True", answer);
+        let (code, found, err) = ask(&bench, &format!("evaluate {COMMAND} --episodes 4 --out e.sqlite"));
+        assert_eq!(code, Some(2), "{end}: {err}");
+        assert!(err.contains("no simulation has a verdict"), "{end}: {err}");
+        let rate = &found["success_rate"];
+        let n = if end == "invalid" { 0 } else { 4 };
+        assert_eq!((&rate["value"], &rate["n"]), (&Value::Null, &Value::from(n)), "{end}");
+        let corners = &found["corners"];
+        assert_eq!(
+            (&corners["center_succeeds"], &corners["succeeding"]),
+            (&Value::Null, &Value::from(0)),
+            "{end}"
+        );
+        let counted = if end == "invalid" { 0 } else { 2 };
+        assert_eq!(
+            (&corners["n"], &corners["without_verdict"]),
+            (&Value::from(counted), &Value::from(counted))
+        );
+
+        let (code, found, err) = ask(&bench, "compare e.sqlite e.sqlite");
+        assert_eq!(code, Some(2), "{end}: {err}");
+        for rate in ["first", "second", "difference"] {
+            assert_eq!(found["success"][rate]["value"], Value::Null, "{end}");
+        }
+
+        bench.write("c.toml", "target = 'process:python3 s.py'\n[evaluate]\nepisodes = 3\n");
+        let (code, found, err) = ask(&bench, "campaign c.toml --out c");
+        assert_eq!((code, found["runs"].as_array().unwrap().len()), (Some(2), 1), "{end}: {err}");
+        let mut command = bench.command("campaign --resume c");
+        let output = command.env("MISHANDLE_ALLOW_PROGRAMS", "1").output().unwrap();
+        assert_eq!(output.status.code(), Some(2), "{end}");
+        let out = text(&output.stdout);
+        assert!(!out.contains("0.00 %") && out.contains("  -  "), "{end}: {out}");
+    }
+}
+
+#[test]
+fn a_table_has_no_verdict_instead_of_failing_corners() {
+    let found = bench("True", "sys.exit('no license')").run("evaluate --command 'python3 s.py' --episodes 2");
+    let out = text(&found.stdout);
+    assert!(out.contains("corners  no verdict, the center has no verdict\n"), "{out}");
+    assert!(!out.contains("0.00 %") && !out.contains("fail"), "{out}");
+}
+
+#[test]
+fn a_search_stops_if_its_first_simulations_all_fail_and_a_resumed_one_too() {
+    let searches = ["falsify --trials 3 --budget 300", "risk --simulations 5000", "margin --space scenarios"];
+    for (end, answer, gives_up) in ENDS.into_iter().filter(|(end, ..)| !matches!(*end, "crash" | "undecided"))
+    {
+        let bench = bench("True", answer);
+        for (number, search) in searches.iter().enumerate() {
+            let budget = if gives_up {
+                ""
+            } else {
+                [" --trials 2 --budget 30", " --simulations 200", " --budget 60"][number]
+            };
+            let search = if gives_up { search } else { search.split(' ').next().unwrap() };
+            let space = if search == "margin" { " --space scenarios" } else { "" };
+            let run = format!("r{number}.sqlite");
+            let (code, found, err) = ask(&bench, &format!("{search}{budget}{space} {COMMAND} --out {run}"));
+            assert_eq!(code, Some(2), "{end} {search}: {err}");
+            assert_eq!(
+                err.contains("the first 20 simulations have no verdict"),
+                gives_up,
+                "{end} {search}: {err}"
+            );
+            assert_eq!(found.is_null(), gives_up, "{end} {search}");
+            if !gives_up {
+                continue;
+            }
+            let reason = match end {
+                "invalid" => "no steady state",
+                "error" => "no license",
+                _ => "the signal `x` is not finite",
+            };
+            assert!(err.contains(reason), "{end} {search}: {err}");
+            let recorded = rows(&bench, &run);
+            assert!((20..=64).contains(&recorded), "{end} {search}: {recorded} rows");
+            let kind = search.split(' ').next().unwrap();
+            let (code, _, err) = ask(&bench, &format!("{kind} --resume {run}"));
+            assert_eq!(code, Some(2), "{end} {search}: {err}");
+            assert!(
+                err.contains("the first 20 simulations have no verdict") && err.contains(reason),
+                "{err}"
+            );
+            assert_eq!(rows(&bench, &run), recorded, "{end} {search}");
+        }
+    }
+}
+
+#[test]
+fn an_invalid_start_is_in_no_rate() {
+    let bench = bench("a < 0.5", "{'end': 'invalid'}");
+    let (code, found, err) = ask(&bench, &format!("evaluate {COMMAND} --episodes 40 --out e.sqlite"));
+    assert_eq!(code, Some(0), "{err}");
+    let (invalid, n) = (found["failed"].as_u64().unwrap(), found["success_rate"]["n"].as_u64().unwrap());
+    assert!(invalid > 5 && invalid + n == 40);
+    // The corner at 0 cannot start, that at 1 fails, and the center succeeds.
+    let corners = &found["corners"];
+    assert_eq!(
+        (&corners["n"], &corners["succeeding"], &corners["center_succeeds"]),
+        (&1.into(), &0.into(), &true.into())
+    );
+    assert_eq!(
+        (&corners["points"][0]["counts"], &corners["points"][0]["invalid_starts"]),
+        (&false.into(), &1.into())
+    );
+
+    let (code, compared, err) = ask(&bench, "compare e.sqlite e.sqlite");
+    assert_eq!(code, Some(0), "{err}");
+    assert_eq!((&compared["pairs"], &compared["left_out"]), (&n.into(), &invalid.into()));
+    assert_eq!(compared["success"]["first"], found["success_rate"]);
+
+    // 0.2 of 0.5 fail.
+    let (code, found, err) =
+        ask(&bench, &format!("risk {COMMAND} --simulations 400 --method monte-carlo --out r.sqlite"));
+    assert_eq!(code, Some(1), "{err}");
+    let (part, probability) = (&found["monte_carlo"], &found["probability"]);
+    let invalid = part["invalid_starts"].as_u64().unwrap();
+    assert_eq!((&part["failure_rate"]["n"], &part["without_verdict"]), (&(400 - invalid).into(), &0.into()));
+    assert!(probability["low"].as_f64() < Some(0.4) && probability["high"].as_f64() > Some(0.4), "{found}");
+}
+
+#[test]
+fn a_crash_is_no_success_beside_simulations_that_succeed() {
+    let bench = bench("a < 0.5", "{'error': 'no license'}");
+    let (code, found, err) = ask(&bench, &format!("evaluate {COMMAND} --episodes 40 --out e.sqlite"));
+    assert_eq!((code, &found["success_rate"]["n"]), (Some(0), &40.into()), "{err}");
+    let (code, compared, err) = ask(&bench, "compare e.sqlite e.sqlite");
+    assert_eq!((code, &compared["pairs"]), (Some(0), &40.into()), "{err}");
+    assert_eq!(compared["first"]["without_verdict"]["failed"], found["failed"]);
+}
+
+#[test]
+fn a_campaign_goes_on_after_a_search_that_stopped() {
+    let bench = bench("a >= 0", "sys.exit('no license')");
+    bench.write(
+        "c.toml",
+        "target = ['process:python3 s.py', 'toy/sphere-2d']\n[falsify]\ntrials = 2\nbudget = 40\n",
+    );
+    for start in ["campaign c.toml --out c", "campaign --resume c"] {
+        let (code, found, err) = ask(&bench, start);
+        assert_eq!((code, found["runs"].as_array().unwrap().len()), (Some(2), 1), "{err}");
+        assert!(
+            err.contains("the first 20 simulations have no verdict") && err.contains("no license"),
+            "{err}"
+        );
+    }
+}
