@@ -57,6 +57,23 @@ class OnlineMonitor:
 
 def spelled(name: str) -> str: ...
 
+LogTopic = tuple[
+    str | None, tuple[str, str, NDArray[Any] | list[str]] | None, list[tuple[str, NDArray[np.float64]]]
+]
+Log = tuple[str, list[tuple[str | None, str]], list[LogTopic]]
+TableColumns = tuple[str | None, NDArray[np.int64] | None, list[tuple[str, NDArray[np.float64]]]]
+
+def monitor(
+    formulas: list[tuple[str | None, str]],
+    logs: list[Log],
+    reading: Mapping[str, Any],
+    unit: str | None,
+    strict_horizon: bool,
+    values: bool,
+) -> tuple[str, str]: ...
+def log_robustness(formula: str, log: Log, reading: Mapping[str, Any], decided_only: bool) -> float | None: ...
+def read_table(path: str, reading: Mapping[str, Any]) -> tuple[list[TableColumns], list[tuple[str, str]]]: ...
+
 class Search:
     def __new__(cls, name: str, levels: list[int | None], seed: int, options: list[tuple[str, Any]]) -> Search: ...
     def ask(self, points: int) -> list[list[float]]: ...

@@ -17,7 +17,6 @@ from numpy.typing import NDArray
 from mishandle import _native, results
 from mishandle.arguments import (
     check_applicable,
-    check_options,
     check_period,
     check_settings,
     check_space,
@@ -32,6 +31,7 @@ from mishandle.controllers import Controller, load_controller
 from mishandle.errors import InvalidStateError, InvalidTypeError, InvalidValueError
 from mishandle.formulas import Formula
 from mishandle.fingerprints import Fingerprint, Watch
+from mishandle.keywords import check_options
 from mishandle.limits import check_time_limit
 from mishandle.packages import package_of
 from mishandle.pictures import Painter

@@ -14,6 +14,7 @@ mod faults;
 mod formula;
 mod gpu;
 mod hardening;
+mod logs;
 mod objective;
 mod online;
 mod pool;
@@ -81,6 +82,9 @@ fn contents(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_class::<Simulator>()?;
     module.add_class::<PlanWorker>()?;
     module.add_function(wrap_pyfunction!(formula::spelled_name, module)?)?;
+    module.add_function(wrap_pyfunction!(logs::monitor, module)?)?;
+    module.add_function(wrap_pyfunction!(logs::log_robustness, module)?)?;
+    module.add_function(wrap_pyfunction!(logs::read_table, module)?)?;
     module.add_function(wrap_pyfunction!(remote::complete_run, module)?)?;
     module.add_function(wrap_pyfunction!(remote::complete_hardening, module)?)?;
     module.add_function(wrap_pyfunction!(remote::create_campaign, module)?)?;

@@ -1,5 +1,7 @@
 //! Logs: files whose columns are known, and the topics that are read from them.
 
+mod whole;
+
 use std::fs::File;
 use std::io::{self, Read};
 use std::path::{Path, PathBuf};
@@ -188,7 +190,7 @@ impl OpenLog {
     /// requires.
     pub fn read(mut self, signals: &[&str]) -> Result<Log> {
         if let Some(name) = self.options.topic_column.clone() {
-            return self.read_split(signals, &name);
+            return self.read_split(Some(signals), &name);
         }
         let likely_time = self.likely_time().map(str::to_owned);
         let mut columns: Vec<Vec<(usize, &str)>> = self.tables.iter().map(|_| Vec::new()).collect();
@@ -231,8 +233,8 @@ impl OpenLog {
         Ok(Log { topics, likely_time })
     }
 
-    /// Reads signals of a log whose rows belong to the topics that a column names.
-    fn read_split(mut self, signals: &[&str], topic_column: &str) -> Result<Log> {
+    /// Reads signals, or all, of a log whose rows belong to the topics that a column names.
+    fn read_split(mut self, signals: Option<&[&str]>, topic_column: &str) -> Result<Log> {
         if self.tables.len() != 1 {
             return Err(undecided("--topic-column", "--topic-column reads one file; leave out --topic"));
         }
@@ -242,7 +244,11 @@ impl OpenLog {
         let time = self.time_column(table.as_ref())?;
         let is_candidate = |column: usize| {
             let ending = format!("/{}", names[column]);
-            column != topic && signals.iter().any(|signal| signal.ends_with(&ending))
+            column != topic
+                && match signals {
+                    Some(signals) => signals.iter().any(|signal| signal.ends_with(&ending)),
+                    None => Some(column) != time,
+                }
         };
         let mut sinks = Sinks { columns: Vec::new(), places: Places::new(counted) };
         sinks.columns.push((topic, Sink::Topics(TopicColumn::new(&names[topic], counted))));
@@ -272,7 +278,10 @@ impl OpenLog {
         for (index, topic) in topics.topics.iter().enumerate() {
             let requested: Vec<&ValueColumn> = values
                 .iter()
-                .filter(|column| signals.contains(&full_name(Some(topic), &column.name).as_str()))
+                .filter(|column| {
+                    let name = full_name(Some(topic), &column.name);
+                    signals.is_none_or(|signals| signals.contains(&name.as_str()))
+                })
                 .collect();
             if requested.is_empty() {
                 continue;
@@ -292,7 +301,7 @@ impl OpenLog {
         }
         let has =
             |signal: &str| found.iter().flat_map(|topic| &topic.columns).any(|column| column.name == signal);
-        if let Some(signal) = signals.iter().find(|signal| !has(signal)) {
+        if let Some(signal) = signals.unwrap_or_default().iter().find(|signal| !has(signal)) {
             let shown: Vec<String> =
                 topics.topics.iter().take(20).map(|topic| format!("`{}`", visible(topic))).collect();
             return Err(content(format!(

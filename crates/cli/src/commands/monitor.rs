@@ -2,13 +2,12 @@ use std::path::PathBuf;
 
 use anyhow::{Context, Result, ensure};
 use clap::Args;
-use mishandle::results::{self, LogVerdict, Number, RequirementVerdict};
 use mishandle_logs::Evaluation;
 use mishandle_text::plural;
 
 use crate::exit_status::ExitStatus;
 use crate::flags::{self, LogFlags};
-use crate::run::logs::{self, Requirement};
+use crate::run::logs::{self, WrittenRequirement};
 use crate::show::{log_verdicts, output};
 
 /// Compute the robustness of temporal logic formulas on recorded logs
@@ -79,7 +78,7 @@ pub struct Arguments {
 }
 
 pub fn run(command: &Arguments) -> Result<ExitStatus> {
-    let requirements = requirements(command)?;
+    let written = requirements(command)?;
     let options = command.log.options();
     let sources = command.log.logs(&command.logs)?;
     logs::check_stdin(&sources)?;
@@ -89,29 +88,29 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
             output::refuse_inputs(path, flag, inputs())?;
         }
     }
-    let formulas = logs::formulas(&requirements, &sources[0], &options)?;
+    let requirements = logs::parsed(written, &sources[0], &options)?;
     let (mut verdicts, mut values) = (Vec::new(), None);
-    for source in &sources {
-        let log = logs::read(source, &formulas, &options)?;
-        for (requirement, formula) in requirements.iter().zip(&formulas) {
-            let verdict = log.verdict(requirement, formula, command.strict_horizon);
+    for (name, source) in logs::names(&sources).into_iter().zip(&sources) {
+        let log = logs::read(name, source, &requirements, &options)?;
+        for requirement in &requirements {
+            let verdict = log.verdict(requirement, command.strict_horizon);
             verdicts.push(verdict.with_context(|| format!("trace {}", log.name))?);
         }
         if command.values {
             ensure!(sources.len() == 1, "--values prints the values of one log; name one");
-            let evaluation =
-                Evaluation { unit: requirements[0].unit, strict_horizon: command.strict_horizon };
-            values = Some(log.samples.robustness_signal(&formulas[0], &evaluation)?);
+            let first = &requirements[0];
+            let evaluation = Evaluation { unit: first.unit, strict_horizon: command.strict_horizon };
+            values = Some(log.samples.robustness_signal(&first.formula, &evaluation)?);
         }
     }
-    let as_asked = verdicts.clone();
-    logs::worst_first(&mut verdicts);
+    let found = mishandle_logs::document(verdicts, sources.len(), command.strict_horizon, values);
+    let verdicts = &found.verdicts;
     let is_one_log = sources.len() == 1;
     if let Some(path) = &command.junit {
-        output::write_atomically(path, command.force, log_verdicts::junit(&verdicts).as_bytes())?;
+        output::write_atomically(path, command.force, log_verdicts::junit(verdicts).as_bytes())?;
     }
     if let Some(path) = &command.markdown {
-        output::write_atomically(path, command.force, log_verdicts::markdown(&verdicts).as_bytes())?;
+        output::write_atomically(path, command.force, log_verdicts::markdown(verdicts).as_bytes())?;
     }
     let fails = verdicts.iter().any(|verdict| verdict.violated && verdict.severity == "error");
     let cut = verdicts.iter().find(|verdict| verdict.cuts_windows);
@@ -125,12 +124,9 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
     });
     let missing = verdicts.iter().map(|verdict| verdict.missing_values).max().unwrap_or(0);
     if command.json {
-        output::json(&document(command, is_one_log, &as_asked, verdicts, values))?;
+        output::json(&found)?;
     } else {
-        match &verdicts[..] {
-            [only] if is_one_log => output::line(&log_verdicts::text(only))?,
-            _ => output::line(&log_verdicts::table(&verdicts, !is_one_log))?,
-        }
+        output::line(&log_verdicts::shown(verdicts, !is_one_log))?;
         if missing > 0 {
             output::message(&format!("note: {} missing in a log", plural(missing, "value")));
         }
@@ -142,16 +138,16 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
 }
 
 /// Returns the formulas of all flags.
-fn requirements(command: &Arguments) -> Result<Vec<Requirement>> {
+fn requirements(command: &Arguments) -> Result<Vec<WrittenRequirement>> {
     let unit = command.unit.as_deref().map(|text| logs::time_unit(text, "--unit")).transpose()?;
-    let plain = |name: Option<&String>, text: &String| Requirement {
+    let plain = |name: Option<&String>, text: &String| WrittenRequirement {
         name: name.cloned(),
         text: text.clone(),
         is_error: true,
         unit,
         description: None,
     };
-    let mut found: Vec<Requirement> = command.formula.iter().map(|text| plain(None, text)).collect();
+    let mut found: Vec<WrittenRequirement> = command.formula.iter().map(|text| plain(None, text)).collect();
     found.extend(command.requirement.iter().map(|(name, text)| plain(Some(name), text)));
     if let Some(path) = &command.formulas {
         found.extend(logs::requirements(path, unit)?);
@@ -161,35 +157,4 @@ fn requirements(command: &Arguments) -> Result<Vec<Requirement>> {
         "there is no formula: give --formula FORMULA, --requirement NAME=FORMULA, or --formulas FILE"
     );
     Ok(found)
-}
-
-/// Returns the document of `--json`.
-fn document(
-    command: &Arguments,
-    is_one_log: bool,
-    as_asked: &[LogVerdict],
-    verdicts: Vec<LogVerdict>,
-    values: Option<Vec<(mishandle_logs::At, f64)>>,
-) -> results::Monitor {
-    let named = as_asked.iter().filter_map(|verdict| {
-        Some(RequirementVerdict {
-            name: verdict.name.clone()?,
-            formula: verdict.formula.clone(),
-            robustness: Some(verdict.robustness),
-            violated: Some(verdict.violated),
-        })
-    });
-    let named: Vec<RequirementVerdict> = named.filter(|_| is_one_log).collect();
-    let first = if is_one_log { &as_asked[0] } else { &verdicts[0] };
-    let times = values.as_ref().and_then(|values| values.iter().map(|(at, _)| at.secs.map(Number)).collect());
-    results::Monitor {
-        robustness: first.robustness,
-        violated: first.violated,
-        windows: if command.strict_horizon { "whole" } else { "cut" }.to_string(),
-        cuts_windows: first.cuts_windows,
-        robustness_signal: values.map(|values| values.into_iter().map(|(_, value)| Number(value)).collect()),
-        robustness_times: times,
-        requirements: (!named.is_empty()).then_some(named),
-        verdicts,
-    }
 }
