@@ -10,6 +10,7 @@ mod artifacts;
 mod camera;
 mod comparison;
 mod controller;
+mod early_stop;
 mod faults;
 mod formula;
 mod gpu;
@@ -40,6 +41,7 @@ use pyo3::exceptions::{PyImportError, PyUserWarning};
 use pyo3::prelude::*;
 
 use controller::PyController;
+use early_stop::PyEarlyStop;
 use faults::Faults;
 use formula::PyFormula;
 use objective::Objective;
@@ -73,6 +75,7 @@ fn contents(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_class::<PyTarget>()?;
     module.add_class::<PyFormula>()?;
     module.add_class::<PyOnlineMonitor>()?;
+    module.add_class::<PyEarlyStop>()?;
     module.add_class::<PySearch>()?;
     module.add_class::<Scenarios>()?;
     module.add_class::<Faults>()?;
