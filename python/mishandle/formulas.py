@@ -111,7 +111,7 @@ class Formula:
         if len(sources) != 1:
             raise InvalidValueError(f"{log} has {len(sources)} logs; ask mishandle.monitor for the verdict on each")
         with python_words():
-            return _native.log_robustness(str(self), sources[0], given, decided_only)
+            return _native.log_robustness(self._native, sources[0], given, decided_only)
 
     def hint(self, names: list[str]) -> str | None:
         """Returns a hint for a log with columns of these names that lacks a signal."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import json
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, Union
 
 from typing_extensions import Unpack
@@ -47,7 +47,7 @@ def monitor(
     Parameters
     ----------
     formulas : str, Formula, sequence of them, or dict from name to formula
-    log : log, or sequence of logs
+    log : log, or list, tuple or iterator of logs
         A path (a table or recording, as for :func:`mishandle.read_log`), a :class:`mishandle.Log`, or columns in memory: a dictionary
         of arrays, a data frame, a result of :func:`mishandle.simulate`. A LeRobot data set is several logs. A dictionary from names to
         files, or to columns in memory, is one log with these topics.
@@ -73,7 +73,7 @@ def monitor(
     given = native_reading(reading)
     sources = [
         source
-        for each in (log if isinstance(log, (list, tuple)) else [log])
+        for each in (log if isinstance(log, (list, tuple, Iterator)) else [log])
         for source in native_logs(each, signals, lambda known: _hint(parsed, known), given)
     ]
     if not sources:

@@ -10,7 +10,7 @@ use mishandle_logs::{
 use numpy::{IntoPyArray, PyArray1, PyReadonlyArray1};
 use pyo3::prelude::*;
 
-use crate::formula::clock;
+use crate::formula::{PyFormula, clock};
 use crate::work::json;
 use crate::{InvalidValueError, plain};
 
@@ -233,14 +233,14 @@ pub fn monitor(
 #[pyfunction]
 pub fn log_robustness(
     py: Python<'_>,
-    formula: &str,
+    formula: &PyFormula,
     log: LogArgument<'_>,
     reading: Reading,
     decided_only: bool,
 ) -> PyResult<Option<f64>> {
     let (name, files, topics) = log;
     let options = reading.options()?;
-    let formula = Formula::parse(formula).map_err(plain)?;
+    let formula = &formula.formula;
     let contents = Contents::new(files, topics, &options)?;
     let named = |error: LogError| match name.as_str() {
         "" => InvalidValueError::new_err(error.to_string()),
@@ -249,8 +249,8 @@ pub fn log_robustness(
     let evaluation = Evaluation::default();
     let (samples, found) = py
         .detach(|| {
-            let samples = contents.samples([&formula], &options)?;
-            let found = samples.robustness_signal(&formula, &evaluation)?;
+            let samples = contents.samples([formula], &options)?;
+            let found = samples.robustness_signal(formula, &evaluation)?;
             Ok((samples, found))
         })
         .map_err(named)?;
@@ -259,12 +259,12 @@ pub fn log_robustness(
     }
     match &samples.signals {
         Signals::Even { trace, period, .. } => {
-            let mut monitor = Monitor::new(&formula, trace.names(), clock(*period)?).map_err(plain)?;
+            let mut monitor = Monitor::new(formula, trace.names(), clock(*period)?).map_err(plain)?;
             Ok(monitor.decided_robustness_signal(trace).map_err(plain)?.first().copied())
         }
         Signals::Dense(signals) => {
             let names: Vec<String> = signals.iter().map(|signal| signal.name().to_owned()).collect();
-            let monitor = DenseMonitor::new(&formula, &names, None).map_err(plain)?;
+            let monitor = DenseMonitor::new(formula, &names, None).map_err(plain)?;
             Ok(monitor.decided_robustness_signal(signals).map_err(plain)?.first())
         }
     }

@@ -257,6 +257,7 @@ class SeveralLogs(Files):
         self.assertEqual([each.log for each in same.verdicts], [f"{paths[0]} (1)", f"{paths[0]} (2)"])
         with self.assertRaisesRegex(ValueError, f"trace {paths[0]}: "):
             mishandle.monitor("always(y <= 2)", paths[:1])
+        self.assertEqual(len(mishandle.monitor("x <= 2", self.folder.glob("*.csv")).verdicts), 2)
         with self.assertRaisesRegex(ValueError, "there is no log"):
             mishandle.monitor("always(y <= 2)", [])
 
