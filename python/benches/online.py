@@ -24,31 +24,29 @@ FORMULAS = ["always[50:300](d <= 0.12)", "eventually[0:300](a <= 0.024 and b > 0
 HORIZON = 300
 
 
-def by_mishandle_decided(text, names, rows):
-    """Mishandle, decided values"""
+def push_each(text, names, rows, has_bounds):
+    """Pushes each sample, asks for the bounds or not, and keeps the decided values."""
     monitor = mishandle.OnlineMonitor(text, names)
     values = []
     yield
     for row in rows:
         monitor.push(row)
+        if has_bounds:
+            monitor.bounds()
         decided = monitor.decided()
         if decided is not None:
             values.append(decided[1])
     yield values
+
+
+def by_mishandle_decided(text, names, rows):
+    """Mishandle, decided values"""
+    return push_each(text, names, rows, has_bounds=False)
 
 
 def by_mishandle_bounds(text, names, rows):
     """Mishandle, decided values and bounds at time 0"""
-    monitor = mishandle.OnlineMonitor(text, names)
-    values = []
-    yield
-    for row in rows:
-        monitor.push(row)
-        monitor.bounds()
-        decided = monitor.decided()
-        if decided is not None:
-            values.append(decided[1])
-    yield values
+    return push_each(text, names, rows, has_bounds=True)
 
 
 def by_mishandle_rows(text, names, rows):

@@ -18,6 +18,7 @@ from mishandle.explanations import Comparison, Explanation, compare
 from mishandle.falsification import Evaluation, Exports, Falsification, evaluate, falsify
 from mishandle.fault_axes import faults
 from mishandle.formulas import Formula, robustness
+from mishandle.log_verdicts import Monitoring, monitor
 from mishandle.logs import Log, Topic, read_log, read_logs
 from mishandle.margins import Margin, margin
 from mishandle.hardening import Hardening, harden
@@ -63,6 +64,7 @@ __all__ = [
     "Minimum",
     "MishandleError",
     "MissingPackageError",
+    "Monitoring",
     "Objective",
     "OnlineMonitor",
     "PolicyArgument",
@@ -97,6 +99,7 @@ __all__ = [
     "harden",
     "load_controller",
     "margin",
+    "monitor",
     "open_run",
     "plot_comparison",
     "plot_robustness_map",

@@ -55,7 +55,30 @@ class OnlineMonitor:
     def reset(self) -> None: ...
     def __len__(self) -> int: ...
 
+class EarlyStop:
+    def __new__(
+        cls, formula: str, signals: list[str], control_dt: float, steps: int, threshold: float, needs_windows: bool
+    ) -> EarlyStop: ...
+    def push(self, sample: Sequence[float] | NDArray[np.float64]) -> bool: ...
+
 def spelled(name: str) -> str: ...
+
+LogTopic = tuple[
+    str | None, tuple[str, str, NDArray[Any] | list[str]] | None, list[tuple[str, NDArray[np.float64]]]
+]
+Log = tuple[str, list[tuple[str | None, str]], list[LogTopic]]
+TableColumns = tuple[str | None, NDArray[np.int64] | None, list[tuple[str, NDArray[np.float64]]]]
+
+def monitor(
+    formulas: list[tuple[str | None, str]],
+    logs: list[Log],
+    reading: Mapping[str, Any],
+    unit: str | None,
+    strict_horizon: bool,
+    values: bool,
+) -> tuple[str, str]: ...
+def log_robustness(formula: Formula, log: Log, reading: Mapping[str, Any], decided_only: bool) -> float | None: ...
+def read_table(path: str, reading: Mapping[str, Any]) -> tuple[list[TableColumns], list[tuple[str, str]]]: ...
 
 class Search:
     def __new__(cls, name: str, levels: list[int | None], seed: int, options: list[tuple[str, Any]]) -> Search: ...

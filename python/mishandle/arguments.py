@@ -18,23 +18,6 @@ from mishandle.formulas import Formula
 ROLES = ("success", "strict", "careful", "safe", "completion")
 """Names of formulas that define metrics."""
 
-def check_options(given: Iterable[str], known: Sequence[str]) -> None:
-    """Checks that all keyword arguments are known.
-
-    >>> check_options(["control_dt", "time_limits"], ["control_dt", "time_limit"])
-    Traceback (most recent call last):
-        ...
-    mishandle.errors.InvalidTypeError: there is no argument `time_limits`; did you mean `time_limit`?
-    """
-    aliases = {"period": "control_dt", "dt": "control_dt"}
-    for name in given:
-        if name in known:
-            continue
-        near = [aliases[name]] if name in aliases else difflib.get_close_matches(name, known, 1)
-        hint = f"did you mean `{near[0]}`?" if near else f"known ones: {', '.join(known)}"
-        raise InvalidTypeError(f"there is no argument `{name}`; {hint}")
-
-
 def check_applicable(given: Mapping[str, object], applicable: Sequence[str], kind: str) -> None:
     """Checks that the keyword arguments have an effect on this kind of system."""
     for name in given:

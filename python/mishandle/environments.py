@@ -23,8 +23,9 @@ from mishandle.limits import TimeLimitExceeded, check_time_limit, limited
 from mishandle.policies import Policy, as_policy, start
 from mishandle.policy_servers import Rows
 from mishandle.reductions import PhysicsSteps, Reduced
+from mishandle.requests import EarlyStop, Request
 from mishandle.starts import Invalid, Settle, Starts
-from mishandle.systems import Outcome, Scenario, Source, System
+from mishandle.systems import Outcome, Source, System
 
 
 class PolicySystem(System):
@@ -174,16 +175,16 @@ class EnvironmentSystem(PolicySystem):
         ]
         self._environment = self._environments[0]
 
-    def simulate(self, batch: Sequence[tuple[Scenario, int]]) -> list[Outcome]:
+    def simulate(self, batch: Sequence[Request]) -> list[Outcome]:
         size = len(self._environments)
         chunks = [batch[first : first + size] for first in range(0, len(batch), size)]
         return [
             outcome for chunk in chunks for part in self.faults.start_all(chunk) for outcome in self._together(*part)
         ]
 
-    def _together(self, chunk: Sequence[tuple[Scenario, int]], faults: Sequence[Disturbed | None]) -> list[Outcome]:
+    def _together(self, chunk: Sequence[Request], faults: Sequence[Disturbed | None]) -> list[Outcome]:
         given = zip(self._environments, chunk, faults)
-        rows = [_Row(self, environment, *pair, disturbed) for environment, pair, disturbed in given]
+        rows = [_Row(self, environment, request, disturbed) for environment, request, disturbed in given]
         try:
             return self._run(rows)
         finally:
@@ -225,11 +226,12 @@ class EnvironmentSystem(PolicySystem):
 class _Row:
     """One simulation in one environment."""
 
-    def __init__(self, system: EnvironmentSystem, environment: Any, scenario: Scenario, seed: int, faults: Disturbed | None) -> None:
+    def __init__(self, system: EnvironmentSystem, environment: Any, request: Request, faults: Disturbed | None) -> None:
         self._system = system
-        self.scenario = scenario
-        self._applications = Applications(system.space, scenario)
-        self._seed = environment_seed(seed)
+        self.scenario = request.scenario
+        self._applications = Applications(system.space, request.scenario)
+        self._seed = environment_seed(request.seed)
+        self._stop = EarlyStop(request.stop, system.signals, system.control_dt, system.steps)
         self._faults = faults
         self.attributes = Attributes()
         self._own: list[Any] = []
@@ -325,6 +327,8 @@ class _Row:
             self.end("completed", step)
         elif terminated or truncated:
             self.end("terminated", step)
+        elif self._stop.may_stop(self._samples):
+            self.end("stopped", step)
 
     def _guarded(self, work: Callable[..., None], argument: Any, step: int) -> None:
         limit = self._system.time_limit

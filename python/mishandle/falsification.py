@@ -142,7 +142,8 @@ def falsify(
     batch : int
         Number of simulations that a search proposes at once. It receives the values in the order of its points.
     early_stopping : bool
-        Whether simulations of our tasks end as soon as the search does not need the rest. Your own systems run to the end.
+        Whether simulations end as soon as the search does not need the rest: the samples determine the robustness, or show that it is
+        above what the search asks for. Environments are checked after every ten control steps; a function returns whole traces.
     keep_going : bool
         Whether a trial continues after its first counterexample, to find other failure modes.
     new_mode_rate : float

@@ -9,13 +9,11 @@ from typing import Any
 import numpy as np
 
 from mishandle import _native
-from mishandle.axes import Axis, FaultParameter, Value
+from mishandle.axes import Axis, FaultParameter
 from mishandle.errors import InvalidValueError
 from mishandle.fault_layouts import FaultSettings
 from mishandle.flat_values import numbers_of, parts_of, with_changes
-
-Pair = tuple[dict[str, Value], int]
-"""A scenario and its seed."""
+from mishandle.requests import Request
 
 
 class FaultLine:
@@ -67,12 +65,12 @@ class FaultLine:
         active = self._native.start(values, seed)
         return None if active is None else Disturbed(active, self._settings, self._bounds)
 
-    def start_all(self, chunk: Sequence[Pair]) -> list[tuple[Sequence[Pair], list[Disturbed | None]]]:
+    def start_all(self, chunk: Sequence[Request]) -> list[tuple[Sequence[Request], list[Disturbed | None]]]:
         """Starts the episodes of a chunk. If a fault pauses the policy in one of them, each is a chunk of its own: a policy cannot be
         paused for one row and act for another one."""
-        started = [self.start(*pair) for pair in chunk]
+        started = [self.start(request.scenario, request.seed) for request in chunk]
         if any(each is not None and each.has_pause for each in started):
-            return [([pair], [each]) for pair, each in zip(chunk, started)]
+            return [([request], [each]) for request, each in zip(chunk, started)]
         return [(chunk, started)]
 
 

@@ -8,9 +8,12 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from typing_extensions import Unpack
 
 from mishandle import _native
 from mishandle.errors import InvalidValueError
+from mishandle.log_sources import Reading, native_logs, native_reading
+from mishandle.log_words import python_words
 from mishandle.systems import columns_of
 from mishandle.violations import violation
 
@@ -89,21 +92,30 @@ class Formula:
         """
         return self._native.symbols
 
-    def robustness(self, trace: Any, *, period: float | None = None, decided_only: bool = False) -> float | None:
-        """Returns the robustness at the first sample; ``None`` if ``decided_only`` and the trace is too short.
+    def robustness(self, log: Any, *, decided_only: bool = False, **reading: Unpack[Reading]) -> float | None:
+        """Returns the robustness at the first time; ``None`` if ``decided_only`` and the log is too short.
 
         Parameters
         ----------
-        trace : dict of arrays, data frame or Simulation
-            One column per signal.
-        period : float, optional
-            Time between two samples, in seconds. Formulas with a unit in their bounds need it; columns with times are not read.
+        log : path, Log, dict of arrays, data frame or Simulation
+            As for :func:`mishandle.monitor`, which also says when the formula is violated. Numbers in a column ``time`` are the times.
         decided_only : bool
-            Whether windows that reach past the end of the trace leave the formula undecided. By default they are cut, as
+            Whether windows that reach past the end of the log leave the formula undecided. By default they are cut, as
             RTAMT does.
+        **reading
+            How the log is read, such as ``period`` in seconds, as for :func:`mishandle.monitor`. Formulas with a unit in their bounds
+            need the times or the period.
         """
-        found = self.robustness_signal(trace, period=period, decided_only=decided_only)
-        return float(found[0]) if len(found) > 0 else None
+        given = native_reading(reading)
+        sources = list(native_logs(log, self.signals, self.hint, given))
+        if len(sources) != 1:
+            raise InvalidValueError(f"{log} has {len(sources)} logs; ask mishandle.monitor for the verdict on each")
+        with python_words():
+            return _native.log_robustness(self._native, sources[0], given, decided_only)
+
+    def hint(self, names: list[str]) -> str | None:
+        """Returns a hint for a log with columns of these names that lacks a signal."""
+        return self._native.hint(names)
 
     def robustness_signal(
         self, trace: Any, *, period: float | None = None, decided_only: bool = False
@@ -201,7 +213,7 @@ class Formula:
         return given
 
     def _columns(self, trace: Any) -> dict[str, NDArray[np.float64]]:
-        return columns_of(trace, self.signals, self._native.hint)
+        return columns_of(trace, self.signals, self.hint)
 
     def __eq__(self, other: object) -> bool:
         return isinstance(other, Formula) and str(self) == str(other)
@@ -216,11 +228,14 @@ class Formula:
         return f"Formula({str(self)!r})"
 
 
-def robustness(formula: str | Formula, trace: Any, *, period: float | None = None) -> float | None:
-    """Returns the robustness of a formula on a trace: positive if it is satisfied, negative if it is violated.
+def robustness(formula: str | Formula, log: Any, **reading: Unpack[Reading]) -> float | None:
+    """Returns the robustness of a formula on a log: positive if it is satisfied, negative if it is violated.
+
+    The log is a path, a :class:`mishandle.Log`, or columns in memory, and ``reading`` says how it is read, as for
+    :func:`mishandle.monitor`.
 
     >>> robustness("eventually(x >= 3)", {"x": [1.0, 2.5]})
     -0.5
     """
     parsed = formula if isinstance(formula, Formula) else Formula(formula)
-    return parsed.robustness(trace, period=period)
+    return parsed.robustness(log, **reading)

@@ -14,7 +14,7 @@ from mishandle import _native
 from mishandle.arguments import check_number
 from mishandle.axes import Axis
 from mishandle.errors import InvalidValueError
-from mishandle.systems import Scenario
+from mishandle.requests import Scenario
 from mishandle.targets import Formulas, Space, TargetOptions, make_target
 
 

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from mishandle import _native
 from mishandle.applications import PolicyArguments
-from mishandle.axes import Axis, Value
+from mishandle.axes import Axis
 from mishandle.errors import InvalidScenario, InvalidTypeError, InvalidValueError
 from mishandle.fault_lines import Disturbed, FaultLine
 from mishandle.fingerprints import walk
@@ -27,8 +27,7 @@ from mishandle.pictures import Recording
 from mishandle.policies import Policy, as_policy, start
 from mishandle.policy_servers import Rows
 from mishandle.reductions import Reduced
-
-Scenario = dict[str, Value]
+from mishandle.requests import EarlyStop, Request, Scenario
 
 Source = Union[str, Callable[..., float], Reduced]
 """Source of a signal: a path such as ``"obs[3]"``, ``"obs.achieved_goal[0]"``, ``"info.speed"``, ``"data.qpos[2]"`` or
@@ -84,8 +83,8 @@ class System:
         faults: FaultLine | None = getattr(self, "faults", None)
         return [] if faults is None else faults.random_axes
 
-    def simulate(self, batch: Sequence[tuple[Scenario, int]]) -> list[Outcome]:
-        """Simulates pairs of scenario and seed."""
+    def simulate(self, batch: Sequence[Request]) -> list[Outcome]:
+        """Simulates requests."""
         raise NotImplementedError
 
     def code(self) -> list[Any]:
@@ -219,9 +218,9 @@ class FunctionSystem(System):
     def _call(self, scenario: Scenario, seed: int) -> Any:
         return self._function(scenario, seed=seed) if self._takes_seed else self._function(scenario)
 
-    def simulate(self, batch: Sequence[tuple[Scenario, int]]) -> list[Outcome]:
+    def simulate(self, batch: Sequence[Request]) -> list[Outcome]:
         check_interruptible(self._time_limit)
-        return [self._one(scenario, seed) for scenario, seed in batch]
+        return [self._one(request.scenario, request.seed) for request in batch]
 
     def _one(self, scenario: Scenario, seed: int) -> Outcome:
         nothing = np.zeros((0, len(self.signals)))
@@ -389,27 +388,28 @@ class TaskSystem(System):
     def code(self) -> list[Any]:
         return [self.policy_source]
 
-    def simulate(self, batch: Sequence[tuple[Scenario, int]]) -> list[Outcome]:
+    def simulate(self, batch: Sequence[Request]) -> list[Outcome]:
         chunks = [batch[first : first + self._rows] for first in range(0, len(batch), self._rows)]
         return [
             outcome for chunk in chunks for part in self.faults.start_all(chunk) for outcome in self._together(*part)
         ]
 
-    def _together(self, chunk: Sequence[tuple[Scenario, int]], faults: Sequence[Disturbed | None]) -> list[Outcome]:
+    def _together(self, chunk: Sequence[Request], faults: Sequence[Disturbed | None]) -> list[Outcome]:
         count, rows = len(chunk), self._rows
         # The other rows repeat the last scenario; their results are dropped.
         padded = [*chunk, *[chunk[-1]] * (rows - count)]
         nominal = {axis.name: axis.nominal_number for axis in self.space}
-        scenarios = np.array([[float(scenario.get(name, value)) for name, value in nominal.items()] for scenario, _ in padded])
-        seeds = np.array([seed for _, seed in padded], dtype=np.uint64)
+        scenarios = np.array([[float(each.scenario.get(name, value)) for name, value in nominal.items()] for each in padded])
+        seeds = np.array([each.seed for each in padded], dtype=np.uint64)
         observations, _, signals, _, _ = self._native.reset(np.ones(rows, dtype=bool), seeds, scenarios)
-        samples = [signals]
         returns = np.zeros(rows)
         ends: list[tuple[str, int, int] | None] = [None] * rows
+        stops = [EarlyStop(each.stop, self.signals, self.control_dt, self.steps) for each in chunk]
+        traces: list[list[NDArray[np.float64]]] = [[signals[row]] for row in range(count)]
         start(
             self._policy,
             self.arguments,
-            Rows([scenario for scenario, _ in padded], is_running=lambda row: row < count and ends[row] is None),
+            Rows([each.scenario for each in padded], is_running=lambda row: row < count and ends[row] is None),
         )
         # The rows share the time of the policy; the task itself cannot hang.
         left = None if self._time_limit is None else self._time_limit * rows
@@ -445,17 +445,20 @@ class TaskSystem(System):
                     ends[row] = ends[row] or ("invalid action", step, int(column))
                 actions = np.nan_to_num(actions)
             observations, rewards, signals, _, diverged = self._native.step(actions)
-            samples.append(signals)
-            returns += rewards.sum(axis=1)
+            returns += np.where([end is None for end in ends], rewards.sum(axis=1), 0.0)
             for row in np.flatnonzero(diverged):
                 ends[row] = ends[row] or ("diverged", step, 0)
-        traces = np.stack(samples, axis=1)
+            for row in range(count):
+                if ends[row] is None:
+                    traces[row].append(signals[row])
+                    if stops[row].may_stop(traces[row]):
+                        ends[row] = ("stopped", step, 0)
+            if None not in ends[:count]:
+                break
         outcomes = []
         for row in range(count):
             end, step, index = ends[row] or ("completed", 0, 0)
-            steps = self.steps if end == "completed" else step - 1
-            trace = np.ascontiguousarray(traces[row, : steps + 1])
-            outcomes.append(Outcome(end, trace, steps, step, index, float(returns[row])))
+            outcomes.append(Outcome(end, np.array(traces[row]), len(traces[row]) - 1, step, index, float(returns[row])))
         return outcomes
 
 

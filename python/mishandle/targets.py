@@ -17,7 +17,6 @@ from numpy.typing import NDArray
 from mishandle import _native, results
 from mishandle.arguments import (
     check_applicable,
-    check_options,
     check_period,
     check_settings,
     check_space,
@@ -32,6 +31,7 @@ from mishandle.controllers import Controller, load_controller
 from mishandle.errors import InvalidStateError, InvalidTypeError, InvalidValueError
 from mishandle.formulas import Formula
 from mishandle.fingerprints import Fingerprint, Watch
+from mishandle.keywords import check_options
 from mishandle.limits import check_time_limit
 from mishandle.packages import package_of
 from mishandle.pictures import Painter
@@ -39,8 +39,9 @@ from mishandle.policies import policy_hash
 from mishandle.policy_servers import PolicyServer, as_server, states_determinism
 from mishandle.processes import Process
 from mishandle.ray import RayExecutor
+from mishandle.requests import Request, Scenario
 from mishandle.starts import Invalid, Settle
-from mishandle.systems import Frames, FunctionSystem, NativeSystem, Outcome, RobotSystem, Scenario, Source, System, TaskSystem
+from mishandle.systems import Frames, FunctionSystem, NativeSystem, Outcome, RobotSystem, Source, System, TaskSystem
 from mishandle.vector_environments import environment_system
 
 Formulas = Union[str, Formula, Mapping[str, Union[str, Formula]], None]
@@ -321,7 +322,7 @@ def make_target(
         random_axes=random_axes,
         # Pictures are drawn here, also if a cluster simulates.
         simulate=lambda batch: [
-            outcome.to_native() for outcome in (under_test if local.recording is None else local).simulate(batch)
+            outcome.to_native() for outcome in (under_test if local.recording is None else local).simulate([Request(*each) for each in batch])
         ],
         painter=Painter(local) if local.has_pictures else None,
     )
@@ -592,7 +593,7 @@ TASK_OPTIONS = ("policy", "batched_policy", "preset", "rows", *COMMON_OPTIONS)
 
 def _probe(system: System, other: System, nominal: Scenario) -> float:
     """Returns the largest difference between the nominal scenario in two systems; infinity if it ends differently."""
-    first, second = (each.simulate([(nominal, 0)])[0] for each in (system, other))
+    first, second = (each.simulate([Request(nominal, 0)])[0] for each in (system, other))
     for each in (system, other):
         if each.exceptions:
             raise InvalidStateError(f"the nominal scenario {nominal} raised an exception:\n{each.exceptions[0]}")

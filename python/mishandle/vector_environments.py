@@ -21,7 +21,8 @@ from mishandle.limits import TimeLimitExceeded, limited
 from mishandle.policies import start
 from mishandle.policy_servers import Rows
 from mishandle.reductions import Reduced
-from mishandle.systems import Outcome, Scenario, System
+from mishandle.requests import EarlyStop, Request
+from mishandle.systems import Outcome, System
 
 
 _MOVES = 10
@@ -123,7 +124,7 @@ class VectorSystem(PolicySystem):
                 "different scenarios; use num_envs=1, a SyncVectorEnv or an AsyncVectorEnv"
             )
 
-    def simulate(self, batch: Sequence[tuple[Scenario, int]]) -> list[Outcome]:
+    def simulate(self, batch: Sequence[Request]) -> list[Outcome]:
         chunks = [batch[first : first + self._rows] for first in range(0, len(batch), self._rows)]
         paths = [axis.apply.path for axis in self.space.values() if isinstance(axis.apply, Attribute)]
         before = {path: self._environment.unwrapped.get_attr(path) for path in paths}
@@ -144,7 +145,7 @@ class VectorSystem(PolicySystem):
             for path, values in attributes.items():
                 self._environment.unwrapped.set_attr(path, list(values))
 
-    def _guarded(self, chunk: Sequence[tuple[Scenario, int]], faults: Sequence[Disturbed | None]) -> list[Outcome]:
+    def _guarded(self, chunk: Sequence[Request], faults: Sequence[Disturbed | None]) -> list[Outcome]:
         """Simulates together, or one by one if that fails, so that one scenario cannot spoil the others."""
         end = None
         try:
@@ -159,7 +160,7 @@ class VectorSystem(PolicySystem):
                 self.keep_exception()
         self._revive()
         if len(chunk) > 1:
-            return [outcome for one in chunk for outcome in self._guarded([one], [self.faults.start(*one)])]
+            return [outcome for one in chunk for outcome in self._guarded([one], [self.faults.start(one.scenario, one.seed)])]
         return [Outcome(end, np.zeros((0, len(self.signals))), 0)]
 
     def _revive(self) -> None:
@@ -182,10 +183,10 @@ class VectorSystem(PolicySystem):
         old.__dict__, fresh.__dict__ = fresh.__dict__, {}
         self._restarts, self._is_new = False, True
 
-    def _together(self, chunk: Sequence[tuple[Scenario, int]], faults: Sequence[Disturbed | None]) -> list[Outcome]:
+    def _together(self, chunk: Sequence[Request], faults: Sequence[Disturbed | None]) -> list[Outcome]:
         count = len(chunk)
         clock = Time()
-        rollout = _Rollout(self, count)
+        rollout = _Rollout(self, chunk)
         # The other rows repeat the last scenario; their results are dropped.
         padded = [*chunk, *[chunk[-1]] * (self._rows - count)]
         with self._timed(clock, count):
@@ -197,7 +198,7 @@ class VectorSystem(PolicySystem):
             if ended[row] or self.starts.is_invalid(rows[row], row_info(info[row], row)):
                 rollout.end(row, "invalid scenario", 0)
         self._draw(0)
-        batch = Rows([scenario for scenario, _ in padded], self._environment.render, lambda row: row in rollout.running())
+        batch = Rows([each.scenario for each in padded], self._environment.render, lambda row: row in rollout.running())
         start(self.policy, self.arguments, batch)
         space = self._environment.single_action_space
         disturbed = [*faults, *[None] * (self._rows - count)]
@@ -251,7 +252,7 @@ class VectorSystem(PolicySystem):
         """Limits a call to the rest of the time of ``rows`` simulations together."""
         return _Timed(clock, None if self.time_limit is None else clock.left(self.time_limit) * rows, rows)
 
-    def _reset(self, scenarios: Sequence[tuple[Scenario, int]]) -> tuple[Any, list[Mapping[str, Any]]]:
+    def _reset(self, requests: Sequence[Request]) -> tuple[Any, list[Mapping[str, Any]]]:
         """Resets each row to its scenario; returns the observations and the ``info`` of each row's own reset."""
         environment = self._environment
         if self._is_new:
@@ -262,15 +263,15 @@ class VectorSystem(PolicySystem):
         self._restarts = False
         for axis in self.space.values():
             if isinstance(axis.apply, Attribute):
-                environment.unwrapped.set_attr(axis.apply.path, [scenario[axis.name] for scenario, _ in scenarios])
+                environment.unwrapped.set_attr(axis.apply.path, [each.scenario[axis.name] for each in requests])
         observations: Any = None
         infos: list[Mapping[str, Any]] = []
-        for row, (scenario, seed) in enumerate(scenarios):
-            options = Applications(self.space, scenario).options()
+        for row, request in enumerate(requests):
+            options = Applications(self.space, request.scenario).options()
             if self._rows > 1:
                 options["reset_mask"] = np.arange(self._rows) == row
             seeds: list[int | None] = [None] * self._rows
-            seeds[row] = environment_seed(seed)
+            seeds[row] = environment_seed(request.seed)
             observations, info = environment.reset(seed=seeds, options=options)
             infos.append(info)
         return observations, infos
@@ -317,8 +318,10 @@ class _Timed:
 class _Rollout:
     """The simulations of the first rows of a vector environment."""
 
-    def __init__(self, system: VectorSystem, count: int) -> None:
+    def __init__(self, system: VectorSystem, chunk: Sequence[Request]) -> None:
+        count = len(chunk)
         self._system = system
+        self._stops = [EarlyStop(each.stop, system.signals, system.control_dt, system.steps) for each in chunk]
         self._samples: list[list[list[float]]] = [[] for _ in range(count)]
         self._late: list[list[int]] = [[] for _ in range(count)]
         self._ends: list[Outcome | None] = [None] * count
@@ -370,6 +373,8 @@ class _Rollout:
                 self.end(row, "completed", step)
             elif ended[row]:
                 self.end(row, "terminated", step)
+            elif self._stops[row].may_stop(self._samples[row]):
+                self.end(row, "stopped", step)
 
     def outcomes(self) -> list[Outcome]:
         found = []

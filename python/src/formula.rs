@@ -18,7 +18,7 @@ type Node = (Option<&'static str>, Option<(usize, Option<usize>)>, Vec<usize>, O
 /// A parsed formula.
 #[pyclass(frozen, module = "mishandle._native", name = "Formula")]
 pub struct PyFormula {
-    formula: Formula,
+    pub(crate) formula: Formula,
 }
 
 #[pymethods]

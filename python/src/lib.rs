@@ -10,10 +10,12 @@ mod artifacts;
 mod camera;
 mod comparison;
 mod controller;
+mod early_stop;
 mod faults;
 mod formula;
 mod gpu;
 mod hardening;
+mod logs;
 mod objective;
 mod online;
 mod pool;
@@ -39,6 +41,7 @@ use pyo3::exceptions::{PyImportError, PyUserWarning};
 use pyo3::prelude::*;
 
 use controller::PyController;
+use early_stop::PyEarlyStop;
 use faults::Faults;
 use formula::PyFormula;
 use objective::Objective;
@@ -72,6 +75,7 @@ fn contents(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_class::<PyTarget>()?;
     module.add_class::<PyFormula>()?;
     module.add_class::<PyOnlineMonitor>()?;
+    module.add_class::<PyEarlyStop>()?;
     module.add_class::<PySearch>()?;
     module.add_class::<Scenarios>()?;
     module.add_class::<Faults>()?;
@@ -81,6 +85,9 @@ fn contents(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_class::<Simulator>()?;
     module.add_class::<PlanWorker>()?;
     module.add_function(wrap_pyfunction!(formula::spelled_name, module)?)?;
+    module.add_function(wrap_pyfunction!(logs::monitor, module)?)?;
+    module.add_function(wrap_pyfunction!(logs::log_robustness, module)?)?;
+    module.add_function(wrap_pyfunction!(logs::read_table, module)?)?;
     module.add_function(wrap_pyfunction!(remote::complete_run, module)?)?;
     module.add_function(wrap_pyfunction!(remote::complete_hardening, module)?)?;
     module.add_function(wrap_pyfunction!(remote::create_campaign, module)?)?;

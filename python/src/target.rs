@@ -132,6 +132,7 @@ impl PyTarget {
             move |space: &Space, specification: &Specification| -> Result<Box<dyn System>, RolloutError> {
                 Ok(Box::new(PythonSystem {
                     monitor: SpecificationMonitor::new(specification, &names, shared.control_dt)?,
+                    requirement: specification.requirement.to_string(),
                     space: space.clone(),
                     names: names.clone(),
                     shared: shared.clone(),
@@ -370,6 +371,7 @@ struct PythonSystem {
     space: Space,
     names: Arc<[String]>,
     monitor: SpecificationMonitor,
+    requirement: String,
     shared: Arc<Shared>,
 }
 
@@ -396,8 +398,12 @@ impl System for PythonSystem {
 impl PythonSystem {
     fn simulate(&mut self, py: Python<'_>, requests: &[Request]) -> PyResult<Vec<Episode>> {
         let scenarios = PyList::empty(py);
+        let needs_windows = self.shared.termination == Termination::Evaluate;
         for request in requests {
-            scenarios.append((scenario(py, &self.space, request.scenario.values())?, request.seed.0))?;
+            // Requirement, threshold, and whether an episode that ends early is a whole one.
+            let stop = request.stop_threshold.map(|threshold| (&self.requirement, threshold, needs_windows));
+            let scenario = scenario(py, &self.space, request.scenario.values())?;
+            scenarios.append((scenario, request.seed.0, stop))?;
         }
         let outcomes: Vec<Outcome<'_>> = self.shared.simulate.bind(py).call1((scenarios,))?.extract()?;
         if outcomes.len() != requests.len() {
@@ -420,9 +426,10 @@ impl PythonSystem {
             hold(&mut trace, self.shared.episode_steps);
         }
         // Number of samples of a whole episode, of which the trace can be the start.
+        let is_stopped = matches!(end, EpisodeEnd::Stopped { .. });
         let whole = match self.shared.termination {
-            Termination::Undecided => self.shared.episode_steps + 1,
-            Termination::Hold | Termination::Evaluate => trace.len(),
+            Termination::Hold | Termination::Evaluate if !is_stopped => trace.len(),
+            _ => self.shared.episode_steps + 1,
         };
         let mut verdict = Verdict::default();
         if end.has_verdict() {

@@ -1,4 +1,4 @@
-"""Runs the examples of the docstrings and of docs/guide/python.md, policy_servers.md and online.md."""
+"""Runs the examples of the docstrings and of docs/guide/python.md, policy_servers.md, online.md and logs.md."""
 
 import doctest
 import importlib
@@ -49,6 +49,11 @@ class Examples(unittest.TestCase):
         names["server"].shutdown()
         # The policy sees 3.2 m to each side.
         self.assertGreater(abs(names["found"].counterexamples[0].scenario["start"]), 3.0)
+
+    def test_the_page_of_logs_runs(self):
+        # The verdicts of the command above on the page.
+        found = self.run_page("docs/guide/logs.md", least=2)
+        self.assertEqual([each.name for each in found["found"].verdicts if each.violated], ["slow", "stops"])
 
     def test_the_page_of_online_monitors_runs(self):
         self.run_page("docs/guide/online.md", least=3)

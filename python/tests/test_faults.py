@@ -16,6 +16,7 @@ import mishandle
 from mishandle import Axis
 from mishandle.fault_lines import FaultLine
 from mishandle.flat_values import idle_action, numbers_of, parts_of, with_changes
+from mishandle.requests import Request
 from mishandle.vector_environments import environment_system
 
 mishandle.register()
@@ -197,7 +198,7 @@ class ContractTest(unittest.TestCase):
                 environment, lambda observation: np.array([0.04 * observation[0]], np.float32), space,
                 signals={"count": "obs[0]", "echo": "info.action"}, steps=STEPS, control_dt=0.1, time_limit=None, batched_policy=False,
             )
-            return [found.samples for found in system.simulate([(each, seed) for seed, each in enumerate(at)])]
+            return [found.samples for found in system.simulate([Request(each, seed) for seed, each in enumerate(at)])]
 
         single = outcomes(Informed())
         for vector in (SyncVectorEnv([Informed] * 5), AsyncVectorEnv([Informed] * 5)):
@@ -235,7 +236,7 @@ class ContractTest(unittest.TestCase):
     def test_the_episodes_of_a_batch_start_their_faults_once(self):
         space = mishandle.faults(Recorder(), steps=STEPS)
         at = {axis.name: axis.nominal_value for axis in space}
-        batch = [({**at, **HELD, "actuator_fault": kind}, seed) for seed, kind in enumerate(["stuck", "pause", "none", "stuck"])]
+        batch = [Request({**at, **HELD, "actuator_fault": kind}, seed) for seed, kind in enumerate(["stuck", "pause", "none", "stuck"])]
         for env in (Recorder(), SyncVectorEnv([Recorder] * 4)):
             system = environment_system(
                 env, lambda observation: np.zeros(1, np.float32), space, signals={"count": "obs[0]"}, steps=STEPS, control_dt=0.1,
@@ -243,7 +244,7 @@ class ContractTest(unittest.TestCase):
             )
             with mock.patch.object(FaultLine, "start", autospec=True, side_effect=FaultLine.start) as start:
                 system.simulate(batch)
-            self.assertEqual([call.args[1:] for call in start.call_args_list], batch)
+            self.assertEqual([call.args[1:] for call in start.call_args_list], [request[:2] for request in batch])
 
     def test_the_faults_of_another_environment_are_refused(self):
         for space, problem in [
@@ -267,7 +268,7 @@ class ContractTest(unittest.TestCase):
         copy = cloudpickle.loads(cloudpickle.dumps(system))
         at = {axis.name: axis.nominal_value for axis in system.space.values()} | LIFE | {"sensor_fault": "freeze"}
         for each in (system, copy):
-            each.simulate([(at, 3)])
+            each.simulate([Request(at, 3)])
             self.assertEqual([seen[0] for seen in each._policy_source.observations[9:15]], [9] * 6)
         self.assertEqual(set(system.random_axes), {"sensor_fault_probability", "actuator_fault_probability", "actuator_fault_lateness"})
 
@@ -369,7 +370,7 @@ def rig(env, at, has_one_array=False, **options):
     system = environment_system(
         env, policy, space, signals=signals, steps=STEPS, control_dt=0.1, time_limit=None, batched_policy=False,
     )
-    outcomes = system.simulate([({**nominal, **each}, seed) for seed, each in enumerate(at)])
+    outcomes = system.simulate([Request({**nominal, **each}, seed) for seed, each in enumerate(at)])
     return [each.samples for each in outcomes], np.array(policy.seen)
 
 

@@ -107,20 +107,25 @@ class DataFrames(unittest.TestCase):
     def test_bounds_in_seconds_need_the_period(self):
         log = {"t": [0.0, 0.5, 1.0], "x": [0.0, 3.0, 5.0]}
         formula = mishandle.Formula("always[0:500ms](x <= 4)")
-        for call in (formula.robustness, formula.robustness_signal, formula.subformula_signals, formula.violation):
+        for call in (formula.robustness_signal, formula.subformula_signals, formula.violation):
             with self.assertRaisesRegex(ValueError, "pass the time between two samples as period"):
                 call(log)
+        with self.assertRaisesRegex(ValueError, "needs the time between two samples.*pass period=SECONDS"):
+            formula.robustness(log)
+        self.assertEqual(formula.robustness(log, time="t"), 1.0)
         self.assertEqual(formula.robustness(log, period=0.5), 1.0)
 
     def test_a_name_in_backquotes_that_looks_like_a_bound_has_no_time(self):
         log = {"d[0 s]": [1.0, 3.0]}
         self.assertEqual(mishandle.robustness("always[0:1](`d[0 s]` <= 2)", log), -1.0)
-        with self.assertRaisesRegex(ValueError, "as period"):
+        with self.assertRaisesRegex(ValueError, "pass period=SECONDS"):
             mishandle.robustness("always[0:1s](`d[0 s]` <= 2)", log)
         self.assertEqual(mishandle.robustness("always[0s:inf](`d[0 s]` <= 2)", log), -1.0)
 
     def test_a_sample_without_a_known_time_is_named_by_its_number(self):
         with self.assertRaisesRegex(mishandle.MishandleError, "`d` is NaN at step 1; every sample"):
+            mishandle.Formula("always(d <= 2)").robustness_signal({"d": [1.0, float("nan")]})
+        with self.assertRaisesRegex(mishandle.MishandleError, "row 2: `d` has no number"):
             mishandle.robustness("always(d <= 2)", {"d": [1.0, float("nan")]})
 
     def test_a_unit_after_a_number_is_explained(self):
@@ -134,7 +139,7 @@ class DataFrames(unittest.TestCase):
     def test_missing_values_are_errors(self):
         for library in ["pandas", "polars"]:
             frame = __import__(library).DataFrame({"x": [0.0, None, 1.0]})
-            with self.assertRaisesRegex(mishandle.MishandleError, "not finite|NaN"):
+            with self.assertRaisesRegex(mishandle.MishandleError, "has no number"):
                 mishandle.robustness("always(x <= 4)", frame)
 
 

@@ -255,8 +255,10 @@ class DamagedMcap(Files):
         with self.assertRaisesRegex(ValueError, "no MCAP file"):
             mishandle.read_log(self.folder / "a.mcap")
         (self.folder / "a.hdf5").write_bytes(b"")
-        with self.assertRaisesRegex(ValueError, "not .hdf5"):
+        with self.assertRaisesRegex(ValueError, "a.hdf5: the file is empty"):
             mishandle.read_log(self.folder / "a.hdf5")
+        with self.assertRaisesRegex(TypeError, "no table, so the argument `time_unit` has no effect"):
+            mishandle.read_log(self.folder / "a.mcap", time_unit="ns")
         with self.assertRaisesRegex(ValueError, "neither metadata.yaml"):
             mishandle.read_log(self.folder)
         with self.assertRaisesRegex(ValueError, "does not exist"):

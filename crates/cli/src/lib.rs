@@ -19,6 +19,7 @@ use mishandle::tasks::Task;
 use mishandle::world::{CHILD_WORD, run_child, set_child_program};
 
 pub use commands::junit;
+pub use show::log_verdicts::shown as verdicts_text;
 
 use command_line::CommandLine;
 use exit_status::ExitStatus;

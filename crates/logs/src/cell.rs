@@ -7,14 +7,10 @@ use crate::decimal::Decimal;
 use crate::error::{Result, content, undecided};
 use crate::options::{Missing, Options, Unit};
 use crate::place::{Counted, Places};
-use crate::times::{Times, last_digit};
+use crate::times::{FAR, Times, last_digit};
 
 /// Largest number of characters of a cell in a message.
 const SHOWN_CELL: usize = 40;
-
-/// Seconds from which on exact times are kept as differences from the first one: a 64-bit number
-/// of this size has steps of 2 ns.
-const FAR: f64 = 1e7;
 
 /// Numbers from here on cannot be seconds: 10¹¹ s are in the year 5138, 10¹¹ ms in 1973.
 const NOT_SECONDS: f64 = 1e11;

@@ -6,7 +6,8 @@
 //! - [`Log::samples`] turns a log into [`Samples`]: even ones, resampled ones, or functions of
 //!   time.
 //! - [`Samples::verdict`] evaluates a formula: the robustness, when which part is violated, and the
-//!   decisive predicate.
+//!   decisive predicate. [`document`] is the answer about [`Requirement`]s on several logs, worst
+//!   first.
 //! - [`Follow`] reads a log that is still written, sample by sample, and [`Watch`] says what the
 //!   samples so far decide (`follow`).
 //! - [`Options`] are the choices on this way. A choice that nobody stated is never guessed: the
@@ -36,11 +37,13 @@ mod follow;
 mod format;
 mod json_lines;
 mod log;
+mod memory;
 mod numpy;
 mod options;
 #[cfg(feature = "parquet")]
 mod parquet;
 mod place;
+mod requirement;
 mod samples;
 mod table;
 mod times;
@@ -50,8 +53,10 @@ pub use date::offset as utc_offset;
 pub use error::{LogError, Result};
 pub use follow::{Answer, Follow, Following, Next, Violated, Watch, Watched};
 pub use log::{Column, Log, OpenLog, Source, Topic};
+pub use memory::TimeValues;
 pub use mishandle_stl::{DenseSignal, Interpolation};
 pub use options::{Duplicates, Format, Missing, Options, Sampling, Unit};
+pub use requirement::{NamedSamples, Requirement, document, tell_apart, worst_first};
 pub use samples::{Samples, Signals};
 pub use times::Times;
 pub use verdict::{At, Evaluation, Interval, Part, Verdict};

@@ -1,5 +1,7 @@
 //! Logs: files whose columns are known, and the topics that are read from them.
 
+mod whole;
+
 use std::fs::File;
 use std::io::{self, Read};
 use std::path::{Path, PathBuf};
@@ -207,7 +209,7 @@ impl OpenLog {
     /// requires.
     pub fn read(mut self, signals: &[&str]) -> Result<Log> {
         if let Some(name) = self.options.topic_column.clone() {
-            return self.read_split(signals, &name);
+            return self.read_split(Some(signals), &name);
         }
         let likely_time = self.likely_time().map(str::to_owned);
         let mut columns: Vec<Vec<(usize, &str)>> = self.tables.iter().map(|_| Vec::new()).collect();
@@ -262,21 +264,27 @@ impl OpenLog {
     }
 
     /// Returns the columns of a table whose rows belong to the topics that a column names: the
-    /// topics, the times, and the columns of the signals. Other signals are those of no topic.
-    pub(crate) fn split_sinks(&self, signals: &[&str], topic_column: &str) -> Result<Sinks> {
+    /// topics, the times, and the columns of the signals, or all. Other signals are those of no
+    /// topic.
+    pub(crate) fn split_sinks(&self, signals: Option<&[&str]>, topic_column: &str) -> Result<Sinks> {
         let [(_, table)] = &self.tables[..] else {
             return Err(undecided("--topic-column", "--topic-column reads one file; leave out --topic"));
         };
         let (table, names) = (table.as_ref(), table.names());
         let topic = named_column(table, topic_column, "--topic-column")?;
+        let time = self.time_column(table)?;
         let is_candidate = |column: usize| {
             let ending = format!("/{}", names[column]);
-            column != topic && signals.iter().any(|signal| signal.ends_with(&ending))
+            column != topic
+                && match signals {
+                    Some(signals) => signals.iter().any(|signal| signal.ends_with(&ending)),
+                    None => Some(column) != time,
+                }
         };
         let counted = table.counted();
         let mut sinks = Sinks::new(counted);
         sinks.columns.push((topic, Sink::Topics(TopicColumn::new(&names[topic], counted))));
-        if let Some(column) = self.time_column(table)? {
+        if let Some(column) = time {
             sinks.columns.push((column, Sink::Times(self.times(table, column))));
         }
         for column in (0..names.len()).filter(|column| is_candidate(*column)) {
@@ -286,8 +294,8 @@ impl OpenLog {
         Ok(sinks)
     }
 
-    /// Reads signals of a log whose rows belong to the topics that a column names.
-    fn read_split(mut self, signals: &[&str], topic_column: &str) -> Result<Log> {
+    /// Reads signals, or all, of a log whose rows belong to the topics that a column names.
+    fn read_split(mut self, signals: Option<&[&str]>, topic_column: &str) -> Result<Log> {
         let mut sinks = self.split_sinks(signals, topic_column)?;
         self.take(0).read(&mut sinks)?;
         let Sinks { columns, places, .. } = sinks;
@@ -304,7 +312,10 @@ impl OpenLog {
         for (index, topic) in topics.topics.iter().enumerate() {
             let requested: Vec<&ValueColumn> = values
                 .iter()
-                .filter(|column| signals.contains(&full_name(Some(topic), &column.name).as_str()))
+                .filter(|column| {
+                    let name = full_name(Some(topic), &column.name);
+                    signals.is_none_or(|signals| signals.contains(&name.as_str()))
+                })
                 .collect();
             if requested.is_empty() {
                 continue;
@@ -324,7 +335,7 @@ impl OpenLog {
         }
         let has =
             |signal: &str| found.iter().flat_map(|topic| &topic.columns).any(|column| column.name == signal);
-        if let Some(signal) = signals.iter().find(|signal| !has(signal)) {
+        if let Some(signal) = signals.unwrap_or_default().iter().find(|signal| !has(signal)) {
             let shown: Vec<String> =
                 topics.topics.iter().take(20).map(|topic| format!("`{}`", visible(topic))).collect();
             return Err(content(format!(

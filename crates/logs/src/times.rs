@@ -29,6 +29,10 @@ const SIMPLIFIED: f64 = 2e-4;
 /// have an error e, that needs more than 8 e, and the shortest step is at most 2 e longer.
 const STEP_TO_ROUNDING: f64 = 10.0;
 
+/// Seconds from which on exact times are kept as differences from the first one: a 64-bit number
+/// of this size has steps of 2 ns.
+pub(crate) const FAR: f64 = 1e7;
+
 /// Attoseconds per second.
 const ATTO: f64 = 1e18;
 
@@ -109,19 +113,48 @@ impl Times {
         }
     }
 
-    /// Creates the times of rows from integer nanoseconds, which stay exact.
+    /// Creates the times of rows from integer nanoseconds, as if a file had them as decimals
+    /// without zeros at the end. Times far from 0 stay exact.
     pub fn nanoseconds(column: &str, times: &[i64]) -> Times {
-        let origin = times.first().copied().unwrap_or(0);
-        let secs = times.iter().map(|time| (i128::from(*time) - i128::from(origin)) as f64 / 1e9).collect();
+        let first = times.first().copied().unwrap_or(0);
+        let origin = (first.unsigned_abs() as f64 / 1e9 >= FAR).then_some(i128::from(first));
+        let secs = |time: &i64| (i128::from(*time) - origin.unwrap_or(0)) as f64 / 1e9;
+        // Zeros at the end of a number are digits that nobody measured.
+        let last_digit = |time: &i64| {
+            let zeros = (1..=9).take_while(|digits| time % 10_i64.pow(*digits) == 0).count();
+            zeros as i16 - 9
+        };
         Times {
             column: visible(column),
-            origin: Some(i128::from(origin) * 10_i128.pow(9)),
-            secs,
-            last_digits: vec![-9; times.len()],
+            origin: origin.map(|origin| origin * 10_i128.pow(9)),
+            secs: times.iter().map(secs).collect(),
+            last_digits: times.iter().map(last_digit).collect(),
             finest: i16::MAX,
             noise: 0.0,
             places: Places::rows(times.len()),
         }
+    }
+
+    /// Returns the times in integer nanoseconds, in the scale of the file.
+    ///
+    /// # Errors
+    /// If a row has no time, or one that does not fit 64 bits.
+    pub fn to_nanoseconds(&self) -> Result<Vec<i64>> {
+        let origin = self.origin.unwrap_or(0);
+        let of_row = |row: usize| {
+            let secs = self.secs[row];
+            // Half a nanosecond is rounded up.
+            let exact = (origin + (secs * ATTO) as i128 + 500_000_000).div_euclid(10_i128.pow(9));
+            let time = (!secs.is_nan()).then(|| i64::try_from(exact).ok()).flatten();
+            time.ok_or_else(|| {
+                content(format!(
+                    "{}: `{}` has no time that fits 64 bits in ns",
+                    self.places.text(row),
+                    self.column
+                ))
+            })
+        };
+        (0..self.secs.len()).map(of_row).collect()
     }
 
     /// Sets the instant that all times are differences from. There must be no time yet.

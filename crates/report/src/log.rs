@@ -3,7 +3,7 @@
 use mishandle::inspect::common_unit;
 use mishandle::results::{Decision, LogVerdict, LogViolation, Number};
 use mishandle::stl::{EvaluationTime, Formula};
-use mishandle_logs::{Evaluation, Samples};
+use mishandle_logs::{Evaluation, Requirement, Samples};
 use mishandle_text::plural;
 
 use crate::html::{lines, number, table, text, with_code};
@@ -36,22 +36,22 @@ pub struct LogSection {
 }
 
 impl LogSection {
-    /// Draws the predicates of a formula over the time of the log. `unit` is that of a signal,
-    /// `decision` says what decides the formula, if they are known.
+    /// Draws the predicates of a requirement over the time of the log. `decision` says what decides
+    /// its formula, if that is known.
     pub fn new(
         verdict: LogVerdict,
-        formula: &Formula,
+        requirement: &Requirement,
         evaluation: &Evaluation,
         samples: &Samples,
-        unit: impl Fn(&str) -> Option<String>,
         decision: Option<&Decision>,
     ) -> LogSection {
+        let formula = &requirement.formula;
         let clock = samples.clock(formula, evaluation).ok().flatten();
         let words = clock.and_then(|clock| formula.explain(&clock, EvaluationTime::Start, |_| "").ok());
         LogSection {
             words,
             sentences: decision.map_or(Vec::new(), |found| found.sentences.clone()),
-            charts: charts(&verdict, formula, evaluation, samples, unit),
+            charts: charts(&verdict, requirement, evaluation, samples),
             verdict,
         }
     }
@@ -193,10 +193,9 @@ fn at(time: Option<Number>, sample: Option<u64>) -> String {
 /// Draws the predicates of the formula: those of violated parts first.
 fn charts(
     verdict: &LogVerdict,
-    formula: &Formula,
+    requirement: &Requirement,
     evaluation: &Evaluation,
     samples: &Samples,
-    unit: impl Fn(&str) -> Option<String>,
 ) -> Vec<String> {
     let mut found: Vec<(String, Vec<[f64; 2]>)> = Vec::new();
     for violation in verdict.violations.iter().filter(|_| verdict.violated) {
@@ -208,12 +207,13 @@ fn charts(
             }
         }
     }
-    for predicate in predicates(formula) {
+    for predicate in predicates(&requirement.formula) {
         if found.iter().all(|(known, _)| *known != predicate) {
             found.push((predicate, Vec::new()));
         }
     }
     let range = samples.time_range();
+    let unit = |side: &str| common_unit(side, |name| requirement.units.get(name).cloned());
     let draw = |(predicate, violated): (String, Vec<[f64; 2]>)| {
         let decided = verdict.predicate.as_ref().filter(|decided| decided.formula == predicate);
         let chart = PredicateChart {
@@ -225,7 +225,7 @@ fn charts(
             decisive: decided.map(|decided| decided.time.map_or(decided.sample as f64, |time| time.0)),
             caption: if decided.is_some() { DECIDED } else { VIOLATED },
         };
-        chart.figure(|side| samples.curve(side, evaluation).ok(), |side| common_unit(side, &unit))
+        chart.figure(|side| samples.curve(side, evaluation).ok(), unit)
     };
     found.into_iter().take(MAX_CHARTS).filter_map(draw).collect()
 }

@@ -69,8 +69,12 @@ fn policy(file: &RobotFile) -> Arc<dyn Controller> {
     }
 }
 
-/// Simulates these starts in the space `space`, with this value of each further axis.
 fn episodes(file: &RobotFile, tilts: &[f64]) -> Vec<Episode> {
+    simulate(file, "always(angle <= 0.5)", tilts, None)
+}
+
+/// Simulates these starts. With a threshold, simulations may stop early.
+fn simulate(file: &RobotFile, formula: &str, tilts: &[f64], stop_threshold: Option<f64>) -> Vec<Episode> {
     let component = Component {
         role: "controller".into(),
         name: "test".into(),
@@ -79,10 +83,13 @@ fn episodes(file: &RobotFile, tilts: &[f64]) -> Vec<Episode> {
     };
     let target = file.target((policy(file), component), Noise::default()).unwrap();
     let space = target.space("starts").unwrap();
-    let formula = Formula::parse("always(angle <= 0.5)").unwrap();
+    let formula = Formula::parse(formula).unwrap();
     let specification = Specification::from_formulas(&target.formulas, formula).unwrap();
     let mut system = target.system(&space, &specification).unwrap();
-    let request = |(tilt, seed): (&f64, u64)| Request::new(Scenario::from([*tilt].as_slice()), Seed(seed));
+    let request = |(tilt, seed): (&f64, u64)| Request {
+        stop_threshold,
+        ..Request::new(Scenario::from([*tilt].as_slice()), Seed(seed))
+    };
     let requests: Vec<Request> = tilts.iter().zip(7..).map(request).collect();
     system.rollout(&requests).unwrap()
 }
@@ -100,6 +107,27 @@ fn a_program_gives_the_bits_of_the_same_expression() {
         assert_eq!(expected.end, EpisodeEnd::Completed);
         assert_eq!(found.end, expected.end);
         assert_eq!(found.trace, expected.trace);
+    }
+}
+
+#[test]
+fn a_simulation_stops_as_soon_as_its_threshold_allows() {
+    let folder = tempfile::tempdir().unwrap();
+    let questions = folder.path().join("questions");
+    let lines = format!("open({questions:?}, 'a').write('.')\naction = [25 * angle + 4 * rate]");
+    let file = read(folder.path(), PYTHON, &program(&lines));
+    let count = || std::fs::read(&questions).map_or(0, |questions| questions.len());
+    // The first sample decides the one, and sample 25 the other, which is checked after step 30.
+    for (formula, steps) in [("eventually(angle >= 0.05)", 10), ("eventually[0:25](angle >= 1)", 30)] {
+        let before = count();
+        let whole = simulate(&file, formula, &[0.1], None).remove(0);
+        assert_eq!((whole.end, whole.steps, count() - before), (EpisodeEnd::Completed, 60, 60));
+        let before = count();
+        let stopped = simulate(&file, formula, &[0.1], Some(0.0)).remove(0);
+        let end = EpisodeEnd::Stopped { step: steps };
+        assert_eq!((stopped.end, stopped.steps, count() - before), (end, steps, steps));
+        assert_eq!(stopped.is_violated(), whole.is_violated(), "{formula}");
+        assert_eq!(stopped.trace.column(0), &whole.trace.column(0)[..=steps]);
     }
 }
 

@@ -66,6 +66,12 @@ impl EarlyStop {
         self.has_failed = self.has_failed || self.monitor.push(sample).is_err();
     }
 
+    /// Returns whether the samples contain all bounded windows of the requirement at time 0. Then
+    /// no later end of the episode cuts one.
+    pub fn has_windows(&self) -> bool {
+        self.len >= self.monitor.needed_samples(0).0
+    }
+
     /// Returns whether the samples, which are not the whole episode, determine the robustness of
     /// the requirement at time 0, or show that it is above `threshold`, which is at least 0.
     pub fn can_stop(&mut self, threshold: f64) -> bool {

@@ -14,7 +14,8 @@ import numpy as np
 
 from mishandle.errors import InvalidStateError, InvalidTypeError, InvalidValueError, MissingPackageError
 from mishandle.fingerprints import code_hash
-from mishandle.systems import Outcome, Scenario, System
+from mishandle.requests import Request
+from mishandle.systems import Outcome, System
 
 Simulate = Callable[[list[Any]], list[Any]]
 """Simulates a list of requests and returns one result for each, in the same order."""
@@ -197,7 +198,7 @@ class _RaySystem(System):
     def code(self) -> list[Any]:
         return self._system.code()
 
-    def simulate(self, batch: Sequence[tuple[Scenario, int]]) -> list[Outcome]:
+    def simulate(self, batch: Sequence[Request]) -> list[Outcome]:
         found = self._executor.run(self._shared, batch, self._lost)
         outcomes = []
         for outcome, exceptions in found:
@@ -205,8 +206,8 @@ class _RaySystem(System):
             outcomes.append(outcome)
         return outcomes
 
-    def _lost(self, request: tuple[Scenario, int]) -> tuple[Outcome, list[str]]:
-        message = f"the scenario {request[0]} ended its worker process {RETRIES + 1} times"
+    def _lost(self, request: Request) -> tuple[Outcome, list[str]]:
+        message = f"the scenario {request.scenario} ended its worker process {RETRIES + 1} times"
         return Outcome("crashed", np.zeros((0, len(self.signals))), 0), [message]
 
 

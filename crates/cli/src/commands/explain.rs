@@ -1,4 +1,4 @@
-use anyhow::{Context, Result, bail, ensure};
+use anyhow::{Result, bail, ensure};
 use clap::Args;
 use mishandle::results::{EvaluatedCount, LogExplanations, Masking};
 use mishandle::store::RunFile;
@@ -77,14 +77,11 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
 fn logs(command: &Arguments) -> Result<ExitStatus> {
     let sources = log_question::sources(&command.logs.question, &command.logs.paths)?;
     let mut found = Vec::new();
-    log_question::ask(&command.logs.question, &sources, |log, asked| {
-        for asked in asked {
-            let explained = log.explanation(&asked).with_context(|| format!("trace {}", log.name))?;
-            found.push(explained);
-        }
+    log_question::ask(&command.logs.question, &sources, |asked| {
+        found.push(asked.explanation()?);
         Ok(())
     })?;
-    run::logs::worst_first(&mut found, |(explained, _)| &explained.verdict);
+    mishandle_logs::worst_first(&mut found, |(explained, _)| &explained.verdict);
     let fails = found.iter().any(|(explained, _)| explained.verdict.fails());
     if command.json {
         let explanations = found.into_iter().map(|(explained, _)| explained).collect();

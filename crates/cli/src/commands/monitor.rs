@@ -4,12 +4,12 @@ use std::path::PathBuf;
 
 use anyhow::{Result, ensure};
 use clap::Args;
-use mishandle::results::{self, LogVerdict, Number, RequirementVerdict};
+use mishandle::results::LogVerdict;
 use mishandle_text::plural;
 
 use crate::exit_status::ExitStatus;
 use crate::flags::{FollowFlags, LogQuestion};
-use crate::run::{log_question, logs};
+use crate::run::log_question;
 use crate::show::{log_verdicts, output};
 
 /// Compute the robustness of temporal logic formulas on recorded logs
@@ -84,21 +84,23 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
         return follow::run(&sources[0], &requested, command);
     }
     let (mut verdicts, mut values) = (Vec::new(), None);
-    log_question::ask(&command.question, &sources, |log, asked| {
-        if command.values {
-            values = Some(log.samples.robustness_signal(&asked[0].formula, &asked[0].evaluation)?);
+    log_question::ask(&command.question, &sources, |asked| {
+        if command.values && values.is_none() {
+            let samples = &asked.log.samples;
+            values = Some(samples.robustness_signal(&asked.requirement.formula, &asked.evaluation)?);
         }
-        verdicts.extend(asked.into_iter().map(|asked| asked.verdict));
+        verdicts.push(asked.verdict);
         Ok(())
     })?;
-    let as_asked = verdicts.clone();
-    logs::worst_first(&mut verdicts, |verdict| verdict);
+    let strict_horizon = command.question.strict_horizon;
+    let found = mishandle_logs::document(verdicts, sources.len(), strict_horizon, values);
+    let verdicts = &found.verdicts;
     let is_one_log = sources.len() == 1;
     if let Some(path) = &command.junit {
-        output::write_atomically(path, command.force, log_verdicts::junit(&verdicts).as_bytes())?;
+        output::write_atomically(path, command.force, log_verdicts::junit(verdicts).as_bytes())?;
     }
     if let Some(path) = &command.markdown {
-        output::write_atomically(path, command.force, log_verdicts::markdown(&verdicts).as_bytes())?;
+        output::write_atomically(path, command.force, log_verdicts::markdown(verdicts).as_bytes())?;
     }
     let fails = verdicts.iter().any(LogVerdict::fails);
     let cut = verdicts.iter().find(|verdict| verdict.cuts_windows);
@@ -112,12 +114,9 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
     });
     let missing = verdicts.iter().map(|verdict| verdict.missing_values).max().unwrap_or(0);
     if command.json {
-        output::json(&document(command, is_one_log, &as_asked, verdicts, values))?;
+        output::json(&found)?;
     } else {
-        match &verdicts[..] {
-            [only] if is_one_log => output::line(&log_verdicts::text(only))?,
-            _ => output::line(&log_verdicts::table(&verdicts, !is_one_log))?,
-        }
+        output::line(&log_verdicts::shown(verdicts, !is_one_log))?;
         if missing > 0 {
             output::message(&format!("note: {} missing in a log", plural(missing, "value")));
         }
@@ -126,35 +125,4 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
         output::message(&note);
     }
     Ok(if fails { ExitStatus::Violated } else { ExitStatus::Done })
-}
-
-/// Returns the document of `--json`.
-fn document(
-    command: &Arguments,
-    is_one_log: bool,
-    as_asked: &[LogVerdict],
-    verdicts: Vec<LogVerdict>,
-    values: Option<Vec<(mishandle_logs::At, f64)>>,
-) -> results::Monitor {
-    let named = as_asked.iter().filter_map(|verdict| {
-        Some(RequirementVerdict {
-            name: verdict.name.clone()?,
-            formula: verdict.formula.clone(),
-            robustness: Some(verdict.robustness),
-            violated: Some(verdict.violated),
-        })
-    });
-    let named: Vec<RequirementVerdict> = named.filter(|_| is_one_log).collect();
-    let first = if is_one_log { &as_asked[0] } else { &verdicts[0] };
-    let times = values.as_ref().and_then(|values| values.iter().map(|(at, _)| at.secs.map(Number)).collect());
-    results::Monitor {
-        robustness: first.robustness,
-        violated: first.violated,
-        windows: if command.question.strict_horizon { "whole" } else { "cut" }.to_string(),
-        cuts_windows: first.cuts_windows,
-        robustness_signal: values.map(|values| values.into_iter().map(|(_, value)| Number(value)).collect()),
-        robustness_times: times,
-        requirements: (!named.is_empty()).then_some(named),
-        verdicts,
-    }
 }

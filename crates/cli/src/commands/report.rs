@@ -170,17 +170,20 @@ fn write_logs(command: &Arguments) -> Result<ExitStatus> {
     output::refuse_inputs(&command.out, "--out", inputs)?;
     drop(output::create(&command.out, command.force)?);
     let mut sections = Vec::new();
-    log_question::ask(&command.logs.question, &sources, |log, asked| {
-        sections.extend(asked.into_iter().map(|asked| {
-            // Dense time and logs without times have verdicts and charts, but no decisive sample.
-            let explained = log.explanation(&asked).ok();
-            let decision = explained.as_ref().map(|(explained, _)| &explained.decision);
-            let unit = |name: &str| asked.units.get(name).cloned();
-            LogSection::new(asked.verdict, &asked.formula, &asked.evaluation, &log.samples, unit, decision)
-        }));
+    log_question::ask(&command.logs.question, &sources, |asked| {
+        // Dense time and logs without times have verdicts and charts, but no decisive sample.
+        let explained = asked.explanation().ok();
+        let decision = explained.as_ref().map(|(explained, _)| &explained.decision);
+        sections.push(LogSection::new(
+            asked.verdict,
+            asked.requirement,
+            &asked.evaluation,
+            &asked.log.samples,
+            decision,
+        ));
         Ok(())
     })?;
-    run::logs::worst_first(&mut sections, LogSection::verdict);
+    mishandle_logs::worst_first(&mut sections, LogSection::verdict);
     write(&log_page(&sections), command)
 }
 

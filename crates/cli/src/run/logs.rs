@@ -5,16 +5,16 @@ use std::path::Path;
 
 use anyhow::{Context, Result, anyhow, bail, ensure};
 use mishandle::inspect::{common_unit, explain_trace};
-use mishandle::results::{LogExplanation, LogPredicate, LogVerdict, LogViolation, Number, WorstPart};
-use mishandle::stl::{Clock, Formula, TimeUnit, is_violated, name_hint, unquoted};
-use mishandle_logs::{At, Evaluation, OpenLog, Options, Samples, Signals, Source, Verdict};
+use mishandle::results::{LogExplanation, LogVerdict};
+use mishandle::stl::{Clock, Formula, TimeUnit, name_hint, unquoted};
+use mishandle_logs::{Evaluation, NamedSamples, OpenLog, Options, Requirement, Signals, Source};
 use serde::Deserialize;
 
 use crate::show::{formula_error, log_verdicts, output};
 
-/// A formula with a name.
+/// A requirement whose formula was not parsed yet.
 #[derive(Clone, Debug)]
-pub struct Requirement {
+pub struct WrittenRequirement {
     pub name: Option<String>,
     pub text: String,
     /// Whether a violation gives exit code 1.
@@ -22,12 +22,11 @@ pub struct Requirement {
     /// The unit of bounds without one.
     pub unit: Option<TimeUnit>,
     pub description: Option<String>,
-    /// Units of signals, which are shown with their values.
     pub units: Units,
 }
 
 /// Units by the names of signals.
-pub type Units = BTreeMap<String, String>;
+type Units = BTreeMap<String, String>;
 
 /// A file of requirements.
 #[derive(Debug, Deserialize)]
@@ -59,14 +58,14 @@ enum Severity {
 }
 
 /// Reads a file of requirements; `unit` is that of bounds without one, where the file has none.
-pub fn requirements(path: &Path, unit: Option<TimeUnit>) -> Result<Vec<Requirement>> {
+pub fn requirements(path: &Path, unit: Option<TimeUnit>) -> Result<Vec<WrittenRequirement>> {
     let shown = || format!("requirements {}", path.display());
     let text = std::fs::read_to_string(path).with_context(shown)?;
     let file: File = toml::from_str(&text)
         .map_err(|error| anyhow!("{}", error.to_string().trim_end()))
         .with_context(shown)?;
     ensure!(!file.requirement.is_empty(), "{} has no [[requirement]]", path.display());
-    let mut found: Vec<Requirement> = Vec::new();
+    let mut found: Vec<WrittenRequirement> = Vec::new();
     for entry in file.requirement {
         ensure!(
             found.iter().all(|known| known.name.as_ref() != Some(&entry.name)),
@@ -75,7 +74,7 @@ pub fn requirements(path: &Path, unit: Option<TimeUnit>) -> Result<Vec<Requireme
             entry.name
         );
         let own = entry.unit.as_deref().map(|text| time_unit(text, "unit")).transpose();
-        found.push(Requirement {
+        found.push(WrittenRequirement {
             unit: own.with_context(|| format!("{}: requirement `{}`", path.display(), entry.name))?.or(unit),
             name: Some(entry.name),
             text: entry.formula,
@@ -97,28 +96,34 @@ pub fn time_unit(text: &str, flag: &str) -> Result<TimeUnit> {
 }
 
 /// Parses the formulas, with hints about the names in the first log.
-pub fn formulas(requirements: &[Requirement], log: &[Source], options: &Options) -> Result<Vec<Formula>> {
-    let mut formulas = Vec::new();
-    for requirement in requirements {
-        let formula = Formula::parse(&requirement.text).map_err(|error| {
-            let message = formula_error::message(&requirement.text, &error);
-            let named = requirement.name.as_ref().filter(|name| **name != requirement.text);
+pub fn parsed(
+    written: Vec<WrittenRequirement>,
+    log: &[Source],
+    options: &Options,
+) -> Result<Vec<Requirement>> {
+    let mut requirements = Vec::new();
+    for WrittenRequirement { name, text, is_error, unit, description, units } in written {
+        let formula = Formula::parse(&text).map_err(|error| {
+            let message = formula_error::message(&text, &error);
+            let named = name.as_ref().filter(|name| **name != text);
             let message = named.map_or(message.clone(), |name| format!("`{name}`: {message}"));
-            match hint(&requirement.text, log, options) {
+            match hint(&text, log, options) {
                 Some(hint) => anyhow!("{message}\nhint: {hint}"),
                 None => anyhow!("{message}"),
             }
         })?;
         output::warn_about(&formula);
-        formulas.push(formula);
+        requirements.push(Requirement { name, formula, is_error, unit, description, units });
     }
-    for unit in requirements.iter().flat_map(|requirement| requirement.units.keys()) {
-        ensure!(
-            formulas.iter().any(|formula| formula.signals().contains(&unit.as_str())),
-            "[units] names `{unit}`, which no formula reads"
-        );
+    let reads = |signal: &str| {
+        requirements.iter().any(|found: &Requirement| found.formula.signals().contains(&signal))
+    };
+    if let Some(signal) =
+        requirements.iter().flat_map(|found| found.units.keys()).find(|signal| !reads(signal))
+    {
+        bail!("[units] names `{signal}`, which no formula reads");
     }
-    Ok(formulas)
+    Ok(requirements)
 }
 
 /// Returns the hint on a formula that does not parse, if it has the name of a column without the
@@ -131,153 +136,60 @@ fn hint(text: &str, log: &[Source], options: &Options) -> Option<String> {
     name_hint(unquoted(text, log.names().iter().map(String::as_str))?)
 }
 
-impl Requirement {
-    /// Returns how the formula is evaluated.
-    pub fn evaluation(&self, strict_horizon: bool) -> Evaluation {
-        Evaluation { unit: self.unit, strict_horizon }
-    }
-}
-
-/// A formula that was asked of a log, and its verdict.
-pub struct Asked {
-    pub formula: Formula,
-    pub units: Units,
-    pub evaluation: Evaluation,
-    pub verdict: LogVerdict,
-}
-
-/// A log that was read for some formulas.
-pub struct ReadLog {
-    pub name: String,
-    pub samples: Samples,
-}
-
-/// Reads the signals of the formulas from a log.
-pub fn read(log: &[Source], formulas: &[Formula], options: &Options) -> Result<ReadLog> {
-    let paths: Vec<String> = log.iter().map(|source| source.path.display().to_string()).collect();
-    let name = paths.join(", ");
-    let read = || -> Result<Samples> {
-        let opened = OpenLog::open(log, options)?;
-        let mut signals: Vec<&str> = Vec::new();
-        for formula in formulas {
-            opened.check_signals(formula)?;
-            signals.extend(formula.signals());
-        }
-        signals.sort_unstable();
-        signals.dedup();
-        Ok(opened.read(&signals)?.samples(options)?)
+/// Returns the name of each log: its files.
+pub fn names(logs: &[Vec<Source>]) -> Vec<String> {
+    let files = |log: &Vec<Source>| {
+        log.iter().map(|source| source.path.display().to_string()).collect::<Vec<_>>().join(", ")
     };
-    let samples = read().with_context(|| format!("trace {name}"))?;
-    Ok(ReadLog { name, samples })
+    let mut names: Vec<String> = logs.iter().map(files).collect();
+    mishandle_logs::tell_apart(&mut names);
+    names
 }
 
-impl ReadLog {
-    /// Returns the verdict of a requirement.
-    pub fn verdict(
-        &self,
-        requirement: &Requirement,
-        formula: &Formula,
-        evaluation: &Evaluation,
-    ) -> Result<LogVerdict> {
-        let found = self.samples.verdict(formula, evaluation)?;
-        Ok(LogVerdict {
-            log: self.name.clone(),
-            name: requirement.name.clone(),
-            description: requirement.description.clone(),
-            severity: if requirement.is_error { "error" } else { "warning" }.to_string(),
-            formula: formula.to_string(),
-            robustness: found.robustness.into(),
-            violated: is_violated(found.robustness),
-            cuts_windows: found.cuts_windows,
-            samples: found.samples.map(|samples| samples as u64),
-            missing_values: self.samples.missing as u64,
-            origin_ns: self.samples.origin_ns.and_then(|origin| i64::try_from(origin).ok()),
-            violations: violations(&found),
-            worst_part: found.part.as_ref().map(|part| WorstPart {
-                formula: part.formula.clone(),
-                robustness: part.worst.into(),
-                time: part.at.secs.map(Number),
-                sample: part.at.sample.map(|sample| sample as u64),
-            }),
-            predicate: self.predicate(&found),
-        })
-    }
-
-    /// Returns what decides a verdict, and the time of the first sample in seconds.
-    pub fn explanation(&self, asked: &Asked) -> Result<(LogExplanation, f64)> {
-        let Signals::Even { trace, period, start, .. } = &self.samples.signals else {
-            bail!(
-                "samples are explained: pass --resample instead of --dense; `mishandle monitor` and `mishandle report \
-                 --log` read dense time"
-            );
-        };
-        ensure!(
-            !asked.evaluation.strict_horizon,
-            "windows are cut at the end of the trace in an explanation: leave out --strict-horizon"
-        );
-        let (start, period) = (
-            *start,
-            period.context(
-                "the log has no times: pass the column with the times as --time COLUMN, or --period SECONDS",
-            )?,
-        );
-        let clock = self.samples.clock(&asked.formula, &asked.evaluation)?.unwrap_or(Clock::steps(period));
-        let mut explained = explain_trace(&asked.formula, trace, clock)?;
-        let unit = |name: &str| asked.units.get(name).cloned();
-        if let Some(predicate) = &explained.diagnosis.predicate {
-            explained.unit = common_unit(&predicate.text, unit);
-        }
-        let time = |sample: usize| start + sample as f64 * period;
-        let name = |sample| log_verdicts::instant(sample, time(sample));
-        let decision = explained.result(
-            &asked.verdict.formula,
-            trace,
-            |name| unit(name).unwrap_or_default(),
-            time,
-            name,
-        );
-        Ok((LogExplanation { verdict: asked.verdict.clone(), period, decision }, start))
-    }
-
-    fn predicate(&self, found: &Verdict) -> Option<LogPredicate> {
-        let predicate = found.diagnosis.as_ref()?.predicate.as_ref()?;
-        Some(LogPredicate {
-            formula: predicate.text.clone(),
-            time: self.samples.time_of(predicate.sample).map(Number),
-            sample: predicate.sample as u64,
-            values: predicate.values.map(Number),
-            robustness: predicate.robustness.into(),
-        })
-    }
+/// Reads the signals of the requirements from a log.
+pub fn read(
+    name: String,
+    log: &[Source],
+    requirements: &[Requirement],
+    options: &Options,
+) -> Result<NamedSamples> {
+    let formulas = requirements.iter().map(|requirement| &requirement.formula);
+    let samples = OpenLog::open(log, options).and_then(|log| log.samples(formulas, options));
+    Ok(NamedSamples { samples: samples.with_context(|| format!("trace {name}"))?, name })
 }
 
-fn violations(found: &Verdict) -> Vec<LogViolation> {
-    let number = |at: At| at.secs.map(Number);
-    let sample = |at: At| at.sample.map(|sample| sample as u64);
-    let each = found.violations.iter().map(|interval| LogViolation {
-        formula: interval.formula.clone(),
-        start: number(interval.start),
-        end: number(interval.end),
-        duration: interval.start.secs.zip(interval.end.secs).map(|(start, end)| Number(end - start)),
-        start_sample: sample(interval.start),
-        end_sample: sample(interval.end),
-        worst: interval.worst.into(),
-    });
-    each.collect()
-}
-
-/// Orders verdicts: violated errors, violated warnings, satisfied formulas; within each, the least
-/// robustness first.
-pub fn worst_first<T>(found: &mut [T], verdict: impl Fn(&T) -> &LogVerdict) {
-    let class = |verdict: &LogVerdict| match (verdict.violated, verdict.severity.as_str()) {
-        (true, "error") => 0,
-        (true, _) => 1,
-        (false, _) => 2,
+/// Returns what decides a verdict, and the time of the first sample in seconds.
+pub fn explanation(
+    log: &NamedSamples,
+    requirement: &Requirement,
+    evaluation: &Evaluation,
+    verdict: &LogVerdict,
+) -> Result<(LogExplanation, f64)> {
+    let Signals::Even { trace, period, start, .. } = &log.samples.signals else {
+        bail!(
+            "samples are explained: pass --resample instead of --dense; `mishandle monitor` and `mishandle report --log` \
+             read dense time"
+        );
     };
-    found.sort_by(|a, b| {
-        let (a, b) = (verdict(a), verdict(b));
-        class(a).cmp(&class(b)).then(a.robustness.0.total_cmp(&b.robustness.0))
-    });
+    ensure!(
+        !evaluation.strict_horizon,
+        "windows are cut at the end of the trace in an explanation: leave out --strict-horizon"
+    );
+    let period = period.context(
+        "the log has no times: pass the column with the times as --time COLUMN, or --period SECONDS",
+    )?;
+    let formula = &requirement.formula;
+    let clock = log.samples.clock(formula, evaluation)?.unwrap_or(Clock::steps(period));
+    let mut explained = explain_trace(formula, trace, clock)?;
+    let unit = |name: &str| requirement.units.get(name).cloned();
+    if let Some(predicate) = &explained.diagnosis.predicate {
+        explained.unit = common_unit(&predicate.text, unit);
+    }
+    let time = |sample: usize| start + sample as f64 * period;
+    let name = |sample| log_verdicts::instant(sample, time(sample));
+    let unit = |name: &str| unit(name).unwrap_or_default();
+    let decision = explained.result(&verdict.formula, trace, unit, time, name);
+    Ok((LogExplanation { verdict: verdict.clone(), period, decision }, *start))
 }
 
 /// Checks that stdin is read once.

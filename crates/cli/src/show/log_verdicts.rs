@@ -8,6 +8,14 @@ use super::{escape, output};
 /// Number of violations that the text of a verdict lists.
 const LISTED: usize = 10;
 
+/// Returns the verdicts as text: one as sentences, several as a table.
+pub fn shown(found: &[LogVerdict], has_logs: bool) -> String {
+    match found {
+        [only] if !has_logs => text(only),
+        _ => table(found, has_logs),
+    }
+}
+
 /// Returns the verdict as text: when the formula is violated, how long, and by which part.
 pub fn text(found: &LogVerdict) -> String {
     let verdict = if found.violated { "violated" } else { "satisfied" };
@@ -45,7 +53,7 @@ pub fn instant(sample: usize, time: f64) -> String {
 }
 
 /// Returns the table of several verdicts.
-pub fn table(found: &[LogVerdict], has_logs: bool) -> String {
+fn table(found: &[LogVerdict], has_logs: bool) -> String {
     output::table(&rows(found, has_logs))
 }
 

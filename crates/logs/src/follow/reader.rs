@@ -134,7 +134,7 @@ fn read(
     let mut log = OpenLog::open_live(source, options, &JsonHead { lines: 1, more: &more }, wrapped)?;
     let signals: Vec<&str> = signals.iter().map(String::as_str).collect();
     let mut sinks = match &options.topic_column {
-        Some(column) => log.split_sinks(&signals, column)?,
+        Some(column) => log.split_sinks(Some(&signals), column)?,
         None => {
             let mut requested = Vec::new();
             for signal in &signals {

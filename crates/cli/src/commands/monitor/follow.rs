@@ -4,31 +4,31 @@ use std::time::Duration;
 
 use anyhow::{Context, Result};
 use mishandle::results::{FirstViolation, MonitorChange, Number};
-use mishandle_logs::{Answer, Follow, Next, Source, Watch, Watched};
+use mishandle::stl::Formula;
+use mishandle_logs::{Answer, Follow, Next, Requirement, Source, Watch, Watched};
 use mishandle_text::plural;
 
 use super::Arguments;
 use crate::exit_status::ExitStatus;
 use crate::interrupt;
-use crate::run::log_question::Requested;
-use crate::run::logs::Requirement;
 use crate::show::output;
 
 /// Time between two looks at the signals that interrupt the command.
 const WAIT: Duration = Duration::from_millis(50);
 
 /// Follows a log until the exit code is certain.
-pub fn run(log: &[Source], requested: &Requested, command: &Arguments) -> Result<ExitStatus> {
+pub fn run(log: &[Source], requirements: &[Requirement], command: &Arguments) -> Result<ExitStatus> {
     let paths: Vec<String> = log.iter().map(|source| source.path.display().to_string()).collect();
     interrupt::listen(|| output::message("stopped by a signal; the log may go on"), || {})?;
-    follow(log, requested, command).with_context(|| format!("trace {}", paths.join(", ")))
+    follow(log, requirements, command).with_context(|| format!("trace {}", paths.join(", ")))
 }
 
-fn follow(log: &[Source], requested: &Requested, command: &Arguments) -> Result<ExitStatus> {
-    let Requested { requirements, formulas, options } = requested;
+fn follow(log: &[Source], requirements: &[Requirement], command: &Arguments) -> Result<ExitStatus> {
+    let options = &command.question.log.options();
+    let formulas: Vec<Formula> = requirements.iter().map(|found| found.formula.clone()).collect();
     let following = command.following.following();
-    let mut follow = Follow::open(log, formulas, options, following)?;
-    let watched = requirements.iter().zip(formulas);
+    let mut follow = Follow::open(log, &formulas, options, following)?;
+    let watched = requirements.iter().zip(&formulas);
     let watched: Vec<Watched> = watched
         .map(|(requirement, formula)| Watched { formula: formula.clone(), unit: requirement.unit })
         .collect();

@@ -1,0 +1,231 @@
+//! Verdicts of requirements on logs, as the documents of `mishandle monitor`.
+
+use std::collections::BTreeMap;
+
+use mishandle_results::{
+    LogPredicate, LogVerdict, LogViolation, Monitor, Number, RequirementVerdict, WorstPart,
+};
+use mishandle_stl::{Formula, TimeUnit, is_violated};
+
+use crate::error::Result;
+use crate::log::{Log, OpenLog};
+use crate::options::Options;
+use crate::samples::Samples;
+use crate::verdict::{At, Evaluation, Verdict};
+
+/// A formula with a name.
+#[derive(Clone, Debug)]
+pub struct Requirement {
+    /// The name; `None` for a formula that is alone.
+    pub name: Option<String>,
+    /// The formula.
+    pub formula: Formula,
+    /// Whether a violation is an error, and not a warning.
+    pub is_error: bool,
+    /// The unit of bounds without one; `None`: they count samples.
+    pub unit: Option<TimeUnit>,
+    /// Its purpose.
+    pub description: Option<String>,
+    /// Units of signals, which are shown with their values.
+    pub units: BTreeMap<String, String>,
+}
+
+impl Requirement {
+    /// Returns how the formula is evaluated.
+    pub fn evaluation(&self, strict_horizon: bool) -> Evaluation {
+        Evaluation { unit: self.unit, strict_horizon }
+    }
+}
+
+/// The samples of a log with a name.
+#[derive(Clone, Debug)]
+pub struct NamedSamples {
+    /// The name of the log.
+    pub name: String,
+    /// The samples.
+    pub samples: Samples,
+}
+
+/// Returns the names of the signals of the formulas, each one once.
+fn signals<'a>(formulas: impl IntoIterator<Item = &'a Formula>) -> Vec<&'a str> {
+    let mut signals: Vec<&str> = formulas.into_iter().flat_map(Formula::signals).collect();
+    signals.sort_unstable();
+    signals.dedup();
+    signals
+}
+
+impl OpenLog {
+    /// Reads the signals of the formulas as samples.
+    ///
+    /// # Errors
+    /// As for [`OpenLog::check_signals`], [`OpenLog::read`] and [`Log::samples`].
+    pub fn samples<'a>(
+        self,
+        formulas: impl IntoIterator<Item = &'a Formula> + Clone,
+        options: &Options,
+    ) -> Result<Samples> {
+        for formula in formulas.clone() {
+            self.check_signals(formula)?;
+        }
+        self.read(&signals(formulas))?.samples(options)
+    }
+}
+
+impl Log {
+    /// Returns the names of all columns.
+    pub fn names(&self) -> Vec<String> {
+        self.topics.iter().flat_map(|topic| &topic.columns).map(|column| column.name.clone()).collect()
+    }
+
+    /// Keeps the columns that the formulas read, and turns their rows into samples.
+    ///
+    /// # Errors
+    /// If the log lacks a signal, or as for [`Log::samples`].
+    pub fn samples_of<'a>(
+        mut self,
+        formulas: impl IntoIterator<Item = &'a Formula> + Clone,
+        options: &Options,
+    ) -> Result<Samples> {
+        let names = self.names();
+        for formula in formulas.clone() {
+            mishandle_stl::Recording::new(formula, names.as_slice().into())?;
+        }
+        let signals = signals(formulas);
+        for topic in &mut self.topics {
+            topic.columns.retain(|column| signals.contains(&column.name.as_str()));
+        }
+        // Without signals, the rows of the first topic count.
+        match signals.is_empty() {
+            true => self.topics.truncate(1),
+            false => self.topics.retain(|topic| !topic.columns.is_empty()),
+        }
+        self.samples(options)
+    }
+}
+
+impl NamedSamples {
+    /// Returns the verdict of a requirement. With `strict_horizon`, only windows inside the log
+    /// count.
+    ///
+    /// # Errors
+    /// As for [`Samples::verdict`].
+    pub fn verdict(&self, requirement: &Requirement, strict_horizon: bool) -> Result<LogVerdict> {
+        let Requirement { name, formula, is_error, description, .. } = requirement;
+        let found = self.samples.verdict(formula, &requirement.evaluation(strict_horizon))?;
+        Ok(LogVerdict {
+            log: self.name.clone(),
+            name: name.clone(),
+            description: description.clone(),
+            severity: if *is_error { "error" } else { "warning" }.to_string(),
+            formula: formula.to_string(),
+            robustness: found.robustness.into(),
+            violated: is_violated(found.robustness),
+            cuts_windows: found.cuts_windows,
+            samples: found.samples.map(|samples| samples as u64),
+            missing_values: self.samples.missing as u64,
+            origin_ns: self.samples.origin_ns.and_then(|origin| i64::try_from(origin).ok()),
+            violations: violations(&found),
+            worst_part: found.part.as_ref().map(|part| WorstPart {
+                formula: part.formula.clone(),
+                robustness: part.worst.into(),
+                time: part.at.secs.map(Number),
+                sample: part.at.sample.map(|sample| sample as u64),
+            }),
+            predicate: self.predicate(&found),
+        })
+    }
+
+    fn predicate(&self, found: &Verdict) -> Option<LogPredicate> {
+        let predicate = found.diagnosis.as_ref()?.predicate.as_ref()?;
+        Some(LogPredicate {
+            formula: predicate.text.clone(),
+            time: self.samples.time_of(predicate.sample).map(Number),
+            sample: predicate.sample as u64,
+            values: predicate.values.map(Number),
+            robustness: predicate.robustness.into(),
+        })
+    }
+}
+
+fn violations(found: &Verdict) -> Vec<LogViolation> {
+    let number = |at: At| at.secs.map(Number);
+    let sample = |at: At| at.sample.map(|sample| sample as u64);
+    let each = found.violations.iter().map(|interval| LogViolation {
+        formula: interval.formula.clone(),
+        start: number(interval.start),
+        end: number(interval.end),
+        duration: interval.start.secs.zip(interval.end.secs).map(|(start, end)| Number(end - start)),
+        start_sample: sample(interval.start),
+        end_sample: sample(interval.end),
+        worst: interval.worst.into(),
+    });
+    each.collect()
+}
+
+/// Returns the document of the verdicts, which are in the order of the questions: all requirements
+/// on the first log, then on the next one. It has them worst first. `values` are the robustness of
+/// the first requirement over time.
+///
+/// # Panics
+/// If there is no verdict.
+pub fn document(
+    mut verdicts: Vec<LogVerdict>,
+    logs: usize,
+    strict_horizon: bool,
+    values: Option<Vec<(At, f64)>>,
+) -> Monitor {
+    let named = verdicts.iter().filter(|_| logs == 1).filter_map(|verdict| {
+        Some(RequirementVerdict {
+            name: verdict.name.clone()?,
+            formula: verdict.formula.clone(),
+            robustness: Some(verdict.robustness),
+            violated: Some(verdict.violated),
+        })
+    });
+    let named: Vec<RequirementVerdict> = named.collect();
+    let asked = (logs == 1).then(|| verdicts[0].clone());
+    worst_first(&mut verdicts, |verdict| verdict);
+    let first = asked.unwrap_or_else(|| verdicts[0].clone());
+    let times = values.as_ref().and_then(|values| values.iter().map(|(at, _)| at.secs.map(Number)).collect());
+    Monitor {
+        robustness: first.robustness,
+        violated: first.violated,
+        windows: if strict_horizon { "whole" } else { "cut" }.to_string(),
+        cuts_windows: first.cuts_windows,
+        robustness_signal: values.map(|values| values.into_iter().map(|(_, value)| Number(value)).collect()),
+        robustness_times: times,
+        requirements: (!named.is_empty()).then_some(named),
+        verdicts,
+    }
+}
+
+/// Orders what has verdicts: violated errors, violated warnings, satisfied formulas; within each,
+/// the least robustness first.
+pub fn worst_first<T>(found: &mut [T], verdict: impl Fn(&T) -> &LogVerdict) {
+    let class = |verdict: &LogVerdict| match (verdict.violated, verdict.fails()) {
+        (true, true) => 0,
+        (true, false) => 1,
+        (false, _) => 2,
+    };
+    found.sort_by(|a, b| {
+        let (a, b) = (verdict(a), verdict(b));
+        class(a).cmp(&class(b)).then(a.robustness.0.total_cmp(&b.robustness.0))
+    });
+}
+
+/// Numbers the logs that have the same name.
+pub fn tell_apart(names: &mut [String]) {
+    let given = names.to_vec();
+    for (index, name) in names.iter_mut().enumerate() {
+        let same = |other: &&String| **other == given[index];
+        if given.iter().filter(same).count() > 1 {
+            // A number that makes the name of a third log is skipped.
+            let mut number = given[..=index].iter().filter(same).count();
+            let numbered = |number: usize| format!("{} ({number})", given[index]);
+            while given.contains(&numbered(number)) {
+                number += given.len();
+            }
+            *name = numbered(number);
+        }
+    }
+}

@@ -1,0 +1,290 @@
+//! Logs of robots: files and columns in memory, and the verdicts of formulas on them.
+
+use std::collections::BTreeMap;
+use std::path::PathBuf;
+
+use mishandle::stl::{DenseMonitor, Formula, Monitor, TimeUnit};
+use mishandle_logs::{
+    Column, Duplicates, Evaluation, Format, Interpolation, Log, LogError, Missing, NamedSamples, OpenLog,
+    Options, Requirement, Samples, Sampling, Signals, Source, TimeValues, Times, Topic, Unit, utc_offset,
+};
+use numpy::{IntoPyArray, PyArray1, PyReadonlyArray1};
+use pyo3::prelude::*;
+
+use crate::formula::{PyFormula, clock};
+use crate::work::json;
+use crate::{InvalidValueError, plain};
+
+/// How a log is read, as the flags of the command `mishandle monitor`.
+#[derive(FromPyObject)]
+#[pyo3(from_item_all)]
+pub struct Reading {
+    format: Option<String>,
+    time: Option<String>,
+    time_unit: Option<String>,
+    utc_offset: Option<String>,
+    period: Option<f64>,
+    resample: Option<String>,
+    dense: Option<String>,
+    tolerance: Option<f64>,
+    missing: Option<String>,
+    duplicates: Option<String>,
+    sort: bool,
+    topic_column: Option<String>,
+    delimiter: Option<char>,
+    decimal: Option<String>,
+}
+
+/// The times of a topic in memory.
+#[derive(FromPyObject)]
+pub(crate) enum TimeArgument<'py> {
+    Integers(PyReadonlyArray1<'py, i64>),
+    Numbers(PyReadonlyArray1<'py, f64>),
+    Texts(Vec<String>),
+}
+
+/// A topic in memory: name, column and kind of the times, times, columns.
+type TopicArgument<'py> =
+    (Option<String>, Option<(String, String, TimeArgument<'py>)>, Vec<(String, PyReadonlyArray1<'py, f64>)>);
+
+/// A log: name, files with their topics, topics in memory.
+type LogArgument<'py> = (String, Vec<(Option<String>, PathBuf)>, Vec<TopicArgument<'py>>);
+
+/// A topic as Python gets it: name, times in nanoseconds, columns.
+type TopicColumns<'py> =
+    (Option<String>, Option<Bound<'py, PyArray1<i64>>>, Vec<(String, Bound<'py, PyArray1<f64>>)>);
+
+/// Topics, and columns that were left out, with the reasons.
+type TableTopics<'py> = (Vec<TopicColumns<'py>>, Vec<(String, String)>);
+
+/// Returns the value of a word.
+fn word<T: Copy>(argument: &str, given: Option<&str>, known: &[(&str, T)]) -> PyResult<Option<T>> {
+    let Some(given) = given else { return Ok(None) };
+    if let Some((_, value)) = known.iter().find(|(word, _)| *word == given) {
+        return Ok(Some(*value));
+    }
+    let words: Vec<&str> = known.iter().map(|(word, _)| *word).collect();
+    Err(InvalidValueError::new_err(format!(
+        "{argument} is `{given}`; it must be one of {}",
+        words.join(", ")
+    )))
+}
+
+/// Checks a duration.
+fn seconds(argument: &str, given: Option<f64>) -> PyResult<Option<f64>> {
+    match given {
+        Some(secs) if !(secs > 0.0 && secs.is_finite()) => Err(InvalidValueError::new_err(format!(
+            "{argument} is {secs}; it must be a number of seconds above 0, such as 0.1"
+        ))),
+        given => Ok(given),
+    }
+}
+
+impl Reading {
+    fn options(self) -> PyResult<Options> {
+        let interpolations = [("hold", Interpolation::Hold), ("linear", Interpolation::Linear)];
+        let resample = word("resample", self.resample.as_deref(), &interpolations)?;
+        let dense = word("dense", self.dense.as_deref(), &interpolations)?;
+        let sampling = match (resample, dense) {
+            (Some(_), Some(_)) => {
+                return Err(InvalidValueError::new_err(
+                    "resample and dense exclude each other; leave out one",
+                ));
+            }
+            (Some(interpolation), None) => Sampling::Resampled(interpolation),
+            (None, Some(interpolation)) => Sampling::Dense(interpolation),
+            (None, None) => Sampling::Even,
+        };
+        let formats = [
+            ("csv", Format::Csv),
+            ("jsonl", Format::JsonLines),
+            ("numpy", Format::Numpy),
+            ("parquet", Format::Parquet),
+        ];
+        let missing = [("error", Missing::Error), ("hold", Missing::Hold), ("drop", Missing::Drop)];
+        let duplicates =
+            [("error", Duplicates::Error), ("first", Duplicates::First), ("last", Duplicates::Last)];
+        let offset = |text: &String| {
+            utc_offset(text).ok_or_else(|| {
+                let message = format!("utc_offset is `{text}`; it must be Z or an offset such as +02:00");
+                InvalidValueError::new_err(message)
+            })
+        };
+        Ok(Options {
+            format: word("format", self.format.as_deref(), &formats)?,
+            time: self.time,
+            time_unit: word("time_unit", self.time_unit.as_deref(), &Unit::ALL)?,
+            utc_offset: self.utc_offset.as_ref().map(offset).transpose()?,
+            period: seconds("period", self.period)?,
+            sampling,
+            tolerance: seconds("tolerance", self.tolerance)?,
+            missing: word("missing", self.missing.as_deref(), &missing)?.unwrap_or_default(),
+            duplicates: word("duplicates", self.duplicates.as_deref(), &duplicates)?.unwrap_or_default(),
+            sort: self.sort,
+            topic_column: self.topic_column,
+            delimiter: self.delimiter,
+            decimal_comma: word("decimal", self.decimal.as_deref(), &[("point", false), ("comma", true)])?,
+        })
+    }
+}
+
+/// A log whose signals were not read yet.
+enum Contents {
+    Files(Vec<Source>),
+    Topics(Log),
+}
+
+impl Contents {
+    fn new(
+        files: Vec<(Option<String>, PathBuf)>,
+        topics: Vec<TopicArgument<'_>>,
+        options: &Options,
+    ) -> PyResult<Self> {
+        if !files.is_empty() {
+            let source = |(topic, path)| Source { topic, path };
+            return Ok(Contents::Files(files.into_iter().map(source).collect()));
+        }
+        let topic = |(name, times, columns): TopicArgument<'_>| {
+            let times =
+                times.map(|(column, kind, values)| times_of(&column, &kind, &values, options)).transpose()?;
+            let column = |(name, values): (String, PyReadonlyArray1<'_, f64>)| Column {
+                name,
+                values: values.as_array().to_vec(),
+            };
+            Topic::of_values(name, times, columns.into_iter().map(column).collect()).map_err(plain)
+        };
+        let topics = topics.into_iter().map(topic).collect::<PyResult<Vec<_>>>()?;
+        Ok(Contents::Topics(Log { topics, likely_time: None }))
+    }
+
+    fn samples<'a>(
+        self,
+        formulas: impl IntoIterator<Item = &'a Formula> + Clone,
+        options: &Options,
+    ) -> Result<Samples, LogError> {
+        match self {
+            Contents::Files(files) => OpenLog::open(&files, options)?.samples(formulas, options),
+            Contents::Topics(log) => log.samples_of(formulas, options),
+        }
+    }
+}
+
+/// Returns times in memory. The integers of the kind `log` are nanoseconds of a log that was read.
+fn times_of(column: &str, kind: &str, values: &TimeArgument<'_>, options: &Options) -> PyResult<Times> {
+    let found = match values {
+        TimeArgument::Integers(values) => {
+            let values = values.as_array().to_vec();
+            match kind {
+                "log" => Ok(Times::nanoseconds(column, &values)),
+                "instants" => Times::of_values(column, TimeValues::Instants(&values), options),
+                _ => Times::of_values(column, TimeValues::Integers(&values), options),
+            }
+        }
+        TimeArgument::Numbers(values) => {
+            Times::of_values(column, TimeValues::Numbers(&values.as_array().to_vec()), options)
+        }
+        TimeArgument::Texts(values) => Times::of_values(column, TimeValues::Texts(values), options),
+    };
+    found.map_err(plain)
+}
+
+/// Returns the document of the verdicts of formulas on logs, and its text.
+#[pyfunction]
+pub fn monitor(
+    py: Python<'_>,
+    formulas: Vec<(Option<String>, String)>,
+    logs: Vec<LogArgument<'_>>,
+    reading: Reading,
+    unit: Option<String>,
+    strict_horizon: bool,
+    values: bool,
+) -> PyResult<(String, String)> {
+    let options = reading.options()?;
+    let unit = word("unit", unit.as_deref(), &TimeUnit::ALL.map(|unit| (unit.symbol(), unit)))?;
+    let requirement = |(name, text): (Option<String>, String)| {
+        let formula = Formula::parse(&text).map_err(plain)?;
+        Ok(Requirement { name, formula, is_error: true, unit, description: None, units: BTreeMap::new() })
+    };
+    let requirements = formulas.into_iter().map(requirement).collect::<PyResult<Vec<_>>>()?;
+    let mut names: Vec<String> = logs.iter().map(|(name, ..)| name.clone()).collect();
+    mishandle_logs::tell_apart(&mut names);
+    let count = logs.len();
+    let (mut verdicts, mut signal) = (Vec::new(), None);
+    for (name, (_, files, topics)) in names.into_iter().zip(logs) {
+        let named = |error: LogError| InvalidValueError::new_err(format!("trace {name}: {error}"));
+        let contents = Contents::new(files, topics, &options)?;
+        let formulas = requirements.iter().map(|requirement| &requirement.formula);
+        let samples = py.detach(|| contents.samples(formulas, &options)).map_err(named)?;
+        let log = NamedSamples { name: name.clone(), samples };
+        for requirement in &requirements {
+            verdicts.push(py.detach(|| log.verdict(requirement, strict_horizon)).map_err(named)?);
+        }
+        if values {
+            let first = &requirements[0];
+            let evaluation = Evaluation { unit: first.unit, strict_horizon };
+            signal = Some(log.samples.robustness_signal(&first.formula, &evaluation).map_err(named)?);
+        }
+    }
+    let found = mishandle_logs::document(verdicts, count, strict_horizon, signal);
+    Ok((json(&found)?, mishandle_cli::verdicts_text(&found.verdicts, count > 1)))
+}
+
+/// Returns the robustness of a formula at the first time of a log; `None` if `decided_only` and
+/// windows reach past its end.
+#[pyfunction]
+pub fn log_robustness(
+    py: Python<'_>,
+    formula: &PyFormula,
+    log: LogArgument<'_>,
+    reading: Reading,
+    decided_only: bool,
+) -> PyResult<Option<f64>> {
+    let (name, files, topics) = log;
+    let options = reading.options()?;
+    let formula = &formula.formula;
+    let contents = Contents::new(files, topics, &options)?;
+    let named = |error: LogError| match name.as_str() {
+        "" => InvalidValueError::new_err(error.to_string()),
+        name => InvalidValueError::new_err(format!("trace {name}: {error}")),
+    };
+    let evaluation = Evaluation::default();
+    let (samples, found) = py
+        .detach(|| {
+            let samples = contents.samples([formula], &options)?;
+            let found = samples.robustness_signal(formula, &evaluation)?;
+            Ok((samples, found))
+        })
+        .map_err(named)?;
+    if !decided_only {
+        return Ok(found.first().map(|(_, value)| *value));
+    }
+    match &samples.signals {
+        Signals::Even { trace, period, .. } => {
+            let mut monitor = Monitor::new(formula, trace.names(), clock(*period)?).map_err(plain)?;
+            Ok(monitor.decided_robustness_signal(trace).map_err(plain)?.first().copied())
+        }
+        Signals::Dense(signals) => {
+            let names: Vec<String> = signals.iter().map(|signal| signal.name().to_owned()).collect();
+            let monitor = DenseMonitor::new(formula, &names, None).map_err(plain)?;
+            Ok(monitor.decided_robustness_signal(signals).map_err(plain)?.first())
+        }
+    }
+}
+
+/// Reads all columns of numbers of a file, and says why others are none.
+#[pyfunction]
+pub fn read_table(py: Python<'_>, path: PathBuf, reading: Reading) -> PyResult<TableTopics<'_>> {
+    let options = reading.options()?;
+    let source = Source { topic: None, path };
+    let shown = source.path.display().to_string();
+    let named = |error: LogError| InvalidValueError::new_err(format!("{shown}: {error}"));
+    let read = || OpenLog::open(&[source], &options)?.read_all();
+    let (log, left_out) = py.detach(read).map_err(named)?;
+    let mut topics = Vec::new();
+    for Topic { name, times, columns, .. } in log.topics {
+        let times = times.map(|times| times.to_nanoseconds()).transpose().map_err(named)?;
+        let columns = columns.into_iter().map(|Column { name, values }| (name, values.into_pyarray(py)));
+        topics.push((name, times.map(|times| times.into_pyarray(py)), columns.collect()));
+    }
+    Ok((topics, left_out.into_iter().collect()))
+}

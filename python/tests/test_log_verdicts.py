@@ -1,0 +1,312 @@
+"""Tests of verdicts on logs: the same for files, logs that were read, columns in memory, and the command."""
+
+import dataclasses
+import json
+import pathlib
+import subprocess
+import sys
+import tempfile
+import unittest
+
+import mishandle
+import numpy as np
+import pandas
+import polars
+import pyarrow
+import pyarrow.parquet
+from mcap.writer import Writer as McapWriter
+from mishandle import results
+
+START = 1_764_000_000_123_456_789
+
+
+def command(*words):
+    """Returns the document of the command."""
+    done = subprocess.run(
+        [sys.executable, "-c", "import sys; from mishandle.command import main; sys.exit(main())", "monitor", "--json", *words],
+        capture_output=True,
+        text=True,
+    )
+    if done.returncode not in (0, 1):
+        raise AssertionError(done.stderr)
+    return results.build(mishandle.Monitoring, json.loads(done.stdout))
+
+
+def without_names(found):
+    """Returns the verdicts without the names of the logs."""
+    return [dataclasses.replace(verdict, log="") for verdict in found.verdicts]
+
+
+class Files(unittest.TestCase):
+    def setUp(self):
+        folder = tempfile.TemporaryDirectory()
+        self.addCleanup(folder.cleanup)
+        self.folder = pathlib.Path(folder.name)
+
+    def csv(self, name, columns):
+        path = self.folder / name
+        pandas.DataFrame(columns).to_csv(path, index=False)
+        return path
+
+    def files(self, columns):
+        """The same table in each format."""
+        paths = [self.csv("log.csv", columns)]
+        for ending in ("jsonl", "npz", "parquet"):
+            paths.append(self.folder / f"log.{ending}")
+        rows = zip(*columns.values())
+        paths[1].write_text("".join(json.dumps(dict(zip(columns, row))) + "\n" for row in rows))
+        np.savez(paths[2], **{name: np.array(values) for name, values in columns.items()})
+        pyarrow.parquet.write_table(pyarrow.table(columns), paths[3])
+        return paths
+
+    def mcap(self, messages, step=10_000_000):
+        path = self.folder / "state.mcap"
+        with open(path, "wb") as stream:
+            writer = McapWriter(stream)
+            writer.start()
+            schema = writer.register_schema("state", "jsonschema", b'{"type": "object"}')
+            channel = writer.register_channel("/arm/state", "json", schema)
+            other = writer.register_channel("/other", "json", schema)
+            for index, message in enumerate(messages):
+                stamp = START + index * step
+                writer.add_message(channel, stamp, json.dumps(message).encode(), stamp)
+                writer.add_message(other, stamp, b'{"x": 1}', stamp)
+            writer.finish()
+        return path
+
+
+class SameAnswers(Files):
+    def test_each_format_and_columns_in_memory_have_the_verdict_of_the_command(self):
+        generator = np.random.default_rng(5)
+        jittered = np.round(np.cumsum(generator.uniform(0.05, 0.15, 80)), 3).tolist()
+        even = [round(0.02 * row, 2) for row in range(80)]
+        force, speed = np.round(generator.normal(size=(2, 80)), 3).tolist()
+        formula = "always(force <= 1 and eventually[0:0.2s](speed >= 0))"
+        cases = [
+            (even, {}),
+            (jittered, {"dense": "hold"}),
+            (jittered, {"dense": "linear", "tolerance": 0.2}),
+            (jittered, {"resample": "linear", "period": 0.04}),
+            (jittered, {"resample": "hold", "period": 0.05}),
+        ]
+        for times, reading in cases:
+            columns = {"time": times, "force": force, "speed": speed}
+            flags = [word for name, value in reading.items() for word in (f"--{name}", str(value))]
+            for path in self.files(columns):
+                expected = command("--formula", formula, str(path), *flags)
+                self.assertTrue(expected.violated)
+                asked = {"path": path, "log": mishandle.read_log(path), "columns": columns, "pandas": pandas.DataFrame(columns)}
+                asked["polars"] = polars.DataFrame(columns)
+                for name, log in asked.items():
+                    found = mishandle.monitor(formula, log, **reading)
+                    self.assertEqual(without_names(found), without_names(expected), (path.suffix, name, reading))
+                    self.assertEqual(mishandle.robustness(formula, log, **reading), expected.robustness)
+                self.assertEqual(mishandle.monitor(formula, path, **reading).verdicts[0].log, str(path))
+
+    def test_times_in_other_units_and_dates_count_from_the_first_sample(self):
+        instants = [1_700_000_000_000_000_000 + 20_000_000 * row for row in range(5)]
+        force = [0.0, 1.0, 5.0, 6.0, 1.0]
+        dates = pandas.to_datetime(instants, utc=True)
+        path = self.csv("ns.csv", {"stamp": instants, "force": force})
+        cases = [
+            (path, {"time": "stamp", "time_unit": "ns"}),
+            ({"stamp": instants, "force": force}, {"time": "stamp", "time_unit": "ns"}),
+            ({"time": np.array(instants, "datetime64[ns]"), "force": force}, {}),
+            (pandas.DataFrame({"t": dates, "force": force}), {"time": "t"}),
+            ({"t": [date.isoformat() for date in dates], "force": force}, {"time": "t"}),
+            (mishandle.read_log(path, time="stamp", time_unit="ns"), {}),
+        ]
+        for log, reading in cases:
+            [verdict] = mishandle.monitor("always(force <= 2)", log, **reading).verdicts
+            self.assertEqual(verdict.origin_ns, instants[0], reading)
+            [violation] = verdict.violations
+            self.assertEqual((violation.start, violation.end, violation.worst), (0.04, 0.06, -4.0))
+
+    def test_the_robustness_is_the_first_value_of_the_signal(self):
+        generator = np.random.default_rng(2)
+        for text in ("always(x <= 1)", "eventually[2:5](x >= 1 and y <= 0)", "(x <= 1) until[0:4] (y >= 1)", "x >= y"):
+            formula = mishandle.Formula(text)
+            for length in (1, 3, 20):
+                columns = dict(zip("xy", generator.normal(size=(2, length))))
+                self.assertEqual(formula.robustness(columns), formula.robustness_signal(columns)[0])
+                decided = formula.robustness_signal(columns, decided_only=True)
+                expected = decided[0] if len(decided) else None
+                self.assertEqual(formula.robustness(columns, decided_only=True), expected)
+
+    def test_values_are_those_at_each_sample(self):
+        columns = {"x": [0.0, 3.0, 1.0]}
+        found = mishandle.monitor("x <= 2", columns, values=True, period=0.5)
+        self.assertEqual((found.robustness_signal, found.robustness_times), ((2.0, -1.0, 1.0), (0.0, 0.5, 1.0)))
+        found = mishandle.monitor("always[0:4](x <= 2)", columns, strict_horizon=False)
+        self.assertTrue(found.cuts_windows)
+        with self.assertRaisesRegex(ValueError, "needs 5 samples.*without strict_horizon=True"):
+            mishandle.monitor("always[0:4](x <= 2)", columns, strict_horizon=True)
+        bounds = mishandle.monitor("always[1:2](x <= 2)", columns, period=0.5, unit="s")
+        self.assertEqual(bounds.robustness, 1.0)
+
+
+class Choices(Files):
+    def test_each_undecided_choice_names_the_argument(self):
+        cases = [
+            ({"time": [0.0, 0.1, 0.3], "x": [1, 1, 1]}, {}, r'pass resample="hold"\|"linear" or dense="hold"\|"linear", or period if'),
+            ({"time": [0.0, 0.2, 0.1], "x": [1, 1, 1]}, {}, "sort=True orders the rows by time"),
+            ({"time": [0.0, 0.1, 0.1], "x": [1, 1, 1]}, {}, r'duplicates="first"\|"last" keeps one of both'),
+            ({"time": [0, 10**13], "x": [1, 1]}, {}, r'pass time_unit="s"\|"ms"\|"us"\|"ns"'),
+            ({"x": [1.0, np.nan]}, {}, r'row 2: `x` has no number \(missing="hold"\|"drop" reads'),
+            ({"x": [1.0, np.inf]}, {}, "row 2: `x` has no number"),
+            ({"x": [1.0, 2.0]}, {"resample": "hold"}, "resample needs the new period: period=SECONDS"),
+            ({"x": [1.0, 2.0]}, {"dense": "hold"}, "name their column with time=COLUMN"),
+            ({"x": [1.0, 2.0]}, {"tolerance": 1.0}, "tolerance is the longest step that resample or dense bridges"),
+            ({"x": [1.0, 2.0]}, {"dense": "hold", "resample": "hold"}, "exclude each other"),
+            ({"x": [1.0, 2.0]}, {"missing": "skip"}, "missing is `skip`; it must be one of error, hold, drop"),
+            ({"x": [1.0, 2.0]}, {"period": 0.0}, "period is 0; it must be a number of seconds above 0"),
+            ({"x": [1.0, 2.0]}, {"time": "t"}, "time is `t`, but no column has this name"),
+            ({"time": [0.0, 1.0], "x": [1, 1]}, {"period": 0.5}, "period is 0.5 s, but the mean step"),
+        ]
+        for log, reading, message in cases:
+            for ask in (mishandle.monitor, mishandle.robustness):
+                with self.assertRaisesRegex(mishandle.InvalidValueError, message) as raised:
+                    ask("always(x <= 2)", log, **reading)
+                self.assertNotIn("--", str(raised.exception))
+        with self.assertRaisesRegex(TypeError, "there is no argument `resampled`; did you mean `resample`?"):
+            mishandle.monitor("always(x <= 2)", {"x": [1.0]}, resampled="hold")
+        with self.assertRaisesRegex(ValueError, "needs the time between two samples.*pass period=SECONDS"):
+            mishandle.robustness("always[0:2s](x <= 2)", {"x": [1.0]})
+        path = self.csv("t.csv", {"stamp": [0.0, 1.0], "x": [1.0, 1.0]})
+        with self.assertRaisesRegex(ValueError, 'pass time="stamp", otherwise period=SECONDS'):
+            mishandle.robustness("always[0:2s](x <= 2)", path)
+
+    def test_the_choices_decide(self):
+        log = {"time": [0.0, 0.3, 0.1, 0.1, 0.2], "x": [0.0, 1.0, 5.0, 2.0, np.nan]}
+        for reading, expected in [
+            ({"duplicates": "first", "missing": "hold"}, -3.0),
+            ({"duplicates": "last", "missing": "hold"}, 0.0),
+        ]:
+            self.assertEqual(mishandle.robustness("always(x <= 2)", log, sort=True, **reading), expected)
+        found = mishandle.monitor("always(x <= 2)", log, sort=True, duplicates="last", missing="drop", dense="linear")
+        self.assertEqual((found.robustness, found.verdicts[0].missing_values), (0.0, 1))
+
+
+class Tables(Files):
+    def test_all_formats_give_the_columns_that_were_written(self):
+        columns = {"time": [0.5, 0.75, 1.0], "q[0]": [1.0, -2.0, 3.5], "flag": [True, False, True], "name": ["a", "b", "c"]}
+        for path in self.files(columns):
+            log = mishandle.read_log(path)
+            topic = log.topics[""]
+            self.assertEqual((topic.times.dtype, topic.times.tolist()), (np.int64, [500_000_000, 750_000_000, 1_000_000_000]))
+            self.assertEqual({name: values.tolist() for name, values in topic.columns.items()}, {"q[0]": [1, -2, 3.5], "flag": [1, 0, 1]})
+            if path.suffix != ".npz":
+                self.assertEqual(topic.left_out, {"name": "it has no numbers"})
+            self.assertEqual((log.name, log.signals), (str(path), ["q[0]", "flag"]))
+
+    def test_epochs_keep_their_nanoseconds(self):
+        times = [START + step for step in (0, 1, 5)]
+        for path in self.files({"time": times, "x": [1.0, 2.0, 3.0]}):
+            with self.assertRaisesRegex(ValueError, r'time_unit="s"\|"ms"'):
+                mishandle.read_log(path)
+            self.assertEqual(mishandle.read_log(path, time_unit="ns").topics[""].times.tolist(), times)
+
+    def test_a_table_without_times_has_none(self):
+        log = mishandle.read_log(self.csv("x.csv", {"x": [1.0, 2.0], "y": [np.nan, 3.0]}))
+        self.assertIsNone(log.topics[""].times)
+        np.testing.assert_array_equal(log.topics[""].columns["y"], [np.nan, 3.0])
+        self.assertEqual(mishandle.robustness("always(x <= 2)", log), 0.0)
+        with self.assertRaisesRegex(ValueError, "`y` has no number"):
+            mishandle.robustness("always(y <= 2)", log)
+
+    def test_topics_of_a_column_and_of_several_files(self):
+        rows = {"time": [0.0, 0.1, 0.5, 1.0], "topic": ["arm", "hand", "arm", "hand"], "v": [1.0, 2.0, 3.0, 4.0]}
+        log = mishandle.read_log(self.csv("split.csv", rows), topic_column="topic")
+        self.assertEqual(log.signals, ["arm/v", "hand/v"])
+        self.assertEqual(log.topics["hand"].times.tolist(), [100_000_000, 1_000_000_000])
+        formula = "always(`hand/v` - `arm/v` <= 0.5)"
+        topics = {"arm": {"time": [0.0, 0.5], "v": [1.0, 3.0]}, "hand": {"time": [0.1, 1.0], "v": [2.0, 4.0]}}
+        files = {name: self.csv(f"{name}.csv", columns) for name, columns in topics.items()}
+        frames = {name: pandas.DataFrame(columns) for name, columns in topics.items()}
+        expected = command("--formula", formula, "--dense", "hold", *[f"--topic={name}={path}" for name, path in files.items()])
+        for each in (log, log.topics, topics, files, frames):
+            found = mishandle.monitor(formula, each, dense="hold")
+            self.assertEqual(without_names(found), without_names(expected))
+        with self.assertRaisesRegex(ValueError, "different times; pass resample"):
+            mishandle.monitor(formula, topics)
+        with self.assertRaisesRegex(ValueError, "lacks the signals hand/w; it has arm/time, arm/v, hand/time, hand/v"):
+            mishandle.monitor("`hand/w` <= 1", topics, dense="hold")
+
+
+class SeveralLogs(Files):
+    def test_verdicts_are_worst_first_and_logs_of_one_name_are_told_apart(self):
+        paths = [self.csv(f"{name}.csv", {"x": values}) for name, values in [("a", [1.0, 0.5]), ("b", [3.0, 1.0])]]
+        found = mishandle.monitor({"low": "always(x <= 2)", "high": "always(x >= -4)"}, [*paths, paths[0], {"x": [7.0]}])
+        # The robustness of each by hand.
+        expected = [
+            ("log 4", "low", -5.0),
+            (str(paths[1]), "low", -1.0),
+            (f"{paths[0]} (1)", "low", 1.0),
+            (f"{paths[0]} (2)", "low", 1.0),
+            (f"{paths[0]} (1)", "high", 4.5),
+            (f"{paths[0]} (2)", "high", 4.5),
+            (str(paths[1]), "high", 5.0),
+            ("log 4", "high", 11.0),
+        ]
+        self.assertEqual([(each.log, each.name, each.robustness) for each in found.verdicts], expected)
+        self.assertEqual((found.robustness, found.violated), (-5.0, True))
+        lines = str(found).splitlines()
+        self.assertEqual((len(lines), lines[1].split()[:3]), (9, ["log", "4", "low"]))
+        self.assertEqual(list(pandas.DataFrame(found.verdicts)["robustness"]), [value for *_, value in expected])
+        same = command("--requirement=low=always(x <= 2)", *map(str, [paths[0], paths[0]]))
+        self.assertEqual([each.log for each in same.verdicts], [f"{paths[0]} (1)", f"{paths[0]} (2)"])
+        with self.assertRaisesRegex(ValueError, f"trace {paths[0]}: "):
+            mishandle.monitor("always(y <= 2)", paths[:1])
+        self.assertEqual(len(mishandle.monitor("x <= 2", self.folder.glob("*.csv")).verdicts), 2)
+        with self.assertRaisesRegex(ValueError, "there is no log"):
+            mishandle.monitor("always(y <= 2)", [])
+
+    def test_episodes_of_a_data_set_are_logs(self):
+        (self.folder / "meta").mkdir()
+        (self.folder / "meta" / "info.json").write_text(json.dumps({"codebase_version": "v3.0", "fps": 30, "features": {}}))
+        (self.folder / "data" / "chunk-000").mkdir(parents=True)
+        lengths = (10, 25, 15)
+        columns = {
+            "action": np.concatenate([np.full(length, float(number)) for number, length in enumerate(lengths)]),
+            "timestamp": np.concatenate([(np.arange(length) / 30).astype(np.float32) for length in lengths]),
+            "frame_index": np.concatenate([np.arange(length) for length in lengths]),
+            "episode_index": np.repeat(range(3), lengths),
+        }
+        pyarrow.parquet.write_table(pyarrow.table(columns), self.folder / "data" / "chunk-000" / "file-000.parquet")
+        formula = "always[0:0.2s](action <= 1.5)"
+        for log in (self.folder, mishandle.read_logs(self.folder)):
+            found = mishandle.monitor(formula, log)
+            rows = [(each.log, each.robustness, each.samples) for each in found.verdicts]
+            names = [f"{self.folder} episode {number}" for number in range(3)]
+            self.assertEqual(rows, [(names[2], -0.5, 15), (names[1], 0.5, 25), (names[0], 1.5, 10)])
+        with self.assertRaisesRegex(ValueError, "has 3 logs; ask mishandle.monitor"):
+            mishandle.robustness(formula, self.folder)
+        self.assertEqual(mishandle.robustness(formula, mishandle.read_log(self.folder, episode=2)), -0.5)
+
+
+class Recordings(Files):
+    def test_a_recording_is_a_log(self):
+        path = self.mcap([{"q": [0.1 * row], "mode": "run"} for row in range(10)])
+        formula = "always(`/arm/state/q[0]` <= 0.45)"
+        for log in (path, mishandle.read_log(path), mishandle.read_log(path, ["/arm/state"])):
+            [verdict] = mishandle.monitor(formula, log, time="log").verdicts if log is path else mishandle.monitor(formula, log).verdicts
+            self.assertEqual((verdict.log, verdict.origin_ns, verdict.samples), (str(path), START, 10))
+            [violation] = verdict.violations
+            self.assertEqual((violation.start, violation.end), (0.05, 0.09))
+        self.assertAlmostEqual(mishandle.robustness(formula, path), 0.45 - 0.9)
+        for log in (path, mishandle.read_log(path)):
+            with self.assertRaisesRegex(ValueError, "/arm/state/mode: it is text"):
+                mishandle.monitor("`/arm/state/mode` <= 1", log)
+            with self.assertRaisesRegex(ValueError, "lacks the signals /leg/q"):
+                mishandle.monitor("`/leg/q` <= 1", log)
+
+    def test_a_field_that_a_message_lacks_is_a_missing_value(self):
+        path = self.mcap([{"q": 1.0}, {}, {"q": 3.0}])
+        formula = "always(`/arm/state/q` <= 2)"
+        with self.assertRaisesRegex(ValueError, r'row 2: .* has no number \(missing="hold"\|"drop"'):
+            mishandle.monitor(formula, path)
+        self.assertEqual(mishandle.monitor(formula, path, missing="hold").verdicts[0].missing_values, 1)
+
+
+if __name__ == "__main__":
+    unittest.main()
