@@ -202,6 +202,14 @@ impl Even<'_> {
         if !self.evaluation.strict_horizon {
             return Ok(monitor.robustness_signal(self.trace)?.to_vec());
         }
+        self.check_needed(&monitor)?;
+        let signal = monitor.decided_robustness_signal(self.trace)?;
+        check_decided(signal[0])?;
+        Ok(signal.to_vec())
+    }
+
+    /// Checks that the trace is as long as the windows of a formula.
+    fn check_needed(&self, monitor: &Monitor) -> Result<()> {
         let needed = monitor.needed_samples();
         if needed > self.trace.len() {
             return Err(content(format!(
@@ -210,84 +218,113 @@ impl Even<'_> {
                 self.trace.len()
             )));
         }
-        let signal = monitor.decided_robustness_signal(self.trace)?;
-        if !signal[0].is_finite() {
-            return Err(content(format!(
-                "the robustness at time 0 is {}: it depends on no sample of the trace; without --strict-horizon, empty \
-                 windows are allowed",
-                number_text(signal[0])
-            )));
+        Ok(())
+    }
+
+    fn diagnosis(&self, formula: &Formula, monitor: &Monitor) -> Result<Diagnosis> {
+        if !self.evaluation.strict_horizon {
+            return Ok(formula.diagnose(self.trace, &self.clock)?);
         }
-        Ok(signal.to_vec())
+        self.check_needed(monitor)?;
+        let diagnosis = formula.diagnose_decided(self.trace, &self.clock)?;
+        let diagnosis = diagnosis.ok_or_else(|| content("the trace does not decide the formula"))?;
+        check_decided(diagnosis.robustness())?;
+        Ok(diagnosis)
     }
 
     fn verdict(&self, formula: &Formula) -> Result<Verdict> {
-        let mut monitor = Monitor::new(formula, self.trace.names(), self.clock)?;
+        let monitor = Monitor::new(formula, self.trace.names(), self.clock)?;
         let cuts_windows = !self.evaluation.strict_horizon && monitor.cuts_windows(self.trace.len());
-        let robustness = match self.evaluation.strict_horizon {
-            true => self.signal(formula)?[0],
-            false => monitor.robustness(self.trace)?,
-        };
-        drop(monitor);
+        let diagnosis = self.diagnosis(formula, &monitor)?;
         let nodes = formula.subformula_nodes(&self.clock)?;
         let texts: Vec<String> = formula.subformulas().collect();
         let (mut violations, mut worst) = (Vec::new(), None);
-        for (position, (first, last)) in parts(&nodes) {
-            let Ok(part) = Formula::parse(&texts[position]) else { continue };
-            let values = self.part_values(&part)?;
-            let end = last.map_or(values.len(), |last| last.saturating_add(1).min(values.len()));
-            let range = first.min(end)..end;
+        for (position, reach) in parts(&nodes) {
             let text = &texts[position];
-            for run in runs(&values, range.clone()) {
-                let least = run.clone().map(|sample| values[sample]).fold(f64::INFINITY, f64::min);
-                violations.push(Interval {
-                    formula: text.clone(),
-                    start: self.at(run.start),
-                    end: self.at(run.end - 1),
-                    worst: least,
-                });
-            }
-            let least = range.min_by(|a, b| values[*a].total_cmp(&values[*b]));
-            if let Some(sample) = least
-                && worst.as_ref().is_none_or(|known: &Part| values[sample] < known.worst)
+            let Ok(part) = Formula::parse(text) else { continue };
+            let found = self.part(&part, reach)?;
+            violations.extend(found.runs.into_iter().map(|run| Interval {
+                formula: text.clone(),
+                start: self.at(run.first),
+                end: self.at(run.last),
+                worst: run.worst,
+            }));
+            if let Some((value, sample)) = found.least
+                && worst.as_ref().is_none_or(|known: &Part| value < known.worst)
             {
-                worst = Some(Part { formula: text.clone(), worst: values[sample], at: self.at(sample) });
+                worst = Some(Part { formula: text.clone(), worst: value, at: self.at(sample) });
             }
         }
         violations.sort_by_key(|found| found.start.sample);
-        let diagnosis = (!self.evaluation.strict_horizon)
-            .then(|| formula.diagnose(self.trace, &self.clock))
-            .transpose()?;
         Ok(Verdict {
-            robustness,
+            robustness: diagnosis.robustness(),
             cuts_windows,
             samples: Some(self.trace.len()),
             violations,
             part: worst,
-            diagnosis,
+            diagnosis: Some(diagnosis),
         })
     }
 
-    /// Returns the robustness of a part at the samples at which it is decided.
-    fn part_values(&self, part: &Formula) -> Result<Vec<f64>> {
+    /// Evaluates a part where the formula requires it and it is decided.
+    fn part(&self, part: &Formula, (first, last): Reach) -> Result<Runs> {
         let mut monitor = Monitor::new(part, self.trace.names(), self.clock)?;
-        Ok(match self.evaluation.strict_horizon {
-            true => monitor.decided_robustness_signal(self.trace)?.to_vec(),
-            false => monitor.robustness_signal(self.trace)?.to_vec(),
-        })
+        let samples = first..last.map_or(usize::MAX, |last| last.saturating_add(1));
+        let mut found = Runs::default();
+        let visit = |first: usize, values: &[f64]| found.extend(first, values);
+        match self.evaluation.strict_horizon {
+            true => monitor.visit_decided_robustness(self.trace, samples, visit)?,
+            false => monitor.visit_robustness(self.trace, samples, visit)?,
+        }
+        Ok(found)
     }
 }
 
-/// Returns the runs of violated samples in a range.
-fn runs(values: &[f64], range: std::ops::Range<usize>) -> Vec<std::ops::Range<usize>> {
-    let mut found: Vec<std::ops::Range<usize>> = Vec::new();
-    for sample in range.filter(|sample| is_violated(values[*sample])) {
-        match found.last_mut() {
-            Some(run) if run.end == sample => run.end += 1,
-            _ => found.push(sample..sample + 1),
+/// Checks that a value does not come from an empty window.
+fn check_decided(robustness: f64) -> Result<()> {
+    if !robustness.is_finite() {
+        return Err(content(format!(
+            "the robustness at time 0 is {}: it depends on no sample of the trace; without --strict-horizon, empty \
+             windows are allowed",
+            number_text(robustness)
+        )));
+    }
+    Ok(())
+}
+
+/// Violated samples without a gap.
+struct Run {
+    first: usize,
+    last: usize,
+    worst: f64,
+}
+
+/// The violated samples of a part, and its least value with the first sample that has it.
+#[derive(Default)]
+struct Runs {
+    runs: Vec<Run>,
+    least: Option<(f64, usize)>,
+}
+
+impl Runs {
+    /// Adds the values of the samples from `first` on, which follow the ones before.
+    fn extend(&mut self, first: usize, values: &[f64]) {
+        for (sample, value) in (first..).zip(values.iter().copied()) {
+            if self.least.is_none_or(|(least, _)| value.total_cmp(&least).is_lt()) {
+                self.least = Some((value, sample));
+            }
+            if !is_violated(value) {
+                continue;
+            }
+            match self.runs.last_mut() {
+                Some(run) if run.last + 1 == sample => {
+                    run.last = sample;
+                    run.worst = run.worst.min(value);
+                }
+                _ => self.runs.push(Run { first: sample, last: sample, worst: value }),
+            }
         }
     }
-    found
 }
 
 fn dense(signals: &[DenseSignal], formula: &Formula, evaluation: &Evaluation) -> Result<Verdict> {

@@ -35,6 +35,7 @@
 //! ```
 
 mod clock;
+mod decisive;
 mod dense;
 mod diagnosis;
 mod error;
@@ -52,6 +53,7 @@ mod pointwise;
 mod program;
 mod recording;
 mod skeleton;
+mod span;
 mod spelling;
 mod state;
 mod subformula;
