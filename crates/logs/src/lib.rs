@@ -49,4 +49,4 @@ pub use mishandle_stl::{DenseSignal, Interpolation};
 pub use options::{Duplicates, Format, Missing, Options, Sampling, Unit};
 pub use samples::{Samples, Signals};
 pub use times::Times;
-pub use verdict::{At, Evaluation, Interval, Part, Verdict};
+pub use verdict::{At, Evaluation, Interval, Part, Predicate, Verdict};

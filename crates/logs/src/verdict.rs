@@ -34,9 +34,21 @@ pub struct Verdict {
     pub violations: Vec<Interval>,
     /// The part that is violated most, or nearest to it.
     pub part: Option<Part>,
-    /// The chain from the formula to the predicate that determines the robustness; `None` in dense
-    /// time.
-    pub diagnosis: Option<Diagnosis>,
+    /// The predicate that determines the robustness; `None` if the value comes from no comparison.
+    pub predicate: Option<Predicate>,
+}
+
+/// The predicate that determines a robustness.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Predicate {
+    /// The text.
+    pub formula: String,
+    /// The time at which it has the value; in dense time also the limit there.
+    pub at: At,
+    /// Values of the two sides.
+    pub values: [f64; 2],
+    /// Its robustness.
+    pub robustness: f64,
 }
 
 /// A part of a formula: an operand of its `and`s below its `always`.
@@ -256,21 +268,26 @@ impl Even<'_> {
             }
         }
         violations.sort_by_key(|found| found.start.sample);
-        Ok(Verdict {
-            robustness: diagnosis.robustness(),
-            cuts_windows,
-            samples: Some(self.trace.len()),
-            violations,
-            part: worst,
-            diagnosis: Some(diagnosis),
-        })
+        let robustness = diagnosis.robustness();
+        let predicate = diagnosis.predicate.map(|predicate| Predicate {
+            formula: predicate.text,
+            at: self.at(predicate.sample),
+            values: predicate.values,
+            robustness: predicate.robustness,
+        });
+        let samples = Some(self.trace.len());
+        Ok(Verdict { robustness, cuts_windows, samples, violations, part: worst, predicate })
     }
 
     /// Evaluates a part where the formula requires it and it is decided.
     fn part(&self, part: &Formula, (first, last): Reach) -> Result<Runs> {
         let mut monitor = Monitor::new(part, self.trace.names(), self.clock)?;
-        let samples = first..last.map_or(usize::MAX, |last| last.saturating_add(1));
         let mut found = Runs::default();
+        if last == Some(0) {
+            found.extend(0, &[self.diagnosis(part, &monitor)?.robustness()]);
+            return Ok(found);
+        }
+        let samples = first..last.map_or(usize::MAX, |last| last.saturating_add(1));
         let visit = |first: usize, values: &[f64]| found.extend(first, values);
         match self.evaluation.strict_horizon {
             true => monitor.visit_decided_robustness(self.trace, samples, visit)?,
@@ -332,18 +349,17 @@ fn dense(signals: &[DenseSignal], formula: &Formula, evaluation: &Evaluation) ->
     let start = signals.first().map_or(0.0, DenseSignal::start);
     let end = signals.first().map_or(0.0, DenseSignal::end);
     let monitor = DenseMonitor::new(formula, &names, evaluation.unit)?;
-    let robustness = match evaluation.strict_horizon {
-        true => monitor.decided_robustness_signal(signals)?.first().ok_or_else(|| {
+    let diagnosis = match evaluation.strict_horizon {
+        true => monitor.diagnose_decided(signals)?.ok_or_else(|| {
             content(format!(
                 "the windows of the formula are longer than the log, which has {} s; without --strict-horizon, they are \
                  cut at its end",
                 number_text(end - start)
             ))
         })?,
-        false => monitor.robustness(signals)?,
+        false => monitor.diagnose(signals)?,
     };
-    let cuts_windows = !evaluation.strict_horizon
-        && monitor.decided_robustness_signal(signals)?.first().is_none_or(|decided| decided != robustness);
+    let cuts_windows = !evaluation.strict_horizon && monitor.cuts_windows(signals)?;
     let unit = evaluation.unit.unwrap_or(TimeUnit::Seconds);
     let nodes = TICKS.iter().find_map(|tick| {
         formula.subformula_nodes(&Clock::rtamt(*tick, unit)).ok().map(|nodes| (*tick, nodes))
@@ -354,40 +370,31 @@ fn dense(signals: &[DenseSignal], formula: &Formula, evaluation: &Evaluation) ->
     for (position, (first, last)) in found {
         let Ok(part) = Formula::parse(&texts[position]) else { continue };
         let monitor = DenseMonitor::new(&part, &names, evaluation.unit)?;
-        let values = match evaluation.strict_horizon {
-            true => monitor.decided_robustness_signal(signals)?,
-            false => monitor.robustness_signal(signals)?,
-        };
         let from = start + first as f64 * tick;
         let to = last.map_or(end, |last| start + last as f64 * tick);
-        let inside = |time: f64| (from..=to).contains(&time);
-        let points: Vec<(f64, f64)> = values
-            .breakpoints()
-            .flat_map(|point| [point.before, point.at, point.after].map(|value| (point.time, value)))
-            .chain([from, to].into_iter().filter_map(|time| Some((time, values.at(time)?))))
-            .filter(|(time, _)| inside(*time))
-            .collect();
-        let least = |within: &dyn Fn(f64) -> bool| {
-            let points = points.iter().filter(|(time, _)| within(*time));
-            points.copied().min_by(|a, b| a.1.total_cmp(&b.1))
+        let values = match evaluation.strict_horizon {
+            true => monitor.decided_robustness_within(signals, from, to)?,
+            false => monitor.robustness_within(signals, from, to)?,
         };
-        for found in values.violations() {
-            let (begin, end) = (found.start.max(from), found.end.min(to));
-            if begin <= end {
-                violations.push(Interval {
-                    formula: texts[position].clone(),
-                    start: in_secs(begin),
-                    end: in_secs(end),
-                    worst: least(&|time| (begin..=end).contains(&time)).map_or(-0.0, |(_, value)| value),
-                });
-            }
-        }
-        if let Some((time, value)) = least(&|_| true)
+        violations.extend(values.violations().into_iter().map(|found| Interval {
+            formula: texts[position].clone(),
+            start: in_secs(found.start),
+            end: in_secs(found.end),
+            worst: found.worst,
+        }));
+        if let Some((time, value)) = values.minimum()
             && worst.as_ref().is_none_or(|known: &Part| value < known.worst)
         {
             worst = Some(Part { formula: texts[position].clone(), worst: value, at: in_secs(time) });
         }
     }
     violations.sort_by(|a, b| a.start.secs.unwrap_or(0.0).total_cmp(&b.start.secs.unwrap_or(0.0)));
-    Ok(Verdict { robustness, cuts_windows, samples: None, violations, part: worst, diagnosis: None })
+    let predicate = diagnosis.predicate.map(|predicate| Predicate {
+        formula: predicate.text,
+        at: in_secs(predicate.time),
+        values: predicate.values,
+        robustness: predicate.robustness,
+    });
+    let robustness = diagnosis.robustness;
+    Ok(Verdict { robustness, cuts_windows, samples: None, violations, part: worst, predicate })
 }

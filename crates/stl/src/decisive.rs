@@ -6,40 +6,16 @@
 use crate::clock::{Clock, Window};
 use crate::error::MonitorError;
 use crate::formula::{Formula, Node};
+use crate::moment::{Choice, Found, Held, Least, Moments, Values, is_less, offer};
 use crate::monitor::{Monitor, Windows};
 use crate::operator::Operator;
-use crate::pointwise::apply_once;
+use crate::pointwise::{Undefined, apply_once};
 use crate::program::{columns, undecided};
 use crate::span::chunks;
 use crate::state::TILE;
 use crate::subformula::Reach;
 use crate::trace::Trace;
-use std::cmp::Ordering;
-use std::collections::HashMap;
 use std::ops::{Range, RangeInclusive};
-
-/// The operand and sample that determine the value of an operator.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) struct Choice {
-    /// 0 is the left operand, or the only one.
-    pub operand: usize,
-    pub sample: usize,
-    /// Whether the value is the operand's with the opposite sign.
-    pub is_negated: bool,
-}
-
-impl Choice {
-    fn at(operand: usize, sample: usize) -> Choice {
-        Choice { operand, sample, is_negated: false }
-    }
-
-    fn negated(operand: usize, sample: usize) -> Choice {
-        Choice { operand, sample, is_negated: true }
-    }
-}
-
-/// The value of an operator over time, and what determines it; nothing does if the window is empty.
-type Found = (f64, Option<Choice>);
 
 /// The syntax tree of a formula, with the trace and clock that its nodes are evaluated with.
 pub(crate) struct Tree<'a> {
@@ -61,21 +37,6 @@ struct Span {
     reach: Reach,
     /// The number of samples at the end of the trace at which its operands are not decided.
     undecided: usize,
-}
-
-/// The values of the sub-formulas of a node at a sample, down to the operators over time.
-pub(crate) struct Values {
-    /// The first node.
-    first: usize,
-    values: Vec<f64>,
-    /// The choice of each of these operators over time.
-    choices: HashMap<usize, Option<Choice>>,
-}
-
-impl Values {
-    pub(crate) fn of(&self, node: usize) -> f64 {
-        self.values[node - self.first]
-    }
 }
 
 impl<'a> Tree<'a> {
@@ -119,9 +80,7 @@ impl<'a> Tree<'a> {
 
     /// Returns the operands of a node, left before right.
     pub(crate) fn operands(&self, node: usize) -> Vec<usize> {
-        let Node::Apply(operator, _) = self.formula.nodes[node] else { return Vec::new() };
-        let last = node - 1;
-        if operator.arity() == 2 { vec![self.starts[last] - 1, last] } else { vec![last] }
+        self.formula.operands(node, &self.starts)
     }
 
     /// Returns the number of samples at which a node has a value.
@@ -162,99 +121,8 @@ impl<'a> Tree<'a> {
     }
 
     /// Returns the values of a node and the nodes below it at a sample.
-    pub(crate) fn values(&self, node: usize, sample: usize) -> Result<Values, MonitorError> {
-        let Formula { nodes, .. } = self.formula;
-        // The topmost operators over time, by the first node below them.
-        let (mut temporal, mut open) = (HashMap::new(), vec![node]);
-        while let Some(node) = open.pop() {
-            match nodes[node] {
-                Node::Apply(operator, _) if operator.is_temporal() => {
-                    temporal.insert(self.starts[node], node);
-                }
-                _ => open.extend(self.operands(node)),
-            }
-        }
-        let first = self.starts[node];
-        let mut found = Values { first, values: vec![f64::NAN; node - first + 1], choices: HashMap::new() };
-        let mut next = first;
-        while next <= node {
-            let skipped = temporal.get(&next).copied();
-            let node = skipped.unwrap_or(next);
-            found.values[node - first] = match nodes[node] {
-                Node::Constant(value) => value,
-                Node::Signal(signal) => self.signal(signal as usize, sample)?,
-                Node::Apply(operator, _) if skipped.is_some() => {
-                    let (value, choice) = self.temporal(operator, node, sample)?;
-                    found.choices.insert(node, choice);
-                    value
-                }
-                Node::Apply(operator, _) => {
-                    let operands = self.operands(node);
-                    let (x, y) = (found.of(operands[0]), found.of(node - 1));
-                    apply_once(operator, x, y).map_err(|undefined| MonitorError::Undefined {
-                        operation: undefined.operation,
-                        step: sample,
-                        time_secs: self.clock.time_secs(sample),
-                    })?
-                }
-            };
-            next = node + 1;
-        }
-        Ok(found)
-    }
-
-    fn signal(&self, signal: usize, sample: usize) -> Result<f64, MonitorError> {
-        let value = self.trace.column(self.columns[signal])[sample];
-        if !value.is_finite() {
-            let (signal, time_secs) = (self.formula.signals[signal].clone(), self.clock.time_secs(sample));
-            return Err(MonitorError::NotFinite { signal, value, step: sample, time_secs });
-        }
-        Ok(value)
-    }
-
-    /// Returns what determines the value of an operator that is not arithmetic, given the values of
-    /// the nodes.
-    pub(crate) fn choice(&self, node: usize, sample: usize, values: &Values) -> Option<Choice> {
-        let Node::Apply(operator, _) = self.formula.nodes[node] else { return None };
-        if operator.is_temporal() {
-            return values.choices.get(&node).copied().flatten();
-        }
-        let (x, y) = (values.of(self.operands(node)[0]), values.of(node - 1));
-        Some(match operator {
-            Operator::Not => Choice::negated(0, sample),
-            Operator::And => Choice::at(usize::from(is_less(y, x)), sample),
-            Operator::Or => Choice::at(usize::from(is_less(x, y)), sample),
-            Operator::Implies if !is_less(-x, y) => Choice::negated(0, sample),
-            Operator::Implies => Choice::at(1, sample),
-            // The distance is that of the operand that is nearer to its border.
-            Operator::Iff | Operator::Xor => {
-                let operand = usize::from(y.abs() < x.abs());
-                let agree = x.is_sign_negative() == y.is_sign_negative();
-                let holds = agree == (operator == Operator::Iff);
-                let is_negated = holds == [x, y][operand].is_sign_negative();
-                Choice { operand, sample, is_negated }
-            }
-            _ => return None,
-        })
-    }
-
-    /// Returns the value of an operator over time at a sample, and what determines it.
-    fn temporal(&self, operator: Operator, node: usize, t: usize) -> Result<Found, MonitorError> {
-        let range = self.samples(operator, node, t);
-        match operator {
-            Operator::Always | Operator::Historically => self.extreme(node, range, 1.0),
-            Operator::Eventually | Operator::Once => self.extreme(node, range, -1.0),
-            Operator::Next => self.neighbor(node, t.checked_add(1), f64::INFINITY),
-            Operator::StrongNext => self.neighbor(node, t.checked_add(1), f64::NEG_INFINITY),
-            Operator::Previous => self.neighbor(node, t.checked_sub(1), f64::INFINITY),
-            Operator::StrongPrevious => self.neighbor(node, t.checked_sub(1), f64::NEG_INFINITY),
-            Operator::Rise => self.edge(node, t, 1.0),
-            Operator::Fall => self.edge(node, t, -1.0),
-            Operator::Until => self.until(node, range, t, 1.0),
-            Operator::Release => self.until(node, range, t, -1.0),
-            Operator::Unless => self.unless(node, range.as_ref(), t),
-            _ => self.since(node, range, t),
-        }
+    pub(crate) fn values(&self, node: usize, sample: usize) -> Result<Values<usize>, MonitorError> {
+        Values::new(self, self.formula, &self.starts, node, sample)
     }
 
     /// Returns a monitor for the operand of a node.
@@ -269,7 +137,7 @@ impl<'a> Tree<'a> {
         node: usize,
         range: Option<RangeInclusive<usize>>,
         sign: f64,
-    ) -> Result<Found, MonitorError> {
+    ) -> Result<Found<usize>, MonitorError> {
         let Some(range) = range else { return Ok((sign * f64::INFINITY, None)) };
         let mut monitor = self.monitor(node - 1)?;
         let mut least = Least::default();
@@ -283,7 +151,12 @@ impl<'a> Tree<'a> {
     }
 
     /// Returns the value of the operand at a neighboring sample, or `outside` of the trace.
-    fn neighbor(&self, node: usize, sample: Option<usize>, outside: f64) -> Result<Found, MonitorError> {
+    fn neighbor(
+        &self,
+        node: usize,
+        sample: Option<usize>,
+        outside: f64,
+    ) -> Result<Found<usize>, MonitorError> {
         let Some(sample) = sample.filter(|sample| *sample < self.known(node - 1)) else {
             return Ok((outside, None));
         };
@@ -292,10 +165,10 @@ impl<'a> Tree<'a> {
     }
 
     /// Returns the value of `rise` (`sign` 1) or `fall` (`sign` -1).
-    fn edge(&self, node: usize, t: usize, sign: f64) -> Result<Found, MonitorError> {
+    fn edge(&self, node: usize, t: usize, sign: f64) -> Result<Found<usize>, MonitorError> {
         let mut monitor = self.monitor(node - 1)?;
         let values = monitor.values_at(self.trace, t.saturating_sub(1)..t + 1, self.windows)?;
-        let choice = |is_negated, sample| Choice { operand: 0, sample, is_negated };
+        let choice = |is_negated, sample| Choice { operand: 0, time: sample, is_negated };
         Ok(match *values {
             [before, now] if is_less(-sign * before, sign * now) => {
                 (-sign * before, Some(choice(sign > 0.0, t - 1)))
@@ -312,7 +185,7 @@ impl<'a> Tree<'a> {
         range: Option<RangeInclusive<usize>>,
         t: usize,
         sign: f64,
-    ) -> Result<Found, MonitorError> {
+    ) -> Result<Found<usize>, MonitorError> {
         let Some(range) = range else { return Ok((-sign * f64::INFINITY, None)) };
         let (_, best) = self.held(node, t..*range.end(), half_open(&range), false, sign)?;
         Ok(best.map_or((-sign * f64::INFINITY, None), |(value, choice)| (sign * value, Some(choice))))
@@ -323,7 +196,7 @@ impl<'a> Tree<'a> {
         node: usize,
         range: Option<&RangeInclusive<usize>>,
         t: usize,
-    ) -> Result<Found, MonitorError> {
+    ) -> Result<Found<usize>, MonitorError> {
         let last = range.map(|range| *range.end()).or(self.last_read(node)).unwrap_or(t);
         let right = range.map_or(t..t, half_open);
         let (held, best) = self.held(node, t..last + 1, right, false, 1.0)?;
@@ -340,7 +213,7 @@ impl<'a> Tree<'a> {
         node: usize,
         range: Option<RangeInclusive<usize>>,
         t: usize,
-    ) -> Result<Found, MonitorError> {
+    ) -> Result<Found<usize>, MonitorError> {
         let Some(range) = range else { return Ok((f64::NEG_INFINITY, None)) };
         let (_, best) = self.held(node, *range.start() + 1..t + 1, half_open(&range), true, 1.0)?;
         Ok(best.map_or((f64::NEG_INFINITY, None), |(value, choice)| (value, Some(choice))))
@@ -356,7 +229,7 @@ impl<'a> Tree<'a> {
         right: Range<usize>,
         is_backward: bool,
         sign: f64,
-    ) -> Result<(Least, Option<(f64, Choice)>), MonitorError> {
+    ) -> Result<Held<usize>, MonitorError> {
         let (mut p, mut q) = (self.monitor(self.starts[node - 1] - 1)?, self.monitor(node - 1)?);
         let length = p.chunk_len().max(q.chunk_len());
         let (mut held, mut best) = (Least::default(), None);
@@ -398,24 +271,48 @@ impl<'a> Tree<'a> {
     }
 }
 
-/// The least value so far, with its first sample.
-#[derive(Clone, Copy, Default)]
-struct Least {
-    found: Option<(f64, usize)>,
-}
+impl Moments for Tree<'_> {
+    type Time = usize;
+    type Error = MonitorError;
 
-impl Least {
-    fn add(&mut self, value: f64, sample: usize) {
-        let is_first = |(least, at): (f64, usize)| match value.total_cmp(&least) {
-            Ordering::Less => true,
-            Ordering::Equal => sample < at,
-            Ordering::Greater => false,
-        };
-        if self.found.is_none_or(is_first) {
-            self.found = Some((value, sample));
+    fn signal(&self, signal: usize, sample: usize) -> Result<f64, MonitorError> {
+        let value = self.trace.column(self.columns[signal])[sample];
+        if !value.is_finite() {
+            let (signal, time_secs) = (self.formula.signals[signal].clone(), self.clock.time_secs(sample));
+            return Err(MonitorError::NotFinite { signal, value, step: sample, time_secs });
         }
+        Ok(value)
     }
 
+    fn pointwise(&self, operator: Operator, x: f64, y: f64, step: usize) -> Result<f64, MonitorError> {
+        let time_secs = self.clock.time_secs(step);
+        apply_once(operator, x, y).map_err(|Undefined { operation, .. }| MonitorError::Undefined {
+            operation,
+            step,
+            time_secs,
+        })
+    }
+
+    fn temporal(&self, operator: Operator, node: usize, t: usize) -> Result<Found<usize>, MonitorError> {
+        let range = self.samples(operator, node, t);
+        match operator {
+            Operator::Always | Operator::Historically => self.extreme(node, range, 1.0),
+            Operator::Eventually | Operator::Once => self.extreme(node, range, -1.0),
+            Operator::Next => self.neighbor(node, t.checked_add(1), f64::INFINITY),
+            Operator::StrongNext => self.neighbor(node, t.checked_add(1), f64::NEG_INFINITY),
+            Operator::Previous => self.neighbor(node, t.checked_sub(1), f64::INFINITY),
+            Operator::StrongPrevious => self.neighbor(node, t.checked_sub(1), f64::NEG_INFINITY),
+            Operator::Rise => self.edge(node, t, 1.0),
+            Operator::Fall => self.edge(node, t, -1.0),
+            Operator::Until => self.until(node, range, t, 1.0),
+            Operator::Release => self.until(node, range, t, -1.0),
+            Operator::Unless => self.unless(node, range.as_ref(), t),
+            _ => self.since(node, range, t),
+        }
+    }
+}
+
+impl Least<usize> {
     /// Adds the values from the sample `first` on, times `sign`.
     fn add_all(&mut self, values: &[f64], first: usize, sign: f64) {
         for (index, tile) in values.chunks(TILE).enumerate() {
@@ -442,23 +339,6 @@ fn least(values: &[f64], sign: f64) -> f64 {
     }
     let rest = rest.iter().fold(f64::INFINITY, |least, value| pick(sign * value, least));
     least.into_iter().fold(rest, pick)
-}
-
-/// Replaces the greatest value so far by the value of the right operand, or the least one of the
-/// left operand before it if that is less.
-fn offer(best: &mut Option<(f64, Choice)>, held: Option<(f64, usize)>, (value, sample): (f64, usize)) {
-    let (value, choice) = match held {
-        Some((held, at)) if is_less(held, value) => (held, Choice::at(0, at)),
-        _ => (value, Choice::at(1, sample)),
-    };
-    if best.is_none_or(|(known, _)| is_less(known, value)) {
-        *best = Some((value, choice));
-    }
-}
-
-/// Returns whether `x` is less than `y`, with −0.0 less than +0.0.
-fn is_less(x: f64, y: f64) -> bool {
-    x.total_cmp(&y).is_lt()
 }
 
 fn half_open(range: &RangeInclusive<usize>) -> Range<usize> {

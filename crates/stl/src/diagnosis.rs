@@ -179,11 +179,11 @@ impl Formula {
                 });
                 return Ok(diagnosis);
             }
-            let Some(choice) = tree.choice(node, sample, &values) else { return Ok(diagnosis) };
+            let Some(choice) = values.choice(self, tree.starts(), node) else { return Ok(diagnosis) };
             node = operands[choice.operand];
             is_negated ^= choice.is_negated;
             if operator.is_temporal() {
-                sample = choice.sample;
+                sample = choice.time;
                 values = tree.values(node, sample)?;
             }
         }

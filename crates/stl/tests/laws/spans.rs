@@ -1,11 +1,7 @@
 //! Values at some samples, and diagnoses, equal those of the evaluation of the whole trace.
-#![allow(clippy::unwrap_used)] // clippy's setting for tests does not cover helper functions
 
-#[allow(dead_code, reason = "these tests use a part of it")]
-mod naive;
-
+use crate::naive::{NAMES, Random, Tree};
 use mishandle_stl::{Clock, Diagnosis, Formula, Monitor, Trace};
-use naive::{NAMES, Random, Tree};
 use std::ops::Range;
 
 fn trace(random: &mut Random, n: usize) -> Trace {
