@@ -25,6 +25,14 @@ impl Pick {
         }
     }
 
+    /// Returns the extremum of some values.
+    pub fn all(self, values: &[f64]) -> f64 {
+        match self {
+            Pick::Least => values.iter().fold(Minimum::NEUTRAL, |best, value| Minimum::pick(best, *value)),
+            Pick::Greatest => values.iter().fold(Maximum::NEUTRAL, |best, value| Maximum::pick(best, *value)),
+        }
+    }
+
     /// Returns the extremum of an empty set.
     #[inline(always)]
     pub fn neutral(self) -> f64 {
@@ -81,6 +89,18 @@ impl Extrema {
     pub fn from(&self, begin: usize) -> f64 {
         let index = self.suffixes.partition_point(|(sample, _)| *sample < begin);
         self.suffixes.get(index).map_or(self.pick.neutral(), |(_, value)| *value)
+    }
+
+    /// Appends the extremum of the samples from each of these samples on, which must not decrease.
+    pub fn extend_from(&self, begins: impl Iterator<Item = usize>, values: &mut Vec<f64>) {
+        let mut index = None;
+        values.extend(begins.map(|begin| {
+            let found = index.get_or_insert_with(|| self.suffixes.partition_point(|(at, _)| *at < begin));
+            while self.suffixes.get(*found).is_some_and(|(sample, _)| *sample < begin) {
+                *found += 1;
+            }
+            self.suffixes.get(*found).map_or(self.pick.neutral(), |(_, value)| *value)
+        }));
     }
 
     pub fn clear(&mut self) {
