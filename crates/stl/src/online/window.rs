@@ -28,8 +28,8 @@ impl Pick {
     /// Returns the extremum of some values.
     pub fn all(self, values: &[f64]) -> f64 {
         match self {
-            Pick::Least => values.iter().fold(Minimum::NEUTRAL, |best, value| Minimum::pick(best, *value)),
-            Pick::Greatest => values.iter().fold(Maximum::NEUTRAL, |best, value| Maximum::pick(best, *value)),
+            Pick::Least => all::<Minimum>(values),
+            Pick::Greatest => all::<Maximum>(values),
         }
     }
 
@@ -49,6 +49,18 @@ impl Pick {
             Pick::Greatest => Pick::Least,
         }
     }
+}
+
+/// Returns the extremum of some values, in several lanes that do not wait for each other.
+fn all<E: Extremum>(values: &[f64]) -> f64 {
+    let (lanes, rest) = values.as_chunks::<8>();
+    let mut best = [E::NEUTRAL; 8];
+    for lane in lanes {
+        for (best, value) in best.iter_mut().zip(lane) {
+            *best = E::pick(*best, *value);
+        }
+    }
+    best.iter().chain(rest).fold(E::NEUTRAL, |best, value| E::pick(best, *value))
 }
 
 /// The suffix extrema of the last samples of a stream.
