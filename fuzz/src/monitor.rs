@@ -8,7 +8,7 @@ use mishandle::stl::{
 
 use crate::bytes::Bytes;
 
-#[path = "../../crates/stl/tests/naive/mod.rs"]
+#[path = "../../crates/stl/tests/laws/naive/mod.rs"]
 #[allow(dead_code, reason = "the tests of the crate `stl` use the rest")]
 mod naive;
 

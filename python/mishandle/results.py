@@ -298,8 +298,8 @@ class LogVerdict:
     """The part that is violated most, or nearest to it; ``None`` if the formula requires none
     inside the log."""
     predicate: LogPredicate | None
-    """The predicate that determines the robustness; ``None`` with ``--dense``,
-    ``--strict-horizon``, and if none does."""
+    """The predicate that determines the robustness; ``None`` if no comparison does, as in an
+    empty window."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -344,8 +344,8 @@ class LogPredicate:
     """The comparison."""
     time: float | None
     """The time in seconds; ``None`` if the log has no times and no period."""
-    sample: int
-    """The sample, from 0."""
+    sample: int | None
+    """The sample, from 0; ``None`` with ``--dense``."""
     values: tuple[float, float]
     """Values of the two sides."""
     robustness: float

@@ -12,12 +12,23 @@ impl Samples {
         !matches!(self.signals, Signals::Even { period: None, .. })
     }
 
+    /// Returns the time of a sample, in seconds if [`Samples::is_timed`], otherwise its number. Dense
+    /// time has no samples: the time is NaN.
+    pub fn time_of(&self, sample: usize) -> f64 {
+        match &self.signals {
+            Signals::Even { period, start, .. } => {
+                period.map_or(sample as f64, |period| start + sample as f64 * period)
+            }
+            Signals::Dense(_) => f64::NAN,
+        }
+    }
+
     /// Returns the first and last time, in seconds if [`Samples::is_timed`].
     pub fn time_range(&self) -> [f64; 2] {
         match &self.signals {
             Signals::Even { trace, .. } => {
                 let last = trace.len().saturating_sub(1);
-                [0, last].map(|sample| self.time_of(sample).unwrap_or(sample as f64))
+                [0, last].map(|sample| self.time_of(sample))
             }
             Signals::Dense(signals) => {
                 signals.first().map_or([0.0; 2], |signal| [signal.start(), signal.end()])
@@ -48,8 +59,7 @@ impl Samples {
             (Signals::Even { trace, .. }, clock) => {
                 let mut monitor = Monitor::new(formula, trace.names(), clock.unwrap_or(Clock::unknown()))?;
                 let values = monitor.robustness_signal(trace)?.iter().enumerate();
-                let time = |sample: usize| self.time_of(sample).unwrap_or(sample as f64);
-                curve.extend(values.map(|(sample, value)| [time(sample), *value]));
+                curve.extend(values.map(|(sample, value)| [self.time_of(sample), *value]));
             }
             (Signals::Dense(signals), _) => {
                 let names: Vec<String> = signals.iter().map(|signal| signal.name().to_owned()).collect();

@@ -59,4 +59,4 @@ pub use options::{Duplicates, Format, Missing, Options, Sampling, Unit};
 pub use requirement::{NamedSamples, Requirement, document, tell_apart, worst_first};
 pub use samples::{Samples, Signals};
 pub use times::Times;
-pub use verdict::{At, Evaluation, Interval, Part, Verdict};
+pub use verdict::{At, Evaluation, Interval, Part, Predicate, Verdict};

@@ -131,18 +131,13 @@ impl NamedSamples {
                 time: part.at.secs.map(Number),
                 sample: part.at.sample.map(|sample| sample as u64),
             }),
-            predicate: self.predicate(&found),
-        })
-    }
-
-    fn predicate(&self, found: &Verdict) -> Option<LogPredicate> {
-        let predicate = found.diagnosis.as_ref()?.predicate.as_ref()?;
-        Some(LogPredicate {
-            formula: predicate.text.clone(),
-            time: self.samples.time_of(predicate.sample).map(Number),
-            sample: predicate.sample as u64,
-            values: predicate.values.map(Number),
-            robustness: predicate.robustness.into(),
+            predicate: found.predicate.map(|predicate| LogPredicate {
+                formula: predicate.formula,
+                time: predicate.at.secs.map(Number),
+                sample: predicate.at.sample.map(|sample| sample as u64),
+                values: predicate.values.map(Number),
+                robustness: predicate.robustness.into(),
+            }),
         })
     }
 }

@@ -45,17 +45,6 @@ pub enum Signals {
     Dense(Vec<DenseSignal>),
 }
 
-impl Samples {
-    /// Returns the time of a sample in seconds; `None` in dense time, and if the log has no times
-    /// and no period.
-    pub fn time_of(&self, sample: usize) -> Option<f64> {
-        match &self.signals {
-            Signals::Even { period, start, .. } => period.map(|period| start + sample as f64 * period),
-            Signals::Dense(_) => None,
-        }
-    }
-}
-
 impl Log {
     /// Turns the rows into samples, as the options say.
     ///

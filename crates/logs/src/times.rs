@@ -216,6 +216,11 @@ impl Times {
         &self.secs
     }
 
+    /// Returns the times in seconds without the rest.
+    pub(crate) fn into_secs(self) -> Vec<f64> {
+        self.secs
+    }
+
     /// Returns the name of the column.
     pub(crate) fn column(&self) -> &str {
         &self.column
@@ -277,7 +282,7 @@ impl Times {
                 number_text(*last)
             )));
         }
-        let rounding = self.rounding();
+        let rounding: Vec<f64> = self.rounding().collect();
         if let Some(flag) = flag
             && 4.0 * largest(&rounding) < flag
             && self.grid(flag, &rounding).fits()
@@ -347,19 +352,19 @@ impl Times {
     /// Returns the largest error of each time by rounding. Zeros at the end of a time can have been
     /// left out, so other times tell how many digits were kept: the same number of decimals, or the
     /// same number of significant digits.
-    pub(crate) fn rounding(&self) -> Vec<f64> {
+    pub(crate) fn rounding(&self) -> impl Iterator<Item = f64> {
         let decimals = self.times().map(|time| time.last_digit).min().unwrap_or(0);
         let digits = |time: Time| Some(time.first_digit()?.saturating_sub(time.last_digit));
         let most = self.times().filter_map(digits).max().unwrap_or(0);
         let is_single = self.origin.is_none() && self.times().all(Time::is_single);
-        let rounding = |time: Time| {
+        let rounding = move |time: Time| {
             let significant = time.first_digit().map_or(decimals, |first| first.saturating_sub(most));
             let written = half_unit(time.last_digit.min(decimals.max(significant)));
             // A product of two numbers of 32 bits has two of their errors.
             let single = if is_single { f64::from(f32::EPSILON) * time.secs.abs() } else { 0.0 };
             written.max(single).max(self.noise)
         };
-        self.times().map(rounding).collect()
+        self.times().map(rounding)
     }
 
     fn grid(&self, near: f64, rounding: &[f64]) -> Grid {

@@ -34,9 +34,21 @@ pub struct Verdict {
     pub violations: Vec<Interval>,
     /// The part that is violated most, or nearest to it.
     pub part: Option<Part>,
-    /// The chain from the formula to the predicate that determines the robustness; `None` in dense
-    /// time.
-    pub diagnosis: Option<Diagnosis>,
+    /// The predicate that determines the robustness; `None` if the value comes from no comparison.
+    pub predicate: Option<Predicate>,
+}
+
+/// The predicate that determines a robustness.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Predicate {
+    /// The text.
+    pub formula: String,
+    /// The time at which it has the value; in dense time also the limit there.
+    pub at: At,
+    /// Values of the two sides.
+    pub values: [f64; 2],
+    /// Its robustness.
+    pub robustness: f64,
 }
 
 /// A part of a formula: an operand of its `and`s below its `always`.
@@ -215,71 +227,82 @@ impl Even<'_> {
         if !self.evaluation.strict_horizon {
             return Ok(monitor.robustness_signal(self.trace)?.to_vec());
         }
+        self.check_needed(&monitor)?;
+        let signal = monitor.decided_robustness_signal(self.trace)?;
+        check_decided(signal[0])?;
+        Ok(signal.to_vec())
+    }
+
+    /// Checks that the trace is as long as the windows of a formula.
+    fn check_needed(&self, monitor: &Monitor) -> Result<()> {
         let needed = monitor.needed_samples();
         if needed > self.trace.len() {
             return Err(too_short(needed, self.trace.len()));
         }
-        let signal = monitor.decided_robustness_signal(self.trace)?;
-        if !signal[0].is_finite() {
-            return Err(infinite(signal[0]));
+        Ok(())
+    }
+
+    fn diagnosis(&self, formula: &Formula, monitor: &Monitor) -> Result<Diagnosis> {
+        if !self.evaluation.strict_horizon {
+            return Ok(formula.diagnose(self.trace, &self.clock)?);
         }
-        Ok(signal.to_vec())
+        self.check_needed(monitor)?;
+        let diagnosis = formula.diagnose_decided(self.trace, &self.clock)?;
+        let diagnosis = diagnosis.ok_or_else(|| content("the trace does not decide the formula"))?;
+        check_decided(diagnosis.robustness())?;
+        Ok(diagnosis)
     }
 
     fn verdict(&self, formula: &Formula) -> Result<Verdict> {
-        let mut monitor = Monitor::new(formula, self.trace.names(), self.clock)?;
+        let monitor = Monitor::new(formula, self.trace.names(), self.clock)?;
         let cuts_windows = !self.evaluation.strict_horizon && monitor.cuts_windows(self.trace.len());
-        let robustness = match self.evaluation.strict_horizon {
-            true => self.signal(formula)?[0],
-            false => monitor.robustness(self.trace)?,
-        };
-        drop(monitor);
+        let diagnosis = self.diagnosis(formula, &monitor)?;
         let nodes = formula.subformula_nodes(&self.clock)?;
         let texts: Vec<String> = formula.subformulas().collect();
         let (mut violations, mut worst) = (Vec::new(), None);
-        for (position, (first, last)) in parts(&nodes) {
-            let Ok(part) = Formula::parse(&texts[position]) else { continue };
-            let values = self.part_values(&part)?;
-            let end = last.map_or(values.len(), |last| last.saturating_add(1).min(values.len()));
-            let range = first.min(end)..end;
+        for (position, reach) in parts(&nodes) {
             let text = &texts[position];
-            for run in runs(&values, range.clone()) {
-                let least = run.clone().map(|sample| values[sample]).fold(f64::INFINITY, f64::min);
-                violations.push(Interval {
-                    formula: text.clone(),
-                    start: self.at(run.start),
-                    end: self.at(run.end - 1),
-                    worst: least,
-                });
-            }
-            let least = range.min_by(|a, b| values[*a].total_cmp(&values[*b]));
-            if let Some(sample) = least
-                && worst.as_ref().is_none_or(|known: &Part| values[sample] < known.worst)
+            let Ok(part) = Formula::parse(text) else { continue };
+            let found = self.part(&part, reach)?;
+            violations.extend(found.runs.into_iter().map(|run| Interval {
+                formula: text.clone(),
+                start: self.at(run.first),
+                end: self.at(run.last),
+                worst: run.worst,
+            }));
+            if let Some((value, sample)) = found.least
+                && worst.as_ref().is_none_or(|known: &Part| value < known.worst)
             {
-                worst = Some(Part { formula: text.clone(), worst: values[sample], at: self.at(sample) });
+                worst = Some(Part { formula: text.clone(), worst: value, at: self.at(sample) });
             }
         }
         violations.sort_by_key(|found| found.start.sample);
-        let diagnosis = (!self.evaluation.strict_horizon)
-            .then(|| formula.diagnose(self.trace, &self.clock))
-            .transpose()?;
-        Ok(Verdict {
-            robustness,
-            cuts_windows,
-            samples: Some(self.trace.len()),
-            violations,
-            part: worst,
-            diagnosis,
-        })
+        let robustness = diagnosis.robustness();
+        let predicate = diagnosis.predicate.map(|predicate| Predicate {
+            formula: predicate.text,
+            at: self.at(predicate.sample),
+            values: predicate.values,
+            robustness: predicate.robustness,
+        });
+        let samples = Some(self.trace.len());
+        Ok(Verdict { robustness, cuts_windows, samples, violations, part: worst, predicate })
     }
 
-    /// Returns the robustness of a part at the samples at which it is decided.
-    fn part_values(&self, part: &Formula) -> Result<Vec<f64>> {
+    /// Evaluates a part where the formula requires it and it is decided.
+    fn part(&self, part: &Formula, (first, last): Reach) -> Result<Runs> {
         let mut monitor = Monitor::new(part, self.trace.names(), self.clock)?;
-        Ok(match self.evaluation.strict_horizon {
-            true => monitor.decided_robustness_signal(self.trace)?.to_vec(),
-            false => monitor.robustness_signal(self.trace)?.to_vec(),
-        })
+        let mut found = Runs::default();
+        if last == Some(0) {
+            found.extend(0, &[self.diagnosis(part, &monitor)?.robustness()]);
+            return Ok(found);
+        }
+        let samples = first..last.map_or(usize::MAX, |last| last.saturating_add(1));
+        let visit = |first: usize, values: &[f64]| found.extend(first, values);
+        match self.evaluation.strict_horizon {
+            true => monitor.visit_decided_robustness(self.trace, samples, visit)?,
+            false => monitor.visit_robustness(self.trace, samples, visit)?,
+        }
+        Ok(found)
     }
 }
 
@@ -291,25 +314,51 @@ pub(crate) fn too_short(needed: usize, samples: usize) -> LogError {
     ))
 }
 
-/// Returns the error for a robustness that no sample decides.
-pub(crate) fn infinite(robustness: f64) -> LogError {
-    content(format!(
-        "the robustness at time 0 is {}: it depends on no sample of the trace; without --strict-horizon, empty windows \
-         are allowed",
-        number_text(robustness)
-    ))
+/// Checks that a value does not come from an empty window.
+pub(crate) fn check_decided(robustness: f64) -> Result<()> {
+    if !robustness.is_finite() {
+        return Err(content(format!(
+            "the robustness at time 0 is {}: it depends on no sample of the trace; without --strict-horizon, empty \
+             windows are allowed",
+            number_text(robustness)
+        )));
+    }
+    Ok(())
 }
 
-/// Returns the runs of violated samples in a range.
-fn runs(values: &[f64], range: std::ops::Range<usize>) -> Vec<std::ops::Range<usize>> {
-    let mut found: Vec<std::ops::Range<usize>> = Vec::new();
-    for sample in range.filter(|sample| is_violated(values[*sample])) {
-        match found.last_mut() {
-            Some(run) if run.end == sample => run.end += 1,
-            _ => found.push(sample..sample + 1),
+/// Violated samples without a gap.
+struct Run {
+    first: usize,
+    last: usize,
+    worst: f64,
+}
+
+/// The violated samples of a part, and its least value with the first sample that has it.
+#[derive(Default)]
+struct Runs {
+    runs: Vec<Run>,
+    least: Option<(f64, usize)>,
+}
+
+impl Runs {
+    /// Adds the values of the samples from `first` on, which follow the ones before.
+    fn extend(&mut self, first: usize, values: &[f64]) {
+        for (sample, value) in (first..).zip(values.iter().copied()) {
+            if self.least.is_none_or(|(least, _)| value.total_cmp(&least).is_lt()) {
+                self.least = Some((value, sample));
+            }
+            if !is_violated(value) {
+                continue;
+            }
+            match self.runs.last_mut() {
+                Some(run) if run.last + 1 == sample => {
+                    run.last = sample;
+                    run.worst = run.worst.min(value);
+                }
+                _ => self.runs.push(Run { first: sample, last: sample, worst: value }),
+            }
         }
     }
-    found
 }
 
 fn dense(signals: &[DenseSignal], formula: &Formula, evaluation: &Evaluation) -> Result<Verdict> {
@@ -317,18 +366,17 @@ fn dense(signals: &[DenseSignal], formula: &Formula, evaluation: &Evaluation) ->
     let start = signals.first().map_or(0.0, DenseSignal::start);
     let end = signals.first().map_or(0.0, DenseSignal::end);
     let monitor = DenseMonitor::new(formula, &names, evaluation.unit)?;
-    let robustness = match evaluation.strict_horizon {
-        true => monitor.decided_robustness_signal(signals)?.first().ok_or_else(|| {
+    let diagnosis = match evaluation.strict_horizon {
+        true => monitor.diagnose_decided(signals)?.ok_or_else(|| {
             content(format!(
                 "the windows of the formula are longer than the log, which has {} s; without --strict-horizon, they are \
                  cut at its end",
                 number_text(end - start)
             ))
         })?,
-        false => monitor.robustness(signals)?,
+        false => monitor.diagnose(signals)?,
     };
-    let cuts_windows = !evaluation.strict_horizon
-        && monitor.decided_robustness_signal(signals)?.first().is_none_or(|decided| decided != robustness);
+    let cuts_windows = !evaluation.strict_horizon && monitor.cuts_windows(signals)?;
     let unit = evaluation.unit.unwrap_or(TimeUnit::Seconds);
     let nodes = TICKS.iter().find_map(|tick| {
         formula.subformula_nodes(&Clock::rtamt(*tick, unit)).ok().map(|nodes| (*tick, nodes))
@@ -339,40 +387,31 @@ fn dense(signals: &[DenseSignal], formula: &Formula, evaluation: &Evaluation) ->
     for (position, (first, last)) in found {
         let Ok(part) = Formula::parse(&texts[position]) else { continue };
         let monitor = DenseMonitor::new(&part, &names, evaluation.unit)?;
-        let values = match evaluation.strict_horizon {
-            true => monitor.decided_robustness_signal(signals)?,
-            false => monitor.robustness_signal(signals)?,
-        };
         let from = start + first as f64 * tick;
         let to = last.map_or(end, |last| start + last as f64 * tick);
-        let inside = |time: f64| (from..=to).contains(&time);
-        let points: Vec<(f64, f64)> = values
-            .breakpoints()
-            .flat_map(|point| [point.before, point.at, point.after].map(|value| (point.time, value)))
-            .chain([from, to].into_iter().filter_map(|time| Some((time, values.at(time)?))))
-            .filter(|(time, _)| inside(*time))
-            .collect();
-        let least = |within: &dyn Fn(f64) -> bool| {
-            let points = points.iter().filter(|(time, _)| within(*time));
-            points.copied().min_by(|a, b| a.1.total_cmp(&b.1))
+        let values = match evaluation.strict_horizon {
+            true => monitor.decided_robustness_within(signals, from, to)?,
+            false => monitor.robustness_within(signals, from, to)?,
         };
-        for found in values.violations() {
-            let (begin, end) = (found.start.max(from), found.end.min(to));
-            if begin <= end {
-                violations.push(Interval {
-                    formula: texts[position].clone(),
-                    start: in_secs(begin),
-                    end: in_secs(end),
-                    worst: least(&|time| (begin..=end).contains(&time)).map_or(-0.0, |(_, value)| value),
-                });
-            }
-        }
-        if let Some((time, value)) = least(&|_| true)
+        violations.extend(values.violations().into_iter().map(|found| Interval {
+            formula: texts[position].clone(),
+            start: in_secs(found.start),
+            end: in_secs(found.end),
+            worst: found.worst,
+        }));
+        if let Some((time, value)) = values.minimum()
             && worst.as_ref().is_none_or(|known: &Part| value < known.worst)
         {
             worst = Some(Part { formula: texts[position].clone(), worst: value, at: in_secs(time) });
         }
     }
     violations.sort_by(|a, b| a.start.secs.unwrap_or(0.0).total_cmp(&b.start.secs.unwrap_or(0.0)));
-    Ok(Verdict { robustness, cuts_windows, samples: None, violations, part: worst, diagnosis: None })
+    let predicate = diagnosis.predicate.map(|predicate| Predicate {
+        formula: predicate.text,
+        at: in_secs(predicate.time),
+        values: predicate.values,
+        robustness: predicate.robustness,
+    });
+    let robustness = diagnosis.robustness;
+    Ok(Verdict { robustness, cuts_windows, samples: None, violations, part: worst, predicate })
 }

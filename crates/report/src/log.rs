@@ -222,7 +222,7 @@ fn charts(
             range,
             window: None,
             violated: visible_spans(violated, range),
-            decisive: decided.map(|decided| decided.time.map_or(decided.sample as f64, |time| time.0)),
+            decisive: decided.map(|decided| instant(decided.time, decided.sample)),
             caption: if decided.is_some() { DECIDED } else { VIOLATED },
         };
         chart.figure(|side| samples.curve(side, evaluation).ok(), unit)
@@ -231,10 +231,12 @@ fn charts(
 }
 
 fn ends(violation: &LogViolation) -> [f64; 2] {
-    let end = |time: Option<Number>, sample: Option<u64>| {
-        time.map_or_else(|| sample.unwrap_or(0) as f64, |time| time.0)
-    };
-    [end(violation.start, violation.start_sample), end(violation.end, violation.end_sample)]
+    [instant(violation.start, violation.start_sample), instant(violation.end, violation.end_sample)]
+}
+
+/// Returns a time in seconds, or in samples without one.
+fn instant(time: Option<Number>, sample: Option<u64>) -> f64 {
+    time.map_or_else(|| sample.unwrap_or(0) as f64, |time| time.0)
 }
 
 /// Widens spans, which are in the order of their starts, to what a chart can show, and joins those

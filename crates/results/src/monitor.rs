@@ -64,8 +64,8 @@ pub struct LogVerdict {
     /// The part that is violated most, or nearest to it; `null` if the formula requires none inside
     /// the log.
     pub worst_part: Option<WorstPart>,
-    /// The predicate that determines the robustness; `null` with `--dense`, `--strict-horizon`, and
-    /// if none does.
+    /// The predicate that determines the robustness; `null` if no comparison does, as in an
+    /// empty window.
     pub predicate: Option<LogPredicate>,
 }
 
@@ -115,8 +115,8 @@ pub struct LogPredicate {
     pub formula: String,
     /// The time in seconds; `null` if the log has no times and no period.
     pub time: Option<Number>,
-    /// The sample, from 0.
-    pub sample: u64,
+    /// The sample, from 0; `null` with `--dense`.
+    pub sample: Option<u64>,
     /// Values of the two sides.
     pub values: [Number; 2],
     /// Its robustness.

@@ -1,9 +1,10 @@
 //! Diagnoses: the sub-formulas and samples that determine the robustness of a trace.
 
-use crate::clock::{Clock, Window};
+use crate::clock::Clock;
+use crate::decisive::Tree;
 use crate::error::MonitorError;
 use crate::formula::{Formula, Node};
-use crate::monitor::Monitor;
+use crate::monitor::Windows;
 use crate::operator::Operator;
 use crate::trace::Trace;
 use std::ops::RangeInclusive;
@@ -101,19 +102,42 @@ impl Formula {
     /// Returns which sub-formula, predicate and sample determine the robustness of `trace` at
     /// sample 0. Windows are cut at the end of the trace.
     ///
+    /// It reads the samples that the robustness depends on. Memory is needed for windows inside
+    /// other windows only: it depends on the inner ones, and on the length of the trace if one of
+    /// these has no end.
+    ///
     /// # Errors
-    /// As for [`Monitor::new`] and [`Monitor::robustness_signal`].
+    /// As for [`Monitor::new`] and [`Monitor::robustness`](crate::Monitor::robustness).
+    ///
+    /// [`Monitor::new`]: crate::Monitor::new
     pub fn diagnose(&self, trace: &Trace, clock: &Clock) -> Result<Diagnosis, MonitorError> {
-        let tree = Tree { formula: self, starts: self.starts(), trace, clock };
+        self.chain(&Tree::new(self, trace, clock, Windows::Cut)?)
+    }
+
+    /// Returns the diagnosis of the first value of
+    /// [`Monitor::decided_robustness_signal`](crate::Monitor::decided_robustness_signal); `None` if
+    /// the trace does not decide the formula at sample 0.
+    ///
+    /// # Errors
+    /// As for [`Formula::diagnose`].
+    pub fn diagnose_decided(&self, trace: &Trace, clock: &Clock) -> Result<Option<Diagnosis>, MonitorError> {
+        let tree = Tree::new(self, trace, clock, Windows::Whole)?;
+        if tree.known(self.nodes.len() - 1) == 0 {
+            return Ok(None);
+        }
+        self.chain(&tree).map(Some)
+    }
+
+    fn chain(&self, tree: &Tree<'_>) -> Result<Diagnosis, MonitorError> {
         let mut positions = vec![0; self.nodes.len()];
         for (position, node) in self.listed_nodes().into_iter().enumerate() {
             positions[node] = position;
         }
         let mut diagnosis = Diagnosis { path: Vec::new(), predicate: None };
         let (mut node, mut sample, mut is_negated) = (self.nodes.len() - 1, 0, false);
-        let mut values = tree.values(node)?;
+        let mut values = tree.values(node, sample)?;
         loop {
-            let (position, robustness) = (positions[node], values[sample]);
+            let (position, robustness) = (positions[node], values.of(node));
             let mut found = DecisiveSubformula {
                 position,
                 text: tree.text(node),
@@ -123,33 +147,25 @@ impl Formula {
                 window: None,
                 robustness,
             };
-            let Node::Apply(operator, interval) = self.nodes[node] else {
+            let Node::Apply(operator, _) = self.nodes[node] else {
                 diagnosis.path.push(found);
                 return Ok(diagnosis);
             };
-            let window = match operator.takes_interval() {
-                true => clock.window(operator.name(), interval)?,
-                false => Window { begin: 0, end: 0 },
-            };
             found.operator = Some(operator.name());
-            let range = samples(operator, window, sample, trace.len());
-            found.window =
-                range.clone().filter(|_| operator.takes_interval()).map(RangeInclusive::into_inner);
+            found.window = tree.window(node, sample).map(RangeInclusive::into_inner);
             let operands = tree.operands(node);
             if !operator.is_term() && !operator.is_comparison() {
                 found.operands = operands.iter().map(|operand| tree.text(*operand)).collect();
             }
             let text = found.text.clone();
             diagnosis.path.push(found);
-            if let Some(left) = self.scaled(node, &tree.starts) {
-                (node, values) = (left, tree.values(left)?);
+            if let Some(left) = self.scaled(node, tree.starts()) {
+                node = left;
                 continue;
             }
             if operator.is_term() {
                 return Ok(diagnosis);
             }
-            let mut of_operands =
-                operands.iter().map(|operand| tree.values(*operand)).collect::<Result<Vec<_>, _>>()?;
             if operator.is_comparison() {
                 diagnosis.predicate = Some(DecisivePredicate {
                     position,
@@ -157,18 +173,19 @@ impl Formula {
                     sample,
                     comparison: operator.name(),
                     sides: [operands[0], operands[1]].map(|side| tree.text(side)),
-                    values: [of_operands[0][sample], of_operands[1][sample]],
+                    values: [values.of(operands[0]), values.of(operands[1])],
                     robustness,
                     is_negated,
                 });
                 return Ok(diagnosis);
             }
-            let (x, y) = (&of_operands[0], &of_operands[of_operands.len() - 1]);
-            let Some(choice) = decisive(operator, range, sample, x, y) else { return Ok(diagnosis) };
-            node = operands[choice.operand.min(operands.len() - 1)];
-            values = of_operands.swap_remove(choice.operand.min(operands.len() - 1));
-            sample = choice.sample;
+            let Some(choice) = values.choice(self, tree.starts(), node) else { return Ok(diagnosis) };
+            node = operands[choice.operand];
             is_negated ^= choice.is_negated;
+            if operator.is_temporal() {
+                sample = choice.time;
+                values = tree.values(node, sample)?;
+            }
         }
     }
 
@@ -254,159 +271,25 @@ impl Formula {
             }
             node = if is_left { left } else { last };
         }
+        let kept = self.nodes.iter().zip(kept).filter(|(_, kept)| *kept);
+        Some(self.of_nodes(kept.map(|(node, _)| *node)))
+    }
+
+    /// Returns the formula of some nodes of this one, with the signals that they read.
+    pub(crate) fn of_nodes(&self, nodes: impl Iterator<Item = Node>) -> Formula {
         let mut signals: Vec<String> = Vec::new();
-        let mut nodes = Vec::new();
-        for (node, _) in self.nodes.iter().zip(kept).filter(|(_, kept)| *kept) {
-            nodes.push(match *node {
-                Node::Signal(signal) => {
-                    let name = &self.signals[signal as usize];
-                    let index = signals.iter().position(|known| known == name).unwrap_or_else(|| {
-                        signals.push(name.clone());
-                        signals.len() - 1
-                    });
-                    Node::Signal(index as u32)
-                }
-                other => other,
-            });
-        }
-        Some(Formula { signals, nodes, defined: Vec::new() })
-    }
-}
-
-/// The syntax tree of a formula, with the trace and clock that its nodes are evaluated with.
-struct Tree<'a> {
-    formula: &'a Formula,
-    starts: Vec<usize>,
-    trace: &'a Trace,
-    clock: &'a Clock,
-}
-
-impl Tree<'_> {
-    fn text(&self, node: usize) -> String {
-        std::fmt::from_fn(|f| self.formula.write_node(f, Operator::name, node, &self.starts)).to_string()
-    }
-
-    /// Returns the operands of a node, left before right.
-    fn operands(&self, node: usize) -> Vec<usize> {
-        let Node::Apply(operator, _) = self.formula.nodes[node] else { return Vec::new() };
-        let last = node - 1;
-        if operator.arity() == 2 { vec![self.starts[last] - 1, last] } else { vec![last] }
-    }
-
-    /// Returns the robustness of a node at each sample.
-    fn values(&self, node: usize) -> Result<Vec<f64>, MonitorError> {
-        let Formula { signals, nodes, .. } = self.formula;
-        let nodes = nodes[self.starts[node]..=node].to_vec();
-        let formula = Formula { signals: signals.clone(), nodes, defined: Vec::new() };
-        let mut monitor = Monitor::new(&formula, self.trace.names(), *self.clock)?;
-        Ok(monitor.robustness_signal(self.trace)?.to_vec())
-    }
-}
-
-/// The operand and sample that determine the value of an operator.
-#[derive(Clone, Copy, Debug, PartialEq)]
-struct Choice {
-    /// 0 is the left operand, or the only one.
-    operand: usize,
-    sample: usize,
-    /// Whether the value is the operand's with the opposite sign.
-    is_negated: bool,
-}
-
-/// Returns the samples of an operator's window at `sample`, cut at the ends of the trace; `None` if
-/// there are none.
-fn samples(operator: Operator, window: Window, sample: usize, len: usize) -> Option<RangeInclusive<usize>> {
-    let Window { begin, end } = window;
-    let range = match operator {
-        Operator::Historically | Operator::Once | Operator::Since => {
-            sample.saturating_sub(end)..=sample.checked_sub(begin)?
-        }
-        _ => sample.checked_add(begin)?..=sample.saturating_add(end).min(len - 1),
-    };
-    (!range.is_empty()).then_some(range)
-}
-
-/// Returns what determines the value of an operator at sample `t`; `x` and `y` are the robustness
-/// of its operands (the same for a unary one).
-fn decisive(
-    operator: Operator,
-    range: Option<RangeInclusive<usize>>,
-    t: usize,
-    x: &[f64],
-    y: &[f64],
-) -> Option<Choice> {
-    let at = |operand, sample| Choice { operand, sample, is_negated: false };
-    let negated = |operand, sample| Choice { operand, sample, is_negated: true };
-    Some(match operator {
-        Operator::Always | Operator::Historically => at(0, least(range?, |s| x[s])),
-        Operator::Eventually | Operator::Once => at(0, least(range?, |s| -x[s])),
-        Operator::Next | Operator::StrongNext => at(0, (t + 1 < x.len()).then_some(t + 1)?),
-        Operator::Previous | Operator::StrongPrevious => at(0, t.checked_sub(1)?),
-        Operator::Rise if t > 0 && is_less(-x[t - 1], x[t]) => negated(0, t - 1),
-        Operator::Rise => at(0, t),
-        Operator::Fall if t > 0 && is_less(x[t - 1], -x[t]) => at(0, t - 1),
-        Operator::Fall => negated(0, t),
-        Operator::Not => negated(0, t),
-        Operator::And => at(usize::from(is_less(y[t], x[t])), t),
-        Operator::Or => at(usize::from(is_less(x[t], y[t])), t),
-        Operator::Implies if !is_less(-x[t], y[t]) => negated(0, t),
-        Operator::Implies => at(1, t),
-        Operator::Until => until(range?, t, x, y, 1.0)?.1,
-        Operator::Release => until(range?, t, x, y, -1.0)?.1,
-        Operator::Unless => {
-            let end = range.as_ref().map_or(x.len() - 1, |range| *range.end());
-            let held = least(t..=end, |s| x[s]);
-            match range.and_then(|range| until(range, t, x, y, 1.0)) {
-                Some((value, choice)) if is_less(x[held], value) => choice,
-                _ => at(0, held),
+        let mut renumbered = |node| match node {
+            Node::Signal(signal) => {
+                let name = &self.signals[signal as usize];
+                let index = signals.iter().position(|known| known == name).unwrap_or_else(|| {
+                    signals.push(name.clone());
+                    signals.len() - 1
+                });
+                Node::Signal(index as u32)
             }
-        }
-        Operator::Since => until(range?, t, x, y, 1.0)?.1,
-        // The distance is that of the operand that is nearer to its border.
-        Operator::Iff | Operator::Xor => {
-            let operand = usize::from(y[t].abs() < x[t].abs());
-            let agree = x[t].is_sign_negative() == y[t].is_sign_negative();
-            let holds = agree == (operator == Operator::Iff);
-            let is_negated = holds == [x[t], y[t]][operand].is_sign_negative();
-            Choice { operand, sample: t, is_negated }
-        }
-        _ => return None,
-    })
-}
-
-/// Returns whether `x` is less than `y`, with −0.0 less than +0.0.
-fn is_less(x: f64, y: f64) -> bool {
-    x.total_cmp(&y).is_lt()
-}
-
-/// Returns the first sample at which `value` is least.
-fn least(range: RangeInclusive<usize>, value: impl Fn(usize) -> f64) -> usize {
-    let first = *range.start();
-    range.fold(first, |best, sample| if is_less(value(sample), value(best)) { sample } else { best })
-}
-
-/// Returns the value of `until` (`sign` 1) or `release` (`sign` -1) at `t`, and what determines it.
-/// In a `range` before `t`, that of `since`.
-fn until(range: RangeInclusive<usize>, t: usize, x: &[f64], y: &[f64], sign: f64) -> Option<(f64, Choice)> {
-    let value = |values: &[f64], sample: usize| sign * values[sample];
-    let candidates: Vec<usize> = if *range.end() < t || (*range.end() == t && *range.start() < t) {
-        range.rev().collect()
-    } else {
-        range.collect()
-    };
-    let mut best: Option<(f64, Choice)> = None;
-    for until in candidates {
-        // The samples from t up to `until`, without the latter.
-        let held = if until < t { Some(until + 1..=t) } else { (until > t).then(|| t..=until - 1) };
-        let weakest = held.map(|held| least(held, |sample| value(x, sample)));
-        let choice = match weakest {
-            Some(weakest) if is_less(value(x, weakest), value(y, until)) => (value(x, weakest), 0, weakest),
-            _ => (value(y, until), 1, until),
+            other => other,
         };
-        if best.is_none_or(|(known, _)| is_less(known, choice.0)) {
-            let (found, operand, sample) = choice;
-            best = Some((found, Choice { operand, sample, is_negated: false }));
-        }
+        let nodes = nodes.map(&mut renumbered).collect();
+        Formula { signals, nodes, defined: Vec::new() }
     }
-    best.map(|(found, choice)| (sign * found, choice))
 }

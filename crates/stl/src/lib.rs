@@ -35,6 +35,7 @@
 //! ```
 
 mod clock;
+mod decisive;
 mod dense;
 mod diagnosis;
 mod error;
@@ -42,6 +43,7 @@ mod explain;
 mod extremum;
 mod formula;
 mod lexer;
+mod moment;
 mod monitor;
 mod name;
 mod number;
@@ -52,6 +54,7 @@ mod pointwise;
 mod program;
 mod recording;
 mod skeleton;
+mod span;
 mod spelling;
 mod state;
 mod subformula;
@@ -61,7 +64,8 @@ mod verdict;
 
 pub use clock::{Clock, TimeUnit};
 pub use dense::{
-    Breakpoint, DenseError, DenseMonitor, DenseRobustness, DenseSignal, Interpolation, Violation,
+    Breakpoint, DenseDiagnosis, DenseError, DenseMonitor, DensePredicate, DenseRobustness, DenseSignal,
+    Interpolation, Violation,
 };
 pub use diagnosis::{DecisivePredicate, DecisiveSubformula, Diagnosis};
 pub use error::{MonitorError, ParseError, Position, name_hint};

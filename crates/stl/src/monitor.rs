@@ -128,7 +128,7 @@ impl Monitor {
     /// If the trace is empty or has other signals, a signal of the formula is NaN or infinite, or
     /// arithmetic has no finite value at a sample.
     pub fn robustness_signal(&mut self, trace: &Trace) -> Result<&[f64], MonitorError> {
-        self.evaluate(&mut Samples::Trace(trace, trace.len()), Windows::Cut)
+        self.evaluate(&mut Samples::Trace(trace, 0..trace.len()), Windows::Cut)
     }
 
     /// Returns [`Monitor::robustness_signal`] of a recording. It must be one for the formula and
@@ -192,7 +192,7 @@ impl Monitor {
         let needed = self.horizon().map_or(usize::MAX, |_| self.needed_samples());
         let found = match trace.len() >= needed {
             // Without windows that are cut, which could have other errors.
-            true => self.evaluate(&mut Samples::Trace(trace, needed), Windows::Whole),
+            true => self.evaluate(&mut Samples::Trace(trace, 0..needed), Windows::Whole),
             false => self.robustness_signal(trace),
         };
         // `evaluate` rejects an empty trace.
@@ -208,7 +208,7 @@ impl Monitor {
     pub fn decided_robustness(&mut self, trace: &Trace) -> Result<Option<f64>, MonitorError> {
         let is_decided = self.decided_samples(trace.len()) > 0;
         let needed = self.horizon().map_or(usize::MAX, |_| self.needed_samples());
-        let mut samples = Samples::Trace(trace, trace.len().min(needed));
+        let mut samples = Samples::Trace(trace, 0..trace.len().min(needed));
         let first = self.evaluate(&mut samples, Windows::Whole)?.first().copied();
         Ok(first.filter(|_| is_decided))
     }
@@ -254,7 +254,7 @@ impl Monitor {
     /// ```
     pub fn decided_robustness_signal(&mut self, trace: &Trace) -> Result<&[f64], MonitorError> {
         let decided = self.decided_samples(trace.len());
-        Ok(&self.evaluate(&mut Samples::Trace(trace, trace.len()), Windows::Whole)?[..decided])
+        Ok(&self.evaluate(&mut Samples::Trace(trace, 0..trace.len()), Windows::Whole)?[..decided])
     }
 
     /// Returns the number of samples, from the first, at which a trace of `samples` samples decides
@@ -318,7 +318,7 @@ impl Monitor {
         minima.clear();
         minima.resize(self.program.listed, SubformulaMinimum::UNKNOWN);
         let result =
-            self.run(&mut Samples::Trace(trace, trace.len()), Windows::Whole, |index, values, covered| {
+            self.run(&mut Samples::Trace(trace, 0..trace.len()), Windows::Whole, |index, values, covered| {
                 let found = match values {
                     Values::Signal(values) => SubformulaMinimum::of(values.iter().copied(), covered.start),
                     Values::Constant(value) => SubformulaMinimum::of(covered.take(1).map(|_| value), 0),
@@ -343,7 +343,11 @@ impl Monitor {
 
     /// Computes the robustness at every sample. With [`Windows::Whole`], only the values at decided
     /// samples have a meaning.
-    fn evaluate(&mut self, samples: &mut Samples<'_>, windows: Windows) -> Result<&[f64], MonitorError> {
+    pub(crate) fn evaluate(
+        &mut self,
+        samples: &mut Samples<'_>,
+        windows: Windows,
+    ) -> Result<&[f64], MonitorError> {
         self.run(samples, windows, |_, _, _| {})?;
         Ok(&self.buffers[self.program.result()][..samples.len()])
     }
@@ -403,9 +407,9 @@ impl Monitor {
         let result = match action {
             Action::State(state) => self.evaluate_state(state, samples, &mut values, visit),
             _ if evaluated == 0 => Ok(()),
-            Action::Pointwise(operator, operands) => {
-                self.evaluate_pointwise(operator, operands, buffer, &mut values[..evaluated])
-            }
+            Action::Pointwise(operator, operands) => self
+                .evaluate_pointwise(operator, operands, buffer, &mut values[..evaluated])
+                .map_err(|undefined| undefined.after(samples.first())),
             Action::TemporalUnary(operator, window) => {
                 temporal_unary(operator, window, &mut values[..evaluated], &mut self.scratch);
                 Ok(())
@@ -434,20 +438,21 @@ impl Monitor {
         values: &mut Vec<f64>,
         visit: &mut impl FnMut(usize, Values<'_>, Range<usize>),
     ) -> Result<(), Undefined> {
-        let (trace, len) = match samples {
-            Samples::Trace(trace, len) => (trace, *len),
+        let (trace, read) = match samples {
+            Samples::Trace(trace, read) => (trace, read.clone()),
             Samples::Recorded(recorded) => {
                 *values = std::mem::take(&mut recorded.states[state].values);
                 return recorded.states[state].undefined.take().map_or(Ok(()), Err);
             }
         };
-        if values.len() < len {
-            values.resize(len, 0.0);
+        if values.len() < read.len() {
+            values.resize(read.len(), 0.0);
         }
         let state = &self.program.states[state];
-        for tile in state::tiles(len) {
+        for tile in state::tiles(read.len()) {
             let out = &mut values[tile.clone()];
-            state.evaluate(trace, tile.clone(), &mut self.tile, out, |index, values| {
+            let of_trace = read.start + tile.start..read.start + tile.end;
+            state.evaluate(trace, of_trace, &mut self.tile, out, |index, values| {
                 visit(index, values, tile.clone());
             })?;
         }
@@ -485,17 +490,18 @@ impl Monitor {
             return Err(MonitorError::EmptyTrace);
         }
         let not_finite = match samples {
-            Samples::Trace(trace, len) => {
+            Samples::Trace(trace, read) => {
                 if !self.checked_names.as_ref().is_some_and(|names| Arc::ptr_eq(names, trace.names())) {
                     self.check_names(trace.names())?;
                     self.checked_names = Some(Arc::clone(trace.names()));
                 }
                 let first = |column: usize| {
-                    let values = &trace.column(column)[..*len];
+                    let values = &trace.column(column)[read.clone()];
                     if pointwise::all_finite(values) {
                         return None;
                     }
-                    values.iter().position(|value| !value.is_finite()).map(|step| (step, values[step]))
+                    let step = values.iter().position(|value| !value.is_finite())?;
+                    Some((read.start + step, values[step]))
                 };
                 self.program.columns.iter().find_map(|(column, name)| Some((name, first(*column)?)))
             }
@@ -524,7 +530,7 @@ impl Monitor {
 
 /// The treatment of windows that extend beyond the end of the trace.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Windows {
+pub(crate) enum Windows {
     /// They are cut, as in RTAMT.
     Cut,
     /// Values that depend on them are not computed.
@@ -533,16 +539,24 @@ enum Windows {
 
 /// The samples to evaluate.
 pub(crate) enum Samples<'a> {
-    /// The first samples of a trace.
-    Trace(&'a Trace, usize),
+    /// These samples of a trace.
+    Trace(&'a Trace, Range<usize>),
     Recorded(&'a mut Recorded),
 }
 
 impl Samples<'_> {
     fn len(&self) -> usize {
         match self {
-            Samples::Trace(_, len) => *len,
+            Samples::Trace(_, read) => read.len(),
             Samples::Recorded(recorded) => recorded.samples,
+        }
+    }
+
+    /// Returns the number of the first sample.
+    fn first(&self) -> usize {
+        match self {
+            Samples::Trace(_, read) => read.start,
+            Samples::Recorded(_) => 0,
         }
     }
 }

@@ -125,7 +125,7 @@ impl Recording {
     pub(crate) fn samples(&mut self) -> Samples<'_> {
         match &mut self.recorded {
             Some(recorded) => Samples::Recorded(recorded),
-            None => Samples::Trace(&self.trace, self.trace.len()),
+            None => Samples::Trace(&self.trace, 0..self.trace.len()),
         }
     }
 }

@@ -32,7 +32,7 @@ pub fn text(found: &LogVerdict) -> String {
     }
     if let Some(predicate) = &found.predicate {
         let [left, right] = predicate.values.map(|value| short(value.0));
-        let at = at(predicate.time, Some(predicate.sample));
+        let at = at(predicate.time, predicate.sample);
         lines.push(format!(
             "decided by {} at {at}: the sides are {left} and {right}",
             escape::name(&predicate.formula)

@@ -6,7 +6,7 @@ use mishandle_stl::{
 
 use super::needs_period;
 use crate::error::Result;
-use crate::verdict::{Reach, infinite, parts, too_short};
+use crate::verdict::{Reach, check_decided, parts, too_short};
 
 /// A formula to watch.
 #[derive(Clone, Debug)]
@@ -225,11 +225,11 @@ impl Group {
             }
             let monitor = Monitor::new(&state.formula, names, self.clock)?;
             state.answer.bounds = self.online.bounds(root);
-            if is_strict && monitor.needed_samples() > len {
-                return Err(too_short(monitor.needed_samples(), len));
-            }
-            if is_strict && !state.answer.bounds.low.is_finite() {
-                return Err(infinite(state.answer.bounds.low));
+            if is_strict {
+                if monitor.needed_samples() > len {
+                    return Err(too_short(monitor.needed_samples(), len));
+                }
+                check_decided(state.answer.bounds.low)?;
             }
             state.answer.cuts_windows = !is_strict && monitor.cuts_windows(len);
             state.decide();

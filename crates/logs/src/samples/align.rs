@@ -1,5 +1,7 @@
 //! Signals of several topics on one axis of time.
 
+use std::rc::Rc;
+
 use mishandle_stl::{DenseSignal, Interpolation};
 use mishandle_text::{plural, visible};
 
@@ -21,7 +23,8 @@ pub(crate) fn snap(rounding: f64, period: f64) -> f64 {
 /// The values of a column that are there, with their times.
 struct Track {
     name: String,
-    times: Vec<f64>,
+    /// Shared by the columns of a topic without missing values.
+    times: Rc<Vec<f64>>,
     values: Vec<f64>,
     /// Largest error of a time by rounding.
     rounding: f64,
@@ -120,29 +123,36 @@ impl Topic {
                 "--resample and --dense need the times of the samples; name their column with --time COLUMN",
             ));
         };
-        let rounding = times.rounding().into_iter().fold(0.0, f64::max);
+        let rounding = times.rounding().fold(0.0, f64::max);
         let mut tracks = Vec::new();
         for Column { name, mut values } in self.columns {
-            let rows: Vec<usize> = (0..values.len()).filter(|row| !values[*row].is_nan()).collect();
-            let long = |pair: &[usize]| {
-                let step = times.secs()[pair[1]] - times.secs()[pair[0]];
-                options.tolerance.is_some_and(|tolerance| step > tolerance)
-            };
-            if let Some(pair) = rows.windows(2).find(|pair| long(pair)) {
-                let step = times.secs()[pair[1]] - times.secs()[pair[0]];
-                let place = format!("before {}", times.places.text(pair[1]));
-                return Err(too_long(&name, step, &place, options));
-            }
-            let secs = match rows.len() == values.len() {
-                true => times.secs().to_vec(),
-                false => {
-                    values.retain(|value| !value.is_nan());
-                    rows.iter().map(|row| times.secs()[*row]).collect()
+            let is_complete = values.iter().all(|value| !value.is_nan());
+            if let Some(tolerance) = options.tolerance {
+                let mut rows = (0..values.len()).filter(|row| !values[*row].is_nan());
+                let mut last = rows.next().unwrap_or(0);
+                for row in rows {
+                    let step = times.secs()[row] - times.secs()[last];
+                    if step > tolerance {
+                        let place = format!("before {}", times.places.text(row));
+                        return Err(too_long(&name, step, &place, options));
+                    }
+                    last = row;
                 }
-            };
-            tracks.push(Track { name, times: secs, values, rounding });
+            }
+            let mut of_values = Vec::new();
+            if !is_complete {
+                let rows = times.secs().iter().zip(&values);
+                of_values = rows.filter(|(_, value)| !value.is_nan()).map(|(secs, _)| *secs).collect();
+                values.retain(|value| !value.is_nan());
+            }
+            tracks.push((is_complete, Track { name, times: Rc::new(of_values), values, rounding }));
         }
-        Ok(tracks)
+        let all = Rc::new(times.into_secs());
+        let shared = |(is_complete, track): (bool, Track)| match is_complete {
+            true => Track { times: Rc::clone(&all), ..track },
+            false => track,
+        };
+        Ok(tracks.into_iter().map(shared).collect())
     }
 }
 
@@ -188,27 +198,26 @@ impl Track {
     }
 
     /// Returns the signal on the common time.
-    fn cut(mut self, span: Span, interpolation: Interpolation) -> Result<DenseSignal> {
+    fn cut(self, span: Span, interpolation: Interpolation) -> Result<DenseSignal> {
         let inside = self.times.partition_point(|time| *time <= span.start);
-        if let Some(last) = inside.checked_sub(1) {
-            self.values[last] = self.value(last, span.start, interpolation);
-            self.times[last] = span.start;
-            self.times.drain(..last);
-            self.values.drain(..last);
-        }
+        let first = inside.checked_sub(1).map(|last| (last, self.value(last, span.start, interpolation)));
         let after = self.times.partition_point(|time| *time <= span.end);
-        let last = after.saturating_sub(1);
-        if self.times.get(last).is_some_and(|time| *time < span.end) {
-            let value = self.value(last, span.end, interpolation);
-            self.times.truncate(after);
-            self.values.truncate(after);
-            self.times.push(span.end);
-            self.values.push(value);
-        } else {
-            self.times.truncate(after);
-            self.values.truncate(after);
+        let is_before = |last: usize| self.times[last] < span.end && span.start < span.end;
+        let is_short = after.checked_sub(1).is_some_and(is_before);
+        let end = is_short.then(|| self.value(after - 1, span.end, interpolation));
+        let Track { name, times, mut values, .. } = self;
+        let mut times = Rc::unwrap_or_clone(times);
+        times.truncate(after);
+        values.truncate(after);
+        if let Some(value) = end {
+            times.push(span.end);
+            values.push(value);
         }
-        DenseSignal::new(&self.name, self.times, self.values, interpolation)
-            .map_err(|error| content(error.to_string()))
+        if let Some((last, value)) = first {
+            (times[last], values[last]) = (span.start, value);
+            times.drain(..last);
+            values.drain(..last);
+        }
+        DenseSignal::new(&name, times, values, interpolation).map_err(|error| content(error.to_string()))
     }
 }

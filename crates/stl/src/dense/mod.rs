@@ -5,7 +5,10 @@
 //! crossings of two lines, zeros of `abs`, and ends of windows. See [`DenseMonitor`].
 
 mod arithmetic;
+mod decisive;
 mod error;
+mod evaluation;
+mod log;
 mod monitor;
 mod pick;
 mod piecewise;
@@ -15,6 +18,7 @@ mod time;
 mod until;
 mod window;
 
+pub use decisive::{DenseDiagnosis, DensePredicate};
 pub use error::DenseError;
 pub use monitor::DenseMonitor;
 pub use robustness::{Breakpoint, DenseRobustness, Violation};

@@ -1,17 +1,15 @@
 //! Monitors in dense time.
 
-use super::arithmetic::{binary, unary};
+use super::decisive::DenseDiagnosis;
 use super::error::DenseError;
-use super::pick::pick;
-use super::piecewise::Piecewise;
+use super::evaluation::Evaluation;
+use super::log::Log;
 use super::robustness::DenseRobustness;
-use super::signal::{DenseSignal, Interpolation};
-use super::time::{Ticks, UNBOUNDED, bound_ticks, seconds, ticks};
-use super::until::until;
-use super::window::window;
+use super::signal::DenseSignal;
+use super::time::{MAX_SECONDS, Ticks, UNBOUNDED, bound_ticks, seconds, ticks};
 use crate::clock::{Bound, Interval, TimeUnit};
-use crate::extremum::{Maximum, Minimum};
 use crate::formula::{Formula, Node};
+use crate::monitor::Windows;
 use crate::operator::Operator;
 use crate::program::columns;
 
@@ -122,10 +120,7 @@ impl DenseMonitor {
     /// If a signal of the formula is missing, the signals have no time in common, arithmetic leaves
     /// the piecewise-linear functions or has no finite value.
     pub fn robustness(&self, signals: &[DenseSignal]) -> Result<f64, DenseError> {
-        let log = Log::new(&self.formula, signals)?;
-        let until = log.first.saturating_add(self.ahead);
-        let result = self.evaluate(&log, Windows::Cut, until)?;
-        result.first().ok_or(DenseError::NoSignals)
+        self.at_start(signals, Windows::Cut)?.robustness()
     }
 
     /// Returns the robustness at all times from the first one at which all signals of the formula
@@ -134,7 +129,7 @@ impl DenseMonitor {
     /// # Errors
     /// As for [`DenseMonitor::robustness`].
     pub fn robustness_signal(&self, signals: &[DenseSignal]) -> Result<DenseRobustness, DenseError> {
-        self.evaluate(&Log::new(&self.formula, signals)?, Windows::Cut, Ticks::MAX)
+        self.whole(signals, Windows::Cut)?.signal()
     }
 
     /// Returns the robustness at the times at which the log decides the formula, without a cut
@@ -148,45 +143,109 @@ impl DenseMonitor {
     /// # Errors
     /// As for [`DenseMonitor::robustness`].
     pub fn decided_robustness_signal(&self, signals: &[DenseSignal]) -> Result<DenseRobustness, DenseError> {
-        self.evaluate(&Log::new(&self.formula, signals)?, Windows::Whole, Ticks::MAX)
+        self.whole(signals, Windows::Whole)?.signal()
     }
 
-    /// Computes the robustness from the values up to `until`.
-    fn evaluate(&self, log: &Log<'_>, windows: Windows, until: Ticks) -> Result<DenseRobustness, DenseError> {
-        let signals: Vec<Operand> =
-            log.signals.iter().map(|signal| Operand::new(signal, log, until)).collect();
-        let starts = self.formula.starts();
-        let mut stack: Vec<Operand> = Vec::new();
-        for (index, node) in self.formula.nodes.iter().enumerate() {
-            let result = match *node {
-                Node::Constant(value) => log.constant(value, until),
-                Node::Signal(signal) => signals[signal as usize].clone(),
-                Node::Apply(operator, _) => {
-                    // The parser guarantees the operands of every operator.
-                    let Some(last) = stack.pop() else { return Err(DenseError::NoSignals) };
-                    let first = if operator.arity() == 2 { stack.pop() } else { None };
-                    if !is_linear(operator, first.as_ref(), &last) {
-                        let text = |f: &mut std::fmt::Formatter<'_>| {
-                            self.formula.write_node(f, Operator::name, index, &starts)
-                        };
-                        return Err(DenseError::NotLinear { term: std::fmt::from_fn(text).to_string() });
-                    }
-                    apply(operator, self.windows[index], first, last, windows)?
-                }
-            };
-            stack.push(result);
-        }
-        Ok(DenseRobustness::new(stack.pop().map(|result| result.function).unwrap_or_default()))
+    /// Returns [`DenseMonitor::robustness_signal`] at the times from `start` to `end`, s. Later
+    /// samples than those that these values depend on are not read.
+    ///
+    /// # Errors
+    /// As for [`DenseMonitor::robustness`].
+    pub fn robustness_within(
+        &self,
+        signals: &[DenseSignal],
+        start: f64,
+        end: f64,
+    ) -> Result<DenseRobustness, DenseError> {
+        self.within(signals, start, end, Windows::Cut)
     }
-}
 
-/// The treatment of windows at the end of the log.
-#[derive(Clone, Copy, PartialEq)]
-enum Windows {
-    /// They are cut.
-    Cut,
-    /// A value whose windows would be cut is not computed.
-    Whole,
+    /// Returns [`DenseMonitor::decided_robustness_signal`] at the times from `start` to `end`, s.
+    ///
+    /// # Errors
+    /// As for [`DenseMonitor::robustness`].
+    pub fn decided_robustness_within(
+        &self,
+        signals: &[DenseSignal],
+        start: f64,
+        end: f64,
+    ) -> Result<DenseRobustness, DenseError> {
+        self.within(signals, start, end, Windows::Whole)
+    }
+
+    fn within(
+        &self,
+        signals: &[DenseSignal],
+        start: f64,
+        end: f64,
+        windows: Windows,
+    ) -> Result<DenseRobustness, DenseError> {
+        let log = Log::new(&self.formula, signals)?;
+        let [start, end] = [start, end].map(|time| ticks(time.clamp(-MAX_SECONDS, MAX_SECONDS)));
+        let until = end.max(log.first).saturating_add(self.ahead);
+        let evaluation = Evaluation::new(&self.formula, &self.windows, log, windows, until)?;
+        Ok(evaluation.signal()?.within(start, end))
+    }
+
+    /// Returns which predicate determines [`DenseMonitor::robustness`], and when.
+    ///
+    /// # Errors
+    /// As for [`DenseMonitor::robustness`].
+    ///
+    /// # Example
+    /// ```
+    /// use mishandle_stl::{DenseMonitor, DenseSignal, Formula, Interpolation};
+    ///
+    /// let force = DenseSignal::new("force", vec![0.0, 1.0, 4.0], vec![0.0, 2.0, 0.5], Interpolation::Linear).unwrap();
+    /// let formula = Formula::parse("always(force <= 1 or force >= 0)").unwrap();
+    /// let monitor = DenseMonitor::new(&formula, &["force".to_owned()], None).unwrap();
+    /// let predicate = monitor.diagnose(&[force]).unwrap().predicate.unwrap();
+    /// assert_eq!((predicate.text.as_str(), predicate.time), ("force <= 1", 0.25));
+    /// assert_eq!((predicate.values, predicate.robustness), ([0.5, 1.0], 0.5));
+    /// ```
+    pub fn diagnose(&self, signals: &[DenseSignal]) -> Result<DenseDiagnosis, DenseError> {
+        self.at_start(signals, Windows::Cut)?.diagnosis()
+    }
+
+    /// Returns the diagnosis of the first value of [`DenseMonitor::decided_robustness_signal`];
+    /// `None` if the log does not decide the formula at its first time.
+    ///
+    /// # Errors
+    /// As for [`DenseMonitor::robustness`].
+    pub fn diagnose_decided(&self, signals: &[DenseSignal]) -> Result<Option<DenseDiagnosis>, DenseError> {
+        let evaluation = self.at_start(signals, Windows::Whole)?;
+        evaluation.is_decided().then(|| evaluation.diagnosis()).transpose()
+    }
+
+    /// Returns whether [`DenseMonitor::robustness`] contains a window that is cut at the end of the
+    /// log.
+    ///
+    /// # Errors
+    /// As for [`DenseMonitor::robustness`].
+    pub fn cuts_windows(&self, signals: &[DenseSignal]) -> Result<bool, DenseError> {
+        Ok(self.whole(signals, Windows::Whole)?.would_cut())
+    }
+
+    /// Returns the evaluation at all times.
+    fn whole<'a>(
+        &'a self,
+        signals: &'a [DenseSignal],
+        windows: Windows,
+    ) -> Result<Evaluation<'a>, DenseError> {
+        let log = Log::new(&self.formula, signals)?;
+        Evaluation::new(&self.formula, &self.windows, log, windows, Ticks::MAX)
+    }
+
+    /// Returns the evaluation at the first time.
+    fn at_start<'a>(
+        &'a self,
+        signals: &'a [DenseSignal],
+        windows: Windows,
+    ) -> Result<Evaluation<'a>, DenseError> {
+        let log = Log::new(&self.formula, signals)?;
+        let until = log.first.saturating_add(self.ahead);
+        Evaluation::new(&self.formula, &self.windows, log, windows, until)
+    }
 }
 
 /// Returns the window of a node in ticks.
@@ -230,147 +289,4 @@ fn ahead(formula: &Formula, windows: &[[Ticks; 2]]) -> Ticks {
         stack.push(result);
     }
     stack.pop().unwrap_or(0)
-}
-
-/// The signals that a formula reads.
-struct Log<'a> {
-    /// In the order of the formula's signals.
-    signals: Vec<&'a DenseSignal>,
-    /// The first and last time of all signals.
-    start: Ticks,
-    end: Ticks,
-    /// The first time at which all signals have a value.
-    first: Ticks,
-}
-
-impl<'a> Log<'a> {
-    fn new(formula: &Formula, all: &'a [DenseSignal]) -> Result<Log<'a>, DenseError> {
-        let names: Vec<String> = all.iter().map(|signal| signal.name().to_owned()).collect();
-        let read: Vec<&DenseSignal> =
-            columns(formula, &names)?.iter().map(|(index, _)| &all[*index]).collect();
-        // A formula without signals has its value at the times of all of them.
-        let timed: Vec<&DenseSignal> = if read.is_empty() { all.iter().collect() } else { read.clone() };
-        let by_start = |a: &&&DenseSignal, b: &&&DenseSignal| a.start().total_cmp(&b.start());
-        let by_end = |a: &&&DenseSignal, b: &&&DenseSignal| a.end().total_cmp(&b.end());
-        let (Some(earliest), Some(latest)) = (timed.iter().min_by(by_start), timed.iter().max_by(by_end))
-        else {
-            return Err(DenseError::NoSignals);
-        };
-        let late = read.iter().max_by(by_start);
-        let early =
-            read.iter().filter(|signal| signal.interpolation() == Interpolation::Linear).min_by(by_end);
-        if let (Some(late), Some(early)) = (late, early)
-            && late.start() > early.end()
-        {
-            return Err(DenseError::NoCommonTime {
-                late: late.name().to_owned(),
-                start: late.start(),
-                early: early.name().to_owned(),
-                end: early.end(),
-            });
-        }
-        let first = late.map_or(earliest.start(), |late| late.start());
-        let (start, end) = (ticks(earliest.start()), ticks(latest.end()));
-        Ok(Log { signals: read, start, end, first: ticks(first) })
-    }
-
-    /// Returns a constant operand.
-    fn constant(&self, value: f64, until: Ticks) -> Operand {
-        let (start, end) = (self.start, self.end.min(until));
-        Operand { function: Piecewise::constant(value, start, end), start, end, log_end: end, is_steps: true }
-    }
-}
-
-/// The values of a sub-formula.
-#[derive(Clone)]
-struct Operand {
-    function: Piecewise,
-    /// The domain of the function, which is empty if the end is before the start.
-    start: Ticks,
-    end: Ticks,
-    /// The end of the domain if windows are cut.
-    log_end: Ticks,
-    /// Whether it is constant between knots.
-    is_steps: bool,
-}
-
-impl Operand {
-    fn new(signal: &DenseSignal, log: &Log<'_>, until: Ticks) -> Operand {
-        let function = signal.piecewise(log.end, until);
-        let (start, end) = function.domain().unwrap_or((log.start, log.start - 1));
-        let is_steps = signal.interpolation() == Interpolation::Hold;
-        Operand { function, start, end, log_end: end, is_steps }
-    }
-}
-
-/// Returns whether the result of an operator is piecewise linear.
-fn is_linear(operator: Operator, first: Option<&Operand>, last: &Operand) -> bool {
-    let is_first_steps = first.is_none_or(|first| first.is_steps);
-    match operator {
-        Operator::Multiply => is_first_steps || last.is_steps,
-        Operator::Divide | Operator::Sqrt | Operator::Exp | Operator::Ln => last.is_steps,
-        Operator::Pow => is_first_steps && last.is_steps,
-        _ => true,
-    }
-}
-
-/// Returns a time minus a bound, within the range in which times can be negated.
-fn earlier(time: Ticks, bound: Ticks) -> Ticks {
-    time.saturating_sub(bound).max(-UNBOUNDED)
-}
-
-/// Applies an operator.
-fn apply(
-    operator: Operator,
-    [begin, end]: [Ticks; 2],
-    first: Option<Operand>,
-    last: Operand,
-    windows: Windows,
-) -> Result<Operand, DenseError> {
-    // The time of the operands that must be known after t.
-    let ahead = match windows {
-        Windows::Cut => 0,
-        Windows::Whole if end >= UNBOUNDED => begin,
-        Windows::Whole => end,
-    };
-    let Some(first) = first else {
-        let Operand { function: x, start, end: known, log_end, is_steps } = last;
-        let domain = match operator {
-            Operator::Always | Operator::Eventually => [start, earlier(known, ahead)],
-            Operator::Historically | Operator::Once => [start, known.saturating_add(begin).min(log_end)],
-            _ => [start, known],
-        };
-        let function = match operator {
-            Operator::Always => window::<Minimum>(&x, [begin, end], domain),
-            Operator::Eventually => window::<Maximum>(&x, [begin, end], domain),
-            Operator::Historically => window::<Minimum>(&x, [-end, -begin], domain),
-            Operator::Once => window::<Maximum>(&x, [-end, -begin], domain),
-            _ => unary(operator, x)?,
-        };
-        return Ok(Operand { function, start, end: domain[1], log_end, is_steps });
-    };
-    let (start, log_end) = (first.start.max(last.start), first.log_end.min(last.log_end));
-    let common = first.end.min(last.end);
-    let is_steps = first.is_steps && last.is_steps;
-    let stop = match operator {
-        Operator::Until | Operator::Release | Operator::Unless => earlier(common, ahead),
-        Operator::Since => first.end.min(last.end.saturating_add(begin)).min(log_end),
-        _ => common,
-    };
-    let domain = [start, stop];
-    let (p, q) = (first.function, last.function);
-    let function = match operator {
-        Operator::Until => until(&p, &q, [begin, end], domain),
-        Operator::Release => {
-            let (p, q) = (p.map(|p| -p), q.map(|q| -q));
-            until(&p, &q, [begin, end], domain).map(|result| -result)
-        }
-        Operator::Since => until(&p.reversed(), &q.reversed(), [begin, end], [-stop, -start]).reversed(),
-        Operator::Unless => {
-            let held = window::<Minimum>(&p, [0, end], domain);
-            pick::<Maximum>(&held, &until(&p, &q, [begin, end], domain))
-        }
-        _ => binary(operator, p, q)?,
-    };
-    Ok(Operand { function, start, end: stop, log_end, is_steps })
 }

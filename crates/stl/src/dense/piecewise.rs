@@ -35,6 +35,23 @@ impl Knot {
     }
 }
 
+/// A limit from the left, a value, or a limit from the right.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub(crate) enum Side {
+    Before,
+    At,
+    After,
+}
+
+const SIDES: [Side; 3] = [Side::Before, Side::At, Side::After];
+
+/// A place at which a function has a value or a limit.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub(crate) struct Point {
+    pub time: Ticks,
+    pub side: Side,
+}
+
 /// A function on the closed interval from its first to its last knot. Between two knots it is the
 /// line from the `after` of the first to the `before` of the second. Where one of them is infinite,
 /// both are equal.
@@ -113,6 +130,60 @@ impl Piecewise {
         }
         let next = self.knots.partition_point(|knot| knot.time < time);
         Some(if self.knots[next].time == time { self.knots[next].at } else { self.between(next, time).at })
+    }
+
+    /// Returns the points from one to another at which a line can have its extrema, in the order of
+    /// time, each with the first knot that is not before it. There are none outside of the domain.
+    pub(crate) fn points(
+        &self,
+        from: Point,
+        to: Point,
+    ) -> impl DoubleEndedIterator<Item = (Point, usize)> + use<'_> {
+        let (mut head, mut tail, mut inside) = (Vec::new(), Vec::new(), 0..0);
+        if let Some((from, to)) = self.cut(from, to) {
+            head = self
+                .points_at(from.time, |side| side >= from.side && (from.time < to.time || side <= to.side));
+            if from.time < to.time {
+                tail = self.points_at(to.time, |side| side <= to.side);
+                inside = self.knots.partition_point(|knot| knot.time <= from.time)
+                    ..self.knots.partition_point(|knot| knot.time < to.time);
+            }
+        }
+        let inside = inside.flat_map(|next| {
+            let time = self.knots[next].time;
+            SIDES.map(|side| (Point { time, side }, next))
+        });
+        head.into_iter().chain(inside).chain(tail)
+    }
+
+    /// Returns the part of a range of points that is in the domain.
+    fn cut(&self, from: Point, to: Point) -> Option<(Point, Point)> {
+        // Just before the start and just after the end, there is no value.
+        let (start, end) = self.domain()?;
+        let from = from.max(Point { time: start, side: Side::At });
+        let to = to.min(Point { time: end, side: Side::At });
+        (from <= to).then_some((from, to))
+    }
+
+    /// Returns the points at a time in the domain, of these sides if there is a knot.
+    fn points_at(&self, time: Ticks, has: impl Fn(Side) -> bool) -> Vec<(Point, usize)> {
+        let next = self.knots.partition_point(|knot| knot.time < time);
+        let point = |side| (Point { time, side }, next);
+        match self.knots[next].time == time {
+            true => SIDES.into_iter().filter(|side| has(*side)).map(point).collect(),
+            false => vec![point(Side::At)],
+        }
+    }
+
+    /// Returns the value at a point; `next` is the first knot that is not before it.
+    pub(crate) fn value(&self, point: Point, next: usize) -> f64 {
+        let knot = &self.knots[next];
+        match point.side {
+            _ if knot.time != point.time => self.between(next, point.time).at,
+            Side::Before => knot.before,
+            Side::At => knot.at,
+            Side::After => knot.after,
+        }
     }
 
     /// Returns the value at a time between knot `next` and the one before it.

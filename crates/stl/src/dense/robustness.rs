@@ -2,6 +2,7 @@
 
 use super::piecewise::{Piecewise, time_at, zero_crossing};
 use super::time::{MAX_SECONDS, Ticks, seconds, ticks};
+use crate::extremum::{Extremum, Minimum};
 use crate::verdict::is_violated;
 
 /// A time at which the robustness or its slope jumps.
@@ -24,6 +25,8 @@ pub struct Violation {
     pub start: f64,
     /// The last time.
     pub end: f64,
+    /// The least value or limit in between.
+    pub worst: f64,
 }
 
 /// The robustness of a formula as a piecewise-linear function of time.
@@ -61,6 +64,17 @@ impl DenseRobustness {
             at: knot.at,
             after: knot.after,
         })
+    }
+
+    /// Returns the robustness from one time to another.
+    pub(crate) fn within(self, start: Ticks, end: Ticks) -> DenseRobustness {
+        match self.function.domain() {
+            Some((first, last)) if first < start || end < last => {
+                let (start, end) = (start.max(first), end.min(last));
+                DenseRobustness { function: self.function.clip(start, end, 0.0) }
+            }
+            _ => self,
+        }
     }
 
     /// Returns whether there is no time at which the robustness is known.
@@ -107,31 +121,46 @@ impl DenseRobustness {
     /// assert_eq!(violations, [(0.5, 2.0)]);
     /// ```
     pub fn violations(&self) -> Vec<Violation> {
-        let mut found: Vec<(Ticks, Ticks)> = Vec::new();
+        let mut found: Vec<(Ticks, Ticks, f64)> = Vec::new();
         // Whether the formula is violated right before the next piece.
         let mut is_open = false;
-        let mut add = |start, end, continues: bool| match found.last_mut() {
-            Some(last) if continues => last.1 = end,
-            _ => found.push((start, end)),
+        let mut add = |start, end, worst: f64, continues: bool| match found.last_mut() {
+            Some(last) if continues => *last = (last.0, end, Minimum::pick(last.2, worst)),
+            _ => found.push((start, end, worst)),
         };
         let knots = &self.function.knots;
         for (index, knot) in knots.iter().enumerate() {
             if is_violated(knot.at) {
-                add(knot.time, knot.time, is_open);
+                add(knot.time, knot.time, knot.at, is_open);
             }
             is_open = is_violated(knot.at);
             let Some(next) = knots.get(index + 1) else { break };
             let (a, b) = (knot.after, next.before);
-            let crossing = time_at(knot.time, next.time, zero_crossing(a, b));
-            match (is_violated(a), is_violated(b)) {
-                (true, true) => add(knot.time, next.time, is_open),
-                (true, false) if is_open || crossing > knot.time => add(knot.time, crossing, is_open),
-                (false, true) if crossing < next.time => add(crossing, next.time, false),
-                _ => {}
-            }
-            is_open = is_violated(b) && (is_violated(a) || crossing < next.time);
+            let crossing = || time_at(knot.time, next.time, zero_crossing(a, b));
+            is_open = match (is_violated(a), is_violated(b)) {
+                (true, true) => {
+                    add(knot.time, next.time, Minimum::pick(a, b), is_open);
+                    true
+                }
+                (true, false) => {
+                    let crossing = crossing();
+                    if is_open || crossing > knot.time {
+                        add(knot.time, crossing, a, is_open);
+                    }
+                    false
+                }
+                (false, true) => {
+                    let crossing = crossing();
+                    if crossing < next.time {
+                        add(crossing, next.time, b, false);
+                    }
+                    crossing < next.time
+                }
+                (false, false) => false,
+            };
         }
-        found.into_iter().map(|(start, end)| Violation { start: seconds(start), end: seconds(end) }).collect()
+        let violation = |(start, end, worst)| Violation { start: seconds(start), end: seconds(end), worst };
+        found.into_iter().map(violation).collect()
     }
 
     /// Returns the least value or limit with the first time at which it is reached, s; `None` if it

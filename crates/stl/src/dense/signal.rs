@@ -99,6 +99,20 @@ impl DenseSignal {
         self.times[self.times.len() - 1]
     }
 
+    /// Returns the signal as a function, at least between the samples next to a time.
+    pub(crate) fn around(&self, end: Ticks, time: Ticks) -> Piecewise {
+        let next = self.times.partition_point(|sample| ticks(*sample) < time);
+        let (first, last) = (next.saturating_sub(2), (next + 3).min(self.times.len()));
+        let near = DenseSignal {
+            name: String::new(),
+            times: self.times[first..last].to_vec(),
+            values: self.values[first..last].to_vec(),
+            interpolation: self.interpolation,
+        };
+        let end = if last == self.times.len() { end } else { ticks(near.end()) };
+        near.piecewise(end, Ticks::MAX)
+    }
+
     /// Returns the signal as a function up to `until`, at most. Held values extend to `end`, the
     /// end of the log.
     pub(crate) fn piecewise(&self, end: Ticks, until: Ticks) -> Piecewise {

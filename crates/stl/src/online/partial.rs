@@ -100,20 +100,70 @@ impl Operand<'_> {
 
     /// Returns a bound of a node with [`Node::is_direct`].
     fn direct(self, sample: usize, side: Side) -> f64 {
-        let Some((operator, window)) = self.node.operator() else { return side.unknown() };
+        match self.direct_begin(sample, side).zip(self.cell.suffixes()) {
+            Some((begin, suffixes)) => suffixes.from(begin),
+            None => side.unknown(),
+        }
+    }
+
+    /// Returns the first sample of the window of a node with [`Node::is_direct`]; `None` if the
+    /// bound is unknown.
+    fn direct_begin(self, sample: usize, side: Side) -> Option<usize> {
+        let (operator, window) = self.node.operator()?;
         let (begin, known) = match operator {
             Operator::Eventually => (sample.saturating_add(window.begin), Side::Low),
             Operator::Always => (sample.saturating_add(window.begin), Side::High),
             Operator::Once => (sample.saturating_sub(window.end), Side::Low),
             _ => (sample.saturating_sub(window.end), Side::High),
         };
-        match side == known {
-            true => self.cell.suffix(begin).unwrap_or(side.unknown()),
-            false => side.unknown(),
+        (side == known).then_some(begin)
+    }
+
+    /// Replaces `values` by the bounds at the samples `first` to `last`: what [`Operand::at`]
+    /// returns for each of them.
+    fn fill(self, values: &mut Vec<f64>, first: usize, last: usize, side: Side) {
+        values.clear();
+        let count = last + 1 - first;
+        // Samples after those that are read have no bounds.
+        let end = last.min(self.node.need).saturating_add(1).max(first);
+        let exact = self.cell.len.clamp(first, end);
+        self.cell.copy_exact(first..exact, values);
+        let bounds = match side {
+            Side::Low => &self.cell.low,
+            Side::High => &self.cell.high,
+        };
+        match (self.node.is_direct, bounds.split_last(), self.node.folded) {
+            (true, ..) => {
+                let begins = (exact..end).map_while(|sample| self.direct_begin(sample, side));
+                self.cell
+                    .suffixes()
+                    .into_iter()
+                    .for_each(|suffixes| suffixes.extend_from(begins.clone(), values));
+            }
+            (false, Some((last, _)), None) => {
+                let listed = (self.cell.len..exact).len()..(self.cell.len..end).len().min(bounds.len());
+                values.extend_from_slice(bounds.get(listed).unwrap_or_default());
+                values.resize(end - first, *last);
+            }
+            (false, Some(_), Some(_)) => values.extend((exact..end).map(|sample| self.at(sample, side))),
+            (false, None, _) => {}
+        }
+        values.resize(count, side.unknown());
+    }
+
+    /// Replaces `values` by the bounds for a pointwise operator, which knows constants at all
+    /// samples.
+    fn fill_pointwise(self, values: &mut Vec<f64>, first: usize, last: usize, side: Side) {
+        match constant(self.node) {
+            Some(value) => {
+                values.clear();
+                values.resize(last + 1 - first, value);
+            }
+            None => self.fill(values, first, last, side),
         }
     }
 
-    /// Returns the bounds for a pointwise operator, which know constants at all samples.
+    /// Returns the bounds for a pointwise operator, which knows constants at all samples.
     fn both(self, sample: usize) -> (f64, f64) {
         match constant(self.node) {
             Some(value) => (value, value),
@@ -144,8 +194,20 @@ impl Operand<'_> {
                 false => pick.of(self.at(samples.start, side), self.at(samples.end - 1, side)),
             };
         }
-        let end = samples.end.min(self.top().max(samples.start).saturating_add(1));
-        (samples.start..end).fold(pick.neutral(), |best, sample| pick.of(best, self.at(sample, side)))
+        let end = samples.end.min(self.top().max(samples.start).saturating_add(1)).max(samples.start);
+        let exact = self.cell.len.clamp(samples.start, end);
+        let best =
+            (samples.start..exact).fold(pick.neutral(), |best, sample| pick.of(best, self.at(sample, side)));
+        let bounds = match side {
+            Side::Low => &self.cell.low,
+            Side::High => &self.cell.high,
+        };
+        let is_listed = !self.node.is_direct && end <= self.node.need.saturating_add(1);
+        let listed = (self.cell.len..end).len();
+        match bounds.get((self.cell.len..exact).len()..listed).filter(|_| is_listed) {
+            Some(bounds) => pick.of(best, pick.all(bounds)),
+            None => (exact..end).fold(best, |best, sample| pick.of(best, self.at(sample, side))),
+        }
     }
 }
 
@@ -190,14 +252,20 @@ pub(super) fn bound(
         (cell.low, cell.high) = (low, high);
         return;
     }
-    if !operator.is_temporal() || matches!(operator, Operator::Rise | Operator::Fall) {
+    if matches!(operator, Operator::Rise | Operator::Fall) {
         for sample in first..=last {
-            let bounds = match operator {
-                Operator::Rise | Operator::Fall => edge_bounds(operator, x, sample),
-                _ => pointwise_bounds(operator, x.both(sample), y.both(sample)),
-            };
+            let bounds = edge_bounds(operator, x, sample);
             low.push(bounds.0);
             high.push(bounds.1);
+        }
+    } else if !operator.is_temporal() {
+        x.fill_pointwise(&mut low, first, last, Side::Low);
+        x.fill_pointwise(&mut high, first, last, Side::High);
+        y.fill_pointwise(&mut buffers.first, first, last, Side::Low);
+        y.fill_pointwise(&mut buffers.last, first, last, Side::High);
+        let of_x = low.iter_mut().zip(&mut high);
+        for ((low, high), (y_low, y_high)) in of_x.zip(buffers.first.iter().zip(&buffers.last)) {
+            (*low, *high) = pointwise_bounds(operator, (*low, *high), (*y_low, *y_high));
         }
     } else {
         let evaluation = Evaluation { node, cell, operator, window, x, y, first, last, length };
@@ -254,7 +322,7 @@ impl Evaluation<'_> {
             Operator::Once | Operator::Historically => {
                 let begin = self.first.saturating_sub(self.window.end);
                 let values = &mut buffers.first;
-                fill(values, begin, self.last, self.x, side);
+                self.x.fill(values, begin, self.last, side);
                 let scratch = extremum::behind_scratch_len(self.window, values.len());
                 let scratch = Buffers::scratch(&mut buffers.scratch, scratch);
                 behind(pick, values, self.window, scratch);
@@ -278,15 +346,15 @@ impl Evaluation<'_> {
         let Buffers { first: p, last: q, scratch } = buffers;
         if !self.window.is_unbounded() {
             let start = self.first.saturating_sub(end);
-            fill(p, start, self.last, self.x, side);
-            fill(q, start, self.last, self.y, side);
+            self.x.fill(p, start, self.last, side);
+            self.y.fill(q, start, self.last, side);
             let scratch = Buffers::scratch(scratch, until::scratch_len(self.window, p.len()));
             until::since::<Maximum>(p, q, self.window, scratch);
             return out.copy_from_slice(&q[self.first - start..]);
         }
         let start = (self.first + 1).saturating_sub(begin);
         if begin > 0 {
-            fill(p, start, self.last, self.x, side);
+            self.x.fill(p, start, self.last, side);
             let after = Window { begin: 0, end: begin - 1 };
             let scratch = Buffers::scratch(scratch, extremum::behind_scratch_len(after, p.len()));
             behind(pick.dual(), p, after, scratch);
@@ -322,9 +390,10 @@ impl Evaluation<'_> {
             Pick::Greatest => extremum::ahead::<Maximum>(values, window, scratch),
         }
         self.each(out, |sample| match values.get(sample + begin - start) {
-            Some(value) if sample + begin < exact && self.x.cell.len > start => {
-                pick.of(*value, self.cell.suffix(sample + begin).unwrap_or(pick.neutral()))
-            }
+            Some(value) if sample + begin < exact && self.x.cell.len > start => pick.of(
+                *value,
+                self.cell.suffixes().map_or(pick.neutral(), |suffixes| suffixes.from(sample + begin)),
+            ),
             Some(value) => *value,
             None => self.x.at(sample + begin, side),
         });
@@ -339,8 +408,8 @@ impl Evaluation<'_> {
         let near = begin.min(top - self.first + 1);
         let window = Window { begin: near, end: near + (end - begin) };
         let Buffers { first: p, last: q, scratch } = buffers;
-        fill(p, self.first, top + near + 1, self.x, side);
-        fill(q, self.first, top + near + 1, self.y, side);
+        self.x.fill(p, self.first, top + near + 1, side);
+        self.y.fill(q, self.first, top + near + 1, side);
         let samples = p.len();
         let held = Window { begin: 0, end: window.end };
         let len =
@@ -427,12 +496,6 @@ impl Evaluation<'_> {
         let partial = self.x.cell.len.min(end);
         pick.dual().of(accumulated.held, self.x.fold(pick.dual(), partial..end, side))
     }
-}
-
-/// Copies the bounds of an operand at the samples `first` to `last`.
-fn fill(values: &mut Vec<f64>, first: usize, last: usize, operand: Operand<'_>, side: Side) {
-    values.clear();
-    values.extend((first..=last).map(|sample| operand.at(sample, side)));
 }
 
 fn behind(pick: Pick, values: &mut [f64], window: Window, scratch: &mut [f64]) {

@@ -8,6 +8,7 @@ use crate::clock::Window;
 use crate::operator::Operator;
 use crate::pointwise::{self, Undefined};
 use std::collections::VecDeque;
+use std::ops::Range;
 
 /// The memory of an operator about its operands.
 #[derive(Clone, Debug)]
@@ -130,10 +131,20 @@ impl Cell {
         }
     }
 
-    /// Returns the extremum of the exact operands of `always` or `eventually` from a sample on.
-    pub fn suffix(&self, begin: usize) -> Option<f64> {
+    /// Appends the exact values at some samples, which are kept.
+    pub fn copy_exact(&self, samples: Range<usize>, values: &mut Vec<f64>) {
+        let kept = (self.len - self.recent.len()).clamp(samples.start, samples.end);
+        values.extend((samples.start..kept).map(|sample| self.exact(sample)));
+        let first = self.len - self.recent.len();
+        if kept < samples.end {
+            values.extend(self.recent.range(kept - first..samples.end - first));
+        }
+    }
+
+    /// Returns the extrema of the exact operands of an operator with one window.
+    pub fn suffixes(&self) -> Option<&Extrema> {
         match &self.memory {
-            Memory::Extrema(extrema) => Some(extrema.from(begin)),
+            Memory::Extrema(extrema) => Some(extrema),
             _ => None,
         }
     }

@@ -25,6 +25,14 @@ impl Pick {
         }
     }
 
+    /// Returns the extremum of some values.
+    pub fn all(self, values: &[f64]) -> f64 {
+        match self {
+            Pick::Least => all::<Minimum>(values),
+            Pick::Greatest => all::<Maximum>(values),
+        }
+    }
+
     /// Returns the extremum of an empty set.
     #[inline(always)]
     pub fn neutral(self) -> f64 {
@@ -41,6 +49,18 @@ impl Pick {
             Pick::Greatest => Pick::Least,
         }
     }
+}
+
+/// Returns the extremum of some values, in several lanes that do not wait for each other.
+fn all<E: Extremum>(values: &[f64]) -> f64 {
+    let (lanes, rest) = values.as_chunks::<8>();
+    let mut best = [E::NEUTRAL; 8];
+    for lane in lanes {
+        for (best, value) in best.iter_mut().zip(lane) {
+            *best = E::pick(*best, *value);
+        }
+    }
+    best.iter().chain(rest).fold(E::NEUTRAL, |best, value| E::pick(best, *value))
 }
 
 /// The suffix extrema of the last samples of a stream.
@@ -81,6 +101,18 @@ impl Extrema {
     pub fn from(&self, begin: usize) -> f64 {
         let index = self.suffixes.partition_point(|(sample, _)| *sample < begin);
         self.suffixes.get(index).map_or(self.pick.neutral(), |(_, value)| *value)
+    }
+
+    /// Appends the extremum of the samples from each of these samples on, which must not decrease.
+    pub fn extend_from(&self, begins: impl Iterator<Item = usize>, values: &mut Vec<f64>) {
+        let mut index = None;
+        values.extend(begins.map(|begin| {
+            let found = index.get_or_insert_with(|| self.suffixes.partition_point(|(at, _)| *at < begin));
+            while self.suffixes.get(*found).is_some_and(|(sample, _)| *sample < begin) {
+                *found += 1;
+            }
+            self.suffixes.get(*found).map_or(self.pick.neutral(), |(_, value)| *value)
+        }));
     }
 
     pub fn clear(&mut self) {

@@ -12,16 +12,18 @@ rejects `a - 1` until it has parsed a few formulas and accepts it afterwards, so
 """
 
 import copy
-import json
-import logging
 import math
 import pathlib
 import random
+import sys
 
 import rtamt
 
 HERE = pathlib.Path(__file__).resolve().parent
-SIGNALS = ["a", "b", "c"]
+sys.path.insert(0, str(HERE.parent))
+
+from rtamt_reference import SIGNALS, parse, quiet, save
+
 # Name, spellings and binding power of each operator, and the calls that take operands in parentheses.
 INFIX = {
     "*": (["*"], 24), "/": (["/"], 24), "+": (["+"], 23), "-": (["-"], 23),
@@ -42,6 +44,11 @@ TIMED = ["always", "eventually", "historically", "once", "until", "unless", "sin
 COMPARISONS = ["<=", ">=", "<", ">", "==", "!=="]
 LOGIC = ["and", "or", "implies", "iff", "xor"]
 FACTORS = {"s": 10**9, "ms": 10**6, "us": 10**3, "ns": 1}
+
+
+def column(rng, samples):
+    """Samples of a signal: multiples of 1/8, so that sums and differences are exact."""
+    return [rng.randrange(-40, 41) / 8 for _ in range(samples)]
 
 
 def number(rng):
@@ -136,12 +143,9 @@ def write(rng, tree, parent=None, right=False):
 
 def specification(text, clock):
     spec = rtamt.StlDiscreteTimeOfflineSpecification()
-    for name in SIGNALS:
-        spec.declare_var(name, "float")
     spec.ast.unit = clock["unit"]
     spec.set_sampling_period(clock["period"], clock["period_unit"], 0.1)
-    spec.spec = text
-    spec.parse()
+    parse(spec, text)
     assert len(spec.ast.specs) == 1, text
     return spec
 
@@ -193,7 +197,7 @@ LONG = [
 def make_long():
     rng = random.Random(20240603)
     for text in LONG:
-        columns = [[rng.randrange(-40, 41) / 8 for _ in range(150)] for _ in SIGNALS]
+        columns = [column(rng, 150) for _ in SIGNALS]
         yield case(text, CLOCKS[0], columns, evaluate(text, CLOCKS[0], columns))
 
 
@@ -217,7 +221,7 @@ def make_values():
         text = write(rng, formula(rng, rng.choice([0, 1, 1, 2, 2, 3]), clock, samples))
         if len(text) > 400:
             continue
-        columns = [[rng.randrange(-40, 41) / 8 for _ in range(samples)] for _ in SIGNALS]
+        columns = [column(rng, samples) for _ in SIGNALS]
         values = evaluate(text, clock, columns)
         if values is None:
             continue
@@ -295,13 +299,8 @@ def make_differences():
         yield case(text, clock, columns, without) | {"mended": mended, "mended_robustness": as_text(right)}
 
 
-def save(name, rows):
-    lines = ",\n".join(json.dumps(row, separators=(",", ":")) for row in rows)
-    (HERE / name).write_text(f"[\n{lines}\n]\n")
-
-
 if __name__ == "__main__":
-    logging.disable(logging.WARNING)
-    save("values.json", make_values() + list(make_long()))
-    save("trees.json", make_trees())
-    save("differences.json", make_differences())
+    quiet()
+    save(HERE / "values.json", make_values() + list(make_long()))
+    save(HERE / "trees.json", make_trees())
+    save(HERE / "differences.json", make_differences())

@@ -10,16 +10,18 @@ before the start of its operand, and what RTAMT rejects.
 """
 
 import copy
-import json
-import logging
 import math
 import pathlib
 import random
+import sys
 
 import rtamt
 
 HERE = pathlib.Path(__file__).resolve().parent
-SIGNALS = ["a", "b", "c"]
+sys.path.insert(0, str(HERE.parent))
+
+from rtamt_reference import SIGNALS, parse, quiet, save
+
 AHEAD = ["always", "eventually", "until", "unless"]
 BEHIND = ["historically", "once", "since"]
 CASES = 400
@@ -77,11 +79,7 @@ def samples(rng, end):
 def evaluate(text, signals):
     """RTAMT's result, or None if it fails or has a NaN."""
     try:
-        spec = rtamt.StlDenseTimeOfflineSpecification()
-        for name in SIGNALS:
-            spec.declare_var(name, "float")
-        spec.spec = text
-        spec.parse()
+        spec = parse(rtamt.StlDenseTimeOfflineSpecification(), text)
         result = spec.evaluate(*([name, copy.deepcopy(signal)] for name, signal in zip(SIGNALS, signals)))
     except Exception as error:  # RTAMT raises all kinds
         print(f"{type(error).__name__}: {error}: {text}")
@@ -108,6 +106,5 @@ def make():
 
 
 if __name__ == "__main__":
-    logging.disable(logging.WARNING)
-    lines = ",\n".join(json.dumps(row, separators=(",", ":")) for row in make())
-    (HERE / "values.json").write_text(f"[\n{lines}\n]\n")
+    quiet()
+    save(HERE / "values.json", make())

@@ -1,11 +1,7 @@
 //! Names of signals in backquotes, and hints on names.
-#![allow(clippy::unwrap_used)] // clippy's setting for tests does not cover helper functions
 
-#[allow(dead_code, reason = "these tests use a part of it")]
-mod naive;
-
+use crate::naive::Random;
 use mishandle_stl::{Clock, Formula, Monitor, MonitorError, Trace, spelled};
-use naive::Random;
 
 /// A random name: of characters with a meaning in formulas, or a word that has one.
 fn random_name(random: &mut Random) -> String {

@@ -1,11 +1,7 @@
 //! Where statements end: definitions, declarations and formulas over several lines.
-#![allow(clippy::unwrap_used)] // clippy's setting for tests does not cover helper functions
 
-#[allow(dead_code, reason = "these tests use a part of it")]
-mod naive;
-
+use crate::naive::{Random, Tree};
 use mishandle_stl::{Formula, ParseError};
-use naive::{Random, Tree};
 
 #[track_caller]
 fn check_same(text: &str, other: &str) {

@@ -1,15 +1,11 @@
 //! Dense time against the reference evaluator of discrete time, on grids that make both equal or
 //! close.
-#![allow(clippy::unwrap_used)] // clippy's setting for tests does not cover helper functions
 
-#[allow(dead_code, reason = "these tests use a part of it")]
-mod naive;
-
+use crate::naive::{NAMES, Random, TIMED_ONE, TIMED_TWO, Tree};
 use mishandle_stl::{
     Clock, DenseError, DenseMonitor, DenseRobustness, DenseSignal, Formula, Interpolation, Monitor, TimeUnit,
     Trace, is_satisfied,
 };
-use naive::{NAMES, Random, TIMED_ONE, TIMED_TWO, Tree};
 use std::sync::Arc;
 
 fn names() -> Arc<[String]> {

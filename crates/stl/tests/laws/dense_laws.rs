@@ -1,25 +1,12 @@
 //! Laws of robustness in dense time, and inputs at the limits.
-#![allow(clippy::unwrap_used)] // clippy's setting for tests does not cover helper functions
 
-#[allow(dead_code, reason = "these tests use a part of it")]
-mod naive;
-
+use crate::naive::{NAMES, Random};
+use crate::random_signals::{compile, evaluate, for_random_cases};
 use mishandle_stl::{
-    DenseError, DenseMonitor, DenseRobustness, DenseSignal, Formula, Interpolation, TimeUnit, Violation,
-    is_satisfied, is_violated,
+    DenseError, DenseMonitor, DenseRobustness, DenseSignal, Formula, Interpolation, Violation, is_satisfied,
+    is_violated,
 };
-use naive::{NAMES, ONE, Random, Tree};
 use std::time::Instant;
-
-fn evaluate(text: &str, signals: &[DenseSignal]) -> Result<DenseRobustness, DenseError> {
-    compile(text, signals)?.robustness_signal(signals)
-}
-
-fn compile(text: &str, signals: &[DenseSignal]) -> Result<DenseMonitor, DenseError> {
-    let formula = Formula::parse(text).unwrap_or_else(|error| panic!("{text}: {error}"));
-    let names: Vec<String> = signals.iter().map(|signal| signal.name().to_owned()).collect();
-    DenseMonitor::new(&formula, &names, Some(TimeUnit::Seconds))
-}
 
 fn signal(times: &[f64], values: &[f64], interpolation: Interpolation) -> DenseSignal {
     DenseSignal::new("x", times.to_vec(), values.to_vec(), interpolation).unwrap()
@@ -31,23 +18,6 @@ fn linear(times: &[f64], values: &[f64]) -> DenseSignal {
 
 fn hold(times: &[f64], values: &[f64]) -> DenseSignal {
     signal(times, values, Interpolation::Hold)
-}
-
-/// Random signals with times that are multiples of 1/8 s, from 0 to `end` eighths.
-fn random_signals(random: &mut Random, end: usize) -> Vec<DenseSignal> {
-    let one = |name: &&str| {
-        let is_sample = |time: &usize| *time == 0 || *time == end;
-        let times: Vec<usize> = (0..=end).collect();
-        let times: Vec<f64> = times
-            .into_iter()
-            .filter(|time| is_sample(time) || random.below(3) == 0)
-            .map(|time| time as f64 / 8.0)
-            .collect();
-        let values = random.column(times.len());
-        DenseSignal::new(*name, times, values, random.pick(&[Interpolation::Hold, Interpolation::Linear]))
-            .unwrap()
-    };
-    NAMES.iter().map(one).collect()
 }
 
 /// Applies functions to the times and values of signals.
@@ -79,30 +49,6 @@ fn check_equal(one: &DenseRobustness, other: &DenseRobustness, context: &str) {
         let time = start + (end - start) * f64::from(step) / 96.0;
         let (a, b) = (one.at(time).unwrap(), other.at(time).unwrap());
         assert!(is_near(a, b), "{a} and {b} at {time}: {context}: {one:?} {other:?}");
-    }
-}
-
-/// Calls `check` with random formulas that have a value, and signals.
-fn for_random_cases(
-    seed: u64,
-    count: usize,
-    mut check: impl FnMut(&Tree, &str, &[DenseSignal], &mut Random),
-) {
-    let mut random = Random(seed);
-    let mut done = 0;
-    while done < count {
-        let end = 1 + random.below(40);
-        let size = random.below(6);
-        let tree = Tree::random(&mut random, size, 1 + end / 8);
-        let text = tree.write(&mut random);
-        let signals = random_signals(&mut random, end);
-        match evaluate(&text, &signals) {
-            Ok(_) => check(&tree, &text, &signals, &mut random),
-            Err(DenseError::NoNeighbor { operator }) => assert!(ONE.contains(&operator), "{text}"),
-            Err(DenseError::NotLinear { term }) => assert!(term.contains('*'), "{text}: {term}"),
-            Err(error) => panic!("{text}: {error}"),
-        }
-        done += 1;
     }
 }
 

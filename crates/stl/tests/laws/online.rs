@@ -1,11 +1,7 @@
 //! Laws of online monitors, checked on random formulas.
-#![allow(clippy::unwrap_used)] // clippy's setting for tests does not cover helper functions
 
-#[allow(dead_code)] // this test needs a part of the reference
-mod naive;
-
+use crate::naive::{NAMES, Random, Tree};
 use mishandle_stl::{Bounds, Clock, CutMonitor, Formula, Monitor, OnlineMonitor, Trace, is_satisfied};
-use naive::{NAMES, Random, Tree};
 use std::sync::Arc;
 
 fn names() -> Arc<[String]> {

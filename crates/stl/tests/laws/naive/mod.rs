@@ -2,7 +2,6 @@
 //! shares no code with the crate: it has its own trees, which it writes as text in any of the
 //! allowed spellings.
 
-#[allow(dead_code)] // not every test needs them
 mod bounds;
 
 /// SplitMix64.

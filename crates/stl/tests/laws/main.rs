@@ -1,0 +1,14 @@
+//! Laws of formulas, monitors and robustness, checked on random ones and against a reference that
+//! follows the definitions.
+#![allow(clippy::unwrap_used)] // clippy's setting for tests does not cover helper functions
+
+mod dense;
+mod dense_diagnosis;
+mod dense_laws;
+mod discrete;
+mod naive;
+mod names;
+mod online;
+mod random_signals;
+mod spans;
+mod statements;
