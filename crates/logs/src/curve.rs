@@ -12,8 +12,8 @@ impl Samples {
         !matches!(self.signals, Signals::Even { period: None, .. })
     }
 
-    /// Returns the time of a sample, in seconds if [`Samples::is_timed`], otherwise its number. Dense
-    /// time has no samples: the time is NaN.
+    /// Returns the time of a sample, in seconds if [`Samples::is_timed`], otherwise its number.
+    /// Dense time has no samples: the time is NaN.
     pub fn time_of(&self, sample: usize) -> f64 {
         match &self.signals {
             Signals::Even { period, start, .. } => {
