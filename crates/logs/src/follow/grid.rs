@@ -62,8 +62,8 @@ impl Grid {
         self.tracks.iter().map(|track| track.samples.len()).max().unwrap_or(0)
     }
 
-    /// Writes the next sample, one value per signal, and returns its time; `None` if there is none
-    /// yet, and after the end. `clock` is the time up to which no row can come.
+    /// Writes the next sample, one value per signal, and returns its time; `None` if it is not
+    /// known yet, and after the end. `clock` is the time up to which no row can come.
     pub(super) fn next(&mut self, topics: &[Topic], clock: f64, sample: &mut [f64]) -> Result<Option<f64>> {
         let Some(start) = self.start.or_else(|| {
             let firsts = self.tracks.iter().map(|track| Some(track.samples.front()?.0));
@@ -99,8 +99,8 @@ impl Grid {
                 Interpolation::Hold => clock.min(latest),
                 Interpolation::Linear => clock,
             };
-            // A row from the grid time on, and no other one is so near to it: they differ by the last
-            // digit at least, which is more than the slack.
+            // A row from the grid time on, and no other one is so near to it: they differ by the
+            // last digit at least, which is more than the slack.
             if known < time {
                 return Ok(None);
             }

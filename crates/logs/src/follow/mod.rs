@@ -54,7 +54,7 @@ pub struct Following {
     pub idle: Option<Duration>,
 }
 
-/// What [`Follow::next`] found.
+/// The answer of [`Follow::next`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Next {
     /// A sample.
@@ -368,8 +368,8 @@ impl Follow {
         Ok(())
     }
 
-    /// Returns the topic of a row of a file, which is new if a column names it; `None` if no formula
-    /// reads it.
+    /// Returns the topic of a row of a file, which is new if a column names it; `None` if no
+    /// formula reads it.
     fn topic_of(&mut self, index: usize, name: Option<&str>) -> Result<Option<usize>> {
         let file = &mut self.files[index];
         if let Some(found) = file.topics.iter().position(|(known, ..)| known.as_deref() == name) {

@@ -17,7 +17,7 @@ pub struct Watched {
     pub unit: Option<TimeUnit>,
 }
 
-/// What the samples so far say about a formula.
+/// The answer of the samples so far about a formula.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Answer {
     /// The bounds of the robustness at time 0 over all continuations.
@@ -88,8 +88,8 @@ impl Watch {
     /// windows inside the log count, instead of cutting them at its end.
     ///
     /// # Errors
-    /// If a formula does not fit the signals, or a bound needs a period or is no whole number of
-    /// samples.
+    /// If a formula does not fit the signals, or a bound needs a period or is not a whole number
+    /// of samples.
     pub fn new(watched: &[Watched], names: &[String], period: Option<f64>, is_strict: bool) -> Result<Watch> {
         let mut units: Vec<Option<TimeUnit>> = Vec::new();
         for found in watched {

@@ -17,7 +17,7 @@ use crate::show::output;
 /// Time between two looks at the signals that interrupt the command.
 const WAIT: Duration = Duration::from_millis(50);
 
-/// What is asked about the log.
+/// The formulas, and the choices for the log.
 pub struct Requested<'a> {
     pub requirements: &'a [Requirement],
     pub formulas: &'a [Formula],
