@@ -25,6 +25,8 @@ pub(super) struct Grid {
     pub(super) interpolation: Interpolation,
     /// The longest step between two samples of a signal in seconds; `None`: any.
     pub(super) tolerance: Option<f64>,
+    /// Whether rows that arrived can wait before they count.
+    pub(super) has_waiting: bool,
     pub(super) tracks: Vec<Track>,
     /// The first grid time, when it is known.
     pub(super) start: Option<f64>,
@@ -99,9 +101,9 @@ impl Grid {
                 Interpolation::Hold => clock.min(latest),
                 Interpolation::Linear => clock,
             };
-            // A row from the grid time on, and no other one is so near to it: they differ by the
-            // last digit at least, which is more than the slack.
-            if known < time {
+            // A row at the grid time or after it is there, and no other one is so near to it: they
+            // differ by the last digit at least, which is more than the slack.
+            if known < if self.has_waiting { time + slack } else { time } {
                 return Ok(None);
             }
         }

@@ -126,6 +126,15 @@ impl CutMonitor {
         self.monitor.decided(i).map(|(sample, value)| (sample, unlimited(value)))
     }
 
+    /// Returns the number of samples that decide formula `i` at time 0, as
+    /// [`OnlineMonitor::needed_samples`] does.
+    ///
+    /// # Panics
+    /// If there is no formula `i`.
+    pub fn needed_samples(&self, i: usize) -> (usize, bool) {
+        self.monitor.needed_samples(i)
+    }
+
     /// Returns the number of samples.
     pub fn len(&self) -> usize {
         self.len

@@ -54,7 +54,7 @@ fn follow(
         let next = follow.next(WAIT)?;
         let event = match next {
             Next::Sample => {
-                watch.push(follow.sample())?;
+                watch.push(follow.sample(), follow.time())?;
                 "verdict"
             }
             Next::End => {
@@ -112,7 +112,7 @@ fn change(
         violation: answer.violation.as_ref().map(|violation| FirstViolation {
             formula: violation.formula.clone(),
             sample: violation.sample as u64,
-            time: follow.time_of(violation.sample).map(Number),
+            time: violation.time.map(Number),
             robustness: violation.robustness.into(),
         }),
         cuts_windows: answer.cuts_windows,
