@@ -15,7 +15,7 @@ pub(crate) fn of(
     stated: Option<Format>,
 ) -> Result<(Format, Box<dyn Read>)> {
     let mut first = Vec::new();
-    // No format has a line break where it is told, and a pipe may have no more yet.
+    // The first line is enough for every format, and a pipe may have no more yet.
     while first.len() < 16 && !first.contains(&b'\n') {
         if file.by_ref().take(1).read_to_end(&mut first)? == 0 {
             break;

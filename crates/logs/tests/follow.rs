@@ -1,12 +1,12 @@
 //! Laws of logs that are followed: however their bytes arrive, the samples and the verdicts are
 //! those of the same logs when they are complete.
 
-use std::io::{self, Read};
+use std::io::{self, Read, Write};
 use std::time::Duration;
 
 use mishandle_logs::{
     Duplicates, Evaluation, Follow, Following, Interpolation, LogError, Missing, Next, OpenLog, Options,
-    Result, Samples, Sampling, Signals, Source, Watch, Watched,
+    Result, Samples, Sampling, Signals, Source, Unit, Watch, Watched,
 };
 use mishandle_stl::{Formula, is_satisfied};
 
@@ -80,7 +80,7 @@ fn followed(
             Next::Waiting => panic!("no end"),
             Next::End => break,
             Next::Sample => {
-                watch.push(follow.sample())?;
+                watch.push(follow.sample(), follow.time())?;
                 samples.push(follow.sample().to_vec());
                 times.push(follow.time());
                 let each = (0..formulas.len()).map(|i| {
@@ -186,7 +186,9 @@ fn agrees(
         }
         if let (Some(violation), false) = (&answer.violation, is_satisfied) {
             let same = verdict.violations.iter().find(|known| {
-                known.formula == violation.formula && known.start.sample == Some(violation.sample)
+                known.formula == violation.formula
+                    && known.start.sample == Some(violation.sample)
+                    && known.start.secs.or(violation.time) == violation.time
             });
             assert!(same.is_some(), "{shown}: {:?}", verdict.violations);
         }
@@ -220,8 +222,12 @@ fn times(random: &mut Random, rows: usize) -> Vec<usize> {
         .collect()
 }
 
-fn secs(ms: usize) -> String {
-    format!("{}.{:03}", ms / 1000, ms % 1000)
+/// A time as the unit says: seconds with three decimals, or nanoseconds of our time.
+fn time_text(ms: usize, options: &Options) -> String {
+    match options.time_unit {
+        Some(Unit::Nanoseconds) => format!("{}", 1_700_000_000_000_000_001 + ms as u64 * 1_000_000),
+        _ => format!("{}.{:03}", ms / 1000, ms % 1000),
+    }
 }
 
 fn options(random: &mut Random) -> Options {
@@ -236,6 +242,7 @@ fn options(random: &mut Random) -> Options {
         period: (!is_even).then(|| random.of(&[0.1, 0.0335, 0.25])),
         tolerance: (!is_even && random.below(3) == 0).then(|| random.of(&[0.2, 0.35])),
         missing: random.of(&[Missing::Error, Missing::Hold, Missing::Drop]),
+        time_unit: random.of(&[None, Some(Unit::Nanoseconds)]),
         duplicates: random.of(&[Duplicates::Error, Duplicates::First, Duplicates::Last]),
         ..Options::default()
     }
@@ -260,7 +267,7 @@ fn a_log_that_arrives_in_pieces_is_the_log() {
         let end = random.of(&["\n", "\r\n"]);
         for ms in ms {
             if has_times {
-                text += &format!("{},", secs(ms));
+                text += &format!("{},", time_text(ms, &options));
             }
             text += &format!(
                 "{},{}{end}",
@@ -328,23 +335,33 @@ fn topics_that_arrive_in_any_order_are_one_log() {
     let mut agreed = [0; 4];
     for case in 0..3000 {
         let mut options = options(&mut random);
-        if options.sampling == Sampling::Even {
-            options.sampling = Sampling::Resampled(Interpolation::Hold);
-            options.period = Some(0.1);
-        }
         let is_one_file = random.below(3) == 0;
         options.sort = random.below(3) == 0;
         // More than any row is late.
-        let lateness = (options.sort || random.below(4) == 0).then_some(1000.0);
+        let waits = options.sampling != Sampling::Even && random.below(4) == 0;
+        let lateness = (options.sort || waits).then_some(1000.0);
         let counts = [random.of(&[1, 5, 30]), random.of(&[1, 5, 30])];
-        let [arm, hand] = counts.map(|count| rows(&mut random, count, &options));
+        let [mut arm, mut hand] = counts.map(|count| rows(&mut random, count, &options));
+        if options.sampling == Sampling::Even {
+            // The same even times for both, if both have as many rows and none is left out.
+            if options.missing == Missing::Drop {
+                continue;
+            }
+            for rows in [&mut arm, &mut hand] {
+                rows.iter_mut().enumerate().for_each(|(row, (ms, _))| *ms = 125 * row);
+            }
+        }
         let formulas = formulas(&mut random, ["arm/q", "hand/force"]);
         let is_strict = random.below(3) == 0;
         let (whole, pipes): (Result<Samples>, Pipes) = if is_one_file {
             options.topic_column = Some("topic".to_owned());
             let mut lines: Vec<(usize, String)> = Vec::new();
-            lines.extend(arm.iter().map(|(ms, cell)| (*ms, format!("{},arm,{cell},\n", secs(*ms)))));
-            lines.extend(hand.iter().map(|(ms, cell)| (*ms, format!("{},hand,,{cell}\n", secs(*ms)))));
+            lines.extend(
+                arm.iter().map(|(ms, cell)| (*ms, format!("{},arm,{cell},\n", time_text(*ms, &options)))),
+            );
+            lines.extend(
+                hand.iter().map(|(ms, cell)| (*ms, format!("{},hand,,{cell}\n", time_text(*ms, &options)))),
+            );
             if !options.sort && random.below(2) == 0 {
                 lines.sort_by_key(|(ms, _)| *ms);
             }
@@ -353,7 +370,7 @@ fn topics_that_arrive_in_any_order_are_one_log() {
             (complete(&[("", text.clone())], &formulas, &options), vec![(None, pieces(&text, &mut random))])
         } else {
             let text = |name: &str, rows: &[(usize, String)]| {
-                let lines = rows.iter().map(|(ms, cell)| format!("{},{cell}\n", secs(*ms)));
+                let lines = rows.iter().map(|(ms, cell)| format!("{},{cell}\n", time_text(*ms, &options)));
                 format!("time,{name}\n") + &lines.collect::<String>()
             };
             let texts = [("arm", text("q", &arm)), ("hand", text("force", &hand))];
@@ -365,8 +382,113 @@ fn topics_that_arrive_in_any_order_are_one_log() {
         let found = followed(pipes, &formulas, &options, lateness, is_strict);
         let shown =
             format!("case {case}, {options:?}, {lateness:?}, {arm:?}, {hand:?}, {:?}", found.as_ref().err());
-        let kind = usize::from(is_one_file) + 2 * usize::from(options.sort);
+        let kind = usize::from(is_one_file) + 2 * usize::from(options.sampling == Sampling::Even);
         agreed[kind] += agrees(whole, found, &formulas, is_strict, &shown);
     }
     assert!(agreed.iter().all(|count| *count > 1000), "{agreed:?}");
+}
+
+fn next(follow: &mut Follow) -> (Next, Vec<f64>, Option<f64>) {
+    let next = follow.next(Duration::from_millis(200)).expect("no error");
+    (next, follow.sample().to_vec(), follow.time())
+}
+
+/// The ends of a pipe; the reader waits for what is written.
+fn pipe() -> (std::io::PipeWriter, Box<dyn Read + Send>) {
+    let (reader, writer) = io::pipe().expect("a pipe");
+    (writer, Box::new(reader))
+}
+
+#[test]
+fn a_sample_waits_for_all_topics_or_for_the_lateness() {
+    let formula = [Formula::parse("always(`arm/q` <= `hand/f`)").expect("a formula")];
+    let options = Options {
+        sampling: Sampling::Resampled(Interpolation::Hold),
+        period: Some(1.0),
+        ..Options::default()
+    };
+    for lateness in [None, Some(2.5)] {
+        let ((mut arm, first), (mut hand, second)) = (pipe(), pipe());
+        let pipes: Pipes = vec![(Some("arm".to_owned()), first), (Some("hand".to_owned()), second)];
+        let following = Following { lateness, idle: None };
+        let mut follow = Follow::open_pipes(pipes, &formula, &options, following).expect("open");
+        assert_eq!(follow.signals(), ["arm/q", "hand/f"]);
+        arm.write_all(b"time,q\n0,1\n1,2\n2,3\n").expect("written");
+        assert_eq!(next(&mut follow).0, Next::Waiting);
+        hand.write_all(b"time,f\n0.5,7\n").expect("written");
+        // The signals have a common time from 0.5 s on, and no row of `hand` is later.
+        assert_eq!(next(&mut follow), (Next::Sample, vec![1.0, 7.0], Some(0.5)));
+        assert_eq!(next(&mut follow).0, Next::Waiting);
+        arm.write_all(b"3,4\n4,5\n5,6\n").expect("written");
+        if lateness.is_some() {
+            // 5 s - 2.5 s: the value of `hand` holds.
+            assert_eq!(next(&mut follow), (Next::Sample, vec![2.0, 7.0], Some(1.5)));
+            assert_eq!(next(&mut follow).0, Next::Waiting);
+            hand.write_all(b"1.75,8\n1.8,9\n").expect("written");
+            assert_eq!(next(&mut follow).0, Next::Waiting);
+            arm.write_all(b"5.5,6\n").expect("written");
+            assert_eq!(next(&mut follow), (Next::Sample, vec![3.0, 9.0], Some(2.5)));
+            hand.write_all(b"2.25,9\n").expect("written");
+            let error = loop {
+                match follow.next(Duration::from_secs(20)) {
+                    Ok(Next::Sample) => {}
+                    Ok(other) => panic!("{other:?}"),
+                    Err(error) => break error,
+                }
+            };
+            assert_eq!(error.flag(), Some("--lateness"), "{error}");
+        } else {
+            assert_eq!(next(&mut follow).0, Next::Waiting);
+            hand.write_all(b"2.25,9\n").expect("written");
+            assert_eq!(next(&mut follow), (Next::Sample, vec![2.0, 7.0], Some(1.5)));
+            drop((arm, hand));
+            let rest: Vec<f64> = std::iter::from_fn(|| {
+                let (next, sample, _) = next(&mut follow);
+                (next == Next::Sample).then(|| sample[0] - sample[1])
+            })
+            .collect();
+            // At 2.5 s, 3.5 s and 4.5 s.
+            assert_eq!(rest, [3.0 - 9.0, 4.0 - 9.0, 5.0 - 9.0]);
+        }
+    }
+}
+
+#[test]
+fn rows_that_are_sorted_wait_for_the_lateness() {
+    let formula = [Formula::parse("always(d <= 2)").expect("a formula")];
+    let options = Options { sort: true, ..Options::default() };
+    let (mut writer, reader) = pipe();
+    let following = Following { lateness: Some(1.0), idle: None };
+    let mut follow = Follow::open_pipes(vec![(None, reader)], &formula, &options, following).expect("open");
+    writer.write_all(b"time,d\n0,1\n0.5,3\n0.25,2\n1.5,4\n").expect("written");
+    for expected in [0.0, 0.25] {
+        assert_eq!(next(&mut follow), (Next::Sample, vec![1.0 + 4.0 * expected], Some(expected)));
+    }
+    // A row at 0.5 s can still come.
+    assert_eq!(next(&mut follow).0, Next::Waiting);
+    writer.write_all(b"0.4,1\n").expect("written");
+    let error = follow.next(Duration::from_secs(20)).expect_err("too late");
+    assert_eq!(error.flag(), Some("--lateness"), "{error}");
+}
+
+#[test]
+fn times_must_fit_the_period() {
+    let formula = [Formula::parse("always[0:1s](d <= 2)").expect("a formula")];
+    let options = Options { period: Some(0.1), ..Options::default() };
+    let rows = |secs: &dyn Fn(f64) -> f64| {
+        let lines = (0..200).map(|row| format!("{:.3},0\n", secs(f64::from(row))));
+        "time,d\n".to_owned() + &lines.collect::<String>()
+    };
+    let mut random = Random(3);
+    let mut end = |text: String| {
+        let pipes: Pipes = vec![(None, pieces(&text, &mut random))];
+        followed(pipes, &formula, &options, None, false).map(|found| found.samples.len())
+    };
+    assert_eq!(end(rows(&|row| row / 10.0)).expect("even"), 200);
+    // Rounded, and nearly even.
+    assert_eq!(end(rows(&|row| 7.0004 + row / 10.0)).expect("even"), 200);
+    assert_eq!(end(rows(&|row| row / 9.999)).expect("even"), 200);
+    let error = end(rows(&|row| row / 10.0 + if row > 100.0 { 0.1 } else { 0.0 })).expect_err("a gap");
+    assert!(error.flag() == Some("--resample") && error.to_string().contains("line 103"), "{error}");
+    assert_eq!(end(rows(&|row| row / 9.0)).expect_err("another rate").flag(), Some("--resample"));
 }

@@ -36,6 +36,11 @@ Examples:
   mishandle monitor --formula 'always[0:2](d <= 0.3)' --period 0.1 --unit s trace.csv  as in RTAMT
   mishandle monitor --formulas requirements.toml --junit verdicts.xml logs/*.parquet
   mishandle monitor --formula 'always(`arm/q` <= 2)' --topic arm=arm.csv --dense hold
+  ./robot | mishandle monitor --follow --formula 'always(force <= 20)' -
+
+--follow reads a log that is still written, row by row: a pipe, or a file that grows. Each change of
+a verdict is a line of JSON, and the program ends as soon as the exit code is certain. The end of
+the pipe gives the verdict of the whole log. docs/guide/online.md has the keys of a line.
 
 Exit code 1 means that a formula is violated at time 0; requirements with the severity `warning`
 do not count. docs/guide/logs.md describes logs, docs/reference/formulas.md the language of
@@ -51,11 +56,6 @@ pub struct Arguments {
     /// With --json: print the robustness at each sample
     #[arg(long, requires = "json")]
     pub values: bool,
-    /// Read a log that is still written and print changes as JSON lines; ends with the verdict
-    #[arg(long, conflicts_with_all = ["json", "values", "junit", "markdown", "dense"])]
-    pub follow: bool,
-    #[command(flatten)]
-    pub following: FollowFlags,
     /// File to create with the verdicts as JUnit XML
     #[arg(long, value_name = "FILE")]
     pub junit: Option<PathBuf>,
@@ -65,6 +65,11 @@ pub struct Arguments {
     /// Overwrite the files of --junit and --markdown
     #[arg(long)]
     pub force: bool,
+    /// Read a log that is still written and print changes as JSON lines; ends with the verdict
+    #[arg(long, help_heading = "Following a log", conflicts_with_all = ["json", "values", "junit", "markdown", "dense"])]
+    pub follow: bool,
+    #[command(flatten)]
+    pub following: FollowFlags,
     #[command(flatten)]
     pub question: LogQuestion,
 }

@@ -4,6 +4,9 @@
 /// explain: twice that of whole logs, whose mean step may be off the period by as much.
 const JITTER: f64 = 2.1e-3;
 
+/// Ratio of the period and the rounding from which on a missing sample is seen.
+const FINE: f64 = 10.0;
+
 /// The times so far.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Steps {
@@ -37,7 +40,10 @@ impl Steps {
         // The first time is rounded, too.
         (self.low, self.high) =
             (self.low.max(difference - error).max(-error), self.high.min(difference + error).min(error));
-        self.is_uneven |= ((secs - self.last) / period - 1.0).abs() > JITTER;
+        let rounded = if FINE * rounding < period { 2.0 * error } else { 0.0 };
+        let step = (secs - self.last - period).abs() > JITTER * period + rounded;
+        let drift = difference.abs() > JITTER * period * self.count as f64 + rounded;
+        self.is_uneven |= step || drift;
         (self.count, self.last) = (self.count + 1, secs);
         !self.is_uneven || (4.0 * rounding < period && self.low <= self.high)
     }

@@ -25,6 +25,8 @@ pub(super) struct Grid {
     pub(super) interpolation: Interpolation,
     /// The longest step between two samples of a signal in seconds; `None`: any.
     pub(super) tolerance: Option<f64>,
+    /// Whether rows that arrived can wait before they count.
+    pub(super) has_waiting: bool,
     pub(super) tracks: Vec<Track>,
     /// The first grid time, when it is known.
     pub(super) start: Option<f64>,
@@ -62,8 +64,8 @@ impl Grid {
         self.tracks.iter().map(|track| track.samples.len()).max().unwrap_or(0)
     }
 
-    /// Writes the next sample, one value per signal, and returns its time; `None` if there is none
-    /// yet, and after the end. `clock` is the time up to which no row can come.
+    /// Writes the next sample, one value per signal, and returns its time; `None` if it is not
+    /// known yet, and after the end. `clock` is the time up to which no row can come.
     pub(super) fn next(&mut self, topics: &[Topic], clock: f64, sample: &mut [f64]) -> Result<Option<f64>> {
         let Some(start) = self.start.or_else(|| {
             let firsts = self.tracks.iter().map(|track| Some(track.samples.front()?.0));
@@ -99,9 +101,9 @@ impl Grid {
                 Interpolation::Hold => clock.min(latest),
                 Interpolation::Linear => clock,
             };
-            // A row from the grid time on, and no other one is so near to it: they differ by the last
-            // digit at least, which is more than the slack.
-            if known < time {
+            // A row at the grid time or after it is there, and no other one is so near to it: they
+            // differ by the last digit at least, which is more than the slack.
+            if known < if self.has_waiting { time + slack } else { time } {
                 return Ok(None);
             }
         }

@@ -32,7 +32,7 @@ pub use watch::{Answer, Violated, Watch, Watched};
 use crate::cell::Row;
 use crate::error::{LogError, Result, content, undecided};
 use crate::log::{Source, full_name, not_utf8};
-use crate::options::{Options, Sampling};
+use crate::options::{Duplicates, Options, Sampling};
 
 /// Attoseconds per second.
 const ATTO: f64 = 1e18;
@@ -54,7 +54,7 @@ pub struct Following {
     pub idle: Option<Duration>,
 }
 
-/// What [`Follow::next`] found.
+/// The answer of [`Follow::next`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Next {
     /// A sample.
@@ -164,6 +164,7 @@ impl Follow {
                 period,
                 interpolation,
                 tolerance: options.tolerance,
+                has_waiting: options.sort || options.duplicates == Duplicates::Last,
                 tracks: signals.iter().map(|_| Track::default()).collect(),
                 start: None,
                 taken: 0,
@@ -203,15 +204,6 @@ impl Follow {
     /// Returns the time of the sample in seconds; `None` if the log has no times and no period.
     pub fn time(&self) -> Option<f64> {
         self.time
-    }
-
-    /// Returns the time of a sample that came before, if it can be computed.
-    pub fn time_of(&self, sample: usize) -> Option<f64> {
-        match (self.options.period, self.taken.checked_sub(1)) {
-            (Some(period), _) => Some(self.start + sample as f64 * period),
-            (None, Some(last)) if last == sample as u64 => self.time,
-            _ => None,
-        }
     }
 
     /// Returns the instant of 0 s in nanoseconds, if times are differences from it.
@@ -368,8 +360,8 @@ impl Follow {
         Ok(())
     }
 
-    /// Returns the topic of a row of a file, which is new if a column names it; `None` if no formula
-    /// reads it.
+    /// Returns the topic of a row of a file, which is new if a column names it; `None` if no
+    /// formula reads it.
     fn topic_of(&mut self, index: usize, name: Option<&str>) -> Result<Option<usize>> {
         let file = &mut self.files[index];
         if let Some(found) = file.topics.iter().position(|(known, ..)| known.as_deref() == name) {
@@ -446,7 +438,7 @@ impl Follow {
         for topic in &mut self.topics {
             grid.take_rows(topic)?;
         }
-        let clocks = self.topics.iter().map(|topic| topic.clock(&self.options) + topic.shift);
+        let clocks = self.topics.iter().map(|topic| topic.clock(&self.options));
         let mut clock = clocks.fold(f64::INFINITY, f64::min);
         if let Some(lateness) = self.lateness {
             let times = self.topics.iter().map(|topic| topic.latest + topic.shift);

@@ -21,7 +21,7 @@ const BATCH: usize = 4096;
 /// Number of batches that wait until they are taken; then the thread waits, too.
 const WAITING: usize = 4;
 
-/// What a thread sends.
+/// A message of a thread.
 pub(super) enum Message {
     /// The file is open.
     Opened(Opened),
@@ -32,7 +32,7 @@ pub(super) enum Message {
     Failed(LogError),
 }
 
-/// What is known about a file before its first row.
+/// The facts about a file before its first row.
 pub(super) struct Opened {
     /// The names of all columns, as a formula reads them.
     pub(super) names: Vec<String>,
@@ -46,8 +46,8 @@ pub(super) struct Opened {
     pub(super) foreign: Option<usize>,
 }
 
-/// Starts the thread of a file, which reads `input` if there is one, whose messages come on the channel. It ends if the channel is
-/// dropped, and the program need not wait for it.
+/// Starts the thread of a file, which reads `input` if it is given, and returns the channel of its
+/// messages. The thread ends if the channel is dropped, and the program need not wait for it.
 pub(super) fn start(
     source: Source,
     input: Option<Box<dyn Read + Send>>,
@@ -71,7 +71,7 @@ pub(super) fn start(
 struct Batch {
     rows: Vec<Row>,
     sender: SyncSender<Message>,
-    /// Tells the receiver of all files that a message waits.
+    /// Wakes the receiver of all files, because a message waits.
     wake: SyncSender<()>,
 }
 

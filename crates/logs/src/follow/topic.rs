@@ -150,9 +150,12 @@ impl Topic {
         if self.has_ended {
             return f64::INFINITY;
         }
-        let arrived = if options.sort { self.passed.next_down() } else { self.latest };
-        let last = self.last.as_ref().map_or(f64::INFINITY, |last| last.secs.next_down());
-        arrived.min(last) + self.shift
+        let arrived = match options.sort {
+            true => (self.passed + self.shift).next_down(),
+            false => self.latest + self.shift,
+        };
+        let last = self.last.as_ref().map(|last| (last.secs + self.shift).next_down());
+        arrived.min(last.unwrap_or(f64::INFINITY))
     }
 
     /// Returns whether no row counts.

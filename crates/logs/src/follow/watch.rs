@@ -1,5 +1,7 @@
 //! Formulas over samples that come one at a time: bounds, verdicts and the first violations.
 
+use std::collections::VecDeque;
+
 use mishandle_stl::{
     Bounds, Clock, CutMonitor, Formula, Monitor, MonitorError, OnlineMonitor, TimeUnit, is_violated,
 };
@@ -17,7 +19,7 @@ pub struct Watched {
     pub unit: Option<TimeUnit>,
 }
 
-/// What the samples so far say about a formula.
+/// The answer of the samples so far about a formula.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Answer {
     /// The bounds of the robustness at time 0 over all continuations.
@@ -37,6 +39,8 @@ pub struct Violated {
     pub formula: String,
     /// The sample.
     pub sample: usize,
+    /// Its time in seconds; `None` if the log has no times and no period.
+    pub time: Option<f64>,
     /// The robustness of the part there.
     pub robustness: f64,
 }
@@ -50,6 +54,9 @@ pub struct Watch {
     names: Vec<String>,
     is_strict: bool,
     len: usize,
+    /// The times of the last samples, as many as parts wait for.
+    times: VecDeque<Option<f64>>,
+    kept: usize,
 }
 
 /// Formulas with the same clock.
@@ -88,8 +95,8 @@ impl Watch {
     /// windows inside the log count, instead of cutting them at its end.
     ///
     /// # Errors
-    /// If a formula does not fit the signals, or a bound needs a period or is no whole number of
-    /// samples.
+    /// If a formula does not fit the signals, or a bound needs a period or is not a whole number
+    /// of samples.
     pub fn new(watched: &[Watched], names: &[String], period: Option<f64>, is_strict: bool) -> Result<Watch> {
         let mut units: Vec<Option<TimeUnit>> = Vec::new();
         for found in watched {
@@ -113,18 +120,26 @@ impl Watch {
             (group, counts[group] - 1)
         };
         let places = watched.iter().map(place).collect();
-        Ok(Watch { groups, places, names: names.to_vec(), is_strict, len: 0 })
+        let kept = groups.iter().map(Group::waits).max().unwrap_or(1);
+        let (names, times) = (names.to_vec(), VecDeque::new());
+        Ok(Watch { groups, places, names, is_strict, len: 0, times, kept })
     }
 
-    /// Adds a sample.
+    /// Adds a sample and its time in seconds, if it has one.
     ///
     /// # Errors
     /// If arithmetic has no finite value.
-    pub fn push(&mut self, sample: &[f64]) -> Result<()> {
-        for group in &mut self.groups {
-            group.push(sample)?;
-        }
+    pub fn push(&mut self, sample: &[f64], time: Option<f64>) -> Result<()> {
         self.len += 1;
+        self.times.push_back(time);
+        if self.times.len() > self.kept {
+            self.times.pop_front();
+        }
+        let first = self.len - self.times.len();
+        let time_of = |sample: usize| self.times.get(sample.checked_sub(first)?).copied().flatten();
+        for group in &mut self.groups {
+            group.push(sample, &time_of)?;
+        }
         Ok(())
     }
 
@@ -195,7 +210,13 @@ impl Group {
         Ok(Group { clock, online, watched })
     }
 
-    fn push(&mut self, sample: &[f64]) -> Result<()> {
+    /// Returns the number of samples after which a part is decided.
+    fn waits(&self) -> usize {
+        let parts = self.watched.iter().flat_map(|state| &state.parts);
+        parts.map(|part| self.online.needed_samples(part.root)).max().unwrap_or(1)
+    }
+
+    fn push(&mut self, sample: &[f64], time_of: &dyn Fn(usize) -> Option<f64>) -> Result<()> {
         self.online.push(sample)?;
         for (root, state) in self.watched.iter_mut().enumerate() {
             if state.answer.verdict.is_some() {
@@ -209,7 +230,12 @@ impl Group {
                     .filter(|(sample, value)| {
                         first <= *sample && last.is_none_or(|last| *sample <= last) && is_violated(*value)
                     })
-                    .map(|(sample, robustness)| Violated { formula: part.text.clone(), sample, robustness });
+                    .map(|(sample, robustness)| Violated {
+                        formula: part.text.clone(),
+                        sample,
+                        time: time_of(sample),
+                        robustness,
+                    });
             }
             state.answer.bounds = self.online.bounds(root);
             state.decide();
@@ -253,6 +279,13 @@ impl Online {
         match self {
             Online::Cut(monitor) => monitor.push(sample),
             Online::Whole(monitor) => monitor.push(sample),
+        }
+    }
+
+    fn needed_samples(&self, root: usize) -> usize {
+        match self {
+            Online::Cut(monitor) => monitor.needed_samples(root).0,
+            Online::Whole(monitor) => monitor.needed_samples(root).0,
         }
     }
 

@@ -1,7 +1,7 @@
 //! Online monitors whose windows are cut at the end of the trace, as those of
 //! [`Monitor`](crate::Monitor) are.
 //!
-//! A trace that ends is one that goes on with samples outside of it. A signal of its own tells
+//! A trace that ends is one that continues with samples outside of it. A signal of its own shows
 //! which samples are inside: it is [`INSIDE`] there, and `-INSIDE` outside. `always p` becomes
 //! `always (not inside or p)` and `eventually p` becomes `eventually (inside and p)`, and so do the
 //! other operators over samples ahead. No sample outside then has an effect, and the values are
@@ -20,9 +20,9 @@ const INSIDE: f64 = f64::MAX;
 /// The name of the signal. No column has it: readers trim names.
 const SIGNAL: &str = " inside the trace ";
 
-/// An [`OnlineMonitor`] whose windows are cut at the end of the trace: its bounds are those over all
-/// continuations, a trace that ends now among them, and after [`finish`](CutMonitor::finish) they
-/// are the robustness of [`Monitor::robustness`](crate::Monitor::robustness).
+/// An [`OnlineMonitor`] whose windows are cut at the end of the trace: its bounds are those over
+/// all continuations, a trace that ends now among them, and after [`finish`](CutMonitor::finish)
+/// they are the robustness of [`Monitor::robustness`](crate::Monitor::robustness).
 ///
 /// A comparison of the values of temporal operators, as in `(prev p) <= (next q)`, takes an empty
 /// window as a large number: at the ends of the trace it can be another value than that of the
@@ -47,7 +47,7 @@ const SIGNAL: &str = " inside the trace ";
 #[derive(Clone, Debug)]
 pub struct CutMonitor {
     monitor: OnlineMonitor,
-    /// The last sample, and the signal that tells which samples are inside.
+    /// The last sample, and the signal that shows which samples are inside.
     sample: Vec<f64>,
     len: usize,
 }
@@ -124,6 +124,15 @@ impl CutMonitor {
     /// If there is no formula `i`.
     pub fn decided(&self, i: usize) -> Option<(usize, f64)> {
         self.monitor.decided(i).map(|(sample, value)| (sample, unlimited(value)))
+    }
+
+    /// Returns the number of samples that decide formula `i` at time 0, as
+    /// [`OnlineMonitor::needed_samples`] does.
+    ///
+    /// # Panics
+    /// If there is no formula `i`.
+    pub fn needed_samples(&self, i: usize) -> (usize, bool) {
+        self.monitor.needed_samples(i)
     }
 
     /// Returns the number of samples.

@@ -38,7 +38,7 @@ fn follow(log: &[Source], requirements: &[Requirement], command: &Arguments) -> 
         let next = follow.next(WAIT)?;
         let event = match next {
             Next::Sample => {
-                watch.push(follow.sample())?;
+                watch.push(follow.sample(), follow.time())?;
                 "verdict"
             }
             Next::End => {
@@ -96,7 +96,7 @@ fn change(
         violation: answer.violation.as_ref().map(|violation| FirstViolation {
             formula: violation.formula.clone(),
             sample: violation.sample as u64,
-            time: follow.time_of(violation.sample).map(Number),
+            time: violation.time.map(Number),
             robustness: violation.robustness.into(),
         }),
         cuts_windows: answer.cuts_windows,
