@@ -46,6 +46,19 @@ class Reading(TableOptions, total=False):
     """Whether to sort the rows by time."""
 
 
+TABLE = list(TableOptions.__annotations__)
+"""Choices about tables."""
+
+FILE = ["topic_column", "format", "delimiter", "decimal"]
+"""Choices about files."""
+
+
+def _check_effect(reading: Mapping[str, Any], names: Sequence[str], kind: str) -> None:
+    for name in names:
+        if reading.get(name) is not None:
+            raise InvalidTypeError(f"the argument `{name}` has no effect on {kind}; leave it out")
+
+
 def native_reading(given: Mapping[str, Any]) -> dict[str, Any]:
     """Returns all choices as the extension module takes them."""
     check_options(given, list(NATIVE_DEFAULTS))
@@ -60,16 +73,20 @@ def native_logs(log: Any, signals: Sequence[str], hint: Hint, reading: Mapping[s
     if isinstance(log, (str, os.PathLike)):
         file = pathlib.Path(os.fspath(log))
         if lerobot_data.is_data_set(file):
+            _check_effect(reading, [*TABLE, "time"], f"the data set {file}")
             yield from (_of_recording(episode, signals) for episode in read_logs(file))
         elif is_recording(file):
+            _check_effect(reading, TABLE, f"the recording {file}")
             yield _of_recording(read_signals(file, signals, reading.get("time")), signals)
         else:
             yield str(file), [(None, str(file))], []
     elif isinstance(log, Log):
+        _check_effect(reading, [*TABLE, "time"], "a log that was read")
         yield _of_recording(log, signals)
     elif isinstance(log, Mapping) and log and all(_is_topic(part) for part in log.values()):
         yield _of_topics({str(name): part for name, part in log.items()}, signals, hint, reading)
     else:
+        _check_effect(reading, FILE, "columns in memory")
         columns = columns_of(log, signals, hint)
         yield "", [], [(None, _times(log, reading), list(columns.items()))]
 
@@ -85,6 +102,7 @@ def _of_topics(log: Mapping[str, Any], signals: Sequence[str], hint: Hint, readi
         return ", ".join(file for _, file in files), files, []
     if files:
         raise InvalidTypeError(f"the topic {files[0][0]} is a file, and others are not; read it by mishandle.read_log")
+    _check_effect(reading, FILE, "topics in memory")
     topics: list[NativeTopic] = []
     known: list[str] = []
     for name, part in log.items():

@@ -61,8 +61,8 @@ class Objective:
     def __call__(self, points: ArrayLike, *, threshold: float = math.inf) -> NDArray[np.float64]:
         """Returns the robustness at each row of ``points``; infinity if a simulation has no verdict.
 
-        A simulation of our tasks ends as soon as its robustness is certain, or certain to be above ``threshold``, which is at least 0.
-        In the second case its value is a lower bound that is above the threshold.
+        A simulation ends as soon as its robustness is certain, or certain to be above ``threshold``, which is at least 0. In the second
+        case its value is a lower bound that is above the threshold. A function returns whole traces.
         """
         if not threshold >= 0:
             raise InvalidValueError(f"the threshold is {threshold}; it must be at least 0")

@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 use std::path::PathBuf;
 
-use mishandle::stl::{DenseMonitor, Formula, Monitor, TimeUnit};
+use mishandle::stl::{Clock, DenseMonitor, Formula, Monitor, TimeUnit};
 use mishandle_logs::{
     Column, Duplicates, Evaluation, Format, Interpolation, Log, LogError, Missing, NamedSamples, OpenLog,
     Options, Requirement, Samples, Sampling, Signals, Source, TimeValues, Times, Topic, Unit, utc_offset,
@@ -11,7 +11,7 @@ use mishandle_logs::{
 use numpy::{IntoPyArray, PyArray1, PyReadonlyArray1};
 use pyo3::prelude::*;
 
-use crate::formula::{PyFormula, clock};
+use crate::formula::PyFormula;
 use crate::work::json;
 use crate::{InvalidValueError, plain};
 
@@ -247,26 +247,34 @@ pub fn log_robustness(
         "" => InvalidValueError::new_err(error.to_string()),
         name => InvalidValueError::new_err(format!("trace {name}: {error}")),
     };
-    let evaluation = Evaluation::default();
-    let (samples, found) = py
-        .detach(|| {
-            let samples = contents.samples([formula], &options)?;
-            let found = samples.robustness_signal(formula, &evaluation)?;
-            Ok((samples, found))
-        })
-        .map_err(named)?;
-    if !decided_only {
-        return Ok(found.first().map(|(_, value)| *value));
-    }
+    let found = py.detach(|| first_value(&contents.samples([formula], &options)?, formula, decided_only));
+    found.map_err(named)
+}
+
+/// Returns the robustness at the first time; `None` if `decided_only` and a window reaches past the
+/// end.
+fn first_value(samples: &Samples, formula: &Formula, decided_only: bool) -> Result<Option<f64>, LogError> {
     match &samples.signals {
+        // The error says what the log lacks.
+        Signals::Even { period: None, .. } if formula.needs_period(false) => {
+            let found = samples.robustness_signal(formula, &Evaluation::default())?;
+            Ok(found.first().map(|(_, value)| *value))
+        }
         Signals::Even { trace, period, .. } => {
-            let mut monitor = Monitor::new(formula, trace.names(), clock(*period)?).map_err(plain)?;
-            Ok(monitor.decided_robustness_signal(trace).map_err(plain)?.first().copied())
+            let clock = period.map_or(Clock::unknown(), Clock::steps);
+            let mut monitor = Monitor::new(formula, trace.names(), clock)?;
+            match decided_only {
+                true => Ok(monitor.decided_robustness_signal(trace)?.first().copied()),
+                false => Ok(Some(monitor.robustness(trace)?)),
+            }
         }
         Signals::Dense(signals) => {
             let names: Vec<String> = signals.iter().map(|signal| signal.name().to_owned()).collect();
-            let monitor = DenseMonitor::new(formula, &names, None).map_err(plain)?;
-            Ok(monitor.decided_robustness_signal(signals).map_err(plain)?.first())
+            let monitor = DenseMonitor::new(formula, &names, None)?;
+            match decided_only {
+                true => Ok(monitor.decided_robustness_signal(signals)?.first()),
+                false => Ok(Some(monitor.robustness(signals)?)),
+            }
         }
     }
 }

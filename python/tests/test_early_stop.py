@@ -86,6 +86,17 @@ class Searches(unittest.TestCase):
         for found in rows[1:]:
             self.assertEqual(found, rows[0])
 
+    def test_an_objective_has_the_exact_robustness_in_fewer_steps(self):
+        # The position after 20 steps decides; the policy moves it by 0.001 a step.
+        objective = mishandle.Objective(
+            Drift(), "always[20:20](x <= 1)", SPACE, policy=policy, signals={"x": "obs[0]"}, steps=STEPS, control_dt=0.1
+        )
+        points = [[0.75, 0.5], [0.75, 0.8]]
+        COUNT["steps"] = 0
+        values = objective(points)
+        self.assertEqual(COUNT["steps"], 40)
+        np.testing.assert_allclose(values, [1 - (0.5 - 0.02), 1 - (0.5 + 20 * 0.03 - 0.02)], atol=1e-6)
+
     def test_a_replay_stops_at_the_recorded_step(self):
         known = dict(policy=policy, signals={"x": "obs[0]"}, steps=STEPS, control_dt=0.1, name="drift")
         formula = "always[0:20](abs(x) <= 1.1)"

@@ -92,9 +92,10 @@ class SameAnswers(Files):
         for times, reading in cases:
             columns = {"time": times, "force": force, "speed": speed}
             flags = [word for name, value in reading.items() for word in (f"--{name}", str(value))]
-            for path in self.files(columns):
-                expected = command("--formula", formula, str(path), *flags)
-                self.assertTrue(expected.violated)
+            paths = self.files(columns)
+            expected = command("--formula", formula, str(paths[0]), *flags)
+            self.assertTrue(expected.violated)
+            for path in paths:
                 asked = {"path": path, "log": mishandle.read_log(path), "columns": columns, "pandas": pandas.DataFrame(columns)}
                 asked["polars"] = polars.DataFrame(columns)
                 for name, log in asked.items():
@@ -172,6 +173,10 @@ class Choices(Files):
             mishandle.monitor("always(x <= 2)", {"x": [1.0]}, resampled="hold")
         with self.assertRaisesRegex(ValueError, "needs the time between two samples.*pass period=SECONDS"):
             mishandle.robustness("always[0:2s](x <= 2)", {"x": [1.0]})
+        read = mishandle.Log("read", {"": mishandle.Topic("", None, {"x": np.zeros(2)})})
+        for log, name in [({"x": [1.0]}, "format"), (read, "time"), ({"a": {"x": [1.0]}}, "delimiter")]:
+            with self.assertRaisesRegex(TypeError, f"the argument `{name}` has no effect on"):
+                mishandle.monitor("always(x <= 2)", log, **{name: "csv"})
         path = self.csv("t.csv", {"stamp": [0.0, 1.0], "x": [1.0, 1.0]})
         with self.assertRaisesRegex(ValueError, 'pass time="stamp", otherwise period=SECONDS'):
             mishandle.robustness("always[0:2s](x <= 2)", path)
