@@ -86,7 +86,7 @@ pub struct At {
 
 /// The first and last time relative to that of a formula at which it requires a part; `None`
 /// without an end.
-type Reach = (usize, Option<usize>);
+pub(crate) type Reach = (usize, Option<usize>);
 
 impl Samples {
     /// Returns the verdict of a formula.
@@ -174,7 +174,7 @@ fn clock(
 }
 
 /// Returns the positions of the parts of a formula, and when it requires them.
-fn parts(nodes: &[SubformulaNode]) -> Vec<(usize, Reach)> {
+pub(crate) fn parts(nodes: &[SubformulaNode]) -> Vec<(usize, Reach)> {
     let mut open = vec![(0, (0, Some(0)))];
     let mut found = Vec::new();
     while let Some((position, reach)) = open.pop() {
@@ -224,11 +224,7 @@ impl Even<'_> {
     fn check_needed(&self, monitor: &Monitor) -> Result<()> {
         let needed = monitor.needed_samples();
         if needed > self.trace.len() {
-            return Err(content(format!(
-                "the formula needs {needed} samples, but the trace has only {}; without --strict-horizon, windows are cut \
-                 at its end",
-                self.trace.len()
-            )));
+            return Err(too_short(needed, self.trace.len()));
         }
         Ok(())
     }
@@ -299,14 +295,24 @@ impl Even<'_> {
 
 /// Checks that a value does not come from an empty window.
 fn check_decided(robustness: f64) -> Result<()> {
-    if !robustness.is_finite() {
-        return Err(content(format!(
-            "the robustness at time 0 is {}: it depends on no sample of the trace; without --strict-horizon, empty \
-             windows are allowed",
-            number_text(robustness)
-        )));
-    }
-    Ok(())
+    if robustness.is_finite() { Ok(()) } else { Err(infinite(robustness)) }
+}
+
+/// Returns the error for a log that is too short for `strict_horizon`.
+pub(crate) fn too_short(needed: usize, samples: usize) -> LogError {
+    content(format!(
+        "the formula needs {needed} samples, but the trace has only {samples}; without --strict-horizon, windows are cut \
+         at its end"
+    ))
+}
+
+/// Returns the error for a robustness that no sample decides.
+pub(crate) fn infinite(robustness: f64) -> LogError {
+    content(format!(
+        "the robustness at time 0 is {}: it depends on no sample of the trace; without --strict-horizon, empty windows \
+         are allowed",
+        number_text(robustness)
+    ))
 }
 
 /// Violated samples without a gap.
