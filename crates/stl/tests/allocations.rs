@@ -256,3 +256,31 @@ fn a_monitor_takes_at_most_67_numbers_per_sample() {
     });
     assert!(found > 60.0 && found <= 67.0, "{found} numbers per sample");
 }
+
+/// A chunk has 65,536 samples, of which few operands and a result are kept at a time.
+#[test]
+fn a_diagnosis_takes_memory_for_windows_inside_windows_only() {
+    let names: Arc<[String]> = ["a", "b"].map(String::from).into();
+    let peak = |text: &str, samples: usize| {
+        let mut trace = Trace::with_capacity(Arc::clone(&names), samples);
+        fill(&mut trace, samples);
+        let formula = Formula::parse(text).unwrap();
+        let before = LIVE.get();
+        PEAK.set(before);
+        formula.diagnose(&trace, &Clock::steps(1.0)).unwrap();
+        PEAK.get() - before
+    };
+    for text in [
+        "always(a <= 1 and b <= 1)",
+        "always[0:1e9](a <= 1 and b <= 1)",
+        "(a <= 2) until (b >= 2)",
+        "always(a <= 0.3 implies eventually[0:20](b >= 0.1))",
+        "eventually(always[3:30](a <= 0.1)) and not ((a <= 2) unless (once[0:9](b >= 2)))",
+    ] {
+        let (short, long) = (peak(text, 200_000), peak(text, 2_000_000));
+        assert!(short < 4_000_000 && long < short + 100_000, "{text}: {short} bytes, then {long}");
+    }
+    // The suffixes of all samples.
+    let all = "always(a <= 0.3 implies eventually(b >= 0.1))";
+    assert!(peak(all, 2_000_000) > 16_000_000);
+}
