@@ -186,7 +186,7 @@ def plot_comparison(comparison: Comparison, *, ax: Axes | None = None) -> Axes:
     ax = _axes(ax)
     kinds: list[tuple[tuple[bool, bool], str, dict[str, Any]]] = [
         ((True, True), "both succeed", {"s": 8, "color": _SATISFIED}),
-        ((False, False), "both fail", {"s": 18, "color": _OTHER, "marker": "s"}),
+        ((False, False), "neither succeeds", {"s": 18, "color": _OTHER, "marker": "s"}),
         ((False, True), "fixed", {"s": 28, "facecolors": "none", "edgecolors": _SATISFIED}),
         ((True, False), "new", {"s": 28, "color": _VIOLATED, "marker": "x"}),
     ]

@@ -85,6 +85,12 @@ fn nothing_without_a_verdict_is_a_result() {
             (&Value::from(counted), &Value::from(counted))
         );
 
+        let listed = bench.check("runs .", 0);
+        assert!(
+            listed.lines().any(|line| line.contains("e.sqlite") && line.ends_with("no verdict")),
+            "{end}: {listed}"
+        );
+
         let (code, found, err) = ask(&bench, "compare e.sqlite e.sqlite");
         assert_eq!(code, Some(2), "{end}: {err}");
         for rate in ["first", "second", "difference"] {

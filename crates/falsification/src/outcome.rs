@@ -209,7 +209,9 @@ impl FalsificationOutcome {
         // before it ends.
         let falsified = || trials.iter().filter(|trial| trial.end.is_some() && trial.falsified());
         let falsified_trials = falsified().count() as u32;
-        let is_tested = |trial: &&TrialOutcome| trial.minimum.is_some() || trial.screened > 0;
+        let is_tested = |trial: &&TrialOutcome| {
+            trial.simulations > trial.diverged + trial.invalid + trial.failed + trial.undecided
+        };
         let tested = trials.iter().filter(is_tested).count() as u64;
         let spent: u64 = falsified().filter_map(|trial| trial.first_violation).map(u64::from).sum();
         let is_complete = !trials.is_empty() && ended == trials.len() as u64;
@@ -300,6 +302,16 @@ mod tests {
             FalsificationOutcome::new(vec![trial(20, Some(TrialEnd::Falsified)), trial(50, None)], 300);
         assert_eq!((outcome.falsification_rate.value, outcome.falsification_rate.n), (Some(1.0), 1));
         assert_eq!((outcome.median_simulations, outcome.restricted_mean_simulations), (None, None));
+    }
+
+    #[test]
+    fn without_any_verdict_there_is_no_falsification_rate() {
+        let untested = TrialOutcome { simulations: 3, ..trial(0, Some(TrialEnd::BudgetSpent)) };
+        let outcome = FalsificationOutcome::new(vec![untested.clone(); 2], 3);
+        assert_eq!((outcome.falsification_rate.value, outcome.falsification_rate.n), (None, 2));
+        let tested = TrialOutcome { simulations: 4, ..untested.clone() };
+        let outcome = FalsificationOutcome::new(vec![untested, tested], 4);
+        assert_eq!(outcome.falsification_rate, rate(0, 1, 2));
     }
 
     /// Of 30 trials that are falsified after 1 to 30 simulations, half are falsified by

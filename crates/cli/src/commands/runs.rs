@@ -108,6 +108,7 @@ fn row(entry: &RunSummary) -> Vec<String> {
         return vec![path, "not readable".to_string()];
     };
     let result = match facts.kind.as_str() {
+        _ if facts.simulations > 0 && facts.minimum_robustness.is_none() => "no verdict".to_string(),
         "falsify" => format!("falsified {} of {}", facts.falsified_trials, facts.trials),
         "margin" if facts.failures > 0 => "violation found".to_string(),
         "margin" => "no violation".to_string(),
