@@ -394,7 +394,7 @@ fn next(follow: &mut Follow) -> (Next, Vec<f64>, Option<f64>) {
 }
 
 /// The ends of a pipe; the reader waits for what is written.
-fn pipe() -> (std::io::PipeWriter, Box<dyn Read + Send>) {
+fn pipe() -> (io::PipeWriter, Box<dyn Read + Send>) {
     let (reader, writer) = io::pipe().expect("a pipe");
     (writer, Box::new(reader))
 }
