@@ -109,11 +109,20 @@ fn nothing_without_a_verdict_is_a_result() {
 }
 
 #[test]
-fn a_table_has_no_verdict_instead_of_failing_corners() {
-    let found = bench("True", "sys.exit('no license')").run("evaluate --command 'python3 s.py' --episodes 2");
-    let out = text(&found.stdout);
+fn tables_and_pages_have_no_verdict_instead_of_failures() {
+    let bench = bench("True", "{'error': 'no license'}");
+    let out = text(&bench.run(&format!("evaluate {COMMAND} --episodes 2 --out e.sqlite")).stdout);
     assert!(out.contains("corners  no verdict, the center has no verdict\n"), "{out}");
     assert!(!out.contains("0.00 %") && !out.contains("fail"), "{out}");
+    bench.check("report e.sqlite --out r.html", 0);
+    let page = std::fs::read_to_string(bench.path("r.html")).unwrap();
+    let sentence =
+        "No simulation at the corners of the initial box has a verdict; its center has no verdict.";
+    assert!(page.contains(sentence) && page.contains("No simulation of s has a verdict"), "{page}");
+    bench.check("compare e.sqlite e.sqlite --out c.html", 2);
+    let page = std::fs::read_to_string(bench.path("c.html")).unwrap();
+    assert!(page.contains("No random simulation of A or of B has a verdict"), "{page}");
+    assert!(!page.contains("0 %") && !page.contains("differ significantly"), "{page}");
 }
 
 #[test]

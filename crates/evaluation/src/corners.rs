@@ -176,8 +176,9 @@ pub struct CornerResult {
     pub n: u32,
     /// Number of simulations that cannot start. They decide nothing.
     pub invalid_starts: u32,
-    /// Numbers of simulations with a verdict on success, strict success and careful success.
-    verdicts: [u32; 3],
+    /// Numbers of simulations with a verdict on success, strict success and careful success; 0
+    /// without the formula.
+    pub verdicts: [u32; 3],
     /// Number of simulations with success.
     pub successes: u32,
     /// Number of simulations with success and strict success; `None` without a strict formula.
@@ -261,8 +262,11 @@ impl CornerReport {
         let (success, strict) = (episode.is_success(), episode.is_strict_success());
         point.n += 1;
         point.invalid_starts += u32::from(!episode.end.counts_in_rates());
-        let decided =
-            [decides_success(episode), decides_strict_success(episode), decides_careful_success(episode)];
+        let decided = [
+            decides_success(episode),
+            point.strict_successes.is_some() && decides_strict_success(episode),
+            point.careful_successes.is_some() && decides_careful_success(episode),
+        ];
         point.verdicts.iter_mut().zip(decided).for_each(|(count, decided)| *count += u32::from(decided));
         match episode.end {
             EpisodeEnd::Diverged { .. } => point.diverged += 1,
