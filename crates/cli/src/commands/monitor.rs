@@ -36,7 +36,7 @@ Examples:
   mishandle monitor --formula 'always[0:2](d <= 0.3)' --period 0.1 --unit s trace.csv  as in RTAMT
   mishandle monitor --formulas requirements.toml --junit verdicts.xml logs/*.parquet
   mishandle monitor --formula 'always(`arm/q` <= 2)' --topic arm=arm.csv --dense hold
-  ./robot | mishandle monitor --follow --formula 'always(force <= 20)' -
+  mishandle monitor --follow --formula 'always(force <= 20)' /tmp/forces.fifo
 
 --follow reads a log that is still written, row by row: a pipe, or a file that grows. Each change of
 a verdict is a line of JSON, and the program ends as soon as the exit code is certain. The end of
