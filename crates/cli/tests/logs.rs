@@ -149,7 +149,7 @@ fn a_page_about_logs_has_a_section_for_each_verdict_and_escapes_names() {
     let order = ["gentle on &lt;b&gt;.csv", "gentle on good.csv"].map(|name| page.find(name).expect(name));
     assert!(order[0] < order[1]);
     bench.check("report --formulas set.toml --log good.csv --dense hold --out dense.html", 0);
-    assert!(!std::fs::read_to_string(bench.path("dense.html")).unwrap().contains("Vertical line"));
+    assert!(std::fs::read_to_string(bench.path("dense.html")).unwrap().contains("decides at"));
 }
 
 #[test]
@@ -169,4 +169,76 @@ fn flags_of_runs_and_logs_do_not_mix() {
     }
     bench.write("set.toml", "[[requirement]]\nname = 'a'\nformula = 'force <= 1'\n[units]\nspeed = 'm/s'\n");
     bench.refuses("monitor --formulas set.toml a.csv", &["[units] names `speed`, which no formula reads"]);
+}
+
+#[test]
+fn a_header_in_a_comment_may_have_columns_of_text() {
+    let bench = Bench::new();
+    let wrench = "%time,field.header.seq,field.header.stamp,field.header.frame_id,field.force.x\n\
+                  1700000000100000000,0,1700000000099000000,ee_link,1\n\
+                  1700000000200000000,1,1700000000199000000,ee_link,3\n";
+    bench.write("wrench.csv", wrench);
+    let found = bench.check("monitor --formula always(`field.force.x`<=2) wrench.csv", 1);
+    assert!(found.contains("violated at 0.1 s"), "{found}");
+    bench.write("modes.csv", "# time,force,mode\n0,1,auto\n0.5,3,auto\n");
+    bench.check("monitor --formula always(force<=2) modes.csv", 1);
+    // The first line after this comment is the header.
+    bench.write("both.csv", "# made by rig 3, on Monday, at noon\ntime,force,mode\n0,1,auto\n0.5,2,auto\n");
+    bench.check("monitor --formula always(force<=2) both.csv", 0);
+}
+
+#[test]
+fn json_lines_are_known_by_their_first_bytes_and_may_have_the_numbers_of_python() {
+    let bench = Bench::new();
+    let lines = "{\"time\": 0, \"force\": 1, \"text\": \"a \\\"NaN\"}\n{\"time\": 1, \"force\": NaN}\n\
+                 {\"time\": 2, \"force\": -Infinity}\n{\"time\": 3, \"force\": 3}\n";
+    bench.write("log.csv", lines);
+    bench.refuses("monitor --formula always(force<=2) log.csv", &["line 2: `force`", "--missing hold|drop"]);
+    let found = bench.check("monitor --formula always(force<=2) log.csv --missing hold", 1);
+    assert!(found.contains("violated at 3 s"), "{found}");
+}
+
+#[test]
+fn numbers_that_look_like_another_unit_of_time_need_the_flag() {
+    let bench = Bench::new();
+    bench.write("px4.csv", "timestamp,v\n165852000,0\n165872000,3\n165892000,0\n");
+    let question = "monitor --formula always[0:0.04s](v<=1) --time timestamp";
+    bench.refuses(&format!("{question} px4.csv"), &["steps by 20000 on average", "--time-unit"]);
+    bench.check(&format!("{question} --time-unit us px4.csv"), 1);
+    bench.write("days.csv", "t,v\n738000.5,0\n738000.50001,3\n738000.50002,0\n");
+    bench.refuses("monitor --formula always(v<=1) --time t days.csv", &["looks like days", "--time-unit"]);
+    bench.write("slow.csv", "t,v\n0,0\n60,3\n120,0\n");
+    bench.refuses("monitor --formula always(v<=1) --time t slow.csv", &["--time-unit"]);
+    bench.check("monitor --formula always(v<=1) --time t --time-unit s slow.csv", 1);
+}
+
+#[test]
+fn a_log_that_cannot_be_read_leaves_the_verdicts_on_the_others() {
+    let bench = Bench::new();
+    bench.write("good.csv", "time,force\n0,1\n1,3\n");
+    bench.write("empty.csv", "");
+    let output = bench.run("monitor --formula always(force<=2) good.csv empty.csv");
+    assert_eq!(output.status.code(), Some(2));
+    assert!(text(&output.stdout).contains("good.csv  violated"), "{}", text(&output.stdout));
+    let messages = text(&output.stderr);
+    assert!(messages.contains("trace empty.csv: the file is empty"), "{messages}");
+    assert!(messages.contains("1 of 2 logs have no verdict"), "{messages}");
+}
+
+#[test]
+fn parts_that_fail_at_the_same_time_count_once() {
+    let bench = Bench::new();
+    bench.write("ab.csv", "time,a,b\n0,0,0\n1,2,2\n2,2,2\n3,0,0\n");
+    let found = bench.check("monitor --formula always(a<=1and(b<=1)) ab.csv ab.csv --dense hold", 1);
+    assert!(found.contains("  2 s  "), "{found}");
+}
+
+#[test]
+fn a_truth_value_alone_is_noted() {
+    let bench = Bench::new();
+    bench.write("ok.csv", "time,ok\n0,true\n1,false\n");
+    let output = bench.run("monitor --formula always(ok) ok.csv");
+    assert!(text(&output.stderr).contains("write ok >= 1"), "{}", text(&output.stderr));
+    let output = bench.run("monitor --formula always(ok>=1) ok.csv");
+    assert!(output.stderr.is_empty(), "{}", text(&output.stderr));
 }

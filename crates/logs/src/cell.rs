@@ -161,8 +161,22 @@ impl TimeColumn {
         &self.name
     }
 
-    pub(crate) fn finish(self) -> Times {
-        self.times
+    /// Returns the times, if those without a stated unit look like seconds.
+    pub(crate) fn finish(self) -> Result<Times> {
+        if self.unit.is_none()
+            && self.kind == Some(Kind::Number)
+            && let Some((step, looks)) = self.times.other_unit()
+        {
+            return Err(undecided(
+                "--time-unit",
+                format!(
+                    "column `{}` steps by {} on average, which looks like {looks}; pass --time-unit s|ms|us|ns|d",
+                    visible(&self.name),
+                    number_text(step)
+                ),
+            ));
+        }
+        Ok(self.times)
     }
 
     pub(crate) fn push(&mut self, cell: Cell<'_>, at: u64) -> Result<()> {
@@ -255,9 +269,10 @@ impl TimeColumn {
 
     fn date(&mut self, text: &str, at: u64) -> Result<()> {
         let place = self.counted.text(at);
-        let last =
-            -(text.split_once('.').map_or(0, |(_, rest)| rest.bytes().take_while(u8::is_ascii_digit).count())
-                as i32);
+        // A date can have points, too.
+        let clock = text.find(':').map_or(text, |at| &text[at..]);
+        let fraction = clock.split_once(['.', ',']).map_or("", |(_, rest)| rest);
+        let last = -(fraction.bytes().take_while(u8::is_ascii_digit).count() as i32);
         match date::written(text) {
             Some(Written::Instant(time)) => self.exact(Kind::Date, time, last, at),
             Some(Written::Duration(time)) => self.exact(Kind::Duration, time, last, at),

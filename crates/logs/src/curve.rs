@@ -1,6 +1,6 @@
 //! Values of a formula or term over the time of a log, for charts.
 
-use mishandle_stl::{Clock, DenseMonitor, Formula, Monitor};
+use mishandle_stl::{Clock, DenseMonitor, DenseSignal, Formula, Monitor};
 
 use crate::error::Result;
 use crate::samples::{Samples, Signals};
@@ -21,6 +21,17 @@ impl Samples {
             }
             Signals::Dense(_) => f64::NAN,
         }
+    }
+
+    /// Returns whether all values of a signal are 0 or 1.
+    pub fn has_truth_values(&self, signal: &str) -> bool {
+        let values = match &self.signals {
+            Signals::Even { trace, .. } => trace.signal(signal),
+            Signals::Dense(signals) => {
+                signals.iter().find(|found| found.name() == signal).map(DenseSignal::values)
+            }
+        };
+        values.is_some_and(|values| values.iter().all(|value| [0.0, 1.0].contains(value)))
     }
 
     /// Returns the first and last time, in seconds if [`Samples::is_timed`].

@@ -29,6 +29,10 @@ pub(crate) fn written(text: &str) -> Option<Written> {
     {
         return Some(Written::Duration(Decimal::parse(number)?.times(secs * SECOND)?));
     }
+    if let Some((days, clock_text)) = text.split_once(" days ") {
+        let secs = i128::from(whole(days)?) * 86_400 * SECOND;
+        return Some(Written::Duration(secs + clock(clock_text, 23)?));
+    }
     let at = text.find(['T', 't', ' ']).filter(|at| text[..*at].contains(['-', '/', '.']));
     let Some(at) = at else {
         return Some(Written::Duration(clock(text, u32::MAX)?));
@@ -68,7 +72,8 @@ pub fn offset(text: &str) -> Option<i32> {
 fn clock(text: &str, last_hour: u32) -> Option<i128> {
     let mut parts = text.split(':');
     let (hours, minutes) = (whole(parts.next()?)?, parts.next()?);
-    let secs = parts.next().unwrap_or("0");
+    let secs = parts.next().unwrap_or("0").replace(',', ".");
+    let secs = secs.as_str();
     let is_two = |part: &str| part.len() == 2;
     let secs_whole = secs.split('.').next()?;
     // 60 is a leap second.
@@ -157,6 +162,8 @@ mod tests {
         assert_eq!(written("2024-01-31 12:00:00"), Some(Written::Local(1_706_702_400 * SECOND)));
         assert_eq!(written("00:01:02.5"), Some(Written::Duration(62_500 * SECOND / 1000)));
         assert_eq!(written("100:00:00"), Some(Written::Duration(360_000 * SECOND)));
+        assert_eq!(written("0 days 00:01:02.500000"), Some(Written::Duration(62_500 * SECOND / 1000)));
+        assert_eq!(written("2024-01-31 12:00:00,5"), Some(Written::Local(1_706_702_400_500 * SECOND / 1000)));
         assert_eq!(written("1.5 sec"), Some(Written::Duration(1500 * SECOND / 1000)));
     }
 

@@ -37,6 +37,7 @@ fn format(path: &Path, first: &[u8], stated: Option<Format>) -> Result<Format> {
         [b'S', b'Q', b'L', b'i', b't', b'e', ..] => {
             return Err(in_python(path, "an SQLite file, such as a bag of rosbag2"));
         }
+        _ if is_object(first) => return Ok(Format::JsonLines),
         [0x1f, 0x8b, ..] => return Err(content("the file is compressed with gzip; unpack it with gunzip")),
         _ => {}
     }
@@ -53,6 +54,12 @@ fn format(path: &Path, first: &[u8], stated: Option<Format>) -> Result<Format> {
     }
 }
 
+/// Returns whether bytes start an object of JSON with a field.
+fn is_object(first: &[u8]) -> bool {
+    let inside = first.trim_ascii_start().strip_prefix(b"{");
+    inside.is_some_and(|inside| inside.trim_ascii_start().starts_with(b"\""))
+}
+
 /// Returns the error for a folder.
 pub(crate) fn of_folder(path: &Path) -> crate::LogError {
     match path.join("metadata.yaml").is_file() {
@@ -65,6 +72,6 @@ pub(crate) fn of_folder(path: &Path) -> crate::LogError {
 fn in_python(path: &Path, what: &str) -> crate::LogError {
     let path = path_text(path);
     content(format!(
-        "the file is {what}, which Python reads: mishandle.read_log({path:?}), after pip install 'mishandle[logs]'"
+        "the file is {what}, which Python reads: mishandle.monitor(formula, {path:?}), after pip install 'mishandle[logs]'"
     ))
 }

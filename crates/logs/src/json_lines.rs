@@ -1,6 +1,7 @@
 //! JSON lines: one object per line. The names of nested fields are joined by `/`, elements of
 //! arrays have their index in brackets: `pose/position/x`, `ranges[0]`.
 
+use std::borrow::Cow;
 use std::collections::HashMap;
 use std::fmt;
 use std::io::{BufRead, BufReader, Read};
@@ -134,12 +135,34 @@ fn read_line(line: &[u8], number: u64, leaves: &mut dyn Leaves) -> Result<()> {
         };
         return Err(content(format!("line {number}: expected a JSON object{hint}")));
     }
-    let mut reader = serde_json::Deserializer::from_slice(line);
+    let line = without_nan(line);
+    let mut reader = serde_json::Deserializer::from_slice(&line);
     let mut path = String::new();
     Node { path: &mut path, leaves }
         .deserialize(&mut reader)
         .and_then(|()| reader.end())
         .map_err(|error| content(format!("line {number}: {}", error_text(&error))))
+}
+
+/// Replaces the numbers that JSON lacks and that Python writes, `NaN` and `Infinity`, by `null`.
+fn without_nan(line: &[u8]) -> Cow<'_, [u8]> {
+    const WORDS: [&[u8]; 3] = [b"NaN", b"-Infinity", b"Infinity"];
+    if !line.windows(3).any(|bytes| bytes == b"NaN" || bytes == b"Inf") {
+        return Cow::Borrowed(line);
+    }
+    let (mut found, mut rest, mut in_text) = (Vec::with_capacity(line.len() + 8), line, false);
+    while let [first, ..] = rest {
+        let word = WORDS.iter().find(|word| !in_text && rest.starts_with(word));
+        let length = match (word, first) {
+            (Some(word), _) => word.len(),
+            (None, b'\\') if in_text => 2.min(rest.len()),
+            (None, _) => 1,
+        };
+        in_text ^= *first == b'"';
+        found.extend_from_slice(if word.is_some() { b"null" } else { &rest[..length] });
+        rest = &rest[length..];
+    }
+    Cow::Owned(found)
 }
 
 /// Returns the message with the column alone, because the line is that of the file.
@@ -264,7 +287,7 @@ impl<'de> Visitor<'de> for Node<'_> {
     fn visit_map<A: MapAccess<'de>>(self, mut map: A) -> std::result::Result<(), A::Error> {
         let Node { path, leaves } = self;
         let length = path.len();
-        while let Some(key) = map.next_key::<std::borrow::Cow<'_, str>>()? {
+        while let Some(key) = map.next_key::<Cow<'_, str>>()? {
             if length > 0 {
                 path.push('/');
             }

@@ -225,7 +225,7 @@ impl OpenLog {
         for (index, requested) in columns.iter().enumerate().filter(|(index, _)| is_read(*index)) {
             let mut sinks = self.sinks(index, requested)?;
             self.take(index).read(&mut sinks)?;
-            topics.push(Topic::of(std::mem::take(&mut self.tables[index].0), sinks, requested.len()));
+            topics.push(Topic::of(std::mem::take(&mut self.tables[index].0), sinks, requested.len())?);
         }
         if topics.iter().any(|topic| topic.places.is_empty()) {
             return Err(content("the file has a header, but no samples"));
@@ -303,7 +303,7 @@ impl OpenLog {
         for (_, sink) in columns {
             match sink {
                 Sink::Topics(column) => topics = Some(column),
-                Sink::Times(column) => times = Some(column.finish()),
+                Sink::Times(column) => times = Some(column.finish()?),
                 Sink::Values(column) => values.push(column),
             }
         }
@@ -349,17 +349,17 @@ impl OpenLog {
 }
 
 impl Topic {
-    fn of(name: Option<String>, sinks: Sinks, requested: usize) -> Topic {
+    fn of(name: Option<String>, sinks: Sinks, requested: usize) -> Result<Topic> {
         let (mut times, mut columns) = (None, Vec::new());
         for (_, sink) in sinks.columns {
             match sink {
                 Sink::Values(ValueColumn { name, values, .. }) => columns.push(Column { name, values }),
-                Sink::Times(column) => times = Some(column.finish()),
+                Sink::Times(column) => times = Some(column.finish()?),
                 Sink::Topics(_) => {}
             }
         }
         columns.truncate(requested);
-        Topic { name, times, columns, places: sinks.places }
+        Ok(Topic { name, times, columns, places: sinks.places })
     }
 }
 
@@ -435,11 +435,11 @@ fn open_table(
     wrapped: impl FnOnce(Input) -> Box<dyn Read>,
 ) -> Result<Box<dyn Table>> {
     if path.as_os_str() == "-" {
-        let source = wrapped(Input::Stdin);
-        return match options.format {
-            None | Some(Format::Csv) => Ok(Box::new(CsvTable::open(source, options)?)),
-            Some(Format::JsonLines) => Ok(Box::new(JsonTable::open(source, head)?)),
-            Some(Format::Numpy | Format::Parquet) => Err(content("this format needs a file, not stdin")),
+        let (format, source) = format::of(path, wrapped(Input::Stdin), options.format)?;
+        return match format {
+            Format::Csv => Ok(Box::new(CsvTable::open(source, options)?)),
+            Format::JsonLines => Ok(Box::new(JsonTable::open(source, head)?)),
+            Format::Numpy | Format::Parquet => Err(content("this format needs a file, not stdin")),
         };
     }
     if path.is_dir() {

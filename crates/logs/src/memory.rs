@@ -47,7 +47,7 @@ impl Times {
                 values.iter().try_for_each(|value| push(Cell::Text(value.trim())))?;
             }
         }
-        Ok(times.finish())
+        times.finish()
     }
 }
 

@@ -33,6 +33,14 @@ const STEP_TO_ROUNDING: f64 = 10.0;
 /// of this size has steps of 2 ns.
 pub(crate) const FAR: f64 = 1e7;
 
+/// Mean step of whole numbers, from which on they look like ms, us or ns rather than s.
+const LONG_STEP: f64 = 10.0;
+
+/// Numbers from here on with mean steps below 50 µs look like days: MATLAB counts them from the
+/// year 0, spreadsheets from 1900.
+const LATE: f64 = 2e4;
+const DAY_STEP: f64 = 5e-5;
+
 /// Attoseconds per second.
 const ATTO: f64 = 1e18;
 
@@ -155,6 +163,19 @@ impl Times {
             })
         };
         (0..self.secs.len()).map(of_row).collect()
+    }
+
+    /// Returns the mean step of times without a unit and the unit that it looks like, if that is not
+    /// seconds: whole numbers with long steps, and large numbers with tiny ones.
+    pub(crate) fn other_unit(&self) -> Option<(f64, &'static str)> {
+        let [first, .., last] = self.secs.as_slice() else { return None };
+        let step = (last - first).abs() / (self.secs.len() - 1) as f64;
+        let are_whole = self.last_digits.iter().all(|digit| *digit >= 0);
+        match are_whole {
+            true if step >= LONG_STEP => Some((step, "ms, us or ns")),
+            false if first.abs() >= LATE && step > 0.0 && step < DAY_STEP => Some((step, "days")),
+            _ => None,
+        }
     }
 
     /// Sets the instant that all times are differences from. There must be no time yet.

@@ -1,10 +1,10 @@
 //! The page about verdicts on logs.
 
 use mishandle::inspect::common_unit;
-use mishandle::results::{Decision, LogVerdict, LogViolation, Number};
+use mishandle::results::{Decision, LogPredicate, LogVerdict, LogViolation, Number};
 use mishandle::stl::{EvaluationTime, Formula};
 use mishandle_logs::{Evaluation, Requirement, Samples};
-use mishandle_text::plural;
+use mishandle_text::{number_text, plural};
 
 use crate::html::{lines, number, table, text, with_code};
 use crate::page::Document;
@@ -48,18 +48,25 @@ impl LogSection {
         let formula = &requirement.formula;
         let clock = samples.clock(formula, evaluation).ok().flatten();
         let words = clock.and_then(|clock| formula.explain(&clock, EvaluationTime::Start, |_| "").ok());
-        LogSection {
-            words,
-            sentences: decision.map_or(Vec::new(), |found| found.sentences.clone()),
-            charts: charts(&verdict, requirement, evaluation, samples),
-            verdict,
-        }
+        let sentences = match (decision, &verdict.predicate) {
+            (Some(found), _) => found.sentences.clone(),
+            (None, Some(predicate)) => vec![decided(predicate)],
+            (None, None) => Vec::new(),
+        };
+        LogSection { words, sentences, charts: charts(&verdict, requirement, evaluation, samples), verdict }
     }
 
     /// Returns the verdict.
     pub fn verdict(&self) -> &LogVerdict {
         &self.verdict
     }
+}
+
+/// Says which predicate determines the robustness, and where.
+fn decided(predicate: &LogPredicate) -> String {
+    let [left, right] = predicate.values.map(|value| number(value.0));
+    let at = at(predicate.time, predicate.sample);
+    format!("`{}` decides at {at}: its sides are {left} and {right}.", predicate.formula)
 }
 
 /// Returns the page about verdicts on logs, in their order: one HTML file without scripts, which
@@ -169,22 +176,33 @@ fn violations(found: &[LogViolation]) -> String {
             format!("<code>{}</code>", text(&violation.formula)),
             at(violation.start, violation.start_sample),
             at(violation.end, violation.end_sample),
-            violation.duration.map_or("–".to_string(), |duration| format!("{} s", number(duration.0))),
+            violation.duration.map_or("–".to_string(), |duration| seconds(duration.0)),
             number(violation.worst.0),
         ]
     };
-    let rows: Vec<Vec<String>> = found.iter().take(MAX_VIOLATIONS).map(row).collect();
+    // The worst ones, in the order of time.
+    let mut worst: Vec<usize> = (0..found.len()).collect();
+    worst.sort_by(|a, b| found[*a].worst.0.total_cmp(&found[*b].worst.0));
+    worst.truncate(MAX_VIOLATIONS);
+    worst.sort_unstable();
+    let rows: Vec<Vec<String>> = worst.into_iter().map(|index| row(&found[index])).collect();
     let head = ["part of the formula", "from", "to", "duration", "lowest robustness"];
     let more = match found.len() > MAX_VIOLATIONS {
-        true => format!("<p>{MAX_VIOLATIONS} of {} times are shown.</p>\n", found.len()),
+        true => format!("<p>The worst {MAX_VIOLATIONS} of {} times are shown.</p>\n", found.len()),
         false => String::new(),
     };
     table("Times of violation", &head, &rows) + &more
 }
 
+/// Formats a time without the digits that errors of rounding leave behind.
+fn seconds(secs: f64) -> String {
+    let rounded: f64 = format!("{secs:.9e}").parse().unwrap_or(secs);
+    format!("{} s", number_text(rounded).replace('-', "−"))
+}
+
 fn at(time: Option<Number>, sample: Option<u64>) -> String {
     match (time, sample) {
-        (Some(time), _) => format!("{} s", number(time.0)),
+        (Some(time), _) => seconds(time.0),
         (None, Some(sample)) => format!("sample {sample}"),
         (None, None) => "–".to_string(),
     }

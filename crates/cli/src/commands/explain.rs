@@ -77,7 +77,7 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
 fn logs(command: &Arguments) -> Result<ExitStatus> {
     let sources = log_question::sources(&command.logs.question, &command.logs.paths)?;
     let mut found = Vec::new();
-    log_question::ask(&command.logs.question, &sources, |asked| {
+    let without = log_question::ask(&command.logs.question, &sources, |asked| {
         found.push(asked.explanation()?);
         Ok(())
     })?;
@@ -91,6 +91,7 @@ fn logs(command: &Arguments) -> Result<ExitStatus> {
             found.iter().map(|(explained, start)| explanation::log_text(explained, *start)).collect();
         output::line(&texts.join("\n\n\n"))?;
     }
+    log_question::check_all(without, sources.len())?;
     Ok(if fails { ExitStatus::Violated } else { ExitStatus::Done })
 }
 

@@ -40,7 +40,7 @@ Examples:
 
 --follow reads a log that is still written, row by row: a pipe, or a file that grows. Each change of
 a verdict is a line of JSON, and the program ends as soon as the exit code is certain. The end of
-the pipe gives the verdict of the whole log. docs/guide/online.md has the keys of a line.
+the pipe gives the verdict of the whole log. docs/reference/json.md has the keys of a line.
 
 Exit code 1 means that a formula is violated at time 0; requirements with the severity `warning`
 do not count. docs/guide/logs.md describes logs, docs/reference/formulas.md the language of
@@ -89,7 +89,7 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
         return follow::run(&sources[0], &requested, command);
     }
     let (mut verdicts, mut values) = (Vec::new(), None);
-    log_question::ask(&command.question, &sources, |asked| {
+    let without = log_question::ask(&command.question, &sources, |asked| {
         if command.values && values.is_none() {
             let samples = &asked.log.samples;
             values = Some(samples.robustness_signal(&asked.requirement.formula, &asked.evaluation)?);
@@ -129,5 +129,6 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
     if let Some(note) = note {
         output::message(&note);
     }
+    log_question::check_all(without, sources.len())?;
     Ok(if fails { ExitStatus::Violated } else { ExitStatus::Done })
 }

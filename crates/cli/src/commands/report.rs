@@ -170,7 +170,7 @@ fn write_logs(command: &Arguments) -> Result<ExitStatus> {
     output::refuse_inputs(&command.out, "--out", inputs)?;
     drop(output::create(&command.out, command.force)?);
     let mut sections = Vec::new();
-    log_question::ask(&command.logs.question, &sources, |asked| {
+    let without = log_question::ask(&command.logs.question, &sources, |asked| {
         // Dense time and logs without times have verdicts and charts, but no decisive sample.
         let explained = asked.explanation().ok();
         let decision = explained.as_ref().map(|(explained, _)| &explained.decision);
@@ -184,7 +184,9 @@ fn write_logs(command: &Arguments) -> Result<ExitStatus> {
         Ok(())
     })?;
     mishandle_logs::worst_first(&mut sections, LogSection::verdict);
-    write(&log_page(&sections), command)
+    let status = write(&log_page(&sections), command)?;
+    log_question::check_all(without, sources.len())?;
+    Ok(status)
 }
 
 fn write(page: &str, command: &Arguments) -> Result<ExitStatus> {

@@ -9,6 +9,7 @@ use mishandle_logs::{Evaluation, NamedSamples, Requirement, Source};
 
 use super::logs::{self, WrittenRequirement};
 use crate::flags::LogQuestion;
+use crate::show::output;
 
 /// Returns the files of each log.
 pub fn sources(question: &LogQuestion, paths: &[PathBuf]) -> Result<Vec<Vec<Source>>> {
@@ -37,24 +38,51 @@ impl Asked<'_> {
     }
 }
 
-/// Reads each log and gives its verdicts to `each`, in the order of the flags.
+/// Reads each log and gives its verdicts to `each`, in the order of the flags. Returns the number
+/// of logs that have none, after a message for each; one that is alone is an error.
 pub fn ask(
     question: &LogQuestion,
     sources: &[Vec<Source>],
     mut each: impl FnMut(Asked<'_>) -> Result<()>,
-) -> Result<()> {
+) -> Result<usize> {
     let requirements = requested(question, sources)?;
-    let options = question.log.options();
+    let mut without = 0;
     for (name, source) in logs::names(sources).into_iter().zip(sources) {
-        let log = &logs::read(name, source, &requirements, &options)?;
-        for requirement in &requirements {
-            let verdict = log.verdict(requirement, question.strict_horizon);
-            let verdict = verdict.with_context(|| format!("trace {}", log.name))?;
-            let evaluation = requirement.evaluation(question.strict_horizon);
-            each(Asked { log, requirement, evaluation, verdict })
-                .with_context(|| format!("trace {}", log.name))?;
+        match verdicts(question, &name, source, &requirements, &mut each) {
+            Err(error) if sources.len() > 1 => {
+                output::message(&format!("error: {error:#}"));
+                without += 1;
+            }
+            found => found?,
         }
     }
+    ensure!(without < sources.len(), "no log has a verdict");
+    Ok(without)
+}
+
+/// Gives the verdicts on a log to `each`.
+fn verdicts(
+    question: &LogQuestion,
+    name: &str,
+    source: &[Source],
+    requirements: &[Requirement],
+    each: &mut dyn FnMut(Asked<'_>) -> Result<()>,
+) -> Result<()> {
+    let log = &logs::read(name.to_owned(), source, requirements, &question.log.options())?;
+    logs::note_truth_values(log, requirements);
+    let mut asked = Vec::new();
+    for requirement in requirements {
+        let verdict = log.verdict(requirement, question.strict_horizon);
+        let verdict = verdict.with_context(|| format!("trace {name}"))?;
+        let evaluation = requirement.evaluation(question.strict_horizon);
+        asked.push(Asked { log, requirement, evaluation, verdict });
+    }
+    asked.into_iter().try_for_each(|asked| each(asked).with_context(|| format!("trace {name}")))
+}
+
+/// Returns the error if logs have no verdict.
+pub fn check_all(without: usize, logs: usize) -> Result<()> {
+    ensure!(without == 0, "{without} of {logs} logs have no verdict");
     Ok(())
 }
 

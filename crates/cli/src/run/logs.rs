@@ -158,6 +158,25 @@ pub fn read(
     Ok(NamedSamples { samples: samples.with_context(|| format!("trace {name}"))?, name })
 }
 
+/// Warns about signals with the values 0 and 1 that are formulas on their own: both satisfy them.
+pub fn note_truth_values(log: &NamedSamples, requirements: &[Requirement]) {
+    let mut noted: Vec<String> = Vec::new();
+    for text in requirements.iter().flat_map(|requirement| requirement.formula.subformulas()) {
+        let Ok(formula) = Formula::parse(&text) else { continue };
+        if let [signal] = formula.signals()[..]
+            && formula.subformulas().len() == 1
+            && text == mishandle::stl::spelled(signal)
+            && log.samples.has_truth_values(signal)
+            && !noted.contains(&text)
+        {
+            output::message(&format!(
+                "note: a signal alone holds from 0 on, and {text} is 0 or 1: write {text} >= 1"
+            ));
+            noted.push(text);
+        }
+    }
+}
+
 /// Returns what decides a verdict, and the time of the first sample in seconds.
 pub fn explanation(
     log: &NamedSamples,

@@ -86,10 +86,18 @@ fn rows(found: &[LogVerdict], has_logs: bool) -> Vec<Vec<String>> {
     rows
 }
 
-/// Returns the time in which the formula's parts are violated.
+/// Returns the time in which a part of the formula is violated: parts may fail at the same time.
 fn total(verdict: &LogVerdict) -> Option<String> {
-    let found = verdict.violations.iter().map(|violation| violation.duration.map(|duration| duration.0));
-    let total = found.sum::<Option<f64>>()?;
+    let mut spans = Vec::new();
+    for violation in &verdict.violations {
+        spans.push((violation.start?.0, violation.end?.0));
+    }
+    spans.sort_by(|a, b| a.0.total_cmp(&b.0));
+    let (mut total, mut until) = (0.0, f64::NEG_INFINITY);
+    for (start, end) in spans {
+        total += (end - start.max(until)).max(0.0);
+        until = until.max(end);
+    }
     (verdict.violated && !verdict.violations.is_empty()).then(|| format!("{} s", short(total)))
 }
 

@@ -71,7 +71,7 @@ pub fn create(path: &Path, force: bool) -> Result<AtomicFile> {
         path.display()
     );
     let created = if force { AtomicFile::replace(path) } else { AtomicFile::create_new(path) };
-    with_path(path, created, "choose another --out, or overwrite it with --force")
+    with_path(path, created, "choose another path, or overwrite it with --force")
 }
 
 /// Returns whether there is an SQLite database, such as a run file.

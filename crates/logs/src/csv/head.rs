@@ -4,6 +4,7 @@ use std::io::{self, Read};
 
 use mishandle_text::{plural, visible};
 
+use crate::date;
 use crate::error::{Result, content, undecided};
 use crate::options::Options;
 use crate::table::retried;
@@ -143,13 +144,14 @@ impl Head {
             }
         }
         let mark = comment.as_ref().and_then(|(text, _)| text.first().copied());
-        // A comment is the header if the lines after it have numbers only, in as many cells.
+        // A comment is the header if the line after it starts with a time, in as many cells.
         if let (Some((text, _)), Some(mark)) = (&comment, mark) {
             let names = text[1..].trim_ascii_start();
             let delimiter = delimiter(stated, names, Some(&header))?;
             let cells = split(&header, delimiter);
-            let are_numbers = cells.iter().all(|cell| is_number_or_blank(cell));
-            if are_numbers && split(names, delimiter).len() == cells.len() {
+            let is_row = cells.first().is_some_and(|cell| is_time(cell))
+                || cells.iter().all(|cell| is_number_or_blank(cell));
+            if is_row && split(names, delimiter).len() == cells.len() {
                 let is_rostopic = text.starts_with(b"%time,");
                 let before = ahead.bytes[..start].iter().filter(|byte| **byte == b'\n').count() as u64;
                 let mut head = Head::of(names, delimiter, Some(mark), before + 1);
@@ -246,6 +248,11 @@ fn split(line: &[u8], delimiter: char) -> Vec<Vec<u8>> {
     let first = builder.from_reader(line).into_byte_records().next();
     let Some(Ok(record)) = first else { return Vec::new() };
     record.iter().map(|cell| cell.trim_ascii().to_vec()).collect()
+}
+
+/// Returns whether a cell is a number or a date.
+fn is_time(cell: &[u8]) -> bool {
+    is_number(cell) || std::str::from_utf8(cell).is_ok_and(|text| date::written(text).is_some())
 }
 
 fn is_number(cell: &[u8]) -> bool {

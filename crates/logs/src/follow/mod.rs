@@ -96,6 +96,8 @@ pub struct Follow {
     time: Option<f64>,
     start: f64,
     taken: u64,
+    /// The error of a row, after which no row is read.
+    failed: Option<LogError>,
 }
 
 impl Follow {
@@ -187,6 +189,7 @@ impl Follow {
             time: None,
             start: 0.0,
             taken: 0,
+            failed: None,
             signals,
         })
     }
@@ -229,6 +232,9 @@ impl Follow {
             if self.advance()? {
                 return Ok(Next::Sample);
             }
+            if let Some(error) = self.failed.take() {
+                return Err(error);
+            }
             if self.files.iter().all(|file| file.has_ended) {
                 self.check_end()?;
                 return Ok(Next::End);
@@ -258,7 +264,13 @@ impl Follow {
             has_message = true;
             match message {
                 Message::Opened(opened) => self.files[index].opened = Some(opened),
-                Message::Rows(rows) => self.add(index, rows).map_err(|error| self.named(index, error))?,
+                // The rows before it count first, however many came at once.
+                Message::Rows(rows) => {
+                    if let Err(error) = self.add(index, rows) {
+                        self.failed = Some(self.named(index, error));
+                        return Ok(true);
+                    }
+                }
                 Message::Ended => self.end(index)?,
                 Message::Failed(error) => return Err(self.named(index, error)),
             }
@@ -351,7 +363,7 @@ impl Follow {
             if self.options.topic_column.is_some() {
                 row.values = columns.iter().map(|column| row.values[*column]).collect();
             }
-            self.topics[*topic].add(row, &self.options)?;
+            self.topics[*topic].add(row, &self.options, self.lateness)?;
         }
         let waiting = self.topics.iter().map(Topic::waiting).max().unwrap_or(0);
         if waiting.max(self.grid.as_ref().map_or(0, Grid::waiting)) > MAX_WAITING {

@@ -84,8 +84,8 @@ impl Topic {
         }
     }
 
-    /// Adds a row that arrived.
-    pub(super) fn add(&mut self, row: Row, options: &Options) -> Result<()> {
+    /// Adds a row that arrived, at most the lateness after a later one of the topic.
+    pub(super) fn add(&mut self, row: Row, options: &Options, lateness: Option<f64>) -> Result<()> {
         let Row { number, time, mut values, .. } = row;
         values.truncate(self.signals.len());
         let missing = values.iter().position(|value| value.is_nan());
@@ -112,13 +112,15 @@ impl Topic {
         self.origin = self.origin.or(time.origin);
         self.rounding = time.rounding.max(f64::MIN_POSITIVE);
         let row = Timed { secs: time.secs, number, values };
-        self.latest = self.latest.max(row.secs);
         if !options.sort {
+            self.latest = self.latest.max(row.secs);
             return self.push(row, options);
         }
-        if row.secs < self.passed {
-            return Err(self.late(&row, self.passed));
+        let before = self.passed.max(self.latest - lateness.unwrap_or(f64::INFINITY));
+        if row.secs < before {
+            return Err(self.late(&row, before));
         }
+        self.latest = self.latest.max(row.secs);
         let at = self.unordered.partition_point(|known| known.secs <= row.secs);
         self.unordered.insert(at, row);
         Ok(())
