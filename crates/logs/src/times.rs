@@ -165,8 +165,8 @@ impl Times {
         (0..self.secs.len()).map(of_row).collect()
     }
 
-    /// Returns the mean step of times without a unit and the unit that it looks like, if that is not
-    /// seconds: whole numbers with long steps, and large numbers with tiny ones.
+    /// Returns the mean step of times without a unit and the unit that it looks like, if that is
+    /// not seconds: whole numbers with long steps, and large numbers with tiny ones.
     pub(crate) fn other_unit(&self) -> Option<(f64, &'static str)> {
         let [first, .., last] = self.secs.as_slice() else { return None };
         let step = (last - first).abs() / (self.secs.len() - 1) as f64;
