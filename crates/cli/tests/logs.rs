@@ -242,3 +242,34 @@ fn a_truth_value_alone_is_noted() {
     let output = bench.run("monitor --formula always(ok>=1) ok.csv");
     assert!(output.stderr.is_empty(), "{}", text(&output.stderr));
 }
+
+#[test]
+fn a_row_does_not_move_to_an_earlier_time_for_lack_of_digits() {
+    let bench = Bench::new();
+    bench.write("snap.csv", "time,x\n0,0\n0.05,9\n0.1,0\n1,0\n2,0\n3,0\n");
+    let question = "monitor --formula always(x<=5) --resample hold --period 0.5";
+    assert!(bench.check(&format!("{question} snap.csv"), 0).contains("robustness 5"));
+    bench.check(&format!("{question} --follow --idle 0.1 snap.csv"), 0);
+}
+
+#[test]
+fn a_step_as_long_as_the_tolerance_is_bridged() {
+    let bench = Bench::new();
+    bench.write("tol.csv", "time,x\n0,0\n0.1,0\n0.2,0\n0.3,0\n0.4,0\n");
+    bench.check("monitor --formula always(x<=5) --dense hold --tolerance 0.1 tol.csv", 0);
+}
+
+#[test]
+fn outputs_do_not_replace_the_requirements_or_each_other() {
+    let bench = Bench::new();
+    bench.write("set.toml", REQUIREMENTS);
+    bench.write("a.csv", "time,force\n0,1\n0.5,0\n");
+    let question = "monitor --formulas set.toml a.csv --force";
+    bench.refuses(&format!("{question} --junit set.toml"), &["the same file as the input set.toml"]);
+    bench.refuses(&format!("{question} --junit v --markdown v"), &["name the same file"]);
+    bench.refuses(
+        "report --formulas set.toml --log a.csv --force --out set.toml",
+        &["same file as the input"],
+    );
+    assert_eq!(std::fs::read_to_string(bench.path("set.toml")).unwrap(), REQUIREMENTS);
+}

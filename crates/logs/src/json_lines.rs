@@ -21,8 +21,9 @@ const MAX_LINE: u64 = 16 << 20;
 pub(crate) const HEAD_LINES: usize = 1000;
 const HEAD_BYTES: usize = 4 << 20;
 
-/// Largest number of columns.
+/// Largest number of columns, and of the bytes of their names.
 const MAX_NAMES: usize = 1_000_000;
+const MAX_NAME_BYTES: usize = 64 << 20;
 
 /// The columns of a file.
 pub(crate) struct JsonHead<'a> {
@@ -199,11 +200,14 @@ trait Leaves {
 struct Names {
     list: Vec<String>,
     known: std::collections::HashSet<String>,
+    bytes: usize,
 }
 
 impl Names {
     fn add(&mut self, path: &str) {
-        if self.list.len() < MAX_NAMES && !self.known.contains(path) {
+        let is_full = self.list.len() >= MAX_NAMES || self.bytes + path.len() > MAX_NAME_BYTES;
+        if !is_full && !self.known.contains(path) {
+            self.bytes += path.len();
             self.known.insert(path.to_owned());
             self.list.push(path.to_owned());
         }
@@ -348,7 +352,7 @@ mod tests {
         refuses("[{\"a\":1}]\n", "one JSON array: write one object per line");
         refuses("{\"a\":1}\n{\"a\":\n", "line 2: EOF while parsing");
         refuses("{\"a\":1} x\n", "line 1: trailing characters at column 9");
-        refuses("{\"a\":NaN}\n", "line 1: expected value");
+        refuses("{\"a\":Nan}\n", "line 1: expected value");
         refuses("", "no fields");
         refuses("{}\n", "no fields");
         refuses(&format!("{}{}\n", "{\"a\":".repeat(300), "1"), "line 1: recursion limit");

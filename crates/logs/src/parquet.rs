@@ -1,6 +1,7 @@
 //! Parquet files.
 
 use std::fs::File;
+use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::Path;
 
 use mishandle_text::visible;
@@ -68,7 +69,10 @@ impl ParquetTable {
                     columns.push(first);
                 }
                 1 => {
-                    for element in 0..longest_list(&reader, first)? {
+                    let longest = || longest_list(&reader, first);
+                    let longest = catch_unwind(AssertUnwindSafe(longest))
+                        .unwrap_or_else(|_| Err(damaged_text("its decoder failed")))?;
+                    for element in 0..longest {
                         names.push(element_name(parts, element));
                         columns.push(Leaf { element, ..first });
                     }
@@ -155,7 +159,15 @@ impl Table for ParquetTable {
         Counted::Rows
     }
 
+    /// A damaged file can make the decoder panic.
     fn read(self: Box<Self>, sinks: &mut Sinks) -> Result<()> {
+        let read = || self.read_groups(sinks);
+        catch_unwind(AssertUnwindSafe(read)).unwrap_or_else(|_| Err(damaged_text("its decoder failed")))
+    }
+}
+
+impl ParquetTable {
+    fn read_groups(&self, sinks: &mut Sinks) -> Result<()> {
         let mut rows = 0;
         for group in 0..self.reader.num_row_groups() {
             let group = self.reader.get_row_group(group).map_err(damaged)?;

@@ -41,6 +41,10 @@ const LONG_STEP: f64 = 10.0;
 const LATE: f64 = 2e4;
 const DAY_STEP: f64 = 5e-5;
 
+/// Least number of significant digits to which a program rounds times, one of the next lower power
+/// of ten included: MATLAB writes five.
+const LEAST_DIGITS: i32 = 4;
+
 /// Attoseconds per second.
 const ATTO: f64 = 1e18;
 
@@ -376,8 +380,10 @@ impl Times {
     pub(crate) fn rounding(&self) -> impl Iterator<Item = f64> {
         let decimals = self.times().map(|time| time.last_digit).min().unwrap_or(0);
         let digits = |time: Time| Some(time.first_digit()?.saturating_sub(time.last_digit));
-        let most = self.times().filter_map(digits).max().unwrap_or(0);
-        let is_single = self.origin.is_none() && self.times().all(Time::is_single);
+        let most = self.times().filter_map(digits).max().unwrap_or(0).max(LEAST_DIGITS);
+        let is_single = self.origin.is_none()
+            && self.times().all(Time::is_single)
+            && self.secs.iter().any(|secs| secs.fract() != 0.0);
         let rounding = move |time: Time| {
             let significant = time.first_digit().map_or(decimals, |first| first.saturating_sub(most));
             let written = half_unit(time.last_digit.min(decimals.max(significant)));

@@ -209,7 +209,7 @@ fn jitter_is_resampled_and_gaps_need_a_tolerance() {
     );
     asks(text, &Options { period: None, ..resampled(HOLD, 0.1) }, "--period", "--resample needs");
     asks("d\n1\n2\n", &resampled(HOLD, 0.1), "--time", "need the times of the samples");
-    let seconds = Options { time_unit: Some(mishandle_logs::Unit::Seconds), ..resampled(HOLD, 1e-3) };
+    let seconds = Options { time_unit: Some(Unit::Seconds), ..resampled(HOLD, 1e-3) };
     asks("time,d\n0,1\n1e10,2\n", &seconds, "--period", "pass a longer period");
 }
 

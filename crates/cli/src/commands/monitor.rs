@@ -77,11 +77,14 @@ pub struct Arguments {
 pub fn run(command: &Arguments) -> Result<ExitStatus> {
     let sources = log_question::sources(&command.question, &command.logs)?;
     ensure!(!command.values || sources.len() == 1, "--values prints the values of one log; name one");
-    let inputs = || sources.iter().flatten().map(|source| source.path.as_path());
+    let inputs = || log_question::inputs(&command.question, &sources);
     for (flag, path) in [("--junit", &command.junit), ("--markdown", &command.markdown)] {
         if let Some(path) = path {
             output::refuse_inputs(path, flag, inputs())?;
         }
+    }
+    if let (Some(junit), Some(markdown)) = (&command.junit, &command.markdown) {
+        ensure!(junit != markdown, "--junit and --markdown name the same file {}", junit.display());
     }
     if command.follow {
         ensure!(sources.len() == 1, "--follow reads one log; --topic NAME=FILE reads several files as one");

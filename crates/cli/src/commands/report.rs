@@ -166,8 +166,7 @@ fn write_curve(path: &Path, command: &Arguments) -> Result<ExitStatus> {
 /// Writes the page about verdicts on logs.
 fn write_logs(command: &Arguments) -> Result<ExitStatus> {
     let sources = log_question::sources(&command.logs.question, &command.logs.paths)?;
-    let inputs = sources.iter().flatten().map(|source| source.path.as_path());
-    output::refuse_inputs(&command.out, "--out", inputs)?;
+    output::refuse_inputs(&command.out, "--out", log_question::inputs(&command.logs.question, &sources))?;
     drop(output::create(&command.out, command.force)?);
     let mut sections = Vec::new();
     let without = log_question::ask(&command.logs.question, &sources, |asked| {

@@ -1,7 +1,7 @@
 //! Questions about logs: which formulas they meet.
 
 use std::collections::BTreeMap;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, ensure};
 use mishandle::results::{LogExplanation, LogVerdict};
@@ -16,6 +16,12 @@ pub fn sources(question: &LogQuestion, paths: &[PathBuf]) -> Result<Vec<Vec<Sour
     let sources = question.log.logs(paths)?;
     logs::check_stdin(&sources)?;
     Ok(sources)
+}
+
+/// Returns the files that a question reads, which no output replaces.
+pub fn inputs<'a>(question: &'a LogQuestion, sources: &'a [Vec<Source>]) -> impl Iterator<Item = &'a Path> {
+    let logs = sources.iter().flatten().map(|source| source.path.as_path());
+    logs.chain(question.formulas.as_deref())
 }
 
 /// Parses the formulas of all flags; an error may have a hint about the first log.

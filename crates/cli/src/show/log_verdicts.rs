@@ -135,7 +135,7 @@ fn short(value: f64) -> String {
 pub fn markdown(found: &[LogVerdict]) -> String {
     let rows = rows(found, true);
     let line = |cells: Vec<String>| {
-        let cells: Vec<String> = cells.iter().map(|cell| cell.replace('|', "\\|")).collect();
+        let cells: Vec<String> = cells.iter().map(|cell| without_tags(cell)).collect();
         format!("| {} |\n", cells.join(" | "))
     };
     let mut text = String::new();
@@ -147,6 +147,22 @@ pub fn markdown(found: &[LogVerdict]) -> String {
         }
     }
     text
+}
+
+/// Escapes what is a cell or a tag in Markdown. The `<` of a formula stays.
+fn without_tags(cell: &str) -> String {
+    let mut escaped = String::new();
+    let mut rest = cell.chars().peekable();
+    while let Some(character) = rest.next() {
+        match (character, rest.peek()) {
+            ('|', _) => escaped += "\\|",
+            ('<', Some(next)) if next.is_ascii_alphabetic() || matches!(next, '/' | '!' | '?') => {
+                escaped += "&lt;";
+            }
+            _ => escaped.push(character),
+        }
+    }
+    escaped
 }
 
 /// Returns the verdicts as a report of JUnit: a suite for each log, a case for each requirement.

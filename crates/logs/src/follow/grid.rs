@@ -8,7 +8,7 @@ use mishandle_text::{number_text, visible};
 
 use super::topic::Topic;
 use crate::error::{Result, content, undecided};
-use crate::samples::align::snap;
+use crate::samples::align::{is_longer, snap};
 
 /// The samples of a signal from the last one before the grid time on.
 #[derive(Debug, Default)]
@@ -47,7 +47,7 @@ impl Grid {
             for (column, value) in row.values.iter().enumerate().filter(|(_, value)| !value.is_nan()) {
                 let track = &mut self.tracks[topic.signals[column]];
                 if let (Some(tolerance), Some(latest)) = (self.tolerance, track.latest)
-                    && secs - latest > tolerance
+                    && is_longer(secs - latest, tolerance)
                 {
                     let place = format!("before {}", topic.counted.text(row.number));
                     return Err(too_long(&topic.names[column], secs - latest, &place, tolerance));
@@ -116,7 +116,7 @@ impl Grid {
                 };
                 if let (Some(tolerance), Some((before, _)), None) =
                     (self.tolerance, track.samples.front(), track.samples.get(1))
-                    && time - before > tolerance
+                    && is_longer(time - before, tolerance)
                 {
                     return Err(too_long(
                         name,
@@ -142,7 +142,7 @@ impl Grid {
         for topic in topics {
             for (name, signal) in topic.names.iter().zip(&topic.signals) {
                 if let (Some(tolerance), Some(latest)) = (self.tolerance, self.tracks[*signal].latest)
-                    && end - latest > tolerance
+                    && is_longer(end - latest, tolerance)
                 {
                     return Err(too_long(name, end - latest, "at the end of the log", tolerance));
                 }

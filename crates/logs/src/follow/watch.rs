@@ -3,12 +3,17 @@
 use std::collections::VecDeque;
 
 use mishandle_stl::{
-    Bounds, Clock, CutMonitor, Formula, Monitor, MonitorError, OnlineMonitor, TimeUnit, is_violated,
+    Bounds, Clock, CutMonitor, Formula, Monitor, MonitorError, OnlineMonitor, SubformulaNode, TimeUnit,
+    is_violated,
 };
 
 use super::needs_period;
 use crate::error::Result;
 use crate::verdict::{Reach, check_decided, parts, too_short};
+
+/// Bounds that take time in proportion to the samples are computed again when there are this share
+/// more of them.
+const PATIENCE: usize = 16;
 
 /// A formula to watch.
 #[derive(Clone, Debug)]
@@ -65,6 +70,7 @@ struct Group {
     clock: Clock,
     online: Online,
     watched: Vec<State>,
+    pushed: usize,
 }
 
 #[derive(Clone, Debug)]
@@ -79,6 +85,10 @@ struct State {
     formula: Formula,
     parts: Vec<Part>,
     answer: Answer,
+    /// Whether its bounds take time in proportion to the samples so far.
+    is_slow: bool,
+    /// The number of samples at which they are computed next, if so.
+    next: usize,
 }
 
 #[derive(Clone, Debug)]
@@ -201,13 +211,14 @@ impl Group {
             }
             let answer =
                 Answer { bounds: Bounds::UNKNOWN, verdict: None, violation: None, cuts_windows: false };
-            watched.push(State { formula, parts: found, answer });
+            let is_slow = has_open_window_ahead(&nodes);
+            watched.push(State { formula, parts: found, answer, is_slow, next: 0 });
         }
         let online = match is_strict {
             true => Online::Whole(OnlineMonitor::new(&all, names, clock, None)?),
             false => Online::Cut(CutMonitor::new(&all, names, clock)?),
         };
-        Ok(Group { clock, online, watched })
+        Ok(Group { clock, online, watched, pushed: 0 })
     }
 
     /// Returns the number of samples after which a part is decided.
@@ -218,6 +229,7 @@ impl Group {
 
     fn push(&mut self, sample: &[f64], time_of: &dyn Fn(usize) -> Option<f64>) -> Result<()> {
         self.online.push(sample)?;
+        self.pushed += 1;
         for (root, state) in self.watched.iter_mut().enumerate() {
             if state.answer.verdict.is_some() {
                 continue;
@@ -237,6 +249,11 @@ impl Group {
                         robustness,
                     });
             }
+            if state.is_slow && self.pushed < state.next {
+                continue;
+            }
+            // The time of all bounds then is in proportion to the samples.
+            state.next = self.pushed + self.pushed / PATIENCE + 1;
             state.answer.bounds = self.online.bounds(root);
             state.decide();
         }
@@ -262,6 +279,22 @@ impl Group {
         }
         Ok(())
     }
+}
+
+/// Returns whether a window ahead without an end is inside another window ahead. The bounds then
+/// take time in proportion to the samples so far.
+fn has_open_window_ahead(nodes: &[SubformulaNode]) -> bool {
+    const AHEAD: [&str; 5] = ["always", "eventually", "until", "release", "unless"];
+    let mut open = vec![(0, false)];
+    while let Some((position, is_inside)) = open.pop() {
+        let node = &nodes[position];
+        let is_ahead = node.operator.is_some_and(|operator| AHEAD.contains(&operator));
+        if is_ahead && is_inside && node.window.is_some_and(|(_, end)| end.is_none()) {
+            return true;
+        }
+        open.extend(node.operands.iter().map(|operand| (*operand, is_inside || is_ahead)));
+    }
+    false
 }
 
 impl State {

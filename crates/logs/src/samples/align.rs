@@ -106,7 +106,7 @@ fn tracks(log: Log, interpolation: Interpolation, options: &Options) -> Result<(
     }
     let held = |track: &&Track| {
         let last = track.times.last().copied().unwrap_or(end);
-        options.tolerance.is_some_and(|tolerance| end - last > tolerance)
+        options.tolerance.is_some_and(|tolerance| is_longer(end - last, tolerance))
     };
     if let Some(track) = tracks.iter().find(held) {
         let last = track.times.last().copied().unwrap_or(end);
@@ -132,7 +132,7 @@ impl Topic {
                 let mut last = rows.next().unwrap_or(0);
                 for row in rows {
                     let step = times.secs()[row] - times.secs()[last];
-                    if step > tolerance {
+                    if is_longer(step, tolerance) {
                         let place = format!("before {}", times.places.text(row));
                         return Err(too_long(&name, step, &place, options));
                     }
@@ -154,6 +154,11 @@ impl Topic {
         };
         Ok(tracks.into_iter().map(shared).collect())
     }
+}
+
+/// Returns whether a step is longer than a tolerance, beyond errors of binary fractions.
+pub(crate) fn is_longer(step: f64, tolerance: f64) -> bool {
+    step > tolerance * (1.0 + 1e-9)
 }
 
 fn too_long(name: &str, step: f64, place: &str, options: &Options) -> crate::LogError {
