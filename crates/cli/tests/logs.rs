@@ -273,3 +273,14 @@ fn outputs_do_not_replace_the_requirements_or_each_other() {
     );
     assert_eq!(std::fs::read_to_string(bench.path("set.toml")).unwrap(), REQUIREMENTS);
 }
+
+#[test]
+fn topics_whose_clocks_differ_by_months_are_no_log() {
+    let bench = Bench::new();
+    bench.write("a.csv", "time,v\n0,1\n1,2\n");
+    bench.write("b.csv", "time,v\n1700000000,1\n1700000001,2\n");
+    bench.refuses(
+        "monitor --formula always(`a/v`+`b/v`<=5) --topic a=a.csv --topic b=b.csv --dense hold",
+        &["do not count from the same instant"],
+    );
+}

@@ -452,12 +452,13 @@ fn open_table(
         _ => error,
     })?;
     let (format, source) = format::of(path, wrapped(Input::File(file)), options.format)?;
+    let time = options.time.as_deref().unwrap_or(TIME);
     Ok(match format {
         Format::Csv => Box::new(CsvTable::open(source, options)?),
         Format::JsonLines => Box::new(JsonTable::open(source, head)?),
-        Format::Numpy => Box::new(NumpyTable::open(path)?),
+        Format::Numpy => Box::new(NumpyTable::open(path, time)?),
         #[cfg(feature = "parquet")]
-        Format::Parquet => Box::new(crate::parquet::ParquetTable::open(path)?),
+        Format::Parquet => Box::new(crate::parquet::ParquetTable::open(path, time)?),
         #[cfg(not(feature = "parquet"))]
         Format::Parquet => return Err(content("this program was built without Parquet")),
     })

@@ -39,8 +39,9 @@ const MAX_COLUMNS: usize = 1_000_000;
 
 impl NumpyTable {
     /// Reads the headers of the arrays. 1-D arrays and fields of structured arrays are columns;
-    /// a 2-D array `q` has the columns `q[0]`, `q[1]`, …
-    pub(crate) fn open(path: &Path) -> Result<NumpyTable> {
+    /// a 2-D array `q` has the columns `q[0]`, `q[1]`, … Arrays that nobody reads may have any
+    /// type, such as pickled objects, but not the times.
+    pub(crate) fn open(path: &Path, time: &str) -> Result<NumpyTable> {
         let mut file = BufReader::new(File::open(path)?);
         let mut start = [0; 6];
         file.read_exact(&mut start).map_err(|_| content("the file is too short for a NumPy file"))?;
@@ -51,15 +52,16 @@ impl NumpyTable {
                 let array = name.strip_suffix(".npy").unwrap_or(&name).to_owned();
                 let header = Header::read(&mut archive.entry(&name)?)
                     .map_err(|error| content(format!("array `{}`: {error}", visible(&array))));
-                // Arrays that nobody reads may have any type, such as pickled objects.
-                if let Ok(header) = header {
-                    table.add(&array, Some(&name), &header)?;
+                match header {
+                    Ok(header) => table.add(&array, Some(&name), &header, time)?,
+                    Err(error) if array == time => return Err(error),
+                    Err(_) => {}
                 }
             }
         } else {
             file.rewind()?;
             let header = Header::read(&mut file)?;
-            table.add("", None, &header)?;
+            table.add("", None, &header, time)?;
         }
         if table.names.is_empty() {
             return Err(content("the file has no array of numbers with one or two dimensions"));
@@ -67,7 +69,7 @@ impl NumpyTable {
         Ok(table)
     }
 
-    fn add(&mut self, array: &str, entry: Option<&str>, header: &Header) -> Result<()> {
+    fn add(&mut self, array: &str, entry: Option<&str>, header: &Header, time: &str) -> Result<()> {
         let width = match header.shape[..] {
             [_] => None,
             [_, width] => Some(width),
@@ -79,6 +81,12 @@ impl NumpyTable {
                 ("", name) => name.to_owned(),
                 (array, name) => format!("{array}/{name}"),
             };
+            if field.kind == Kind::Other && name == time {
+                return Err(content(format!(
+                    "the times `{}` have a type that is not read; write numbers or datetime64[ns]",
+                    visible(time)
+                )));
+            }
             if field.kind == Kind::Other {
                 continue;
             }

@@ -55,13 +55,23 @@ enum Meaning {
 }
 
 impl ParquetTable {
-    pub(crate) fn open(path: &Path) -> Result<ParquetTable> {
+    /// Reads the metadata. A column with this name of times must have a type that is read.
+    pub(crate) fn open(path: &Path, time: &str) -> Result<ParquetTable> {
         let reader = SerializedFileReader::new(File::open(path)?).map_err(damaged)?;
         let (mut names, mut columns) = (Vec::new(), Vec::new());
         let schema = reader.metadata().file_metadata().schema_descr();
         for (leaf, column) in schema.columns().iter().enumerate() {
-            let Some(meaning) = Meaning::of(column) else { continue };
             let parts = column.path().parts();
+            let Some(meaning) = Meaning::of(column) else {
+                if parts.join("/") == time {
+                    return Err(content(format!(
+                        "the times `{}` are of the type {}, which is not read; write a timestamp or a number",
+                        visible(time),
+                        column.physical_type()
+                    )));
+                }
+                continue;
+            };
             let first = Leaf { leaf, meaning, element: 0, present: column.max_def_level() };
             match column.max_rep_level() {
                 0 => {

@@ -11,7 +11,7 @@ use mishandle_text::{number_text, visible};
 use crate::error::{Result, content, undecided};
 use crate::log::{Column, Log, Topic};
 use crate::options::{Duplicates, Missing, Options, Sampling};
-use crate::times::Times;
+use crate::times::{FAR, Times};
 
 /// The samples of a log.
 #[derive(Clone, Debug)]
@@ -70,6 +70,7 @@ impl Log {
             }
         }
         let origin_ns = self.common_origin();
+        self.check_clocks()?;
         let likely_time = self.likely_time.take();
         let signals = match options.sampling {
             Sampling::Even => self.even(options)?,
@@ -88,6 +89,26 @@ impl Log {
             times.shift_to(origin);
         }
         Some(origin.div_euclid(10_i128.pow(9)))
+    }
+
+    /// Checks that no topic ends months before another one starts: their times then do not count
+    /// from the same instant, such as dates and seconds since the start.
+    fn check_clocks(&self) -> Result<()> {
+        for (early, late) in self.topics.iter().flat_map(|a| self.topics.iter().map(move |b| (a, b))) {
+            let end = |topic: &Topic| Some(*topic.times.as_ref()?.secs().last()?);
+            let start = |topic: &Topic| Some(*topic.times.as_ref()?.secs().first()?);
+            if let (Some(end), Some(start)) = (end(early), start(late))
+                && start - end > FAR
+            {
+                return Err(content(format!(
+                    "the topic {} ends {} s before the topic {} starts: their times do not count from the same instant",
+                    early.shown(),
+                    number_text(start - end),
+                    late.shown()
+                )));
+            }
+        }
+        Ok(())
     }
 
     /// Returns even samples: those of one topic, or of several with the same times.
