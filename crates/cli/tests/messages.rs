@@ -255,7 +255,12 @@ fn a_bound_in_seconds_needs_the_time_between_two_samples() {
     check(&bench, "monitor --formula d>0 time.csv --time tme", &["--time is `tme`", "did you mean `time`?"]);
     let milliseconds = "monitor --formula always[0:1s](d>0) ms.csv";
     bench.write("ms.csv", "time,d\n0,1\n500,1\n1000,1\n");
-    check(&bench, milliseconds, &["0.002 steps of 500 s", "those of the times, in seconds"]);
+    check(&bench, milliseconds, &["steps by 500 on average", "--time-unit s|ms|us|ns"]);
+    check(
+        &bench,
+        &format!("{milliseconds} --time-unit s"),
+        &["0.002 steps of 500 s", "those of the times, in seconds"],
+    );
     // No time is claimed that is not known.
     bench.write("nan.csv", "d\n1\nnan\n");
     check(&bench, "monitor --formula d>0 nan.csv", &["line 3: `d` is `nan`; it must be a number"]);
