@@ -234,3 +234,21 @@ fn what_is_no_log_is_an_error() {
     let (code, error) = following.end();
     assert!(code == Some(2) && blocks < 100 && error.contains("16 MiB"), "{code:?} {blocks} {error}");
 }
+
+#[test]
+fn a_row_is_as_late_in_one_read_as_in_several() {
+    let bench = Bench::new();
+    let question = "monitor --follow --topic-column topic --resample hold --period 1 --lateness 1 \
+                    --formula 'always(`a/v` + `b/v` <= 5)' -";
+    let (first, rest) = ("topic,time,v\na,0,1\nb,0,1\na,1,1\na,2.5,1\n", "b,1,9\n");
+    for pause in [Duration::ZERO, Duration::from_millis(300)] {
+        let mut following = Following::start(bench.command(question));
+        following.write(first);
+        std::thread::sleep(pause);
+        following.write(rest);
+        drop(following.child.stdin.take());
+        let (code, error) = following.end();
+        assert_eq!(code, Some(2), "{error}");
+        assert!(error.contains("line 6: the row of 1 s came when those up to 1 s were taken"), "{error}");
+    }
+}

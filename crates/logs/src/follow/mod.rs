@@ -71,6 +71,8 @@ struct File {
     receiver: Receiver<Message>,
     opened: Option<Opened>,
     has_ended: bool,
+    /// Rows that were read, and are added one at a time.
+    rows: std::vec::IntoIter<Row>,
     /// The topics of its rows, with the columns of their values.
     topics: Vec<(Option<String>, usize, Vec<usize>)>,
 }
@@ -96,8 +98,6 @@ pub struct Follow {
     time: Option<f64>,
     start: f64,
     taken: u64,
-    /// The error of a row, after which no row is read.
-    failed: Option<LogError>,
 }
 
 impl Follow {
@@ -159,6 +159,7 @@ impl Follow {
             ),
             opened: None,
             has_ended: false,
+            rows: Vec::new().into_iter(),
             topics: Vec::new(),
         };
         let grid = match (options.sampling, options.period) {
@@ -189,7 +190,6 @@ impl Follow {
             time: None,
             start: 0.0,
             taken: 0,
-            failed: None,
             signals,
         })
     }
@@ -232,8 +232,8 @@ impl Follow {
             if self.advance()? {
                 return Ok(Next::Sample);
             }
-            if let Some(error) = self.failed.take() {
-                return Err(error);
+            if self.add_row()? {
+                continue;
             }
             if self.files.iter().all(|file| file.has_ended) {
                 self.check_end()?;
@@ -264,13 +264,7 @@ impl Follow {
             has_message = true;
             match message {
                 Message::Opened(opened) => self.files[index].opened = Some(opened),
-                // The rows before it count first, however many came at once.
-                Message::Rows(rows) => {
-                    if let Err(error) = self.add(index, rows) {
-                        self.failed = Some(self.named(index, error));
-                        return Ok(true);
-                    }
-                }
+                Message::Rows(rows) => self.files[index].rows = rows.into_iter(),
                 Message::Ended => self.end(index)?,
                 Message::Failed(error) => return Err(self.named(index, error)),
             }
@@ -356,15 +350,25 @@ impl Follow {
         Ok(())
     }
 
-    fn add(&mut self, index: usize, rows: Vec<Row>) -> Result<()> {
-        for mut row in rows {
-            let Some(at) = self.topic_of(index, row.topic.as_deref())? else { continue };
-            let (_, topic, columns) = &self.files[index].topics[at];
-            if self.options.topic_column.is_some() {
-                row.values = columns.iter().map(|column| row.values[*column]).collect();
+    /// Adds a row that was read, and returns whether there was one. Rows are added one at a time, so
+    /// that the samples before a row do not depend on how many rows arrive at once.
+    fn add_row(&mut self) -> Result<bool> {
+        for index in 0..self.files.len() {
+            if let Some(row) = self.files[index].rows.next() {
+                self.add(index, row).map_err(|error| self.named(index, error))?;
+                return Ok(true);
             }
-            self.topics[*topic].add(row, &self.options, self.lateness)?;
         }
+        Ok(false)
+    }
+
+    fn add(&mut self, index: usize, mut row: Row) -> Result<()> {
+        let Some(at) = self.topic_of(index, row.topic.as_deref())? else { return Ok(()) };
+        let (_, topic, columns) = &self.files[index].topics[at];
+        if self.options.topic_column.is_some() {
+            row.values = columns.iter().map(|column| row.values[*column]).collect();
+        }
+        self.topics[*topic].add(row, &self.options, self.lateness)?;
         let waiting = self.topics.iter().map(Topic::waiting).max().unwrap_or(0);
         if waiting.max(self.grid.as_ref().map_or(0, Grid::waiting)) > MAX_WAITING {
             return Err(content(format!("more than {MAX_WAITING} rows wait for a value of another signal")));
