@@ -350,8 +350,8 @@ impl Follow {
         Ok(())
     }
 
-    /// Adds a row that was read, and returns whether there was one. Rows are added one at a time, so
-    /// that the samples before a row do not depend on how many rows arrive at once.
+    /// Adds a row that was read, and returns whether there was one. Rows are added one at a time,
+    /// so that the samples before a row do not depend on how many rows arrive at once.
     fn add_row(&mut self) -> Result<bool> {
         for index in 0..self.files.len() {
             if let Some(row) = self.files[index].rows.next() {
