@@ -56,7 +56,7 @@ pub fn ask(
     for (name, source) in logs::names(sources).into_iter().zip(sources) {
         match verdicts(question, &name, source, &requirements, &mut each) {
             Err(error) if sources.len() > 1 => {
-                output::message(&format!("error: {error:#}"));
+                output::report_error(&error);
                 without += 1;
             }
             found => found?,
