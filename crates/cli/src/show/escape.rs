@@ -31,7 +31,7 @@ impl Formatter for EscapedJson {
         out: &mut W,
         fragment: &str,
     ) -> std::io::Result<()> {
-        out.write_all(escaped(fragment, |_| false, unicode).as_bytes())
+        EscapedLine.write_string_fragment(out, fragment)
     }
 
     fn begin_array<W: Write + ?Sized>(&mut self, out: &mut W) -> std::io::Result<()> {
