@@ -15,8 +15,9 @@ use crate::program::columns;
 
 /// Computes the robustness of a formula in dense time.
 ///
-/// Signals have samples at any times, each signal at its own, and an [`Interpolation`] between
-/// them. The robustness is a function of time, and it is exact: nothing is sampled.
+/// Signals have samples at any times, each signal at its own, and an
+/// [`Interpolation`](super::Interpolation) between them. The robustness is a function of time, and
+/// it is exact: nothing is sampled.
 ///
 /// # Semantics
 /// It is that of RTAMT 0.4.10's dense-time offline monitor for values that hold until the next
