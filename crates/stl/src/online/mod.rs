@@ -3,6 +3,7 @@
 mod cut;
 mod graph;
 mod partial;
+mod row;
 mod stream;
 mod window;
 
@@ -342,6 +343,46 @@ impl OnlineMonitor {
     /// Returns whether there are no samples.
     pub fn is_empty(&self) -> bool {
         self.len == 0
+    }
+
+    /// Returns the largest number of numbers that [`save`](OnlineMonitor::save) writes in a trace of
+    /// at most `samples` samples.
+    pub fn row_size(&self, samples: usize) -> usize {
+        let cells = self.graph.nodes.iter().zip(&self.cells);
+        1 + cells.map(|(node, cell)| cell.row_size(node, samples)).sum::<usize>()
+    }
+
+    /// Writes the samples to a row of numbers, so that one monitor can serve many traces: its first
+    /// numbers, at most [`row_size`](OnlineMonitor::row_size). An error of the monitor is not saved.
+    pub fn save(&mut self, row: &mut [f64]) {
+        row::visit(&mut self.len, &mut self.cells, &mut row::Saving(row));
+    }
+
+    /// Replaces the samples by those that [`save`](OnlineMonitor::save) of an equal monitor wrote,
+    /// and removes the error. It then continues with the same bits.
+    ///
+    /// # Example
+    /// ```
+    /// use mishandle_stl::{Clock, Formula, OnlineMonitor};
+    ///
+    /// let formula = Formula::parse("once[0:1](x >= 1)").unwrap();
+    /// let mut monitor = OnlineMonitor::new(&[formula], &["x".to_owned()], Clock::steps(1.0), None).unwrap();
+    /// let mut rows = [[0.0; 32]; 2];
+    /// assert!(monitor.row_size(100) <= 32);
+    /// rows.iter_mut().for_each(|row| monitor.save(row)); // two traces without samples
+    /// for (row, x) in rows.iter_mut().zip([3.0, 5.0]) {
+    ///     monitor.restore(row);
+    ///     monitor.push(&[x]).unwrap();
+    ///     monitor.save(row);
+    /// }
+    /// monitor.restore(&rows[0]);
+    /// monitor.push(&[0.0]).unwrap();
+    /// assert_eq!(monitor.decided(0), Some((1, 2.0))); // 3 is 2 more than 1
+    /// ```
+    pub fn restore(&mut self, row: &[f64]) {
+        self.error = None;
+        self.bounded.fill(0);
+        row::visit(&mut self.len, &mut self.cells, &mut row::Restoring(row));
     }
 
     /// Removes all samples and the error, and keeps the allocated memory.

@@ -3,6 +3,7 @@
 
 use super::graph::{Kind, Node};
 use super::preallocated;
+use super::row::Row;
 use super::window::{Composition, Extrema, Function, Pick};
 use crate::clock::Window;
 use crate::operator::Operator;
@@ -101,6 +102,54 @@ impl Cell {
             let (all, held) = (Function::identity(pick(operator)), pick(operator).dual().neutral());
             Accumulated { from, to, next: from, all, held }
         });
+    }
+
+    /// Saves or restores the samples. Bounds are computed again.
+    pub fn visit(&mut self, row: &mut impl Row) {
+        row.count(&mut self.len);
+        row.number(&mut self.latest);
+        row.queue(&mut self.recent, 0.0, Row::number);
+        row.list(&mut self.head, 0.0, Row::number);
+        match &mut self.memory {
+            Memory::Nothing => {}
+            Memory::Extrema(extrema) => extrema.visit(row),
+            Memory::Fold(value) => row.number(value),
+            Memory::Composition(all, other) => {
+                all.visit(row);
+                other.visit(row);
+            }
+            Memory::Since(value, other) => {
+                row.number(value);
+                other.visit(row);
+            }
+        }
+        if let Some(accumulated) = &mut self.accumulated {
+            // Small, unlike the samples, so that a number has the same value.
+            let mut count = accumulated.next - accumulated.from;
+            row.count(&mut count);
+            accumulated.next = accumulated.from + count;
+            row.function(&mut accumulated.all);
+            row.number(&mut accumulated.held);
+        }
+    }
+
+    /// Returns the largest number of numbers that [`visit`](Self::visit) visits in a trace of some
+    /// samples.
+    pub fn row_size(&self, node: &Node, samples: usize) -> usize {
+        let keep = if node.keep > 1 { node.keep.min(samples) } else { 0 };
+        let window = node.operator().map_or(0, |(_, window)| window.length().min(samples));
+        let begin = node.operator().map_or(0, |(_, window)| window.begin.min(samples));
+        // A deque has pairs of numbers and a length.
+        let deque = |length: usize| 1 + 2 * (length + 1);
+        let memory = match &self.memory {
+            Memory::Nothing => 0,
+            Memory::Extrema(_) => deque(window),
+            Memory::Fold(_) => 1,
+            Memory::Composition(..) => 4 + 2 * (window + 1) + deque(begin),
+            Memory::Since(..) => 1 + deque(begin),
+        };
+        let accumulated = if self.accumulated.is_some() { 4 } else { 0 };
+        4 + keep + node.head.min(samples) + memory + accumulated
     }
 
     /// Adds an exact value.

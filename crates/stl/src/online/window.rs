@@ -6,6 +6,7 @@
 //! Nordic Journal of Computing 13, 2006.
 
 use super::preallocated;
+use super::row::Row;
 use crate::extremum::{Extremum, Maximum, Minimum};
 use std::collections::VecDeque;
 
@@ -118,6 +119,14 @@ impl Extrema {
     pub fn clear(&mut self) {
         self.suffixes.clear();
     }
+
+    /// Saves or restores the samples.
+    pub fn visit(&mut self, row: &mut impl Row) {
+        row.queue(&mut self.suffixes, (0, 0.0), |row, (sample, value)| {
+            row.count(sample);
+            row.number(value);
+        });
+    }
 }
 
 /// A function `v -> pick(q, dual(p, v))`; see [`until`](crate::until).
@@ -203,5 +212,13 @@ impl Composition {
         self.front.clear();
         self.back.clear();
         self.back_all = Function::identity(self.pick);
+    }
+
+    /// Saves or restores the samples.
+    pub fn visit(&mut self, row: &mut impl Row) {
+        let identity = Function::identity(self.pick);
+        row.list(&mut self.front, identity, Row::function);
+        row.list(&mut self.back, identity, Row::function);
+        row.function(&mut self.back_all);
     }
 }

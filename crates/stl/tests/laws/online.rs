@@ -132,6 +132,39 @@ fn each_push_decides_the_value_that_the_whole_trace_has() {
     assert!(values > 10_000, "{values}");
 }
 
+/// One monitor serves three traces of different lengths in turns, and equals a monitor of each.
+#[test]
+fn a_saved_monitor_continues_with_the_same_bits() {
+    let mut random = Random(44);
+    for number in 0..formulas(2000) {
+        let (_, text, columns) = case(&mut random, number);
+        let samples = columns[0].len();
+        let stated = Some(samples + random.below(3)).filter(|_| number % 3 > 0);
+        let mut shared = online(&[&text], stated);
+        let size = shared.row_size(samples);
+        // Each trace starts at another sample of the columns.
+        let mut traces: Vec<_> =
+            (0..3).map(|shift| (shift, online(&[&text], stated), vec![0.0; size])).collect();
+        traces.iter_mut().for_each(|(_, _, row)| shared.save(row));
+        for turn in 0..2 * samples {
+            let (shift, own, row) = &mut traces[(turn + random.below(2)) % 3];
+            if own.len() == samples {
+                continue;
+            }
+            let next = sample(&columns, (own.len() + *shift) % samples);
+            shared.restore(row);
+            shared.push(&next).unwrap();
+            own.push(&next).unwrap();
+            if number % 2 == 0 {
+                shared.save(row);
+            }
+            assert_eq!(bits(shared.bounds(0)), bits(own.bounds(0)), "{text} on {columns:?}");
+            assert_eq!(shared.decided(0), own.decided(0), "{text} on {columns:?}");
+            shared.save(row);
+        }
+    }
+}
+
 /// A monitor with cut windows has, at each end, the robustness of the monitor that reads whole
 /// traces, and its bounds before are those of all ends that follow.
 #[test]
