@@ -499,6 +499,17 @@ pub enum MishandleError {
     /// A policy in the format of another tool cannot be used.
     #[error(transparent)]
     Interchange(#[from] mishandle_interchange::InterchangeError),
+    /// A guard cannot be made.
+    #[error(transparent)]
+    Guard(#[from] mishandle_guard::GuardError),
+    /// A key of the guard is missing.
+    #[error("the guard has no `{key}`; expected {expected}")]
+    GuardKey {
+        /// The key.
+        key: &'static str,
+        /// What it shall be.
+        expected: &'static str,
+    },
     /// A task cannot be built.
     #[error(transparent)]
     Task(#[from] mishandle_tasks::TaskError),

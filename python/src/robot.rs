@@ -73,7 +73,7 @@ pub fn robot_target(
             sizes: (robot.observation_size(), robot.actions()),
         });
         let controller = Arc::new(PythonPolicy(shared.clone()));
-        let mut target = robot.target((controller, component("policy", policy_name, hash)), noise)?;
+        let mut target = robot.target((controller, vec![component("policy", policy_name, hash)]), noise)?;
         let uncovered = not_covered.into_iter();
         target
             .components

@@ -157,6 +157,7 @@ impl PyTarget {
             episode_steps,
             is_deterministic,
             signals_on_request: Vec::new(),
+            controller_signals: Vec::new(),
             can_fail: true,
             depends_on_seed: depends_on_seed || !is_deterministic,
             random_axes,

@@ -3,6 +3,7 @@
 //! A [`Plan`] is read from TOML or made from flags. This room looks nothing up: `resolve` does.
 
 mod grid;
+mod guard;
 mod harden;
 mod read;
 mod risk;
@@ -19,6 +20,7 @@ use serde::{Deserialize, Serialize};
 use crate::error::MishandleError;
 
 pub use grid::{GridRun, read_grid};
+pub use guard::GuardPlan;
 pub use harden::HardenPlan;
 pub use mishandle_training::AxisSetting;
 pub use risk::RiskPlan;
@@ -102,6 +104,9 @@ pub struct Plan {
     /// own from the same simulations. A search tries to violate any of them.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     pub requirements: BTreeMap<String, String>,
+    /// Guard of the controller. `None`: the controller acts alone.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub guard: Option<GuardPlan>,
     /// Settings of an evaluation.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub evaluate: Option<EvaluatePlan>,
@@ -330,6 +335,7 @@ impl Plan {
             seed: 0,
             careful: false,
             requirements: BTreeMap::new(),
+            guard: None,
             evaluate: None,
             falsify: None,
             margin: None,

@@ -13,7 +13,7 @@ use toml::de::{DeTable, DeValue, ValueDeserializer};
 use super::seed::SeedValue;
 use super::{FORMAT, Plan, StartRegion};
 use crate::error::MishandleError;
-use crate::plan::AxisSetting;
+use crate::plan::{AxisSetting, GuardPlan};
 use crate::plan::search_options::TomlValue;
 
 /// Largest number of characters of a value that an error repeats.
@@ -30,6 +30,9 @@ const REQUIREMENTS: &str = "requirements";
 
 /// Table whose keys are names of axes, and whose values are distributions.
 const DISTRIBUTIONS: &str = "risk.distributions";
+
+/// Table of the guard, with a period.
+const GUARD: &str = "guard.";
 
 /// Allowed settings of an axis.
 const AXIS: &str = "a number, a list of two numbers, or the name of a category in quotes";
@@ -49,7 +52,7 @@ const fn key<T: DeserializeOwned>(name: &'static str, allowed: &'static str) -> 
     Key { name, allowed, reads: reads::<T> }
 }
 
-const KEYS: [Key; 51] = [
+const KEYS: [Key; 59] = [
     key::<u32>("format", "2"),
     key::<String>("target", "a string, such as \"ball-balancing\""),
     key::<String>("folder", "a string, such as \"simulators\""),
@@ -66,6 +69,14 @@ const KEYS: [Key; 51] = [
         REQUIREMENTS,
         "a table of formulas by name, as [requirements], each a string",
     ),
+    key::<String>("guard.formula", "a string, such as \"historically[0:0.5s](speed <= 1)\""),
+    key::<f64>("guard.threshold", "a number"),
+    key::<f64>("guard.return-threshold", "a number, at least the threshold"),
+    key::<f64>("guard.dwell", "a number of seconds from 0 on"),
+    key::<String>("guard.fallback", "\"hold\", \"retreat\", or a controller, such as \"expert\""),
+    key::<f64>("guard.retreat", "a number of seconds from 0 to 60"),
+    key::<bool>("guard.privileged", "true or false"),
+    key::<String>("guard.actions", "\"increments\" or \"positions\""),
     key::<u64>("evaluate.episodes", "an integer from 1 to 1000000000"),
     key::<StartRegion>("evaluate.box", "\"whole\" or \"reachable\""),
     key::<u32>("evaluate.batch", "an integer from 1 to 65536"),
@@ -130,6 +141,13 @@ pub(super) fn read(text: &str) -> Result<Plan, MishandleError> {
         plan.space = Margin::SPACE.to_string();
     }
     Ok(plan)
+}
+
+/// Reads the keys of the table `[guard]` from a text of their own.
+pub(super) fn read_guard(text: &str) -> Result<GuardPlan, MishandleError> {
+    let stated = DeTable::parse(text).map_err(|error| not_toml(text, &error))?;
+    Reader { text, values: Values::One }.check(GUARD, stated.get_ref())?;
+    GuardPlan::deserialize(toml::Deserializer::from(stated)).map_err(|error| not_toml(text, &error))
 }
 
 /// Reads a campaign: a plan in which most keys may have a list of values.

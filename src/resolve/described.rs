@@ -37,7 +37,7 @@ pub(crate) fn idle(observations: usize, actions: usize) -> Identified {
         hash: String::new(),
         file_hash: String::new(),
     };
-    (Arc::new(Idle { observations, actions }), component)
+    (Arc::new(Idle { observations, actions }), vec![component])
 }
 
 /// Returns the warnings about the policy that a target file names; none for other targets. A

@@ -9,6 +9,7 @@ mod check;
 pub(crate) mod controller;
 mod described;
 mod first_file;
+mod guard;
 mod hint;
 mod import;
 mod kind;
@@ -100,6 +101,7 @@ fn check_no_task_options(plan: &Plan) -> Result<(), MishandleError> {
         ("a controller", !plan.controller.is_empty()),
         ("action noise", plan.action_noise != 0.0),
         ("observation noise", plan.observation_noise != 0.0),
+        ("a guard", plan.guard.is_some()),
         ("sampled actions", plan.stochastic),
         ("a task preset other than `paper`", plan.preset != Plan::new("", "").preset),
     ];
@@ -154,6 +156,9 @@ impl ResolvedPlan {
             error => error.into(),
         })?;
         let space = with_settings(space, &plan.axes, &target.axes)?;
+        if plan.guard.is_some() && target.controller_signals.is_empty() {
+            return Err(MishandleError::UnsupportedOption { target: plan.target, option: "a guard" });
+        }
         let mut needs_subformulas = false;
         if let Some(evaluate) = &plan.evaluate {
             check::check_evaluate_in(evaluate, &target, &space)?;

@@ -14,8 +14,8 @@ use mishandle_simulators::ProgramPolicy;
 use crate::error::MishandleError;
 use crate::resolve::{controller_name, is_onnx};
 
-/// A controller, and its identity.
-pub(crate) type Identified = (Arc<dyn Controller>, Component);
+/// A controller, and the components that identify it: first itself, then parts such as its guard.
+pub(crate) type Identified = (Arc<dyn Controller>, Vec<Component>);
 
 /// The interface that a controller must fit.
 pub(crate) struct NeededPolicy {
@@ -58,7 +58,7 @@ pub(crate) fn of_program(
         hash: policy.hash()?,
         file_hash: String::new(),
     };
-    Ok((policy.clone(), component))
+    Ok((policy.clone(), vec![component]))
 }
 
 /// Returns the error of a policy whose actions cannot be sampled.
@@ -102,12 +102,12 @@ pub(crate) fn of_file(
         let policy = OnnxPolicy::load_named(path, &[&needed.name], &needed.layout, names)
             .map_err(|error| with_parts(error, needed))?;
         let component = component(policy.hash().to_string(), policy.file_hash().to_string());
-        return Ok((Arc::new(policy), component));
+        return Ok((Arc::new(policy), vec![component]));
     }
     let (file, bytes) = controller_file(needed, path)?;
     let policy = file.policy.sampling(stochastic);
     let component = component(policy.hash(), bytes_hash(&bytes));
-    Ok((Arc::new(policy), component))
+    Ok((Arc::new(policy), vec![component]))
 }
 
 /// Reads a controller file; returns it with its bytes.

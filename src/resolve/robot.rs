@@ -8,12 +8,13 @@ use mishandle_controllers::{ControllerFile, Layout};
 use mishandle_robots::{
     ControlledRobot, RobotBatches, RobotEnvironment, RobotFile, RobotPolicy, RobotTraining,
 };
-use mishandle_rollout::{Component, Controller, Identity, Noise, Space, Specification, Target};
+use mishandle_rollout::{Component, Controller, Environment, Identity, Noise, Space, Specification, Target};
 use mishandle_text::path_text;
 use mishandle_training::{AlgorithmSettings, RewardSettings};
 
 use crate::error::MishandleError;
 use crate::plan::Plan;
+use crate::resolve::guard::{GuardedLoop, guarded};
 use crate::resolve::policy::{
     Identified, NeededPolicy, controller_file, not_stochastic, of_file, of_program,
 };
@@ -51,8 +52,30 @@ fn parts(plan: &Plan) -> Result<(RobotFile, Identified, Noise), MishandleError> 
     let robot = robot_file(plan)?;
     let noise = noise(plan);
     noise.check()?;
-    let controller = controller(&robot, plan)?;
+    let own = controller(&robot, plan)?;
+    let controller = guarded(plan, own, &guarded_loop(&robot)?, |name| fallback(&robot, name))?;
     Ok((robot, controller, noise))
+}
+
+/// Returns what a guard must know about a robot.
+fn guarded_loop(robot: &RobotFile) -> Result<GuardedLoop, MishandleError> {
+    let environment = robot.starts()?;
+    Ok(GuardedLoop {
+        layout: robot.layout(),
+        signals: environment.signals().to_vec(),
+        control_dt: environment.control_dt(),
+        episode_steps: environment.episode_steps(),
+        action_limit: environment.action_limit(),
+        meanings: None,
+    })
+}
+
+/// Loads the fallback of a guard: a file, or `policy`, the policy of the target file.
+fn fallback(robot: &RobotFile, name: &str) -> Result<Identified, MishandleError> {
+    match name {
+        "policy" => controller(robot, &Plan::new("", "")),
+        path => of_file(&needed(robot), Path::new(path), [None, None], false),
+    }
 }
 
 fn needed(robot: &RobotFile) -> NeededPolicy {
@@ -89,14 +112,14 @@ fn of_the_file(
     policy: &Arc<dyn Controller>,
     name: &str,
     plan: &Plan,
-) -> Result<(Arc<dyn Controller>, Component), MishandleError> {
+) -> Result<Identified, MishandleError> {
     if plan.stochastic {
         return Err(not_stochastic(name));
     }
     let hash = format!("{name} of the target file");
     let component =
         Component { role: "controller".to_string(), name: name.to_string(), hash, file_hash: String::new() };
-    Ok((policy.clone(), component))
+    Ok((policy.clone(), vec![component]))
 }
 
 /// Returns the warnings about the policy of a plan whose target is the file of a robot; none for

@@ -15,6 +15,7 @@ use crate::error::MishandleError;
 use crate::plan::Plan;
 use crate::resolve::check_no_task_options;
 use crate::resolve::described::idle;
+use crate::resolve::guard::{GuardedLoop, guarded};
 use crate::resolve::policy::{Identified, NeededPolicy, check_allowed, of_file, of_program};
 use crate::resolve::target_file::{command, is_target_file};
 use crate::resolve::training::noise;
@@ -22,7 +23,21 @@ use crate::resolve::training::noise;
 /// Starts the simulator of a plan and looks up its controller.
 pub(crate) fn simulator_target(plan: &Plan, file: &SimulatorFile) -> Result<Target, MishandleError> {
     let simulator = Arc::new(start(plan, file)?);
-    let controller = controller(simulator.description(), plan, file)?;
+    let description = simulator.description();
+    let mut controller = controller(description, plan, file)?;
+    if let (Some(policy), Some(own)) = (&description.policy, controller.take()) {
+        let needed = needed(&description.name, policy);
+        let guarded_loop = GuardedLoop {
+            layout: needed.layout.clone(),
+            signals: description.signals.iter().map(|signal| signal.name.clone()).collect(),
+            control_dt: policy.control_dt,
+            episode_steps: policy.episode_steps,
+            action_limit: policy.action_limit,
+            meanings: None,
+        };
+        let load = |path: &str| of_file(&needed, Path::new(path), [None, None], false);
+        controller = Some(guarded(plan, own, &guarded_loop, load)?);
+    }
     Ok(mishandle_simulators::target(simulator, controller, noise(plan))?)
 }
 

@@ -5,6 +5,7 @@ use mishandle_rollout as rollout;
 use mishandle_simulators::SIMULATOR;
 
 use crate::resolve::ResolvedPlan;
+use crate::resolve::guard::guard_facts;
 
 impl ResolvedPlan {
     /// Returns what the question of the plan is about.
@@ -22,6 +23,7 @@ impl ResolvedPlan {
             controller: controller.map(|controller| controller.name.clone()),
             controller_given: Some(plan.controller.clone()).filter(|controller| !controller.is_empty()),
             controller_hash: controller.map(|controller| controller.hash.clone()),
+            guard: plan.guard.as_ref().map(guard_facts),
             stochastic: plan.stochastic,
             action_noise: plan.action_noise,
             observation_noise: plan.observation_noise,

@@ -3,13 +3,18 @@
 use std::sync::Arc;
 
 use mishandle_controllers::bytes_hash;
-use mishandle_rollout::{Component, Controller};
-use mishandle_tasks::{Preset, Task, TaskTarget};
+use mishandle_guard::Meaning;
+use mishandle_rollout::Component;
+use mishandle_tasks::{
+    ARM_JOINTS, CONTROL_DT, Definition, EPISODE_STEPS, JOINTS, Preset, Task, TaskTarget,
+};
 
 use crate::error::MishandleError;
 use crate::plan::Plan;
 use crate::resolve::controller::{controller_of, split_task};
+use crate::resolve::guard::{GuardedLoop, guarded};
 use crate::resolve::import::onnx_policy_of;
+use crate::resolve::policy::Identified;
 use crate::resolve::training::noise;
 use crate::resolve::{controller_name, is_onnx};
 use crate::shipped::{EXPERT, shipped_controllers};
@@ -64,7 +69,23 @@ pub fn task_target(plan: &Plan) -> Result<TaskTarget, MishandleError> {
         });
     }
     let controller = load_controller(task, &plan.controller, plan.stochastic)?;
+    let controller = guarded(plan, controller, &guarded_loop(task.definition()), |name| {
+        load_controller(task, name, false)
+    })?;
     Ok(TaskTarget::new(task, preset, controller, noise)?)
+}
+
+/// Returns what a guard must know about a task.
+pub(crate) fn guarded_loop(definition: &Definition) -> GuardedLoop {
+    let (arm, fingers) = (vec![Meaning::Increment; ARM_JOINTS], vec![Meaning::Grip; JOINTS - ARM_JOINTS]);
+    GuardedLoop {
+        layout: definition.layout(),
+        signals: definition.signals.iter().map(|signal| signal.name.to_string()).collect(),
+        control_dt: CONTROL_DT,
+        episode_steps: EPISODE_STEPS,
+        action_limit: 1.0,
+        meanings: Some(arm.into_iter().chain(fingers).collect()),
+    }
 }
 
 /// Loads a controller: the expert, a shipped controller by name, a file of ours or an ONNX model by
@@ -73,7 +94,7 @@ fn load_controller(
     task: &dyn Task,
     name: &str,
     stochastic: bool,
-) -> Result<(Arc<dyn Controller>, Component), MishandleError> {
+) -> Result<Identified, MishandleError> {
     let definition = task.definition();
     let component = |hash: String, file_hash: String| Component {
         role: "controller".to_string(),
@@ -100,7 +121,7 @@ fn load_controller(
         let controller = task
             .expert()
             .map_err(|source| MishandleError::Expert { task: definition.name.to_string(), source })?;
-        return Ok((controller, component(EXPERT.to_string(), String::new())));
+        return Ok((controller, vec![component(EXPERT.to_string(), String::new())]));
     }
     let shipped = controller_of(owner, name)?;
     if is_onnx(shipped.path()) {
@@ -114,7 +135,7 @@ fn load_controller(
         }
         let policy = onnx_policy_of(shipped.path(), definition)?;
         let component = component(policy.hash().to_string(), policy.file_hash().to_string());
-        return Ok((Arc::new(policy), component));
+        return Ok((Arc::new(policy), vec![component]));
     }
     let file = shipped.controller()?;
     // A variant accepts controllers of its own and of its base task.
@@ -122,5 +143,5 @@ fn load_controller(
     file.check(task_name, &definition.layout())?;
     let policy = file.policy.sampling(stochastic);
     let component = component(policy.hash(), bytes_hash(&shipped.bytes()?));
-    Ok((Arc::new(policy), component))
+    Ok((Arc::new(policy), vec![component]))
 }

@@ -89,7 +89,7 @@ pub use risk::{
 pub use runs::{RunFacts, RunSummary};
 pub use screening::{Confirmed, Finding, Screening};
 pub use simulation::{Noise, RequirementVerdict, Simulation};
-pub use subject::{AxisFacts, AxisValues, NeededAxis, Subject};
+pub use subject::{AxisFacts, AxisValues, GuardFacts, NeededAxis, Subject};
 pub use tables::{Table, TablePage, Tables};
 pub use training::{ScenarioRates, Training, TrainingPlan, TrainingTime};
 pub use values::{Named, Number, Scenario, Seed};

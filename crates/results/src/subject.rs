@@ -1,7 +1,7 @@
 use schemars::JsonSchema;
 use serde::Serialize;
 
-use crate::Seed;
+use crate::{Number, Seed};
 
 /// Subject of a question: target, controller, noise and scenario space.
 #[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
@@ -24,6 +24,9 @@ pub struct Subject {
     pub controller_given: Option<String>,
     /// Hash of what the controller does; `null` without one.
     pub controller_hash: Option<String>,
+    /// Guard of the controller; left out without one.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub guard: Option<GuardFacts>,
     /// Whether actions are sampled from the policy's distribution.
     pub stochastic: bool,
     /// Standard deviation of the noise that is added to actions.
@@ -46,6 +49,24 @@ pub struct Subject {
     pub control_dt: f64,
     /// Number of control steps of a whole episode.
     pub episode_steps: u64,
+}
+
+/// A guard: an online monitor of the controller, and who acts instead of it.
+#[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
+pub struct GuardFacts {
+    /// Formula that is monitored.
+    pub formula: String,
+    /// Robustness below which the fallback takes over, in the unit of the formula.
+    pub threshold: Number,
+    /// Robustness from which on the controller acts again; `null` if the fallback keeps the
+    /// control.
+    pub return_threshold: Option<f64>,
+    /// Shortest time for which the fallback acts, s.
+    pub dwell: f64,
+    /// The fallback: `hold`, `retreat`, or a controller.
+    pub fallback: String,
+    /// Whether the guard reads signals of the target, which the controller does not see.
+    pub privileged: bool,
 }
 
 /// An axis of a scenario space.

@@ -1,4 +1,4 @@
-use crate::{EpisodeEnd, Seed};
+use crate::{EpisodeEnd, Seed, Signal};
 
 /// A policy: computes actions from observations.
 ///
@@ -11,6 +11,10 @@ pub trait Controller: Send + Sync {
     /// Returns the length of the controller's state per simulation; 0 if it is stateless.
     fn state_size(&self) -> usize {
         0
+    }
+    /// Returns the signals that the controller adds to traces, after those of the environment.
+    fn signals(&self) -> &[Signal] {
+        &[]
     }
     /// Makes a worker for one thread.
     fn worker(&self) -> Box<dyn ControllerWorker>;
@@ -30,6 +34,14 @@ pub trait ControllerWorker: Send {
     /// All slices are row-major: `observations` is `[rows, observation_size]`, `states` is
     /// `[rows, state_size]`, and `actions` is `[rows, action_size]`.
     fn act(&mut self, rows: usize, observations: &[f32], states: &mut [f64], actions: &mut [f32]);
+
+    /// Shows a controller with [signals](Controller::signals) of its own those of the environment,
+    /// in the sample whose observation comes next. Only a privileged controller uses them.
+    fn see_signals(&mut self, _state: &mut [f64], _signals: &[f64]) {}
+
+    /// Writes the [signals](Controller::signals) of the controller after its last action; before
+    /// the first one, those after the reset.
+    fn signals(&self, _state: &[f64], _signals: &mut [f64]) {}
 
     /// Returns why the last call of [`act`](Self::act) has no action of a row, for controllers that
     /// can fail.

@@ -96,6 +96,8 @@ pub(crate) struct Lane {
     /// Reward terms of the row that is stepped.
     pub rewards: Vec<f64>,
     draws: Vec<f64>,
+    /// Number of signals of the environment. Those of the controller follow.
+    environment_signals: usize,
 }
 
 impl Lane {
@@ -106,21 +108,22 @@ impl Lane {
             controller: controller.worker(),
             monitor: SpecificationMonitor::new(
                 &rollout.specification,
-                environment.signals(),
+                &rollout.signals,
                 environment.control_dt(),
             )?,
             stop: EarlyStop::new(
                 &rollout.specification,
-                environment.signals(),
+                &rollout.signals,
                 environment.control_dt(),
                 environment.episode_steps() + 1,
             )?,
             observations: vec![0.0; ROWS * observation_size],
             actions: vec![0.0; ROWS * action_size],
             action: vec![0.0; action_size],
-            signals: vec![0.0; environment.signals().len()],
+            signals: vec![0.0; rollout.signals.len()],
             rewards: vec![0.0; environment.reward_terms().len()],
             draws: vec![0.0; observation_size.max(action_size)],
+            environment_signals: environment.signals().len(),
         })
     }
 
@@ -131,7 +134,8 @@ impl Lane {
 
     /// Returns the action of a row, and the buffers of the sample after it.
     pub(crate) fn action_and_sample(&mut self, row: usize) -> (&[f64], Sample<'_>) {
-        let Lane { observations, signals, rewards, action, .. } = self;
+        let Lane { observations, signals, rewards, action, environment_signals, .. } = self;
+        let signals = &mut signals[..*environment_signals];
         let size = observations.len() / ROWS;
         (action, Sample { observation: &mut observations[row * size..][..size], signals, rewards })
     }
@@ -149,6 +153,17 @@ impl Lane {
         rows.answers[row] = can_pause.then(|| Answer { action, state: state.to_vec() });
         if request.stop_threshold.is_some() {
             rows.stops[row].get_or_insert_with(|| self.stop.clone()).start();
+        }
+    }
+
+    /// Shows the controller the signals of a row's sample, and adds its own to them.
+    pub(crate) fn complete_sample(&mut self, rollout: &Rollout, rows: &mut LaneRows, row: usize) {
+        let size = rollout.controller.state_size();
+        let state = &mut rows.controller_states[row * size..][..size];
+        let (signals, own) = self.signals.split_at_mut(self.environment_signals);
+        if !own.is_empty() {
+            self.controller.signals(state, own);
+            self.controller.see_signals(state, signals);
         }
     }
 

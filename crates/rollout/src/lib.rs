@@ -46,6 +46,7 @@ mod scenario_part;
 mod screening;
 mod space;
 mod specification;
+mod supervisor;
 mod system;
 mod target;
 mod training_scenarios;
@@ -74,6 +75,7 @@ pub use screening::{
 };
 pub use space::{Axis, AxisKind, AxisValues, Distribution, Scenario, Space};
 pub use specification::{Specification, SpecificationMonitor, Verdict};
+pub use supervisor::{Supervised, Supervisor, SupervisorWorker};
 pub use system::{DEFAULT_BATCH_SIZE, System};
 pub use target::{
     Component, Identity, NamedFormula, ReachabilityCheck, Signal, SystemFactory, Target, named_space,

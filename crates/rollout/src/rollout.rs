@@ -23,6 +23,8 @@ pub struct Rollout {
     pub(crate) noise: Noise,
     pub(crate) space: Space,
     pub(crate) routing: AxisRouting,
+    /// Names of the signals of a trace: those of the environment, then those of the controller.
+    pub(crate) signals: Arc<[String]>,
     workers: PerThread<RolloutWorker>,
 }
 
@@ -50,11 +52,14 @@ impl Rollout {
             });
         }
         noise.check()?;
-        SpecificationMonitor::new(&specification, environment.signals(), environment.control_dt())?;
+        let own = controller.signals().iter().map(|signal| signal.name.clone());
+        let signals = environment.signals().iter().cloned().chain(own).collect();
+        SpecificationMonitor::new(&specification, &signals, environment.control_dt())?;
         let space = environment.space().clone();
         Ok(Rollout {
             routing: AxisRouting::new(&space, &space, &[])?,
             space,
+            signals,
             environment,
             controller,
             specification,
@@ -169,9 +174,10 @@ impl RolloutWorker {
         let scenario = rollout.environment_scenario(request);
         let status = self.environment.reset(&scenario, request.seed, state, self.lane.sample(row));
         self.lane.start(rollout, &mut self.rows, row, request);
+        self.lane.complete_sample(rollout, &mut self.rows, row);
         let mut progress = Progress::start(request);
         let samples = rollout.environment.episode_steps() + 1;
-        let mut trace = Trace::with_capacity(rollout.environment.signals().clone(), samples);
+        let mut trace = Trace::with_capacity(rollout.signals.clone(), samples);
         match self.lane.end_of_start(status) {
             Some(end) => progress.end = end,
             None => {
@@ -203,6 +209,7 @@ impl RolloutWorker {
             true => self.environment.step(action, state, sample),
             false => self.environment.step_before_actions(action, state, sample),
         };
+        self.lane.complete_sample(rollout, &mut self.rows, row);
         let step = progress.steps + 1;
         if let Some(end) = self.lane.end_of_step(status, step) {
             progress.end = end;

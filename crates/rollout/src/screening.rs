@@ -204,8 +204,7 @@ struct Thread {
 
 impl Thread {
     fn new(rollout: &Rollout) -> Result<Thread, RolloutError> {
-        let (signals, samples) =
-            (rollout.environment.signals().clone(), rollout.environment.episode_steps() + 1);
+        let (signals, samples) = (rollout.signals.clone(), rollout.environment.episode_steps() + 1);
         Ok(Thread { lane: Lane::new(rollout)?, trace: Trace::with_capacity(signals, samples) })
     }
 }
@@ -339,8 +338,7 @@ struct Simulation {
 
 impl Group {
     fn new(rollout: &Rollout, rows: usize) -> Group {
-        let (signals, samples) =
-            (rollout.environment.signals().len(), rollout.environment.episode_steps() + 1);
+        let (signals, samples) = (rollout.signals.len(), rollout.environment.episode_steps() + 1);
         Group {
             rows: LaneRows::new(rollout),
             simulations: vec![None; rows],
@@ -397,6 +395,7 @@ impl Group {
         let scenario = rollout.environment_scenario(request);
         let status = environment.start(row, &scenario, request.seed, lane.sample(row));
         lane.start(rollout, &mut self.rows, row, request);
+        lane.complete_sample(rollout, &mut self.rows, row);
         self.simulations[row] = Some(Simulation { index, start: self.history.visit, has_overflowed: false });
         self.progress[row] = Progress::start(request);
         match lane.end_of_start(status) {
@@ -432,6 +431,7 @@ impl Group {
                 return;
             }
         };
+        lane.complete_sample(shared.rollout, &mut self.rows, row);
         if let Some(end) = lane.end_of_step(status, step) {
             progress.end = end;
             return;

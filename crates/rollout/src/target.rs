@@ -20,8 +20,7 @@ impl Identity {
     /// Makes the identity of a target with the description `content`, of which it stores the
     /// SHA-256 hash.
     pub fn new(kind: &str, name: &str, content: &str) -> Identity {
-        let hash = Sha256::digest(content.as_bytes()).iter().map(|byte| format!("{byte:02x}")).collect();
-        Identity { kind: kind.to_string(), name: name.to_string(), hash }
+        Identity { kind: kind.to_string(), name: name.to_string(), hash: hash(content) }
     }
 }
 
@@ -36,6 +35,25 @@ pub struct Component {
     pub hash: String,
     /// Hash of the bytes of its file; empty if it has no file.
     pub file_hash: String,
+}
+
+impl Component {
+    /// Returns the hash of the behavior of several components together: that of a single one, or
+    /// the SHA-256 of their roles and hashes.
+    pub fn joint_hash(components: &[Component]) -> String {
+        match components {
+            [only] => only.hash.clone(),
+            all => {
+                let lines: Vec<String> = all.iter().map(|own| format!("{} {}", own.role, own.hash)).collect();
+                hash(&lines.join("\n"))
+            }
+        }
+    }
+}
+
+/// Returns the SHA-256 of a text in hexadecimal.
+fn hash(text: &str) -> String {
+    Sha256::digest(text.as_bytes()).iter().map(|byte| format!("{byte:02x}")).collect()
 }
 
 /// A named column of a trace.
@@ -85,6 +103,8 @@ pub struct Target {
     /// Further signals, which cost time. A trace has all of them, after the others, if a formula of
     /// its specification reads one of them, and otherwise none.
     pub signals_on_request: Vec<Signal>,
+    /// Signals of the controller, which follow those of the system.
+    pub controller_signals: Vec<Signal>,
     /// Formulas. The first is the default requirement.
     pub formulas: Vec<NamedFormula>,
     /// Duration of a control step, s.
@@ -120,7 +140,7 @@ impl fmt::Debug for Target {
 impl Target {
     /// Returns all signals that a formula may read.
     pub fn all_signals(&self) -> impl Iterator<Item = &Signal> + Clone {
-        self.signals.iter().chain(&self.signals_on_request)
+        self.signals.iter().chain(&self.signals_on_request).chain(&self.controller_signals)
     }
 
     /// Returns the names of all signals that a formula may read.
@@ -132,7 +152,7 @@ impl Target {
     pub fn traced_signals(&self, specification: &Specification) -> Vec<Signal> {
         let names: Vec<&str> = self.signals_on_request.iter().map(|signal| signal.name.as_str()).collect();
         let traced = if specification.reads_any(&names) { self.signals_on_request.as_slice() } else { &[] };
-        self.signals.iter().chain(traced).cloned().collect()
+        self.signals.iter().chain(traced).chain(&self.controller_signals).cloned().collect()
     }
 
     /// Returns the space with this name.

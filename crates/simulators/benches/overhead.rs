@@ -88,7 +88,7 @@ fn stepped() -> Target {
         hash: String::new(),
         file_hash: String::new(),
     };
-    target(simulator("step"), Some((Arc::new(Zero), component)), Noise::default()).unwrap()
+    target(simulator("step"), Some((Arc::new(Zero), vec![component])), Noise::default()).unwrap()
 }
 
 /// Returns the time of a simulation, s: the best of several rounds.

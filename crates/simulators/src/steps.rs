@@ -13,6 +13,8 @@ use crate::system::{Controlled, ProcessSystem, Ran};
 pub(crate) struct ControlledWorker {
     controller: Box<dyn ControllerWorker>,
     state: Vec<f64>,
+    /// Signals of the controller.
+    signals: Vec<f64>,
     observation: Vec<f32>,
     output: Vec<f32>,
     action: Vec<f64>,
@@ -28,6 +30,7 @@ impl ControlledWorker {
         ControlledWorker {
             controller: controller.worker(),
             state: vec![0.0; controller.state_size()],
+            signals: vec![0.0; controller.signals().len()],
             observation: vec![0.0; observations],
             output: vec![0.0; actions],
             action: vec![0.0; actions],
@@ -40,6 +43,16 @@ impl ControlledWorker {
         self.controller.reset(&mut self.state, request.seed);
         let can_pause = active.is_some_and(ActiveInterface::has_pause);
         self.held = can_pause.then(|| (vec![0.0; self.output.len()], self.state.clone()));
+    }
+
+    /// Shows the controller the signals of a sample, and adds its own to them.
+    fn complete_sample(&mut self, signals: &mut Vec<f64>) {
+        if self.signals.is_empty() {
+            return;
+        }
+        self.controller.signals(&self.state, &mut self.signals);
+        self.controller.see_signals(&mut self.state, signals);
+        signals.extend_from_slice(&self.signals);
     }
 
     /// Computes the action of a control step from the observation before it. Returns how an invalid
@@ -101,7 +114,8 @@ impl ProcessSystem {
         let has_effects = self.interface.has_effects();
         let mut active = has_effects.then(|| self.interface.start(&request.scenario, request.seed));
         let observation = worker.as_ref().map(|worker| worker.observation.len());
-        let asked = (&*self.names, AskedKind::Sample { observation });
+        let own = &self.names[..description.signals.len()];
+        let asked = (own, AskedKind::Sample { observation });
         let write = |line: &mut String| self.writer.write(line, request.seed, scenario);
         let mut answer =
             process.ask("reset", write, asked, description.time_limit).map_err(|failure| (failure, 0))?;
@@ -114,7 +128,10 @@ impl ProcessSystem {
         loop {
             let ended = end_of(&answer, step);
             let is_last = matches!(ended, Some(EpisodeEnd::Terminated { .. }));
-            if let (Some(signals), true) = (&answer.signals, ended.is_none() || is_last) {
+            if let (Some(signals), true) = (&mut answer.signals, ended.is_none() || is_last) {
+                if let Some(worker) = &mut worker {
+                    worker.complete_sample(signals);
+                }
                 trace.push(signals);
                 if request.stop_threshold.is_some() {
                     stop.push(signals);

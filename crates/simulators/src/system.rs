@@ -73,7 +73,9 @@ impl ProcessSystem {
         let own = Space::new(space.name(), own)?;
         let disturbances = controlled.as_ref().map_or(&[][..], |controlled| &controlled.disturbances);
         let actions = controlled.as_ref().map_or(0, |controlled| controlled.controller.action_size());
-        let names: Arc<[String]> = description.signals.iter().map(|signal| signal.name.clone()).collect();
+        let of_controller = controlled.as_ref().map_or(&[][..], |controlled| controlled.controller.signals());
+        let signals = description.signals.iter().chain(of_controller);
+        let names: Arc<[String]> = signals.map(|signal| signal.name.clone()).collect();
         SpecificationMonitor::new(specification, &names, description.control_dt)?;
         Ok(ProcessSystem {
             interface: Interface::around(&own, space, disturbances, actions)?,

@@ -17,7 +17,7 @@ pub const KIND: &str = "process";
 pub const SIMULATOR: &str = "simulator";
 
 /// A controller, and its identity.
-pub type IdentifiedController = (Arc<dyn Controller>, Component);
+pub type IdentifiedController = (Arc<dyn Controller>, Vec<Component>);
 
 /// Returns the target of a simulator, with the controller that acts in it if it has a policy.
 ///
@@ -48,18 +48,21 @@ pub fn target(
         hash: simulator.hash().to_string(),
         file_hash: String::new(),
     };
-    let (controller, component) = controller.unzip();
-    let controller_hash = component.as_ref().map_or("", |component| component.hash.as_str());
+    let (controller, components) = controller.unzip();
+    let components = components.unwrap_or_default();
+    let controller_hash = if controller.is_some() { Component::joint_hash(&components) } else { String::new() };
     let content = format!("{}\n{controller_hash}\n{noise:?}", simulator.hash());
+    let controller_signals = controller.as_ref().map_or(Vec::new(), |own| own.signals().to_vec());
     let controlled = controller.map(|controller| Controlled { controller, noise, disturbances });
     let has_noise = controlled.is_some() && (noise.action_std > 0.0 || noise.observation_std > 0.0);
     Ok(Target {
         identity: Identity::new(KIND, &description.name, &content),
-        components: component.into_iter().chain([own]).collect(),
+        components: components.into_iter().chain([own]).collect(),
         axes,
         spaces,
         signals: description.signals,
         signals_on_request: Vec::new(),
+        controller_signals,
         formulas: description.formulas,
         control_dt: description.control_dt,
         episode_steps: description.steps,

@@ -20,25 +20,26 @@ pub struct TaskTarget {
     task: &'static dyn Task,
     preset: Preset,
     controller: Arc<dyn Controller>,
-    component: Component,
+    /// The controller, and further parts such as its guard.
+    components: Vec<Component>,
     noise: Noise,
     /// The environment over the initial box. It is compiled once and shared by all systems.
     starts: Arc<TaskEnvironment>,
 }
 
 impl TaskTarget {
-    /// Makes a target. `component` identifies the controller.
+    /// Makes a target. The components are the controller and its further parts.
     ///
     /// # Errors
     /// If the scene does not compile or the definition of the task is inconsistent.
     pub fn new(
         task: &'static dyn Task,
         preset: Preset,
-        (controller, component): (Arc<dyn Controller>, Component),
+        (controller, components): (Arc<dyn Controller>, Vec<Component>),
         noise: Noise,
     ) -> Result<TaskTarget, TaskError> {
         let starts = Arc::new(TaskEnvironment::new(task, preset, Reward::Original)?);
-        Ok(TaskTarget { task, preset, controller, component, noise, starts })
+        Ok(TaskTarget { task, preset, controller, components, noise, starts })
     }
 
     /// Returns the controller.
@@ -59,11 +60,12 @@ impl TaskTarget {
         let signal = |q: &Quantity| Signal { name: q.name.to_string(), unit: q.unit.to_string() };
         let target = Target {
             identity: self.identity()?,
-            components: vec![self.component.clone()],
+            components: self.components.clone(),
             axes,
             spaces,
             signals: definition.signals.iter().map(signal).collect(),
             signals_on_request: MANNER.iter().map(signal).collect(),
+            controller_signals: self.controller.signals().to_vec(),
             formulas: definition.formulas(self.preset).named(),
             control_dt: CONTROL_DT,
             episode_steps: EPISODE_STEPS,
@@ -128,7 +130,7 @@ impl TaskTarget {
     }
 
     fn identity(&self) -> Result<Identity, TaskError> {
-        target_identity(self.task, self.preset, &self.component.hash, self.noise)
+        target_identity(self.task, self.preset, &Component::joint_hash(&self.components), self.noise)
     }
 
     fn reachability_check(&self) -> Arc<ReachabilityCheck> {

@@ -76,6 +76,7 @@ fn target_of(toy: &'static dyn Toy) -> Result<Target, RolloutError> {
         episode_steps: toy.episode_steps(),
         is_deterministic: true,
         signals_on_request: Vec::new(),
+        controller_signals: Vec::new(),
         can_fail: false,
         // Toys have no random numbers except those that their noise axes make explicit.
         random_axes: Vec::new(),

@@ -2,6 +2,7 @@
 
 use anyhow::{Context, Result, bail, ensure};
 use mishandle::Plan;
+use mishandle::plan::GuardPlan;
 use mishandle::files::{limits, read_text_bounded};
 use mishandle::resolve::command_target;
 
@@ -35,6 +36,10 @@ pub fn plan(subject: &Subject, run: &Run) -> Result<Plan> {
         let earlier = plan.requirements.insert(name.clone(), formula.clone());
         let is_once = subject.requirement.iter().filter(|(other, _)| other == name).count() == 1;
         ensure!(earlier.is_none() || is_once, "the requirement {name} is given twice");
+    }
+    if let Some(path) = &subject.guard {
+        let text = read_text_bounded(path, limits::SETTINGS).with_context(|| path.display().to_string())?;
+        plan.guard = Some(GuardPlan::from_toml(&text).with_context(|| path.display().to_string())?);
     }
     plan.action_noise = subject.action_noise.unwrap_or(plan.action_noise);
     plan.observation_noise = subject.observation_noise.unwrap_or(plan.observation_noise);

@@ -32,6 +32,10 @@ pub struct Subject {
     /// controller such as ppo or expert
     #[arg(long, value_name = "C")]
     pub controller: Option<String>,
+    /// Guard of the controller (TOML): a monitored formula, and who acts when its robustness falls
+    /// below a threshold (docs/guide/guard.md)
+    #[arg(long, value_name = "FILE")]
+    pub guard: Option<PathBuf>,
     /// Scenario space of the target, or several joined by + [default: the first one: starts of a
     /// task, scenarios of a target file; in margin: disturbance]
     #[arg(long, value_name = "NAME")]

@@ -11,6 +11,10 @@ pub fn heading(subject: &Subject) -> String {
     if let (Some(controller), Some(preset)) = (&subject.controller_given, &subject.preset) {
         text.push_str(&format!(", controller {}, task preset {preset}", escape::name(controller)));
     }
+    if let Some(guard) = &subject.guard {
+        let privileged = if guard.privileged { "a privileged guard" } else { "a guard" };
+        text.push_str(&format!(", {privileged} with the fallback {}", escape::name(&guard.fallback)));
+    }
     if subject.space != "starts" {
         let free = subject.space_axes.iter().filter(|axis| !axis.is_fixed()).count();
         text.push_str(&format!(", space {} ({})", subject.space, axes(free)));

@@ -160,13 +160,13 @@ impl RobotFile {
         Identity::new(KIND, &self.description.name, &content)
     }
 
-    /// Returns the target of this robot with a controller.
+    /// Returns the target of this robot with a controller and its components.
     ///
     /// # Errors
     /// If the controller does not fit, two axes have the same name, or a formula is wrong.
     pub fn target(
         &self,
-        (controller, component): (Arc<dyn Controller>, Component),
+        (controller, components): (Arc<dyn Controller>, Vec<Component>),
         noise: Noise,
     ) -> Result<Target, RobotError> {
         let controlled = self.controlled(controller, noise)?;
@@ -184,16 +184,19 @@ impl RobotFile {
         };
         let file_name = |path: &Path| path.file_name().unwrap_or_default().to_string_lossy().into_owned();
         let target = Target {
-            identity: self.identity(&component.hash, noise),
-            components: vec![
-                component,
-                component_of(target_file, file_name(&self.path), &self.text_hash),
-                component_of(model, file_name(&self.model.file), &self.model.hash),
-            ],
+            identity: self.identity(&Component::joint_hash(&components), noise),
+            components: components
+                .into_iter()
+                .chain([
+                    component_of(target_file, file_name(&self.path), &self.text_hash),
+                    component_of(model, file_name(&self.model.file), &self.model.hash),
+                ])
+                .collect(),
             spaces,
             axes,
             signals: self.description.signals.iter().map(signal).collect(),
             signals_on_request: Vec::new(),
+            controller_signals: controlled.controller.signals().to_vec(),
             formulas: self.formulas(),
             control_dt: robot.control_dt,
             episode_steps: robot.episode_steps,

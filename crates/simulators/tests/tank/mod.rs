@@ -83,7 +83,7 @@ pub fn controlled(folder: &Path, action: &str) -> Target {
         file_hash: String::new(),
     };
     let simulator = Arc::new(simulator(folder, 5.0).expect("a simulator"));
-    target(simulator, Some((Arc::new(policy), component)), Noise::default()).expect("a target")
+    target(simulator, Some((Arc::new(policy), vec![component])), Noise::default()).expect("a target")
 }
 
 pub fn system(target: &Target, space: &str) -> Box<dyn System> {
