@@ -40,6 +40,7 @@ fn plan_with(folder: &Path, device: &str, more: &str) -> TrainPlan {
         steps: None,
         space: None,
         axes: Default::default(),
+        guard: None,
         seed: 4,
         out: folder.join(format!("{device}.safetensors")),
         csv: None,

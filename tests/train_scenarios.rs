@@ -174,7 +174,7 @@ fn training_episodes_have_the_bits_of_evaluated_ones_under_every_kind_of_axis() 
         let sizes = (environment.observation_size(), environment.action_size());
         let specification = task.definition().formulas(Preset::Paper).specification().unwrap();
         for batches in [on_cpu, on_device] {
-            let batches = ScenarioBatches { batches, scenarios: scenarios.clone() };
+            let batches = ScenarioBatches::new(batches, scenarios.clone());
             let mut episodes =
                 Episodes::new(&batches, &settings, &ScenarioSettings::default(), Seed(8)).unwrap();
             let (mut seen, mut steps) = (vec![Vec::new(); ROWS], vec![Vec::new(); ROWS]);
@@ -263,7 +263,7 @@ fn training_sees_the_history_of_an_evaluation_with_late_actions() {
     let settings = EpisodeSettings { environments: ROWS, staggered: false, ..EpisodeSettings::default() };
     let (policy, whole) = with_history_and_whole(sizes);
     let batches: Arc<dyn BatchFactory> = Arc::new(environment.clone());
-    let batches = ScenarioBatches { batches, scenarios: scenarios.clone() };
+    let batches = ScenarioBatches::new(batches, scenarios.clone());
     let episodes = Episodes::new(&batches, &settings, &ScenarioSettings::default(), Seed(8)).unwrap();
     let mut episodes = episodes.with_history(2);
     let mut steps = vec![Vec::new(); ROWS];

@@ -28,6 +28,9 @@ const FINAL: &str = "final";
 /// The controller before.
 const BEFORE: &str = "before.safetensors";
 
+/// Guard under which the controller acts and trains.
+const GUARD: &str = "guard.toml";
+
 /// Training settings of the controller, or of the plan's file.
 const SETTINGS: &str = "settings.toml";
 
@@ -59,6 +62,9 @@ impl Folder {
         }
         folder.write(&folder.before(), before)?;
         folder.write(&folder.settings(), settings.as_bytes())?;
+        if let Some(guard) = &plan.guard {
+            folder.write(&folder.guard(), guard.to_toml().as_bytes())?;
+        }
         // The last one: a folder without it is not that of a hardening.
         folder.write(&path.join(PLAN), plan.to_toml().as_bytes())
     }
@@ -118,6 +124,10 @@ impl Folder {
 
     pub fn before(&self) -> PathBuf {
         self.path.join(BEFORE)
+    }
+
+    pub fn guard(&self) -> PathBuf {
+        self.path.join(GUARD)
     }
 
     pub fn settings(&self) -> PathBuf {

@@ -19,6 +19,7 @@ use crate::archive::ModeKey;
 use crate::error::MishandleError;
 use crate::plan::{MarginPlan, Plan, RiskPlan};
 use crate::resolve::ResolvedPlan;
+use crate::resolve::guard::guard_facts;
 
 /// A controller in the final comparison.
 struct Judged {
@@ -63,6 +64,7 @@ impl Hardener<'_> {
             space: self.plan.space.clone(),
             seed: results::Seed(self.plan.seed),
             before: self.plan.controller.clone(),
+            guard: self.plan.guard.as_ref().map(guard_facts),
             after: after.map(|_| path_text(out)),
             folder: path_text(&self.folder.given),
             commit: first.measured.commit()?,

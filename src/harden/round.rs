@@ -95,6 +95,7 @@ pub(super) fn run_round(
         steps: None,
         space: None,
         axes: Default::default(),
+        guard: base.guard.as_ref().map(|_| folder.guard()),
         seed: seed.child(TRAINING + u64::from(round)).0,
         csv: Some(folder.of_round(round, "curve.csv")),
         tensorboard: None,

@@ -104,16 +104,36 @@ pub(crate) fn guard(
         ..settings.clone()
     };
     let own = Component {
-        role: "guard".to_string(),
+        role: if settings.privileged { "privileged guard" } else { "guard" }.to_string(),
         name: settings.formula.clone(),
         hash: bytes_hash(own.to_toml().as_bytes()),
         file_hash: String::new(),
     };
     let fallback_of = |component| Component { role: "fallback".to_string(), ..component };
     let sizes = (layout.observation_size(), layout.action_size());
-    let guard =
-        Guard::new((watch, &settings.formula), switch, fallback, settings.privileged, sizes)?;
-    Ok((guard, std::iter::once(own).chain(component.map(fallback_of)).collect()))
+    let components: Vec<Component> = std::iter::once(own).chain(component.map(fallback_of)).collect();
+    let identity = Component::joint_hash(&components);
+    let guard = Guard::new(identity, watch, switch, fallback, settings.privileged, sizes)?;
+    Ok((guard, components))
+}
+
+/// Returns the guard under which a policy trains.
+///
+/// # Errors
+/// As for the guard of a plan, and if it is privileged: training episodes have no signals.
+pub(crate) fn training_guard(
+    settings: &GuardPlan,
+    guarded_loop: &GuardedLoop,
+    load: impl FnOnce(&str) -> Result<Identified, MishandleError>,
+) -> Result<Guard, MishandleError> {
+    match settings.privileged {
+        true => Err(MishandleError::InvalidValue {
+            what: "`privileged` of the guard",
+            value: "true".to_string(),
+            expected: "false, because training computes no signals of the target",
+        }),
+        false => Ok(guard(settings, guarded_loop, load)?.0),
+    }
 }
 
 /// Returns the guard of a plan as a result.

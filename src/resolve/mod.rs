@@ -9,7 +9,7 @@ mod check;
 pub(crate) mod controller;
 mod described;
 mod first_file;
-mod guard;
+pub(crate) mod guard;
 mod hint;
 mod import;
 mod kind;

@@ -5,6 +5,7 @@ use std::path::Path;
 use std::sync::Arc;
 
 use mishandle_controllers::{ControllerFile, Layout};
+use mishandle_guard::Guard;
 use mishandle_robots::{
     ControlledRobot, RobotBatches, RobotEnvironment, RobotFile, RobotPolicy, RobotTraining,
 };
@@ -13,8 +14,8 @@ use mishandle_text::path_text;
 use mishandle_training::{AlgorithmSettings, RewardSettings};
 
 use crate::error::MishandleError;
-use crate::plan::Plan;
-use crate::resolve::guard::{GuardedLoop, guarded};
+use crate::plan::{GuardPlan, Plan};
+use crate::resolve::guard::{GuardedLoop, guarded, training_guard};
 use crate::resolve::policy::{
     Identified, NeededPolicy, controller_file, not_stochastic, of_file, of_program,
 };
@@ -212,6 +213,10 @@ impl TrainingTarget for RobotToTrain {
             return Err(not_a_start("an ONNX model"));
         }
         Ok(controller_file(&needed(&self.file), Path::new(name))?.0)
+    }
+
+    fn guard(&self, settings: &GuardPlan) -> Result<Guard, MishandleError> {
+        training_guard(settings, &guarded_loop(&self.file)?, |name| fallback(&self.file, name))
     }
 
     fn shipped_settings(&self, _: &str, _: &str) -> Result<Option<ShippedFile>, MishandleError> {

@@ -90,7 +90,7 @@ pub(crate) fn guarded_loop(definition: &Definition) -> GuardedLoop {
 
 /// Loads a controller: the expert, a shipped controller by name, a file of ours or an ONNX model by
 /// path.
-fn load_controller(
+pub(crate) fn load_controller(
     task: &dyn Task,
     name: &str,
     stochastic: bool,

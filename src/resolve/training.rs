@@ -3,6 +3,7 @@
 use std::sync::Arc;
 
 use mishandle_controllers::{ControllerFile, Layout};
+use mishandle_guard::Guard;
 use mishandle_rollout::{
     Axis, BatchFactory, Disturbance, Environment, Identity, Noise, Space, Specification,
 };
@@ -10,9 +11,11 @@ use mishandle_tasks::{MannerWeights, Preset, Reward, Task, TaskEnvironment, targ
 use mishandle_training::{AlgorithmSettings, RewardSettings};
 
 use crate::error::MishandleError;
-use crate::plan::{GPU, Plan};
+use crate::plan::{GPU, GuardPlan, Plan};
 use crate::resolve::controller::{controller_of, split_task};
+use crate::resolve::guard::training_guard;
 use crate::resolve::robot::RobotToTrain;
+use crate::resolve::task::{guarded_loop, load_controller};
 use crate::resolve::{is_onnx, is_target_file, preset, task};
 use crate::shipped::{EXPERT, ShippedFile, check_home, shipped_settings};
 
@@ -56,6 +59,12 @@ pub trait TrainingTarget {
     /// # Errors
     /// If it cannot be read, is not a trained network, or belongs to another target.
     fn start_controller(&self, name: &str) -> Result<ControllerFile, MishandleError>;
+
+    /// Returns a guard under which its policy trains.
+    ///
+    /// # Errors
+    /// If the guard is wrong, or privileged.
+    fn guard(&self, settings: &GuardPlan) -> Result<Guard, MishandleError>;
 
     /// Returns the settings that are shipped for it, if any.
     ///
@@ -217,6 +226,11 @@ impl TrainingTarget for TaskToTrain {
         let file = shipped.controller()?;
         file.check(definition.name, &definition.layout())?;
         Ok(file)
+    }
+
+    fn guard(&self, settings: &GuardPlan) -> Result<Guard, MishandleError> {
+        let load = |name: &str| load_controller(self.0, name, false);
+        training_guard(settings, &guarded_loop(self.0.definition()), load)
     }
 
     fn shipped_settings(&self, algorithm: &str, device: &str) -> Result<Option<ShippedFile>, MishandleError> {

@@ -15,7 +15,8 @@ use std::sync::Arc;
 
 use mishandle_controllers::{ControllerFile, Header, Policy, TrainingRecord, ValidationRecord};
 use mishandle_files::{FileLock, NewFolders, limits, read_text_bounded};
-use mishandle_rollout::{BatchFactory, ScenarioBatches, Seed, TrainingScenarios};
+use mishandle_guard::Guard;
+use mishandle_rollout::{BatchFactory, ScenarioBatches, Seed, Supervisor, TrainingScenarios};
 use mishandle_tasks::TaskBatches;
 use mishandle_training::{
     ALGORITHMS, AlgorithmSettings, BASES, BEST, Checkpoint, Origin, SpaceSetting, TrainingControl,
@@ -24,7 +25,7 @@ use mishandle_training::{
 
 use crate::build::build;
 use crate::error::MishandleError;
-use crate::plan::{CPU, DEVICES, GPU};
+use crate::plan::{CPU, DEVICES, GPU, GuardPlan};
 use crate::resolve::{TrainingEnvironment, TrainingTarget, training_target};
 use crate::run::Device;
 pub(crate) use output_check::check as check_outputs;
@@ -111,8 +112,8 @@ pub fn train(
     let specification = target.specification()?;
     let resumed = if plan.resume { Some(Checkpoint::load(&plan.checkpoint())?) } else { None };
     let mut recorder = TrainingRecorder::new(plan, &prepared, specification, resumed.as_ref(), observer)?;
-    let Prepared { settings, start, environment, scenarios } = prepared;
-    let batches = batches(plan, gpu, environment, scenarios)?;
+    let Prepared { settings, start, environment, scenarios, guard } = prepared;
+    let batches = batches(plan, gpu, environment, (scenarios, guard))?;
     let seed = Seed(plan.seed);
     let origin = match (&resumed, &start) {
         (Some(checkpoint), _) => Origin::Checkpoint(checkpoint),
@@ -180,6 +181,8 @@ pub(crate) struct Prepared {
     pub environment: TrainingEnvironment,
     /// The scenarios of the episodes.
     pub scenarios: TrainingScenarios,
+    /// The guard under which the policy trains.
+    pub guard: Option<Guard>,
 }
 
 /// Looks up the names of a plan and of its settings.
@@ -190,7 +193,15 @@ pub(crate) fn prepare(plan: &TrainPlan, target: &dyn TrainingTarget) -> Result<P
     let start = settings.run().from.as_deref();
     let start = start.map(|name| target.start_controller(name)).transpose()?;
     let start = start.map(|file| file.policy);
-    Ok(Prepared { settings, start, environment, scenarios })
+    let guard = plan.guard.as_deref().map(|path| target.guard(&read_guard(path)?)).transpose()?;
+    Ok(Prepared { settings, start, environment, scenarios, guard })
+}
+
+/// Reads the file of a guard.
+fn read_guard(path: &Path) -> Result<GuardPlan, MishandleError> {
+    let text = read_text_bounded(path, limits::SETTINGS)
+        .map_err(|source| MishandleError::File { path: path.to_path_buf(), source })?;
+    GuardPlan::from_toml(&text)
 }
 
 /// Returns the factory of a plan's training environments.
@@ -198,7 +209,7 @@ pub(crate) fn batches(
     plan: &TrainPlan,
     gpu: Option<&Device>,
     environment: TrainingEnvironment,
-    scenarios: TrainingScenarios,
+    (scenarios, guard): (TrainingScenarios, Option<Guard>),
 ) -> Result<ScenarioBatches<Arc<dyn BatchFactory>>, MishandleError> {
     known("device", &plan.device, &DEVICES)?;
     let batches: Arc<dyn BatchFactory> = match environment.task.filter(|_| plan.device == GPU) {
@@ -208,7 +219,8 @@ pub(crate) fn batches(
         }
         None => environment.batches,
     };
-    Ok(ScenarioBatches { batches, scenarios })
+    let supervisor = guard.map(|guard| Arc::new(guard) as Arc<dyn Supervisor>);
+    Ok(ScenarioBatches { supervisor, ..ScenarioBatches::new(batches, scenarios) })
 }
 
 /// Reads the settings of a plan.

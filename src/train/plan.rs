@@ -36,6 +36,9 @@ pub struct TrainPlan {
     pub space: Option<String>,
     /// Axes with a narrower range or a fixed value; each overrides that of the settings.
     pub axes: BTreeMap<String, AxisSetting>,
+    /// File of a guard, under which the policy trains: the actions of the environment are those
+    /// that leave the guard.
+    pub guard: Option<PathBuf>,
     /// Random seed.
     pub seed: u64,
     /// File of the best controller; the last controller and the checkpoint are written beside it.
@@ -92,6 +95,9 @@ impl TrainPlan {
         }
         if let Some(space) = &self.space {
             command += &format!(" --space {}", shell_quote(space));
+        }
+        if let Some(guard) = &self.guard {
+            command += &format!(" --guard {}", shell_quote(&path_text(guard)));
         }
         for (name, setting) in &self.axes {
             let (flag, value) = match setting {
@@ -214,6 +220,7 @@ mod tests {
             steps: None,
             space: None,
             axes: Default::default(),
+            guard: None,
             seed: 3,
             out: out.into(),
             csv: None,

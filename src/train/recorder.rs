@@ -4,8 +4,9 @@ use std::time::{Duration, Instant};
 
 use mishandle_controllers::Policy;
 use mishandle_evaluation::{decides_strict_success, decides_success, rate};
+use mishandle_guard::{Guard, Guarded};
 use mishandle_rollout::{
-    Environment, Episode, Noise, Request, Rollout, Scenario, Seed, Specification, System, TrainingScenarios,
+    Controller, Environment, Episode, Noise, Request, Rollout, Scenario, Seed, Specification, System, TrainingScenarios,
 };
 use mishandle_training::{Checkpoint, Observer, Rates, TrainingControl, TrainingProgress, Validation};
 
@@ -28,6 +29,8 @@ pub(super) struct TrainingRecorder<'a> {
     scenarios: TrainingScenarios,
     /// Whether the scenarios contain more than random starts.
     has_scenarios: bool,
+    /// The guard under which the policy trains.
+    guard: Option<Guard>,
     specification: Specification,
     checkpoint: PathBuf,
     records: Records,
@@ -86,7 +89,7 @@ impl<'a> TrainingRecorder<'a> {
     /// If a file cannot be opened.
     pub(super) fn new(
         plan: &TrainPlan,
-        Prepared { settings, environment, scenarios, .. }: &Prepared,
+        Prepared { settings, environment, scenarios, guard, .. }: &Prepared,
         specification: Specification,
         resumed: Option<&Checkpoint>,
         observer: &'a mut dyn TrainObserver,
@@ -98,6 +101,7 @@ impl<'a> TrainingRecorder<'a> {
             environment: environment.environment.clone(),
             scenarios: scenarios.clone(),
             has_scenarios,
+            guard: guard.clone(),
             specification,
             checkpoint: plan.checkpoint(),
             observer,
@@ -149,9 +153,13 @@ impl<'a> TrainingRecorder<'a> {
         episodes: usize,
         scenario: &dyn Fn(u64) -> Scenario,
     ) -> Result<Rates, MishandleError> {
+        let policy: Arc<dyn Controller> = Arc::new(policy.clone());
         let mut rollout = Rollout::new(
             self.environment.clone(),
-            Arc::new(policy.clone()),
+            match &self.guard {
+                Some(guard) => Arc::new(Guarded::new(policy, guard.clone())),
+                None => policy,
+            },
             self.specification.clone(),
             Noise::default(),
         )?

@@ -35,6 +35,7 @@ mod place {
 pub struct Guard(Arc<Parts>);
 
 struct Parts {
+    identity: String,
     watch: Watch,
     switch: Switch,
     fallback: Fallback,
@@ -47,20 +48,20 @@ struct Parts {
 impl Guard {
     /// Makes a guard of controllers with these sizes of observation and action. The quantities of
     /// `watch` are the numbers of the observation, or the signals of the environment if the guard
-    /// `is_privileged`.
+    /// `is_privileged`. Guards that do the same have the same `identity`.
     ///
     /// # Errors
-    /// If the fallback has other sizes, or the switch a way back that the formula does not allow;
-    /// `formula` is its text for the message.
+    /// If the fallback has other sizes, or the switch a way back that the formula does not allow.
     pub fn new(
-        (watch, formula): (Watch, &str),
+        identity: String,
+        watch: Watch,
         switch: Switch,
         fallback: Fallback,
         is_privileged: bool,
         (observation_size, action_size): (usize, usize),
     ) -> Result<Guard, GuardError> {
         if switch.has_way_back() && !watch.is_past() {
-            return Err(GuardError::NoWayBack { formula: formula.to_string() });
+            return Err(GuardError::NoWayBack { formula: watch.formula().to_string() });
         }
         let (found_observation, found_action) = match &fallback {
             Fallback::Controller(controller) => (controller.observation_size(), controller.action_size()),
@@ -76,6 +77,7 @@ impl Guard {
         }
         let signals = [ACTIVE, ROBUSTNESS].map(|name| Signal { name: name.to_string(), unit: String::new() });
         Ok(Guard(Arc::new(Parts {
+            identity,
             watch,
             switch,
             fallback,
@@ -117,6 +119,10 @@ impl Parts {
 
 /// A guard as the supervisor of any controller.
 impl Supervisor for Guard {
+    fn identity(&self) -> &str {
+        &self.0.identity
+    }
+
     fn state_size(&self) -> usize {
         place::COUNT + self.0.watch.state_size() + self.0.fallback_state_size()
     }

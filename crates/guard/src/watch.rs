@@ -8,6 +8,7 @@ const FAILED: usize = 0;
 /// The formula of a guard over quantities that arrive one sample at a time.
 #[derive(Clone, Debug)]
 pub struct Watch {
+    formula: String,
     monitor: OnlineMonitor,
     /// The quantities that the formula reads, in the order of its samples.
     columns: Vec<usize>,
@@ -54,7 +55,13 @@ impl Watch {
         }
         let monitor_size = monitor.row_size(samples);
         let is_past = needed == 1 && !is_unbounded;
-        Ok(Watch { columns, is_past, monitor_size, sample: vec![0.0; read.len()], monitor })
+        let formula = formula.to_string();
+        Ok(Watch { formula, columns, is_past, monitor_size, sample: vec![0.0; read.len()], monitor })
+    }
+
+    /// Returns the text of the formula.
+    pub fn formula(&self) -> &str {
+        &self.formula
     }
 
     /// Returns whether the formula reads no sample after the present one.

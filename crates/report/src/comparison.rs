@@ -108,8 +108,9 @@ fn name(run: &ComparedRun) -> String {
     let path = &run.run;
     match &run.controller {
         Some(controller) => format!(
-            "the controller <code>{}</code> (<code>{}</code>)",
+            "the controller <code>{}</code>{} (<code>{}</code>)",
             text(&short(words::file_name(controller), 60)),
+            run.guard.as_ref().map_or(String::new(), |guard| format!(", {},", text(&guard.words()))),
             text(&short(path, 80))
         ),
         None => format!("<code>{}</code>", text(&short(path, 80))),
@@ -470,10 +471,12 @@ fn facts(found: &Comparison, header: &RunHeader) -> String {
     let optional_hash = |value: &Option<String>| value.as_deref().map_or("–".to_string(), hash);
     let row = |name: &str, a: String, b: String| vec![name.to_string(), a, b];
     let path = |run: &ComparedRun| code(&run.run);
+    let guard = |run: &ComparedRun| run.guard.as_ref().map_or("–".to_string(), |guard| text(&guard.words()));
     let rows = [
         row("run file", path(a), path(b)),
         row("controller", optional(&a.controller), optional(&b.controller)),
         row("hash of the controller", optional_hash(&a.controller_hash), optional_hash(&b.controller_hash)),
+        row("guard", guard(a), guard(b)),
         row("hash of the target", hash(&a.target_hash), hash(&b.target_hash)),
         row("commit", code(&a.commit), code(&b.commit)),
     ];

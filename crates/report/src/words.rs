@@ -17,7 +17,11 @@ pub fn subject(report: &RunReport) -> String {
     let controller = report.header.components.iter().find(|component| component.role == "controller");
     let target = name(&report.header.target.name);
     match controller {
-        Some(controller) => format!("{target} with controller {}", name(file_name(&controller.name))),
+        Some(controller) => {
+            let guard = report.header.components.iter().find(|component| component.role.ends_with("guard"));
+            let guard = guard.map_or(String::new(), |guard| format!(" and a {}", guard.role));
+            format!("{target} with controller {}{guard}", name(file_name(&controller.name)))
+        }
         None => target,
     }
 }

@@ -1,7 +1,7 @@
 use schemars::JsonSchema;
 use serde::Serialize;
 
-use crate::{AxisFacts, EndCounts, Estimate, Number, Scenario, Seed, optional};
+use crate::{AxisFacts, EndCounts, Estimate, GuardFacts, Number, Scenario, Seed, optional};
 
 /// Two evaluations on the same scenarios and seeds, A and B, compared pair by pair.
 ///
@@ -50,7 +50,7 @@ pub struct Comparison {
 }
 
 /// A run of a comparison.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, JsonSchema)]
+#[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
 pub struct ComparedRun {
     /// Path of the run file.
     pub run: String,
@@ -58,6 +58,9 @@ pub struct ComparedRun {
     pub controller: Option<String>,
     /// Hash of what the controller does; `null` without one.
     pub controller_hash: Option<String>,
+    /// Guard of the controller; left out without one.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub guard: Option<GuardFacts>,
     /// Hash of the target.
     pub target_hash: String,
     /// Parts of the target that its hash does not cover, so that an equal hash does not say that

@@ -1,7 +1,7 @@
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use crate::{Estimate, Number, Seed, optional};
+use crate::{Estimate, GuardFacts, Number, Seed, optional};
 
 /// A controller before and after a hardening: the final comparison, and how it was reached.
 ///
@@ -18,6 +18,9 @@ pub struct Hardening {
     pub seed: Seed,
     /// Name or path of the controller before.
     pub before: String,
+    /// Guard under which the controllers act and train; left out without one.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub guard: Option<GuardFacts>,
     /// File of the accepted controller; `null` if no round was accepted.
     pub after: Option<String>,
     /// Folder of the runs.

@@ -1,5 +1,5 @@
 use schemars::JsonSchema;
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 use crate::{Number, Seed};
 
@@ -52,7 +52,7 @@ pub struct Subject {
 }
 
 /// A guard: an online monitor of the controller, and who acts instead of it.
-#[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct GuardFacts {
     /// Formula that is monitored.
     pub formula: String,
@@ -67,6 +67,14 @@ pub struct GuardFacts {
     pub fallback: String,
     /// Whether the guard reads signals of the target, which the controller does not see.
     pub privileged: bool,
+}
+
+impl GuardFacts {
+    /// Returns the guard in words, such as `a guard with the fallback expert`.
+    pub fn words(&self) -> String {
+        let guard = if self.privileged { "a privileged guard" } else { "a guard" };
+        format!("{guard} with the fallback {}", self.fallback)
+    }
 }
 
 /// An axis of a scenario space.

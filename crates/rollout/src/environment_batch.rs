@@ -1,6 +1,8 @@
 use std::sync::Arc;
 
-use crate::{CpuBatch, Environment, RolloutError, Scenario, Seed, Space, StepStatus, TrainingScenarios};
+use crate::{
+    CpuBatch, Environment, RolloutError, Scenario, Seed, Space, StepStatus, Supervisor, TrainingScenarios,
+};
 
 /// A vectorized environment: many simulations that are stepped together, one per row.
 ///
@@ -79,6 +81,12 @@ pub trait BatchFactory: Send + Sync {
     /// without disturbances.
     fn scenarios(&self) -> TrainingScenarios {
         TrainingScenarios::of(self.spec().space)
+    }
+
+    /// Returns who supervises the policy, if anyone does: the actions of the environment are then
+    /// those that leave the supervisor.
+    fn supervisor(&self) -> Option<Arc<dyn Supervisor>> {
+        None
     }
 }
 

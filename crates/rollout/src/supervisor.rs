@@ -4,6 +4,8 @@ use crate::{ControllerFailure, Seed, Signal};
 ///
 /// A supervisor is shared and immutable. Each thread makes its own [`SupervisorWorker`].
 pub trait Supervisor: Send + Sync {
+    /// Returns a text that two supervisors have in common only if they do the same.
+    fn identity(&self) -> &str;
     /// Returns the length of its state per simulation.
     fn state_size(&self) -> usize;
     /// Returns the signals that it adds to traces.

@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use crate::{
     Axis, AxisKind, BatchFactory, Disturbance, EnvironmentBatch, EnvironmentSpec, Interface, RolloutError,
-    Scenario, Seed, Space, Stream,
+    Scenario, Seed, Space, Stream, Supervisor,
 };
 
 /// The scenarios from which training and validation draw.
@@ -118,6 +118,15 @@ pub struct ScenarioBatches<B> {
     pub batches: B,
     /// The scenarios.
     pub scenarios: TrainingScenarios,
+    /// Who supervises the policy. It must not be privileged: batches have no signals.
+    pub supervisor: Option<Arc<dyn Supervisor>>,
+}
+
+impl<B> ScenarioBatches<B> {
+    /// Returns batches with these scenarios, without a supervisor.
+    pub fn new(batches: B, scenarios: TrainingScenarios) -> ScenarioBatches<B> {
+        ScenarioBatches { batches, scenarios, supervisor: None }
+    }
 }
 
 impl<B: BatchFactory> BatchFactory for ScenarioBatches<B> {
@@ -132,6 +141,10 @@ impl<B: BatchFactory> BatchFactory for ScenarioBatches<B> {
     fn scenarios(&self) -> TrainingScenarios {
         self.scenarios.clone()
     }
+
+    fn supervisor(&self) -> Option<Arc<dyn Supervisor>> {
+        self.supervisor.clone()
+    }
 }
 
 impl BatchFactory for Arc<dyn BatchFactory> {
@@ -145,5 +158,9 @@ impl BatchFactory for Arc<dyn BatchFactory> {
 
     fn scenarios(&self) -> TrainingScenarios {
         (**self).scenarios()
+    }
+
+    fn supervisor(&self) -> Option<Arc<dyn Supervisor>> {
+        (**self).supervisor()
     }
 }

@@ -100,7 +100,7 @@ fn a_control_step_with_disturbances_allocates_no_memory() {
     let settings = EpisodeSettings { action_noise: 0.1, ..settings };
     let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap();
     let counts = pool.install(|| {
-        let batches = ScenarioBatches { batches: line, scenarios };
+        let batches = ScenarioBatches::new(line, scenarios);
         let mut episodes = Episodes::new(&batches, &settings, &ScenarioSettings::default(), Seed(0)).unwrap();
         let mut step = || {
             let before = ALLOCATIONS.with(Cell::get);

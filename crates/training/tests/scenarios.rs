@@ -207,7 +207,7 @@ const NOISES: [Noise; 3] = [
 ];
 
 fn episodes(scenarios: &TrainingScenarios, shares: &ScenarioSettings, rows: usize, noise: Noise) -> Episodes {
-    let batches = ScenarioBatches { batches: drifter(), scenarios: scenarios.clone() };
+    let batches = ScenarioBatches::new(drifter(), scenarios.clone());
     Episodes::new(&batches, &settings(rows, noise), shares, Seed(3)).unwrap()
 }
 
@@ -491,7 +491,7 @@ fn training(algorithm: &str, more: &str) -> (AlgorithmSettings, impl BatchFactor
     let common = "run.total_steps = 600\nepisodes.environments = 8\npolicy.hidden = [8]\ncritic.hidden = [8]\n\
                   scenarios.space = \"all\"\nscenarios.nominal = 0.2\nscenarios.corners = 0.3\n";
     let settings = AlgorithmSettings::from_toml(algorithm, &format!("{common}{more}{own}")).unwrap().unwrap();
-    (settings, ScenarioBatches { batches: drifter(), scenarios: scenarios() })
+    (settings, ScenarioBatches::new(drifter(), scenarios()))
 }
 
 #[test]

@@ -49,6 +49,7 @@ pub(crate) fn train(
         steps: None,
         space: None,
         axes: Default::default(),
+        guard: None,
         seed: training.seed,
         out: file(CONTROLLER),
         csv: Some(file(CURVE)),

@@ -70,6 +70,10 @@ pub struct Arguments {
     pub space: Option<String>,
     #[command(flatten)]
     pub axes: flags::Axes,
+    /// Guard under which the policy trains (TOML): the environment gets the actions that leave the
+    /// guard (docs/guide/guard.md)
+    #[arg(long, value_name = "FILE")]
+    pub guard: Option<PathBuf>,
     /// Reward of a task: shaped or original [default: shaped]
     #[arg(long, value_name = "NAME")]
     pub reward: Option<String>,
@@ -216,6 +220,7 @@ fn plan(command: &Arguments) -> Result<TrainPlan> {
         steps: command.steps,
         space: command.space.clone(),
         axes: command.axes.settings()?,
+        guard: command.guard.clone(),
         seed,
         csv: command.csv.clone(),
         tensorboard: command.tensorboard.clone(),

@@ -10,9 +10,10 @@ pub fn text(found: &Hardening) -> String {
     let mut parts = vec![
         found.verdict.clone(),
         format!(
-            "{}, controller {}, space {}, seed {}",
+            "{}, controller {}{}, space {}, seed {}",
             escape::name(&found.target),
             escape::name(&found.before),
+            found.guard.as_ref().map_or(String::new(), |guard| format!(", {}", escape::name(&guard.words()))),
             escape::name(&found.space),
             found.seed.0
         ),

@@ -12,8 +12,7 @@ pub fn heading(subject: &Subject) -> String {
         text.push_str(&format!(", controller {}, task preset {preset}", escape::name(controller)));
     }
     if let Some(guard) = &subject.guard {
-        let privileged = if guard.privileged { "a privileged guard" } else { "a guard" };
-        text.push_str(&format!(", {privileged} with the fallback {}", escape::name(&guard.fallback)));
+        text.push_str(&format!(", {}", escape::name(&guard.words())));
     }
     if subject.space != "starts" {
         let free = subject.space_axes.iter().filter(|axis| !axis.is_fixed()).count();

@@ -5,6 +5,7 @@ mod draw;
 mod privileged;
 mod remembered;
 mod saved;
+mod supervised;
 
 use mishandle_controllers::History;
 use mishandle_rollout::{
@@ -17,6 +18,7 @@ use crate::{EpisodeSettings, ScenarioSettings, TimeoutHandling};
 use disturbed::Disturbed;
 use privileged::Privileged;
 use remembered::Remembered;
+use supervised::SupervisedRows;
 
 pub use draw::{ScenarioDraw, ScenarioOrigin};
 
@@ -60,6 +62,8 @@ pub struct Episodes {
     scenarios: ScenarioDraw,
     /// Disturbances between environments and policy; `None` if no axis belongs to one.
     disturbed: Option<Disturbed>,
+    /// Supervisor of the policy; `None` if it acts alone.
+    supervised: Option<SupervisedRows>,
     /// Memory of the policy; `None` without a history.
     remembered: Option<Remembered>,
     /// Inputs of critics that see more than the policy; `None` if there are none.
@@ -137,6 +141,9 @@ impl Episodes {
             final_observations: vec![0.0; rows * spec.observation_size],
             starts: Vec::with_capacity(rows),
             disturbed: is_disturbed.then(|| Disturbed::new(interface, noise, &nominal, rows, &spec)),
+            supervised: environments
+                .supervisor()
+                .map(|supervisor| SupervisedRows::new(supervisor, rows, spec.action_size)),
             remembered: None,
             privileged: None,
             scenarios,
@@ -300,7 +307,16 @@ impl Episodes {
     /// # Errors
     /// If the batch fails.
     pub fn step(&mut self, actions: &[f32]) -> Result<(), RolloutError> {
-        self.set_actions(actions);
+        if let Some(mut supervised) = self.supervised.take() {
+            let (disturbed, row_states) = (&self.disturbed, &self.row_states);
+            let is_paused =
+                |row: usize| disturbed.as_ref().is_some_and(|all| all.is_paused(row, row_states[row].step as usize));
+            let actions = supervised.supervise(self.observations(), actions, is_paused);
+            self.set_actions(actions);
+            self.supervised = Some(supervised);
+        } else {
+            self.set_actions(actions);
+        }
         if let Some(remembered) = &mut self.remembered {
             let (disturbed, row_states) = (&self.disturbed, &self.row_states);
             remembered.push(actions, |row| {
@@ -362,7 +378,11 @@ impl Episodes {
         if !starting.is_empty() {
             return Err(RolloutError::NoStart { environment: self.spec.name.clone(), draws: STARTS });
         }
-        let Episodes { batch, boundaries, disturbed, privileged, .. } = self;
+        let Episodes { batch, boundaries, disturbed, privileged, supervised, starts, .. } = self;
+        if let Some(supervised) = supervised {
+            // The last start of a row is the one that succeeded.
+            starts.iter().for_each(|start| supervised.reset(start.row, start.seed));
+        }
         if let Some(disturbed) = disturbed {
             disturbed.observe(batch.observations(), |row| resets_at(boundaries[row]).then_some(0));
         }
@@ -426,11 +446,12 @@ impl Episodes {
         }
     }
 
-    /// Returns the identity of the environment: its name, its reward terms, and the given
-    /// scenarios.
+    /// Returns the identity of the environment: its name, its reward terms, the given
+    /// scenarios, and the supervisor.
     pub(crate) fn identity(&self) -> String {
         let given = self.scenarios.identity_of_given();
-        format!("{} ({}){given}", self.spec.name, self.spec.reward_terms.join(", "))
+        let supervisor = self.supervised.as_ref().map_or(String::new(), SupervisedRows::identity);
+        format!("{} ({}){given}{supervisor}", self.spec.name, self.spec.reward_terms.join(", "))
     }
 
     /// Computes rewards, boundaries and statistics of the last step and advances the state of each

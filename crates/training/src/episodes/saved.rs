@@ -21,6 +21,9 @@ impl Episodes {
         if let Some(remembered) = &self.remembered {
             remembered.save(checkpoint);
         }
+        if let Some(supervised) = &self.supervised {
+            supervised.save(checkpoint);
+        }
         if let Some(privileged) = &self.privileged {
             privileged.save(checkpoint);
         }
@@ -53,6 +56,9 @@ impl Episodes {
                 elapsed: elapsed[row] as usize,
                 total_reward: total_reward[row],
             };
+        }
+        if let Some(supervised) = &mut self.supervised {
+            supervised.load(checkpoint)?;
         }
         let Episodes { batch, disturbed, remembered, privileged, row_states, seed, .. } = self;
         if let Some(privileged) = privileged {
