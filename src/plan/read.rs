@@ -13,8 +13,8 @@ use toml::de::{DeTable, DeValue, ValueDeserializer};
 use super::seed::SeedValue;
 use super::{FORMAT, Plan, StartRegion};
 use crate::error::MishandleError;
-use crate::plan::{AxisSetting, GuardPlan};
 use crate::plan::search_options::TomlValue;
+use crate::plan::{AxisSetting, GuardPlan};
 
 /// Largest number of characters of a value that an error repeats.
 const SHOWN: usize = 60;

@@ -153,8 +153,12 @@ fn steps(key: &'static str, secs: f64, most: f64, control_dt: f64) -> Result<usi
     match (0.0..=most).contains(&secs) {
         // A time that is a whole number of steps up to rounding counts as that number.
         true => Ok((secs / control_dt - 1e-6).ceil().max(0.0) as usize),
-        false => Err(GuardError::Number { key, value: secs, expected: "seconds from 0 on, at most an hour; 60 for `retreat`" }
-            .into()),
+        false => Err(GuardError::Number {
+            key,
+            value: secs,
+            expected: "seconds from 0 on, at most an hour; 60 for `retreat`",
+        }
+        .into()),
     }
 }
 

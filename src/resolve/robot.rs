@@ -109,11 +109,7 @@ fn controller(robot: &RobotFile, plan: &Plan) -> Result<Identified, MishandleErr
 }
 
 /// Returns a controller that the target file defines; its hash is that of the file.
-fn of_the_file(
-    policy: &Arc<dyn Controller>,
-    name: &str,
-    plan: &Plan,
-) -> Result<Identified, MishandleError> {
+fn of_the_file(policy: &Arc<dyn Controller>, name: &str, plan: &Plan) -> Result<Identified, MishandleError> {
     if plan.stochastic {
         return Err(not_stochastic(name));
     }

@@ -5,9 +5,7 @@ use std::sync::Arc;
 use mishandle_controllers::bytes_hash;
 use mishandle_guard::Meaning;
 use mishandle_rollout::Component;
-use mishandle_tasks::{
-    ARM_JOINTS, CONTROL_DT, Definition, EPISODE_STEPS, JOINTS, Preset, Task, TaskTarget,
-};
+use mishandle_tasks::{ARM_JOINTS, CONTROL_DT, Definition, EPISODE_STEPS, JOINTS, Preset, Task, TaskTarget};
 
 use crate::error::MishandleError;
 use crate::plan::Plan;

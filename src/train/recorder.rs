@@ -6,7 +6,8 @@ use mishandle_controllers::Policy;
 use mishandle_evaluation::{decides_strict_success, decides_success, rate};
 use mishandle_guard::{Guard, Guarded};
 use mishandle_rollout::{
-    Controller, Environment, Episode, Noise, Request, Rollout, Scenario, Seed, Specification, System, TrainingScenarios,
+    Controller, Environment, Episode, Noise, Request, Rollout, Scenario, Seed, Specification, System,
+    TrainingScenarios,
 };
 use mishandle_training::{Checkpoint, Observer, Rates, TrainingControl, TrainingProgress, Validation};
 

@@ -65,7 +65,9 @@ impl Guard {
         }
         let (found_observation, found_action) = match &fallback {
             Fallback::Controller(controller) => (controller.observation_size(), controller.action_size()),
-            Fallback::Hold(motion) | Fallback::Retreat(motion, _) => (observation_size, motion.meanings.len()),
+            Fallback::Hold(motion) | Fallback::Retreat(motion, _) => {
+                (observation_size, motion.meanings.len())
+            }
         };
         if (found_observation, found_action) != (observation_size, action_size) {
             return Err(GuardError::Fallback {

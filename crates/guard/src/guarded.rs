@@ -94,7 +94,9 @@ impl ControllerWorker for Worker {
         }
         self.actions.clear();
         self.actions.resize(self.rows.len() * action_size, 0.0);
-        self.controller.act(self.rows.len(), &self.observations, &mut self.states, &mut self.actions);
+        if !self.rows.is_empty() {
+            self.controller.act(self.rows.len(), &self.observations, &mut self.states, &mut self.actions);
+        }
         actions.fill(0.0);
         self.usable.clear();
         self.usable.resize(rows, false);
@@ -103,8 +105,8 @@ impl ControllerWorker for Worker {
             states[row * stride + self.guard_size..][..self.size]
                 .copy_from_slice(&self.states[index * self.size..][..self.size]);
             actions[row * action_size..][..action_size].copy_from_slice(action);
-            self.usable[*row] = self.controller.failure(index).is_none()
-                && action.iter().all(|value| value.is_finite());
+            self.usable[*row] =
+                self.controller.failure(index).is_none() && action.iter().all(|value| value.is_finite());
         }
         let usable = &self.usable;
         self.guard.supervise(

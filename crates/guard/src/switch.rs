@@ -54,9 +54,7 @@ impl Switch {
     pub fn is_active(&self, steps: usize, robustness: f64) -> bool {
         match (steps, self.return_threshold) {
             (0, _) => is_violated(above(robustness, self.threshold)),
-            (_, Some(threshold)) if steps >= self.dwell_steps => {
-                !is_satisfied(above(robustness, threshold))
-            }
+            (_, Some(threshold)) if steps >= self.dwell_steps => !is_satisfied(above(robustness, threshold)),
             _ => true,
         }
     }

@@ -40,8 +40,7 @@ impl Watch {
         if read.is_empty() {
             return Err(GuardError::Constant { formula: formula.to_string() });
         }
-        let columns =
-            read.iter().filter_map(|name| names.iter().position(|known| known == name)).collect();
+        let columns = read.iter().filter_map(|name| names.iter().position(|known| known == name)).collect();
         let samples = episode_steps + 1;
         let monitor = OnlineMonitor::new(std::slice::from_ref(formula), &read, clock, Some(samples));
         let monitor = monitor.map_err(error)?;
@@ -139,7 +138,10 @@ mod tests {
     #[test]
     fn a_formula_of_the_past_has_its_present_robustness() {
         assert_eq!(robustness("x >= 1", &[3.0, 0.0]), [2.0, -1.0]);
-        assert_eq!(robustness("historically[0:1s](x >= 1)", &[3.0, 0.0, 5.0, 5.0, 5.0]), [2.0, -1.0, -1.0, -1.0, 4.0]);
+        assert_eq!(
+            robustness("historically[0:1s](x >= 1)", &[3.0, 0.0, 5.0, 5.0, 5.0]),
+            [2.0, -1.0, -1.0, -1.0, 4.0]
+        );
     }
 
     #[test]

@@ -471,7 +471,8 @@ fn facts(found: &Comparison, header: &RunHeader) -> String {
     let optional_hash = |value: &Option<String>| value.as_deref().map_or("–".to_string(), hash);
     let row = |name: &str, a: String, b: String| vec![name.to_string(), a, b];
     let path = |run: &ComparedRun| code(&run.run);
-    let guard = |run: &ComparedRun| run.guard.as_ref().map_or("–".to_string(), |guard| text(&guard.words()));
+    let guard =
+        |run: &ComparedRun| run.guard.as_ref().map_or("–".to_string(), |guard| text(&guard.words()));
     let rows = [
         row("run file", path(a), path(b)),
         row("controller", optional(&a.controller), optional(&b.controller)),

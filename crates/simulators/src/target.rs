@@ -50,7 +50,8 @@ pub fn target(
     };
     let (controller, components) = controller.unzip();
     let components = components.unwrap_or_default();
-    let controller_hash = if controller.is_some() { Component::joint_hash(&components) } else { String::new() };
+    let controller_hash =
+        if controller.is_some() { Component::joint_hash(&components) } else { String::new() };
     let content = format!("{}\n{controller_hash}\n{noise:?}", simulator.hash());
     let controller_signals = controller.as_ref().map_or(Vec::new(), |own| own.signals().to_vec());
     let controlled = controller.map(|controller| Controlled { controller, noise, disturbances });

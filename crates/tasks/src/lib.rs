@@ -51,7 +51,8 @@ pub use manner_reward::{MANNER_REWARD, MannerWeights};
 pub use notes::{Note, Topic, notes};
 pub use reward::action_penalty;
 pub use robot::{
-    ARM_JOINTS, CONTROL_DT, EPISODE_STEPS, FINGER_STEP, JOINT_NAMES, JOINTS, Panda, TARGET_STEP, VELOCITY_LIMIT,
+    ARM_JOINTS, CONTROL_DT, EPISODE_STEPS, FINGER_STEP, JOINT_NAMES, JOINTS, Panda, TARGET_STEP,
+    VELOCITY_LIMIT,
 };
 pub use target::TaskTarget;
 pub use training_batch::TaskBatches;

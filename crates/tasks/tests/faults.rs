@@ -417,7 +417,8 @@ fn a_policy_that_sees_nan_ends_as_an_invalid_action_without_a_verdict() {
         let folder = task.definition().variant_of.unwrap_or(name);
         let path = format!("{}/../../controllers/{folder}/ppo.safetensors", env!("CARGO_MANIFEST_DIR"));
         let policy = Arc::new(ControllerFile::load(path.as_ref()).unwrap().policy);
-        let target = TaskTarget::new(*task, Preset::Paper, (policy, vec![component]), Noise::default()).unwrap();
+        let target =
+            TaskTarget::new(*task, Preset::Paper, (policy, vec![component]), Noise::default()).unwrap();
         let target = target.target().unwrap();
         let specification = task.definition().paper.specification().unwrap();
         let mut system = target.system(&stage.space, &specification).unwrap();

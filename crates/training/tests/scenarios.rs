@@ -11,6 +11,7 @@ use std::sync::{Arc, Mutex};
 
 use line::Line;
 use mishandle_controllers::Policy;
+use mishandle_guard::{Fallback, Guard, Guarded, Meaning, Motion, Switch, Watch};
 use mishandle_network::{Activation, Mlp};
 use mishandle_rollout::fault::{Channel, FaultSite, Side};
 use mishandle_rollout::{
@@ -18,6 +19,7 @@ use mishandle_rollout::{
     EnvironmentWorker, Noise, Request, Rollout, Sample, Scenario, ScenarioBatches, Seed, Space,
     Specification, StepStatus, Stream, System, TimeProfile, TrainingScenarios, delays,
 };
+use mishandle_stl::{Formula, Trace};
 use mishandle_training::{
     ALGORITHMS, AlgorithmSettings, Boundary, Checkpoint, EpisodeSettings, Episodes, Observer, Origin, Rates,
     ScenarioSettings, TrainingControl, TrainingError, TrainingProgress, Validation,
@@ -261,14 +263,21 @@ fn evaluated_steps(
     seed: Seed,
     noise: Noise,
 ) -> Vec<[u64; 3]> {
+    steps_of(&evaluated_trace(controller, scenario, seed, noise))
+}
+
+fn steps_of(trace: &Trace) -> Vec<[u64; 3]> {
+    (1..trace.len()).map(|sample| [0, 1, 2].map(|signal| trace.column(signal)[sample].to_bits())).collect()
+}
+
+fn evaluated_trace(controller: Arc<dyn Controller>, scenario: Scenario, seed: Seed, noise: Noise) -> Trace {
     let scenarios = scenarios();
     let formula = Specification::parse("first < 9", "first < 9", "first < 9", "first < 9").unwrap();
     let rollout = Rollout::new(drifter(), controller, formula, noise).unwrap();
     let mut rollout = rollout.with_disturbances(scenarios.space, &scenarios.disturbances).unwrap();
     let episode = rollout.rollout(&[Request::new(scenario, seed)]).unwrap().remove(0);
     assert_eq!(episode.steps, STEPS, "{:?}", episode.end);
-    let trace = &episode.trace;
-    (1..trace.len()).map(|sample| [0, 1, 2].map(|signal| trace.column(signal)[sample].to_bits())).collect()
+    episode.trace
 }
 
 fn float_bits(numbers: &[f32]) -> Vec<u32> {
@@ -296,6 +305,56 @@ fn the_policy_sees_and_acts_as_in_an_evaluation_of_the_same_scenario_and_seed() 
                 assert_eq!((&seen[row], &done[row]), (&expected.0, &expected.1), "row {row}");
             }
         }
+    }
+}
+
+/// A guard of the drifter, whose policy gets the control back.
+fn guard(fallback: Fallback) -> Guard {
+    let formula =
+        Formula::parse("historically[0:2](x >= -0.1) and (y >= -0.6 or once[0:3](x >= 0.4))").unwrap();
+    let names = ["x", "y", "z"].map(String::from);
+    let watch = Watch::new(&formula, &names, 0.1, STEPS).unwrap();
+    let switch = Switch::new(0.0, Some(0.05), 3).unwrap();
+    Guard::new("a guard".to_string(), watch, switch, fallback, false, (3, 2)).unwrap()
+}
+
+#[test]
+fn a_guarded_policy_acts_as_in_an_evaluation_within_delays_faults_and_pauses() {
+    let scenarios = scenarios();
+    let motion = Motion { meanings: vec![Meaning::Increment, Meaning::Position], limit: 1.0 };
+    // A fallback with a state, which starts at each hand-over.
+    let other: Arc<dyn Controller> = Arc::new(with_history_and_whole().0);
+    for fallback in
+        [Fallback::Hold(motion.clone()), Fallback::Retreat(motion, 4), Fallback::Controller(other)]
+    {
+        let guard = guard(fallback);
+        let mut batches = ScenarioBatches::new(drifter(), scenarios.clone());
+        batches.supervisor = Some(Arc::new(guard.clone()));
+        let (rows, noise) = (120, NOISES[2]);
+        let (settings, shares) = (settings(rows, noise), ScenarioSettings::default());
+        let mut episodes = Episodes::new(&batches, &settings, &shares, Seed(3)).unwrap();
+        let (mut guarded, mut replaced, mut returned) = (0, 0, 0);
+        for episode in 0..2 {
+            let mut done = vec![Vec::new(); rows];
+            for _ in 0..STEPS {
+                step(&mut episodes);
+                let steps = episodes.applied_actions().chunks(2).zip(episodes.rewards()).zip(&mut done);
+                steps.for_each(|((a, reward), done)| done.push([a[0], a[1], *reward].map(f64::to_bits)));
+            }
+            for (row, done) in done.iter().enumerate() {
+                let seed = Seed(3).child(row as u64).child(episode);
+                let controller = Arc::new(Recorder(Arc::default()));
+                let controller = Arc::new(Guarded::new(controller, guard.clone()));
+                let trace = evaluated_trace(controller, scenarios.random(seed, 0), seed, noise);
+                assert_eq!(*done, steps_of(&trace), "row {row}");
+                let active = trace.signal("guard_active").unwrap();
+                guarded += active.len() - 1;
+                replaced += active.iter().filter(|active| **active == 1.0).count();
+                returned += active.windows(2).filter(|pair| pair[0] == 1.0 && pair[1] == 0.0).count();
+            }
+        }
+        assert!(replaced > guarded / 10 && replaced < guarded * 9 / 10, "{replaced} of {guarded}");
+        assert!(returned > rows, "{returned}");
     }
 }
 

@@ -2,8 +2,8 @@
 
 use anyhow::{Context, Result, bail, ensure};
 use mishandle::Plan;
-use mishandle::plan::GuardPlan;
 use mishandle::files::{limits, read_text_bounded};
+use mishandle::plan::GuardPlan;
 use mishandle::resolve::command_target;
 
 use super::{Run, Subject};

@@ -17,7 +17,8 @@ pub fn text(found: &Comparison) -> String {
     let name = |run: &ComparedRun| {
         let controller =
             run.controller.as_deref().map_or(String::new(), |name| format!("{}, ", escape::name(name)));
-        let guard = run.guard.as_ref().map_or(String::new(), |guard| format!("{}, ", escape::name(&guard.words())));
+        let guard =
+            run.guard.as_ref().map_or(String::new(), |guard| format!("{}, ", escape::name(&guard.words())));
         format!("{controller}{guard}{}", escape::name(&run.run))
     };
     let mut parts = vec![format!(

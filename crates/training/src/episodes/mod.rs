@@ -309,8 +309,9 @@ impl Episodes {
     pub fn step(&mut self, actions: &[f32]) -> Result<(), RolloutError> {
         if let Some(mut supervised) = self.supervised.take() {
             let (disturbed, row_states) = (&self.disturbed, &self.row_states);
-            let is_paused =
-                |row: usize| disturbed.as_ref().is_some_and(|all| all.is_paused(row, row_states[row].step as usize));
+            let is_paused = |row: usize| {
+                disturbed.as_ref().is_some_and(|all| all.is_paused(row, row_states[row].step as usize))
+            };
             let actions = supervised.supervise(self.observations(), actions, is_paused);
             self.set_actions(actions);
             self.supervised = Some(supervised);
