@@ -171,7 +171,8 @@ impl GuardWorker {
         let is_active = !is_usable || self.guard.switch.is_active(before, own[place::ROBUSTNESS]);
         own[place::STEPS] = if is_active { before as f64 + 1.0 } else { 0.0 };
         if let (true, 0, Some(fallback)) = (is_active, before, &mut self.fallback) {
-            fallback.reset(&mut rest[self.watch.state_size()..], seed(own));
+            let size = self.guard.fallback_state_size();
+            fallback.reset(&mut rest[self.watch.state_size()..][..size], seed(own));
         }
         is_active
     }
