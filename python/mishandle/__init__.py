@@ -21,6 +21,7 @@ from mishandle.formulas import Formula, robustness
 from mishandle.log_verdicts import Monitoring, monitor
 from mishandle.logs import Log, Topic, read_log, read_logs
 from mishandle.margins import Margin, margin
+from mishandle.guards import Guard, Guarded
 from mishandle.hardening import Hardening, harden
 from mishandle.limits import TimeLimitExceeded
 from mishandle.objectives import Objective
@@ -54,6 +55,8 @@ __all__ = [
     "FailureMode",
     "Falsification",
     "Formula",
+    "Guard",
+    "Guarded",
     "Hardening",
     "InvalidScenario",
     "InvalidStateError",

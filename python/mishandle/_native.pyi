@@ -55,6 +55,13 @@ class OnlineMonitor:
     def reset(self) -> None: ...
     def __len__(self) -> int: ...
 
+class GuardMonitor:
+    def __new__(cls, settings: str, quantities: list[str], period: float, steps: int) -> GuardMonitor: ...
+    def reset(self) -> None: ...
+    def step(self, quantities: list[float], is_usable: bool) -> tuple[bool, bool, float]: ...
+    @property
+    def needs_action(self) -> bool: ...
+
 class EarlyStop:
     def __new__(
         cls, formula: str, signals: list[str], control_dt: float, steps: int, threshold: float, needs_windows: bool
@@ -223,6 +230,7 @@ class Target:
         axes: Mapping[str, float | tuple[float, float] | str],
         noise: tuple[bool, float, float],
         folder: str | None = None,
+        guard: str | None = None,
     ) -> Target: ...
     @property
     def axes(self) -> list[AxisTuple]: ...
@@ -350,6 +358,7 @@ def harden(
     space: str,
     axes: dict[str, Any],
     noise: tuple[bool, float, float],
+    guard: str | None,
     requirements: dict[str, str],
     seed: int,
     table: str,

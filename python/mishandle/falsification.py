@@ -172,7 +172,7 @@ def falsify(
     **target
         Arguments that describe the system, the same for all functions: ``policy``, ``batched_policy``, ``signals``, ``units``
         (of the signals of a function), ``steps`` (control steps of an episode), ``control_dt`` (seconds), ``termination``,
-        ``time_limit`` (seconds), ``axes``, ``preset``, ``stochastic``, ``action_noise``, ``observation_noise`` and ``rows`` (of a task),
+        ``time_limit`` (seconds), ``axes``, ``preset``, ``stochastic``, ``action_noise``, ``observation_noise``, ``guard`` and ``rows`` (of a task),
         ``name``, ``version``, ``files`` and ``executor``. See
         :class:`mishandle.targets.TargetOptions`.
 

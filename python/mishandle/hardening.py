@@ -13,6 +13,7 @@ from mishandle.arguments import check_number, check_settings, is_real
 from mishandle.documents import read
 from mishandle.errors import InvalidTypeError, MishandleError
 from mishandle.files import PathLike, write_text
+from mishandle.guards import Guard, guard_text
 from mishandle.policy_servers import as_server
 from mishandle.targets import TargetOptions, axis_settings
 from mishandle.targets import requirements as named_requirements
@@ -53,6 +54,7 @@ def harden(
     stochastic: bool = False,
     action_noise: float = 0.0,
     observation_noise: float = 0.0,
+    guard: Guard | PathLike | None = None,
     out: PathLike,
     rounds: int = 3,
     steps: int = 2_000_000,
@@ -86,7 +88,7 @@ def harden(
         Name of a shipped controller, such as ``"ppo"``, or a file (``.safetensors``).
     space : str
         Name of a space of the task in which the controller shall fail less often, such as ``"starts+delay"``.
-    axes, preset, requirements, stochastic, action_noise, observation_noise
+    axes, preset, requirements, stochastic, action_noise, observation_noise, guard
         As for a task in :func:`falsify`.
     out : path
         File of the accepted controller (``.safetensors``). The runs are in the folder beside it: ``better.harden`` for
@@ -173,6 +175,7 @@ def harden(
         space=space,
         axes=axis_settings(options),
         noise=(stochastic, action_noise, observation_noise),
+        guard=guard_text(guard),
         requirements=named_requirements(options),
         seed=int(seed),
         table=json.dumps(table),

@@ -424,6 +424,25 @@ class MonitorChange:
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
+class GuardFacts:
+    """A guard: an online monitor of the controller, and who acts instead of it."""
+
+    formula: str
+    """Formula that is monitored."""
+    threshold: float
+    """Robustness below which the fallback takes over, in the unit of the formula."""
+    return_threshold: float | None
+    """Robustness from which on the controller acts again; ``None`` if the fallback keeps the
+    control."""
+    dwell: float
+    """Shortest time for which the fallback acts, s."""
+    fallback: str
+    """The fallback: ``hold``, ``retreat``, or a controller."""
+    privileged: bool
+    """Whether the guard reads signals of the target, which the controller does not see."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
 class AxisFacts:
     """An axis of a scenario space."""
 
@@ -651,6 +670,8 @@ class Evaluation:
     """Name of the controller; ``None`` without one."""
     controller_hash: str | None
     """Hash of what the controller does; ``None`` without one."""
+    guard: GuardFacts | None = None
+    """Guard of the controller; left out without one."""
     stochastic: bool
     """Whether actions are sampled from the policy's distribution."""
     action_noise: float
@@ -968,6 +989,8 @@ class Falsification:
     """Name of the controller; ``None`` without one."""
     controller_hash: str | None
     """Hash of what the controller does; ``None`` without one."""
+    guard: GuardFacts | None = None
+    """Guard of the controller; left out without one."""
     stochastic: bool
     """Whether actions are sampled from the policy's distribution."""
     action_noise: float
@@ -1138,6 +1161,8 @@ class Margin:
     """Name of the controller; ``None`` without one."""
     controller_hash: str | None
     """Hash of what the controller does; ``None`` without one."""
+    guard: GuardFacts | None = None
+    """Guard of the controller; left out without one."""
     stochastic: bool
     """Whether actions are sampled from the policy's distribution."""
     action_noise: float
@@ -1340,6 +1365,8 @@ class Risk:
     """Name of the controller; ``None`` without one."""
     controller_hash: str | None
     """Hash of what the controller does; ``None`` without one."""
+    guard: GuardFacts | None = None
+    """Guard of the controller; left out without one."""
     stochastic: bool
     """Whether actions are sampled from the policy's distribution."""
     action_noise: float
@@ -1586,6 +1613,8 @@ class Simulation:
     """Name of the controller; ``None`` without one."""
     controller_hash: str | None
     """Hash of what the controller does; ``None`` without one."""
+    guard: GuardFacts | None = None
+    """Guard of the controller; left out without one."""
     stochastic: bool
     """Whether actions are sampled from the policy's distribution."""
     action_noise: float
@@ -1663,6 +1692,8 @@ class Hardening:
     """Random seed."""
     before: str
     """Name or path of the controller before."""
+    guard: GuardFacts | None = None
+    """Guard under which the controllers act and train; left out without one."""
     after: str | None
     """File of the accepted controller; ``None`` if no round was accepted."""
     folder: str
@@ -1826,6 +1857,8 @@ class ComparedRun:
     """Name or path of the controller; ``None`` without one."""
     controller_hash: str | None
     """Hash of what the controller does; ``None`` without one."""
+    guard: GuardFacts | None = None
+    """Guard of the controller; left out without one."""
     target_hash: str
     """Hash of the target."""
     not_covered: tuple[str, ...]

@@ -30,6 +30,7 @@ from mishandle.axes import Axis, Value
 from mishandle.controllers import Controller, load_controller
 from mishandle.errors import InvalidStateError, InvalidTypeError, InvalidValueError
 from mishandle.formulas import Formula
+from mishandle.guards import Guard, guard_text
 from mishandle.fingerprints import Fingerprint, Watch
 from mishandle.keywords import check_options
 from mishandle.limits import check_time_limit
@@ -146,6 +147,8 @@ class TargetOptions(TypedDict, total=False):
     """Standard deviation of the noise that is added to the actions of one of our controllers."""
     observation_noise: float
     """Standard deviation of the noise that is added to the observations of one of our controllers."""
+    guard: Guard | str | os.PathLike[str]
+    """Guard of one of our controllers, or its file: see :class:`mishandle.Guard`."""
     requirements: Mapping[str, str]
     """Requirements by name: texts of formulas, or names of formulas of the target. Each has a result of its own from the same
     simulations, and a search tries to violate any of them unless it has a ``formula``."""
@@ -515,7 +518,8 @@ def _task_in_space(
         )
     noise = (options.get("stochastic", False), options.get("action_noise", 0.0), options.get("observation_noise", 0.0))
     preset = options.get("preset", "paper")
-    native = _native.Target.of_task(task, os.fspath(policy), preset, space, axis_settings(options), noise, folder)
+    guard = guard_text(options.get("guard"))
+    native = _native.Target.of_task(task, os.fspath(policy), preset, space, axis_settings(options), noise, folder, guard)
     return _in_named_space(native, NativeSystem(native.signals), formula, space, options, check)
 
 
@@ -583,7 +587,7 @@ def _system(system: Any, space: Sequence[Axis], policy: Any, options: TargetOpti
     )
 
 
-NATIVE_OPTIONS = ("stochastic", "action_noise", "observation_noise")
+NATIVE_OPTIONS = ("stochastic", "action_noise", "observation_noise", "guard")
 COMMON_OPTIONS = ("time_limit", "termination", "name", "executor", "axes", "requirements", "version", "files")
 FUNCTION_OPTIONS = ("control_dt", "steps", "units", "frame", *COMMON_OPTIONS)
 ENVIRONMENT_OPTIONS = ("policy", "batched_policy", "signals", "steps", "control_dt", "settle", "invalid", *COMMON_OPTIONS)

@@ -5,7 +5,7 @@ use std::ops::ControlFlow;
 use std::path::PathBuf;
 
 use mishandle::harden::{HardenProgress, check_plan, final_runs, finished, harden_folder, resume};
-use mishandle::plan::HardenPlan;
+use mishandle::plan::{GuardPlan, HardenPlan};
 use mishandle::run::Opening;
 use mishandle::store::RunFile;
 use mishandle::{MishandleError as Error, Plan};
@@ -25,7 +25,7 @@ use crate::{InvalidStateError, InvalidValueError, gpu, raised};
 #[pyfunction]
 #[expect(clippy::too_many_arguments, reason = "the arguments are keywords in Python")]
 #[pyo3(signature = (
-    task, controller, *, preset, space, axes, noise, requirements, seed, table, out, is_resumed, progress
+    task, controller, *, preset, space, axes, noise, guard, requirements, seed, table, out, is_resumed, progress
 ))]
 pub fn harden(
     py: Python<'_>,
@@ -35,6 +35,7 @@ pub fn harden(
     space: &str,
     axes: BTreeMap<String, SettingArgument>,
     noise: (bool, f64, f64),
+    guard: Option<&str>,
     requirements: BTreeMap<String, String>,
     seed: u64,
     table: &str,
@@ -44,8 +45,10 @@ pub fn harden(
 ) -> PyResult<String> {
     let table: HardenPlan =
         serde_json::from_str(table).map_err(|error| InvalidValueError::new_err(error.to_string()))?;
+    let guard = guard.map(GuardPlan::from_toml).transpose().map_err(raised)?;
     let plan = Plan {
         seed,
+        guard,
         requirements,
         harden: Some(table),
         ..task_plan(task, controller, preset, space, axes, noise)

@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex, PoisonError};
 
-use mishandle::plan::{AxisSetting, FalsifyPlan};
+use mishandle::plan::{AxisSetting, FalsifyPlan, GuardPlan};
 use mishandle::rollout::{
     Axis, AxisKind, AxisValues, Component, Condition, Episode, EpisodeEnd, Holds, Identity, NamedFormula,
     Request, RolloutError, Signal, Space, Specification, SpecificationMonitor, System, Target, Verdict,
@@ -187,7 +187,7 @@ impl PyTarget {
     /// noise of actions and observations; `folder` is the working folder of a simulator, whose
     /// command the user wrote.
     #[staticmethod]
-    #[pyo3(signature = (task, controller, preset, space, axes, noise, folder=None))]
+    #[pyo3(signature = (task, controller, preset, space, axes, noise, folder=None, guard=None))]
     #[expect(clippy::too_many_arguments, reason = "Python passes them")]
     fn of_task(
         py: Python<'_>,
@@ -198,10 +198,12 @@ impl PyTarget {
         axes: BTreeMap<String, SettingArgument>,
         noise: (bool, f64, f64),
         folder: Option<String>,
+        guard: Option<&str>,
     ) -> PyResult<Self> {
         let is_typed = folder.is_some();
         let plan = task_plan(task, controller, preset, space, axes, noise);
-        let plan = Plan { folder: folder.unwrap_or_default(), is_typed, ..plan };
+        let guard = guard.map(GuardPlan::from_toml).transpose().map_err(raised)?;
+        let plan = Plan { folder: folder.unwrap_or_default(), is_typed, guard, ..plan };
         let resolved = py.detach(|| {
             let checked = Plan { falsify: Some(FalsifyPlan::default()), ..plan.clone() };
             ResolvedPlan::new(&checked)

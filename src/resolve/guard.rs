@@ -4,7 +4,7 @@ use mishandle_controllers::{Entry, Layout, bytes_hash};
 use mishandle_guard::{Fallback, Guard, GuardError, Guarded, Meaning, Motion, Switch, Watch};
 use mishandle_results::{GuardFacts, Number};
 use mishandle_rollout::Component;
-use mishandle_stl::Formula;
+use mishandle_stl::{Formula, MonitorError};
 use std::sync::Arc;
 
 use crate::error::MishandleError;
@@ -71,22 +71,11 @@ pub(crate) fn guard(
 ) -> Result<(Guard, Vec<Component>), MishandleError> {
     let GuardedLoop { layout, control_dt, episode_steps, .. } = guarded_loop;
     let (control_dt, episode_steps) = (*control_dt, *episode_steps);
-    if settings.formula.trim().is_empty() {
-        return Err(missing("formula", "a formula over quantities that the controller sees"));
-    }
     if settings.fallback.trim().is_empty() {
         return Err(missing("fallback", "`hold`, `retreat`, or a controller such as `expert`"));
     }
-    let formula = Formula::parse(&settings.formula).map_err(|source| {
-        mishandle_rollout::RolloutError::Parse { formula: settings.formula.clone(), source }
-    })?;
     let names = if settings.privileged { guarded_loop.signals.clone() } else { quantities(layout) };
-    let watch = Watch::new(&formula, &names, control_dt, episode_steps)?;
-    let switch = Switch::new(
-        settings.threshold,
-        settings.return_threshold,
-        steps("dwell", settings.dwell, MAX_TIME, control_dt)?,
-    )?;
+    let (watch, switch) = monitor(settings, &names, control_dt, episode_steps)?;
     let retreat = steps("retreat", settings.retreat, MAX_RETREAT, control_dt)?;
     let motion = || motion(settings, guarded_loop);
     let (fallback, component) = match settings.fallback.as_str() {
@@ -115,6 +104,38 @@ pub(crate) fn guard(
     let identity = Component::joint_hash(&components);
     let guard = Guard::new(identity, watch, switch, fallback, settings.privileged, sizes)?;
     Ok((guard, components))
+}
+
+/// Makes the monitor of a guard over quantities with these names, sampled with the period
+/// `control_dt` (s).
+///
+/// # Errors
+/// If the formula or a number is wrong.
+pub fn monitor(
+    settings: &GuardPlan,
+    names: &[String],
+    control_dt: f64,
+    episode_steps: usize,
+) -> Result<(Watch, Switch), MishandleError> {
+    if settings.formula.trim().is_empty() {
+        return Err(missing("formula", "a formula over quantities that the controller sees"));
+    }
+    let formula = Formula::parse(&settings.formula).map_err(|source| {
+        mishandle_rollout::RolloutError::Parse { formula: settings.formula.clone(), source }
+    })?;
+    let watch = Watch::new(&formula, names, control_dt, episode_steps).map_err(|error| match error {
+        GuardError::Formula { problem: MonitorError::UnknownSignal { signal, known, .. }, .. } => {
+            let kind = if settings.privileged { "signal" } else { "quantity of the observation" };
+            MishandleError::UnknownName { kind, name: signal, known }
+        }
+        error => error.into(),
+    })?;
+    let dwell = steps("dwell", settings.dwell, MAX_TIME, control_dt)?;
+    let switch = Switch::new(settings.threshold, settings.return_threshold, dwell)?;
+    if switch.has_way_back() && !watch.is_past() {
+        return Err(GuardError::NoWayBack { formula: settings.formula.clone() }.into());
+    }
+    Ok((watch, switch))
 }
 
 /// Returns the guard under which a policy trains.

@@ -45,6 +45,7 @@ pub(crate) use controller::is_path;
 pub use controller::{controller_name, find_controller};
 pub use described::{described_target, described_warnings};
 pub use first_file::first_target_file;
+pub use guard::monitor as guard_monitor;
 pub use import::{import_controller, is_onnx, onnx_policy, read_normalizer};
 pub use kind::{has_scene, is_python};
 pub use randomness::{depends_on_seed, space_depends_on_seed};

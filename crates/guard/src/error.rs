@@ -5,12 +5,12 @@ use thiserror::Error;
 #[derive(Debug, Error)]
 pub enum GuardError {
     /// The formula does not fit the quantities.
-    #[error("the formula of the guard `{formula}`: {source}")]
+    #[error("the formula of the guard `{formula}`: {problem}")]
     Formula {
         /// Text of the formula.
         formula: String,
         /// The mistake.
-        source: MonitorError,
+        problem: MonitorError,
     },
     /// The formula depends on no quantity.
     #[error("the formula of the guard `{formula}` reads no quantity, so the guard never learns anything")]

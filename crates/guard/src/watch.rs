@@ -32,7 +32,7 @@ impl Watch {
         control_dt: f64,
         episode_steps: usize,
     ) -> Result<Watch, GuardError> {
-        let error = |source| GuardError::Formula { formula: formula.to_string(), source };
+        let error = |problem| GuardError::Formula { formula: formula.to_string(), problem };
         let clock = Clock::steps(control_dt);
         // All names, so that an unknown one is an error that lists them.
         OnlineMonitor::new(std::slice::from_ref(formula), names, clock, None).map_err(error)?;
