@@ -507,7 +507,7 @@ pub enum MishandleError {
     GuardKey {
         /// The key.
         key: &'static str,
-        /// What it shall be.
+        /// Its value in words.
         expected: &'static str,
     },
     /// A task cannot be built.

@@ -58,6 +58,9 @@ class Examples(unittest.TestCase):
     def test_the_page_of_online_monitors_runs(self):
         self.run_page("docs/guide/online.md", least=3)
 
+    def test_the_page_of_guards_runs(self):
+        self.run_page("docs/guide/guard.md", least=2)
+
     def test_the_page_of_online_monitors_quotes_tested_programs(self):
         page = (ROOT / "docs/guide/online.md").read_text()
         for language, source in [("rust", "crates/stl/src/online/mod.rs"), ("c", "crates/monitor-c/examples/monitor.c")]:

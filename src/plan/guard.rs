@@ -25,8 +25,8 @@ pub struct GuardPlan {
     pub retreat: f64,
     /// Whether the formula reads signals of the target, which the controller does not see.
     pub privileged: bool,
-    /// What the actions of a target in a file mean to `hold` and `retreat`: `increments` or
-    /// `positions`. Those of tasks are known.
+    /// Meaning of the actions of a target in a file to `hold` and `retreat`: `increments` or
+    /// `positions`. That of tasks is known.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub actions: Option<String>,
 }
@@ -38,7 +38,7 @@ impl GuardPlan {
     /// Reads the keys of a guard from TOML.
     ///
     /// # Errors
-    /// If the text is no TOML, or a key or a value is wrong, with its line.
+    /// If the text is not TOML, or a key or a value is wrong, with its line.
     ///
     /// # Example
     /// ```

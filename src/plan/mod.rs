@@ -402,6 +402,13 @@ mod tests {
         let settings = Some("my_settings.toml".to_string());
         let harden = Some(HardenPlan { settings, ..HardenPlan::default() });
         let screening = Some(ScreeningPlan::default());
+        let guard = Some(GuardPlan {
+            formula: "ball_3 >= 0.3".to_string(),
+            return_threshold: Some(0.05),
+            fallback: "expert".to_string(),
+            actions: Some("increments".to_string()),
+            ..GuardPlan::default()
+        });
         let evaluate = EvaluatePlan::default();
         let defaults = Plan {
             evaluate: Some(evaluate),
@@ -410,6 +417,7 @@ mod tests {
             margin,
             harden,
             screening,
+            guard,
             ..plan.clone()
         };
         let named = Plan { target: plan.target.clone(), controller: plan.controller.clone(), ..defaults };
@@ -422,6 +430,7 @@ mod tests {
                 risk: None,
                 harden: None,
                 screening: None,
+                guard: None,
                 ..plan.clone()
             },
             Plan { space: "starts".to_string(), ..Plan::new("ball-balancing", "ppo") }

@@ -23,7 +23,7 @@ const MAX_TIME: f64 = 3600.0;
 /// Longest motion that a retreat takes back, s.
 const MAX_RETREAT: f64 = 60.0;
 
-/// What a guard must know about the loop that it is in.
+/// The loop that a guard is in.
 pub(crate) struct GuardedLoop {
     pub layout: Layout,
     /// Names of the target's signals, for privileged guards.
@@ -32,7 +32,7 @@ pub(crate) struct GuardedLoop {
     pub control_dt: f64,
     pub episode_steps: usize,
     pub action_limit: f64,
-    /// What the numbers of an action mean, if the target knows it.
+    /// Meanings of the numbers of an action, if the target knows them.
     pub meanings: Option<Vec<Meaning>>,
 }
 

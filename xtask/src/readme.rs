@@ -19,13 +19,14 @@ use anyhow::{Context, Result, bail, ensure};
 
 use crate::process::{cargo, run};
 
-const PAGES: [&str; 10] = [
+const PAGES: [&str; 11] = [
     "README.md",
     "docs/guide/tour.md",
     "docs/reference/scenarios.md",
     "docs/guide/explain.md",
     "docs/guide/logs.md",
     "docs/guide/online.md",
+    "docs/guide/guard.md",
     "docs/guide/margin.md",
     "docs/guide/keep_going.md",
     "docs/guide/risk.md",

@@ -47,7 +47,7 @@ pub enum GuardError {
         key: &'static str,
         /// Its value.
         value: f64,
-        /// What it may be.
+        /// Allowed values.
         expected: &'static str,
     },
     /// A fallback that does not fit.

@@ -13,7 +13,7 @@ pub enum Fallback {
     Retreat(Motion, usize),
 }
 
-/// What the numbers of an action mean for a robot that shall stop.
+/// Meanings of the numbers of an action, for a robot that shall stop.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Motion {
     /// Meaning of each number.

@@ -16,7 +16,7 @@ pub trait Supervisor: Send + Sync {
     fn worker(&self) -> Box<dyn SupervisorWorker>;
 }
 
-/// What a supervisor sees and sets in some simulations. All slices are row-major.
+/// Inputs and outputs of a supervisor in some simulations. All slices are row-major.
 #[derive(Debug)]
 pub struct Supervised<'a> {
     /// The observations of the controller, `[rows, observation_size]`.
