@@ -86,6 +86,7 @@ fn plan(folder: &Path, change: impl Fn(String) -> String, settings: &str) -> Tra
         steps: None,
         space: None,
         axes: Default::default(),
+        guard: None,
         seed: 1,
         out: folder.join("c.safetensors"),
         csv: Some(folder.join("curve.csv")),

@@ -316,6 +316,7 @@ fn plan(folder: &Path, name: &str, device: &str) -> TrainPlan {
         steps: None,
         space: Some("delay+dynamics+sensing+faults-sensing".to_string()),
         axes: [("action_delay".to_string(), AxisSetting::Range([0.0, 2.0]))].into(),
+        guard: None,
         seed: 4,
         out: folder.join(format!("{name}.safetensors")),
         csv: Some(folder.join(format!("{name}.csv"))),

@@ -48,6 +48,7 @@ fn plan(folder: &Path, algorithm: &str, from: &str) -> TrainPlan {
         steps: Some(256),
         space: Some("delay".to_string()),
         axes: Default::default(),
+        guard: None,
         seed: 2,
         out: folder.join("out.safetensors"),
         csv: None,

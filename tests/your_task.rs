@@ -92,6 +92,7 @@ fn a_training_run_without_shipped_settings_uses_the_defaults() {
         steps: Some(512),
         space: None,
         axes: Default::default(),
+        guard: None,
         seed: 0,
         out: "unused.safetensors".into(),
         csv: None,

@@ -8,7 +8,7 @@ use serde::{Deserialize, Deserializer, Serialize};
 
 use super::{AxisValue, BESIDE, Counterexample, Decisive, Expected, MinimizedFrom};
 use crate::error::MishandleError;
-use crate::plan::{FalsifyPlan, Plan};
+use crate::plan::{FalsifyPlan, GuardPlan, Plan};
 use crate::resolve::{command, command_target, is_path, is_target_file};
 
 /// Version of the format.
@@ -31,6 +31,9 @@ struct Document {
     stochastic: bool,
     action_noise: f64,
     observation_noise: f64,
+    /// Keys of the guard as TOML, which has infinite thresholds; absent without one.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    guard: Option<String>,
     formula: String,
     components: Vec<Component>,
     scenario: Vec<Value>,
@@ -206,6 +209,7 @@ impl Document {
             stochastic: plan.stochastic,
             action_noise: plan.action_noise,
             observation_noise: plan.observation_noise,
+            guard: plan.guard.as_ref().map(GuardPlan::to_toml),
             formula: formula.unwrap_or_default(),
             components: from.components.iter().map(component).collect(),
             scenario: from.scenario.iter().map(value).collect(),
@@ -292,6 +296,7 @@ impl Document {
             stochastic: self.stochastic,
             action_noise: self.action_noise,
             observation_noise: self.observation_noise,
+            guard: self.guard.as_deref().map(GuardPlan::from_toml).transpose()?,
             seed,
             falsify: Some(FalsifyPlan { formula: Some(self.formula), ..FalsifyPlan::default() }),
             ..Plan::new(&target, &self.controller)

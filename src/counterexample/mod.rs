@@ -266,12 +266,13 @@ impl Counterexample {
         })
     }
 
-    /// Returns the plan with the paths of a controller and a target that are beside the file.
+    /// Returns the plan with the paths of a controller, a fallback and a target beside the file.
     fn plan_in(&self, folder: &Path) -> Plan {
         // A path also in the working directory, whose name is empty.
         let folder = if folder.as_os_str().is_empty() { Path::new(".") } else { folder };
         let mut plan = self.plan.clone();
-        for file in [&mut plan.controller, &mut plan.target] {
+        let fallback = plan.guard.as_mut().map(|guard| &mut guard.fallback);
+        for file in [&mut plan.controller, &mut plan.target].into_iter().chain(fallback) {
             if let Some(name) = file.strip_prefix(BESIDE) {
                 *file = path_text(&folder.join(name));
             }
@@ -388,6 +389,7 @@ fn describe(header: &RunHeader, explained: &ExplainedSimulation) -> Result<Count
     let plan = Plan {
         controller: portable::controller(&recorded_plan, &header.components),
         target: portable::target(&recorded_plan),
+        guard: portable::guard(&recorded_plan),
         folder: String::new(),
         seed: recorded.seed,
         // The trace has the signals of the run.

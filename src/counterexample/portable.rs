@@ -7,7 +7,7 @@ use mishandle_store::ComponentRecord;
 
 use super::BESIDE;
 use crate::error::MishandleError;
-use crate::plan::Plan;
+use crate::plan::{GuardPlan, Plan};
 use crate::resolve::{controller_name, files_of, is_onnx, is_path, is_target_file};
 use crate::shipped::shipped_controller;
 
@@ -33,12 +33,22 @@ pub(super) fn target(plan: &Plan) -> String {
     if is_target_file(&plan.target) { beside(&plan.target) } else { plan.target.clone() }
 }
 
+/// Returns the guard, with `./FILE` for a fallback that is a file.
+pub(super) fn guard(plan: &Plan) -> Option<GuardPlan> {
+    let mut guard = plan.guard.clone()?;
+    if is_path(&guard.fallback) {
+        guard.fallback = beside(&guard.fallback);
+    }
+    Some(guard)
+}
+
 fn beside(path: &str) -> String {
     format!("{BESIDE}{}", Path::new(path).file_name().unwrap_or_default().to_string_lossy())
 }
 
 /// Copies the files of a target to the folder of its counterexamples, with the folders that they
-/// have below that of the target file: target file, model, policy, and the controller of the plan.
+/// have below that of the target file: target file, model, policy, and the controller
+/// and the fallback of the plan.
 /// Returns the files that it wrote; none for a target without files.
 ///
 /// # Errors
@@ -55,8 +65,9 @@ pub fn copy_target(plan: &Plan, folder: &Path) -> Result<Vec<PathBuf>, Mishandle
         };
         copies.push((folder.join(relative), path));
     }
-    if is_path(&plan.controller) {
-        let sides = with_sides(Path::new(&plan.controller));
+    let fallback = plan.guard.as_ref().map(|guard| &guard.fallback);
+    for file in std::iter::once(&plan.controller).chain(fallback).filter(|file| is_path(file)) {
+        let sides = with_sides(Path::new(file));
         copies.extend(sides.map(|path| (folder.join(path.file_name().unwrap_or_default()), path)));
     }
     let mut contents = Vec::new();

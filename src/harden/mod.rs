@@ -150,7 +150,7 @@ impl CheckedHardening<'_> {
     /// # Errors
     /// If the folder exists, or a file cannot be written.
     pub fn create(&self, folder: &Path) -> Result<(), MishandleError> {
-        let plan = self.plan.with_absolute_target();
+        let plan = self.plan.with_absolute_paths();
         Folder::create(folder, &plan, &self.before.to_bytes(), &self.settings.to_toml())
     }
 }
@@ -188,7 +188,7 @@ pub fn final_runs(folder: &Path) -> Vec<PathBuf> {
 pub fn check_plan(folder: &Path, plan: &Plan) -> Result<(), MishandleError> {
     let (_, recorded) = Folder::open(folder)?;
     let [recorded, given] =
-        [&recorded, plan].map(|plan| toml::Table::try_from(plan.with_absolute_target()).unwrap_or_default());
+        [&recorded, plan].map(|plan| toml::Table::try_from(plan.with_absolute_paths()).unwrap_or_default());
     let differences = differences(&recorded, &given);
     if differences.is_empty() { Ok(()) } else { Err(MishandleError::OtherSettings { differences }) }
 }

@@ -6,6 +6,7 @@ use mishandle_text::path_text;
 
 use crate::error::MishandleError;
 use crate::plan::Plan;
+use crate::resolve::is_path;
 use crate::resolve::simulator::{simulator_file, simulator_files};
 use crate::resolve::{controller_name, robot_file};
 
@@ -68,8 +69,8 @@ pub(crate) fn file_label(target: &str) -> String {
 
 impl Plan {
     /// Returns the plan with the absolute path of its target file or of the working folder of its
-    /// simulator.
-    pub(crate) fn with_absolute_target(&self) -> Plan {
+    /// simulator, and of the fallback of its guard.
+    pub(crate) fn with_absolute_paths(&self) -> Plan {
         let mut plan = self.clone();
         let is_command = command(&plan.target).is_some();
         let place = if is_command { &mut plan.folder } else { &mut plan.target };
@@ -78,6 +79,11 @@ impl Plan {
             if let Ok(path) = std::path::absolute(present) {
                 *place = path_text(&path);
             }
+        }
+        if let Some(guard) = plan.guard.as_mut().filter(|guard| is_path(&guard.fallback))
+            && let Ok(path) = std::path::absolute(&guard.fallback)
+        {
+            guard.fallback = path_text(&path);
         }
         plan
     }

@@ -38,7 +38,7 @@ pub(crate) fn verdict_names(resolved: &ResolvedPlan) -> Vec<String> {
 pub(crate) fn header(resolved: &ResolvedPlan) -> RunHeader {
     let ResolvedPlan { plan, target, space, specification, signals, .. } = resolved;
     // Absolute, so that the run can be resumed and replayed from every folder.
-    let mut stored = plan.with_absolute_target();
+    let mut stored = plan.with_absolute_paths();
     if let (true, Ok(path)) = (is_path(&plan.controller), std::path::absolute(&plan.controller)) {
         stored.controller = path.to_string_lossy().into_owned();
     }

@@ -95,6 +95,7 @@ fn hardening(folder: &Path, modes: Vec<HardenedMode>) -> Hardening {
         space: "starts+delay".to_string(),
         seed: ResultSeed(3),
         before: "ppo".to_string(),
+        guard: None,
         after: Some("better.safetensors".to_string()),
         folder: folder.to_string_lossy().into_owned(),
         commit: "0123abcd".to_string(),

@@ -7,7 +7,8 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use mishandle_rollout::{
-    Component, Episode, Noise, Request, RolloutError, Scenario, Seed, Specification, System, Target,
+    Component, Controller, Episode, Noise, Request, RolloutError, Scenario, Seed, Specification, System,
+    Target,
 };
 use mishandle_simulators::{ProgramPolicy, ProgramSettings, Simulator, SimulatorError, program, target};
 use mishandle_stl::Formula;
@@ -68,6 +69,18 @@ pub fn tank(folder: &Path, limit: f64) -> Target {
 
 /// Returns the target of a tank with a policy that is a program: a script that sets `action`.
 pub fn controlled(folder: &Path, action: &str) -> Target {
+    let (policy, component) = policy(folder, action);
+    controlled_by(folder, policy, component)
+}
+
+/// Returns the target of a tank with a controller.
+pub fn controlled_by(folder: &Path, controller: Arc<dyn Controller>, component: Component) -> Target {
+    let simulator = Arc::new(simulator(folder, 5.0).expect("a simulator"));
+    target(simulator, Some((controller, vec![component])), Noise::default()).expect("a target")
+}
+
+/// Returns a policy that is a program: a script that sets `action`.
+pub fn policy(folder: &Path, action: &str) -> (Arc<dyn Controller>, Component) {
     let script = format!(
         "import json, sys\nfor line in sys.stdin:\n    q = json.loads(line)\n    level = q['observation'][0]\n    {action}\n    \
          print(json.dumps({{'id': q['id'], 'action': [action]}}), flush=True)\n"
@@ -82,8 +95,7 @@ pub fn controlled(folder: &Path, action: &str) -> Target {
         hash: policy.hash().expect("a hash"),
         file_hash: String::new(),
     };
-    let simulator = Arc::new(simulator(folder, 5.0).expect("a simulator"));
-    target(simulator, Some((Arc::new(policy), vec![component])), Noise::default()).expect("a target")
+    (Arc::new(policy), component)
 }
 
 pub fn system(target: &Target, space: &str) -> Box<dyn System> {
