@@ -213,15 +213,17 @@ class Failures(unittest.TestCase):
         done = threading.Event()
         with tempfile.TemporaryDirectory() as folder, openpi_server(failing(lambda request: done.wait(30))) as server:
             program = textwrap.dedent(f"""
-                import sys
+                import signal, sys
+                # A shell starts background jobs with SIGINT ignored, and programs inherit it.
+                signal.signal(signal.SIGINT, signal.default_int_handler)
                 sys.path.insert(0, {str(pathlib.Path(__file__).parent)!r})
                 import mishandle
                 from test_policy_server_failures import Line, OPTIONS, SPACE
-                print("ready", flush=True)
                 mishandle.falsify(Line(), "always(abs(place) <= 1.9)", SPACE, policy={server.url!r}, search="random", trials=1, budget=20,
                     keep_going=True, out={folder + "/run.sqlite"!r}, batch=1, **OPTIONS)
             """)
-            child = subprocess.Popen([sys.executable, "-c", program], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+            child = subprocess.Popen([sys.executable, "-c", program], stderr=subprocess.PIPE, text=True)
+            self.addCleanup(child.kill)
             while not any(request["observation/state"][0] > 1.0 for request in server.requests):
                 self.assertIsNone(child.poll(), child.stderr.read() if child.poll() is not None and child.stderr else "")
                 time.sleep(0.05)
