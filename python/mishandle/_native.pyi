@@ -9,7 +9,8 @@ from numpy.typing import NDArray
 __version__: str
 
 Samples = tuple[NDArray[np.float32], NDArray[np.float64], NDArray[np.float64], NDArray[np.bool_], NDArray[np.bool_]]
-Outcome = tuple[str, int, int, NDArray[np.float64], int, float]
+Request = tuple[dict[str, Any], int, tuple[str, float, bool] | None]
+Outcome = tuple[str, int, int, NDArray[np.float64], int, float, str]
 AxisTuple = tuple[
     str, str, str, float, float, float | None, list[str], str, list[tuple[str, bool, list[float | str]]]
 ]
@@ -217,7 +218,7 @@ class Target:
         not_covered: Sequence[str],
         versions: Sequence[tuple[str, str]],
         random_axes: Sequence[str],
-        simulate: Callable[[list[tuple[dict[str, Any], int]]], list[Outcome]],
+        simulate: Callable[[list[Request]], list[Outcome]],
         painter: Any = None,
     ) -> Target: ...
     def with_requirements(self, requirements: dict[str, str]) -> Target: ...

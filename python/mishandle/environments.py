@@ -113,8 +113,8 @@ class PolicySystem(System):
                     ) from error
             raise
 
-    def act(self, observations: list[Any], times: Sequence[Time]) -> tuple[str | None, Any]:
-        """Returns the end of the simulations if the policy fails, and its actions. The simulations share its time."""
+    def act(self, observations: list[Any], times: Sequence[Time]) -> tuple[tuple[str, str] | None, Any]:
+        """Returns the end of the simulations and its reason if the policy fails, and its actions. The simulations share its time."""
         try:
             if self.time_limit is None:
                 return None, self._actions(observations)
@@ -128,11 +128,9 @@ class PolicySystem(System):
                 for row in times:
                     row.spent += spent
         except TimeLimitExceeded as error:
-            self.keep_reason(error)
-            return "timed out", None
+            return ("timed out", self.keep_reason(error)), None
         except Exception:
-            self.keep_exception()
-            return "crashed", None
+            return ("crashed", self.keep_exception()), None
 
     def _actions(self, observations: list[Any]) -> Any:
         actions = self.policy.act(observations, len(observations))
@@ -213,10 +211,11 @@ class EnvironmentSystem(PolicySystem):
                     row.step(None, step)
                 continue
             observations = [running[0].seen if row.seen is None else row.seen for row in rows]
-            end, actions = self.act(observations, [] if self.time_limit is None else [row.time for row in running])
-            if end is not None:
+            failure, actions = self.act(observations, [] if self.time_limit is None else [row.time for row in running])
+            if failure is not None:
+                end, reason = failure
                 for row in rows:
-                    row.end(end, step)
+                    row.end(end, step, reason=reason)
                 break
             for row, action in zip(rows, actions):
                 row.step(action, step)
@@ -340,17 +339,16 @@ class _Row:
                 with limited(self.time.left(limit)):
                     work(argument, step)
                 self.time.spent += time.perf_counter() - started
-        except InvalidScenario:
-            self.end("invalid scenario", step)
+        except InvalidScenario as error:
+            self.end("invalid scenario", step, reason=str(error))
         except TimeLimitExceeded:
             self.end("timed out", step)
         except Exception:
-            self._system.keep_exception()
-            self.end("crashed", step)
+            self.end("crashed", step, reason=self._system.keep_exception())
 
-    def end(self, end: str, step: int, index: int = 0) -> None:
+    def end(self, end: str, step: int, index: int = 0, reason: str = "") -> None:
         if self.outcome is None:
-            self.outcome = Outcome(end, np.zeros((0, 0)), self._steps, step, index)
+            self.outcome = Outcome(end, np.zeros((0, 0)), self._steps, step, index, reason=reason)
 
     def finish(self) -> Outcome:
         outcome = self.outcome or Outcome("completed", np.zeros((0, 0)), self._steps)

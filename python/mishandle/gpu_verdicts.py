@@ -113,9 +113,9 @@ def draws(axes: list[_native.AxisTuple], sample: Sample) -> list[tuple[list[floa
     drawn: list[tuple[list[float], int]] = []
     names = [name for _, name, *_ in axes]
 
-    def simulate(batch: list[tuple[dict[str, Any], int]]) -> list[_native.Outcome]:
-        drawn.extend(([float(scenario[name]) for name in names], seed) for scenario, seed in batch)
-        return [("completed", 0, 0, np.zeros((2, 1)), 1, 0.0)] * len(batch)
+    def simulate(batch: list[_native.Request]) -> list[_native.Outcome]:
+        drawn.extend(([float(scenario[name]) for name in names], seed) for scenario, seed, _ in batch)
+        return [("completed", 0, 0, np.zeros((2, 1)), 1, 0.0, "")] * len(batch)
 
     # A system that only keeps what it shall simulate.
     target = _native.Target(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import inspect
+import sys
 import time
 import traceback
 import warnings
@@ -54,10 +55,12 @@ class Outcome:
     step: int = 0
     index: int = 0
     total_reward: float = 0.0
+    reason: str = ""
+    """Why it ended so, if an exception says it."""
 
-    def to_native(self) -> tuple[str, int, int, NDArray[np.float64], int, float]:
+    def to_native(self) -> _native.Outcome:
         """Returns the outcome as the extension module takes it."""
-        return self.end, self.step, self.index, self.samples, self.steps, self.total_reward
+        return self.end, self.step, self.index, self.samples, self.steps, self.total_reward, self.reason
 
 
 class System:
@@ -91,16 +94,15 @@ class System:
         """Returns the functions and objects whose code the workers of a cluster need."""
         raise NotImplementedError
 
-    def keep_exception(self) -> None:
-        """Keeps the exception that is handled now."""
+    def keep_exception(self) -> str:
+        """Keeps the exception that is handled now. Returns it without its traceback, which differs between machines."""
         if len(self.exceptions) < 10:
             self.exceptions.append(traceback.format_exc())
+        return "".join(traceback.format_exception_only(*sys.exc_info()[:2])).strip()
 
-
-    def keep_reason(self, error: TimeLimitExceeded) -> None:
-        """Keeps the exception of a time limit that is handled now, if it says more than that the time is over."""
-        if error.args:
-            self.keep_exception()
+    def keep_reason(self, error: TimeLimitExceeded) -> str:
+        """Keeps and returns the exception of a time limit that is handled now, if it says more than that the time is over."""
+        return self.keep_exception() if error.args else ""
 
 
 class NativeSystem(System):
@@ -227,14 +229,13 @@ class FunctionSystem(System):
         try:
             with limited(self._time_limit):
                 trace = self._call(scenario, seed)
-        except InvalidScenario:
-            return Outcome("invalid scenario", nothing, 0)
+        except InvalidScenario as error:
+            return Outcome("invalid scenario", nothing, 0, reason=str(error))
         except TimeLimitExceeded:
             self._warn_of_processes()
             return Outcome("timed out", nothing, 0)
         except Exception:
-            self.keep_exception()
-            return Outcome("crashed", nothing, 0)
+            return Outcome("crashed", nothing, 0, reason=self.keep_exception())
         if self.recording is not None and self._frame is not None:
             frame = self._frame
             self.recording.add_all(lambda samples: frame(scenario, trace, samples))
@@ -248,7 +249,7 @@ class FunctionSystem(System):
             samples = samples[: self.steps + 1]
         if len(samples) == 0:
             self.exceptions += [f"the trace of scenario {scenario} has no samples"][: 10 - len(self.exceptions)]
-            return Outcome("crashed", nothing, 0)
+            return Outcome("crashed", nothing, 0, reason="the trace has no samples")
         steps = len(samples) - 1
         if steps < self.steps:
             return Outcome("terminated", samples, steps, step=steps)
@@ -404,6 +405,7 @@ class TaskSystem(System):
         observations, _, signals, _, _ = self._native.reset(np.ones(rows, dtype=bool), seeds, scenarios)
         returns = np.zeros(rows)
         ends: list[tuple[str, int, int] | None] = [None] * rows
+        reasons = [""] * rows
         stops = [EarlyStop(each.stop, self.signals, self.control_dt, self.steps) for each in chunk]
         traces: list[list[NDArray[np.float64]]] = [[signals[row]] for row in range(count)]
         start(
@@ -426,11 +428,13 @@ class TaskSystem(System):
                     given = [self._idle] * rows if is_paused else self._policy.act(seen, rows)
                 actions = np.array(given, dtype=np.float32).reshape(rows, -1)
             except TimeLimitExceeded as error:
-                self.keep_reason(error)
+                reason = self.keep_reason(error)
+                reasons = [reason if end is None else "" for end in ends]
                 ends = [end or ("timed out", step, 0) for end in ends]
                 break
             except Exception:
-                self.keep_exception()
+                reason = self.keep_exception()
+                reasons = [reason if end is None else "" for end in ends]
                 ends = [end or ("crashed", step, 0) for end in ends]
                 break
             if left is not None:
@@ -458,7 +462,8 @@ class TaskSystem(System):
         outcomes = []
         for row in range(count):
             end, step, index = ends[row] or ("completed", 0, 0)
-            outcomes.append(Outcome(end, np.array(traces[row]), len(traces[row]) - 1, step, index, float(returns[row])))
+            samples = np.array(traces[row])
+            outcomes.append(Outcome(end, samples, len(samples) - 1, step, index, float(returns[row]), reasons[row]))
         return outcomes
 
 

@@ -147,21 +147,21 @@ class VectorSystem(PolicySystem):
 
     def _guarded(self, chunk: Sequence[Request], faults: Sequence[Disturbed | None]) -> list[Outcome]:
         """Simulates together, or one by one if that fails, so that one scenario cannot spoil the others."""
-        end = None
+        reason = ""
         try:
             return self._together(chunk, faults)
-        except InvalidScenario:
-            end = "invalid scenario"
+        except InvalidScenario as error:
+            end, reason = "invalid scenario", str(error)
         except TimeLimitExceeded:
             end = "timed out"
         except Exception:
             end = "crashed"
             if len(chunk) == 1:
-                self.keep_exception()
+                reason = self.keep_exception()
         self._revive()
         if len(chunk) > 1:
             return [outcome for one in chunk for outcome in self._guarded([one], [self.faults.start(one.scenario, one.seed)])]
-        return [Outcome(end, np.zeros((0, len(self.signals))), 0)]
+        return [Outcome(end, np.zeros((0, len(self.signals))), 0, reason=reason)]
 
     def _revive(self) -> None:
         """Starts new processes: an exception or a time limit leaves those of an ``AsyncVectorEnv`` unusable."""
@@ -211,9 +211,9 @@ class VectorSystem(PolicySystem):
             if all(each is not None and each.is_paused(step - 1) for each in faults):
                 actions: list[Any] = [idle] * self._rows
             else:
-                end, given = self.act(seen, [clock])
-                if end is not None:
-                    rollout.end_all(end, step)
+                failure, given = self.act(seen, [clock])
+                if failure is not None:
+                    rollout.end_all(*failure, step)
                     break
                 actions = [given[row] for row in range(self._rows)]
             for row, each in enumerate(disturbed):
@@ -331,13 +331,13 @@ class _Rollout:
     def running(self) -> list[int]:
         return [row for row, end in enumerate(self._ends) if end is None]
 
-    def end(self, row: int, end: str, step: int, index: int = 0) -> None:
+    def end(self, row: int, end: str, step: int, index: int = 0, reason: str = "") -> None:
         if row < len(self._ends) and self._ends[row] is None:
-            self._ends[row] = Outcome(end, np.zeros((0, 0)), self._steps[row], step, index)
+            self._ends[row] = Outcome(end, np.zeros((0, 0)), self._steps[row], step, index, reason=reason)
 
-    def end_all(self, end: str, step: int) -> None:
+    def end_all(self, end: str, reason: str, step: int) -> None:
         for row in self.running():
-            self.end(row, end, step)
+            self.end(row, end, step, reason=reason)
 
     def start(self, observations: Sequence[Any], infos: Sequence[Mapping[str, Any]]) -> None:
         """Adds the first sample of each row, with the ``info`` of its reset."""

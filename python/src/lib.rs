@@ -200,7 +200,8 @@ fn raised(error: impl Into<Error>) -> PyErr {
         | Error::ImpossibleEnd { .. }
         | Error::InvalidCount { .. }
         | Error::Contradiction { .. }
-        | Error::NoEpisode => MishandleError::new_err(message),
+        | Error::NoEpisode
+        | Error::NothingRuns { .. } => MishandleError::new_err(message),
         _ => InvalidValueError::new_err(message),
     }
 }

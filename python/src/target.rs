@@ -379,8 +379,8 @@ struct PythonSystem {
 }
 
 /// A simulation as Python returns it: end, step, index, trace of samples by signals, number of
-/// control steps, and sum of the rewards.
-type Outcome<'py> = (String, usize, usize, PyReadonlyArray2<'py, f64>, usize, f64);
+/// control steps, sum of the rewards, and the reason of the end.
+type Outcome<'py> = (String, usize, usize, PyReadonlyArray2<'py, f64>, usize, f64, String);
 
 impl System for PythonSystem {
     fn space(&self) -> &Space {
@@ -418,7 +418,7 @@ impl PythonSystem {
     }
 
     fn episode(&mut self, request: &Request, outcome: &Outcome<'_>) -> PyResult<Episode> {
-        let (end, step, index, samples, steps, total_reward) = outcome;
+        let (end, step, index, samples, steps, total_reward, reason) = outcome;
         let mut end = end_of(end, *step, *index)?;
         let mut trace = trace(&self.names, samples.as_array(), self.shared.episode_steps)?;
         if let Some((sample, index)) = first_not_finite(samples.as_array()) {
@@ -449,7 +449,7 @@ impl PythonSystem {
         Ok(Episode {
             request: request.clone(),
             end,
-            reason: String::new(),
+            reason: reason.clone(),
             steps: *steps,
             verdict,
             total_reward: *total_reward,

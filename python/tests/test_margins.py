@@ -167,7 +167,7 @@ class Margins(unittest.TestCase):
 
     def test_a_system_without_a_verdict_was_not_tested(self) -> None:
         with self.assertWarnsRegex(UserWarning, "no verdict"), self.assertRaisesRegex(
-            mishandle.MishandleError, "no simulation has a verdict"
+            mishandle.MishandleError, "simulations have no verdict, so the search stopped.*`y` is not finite"
         ):
             mishandle.margin(lambda scenario: {"y": [float("nan")] * 2}, "always(y >= 0)", INPUTS, budget=50)
 

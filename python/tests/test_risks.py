@@ -122,8 +122,12 @@ class Risks(unittest.TestCase):
                 raise ValueError("only the nominal speed")
             return {"gap": [1.0] * 2}
 
-        with self.assertRaisesRegex(mishandle.MishandleError, "no simulation has a verdict(.|\n)*only the nominal speed"):
+        with self.assertRaisesRegex(
+            mishandle.MishandleError, "simulations have no verdict, so the search stopped.*ValueError: only the nominal speed"
+        ) as raised:
             mishandle.risk(system, "always(gap >= 0)", SPEED, simulations=100)
+        # Nothing that the caller passed is invalid.
+        self.assertNotIsInstance(raised.exception, ValueError)
 
     def test_a_mean_outside_of_the_bounds_is_warned_of(self) -> None:
         with self.assertWarnsRegex(UserWarning, "the mean of the distribution normal:12:3 of speed is outside of its bounds, 0 to 10"):

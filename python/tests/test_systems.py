@@ -113,6 +113,10 @@ class Functions(Folder):
         [trial] = run.trials
         self.assertTrue(trial.failed > 0 and trial.invalid > 0)
         self.assertTrue(any("broken pipe" in text for text in run.exceptions))
+        reasons = {each.end: each.reason for each in run.reasons or ()}
+        self.assertIn("broken pipe", reasons["crashed"])
+        self.assertNotIn("Traceback", reasons["crashed"])
+        self.assertEqual(reasons.get("invalid scenario", "unreachable"), "unreachable")
         ends = set(mishandle.open_run(run.path).columns()["end"])
         self.assertTrue({"completed", "crashed", "invalid scenario", "invalid signal", "timed out"} >= ends >= {"crashed"})
 

@@ -208,7 +208,7 @@ class _RaySystem(System):
 
     def _lost(self, request: Request) -> tuple[Outcome, list[str]]:
         message = f"the scenario {request.scenario} ended its worker process {RETRIES + 1} times"
-        return Outcome("crashed", np.zeros((0, len(self.signals))), 0), [message]
+        return Outcome("crashed", np.zeros((0, len(self.signals))), 0, reason=message), [message]
 
 
 class _SystemFactory:
