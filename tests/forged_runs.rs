@@ -147,7 +147,7 @@ const HEADER: &[(&str, Change)] = &[
     ("kind of run: recorded", |run| {
         run.header.kind = match run.header.kind {
             RunKind::Falsify => RunKind::Evaluate,
-            RunKind::Evaluate | RunKind::Margin | RunKind::Risk => RunKind::Falsify,
+            _ => RunKind::Falsify,
         };
     }),
     ("kind of target: recorded \"task\", expected \"toy\"", |run| run.header.target.kind = "task".into()),

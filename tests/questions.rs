@@ -5,10 +5,22 @@
 use std::ops::ControlFlow;
 use std::path::Path;
 
-use mishandle::plan::{EvaluatePlan, FalsifyPlan, MarginPlan, RiskPlan};
+use mishandle::plan::{
+    AxisSetting, EvaluatePlan, FalsifyPlan, MarginPlan, MetamorphicPlan, RelationPlan, RiskPlan,
+};
 use mishandle::run::{Answer, Engine};
 use mishandle::store::{RunFile, RunKind, RunWriter, TrialStatus};
 use mishandle::{MishandleError, Plan, ResolvedPlan};
+
+/// Relations by name: a change of an axis and what must hold.
+fn relations(of: &[(&str, &str, &str, &str)]) -> MetamorphicPlan {
+    let relation = |(name, axis, change, holds): &(&str, &str, &str, &str)| {
+        let change = [(axis.to_string(), change.to_string())].into();
+        (name.to_string(), RelationPlan { holds: holds.to_string(), change })
+    };
+    let relations = of.iter().map(relation).collect();
+    MetamorphicPlan { pairs: 40, batch: 8, relations, ..MetamorphicPlan::default() }
+}
 
 fn plans() -> Vec<Plan> {
     let evaluate = EvaluatePlan { episodes: 40, batch: 8, ..EvaluatePlan::default() };
@@ -62,6 +74,20 @@ fn plans() -> Vec<Plan> {
             }),
             ..car
         },
+        // A relation that pairs break, one that they do not, and one whose axis source cases lack.
+        Plan {
+            metamorphic: Some(relations(&[
+                ("lower", "x", "-0.4", "robustness-within:0.3"),
+                ("same", "x", "+0", "robustness-within:0"),
+            ])),
+            axes: [("x".to_string(), AxisSetting::Range([0.25, 0.75]))].into(),
+            ..Plan::new("toy/noisy", "")
+        },
+        Plan {
+            metamorphic: Some(relations(&[("late", "action_delay", "+3", "robustness-within:0.001")])),
+            action_noise: 0.3,
+            ..Plan::new("point-reaching", "ppo")
+        },
     ]
 }
 
@@ -95,7 +121,9 @@ fn in_pieces(plan: &Plan, calls: u64) -> (String, u128, u64) {
 /// Checks that the answer follows from the run file alone, also that of an interrupted run.
 fn check_recorded(resolved: &ResolvedPlan, path: &Path, answer: &Answer) {
     let run = RunFile::open(path).unwrap();
-    if !matches!(answer, Answer::Margin(_) | Answer::Risk(_)) || run.counts().unwrap().simulations == 0 {
+    if !matches!(answer, Answer::Margin(_) | Answer::Metamorphic(_) | Answer::Risk(_))
+        || run.counts().unwrap().simulations == 0
+    {
         return;
     }
     let recorded = mishandle::run::recorded_answer(resolved, &run).unwrap();
@@ -120,6 +148,21 @@ fn check_replays(run: &RunFile, answer: &Answer) {
             // Commands that name no simulation take the witness.
             let chosen = mishandle::replay::select_simulation(run, None, None).unwrap();
             assert_eq!(chosen, Some((witness.request.trial, witness.request.number)));
+        }
+        Answer::Metamorphic(found) => {
+            for case in
+                found.relations.iter().flat_map(|relation| &relation.worst).map(|pair| &pair.follow_up)
+            {
+                let row = run.simulation(case.trial, case.number).unwrap();
+                assert_eq!((row.seed, row.robustness), (case.seed.0, case.robustness));
+                assert_eq!(run.simulation(1, case.number).unwrap().seed, row.seed);
+            }
+            let smallest = found.relations.iter().filter_map(|relation| relation.smallest_change.as_ref());
+            for case in smallest.map(|smallest| &smallest.case) {
+                let replayed = mishandle::replay::replay(run, case.trial, case.number, None).unwrap();
+                assert_eq!(replayed.episode.robustness(), case.robustness);
+                assert!(replayed.differences.is_empty(), "{:?}", replayed.differences);
+            }
         }
         Answer::Risk(found) => {
             for failure in &found.failures {
@@ -150,7 +193,7 @@ fn a_question_in_pieces_has_the_answer_and_the_rows_of_one_in_one_go() {
 fn trials_that_no_question_asks_and_wrong_statuses_are_refused() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("run.sqlite");
-    for plan in plans().into_iter().filter(|plan| plan.risk.is_some() || plan.margin.is_some()) {
+    for plan in plans().into_iter().filter(|plan| plan.falsify.is_none() && plan.evaluate.is_none()) {
         let resolved = ResolvedPlan::new(&plan).unwrap();
         type Change = fn(&mut RunWriter);
         let changes: [(u64, Change, &str); 2] = [

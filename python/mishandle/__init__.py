@@ -31,6 +31,7 @@ from mishandle.policy_servers import PolicyServer
 from mishandle.processes import Process
 from mishandle.ray import RayExecutor
 from mishandle.reductions import Reduced
+from mishandle.relations import Metamorphic, Relation, metamorphic
 from mishandle.results import ComparedPair, Estimate, FailureMode, Regression, Repeats, Trial, Witness
 from mishandle.risks import Risk, risk
 from mishandle.runs import Run, open_run
@@ -64,6 +65,7 @@ __all__ = [
     "InvalidValueError",
     "Log",
     "Margin",
+    "Metamorphic",
     "Minimum",
     "MishandleError",
     "MissingPackageError",
@@ -77,6 +79,7 @@ __all__ = [
     "RayExecutor",
     "Reduced",
     "Regression",
+    "Relation",
     "Repeats",
     "Replay",
     "ResetOption",
@@ -102,6 +105,7 @@ __all__ = [
     "harden",
     "load_controller",
     "margin",
+    "metamorphic",
     "monitor",
     "open_run",
     "plot_comparison",

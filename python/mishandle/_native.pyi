@@ -336,6 +336,20 @@ def margin(
     out: Out,
     progress: Callable[[int, int], None] | None,
 ) -> Answered: ...
+def check_metamorphic(
+    axes: list[AxisTuple], *, relations: list[tuple[str, dict[str, str], str]], pairs: int, batch: int, seed: int
+) -> None: ...
+def metamorphic(
+    target: Target,
+    *,
+    formula: str | None,
+    relations: list[tuple[str, dict[str, str], str]],
+    pairs: int,
+    batch: int,
+    seed: int,
+    out: Out,
+    progress: Callable[[int, int], None] | None,
+) -> Answered: ...
 def check_risk(
     axes: list[AxisTuple], *, simulations: int, method: str, batch: int, distributions: dict[str, str]
 ) -> None: ...

@@ -111,6 +111,8 @@ fn contents(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_function(wrap_pyfunction!(hardening::hardening_report, module)?)?;
     module.add_function(wrap_pyfunction!(question::check_margin, module)?)?;
     module.add_function(wrap_pyfunction!(question::margin, module)?)?;
+    module.add_function(wrap_pyfunction!(question::check_metamorphic, module)?)?;
+    module.add_function(wrap_pyfunction!(question::metamorphic, module)?)?;
     module.add_function(wrap_pyfunction!(question::check_risk, module)?)?;
     module.add_function(wrap_pyfunction!(question::risk, module)?)?;
     module.add_function(wrap_pyfunction!(question::check_falsify, module)?)?;

@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 use std::ops::ControlFlow;
 
-use mishandle::plan::{EvaluatePlan, FalsifyPlan, MarginPlan, RiskPlan};
+use mishandle::plan::{EvaluatePlan, FalsifyPlan, MarginPlan, MetamorphicPlan, RelationPlan, RiskPlan};
 use mishandle::run::Engine;
 use mishandle::search::{OptionValue, SearchOptions};
 use mishandle::store::RunWriter;
@@ -83,6 +83,36 @@ fn search_options(given: Vec<(String, SearchOption)>) -> SearchOptions {
 #[pyo3(signature = (axes, *, budget))]
 pub fn check_margin(axes: Vec<AxisTuple>, budget: u64) -> PyResult<()> {
     mishandle::falsification::check_margin(budget, &space(axes)?).map_err(raised)
+}
+
+/// A relation of Python: its name, the changes of axes by name, and the relation of the results.
+type RelationTuple = (String, BTreeMap<String, String>, String);
+
+fn metamorphic_plan(
+    relations: Vec<RelationTuple>,
+    pairs: u64,
+    batch: u64,
+    formula: Option<String>,
+) -> MetamorphicPlan {
+    let relation = |(name, change, holds)| (name, RelationPlan { holds, change });
+    let batch = u32::try_from(batch).unwrap_or(u32::MAX);
+    MetamorphicPlan { formula, pairs, batch, relations: relations.into_iter().map(relation).collect() }
+}
+
+/// Checks relations in the space of these axes, before the system is simulated.
+#[pyfunction]
+#[pyo3(signature = (axes, *, relations, pairs, batch, seed))]
+pub fn check_metamorphic(
+    axes: Vec<AxisTuple>,
+    relations: Vec<RelationTuple>,
+    pairs: u64,
+    batch: u64,
+    seed: u64,
+) -> PyResult<()> {
+    let space = space(axes)?;
+    let known = space.axes().to_vec();
+    let table = metamorphic_plan(relations, pairs, batch, None);
+    mishandle::resolve::check_metamorphic(&table, space, &known, seed).map_err(raised)
 }
 
 /// Checks the settings of an estimation in the space of these axes, before the system is simulated.
@@ -178,6 +208,26 @@ pub fn margin(
 ) -> PyResult<Answered> {
     let margin = MarginPlan { formula, budget, each_category };
     let plan = Plan { margin: Some(margin), ..plan(target, seed) };
+    ask(py, target, &plan, out, None, progress)
+}
+
+/// Compares pairs of scenarios.
+#[pyfunction]
+#[expect(clippy::too_many_arguments, reason = "the arguments are keywords in Python")]
+#[pyo3(signature = (target, *, formula, relations, pairs, batch, seed, out, progress))]
+pub fn metamorphic(
+    py: Python<'_>,
+    target: &PyTarget,
+    formula: Option<String>,
+    relations: Vec<RelationTuple>,
+    pairs: u64,
+    batch: u64,
+    seed: u64,
+    out: Out,
+    progress: Option<Py<PyAny>>,
+) -> PyResult<Answered> {
+    let metamorphic = metamorphic_plan(relations, pairs, batch, formula);
+    let plan = Plan { metamorphic: Some(metamorphic), ..plan(target, seed) };
     ask(py, target, &plan, out, None, progress)
 }
 

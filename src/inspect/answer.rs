@@ -81,6 +81,7 @@ pub fn recorded_result(
             (found.requirements, found.reasons) = (requirements(&run)?, reasons);
         }
         results::Answer::Margin(found) => found.reasons = reasons,
+        results::Answer::Metamorphic(found) => found.reasons = reasons,
         results::Answer::Risk(found) => found.reasons = reasons,
         results::Answer::Hardening(_) => {}
     }

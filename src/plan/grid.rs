@@ -32,9 +32,9 @@ pub struct GridRun {
 /// Reads a campaign file: a plan in which most keys may have a list of values. Returns a run for
 /// each combination of the values, the last key of the file format varying fastest.
 ///
-/// A file with several of the tables `[evaluate]`, `[falsify]`, `[margin]`, `[risk]` and `[harden]`
-/// gives a run of each per combination of the other values. A search gets those options of
-/// `[falsify.options]` that it has.
+/// A file with several of the tables `[evaluate]`, `[falsify]`, `[margin]`, `[metamorphic]`,
+/// `[risk]` and `[harden]` gives a run of each per combination of the other values. A search gets
+/// those options of `[falsify.options]` that it has.
 ///
 /// # Errors
 /// The errors of [`Plan::from_toml`]; if there is no target, no question, an option that no search

@@ -5,6 +5,7 @@
 mod grid;
 mod guard;
 mod harden;
+mod metamorphic;
 mod read;
 mod risk;
 pub(crate) mod search_options;
@@ -22,6 +23,7 @@ use crate::error::MishandleError;
 pub use grid::{GridRun, read_grid};
 pub use guard::GuardPlan;
 pub use harden::HardenPlan;
+pub use metamorphic::{MetamorphicPlan, RelationPlan};
 pub use mishandle_training::AxisSetting;
 pub use risk::RiskPlan;
 pub use search_options::search_option_value;
@@ -116,6 +118,9 @@ pub struct Plan {
     /// Settings of a search for the smallest disturbance.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub margin: Option<MarginPlan>,
+    /// Settings of relations between pairs of scenarios.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub metamorphic: Option<MetamorphicPlan>,
     /// Settings of an estimation of the failure probability.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub risk: Option<RiskPlan>,
@@ -339,6 +344,7 @@ impl Plan {
             evaluate: None,
             falsify: None,
             margin: None,
+            metamorphic: None,
             risk: None,
             harden: None,
             screening: None,
@@ -350,6 +356,7 @@ impl Plan {
         let tables = [
             (RunKind::Falsify, self.falsify.is_some()),
             (RunKind::Margin, self.margin.is_some()),
+            (RunKind::Metamorphic, self.metamorphic.is_some()),
             (RunKind::Risk, self.risk.is_some()),
         ];
         tables.into_iter().find(|(_, is_given)| *is_given).map_or(RunKind::Evaluate, |(kind, _)| kind)
@@ -360,6 +367,7 @@ impl Plan {
         self.evaluate = self.evaluate.filter(|_| kind == RunKind::Evaluate);
         self.falsify = self.falsify.filter(|_| kind == RunKind::Falsify);
         self.margin = self.margin.filter(|_| kind == RunKind::Margin);
+        self.metamorphic = self.metamorphic.filter(|_| kind == RunKind::Metamorphic);
         self.risk = self.risk.filter(|_| kind == RunKind::Risk);
         self
     }
@@ -399,6 +407,11 @@ mod tests {
         let formula = Some("success".to_string());
         let risk = RiskPlan { formula: formula.clone(), ..RiskPlan::default() };
         let margin = Some(MarginPlan { formula, ..MarginPlan::default() });
+        let change =
+            [("ball_x", "+0.02")].map(|(axis, change)| (axis.to_string(), change.to_string())).into();
+        let relations = [("shift".to_string(), RelationPlan { change, ..RelationPlan::default() })].into();
+        let formula = Some("success".to_string());
+        let metamorphic = Some(MetamorphicPlan { formula, relations, ..MetamorphicPlan::default() });
         let settings = Some("my_settings.toml".to_string());
         let harden = Some(HardenPlan { settings, ..HardenPlan::default() });
         let screening = Some(ScreeningPlan::default());
@@ -415,6 +428,7 @@ mod tests {
             falsify: Some(falsify),
             risk: Some(risk),
             margin,
+            metamorphic,
             harden,
             screening,
             guard,
@@ -427,6 +441,7 @@ mod tests {
                 evaluate: None,
                 falsify: None,
                 margin: None,
+                metamorphic: None,
                 risk: None,
                 harden: None,
                 screening: None,

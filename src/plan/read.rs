@@ -1,5 +1,6 @@
 //! Reads plans from TOML and reports mistakes with their line and with what is allowed.
 
+use std::borrow::Cow;
 use std::collections::{BTreeMap, BTreeSet};
 
 use mishandle_falsification::Margin;
@@ -14,7 +15,7 @@ use super::seed::SeedValue;
 use super::{FORMAT, Plan, StartRegion};
 use crate::error::MishandleError;
 use crate::plan::search_options::TomlValue;
-use crate::plan::{AxisSetting, GuardPlan};
+use crate::plan::{AxisSetting, GuardPlan, RelationPlan};
 
 /// Largest number of characters of a value that an error repeats.
 const SHOWN: usize = 60;
@@ -34,6 +35,16 @@ const DISTRIBUTIONS: &str = "risk.distributions";
 /// Table of the guard, with a period.
 const GUARD: &str = "guard.";
 
+/// Table whose keys are names of relations, each of which is a table.
+const RELATIONS: &str = "metamorphic.relations";
+
+/// Keys of a relation.
+const RELATION_KEYS: [&str; 2] = ["change", "holds"];
+
+/// Allowed values of a relation.
+const RELATION: &str =
+    "a table of texts, such as change = { ball_x = \"+0.02\" } and holds = \"same-verdict\"";
+
 /// Allowed settings of an axis.
 const AXIS: &str = "a number, a list of two numbers, or the name of a category in quotes";
 
@@ -52,7 +63,7 @@ const fn key<T: DeserializeOwned>(name: &'static str, allowed: &'static str) -> 
     Key { name, allowed, reads: reads::<T> }
 }
 
-const KEYS: [Key; 59] = [
+const KEYS: [Key; 63] = [
     key::<u32>("format", "2"),
     key::<String>("target", "a string, such as \"ball-balancing\""),
     key::<String>("folder", "a string, such as \"simulators\""),
@@ -93,6 +104,14 @@ const KEYS: [Key; 59] = [
     key::<String>("margin.formula", "a string, such as \"strict\""),
     key::<u64>("margin.budget", "an integer from 1 to 1000000"),
     key::<bool>("margin.each-category", "true or false"),
+    key::<String>("metamorphic.formula", "a string, such as \"strict\""),
+    key::<u64>("metamorphic.pairs", "an integer from 1 to 1000000"),
+    key::<u32>("metamorphic.batch", "an integer from 1 to 65536"),
+    Key {
+        name: RELATIONS,
+        allowed: "a table of relations, as [metamorphic.relations.NAME]",
+        reads: is_table,
+    },
     key::<String>("risk.formula", "a string, such as \"strict\""),
     key::<u64>("risk.simulations", "an integer from 100 to 1000000000"),
     key::<String>("risk.method", "\"auto\", \"monte-carlo\", \"importance\" or \"splitting\""),
@@ -159,7 +178,7 @@ pub(super) fn read_lists(text: &str) -> Result<toml::Table, MishandleError> {
 /// Returns whether a key of a plan may have a list of values in a campaign.
 pub(super) fn may_be_list(name: &str) -> bool {
     // The other values are tables or lists already.
-    let others = ["format", "screening.device", AXES, REQUIREMENTS, OPTIONS, DISTRIBUTIONS];
+    let others = ["format", "screening.device", AXES, REQUIREMENTS, OPTIONS, DISTRIBUTIONS, RELATIONS];
     !others.contains(&name) && !["harden.searches", "harden.allow"].contains(&name)
 }
 
@@ -228,6 +247,9 @@ impl Reader<'_> {
                         }
                     }
                 }
+                (Some(known), DeValue::Table(relations)) if known.name == RELATIONS => {
+                    self.check_relations(relations)?;
+                }
                 (Some(known), _) if (known.reads)(value) => {}
                 (Some(known), DeValue::Array(items))
                     if self.values == Values::Lists && may_be_list(known.name) =>
@@ -265,6 +287,24 @@ impl Reader<'_> {
             let text = |item: &Spanned<DeValue<'_>>| &self.text[item.span()];
             if items[..index].iter().any(|earlier| text(earlier) == text(item)) {
                 return Err(self.wrong(name, key, item, "in the list once"));
+            }
+        }
+        Ok(())
+    }
+
+    fn check_relations(&self, relations: &DeTable<'_>) -> Result<(), MishandleError> {
+        for (key, value) in relations {
+            let name = format!("{RELATIONS}.{}", key.get_ref());
+            let DeValue::Table(relation) = value.get_ref() else {
+                return Err(self.wrong(&name, key, value, RELATION));
+            };
+            let unknown = |key: &&Spanned<Cow<'_, str>>| !RELATION_KEYS.contains(&&**key.get_ref());
+            if let Some(key) = relation.keys().find(unknown) {
+                let (line, known) = (self.line(key), RELATION_KEYS.into());
+                return Err(MishandleError::UnknownPlanKey { line, key: key.get_ref().to_string(), known });
+            }
+            if !reads::<RelationPlan>(value) {
+                return Err(self.wrong(&name, key, value, RELATION));
             }
         }
         Ok(())

@@ -3,12 +3,12 @@
 use std::ops::RangeInclusive;
 
 use mishandle_risk::Scenarios;
-use mishandle_rollout::{AxisKind, Space, Target};
+use mishandle_rollout::{Axis, AxisKind, Seed, Space, Target};
 
 use crate::error::MishandleError;
-use crate::plan::{EvaluatePlan, FalsifyPlan, Plan, RiskPlan, StartRegion};
+use crate::plan::{EvaluatePlan, FalsifyPlan, MetamorphicPlan, Plan, RiskPlan, StartRegion};
 use crate::resolve::search::new_search;
-use crate::resolve::search_entry;
+use crate::resolve::{MetamorphicCases, search_entry};
 
 /// Checks the evaluation settings of a plan against its target and space.
 pub(super) fn check_evaluate_in(
@@ -83,6 +83,21 @@ pub fn check_falsify(falsify: &FalsifyPlan, space: &Space) -> Result<bool, Misha
     search_entry(&falsify.search)?;
     let search = new_search(falsify, space)(0)?;
     Ok(search.needs_subformulas())
+}
+
+/// Checks the relations of a plan. `sources` is the space of the source cases and `known` the axes
+/// of the target.
+///
+/// # Errors
+/// If a number is out of its range, the name of an axis is unknown, or a relation cannot be tested.
+pub fn check_metamorphic(
+    table: &MetamorphicPlan,
+    sources: Space,
+    known: &[Axis],
+    seed: u64,
+) -> Result<(), MishandleError> {
+    check_batch(table.batch)?;
+    MetamorphicCases::new(table, sources, known, Seed(seed))?.check()
 }
 
 /// Checks the settings of an estimation against its space.

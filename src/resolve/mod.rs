@@ -13,6 +13,7 @@ pub(crate) mod guard;
 mod hint;
 mod import;
 mod kind;
+mod metamorphic;
 mod policy;
 mod randomness;
 mod recorded;
@@ -40,7 +41,7 @@ use crate::resolve::simulator::simulator_target;
 
 pub use axis_setting::with_settings;
 pub use catalog::{search_result, target_result, task_result};
-pub use check::{check_evaluate, check_falsify, check_risk};
+pub use check::{check_evaluate, check_falsify, check_metamorphic, check_risk};
 pub(crate) use controller::is_path;
 pub use controller::{controller_name, find_controller};
 pub use described::{described_target, described_warnings};
@@ -48,6 +49,7 @@ pub use first_file::first_target_file;
 pub use guard::monitor as guard_monitor;
 pub use import::{import_controller, is_onnx, onnx_policy, read_normalizer};
 pub use kind::{has_scene, is_python};
+pub use metamorphic::{MetamorphicCases, metamorphic_cases};
 pub use randomness::{depends_on_seed, space_depends_on_seed};
 pub(crate) use recorded::resolve_recorded;
 pub use recorded::{Moved, recorded_plan};
@@ -156,9 +158,13 @@ impl ResolvedPlan {
             }
             error => error.into(),
         })?;
-        let space = with_settings(space, &plan.axes, &target.axes)?;
         if plan.guard.is_some() && target.controller_signals.is_empty() {
             return Err(MishandleError::UnsupportedOption { target: plan.target, option: "a guard" });
+        }
+        let mut space = with_settings(space, &plan.axes, &target.axes)?;
+        if let Some(table) = &plan.metamorphic {
+            check_metamorphic(table, space.clone(), &target.axes, plan.seed)?;
+            space = metamorphic::space_of_both(table, &space, &target.axes)?;
         }
         let mut needs_subformulas = false;
         if let Some(evaluate) = &plan.evaluate {
@@ -252,6 +258,8 @@ fn check_screening(screening: &ScreeningPlan, plan: &Plan, target: &Target) -> R
         )
     } else if plan.margin.is_some() {
         ("the question of a screening", "margin".to_string(), "evaluate, falsify or risk")
+    } else if plan.metamorphic.is_some() {
+        ("the question of a screening", "metamorphic".to_string(), "evaluate, falsify or risk")
     } else if keeps_going {
         (
             "keep-going of a screened search",

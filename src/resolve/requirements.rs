@@ -38,10 +38,11 @@ pub(super) fn named_requirements(
 
 /// Returns the formula of the question of a plan; `None` for an evaluation, which has none.
 pub(super) fn table_formula(plan: &mut Plan) -> Option<&mut Option<String>> {
-    let Plan { falsify, margin, risk, .. } = plan;
+    let Plan { falsify, margin, metamorphic, risk, .. } = plan;
     let of_falsify = falsify.as_mut().map(|table| &mut table.formula);
     let of_margin = margin.as_mut().map(|table| &mut table.formula);
-    of_falsify.or(of_margin).or(risk.as_mut().map(|table| &mut table.formula))
+    let of_metamorphic = metamorphic.as_mut().map(|table| &mut table.formula);
+    of_falsify.or(of_margin).or(of_metamorphic).or(risk.as_mut().map(|table| &mut table.formula))
 }
 
 /// Returns the formula that holds if all requirements hold. Each is divided by its robustness in

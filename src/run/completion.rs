@@ -23,10 +23,12 @@ pub fn unfinished(run: &RunFile) -> Result<Option<String>, MishandleError> {
     let screened = plan.as_ref().is_some_and(|plan| plan.screening.is_some());
     let missing = match run.header().kind {
         // A device proposes simulations that are not rows.
-        RunKind::Evaluate | RunKind::Risk | RunKind::Margin if screened => {
+        RunKind::Evaluate | RunKind::Risk | RunKind::Margin | RunKind::Metamorphic if screened => {
             trials.is_empty().then(|| "it has no simulation".to_string())
         }
-        RunKind::Margin => trials.is_empty().then(|| "it has no simulation".to_string()),
+        RunKind::Margin | RunKind::Metamorphic => {
+            trials.is_empty().then(|| "it has no simulation".to_string())
+        }
         RunKind::Risk => {
             let planned = plan.and_then(|plan| plan.risk).map_or(1, |risk| risk.simulations);
             has(trials.iter().map(|found| found.counts.simulations).sum(), planned, "simulation")

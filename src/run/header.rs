@@ -60,6 +60,10 @@ fn settings(recorded: &Plan, given: &Plan) -> Vec<String> {
         found.compare("budget", &then.budget, &now.budget);
         found.compare("each-category", &then.each_category, &now.each_category);
     }
+    if let (Some(then), Some(now)) = (&recorded.metamorphic, &given.metamorphic) {
+        found.compare("pairs", &then.pairs, &now.pairs);
+        found.compare("relations", &then.relations, &now.relations);
+    }
     if let (Some(then), Some(now)) = (&recorded.risk, &given.risk) {
         found.compare("simulations", &then.simulations, &now.simulations);
         found.compare("method", &then.method, &now.method);

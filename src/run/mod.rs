@@ -1,9 +1,10 @@
 //! Runs: questions that simulations answer.
 //!
 //! [`ask`] asks the question of a plan: it evaluates, falsifies, searches for the smallest
-//! disturbance, or estimates the failure probability. It writes every simulation to a run file as
-//! soon as it ends, and continues a run that was interrupted. With [`Engine::Screening`], another
-//! physics engine proposes thousands of simulations; MuJoCo C gives every verdict.
+//! disturbance, compares pairs of scenarios, or estimates the failure probability. It writes every
+//! simulation to a run file as soon as it ends, and continues a run that was interrupted. With
+//! [`Engine::Screening`], another physics engine proposes thousands of simulations; MuJoCo C gives
+//! every verdict.
 
 mod again;
 mod builds;
@@ -49,8 +50,8 @@ pub(crate) use recorded::recorded_named;
 pub use recorded::{box_point, recorded_axes, recorded_scenario};
 pub use repeats::{RepeatedScenario, counterexample_repeats, failure_text, repeat_scenario};
 pub use result::{
-    evaluation_result, falsification_result, margin_result, risk_result, screened_evaluation_result,
-    screened_risk_result, simulation_result,
+    evaluation_result, falsification_result, margin_result, metamorphic_result, risk_result,
+    screened_evaluation_result, screened_risk_result, simulation_result,
 };
 pub use risk::{risk_assumption, risk_refusals, risk_scenarios};
 pub use screening::{Device, ScreenedEvaluationOutcome, screening};

@@ -81,8 +81,9 @@ fn simulations(plan: &Plan) -> f64 {
     let falsify = plan.falsify.as_ref().map(|table| f64::from(table.trials) * f64::from(table.budget));
     let evaluate = plan.evaluate.as_ref().map(|table| table.episodes as f64);
     let margin = plan.margin.as_ref().map(|table| table.budget as f64);
+    let metamorphic = plan.metamorphic.as_ref().map(|table| 2.0 * table.pairs as f64);
     let risk = plan.risk.as_ref().map(|table| table.simulations as f64);
-    falsify.or(margin).or(risk).or(evaluate).unwrap_or(0.0)
+    falsify.or(margin).or(metamorphic).or(risk).or(evaluate).unwrap_or(0.0)
 }
 
 /// Simulates probes.

@@ -6,8 +6,8 @@ use std::sync::atomic::Ordering;
 
 use mishandle_evaluation::{Corners, Repeats, ScreenedProgress};
 use mishandle_falsification::{
-    FalsificationOutcome, Margin, MarginSettings, Narrowed, Repeated, ScreenedCounts, each_category,
-    each_fault, margin, repeat, repeat_seeds,
+    FalsificationOutcome, Margin, MarginSettings, Metamorphic, Narrowed, Repeated, ScreenedCounts,
+    each_category, each_fault, margin, metamorphic, repeat, repeat_seeds,
 };
 use mishandle_random::Seed;
 use mishandle_risk::{Report, ScreenedReport, ScreenedSettings, screened_risk};
@@ -17,7 +17,9 @@ use mishandle_world::WorldDevice;
 
 use crate::error::MishandleError;
 use crate::plan::ScreeningPlan;
-use crate::resolve::{ResolvedPlan, depends_on_seed, space_depends_on_seed};
+use crate::resolve::{
+    MetamorphicCases, ResolvedPlan, depends_on_seed, metamorphic_cases, space_depends_on_seed,
+};
 use crate::run::evaluate::{self, EvaluationOutcome};
 use crate::run::falsify::{self, falsify};
 use crate::run::journal::{Journal, JournalScreening, JournalSystem, Numbering};
@@ -62,6 +64,8 @@ pub enum Answer {
     Falsification(FalsificationOutcome, Option<ScreenedCounts>),
     /// The smallest disturbance.
     Margin(MarginOutcome),
+    /// Pairs of scenarios.
+    Metamorphic(Metamorphic),
     /// The failure probability.
     Risk(Report),
     /// The failure probability by screening.
@@ -78,6 +82,7 @@ impl Answer {
                 !found.is_interrupted && found.trials.iter().all(|trial| trial.end.is_some())
             }
             Answer::Margin(found) => found.is_complete,
+            Answer::Metamorphic(found) => found.is_complete,
             Answer::Risk(found) => found.is_complete,
             Answer::ScreenedRisk(found) => found.is_complete,
         }
@@ -143,7 +148,7 @@ fn ask_directly(resolved: &ResolvedPlan, run: RunWriter, watch: Watch<'_>) -> Re
             Ok(Answer::Evaluation(evaluate::evaluate(resolved, run, watch)?))
         }
         RunKind::Falsify => Ok(Answer::Falsification(falsify(resolved, run, watch)?, None)),
-        RunKind::Margin | RunKind::Risk => {
+        RunKind::Margin | RunKind::Metamorphic | RunKind::Risk => {
             let journal = Journal::of_search(resolved, run)?;
             let answer = recorded(&journal, watch)?;
             let ended = ended(&answer);
@@ -164,6 +169,13 @@ fn recorded(journal: &Journal<'_>, watch: Watch<'_>) -> Result<Answer, Mishandle
         let watch = |simulations| watch(&Progress { simulations, max_simulations, ..Progress::default() });
         let found = risk::risk(resolved, &mut numbered(TRIAL)?, watch);
         return Ok(Answer::Risk(journal.result(found)?));
+    }
+    if plan.metamorphic.is_some() {
+        let MetamorphicCases { cases, relations, settings } = metamorphic_cases(resolved)?;
+        let max_simulations = settings.max_simulations(relations.len());
+        let watch = |simulations| watch(&Progress { simulations, max_simulations, ..Progress::default() });
+        let found = metamorphic(&mut journal.system(None)?, &cases, &relations, settings, watch);
+        return Ok(Answer::Metamorphic(journal.result(found)?));
     }
     let mut outcome = margins(journal, &mut numbered(TRIAL)?, &mut *watch)?;
     let max_simulations = outcome.simulations;
@@ -273,7 +285,7 @@ fn screened(
             let (outcome, counts) = journal.result(found)?;
             Ok(Answer::Falsification(outcome, Some(counts)))
         }
-        RunKind::Risk | RunKind::Margin => {
+        RunKind::Risk | RunKind::Margin | RunKind::Metamorphic => {
             let table =
                 resolved.plan.risk.as_ref().ok_or(MishandleError::MissingPlanTable { table: "risk" })?;
             let settings = ScreenedSettings {
@@ -313,6 +325,7 @@ fn ended(answer: &Answer) -> Vec<(u32, TrialStatus)> {
             let corners = found.corners.as_ref().map(|_| Corners::TRIAL);
             std::iter::once(evaluate::TRIAL).chain(corners).map(spent).collect()
         }
+        Answer::Metamorphic(found) if is_complete => found.trials().map(spent).collect(),
         Answer::Risk(_) | Answer::ScreenedRisk(_) if is_complete => vec![spent(TRIAL)],
         _ => Vec::new(),
     }

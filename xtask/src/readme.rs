@@ -28,6 +28,7 @@ const PAGES: [&str; 11] = [
     "docs/guide/online.md",
     "docs/guide/guard.md",
     "docs/guide/margin.md",
+    "docs/guide/metamorphic.md",
     "docs/guide/keep_going.md",
     "docs/guide/risk.md",
     "docs/guide/faults.md",

@@ -12,6 +12,7 @@ mod falsify;
 mod harden;
 mod man;
 mod margin;
+mod metamorphic;
 mod monitor;
 mod protocol;
 mod regress;
@@ -38,7 +39,7 @@ pub use regress::junit;
 
 /// The commands by what a person wants to do, in the order of the help. `help` is the parser's own.
 pub const GROUPS: [(&str, &[&str]); 6] = [
-    ("Find failures", &["falsify", "margin", "campaign"]),
+    ("Find failures", &["falsify", "margin", "metamorphic", "campaign"]),
     ("Measure", &["evaluate", "risk", "compare", "reproduce"]),
     ("Understand", &["explain", "simulate", "replay", "render", "report", "monitor"]),
     ("Keep", &["runs", "counterexamples", "regress", "export"]),
@@ -51,6 +52,7 @@ pub const GROUPS: [(&str, &[&str]); 6] = [
 pub enum Command {
     Falsify(falsify::Arguments),
     Margin(margin::Arguments),
+    Metamorphic(metamorphic::Arguments),
     Campaign(campaign::Arguments),
     Evaluate(evaluate::Arguments),
     Risk(risk::Arguments),
@@ -84,6 +86,7 @@ pub fn run(command: &Command, gpu: Option<&Device>, program: fn() -> clap::Comma
     match command {
         Command::Falsify(arguments) => falsify::run(arguments, gpu),
         Command::Margin(arguments) => margin::run(arguments),
+        Command::Metamorphic(arguments) => metamorphic::run(arguments),
         Command::Campaign(arguments) => campaign::run(arguments, gpu),
         Command::Evaluate(arguments) => evaluate::run(arguments, gpu),
         Command::Risk(arguments) => risk::run(arguments, gpu),

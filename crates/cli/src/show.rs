@@ -13,6 +13,7 @@ pub mod hardening;
 pub mod live_curve;
 pub mod log_verdicts;
 pub mod margin;
+pub mod metamorphic;
 pub mod mode_survey;
 pub mod modes;
 pub mod output;

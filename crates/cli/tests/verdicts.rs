@@ -127,7 +127,9 @@ fn tables_and_pages_have_no_verdict_instead_of_failures() {
 
 #[test]
 fn a_search_stops_if_its_first_simulations_all_fail_and_a_resumed_one_too() {
-    let searches = ["falsify --trials 3 --budget 300", "risk --simulations 5000", "margin --space scenarios"];
+    let change = "metamorphic --change a=*0.5";
+    let searches =
+        ["falsify --trials 3 --budget 300", "risk --simulations 5000", "margin --space scenarios", change];
     for (end, answer, gives_up) in ENDS.into_iter().filter(|(end, ..)| !matches!(*end, "crash" | "undecided"))
     {
         let bench = bench("True", answer);
@@ -135,7 +137,12 @@ fn a_search_stops_if_its_first_simulations_all_fail_and_a_resumed_one_too() {
             let budget = if gives_up {
                 ""
             } else {
-                [" --trials 2 --budget 30", " --simulations 200", " --budget 60"][number]
+                [
+                    " --trials 2 --budget 30",
+                    " --simulations 200",
+                    " --budget 60",
+                    " --change a=*0.5 --pairs 15",
+                ][number]
             };
             let search = if gives_up { search } else { search.split(' ').next().unwrap() };
             let space = if search == "margin" { " --space scenarios" } else { "" };

@@ -21,6 +21,28 @@ pub enum FalsificationError {
         /// Allowed values.
         expected: &'static str,
     },
+    /// A relation changes an axis in a way that does not fit it.
+    #[error("the change of the axis {axis} is {change}; it must be {expected}")]
+    Change {
+        /// Name of the axis.
+        axis: String,
+        /// The change.
+        change: String,
+        /// Allowed changes.
+        expected: String,
+    },
+    /// All follow-up cases of a relation are outside of the bounds of its axes.
+    #[error(
+        "the relation `{relation}` has no follow-up case in {pairs} pairs: all are outside of the bounds of its axes, {bounds}"
+    )]
+    NoFollowUp {
+        /// Name of the relation.
+        relation: String,
+        /// Number of pairs.
+        pairs: u64,
+        /// The bounds of the changed axes, in words.
+        bounds: String,
+    },
     /// The simulation is not a counterexample.
     #[error("the robustness of the simulation is {robustness}; a counterexample violates the requirement")]
     NotACounterexample {

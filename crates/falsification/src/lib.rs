@@ -10,6 +10,7 @@
 //! [`minimize`](minimize()) moves a counterexample toward the nominal scenario,
 //! [`repeat`](repeat()) simulates it with other seeds, and [`Repeated`] says how often.
 //! [`margin`](margin()) searches for the smallest disturbance that violates the requirement.
+//! [`metamorphic`](metamorphic()) compares the results of pairs of scenarios.
 //!
 //! # Example
 //! A system in closed form whose requirement is violated where x > 0.9:
@@ -44,6 +45,7 @@ mod falsification;
 mod isolate;
 mod keep_going;
 mod margin;
+mod metamorphic;
 mod minimize;
 mod modes;
 mod outcome;
@@ -59,6 +61,10 @@ pub use keep_going::{KeepGoing, SignatureOf, simulations_without_mode};
 pub use margin::{
     Margin, MarginSettings, Narrowed, Witness, category_axes, check_margin, distance, each_category,
     each_fault, has_margin, margin, norms,
+};
+pub use metamorphic::{
+    AxisChange, Case, Cases, Metamorphic, MetamorphicSettings, OutputRelation, Pair, Relation,
+    RelationOutcome, SmallestChange, metamorphic,
 };
 pub use minimize::{Minimized, axes_off_nominal, is_close, minimize, off_nominal};
 pub use modes::{

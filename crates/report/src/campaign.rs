@@ -52,6 +52,15 @@ impl Verdict {
                     share: Some(amplitude.map_or(0.0, |amplitude| 1.0 - 0.99 * amplitude)),
                 }
             }
+            Some(Answer::Metamorphic(found)) => {
+                let broken = found.relations.iter().filter(|relation| relation.broken > 0).count();
+                let rates = found.relations.iter().filter_map(|relation| relation.broken_rate.value);
+                Verdict {
+                    text: format!("{broken} of {} broken", plural(found.relations.len() as u64, "relation")),
+                    interval: None,
+                    share: Some(rates.fold(0.0, f64::max)),
+                }
+            }
             Some(Answer::Risk(found)) => {
                 let value = found.probability.as_ref().and_then(|answer| answer.value);
                 let text = match value {

@@ -28,6 +28,7 @@ mod log;
 mod map;
 mod margin;
 mod measure;
+mod metamorphic;
 mod modes;
 mod page;
 mod pictures;

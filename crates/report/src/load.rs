@@ -240,9 +240,10 @@ impl RunReport {
         })
     }
 
-    /// Adds the answer of a margin or a failure probability, which follows from the recorded
-    /// simulations and the target. `controller` is the present path of the run's controller, if the
-    /// file was moved. If the target of the run is not available, the page says so.
+    /// Adds the answer of a margin, a metamorphic test or a failure probability, which follows from
+    /// the recorded simulations and the target. `controller` is the present path of the run's
+    /// controller, if the file was moved. If the target of the run is not available, the page says
+    /// so.
     ///
     /// # Errors
     /// If the simulations are not those that the question asks.
@@ -278,9 +279,9 @@ impl RunReport {
         Ok(())
     }
 
-    /// Returns whether the run is a margin or a failure probability.
+    /// Returns whether the run is a margin, a metamorphic test or a failure probability.
     pub(crate) fn has_answer(&self) -> bool {
-        matches!(self.header.kind, RunKind::Margin | RunKind::Risk)
+        matches!(self.header.kind, RunKind::Margin | RunKind::Metamorphic | RunKind::Risk)
     }
 
     /// Says on the page that nothing was simulated, and why.

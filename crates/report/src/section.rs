@@ -6,7 +6,7 @@ use mishandle::store::{RunHeader, RunKind};
 
 use crate::html::{number, percent, short, text};
 use crate::load::RunReport;
-use crate::{curves, map, margin, modes, risk, sensitivity, survey, tables, words};
+use crate::{curves, map, margin, metamorphic, modes, risk, sensitivity, survey, tables, words};
 
 /// Returns the section of a run. `id` is its number on the page, from 1.
 pub fn section(report: &RunReport, id: usize) -> String {
@@ -23,6 +23,7 @@ pub fn section(report: &RunReport, id: usize) -> String {
     }
     out.push_str(&match &report.answer {
         Some(Answer::Margin(found)) => margin::section(report, found, id),
+        Some(Answer::Metamorphic(found)) => metamorphic::section(report, found, id),
         Some(Answer::Risk(found)) => risk::section(report, found, id),
         _ => String::new(),
     });
@@ -79,6 +80,7 @@ pub fn requirement(header: &RunHeader) -> String {
 fn tiles(report: &RunReport) -> String {
     let mut tiles = match &report.answer {
         Some(Answer::Margin(found)) => margin::tiles(found),
+        Some(Answer::Metamorphic(found)) => metamorphic::tiles(found),
         Some(Answer::Risk(found)) => risk::tiles(found),
         _ => simulation_tiles(report),
     };

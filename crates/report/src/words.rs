@@ -6,7 +6,7 @@ use mishandle::store::TrialStatus;
 
 use crate::html::{number, percent, short, text};
 use crate::load::{RunReport, Trial};
-use crate::{margin, risk};
+use crate::{margin, metamorphic, risk};
 
 /// Names of tasks and controllers are cut to this length.
 const NAME: usize = 60;
@@ -60,6 +60,7 @@ pub fn median(report: &RunReport) -> Option<u32> {
 pub fn headline(report: &RunReport) -> String {
     match &report.answer {
         Some(Answer::Margin(found)) => return margin::headline(report, found),
+        Some(Answer::Metamorphic(found)) => return metamorphic::headline(report, found),
         Some(Answer::Risk(found)) => return risk::headline(report, found),
         _ if report.has_answer() => return format!("{}: the answer is missing.", subject(report)),
         _ => {}
@@ -168,6 +169,7 @@ fn random_rate(report: &RunReport) -> Option<String> {
 pub fn meaning(report: &RunReport) -> Vec<String> {
     match &report.answer {
         Some(Answer::Margin(found)) => return margin::meaning(found),
+        Some(Answer::Metamorphic(found)) => return metamorphic::meaning(found),
         Some(Answer::Risk(found)) => return risk::meaning(found),
         _ if report.has_answer() => return Vec::new(),
         _ => {}

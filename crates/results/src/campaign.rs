@@ -1,7 +1,7 @@
 use schemars::JsonSchema;
 use serde::Serialize;
 
-use crate::{Evaluation, Falsification, Hardening, Margin, Risk};
+use crate::{Evaluation, Falsification, Hardening, Margin, Metamorphic, Risk};
 
 /// A grid of runs.
 #[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
@@ -19,7 +19,7 @@ pub struct Campaign {
 pub struct CampaignRun {
     /// Name of the run, and of its file, or of the folder of its hardening, without extension.
     pub name: String,
-    /// Kind of the run: `evaluate`, `falsify`, `margin`, `risk` or `harden`.
+    /// Kind of the run: `evaluate`, `falsify`, `margin`, `metamorphic`, `risk` or `harden`.
     pub kind: String,
     /// The document of that command, without `schema`.
     pub result: Answer,
@@ -36,6 +36,8 @@ pub enum Answer {
     Falsification(Box<Falsification>),
     /// That of `margin`.
     Margin(Box<Margin>),
+    /// That of `metamorphic`.
+    Metamorphic(Box<Metamorphic>),
     /// That of `risk`.
     Risk(Box<Risk>),
     /// That of `harden`.

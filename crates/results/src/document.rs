@@ -6,9 +6,9 @@ use serde::Serialize;
 
 use crate::{
     Campaign, Comparison, Controller, ControllerExport, ControllerImport, Counterexamples, Evaluation,
-    Explanation, Exports, Falsification, Hardening, LogExplanations, Margin, Masking, Monitor, MonitorChange,
-    ProtocolCheck, Regression, Replay, Risk, RunSummary, Search, Simulation, Tables, Target, Targets, Task,
-    Training, TrainingPlan, Verification,
+    Explanation, Exports, Falsification, Hardening, LogExplanations, Margin, Masking, Metamorphic, Monitor,
+    MonitorChange, ProtocolCheck, Regression, Replay, Risk, RunSummary, Search, Simulation, Tables, Target,
+    Targets, Task, Training, TrainingPlan, Verification,
 };
 
 /// Version of the documents. Within a version, keys are only added.
@@ -55,6 +55,7 @@ impl Document {
             Document::object::<Evaluation>("evaluate"),
             Document::object::<Falsification>("falsify"),
             Document::object::<Margin>("margin"),
+            Document::object::<Metamorphic>("metamorphic"),
             Document::object::<Risk>("risk"),
             Document::object::<Simulation>("simulate"),
             Document::object::<Campaign>("campaign"),

@@ -6,8 +6,8 @@
 //!
 //! - [`Subject`]: what was asked about: target, controller, noise, space. Most documents start with
 //!   it.
-//! - [`Evaluation`], [`Falsification`], [`Margin`], [`Risk`], [`Simulation`]: the answers to
-//!   questions.
+//! - [`Evaluation`], [`Falsification`], [`Margin`], [`Metamorphic`], [`Risk`], [`Simulation`]: the
+//!   answers to questions.
 //! - [`Explanation`], [`Masking`], [`Replay`], [`Counterexamples`], [`Regression`], [`Comparison`]:
 //!   about recorded simulations.
 //! - [`Campaign`], [`RunSummary`], [`Tables`], [`Verification`]: about several runs.
@@ -39,6 +39,7 @@ mod explanation;
 mod falsification;
 mod hardening;
 mod margin;
+mod metamorphic;
 mod modes;
 mod monitor;
 mod protocol;
@@ -75,6 +76,9 @@ pub use hardening::{
     Hardening, HardeningRound, ModeChange,
 };
 pub use margin::{CategoryMargin, Level, Margin, Norms, Witness};
+pub use metamorphic::{
+    BrokenPair, Metamorphic, MetamorphicRelation, PairCase, SmallestChange, SourceRange, VerdictCounts,
+};
 pub use modes::{Coverage, FailureMode, FirstInMode, FoundMode, Modes, UnseenModes};
 pub use monitor::{
     FirstViolation, LogPredicate, LogVerdict, LogViolation, Monitor, MonitorChange, WorstPart,

@@ -18,7 +18,7 @@ pub struct RunSummary {
 /// Contents of a run file.
 #[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
 pub struct RunFacts {
-    /// Kind of the run: `evaluate`, `falsify`, `margin` or `risk`.
+    /// Kind of the run: `evaluate`, `falsify`, `margin`, `metamorphic` or `risk`.
     pub kind: String,
     /// Name of the target.
     pub target: String,

@@ -9,16 +9,19 @@ pub enum RunKind {
     Evaluate,
     /// A search for the smallest disturbance that violates the requirement.
     Margin,
+    /// Relations between pairs of scenarios.
+    Metamorphic,
     /// An estimation of the failure probability.
     Risk,
 }
 
 impl RunKind {
     /// All kinds with their names, which are those of the commands and of the plan's tables.
-    pub const ALL: [(RunKind, &str); 4] = [
+    pub const ALL: [(RunKind, &str); 5] = [
         (RunKind::Evaluate, "evaluate"),
         (RunKind::Falsify, "falsify"),
         (RunKind::Margin, "margin"),
+        (RunKind::Metamorphic, "metamorphic"),
         (RunKind::Risk, "risk"),
     ];
 

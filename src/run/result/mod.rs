@@ -3,6 +3,7 @@
 mod evaluation;
 mod falsification;
 mod margin;
+mod metamorphic;
 mod risk;
 mod simulation;
 
@@ -17,6 +18,7 @@ use crate::run::{Answer, risk_scenarios};
 pub use evaluation::{evaluation_result, screened_evaluation_result};
 pub use falsification::falsification_result;
 pub use margin::margin_result;
+pub use metamorphic::metamorphic_result;
 pub use risk::{risk_result, screened_risk_result};
 pub(crate) use simulation::repeated_result;
 pub use simulation::simulation_result;
@@ -39,6 +41,9 @@ impl Answer {
                 falsification_result(resolved, found, counts.as_ref(), run),
             )),
             Answer::Margin(found) => results::Answer::Margin(Box::new(margin_result(resolved, found, run))),
+            Answer::Metamorphic(found) => {
+                results::Answer::Metamorphic(Box::new(metamorphic_result(resolved, found, run)?))
+            }
             Answer::Risk(report) => {
                 let scenarios = risk_scenarios(resolved)?;
                 results::Answer::Risk(Box::new(risk_result(resolved, &scenarios, report, run)))

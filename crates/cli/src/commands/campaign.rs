@@ -17,8 +17,8 @@ use crate::run::{self, grid, pages};
 use crate::show::progress::Bar;
 use crate::show::{campaign, escape, output};
 
-/// Run a grid of questions (evaluate, falsify, margin, risk) and hardenings: targets, controllers,
-/// spaces, formulas, searches, seeds
+/// Run a grid of questions (evaluate, falsify, margin, metamorphic, risk) and hardenings: targets,
+/// controllers, spaces, formulas, searches, seeds
 #[derive(Debug, Args)]
 #[command(after_help = "Examples:
   mishandle campaign campaign.toml --out runs/controllers
@@ -28,7 +28,8 @@ use crate::show::{campaign, escape, output};
 The campaign file is a plan in which keys may have lists of values: see docs/guide/campaigns.md.
 Each combination is a run with a run file in the folder; one of [harden] has a folder there, and
 beside it the accepted controller. Exit code 1 means that a violation was found by falsify, margin
-or risk, or that a hardening accepted no controller; 2 also that no simulation has a verdict.")]
+or risk, that a pair breaks a relation of metamorphic, or that a hardening accepted no controller; 2
+also that no simulation has a verdict.")]
 pub struct Arguments {
     /// Campaign file (TOML)
     #[arg(value_name = "FILE", required_unless_present = "resume")]
@@ -132,6 +133,7 @@ pub fn run(command: &Arguments, gpu: Option<&Device>) -> Result<ExitStatus> {
     let has_failed = found.runs.iter().any(|run| match &run.result {
         Answer::Falsification(found) => found.falsified_trials > 0,
         Answer::Margin(found) => found.witness.is_some(),
+        Answer::Metamorphic(found) => found.is_broken(),
         Answer::Risk(found) => !found.failures.is_empty(),
         Answer::Hardening(found) => found.after.is_none(),
         Answer::Evaluation(_) => false,
@@ -145,6 +147,7 @@ fn has_verdict(result: &Answer) -> bool {
         Answer::Falsification(found) => found.falsification_rate.value.is_some(),
         Answer::Evaluation(found) => found.metrics.success_rate.value.is_some(),
         Answer::Margin(found) => found.has_verdict(),
+        Answer::Metamorphic(found) => found.has_verdict(),
         Answer::Risk(found) => found.monte_carlo.failure_rate.value.is_some(),
         Answer::Hardening(found) => found.failure_probability.iter().any(|rate| rate.value.is_some()),
     }

@@ -1,0 +1,134 @@
+//! Relations between pairs of scenarios, as text.
+
+use mishandle::results::{BrokenPair, Metamorphic, MetamorphicRelation, Named, PairCase, SmallestChange};
+use mishandle_text::{decimal, plural};
+
+use super::{escape, output, reasons, scenario, subject};
+
+/// Largest number of broken pairs in the table of a relation.
+const MAX_PAIRS: usize = 5;
+
+/// Returns the relations, and for each broken one the worst pairs and the smallest change.
+pub fn text(found: &Metamorphic) -> String {
+    let header = [
+        "relation",
+        "change",
+        "holds",
+        "pairs",
+        "broken",
+        "rate",
+        "95 % interval",
+        "without a verdict",
+        "out of bounds",
+    ];
+    let row = |relation: &MetamorphicRelation| {
+        let [rate, low, high] = {
+            let estimate = &relation.broken_rate;
+            [estimate.value, estimate.low, estimate.high].map(|share| share.map_or("-".to_string(), percent))
+        };
+        vec![
+            escape::name(&relation.name).to_string(),
+            changes(&relation.change),
+            relation.holds.clone(),
+            relation.pairs.to_string(),
+            relation.broken.to_string(),
+            rate,
+            format!("[{low}, {high}]"),
+            relation.without_verdict.to_string(),
+            relation.out_of_bounds.to_string(),
+        ]
+    };
+    let header = header.map(String::from).to_vec();
+    let rows: Vec<Vec<String>> = std::iter::once(header).chain(found.relations.iter().map(row)).collect();
+    let broken = found.relations.iter().filter(|relation| relation.broken > 0);
+    let details: String = broken.map(|relation| format!("\n\n{}", details(found, relation))).collect();
+    let whole = |relation: &MetamorphicRelation| relation.broken == 0 && relation.broken_rate.n > 0;
+    let conclusion = match found.relations.iter().all(whole) {
+        true => "\n\nno pair breaks a relation; that is evidence, not a proof".to_string(),
+        false => String::new(),
+    };
+    format!(
+        "{}\nformula {}\n\n{}{details}{conclusion}{}",
+        subject::heading(&found.subject),
+        found.formula,
+        output::table(&rows),
+        reasons::text(found.reasons.as_deref())
+    )
+}
+
+/// Formats changes of axes.
+pub fn changes(change: &Named<String>) -> String {
+    let text = |(axis, change): &(String, String)| {
+        let sign = if change.starts_with(['+', '-', '*']) { " " } else { "" };
+        format!("{}{sign}{}", escape::name(axis), escape::name(change))
+    };
+    change.0.iter().map(text).collect::<Vec<_>>().join(", ")
+}
+
+/// Describes the pairs that break a relation.
+fn details(found: &Metamorphic, relation: &MetamorphicRelation) -> String {
+    let verdicts = &relation.verdicts;
+    let mut text = format!(
+        "{}: broken by {}. Verdicts: {} satisfied in both cases, {} violated in both, {} only in the follow-up case, {} only in \
+         the source case",
+        escape::name(&relation.name),
+        plural(relation.broken, "pair"),
+        verdicts.both_satisfied,
+        verdicts.both_violated,
+        verdicts.worse,
+        verdicts.better
+    );
+    let header = ["pair", "source", "follow-up", "difference", "source case"].map(String::from).to_vec();
+    let axes = &found.subject.space_axes;
+    let row = |pair: &BrokenPair| {
+        vec![
+            pair.pair.to_string(),
+            case(&pair.source),
+            case(&pair.follow_up),
+            decimal(pair.difference.0, 4),
+            scenario::summary(axes, &pair.source.scenario),
+        ]
+    };
+    let shown = relation.worst.iter().take(MAX_PAIRS).map(row);
+    let rows: Vec<Vec<String>> = std::iter::once(header).chain(shown).collect();
+    text.push_str(&format!("\n{}", output::table(&rows)));
+    if let Some(smallest) = &relation.smallest_change {
+        text.push_str(&format!("\n{}", smallest_text(found, smallest)));
+    }
+    text
+}
+
+/// Formats robustness and verdict of a case.
+fn case(case: &PairCase) -> String {
+    let verdict = match case.is_violated {
+        Some(true) => "violated",
+        Some(false) => "satisfied",
+        None => "no verdict",
+    };
+    case.robustness.map_or(verdict.to_string(), |rho| format!("{verdict} ({})", decimal(rho, 4)))
+}
+
+/// Says how much of the change is enough.
+fn smallest_text(found: &Metamorphic, smallest: &SmallestChange) -> String {
+    let change = |(axis, change): &(String, f64)| {
+        let facts = found.subject.space_axes.iter().find(|facts| facts.name == *axis);
+        let unit = facts.map_or(String::new(), |facts| match facts.unit.as_str() {
+            "" => String::new(),
+            unit => format!(" {}", escape::name(unit)),
+        });
+        let sign = if *change < 0.0 { "" } else { "+" };
+        format!("{} {sign}{}{unit}", escape::name(axis), decimal(*change, 4))
+    };
+    let changes: Vec<String> = smallest.change.0.iter().map(change).collect();
+    format!(
+        "from the source case of pair {}, {} of the change is enough: {} ({})",
+        smallest.pair,
+        percent(smallest.share),
+        changes.join(", "),
+        case(&smallest.follow_up)
+    )
+}
+
+fn percent(share: f64) -> String {
+    format!("{} %", decimal(100.0 * share, 1))
+}
