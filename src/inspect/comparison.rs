@@ -367,9 +367,9 @@ fn pair(a: Simulation, b: Simulation) -> Result<Pair, MishandleError> {
 
 /// Returns the reason why two runs cannot be compared; `None` if they can.
 fn problem(a: &RunHeader, b: &RunHeader) -> Option<String> {
-    if let Some((name, _)) = [("A", a), ("B", b)].iter().find(|(_, header)| header.kind != RunKind::Evaluate)
-    {
-        return Some(format!("{name} is a run of `falsify`; compare runs of `evaluate`"));
+    let is_other = |(_, header): &&(&str, &RunHeader)| header.kind != RunKind::Evaluate;
+    if let Some((name, header)) = [("A", a), ("B", b)].iter().find(is_other) {
+        return Some(format!("{name} is a run of `{}`; compare runs of `evaluate`", header.kind.name()));
     }
     let settings = |header: &RunHeader| -> Vec<(&'static str, String)> {
         let axes = header.axes.iter().map(|axis| (&axis.name, &axis.kind, axis.low, axis.high));

@@ -46,7 +46,7 @@ fn a_broken_pair_is_two_rows_that_replay() {
     assert_eq!(bench.json("metamorphic --resume run.sqlite --json", 1), found);
     let text = bench.check("report run.sqlite --out run.html", 0);
     let page = std::fs::read_to_string(bench.path("run.html")).unwrap();
-    assert!(page.contains("Pairs that break relation"), "{text}");
+    assert!(page.contains("Pairs that break change"), "{text}");
     // A follow-up case that fails is a counterexample as any other.
     let failing =
         relation["worst"].as_array().unwrap().iter().find(|pair| pair["follow_up"]["is_violated"] == true);

@@ -1,12 +1,14 @@
 //! The answer of relations between pairs of scenarios: the counts, the pairs, and the smallest
 //! changes that break a relation.
 
+use std::collections::{BTreeMap, BTreeSet};
+
 use mishandle::results::{BrokenPair, Metamorphic, MetamorphicRelation, Named, PairCase, SmallestChange};
 use mishandle_charts::{Chart, Mark, Panel, Series};
 use mishandle_text::plural;
 
 use crate::html::{figure, number, percent, short, table, text, visible};
-use crate::load::{Point, RunReport};
+use crate::load::RunReport;
 use crate::map::SIZE;
 use crate::space::{around, linear};
 use crate::{color, commands, words};
@@ -31,7 +33,8 @@ pub fn headline(report: &RunReport, found: &Metamorphic) -> String {
         (0, _) if !found.is_complete => format!("No broken relation of {subject} found so far."),
         (0, 1) => format!("No pair of {subject} breaks the relation."),
         (0, all) => format!("No pair of {subject} breaks one of the {all} relations."),
-        _ => format!("{subject} breaks {}.", broken.join(", ")),
+        (1, _) => format!("{subject} breaks the relation {}.", broken.join(", ")),
+        _ => format!("{subject} breaks the relations {}.", broken.join(", ")),
     }
 }
 
@@ -142,26 +145,31 @@ fn changes(change: &Named<String>) -> String {
 
 /// Draws the robustness of follow-up cases against that of their source cases.
 fn chart(report: &RunReport, relation: &MetamorphicRelation, index: u32) -> String {
-    let robustness = |point: &Point| point.robustness.filter(|rho| rho.is_finite());
-    let of_trial = |trial: u32| report.points.iter().filter(move |point| point.trial == trial);
-    let follow_up = |source: &Point| of_trial(SOURCES + index).find(|point| point.number == source.number);
-    let place =
-        |source: &Point| Some((source.number, [robustness(source)?, robustness(follow_up(source)?)?]));
-    let places: Vec<(u32, [f64; 2])> = of_trial(SOURCES).filter_map(place).collect();
-    let is_broken = |number: u32| relation.worst.iter().any(|pair| pair.pair == number);
-    let sorted = |broken: bool| {
-        let chosen = places.iter().filter(|(number, _)| is_broken(*number) == broken);
-        let mut points: Vec<[f64; 2]> = chosen.map(|(_, place)| *place).collect();
-        points.sort_by(|a, b| a[0].total_cmp(&b[0]));
-        points
+    let finite = |rho: Option<f64>| rho.filter(|rho| rho.is_finite());
+    let of_trial = |trial: u32| {
+        let points = report.points.iter().filter(move |point| point.trial == trial);
+        points.filter_map(|point| Some((point.number, finite(point.robustness)?))).collect::<BTreeMap<_, _>>()
     };
-    let range = around(places.iter().flat_map(|(_, place)| *place));
+    let follow_ups = of_trial(SOURCES + index);
+    // A large run has a part of its simulations on the page, but all of the worst pairs.
+    let worst: BTreeSet<u32> = relation.worst.iter().map(|pair| pair.pair).collect();
+    let sorted = |mut places: Vec<[f64; 2]>| {
+        places.sort_by(|a, b| a[0].total_cmp(&b[0]));
+        places
+    };
+    let place = |(number, source): (u32, f64)| Some([source, *follow_ups.get(&number)?]);
+    let others = of_trial(SOURCES).into_iter().filter(|(number, _)| !worst.contains(number));
+    let others = sorted(others.filter_map(place).collect());
+    let place =
+        |pair: &BrokenPair| Some([finite(pair.source.robustness)?, finite(pair.follow_up.robustness)?]);
+    let broken = sorted(relation.worst.iter().filter_map(place).collect());
+    let range = around(others.iter().chain(&broken).flat_map(|place| *place));
     let series = vec![
         Series::new(color::LIMIT, Mark::DashedLine, range.map(|rho| [rho, rho])),
         Series::new(color::LIMIT, Mark::ThinLine, range.map(|rho| [rho, 0.0])),
         Series::new(color::LIMIT, Mark::ThinLine, range.map(|rho| [0.0, rho])),
-        Series::new(color::PASS, Mark::Dot, sorted(false)),
-        Series::new(color::FAIL, Mark::Dot, sorted(true)),
+        Series::new(color::PASS, Mark::Dot, others),
+        Series::new(color::FAIL, Mark::Dot, broken),
     ];
     let panel = Panel {
         title: String::new(),

@@ -207,8 +207,8 @@ fn region_table(report: &RunReport, mode: &FailureMode) -> String {
         });
     } else if mode.axes.is_empty() && !has_random_rows(&report.header) {
         notes.push(
-            "A search chose these scenarios, so they cannot tell which axes matter. The failures are grouped by predicate, time and \
-             categories alone; the ranges say where the search looked."
+            "These scenarios were not all drawn at random, so they cannot tell which axes matter. The failures are grouped by \
+             predicate, time and categories alone; the ranges are those of the simulations."
                 .to_string(),
         );
     } else if mode.axes.is_empty() {

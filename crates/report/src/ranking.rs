@@ -90,7 +90,7 @@ impl Ranking {
         let all = format!("{} axes", self.axes.len());
         if !self.is_random {
             return format!(
-                "The space has {all}. A search chose the simulations by earlier results, so they cannot tell which axes have an effect \
+                "The space has {all}. The simulations were not all drawn at random, so they cannot tell which axes have an effect \
                  on {result}; the maps show the first {shown}. Random samples can tell: <code>mishandle evaluate</code>, or \
                  <code>--search random</code>."
             );

@@ -1,10 +1,10 @@
-//! Pages about margins and failure probabilities.
+//! Pages about margins, metamorphic relations and failure probabilities.
 
 #![allow(clippy::unwrap_used, reason = "tests")]
 
 use std::ops::ControlFlow;
 
-use mishandle::plan::{MarginPlan, RiskPlan};
+use mishandle::plan::{MarginPlan, MetamorphicPlan, RelationPlan, RiskPlan};
 use mishandle::results::Answer;
 use mishandle::run::{Engine, ask, create_run};
 use mishandle::store::RunFile;
@@ -63,6 +63,40 @@ fn the_page_of_a_margin_has_the_amplitudes_and_the_witness() {
     assert!(!html.contains("trials falsified"), "a margin has no trials");
 }
 
+/// Points of a square that move by 0.1 m, and stay where they are.
+fn moved_points() -> Plan {
+    let relation = |change: &str| {
+        let change = [("x".to_string(), change.to_string())].into();
+        RelationPlan { change, ..RelationPlan::default() }
+    };
+    let relations = [("moved".to_string(), relation("+0.1")), ("same".to_string(), relation("*1"))].into();
+    let metamorphic = Some(MetamorphicPlan { pairs: 400, relations, ..MetamorphicPlan::default() });
+    Plan { metamorphic, ..Plan::new("toy/sphere-2d", "") }
+}
+
+#[test]
+fn the_page_of_relations_has_the_broken_pairs_and_a_chart_of_each_relation() {
+    let (answer, html) = asked(&moved_points(), u64::MAX);
+    let Answer::Metamorphic(found) = answer else { panic!("{answer:?}") };
+    let moved = &found.relations[0];
+    let worst = &moved.worst[0];
+    check_parts(
+        &html,
+        &[
+            "toy/sphere-2d breaks the relation moved.",
+            "Pairs that break moved",
+            "Robustness of the pairs of same",
+            &format!("moved: {} follow-up cases out of bounds", moved.out_of_bounds),
+            &format!("--trial 1 --simulation {}", worst.pair),
+            &format!("--trial 2 --simulation {}", worst.pair),
+            "of the change is enough: x by",
+        ],
+    );
+    assert!(!html.contains("Pairs that break same") && !html.contains("trials falsified"));
+    let rows = html.split("Broken pairs, the largest").nth(2).unwrap().split("</table>").next().unwrap();
+    assert_eq!(rows.matches("<tr><td>").count() as u64, moved.broken.min(20), "{rows}");
+}
+
 #[test]
 fn the_page_of_a_probability_has_the_interval_and_what_it_assumes() {
     let risk = RiskPlan { simulations: 3000, ..RiskPlan::default() };
@@ -82,6 +116,7 @@ fn an_interrupted_run_has_a_page_that_says_so() {
     for plan in [
         car(Some(MarginPlan { budget: 300, ..MarginPlan::default() }), None),
         car(None, Some(RiskPlan { simulations: 3000, ..RiskPlan::default() })),
+        moved_points(),
     ] {
         let (_, html) = asked(&plan, 2);
         check_parts(&html, &["<strong>The run is not finished"]);

@@ -14,7 +14,7 @@ use crate::run::{self, question};
 use crate::show::{metamorphic, output};
 
 /// Name of the relation that flags give.
-const NAME: &str = "relation";
+const NAME: &str = "change";
 
 /// Compare pairs of scenarios: what must hold if a scenario is changed (metamorphic relations)
 #[derive(Debug, Args)]

@@ -112,7 +112,7 @@ fn row(entry: &RunSummary) -> Vec<String> {
         "falsify" => format!("falsified {} of {}", facts.falsified_trials, facts.trials),
         "margin" if facts.failures > 0 => "violation found".to_string(),
         "margin" => "no violation".to_string(),
-        "risk" => "asked".to_string(),
+        "metamorphic" | "risk" => "asked".to_string(),
         _ => "evaluated".to_string(),
     };
     vec![
