@@ -428,7 +428,7 @@ mod tests {
                 "\nbatch = 1",
                 "batch",
                 "seed, careful, requirements, evaluate, falsify",
-                "did you mean `evaluate.batch` or `falsify.batch` or `risk.batch`?",
+                "did you mean `evaluate.batch` or `falsify.batch` or `metamorphic.batch` or `risk.batch`?",
             ),
             (
                 "\naction_noise = 1",
