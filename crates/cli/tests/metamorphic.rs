@@ -113,3 +113,30 @@ fn a_relation_that_holds_ends_with_0_and_nothing_tested_with_2() {
     // The first command alone wrote a run file.
     assert_eq!(std::fs::read_dir(bench.path("runs")).unwrap().count(), 1);
 }
+
+#[test]
+fn a_mirrored_cart_pole_does_the_same_unless_its_policy_pushes_to_one_side() {
+    let bench = Bench::new();
+    bench.write(
+        "cartpole.xml",
+        "<mujoco><option timestep='0.005'/><worldbody><body><joint name='slide' type='slide' axis='1 0 0'/>\
+         <geom type='box' size='0.15 0.1 0.06' mass='1'/><body><joint name='hinge' axis='0 1 0'/>\
+         <geom type='capsule' fromto='0 0 0 0 0 0.6' size='0.02' mass='0.1'/></body></body></worldbody>\
+         <actuator><motor joint='slide' ctrlrange='-20 20' ctrllimited='true'/></actuator></mujoco>",
+    );
+    for (policy, code) in [("", 0), (" + 0.2", 1)] {
+        let file = format!(
+            "format = 1\nname = 'cartpole'\nmodel.file = 'cartpole.xml'\ncontrol = {{ period = 0.02, steps = 100 }}\n\
+             start = {{ hinge = 'tilt' }}\nobservation = {{ angle = \"qpos('hinge')\", rate = \"qvel('hinge')\" }}\n\
+             policy = {{ expression = '25 * angle + 4 * rate{policy}', action = 'action' }}\n\
+             signals = {{ angle_size = {{ value = \"abs(qpos('hinge'))\", unit = 'rad' }} }}\n\
+             axes = {{ tilt = {{ range = [-0.3, 0.3], unit = 'rad' }} }}\n\
+             formulas = {{ upright = 'always(angle_size <= 0.5)' }}\n"
+        );
+        bench.write("cartpole.toml", &file);
+        let command =
+            "metamorphic cartpole.toml --change tilt=*-1 --holds robustness-within:1e-9 --pairs 20 --json";
+        let found = bench.json(command, code);
+        assert_eq!(found["relations"][0]["broken_rate"]["n"], 20);
+    }
+}
