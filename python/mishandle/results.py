@@ -1350,6 +1350,8 @@ class Metamorphic:
     """Name of the controller; ``None`` without one."""
     controller_hash: str | None
     """Hash of what the controller does; ``None`` without one."""
+    guard: GuardFacts | None = None
+    """Guard of the controller; left out without one."""
     stochastic: bool
     """Whether actions are sampled from the policy's distribution."""
     action_noise: float
