@@ -290,6 +290,6 @@ impl Formula {
             other => other,
         };
         let nodes = nodes.map(&mut renumbered).collect();
-        Formula { signals, nodes, defined: Vec::new() }
+        Formula { signals, nodes, origins: Vec::new(), defined: Vec::new() }
     }
 }

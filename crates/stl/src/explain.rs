@@ -1,9 +1,9 @@
 //! Explanations of a formula: in mathematical symbols and in English.
 
-use crate::clock::{Clock, Window};
+use crate::clock::{Bound, Clock, Interval, Window};
 use crate::error::MonitorError;
 use crate::formula::{Formula, Node};
-use crate::number::write_number;
+use crate::number::{Shown, write_number};
 use crate::operator::Operator;
 use std::fmt;
 
@@ -25,12 +25,12 @@ impl Formula {
 
     /// Returns the formula in English, line by line; parts of a line above are indented.
     ///
-    /// Windows are given in steps and seconds. `unit` returns the unit of a signal, or "" if it has
-    /// none.
+    /// Windows are given in steps and seconds; as they are written, if the period is unknown.
+    /// `unit` returns the unit of a signal, or "" if it has none.
     ///
     /// # Errors
-    /// If the sampling period is unknown or not positive and finite, or an interval bound is not a
-    /// whole number of samples.
+    /// If the sampling period is not positive and finite, or an interval bound is not a whole
+    /// number of samples.
     ///
     /// # Example
     /// ```
@@ -47,9 +47,6 @@ impl Formula {
         unit: impl Fn(&str) -> &'a str,
     ) -> Result<Vec<String>, MonitorError> {
         clock.check()?;
-        if clock.period_secs().is_none() {
-            return Err(MonitorError::InvalidPeriod { period_secs: f64::NAN });
-        }
         let absolute = self.evaluated_at_start(time);
         // In postfix order the operands of an operator come before it, so deep nesting needs no
         // recursion.
@@ -64,7 +61,10 @@ impl Formula {
                     Phrase::value(name, Some(unit(name)))
                 }
                 Node::Apply(operator, interval) => {
-                    let window = clock.window(operator.name(), interval)?;
+                    let window = match clock.period_secs() {
+                        Some(_) => Span::Samples(clock.window(operator.name(), interval)?),
+                        None => Span::Written(interval),
+                    };
                     let last = phrases.pop().unwrap_or_default();
                     let first = if operator.arity() == 2 { phrases.pop() } else { None };
                     let applied = AppliedOperator { operator, window, clock, absolute };
@@ -94,13 +94,13 @@ impl Formula {
     }
 }
 
-/// Returns the mathematical symbol of an operator.
 /// Returns the spelling of the operator that [`Formula::symbols`] prints as this character.
 pub(crate) fn spelling_of_symbol(character: char) -> Option<&'static str> {
     let is_symbol = |operator: &Operator| symbol(*operator).chars().eq([character]);
     Operator::all().find(is_symbol).map(Operator::name)
 }
 
+/// Returns the mathematical symbol of an operator.
 fn symbol(operator: Operator) -> &'static str {
     match operator {
         Operator::Always => "□",
@@ -140,6 +140,8 @@ enum PhraseKind {
     Atom,
     /// A longer statement.
     Compound,
+    /// Two statements, each on lines of its own.
+    Pair,
     /// A conjunction of the parts.
     All,
     /// A disjunction of the parts.
@@ -180,10 +182,16 @@ impl Phrase {
         if in_parentheses { format!("({text})") } else { text }
     }
 
-    /// Turns the phrase into a statement: a number counts as true where it is positive.
+    /// Turns the phrase into a statement: a number counts as true from 0 on.
     fn statement(self) -> Phrase {
         if self.is_number() {
-            return Phrase::new(PhraseKind::Atom, vec![format!("{} is positive", self.number())]);
+            let always = match self.parts.first().and_then(|lines| lines.first()).map(String::as_str) {
+                Some("true") => Some("this always holds"),
+                Some("false") => Some("this never holds"),
+                _ => None,
+            };
+            let text = always.map_or_else(|| format!("{} is at least 0", self.number()), str::to_string);
+            return Phrase::new(PhraseKind::Atom, vec![text]);
         }
         self
     }
@@ -206,9 +214,18 @@ impl Phrase {
         std::iter::once(head.to_string()).chain(items).collect()
     }
 
-    /// Prefixes the statement with `head`.
+    /// Prefixes the statement with `head`. Of a pair, both statements belong below it.
     fn after(self, head: &str) -> Phrase {
-        let mut lines = self.statement().lines();
+        let phrase = self.statement();
+        let is_pair = phrase.kind == PhraseKind::Pair;
+        let mut lines = phrase.lines();
+        if is_pair {
+            let below = lines.into_iter().map(|line| format!("  {line}"));
+            return Phrase::new(
+                PhraseKind::Compound,
+                std::iter::once(head.to_string()).chain(below).collect(),
+            );
+        }
         if let Some(first) = lines.first_mut() {
             *first = format!("{head} {first}");
         }
@@ -218,7 +235,7 @@ impl Phrase {
     /// Joins two statements, each with its own prefix.
     fn pair(first: (&str, Phrase), last: (&str, Phrase)) -> Phrase {
         let lines = [first.1.after(first.0).lines(), last.1.after(last.0).lines()].concat();
-        Phrase::new(PhraseKind::Compound, lines)
+        Phrase::new(PhraseKind::Pair, lines)
     }
 
     /// Joins two statements into one enumeration. Enumerations of the same kind are merged.
@@ -231,10 +248,25 @@ impl Phrase {
     }
 }
 
+/// The window of an operator.
+#[derive(Clone, Copy)]
+enum Span {
+    Samples(Window),
+    /// As in the text, if the period is unknown.
+    Written(Option<Interval>),
+}
+
+/// A bound of a window in words, and in seconds.
+struct Moment {
+    text: String,
+    secs: Option<String>,
+    is_zero: bool,
+}
+
 /// An operator with its window, applied to phrases.
 struct AppliedOperator<'a> {
     operator: Operator,
-    window: Window,
+    window: Span,
     clock: &'a Clock,
     /// Whether the window counts from the first sample.
     absolute: bool,
@@ -248,10 +280,12 @@ impl AppliedOperator<'_> {
             Operator::Eventually => last.after(&format!("at some step {}:", self.ahead())),
             Operator::Historically => last.after(&format!("at every step {}:", self.behind())),
             Operator::Once => last.after(&format!("at some step {}:", self.behind())),
-            Operator::Next | Operator::StrongNext => last.after("one step later:"),
-            Operator::Previous | Operator::StrongPrevious => last.after("one step earlier:"),
-            Operator::Rise => last.after("this starts to hold:"),
-            Operator::Fall => last.after("this stops holding:"),
+            Operator::Next => last.after("one step later, if the trace has it:"),
+            Operator::StrongNext => last.after("the trace has a step later, and there:"),
+            Operator::Previous => last.after("one step earlier, if the trace has it:"),
+            Operator::StrongPrevious => last.after("the trace has a step earlier, and there:"),
+            Operator::Rise => last.after("this holds, and did not one step earlier:"),
+            Operator::Fall => last.after("this does not hold, but did one step earlier:"),
             Operator::Not => last.after("this does not hold:"),
             Operator::Negate => {
                 Phrase { unit: last.unit.clone(), ..Phrase::value(&format!("-{}", last.number()), None) }
@@ -280,12 +314,13 @@ impl AppliedOperator<'_> {
                 Phrase::pair((&head, last), ("unless this held at an earlier step:", first))
             }
             Operator::Unless => {
-                let head = format!("unless this has held at a step {}:", self.ahead());
-                Phrase::pair(("at every step:", first), (&head, last))
+                let (every, head) =
+                    (self.up_to_end(), format!("or only up to a step {} at which:", self.ahead()));
+                Phrase::pair((&format!("at every step {every}:"), first), (&head, last))
             }
             Operator::Since => {
                 let head = format!("at some step {}:", self.behind());
-                Phrase::pair((&head, last), ("and at every step since that one:", first))
+                Phrase::pair((&head, last), ("and at every later step up to then:", first))
             }
             Operator::LessOrEqual => compared(first, "is at most", last),
             Operator::GreaterOrEqual => compared(first, "is at least", last),
@@ -303,28 +338,73 @@ impl AppliedOperator<'_> {
         }
     }
 
+    /// Returns begin and end of the window; `None` for an end that is open.
+    fn bounds(&self) -> (Moment, Option<Moment>) {
+        let step = |step: usize| Moment {
+            text: step.to_string(),
+            secs: Some(self.seconds(step)),
+            is_zero: step == 0,
+        };
+        let written = |bound: Bound| Moment {
+            text: match bound.unit {
+                Some(unit) => format!("{} {unit}", Shown(bound.value)),
+                None => bound.to_string(),
+            },
+            secs: None,
+            is_zero: bound.value == 0.0,
+        };
+        match self.window {
+            Span::Samples(window) => (step(window.begin), (!window.is_unbounded()).then(|| step(window.end))),
+            Span::Written(None) => (Moment { text: String::new(), secs: None, is_zero: true }, None),
+            Span::Written(Some(Interval { begin, end })) => {
+                (written(begin), end.value.is_finite().then(|| written(end)))
+            }
+        }
+    }
+
     /// Describes the window of a future operator.
     fn ahead(&self) -> String {
-        let Window { begin, end } = self.window;
-        let time = |step| self.seconds(step);
-        match (self.absolute, begin, end) {
-            (true, 0, usize::MAX) => "of the trace".to_string(),
-            (true, _, usize::MAX) => format!("from {begin} ({}) on", time(begin)),
-            (true, ..) => format!("from {begin} to {end} ({} to {})", time(begin), time(end)),
-            (false, 0, usize::MAX) => "from then on".to_string(),
-            (false, _, usize::MAX) => format!("from {begin} later ({}) on", time(begin)),
-            (false, 0, _) => format!("from then to {end} later ({})", time(end)),
-            (false, ..) => format!("from {begin} to {end} later ({} to {})", time(begin), time(end)),
+        let (begin, end) = self.bounds();
+        match (self.absolute, end) {
+            (true, None) if begin.is_zero => "of the trace".to_string(),
+            (true, None) => format!("from {}{} on", begin.text, brackets(begin.secs)),
+            (true, Some(end)) => {
+                format!("from {} to {}{}", begin.text, end.text, brackets(range(begin.secs, end.secs)))
+            }
+            (false, None) if begin.is_zero => "from then on".to_string(),
+            (false, None) => format!("from {} later{} on", begin.text, brackets(begin.secs)),
+            (false, Some(end)) if begin.is_zero => {
+                format!("from then to {} later{}", end.text, brackets(end.secs))
+            }
+            (false, Some(end)) => {
+                let secs = range(begin.secs, end.secs);
+                format!("from {} to {} later{}", begin.text, end.text, brackets(secs))
+            }
+        }
+    }
+
+    /// Describes the steps up to the end of the window of a future operator.
+    fn up_to_end(&self) -> String {
+        let (_, end) = self.bounds();
+        match (self.absolute, end) {
+            (true, None) => "of the trace".to_string(),
+            (false, None) => "from then on".to_string(),
+            (true, Some(end)) => format!("up to {}{}", end.text, brackets(end.secs)),
+            (false, Some(end)) => format!("from then to {} later{}", end.text, brackets(end.secs)),
         }
     }
 
     /// Describes the window of a past operator.
     fn behind(&self) -> String {
-        let Window { begin, end } = self.window;
-        match (begin, end) {
-            (0, usize::MAX) => "up to then".to_string(),
-            (_, usize::MAX) => format!("up to {begin} earlier ({})", self.seconds(begin)),
-            _ => format!("from {end} to {begin} earlier ({} to {})", self.seconds(end), self.seconds(begin)),
+        let (begin, end) = self.bounds();
+        match end {
+            None if begin.is_zero => "up to then".to_string(),
+            None => format!("up to {} earlier{}", begin.text, brackets(begin.secs)),
+            Some(end) if begin.is_zero => format!("from {} earlier to then{}", end.text, brackets(end.secs)),
+            Some(end) => {
+                let secs = range(end.secs, begin.secs);
+                format!("from {} to {} earlier{}", end.text, begin.text, brackets(secs))
+            }
         }
     }
 
@@ -337,6 +417,15 @@ impl AppliedOperator<'_> {
         let short = if text.contains('.') { text.trim_end_matches('0').trim_end_matches('.') } else { &text };
         format!("{short} s")
     }
+}
+
+/// Returns a text in parentheses after a space.
+fn brackets(text: Option<String>) -> String {
+    text.map(|text| format!(" ({text})")).unwrap_or_default()
+}
+
+fn range(from: Option<String>, to: Option<String>) -> Option<String> {
+    Some(format!("{} to {}", from?, to?))
 }
 
 /// Returns the unit of a sum or comparison: the unit of both operands, or of one if the other is a
@@ -381,7 +470,7 @@ mod tests {
                 "  - this does not hold: v is more than 1 m",
             ],
         );
-        check("always[5:inf](p)", "□[5:inf] p", &["at every step from 5 (0.5 s) on: p is positive"]);
+        check("always[5:inf](p)", "□[5:inf] p", &["at every step from 5 (0.5 s) on: p is at least 0"]);
         let formula = Formula::parse("always[0:4](d <= 1)").unwrap();
         let words = formula.explain(&Clock::steps(1.0 / 60.0), EvaluationTime::Any, |_| "");
         assert_eq!(words.unwrap(), ["at every step from then to 4 later (0.067 s): d is at most 1"]);
@@ -411,6 +500,23 @@ mod tests {
                 "at some step from 0 to 9 (0 s to 0.9 s): b is less than 1 m",
                 "and at every step before that one: a is less than 1 m",
             ],
+        );
+    }
+
+    #[test]
+    fn windows_are_as_written_if_the_period_is_unknown() {
+        let words = |text: &str| {
+            let formula = Formula::parse(text).unwrap();
+            formula.explain(&Clock::unknown(), EvaluationTime::Start, |_| "").unwrap()
+        };
+        assert_eq!(words("always[0.5:2s](d <= 1)"), ["at every step from 0.5 s to 2 s: d is at most 1"]);
+        assert_eq!(
+            words("always (p >= 1 implies once[0:300ms] q >= 1)"),
+            [
+                "at every step of the trace:",
+                "  if this holds: p is at least 1",
+                "  then this: at some step from 300 ms earlier to then: q is at least 1",
+            ]
         );
     }
 

@@ -6,6 +6,7 @@ use crate::name::spelled;
 use crate::number::write_number;
 use crate::operator::{Operator, Shape};
 use crate::parser;
+use crate::syntax::Origin;
 use std::fmt;
 use std::str::FromStr;
 
@@ -60,6 +61,8 @@ pub struct Formula {
     pub(crate) signals: Vec<String>,
     /// In postfix order, so that deep nesting cannot overflow the call stack.
     pub(crate) nodes: Vec<Node>,
+    /// Where each node is in the text; empty for a formula without one.
+    pub(crate) origins: Vec<Origin>,
     /// All names that the text defines, whether used or not.
     pub(crate) defined: Vec<Definition>,
 }
@@ -84,7 +87,7 @@ impl Formula {
     /// # Errors
     /// [`ParseError`] with the position, what is allowed there and what was found.
     pub fn parse(text: &str) -> Result<Formula, ParseError> {
-        parser::parse(text)
+        parser::parse(text, &[])
     }
 
     /// Returns the distinct names of the signals in the formula, in the order of first appearance.

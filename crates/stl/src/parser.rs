@@ -8,6 +8,7 @@ use crate::lexer::{Kind, Token, tokens};
 use crate::name::{is_reserved, unescaped};
 use crate::operator::{Operator, Shape};
 use crate::spelling::nearest_within;
+use crate::syntax::{Origin, Parameter};
 use std::collections::{HashMap, HashSet};
 
 /// The maximum length of a text, bytes.
@@ -29,8 +30,8 @@ const OPERAND: &str = "a signal, a number, `(` or a prefix operator";
 const NO_INTERVAL: &str = "an operand; only always, eventually, historically, once, until, release, unless and since \
                            take an interval";
 
-/// Parses declarations, definitions and the final formula.
-pub(crate) fn parse(text: &str) -> Result<Formula, ParseError> {
+/// Parses declarations, definitions and the final formula. The names of parameters are constants.
+pub(crate) fn parse<'t>(text: &'t str, parameters: &'t [Parameter<'t>]) -> Result<Formula, ParseError> {
     if text.len() > MAX_TEXT {
         return Err(ParseError::TextTooLong {
             at: Position { line: 1, column: 1 },
@@ -49,17 +50,29 @@ pub(crate) fn parse(text: &str) -> Result<Formula, ParseError> {
         defined: Vec::new(),
         used: HashSet::new(),
         in_definition: false,
+        parameters,
     };
-    let nodes = parser.text()?;
+    for (index, parameter) in (0..).zip(parameters) {
+        let origin = Origin { parameter: Some(index), ..Origin::default() };
+        let constant =
+            Postfix { nodes: vec![Node::Constant(parameter.value)], max_depth: 1, ..Postfix::default() };
+        parser.named.insert(parameter.name, Postfix { origins: vec![origin], ..constant });
+    }
+    let Postfix { nodes, origins, .. } = parser.text()?;
     let used = &parser.used;
     let definition = |name: &&str| Definition { name: unescaped(name), is_used: used.contains(name) };
     let defined = parser.defined.iter().map(definition).collect();
-    Ok(with_own_signals(nodes, &parser.signals, defined))
+    Ok(with_own_signals(nodes, origins, &parser.signals, defined))
 }
 
 /// Creates the formula of these nodes. Its signals are numbered by first appearance; signals of
 /// unused definitions are dropped.
-fn with_own_signals(mut nodes: Vec<Node>, names: &[&str], defined: Vec<Definition>) -> Formula {
+fn with_own_signals(
+    mut nodes: Vec<Node>,
+    origins: Vec<Origin>,
+    names: &[&str],
+    defined: Vec<Definition>,
+) -> Formula {
     let mut own = vec![None; names.len()];
     let mut signals = Vec::new();
     for node in &mut nodes {
@@ -71,7 +84,7 @@ fn with_own_signals(mut nodes: Vec<Node>, names: &[&str], defined: Vec<Definitio
             });
         }
     }
-    Formula { signals, nodes, defined }
+    Formula { signals, nodes, origins, defined }
 }
 
 struct Parser<'t> {
@@ -90,6 +103,7 @@ struct Parser<'t> {
     in_definition: bool,
     /// The number of nodes of all named constants and sub-formulas.
     expanded: usize,
+    parameters: &'t [Parameter<'t>],
 }
 
 /// A formula under construction: nodes in postfix order, the current depth of the operand stack,
@@ -97,18 +111,23 @@ struct Parser<'t> {
 #[derive(Default)]
 struct Postfix {
     nodes: Vec<Node>,
+    /// Where each node comes from.
+    origins: Vec<Origin>,
     depth: usize,
     max_depth: usize,
     /// The number of nodes of the statements before.
     before: usize,
 }
 
+/// The parameters that are the bounds of an interval.
+type Bounds = [Option<u32>; 2];
+
 /// A formula, with the name before its `=` and the position of the name.
 type Statement<'t> = (Option<(&'t str, Position)>, Postfix);
 
 /// An operator or open bracket whose last operand is not complete.
 enum Pending {
-    Operator(Operator, Option<Interval>),
+    Operator(Operator, Option<Interval>, Origin),
     Parenthesis(Position),
     /// A call and the number of commas still expected.
     Call(Operator, usize, Position),
@@ -162,7 +181,7 @@ impl<'t> Parser<'t> {
     }
 
     /// Parses statements up to the end of the text; the last one is the formula.
-    fn text(&mut self) -> Result<Vec<Node>, ParseError> {
+    fn text(&mut self) -> Result<Postfix, ParseError> {
         loop {
             while self.accept(";") {}
             let Some((definition, formula)) = self.statement()? else {
@@ -174,7 +193,7 @@ impl<'t> Parser<'t> {
             let is_last = self.peek().kind == Kind::End;
             let Some((name, at)) = definition else {
                 return match () {
-                    () if is_last => Ok(formula.nodes),
+                    () if is_last => Ok(formula),
                     () if has_end => {
                         self.unexpected("the end of the formula; only the last statement may omit `name =`")
                     }
@@ -187,7 +206,7 @@ impl<'t> Parser<'t> {
             if is_last {
                 self.used.insert(name);
                 self.check_new(name, at)?;
-                return Ok(formula.nodes);
+                return Ok(formula);
             }
             self.define(name, at, formula)?;
         }
@@ -284,7 +303,7 @@ impl<'t> Parser<'t> {
         self.next += 1;
         self.defined.push(name);
         let mut formula = Postfix { before: self.expanded, ..Postfix::default() };
-        formula.push(&[Node::Constant(sign * value)], 1, at)?;
+        formula.push_one(Node::Constant(sign * value), at)?;
         self.define(name, at, formula)
     }
 
@@ -322,10 +341,10 @@ impl<'t> Parser<'t> {
             if self.can_end(&pending) && (self.peek().is_symbol("-") || self.is_name(0)) {
                 return self.ambiguous(self.peek());
             }
-            self.next += 1;
-            let interval = self.interval(operator)?;
+            let at = self.advance().at;
+            let (interval, bounds) = self.interval(operator)?;
             reduce(&mut operands, &mut pending, operator.precedence());
-            pending.push(Pending::Operator(operator, interval));
+            pending.push(Pending::Operator(operator, interval, Origin { bounds, ..Origin::at(at) }));
         }
         self.finish(&mut operands, &mut pending)?;
         Ok(operands)
@@ -358,7 +377,7 @@ impl<'t> Parser<'t> {
             let text = match token.kind {
                 Kind::Number(value) => {
                     self.next += 1;
-                    return operands.push(&[Node::Constant(value)], 1, token.at);
+                    return operands.push_one(Node::Constant(value), token.at);
                 }
                 Kind::Symbol("(") => {
                     self.next += 1;
@@ -372,8 +391,9 @@ impl<'t> Parser<'t> {
             };
             if let Some(operator) = Operator::by_spelling(text, Shape::Prefix) {
                 self.next += 1;
-                let interval = self.interval(operator)?;
-                pending.push(Pending::Operator(operator, interval));
+                let (interval, bounds) = self.interval(operator)?;
+                let origin = Origin { bounds, ..Origin::at(token.at) };
+                pending.push(Pending::Operator(operator, interval, origin));
             } else if let Some(operator) = self.call() {
                 self.next += 1;
                 // The name `ln`, or the function.
@@ -405,19 +425,19 @@ impl<'t> Parser<'t> {
         };
         if let Some(value) = truth {
             self.next += 1;
-            return operands.push(&[Node::Constant(value)], 1, token.at);
+            return operands.push_one(Node::Constant(value), token.at);
         }
         let Some(name) = token.name() else { return self.no_operand() };
         self.next += 1;
         if let Some(part) = self.named.get(name) {
             self.used.insert(name);
-            return operands.push(&part.nodes, part.max_depth, token.at);
+            return operands.push(part, token.at);
         }
         let (index, _) = *self.indices.entry(name).or_insert_with(|| {
             self.signals.push(name);
             (self.signals.len() as u32 - 1, token.at)
         });
-        operands.push(&[Node::Signal(index)], 1, token.at)
+        operands.push_one(Node::Signal(index), token.at)
     }
 
     /// Consumes a `)` that closes a parenthesis or a call of this formula.
@@ -431,8 +451,12 @@ impl<'t> Parser<'t> {
         }
         reduce(operands, pending, 0);
         match pending.pop() {
-            Some(Pending::Parenthesis(_)) => {}
-            Some(Pending::Call(operator, 0, _)) => operands.apply(operator, None),
+            Some(Pending::Parenthesis(_)) => {
+                if let Some(origin) = operands.origins.last_mut() {
+                    origin.in_parentheses = true;
+                }
+            }
+            Some(Pending::Call(operator, 0, at)) => operands.apply(operator, None, Origin::at(at)),
             Some(Pending::Call(operator, ..)) => {
                 return self.unexpected(format!("`,` and another operand of `{}`", operator.name()));
             }
@@ -523,13 +547,13 @@ impl<'t> Parser<'t> {
             || self.in_definition && token.starts_line && starts_statement(token)
     }
 
-    /// Parses the optional interval of `operator`.
-    fn interval(&mut self, operator: Operator) -> Result<Option<Interval>, ParseError> {
+    /// Parses the optional interval of `operator`, and returns the parameters that are its bounds.
+    fn interval(&mut self, operator: Operator) -> Result<(Option<Interval>, Bounds), ParseError> {
         let at = self.peek().at;
         if !operator.takes_interval() || !self.accept("[") {
-            return Ok(None);
+            return Ok((None, [None; 2]));
         }
-        let mut begin = self.bound()?;
+        let (mut begin, begin_parameter) = self.bound()?;
         if !begin.value.is_finite() {
             self.next -= 1;
             return self.unexpected("a finite begin");
@@ -538,7 +562,7 @@ impl<'t> Parser<'t> {
             let unit = if begin.unit.is_none() { "a unit (s, ms, us, ns), " } else { "" };
             return self.unexpected(format!("{unit}`:` or `,` and the interval's end"));
         }
-        let mut end = self.bound()?;
+        let (mut end, end_parameter) = self.bound()?;
         if end.value.is_infinite() {
             end.unit = begin.unit;
         }
@@ -555,17 +579,20 @@ impl<'t> Parser<'t> {
             let (begin, end) = (begin.to_string(), end.to_string());
             return Err(ParseError::BeginAfterEnd { at, begin, end });
         }
-        Ok(Some(interval))
+        Ok((Some(interval), [begin_parameter, end_parameter]))
     }
 
     /// Parses a bound: a number, a constant or `inf`, with an optional unit.
-    fn bound(&mut self) -> Result<Bound, ParseError> {
+    fn bound(&mut self) -> Result<(Bound, Option<u32>), ParseError> {
+        let mut parameter = None;
         let value = match self.peek().kind {
             Kind::Number(value) => Some(value),
             Kind::Word(name) | Kind::Quoted(name) => {
-                match self.named.get(name).map(|part| part.nodes.as_slice()) {
+                let named = self.named.get(name);
+                match named.map(|part| part.nodes.as_slice()) {
                     Some([Node::Constant(value)]) => {
                         self.used.insert(name);
+                        parameter = named.and_then(|part| part.origins.first()?.parameter);
                         Some(*value)
                     }
                     Some(_) => None,
@@ -580,7 +607,8 @@ impl<'t> Parser<'t> {
         self.next += 1;
         let unit = TimeUnit::ALL.into_iter().find(|unit| self.at_word(unit.symbol()));
         self.next += usize::from(unit.is_some());
-        Ok(Bound { value, unit })
+        let own = parameter.and_then(|index| self.parameters[index as usize].unit);
+        Ok((Bound { value, unit: unit.or(own) }, parameter))
     }
 }
 
@@ -591,41 +619,66 @@ impl Postfix {
         self.nodes.iter().all(|node| is_finite(node) || matches!(node, Node::Apply(..)))
     }
 
-    /// Appends an operand that itself needs a stack depth of `depth`.
-    fn push(&mut self, nodes: &[Node], depth: usize, at: Position) -> Result<(), ParseError> {
-        self.max_depth = self.max_depth.max(self.depth + depth);
-        if self.max_depth > MAX_STACK_DEPTH {
-            return Err(ParseError::TooDeep { at, limit: MAX_STACK_DEPTH });
-        }
-        if self.before + self.nodes.len() + nodes.len() > MAX_NODES {
-            return Err(ParseError::TooLong { at, limit: MAX_NODES });
-        }
-        self.nodes.extend_from_slice(nodes);
+    /// Appends a signal or a number.
+    fn push_one(&mut self, node: Node, at: Position) -> Result<(), ParseError> {
+        self.check(1, 1, at)?;
+        self.nodes.push(node);
+        self.origins.push(Origin::at(at));
         self.depth += 1;
         Ok(())
     }
 
+    /// Appends a named constant or sub-formula.
+    fn push(&mut self, part: &Postfix, at: Position) -> Result<(), ParseError> {
+        self.check(part.max_depth, part.nodes.len(), at)?;
+        self.nodes.extend_from_slice(&part.nodes);
+        self.origins.extend_from_slice(&part.origins);
+        if let Some(last) = self.origins.last_mut() {
+            // The name stands where the parentheses would.
+            *last = Origin { at: Some(at), in_parentheses: true, ..*last };
+        }
+        self.depth += 1;
+        Ok(())
+    }
+
+    /// Checks the limits before an operand of `nodes` nodes that itself needs a stack depth of
+    /// `depth`.
+    fn check(&mut self, depth: usize, nodes: usize, at: Position) -> Result<(), ParseError> {
+        self.max_depth = self.max_depth.max(self.depth + depth);
+        if self.max_depth > MAX_STACK_DEPTH {
+            return Err(ParseError::TooDeep { at, limit: MAX_STACK_DEPTH });
+        }
+        if self.before + self.nodes.len() + nodes > MAX_NODES {
+            return Err(ParseError::TooLong { at, limit: MAX_NODES });
+        }
+        Ok(())
+    }
+
     /// Applies an operator to the last operands. The minus sign of a constant becomes part of the
-    /// constant.
-    fn apply(&mut self, operator: Operator, interval: Option<Interval>) {
-        if let (Operator::Negate, Some(Node::Constant(value))) = (operator, self.nodes.last_mut()) {
+    /// constant, unless it is a parameter.
+    fn apply(&mut self, operator: Operator, interval: Option<Interval>, origin: Origin) {
+        let is_parameter = self.origins.last().is_some_and(|last| last.parameter.is_some());
+        if let (Operator::Negate, Some(Node::Constant(value)), false) =
+            (operator, self.nodes.last_mut(), is_parameter)
+        {
             *value = -*value;
             return;
         }
         self.depth -= operator.arity() - 1;
         self.nodes.push(Node::Apply(operator, interval));
+        self.origins.push(origin);
     }
 }
 
 /// Applies the pending operators that bind at least as tightly as `precedence`, up to the innermost
 /// open bracket.
 fn reduce(operands: &mut Postfix, pending: &mut Vec<Pending>, precedence: u8) {
-    while let Some(&Pending::Operator(operator, interval)) = pending.last() {
+    while let Some(&Pending::Operator(operator, interval, origin)) = pending.last() {
         if operator.precedence() < precedence {
             break;
         }
         pending.pop();
-        operands.apply(operator, interval);
+        operands.apply(operator, interval, origin);
     }
 }
 

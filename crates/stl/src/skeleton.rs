@@ -60,11 +60,11 @@ impl Formula {
             }
         }
         let signals = (1..=predicates.len()).map(|number| format!("predicate_{number}")).collect();
-        (Formula { signals, nodes, defined: Vec::new() }, predicates)
+        (Formula { signals, nodes, origins: Vec::new(), defined: Vec::new() }, predicates)
     }
 
     /// Returns the sub-formula of these nodes.
-    fn part(&self, first: usize, last: usize) -> Formula {
+    pub(crate) fn part(&self, first: usize, last: usize) -> Formula {
         let mut signals: Vec<String> = Vec::new();
         let mut own = |node: &Node| match node {
             Node::Signal(signal) => {
@@ -78,7 +78,7 @@ impl Formula {
             other => *other,
         };
         let nodes = self.nodes[first..=last].iter().map(&mut own).collect();
-        Formula { signals, nodes, defined: Vec::new() }
+        Formula { signals, nodes, origins: Vec::new(), defined: Vec::new() }
     }
 }
 

@@ -158,7 +158,8 @@ fn cut(formula: &Formula) -> Formula {
     let mut signals = formula.signals.clone();
     let inside = Node::Signal(signals.len() as u32);
     signals.push(SIGNAL.to_owned());
-    let mut cut = Formula { signals, nodes: Vec::new(), defined: formula.defined.clone() };
+    let mut cut =
+        Formula { signals, nodes: Vec::new(), origins: Vec::new(), defined: formula.defined.clone() };
     // The first nodes of the operands so far.
     let mut starts: Vec<usize> = Vec::new();
     for node in &formula.nodes {
