@@ -424,6 +424,233 @@ class MonitorChange:
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
+class FormulaHorizon:
+    """The part of a trace that decides a formula at time 0."""
+
+    samples: int | None
+    """Number of samples; ``None`` if the sampling period is unknown and the formula has times."""
+    seconds: float | None
+    """Time of the last one in seconds; ``None`` if the sampling period is unknown and the
+    formula counts samples."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class FormulaTrap:
+    """A place of a formula that often means something else than its author thinks."""
+
+    name: str
+    """Name of the trap, such as ``vacuous-implication``."""
+    severity: str
+    """``warning``, or ``note`` for one that is often intended. ``--strict`` counts warnings."""
+    line: int | None
+    """Line of the text, from 1; ``None`` if it concerns the whole formula."""
+    column: int | None
+    """Column of the text in characters, from 1."""
+    formula: str
+    """The sub-formula."""
+    why: str
+    """Its meaning, and why it is often not intended."""
+    instead: str | None
+    """Advice; ``None`` without a general one."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class FormulaExample:
+    """A formula and its sub-formulas on a trace."""
+
+    kind: str
+    """``log``, ``episode`` (of a target), ``found`` (by a search for an example), or ``pattern``
+    (that of a pattern)."""
+    name: str
+    """Name of the log or of the target; ``satisfied`` or ``violated`` for an example."""
+    robustness: float
+    """Robustness at time 0."""
+    violated: bool
+    """Whether the formula is violated."""
+    samples: int
+    """Number of samples."""
+    period: float | None
+    """Sampling period in seconds; ``None`` if it is unknown."""
+    values: tuple[FormulaValues, ...] | None = None
+    """Values of the signals of the formula over time, for examples that were made for it."""
+    lanes: tuple[FormulaLane, ...]
+    """The formula and its sub-formulas, depth first."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class FormulaValues:
+    """The values of a signal of an example."""
+
+    signal: str
+    """Name."""
+    values: tuple[float, ...]
+    """Values, one for each sample."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class FormulaLane:
+    """A sub-formula over a trace."""
+
+    formula: str
+    """The sub-formula."""
+    depth: int
+    """Its depth: 0 for the formula itself."""
+    spans: tuple[LaneSpan, ...]
+    """When it holds, is violated, or is not decided, in the order of time."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class LaneSpan:
+    """Samples of the same state."""
+
+    state: str
+    """``holds``, ``violated``, or ``undecided``: a window of the sub-formula reaches beyond the
+    end of the trace."""
+    first: int
+    """First sample, from 0."""
+    last: int
+    """Last sample."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class FormulaDescription:
+    """A formula: in words, its traps, and what it says about traces."""
+
+    pattern: str | None
+    """Name of the pattern that it comes from; ``None`` without one."""
+    formula: str
+    """Formula."""
+    parenthesized: str
+    """The formula with parentheses around every operand, so that the precedence is visible."""
+    symbols: str
+    """The formula in mathematical symbols."""
+    words: tuple[str, ...]
+    """The formula in English, line by line; parts of a line above are indented. Empty if it has
+    too many operators."""
+    signals: tuple[Signal, ...]
+    """Signals that it reads, with their units."""
+    period: float | None
+    """Sampling period in seconds; ``None`` if it is unknown."""
+    horizon: FormulaHorizon | None
+    """The part of a trace that decides it at time 0; ``None`` if it depends on all samples up to
+    the end."""
+    traps: tuple[FormulaTrap, ...]
+    """The known traps in it."""
+    examples: tuple[FormulaExample, ...]
+    """Its verdict on traces: the logs or the nominal episode, otherwise traces that were found
+    for it."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class PatternParameter:
+    """A parameter of a pattern."""
+
+    name: str
+    """Name."""
+    kind: str
+    """``condition`` (a formula), ``signal`` (a number over time), ``number`` or ``time``."""
+    default: str | None
+    """Default; ``None`` if it must be set."""
+    meaning: str
+    """Meaning."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class RequirementPattern:
+    """A named pattern of requirements."""
+
+    name: str
+    """Name."""
+    summary: str
+    """The requirement in one sentence."""
+    formula: str
+    """Formula, with its parameters in braces."""
+    parameters: tuple[PatternParameter, ...]
+    """Its parameters."""
+    source: str
+    """Where it comes from."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class MinedParameter:
+    """A parameter of a formula."""
+
+    name: str
+    """Name."""
+    low: float
+    """Least value of its range."""
+    high: float
+    """Greatest value of its range."""
+    unit: str | None
+    """Unit of a bound of a window: ``s``, ``ms``, ``us`` or ``ns``; ``None`` for a number, and
+    for a bound that counts samples."""
+    tightest: str
+    """Whether the least or the greatest value is the tightest: ``low`` or ``high``."""
+    resolution: float | None
+    """Step of the values; ``None`` if they are exact to the next number."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class MinedPoint:
+    """Values of the parameters for which the traces satisfy the formula."""
+
+    values: tuple[float, ...]
+    """Values, in the order of the parameters."""
+    formula: str
+    """Formula with these values."""
+    robustness: float
+    """Least robustness of the traces that satisfy it."""
+    satisfied: int
+    """Number of traces that satisfy it."""
+    support: int
+    """Number of those that support it: in the others, the condition of an implication never
+    holds."""
+    decisive: str | None
+    """The trace with the least robustness of those that satisfy it, which decides the values."""
+    decisive_time: float | None
+    """The time at which it decides in seconds, or its sample if it has no times."""
+    decisive_sample: int | None
+    """The sample at which it decides."""
+    violated_if_tighter: tuple[int | None, ...]
+    """For each parameter, how many traces more violate the formula if it alone is one step
+    tighter; ``None`` at the end of its range."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class MinedTrace:
+    """The tightest value of a parameter for one trace."""
+
+    name: str
+    """Name of the trace."""
+    value: float | None
+    """The value; ``None`` if the trace violates the formula with the loosest one."""
+    supports: bool
+    """Whether the condition of each implication holds at some sample with the mined value."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Mining:
+    """The tightest values of the parameters of a formula for which logs or runs satisfy it."""
+
+    formula: str
+    """Formula as given, with the names of its parameters."""
+    parameters: tuple[MinedParameter, ...]
+    """The parameters."""
+    traces: int
+    """Number of traces."""
+    share: float
+    """Share of the traces that must satisfy the formula."""
+    outcome: str
+    """``found``; ``loosest-fails``: too few traces satisfy the formula with the loosest values;
+    ``tightest-holds``: they satisfy it with the tightest values, so that the ranges decide."""
+    points: tuple[MinedPoint, ...]
+    """The tightest values; with several parameters, the Pareto front. Empty if the loosest
+    values fail."""
+    per_trace: tuple[MinedTrace, ...]
+    """Per trace, the tightest value of the only parameter. Empty with several parameters."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
 class GuardFacts:
     """A guard: an online monitor of the controller, and who acts instead of it."""
 

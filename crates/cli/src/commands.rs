@@ -9,10 +9,12 @@ mod evaluate;
 mod explain;
 mod export;
 mod falsify;
+mod formula;
 mod harden;
 mod man;
 mod margin;
 mod metamorphic;
+mod mine;
 mod monitor;
 mod protocol;
 mod regress;
@@ -41,7 +43,7 @@ pub use regress::junit;
 pub const GROUPS: [(&str, &[&str]); 6] = [
     ("Find failures", &["falsify", "margin", "metamorphic", "campaign"]),
     ("Measure", &["evaluate", "risk", "compare", "reproduce"]),
-    ("Understand", &["explain", "simulate", "replay", "render", "report", "monitor"]),
+    ("Understand", &["explain", "simulate", "replay", "render", "report", "monitor", "formula", "mine"]),
     ("Keep", &["runs", "counterexamples", "regress", "export"]),
     ("Train", &["train", "harden", "controller"]),
     ("Look up", &["tasks", "targets", "target", "searches", "protocol", "completions", "man", "help"]),
@@ -64,6 +66,8 @@ pub enum Command {
     Render(render::Arguments),
     Report(report::Arguments),
     Monitor(monitor::Arguments),
+    Formula(formula::Arguments),
+    Mine(mine::Arguments),
     Runs(runs::Arguments),
     Counterexamples(counterexamples::Arguments),
     Regress(regress::Arguments),
@@ -98,6 +102,8 @@ pub fn run(command: &Command, gpu: Option<&Device>, program: fn() -> clap::Comma
         Command::Render(arguments) => render::run(arguments),
         Command::Report(arguments) => report::run(arguments),
         Command::Monitor(arguments) => monitor::run(arguments),
+        Command::Formula(arguments) => formula::run(arguments),
+        Command::Mine(arguments) => mine::run(arguments),
         Command::Runs(arguments) => runs::run(arguments),
         Command::Counterexamples(arguments) => counterexamples::run(arguments),
         Command::Regress(arguments) => regress::run(arguments),

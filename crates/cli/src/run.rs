@@ -3,6 +3,7 @@
 
 pub mod counterexample;
 mod file;
+pub mod formula_context;
 pub mod grid;
 pub mod log_question;
 pub mod logs;

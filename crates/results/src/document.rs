@@ -6,9 +6,9 @@ use serde::Serialize;
 
 use crate::{
     Campaign, Comparison, Controller, ControllerExport, ControllerImport, Counterexamples, Evaluation,
-    Explanation, Exports, Falsification, Hardening, LogExplanations, Margin, Masking, Metamorphic, Monitor,
-    MonitorChange, ProtocolCheck, Regression, Replay, Risk, RunSummary, Search, Simulation, Tables, Target,
-    Targets, Task, Training, TrainingPlan, Verification,
+    Explanation, Exports, Falsification, FormulaDescription, Hardening, LogExplanations, Margin, Masking,
+    Metamorphic, Mining, Monitor, MonitorChange, ProtocolCheck, Regression, Replay, RequirementPattern, Risk,
+    RunSummary, Search, Simulation, Tables, Target, Targets, Task, Training, TrainingPlan, Verification,
 };
 
 /// Version of the documents. Within a version, keys are only added.
@@ -52,6 +52,9 @@ impl Document {
             Document::object::<ProtocolCheck>("protocol check"),
             Document::object::<Monitor>("monitor"),
             Document::object::<MonitorChange>("monitor --follow"),
+            Document::object::<FormulaDescription>("formula"),
+            Document::array::<RequirementPattern>("formula --patterns"),
+            Document::object::<Mining>("mine"),
             Document::object::<Evaluation>("evaluate"),
             Document::object::<Falsification>("falsify"),
             Document::object::<Margin>("margin"),

@@ -13,6 +13,7 @@
 //! - [`Campaign`], [`RunSummary`], [`Tables`], [`Verification`]: about several runs.
 //! - [`Training`], [`TrainingPlan`], [`Hardening`], [`Controller`]: about controllers.
 //! - [`Task`], [`Targets`], [`Target`], [`Search`]: what can be named.
+//! - [`FormulaDescription`], [`RequirementPattern`], [`Mining`]: about formulas.
 //! - [`ProtocolCheck`]: about a simulator that is a program.
 //! - [`Number`], [`Seed`], [`Named`]: values that JSON cannot hold as they are.
 //!
@@ -46,6 +47,7 @@ mod protocol;
 mod reasons;
 mod regression;
 mod replay;
+mod requirements;
 mod risk;
 mod runs;
 mod screening;
@@ -87,6 +89,10 @@ pub use protocol::{ProtocolCheck, ProtocolFinding};
 pub use reasons::EndReasons;
 pub use regression::{BaselineTest, Regression, RegressionTest};
 pub use replay::Replay;
+pub use requirements::{
+    FormulaDescription, FormulaExample, FormulaHorizon, FormulaLane, FormulaTrap, FormulaValues, LaneSpan,
+    MinedParameter, MinedPoint, MinedTrace, Mining, PatternParameter, RequirementPattern,
+};
 pub use risk::{
     AxisDistribution, Chain, Exploration, Importance, MonteCarlo, Probability, Risk, RiskFailure, Splitting,
 };

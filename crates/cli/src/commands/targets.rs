@@ -5,6 +5,7 @@ use mishandle::results::Targets;
 use mishandle::rollout::{Axis, AxisValues, Space, Target};
 
 use crate::exit_status::ExitStatus;
+use crate::run::formula_context::described_plan;
 use crate::show::{output, scenario};
 
 /// List the targets, or describe one target: scenario spaces, axes, signals and formulas
@@ -37,7 +38,7 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
             output::json(&Targets { targets: names })?;
         }
         (Some(name), is_json) => {
-            let plan = plan(name, command.preset.as_deref());
+            let plan = described_plan(name, command.preset.as_deref());
             let target = mishandle::resolve::described_target(&plan)?;
             for warning in mishandle::resolve::described_warnings(&plan)? {
                 output::message(&format!("warning: {warning}"));
@@ -50,16 +51,6 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
         }
     }
     Ok(ExitStatus::Done)
-}
-
-/// Returns a plan that resolves to the target. A task requires a controller, and it has axes for
-/// the action noise only if there is action noise.
-fn plan(name: &str, preset: Option<&str>) -> Plan {
-    let is_task = mishandle::tasks::task(name).is_some();
-    let mut plan = Plan { is_typed: true, ..Plan::new(name, if is_task { "expert" } else { "" }) };
-    plan.action_noise = if is_task { 1.0 } else { 0.0 };
-    plan.preset = preset.map_or(plan.preset, String::from);
-    plan
 }
 
 fn list() -> String {

@@ -6,8 +6,9 @@ use std::path::Path;
 use anyhow::{Context, Result, anyhow, bail, ensure};
 use mishandle::inspect::{common_unit, explain_trace};
 use mishandle::results::{LogExplanation, LogVerdict};
-use mishandle::stl::{Clock, Formula, TimeUnit, name_hint, unquoted};
+use mishandle::stl::{Clock, Formula, ParseError, TimeUnit, name_hint, unquoted};
 use mishandle_logs::{Evaluation, NamedSamples, OpenLog, Options, Requirement, Signals, Source};
+use mishandle_requirements::{ParameterRange, parse_with_ranges};
 use serde::Deserialize;
 
 use crate::show::{formula_error, log_verdicts, output};
@@ -103,15 +104,7 @@ pub fn parsed(
 ) -> Result<Vec<Requirement>> {
     let mut requirements = Vec::new();
     for WrittenRequirement { name, text, is_error, unit, description, units } in written {
-        let formula = Formula::parse(&text).map_err(|error| {
-            let message = formula_error::message(&text, &error);
-            let named = name.as_ref().filter(|name| **name != text);
-            let message = named.map_or(message.clone(), |name| format!("`{name}`: {message}"));
-            match hint(&text, log, options) {
-                Some(hint) => anyhow!("{message}\nhint: {hint}"),
-                None => anyhow!("{message}"),
-            }
-        })?;
+        let formula = formula(name.as_deref(), &text, log, options)?;
         output::warn_about(&formula);
         requirements.push(Requirement { name, formula, is_error, unit, description, units });
     }
@@ -124,6 +117,36 @@ pub fn parsed(
         bail!("[units] names `{signal}`, which no formula reads");
     }
     Ok(requirements)
+}
+
+/// Parses a formula, with a hint about the names in the log.
+pub fn formula(name: Option<&str>, text: &str, log: &[Source], options: &Options) -> Result<Formula> {
+    Formula::parse(text).map_err(|error| {
+        let message = parse_error(text, &error, log, options);
+        match name.filter(|name| *name != text) {
+            Some(name) => anyhow!("`{name}`: {message}"),
+            None => anyhow!("{message}"),
+        }
+    })
+}
+
+/// Parses a formula with parameters, with a hint about the names in the log.
+pub fn formula_with(
+    text: &str,
+    parameters: &[ParameterRange],
+    log: &[Source],
+    options: &Options,
+) -> Result<Formula> {
+    parse_with_ranges(text, parameters)
+        .map_err(|error| anyhow!("{}", parse_error(text, &error, log, options)))
+}
+
+fn parse_error(text: &str, error: &ParseError, log: &[Source], options: &Options) -> String {
+    let message = formula_error::message(text, error);
+    match hint(text, log, options) {
+        Some(hint) => format!("{message}\nhint: {hint}"),
+        None => message,
+    }
 }
 
 /// Returns the hint on a formula that does not parse, if it has the name of a column without the

@@ -1,0 +1,139 @@
+//! The traces that a question about a formula is about: logs, or the nominal episode of a target.
+
+use std::collections::BTreeMap;
+
+use anyhow::{Context as _, Result, ensure};
+use mishandle::plan::FalsifyPlan;
+use mishandle::rollout::{Seed, Target};
+use mishandle::stl::{Clock, Formula, Monitor, Trace};
+use mishandle::store::RunKind;
+use mishandle::{Plan, ResolvedPlan};
+use mishandle_logs::{Evaluation, OpenLog, Options, Signals, Source};
+use mishandle_requirements::Context;
+
+use super::logs;
+
+/// A trace, and how the bounds of a formula count its samples.
+pub struct Drawn {
+    pub kind: &'static str,
+    pub name: String,
+    pub trace: Trace,
+    pub clock: Clock,
+    /// The time of the first sample in seconds.
+    pub start: f64,
+}
+
+/// Returns a plan that resolves to the target. A task requires a controller, and it has axes for
+/// the action noise only if there is action noise.
+pub fn described_plan(name: &str, preset: Option<&str>) -> Plan {
+    let is_task = mishandle::tasks::task(name).is_some();
+    let mut plan = Plan { is_typed: true, ..Plan::new(name, if is_task { "expert" } else { "" }) };
+    plan.action_noise = if is_task { 1.0 } else { 0.0 };
+    plan.preset = preset.map_or(plan.preset, String::from);
+    plan
+}
+
+/// Returns the text of a formula of the target with this name.
+pub fn named_formula<'a>(target: &'a Target, name: &str) -> Option<&'a str> {
+    target.formulas.iter().find(|formula| formula.name == name).map(|formula| formula.text.as_str())
+}
+
+/// Returns what is known about the traces of a target.
+pub fn of_target(target: &Target) -> Context {
+    let signals = target.signals.iter().chain(&target.signals_on_request);
+    Context {
+        period: Some(target.control_dt),
+        units: signals.map(|signal| (signal.name.clone(), signal.unit.clone())).collect(),
+        samples: Some(target.episode_steps + 1),
+        ..Context::default()
+    }
+}
+
+/// Checks that the target has the signals of a formula.
+pub fn check_signals(target: &Target, formula: &Formula) -> Result<()> {
+    let signals = target.signals.iter().chain(&target.signals_on_request);
+    let names: Vec<String> = signals.map(|signal| signal.name.clone()).collect();
+    mishandle::stl::Recording::new(formula, names.as_slice().into())?;
+    Ok(())
+}
+
+/// Simulates the nominal scenario of a target.
+pub fn nominal_episode(plan: &Plan, formula: &str) -> Result<Trace> {
+    let falsify = FalsifyPlan { formula: Some(formula.to_string()), ..FalsifyPlan::default() };
+    let plan = Plan { action_noise: 0.0, falsify: Some(falsify), ..plan.clone() }.only(RunKind::Falsify);
+    let resolved = ResolvedPlan::new(&plan)?;
+    let episodes = mishandle::inspect::simulate(&resolved, &resolved.space.nominal(), [Seed(0)])?;
+    let simulated = episodes.into_iter().next().context("the target has no episode")?;
+    Ok(simulated.episode.trace)
+}
+
+/// Reads the samples of logs that a formula reads.
+pub fn of_logs(
+    sources: &[Vec<Source>],
+    options: &Options,
+    formula: &Formula,
+    evaluation: Evaluation,
+) -> Result<Vec<Drawn>> {
+    let mut found = Vec::new();
+    for (name, source) in logs::names(sources).into_iter().zip(sources) {
+        let shown = || format!("trace {name}");
+        let samples = OpenLog::open(source, options).and_then(|log| log.samples([formula], options));
+        let samples = samples.with_context(shown)?;
+        let Signals::Even { trace, period, start, .. } = &samples.signals else {
+            anyhow::bail!("formulas are drawn over samples: pass --resample instead of --dense");
+        };
+        let fallback = period.map_or(Clock::unknown(), Clock::steps);
+        // A bound that does not fit the samples is a trap.
+        let clock = match samples.clock(formula, &evaluation) {
+            Ok(clock) => clock.unwrap_or(fallback),
+            Err(_) if period.is_some() => fallback,
+            Err(error) => return Err(error).with_context(shown),
+        };
+        found.push(Drawn { kind: "log", name: name.clone(), trace: trace.clone(), clock, start: *start });
+    }
+    ensure!(!found.is_empty(), "there is no log");
+    Ok(found)
+}
+
+/// Refuses parameters with the name of a column of a log, which the formula could mean.
+pub fn refuse_signals(sources: &[Vec<Source>], options: &Options, parameters: &[&str]) -> Result<()> {
+    for (name, source) in logs::names(sources).into_iter().zip(sources) {
+        // Stdin is read once; its columns beside the signals of the formula are not seen.
+        if source.iter().any(|source| source.path.as_os_str() == "-") {
+            continue;
+        }
+        let log = OpenLog::open(source, options).with_context(|| format!("trace {name}"))?;
+        if let Some(parameter) =
+            parameters.iter().find(|parameter| log.names().iter().any(|known| known == *parameter))
+        {
+            anyhow::bail!(
+                "the parameter `{parameter}` is also a signal of {name}; choose another name for the parameter"
+            );
+        }
+    }
+    Ok(())
+}
+
+/// Adds what logs show to what is known about the traces of a formula.
+pub fn with_logs(context: Context, drawn: &[Drawn]) -> Context {
+    let periods: Vec<f64> = drawn.iter().filter_map(|drawn| drawn.clock.period_secs()).collect();
+    Context {
+        period: periods.first().copied().or(context.period),
+        samples: drawn.iter().map(|drawn| drawn.trace.len()).min().or(context.samples),
+        traces: drawn.iter().map(|drawn| (drawn.name.clone(), drawn.trace.clone())).collect(),
+        ..context
+    }
+}
+
+/// Returns whether a formula can be evaluated with this clock.
+pub fn fits(formula: &Formula, drawn: &Drawn) -> Result<()> {
+    Monitor::new(formula, drawn.trace.names(), drawn.clock)?;
+    Ok(())
+}
+
+/// Returns the unit declarations of a file of requirements and the texts of its formulas.
+pub fn of_file(path: &std::path::Path) -> Result<(Vec<logs::WrittenRequirement>, BTreeMap<String, String>)> {
+    let found = logs::requirements(path, None)?;
+    let units = found.first().map(|first| first.units.clone()).unwrap_or_default();
+    Ok((found, units))
+}

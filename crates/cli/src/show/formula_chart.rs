@@ -1,0 +1,91 @@
+//! A formula over traces, as a chart.
+
+use mishandle::results::{FormulaDescription, FormulaExample, FormulaLane};
+use mishandle_charts::{Area, Chart, ChartAxis, LegendEntry, Panel, Point, Scale, Series};
+use mishandle_text::number_text;
+
+const HOLDS: &str = "#009e73";
+const VIOLATED: &str = "#d55e00";
+const UNDECIDED: &str = "#bbbbbb";
+const SIGNAL: &str = "#0072b2";
+
+/// Largest number of traces, of signals of each, and of sub-formulas.
+const MAX_TRACES: usize = 4;
+const MAX_SIGNALS: usize = 6;
+const MAX_LANES: usize = 12;
+
+/// Largest number of points of a signal.
+const MAX_POINTS: usize = 2000;
+
+/// Size of a panel, pixels.
+const PANEL: [u32; 2] = [900, 150];
+
+/// Returns the drawing of the examples.
+pub fn svg(found: &FormulaDescription) -> String {
+    let panels = found.examples.iter().take(MAX_TRACES).flat_map(panels).collect();
+    Chart {
+        title: found.formula.chars().take(120).collect(),
+        caption: String::new(),
+        legend: [("holds", HOLDS), ("violated", VIOLATED), ("window beyond the end", UNDECIDED)]
+            .map(|(label, color)| LegendEntry { label: label.to_string(), color })
+            .to_vec(),
+        columns: 1,
+        panel_size: PANEL,
+        panels,
+    }
+    .svg()
+}
+
+/// Returns the panels of a trace: its signals, then its sub-formulas.
+fn panels(example: &FormulaExample) -> Vec<Panel> {
+    let period = example.period.map_or(1.0, |period| period.0);
+    let label = if example.period.is_some() { "time, s" } else { "sample" };
+    let end = (example.samples.max(2) - 1) as f64 * period;
+    let x = |label: &str| ChartAxis::linear(label, [0.0, end]);
+    let mut panels = Vec::new();
+    for values in example.values.iter().flatten().take(MAX_SIGNALS) {
+        let step = values.values.len().div_ceil(MAX_POINTS).max(1);
+        let points = values.values.iter().enumerate().step_by(step);
+        let points: Vec<Point> =
+            points.map(|(sample, y)| Point { x: sample as f64 * period, y: *y, band: None }).collect();
+        let (low, high) = points.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), point| {
+            (low.min(point.y), high.max(point.y))
+        });
+        let margin = if high > low { 0.1 * (high - low) } else { 1.0 };
+        panels.push(Panel {
+            title: values.signal.clone(),
+            x: x(""),
+            y: ChartAxis::linear("", [low - margin, high + margin]),
+            areas: Vec::new(),
+            series: vec![Series { color: SIGNAL, mark: mishandle_charts::Mark::Step, points }],
+            marks: Vec::new(),
+        });
+    }
+    let verdict = if example.violated { "violated" } else { "satisfied" };
+    let head = format!("{} ({verdict}, robustness {})", example.name, number_text(example.robustness.0));
+    let lanes: Vec<&FormulaLane> = example.lanes.iter().take(MAX_LANES).collect();
+    for (index, lane) in lanes.iter().enumerate() {
+        let color = |state: &str| match state {
+            "holds" => HOLDS,
+            "violated" => VIOLATED,
+            _ => UNDECIDED,
+        };
+        // Each sample is drawn up to the next one.
+        let area = |span: &mishandle::results::LaneSpan| Area {
+            x: [span.first as f64 * period, ((span.last + 1) as f64 * period).min(end)],
+            y: [0.0, 1.0],
+            color: color(&span.state),
+        };
+        let is_last = index + 1 == lanes.len();
+        let text: String = lane.formula.chars().take(100).collect();
+        panels.push(Panel {
+            title: if index == 0 { format!("{head}: {text}") } else { text },
+            x: x(if is_last { label } else { "" }),
+            y: ChartAxis { label: String::new(), range: [0.0, 1.0], scale: Scale::Linear, ticks: Vec::new() },
+            areas: lane.spans.iter().map(area).collect(),
+            series: Vec::new(),
+            marks: Vec::new(),
+        });
+    }
+    panels
+}

@@ -1,0 +1,133 @@
+//! A formula in words, with its traps.
+
+use std::collections::BTreeMap;
+
+use mishandle_results::{FormulaDescription, FormulaHorizon, FormulaTrap, Number, Signal};
+use mishandle_stl::{Clock, EvaluationTime, Formula, Monitor, TimeUnit, Trace};
+
+use crate::error::Result;
+use crate::traps;
+use crate::tree::Tree;
+use crate::units::unit_of;
+
+/// Largest number of operators and operands of a formula that is put into words.
+const MAX_WORDS: usize = 500;
+
+/// Periods in which bounds with units are whole numbers of samples, s.
+const TICKS: [f64; 3] = [1e-3, 1e-6, 1e-9];
+
+/// Known facts about the traces of a formula.
+#[derive(Clone, Debug, Default)]
+pub struct Context {
+    /// The sampling period in seconds.
+    pub period: Option<f64>,
+    /// The unit of bounds without one; `None`: they count samples.
+    pub unit: Option<TimeUnit>,
+    /// Units by the names of signals.
+    pub units: BTreeMap<String, String>,
+    /// The number of samples of an episode or of the shortest log.
+    pub samples: Option<usize>,
+    /// The duration of an episode in seconds, if its number of samples is unknown.
+    pub episode_secs: Option<f64>,
+    /// Traces that the formula is meant for, with their names.
+    pub traces: Vec<(String, Trace)>,
+}
+
+impl Context {
+    /// Returns how bounds count samples.
+    pub fn clock(&self) -> Clock {
+        match (self.period, self.unit) {
+            (Some(period), Some(unit)) => Clock::rtamt(period, unit),
+            (Some(period), None) => Clock::steps(period),
+            (None, _) => Clock::unknown(),
+        }
+    }
+}
+
+/// Describes a formula: in words, its horizon, and its traps.
+///
+/// # Errors
+/// If the text is not a formula, or the period of the context is not positive and finite.
+pub fn describe(text: &str, context: &Context) -> Result<FormulaDescription> {
+    describe_formula(&Formula::parse(text)?, context)
+}
+
+/// Describes a formula that was parsed.
+///
+/// # Errors
+/// If the period of the context is not positive and finite.
+pub fn describe_formula(formula: &Formula, context: &Context) -> Result<FormulaDescription> {
+    let tree = Tree::new(formula);
+    let unit = |name: &str| unit_of(name, &context.units).unwrap_or_default();
+    let units: BTreeMap<&str, String> =
+        formula.signals().into_iter().map(|name| (name, unit(name))).collect();
+    let words = |clock: Clock| {
+        formula.explain(&clock, EvaluationTime::Start, |name| units.get(name).map_or("", String::as_str))
+    };
+    let is_short = tree.nodes.len() <= MAX_WORDS;
+    // A bound between two samples is a trap; its words are those of the text.
+    let words = match is_short {
+        true => words(context.clock()).or_else(|_| words(Clock::unknown()))?,
+        false => Vec::new(),
+    };
+    let signals = formula.signals().into_iter();
+    let mut traps: Vec<FormulaTrap> = traps::find(&tree, context);
+    traps.sort_by_key(|trap| (trap.severity == "note", trap.line, trap.column));
+    Ok(FormulaDescription {
+        pattern: None,
+        formula: formula.to_string(),
+        parenthesized: formula.parenthesized(),
+        symbols: formula.symbols().to_string(),
+        words,
+        signals: signals.map(|name| Signal { name: name.to_owned(), unit: unit(name) }).collect(),
+        period: context.period.map(Number),
+        horizon: horizon(formula, context),
+        traps,
+        examples: Vec::new(),
+    })
+}
+
+/// The part of a trace that decides a formula at time 0.
+pub(crate) struct Needed {
+    /// Samples, if the period is known or no bound is a time.
+    pub samples: Option<usize>,
+    /// The time of the last one, s.
+    pub secs: Option<f64>,
+    /// Whether the formula depends on all samples up to the end.
+    pub is_unbounded: bool,
+}
+
+/// Returns the samples that decide the formula; `None` if a bound is not a whole number of samples.
+pub(crate) fn needed(formula: &Formula, context: &Context) -> Option<Needed> {
+    let names: Vec<String> = formula.signals().into_iter().map(str::to_owned).collect();
+    let of = |clock: Clock| {
+        let monitor = Monitor::new(formula, &names, clock).ok()?;
+        Some((monitor.needed_samples(), monitor.horizon().is_none()))
+    };
+    if context.period.is_some() || !formula.needs_period(context.unit.is_some()) {
+        let (samples, is_unbounded) = of(context.clock())?;
+        let secs = context.period.map(|period| (samples - 1) as f64 * period);
+        return Some(Needed { samples: Some(samples), secs, is_unbounded });
+    }
+    let unit = context.unit.unwrap_or(TimeUnit::Seconds);
+    let tree = Tree::new(formula);
+    let counts_samples = tree.nodes.iter().flat_map(|node| node.interval.iter().flatten()).any(|bound| {
+        context.unit.is_none() && bound.unit.is_none() && bound.value > 0.0 && bound.value.is_finite()
+    });
+    let has_steps =
+        tree.nodes.iter().enumerate().any(|(node, _)| matches!(tree.operator(node), Some("next" | "s_next")));
+    if counts_samples || has_steps {
+        return None;
+    }
+    let (tick, (samples, is_unbounded)) =
+        TICKS.iter().find_map(|tick| Some((*tick, of(Clock::rtamt(*tick, unit))?)))?;
+    Some(Needed { samples: None, secs: Some((samples - 1) as f64 * tick), is_unbounded })
+}
+
+fn horizon(formula: &Formula, context: &Context) -> Option<FormulaHorizon> {
+    let needed = needed(formula, context).filter(|needed| !needed.is_unbounded)?;
+    Some(FormulaHorizon {
+        samples: needed.samples.map(|samples| samples as u64),
+        seconds: needed.secs.map(Number),
+    })
+}

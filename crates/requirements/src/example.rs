@@ -1,0 +1,265 @@
+//! A search for traces that satisfy and violate a formula: signals that are constant piece by
+//! piece, changed one piece at a time.
+
+use std::collections::BTreeSet;
+use std::sync::Arc;
+
+use mishandle_random::Sequence;
+use mishandle_results::FormulaExample;
+use mishandle_stl::{Clock, Formula, Monitor, SyntaxKind, Trace, is_satisfied, is_violated};
+
+use crate::describe::Context;
+use crate::lanes::{draw, with_values};
+use crate::tree::{Tree, is_comparison};
+
+/// Sampling periods of examples in seconds, if the period is unknown.
+const PERIODS: [f64; 10] = [1.0, 0.5, 0.2, 0.1, 0.05, 0.02, 0.01, 0.005, 0.002, 0.001];
+
+/// The number of samples that a picture has at least.
+const FEW: usize = 30;
+
+/// Largest number of samples of an example.
+const MOST: usize = 20_000;
+
+/// Limits of the formulas that are searched.
+const MAX_SIGNALS: usize = 20;
+const MAX_NODES: usize = 300;
+
+/// Operations of a search: evaluations times samples times nodes.
+const WORK: usize = 40_000_000;
+
+/// Largest number of pieces of a signal.
+const PIECES: u64 = 6;
+
+/// Changes without an improvement after which the search starts again.
+const PATIENCE: u32 = 60;
+
+/// Searches for a trace that satisfies the formula, in which the conditions of its implications
+/// hold at some sample if possible, and for one that violates it. The verdict of each is that of
+/// [`Monitor`]. Empty if the formula is too long, or needs too many samples.
+pub fn find_examples(formula: &Formula, context: &Context) -> Vec<FormulaExample> {
+    let Some(search) = Search::new(formula, context) else { return Vec::new() };
+    let satisfied = search.run(Goal::Tested).or_else(|| search.run(Goal::Satisfied));
+    let violated = search.run(Goal::Violated);
+    let named = [("satisfied", satisfied), ("violated", violated)];
+    let drawn = named.into_iter().filter_map(|(name, trace)| {
+        let trace = trace?;
+        let drawn = draw(formula, "found", name, &trace, search.clock).ok()?;
+        Some(with_values(drawn, &trace, &formula.signals()))
+    });
+    drawn.collect()
+}
+
+#[derive(Clone, Copy, PartialEq)]
+enum Goal {
+    /// The formula holds, and so does each condition at some sample.
+    Tested,
+    Satisfied,
+    Violated,
+}
+
+struct Search<'a> {
+    formula: &'a Formula,
+    names: Arc<[String]>,
+    /// Values that each signal tries.
+    levels: Vec<Vec<f64>>,
+    conditions: Vec<Formula>,
+    clock: Clock,
+    samples: usize,
+    evaluations: usize,
+}
+
+/// A signal that is constant piece by piece: first sample and value of each piece.
+type Pieces = Vec<(usize, f64)>;
+
+impl<'a> Search<'a> {
+    fn new(formula: &'a Formula, context: &Context) -> Option<Search<'a>> {
+        let tree = Tree::new(formula);
+        let names: Arc<[String]> = formula.signals().into_iter().map(str::to_owned).collect();
+        if names.len() > MAX_SIGNALS || tree.nodes.len() > MAX_NODES {
+            return None;
+        }
+        let needed = |clock: Clock| Some(Monitor::new(formula, &names, clock).ok()?.needed_samples());
+        let with_period = |period: f64| Context { period: Some(period), ..context.clone() }.clock();
+        let clock = match context.period {
+            Some(_) => context.clock(),
+            None if formula.needs_period(context.unit.is_some()) => {
+                let fits = |period: &f64| needed(with_period(*period)).is_some();
+                let is_fine =
+                    |period: &f64| needed(with_period(*period)).is_some_and(|samples| samples >= FEW);
+                let period = PERIODS.iter().find(|period| is_fine(period));
+                with_period(*period.or_else(|| PERIODS.iter().find(|period| fits(period)))?)
+            }
+            None => Clock::unknown(),
+        };
+        let needed = needed(clock)?;
+        let is_open = Monitor::new(formula, &names, clock).ok()?.horizon().is_none();
+        // A window without an end contains some samples more than its operands need.
+        let samples = match is_open {
+            true => needed.saturating_mul(2).max(2 * FEW),
+            false => needed.max(FEW),
+        };
+        if samples > MOST {
+            return None;
+        }
+        let conditions = tree.antecedents().map(|node| formula.at_node(node)).collect();
+        let levels = names.iter().map(|name| levels(&tree, name)).collect();
+        let evaluations = (WORK / (samples * tree.nodes.len())).clamp(50, 6000);
+        Some(Search { formula, names, levels, conditions, clock, samples, evaluations })
+    }
+
+    fn trace(&self, signals: &[Pieces]) -> Trace {
+        let column = |pieces: &Pieces| {
+            let mut values = Vec::with_capacity(self.samples);
+            for (index, (_, value)) in pieces.iter().enumerate() {
+                let end = pieces.get(index + 1).map_or(self.samples, |next| next.0);
+                values.resize(end.max(values.len()), *value);
+            }
+            values
+        };
+        match signals.is_empty() {
+            true => {
+                let mut trace = Trace::new(Arc::clone(&self.names));
+                (0..self.samples).for_each(|_| trace.push(&[]));
+                trace
+            }
+            false => Trace::from_columns(Arc::clone(&self.names), signals.iter().map(column).collect()),
+        }
+    }
+
+    /// Returns how far a trace is from the goal: not negative, with the sign of a verdict, if it is
+    /// reached.
+    fn value(&self, monitors: &mut [Monitor], goal: Goal, trace: &Trace) -> f64 {
+        let Some((formula, conditions)) = monitors.split_first_mut() else { return f64::NAN };
+        let Ok(robustness) = formula.robustness(trace) else { return f64::NEG_INFINITY };
+        match goal {
+            Goal::Violated => -robustness,
+            Goal::Satisfied => robustness,
+            Goal::Tested => conditions.iter_mut().fold(robustness, |least, condition| {
+                let best = condition.robustness_signal(trace).ok().and_then(|values| {
+                    values.iter().copied().reduce(|a, b| if b.total_cmp(&a).is_gt() { b } else { a })
+                });
+                best.filter(|best| best.total_cmp(&least).is_lt()).unwrap_or(least)
+            }),
+        }
+    }
+
+    fn run(&self, goal: Goal) -> Option<Trace> {
+        let formulas = std::iter::once(self.formula).chain(&self.conditions);
+        let monitors: Result<Vec<Monitor>, _> =
+            formulas.map(|formula| Monitor::new(formula, &self.names, self.clock)).collect();
+        let mut monitors = monitors.ok()?;
+        let mut random = Sequence::new(0, goal as u64);
+        // A robustness of 0 has a verdict, too, but says less.
+        let is_clear = |value: f64| value > 0.0;
+        let is_reached = |value: f64| match goal {
+            // The value is the negated robustness, whose sign a zero keeps.
+            Goal::Violated => is_violated(-value),
+            _ => is_satisfied(value),
+        };
+        let mut reached = None;
+        let mut current: Vec<Pieces> = self.levels.iter().map(|levels| vec![(0, levels[0])]).collect();
+        let mut best = self.value(&mut monitors, goal, &self.trace(&current));
+        let mut stale = 0;
+        for _ in 0..self.evaluations {
+            if is_clear(best) {
+                self.simplify(&mut monitors, goal, &mut current, &is_clear);
+                return Some(self.trace(&current));
+            }
+            if reached.is_none() && is_reached(best) {
+                reached = Some(current.clone());
+            }
+            if stale > PATIENCE {
+                current = self.levels.iter().map(|levels| vec![(0, pick(levels, &mut random))]).collect();
+                best = self.value(&mut monitors, goal, &self.trace(&current));
+                stale = 0;
+            }
+            let mut next = current.clone();
+            self.change(&mut next, &mut random);
+            let value = self.value(&mut monitors, goal, &self.trace(&next));
+            // Changes on a plateau are kept, too: a minimum does not show what others improve.
+            stale = if value > best { 0 } else { stale + 1 };
+            if value >= best {
+                (current, best) = (next, value);
+            }
+        }
+        let mut reached = reached?;
+        self.simplify(&mut monitors, goal, &mut reached, &is_reached);
+        Some(self.trace(&reached))
+    }
+
+    /// Changes one signal: the value of a piece, where it starts, or the number of pieces.
+    fn change(&self, signals: &mut [Pieces], random: &mut Sequence) {
+        let signal = random.below(signals.len() as u64) as usize;
+        let Some(pieces) = signals.get_mut(signal) else { return };
+        let piece = random.below(pieces.len() as u64) as usize;
+        let sample = random.below(self.samples as u64) as usize;
+        let value = pick(&self.levels[signal], random);
+        match random.below(4) {
+            0 if (pieces.len() as u64) < PIECES => pieces.push((sample, value)),
+            1 if piece > 0 => pieces[piece].0 = sample,
+            2 if piece > 0 => drop(pieces.remove(piece)),
+            _ => pieces[piece].1 = value,
+        }
+        pieces[1..].sort_by_key(|piece| piece.0);
+    }
+
+    /// Removes the pieces without which the goal is still reached.
+    fn simplify(
+        &self,
+        monitors: &mut [Monitor],
+        goal: Goal,
+        signals: &mut [Pieces],
+        is_reached: &impl Fn(f64) -> bool,
+    ) {
+        for signal in 0..signals.len() {
+            for piece in (0..signals[signal].len()).rev() {
+                if signals[signal].len() == 1 {
+                    break;
+                }
+                let removed = signals[signal].remove(piece);
+                let first = signals[signal][0];
+                signals[signal][0].0 = 0;
+                if !is_reached(self.value(monitors, goal, &self.trace(signals))) {
+                    signals[signal][0] = first;
+                    signals[signal].insert(piece, removed);
+                }
+            }
+        }
+    }
+}
+
+fn pick(levels: &[f64], random: &mut Sequence) -> f64 {
+    levels[random.below(levels.len() as u64) as usize]
+}
+
+/// Returns values around those with which the formula compares a signal.
+fn levels(tree: &Tree<'_>, signal: &str) -> Vec<f64> {
+    // The numbers below each node, and whether the signal is there.
+    let mut numbers: Vec<Vec<f64>> = Vec::with_capacity(tree.nodes.len());
+    let mut reads = Vec::with_capacity(tree.nodes.len());
+    let mut found: Vec<f64> = vec![0.0];
+    for (index, node) in tree.nodes.iter().enumerate() {
+        let mut own: Vec<f64> = tree.number(index).filter(|number| number.is_finite()).into_iter().collect();
+        for operand in &node.operands {
+            own.extend(std::mem::take(&mut numbers[*operand]));
+        }
+        let is_read = node.kind == SyntaxKind::Signal(signal) || node.operands.iter().any(|n| reads[*n]);
+        if tree.operator(index).is_some_and(is_comparison) {
+            if is_read {
+                found.extend(own.iter().flat_map(|c| {
+                    let step = if *c == 0.0 { 1.0 } else { 0.2 * c.abs() };
+                    [*c, c - step, c + step, -c]
+                }));
+            }
+            own.clear();
+        }
+        numbers.push(own);
+        reads.push(is_read && !tree.operator(index).is_some_and(is_comparison));
+    }
+    found.extend([1.0, -1.0]);
+    let mut seen = BTreeSet::new();
+    found.retain(|value| value.is_finite() && seen.insert(value.to_bits()));
+    found.truncate(32);
+    found
+}

@@ -1,0 +1,37 @@
+//! Requirements that engineers write: formulas in words, their traps, examples, patterns and mined
+//! parameters.
+//!
+//! - [`describe`] puts a formula into words and checks it for known traps (`traps`), such as an
+//!   implication whose condition can never hold.
+//! - [`draw`] says when each sub-formula holds on a trace, and [`find_examples`] searches for a
+//!   trace that satisfies a formula and one that violates it.
+//! - [`PATTERNS`] are requirements with names, such as `response`, and [`Pattern::fill`] makes a
+//!   formula of one.
+//! - [`mine`] finds the tightest values of the parameters of a formula for which traces satisfy it.
+//!
+//! # Example
+//! ```
+//! use mishandle_requirements::{Context, describe};
+//! let found = describe("always force <= 20 implies slip == 0", &Context::default()).unwrap();
+//! let names: Vec<&str> = found.traps.iter().map(|trap| trap.name.as_str()).collect();
+//! assert_eq!(names, ["precedence", "measured-equality"]);
+//! ```
+
+mod describe;
+mod error;
+mod example;
+mod lanes;
+mod mining;
+mod pattern;
+mod ranges;
+mod traps;
+mod tree;
+mod units;
+
+pub use describe::{Context, describe, describe_formula};
+pub use error::{RequirementError, Result};
+pub use example::find_examples;
+pub use lanes::{draw, with_values};
+pub use mining::{MAX_POINTS, MiningQuestion, NamedTrace, ParameterRange, mine, parse_with_ranges};
+pub use pattern::{PATTERNS, ParameterKind, Pattern, Shown, Slot, page as pattern_page, pattern};
+pub use units::unit_of;

@@ -1,0 +1,152 @@
+//! No text makes the analyses panic or take long, and drawings are those of the monitor.
+
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+use mishandle_random::Sequence;
+use mishandle_requirements::{Context, describe, find_examples};
+use mishandle_stl::{Clock, Formula, Monitor, Trace, is_violated};
+
+#[test]
+fn long_and_deep_formulas_take_little_time() {
+    let start = Instant::now();
+    let texts = [
+        "not ".repeat(10_000) + "(x >= 1)",
+        "(".repeat(10_000) + "x >= 1" + &")".repeat(10_000),
+        vec!["x >= 1"; 20_000].join(" and "),
+        vec!["x >= 1"; 900].join(" implies "),
+        vec!["(x >= 1 or y <= 2)"; 300].join(" and "),
+        vec!["x == 1"; 600].join(" or "),
+        "x + ".repeat(20_000) + "x >= 1",
+        "always[0:99999999s] eventually[0:99999999s] (x >= 1)".to_owned(),
+        "always[0:1e-9s](x >= 1)".to_owned(),
+        "always[0:1e300](x >= 1)".to_owned(),
+        "`größe \u{202e}`  >= 1 and x / 0 >= 1e308 * 10".to_owned(),
+        "true".to_owned(),
+        "1 <= 2".to_owned(),
+    ];
+    for text in &texts {
+        for period in [None, Some(0.1)] {
+            let context = Context { period, ..Context::default() };
+            let shown: String = text.chars().take(60).collect();
+            let found = describe(text, &context);
+            assert!(found.is_ok() || text.starts_with('('), "{shown}: {found:?}");
+            if let Ok(formula) = Formula::parse(text) {
+                let _ = find_examples(&formula, &context);
+            }
+        }
+    }
+    assert!(start.elapsed() < Duration::from_secs(60), "{:?}", start.elapsed());
+}
+
+#[test]
+fn texts_that_are_no_formula_are_errors() {
+    for text in ["", " ", "always", "x >", "[0:2]", "x >= 1 )", "always[nan:2](x >= 1)", "\0"] {
+        assert!(describe(text, &Context::default()).is_err(), "{text:?}");
+    }
+}
+
+/// Builds a random formula of the signals x and y.
+fn formula(random: &mut Sequence, depth: u32) -> String {
+    let pick =
+        |random: &mut Sequence, from: &[&str]| from[random.below(from.len() as u64) as usize].to_owned();
+    if depth == 0 || random.below(6) == 0 {
+        let term = pick(random, &["x", "y", "abs(x)", "x - y", "2 * x + 1", "-y"]);
+        let comparison = pick(random, &["<=", ">=", "<", ">", "==", "!="]);
+        return format!("({term} {comparison} {})", random.below(5) as f64 - 2.0);
+    }
+    let mut part = || formula(random, depth - 1);
+    let (a, b) = (part(), part());
+    match random.below(12) {
+        0 => format!("(not {a})"),
+        1 => format!("(always[0:3] {a})"),
+        2 => format!("(eventually[1:4] {a})"),
+        3 => format!("(once {a})"),
+        4 => format!("({a} until[0:3] {b})"),
+        5 => format!("({a} unless {b})"),
+        6 => format!("rise({a})"),
+        7 | 8 => format!("({a} implies {b})"),
+        9 => format!("({a} or {b})"),
+        10 => format!("({a} xor {b})"),
+        _ => format!("({a} and {b})"),
+    }
+}
+
+/// A part that the analysis of values calls a contradiction fails on every trace; one that it calls
+/// true holds.
+#[test]
+fn constant_parts_are_constant_on_random_traces() {
+    let mut random = Sequence::new(3, 0);
+    let names: Arc<[String]> = vec!["x".to_owned(), "y".to_owned()].into();
+    let mut checked = 0;
+    for _ in 0..3000 {
+        let text = formula(&mut random, 3);
+        let found = describe(&text, &Context::default()).expect("a formula");
+        for trap in found.traps {
+            let expected = match trap.name.as_str() {
+                "contradiction" => false,
+                "always-true" => true,
+                "constant-comparison" => trap.why.contains("always holds"),
+                "vacuous-implication" => false,
+                "condition-always-holds" => true,
+                _ => continue,
+            };
+            let part = Formula::parse(&trap.formula).expect("a formula");
+            let mut monitor = Monitor::new(&part, &names, Clock::unknown()).expect("a monitor");
+            let mut trace = Trace::new(Arc::clone(&names));
+            for _ in 0..200 {
+                trace.push(&[random.below(13) as f64 / 2.0 - 3.0, random.below(13) as f64 / 2.0 - 3.0]);
+            }
+            checked += 1;
+            for value in monitor.robustness_signal(&trace).expect("values") {
+                assert_eq!(!is_violated(*value), expected, "{} in {text}", trap.formula);
+            }
+        }
+    }
+    assert!(checked > 100, "{checked}");
+}
+
+/// The verdict of an example is that of the monitor on its values, and the lanes are those of the
+/// sub-formulas.
+#[test]
+fn examples_have_the_verdict_of_the_monitor() {
+    let mut random = Sequence::new(4, 0);
+    let (mut satisfied, mut violated) = (0, 0);
+    for _ in 0..150 {
+        let text = formula(&mut random, 3);
+        let formula = Formula::parse(&text).expect("a formula");
+        for example in find_examples(&formula, &Context::default()) {
+            let values = example.values.expect("an example has values");
+            let names: Arc<[String]> = values.iter().map(|signal| signal.signal.clone()).collect();
+            let trace = Trace::from_columns(
+                Arc::clone(&names),
+                values.into_iter().map(|signal| signal.values).collect(),
+            );
+            let mut monitor = Monitor::new(&formula, &names, Clock::unknown()).expect("a monitor");
+            let robustness = monitor.robustness(&trace).expect("a value");
+            assert_eq!(robustness.to_bits(), example.robustness.0.to_bits(), "{text}");
+            assert_eq!(is_violated(robustness), example.name == "violated", "{text}");
+            *(if example.violated { &mut violated } else { &mut satisfied }) += 1;
+            for lane in &example.lanes {
+                let part = Formula::parse(&lane.formula).expect("a formula");
+                let mut monitor = Monitor::new(&part, &names, Clock::unknown()).expect("a monitor");
+                let signal = monitor.robustness_signal(&trace).expect("values").to_vec();
+                let mut covered = 0;
+                for span in &lane.spans {
+                    assert_eq!(span.first, covered, "{text}");
+                    covered = span.last + 1;
+                    for sample in span.first..=span.last {
+                        let value = signal[usize::try_from(sample).expect("a sample")];
+                        match span.state.as_str() {
+                            "holds" => assert!(!is_violated(value), "{text}"),
+                            "violated" => assert!(is_violated(value), "{text}"),
+                            _ => {}
+                        }
+                    }
+                }
+                assert_eq!(covered, example.samples, "{text}");
+            }
+        }
+    }
+    assert!(satisfied > 100 && violated > 100, "{satisfied} {violated}");
+}

@@ -1,0 +1,66 @@
+//! Every pattern accepts the trace that it shows as satisfying and rejects the other one.
+
+use mishandle_requirements::{Context, PATTERNS, describe, pattern, pattern_page};
+
+#[test]
+fn each_pattern_tells_its_two_traces_apart() {
+    for pattern in PATTERNS {
+        let verdicts: Vec<bool> = pattern
+            .examples()
+            .unwrap_or_else(|error| panic!("{}: {error}", pattern.name))
+            .iter()
+            .map(|example| example.violated)
+            .collect();
+        assert_eq!(verdicts, [false, true], "{}", pattern.name);
+    }
+}
+
+#[test]
+fn the_page_is_that_of_the_table() {
+    let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../../docs/reference/patterns.md");
+    if std::env::var_os("MISHANDLE_WRITE_PATTERNS").is_some() {
+        std::fs::write(path, pattern_page()).expect("the page can be written");
+    }
+    let page = std::fs::read_to_string(path).expect("the page exists");
+    assert!(
+        page == pattern_page(),
+        "run the tests of mishandle-requirements with MISHANDLE_WRITE_PATTERNS=1"
+    );
+}
+
+/// A pattern is not a trap: only notes are allowed, and `settling` is meant up to the end.
+#[test]
+fn the_formulas_of_patterns_have_no_warning() {
+    for pattern in PATTERNS {
+        let (formula, _) = pattern.fill(&pattern.shown_settings()).expect("the settings are complete");
+        let context = Context { period: Some(1.0), ..Context::default() };
+        let found = describe(&formula, &context).expect("a formula");
+        let warnings: Vec<_> = found.traps.iter().filter(|trap| trap.severity == "warning").collect();
+        assert!(warnings.is_empty(), "{}: {warnings:?}", pattern.name);
+    }
+}
+
+#[test]
+fn mistakes_in_settings_are_named() {
+    let set = |settings: &[(&str, &str)]| {
+        let settings: Vec<(String, String)> =
+            settings.iter().map(|(name, value)| ((*name).to_owned(), (*value).to_owned())).collect();
+        pattern("response").expect("there is one").fill(&settings).expect_err("a mistake").to_string()
+    };
+    assert!(set(&[]).contains("needs the parameter `p`"));
+    assert!(set(&[("p", "x >= 1"), ("z", "1")]).contains("has p, q, deadline"));
+    assert!(set(&[("p", "x >= 1"), ("q", "y >= 1"), ("deadline", "soon")]).contains("must be a time"));
+    assert!(set(&[("p", "x >= "), ("q", "y >= 1"), ("deadline", "2s")]).contains("column 5"));
+    assert!(pattern("respons").expect_err("no pattern").to_string().contains("did you mean `response`?"));
+}
+
+/// A condition with an operator that binds looser than those of the pattern stays one part.
+#[test]
+fn conditions_keep_their_grouping() {
+    let settings = [("p", "a >= 1 or b >= 1"), ("q", "c >= 1 implies d >= 1"), ("deadline", "3")];
+    let settings = settings.map(|(name, value)| (name.to_owned(), value.to_owned()));
+    let (formula, _) = pattern("response").expect("there is one").fill(&settings).expect("valid");
+    let meant = "always((a >= 1 or b >= 1) implies eventually[0:3](c >= 1 implies d >= 1))";
+    let parsed = mishandle_stl::Formula::parse(&formula).expect("a formula");
+    assert_eq!(parsed, mishandle_stl::Formula::parse(meant).expect("a formula"));
+}

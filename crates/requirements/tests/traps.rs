@@ -1,0 +1,134 @@
+//! Formulas with each known trap, and formulas without one.
+
+use std::collections::BTreeMap;
+
+use mishandle_requirements::{Context, describe};
+use mishandle_stl::Trace;
+
+/// Returns the names of the traps.
+fn traps(text: &str, context: &Context) -> Vec<String> {
+    describe(text, context).expect("a formula").traps.into_iter().map(|trap| trap.name).collect()
+}
+
+#[track_caller]
+fn check(text: &str, expected: &[&str]) {
+    let context = Context { period: Some(0.1), ..Context::default() };
+    assert_eq!(traps(text, &context), expected, "{text}");
+}
+
+#[test]
+fn ordinary_requirements_have_no_trap() {
+    for text in [
+        "always[0:2s](force <= 20)",
+        "always(force <= 20)",
+        "eventually[0:5s](always[0:1s](distance <= 0.1))",
+        "always(once[0:1s](x >= 1) implies y >= 1)",
+        "always(rise(closed >= 1) implies force < 20)",
+        "(not (q >= 1)) unless p >= 1",
+        "abs(x - 1) <= 0.1 and y >= 2",
+        "a >= 1 or b >= 1 or c >= 1",
+        "always(low <= v and v <= 0.3)",
+        "always(not (a >= 1 and b >= 1))",
+    ] {
+        check(text, &[]);
+    }
+}
+
+#[test]
+fn implications_without_content() {
+    check("always(x > 2 and x < 1 implies y >= 1)", &["vacuous-implication"]);
+    check("always(abs(x) < 0 implies y >= 1)", &["vacuous-implication"]);
+    check(
+        "always(2 * x > 4 and x + 1 <= 3 and x != 2 implies y >= 1)",
+        &["measured-equality", "vacuous-implication"],
+    );
+    check("always(x - y > 1 and y - x > 1 implies z >= 1)", &["vacuous-implication"]);
+    check("always(x >= 1 or x < 1 implies y >= 1)", &["condition-always-holds"]);
+    check(
+        "always((eventually[0:1s] x >= 1) implies y >= 1)",
+        &["eventually-as-condition", "window-beyond-the-end"],
+    );
+}
+
+#[test]
+fn windows() {
+    check("eventually[0:0](x >= 1)", &["one-sample-window"]);
+    check("always[0.02s:0.07s](x >= 1)", &["window-without-sample"]);
+    check("always[0:0.25s](x >= 1)", &["bound-between-samples"]);
+    check("always[0:0.5](x >= 1)", &["samples-not-seconds"]);
+    check("eventually(x >= 1)", &["unbounded-eventually"]);
+    check("always(p >= 1 implies eventually(q >= 1))", &["unbounded-eventually"]);
+    check("always(p >= 1 implies eventually[0:2s](q >= 1))", &["window-beyond-the-end"]);
+    let fast = Context { period: Some(1.0 / 60.0), ..Context::default() };
+    assert_eq!(traps("always[0:2](x >= 1)", &fast), ["samples-not-seconds"]);
+    assert_eq!(traps("always[50:300](x >= 1)", &fast), [""; 0]);
+}
+
+#[test]
+fn windows_longer_than_the_episode() {
+    let episode = |episode_secs| Context { episode_secs: Some(episode_secs), ..Context::default() };
+    assert_eq!(traps("always[0:10s](x >= 1)", &episode(5.0)), ["horizon-beyond-episode"]);
+    assert_eq!(traps("always[0:10s](x >= 1)", &episode(10.0)), [""; 0]);
+    let samples = Context { samples: Some(300), ..Context::default() };
+    assert_eq!(traps("eventually[0:270](always[0:30](x >= 1))", &samples), ["horizon-beyond-episode"]);
+    assert_eq!(traps("eventually[0:269](always[0:30](x >= 1))", &samples), [""; 0]);
+}
+
+#[test]
+fn comparisons() {
+    check("always(x == 0.3)", &["measured-equality"]);
+    check("always(x != y)", &["measured-equality"]);
+    check("always(abs(x) >= 0)", &["constant-comparison"]);
+    check("always(x <= x)", &["constant-comparison"]);
+    check("1 > 2 or y >= 1", &["constant-comparison"]);
+    check("always(x >= 2 and x <= 1)", &["contradiction"]);
+    check("always(x >= 1 or x <= 2)", &["always-true"]);
+    check("always(x >= 2 implies x >= 1)", &["always-true"]);
+    check("always(0.2 <= v <= 0.3)", &["chained-comparison"]);
+    check("always(closed implies force <= 20)", &["flag-always-holds"]);
+    check("a = x >= 1\nb = y >= 1\nz >= 1", &["unused-definition", "unused-definition"]);
+}
+
+#[test]
+fn codes_of_a_log_may_be_compared_exactly() {
+    let mut trace = Trace::new(vec!["mode".to_owned(), "x".to_owned()].into());
+    for mode in [0.0, 2.0, 1.0] {
+        trace.push(&[mode, 0.5 * mode]);
+    }
+    let context = Context { traces: vec![("rig".to_owned(), trace)], ..Context::default() };
+    assert_eq!(traps("always(mode == 2 implies x >= 1)", &context), [""; 0]);
+    assert_eq!(traps("always(x == 1)", &context), ["measured-equality"]);
+    // No sample has the mode.
+    assert_eq!(traps("always(mode == 3 implies x >= 1)", &context), ["vacuous-implication"]);
+}
+
+#[test]
+fn precedence() {
+    check("always p >= 1 implies q >= 1", &["precedence"]);
+    check("always(p >= 1) implies q >= 1", &["precedence"]);
+    check("always[0:2s] p >= 1 and q >= 1", &["precedence"]);
+    check("always[0:2s](p >= 1) and q >= 1", &[]);
+    check("a >= 1 and b >= 1 or c >= 1", &["precedence"]);
+    check("(a >= 1 and b >= 1) or c >= 1", &[]);
+    check("a >= 1 implies b >= 1 implies c >= 1", &["precedence"]);
+    check("a >= 1 implies (b >= 1 implies c >= 1)", &[]);
+}
+
+#[test]
+fn units() {
+    check("always(x_deg <= y_rad)", &["unit-mismatch"]);
+    check("always(x_mm + y_mm <= 3)", &[]);
+    check("always(x_mm + y_m <= 3)", &["unit-mismatch"]);
+    check("always(angle_deg <= 0.1)", &[]);
+    check("always(angle_rad <= 20)", &["degrees-as-radians"]);
+    check("always(gap_m >= 0.1 and angle_deg <= 5)", &["mixed-units"]);
+    let units = BTreeMap::from([("f".to_owned(), "N".to_owned()), ("t".to_owned(), "N m".to_owned())]);
+    let context = Context { units, ..Context::default() };
+    assert_eq!(traps("always(f <= t)", &context), ["unit-mismatch"]);
+}
+
+#[test]
+fn a_trap_names_its_place() {
+    let found = describe("x >= 1 and\n  y == 0.5", &Context::default()).expect("a formula");
+    assert_eq!((found.traps[0].line, found.traps[0].column), (Some(2), Some(5)));
+}
