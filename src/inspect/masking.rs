@@ -4,17 +4,13 @@ use std::ops::ControlFlow;
 use std::path::Path;
 
 use mishandle_results::{EvaluatedCount, MaskedConjunct, Masking};
-use mishandle_rollout::{Request, RolloutError};
+use mishandle_rollout::RolloutError;
 use mishandle_stl::{Clock, Formula, Monitor, Trace, is_violated};
 use mishandle_store::{RunFile, Simulation};
 
 use crate::error::MishandleError;
-use crate::inspect::explanation::trace;
+use crate::inspect::traces::{each_trace, evenly};
 use crate::resolve::ResolvedPlan;
-use crate::run::record;
-
-/// Number of simulations per batch.
-const BATCH: usize = 64;
 
 /// Counts which conjuncts set the robustness of a run and which ones fail, over at most `limit` of
 /// its simulations: all violated ones, or that many evenly chosen, and satisfied ones, evenly
@@ -57,35 +53,12 @@ pub fn masking(
     masking.found.satisfied.total = satisfied.len() as u64;
     masking.found.violated.total = violated.len() as u64;
     let total = chosen.len() as u64;
-    let mut count = |trace: &Trace| {
+    let is_whole = each_trace(run, resolved, &chosen, |_, trace| {
         masking.add(trace, header.control_dt)?;
-        Ok::<_, MishandleError>(watch(
-            masking.found.satisfied.evaluated + masking.found.violated.evaluated,
-            total,
-        ))
-    };
-    match resolved {
-        Some(resolved) => {
-            let mut system = resolved.system()?;
-            for batch in chosen.chunks(BATCH) {
-                // The whole episode, also of a simulation that was stopped early.
-                let whole =
-                    |simulation| Request { stop_threshold: None, ..record::request(simulation, false) };
-                let requests: Vec<_> = batch.iter().map(whole).collect();
-                for episode in system.rollout(&requests)? {
-                    if count(&episode.trace)?.is_break() {
-                        return Ok(None);
-                    }
-                }
-            }
-        }
-        None => {
-            for stored in chosen.iter().filter_map(|simulation| simulation.trace.as_ref()) {
-                if count(&trace(header, stored))?.is_break() {
-                    return Ok(None);
-                }
-            }
-        }
+        Ok(watch(masking.found.satisfied.evaluated + masking.found.violated.evaluated, total))
+    })?;
+    if is_whole.is_break() {
+        return Ok(None);
     }
     Ok(Some(masking.found))
 }
@@ -142,15 +115,6 @@ impl Counter<'_> {
         }
         Ok(())
     }
-}
-
-/// Returns at most `limit` of the items, evenly spaced.
-fn evenly<T: Copy>(items: &[T], limit: u64) -> Vec<T> {
-    let n = items.len() as u64;
-    let count = n.min(limit);
-    // u128, since the product of two u64 can overflow.
-    let index = |index: u64| (u128::from(index) * u128::from(n) / u128::from(count.max(1))) as usize;
-    (0..count).map(|i| items[index(i)]).collect()
 }
 
 #[cfg(test)]

@@ -15,6 +15,7 @@ mod result;
 mod simulation;
 mod smooth_region;
 mod space_coverage;
+mod traces;
 
 pub use answer::{reasons, recorded_result, whole_result};
 pub use comparison::{ComparedPair, Comparison, compare, sameness};
@@ -31,3 +32,4 @@ pub use result::{counterexamples_result, run_facts};
 pub use simulation::{Simulated, simulate, simulated};
 pub use smooth_region::smooth_region_of;
 pub use space_coverage::space_coverage;
+pub use traces::{SimulatedTrace, traces};

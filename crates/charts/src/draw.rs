@@ -35,7 +35,7 @@ impl Chart {
     pub fn svg(&self) -> String {
         let columns = self.columns.max(1);
         let rows = self.panels.len().div_ceil(columns).max(1);
-        let lines = u32::from(!self.legend.is_empty()) + u32::from(!self.caption.is_empty());
+        let lines = u32::from(!self.legend.is_empty()) + self.caption.lines().count() as u32;
         let title = if self.title.is_empty() { 0 } else { TITLE_HEIGHT };
         let heading = title + lines * LINE_HEIGHT;
         let [width, height] = self.panel_size;
@@ -113,8 +113,9 @@ impl Chart {
             }
             y += LINE_HEIGHT as i32;
         }
-        if !self.caption.is_empty() {
-            write(&self.caption, LEFT, y, 12.0, FontStyle::Normal)?;
+        for line in self.caption.lines() {
+            write(line, LEFT, y, 12.0, FontStyle::Normal)?;
+            y += LINE_HEIGHT as i32;
         }
         Ok(())
     }

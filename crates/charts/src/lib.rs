@@ -43,7 +43,7 @@ pub use linked_mark::{LinkedMark, Shape};
 pub struct Chart {
     /// Heading; empty for none.
     pub title: String,
-    /// Says what a line and its band are; empty for none.
+    /// Says what a line and its band are, in one or more lines; empty for none.
     pub caption: String,
     /// Meaning of the colors.
     pub legend: Vec<LegendEntry>,

@@ -40,7 +40,7 @@ fn implications_without_content() {
     check("always(abs(x) < 0 implies y >= 1)", &["vacuous-implication"]);
     check(
         "always(2 * x > 4 and x + 1 <= 3 and x != 2 implies y >= 1)",
-        &["measured-equality", "vacuous-implication"],
+        &["vacuous-implication", "measured-equality"],
     );
     check("always(x - y > 1 and y - x > 1 implies z >= 1)", &["vacuous-implication"]);
     check("always(x >= 1 or x < 1 implies y >= 1)", &["condition-always-holds"]);
@@ -131,4 +131,16 @@ fn units() {
 fn a_trap_names_its_place() {
     let found = describe("x >= 1 and\n  y == 0.5", &Context::default()).expect("a formula");
     assert_eq!((found.traps[0].line, found.traps[0].column), (Some(2), Some(5)));
+}
+
+#[test]
+fn flags_of_a_log_have_a_better_limit() {
+    let mut trace = Trace::new(vec!["closed".to_owned(), "force".to_owned()].into());
+    for closed in [0.0, 1.0, 1.0] {
+        trace.push(&[closed, 7.0 * closed]);
+    }
+    let context = Context { traces: vec![("rig".to_owned(), trace)], ..Context::default() };
+    assert_eq!(traps("always(closed >= 1 implies force >= 5)", &context), ["flag-at-its-limit"]);
+    assert_eq!(traps("always(closed >= 0.5 implies force >= 5)", &context), [""; 0]);
+    assert_eq!(traps("always(closed implies force >= 5)", &context), ["flag-always-holds"]);
 }

@@ -44,6 +44,18 @@ pub fn decimal(value: f64, decimals: usize) -> String {
     }
 }
 
+/// Formats a number with at most six significant digits.
+///
+/// # Example
+/// ```
+/// assert_eq!(mishandle_text::short_number(10.0 / 3.0), "3.33333");
+/// assert_eq!(mishandle_text::short_number(0.5), "0.5");
+/// assert_eq!(mishandle_text::short_number(1e300), "1e300");
+/// ```
+pub fn short_number(value: f64) -> String {
+    number_text(format!("{value:.5e}").parse().unwrap_or(value))
+}
+
 /// Formats a probability with three digits.
 ///
 /// # Example

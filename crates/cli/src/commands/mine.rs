@@ -19,7 +19,7 @@ fn is_share(share: f64) -> bool {
     share > 0.0 && share <= 1.0
 }
 
-/// Find the tightest values of parameters for which logs satisfy a formula
+/// Find the tightest values of parameters for which logs or runs satisfy a formula
 #[derive(Debug, Args)]
 #[command(
     after_help = "A parameter is a name in the formula: a number, or a bound of a window. Its direction comes from
@@ -27,7 +27,7 @@ the formula: `force <= limit` is tighter with a smaller limit, `always[0:T] p` w
 
 Examples:
   mishandle mine --formula 'always(force <= limit)' --parameter limit=0:50 logs/*.csv
-  mishandle mine --formula 'eventually[0:T](d <= 0.1)' --parameter T=0:5s logs/*.csv
+  mishandle mine --formula 'eventually[0:T](d <= 0.1)' --parameter T=0:5s runs/RUN.sqlite
   mishandle mine --formula 'eventually[0:T] always(abs(x - 1) <= band)' \\
       --parameter T=0:5s --parameter band=0:1 --resolution band=0.01 logs/*.csv
 
@@ -39,7 +39,8 @@ decide, the output says so. docs/guide/requirements.md describes mining.
 Exit code 1 means that even the loosest values violate the formula."
 )]
 pub struct Arguments {
-    /// Files with a log each; - reads stdin
+    /// Files with a log each, or run files of `evaluate` and `falsify`, whose simulations are
+    /// simulated again; - reads stdin
     #[arg(value_name = "LOG")]
     pub logs: Vec<PathBuf>,
     /// Formula with the names of the parameters
@@ -58,6 +59,9 @@ pub struct Arguments {
     /// Number of points of the Pareto front of several parameters
     #[arg(long, value_name = "N", default_value = "10", allow_negative_numbers = true, value_parser = numbers::integer::<u32>(2..=MAX_POINTS as u64))]
     pub points: u32,
+    /// Largest number of simulations of each run file, evenly chosen
+    #[arg(long, value_name = "N", default_value = "200", allow_negative_numbers = true, value_parser = numbers::integer::<u64>(1..=u64::MAX))]
+    pub simulations: u64,
     /// Unit of interval bounds without a unit: s, ms, us or ns [default: such bounds count samples]
     #[arg(long)]
     pub unit: Option<String>,
@@ -113,20 +117,28 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
         parameter.resolution = Some(*step);
     }
     let options = command.log.options();
-    let sources = command.log.logs(&command.logs)?;
+    let (runs, paths): (Vec<PathBuf>, Vec<PathBuf>) =
+        command.logs.iter().cloned().partition(|path| formula_context::is_run(path));
+    let has_logs = runs.is_empty() || !paths.is_empty() || !command.log.topic.is_empty();
+    let sources = if has_logs { command.log.logs(&paths)? } else { Vec::new() };
     logs::check_stdin(&sources)?;
     if let Some(path) = &command.csv {
         let inputs = sources.iter().flatten().map(|source| source.path.as_path());
-        output::refuse_inputs(path, "--csv", inputs)?;
+        output::refuse_inputs(path, "--csv", inputs.chain(runs.iter().map(PathBuf::as_path)))?;
         drop(output::create(path, command.force)?);
     }
     let unit = command.unit.as_deref().map(|text| logs::time_unit(text, "--unit")).transpose()?;
-    let formula = logs::formula_with(&command.formula, &parameters, &sources[0], &options)?;
+    let first = sources.first().map_or(&[][..], Vec::as_slice);
+    let formula = logs::formula_with(&command.formula, &parameters, first, &options)?;
     ensure!(!formula.signals().is_empty(), "the formula reads no signal");
     let names: Vec<&str> = parameters.iter().map(|parameter| parameter.name.as_str()).collect();
     formula_context::refuse_signals(&sources, &options, &names)?;
     let evaluation = Evaluation { unit, strict_horizon: false };
-    let drawn = formula_context::of_logs(&sources, &options, &formula, evaluation)?;
+    let mut drawn = formula_context::of_logs(&sources, &options, &formula, evaluation)?;
+    let Some(simulated) = formula_context::of_runs(&runs, command.simulations, unit)? else {
+        return Ok(ExitStatus::Interrupted);
+    };
+    drawn.extend(simulated);
     let traces: Vec<NamedTrace> = drawn
         .into_iter()
         .map(|Drawn { name, trace, clock, start, .. }| NamedTrace { name, trace, clock, start })

@@ -1,17 +1,22 @@
 //! The traces that a question about a formula is about: logs, or the nominal episode of a target.
 
 use std::collections::BTreeMap;
+use std::io::Read;
+use std::path::{Path, PathBuf};
 
 use anyhow::{Context as _, Result, ensure};
 use mishandle::plan::FalsifyPlan;
+use mishandle::resolve::Moved;
 use mishandle::rollout::{Seed, Target};
-use mishandle::stl::{Clock, Formula, Monitor, Trace};
+use mishandle::stl::{Clock, Formula, Monitor, TimeUnit, Trace};
 use mishandle::store::RunKind;
 use mishandle::{Plan, ResolvedPlan};
 use mishandle_logs::{Evaluation, OpenLog, Options, Signals, Source};
 use mishandle_requirements::Context;
 
 use super::logs;
+use crate::show::output;
+use crate::show::progress::Bar;
 
 /// A trace, and how the bounds of a formula count its samples.
 pub struct Drawn {
@@ -91,8 +96,57 @@ pub fn of_logs(
         };
         found.push(Drawn { kind: "log", name: name.clone(), trace: trace.clone(), clock, start: *start });
     }
-    ensure!(!found.is_empty(), "there is no log");
     Ok(found)
+}
+
+/// Returns whether the file is a database of SQLite, as run files are.
+pub fn is_run(path: &Path) -> bool {
+    let mut start = [0; 16];
+    let read = std::fs::File::open(path).and_then(|mut file| file.read_exact(&mut start));
+    path.is_file() && read.is_ok() && start == *b"SQLite format 3\0"
+}
+
+/// Returns the traces of at most `limit` simulations of each run, which are simulated again; without
+/// their target, only recorded ones. `None` if a signal ended this.
+pub fn of_runs(paths: &[PathBuf], limit: u64, unit: Option<TimeUnit>) -> Result<Option<Vec<Drawn>>> {
+    if paths.is_empty() {
+        return Ok(Some(Vec::new()));
+    }
+    let bar = Bar::new(0, "simulations");
+    super::stop_on_signals(&bar)?;
+    let mut drawn = Vec::new();
+    for path in paths {
+        let file = super::read(path, false)?;
+        let moved = Moved { controller: None, target: None };
+        let resolved = match mishandle::resolve::recorded_plan(file.header(), moved) {
+            Ok(resolved) => Some(resolved),
+            Err(error) => {
+                output::message(&format!("only recorded counterexamples are read: {error}"));
+                None
+            }
+        };
+        let mut count = 0;
+        let found = mishandle::inspect::traces(&file, resolved.as_ref(), limit, |done, total| {
+            bar.set_length(total);
+            bar.set_position(done);
+            count = done;
+            super::control_flow()
+        })?;
+        let Some(found) = found else {
+            bar.clear();
+            super::report_loss(count, "nothing is kept");
+            return Ok(None);
+        };
+        ensure!(!found.is_empty(), "{} has no simulation with a trace", path.display());
+        let period = file.header().control_dt;
+        let clock = unit.map_or(Clock::steps(period), |unit| Clock::rtamt(period, unit));
+        drawn.extend(found.into_iter().map(|((trial, number), trace)| {
+            let name = format!("{}, trial {trial}, simulation {number}", path.display());
+            Drawn { kind: "simulation", name, trace, clock, start: 0.0 }
+        }));
+    }
+    bar.clear();
+    Ok(Some(drawn))
 }
 
 /// Refuses parameters with the name of a column of a log, which the formula could mean.
@@ -132,7 +186,7 @@ pub fn fits(formula: &Formula, drawn: &Drawn) -> Result<()> {
 }
 
 /// Returns the unit declarations of a file of requirements and the texts of its formulas.
-pub fn of_file(path: &std::path::Path) -> Result<(Vec<logs::WrittenRequirement>, BTreeMap<String, String>)> {
+pub fn of_file(path: &Path) -> Result<(Vec<logs::WrittenRequirement>, BTreeMap<String, String>)> {
     let found = logs::requirements(path, None)?;
     let units = found.first().map(|first| first.units.clone()).unwrap_or_default();
     Ok((found, units))

@@ -3,7 +3,7 @@
 use mishandle::results::{
     FormulaDescription, FormulaExample, FormulaLane, FormulaTrap, FormulaValues, RequirementPattern,
 };
-use mishandle_text::{number_text, plural};
+use mishandle_text::{plural, short_number};
 
 use super::{escape, output};
 
@@ -69,7 +69,7 @@ fn horizon(found: &FormulaDescription) -> String {
         return "up to the end of the trace".to_string();
     };
     let samples = horizon.samples.map(|samples| plural(samples, "sample"));
-    let secs = horizon.seconds.map(|secs| format!("{} s", number_text(secs.0)));
+    let secs = horizon.seconds.map(|secs| format!("{} s", short_number(secs.0)));
     match (samples, secs) {
         (Some(samples), Some(secs)) => format!("{secs} ({samples})"),
         (Some(one), None) | (None, Some(one)) => one,
@@ -116,9 +116,10 @@ pub fn example(found: &FormulaExample, columns: usize) -> String {
         "episode" => format!("Nominal episode of {}: {verdict}", escape::name(&found.name)),
         _ => format!("{}: {verdict}", escape::name(&found.name)),
     };
-    let mut lines = vec![format!("{what}, robustness {}", number_text(found.robustness.0))];
+    let border = if found.robustness.0 == 0.0 { " (its sign is the verdict)" } else { "" };
+    let mut lines = vec![format!("{what}, robustness {}{border}", short_number(found.robustness.0))];
     let end = match found.period {
-        Some(period) => format!("{} s", number_text((samples - 1) as f64 * period.0)),
+        Some(period) => format!("{} s", short_number((samples - 1) as f64 * period.0)),
         None => format!("sample {}", samples - 1),
     };
     let start = if found.period.is_some() { "0 s" } else { "sample 0" };
@@ -181,8 +182,8 @@ fn signal_label(values: &FormulaValues) -> String {
     let (low, high) = extent(values);
     let name = escape::name(&values.signal);
     match high > low {
-        true => format!("{name} from {} to {}", number_text(low), number_text(high)),
-        false => format!("{name} = {}", number_text(low)),
+        true => format!("{name} from {} to {}", short_number(low), short_number(high)),
+        false => format!("{name} = {}", short_number(low)),
     }
 }
 

@@ -2,7 +2,7 @@
 
 use mishandle::results::{FormulaDescription, FormulaExample, FormulaLane};
 use mishandle_charts::{Area, Chart, ChartAxis, LegendEntry, Panel, Point, Scale, Series};
-use mishandle_text::number_text;
+use mishandle_text::short_number;
 
 const HOLDS: &str = "#009e73";
 const VIOLATED: &str = "#d55e00";
@@ -18,17 +18,23 @@ const MAX_LANES: usize = 12;
 const MAX_POINTS: usize = 2000;
 
 /// Size of a panel, pixels.
-const PANEL: [u32; 2] = [900, 150];
+const PANEL: [u32; 2] = [900, 190];
 
-/// Returns the drawing of the examples.
+/// Returns the drawing of the examples. The sub-formulas are rows, with their numbers in the caption.
 pub fn svg(found: &FormulaDescription) -> String {
     let panels = found.examples.iter().take(MAX_TRACES).flat_map(panels).collect();
+    let states = [("holds", HOLDS), ("violated", VIOLATED), ("window beyond the end", UNDECIDED)];
+    let legend = states.map(|(label, color)| LegendEntry { label: label.to_string(), color }).to_vec();
+    let lanes = found.examples.first().map_or(&[][..], |example| &example.lanes);
+    let named = lanes.iter().take(MAX_LANES).zip(1..).map(|(lane, number)| {
+        let text: String = lane.formula.chars().take(130).collect();
+        format!("{number}: {text}")
+    });
+    let caption = named.collect::<Vec<_>>().join("\n");
     Chart {
-        title: found.formula.chars().take(120).collect(),
-        caption: String::new(),
-        legend: [("holds", HOLDS), ("violated", VIOLATED), ("window beyond the end", UNDECIDED)]
-            .map(|(label, color)| LegendEntry { label: label.to_string(), color })
-            .to_vec(),
+        title: found.formula.chars().take(110).collect(),
+        caption,
+        legend,
         columns: 1,
         panel_size: PANEL,
         panels,
@@ -62,30 +68,31 @@ fn panels(example: &FormulaExample) -> Vec<Panel> {
         });
     }
     let verdict = if example.violated { "violated" } else { "satisfied" };
-    let head = format!("{} ({verdict}, robustness {})", example.name, number_text(example.robustness.0));
+    let head = format!("{} ({verdict}, robustness {})", example.name, short_number(example.robustness.0));
     let lanes: Vec<&FormulaLane> = example.lanes.iter().take(MAX_LANES).collect();
-    for (index, lane) in lanes.iter().enumerate() {
-        let color = |state: &str| match state {
-            "holds" => HOLDS,
-            "violated" => VIOLATED,
-            _ => UNDECIDED,
-        };
+    let color = |state: &str| match state {
+        "holds" => HOLDS,
+        "violated" => VIOLATED,
+        _ => UNDECIDED,
+    };
+    let count = lanes.len() as f64;
+    let areas = lanes.iter().enumerate().flat_map(|(row, lane)| {
+        let top = count - row as f64;
         // Each sample is drawn up to the next one.
-        let area = |span: &mishandle::results::LaneSpan| Area {
+        lane.spans.iter().map(move |span| Area {
             x: [span.first as f64 * period, ((span.last + 1) as f64 * period).min(end)],
-            y: [0.0, 1.0],
+            y: [top - 0.9, top - 0.1],
             color: color(&span.state),
-        };
-        let is_last = index + 1 == lanes.len();
-        let text: String = lane.formula.chars().take(100).collect();
-        panels.push(Panel {
-            title: if index == 0 { format!("{head}: {text}") } else { text },
-            x: x(if is_last { label } else { "" }),
-            y: ChartAxis { label: String::new(), range: [0.0, 1.0], scale: Scale::Linear, ticks: Vec::new() },
-            areas: lane.spans.iter().map(area).collect(),
-            series: Vec::new(),
-            marks: Vec::new(),
-        });
-    }
+        })
+    });
+    let ticks = (0..lanes.len()).map(|row| (count - row as f64 - 0.5, (row + 1).to_string())).collect();
+    panels.push(Panel {
+        title: head,
+        x: x(label),
+        y: ChartAxis { label: String::new(), range: [0.0, count.max(1.0)], scale: Scale::Linear, ticks },
+        areas: areas.collect(),
+        series: Vec::new(),
+        marks: Vec::new(),
+    });
     panels
 }

@@ -2,7 +2,7 @@
 
 use anyhow::Result;
 use mishandle::results::{MinedParameter, MinedPoint, Mining, Number};
-use mishandle_text::{number_text, plural};
+use mishandle_text::{number_text, plural, short_number};
 
 use super::{escape, output};
 
@@ -22,9 +22,9 @@ pub fn text(found: &Mining, width: usize) -> String {
     let mut parts = Vec::new();
     let needed = match found.share.0 < 1.0 {
         true => {
-            format!("at least {} % of {}", number_text(found.share.0 * 100.0), plural(found.traces, "log"))
+            format!("at least {} % of {}", number_text(found.share.0 * 100.0), plural(found.traces, "trace"))
         }
-        false => format!("all of {}", plural(found.traces, "log")),
+        false => format!("all of {}", plural(found.traces, "trace")),
     };
     let ranges: Vec<String> = found
         .parameters
@@ -70,7 +70,7 @@ pub fn text(found: &Mining, width: usize) -> String {
             value.map_or(f64::INFINITY, |value| if is_low { value.0 } else { -value.0 })
         };
         each.sort_by(|a, b| key(b.value).total_cmp(&key(a.value)));
-        let mut rows = vec![vec!["log".to_string(), format!("tightest {}", escape::name(&parameter.name))]];
+        let mut rows = vec![vec!["trace".to_string(), format!("tightest {}", escape::name(&parameter.name))]];
         rows.extend(each.iter().take(MAX_LISTED).map(|trace| {
             let value = trace
                 .value
@@ -79,14 +79,12 @@ pub fn text(found: &Mining, width: usize) -> String {
         }));
         let mut table = output::table_in(&rows, width);
         if each.len() > MAX_LISTED {
-            table += &format!("\n{} more, which need less", plural((each.len() - MAX_LISTED) as u64, "log"));
+            table +=
+                &format!("\n{} more, which need less", plural((each.len() - MAX_LISTED) as u64, "trace"));
         }
         parts.push(table);
         if failing > 0 {
-            parts.push(format!(
-                "{} violate the formula with every value of the range.",
-                plural(failing as u64, "log")
-            ));
+            parts.push(format!("With every value of the range, {failing} of them violate the formula."));
         }
     }
     parts.join("\n\n")
@@ -106,8 +104,8 @@ fn one(found: &Mining, point: &MinedPoint) -> String {
     lines.push(format!(
         "  {} of {} satisfy it; robustness {}",
         point.satisfied,
-        plural(found.traces, "log"),
-        number_text(point.robustness.0)
+        plural(found.traces, "trace"),
+        short_number(point.robustness.0)
     ));
     if point.support < point.satisfied {
         lines.push(format!(
@@ -117,7 +115,7 @@ fn one(found: &Mining, point: &MinedPoint) -> String {
     }
     if let Some(name) = &point.decisive {
         let at = match (point.decisive_time, point.decisive_sample) {
-            (Some(time), _) => format!(" at {} s", number_text(time.0)),
+            (Some(time), _) => format!(" at {} s", short_number(time.0)),
             (None, Some(sample)) => format!(" at sample {sample}"),
             (None, None) => String::new(),
         };
@@ -129,7 +127,7 @@ fn one(found: &Mining, point: &MinedPoint) -> String {
                 Some(step) => format!("{} tighter", value_text(parameter, step)),
                 None => "the next number tighter".to_string(),
             };
-            lines.push(format!("  {step}: {} more violate it", plural(*violated, "log")));
+            lines.push(format!("  {step}: {violated} more of them would violate it"));
         }
     }
     lines.join("\n")

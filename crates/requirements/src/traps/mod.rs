@@ -75,6 +75,7 @@ pub(crate) fn find(tree: &Tree<'_>, context: &Context) -> Vec<FormulaTrap> {
     comparisons::chained(tree, &mut found);
     predicates::units(tree, context, &mut found);
     predicates::truth_values(tree, context, &mut found);
+    predicates::flags_at_limits(tree, context, &mut found);
     predicates::unused(tree, &mut found);
     found.traps
 }

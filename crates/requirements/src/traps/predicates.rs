@@ -105,10 +105,7 @@ pub(super) fn truth_values(tree: &Tree<'_>, context: &Context, found: &mut Found
             continue;
         }
         let text = tree.text(index);
-        let columns: Vec<&[f64]> =
-            context.traces.iter().filter_map(|(_, trace)| trace.signal(name)).collect();
-        let is_flag = columns.iter().all(|values| values.iter().all(|value| [0.0, 1.0].contains(value)));
-        let why = match is_flag && !columns.is_empty() {
+        let why = match is_flag(context, name) {
             true => format!("a signal alone holds from 0 on, and {text} is 0 or 1: it always holds"),
             false => "a signal alone holds from 0 on: a flag with the values 0 and 1 always holds".to_owned(),
         };
@@ -116,9 +113,42 @@ pub(super) fn truth_values(tree: &Tree<'_>, context: &Context, found: &mut Found
             "flag-always-holds",
             index,
             why,
-            Some(format!("{text} >= 1 for a flag, {text} > 0 for a number")),
+            Some(format!("{text} >= 0.5 for a flag, {text} > 0 for a number")),
         );
     }
+}
+
+/// Finds flags that are compared with one of their two values, at which the robustness is 0.
+pub(super) fn flags_at_limits(tree: &Tree<'_>, context: &Context, found: &mut Found<'_>) {
+    for (index, node) in tree.nodes.iter().enumerate() {
+        let SyntaxKind::Operator(name) = node.kind else { continue };
+        let [left, right] = node.operands[..] else { continue };
+        let SyntaxKind::Signal(signal) = tree.nodes[left].kind else { continue };
+        let half = match (name, tree.number(right)) {
+            (">=" | "==", Some(1.0)) => ">= 0.5",
+            ("<=" | "==", Some(0.0)) => "<= 0.5",
+            _ => continue,
+        };
+        if is_flag(context, signal) {
+            let text = tree.text(left);
+            found.note(
+                "flag-at-its-limit",
+                index,
+                format!(
+                    "{text} is 0 or 1, so the robustness of `{}` is 0 where it holds; that of an implication or `and` with it is \
+                     then 0, too, and says nothing about the other parts",
+                    tree.text(index)
+                ),
+                Some(format!("{text} {half}")),
+            );
+        }
+    }
+}
+
+/// Returns whether the traces have the signal, with the values 0 and 1 only.
+fn is_flag(context: &Context, signal: &str) -> bool {
+    let mut columns = context.traces.iter().filter_map(|(_, trace)| trace.signal(signal)).peekable();
+    columns.peek().is_some() && columns.all(|values| values.iter().all(|value| [0.0, 1.0].contains(value)))
 }
 
 /// Finds definitions that no statement reads.

@@ -2,7 +2,7 @@
 //! episode.
 
 use mishandle_stl::{SyntaxBound, SyntaxKind};
-use mishandle_text::{number_text, plural};
+use mishandle_text::{number_text, plural, short_number};
 
 use super::Found;
 use crate::describe::{Context, needed};
@@ -67,13 +67,13 @@ fn window(
             && last > first
             && last <= FEW_SAMPLES
         {
-            found.warn(
+            found.note(
                 "samples-not-seconds",
                 node,
                 format!(
                     "bounds without a unit count samples: {} are {} s",
                     plural(last as u64, "sample"),
-                    number_text(last * period)
+                    short_number(last * period)
                 ),
                 Some(format!("[{}s:{}s] for seconds", number_text(begin.value), number_text(end.value))),
             );
@@ -99,7 +99,7 @@ fn window(
         found.warn(
             "window-without-sample",
             node,
-            format!("no sample is inside of the window: the samples are {} s apart", number_text(period)),
+            format!("no sample is inside of the window: the samples are {} s apart", short_number(period)),
             Some(format!("[{}s:{}s], which contains two samples", round(first.floor()), round(last.ceil()))),
         );
     } else {
@@ -108,9 +108,9 @@ fn window(
             node,
             format!(
                 "the window is {} to {} samples of {} s; a monitor accepts whole numbers only",
-                number_text(first),
-                number_text(last),
-                number_text(period)
+                short_number(first),
+                short_number(last),
+                short_number(period)
             ),
             Some(format!("[{}s:{}s], the samples inside of it", round(low), round(high))),
         );
@@ -204,7 +204,7 @@ fn horizon(tree: &Tree<'_>, context: &Context, found: &mut Found<'_>) {
     }
     let length = match (needed.secs, episode) {
         (Some(needed), Some(episode)) => {
-            format!("{} s of a trace, and it has {} s", number_text(needed), number_text(episode))
+            format!("{} s of a trace, and it has {} s", short_number(needed), short_number(episode))
         }
         _ => format!(
             "{} of a trace, and it has {}",
