@@ -19,6 +19,7 @@ from mishandle.falsification import Evaluation, Exports, Falsification, evaluate
 from mishandle.fault_axes import faults
 from mishandle.formulas import Formula, robustness
 from mishandle.log_verdicts import Monitoring, monitor
+from mishandle.requirements import FormulaDescription, Mining, formula, mine, pattern
 from mishandle.logs import Log, Topic, read_log, read_logs
 from mishandle.margins import Margin, margin
 from mishandle.guards import Guard, Guarded
@@ -56,6 +57,7 @@ __all__ = [
     "FailureMode",
     "Falsification",
     "Formula",
+    "FormulaDescription",
     "Guard",
     "Guarded",
     "Hardening",
@@ -68,6 +70,7 @@ __all__ = [
     "Metamorphic",
     "Minimum",
     "MishandleError",
+    "Mining",
     "MissingPackageError",
     "Monitoring",
     "Objective",
@@ -102,12 +105,15 @@ __all__ = [
     "falsify",
     "faults",
     "find_minimum",
+    "formula",
     "harden",
     "load_controller",
     "margin",
     "metamorphic",
+    "mine",
     "monitor",
     "open_run",
+    "pattern",
     "plot_comparison",
     "plot_robustness_map",
     "plot_search_progress",

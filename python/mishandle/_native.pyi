@@ -75,6 +75,7 @@ LogTopic = tuple[
     str | None, tuple[str, str, NDArray[Any] | list[str]] | None, list[tuple[str, NDArray[np.float64]]]
 ]
 Log = tuple[str, list[tuple[str | None, str]], list[LogTopic]]
+Parameter = tuple[str, float, float, str | None, float | None]
 TableColumns = tuple[str | None, NDArray[np.int64] | None, list[tuple[str, NDArray[np.float64]]]]
 
 def monitor(
@@ -86,6 +87,25 @@ def monitor(
     values: bool,
 ) -> tuple[str, str]: ...
 def log_robustness(formula: Formula, log: Log, reading: Mapping[str, Any], decided_only: bool) -> float | None: ...
+def describe_formula(
+    text: str,
+    logs: list[Log],
+    reading: Mapping[str, Any],
+    unit: str | None,
+    units: Mapping[str, str],
+    episode: float | None,
+) -> tuple[str, str]: ...
+def pattern_formula(name: str, settings: list[tuple[str, str]]) -> tuple[str, str]: ...
+def mined_signals(formula: str, parameters: list[Parameter]) -> list[str]: ...
+def mine(
+    formula: str,
+    parameters: list[Parameter],
+    logs: list[Log],
+    reading: Mapping[str, Any],
+    unit: str | None,
+    share: float,
+    points: int,
+) -> tuple[str, str]: ...
 def read_table(path: str, reading: Mapping[str, Any]) -> tuple[list[TableColumns], list[tuple[str, str]]]: ...
 
 class Search:

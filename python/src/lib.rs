@@ -22,6 +22,7 @@ mod online;
 mod pool;
 mod question;
 mod remote;
+mod requirements;
 mod robot;
 mod run;
 mod scenarios;
@@ -91,6 +92,10 @@ fn contents(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_function(wrap_pyfunction!(logs::monitor, module)?)?;
     module.add_function(wrap_pyfunction!(logs::log_robustness, module)?)?;
     module.add_function(wrap_pyfunction!(logs::read_table, module)?)?;
+    module.add_function(wrap_pyfunction!(requirements::describe_formula, module)?)?;
+    module.add_function(wrap_pyfunction!(requirements::pattern_formula, module)?)?;
+    module.add_function(wrap_pyfunction!(requirements::mined_signals, module)?)?;
+    module.add_function(wrap_pyfunction!(requirements::mine, module)?)?;
     module.add_function(wrap_pyfunction!(remote::complete_run, module)?)?;
     module.add_function(wrap_pyfunction!(remote::complete_hardening, module)?)?;
     module.add_function(wrap_pyfunction!(remote::create_campaign, module)?)?;

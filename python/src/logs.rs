@@ -44,11 +44,11 @@ pub(crate) enum TimeArgument<'py> {
 }
 
 /// A topic in memory: name, column and kind of the times, times, columns.
-type TopicArgument<'py> =
+pub(crate) type TopicArgument<'py> =
     (Option<String>, Option<(String, String, TimeArgument<'py>)>, Vec<(String, PyReadonlyArray1<'py, f64>)>);
 
 /// A log: name, files with their topics, topics in memory.
-type LogArgument<'py> = (String, Vec<(Option<String>, PathBuf)>, Vec<TopicArgument<'py>>);
+pub(crate) type LogArgument<'py> = (String, Vec<(Option<String>, PathBuf)>, Vec<TopicArgument<'py>>);
 
 /// A topic as Python gets it: name, times in nanoseconds, columns.
 type TopicColumns<'py> =
@@ -58,7 +58,7 @@ type TopicColumns<'py> =
 type TableTopics<'py> = (Vec<TopicColumns<'py>>, Vec<(String, String)>);
 
 /// Returns the value of a word.
-fn word<T: Copy>(argument: &str, given: Option<&str>, known: &[(&str, T)]) -> PyResult<Option<T>> {
+pub(crate) fn word<T: Copy>(argument: &str, given: Option<&str>, known: &[(&str, T)]) -> PyResult<Option<T>> {
     let Some(given) = given else { return Ok(None) };
     if let Some((_, value)) = known.iter().find(|(word, _)| *word == given) {
         return Ok(Some(*value));
@@ -81,7 +81,7 @@ fn seconds(argument: &str, given: Option<f64>) -> PyResult<Option<f64>> {
 }
 
 impl Reading {
-    fn options(self) -> PyResult<Options> {
+    pub(crate) fn options(self) -> PyResult<Options> {
         let interpolations = [("hold", Interpolation::Hold), ("linear", Interpolation::Linear)];
         let resample = word("resample", self.resample.as_deref(), &interpolations)?;
         let dense = word("dense", self.dense.as_deref(), &interpolations)?;
@@ -129,13 +129,13 @@ impl Reading {
 }
 
 /// A log whose signals were not read yet.
-enum Contents {
+pub(crate) enum Contents {
     Files(Vec<Source>),
     Topics(Log),
 }
 
 impl Contents {
-    fn new(
+    pub(crate) fn new(
         files: Vec<(Option<String>, PathBuf)>,
         topics: Vec<TopicArgument<'_>>,
         options: &Options,
@@ -157,7 +157,7 @@ impl Contents {
         Ok(Contents::Topics(Log { topics, likely_time: None }))
     }
 
-    fn samples<'a>(
+    pub(crate) fn samples<'a>(
         self,
         formulas: impl IntoIterator<Item = &'a Formula> + Clone,
         options: &Options,

@@ -17,10 +17,10 @@ const BATCH: usize = 64;
 /// A simulation by its trial and its number, with its trace.
 pub type SimulatedTrace = ((u32, u32), Trace);
 
-/// Returns the traces of at most `limit` simulations of a run with a verdict, evenly chosen. They are
-/// simulated again with `resolved`; without it, only those with a recorded trace are returned, which
-/// are violated ones. `watch` gets the number of traces so far and the number of all; it can end the
-/// simulations, of which nothing is then returned: `None`.
+/// Returns the traces of at most `limit` simulations of a run with a verdict, evenly chosen. They
+/// are simulated again with `resolved`; without it, only those with a recorded trace are returned,
+/// which are violated ones. `watch` gets the number of traces so far and the number of all; it can
+/// end the simulations, of which nothing is then returned: `None`.
 ///
 /// # Errors
 /// If the run cannot be read, or a simulation cannot be run.

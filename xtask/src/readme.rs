@@ -19,12 +19,13 @@ use anyhow::{Context, Result, bail, ensure};
 
 use crate::process::{cargo, run};
 
-const PAGES: [&str; 12] = [
+const PAGES: [&str; 13] = [
     "README.md",
     "docs/guide/tour.md",
     "docs/reference/scenarios.md",
     "docs/guide/explain.md",
     "docs/guide/logs.md",
+    "docs/guide/requirements.md",
     "docs/guide/online.md",
     "docs/guide/guard.md",
     "docs/guide/margin.md",

@@ -19,7 +19,9 @@ use mishandle::tasks::Task;
 use mishandle::world::{CHILD_WORD, run_child, set_child_program};
 
 pub use commands::junit;
+pub use show::formula::text as formula_text;
 pub use show::log_verdicts::shown as verdicts_text;
+pub use show::mining::text as mining_text;
 
 use command_line::CommandLine;
 use exit_status::ExitStatus;

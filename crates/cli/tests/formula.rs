@@ -1,5 +1,7 @@
 //! Formulas in words with their traps, and mined parameters, as a person and a program see them.
 
+#![allow(clippy::unwrap_used)]
+
 mod bench;
 
 use bench::{Bench, text};

@@ -126,6 +126,24 @@ impl Samples {
         }
     }
 
+    /// Returns even samples, how the bounds of a formula count them, and the time of the first one
+    /// in seconds. The bounds may not be whole numbers of samples.
+    ///
+    /// # Errors
+    /// In dense time, or if a bound has no unit that the samples can tell.
+    pub fn evenly(&self, formula: &Formula, evaluation: &Evaluation) -> Result<(&Trace, Clock, f64)> {
+        match &self.signals {
+            Signals::Even { trace, period, start, has_times } => {
+                let clock = clock(formula, *period, *has_times, self.likely_time.as_deref(), evaluation)?;
+                Ok((trace, clock, *start))
+            }
+            Signals::Dense(_) => Err(undecided(
+                "--resample",
+                "this needs samples, which --dense does not give; resample the log instead".to_string(),
+            )),
+        }
+    }
+
     /// Returns the robustness at each sample with its time; in dense time at each breakpoint.
     ///
     /// # Errors

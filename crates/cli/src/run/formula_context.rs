@@ -11,7 +11,7 @@ use mishandle::rollout::{Seed, Target};
 use mishandle::stl::{Clock, Formula, Monitor, TimeUnit, Trace};
 use mishandle::store::RunKind;
 use mishandle::{Plan, ResolvedPlan};
-use mishandle_logs::{Evaluation, OpenLog, Options, Signals, Source};
+use mishandle_logs::{Evaluation, OpenLog, Options, Source};
 use mishandle_requirements::Context;
 
 use super::logs;
@@ -84,17 +84,8 @@ pub fn of_logs(
         let shown = || format!("trace {name}");
         let samples = OpenLog::open(source, options).and_then(|log| log.samples([formula], options));
         let samples = samples.with_context(shown)?;
-        let Signals::Even { trace, period, start, .. } = &samples.signals else {
-            anyhow::bail!("formulas are drawn over samples: pass --resample instead of --dense");
-        };
-        let fallback = period.map_or(Clock::unknown(), Clock::steps);
-        // A bound that does not fit the samples is a trap.
-        let clock = match samples.clock(formula, &evaluation) {
-            Ok(clock) => clock.unwrap_or(fallback),
-            Err(_) if period.is_some() => fallback,
-            Err(error) => return Err(error).with_context(shown),
-        };
-        found.push(Drawn { kind: "log", name: name.clone(), trace: trace.clone(), clock, start: *start });
+        let (trace, clock, start) = samples.evenly(formula, &evaluation).with_context(shown)?;
+        found.push(Drawn { kind: "log", name: name.clone(), trace: trace.clone(), clock, start });
     }
     Ok(found)
 }
@@ -106,8 +97,8 @@ pub fn is_run(path: &Path) -> bool {
     path.is_file() && read.is_ok() && start == *b"SQLite format 3\0"
 }
 
-/// Returns the traces of at most `limit` simulations of each run, which are simulated again; without
-/// their target, only recorded ones. `None` if a signal ended this.
+/// Returns the traces of at most `limit` simulations of each run, which are simulated again.
+/// Without their target, only recorded ones are returned. `None` if a signal ended this.
 pub fn of_runs(paths: &[PathBuf], limit: u64, unit: Option<TimeUnit>) -> Result<Option<Vec<Drawn>>> {
     if paths.is_empty() {
         return Ok(Some(Vec::new()));

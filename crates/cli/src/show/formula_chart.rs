@@ -20,7 +20,8 @@ const MAX_POINTS: usize = 2000;
 /// Size of a panel, pixels.
 const PANEL: [u32; 2] = [900, 190];
 
-/// Returns the drawing of the examples. The sub-formulas are rows, with their numbers in the caption.
+/// Returns the drawing of the examples. The sub-formulas are rows, with their numbers in the
+/// caption.
 pub fn svg(found: &FormulaDescription) -> String {
     let panels = found.examples.iter().take(MAX_TRACES).flat_map(panels).collect();
     let states = [("holds", HOLDS), ("violated", VIOLATED), ("window beyond the end", UNDECIDED)];

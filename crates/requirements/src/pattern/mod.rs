@@ -108,7 +108,7 @@ impl Pattern {
     /// let set = |name: &str, value: &str| (name.to_owned(), value.to_owned());
     /// let settings = [set("p", "x >= 1"), set("q", "y <= 0.1"), set("deadline", "2s")];
     /// let (formula, words) = pattern("response").unwrap().fill(&settings).unwrap();
-    /// assert_eq!(formula, "always((x >= 1) implies eventually[0:2s] (y <= 0.1))");
+    /// assert_eq!(formula, "always(x >= 1 implies eventually[0s:2s](y <= 0.1))");
     /// assert_eq!(words, "Whenever x >= 1 holds, y <= 0.1 holds at some time from then to 2s later.");
     /// ```
     pub fn fill(&self, settings: &[(String, String)]) -> Result<(String, String)> {
@@ -157,8 +157,7 @@ impl Pattern {
             }
             to.push_str(rest);
         }
-        Formula::parse(&formula)?;
-        Ok((formula, words))
+        Ok((Formula::parse(&formula)?.to_string(), words))
     }
 
     /// Returns what the formula with the settings of [`Pattern::shown`] says about its two traces.

@@ -1,0 +1,139 @@
+//! Formulas in words with their traps, patterns, and mined parameters.
+
+use std::collections::BTreeMap;
+
+use mishandle::results::FormulaDescription;
+use mishandle::stl::{Formula, TimeUnit};
+use mishandle_logs::{Evaluation, LogError, Options};
+use mishandle_requirements::{
+    Context, MiningQuestion, NamedTrace, ParameterRange, RequirementError, describe_formula as describe,
+    draw, find_examples, parse_with_ranges, pattern, with_values,
+};
+use pyo3::prelude::*;
+
+use crate::logs::{Contents, LogArgument, Reading, word};
+use crate::work::json;
+use crate::{InvalidValueError, plain};
+
+/// Width of texts, characters.
+const WIDTH: usize = 100;
+
+/// A parameter: name, least and greatest value, unit, step.
+type ParameterArgument = (String, f64, f64, Option<String>, Option<f64>);
+
+fn invalid(error: &RequirementError) -> PyErr {
+    InvalidValueError::new_err(error.to_string())
+}
+
+fn unit_of(given: Option<&str>) -> PyResult<Option<TimeUnit>> {
+    word("unit", given, &TimeUnit::ALL.map(|unit| (unit.symbol(), unit)))
+}
+
+/// Reads the samples of logs that a formula reads.
+fn traces(
+    py: Python<'_>,
+    formula: &Formula,
+    logs: Vec<LogArgument<'_>>,
+    options: &Options,
+    unit: Option<TimeUnit>,
+) -> PyResult<Vec<NamedTrace>> {
+    let mut names: Vec<String> = logs.iter().map(|(name, ..)| name.clone()).collect();
+    mishandle_logs::tell_apart(&mut names);
+    let evaluation = Evaluation { unit, strict_horizon: false };
+    let mut found = Vec::new();
+    for (name, (_, files, topics)) in names.into_iter().zip(logs) {
+        let named = |error: LogError| InvalidValueError::new_err(format!("trace {name}: {error}"));
+        let contents = Contents::new(files, topics, options)?;
+        let samples = py.detach(|| contents.samples([formula], options)).map_err(named)?;
+        let (trace, clock, start) = samples.evenly(formula, &evaluation).map_err(named)?;
+        found.push(NamedTrace { name: name.clone(), trace: trace.clone(), clock, start });
+    }
+    Ok(found)
+}
+
+/// Returns the description of a formula, and its text.
+#[pyfunction]
+#[expect(clippy::too_many_arguments, reason = "they are those of the function in Python")]
+pub fn describe_formula(
+    py: Python<'_>,
+    text: &str,
+    logs: Vec<LogArgument<'_>>,
+    reading: Reading,
+    unit: Option<String>,
+    units: BTreeMap<String, String>,
+    episode: Option<f64>,
+) -> PyResult<(String, String)> {
+    let unit = unit_of(unit.as_deref())?;
+    let formula = Formula::parse(text).map_err(plain)?;
+    let options = reading.options()?;
+    let period = options.period;
+    let mut context = Context { unit, units, episode_secs: episode, period, ..Context::default() };
+    let traces = traces(py, &formula, logs, &options, unit)?;
+    if let Some(first) = traces.first() {
+        context.period = first.clock.period_secs().or(context.period);
+        context.samples = traces.iter().map(|trace| trace.trace.len()).min();
+        context.traces = traces.iter().map(|trace| (trace.name.clone(), trace.trace.clone())).collect();
+    }
+    let describe = || -> Result<FormulaDescription, RequirementError> {
+        let mut found = describe(&formula, &context)?;
+        for NamedTrace { name, trace, clock, .. } in &traces {
+            let example = draw(&formula, "log", name, trace, *clock)?;
+            found.examples.push(with_values(example, trace, &formula.signals()));
+        }
+        if traces.is_empty() {
+            found.examples = find_examples(&formula, &context);
+        }
+        Ok(found)
+    };
+    let mut found = py.detach(describe).map_err(|error| invalid(&error))?;
+    let text = mishandle_cli::formula_text(&found, None, WIDTH);
+    found
+        .examples
+        .iter_mut()
+        .filter(|example| example.kind == "log")
+        .for_each(|example| example.values = None);
+    Ok((json(&found)?, text))
+}
+
+/// Returns the formula of a pattern, and its sentence.
+#[pyfunction]
+pub fn pattern_formula(name: &str, settings: Vec<(String, String)>) -> PyResult<(String, String)> {
+    pattern(name).and_then(|pattern| pattern.fill(&settings)).map_err(|error| invalid(&error))
+}
+
+fn ranges(parameters: Vec<ParameterArgument>) -> PyResult<Vec<ParameterRange>> {
+    let range = |(name, low, high, unit, resolution): ParameterArgument| {
+        Ok(ParameterRange { name, low, high, unit: unit_of(unit.as_deref())?, resolution })
+    };
+    parameters.into_iter().map(range).collect()
+}
+
+/// Returns the signals of a formula with parameters.
+#[pyfunction]
+pub fn mined_signals(formula: &str, parameters: Vec<ParameterArgument>) -> PyResult<Vec<String>> {
+    let formula = parse_with_ranges(formula, &ranges(parameters)?).map_err(plain)?;
+    Ok(formula.signals().into_iter().map(str::to_owned).collect())
+}
+
+/// Returns the tightest values of the parameters for which logs satisfy a formula, and their text.
+#[pyfunction]
+#[expect(clippy::too_many_arguments, reason = "they are those of the function in Python")]
+pub fn mine(
+    py: Python<'_>,
+    formula: &str,
+    parameters: Vec<ParameterArgument>,
+    logs: Vec<LogArgument<'_>>,
+    reading: Reading,
+    unit: Option<String>,
+    share: f64,
+    points: usize,
+) -> PyResult<(String, String)> {
+    let unit = unit_of(unit.as_deref())?;
+    let parameters = ranges(parameters)?;
+    let parsed = parse_with_ranges(formula, &parameters).map_err(plain)?;
+    let traces = traces(py, &parsed, logs, &reading.options()?, unit)?;
+    let question = MiningQuestion { formula, parameters: &parameters, share, points, unit };
+    let found =
+        py.detach(|| mishandle_requirements::mine(&question, &traces)).map_err(|error| invalid(&error))?;
+    Ok((json(&found)?, mishandle_cli::mining_text(&found, WIDTH)))
+}
