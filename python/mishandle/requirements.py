@@ -125,7 +125,7 @@ def mine(
     Examples
     --------
     >>> mine("always(force <= limit)", {"limit": (0, 50)}, {"force": [1.0, 7.5, 3.0]}).points[0].values
-    [7.5]
+    (7.5,)
     """
     steps = dict(resolution or {})
     unknown = [name for name in steps if name not in parameters]

@@ -428,7 +428,8 @@ class FormulaHorizon:
     """The part of a trace that decides a formula at time 0."""
 
     samples: int | None
-    """Number of samples; ``None`` if the sampling period is unknown and the formula has times."""
+    """Number of samples; ``None`` if the sampling period is unknown and the formula has times,
+    or if a bound does not fit the period."""
     seconds: float | None
     """Time of the last one in seconds; ``None`` if the sampling period is unknown and the
     formula counts samples."""

@@ -1,4 +1,4 @@
-"""Runs the examples of the docstrings and of docs/guide/python.md, policy_servers.md, online.md and logs.md."""
+"""Runs the examples of the docstrings and of docs/guide/python.md, policy_servers.md, requirements.md, online.md and logs.md."""
 
 import doctest
 import importlib
@@ -54,6 +54,9 @@ class Examples(unittest.TestCase):
         # The verdicts of the command above on the page.
         found = self.run_page("docs/guide/logs.md", least=2)
         self.assertEqual([each.name for each in found["found"].verdicts if each.violated], ["slow", "stops"])
+
+    def test_the_page_of_requirements_runs(self):
+        self.run_page("docs/guide/requirements.md", least=1)
 
     def test_the_page_of_online_monitors_runs(self):
         self.run_page("docs/guide/online.md", least=3)

@@ -13,7 +13,7 @@ LOGS = [
 class TestFormula(unittest.TestCase):
     def test_a_formula_without_a_log_has_two_examples(self):
         found = mishandle.formula("always[0:2s](force <= 20)")
-        self.assertEqual(found.words, ["at every step from 0 s to 2 s: force is at most 20"])
+        self.assertEqual(found.words, ("at every step from 0 s to 2 s: force is at most 20",))
         self.assertEqual([example.violated for example in found.examples], [False, True])
         for example in found.examples:
             values = {signal.signal: signal.values for signal in example.values}
@@ -43,11 +43,11 @@ class TestFormula(unittest.TestCase):
 class TestMine(unittest.TestCase):
     def test_the_tightest_limit_is_that_of_the_worst_log(self):
         found = mishandle.mine("always(force <= limit)", {"limit": (0, 50)}, LOGS)
-        self.assertEqual((found.outcome, found.points[0].values, found.points[0].decisive), ("found", [7.5], "log 1"))
+        self.assertEqual((found.outcome, found.points[0].values, found.points[0].decisive), ("found", (7.5,), "log 1"))
         self.assertEqual([trace.value for trace in found.per_trace], [7.5, 5.0])
         self.assertIn("limit = 7.5", str(found))
         half = mishandle.mine("always(force <= limit)", {"limit": (0, 50)}, LOGS, share=0.5)
-        self.assertEqual(half.points[0].values, [5.0])
+        self.assertEqual(half.points[0].values, (5.0,))
 
     def test_bounds_and_fronts(self):
         time = mishandle.mine("eventually[0:T](force >= 4)", {"T": (0, 1.5, "s")}, LOGS)
@@ -58,7 +58,7 @@ class TestMine(unittest.TestCase):
         self.assertEqual(max(point.values[1] for point in front.points), 5.0)
 
     def test_mistakes(self):
-        for parameters, part in [({"force": (0, 1)}, "also a signal|reads no signal|no signal"), ({"c": (1, 0)}, "lower one first")]:
+        for parameters, part in [({"force": (0, 1)}, "reads no signal"), ({"c": (1, 0)}, "lower one first")]:
             with self.assertRaisesRegex(mishandle.InvalidValueError, part):
                 mishandle.mine("always(force <= c)" if "c" in parameters else "always(force <= 1)", parameters, LOGS)
         with self.assertRaisesRegex(mishandle.InvalidValueError, "there is no log"):

@@ -14,7 +14,7 @@ use crate::units::unit_of;
 const MAX_WORDS: usize = 500;
 
 /// Periods in which bounds with units are whole numbers of samples, s.
-const TICKS: [f64; 3] = [1e-3, 1e-6, 1e-9];
+const TICKS: [f64; 4] = [1.0, 1e-3, 1e-6, 1e-9];
 
 /// Known facts about the traces of a formula.
 #[derive(Clone, Debug, Default)]
@@ -125,9 +125,12 @@ pub(crate) fn needed(formula: &Formula, context: &Context) -> Option<Needed> {
 }
 
 fn horizon(formula: &Formula, context: &Context) -> Option<FormulaHorizon> {
-    let needed = needed(formula, context).filter(|needed| !needed.is_unbounded)?;
-    Some(FormulaHorizon {
-        samples: needed.samples.map(|samples| samples as u64),
-        seconds: needed.secs.map(Number),
-    })
+    match needed(formula, context) {
+        Some(Needed { is_unbounded: true, .. }) => None,
+        Some(Needed { samples, secs, .. }) => {
+            Some(FormulaHorizon { samples: samples.map(|samples| samples as u64), seconds: secs.map(Number) })
+        }
+        // A bound that does not fit the samples, or samples and times without a period.
+        None => Some(FormulaHorizon { samples: None, seconds: None }),
+    }
 }

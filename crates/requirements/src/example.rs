@@ -34,13 +34,16 @@ const PIECES: u64 = 6;
 /// Changes without an improvement after which the search starts again.
 const PATIENCE: u32 = 60;
 
-/// Searches for a trace that satisfies the formula, in which the conditions of its implications
-/// hold at some sample if possible, and for one that violates it. The verdict of each is that of
+/// Searches for a trace that satisfies the formula and for one that violates it. If possible, the
+/// conditions of its implications hold at some samples of them and fail at others. The verdict of each is that of
 /// [`Monitor`]. Empty if the formula is too long, or needs too many samples.
 pub fn find_examples(formula: &Formula, context: &Context) -> Vec<FormulaExample> {
     let Some(search) = Search::new(formula, context) else { return Vec::new() };
-    let satisfied = search.run(Goal::Tested).or_else(|| search.run(Goal::Satisfied));
-    let violated = search.run(Goal::Violated);
+    let [satisfied, violated] = [false, true].map(|violates| {
+        let goals = [Conditions::Change, Conditions::Hold, Conditions::Any];
+        let mut goals = goals.into_iter().filter(|conditions| search.has(*conditions));
+        goals.find_map(|conditions| search.run(Goal { violates, conditions }))
+    });
     let named = [("satisfied", satisfied), ("violated", violated)];
     let drawn = named.into_iter().filter_map(|(name, trace)| {
         let trace = trace?;
@@ -50,12 +53,20 @@ pub fn find_examples(formula: &Formula, context: &Context) -> Vec<FormulaExample
     drawn.collect()
 }
 
+/// Requirements on the conditions of implications.
 #[derive(Clone, Copy, PartialEq)]
-enum Goal {
-    /// The formula holds, and so does each condition at some sample.
-    Tested,
-    Satisfied,
-    Violated,
+enum Conditions {
+    /// Each one holds at some sample and fails at another one.
+    Change,
+    /// Each one holds at some sample.
+    Hold,
+    Any,
+}
+
+#[derive(Clone, Copy)]
+struct Goal {
+    violates: bool,
+    conditions: Conditions,
 }
 
 struct Search<'a> {
@@ -108,6 +119,11 @@ impl<'a> Search<'a> {
         Some(Search { formula, names, levels, conditions, clock, samples, evaluations })
     }
 
+    /// Returns whether the requirement on conditions differs from none.
+    fn has(&self, conditions: Conditions) -> bool {
+        conditions == Conditions::Any || !self.conditions.is_empty()
+    }
+
     fn trace(&self, signals: &[Pieces]) -> Trace {
         let column = |pieces: &Pieces| {
             let mut values = Vec::with_capacity(self.samples);
@@ -132,16 +148,18 @@ impl<'a> Search<'a> {
     fn value(&self, monitors: &mut [Monitor], goal: Goal, trace: &Trace) -> f64 {
         let Some((formula, conditions)) = monitors.split_first_mut() else { return f64::NAN };
         let Ok(robustness) = formula.robustness(trace) else { return f64::NEG_INFINITY };
-        match goal {
-            Goal::Violated => -robustness,
-            Goal::Satisfied => robustness,
-            Goal::Tested => conditions.iter_mut().fold(robustness, |least, condition| {
-                let best = condition.robustness_signal(trace).ok().and_then(|values| {
-                    values.iter().copied().reduce(|a, b| if b.total_cmp(&a).is_gt() { b } else { a })
-                });
-                best.filter(|best| best.total_cmp(&least).is_lt()).unwrap_or(least)
-            }),
+        let mut least = if goal.violates { -robustness } else { robustness };
+        for condition in conditions.iter_mut().filter(|_| goal.conditions != Conditions::Any) {
+            let Ok(values) = condition.robustness_signal(trace) else { return f64::NEG_INFINITY };
+            let ends = values.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), value| {
+                (low.min(*value), high.max(*value))
+            });
+            least = least.min(ends.1);
+            if goal.conditions == Conditions::Change {
+                least = least.min(-ends.0);
+            }
         }
+        least
     }
 
     fn run(&self, goal: Goal) -> Option<Trace> {
@@ -149,13 +167,14 @@ impl<'a> Search<'a> {
         let monitors: Result<Vec<Monitor>, _> =
             formulas.map(|formula| Monitor::new(formula, &self.names, self.clock)).collect();
         let mut monitors = monitors.ok()?;
-        let mut random = Sequence::new(0, goal as u64);
+        let mut random = Sequence::new(0, u64::from(goal.violates));
         // A robustness of 0 has a verdict, too, but says less.
         let is_clear = |value: f64| value > 0.0;
-        let is_reached = |value: f64| match goal {
-            // The value is the negated robustness, whose sign a zero keeps.
-            Goal::Violated => is_violated(-value),
-            _ => is_satisfied(value),
+        // A negated robustness keeps the sign of a zero, a minimum of several numbers may not.
+        let is_reached = |value: f64| match (goal.conditions, goal.violates) {
+            (Conditions::Any, true) => is_violated(-value),
+            (Conditions::Any, false) => is_satisfied(value),
+            _ => is_clear(value),
         };
         let mut reached = None;
         let mut current: Vec<Pieces> = self.levels.iter().map(|levels| vec![(0, levels[0])]).collect();

@@ -34,7 +34,8 @@ pub struct FormulaDescription {
 /// The part of a trace that decides a formula at time 0.
 #[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
 pub struct FormulaHorizon {
-    /// Number of samples; `null` if the sampling period is unknown and the formula has times.
+    /// Number of samples; `null` if the sampling period is unknown and the formula has times, or if
+    /// a bound does not fit the period.
     pub samples: Option<u64>,
     /// Time of the last one in seconds; `null` if the sampling period is unknown and the formula
     /// counts samples.

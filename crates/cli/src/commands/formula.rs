@@ -24,6 +24,9 @@ fn is_duration(secs: f64) -> bool {
 
 /// Explain a formula in words, warn about known traps, and draw it over an example
 #[derive(Debug, Args)]
+#[command(override_usage = "mishandle formula [OPTIONS] <FORMULA> [LOG]...\n       \
+    mishandle formula [OPTIONS] --pattern <NAME> [--set <NAME=VALUE>]... [LOG]...\n       \
+    mishandle formula --patterns")]
 #[command(
     after_help = "The formula is a text, the name of a formula of --target, or that of a requirement of --formulas.
 It is drawn over the logs, over the nominal episode of the target, or over two traces that the
@@ -41,7 +44,7 @@ traps, docs/reference/patterns.md the patterns."
 )]
 pub struct Arguments {
     /// Formula, and files with a log each to draw it over; with --pattern, logs only
-    #[arg(value_name = "FORMULA [LOG]...", required_unless_present_any = ["patterns", "pattern"])]
+    #[arg(value_name = "FORMULA|LOG", required_unless_present_any = ["patterns", "pattern"])]
     pub words: Vec<String>,
     /// List the patterns of requirements
     #[arg(long, conflicts_with_all = ["words", "pattern", "set", "target", "formulas", "svg"])]

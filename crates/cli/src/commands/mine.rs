@@ -1,6 +1,6 @@
 use std::path::PathBuf;
 
-use anyhow::{Result, ensure};
+use anyhow::Result;
 use clap::Args;
 use mishandle::stl::TimeUnit;
 use mishandle_logs::Evaluation;
@@ -130,7 +130,6 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
     let unit = command.unit.as_deref().map(|text| logs::time_unit(text, "--unit")).transpose()?;
     let first = sources.first().map_or(&[][..], Vec::as_slice);
     let formula = logs::formula_with(&command.formula, &parameters, first, &options)?;
-    ensure!(!formula.signals().is_empty(), "the formula reads no signal");
     let names: Vec<&str> = parameters.iter().map(|parameter| parameter.name.as_str()).collect();
     formula_context::refuse_signals(&sources, &options, &names)?;
     let evaluation = Evaluation { unit, strict_horizon: false };

@@ -73,7 +73,7 @@ fn horizon(found: &FormulaDescription) -> String {
     match (samples, secs) {
         (Some(samples), Some(secs)) => format!("{secs} ({samples})"),
         (Some(one), None) | (None, Some(one)) => one,
-        (None, None) => "unknown without the sampling period (--period)".to_string(),
+        (None, None) => "unknown: it needs a sampling period that fits all bounds (--period)".to_string(),
     }
 }
 

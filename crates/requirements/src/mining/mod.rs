@@ -143,6 +143,9 @@ impl<'a> Miner<'a> {
             }
         }
         let formula = parse_with_ranges(text, parameters)?;
+        if formula.signals().is_empty() {
+            return Err(question("the formula reads no signal".to_owned()));
+        }
         let mut axes = Vec::new();
         for (index, parameter) in parameters.iter().enumerate() {
             let tightest = direction::tightest(&formula, index, &parameter.name)?;

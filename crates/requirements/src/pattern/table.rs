@@ -81,6 +81,37 @@ pub const PATTERNS: &[Pattern] = &[
         },
     },
     Pattern {
+        name: "while",
+        words: "At every time at which {p} holds, {q} holds, too.",
+        formula: "always({p} implies {q})",
+        slots: &[condition("p", "when the requirement applies"), condition("q", "what holds then")],
+        source: BOUFAIED,
+        shown: Shown {
+            settings: &[("p", "contact >= 0.5"), ("q", "force <= 10")],
+            signals: &["contact", "force"],
+            satisfies: &[&[0.0, 1.0, 1.0, 0.0], &[15.0, 5.0, 10.0, 12.0]],
+            violates: &[&[0.0, 1.0, 1.0, 0.0], &[15.0, 5.0, 11.0, 12.0]],
+        },
+    },
+    Pattern {
+        name: "between",
+        words: "From each time at which {begin} holds up to the next time at which {end} holds, {p} holds; at that last time \
+                it need not.",
+        formula: "always(((not {end}) since {begin}) implies {p})",
+        slots: &[
+            condition("begin", "what starts the requirement"),
+            condition("end", "what ends it"),
+            condition("p", "what holds in between"),
+        ],
+        source: DWYER,
+        shown: Shown {
+            settings: &[("begin", "pick >= 0.5"), ("end", "place >= 0.5"), ("p", "grip >= 0.2")],
+            signals: &["pick", "place", "grip"],
+            satisfies: &[&[0.0, 1.0, 0.0, 0.0, 0.0], &[0.0, 0.0, 0.0, 1.0, 0.0], &[0.0, 0.5, 0.5, 0.0, 0.0]],
+            violates: &[&[0.0, 1.0, 0.0, 0.0, 0.0], &[0.0, 0.0, 0.0, 1.0, 0.0], &[0.0, 0.5, 0.0, 0.5, 0.0]],
+        },
+    },
+    Pattern {
         name: "existence",
         words: "{p} holds at some time from the start to {deadline}.",
         formula: "eventually[0:{deadline}] {p}",
@@ -138,6 +169,25 @@ pub const PATTERNS: &[Pattern] = &[
             signals: &["x", "y"],
             satisfies: &[&[0.0, 1.0, 1.0, 1.0, 1.0], &[0.0, 0.0, 1.0, 0.0, 0.0]],
             violates: &[&[0.0, 1.0, 1.0, 1.0, 1.0], &[0.0, 0.0, 0.0, 1.0, 1.0]],
+        },
+    },
+    Pattern {
+        name: "response-and-hold",
+        words: "Each time {p} starts to hold, {q} holds for {duration} without a break, starting at the latest {deadline} \
+                later.",
+        formula: "always(rise({p}) implies eventually[0:{deadline}] always[0:{duration}] {q})",
+        slots: &[
+            condition("p", "the trigger, which counts where it starts"),
+            condition("q", "the response"),
+            time("deadline", None, "latest start of the response"),
+            time("duration", None, "how long it must last"),
+        ],
+        source: BOUFAIED,
+        shown: Shown {
+            settings: &[("p", "alarm >= 0.5"), ("q", "speed <= 0.1"), ("deadline", "1s"), ("duration", "2s")],
+            signals: &["alarm", "speed"],
+            satisfies: &[&[0.0, 1.0, 1.0, 0.0, 0.0, 0.0], &[2.0, 2.0, 0.0, 0.1, 0.0, 1.0]],
+            violates: &[&[0.0, 1.0, 1.0, 0.0, 0.0, 0.0], &[2.0, 2.0, 0.0, 0.1, 1.0, 0.0]],
         },
     },
     Pattern {
