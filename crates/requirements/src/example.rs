@@ -35,8 +35,8 @@ const PIECES: u64 = 6;
 const PATIENCE: u32 = 60;
 
 /// Searches for a trace that satisfies the formula and for one that violates it. If possible, the
-/// conditions of its implications hold at some samples of them and fail at others. The verdict of each is that of
-/// [`Monitor`]. Empty if the formula is too long, or needs too many samples.
+/// conditions of its implications hold at some samples of them and fail at others. The verdict of
+/// each is that of [`Monitor`]. Empty if the formula is too long, or needs too many samples.
 pub fn find_examples(formula: &Formula, context: &Context) -> Vec<FormulaExample> {
     let Some(search) = Search::new(formula, context) else { return Vec::new() };
     let [satisfied, violated] = [false, true].map(|violates| {
@@ -148,7 +148,12 @@ impl<'a> Search<'a> {
     fn value(&self, monitors: &mut [Monitor], goal: Goal, trace: &Trace) -> f64 {
         let Some((formula, conditions)) = monitors.split_first_mut() else { return f64::NAN };
         let Ok(robustness) = formula.robustness(trace) else { return f64::NEG_INFINITY };
-        let mut least = if goal.violates { -robustness } else { robustness };
+        // A window that is cut at the end would make a poor example.
+        let decided = formula.decided_robustness(trace).ok().flatten().unwrap_or(robustness);
+        let mut least = match goal.violates {
+            true => -robustness.max(decided),
+            false => robustness.min(decided),
+        };
         for condition in conditions.iter_mut().filter(|_| goal.conditions != Conditions::Any) {
             let Ok(values) = condition.robustness_signal(trace) else { return f64::NEG_INFINITY };
             let ends = values.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), value| {

@@ -196,6 +196,13 @@ impl Phrase {
         self
     }
 
+    /// Returns the number at another step.
+    fn moved(self, when: &str) -> Phrase {
+        let unit = self.unit.clone();
+        let parts = vec![vec![format!("{} {when}", self.number())]];
+        Phrase { kind: PhraseKind::Expression, parts, unit }
+    }
+
     fn lines(mut self) -> Vec<String> {
         let (joint, head) = match self.kind {
             PhraseKind::All => (", and ", "all of these hold:"),
@@ -280,12 +287,16 @@ impl AppliedOperator<'_> {
             Operator::Eventually => last.after(&format!("at some step {}:", self.ahead())),
             Operator::Historically => last.after(&format!("at every step {}:", self.behind())),
             Operator::Once => last.after(&format!("at some step {}:", self.behind())),
+            Operator::Next | Operator::StrongNext if last.is_number() => last.moved("one step later"),
+            Operator::Previous | Operator::StrongPrevious if last.is_number() => {
+                last.moved("one step earlier")
+            }
             Operator::Next => last.after("one step later, if the trace has it:"),
             Operator::StrongNext => last.after("the trace has a step later, and there:"),
             Operator::Previous => last.after("one step earlier, if the trace has it:"),
             Operator::StrongPrevious => last.after("the trace has a step earlier, and there:"),
-            Operator::Rise => last.after("this holds, and did not one step earlier:"),
-            Operator::Fall => last.after("this does not hold, but did one step earlier:"),
+            Operator::Rise => last.after("this starts to hold (it did not one step earlier):"),
+            Operator::Fall => last.after("this stops holding (it did one step earlier):"),
             Operator::Not => last.after("this does not hold:"),
             Operator::Negate => {
                 Phrase { unit: last.unit.clone(), ..Phrase::value(&format!("-{}", last.number()), None) }
@@ -315,7 +326,7 @@ impl AppliedOperator<'_> {
             }
             Operator::Unless => {
                 let (every, head) =
-                    (self.up_to_end(), format!("or only up to a step {} at which:", self.ahead()));
+                    (self.up_to_end(), format!("or only before a step {} at which:", self.ahead()));
                 Phrase::pair((&format!("at every step {every}:"), first), (&head, last))
             }
             Operator::Since => {
@@ -524,6 +535,27 @@ mod tests {
     fn numbers_keep_their_units_and_order() {
         check("abs(a - b) * 2 <= 1", "abs(a - b) · 2 ≤ 1", &["|a - b| · 2 is at most 1"]);
         check("a - (b + 1) > -0.5", "a - (b + 1) > -0.5", &["a - (b + 1) is more than -0.5 m"]);
+    }
+
+    #[test]
+    fn edges_and_neighbors_are_read_as_they_are_meant() {
+        check(
+            "always(abs(q - (prev q)) <= 1 and rise(p > 2))",
+            "□(abs(q - (● q)) ≤ 1 ∧ rise(p > 2))",
+            &[
+                "at every step of the trace: all of these hold:",
+                "  - |q - (q one step earlier)| is at most 1 m",
+                "  - this starts to hold (it did not one step earlier): p is more than 2 m",
+            ],
+        );
+        check(
+            "(not (q > 1)) unless[0:9] p > 2",
+            "¬(q > 1) W[0:9] p > 2",
+            &[
+                "at every step up to 9 (0.9 s): this does not hold: q is more than 1 m",
+                "or only before a step from 0 to 9 (0 s to 0.9 s) at which: p is more than 2 m",
+            ],
+        );
     }
 
     #[test]
