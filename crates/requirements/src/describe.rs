@@ -39,8 +39,12 @@ impl Context {
         match (self.period, self.unit) {
             (Some(period), Some(unit)) => Clock::rtamt(period, unit),
             (Some(period), None) => Clock::steps(period),
-            (None, _) => Clock::unknown(),
+            (None, unit) => Context::clock_without_period(unit),
         }
+    }
+
+    fn clock_without_period(unit: Option<TimeUnit>) -> Clock {
+        unit.map_or(Clock::unknown(), Clock::unknown_rtamt)
     }
 }
 
@@ -67,7 +71,7 @@ pub fn describe_formula(formula: &Formula, context: &Context) -> Result<FormulaD
     let is_short = tree.nodes.len() <= MAX_WORDS;
     // A bound between two samples is a trap; its words are those of the text.
     let words = match is_short {
-        true => words(context.clock()).or_else(|_| words(Clock::unknown()))?,
+        true => words(context.clock()).or_else(|_| words(Context::clock_without_period(context.unit)))?,
         false => Vec::new(),
     };
     let signals = formula.signals().into_iter();

@@ -65,6 +65,13 @@ fn the_tightest_deadline_is_the_first_sample_that_meets_the_goal() {
 }
 
 #[test]
+fn a_mined_formula_has_plain_numbers() {
+    let traces = [log("a", &[4.0, 2.0], &[0.0; 2])];
+    let found = ask("always(x <= -c)", &[range("c", -50.0, 5.0)], 1.0, &traces).expect("mined");
+    assert_eq!((found.points[0].values[0].0, found.points[0].formula.as_str()), (-4.0, "always(x <= 4)"));
+}
+
+#[test]
 fn ends_of_the_range_are_not_mined() {
     let traces = [log("a", &[5.0], &[0.0])];
     let low = ask("always(x <= limit)", &[range("limit", 0.0, 4.0)], 1.0, &traces).expect("an answer");
@@ -92,7 +99,10 @@ fn mistakes_are_named() {
     };
     assert!(error("always(x <= y)", range("y", 0.0, 1.0)).contains("is also a signal"));
     assert!(error("always(x <= 1)", range("c", 0.0, 1.0)).contains("does not depend"));
-    assert!(error("always(x <= c and x >= c)", range("c", 0.0, 1.0)).contains("column 13"));
+    assert!(
+        error("always(x <= c and x >= c)", range("c", 0.0, 1.0))
+            .contains("easier to satisfy at `c` (column 13)")
+    );
     assert!(error("always(x * c <= 1)", range("c", 0.0, 1.0)).contains("both greater and less"));
     assert!(error("always(x == c)", range("c", 0.0, 1.0)).contains("both greater and less"));
     assert!(error("always(x <= c)", range("c", 1.0, 0.0)).contains("the lower one first"));

@@ -128,6 +128,13 @@ fn units() {
 }
 
 #[test]
+fn words_have_the_unit_of_bounds_without_one() {
+    let context = Context { unit: Some(mishandle_stl::TimeUnit::Seconds), ..Context::default() };
+    let found = describe("always[0:2](x <= 1)", &context).expect("a formula");
+    assert_eq!(found.words, ["at every step from 0 s to 2 s: x is at most 1"]);
+}
+
+#[test]
 fn a_trap_names_its_place() {
     let found = describe("x >= 1 and\n  y == 0.5", &Context::default()).expect("a formula");
     assert_eq!((found.traps[0].line, found.traps[0].column), (Some(2), Some(5)));

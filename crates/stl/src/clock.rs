@@ -151,6 +151,12 @@ impl Clock {
         Clock { period_secs: None, bare_bound: BareBound::Steps }
     }
 
+    /// Creates a clock for samples whose period is unknown, with RTAMT's convention: a bound
+    /// without a unit is in `unit`, and an error unless it is 0.
+    pub fn unknown_rtamt(unit: TimeUnit) -> Clock {
+        Clock { period_secs: None, bare_bound: BareBound::Time(unit) }
+    }
+
     /// Creates a clock with RTAMT's convention: a sampling period of `period_secs` seconds, and a
     /// bound without a unit is in `unit`. RTAMT's defaults are a period of 1 s and seconds.
     pub fn rtamt(period_secs: f64, unit: TimeUnit) -> Clock {
@@ -160,6 +166,14 @@ impl Clock {
     /// Returns the sampling period in seconds, if it is known.
     pub fn period_secs(&self) -> Option<f64> {
         self.period_secs
+    }
+
+    /// Returns the unit of a bound without one; `None` if it counts samples.
+    pub(crate) fn bare_unit(&self) -> Option<TimeUnit> {
+        match self.bare_bound {
+            BareBound::Steps => None,
+            BareBound::Time(unit) => Some(unit),
+        }
     }
 
     /// Returns the time of a sample in seconds; NaN if the period is unknown.

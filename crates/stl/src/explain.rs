@@ -357,7 +357,7 @@ impl AppliedOperator<'_> {
             is_zero: step == 0,
         };
         let written = |bound: Bound| Moment {
-            text: match bound.unit {
+            text: match bound.unit.or(self.clock.bare_unit()) {
                 Some(unit) => format!("{} {unit}", Shown(bound.value)),
                 None => bound.to_string(),
             },
@@ -461,6 +461,7 @@ fn compared(first: Phrase, verb: &str, last: Phrase) -> Phrase {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::clock::TimeUnit;
 
     /// Ten samples per second; every signal is in meters.
     #[track_caller]
@@ -521,6 +522,10 @@ mod tests {
             formula.explain(&Clock::unknown(), EvaluationTime::Start, |_| "").unwrap()
         };
         assert_eq!(words("always[0.5:2s](d <= 1)"), ["at every step from 0.5 s to 2 s: d is at most 1"]);
+        let bare = Formula::parse("always[0:2](d <= 1)").unwrap();
+        let clock = Clock::unknown_rtamt(TimeUnit::Milliseconds);
+        let found = bare.explain(&clock, EvaluationTime::Start, |_| "").unwrap();
+        assert_eq!(found, ["at every step from 0 ms to 2 ms: d is at most 1"]);
         assert_eq!(
             words("always (p >= 1 implies once[0:300ms] q >= 1)"),
             [

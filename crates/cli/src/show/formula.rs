@@ -90,7 +90,8 @@ fn trap(trap: &FormulaTrap, width: usize) -> String {
         lines.push(format!("  at       {}", short(&escape::name(&trap.formula), width.saturating_sub(11))));
     }
     if let Some(instead) = &trap.instead {
-        lines.push(format!("  instead  {}", escape::name(instead)));
+        let advice = output::wrapped(&escape::name(instead), width.saturating_sub(11).max(20));
+        lines.push(format!("  instead  {}", output::indented(&advice, 11)));
     }
     lines.join("\n")
 }

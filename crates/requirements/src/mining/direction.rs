@@ -62,7 +62,9 @@ pub(super) fn tightest(formula: &Formula, parameter: usize, name: &str) -> Resul
     }
     let place = |node: usize| {
         let at = tree.at(node).map_or(String::new(), |at: Position| format!(" ({at})"));
-        format!("`{}`{at}", tree.text(node))
+        // The value of the parameter itself says nothing.
+        let text = if tree.number(node).is_some() { name.to_owned() } else { tree.text(node) };
+        format!("`{text}`{at}")
     };
     match effects.last().copied().unwrap_or_default() {
         Effect { up: None, down: None } => {

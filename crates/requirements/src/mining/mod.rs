@@ -340,7 +340,8 @@ impl<'a> Miner<'a> {
         });
         Ok(MinedPoint {
             values: values.into_iter().map(Number).collect(),
-            formula: formula.to_string(),
+            // `-limit` with a limit of -2 is printed as 2.
+            formula: Formula::parse(&formula.to_string())?.to_string(),
             robustness: Number(decisive.map_or(f64::NAN, |(least, _)| least)),
             satisfied,
             support,
