@@ -91,9 +91,9 @@ QUESTIONS = {
     ),
     "margin of a task": Question(
         results.Margin,
-        ["margin", "ball-balancing", "--controller", "td3", "--budget", "100"],
-        'target = "ball-balancing"\ncontroller = "td3"\nspace = "disturbance"\n[margin]\nbudget = 100',
-        lambda out: mishandle.margin("ball-balancing", policy="td3", budget=100, out=out),
+        ["margin", "ball-balancing", "--controller", "td3", "--budget", "40"],
+        'target = "ball-balancing"\ncontroller = "td3"\nspace = "disturbance"\n[margin]\nbudget = 40',
+        lambda out: mishandle.margin("ball-balancing", policy="td3", budget=40, out=out),
     ),
     "risk of a toy by splitting": Question(
         results.Risk,
@@ -140,6 +140,22 @@ def plain(value: Any) -> Any:
 
 
 class Fronts(unittest.TestCase):
+    answers: dict[str, Any] = {}
+    """Answers in Python by question, each with its run file: simulations of tasks take most of the time of these tests."""
+
+    @classmethod
+    def setUpClass(cls) -> None:
+        folder = tempfile.TemporaryDirectory()
+        cls.addClassCleanup(folder.cleanup)
+        cls.runs = pathlib.Path(folder.name)
+
+    @classmethod
+    def answer(cls, name: str) -> Any:
+        """Returns the answer to a question in Python."""
+        if name not in cls.answers:
+            cls.answers[name] = QUESTIONS[name].ask(cls.runs / str(len(cls.answers)))
+        return cls.answers[name]
+
     def setUp(self) -> None:
         folder = tempfile.TemporaryDirectory()
         self.addCleanup(folder.cleanup)
@@ -159,21 +175,20 @@ class Fronts(unittest.TestCase):
         return str(path)
 
     def test_every_question_has_the_same_rows_and_the_same_result(self) -> None:
-        answers: dict[str, Any] = {}
         for number, (name, question) in enumerate(QUESTIONS.items()):
             with self.subTest(name):
-                flags, plan, python = (self.folder / f"{number}-{front}" for front in ("flags", "plan", "python"))
+                flags, plan = (self.folder / f"{number}-{front}" for front in ("flags", "plan"))
                 expected = bits(question.kind, self.command(*question.arguments, "--out", flags))
                 repeats = ["--repeats", "10"] if "--repeats" in question.arguments else []
                 planned = self.command(question.arguments[0], "--plan", self.plan(question), "--out", plan, *repeats)
                 self.assertEqual(bits(question.kind, planned), expected)
-                found = question.ask(python)
+                found = self.answer(name)
                 self.assertEqual(bits(question.kind, found), expected)
-                self.assertEqual(found.path, python)
-                for path in (plan, python):
+                self.assertEqual(found.path.parent, self.runs)
+                for path in (plan, found.path):
                     self.assertEqual(tables(path), tables(flags))
-                answers[name] = found
         # The questions have something to compare.
+        answers = self.answers
         trials = answers["falsify a random toy"].trials
         self.assertEqual([trial.repeats.simulations for trial in trials if trial.falsified], [10, 10])
         self.assertGreater(answers["falsify a safe toy"].smooth_region.slope, 0)
@@ -185,11 +200,11 @@ class Fronts(unittest.TestCase):
     def test_a_run_of_a_campaign_has_the_same_rows_and_the_same_result(self) -> None:
         for number, (name, question) in enumerate(QUESTIONS.items()):
             with self.subTest(name):
-                out, folder = self.folder / f"{number}", self.folder / f"{number}-campaign"
-                expected = plain(question.ask(out))
+                answer, folder = self.answer(name), self.folder / f"{number}-campaign"
+                expected = plain(answer)
                 [run] = self.command("campaign", self.plan(question), "--out", folder)["runs"]
                 [file] = folder.glob("*.sqlite")
-                self.assertEqual(tables(file), tables(out))
+                self.assertEqual(tables(file), tables(answer.path))
                 found = plain(results.build(question.kind, run["result"]))
                 # A campaign simulates nothing besides its runs.
                 left_out = {"run", "largest_difference", "exceptions", "not_covered", "smooth_region"}
@@ -204,14 +219,13 @@ class Fronts(unittest.TestCase):
         for number, name in enumerate(["evaluate a task", "falsify a random toy"]):
             question = QUESTIONS[name]
             with self.subTest(name):
-                out, folder = self.folder / f"{number}", self.folder / f"{number}-ray"
-                question.ask(out)
+                folder = self.folder / f"{number}-ray"
                 command = [sys.executable, "-m", "mishandle.ray", self.plan(question), "--out", folder]
                 environment = {**os.environ, "RAY_AUTH_MODE": "disabled"}
                 done = subprocess.run(command, capture_output=True, text=True, cwd=self.folder, env=environment, check=False)
                 self.assertEqual(done.returncode, 0, done.stderr)
                 [file] = folder.glob("*.sqlite")
-                self.assertEqual(tables(file), tables(out))
+                self.assertEqual(tables(file), tables(self.answer(name).path))
 
     def test_a_simulation_is_the_same(self) -> None:
         for name, arguments, options in [
@@ -253,15 +267,15 @@ class Fronts(unittest.TestCase):
         self.assertEqual(bits(results.Simulation, mishandle.repeat("toy/noisy")), bits(results.Simulation, expected))
 
     def test_an_explanation_is_the_same(self) -> None:
-        found = falsify(self.folder / "run", "point-reaching", formula="strict", space="starts+sensing", policy="ppo")
-        expected = results.build(results.Explanation, self.command("explain", self.folder / "run"))
+        found = self.answer("falsify a task")
+        expected = results.build(results.Explanation, self.command("explain", found.path))
         self.assertEqual(repr(plain(found.explain())), repr(plain(expected)))
 
     def test_a_replay_is_the_same(self) -> None:
         options: dict[str, Any] = {"formula": "strict", "space": "starts+sensing", "policy": "ppo"}
-        found = falsify(self.folder / "run", "point-reaching", **options)
+        found = self.answer("falsify a task")
         [file, *_] = found.export(self.folder / "suite").paths
-        for path in (self.folder / "run", file):
+        for path in (found.path, file):
             expected = results.build(results.Replay, self.command("replay", path))
             again = mishandle.replay(path, "point-reaching", **options)
             self.assertEqual(repr(plain(results.Replay(**{key: getattr(again, key) for key in vars(expected)}))), repr(plain(expected)))
