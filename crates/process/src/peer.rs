@@ -139,11 +139,10 @@ impl Peer {
         self.stdout.has_more()
     }
 
-    /// Closes the input of the program, and returns whether it ends by itself in the time that it
-    /// has for that.
-    pub fn close(mut self) -> bool {
+    /// Closes the input of the program, and returns whether it ends by itself within a time limit.
+    pub fn close(mut self, limit: Duration) -> bool {
         self.stdin = None;
-        wait(&self.child, GRACE)
+        wait(&self.child, limit)
     }
 
     fn timed_out(&self, limit: Duration) -> Failure {

@@ -23,6 +23,9 @@ const MAX_AXES: usize = 20;
 /// Number of simulations of the nominal scenario that are timed.
 const TIMED: usize = 5;
 
+/// Time that a program has to end after its input is closed: more than a busy machine needs.
+const CLOSING: Duration = Duration::from_secs(2);
+
 /// Time in which output after an answer is noticed.
 const PAUSE: Duration = Duration::from_millis(100);
 
@@ -438,10 +441,10 @@ impl<'a> Checker<'a> {
     fn end(&mut self) {
         let Ok(_) = self.process() else { return };
         let Some(process) = self.process.take() else { return };
-        let problems = match process.into_peer().close() {
+        let problems = match process.into_peer().close(CLOSING) {
             true => Vec::new(),
             false => vec![
-                "it still runs 0.2 s after its standard input was closed, and is killed; end the loop at the end of the input"
+                "it still runs 2 s after its standard input was closed, and is killed; end the loop at the end of the input"
                     .to_string(),
             ],
         };
