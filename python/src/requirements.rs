@@ -53,7 +53,6 @@ fn traces(
 
 /// Returns the description of a formula, and its text.
 #[pyfunction]
-#[expect(clippy::too_many_arguments, reason = "they are those of the function in Python")]
 pub fn describe_formula(
     py: Python<'_>,
     text: &str,
