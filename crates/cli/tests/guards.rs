@@ -83,6 +83,9 @@ fn a_search_finds_a_false_alarm_and_its_counterexample_replays() {
     bench.check("counterexamples export found.sqlite --out alarm.json", 0);
     let replayed = bench.json("replay alarm.json --json", 0);
     assert_eq!(replayed["differences"].as_array().map(Vec::len), Some(0), "{replayed}");
+    // The first alarm of this guard is found by the search; `explain` says when.
+    let explained = bench.check("explain found.sqlite", 1);
+    assert!(explained.contains("The guard hands over at step "), "{explained}");
     // A page names the guard.
     bench.check("report found.sqlite --out page.html", 0);
     let page = std::fs::read_to_string(bench.path("page.html")).unwrap();

@@ -1,11 +1,26 @@
+use mishandle_guard::ACTIVE;
 use mishandle_results as results;
 use mishandle_results::{Instant, PathStep, Predicate, Seed, SignalRow, SignalTable, Window};
 use mishandle_stl::{DecisivePredicate, DecisiveSubformula, Formula, Trace, is_violated};
 use mishandle_store::RunHeader;
-use mishandle_text::instant;
+use mishandle_text::{instant, plural};
 
 use crate::inspect::{Conjunct, ExplainedSimulation, Explanation, PredicateHistory};
 use crate::run::{box_point, given, recorded_axes, recorded_scenario};
+
+/// Says when a guard handed over on a trace and how long its fallback acted; `None` without a guard.
+/// `name` names a sample.
+fn guard_sentence(trace: &Trace, name: &impl Fn(usize) -> String) -> Option<String> {
+    let active = trace.signal(ACTIVE)?;
+    let steps = plural(active.len().saturating_sub(1), "control step");
+    // A sample has the action of the control step before it.
+    let Some(first) = active.iter().position(|active| *active > 0.0) else {
+        return Some(format!("The guard never hands over in {steps}."));
+    };
+    let acting = active.iter().filter(|active| **active > 0.0).count();
+    let at = name(first.saturating_sub(1));
+    Some(format!("The guard hands over at {at}; its fallback acts in {acting} of {steps}."))
+}
 
 /// Numbers of evenly spaced samples in the table of signals, up to the decisive one and behind it.
 const ROWS_BEFORE: usize = 8;
@@ -90,7 +105,7 @@ impl Explanation {
             window: history.as_ref().map(violated_window),
             path: diagnosis.path.iter().map(step).collect(),
             conjuncts: conjuncts.iter().map(conjunct).collect(),
-            sentences: self.sentences(name),
+            sentences: self.sentences(&name).into_iter().chain(guard_sentence(trace, &name)).collect(),
             signals: diagnosis
                 .predicate
                 .as_ref()
