@@ -510,6 +510,18 @@ pub enum MishandleError {
         /// Its value in words.
         expected: &'static str,
     },
+    /// The threshold of a guard cannot be chosen.
+    #[error("{}", too_few_to_tune(*failures, *successes, *scenarios, *fewest))]
+    TooFewToTune {
+        /// Number of training scenarios that violate the requirement.
+        failures: usize,
+        /// Number of those that satisfy it.
+        successes: usize,
+        /// Number of training scenarios.
+        scenarios: u64,
+        /// Fewest failures and fewest successes.
+        fewest: usize,
+    },
     /// A task cannot be built.
     #[error(transparent)]
     Task(#[from] mishandle_tasks::TaskError),
@@ -744,4 +756,17 @@ fn keys_beside(key: &str, known: &[&'static str]) -> String {
     let mut names: Vec<&str> = beside.map(|key| key.split('.').next().unwrap_or(key)).collect();
     names.dedup();
     names.join(", ")
+}
+
+/// Says why a threshold cannot be chosen.
+fn too_few_to_tune(failures: usize, successes: usize, scenarios: u64, fewest: usize) -> String {
+    let few = if failures < successes { failures } else { successes };
+    let (kind, cure) = match failures < successes {
+        true => ("fail", "a space in which the controller fails more often"),
+        false => ("succeed", "a space in which the controller fails less often"),
+    };
+    format!(
+        "{few} of {scenarios} training scenarios {kind}, and a threshold rests on at least {fewest}: use more --episodes, or \
+         {cure} (--space, --axis, --set)"
+    )
 }

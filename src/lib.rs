@@ -25,6 +25,7 @@ pub mod build;
 pub mod campaign;
 pub mod counterexample;
 mod error;
+pub mod guard;
 pub mod harden;
 pub mod inspect;
 pub mod picture;

@@ -2928,6 +2928,130 @@ class TrainingPlan:
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
+class GuardAlarms:
+    """Alarms of a guard that only watches."""
+
+    seed: int
+    """Seed of the evaluation."""
+    failures: int
+    """Number of scenarios in which the controller alone violates the requirement."""
+    successes: int
+    """Number of scenarios in which it satisfies the requirement."""
+    without_verdict: int
+    """Number of scenarios without a verdict, which count nowhere here."""
+    missed: Estimate
+    """Share of failures without an alarm before the failure is certain, with its Wilson
+    interval."""
+    late: int
+    """Number of these with a later alarm."""
+    false_alarms: Estimate
+    """Share of successes with an alarm, with its Wilson interval."""
+    area: Estimate
+    """Probability that the least robustness of a failure is below that of a success: 1 if all
+    failures are below all successes, 0.5 by chance."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class AlarmLead:
+    """Time from an alarm to the certain failure: the first sample at which no continuation
+    satisfies the requirement."""
+
+    n: int
+    """Number of failures with an alarm in time."""
+    median: float
+    """Median, s."""
+    low: float
+    """10 % quantile, s."""
+    high: float
+    """90 % quantile, s."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class GuardCurvePoint:
+    """A threshold, and its alarms in the training scenarios."""
+
+    threshold: float
+    """Threshold, in the unit of the guard's formula."""
+    missed: int
+    """Number of failures without an alarm in time."""
+    false_alarms: int
+    """Number of successes with an alarm."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class GuardTuning:
+    """A guard whose threshold was chosen on training scenarios, measured on held-out ones.
+
+    An alarm is a robustness of the guard's formula below the threshold. Alarms are counted
+    where the guard only watches, so that they do not change what happens.
+    """
+
+    target: str
+    """Name of the target."""
+    task: str
+    """The same; the older name of ``target``."""
+    target_kind: str
+    """Kind of the target: ``task``, ``toy`` or ``python``."""
+    target_hash: str
+    """Hash of the target."""
+    preset: str | None
+    """Task preset; ``None`` if the target is not a task."""
+    controller: str | None
+    """Name of the controller; ``None`` without one."""
+    controller_hash: str | None
+    """Hash of what the controller does; ``None`` without one."""
+    guard: GuardFacts | None = None
+    """Guard of the controller; left out without one."""
+    stochastic: bool
+    """Whether actions are sampled from the policy's distribution."""
+    action_noise: float
+    """Standard deviation of the noise that is added to actions."""
+    observation_noise: float
+    """Standard deviation of the noise that is added to observations."""
+    seed: int
+    """Seed of the plan, from which the seeds of simulations are derived. For ``simulate``, and
+    for ``margin`` of a target without noise, it is the seed of the simulations themselves; only
+    those of repeats are derived from it."""
+    space: str
+    """Name of the scenario space."""
+    axes: tuple[str, ...]
+    """Names of its axes, the order of ``initial_configuration``."""
+    space_axes: tuple[AxisFacts, ...]
+    """The axes of the space in the same order."""
+    set_axes: tuple[str, ...]
+    """Names of the axes whose range the plan sets."""
+    control_dt: float
+    """Duration of a control step, s."""
+    episode_steps: int
+    """Number of control steps of a whole episode."""
+    folder: str
+    """Folder with the run files and the guard."""
+    guard_file: str
+    """Path of the guard with the chosen threshold."""
+    requirement: str
+    """Formula whose violation is a failure."""
+    false_alarm_limit: float
+    """Largest allowed share of successful training scenarios with an alarm."""
+    verdict: str
+    """Conclusion from the held-out scenarios, in sentences."""
+    training: GuardAlarms
+    """Alarms in the training scenarios, on which the threshold was chosen: they flatter the
+    guard."""
+    held_out: GuardAlarms
+    """Alarms in the held-out scenarios."""
+    lead: AlarmLead | None
+    """Time from an alarm to the certain failure in the held-out scenarios; ``None`` without an
+    alarm before a failure."""
+    guarded: PairedRates
+    """Success in the held-out scenarios: A is the controller alone, B the guarded controller.
+    ``second_only`` counts saved scenarios, ``first_only`` broken ones."""
+    fallback: PairedRates
+    """Success in the held-out scenarios: A is the controller alone, B the fallback alone."""
+    curve: tuple[GuardCurvePoint, ...]
+    """Missed failures and false alarms of all thresholds in the training scenarios."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
 class Validation:
     """Validation of a policy during training."""
 

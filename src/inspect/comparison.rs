@@ -147,7 +147,7 @@ pub fn sameness(a: &ComparedRun, b: &ComparedRun) -> Option<String> {
 }
 
 /// Returns the rates of pairs, of which `verdicts` have one in A and in B.
-fn paired_rates(counts: PairedCounts, verdicts: [u64; 2]) -> PairedRates {
+pub(crate) fn paired_rates(counts: PairedCounts, verdicts: [u64; 2]) -> PairedRates {
     let PairedCounts { both, first_only, second_only, .. } = counts;
     let n = counts.n();
     let (first, second) = (rate(both + first_only, verdicts[0], n), rate(both + second_only, verdicts[1], n));
@@ -399,6 +399,8 @@ fn differences(a: &RunHeader, b: &RunHeader) -> Vec<String> {
             ("instruction set", header.build.architecture.clone()),
         ];
         if let Ok(plan) = Plan::from_toml(&header.plan) {
+            let guard = plan.guard.as_ref().map(|guard| guard.to_toml().trim().replace('\n', ", "));
+            facts.push(("guard", guard.unwrap_or_else(|| "none".to_string())));
             facts.push(("task preset", plan.preset));
             facts.push(("action noise", plan.action_noise.to_string()));
             facts.push(("observation noise", plan.observation_noise.to_string()));

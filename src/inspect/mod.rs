@@ -18,6 +18,7 @@ mod space_coverage;
 mod traces;
 
 pub use answer::{reasons, recorded_result, whole_result};
+pub(crate) use comparison::paired_rates;
 pub use comparison::{ComparedPair, Comparison, compare, sameness};
 pub use event::{Event, EventKind, release};
 pub use explanation::{

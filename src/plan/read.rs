@@ -63,7 +63,7 @@ const fn key<T: DeserializeOwned>(name: &'static str, allowed: &'static str) -> 
     Key { name, allowed, reads: reads::<T> }
 }
 
-const KEYS: [Key; 63] = [
+const KEYS: [Key; 64] = [
     key::<u32>("format", "2"),
     key::<String>("target", "a string, such as \"ball-balancing\""),
     key::<String>("folder", "a string, such as \"simulators\""),
@@ -90,6 +90,7 @@ const KEYS: [Key; 63] = [
     key::<String>("guard.actions", "\"increments\" or \"positions\""),
     key::<u64>("evaluate.episodes", "an integer from 1 to 1000000000"),
     key::<StartRegion>("evaluate.box", "\"whole\" or \"reachable\""),
+    key::<bool>("evaluate.corners", "true or false"),
     key::<u32>("evaluate.batch", "an integer from 1 to 65536"),
     key::<String>("falsify.formula", "a string, such as \"strict\""),
     key::<String>("falsify.search", "a string, such as \"nelder-mead\""),

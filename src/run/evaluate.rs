@@ -68,7 +68,9 @@ pub(crate) fn with_requests<T>(
 
 /// Returns the corner simulations of the plan.
 fn corners(resolved: &ResolvedPlan) -> Option<Corners> {
-    Corners::new(&resolved.space, crate::resolve::space_depends_on_seed(resolved), Seed(resolved.plan.seed))
+    let ResolvedPlan { plan, space, .. } = resolved;
+    plan.evaluate.as_ref().filter(|evaluate| evaluate.corners)?;
+    Corners::new(space, crate::resolve::space_depends_on_seed(resolved), Seed(plan.seed))
 }
 
 /// Returns the number of simulations of an evaluation: the random ones, and those of the corners

@@ -55,6 +55,7 @@ fn settings(recorded: &Plan, given: &Plan) -> Vec<String> {
     }
     if let (Some(then), Some(now)) = (&recorded.evaluate, &given.evaluate) {
         found.compare("episodes", &then.episodes, &now.episodes);
+        found.compare("corners", &then.corners, &now.corners);
     }
     if let (Some(then), Some(now)) = (&recorded.margin, &given.margin) {
         found.compare("budget", &then.budget, &now.budget);

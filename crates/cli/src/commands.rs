@@ -10,6 +10,7 @@ mod explain;
 mod export;
 mod falsify;
 mod formula;
+mod guard;
 mod harden;
 mod man;
 mod margin;
@@ -45,7 +46,7 @@ pub const GROUPS: [(&str, &[&str]); 6] = [
     ("Measure", &["evaluate", "risk", "compare", "reproduce"]),
     ("Understand", &["explain", "simulate", "replay", "render", "report", "monitor", "formula", "mine"]),
     ("Keep", &["runs", "counterexamples", "regress", "export"]),
-    ("Train", &["train", "harden", "controller"]),
+    ("Train", &["train", "harden", "guard", "controller"]),
     ("Look up", &["tasks", "targets", "target", "searches", "protocol", "completions", "man", "help"]),
 ];
 
@@ -74,6 +75,7 @@ pub enum Command {
     Export(export::Arguments),
     Train(train::Arguments),
     Harden(harden::Arguments),
+    Guard(guard::Arguments),
     Controller(controller::Arguments),
     Tasks(tasks::Arguments),
     Targets(targets::Arguments),
@@ -110,6 +112,7 @@ pub fn run(command: &Command, gpu: Option<&Device>, program: fn() -> clap::Comma
         Command::Export(arguments) => export::run(arguments),
         Command::Train(arguments) => train::run(arguments, gpu),
         Command::Harden(arguments) => harden::run(arguments, gpu),
+        Command::Guard(arguments) => guard::run(arguments),
         Command::Controller(arguments) => controller::run(arguments),
         Command::Tasks(arguments) => tasks::run(arguments),
         Command::Targets(arguments) => targets::run(arguments),

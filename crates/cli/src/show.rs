@@ -11,6 +11,7 @@ pub mod falsification;
 pub mod formula;
 pub mod formula_chart;
 pub mod formula_error;
+pub mod guard_tuning;
 pub mod hardening;
 pub mod live_curve;
 pub mod log_verdicts;

@@ -6,9 +6,10 @@ use serde::Serialize;
 
 use crate::{
     Campaign, Comparison, Controller, ControllerExport, ControllerImport, Counterexamples, Evaluation,
-    Explanation, Exports, Falsification, FormulaDescription, Hardening, LogExplanations, Margin, Masking,
-    Metamorphic, Mining, Monitor, MonitorChange, ProtocolCheck, Regression, Replay, RequirementPattern, Risk,
-    RunSummary, Search, Simulation, Tables, Target, Targets, Task, Training, TrainingPlan, Verification,
+    Explanation, Exports, Falsification, FormulaDescription, GuardTuning, Hardening, LogExplanations, Margin,
+    Masking, Metamorphic, Mining, Monitor, MonitorChange, ProtocolCheck, Regression, Replay,
+    RequirementPattern, Risk, RunSummary, Search, Simulation, Tables, Target, Targets, Task, Training,
+    TrainingPlan, Verification,
 };
 
 /// Version of the documents. Within a version, keys are only added.
@@ -76,6 +77,7 @@ impl Document {
             Document::object::<Training>("train"),
             Document::object::<Hardening>("harden"),
             Document::object::<TrainingPlan>("train --dry-run"),
+            Document::object::<GuardTuning>("guard tune"),
             Document::object::<Controller>("controller"),
             Document::object::<ControllerExport>("controller export"),
             Document::object::<ControllerImport>("controller import"),

@@ -11,7 +11,8 @@
 //! - [`Explanation`], [`Masking`], [`Replay`], [`Counterexamples`], [`Regression`], [`Comparison`]:
 //!   about recorded simulations.
 //! - [`Campaign`], [`RunSummary`], [`Tables`], [`Verification`]: about several runs.
-//! - [`Training`], [`TrainingPlan`], [`Hardening`], [`Controller`]: about controllers.
+//! - [`Training`], [`TrainingPlan`], [`Hardening`], [`GuardTuning`], [`Controller`]: about
+//!   controllers.
 //! - [`Task`], [`Targets`], [`Target`], [`Search`]: what can be named.
 //! - [`FormulaDescription`], [`RequirementPattern`], [`Mining`]: about formulas.
 //! - [`ProtocolCheck`]: about a simulator that is a program.
@@ -38,6 +39,7 @@ mod estimate;
 mod evaluation;
 mod explanation;
 mod falsification;
+mod guard;
 mod hardening;
 mod margin;
 mod metamorphic;
@@ -73,6 +75,7 @@ pub use explanation::{
     MaskedConjunct, Masking, PathStep, Predicate, SignalRow, SignalTable, Window,
 };
 pub use falsification::{Cause, Falsification, Requirement, SearchValue, SmoothRegion, Trial, Unevaluated};
+pub use guard::{AlarmLead, GuardAlarms, GuardCurvePoint, GuardTuning};
 pub use hardening::{
     HardenedArchive, HardenedCorners, HardenedMargin, HardenedMeasure, HardenedMode, HardenedSearch,
     Hardening, HardeningRound, ModeChange,
