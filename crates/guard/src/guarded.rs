@@ -126,6 +126,10 @@ impl ControllerWorker for Worker {
     }
 
     fn failure(&self, row: usize) -> Option<&ControllerFailure> {
+        if self.guard.only_watches() {
+            let index = self.rows.iter().position(|acting| *acting == row)?;
+            return self.controller.failure(index);
+        }
         self.guard.failure(row)
     }
 }
