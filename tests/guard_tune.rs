@@ -6,7 +6,7 @@ use std::ops::ControlFlow;
 use std::path::Path;
 
 use mishandle::guard::{TuneSettings, tune};
-use mishandle::plan::GuardPlan;
+use mishandle::plan::{AxisSetting, EvaluatePlan, GuardPlan};
 use mishandle::results::{GuardTuning, Number};
 use mishandle::rollout::{Episode, Request, Scenario, Seed};
 use mishandle::store::RunFile;
@@ -16,19 +16,25 @@ use mishandle::{Plan, ResolvedPlan};
 const JUDGED: std::ops::RangeInclusive<usize> = 50..=200;
 const DISTANCE: f64 = 0.25;
 
+/// Largest share of false alarms.
+const LIMIT: f64 = 0.3;
+
 fn plan() -> Plan {
-    let distance = "tray_from_ball_1 * tray_from_ball_1 + tray_from_ball_2 * tray_from_ball_2";
+    // The ball 0.2 s later, if it keeps its velocity: a good prediction.
+    let [x, y] = [1, 2].map(|i| format!("(tray_from_ball_{i} - 0.2 * ball_velocity_{i})"));
     let guard = GuardPlan {
-        formula: format!("sqrt({distance}) <= 0.2"),
+        formula: format!("{x} * {x} + {y} * {y} <= 0.04"),
         fallback: "expert".to_string(),
         ..GuardPlan::default()
     };
+    let delays = [("action_delay", 2.0), ("observation_delay", 1.0)];
+    let axes = delays.map(|(name, high)| (name.to_string(), AxisSetting::Range([0.0, high]))).into();
     let space = "starts+delay".to_string();
-    Plan { guard: Some(guard), space, seed: 3, ..Plan::new("ball-balancing", "ppo") }
+    Plan { guard: Some(guard), space, axes, seed: 3, ..Plan::new("ball-balancing", "ppo") }
 }
 
 fn settings() -> TuneSettings {
-    TuneSettings { episodes: 40, held_out: 24, false_alarms: 0.1, ..TuneSettings::default() }
+    TuneSettings { episodes: 40, held_out: 24, false_alarms: LIMIT, ..TuneSettings::default() }
 }
 
 fn run(plan: &Plan, settings: &TuneSettings, folder: &Path) -> GuardTuning {
@@ -77,7 +83,7 @@ fn a_tuning_is_that_of_its_traces_and_continues_where_it_stopped() {
     let guard = plan().guard.unwrap();
     let watching = GuardPlan { threshold: f64::NEG_INFINITY, ..guard.clone() };
     let watched = episodes(&Plan { guard: Some(watching), ..plan() }, &training);
-    assert!(found.curve.len() > 10);
+    assert!(found.curve.len() > 10 && threshold.is_finite());
     for point in &found.curve {
         let (mut missed, mut false_alarms) = (0, 0);
         for episode in &watched {
@@ -93,7 +99,7 @@ fn a_tuning_is_that_of_its_traces_and_continues_where_it_stopped() {
             }
         }
         assert_eq!((point.missed, point.false_alarms), (missed, false_alarms), "{}", point.threshold.0);
-        let is_allowed = false_alarms as f64 <= 0.1 * found.training.successes as f64;
+        let is_allowed = false_alarms as f64 <= LIMIT * found.training.successes as f64;
         let chosen = found.curve.iter().find(|point| point.threshold == Number(threshold)).unwrap();
         assert!(!is_allowed || missed >= chosen.missed);
     }
@@ -122,10 +128,7 @@ fn a_tuning_is_that_of_its_traces_and_continues_where_it_stopped() {
             calls += 1;
             if calls * 8 > limit { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
         };
-        let small = Plan {
-            evaluate: Some(mishandle::plan::EvaluatePlan { batch: 8, ..Default::default() }),
-            ..plan()
-        };
+        let small = Plan { evaluate: Some(EvaluatePlan { batch: 8, ..Default::default() }), ..plan() };
         drop(tune(&small, &settings(), &parts, watch).unwrap());
     }
     let again = run(&plan(), &settings(), &parts);
@@ -157,7 +160,7 @@ fn refusals_say_what_to_do() {
     );
     assert!(error(&plan(), &TuneSettings { false_alarms: 1.0, ..settings() }).contains("false alarms"));
     // Without delays, ppo does not fail.
-    let easy = Plan { space: "starts".to_string(), ..plan() };
+    let easy = Plan { space: "starts".to_string(), axes: Default::default(), ..plan() };
     let found = error(&easy, &TuneSettings { episodes: 12, ..settings() });
     assert!(found.starts_with("0 of 12 training scenarios fail"), "{found}");
     let back =

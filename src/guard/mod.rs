@@ -191,7 +191,9 @@ impl<'p> Tuner<'p> {
     fn with_threshold(&self, threshold: f64) -> GuardPlan {
         let back = self.guard.return_threshold.map(|back| back - self.guard.threshold);
         // A guard that never hands over has no way back either.
-        let return_threshold = back.filter(|_| threshold.is_finite()).map(|distance| threshold + distance);
+        let return_threshold = back
+            .filter(|_| threshold.is_finite())
+            .map(|distance| threshold::short(threshold + distance).max(threshold));
         GuardPlan { threshold, return_threshold, ..self.guard.clone() }
     }
 

@@ -74,6 +74,11 @@ fn sorted(values: &[f64]) -> Vec<f64> {
     values
 }
 
+/// Returns a sum of short numbers without the digits of its rounding error.
+pub(super) fn short(sum: f64) -> f64 {
+    format!("{sum:.12e}").parse().unwrap_or(sum)
+}
+
 /// Returns the middle between two numbers, with as few digits as it takes to be strictly between
 /// them; `None` if no number is.
 fn between(low: f64, high: f64) -> Option<f64> {

@@ -15,7 +15,7 @@ pub fn text(found: &GuardTuning) -> String {
         let back = guard.return_threshold.map_or(String::new(), |back| format!(", back from {back} on"));
         parts.push(format!(
             "formula of the guard {}\nthreshold {}{back}: the fewest missed failures with at most {:.1} % false alarms",
-            escape::name(&guard.formula),
+            escape::name(&guard.formula.split_whitespace().collect::<Vec<_>>().join(" ")),
             guard.threshold.0,
             100.0 * found.false_alarm_limit
         ));
