@@ -172,8 +172,8 @@ impl GuardWorker {
     fn decide(&mut self, state: &mut [f64], is_usable: bool) -> bool {
         let (own, rest) = state.split_at_mut(place::COUNT);
         let before = own[place::STEPS] as usize;
-        // A controller without an action gets no control, whatever the formula says. A guard that only
-        // watches leaves it as it is.
+        // A controller without an action gets no control, whatever the formula says. A guard that
+        // only watches leaves it as it is.
         let loses_control = !is_usable && !self.only_watches();
         let is_active = loses_control || self.guard.switch.is_active(before, own[place::ROBUSTNESS]);
         own[place::STEPS] = if is_active { before as f64 + 1.0 } else { 0.0 };
