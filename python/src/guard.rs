@@ -46,7 +46,7 @@ impl GuardMonitor {
             return Err(InvalidValueError::new_err(message));
         }
         let robustness = self.watch.push(&mut self.state, |index| quantities[index]);
-        let is_active = !is_usable || self.switch.is_active(self.steps, robustness);
+        let is_active = self.switch.is_active(self.steps, robustness, is_usable);
         let takes_over = is_active && self.steps == 0;
         self.steps = if is_active { self.steps + 1 } else { 0 };
         Ok((is_active, takes_over, robustness))

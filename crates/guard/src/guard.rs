@@ -158,7 +158,7 @@ pub(crate) struct GuardWorker {
 impl GuardWorker {
     /// Returns whether the guard never acts.
     pub(crate) fn only_watches(&self) -> bool {
-        self.guard.switch.threshold() == f64::NEG_INFINITY
+        self.guard.switch.only_watches()
     }
 
     /// Adds a sample to the watch of a simulation.
@@ -172,10 +172,7 @@ impl GuardWorker {
     fn decide(&mut self, state: &mut [f64], is_usable: bool) -> bool {
         let (own, rest) = state.split_at_mut(place::COUNT);
         let before = own[place::STEPS] as usize;
-        // A controller without an action gets no control, whatever the formula says. A guard that
-        // only watches leaves it as it is.
-        let loses_control = !is_usable && !self.only_watches();
-        let is_active = loses_control || self.guard.switch.is_active(before, own[place::ROBUSTNESS]);
+        let is_active = self.guard.switch.is_active(before, own[place::ROBUSTNESS], is_usable);
         own[place::STEPS] = if is_active { before as f64 + 1.0 } else { 0.0 };
         if let (true, 0, Some(fallback)) = (is_active, before, &mut self.fallback) {
             let size = self.guard.fallback_state_size();

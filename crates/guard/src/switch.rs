@@ -26,10 +26,10 @@ impl Switch {
     /// ```
     /// use mishandle_guard::Switch;
     /// let switch = Switch::new(0.1, Some(0.3), 2).unwrap();
-    /// assert!(!switch.is_active(0, 0.1) && switch.is_active(0, 0.09)); // hands over below 0.1
-    /// assert!(switch.is_active(1, 0.5)); // acts for two steps
-    /// assert!(switch.is_active(2, 0.2)); // hysteresis
-    /// assert!(!switch.is_active(2, 0.3)); // back
+    /// assert!(!switch.is_active(0, 0.1, true) && switch.is_active(0, 0.09, true)); // hands over below 0.1
+    /// assert!(switch.is_active(1, 0.5, true)); // acts for two steps
+    /// assert!(switch.is_active(2, 0.2, true)); // hysteresis
+    /// assert!(!switch.is_active(2, 0.3, true)); // back
     /// ```
     pub fn new(
         threshold: f64,
@@ -50,8 +50,12 @@ impl Switch {
     }
 
     /// Returns whether the fallback acts in this control step. It has acted in the `steps` control
-    /// steps before; 0 while the controller acts.
-    pub fn is_active(&self, steps: usize, robustness: f64) -> bool {
+    /// steps before; 0 while the controller acts. A controller without a usable action gets no
+    /// control, whatever the robustness is.
+    pub fn is_active(&self, steps: usize, robustness: f64, is_usable: bool) -> bool {
+        if !is_usable && !self.only_watches() {
+            return true;
+        }
         match (steps, self.return_threshold) {
             (0, _) => is_violated(above(robustness, self.threshold)),
             (_, Some(threshold)) if steps >= self.dwell_steps => !is_satisfied(above(robustness, threshold)),
@@ -59,14 +63,14 @@ impl Switch {
         }
     }
 
+    /// Returns whether it never hands over, also if the controller has no action.
+    pub fn only_watches(&self) -> bool {
+        self.threshold == f64::NEG_INFINITY
+    }
+
     /// Returns whether the controller can get the control back.
     pub fn has_way_back(&self) -> bool {
         self.return_threshold.is_some()
-    }
-
-    /// Returns the robustness below which it hands over.
-    pub fn threshold(&self) -> f64 {
-        self.threshold
     }
 }
 
@@ -82,16 +86,18 @@ mod tests {
     #[test]
     fn the_sign_of_a_zero_is_the_verdict() {
         let switch = Switch::new(0.0, None, 0).expect("thresholds");
-        assert!(switch.is_active(0, -0.0));
-        assert!(!switch.is_active(0, 0.0));
+        assert!(switch.is_active(0, -0.0, true));
+        assert!(!switch.is_active(0, 0.0, true));
     }
 
     #[test]
     fn an_infinite_threshold_never_or_always_hands_over() {
         let never = Switch::new(f64::NEG_INFINITY, None, 0).expect("thresholds");
-        assert!([f64::NEG_INFINITY, -1.0, f64::INFINITY].iter().all(|value| !never.is_active(0, *value)));
+        assert!(
+            [f64::NEG_INFINITY, -1.0, f64::INFINITY].iter().all(|value| !never.is_active(0, *value, true))
+        );
         let always = Switch::new(f64::INFINITY, None, 0).expect("thresholds");
-        assert!(always.is_active(0, 1e300));
+        assert!(always.is_active(0, 1e300, true));
     }
 
     #[test]

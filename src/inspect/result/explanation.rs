@@ -8,8 +8,8 @@ use mishandle_text::{instant, plural};
 use crate::inspect::{Conjunct, ExplainedSimulation, Explanation, PredicateHistory};
 use crate::run::{box_point, given, recorded_axes, recorded_scenario};
 
-/// Says when a guard handed over on a trace and how long its fallback acted; `None` without a guard.
-/// `name` names a sample.
+/// Says when a guard handed over on a trace and how long its fallback acted; `None` without a
+/// guard. `name` names a sample.
 fn guard_sentence(trace: &Trace, name: &impl Fn(usize) -> String) -> Option<String> {
     let active = trace.signal(ACTIVE)?;
     let steps = plural(active.len().saturating_sub(1), "control step");
