@@ -25,7 +25,6 @@ pub mod build;
 pub mod campaign;
 pub mod counterexample;
 mod error;
-pub mod guard;
 pub mod harden;
 pub mod inspect;
 pub mod picture;
@@ -35,6 +34,7 @@ pub mod resolve;
 pub mod run;
 pub mod shipped;
 pub mod train;
+pub mod tune;
 
 pub use error::MishandleError;
 pub use plan::Plan;

@@ -5,11 +5,11 @@ use std::collections::BTreeSet;
 use std::ops::ControlFlow;
 use std::path::Path;
 
-use mishandle::guard::{TuneSettings, tune};
 use mishandle::plan::{AxisSetting, EvaluatePlan, GuardPlan};
 use mishandle::results::{GuardTuning, Number};
 use mishandle::rollout::{Episode, Request, Scenario, Seed};
 use mishandle::store::RunFile;
+use mishandle::tune::{TuneSettings, tune};
 use mishandle::{Plan, ResolvedPlan};
 
 /// The success formula of ball-balancing: always[50:200](ball_tray_horizontal_distance <= 0.25).

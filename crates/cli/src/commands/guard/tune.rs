@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use anyhow::Result;
 use clap::Args;
 use mishandle::Plan;
-use mishandle::guard::{TuneProgress, TuneSettings, tune};
+use mishandle::tune::{TuneProgress, TuneSettings, tune};
 use mishandle_text::{path_text, shell_quote};
 
 use crate::exit_status::ExitStatus;

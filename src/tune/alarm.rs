@@ -57,7 +57,7 @@ impl Watched {
     /// Returns the first sample of a failure after which the fallback acts; `None` without an
     /// alarm.
     fn alarm(&self, switch: &Switch) -> Option<usize> {
-        self.robustness.iter().position(|robustness| switch.is_active(0, *robustness))
+        self.robustness.iter().position(|robustness| switch.is_active(0, *robustness, true))
     }
 
     /// Returns the number of control steps from the alarm to the certain failure: 0 or less if it

@@ -58,7 +58,7 @@ pub(super) fn tuning(
 fn alarms(asked: &Asked, watched: &WatchedRun, switch: &Switch) -> Result<GuardAlarms, MishandleError> {
     let (mut failures, mut missed, mut late, mut successes, mut false_alarms) = (0, 0, 0, 0, 0);
     for found in &watched.simulations {
-        let has_alarm = switch.is_active(0, found.least);
+        let has_alarm = switch.is_active(0, found.least, true);
         match found.fails {
             true => {
                 failures += 1;
