@@ -1845,6 +1845,8 @@ class Explanation:
     """Path of the run file; missing within the document of ``simulate``."""
     target: str
     """Target of the run."""
+    guard: GuardFacts | None = None
+    """Guard of the controller; left out without one."""
     trial: int
     """Number of the trial."""
     simulation: int
@@ -2486,6 +2488,8 @@ class RunSummary:
     """Kind of the target."""
     controller: str | None = None
     """Name of the controller; empty without one."""
+    guard: GuardFacts | None = None
+    """Guard of the controller; left out without one."""
     space: str | None = None
     """Scenario space."""
     formula: str | None = None
@@ -2518,6 +2522,8 @@ class Replay:
     """Path of the run file, or of the exported counterexample."""
     target: str
     """Target."""
+    guard: GuardFacts | None = None
+    """Guard of the controller; left out without one."""
     space: str
     """Scenario space."""
     axes: tuple[str, ...]

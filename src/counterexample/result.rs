@@ -5,6 +5,7 @@ use mishandle_results::{Replay, Seed};
 use mishandle_text::path_text;
 
 use crate::counterexample::{Counterexample, CounterexampleReplay};
+use crate::resolve::guard::guard_facts;
 use crate::run::{end_text, given, recorded_axes};
 
 impl CounterexampleReplay {
@@ -18,6 +19,7 @@ impl CounterexampleReplay {
             target: recorded.target.name.clone(),
             space: recorded.plan.space.clone(),
             axes: scenario().map(|axis| axis.axis.clone()).collect(),
+            guard: recorded.plan.guard.as_ref().map(guard_facts),
             trial: recorded.trial,
             simulation: recorded.simulation,
             point: None,

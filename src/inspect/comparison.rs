@@ -13,7 +13,7 @@ use mishandle_store::{AxisRecord, ComponentRecord, RunFile, RunHeader, RunKind, 
 
 use crate::error::MishandleError;
 use crate::plan::Plan;
-use crate::resolve::guard::guard_facts;
+use crate::resolve::guard::recorded_guard;
 use crate::resolve::is_python;
 use crate::run::{record, unfinished};
 use mishandle_text::{p_value_text, plural, shell_quote};
@@ -443,7 +443,7 @@ fn compared_run(run: &RunFile, without_verdict: EndCounts) -> ComparedRun {
         run: run.path().to_string_lossy().into_owned(),
         controller: controller.map(|controller| controller.name.clone()),
         controller_hash: controller.map(|controller| controller.hash.clone()),
-        guard: Plan::from_toml(&header.plan).ok().and_then(|plan| Some(guard_facts(plan.guard.as_ref()?))),
+        guard: recorded_guard(header),
         target_hash: header.target.hash.clone(),
         not_covered: not_covered.map(|component| component.name.clone()).collect(),
         commit: header.build.git_commit.clone(),

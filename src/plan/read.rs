@@ -428,7 +428,7 @@ mod tests {
             (
                 "\nbatch = 1",
                 "batch",
-                "seed, careful, requirements, evaluate, falsify",
+                "seed, careful, requirements, guard, evaluate, falsify",
                 "did you mean `evaluate.batch` or `falsify.batch` or `metamorphic.batch` or `risk.batch`?",
             ),
             (

@@ -3,6 +3,7 @@ use mishandle_stl::is_violated;
 use mishandle_store::RunFile;
 
 use crate::replay::ReplayResult;
+use crate::resolve::guard::recorded_guard;
 use crate::run::{box_point, end_text, given, recorded_axes, recorded_scenario};
 
 impl ReplayResult {
@@ -13,6 +14,7 @@ impl ReplayResult {
         Replay {
             run: run.path().to_string_lossy().into_owned(),
             target: header.target.name.clone(),
+            guard: recorded_guard(header),
             space: header.space.clone(),
             axes: header.axes.iter().map(|axis| axis.name.clone()).collect(),
             trial: recorded.trial,

@@ -5,6 +5,7 @@ use mishandle_guard::{Fallback, Guard, GuardError, Guarded, Meaning, Motion, Swi
 use mishandle_results::{GuardFacts, Number};
 use mishandle_rollout::Component;
 use mishandle_stl::{Formula, MonitorError};
+use mishandle_store::RunHeader;
 use std::sync::Arc;
 
 use crate::error::MishandleError;
@@ -167,6 +168,11 @@ pub(crate) fn guard_facts(guard: &GuardPlan) -> GuardFacts {
         fallback: guard.fallback.clone(),
         privileged: guard.privileged,
     }
+}
+
+/// Returns the guard of a recorded run as a result; `None` without one.
+pub fn recorded_guard(header: &RunHeader) -> Option<GuardFacts> {
+    Plan::from_toml(&header.plan).ok()?.guard.as_ref().map(guard_facts)
 }
 
 /// Returns a time in control steps, rounded up.

@@ -1,5 +1,6 @@
 //! The section of one run.
 
+use mishandle::resolve::recorded_guard;
 use mishandle::results::{Answer, Noise};
 use mishandle::stl::{Clock, EvaluationTime, Formula};
 use mishandle::store::{RunHeader, RunKind};
@@ -146,6 +147,9 @@ fn facts(report: &RunReport) -> String {
         let role = text(&short(&component.role, 30));
         facts.push((role.clone(), code(&component.name)));
         facts.push((format!("hash of the {role}"), code(&component.hash)));
+    }
+    if let Some(guard) = recorded_guard(header) {
+        facts.push(("settings of the guard".into(), text(&guard.sentence())));
     }
     facts.push(("formula".into(), code(&header.formula)));
     if let Ok(formula) = Formula::parse(&header.formula) {

@@ -1,7 +1,7 @@
 use schemars::JsonSchema;
 use serde::Serialize;
 
-use crate::{AxisFacts, LogVerdict, Number, Scenario, Seed, Signal};
+use crate::{AxisFacts, GuardFacts, LogVerdict, Number, Scenario, Seed, Signal};
 
 /// When, where and by which predicate a simulation violates or satisfies the requirement. Samples
 /// count from 0.
@@ -12,6 +12,9 @@ pub struct Explanation {
     pub run: Option<String>,
     /// Target of the run.
     pub target: String,
+    /// Guard of the controller; left out without one.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub guard: Option<GuardFacts>,
     /// Number of the trial.
     pub trial: u32,
     /// Number of the simulation within the trial.

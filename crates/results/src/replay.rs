@@ -1,7 +1,7 @@
 use schemars::JsonSchema;
 use serde::Serialize;
 
-use crate::{AxisFacts, Number, Scenario, Seed};
+use crate::{AxisFacts, GuardFacts, Number, Scenario, Seed};
 
 /// A recorded simulation, simulated again.
 #[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
@@ -10,6 +10,9 @@ pub struct Replay {
     pub run: String,
     /// Target.
     pub target: String,
+    /// Guard of the controller; left out without one.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub guard: Option<GuardFacts>,
     /// Scenario space.
     pub space: String,
     /// Names of the axes, the order of `initial_configuration`.

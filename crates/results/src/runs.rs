@@ -1,7 +1,7 @@
 use schemars::JsonSchema;
 use serde::Serialize;
 
-use crate::{Number, Seed};
+use crate::{GuardFacts, Number, Seed};
 
 /// A run file. One that cannot be read has the keys `run` and `error` only.
 #[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
@@ -26,6 +26,9 @@ pub struct RunFacts {
     pub target_kind: String,
     /// Name of the controller; empty without one.
     pub controller: String,
+    /// Guard of the controller; left out without one.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub guard: Option<GuardFacts>,
     /// Scenario space.
     pub space: String,
     /// Requirement.

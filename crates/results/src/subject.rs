@@ -70,6 +70,21 @@ pub struct GuardFacts {
 }
 
 impl GuardFacts {
+    /// Returns all settings in a sentence.
+    pub fn sentence(&self) -> String {
+        let back = match self.return_threshold {
+            Some(value) => format!("; the controller acts again from {value} on"),
+            None => String::new(),
+        };
+        let dwell = if self.dwell > 0.0 { format!(", at least for {} s", self.dwell) } else { String::new() };
+        format!(
+            "{} acts where the robustness of {} is below {}{dwell}{back}",
+            self.words(),
+            self.formula,
+            self.threshold.0
+        )
+    }
+
     /// Returns the guard in words, such as `a guard with the fallback expert`.
     pub fn words(&self) -> String {
         let guard = if self.privileged { "a privileged guard" } else { "a guard" };

@@ -6,6 +6,7 @@ use mishandle_store::RunHeader;
 use mishandle_text::{instant, plural};
 
 use crate::inspect::{Conjunct, ExplainedSimulation, Explanation, PredicateHistory};
+use crate::resolve::guard::recorded_guard;
 use crate::run::{box_point, given, recorded_axes, recorded_scenario};
 
 /// Says when a guard handed over on a trace and how long its fallback acted; `None` without a
@@ -43,6 +44,7 @@ impl ExplainedSimulation {
         results::Explanation {
             run: run.map(str::to_string),
             target: header.target.name.clone(),
+            guard: recorded_guard(header),
             trial: recorded.trial,
             simulation: recorded.number,
             scenario: recorded_scenario(&header.axes, &recorded.scenario),

@@ -3,6 +3,7 @@ use mishandle_store::{RunFile, TrialStatus};
 
 use crate::error::MishandleError;
 use crate::resolve::controller_name;
+use crate::resolve::guard::recorded_guard;
 use crate::run::unfinished;
 
 /// Returns what a run file holds.
@@ -20,6 +21,7 @@ pub fn run_facts(run: &RunFile) -> Result<RunFacts, MishandleError> {
         target: header.target.name.clone(),
         target_kind: header.target.kind.clone(),
         controller: controller.map_or(String::new(), |component| controller_name(&component.name)),
+        guard: recorded_guard(header),
         space: header.space.clone(),
         formula: header.formula.clone(),
         search: header.search.clone(),

@@ -20,7 +20,7 @@ const NAME: &str = "change";
 #[derive(Debug, Args)]
 #[command(after_help = "Examples:
   mishandle metamorphic ball-pushing --controller ppo --change ball_x=+0.02 --change goal_x=+0.02
-  mishandle metamorphic ball-pushing --controller ppo --change friction_scale=*0.8 --holds not-better
+  mishandle metamorphic peg-in-hole --controller ppo --change friction_scale=*0.8 --holds not-better
   mishandle metamorphic toy/car-following --plan relations.toml
   mishandle metamorphic --resume runs/RUN.sqlite
 

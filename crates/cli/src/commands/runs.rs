@@ -119,7 +119,11 @@ fn row(entry: &RunSummary) -> Vec<String> {
         path,
         facts.kind.clone(),
         escape::name(&facts.target),
-        escape::name(&facts.controller),
+        format!(
+            "{}{}",
+            escape::name(&facts.controller),
+            if facts.guard.is_some() { ", guarded" } else { "" }
+        ),
         facts.search.clone(),
         facts.simulations.to_string(),
         facts.failures.to_string(),

@@ -4,16 +4,17 @@ use mishandle::results::{Decision, Explanation, LogExplanation, SignalTable};
 use mishandle::stl::is_violated;
 use mishandle_text::{decimal, instant};
 
-use super::{escape, log_verdicts, output, reasons, scenario};
+use super::{escape, log_verdicts, output, reasons, scenario, subject};
 
 /// Returns the explanation, which starts with the scenario.
 pub fn text(found: &Explanation) -> String {
     let scenario = scenario::first_text(&found.space_axes, &found.scenario, usize::MAX);
     let verdict = if is_violated(found.robustness.0) { "violated" } else { "satisfied" };
     let mut parts = vec![format!(
-        "{}, seed {}\nformula {}\n{verdict}: robustness {}{}",
+        "{}, seed {}{}\nformula {}\n{verdict}: robustness {}{}",
         scenario,
         found.seed.0,
+        subject::guard_line(found.guard.as_ref()),
         escape::name(&found.formula),
         decimal(found.robustness.0, 4),
         reasons::of_one(found.reason.as_deref()),

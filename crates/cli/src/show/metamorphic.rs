@@ -1,6 +1,8 @@
 //! Relations between pairs of scenarios, as text.
 
-use mishandle::results::{BrokenPair, Metamorphic, MetamorphicRelation, Named, PairCase, SmallestChange};
+use mishandle::results::{
+    AxisFacts, BrokenPair, Metamorphic, MetamorphicRelation, Named, PairCase, SmallestChange,
+};
 use mishandle_text::{decimal, plural};
 
 use super::{escape, output, reasons, scenario, subject};
@@ -119,11 +121,18 @@ fn smallest_text(found: &Metamorphic, smallest: &SmallestChange) -> String {
         let sign = if *change < 0.0 { "" } else { "+" };
         format!("{} {sign}{}{unit}", escape::name(axis), decimal(*change, 4))
     };
+    // A share of a whole number is rounded, so it would say less than the change itself.
+    let is_changed = |facts: &AxisFacts| smallest.change.0.iter().any(|(axis, _)| facts.name == *axis);
+    let is_whole = found.subject.space_axes.iter().any(|facts| is_changed(facts) && facts.is_discrete());
     let changes: Vec<String> = smallest.change.0.iter().map(change).collect();
     format!(
-        "from the source case of pair {}, {} of the change is enough: {} ({})",
+        "from the source case of pair {}, {} is enough: {} ({})",
         smallest.pair,
-        percent(smallest.share),
+        if is_whole {
+            "this change".to_string()
+        } else {
+            format!("{} of the change", percent(smallest.share))
+        },
         changes.join(", "),
         case(&smallest.follow_up)
     )

@@ -3,7 +3,7 @@
 use mishandle::results::{AxisFacts, Replay};
 use mishandle_text::plural;
 
-use super::{escape, scenario, simulation};
+use super::{escape, scenario, simulation, subject};
 
 /// Returns the replay of a simulation of a run file.
 pub fn text(found: &Replay) -> String {
@@ -32,9 +32,10 @@ pub fn counterexample_text(found: &Replay) -> String {
 
 fn lines(found: &Replay, name: &str, values: impl Iterator<Item = String>) -> String {
     format!(
-        "{name}, {}, seed {}\nformula {}\nrobustness {} after {}",
+        "{name}, {}, seed {}{}\nformula {}\nrobustness {} after {}",
         values.collect::<Vec<_>>().join(", "),
         found.seed.0,
+        subject::guard_line(found.guard.as_ref()),
         escape::name(&found.formula),
         found.robustness.map_or("undecided".to_string(), |rho| rho.0.to_string()),
         plural(found.steps, "control step"),

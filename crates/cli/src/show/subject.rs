@@ -1,6 +1,6 @@
 //! Target and settings of a question.
 
-use mishandle::results::Subject;
+use mishandle::results::{GuardFacts, Subject};
 
 use super::escape;
 use super::scenario::{axes, axis_text};
@@ -37,4 +37,9 @@ pub fn heading(subject: &Subject) -> String {
         text.push_str(", sampled actions");
     }
     text
+}
+
+/// Returns a line that describes the guard; empty without one.
+pub fn guard_line(guard: Option<&GuardFacts>) -> String {
+    guard.map_or(String::new(), |guard| format!("\n{}", escape::name(&guard.sentence())))
 }
