@@ -502,6 +502,14 @@ pub enum MishandleError {
     /// A guard cannot be made.
     #[error(transparent)]
     Guard(#[from] mishandle_guard::GuardError),
+    /// The fallback of a guard cannot be loaded.
+    #[error("the fallback of the guard, `{fallback}`: {source}")]
+    Fallback {
+        /// Its name or path.
+        fallback: String,
+        /// Why.
+        source: Box<MishandleError>,
+    },
     /// A key of the guard is missing.
     #[error("the guard has no `{key}`; expected {expected}")]
     GuardKey {

@@ -34,11 +34,11 @@ pub fn full_trace(resolved: &ResolvedPlan, episode: &Episode) -> Result<Vec<Trac
     let mut system = target.system_in(Arc::new(recorder), &resolved.space, &resolved.specification)?;
     let again = system.rollout(std::slice::from_ref(&episode.request))?.pop();
     let again = again.ok_or(MishandleError::NoEpisode)?;
-    // The signals on request come last.
-    let recorded = episode.trace.names().len();
-    let bits = |episode: &Episode| -> Vec<Vec<u64>> {
-        let column = |i| episode.trace.column(i).iter().map(|value| value.to_bits()).collect();
-        (0..recorded).map(column).collect()
+    // The signals on request stand between others.
+    let recorded = episode.trace.names();
+    let bits = |episode: &Episode| -> Vec<Option<Vec<u64>>> {
+        let bits = |values: &[f64]| values.iter().map(|value| value.to_bits()).collect();
+        recorded.iter().map(|name| episode.trace.signal(name).map(bits)).collect()
     };
     if bits(&again) != bits(episode) {
         return Err(MishandleError::RunMismatch { differences: vec!["trace of the full recording".into()] });
@@ -64,7 +64,7 @@ pub fn full_trace(resolved: &ResolvedPlan, episode: &Episode) -> Result<Vec<Trac
     let contacts = columns.iter().position(|column| column.name.starts_with("contact_"));
     let contacts = contacts.unwrap_or(columns.len());
     columns.splice(contacts..contacts, (0..environment.action_size()).map(action));
-    let names = again.trace.names().iter().enumerate().skip(recorded);
+    let names = again.trace.names().iter().enumerate().filter(|(_, name)| !recorded.contains(name));
     let unit = |name: &str| {
         let signal = resolved.target.signals_on_request.iter().find(|signal| signal.name == name);
         signal.map_or(String::new(), |signal| signal.unit.clone())

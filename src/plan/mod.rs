@@ -194,16 +194,9 @@ pub struct EvaluatePlan {
     #[serde(rename = "box")]
     pub starts: StartRegion,
     /// Whether the corners and the center of the initial box are simulated, too.
-    #[serde(skip_serializing_if = "is_true")]
     pub corners: bool,
     /// Batch size: number of simulations run at once. Results do not depend on it.
     pub batch: u32,
-}
-
-/// Returns whether a key has the default of plans that were written before it existed.
-#[expect(clippy::trivially_copy_pass_by_ref, reason = "serde passes a reference")]
-fn is_true(value: &bool) -> bool {
-    *value
 }
 
 impl Default for EvaluatePlan {

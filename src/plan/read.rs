@@ -416,7 +416,7 @@ mod tests {
             (
                 "[evaluate]\nepisods = 1",
                 "evaluate.episods",
-                "episodes, box, batch",
+                "episodes, box, corners, batch",
                 "did you mean `evaluate.episodes`?",
             ),
             (

@@ -18,6 +18,9 @@ const HOLD: &str = "hold";
 /// Fallback that takes back the last actions.
 const RETREAT: &str = "retreat";
 
+/// Largest number of characters of a formula that names the guard as a component.
+const NAME: usize = 200;
+
 /// Longest time of a guard, s.
 const MAX_TIME: f64 = 3600.0;
 
@@ -83,7 +86,10 @@ pub(crate) fn guard(
         HOLD => (Fallback::Hold(motion()?), None),
         RETREAT => (Fallback::Retreat(motion()?, retreat), None),
         name => {
-            let (controller, mut components) = load(name)?;
+            let (controller, mut components) = load(name).map_err(|source| MishandleError::Fallback {
+                fallback: name.to_string(),
+                source: Box::new(source),
+            })?;
             let component = (!components.is_empty()).then(|| components.swap_remove(0));
             (Fallback::Controller(controller), component)
         }
@@ -95,7 +101,8 @@ pub(crate) fn guard(
     };
     let own = Component {
         role: if settings.privileged { "privileged guard" } else { "guard" }.to_string(),
-        name: settings.formula.clone(),
+        // The plan has all of it.
+        name: settings.formula.chars().take(NAME).collect(),
         hash: bytes_hash(own.to_toml().as_bytes()),
         file_hash: String::new(),
     };

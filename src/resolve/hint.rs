@@ -42,7 +42,9 @@ impl MishandleError {
                 let suggestion = suggest(name, known.iter().map(String::as_str));
                 suggestion.or_else(|| kind.starts_with("controller").then(path_hint))
             }
-            MishandleError::CampaignRun { source, .. } => source.hint(),
+            MishandleError::CampaignRun { source, .. } | MishandleError::Fallback { source, .. } => {
+                source.hint()
+            }
             MishandleError::UnknownPlanKey { key, known, .. } => suggest_setting(key, known),
             MishandleError::Settings { source, .. } => match &**source {
                 TrainingError::UnknownSetting { name, known, .. } => suggest_setting(name, known),

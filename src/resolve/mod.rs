@@ -104,7 +104,6 @@ fn check_no_task_options(plan: &Plan) -> Result<(), MishandleError> {
         ("a controller", !plan.controller.is_empty()),
         ("action noise", plan.action_noise != 0.0),
         ("observation noise", plan.observation_noise != 0.0),
-        ("a guard", plan.guard.is_some()),
         ("sampled actions", plan.stochastic),
         ("a task preset other than `paper`", plan.preset != Plan::new("", "").preset),
     ];
@@ -159,7 +158,13 @@ impl ResolvedPlan {
             error => error.into(),
         })?;
         if plan.guard.is_some() && target.controller_signals.is_empty() {
-            return Err(MishandleError::UnsupportedOption { target: plan.target, option: "a guard" });
+            let expected =
+                "left out: this program runs no controller of the target, so nothing can be guarded";
+            return Err(MishandleError::InvalidValue {
+                what: "the guard",
+                value: "given".to_string(),
+                expected,
+            });
         }
         let mut space = with_settings(space, &plan.axes, &target.axes)?;
         if let Some(table) = &plan.metamorphic {

@@ -111,5 +111,9 @@ fn mistakes_name_the_key_or_the_quantity() {
     bench.write("task.guard", "formula = 'ball_speed >= 0'\nfallback = 'expert'\nprivileged = true");
     let train = "train ball-balancing --algorithm ppo --guard task.guard --out a.safetensors";
     bench.refuses(train, &["`privileged` of the guard", "training computes no signals"]);
-    bench.refuses("evaluate toy/needle --guard policy.toml.guard", &["a guard"]);
+    bench.refuses("evaluate toy/needle --guard policy.toml.guard", &["nothing can be guarded"]);
+    bench.write("gone.guard", "formula = 'angle <= 0.1'\nfallback = 'gone.safetensors'");
+    bench.refuses(&format!("{ASKED} --guard gone.guard"), &["the fallback of the guard", "gone.safetensors"]);
+    bench.check("evaluate cartpole.toml --episodes 2 --out run.sqlite", 0);
+    bench.refuses("evaluate --resume run.sqlite --guard policy.toml.guard", &["--guard", "--resume"]);
 }

@@ -6,8 +6,17 @@ use mishandle_stl::SyntaxKind;
 
 use crate::tree::Tree;
 
-/// Endings of names that are units.
-const ENDINGS: [(&str, &str); 20] = [
+/// Endings of names that are units, longer ones first.
+const ENDINGS: [(&str, &str); 29] = [
+    ("_m_s", "m/s"),
+    ("_m_per_s", "m/s"),
+    ("_mm_s", "mm/s"),
+    ("_mm_per_s", "mm/s"),
+    ("_rad_s", "rad/s"),
+    ("_rad_per_s", "rad/s"),
+    ("_deg_s", "deg/s"),
+    ("_deg_per_s", "deg/s"),
+    ("_N_m", "N m"),
     ("_deg", "deg"),
     ("_rad", "rad"),
     ("_mm", "mm"),
@@ -41,8 +50,13 @@ pub(crate) enum Unit {
 
 /// Returns the unit of a signal: the declared one, otherwise that of the ending of its name.
 pub fn unit_of(signal: &str, declared: &BTreeMap<String, String>) -> Option<String> {
-    let by_name =
-        || ENDINGS.iter().find(|(ending, _)| signal.ends_with(ending)).map(|(_, unit)| (*unit).to_owned());
+    let by_name = || {
+        let (ending, unit) = ENDINGS.iter().find(|(ending, _)| signal.ends_with(ending))?;
+        // Another unit before it: a product or a quotient that the table does not have.
+        let rest = signal.strip_suffix(ending)?;
+        let is_part = rest.ends_with("_per") || ENDINGS.iter().any(|(ending, _)| rest.ends_with(ending));
+        (!is_part).then(|| (*unit).to_owned())
+    };
     let own = declared.get(signal).map(|unit| match unit.trim() {
         "°" | "degree" | "degrees" => "deg".to_owned(),
         unit => unit.replace('·', " "),
@@ -74,5 +88,27 @@ pub(crate) fn common(a: &Unit, b: &Unit) -> Unit {
         (Unit::Any, other) | (other, Unit::Any) => other.clone(),
         (a, b) if a == b => a.clone(),
         _ => Unit::Unknown,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_ending_of_a_name_is_a_whole_unit() {
+        let unit = |name: &str| unit_of(name, &BTreeMap::new());
+        for (name, expected) in [
+            ("speed_m_s", Some("m/s")),
+            ("rate_deg_per_s", Some("deg/s")),
+            ("torque_N_m", Some("N m")),
+            ("time_s", Some("s")),
+            ("force_N", Some("N")),
+            ("flow_kg_per_s", None),
+            ("stiffness_N_mm", None),
+            ("speed", None),
+        ] {
+            assert_eq!(unit(name).as_deref(), expected, "{name}");
+        }
     }
 }

@@ -410,7 +410,7 @@ impl AppliedOperator<'_> {
         let (begin, end) = self.bounds();
         match end {
             None if begin.is_zero => "up to then".to_string(),
-            None => format!("up to {} earlier{}", begin.text, brackets(begin.secs)),
+            None => format!("{} or more earlier{}", begin.text, brackets(begin.secs)),
             Some(end) if begin.is_zero => format!("from {} earlier to then{}", end.text, brackets(end.secs)),
             Some(end) => {
                 let secs = range(end.secs, begin.secs);

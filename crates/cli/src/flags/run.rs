@@ -50,7 +50,7 @@ pub struct OpenRun {
 
 /// Arguments of all commands that a resumed run takes from its own plan. The path of the controller
 /// is not among them.
-const PLANNED: [&str; 13] = [
+const PLANNED: [&str; 14] = [
     "target",
     "command",
     "space",
@@ -60,6 +60,7 @@ const PLANNED: [&str; 13] = [
     "action_noise",
     "observation_noise",
     "stochastic",
+    "guard",
     "batch",
     "plan",
     "out",
