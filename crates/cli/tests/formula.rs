@@ -104,7 +104,7 @@ fn patterns_make_formulas() {
         "formula --pattern hold-for --set 'p=closed >= 1' --set 'q=force < 20' --set duration=2s --json",
         0,
     );
-    assert_eq!(found["formula"], "always(rise(closed >= 1) implies always[0s:2s](force < 20))");
+    assert_eq!(found["formula"], "always((s_prev (not (closed >= 1))) and closed >= 1 implies always[0s:2s](force < 20))");
     bench.refuses("formula --pattern hold-for --set 'p=closed >= 1'", &["needs the parameter `q`"]);
     bench.refuses("formula --pattern holdfor", &["did you mean `hold-for`?"]);
 }

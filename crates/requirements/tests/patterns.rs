@@ -1,6 +1,9 @@
 //! Every pattern accepts the trace that it shows as satisfying and rejects the other one.
 
+use std::sync::Arc;
+
 use mishandle_requirements::{Context, PATTERNS, describe, pattern, pattern_page};
+use mishandle_stl::{Clock, Formula, Monitor, Trace, is_satisfied};
 
 #[test]
 fn each_pattern_tells_its_two_traces_apart() {
@@ -12,6 +15,30 @@ fn each_pattern_tells_its_two_traces_apart() {
             .map(|example| example.violated)
             .collect();
         assert_eq!(verdicts, [false, true], "{}", pattern.name);
+    }
+}
+
+/// At the first sample no edge is known: a pattern about edges requires nothing there, whatever the
+/// conditions are from the start on.
+#[test]
+fn the_first_sample_is_no_edge() {
+    let edges = ["reaction", "response-and-hold", "hold-for", "minimum-duration", "minimum-gap"];
+    let settings = [("p", "x >= 1"), ("q", "y >= 1"), ("deadline", "1"), ("duration", "2"), ("gap", "2")];
+    for name in edges {
+        let pattern = pattern(name).expect("there is one");
+        let own = settings.iter().filter(|(name, _)| pattern.slots.iter().any(|slot| slot.name == *name));
+        let own: Vec<(String, String)> =
+            own.map(|(name, value)| ((*name).to_owned(), (*value).to_owned())).collect();
+        let (formula, _) = pattern.fill(&own).expect("the settings are complete");
+        let formula = Formula::parse(&formula).expect("a formula");
+        let names: Arc<[String]> = vec!["x".to_owned(), "y".to_owned()].into();
+        for x in [0.0, 2.0] {
+            let columns = vec![vec![x, x, 2.0 - x, 2.0 - x, 2.0 - x], vec![0.0, 0.0, 2.0, 2.0, 2.0]];
+            let trace = Trace::from_columns(Arc::clone(&names), columns);
+            let mut monitor = Monitor::new(&formula, &names, Clock::steps(1.0)).expect("a monitor");
+            let robustness = monitor.robustness(&trace).expect("a value");
+            assert!(is_satisfied(robustness), "{name} with x = {x}: {robustness}");
+        }
     }
 }
 
@@ -61,6 +88,6 @@ fn conditions_keep_their_grouping() {
     let settings = settings.map(|(name, value)| (name.to_owned(), value.to_owned()));
     let (formula, _) = pattern("response").expect("there is one").fill(&settings).expect("valid");
     let meant = "always((a >= 1 or b >= 1) implies eventually[0:3](c >= 1 implies d >= 1))";
-    let parsed = mishandle_stl::Formula::parse(&formula).expect("a formula");
-    assert_eq!(parsed, mishandle_stl::Formula::parse(meant).expect("a formula"));
+    let parsed = Formula::parse(&formula).expect("a formula");
+    assert_eq!(parsed, Formula::parse(meant).expect("a formula"));
 }

@@ -114,6 +114,39 @@ fn precedence() {
     check("a >= 1 implies (b >= 1 implies c >= 1)", &[]);
 }
 
+/// The suggestion is the comparison of the numbers that the text looks like.
+#[test]
+fn operators_written_like_functions() {
+    for (text, meant) in [
+        ("x - prev(x) <= 0.1", "x - (prev x) <= 0.1"),
+        ("always(x - prev(x) <= 0.1)", "x - (prev x) <= 0.1"),
+        ("prev(x) - y <= 0.1", "(prev x) - y <= 0.1"),
+        ("next(x) - y <= 0.1 and z >= 1", "(next x) - y <= 0.1"),
+        ("prev(x) - prev(y) <= 0.1", "(prev x) - (prev y) <= 0.1"),
+        ("2 * (prev(x) - y) <= 0.1", "2 * ((prev x) - y) <= 0.1"),
+        ("a - prev(x + y) * 2 <= (b - c)", "a - (prev (x + y)) * 2 <= (b - c)"),
+    ] {
+        let found = describe(text, &Context::default()).expect("a formula").traps;
+        let found =
+            found.iter().map(|trap| (trap.name.as_str(), trap.severity.as_str(), trap.instead.as_deref()));
+        assert_eq!(found.collect::<Vec<_>>(), [("precedence", "warning", Some(meant))], "{text}");
+        check(meant, &[]);
+    }
+    let found = describe("always[0:2s](x) <= 3", &Context::default()).expect("a formula").traps;
+    assert_eq!((found.len(), found[0].severity.as_str()), (1, "note"));
+    let instead = found[0].instead.as_deref().expect("a suggestion");
+    assert!(instead.contains("(always[0s:2s] x) <= 3"), "{instead}");
+    for text in [
+        "always(abs(x - (prev x)) <= 0.1)",
+        "always(prev(x >= 1) implies y >= 1)",
+        "d = x - y\nalways d <= 0.1",
+        "prev (x <= 1)",
+        "always abs(x) <= 3",
+    ] {
+        check(text, &[]);
+    }
+}
+
 #[test]
 fn units() {
     check("always(x_deg <= y_rad)", &["unit-mismatch"]);

@@ -157,9 +157,9 @@ pub const PATTERNS: &[Pattern] = &[
     Pattern {
         name: "reaction",
         words: "Each time {p} starts to hold, {q} holds at some time from then to {deadline} later.",
-        formula: "always(rise({p}) implies eventually[0:{deadline}] {q})",
+        formula: "always(s_prev(not {p}) and {p} implies eventually[0:{deadline}] {q})",
         slots: &[
-            condition("p", "the trigger, which counts where it starts"),
+            condition("p", "the trigger, which counts where it starts, not at the first sample"),
             condition("q", "the response"),
             time("deadline", None, "latest response"),
         ],
@@ -175,9 +175,9 @@ pub const PATTERNS: &[Pattern] = &[
         name: "response-and-hold",
         words: "Each time {p} starts to hold, {q} holds for {duration} without a break, starting at the latest {deadline} \
                 later.",
-        formula: "always(rise({p}) implies eventually[0:{deadline}] always[0:{duration}] {q})",
+        formula: "always(s_prev(not {p}) and {p} implies eventually[0:{deadline}] always[0:{duration}] {q})",
         slots: &[
-            condition("p", "the trigger, which counts where it starts"),
+            condition("p", "the trigger, which counts where it starts, not at the first sample"),
             condition("q", "the response"),
             time("deadline", None, "latest start of the response"),
             time("duration", None, "how long it must last"),
@@ -193,9 +193,9 @@ pub const PATTERNS: &[Pattern] = &[
     Pattern {
         name: "hold-for",
         words: "Each time {p} starts to hold, {q} holds from then to {duration} later.",
-        formula: "always(rise({p}) implies always[0:{duration}] {q})",
+        formula: "always(s_prev(not {p}) and {p} implies always[0:{duration}] {q})",
         slots: &[
-            condition("p", "the trigger, which counts where it starts"),
+            condition("p", "the trigger, which counts where it starts, not at the first sample"),
             condition("q", "what holds then"),
             time("duration", None, "how long"),
         ],
@@ -209,9 +209,12 @@ pub const PATTERNS: &[Pattern] = &[
     },
     Pattern {
         name: "minimum-duration",
-        words: "Each time {p} starts to hold, it holds for at least {duration}.",
-        formula: "always(rise({p}) implies always[0:{duration}] {p})",
-        slots: &[condition("p", "what lasts"), time("duration", None, "how long at least")],
+        words: "Each time {p} starts to hold, it holds from then to {duration} later, both ends included.",
+        formula: "always(s_prev(not {p}) and {p} implies always[0:{duration}] {p})",
+        slots: &[
+            condition("p", "what lasts; if the first sample has it, its start is unknown and not checked"),
+            time("duration", None, "how long at least, from its first sample to its last"),
+        ],
         source: KONRAD,
         shown: Shown {
             settings: &[("p", "x >= 1"), ("duration", "2s")],
@@ -222,9 +225,12 @@ pub const PATTERNS: &[Pattern] = &[
     },
     Pattern {
         name: "minimum-gap",
-        words: "Each time {p} stops holding, it does not hold again for at least {gap}.",
-        formula: "always(fall({p}) implies always[0:{gap}](not {p}))",
-        slots: &[condition("p", "what must not chatter"), time("gap", None, "shortest pause")],
+        words: "Each time {p} stops holding, it does not hold from then to {gap} later, both ends included.",
+        formula: "always(s_prev {p} and not {p} implies always[0:{gap}](not {p}))",
+        slots: &[
+            condition("p", "what must not chatter"),
+            time("gap", None, "shortest pause, from its first sample to its last"),
+        ],
         source: BOUFAIED,
         shown: Shown {
             settings: &[("p", "x >= 1"), ("gap", "2s")],

@@ -1,9 +1,12 @@
 //! Operators that bind tighter or looser than a reader expects.
 
+use mishandle_stl::{Formula, SyntaxKind};
+
 use super::Found;
-use crate::tree::Tree;
+use crate::tree::{Tree, is_comparison};
 
 pub(super) fn find(tree: &Tree<'_>, found: &mut Found<'_>) {
+    calls(tree, found);
     let has_time = tree.has_time();
     for (index, node) in tree.nodes.iter().enumerate() {
         let Some(name) = tree.operator(index) else { continue };
@@ -24,10 +27,7 @@ pub(super) fn find(tree: &Tree<'_>, found: &mut Found<'_>) {
             // `always(p) and q` reads as it is meant, `always(p) implies q` rarely.
             let is_rule = prefix == "always" && name == "implies";
             if is_rule || !is_written_around {
-                let window = tree.nodes[left].interval.map_or(String::new(), |_| {
-                    let text = tree.text(left);
-                    text.find('[').zip(text.find(']')).map_or(String::new(), |(a, b)| text[a..=b].to_owned())
-                });
+                let window = window(tree, left);
                 let (p, q) = (tree.text(operand), tree.text(right));
                 found.warn(
                     "precedence",
@@ -72,4 +72,124 @@ pub(super) fn find(tree: &Tree<'_>, found: &mut Found<'_>) {
 fn grouped(tree: &Tree<'_>, node: usize) -> String {
     let [left, right] = [0, 1].map(|n| tree.text(tree.nodes[node].operands[n]));
     format!("({left}) or ({right})")
+}
+
+/// Returns the window of an operator as the formula prints it, such as `[0s:2s]`.
+fn window(tree: &Tree<'_>, node: usize) -> String {
+    tree.nodes[node].interval.map_or(String::new(), |_| {
+        let text = tree.text(node);
+        text.find('[').zip(text.find(']')).map_or(String::new(), |(a, b)| text[a..=b].to_owned())
+    })
+}
+
+/// Finds operators over time that are written like functions, such as `x - prev(x) <= 0.1`, whose
+/// operand goes on after the closing parenthesis.
+fn calls(tree: &Tree<'_>, found: &mut Found<'_>) {
+    // The operator that each number in parentheses after one is meant for.
+    let mut written = vec![None; tree.nodes.len()];
+    for node in 0..tree.nodes.len() {
+        if let Some(argument) = argument(tree, node) {
+            written[argument] = Some(node);
+        }
+    }
+    let mut is_reported = vec![false; tree.nodes.len()];
+    // From the outside, so that a comparison of two of them is reported once.
+    for number in (0..tree.nodes.len()).rev() {
+        let Some(operator) = written[number] else { continue };
+        let mut top = operator;
+        while let Some(parent) = tree.parents[top]
+            .filter(|parent| is_arithmetic(tree, *parent) || argument(tree, *parent).is_some())
+        {
+            top = parent;
+        }
+        let name = tree.operator(operator).unwrap_or_default();
+        let meant = as_written(tree, top, &written);
+        let is_meant = Formula::parse(&meant).is_ok_and(|formula| {
+            let nodes = formula.syntax();
+            nodes
+                .last()
+                .is_some_and(|root| matches!(root.kind, SyntaxKind::Operator(name) if is_comparison(name)))
+        });
+        if std::mem::replace(&mut is_reported[top], true) || !is_meant {
+            continue;
+        }
+        let around = tree.text(tree.nodes[operator].operands[0]);
+        let why = format!(
+            "`{name}` is not a function: what it applies to goes on after the parenthesis, so this is {name}({around})"
+        );
+        // `always (x + y) <= 3` is often meant as it is.
+        match top == operator && !matches!(name, "next" | "prev" | "s_next" | "s_prev") {
+            true => found.note(
+                "precedence",
+                operator,
+                why,
+                Some(format!(
+                    "{name}{}({around}) if this is meant, otherwise {meant}",
+                    window(tree, operator)
+                )),
+            ),
+            false => found.warn("precedence", operator, why, Some(meant)),
+        }
+    }
+}
+
+/// Returns the number in parentheses right after an operator over time whose operand goes on.
+fn argument(tree: &Tree<'_>, operator: usize) -> Option<usize> {
+    let is_prefix = matches!(
+        tree.operator(operator)?,
+        "next" | "prev" | "s_next" | "s_prev" | "always" | "eventually" | "historically" | "once"
+    );
+    let mut node = *tree.nodes[operator].operands.first()?;
+    while !tree.nodes[node].in_parentheses && is_arithmetic(tree, node) {
+        node = tree.nodes[node].operands[0];
+    }
+    let is_number = tree.nodes[node].is_term || matches!(tree.nodes[node].kind, SyntaxKind::Signal(_));
+    let goes_on = Some(operator) != tree.parents[node];
+    // A name for a term counts as one in parentheses; the term is before the operator.
+    let mut first = node;
+    while let Some(operand) = tree.nodes[first].operands.first() {
+        first = *operand;
+    }
+    let place = |node: usize| tree.at(node).map(|at| (at.line, at.column));
+    let is_after = place(first) > place(operator);
+    (is_prefix && tree.nodes[node].in_parentheses && is_number && goes_on && is_after).then_some(node)
+}
+
+/// Returns whether the node is a comparison, or arithmetic with an operator between two operands.
+fn is_arithmetic(tree: &Tree<'_>, node: usize) -> bool {
+    let between = |name: &str| is_comparison(name) || matches!(name, "+" | "-" | "*" | "/");
+    tree.nodes[node].operands.len() == 2 && tree.operator(node).is_some_and(between)
+}
+
+/// Returns the text in which each operator over time applies to the number in parentheses after it.
+fn as_written(tree: &Tree<'_>, node: usize, written: &[Option<usize>]) -> String {
+    if argument(tree, node).is_some() {
+        return part_as_written(tree, tree.nodes[node].operands[0], written);
+    }
+    match tree.nodes[node].operands[..] {
+        [left, right] if is_arithmetic(tree, node) => {
+            let name = tree.operator(node).unwrap_or_default();
+            let [left, right] = [left, right].map(|operand| part_as_written(tree, operand, written));
+            format!("{left} {name} {right}")
+        }
+        _ => tree.text(node),
+    }
+}
+
+/// Returns the same with the parentheses of the node.
+fn part_as_written(tree: &Tree<'_>, node: usize, written: &[Option<usize>]) -> String {
+    let has_operator = tree.operator(node).is_some();
+    if let Some(operator) = written[node] {
+        let name = tree.operator(operator).unwrap_or_default();
+        let (window, number) = (window(tree, operator), tree.text(node));
+        return match has_operator {
+            true => format!("({name}{window} ({number}))"),
+            false => format!("({name}{window} {number})"),
+        };
+    }
+    let text = as_written(tree, node, written);
+    match tree.nodes[node].in_parentheses && has_operator {
+        true => format!("({text})"),
+        false => text,
+    }
 }
