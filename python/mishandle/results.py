@@ -505,8 +505,8 @@ class LaneSpan:
     """Samples of the same state."""
 
     state: str
-    """``holds``, ``violated``, or ``undecided``: a window of the sub-formula reaches beyond the
-    end of the trace."""
+    """``holds``, ``violated`` (also with a window that is cut at the end), or ``undecided``: not
+    violated, but a window of the sub-formula reaches beyond the end of the trace."""
     first: int
     """First sample, from 0."""
     last: int
@@ -605,9 +605,13 @@ class MinedPoint:
     """Number of traces that satisfy it."""
     support: int
     """Number of those that support it: in the others, the condition of an implication never
-    holds."""
+    holds, or windows are cut."""
+    cut: int
+    """Number of those that are shorter than the windows of the formula, which are cut at their
+    end."""
     decisive: str | None
-    """The trace with the least robustness of those that satisfy it, which decides the values."""
+    """The trace that decides the values: it satisfies the formula, and a tighter parameter
+    violates it most; ``None`` if the ranges decide."""
     decisive_time: float | None
     """The time at which it decides in seconds, or its sample if it has no times."""
     decisive_sample: int | None
@@ -626,7 +630,8 @@ class MinedTrace:
     value: float | None
     """The value; ``None`` if the trace violates the formula with the loosest one."""
     supports: bool
-    """Whether the condition of each implication holds at some sample with the mined value."""
+    """Whether the trace contains the windows of the formula with the mined value, and the
+    condition of each implication holds at some sample."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)

@@ -110,7 +110,9 @@ fn ranges(parameters: Vec<ParameterArgument>) -> PyResult<Vec<ParameterRange>> {
 /// Returns the signals of a formula with parameters.
 #[pyfunction]
 pub fn mined_signals(formula: &str, parameters: Vec<ParameterArgument>) -> PyResult<Vec<String>> {
-    let formula = parse_with_ranges(formula, &ranges(parameters)?).map_err(plain)?;
+    let parameters = ranges(parameters)?;
+    mishandle_requirements::check_names(&parameters).map_err(|error| invalid(&error))?;
+    let formula = parse_with_ranges(formula, &parameters).map_err(plain)?;
     Ok(formula.signals().into_iter().map(str::to_owned).collect())
 }
 

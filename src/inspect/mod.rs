@@ -33,4 +33,4 @@ pub use result::{counterexamples_result, run_facts};
 pub use simulation::{Simulated, simulate, simulated};
 pub use smooth_region::smooth_region_of;
 pub use space_coverage::space_coverage;
-pub use traces::{SimulatedTrace, traces};
+pub use traces::{RandomTraces, SimulatedTrace, random_traces};

@@ -2,14 +2,15 @@
 
 use std::ops::ControlFlow;
 
+use mishandle_evaluation::Corners;
 use mishandle_rollout::Request;
 use mishandle_stl::Trace;
-use mishandle_store::{RunFile, Simulation};
+use mishandle_store::{RunFile, RunKind, Simulation};
 
 use crate::error::MishandleError;
 use crate::inspect::explanation::trace;
 use crate::resolve::ResolvedPlan;
-use crate::run::record;
+use crate::run::{has_random_rows, record};
 
 /// Number of simulations per batch.
 const BATCH: usize = 64;
@@ -17,36 +18,53 @@ const BATCH: usize = 64;
 /// A simulation by its trial and its number, with its trace.
 pub type SimulatedTrace = ((u32, u32), Trace);
 
-/// Returns the traces of at most `limit` simulations of a run with a verdict, evenly chosen. They
-/// are simulated again with `resolved`; without it, only those with a recorded trace are returned,
-/// which are violated ones. `watch` gets the number of traces so far and the number of all; it can
-/// end the simulations, of which nothing is then returned: `None`.
+/// The traces of a run.
+#[derive(Clone, Debug)]
+pub struct RandomTraces {
+    /// Traces of random simulations.
+    pub traces: Vec<SimulatedTrace>,
+    /// The number of simulations with a verdict that are not random: the corners and the center of
+    /// the initial box, and points that a search, a margin or a screening chose.
+    pub left_out: u64,
+}
+
+/// Returns the traces of at most `limit` random simulations of a run with a verdict, evenly chosen.
+/// They are simulated again with `resolved`; without it, only those with a recorded trace are
+/// returned, which are violated ones. `watch` gets the number of traces so far and the number of
+/// all; it can end the simulations, of which nothing is then returned: `None`.
 ///
 /// # Errors
 /// If the run cannot be read, or a simulation cannot be run.
-pub fn traces(
+pub fn random_traces(
     run: &RunFile,
     resolved: Option<&ResolvedPlan>,
     limit: u64,
     mut watch: impl FnMut(u64, u64) -> ControlFlow<()>,
-) -> Result<Option<Vec<SimulatedTrace>>, MishandleError> {
+) -> Result<Option<RandomTraces>, MishandleError> {
+    let header = run.header();
+    let has_random_rows = has_random_rows(header);
+    let is_random =
+        |trial: u32| has_random_rows && (header.kind != RunKind::Evaluate || trial != Corners::TRIAL);
     let mut decided = Vec::new();
+    let mut left_out = 0;
     for simulation in run.simulations() {
         let simulation = simulation?;
-        if simulation.robustness.is_some() {
-            decided.push((simulation.trial, simulation.number));
+        match simulation.robustness.is_some() {
+            true if is_random(simulation.trial) => decided.push((simulation.trial, simulation.number)),
+            true => left_out += 1,
+            false => {}
         }
     }
     let chosen: Vec<Simulation> = evenly(&decided, limit)
         .into_iter()
         .map(|(trial, number)| run.simulation(trial, number))
         .collect::<Result<_, _>>()?;
-    let mut found = Vec::new();
+    let mut traces = Vec::new();
     let is_whole = each_trace(run, resolved, &chosen, |simulation, trace| {
-        found.push(((simulation.trial, simulation.number), trace.clone()));
-        Ok(watch(found.len() as u64, chosen.len() as u64))
+        traces.push(((simulation.trial, simulation.number), trace.clone()));
+        Ok(watch(traces.len() as u64, chosen.len() as u64))
     })?;
-    Ok(is_whole.is_continue().then_some(found))
+    Ok(is_whole.is_continue().then_some(RandomTraces { traces, left_out }))
 }
 
 /// Calls `each` with the simulations and their traces, until it breaks.

@@ -104,7 +104,10 @@ fn patterns_make_formulas() {
         "formula --pattern hold-for --set 'p=closed >= 1' --set 'q=force < 20' --set duration=2s --json",
         0,
     );
-    assert_eq!(found["formula"], "always((s_prev (not (closed >= 1))) and closed >= 1 implies always[0s:2s](force < 20))");
+    assert_eq!(
+        found["formula"],
+        "always((s_prev (not (closed >= 1))) and closed >= 1 implies always[0s:2s](force < 20))"
+    );
     bench.refuses("formula --pattern hold-for --set 'p=closed >= 1'", &["needs the parameter `q`"]);
     bench.refuses("formula --pattern holdfor", &["did you mean `hold-for`?"]);
 }
@@ -144,7 +147,11 @@ fn parameters_are_mined_from_logs_and_runs() {
     bench.check("evaluate toy/car-following --episodes 3 --out run.sqlite", 0);
     let gap =
         bench.json("mine --formula 'always(gap >= least)' --parameter least=-100:100 run.sqlite --json", 0);
-    assert_eq!((&gap["outcome"], gap["traces"].as_u64() >= Some(3)), (&"found".into(), true));
+    // The three random episodes, without the corners and the center of the initial box.
+    assert_eq!((&gap["outcome"], &gap["traces"]), (&"found".into(), &3.into()));
+    let left_out = bench.run("mine --formula 'always(gap >= least)' --parameter least=-100:100 run.sqlite");
+    assert!(text(&left_out.stderr).contains("left out: corners"), "{}", text(&left_out.stderr));
+    bench.refuses("mine --formula 'always(force <= F)' --parameter F=0:5 a.csv", &["`F` is an operator"]);
 }
 
 #[test]

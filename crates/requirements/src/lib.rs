@@ -32,6 +32,8 @@ pub use describe::{Context, describe, describe_formula};
 pub use error::{RequirementError, Result};
 pub use example::find_examples;
 pub use lanes::{draw, with_values};
-pub use mining::{MAX_POINTS, MiningQuestion, NamedTrace, ParameterRange, mine, parse_with_ranges};
+pub use mining::{
+    MAX_POINTS, MiningQuestion, NamedTrace, ParameterRange, check_names, mine, parse_with_ranges,
+};
 pub use pattern::{PATTERNS, ParameterKind, Pattern, Shown, Slot, page as pattern_page, pattern};
 pub use units::unit_of;

@@ -91,6 +91,57 @@ fn traces_without_the_condition_do_not_support_a_value() {
     assert_eq!(supports, [true, false]);
 }
 
+/// A log in which the condition never holds satisfies every value. It must not make room for one
+/// that violates the value.
+#[test]
+fn traces_without_the_condition_are_no_part_of_a_share() {
+    let idle = |name: &str| log(name, &[0.0, 0.0], &[9.0, 9.0]);
+    let traces =
+        [log("a", &[1.0, 0.0], &[3.0, 9.0]), log("b", &[1.0, 0.0], &[5.0, 9.0]), idle("c"), idle("d")];
+    let found = ask("always(x >= 1 implies y <= limit)", &[range("limit", 0.0, 50.0)], 0.5, &traces);
+    let point = found.expect("mined").points.remove(0);
+    assert_eq!((point.values[0].0, point.satisfied, point.support), (3.0, 3, 1));
+    assert_eq!(point.decisive.as_deref(), Some("a"));
+}
+
+#[test]
+fn a_trace_shorter_than_the_window_supports_nothing() {
+    let traces = [log("short", &[0.0; 3], &[0.0; 3]), log("long", &[0.0; 9], &[0.0; 9])];
+    let time = ParameterRange { unit: Some(TimeUnit::Seconds), ..range("T", 0.0, 2.0) };
+    let found = ask("always[0:T](x <= 1)", &[time], 1.0, &traces).expect("mined");
+    let point = &found.points[0];
+    assert_eq!(
+        (found.outcome.as_str(), point.satisfied, point.support, point.cut),
+        ("tightest-holds", 2, 1, 1)
+    );
+    assert_eq!(point.decisive, None);
+    let supports: Vec<bool> = found.per_trace.iter().map(|trace| trace.supports).collect();
+    assert_eq!(supports, [false, true]);
+}
+
+/// The robustness of a log is least where x is near 1, but the time of the other log decides T.
+#[test]
+fn the_log_that_a_tighter_value_violates_decides() {
+    let traces =
+        [log("near", &[1.001, 0.0, 0.0, 0.0], &[0.0; 4]), log("late", &[0.0, 0.0, 3.0, 3.0], &[0.0; 4])];
+    let found = ask("eventually[0:T](x >= 1)", &[range("T", 0.0, 3.0)], 1.0, &traces).expect("mined");
+    assert_eq!((found.points[0].values[0].0, found.points[0].decisive.as_deref()), (2.0, Some("late")));
+}
+
+#[test]
+fn messages_quote_parameters_by_their_names() {
+    let traces = [log("a", &[1.0, 1.0], &[1.0, 1.0])];
+    let error = |formula: &str, name: &str| {
+        ask(formula, &[range(name, 0.0, 1.0)], 1.0, &traces).expect_err("a mistake")
+    };
+    let both = error("always(x * gain <= 1)", "gain");
+    assert!(both.contains("`x * gain`"), "{both}");
+    let windows = error("always[0:T](x <= 1) and eventually[0:T](x >= 1)", "T");
+    assert!(windows.contains("`eventually[0:T]`") && windows.contains("`always[0:T]`"), "{windows}");
+    assert!(error("always(x <= F)", "F").contains("`F` is an operator"));
+    assert!(error("always(x <= a b)", "a b").contains("plain word"));
+}
+
 #[test]
 fn mistakes_are_named() {
     let traces = [log("a", &[1.0], &[1.0])];

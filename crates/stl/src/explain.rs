@@ -295,8 +295,12 @@ impl AppliedOperator<'_> {
             Operator::StrongNext => last.after("the trace has a step later, and there:"),
             Operator::Previous => last.after("one step earlier, if the trace has it:"),
             Operator::StrongPrevious => last.after("the trace has a step earlier, and there:"),
-            Operator::Rise => last.after("this starts to hold (it did not one step earlier, or this is the first step):"),
-            Operator::Fall => last.after("this stops holding (it did one step earlier, or this is the first step):"),
+            Operator::Rise => {
+                last.after("this starts to hold (it did not one step earlier, or this is the first step):")
+            }
+            Operator::Fall => {
+                last.after("this stops holding (it did one step earlier, or this is the first step):")
+            }
             Operator::Not => last.after("this does not hold:"),
             Operator::Negate => {
                 Phrase { unit: last.unit.clone(), ..Phrase::value(&format!("-{}", last.number()), None) }

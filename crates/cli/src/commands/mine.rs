@@ -4,7 +4,7 @@ use anyhow::Result;
 use clap::Args;
 use mishandle::stl::TimeUnit;
 use mishandle_logs::Evaluation;
-use mishandle_requirements::{MAX_POINTS, MiningQuestion, NamedTrace, ParameterRange, mine};
+use mishandle_requirements::{MAX_POINTS, MiningQuestion, NamedTrace, ParameterRange, check_names, mine};
 
 use crate::exit_status::ExitStatus;
 use crate::flags::{LogFlags, numbers};
@@ -39,7 +39,7 @@ decide, the output says so. docs/guide/requirements.md describes mining.
 Exit code 1 means that even the loosest values violate the formula."
 )]
 pub struct Arguments {
-    /// Files with a log each, or run files of `evaluate` and `falsify`, whose simulations are
+    /// Files with a log each, or run files of `evaluate` and `falsify`, whose random simulations are
     /// simulated again; - reads stdin
     #[arg(value_name = "LOG")]
     pub logs: Vec<PathBuf>,
@@ -59,7 +59,7 @@ pub struct Arguments {
     /// Number of points of the Pareto front of several parameters
     #[arg(long, value_name = "N", default_value = "10", allow_negative_numbers = true, value_parser = numbers::integer::<u32>(2..=MAX_POINTS as u64))]
     pub points: u32,
-    /// Largest number of simulations of each run file, evenly chosen
+    /// Largest number of random simulations of each run file, evenly chosen
     #[arg(long, value_name = "N", default_value = "200", allow_negative_numbers = true, value_parser = numbers::integer::<u64>(1..=u64::MAX))]
     pub simulations: u64,
     /// Unit of interval bounds without a unit: s, ms, us or ns [default: such bounds count samples]
@@ -116,6 +116,7 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
         };
         parameter.resolution = Some(*step);
     }
+    check_names(&parameters)?;
     let options = command.log.options();
     let (runs, paths): (Vec<PathBuf>, Vec<PathBuf>) =
         command.logs.iter().cloned().partition(|path| formula_context::is_run(path));

@@ -13,6 +13,7 @@ use mishandle::store::RunKind;
 use mishandle::{Plan, ResolvedPlan};
 use mishandle_logs::{Evaluation, OpenLog, Options, Source};
 use mishandle_requirements::Context;
+use mishandle_text::plural;
 
 use super::logs;
 use crate::show::output;
@@ -97,7 +98,7 @@ pub fn is_run(path: &Path) -> bool {
     path.is_file() && read.is_ok() && start == *b"SQLite format 3\0"
 }
 
-/// Returns the traces of at most `limit` simulations of each run, which are simulated again.
+/// Returns the traces of at most `limit` random simulations of each run, which are simulated again.
 /// Without their target, only recorded ones are returned. `None` if a signal ended this.
 pub fn of_runs(paths: &[PathBuf], limit: u64, unit: Option<TimeUnit>) -> Result<Option<Vec<Drawn>>> {
     if paths.is_empty() {
@@ -117,7 +118,7 @@ pub fn of_runs(paths: &[PathBuf], limit: u64, unit: Option<TimeUnit>) -> Result<
             }
         };
         let mut count = 0;
-        let found = mishandle::inspect::traces(&file, resolved.as_ref(), limit, |done, total| {
+        let found = mishandle::inspect::random_traces(&file, resolved.as_ref(), limit, |done, total| {
             bar.set_length(total);
             bar.set_position(done);
             count = done;
@@ -128,10 +129,20 @@ pub fn of_runs(paths: &[PathBuf], limit: u64, unit: Option<TimeUnit>) -> Result<
             super::report_loss(count, "nothing is kept");
             return Ok(None);
         };
-        ensure!(!found.is_empty(), "{} has no simulation with a trace", path.display());
+        let left_out = plural(found.left_out, "simulation");
+        let why = "corners, the center and points that a search chose are no random sample";
+        ensure!(
+            !found.traces.is_empty() || found.left_out == 0,
+            "{} has no random simulation ({left_out}; {why}): mine from a run of evaluate, or of falsify with random scenarios",
+            path.display()
+        );
+        ensure!(!found.traces.is_empty(), "{} has no simulation with a trace", path.display());
+        if found.left_out > 0 {
+            output::message(&format!("{}: {left_out} left out: {why}", path.display()));
+        }
         let period = file.header().control_dt;
         let clock = unit.map_or(Clock::steps(period), |unit| Clock::rtamt(period, unit));
-        drawn.extend(found.into_iter().map(|((trial, number), trace)| {
+        drawn.extend(found.traces.into_iter().map(|((trial, number), trace)| {
             let name = format!("{}, trial {trial}, simulation {number}", path.display());
             Drawn { kind: "simulation", name, trace, clock, start: 0.0 }
         }));

@@ -51,9 +51,18 @@ pub fn text(found: &Mining, width: usize) -> String {
             ));
         }
         ("tightest-holds", [point]) => {
+            let remedy = match (point.cut, point.support) {
+                (0, 0) => {
+                    "In none of them, the conditions of all implications hold: use other logs.".to_string()
+                }
+                (0, _) => "Widen the ranges.".to_string(),
+                (cut, _) => format!(
+                    "{cut} of them are shorter than the windows of the formula, which are cut at their end: wider ranges do not \
+                     help, use longer logs or a range of shorter windows."
+                ),
+            };
             parts.push(format!(
-                "The range decides: {needed} satisfy the formula even with the tightest values, so these are not mined. Widen \
-                 the ranges."
+                "The range decides: {needed} satisfy the formula even with the tightest values, so these are not mined. {remedy}"
             ));
             parts.push(one(found, point));
         }
@@ -75,6 +84,10 @@ pub fn text(found: &Mining, width: usize) -> String {
             let value = trace
                 .value
                 .map_or("violated with every value".to_string(), |value| value_text(parameter, value));
+            let value = match trace.value.is_some() && !trace.supports {
+                true => format!("{value} (no support)"),
+                false => value,
+            };
             vec![escape::name(&trace.name), value]
         }));
         let mut table = output::table_in(&rows, width);
@@ -108,9 +121,16 @@ fn one(found: &Mining, point: &MinedPoint) -> String {
         short_number(point.robustness.0)
     ));
     if point.support < point.satisfied {
+        let without = match point.satisfied - point.support > point.cut {
+            true => ": in the others, the condition of an implication never holds",
+            false => "",
+        };
+        lines.push(format!("  {} of them support it{without}", point.support));
+    }
+    if point.cut > 0 {
         lines.push(format!(
-            "  {} of them support it: in the others, the condition of an implication never holds",
-            point.support
+            "  cut: {} shorter than the windows of the formula, not counted as support",
+            plural(point.cut, "trace")
         ));
     }
     if let Some(name) = &point.decisive {
@@ -151,8 +171,15 @@ fn front(found: &Mining, points: &[MinedPoint], width: usize) -> String {
         ];
         values.chain(rest).collect()
     }));
+    let cut = match points.iter().map(|point| point.cut).max() {
+        Some(cut) if cut > 0 => format!(
+            "\n\nUp to {} shorter than the windows of a point: their windows are cut, which is not counted as support.",
+            plural(cut, "trace")
+        ),
+        _ => String::new(),
+    };
     format!(
-        "{} of the Pareto front; a point with a tighter parameter than one of them has a looser one, too:\n\n{}",
+        "{} of the Pareto front; a point with a tighter parameter than one of them has a looser one, too:\n\n{}{cut}",
         plural(points.len() as u64, "point"),
         output::table_in(&rows, width)
     )

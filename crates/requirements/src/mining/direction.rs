@@ -1,6 +1,7 @@
 //! Whether a greater value of a parameter makes a formula easier or harder to satisfy.
 
-use mishandle_stl::{Formula, Position, SyntaxKind};
+use mishandle_stl::{Formula, Position, SyntaxBound, SyntaxKind};
+use mishandle_text::number_text;
 
 use crate::error::{RequirementError, Result};
 use crate::tree::Tree;
@@ -39,12 +40,13 @@ pub(super) enum Tightest {
     High,
 }
 
-/// Returns the tightest end of a parameter.
+/// Returns the tightest end of a parameter. `shown` is the formula with the names of parameters that
+/// are no bounds, for messages.
 ///
 /// # Errors
 /// If the formula does not read the parameter, or a greater value can make it both easier and
 /// harder to satisfy.
-pub(super) fn tightest(formula: &Formula, parameter: usize, name: &str) -> Result<Tightest> {
+pub(super) fn tightest(formula: &Formula, shown: &Formula, parameter: usize, name: &str) -> Result<Tightest> {
     let tree = Tree::new(formula);
     let mut effects: Vec<Effect> = Vec::with_capacity(tree.nodes.len());
     let mut is_nonnegative: Vec<bool> = Vec::with_capacity(tree.nodes.len());
@@ -62,8 +64,22 @@ pub(super) fn tightest(formula: &Formula, parameter: usize, name: &str) -> Resul
     }
     let place = |node: usize| {
         let at = tree.at(node).map_or(String::new(), |at: Position| format!(" ({at})"));
-        // The value of the parameter itself says nothing.
-        let text = if tree.number(node).is_some() { name.to_owned() } else { tree.text(node) };
+        let is_own = |bound: &SyntaxBound| bound.parameter == Some(parameter);
+        let text = match &tree.nodes[node].interval {
+            Some(bounds) if bounds.iter().any(is_own) => {
+                let bound = |bound: &SyntaxBound| match is_own(bound) {
+                    true => name.to_owned(),
+                    false => number_text(bound.value),
+                };
+                format!(
+                    "{}[{}:{}]",
+                    tree.operator(node).unwrap_or_default(),
+                    bound(&bounds[0]),
+                    bound(&bounds[1])
+                )
+            }
+            _ => shown.at_node(node).to_string(),
+        };
         format!("`{text}`{at}")
     };
     match effects.last().copied().unwrap_or_default() {

@@ -70,6 +70,9 @@ fn question(text: String) -> RequirementError {
 /// for a bound, or to the resolution. With several it is a part of the Pareto front: at each point
 /// enough traces satisfy the formula, and fewer do if any one parameter is a step tighter.
 ///
+/// A trace supports a value if it contains the windows of the formula and the conditions of its
+/// implications hold. The share is one of the traces whose conditions hold with some values.
+///
 /// # Errors
 /// If the formula does not parse, a parameter is a signal, has no direction in which it is tighter,
 /// or its range is not one; or if the formula has no value on a trace.
@@ -119,6 +122,7 @@ struct Miner<'a> {
     traces: &'a [NamedTrace],
     /// The number of traces that must satisfy the formula.
     needed: usize,
+    share: f64,
 }
 
 impl<'a> Miner<'a> {
@@ -136,6 +140,7 @@ impl<'a> Miner<'a> {
         if !(share > 0.0 && share <= 1.0) {
             return Err(question(format!("the share is {share}; it must be above 0 and at most 1")));
         }
+        check_names(parameters)?;
         for (index, parameter) in parameters.iter().enumerate() {
             check(parameter, traces)?;
             if parameters[..index].iter().any(|earlier| earlier.name == parameter.name) {
@@ -146,9 +151,24 @@ impl<'a> Miner<'a> {
         if formula.signals().is_empty() {
             return Err(question("the formula reads no signal".to_owned()));
         }
+        // The same tree with names in the place of numbers, for messages. Bounds of windows must be numbers.
+        let is_bound = |index: usize| {
+            let nodes = formula.syntax();
+            nodes
+                .iter()
+                .flat_map(|node| node.interval.iter().flatten())
+                .any(|bound| bound.parameter == Some(index))
+        };
+        let bounds: Vec<ParameterRange> = parameters
+            .iter()
+            .enumerate()
+            .filter(|(index, _)| is_bound(*index))
+            .map(|(_, range)| range.clone())
+            .collect();
+        let shown = parse_with_ranges(text, &bounds).unwrap_or_else(|_| formula.clone());
         let mut axes = Vec::new();
         for (index, parameter) in parameters.iter().enumerate() {
-            let tightest = direction::tightest(&formula, index, &parameter.name)?;
+            let tightest = direction::tightest(&formula, &shown, index, &parameter.name)?;
             let step = step(&formula, index, parameter, asked.unit, traces)?;
             axes.push(Axis::new(
                 &parameter.name,
@@ -158,10 +178,31 @@ impl<'a> Miner<'a> {
                 step,
             ));
         }
-        let needed = (share * traces.len() as f64 - 1e-9).ceil().max(1.0) as usize;
-        let miner = Miner { text, axes, traces, needed };
+        let mut miner = Miner { text, axes, traces, needed: traces.len(), share };
         miner.check_ends()?;
+        // Traces that satisfy the formula only because a condition never holds must not make room
+        // for others that violate it.
+        let idle = miner.idle()?;
+        let counted = if idle < traces.len() { traces.len() - idle } else { traces.len() };
+        miner.needed =
+            traces.len() - counted + (miner.share * counted as f64 - 1e-9).ceil().max(1.0) as usize;
         Ok(miner)
+    }
+
+    /// Returns the number of traces that satisfy the formula with all values, and whose conditions
+    /// hold neither with the tightest nor with the loosest ones.
+    fn idle(&self) -> Result<usize> {
+        let tightest = self.formula(&self.values(&vec![0; self.axes.len()]))?;
+        let loosest: Vec<u64> = self.axes.iter().map(|axis| axis.last).collect();
+        let loosest = self.formula(&self.values(&loosest))?;
+        let mut count = 0;
+        for trace in self.traces {
+            let is_idle = !has_conditions(&tightest, trace)?
+                && !has_conditions(&loosest, trace)?
+                && is_satisfied(robustness(&tightest, trace)?);
+            count += usize::from(is_idle);
+        }
+        Ok(count)
     }
 
     /// Checks that the formula can be evaluated at the ends of all ranges.
@@ -210,15 +251,6 @@ impl<'a> Miner<'a> {
             }
         }
         Ok(true)
-    }
-
-    fn satisfied(&self, point: &[u64]) -> Result<usize> {
-        let formula = self.formula(&self.values(point))?;
-        let mut count = 0;
-        for trace in self.traces {
-            count += usize::from(is_satisfied(robustness(&formula, trace)?));
-        }
-        Ok(count)
     }
 
     /// Returns the tightest value of the only parameter for each trace.
@@ -310,29 +342,42 @@ impl<'a> Miner<'a> {
     fn point(&self, point: &[u64]) -> Result<MinedPoint> {
         let values = self.values(point);
         let formula = self.formula(&values)?;
-        let (mut satisfied, mut support) = (0, 0);
-        let mut decisive: Option<(f64, &NamedTrace)> = None;
+        let (mut support, mut cut) = (0, 0);
+        let mut least = f64::NAN;
+        let mut satisfied = Vec::new();
         for trace in self.traces {
             let robustness = robustness(&formula, trace)?;
             if !is_satisfied(robustness) {
                 continue;
             }
-            satisfied += 1;
+            satisfied.push(trace);
             support += u64::from(supports(&formula, trace)?);
-            if decisive.is_none_or(|(least, _)| robustness.total_cmp(&least).is_lt()) {
-                decisive = Some((robustness, trace));
-            }
+            cut += u64::from(is_cut(&formula, trace)?);
+            least = least.min(robustness);
         }
         let mut violated_if_tighter = Vec::with_capacity(point.len());
+        // The trace that a tighter value violates most.
+        let mut decisive: Option<(f64, &NamedTrace)> = None;
         for axis in 0..point.len() {
-            violated_if_tighter.push(match point[axis].checked_sub(1) {
-                Some(tighter) => {
-                    let mut tried = point.to_vec();
-                    tried[axis] = tighter;
-                    Some(satisfied - self.satisfied(&tried)? as u64)
+            let Some(tighter) = point[axis].checked_sub(1) else {
+                violated_if_tighter.push(None);
+                continue;
+            };
+            let mut tried = point.to_vec();
+            tried[axis] = tighter;
+            let tighter = self.formula(&self.values(&tried))?;
+            let mut violated = 0;
+            for trace in &satisfied {
+                let robustness = robustness(&tighter, trace)?;
+                if is_satisfied(robustness) {
+                    continue;
                 }
-                None => None,
-            });
+                violated += 1;
+                if decisive.is_none_or(|(most, _)| robustness.total_cmp(&most).is_lt()) {
+                    decisive = Some((robustness, trace));
+                }
+            }
+            violated_if_tighter.push(Some(violated));
         }
         let at = decisive.and_then(|(_, trace)| {
             let sample = formula.diagnose(&trace.trace, &trace.clock).ok()?.predicate?.sample;
@@ -342,9 +387,10 @@ impl<'a> Miner<'a> {
             values: values.into_iter().map(Number).collect(),
             // `-limit` with a limit of -2 is printed as 2.
             formula: Formula::parse(&formula.to_string())?.to_string(),
-            robustness: Number(decisive.map_or(f64::NAN, |(least, _)| least)),
-            satisfied,
+            robustness: Number(least),
+            satisfied: satisfied.len() as u64,
             support,
+            cut,
             decisive: decisive.map(|(_, trace)| trace.name.clone()),
             decisive_time: at.and_then(|(_, secs)| secs).map(Number),
             decisive_sample: at.map(|(sample, _)| sample as u64),
@@ -376,27 +422,57 @@ fn robustness(formula: &Formula, trace: &NamedTrace) -> Result<f64> {
     found.map_err(|error| question(format!("trace {}: {error}", trace.name)))
 }
 
-/// Returns whether the condition of each implication holds at some sample of a trace.
+fn monitor(formula: &Formula, trace: &NamedTrace) -> Result<Monitor> {
+    Ok(Monitor::new(formula, trace.trace.names(), trace.clock)?)
+}
+
+/// Returns whether a trace is shorter than the windows of a formula, which are cut at its end.
+fn is_cut(formula: &Formula, trace: &NamedTrace) -> Result<bool> {
+    Ok(monitor(formula, trace)?.decided_samples(trace.trace.len()) == 0)
+}
+
+/// Returns whether a trace contains the windows of a formula, and the condition of each implication
+/// holds at some sample.
 fn supports(formula: &Formula, trace: &NamedTrace) -> Result<bool> {
+    Ok(!is_cut(formula, trace)? && has_conditions(formula, trace)?)
+}
+
+/// Returns whether the condition of each implication holds at some sample of a trace.
+fn has_conditions(formula: &Formula, trace: &NamedTrace) -> Result<bool> {
     for node in Tree::new(formula).antecedents() {
-        let condition = formula.at_node(node);
-        let holds = Monitor::new(&condition, trace.trace.names(), trace.clock).and_then(|mut monitor| {
-            Ok(monitor.robustness_signal(&trace.trace)?.iter().any(|value| is_satisfied(*value)))
-        });
-        if !holds? {
+        let mut condition = monitor(&formula.at_node(node), trace)?;
+        if !condition.robustness_signal(&trace.trace)?.iter().any(|value| is_satisfied(*value)) {
             return Ok(false);
         }
     }
     Ok(true)
 }
 
+/// Checks that a formula can read these parameters by their names.
+///
+/// # Errors
+/// If a name is no plain word, or a word of the language, such as `F`.
+pub fn check_names(parameters: &[ParameterRange]) -> Result<()> {
+    for ParameterRange { name, .. } in parameters {
+        let is_word = name.chars().all(|letter| letter.is_ascii_alphanumeric() || letter == '_')
+            && name.starts_with(|letter: char| letter.is_ascii_alphabetic() || letter == '_');
+        if is_word && spelled(name) != *name {
+            return Err(question(format!(
+                "`{name}` is an operator or another word of the language, and cannot be a parameter: expected another name, \
+                 such as limit"
+            )));
+        }
+        if !is_word {
+            return Err(question(format!(
+                "`{name}` cannot be a parameter: expected a plain word, such as limit"
+            )));
+        }
+    }
+    Ok(())
+}
+
 fn check(parameter: &ParameterRange, traces: &[NamedTrace]) -> Result<()> {
     let ParameterRange { name, low, high, resolution, .. } = parameter;
-    if spelled(name) != *name || name.is_empty() {
-        return Err(question(format!(
-            "`{name}` cannot be a parameter: expected a plain word, such as limit"
-        )));
-    }
     if let Some(trace) = traces.iter().find(|trace| trace.trace.signal(name).is_some()) {
         return Err(question(format!(
             "the parameter `{name}` is also a signal of {}; choose another name for the parameter",
