@@ -34,15 +34,21 @@ const PIECES: u64 = 6;
 /// Changes without an improvement after which the search starts again.
 const PATIENCE: u32 = 60;
 
+/// Searches from which conditions that change are asked for.
+const SEEDS: u64 = 3;
+
 /// Searches for a trace that satisfies the formula and for one that violates it. If possible, the
-/// conditions of its implications hold at some samples of them and fail at others. The verdict of
+/// conditions of its implications and edges change in them. The verdict of
 /// each is that of [`Monitor`]. Empty if the formula is too long, or needs too many samples.
 pub fn find_examples(formula: &Formula, context: &Context) -> Vec<FormulaExample> {
     let Some(search) = Search::new(formula, context) else { return Vec::new() };
     let [satisfied, violated] = [false, true].map(|violates| {
         let goals = [Conditions::Change, Conditions::Hold, Conditions::Any];
         let mut goals = goals.into_iter().filter(|conditions| search.has(*conditions));
-        goals.find_map(|conditions| search.run(Goal { violates, conditions }))
+        goals.find_map(|conditions| {
+            let seeds = if conditions == Conditions::Change { SEEDS } else { 1 };
+            (0..seeds).find_map(|seed| search.run(Goal { violates, conditions, seed }))
+        })
     });
     let named = [("satisfied", satisfied), ("violated", violated)];
     let drawn = named.into_iter().filter_map(|(name, trace)| {
@@ -67,6 +73,7 @@ enum Conditions {
 struct Goal {
     violates: bool,
     conditions: Conditions,
+    seed: u64,
 }
 
 struct Search<'a> {
@@ -113,7 +120,8 @@ impl<'a> Search<'a> {
         if samples > MOST {
             return None;
         }
-        let conditions = tree.antecedents().map(|node| formula.at_node(node)).collect();
+        let antecedents = tree.antecedents().map(|node| formula.at_node(node));
+        let conditions = antecedents.chain(edges(&tree)).collect();
         let levels = names.iter().map(|name| levels(&tree, name)).collect();
         let evaluations = (WORK / (samples * tree.nodes.len())).clamp(50, 6000);
         Some(Search { formula, names, levels, conditions, clock, samples, evaluations })
@@ -172,7 +180,7 @@ impl<'a> Search<'a> {
         let monitors: Result<Vec<Monitor>, _> =
             formulas.map(|formula| Monitor::new(formula, &self.names, self.clock)).collect();
         let mut monitors = monitors.ok()?;
-        let mut random = Sequence::new(0, u64::from(goal.violates));
+        let mut random = Sequence::new(goal.seed, u64::from(goal.violates));
         // A robustness of 0 has a verdict, too, but says less.
         let is_clear = |value: f64| value > 0.0;
         // A negated robustness keeps the sign of a zero, a minimum of several numbers may not.
@@ -255,6 +263,21 @@ impl<'a> Search<'a> {
 
 fn pick(levels: &[f64], random: &mut Sequence) -> f64 {
     levels[random.below(levels.len() as u64) as usize]
+}
+
+/// Returns for each `rise` and `fall` the formula of a change between two samples: at the first one,
+/// they hold without a change.
+fn edges(tree: &Tree<'_>) -> Vec<Formula> {
+    let edge = |node: usize| {
+        let operand = *tree.nodes[node].operands.first()?;
+        let text = tree.text(operand);
+        match tree.operator(node)? {
+            "rise" => Formula::parse(&format!("(s_prev (not ({text}))) and ({text})")).ok(),
+            "fall" => Formula::parse(&format!("(s_prev ({text})) and (not ({text}))")).ok(),
+            _ => None,
+        }
+    };
+    (0..tree.nodes.len()).filter_map(edge).collect()
 }
 
 /// Returns values around those with which the formula compares a signal.

@@ -14,7 +14,8 @@ const MAX_LANES: usize = 40;
 /// Evaluates a formula and its sub-formulas on a trace.
 ///
 /// Windows are cut at the end of the trace, as [`Monitor::robustness`] does. Samples at which the
-/// trace does not contain the whole windows of a sub-formula are `undecided`.
+/// trace does not contain the whole windows of a sub-formula are `violated` if the cut ones violate
+/// it, otherwise `undecided`.
 ///
 /// # Errors
 /// As for [`Monitor::new`] and [`Monitor::robustness_signal`].
@@ -63,8 +64,9 @@ fn spans(values: &[f64], decided: usize) -> Vec<LaneSpan> {
     let mut spans: Vec<LaneSpan> = Vec::new();
     for (sample, value) in values.iter().enumerate() {
         let state = match (sample < decided, is_violated(*value)) {
-            (false, _) => "undecided",
-            (true, true) => "violated",
+            // Also with a cut window: a row must not hide what the verdict comes from.
+            (_, true) => "violated",
+            (false, false) => "undecided",
             (true, false) => "holds",
         };
         match spans.last_mut() {

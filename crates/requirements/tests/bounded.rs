@@ -4,7 +4,7 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use mishandle_random::Sequence;
-use mishandle_requirements::{Context, describe, find_examples};
+use mishandle_requirements::{Context, describe, draw, find_examples};
 use mishandle_stl::{Clock, Formula, Monitor, Trace, is_violated};
 
 #[test]
@@ -149,4 +149,37 @@ fn examples_have_the_verdict_of_the_monitor() {
         }
     }
     assert!(satisfied > 100 && violated > 100, "{satisfied} {violated}");
+}
+
+/// An edge at the first sample, where no sample is before it, shows nothing.
+#[test]
+fn examples_show_real_edges() {
+    for (text, before, after) in [
+        ("always(rise(x >= 1) implies y >= 1)", false, true),
+        ("always(fall(x >= 1) implies always[0:2](not (x >= 1)))", true, false),
+    ] {
+        let formula = Formula::parse(text).expect("a formula");
+        let examples = find_examples(&formula, &Context::default());
+        assert_eq!(examples.len(), 2, "{text}");
+        for example in examples {
+            let x = example.values.expect("values").remove(0).values;
+            let is_edge = |pair: &[f64]| (pair[0] >= 1.0, pair[1] >= 1.0) == (before, after);
+            assert!(x.windows(2).any(is_edge), "{text}, {}: {x:?}", example.name);
+        }
+    }
+}
+
+/// At the last sample, p holds and q does not: the monitor violates the formula, and each row shows
+/// the sample that this comes from.
+#[test]
+fn a_cut_window_does_not_hide_the_violating_sample() {
+    let formula = Formula::parse("always(p >= 1 implies eventually[0:2](q >= 1))").expect("a formula");
+    let names: Arc<[String]> = vec!["p".to_owned(), "q".to_owned()].into();
+    let trace = Trace::from_columns(names, vec![vec![0.0, 0.0, 0.0, 0.0, 2.0], vec![0.0; 5]]);
+    let drawn = draw(&formula, "log", "a", &trace, Clock::unknown()).expect("drawn");
+    assert!(drawn.violated);
+    for lane in &drawn.lanes[..2] {
+        let last = lane.spans.last().expect("a span");
+        assert_eq!((last.state.as_str(), last.last), ("violated", 4), "{}", lane.formula);
+    }
 }

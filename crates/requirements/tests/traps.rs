@@ -62,6 +62,30 @@ fn windows() {
     let fast = Context { period: Some(1.0 / 60.0), ..Context::default() };
     assert_eq!(traps("always[0:2](x >= 1)", &fast), ["samples-not-seconds"]);
     assert_eq!(traps("always[50:300](x >= 1)", &fast), [""; 0]);
+    check("eventually[0:2] always[0:1s](x >= 1)", &["samples-not-seconds"]);
+    check("eventually[0s:2s] always[0:1s](x >= 1)", &[]);
+}
+
+/// A cut window of `eventually` violates too early, one of `always` too late, and a negation swaps
+/// the two.
+#[test]
+fn windows_beyond_the_end_respect_negation() {
+    let why = |text: &str| {
+        let traps = describe(text, &Context::default()).expect("a formula").traps;
+        let trap = traps.into_iter().find(|trap| trap.name == "window-beyond-the-end").expect("cut");
+        trap.why
+    };
+    let check = |text: &str, parts: [&str; 2]| {
+        let why = why(text);
+        assert!(parts.iter().all(|part| why.contains(part)), "{text}: {why}");
+    };
+    let (fails, misses, both) = ("would come after", "is not seen", "either direction");
+    check("always(p >= 1 implies eventually[0:2s](q >= 1))", ["last 2 s", fails]);
+    check("always(p >= 1 implies always[0:2s](q >= 1))", ["last 2 s", misses]);
+    check("always(not eventually[0:2s](q >= 1))", ["last 2 s", misses]);
+    check("always(p >= 1 implies not always[0:2s](q >= 1))", ["last 2 s", fails]);
+    check("always(p >= 1 implies eventually[0:1s] always[0:2s](q >= 1))", ["window of `eventually`", both]);
+    assert!(why("always(eventually[0:1s] always[0:2s](q >= 1))").starts_with("in the last 3 s of a trace"));
 }
 
 #[test]
@@ -69,6 +93,8 @@ fn windows_longer_than_the_episode() {
     let episode = |episode_secs| Context { episode_secs: Some(episode_secs), ..Context::default() };
     assert_eq!(traps("always[0:10s](x >= 1)", &episode(5.0)), ["horizon-beyond-episode"]);
     assert_eq!(traps("always[0:10s](x >= 1)", &episode(10.0)), [""; 0]);
+    assert_eq!(traps("always(historically[0:10s](x >= 1))", &episode(2.0)), ["horizon-beyond-episode"]);
+    assert_eq!(traps("always(historically[0:2s](x >= 1))", &episode(2.0)), [""; 0]);
     let samples = Context { samples: Some(300), ..Context::default() };
     assert_eq!(traps("eventually[0:270](always[0:30](x >= 1))", &samples), ["horizon-beyond-episode"]);
     assert_eq!(traps("eventually[0:269](always[0:30](x >= 1))", &samples), [""; 0]);
@@ -87,6 +113,19 @@ fn comparisons() {
     check("always(0.2 <= v <= 0.3)", &["chained-comparison"]);
     check("always(closed implies force <= 20)", &["flag-always-holds"]);
     check("a = x >= 1\nb = y >= 1\nz >= 1", &["unused-definition", "unused-definition"]);
+}
+
+#[test]
+fn equality_of_formulas_is_meant_as_iff() {
+    for (text, meant) in [
+        ("always((a >= 1) == (b >= 1))", "(a >= 1) iff (b >= 1)"),
+        ("always((a >= 1) != (b >= 1))", "(a >= 1) xor (b >= 1)"),
+    ] {
+        let found = describe(text, &Context::default()).expect("a formula").traps;
+        assert_eq!((found.len(), found[0].instead.as_deref()), (1, Some(meant)), "{text}");
+    }
+    let number = describe("always(x == (prev y))", &Context::default()).expect("a formula").traps;
+    assert!(number[0].instead.as_deref().is_some_and(|text| text.starts_with("abs(")), "{number:?}");
 }
 
 #[test]

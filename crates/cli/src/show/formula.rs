@@ -134,7 +134,7 @@ pub fn example(found: &FormulaExample, columns: usize) -> String {
         let label = short(&escape::name(&lane.formula), 60);
         lines.push(format!("  {}  {indent}{label}", lane_line(lane, samples, columns)));
     }
-    lines.push("  █ holds  ░ violated  ▒ both  · a window reaches beyond the end".to_string());
+    lines.push("  █ holds  ░ violated  ▒ both  · not violated, but a window is cut at the end".to_string());
     lines.join("\n")
 }
 

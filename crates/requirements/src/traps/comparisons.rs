@@ -54,6 +54,7 @@ pub(super) fn constant(tree: &Tree<'_>, analysis: &Analysis, found: &mut Found<'
 
 /// Finds `==` and `!=` of numbers that are measured.
 pub(super) fn equality(tree: &Tree<'_>, context: &Context, found: &mut Found<'_>) {
+    let is_number = numbers(tree);
     for (index, node) in tree.nodes.iter().enumerate() {
         let SyntaxKind::Operator(name @ ("==" | "!==")) = node.kind else { continue };
         let [left, right] = node.operands[..] else { continue };
@@ -75,6 +76,20 @@ pub(super) fn equality(tree: &Tree<'_>, context: &Context, found: &mut Found<'_>
             continue;
         }
         let (a, b) = (tree.text(left), tree.text(right));
+        let is_formula =
+            |node: usize| tree.operator(node).is_some() && !tree.nodes[node].is_term && !is_number[node];
+        if is_formula(left) && is_formula(right) {
+            let shown = if name == "==" { "==" } else { "!=" };
+            found.warn(
+                "measured-equality",
+                index,
+                format!(
+                    "`{shown}` compares the robustness of two formulas, which are almost never equal, and not whether both hold"
+                ),
+                Some(format!("({a}) {} ({b})", if name == "==" { "iff" } else { "xor" })),
+            );
+            continue;
+        }
         let is_plain = tree.nodes[right].operands.is_empty() && !b.starts_with('-');
         let difference = match tree.number(right) {
             Some(0.0) => a.clone(),
@@ -102,6 +117,18 @@ pub(super) fn equality(tree: &Tree<'_>, context: &Context, found: &mut Found<'_>
     }
 }
 
+/// Returns for each node whether it is a number, also one at another sample such as `prev x`.
+fn numbers(tree: &Tree<'_>) -> Vec<bool> {
+    let mut found: Vec<bool> = Vec::with_capacity(tree.nodes.len());
+    for (index, node) in tree.nodes.iter().enumerate() {
+        let moves = |name: &str| matches!(name, "next" | "prev" | "s_next" | "s_prev");
+        let is_moved =
+            tree.operator(index).is_some_and(moves) && node.operands.iter().all(|operand| found[*operand]);
+        found.push(node.is_term || tree.operator(index).is_none() || is_moved);
+    }
+    found
+}
+
 /// Returns whether the traces have the signal and it has whole values only.
 fn is_code(context: &Context, signal: &str) -> bool {
     let columns = context.traces.iter().filter_map(|(_, trace)| trace.signal(signal));
@@ -115,7 +142,8 @@ pub(super) fn chained(tree: &Tree<'_>, found: &mut Found<'_>) {
         let is_order =
             |node: usize| tree.operator(node).is_some_and(|name| is_comparison(name) && name != "!==");
         let [left, right] = node.operands[..] else { continue };
-        if !is_order(index) || !is_order(left) {
+        // `(x >= 1) == (y >= 1)` is an equality of formulas.
+        if !is_order(index) || !is_order(left) || is_order(right) {
             continue;
         }
         let [low, middle] = [0, 1].map(|n| tree.text(tree.nodes[left].operands[n]));

@@ -1,7 +1,7 @@
 //! Windows: without a sample, of one sample, between samples, without an end, and longer than the
 //! episode.
 
-use mishandle_stl::{SyntaxBound, SyntaxKind};
+use mishandle_stl::{SyntaxBound, SyntaxKind, SyntaxNode};
 use mishandle_text::{number_text, plural, short_number};
 
 use super::Found;
@@ -60,6 +60,16 @@ fn window(
     let (Some(first), Some(last)) = (in_samples(begin), in_samples(end)) else { return true };
     let is_whole = |samples: f64| samples.is_infinite() || whole(samples).is_some();
     let counts = seconds(end, context.unit).is_none();
+    let has_seconds = |node: &SyntaxNode<'_>| node.interval.is_some_and(|[_, end]| end.unit.is_some());
+    if counts && end.value.is_finite() && tree.nodes.iter().any(has_seconds) {
+        found.warn(
+            "samples-not-seconds",
+            node,
+            "bounds without a unit count samples, and other windows of the formula have a unit".to_owned(),
+            Some(format!("[{}s:{}s] for seconds", number_text(begin.value), number_text(end.value))),
+        );
+        return is_whole(first) && is_whole(last);
+    }
     if is_whole(first) && is_whole(last) {
         let period = context.period.filter(|period| *period < FAST);
         if let Some(period) = period
@@ -134,7 +144,6 @@ fn open_ends(tree: &Tree<'_>, found: &mut Found<'_>) {
         };
         is_negated[node] = is_negated[parent] != flips;
     }
-    let mut has_late = false;
     for (index, node) in tree.nodes.iter().enumerate() {
         let SyntaxKind::Operator(name) = node.kind else { continue };
         let is_existential = matches!(name, "eventually" | "until");
@@ -162,33 +171,64 @@ fn open_ends(tree: &Tree<'_>, found: &mut Found<'_>) {
                 ),
             }
         }
-        if is_ahead(name) && !is_open && below[index] && !has_late {
-            has_late = true;
-            let Some([_, end]) = node.interval else { continue };
-            let length = match end.unit {
-                Some(unit) => format!("{} {unit}", number_text(end.value)),
-                None => plural(end.value as u64, "sample"),
-            };
-            let outcome = match is_existential {
-                true => {
-                    "a condition shortly before the end of the trace violates the formula if the response would come after it"
-                }
-                false => "a violation after the end of the trace is not seen",
-            };
-            found.note(
-                "window-beyond-the-end",
-                index,
-                format!(
-                    "in the last {length} of a trace, the window of `{name}` is cut at its end: {outcome}"
-                ),
-                Some("--strict-horizon, which uses whole windows only".to_owned()),
-            );
+    }
+    // The outermost window comes after its operands.
+    let is_cut = |node: &usize| below[*node] && is_bounded_ahead(tree, *node);
+    if let Some(outermost) = (0..tree.nodes.len()).rev().find(is_cut) {
+        beyond_the_end(tree, outermost, &is_negated, found);
+    }
+}
+
+fn is_bounded_ahead(tree: &Tree<'_>, node: usize) -> bool {
+    tree.operator(node).is_some_and(is_ahead) && !tree.is_unbounded(node)
+}
+
+/// Says what the end of a trace does to a window and to those inside of it.
+fn beyond_the_end(tree: &Tree<'_>, outermost: usize, is_negated: &[bool], found: &mut Found<'_>) {
+    let name = tree.operator(outermost).unwrap_or_default();
+    let Some([_, end]) = tree.nodes[outermost].interval else { return };
+    // Windows inside of others reach further.
+    let mut reach = vec![0.0_f64; outermost + 1];
+    let mut is_inside = vec![false; outermost + 1];
+    is_inside[outermost] = true;
+    for node in (0..outermost).rev() {
+        is_inside[node] = tree.parents[node].is_some_and(|parent| parent <= outermost && is_inside[parent]);
+    }
+    let (mut misses, mut fails) = (false, false);
+    for node in (0..=outermost).filter(|node| is_inside[*node]) {
+        let inner = tree.nodes[node].operands.iter().map(|operand| reach[*operand]).fold(0.0, f64::max);
+        let own = tree.nodes[node].interval.filter(|_| is_bounded_ahead(tree, node));
+        // Another unit cannot be added without the sampling period.
+        let own_end = own.filter(|[_, own]| own.unit == end.unit).map_or(0.0, |[_, own]| own.value);
+        reach[node] = inner + own_end;
+        if own.is_some() {
+            let is_existential = matches!(tree.operator(node), Some("eventually" | "until"));
+            *(if is_existential == is_negated[node] { &mut misses } else { &mut fails }) = true;
         }
     }
+    let reach = reach[outermost];
+    let length = match end.unit {
+        Some(unit) => format!("{} {unit}", number_text(reach)),
+        None => plural(reach as u64, "sample"),
+    };
+    let outcome = match (misses, fails) {
+        (true, true) => "a verdict at the end may be wrong in either direction",
+        (true, false) => "a violation after the end of the trace is not seen",
+        (false, _) => {
+            "a condition shortly before the end of the trace violates the formula if the response would come after it"
+        }
+    };
+    found.note(
+        "window-beyond-the-end",
+        outermost,
+        format!("in the last {length} of a trace, the window of `{name}` is cut at its end: {outcome}"),
+        Some("--strict-horizon, which uses whole windows only".to_owned()),
+    );
 }
 
 /// Compares the horizon with the length of the episode or of the log.
 fn horizon(tree: &Tree<'_>, context: &Context, found: &mut Found<'_>) {
+    history(tree, context, found);
     let Some(needed) = needed(tree.formula, context) else { return };
     let root = tree.nodes.len() - 1;
     let secs = |samples: usize| context.period.map(|period| samples.saturating_sub(1) as f64 * period);
@@ -218,4 +258,27 @@ fn horizon(tree: &Tree<'_>, context: &Context, found: &mut Found<'_>) {
         format!("the windows need {length}: they are cut at its end, and the verdict is one about a shorter window"),
         Some("shorter windows, or a longer episode".to_owned()),
     );
+}
+
+/// Compares windows over the past with the length of the episode or of the log.
+fn history(tree: &Tree<'_>, context: &Context, found: &mut Found<'_>) {
+    let secs = |samples: usize| context.period.map(|period| samples.saturating_sub(1) as f64 * period);
+    let Some(episode) = context.episode_secs.or_else(|| secs(context.samples?)) else { return };
+    for (index, node) in tree.nodes.iter().enumerate() {
+        let Some([_, end]) = node.interval.filter(|[_, end]| end.value.is_finite()) else { continue };
+        let own = seconds(end, context.unit).or_else(|| Some(end.value * context.period?));
+        let Some(own) = own.filter(|own| *own > episode * (1.0 + WHOLE)) else { continue };
+        let Some(name @ ("historically" | "once" | "since")) = tree.operator(index) else { continue };
+        found.warn(
+            "horizon-beyond-episode",
+            index,
+            format!(
+                "the window of `{name}` is {} s of the past, and a trace has {} s: it is cut at the start of the trace at every \
+                 sample",
+                short_number(own),
+                short_number(episode)
+            ),
+            Some("a shorter window, or a longer episode".to_owned()),
+        );
+    }
 }
