@@ -265,8 +265,8 @@ fn pick(levels: &[f64], random: &mut Sequence) -> f64 {
     levels[random.below(levels.len() as u64) as usize]
 }
 
-/// Returns for each `rise` and `fall` the formula of a change between two samples: at the first one,
-/// they hold without a change.
+/// Returns for each `rise` and `fall` the formula of a change between two samples: at the first
+/// one, they hold without a change.
 fn edges(tree: &Tree<'_>) -> Vec<Formula> {
     let edge = |node: usize| {
         let operand = *tree.nodes[node].operands.first()?;

@@ -107,8 +107,8 @@ pub struct FormulaLane {
 /// Samples of the same state.
 #[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
 pub struct LaneSpan {
-    /// `holds`, `violated` (also with a window that is cut at the end), or `undecided`: not violated,
-    /// but a window of the sub-formula reaches beyond the end of the trace.
+    /// `holds`, `violated` (also with a window that is cut at the end), or `undecided`: not
+    /// violated, but a window of the sub-formula reaches beyond the end of the trace.
     pub state: String,
     /// First sample, from 0.
     pub first: u64,
@@ -197,7 +197,8 @@ pub struct MinedPoint {
     /// Number of those that support it: in the others, the condition of an implication never holds,
     /// or windows are cut.
     pub support: u64,
-    /// Number of those that are shorter than the windows of the formula, which are cut at their end.
+    /// Number of those that are shorter than the windows of the formula, which are cut at their
+    /// end.
     pub cut: u64,
     /// The trace that decides the values: it satisfies the formula, and a tighter parameter
     /// violates it most; `null` if the ranges decide.
@@ -218,7 +219,7 @@ pub struct MinedTrace {
     pub name: String,
     /// The value; `null` if the trace violates the formula with the loosest one.
     pub value: Option<Number>,
-    /// Whether the trace contains the windows of the formula with the mined value, and the condition
-    /// of each implication holds at some sample.
+    /// Whether the trace contains the windows of the formula with the mined value, and the
+    /// condition of each implication holds at some sample.
     pub supports: bool,
 }

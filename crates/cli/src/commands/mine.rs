@@ -39,8 +39,8 @@ decide, the output says so. docs/guide/requirements.md describes mining.
 Exit code 1 means that even the loosest values violate the formula."
 )]
 pub struct Arguments {
-    /// Files with a log each, or run files of `evaluate` and `falsify`, whose random simulations are
-    /// simulated again; - reads stdin
+    /// Files with a log each, or run files of `evaluate` and `falsify`, whose random simulations
+    /// are simulated again; - reads stdin
     #[arg(value_name = "LOG")]
     pub logs: Vec<PathBuf>,
     /// Formula with the names of the parameters

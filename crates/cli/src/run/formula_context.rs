@@ -130,7 +130,7 @@ pub fn of_runs(paths: &[PathBuf], limit: u64, unit: Option<TimeUnit>) -> Result<
             return Ok(None);
         };
         let left_out = plural(found.left_out, "simulation");
-        let why = "corners, the center and points that a search chose are no random sample";
+        let why = "corners, the center and points that a search chose are not a random sample";
         ensure!(
             !found.traces.is_empty() || found.left_out == 0,
             "{} has no random simulation ({left_out}; {why}): mine from a run of evaluate, or of falsify with random scenarios",

@@ -40,8 +40,8 @@ pub(super) enum Tightest {
     High,
 }
 
-/// Returns the tightest end of a parameter. `shown` is the formula with the names of parameters that
-/// are no bounds, for messages.
+/// Returns the tightest end of a parameter. `shown` is the formula with the names of parameters
+/// that are not a bound, for messages.
 ///
 /// # Errors
 /// If the formula does not read the parameter, or a greater value can make it both easier and

@@ -151,7 +151,8 @@ impl<'a> Miner<'a> {
         if formula.signals().is_empty() {
             return Err(question("the formula reads no signal".to_owned()));
         }
-        // The same tree with names in the place of numbers, for messages. Bounds of windows must be numbers.
+        // The same tree with names in the place of numbers, for messages. Bounds of windows must be
+        // numbers.
         let is_bound = |index: usize| {
             let nodes = formula.syntax();
             nodes
@@ -451,7 +452,7 @@ fn has_conditions(formula: &Formula, trace: &NamedTrace) -> Result<bool> {
 /// Checks that a formula can read these parameters by their names.
 ///
 /// # Errors
-/// If a name is no plain word, or a word of the language, such as `F`.
+/// If a name is not a plain word, or a word of the language, such as `F`.
 pub fn check_names(parameters: &[ParameterRange]) -> Result<()> {
     for ParameterRange { name, .. } in parameters {
         let is_word = name.chars().all(|letter| letter.is_ascii_alphanumeric() || letter == '_')

@@ -83,7 +83,7 @@ fn window(tree: &Tree<'_>, node: usize) -> String {
 }
 
 /// Finds operators over time that are written like functions, such as `x - prev(x) <= 0.1`, whose
-/// operand goes on after the closing parenthesis.
+/// operand continues after the closing parenthesis.
 fn calls(tree: &Tree<'_>, found: &mut Found<'_>) {
     // The operator that each number in parentheses after one is meant for.
     let mut written = vec![None; tree.nodes.len()];
@@ -115,7 +115,7 @@ fn calls(tree: &Tree<'_>, found: &mut Found<'_>) {
         }
         let around = tree.text(tree.nodes[operator].operands[0]);
         let why = format!(
-            "`{name}` is not a function: what it applies to goes on after the parenthesis, so this is {name}({around})"
+            "`{name}` is not a function: what it applies to continues after the parenthesis, so this is {name}({around})"
         );
         // `always (x + y) <= 3` is often meant as it is.
         match top == operator && !matches!(name, "next" | "prev" | "s_next" | "s_prev") {
@@ -133,7 +133,7 @@ fn calls(tree: &Tree<'_>, found: &mut Found<'_>) {
     }
 }
 
-/// Returns the number in parentheses right after an operator over time whose operand goes on.
+/// Returns the number in parentheses right after an operator over time whose operand continues.
 fn argument(tree: &Tree<'_>, operator: usize) -> Option<usize> {
     let is_prefix = matches!(
         tree.operator(operator)?,
