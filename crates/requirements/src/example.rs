@@ -34,7 +34,7 @@ const PIECES: u64 = 6;
 /// Changes without an improvement after which the search starts again.
 const PATIENCE: u32 = 60;
 
-/// Searches from which conditions that change are asked for.
+/// Searches from which conditions that change are requested.
 const SEEDS: u64 = 3;
 
 /// Searches for a trace that satisfies the formula and for one that violates it. If possible, the
