@@ -106,7 +106,7 @@ fn patterns_make_formulas() {
     );
     assert_eq!(
         found["formula"],
-        "always((s_prev (not (closed >= 1))) and closed >= 1 implies always[0s:2s](force < 20))"
+        "always(s_prev not(closed >= 1) and closed >= 1 implies always[0s:2s](force < 20))"
     );
     bench.refuses("formula --pattern hold-for --set 'p=closed >= 1'", &["needs the parameter `q`"]);
     bench.refuses("formula --pattern holdfor", &["did you mean `hold-for`?"]);
