@@ -13,7 +13,7 @@ use mishandle_store::{AxisRecord, ComponentRecord, RunFile, RunHeader, RunKind, 
 
 use crate::error::MishandleError;
 use crate::plan::Plan;
-use crate::resolve::guard::recorded_guard;
+use crate::resolve::guard::{guard_facts, recorded_guard};
 use crate::resolve::is_python;
 use crate::run::{record, unfinished};
 use mishandle_text::{p_value_text, plural, shell_quote};
@@ -399,7 +399,7 @@ fn differences(a: &RunHeader, b: &RunHeader) -> Vec<String> {
             ("instruction set", header.build.architecture.clone()),
         ];
         if let Ok(plan) = Plan::from_toml(&header.plan) {
-            let guard = plan.guard.as_ref().map(|guard| guard.to_toml().trim().replace('\n', ", "));
+            let guard = plan.guard.as_ref().map(|guard| guard_facts(guard).sentence());
             facts.push(("guard", guard.unwrap_or_else(|| "none".to_string())));
             facts.push(("task preset", plan.preset));
             facts.push(("action noise", plan.action_noise.to_string()));

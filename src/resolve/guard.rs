@@ -168,7 +168,8 @@ pub(crate) fn training_guard(
 /// Returns the guard of a plan as a result.
 pub(crate) fn guard_facts(guard: &GuardPlan) -> GuardFacts {
     GuardFacts {
-        formula: guard.formula.clone(),
+        // On one line.
+        formula: guard.formula.split_whitespace().collect::<Vec<_>>().join(" "),
         threshold: Number(guard.threshold),
         return_threshold: guard.return_threshold,
         dwell: guard.dwell,
