@@ -86,9 +86,11 @@ pub(crate) fn guard(
         HOLD => (Fallback::Hold(motion()?), None),
         RETREAT => (Fallback::Retreat(motion()?, retreat), None),
         name => {
-            let (controller, mut components) = load(name).map_err(|source| MishandleError::Fallback {
-                fallback: name.to_string(),
-                source: Box::new(source),
+            let (controller, mut components) = load(name).map_err(|mut source| {
+                if let MishandleError::UnknownName { known, .. } = &mut source {
+                    known.extend([HOLD, RETREAT].map(String::from));
+                }
+                MishandleError::Fallback { fallback: name.to_string(), source: Box::new(source) }
             })?;
             let component = (!components.is_empty()).then(|| components.swap_remove(0));
             (Fallback::Controller(controller), component)

@@ -90,6 +90,11 @@ impl Guard {
         })))
     }
 
+    /// Returns the signals that a guarded controller adds to traces.
+    pub(crate) fn signals(&self) -> &[Signal] {
+        &self.0.signals
+    }
+
     /// Makes a worker for one thread.
     pub(crate) fn guard_worker(&self) -> GuardWorker {
         let Guard(parts) = self;
@@ -127,14 +132,6 @@ impl Supervisor for Guard {
 
     fn state_size(&self) -> usize {
         place::COUNT + self.0.watch.state_size() + self.0.fallback_state_size()
-    }
-
-    fn signals(&self) -> &[Signal] {
-        &self.0.signals
-    }
-
-    fn is_privileged(&self) -> bool {
-        self.0.is_privileged
     }
 
     fn worker(&self) -> Box<dyn SupervisorWorker> {
@@ -204,6 +201,38 @@ impl GuardWorker {
     }
 }
 
+impl GuardWorker {
+    /// Shows a privileged guard the signals of the environment in the sample whose observation comes
+    /// next.
+    pub(crate) fn see_signals(&mut self, state: &mut [f64], signals: &[f64]) {
+        if self.guard.is_privileged {
+            self.push(state, |column| signals[column]);
+        }
+    }
+
+    /// Returns whether the guard may use the next action of the controller.
+    pub(crate) fn needs_action(&self, state: &[f64]) -> bool {
+        state[place::STEPS] == 0.0 || self.guard.switch.has_way_back()
+    }
+
+    /// Returns why the fallback has no action in a row of the last step.
+    pub(crate) fn failure(&self, row: usize) -> Option<&ControllerFailure> {
+        let index = self.rows.iter().position(|acting| *acting == row)?;
+        self.fallback.as_ref()?.failure(index)
+    }
+
+    /// Returns whether the fallback acted in the last control step of a simulation.
+    fn is_active(&self, state: &[f64]) -> bool {
+        state[place::STEPS] > 0.0
+    }
+
+    /// Writes the signals of the guard after its last action.
+    pub(crate) fn signals(&self, state: &[f64], signals: &mut [f64]) {
+        let robustness = state[place::ROBUSTNESS].clamp(-MAX_ROBUSTNESS, MAX_ROBUSTNESS);
+        signals.copy_from_slice(&[f64::from(u8::from(self.is_active(state))), robustness]);
+    }
+}
+
 impl SupervisorWorker for GuardWorker {
     fn reset(&mut self, state: &mut [f64], seed: Seed) {
         let (own, rest) = state.split_at_mut(place::COUNT);
@@ -214,16 +243,6 @@ impl SupervisorWorker for GuardWorker {
         own[place::SEED + 1] = f64::from(seed.0 as u32);
         self.watch.reset(watch);
         rest[..self.guard.fallback_state_size()].fill(0.0);
-    }
-
-    fn see_signals(&mut self, state: &mut [f64], signals: &[f64]) {
-        if self.guard.is_privileged {
-            self.push(state, |column| signals[column]);
-        }
-    }
-
-    fn needs_action(&self, state: &[f64]) -> bool {
-        state[place::STEPS] == 0.0 || self.guard.switch.has_way_back()
     }
 
     fn supervise(&mut self, rows: usize, supervised: Supervised<'_>, is_usable: &dyn Fn(usize) -> bool) {
@@ -252,20 +271,6 @@ impl SupervisorWorker for GuardWorker {
             }
         }
         self.act(observations, states, stride, actions);
-    }
-
-    fn failure(&self, row: usize) -> Option<&ControllerFailure> {
-        let index = self.rows.iter().position(|acting| *acting == row)?;
-        self.fallback.as_ref()?.failure(index)
-    }
-
-    fn is_active(&self, state: &[f64]) -> bool {
-        state[place::STEPS] > 0.0
-    }
-
-    fn signals(&self, state: &[f64], signals: &mut [f64]) {
-        let robustness = state[place::ROBUSTNESS].clamp(-MAX_ROBUSTNESS, MAX_ROBUSTNESS);
-        signals.copy_from_slice(&[f64::from(u8::from(self.is_active(state))), robustness]);
     }
 }
 

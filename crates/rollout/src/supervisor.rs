@@ -1,4 +1,4 @@
-use crate::{ControllerFailure, Seed, Signal};
+use crate::Seed;
 
 /// Watches another controller and replaces its actions, for instance a guard.
 ///
@@ -8,10 +8,6 @@ pub trait Supervisor: Send + Sync {
     fn identity(&self) -> &str;
     /// Returns the length of its state per simulation.
     fn state_size(&self) -> usize;
-    /// Returns the signals that it adds to traces.
-    fn signals(&self) -> &[Signal];
-    /// Returns whether it reads the signals of the environment, which the controller does not see.
-    fn is_privileged(&self) -> bool;
     /// Makes a worker for one thread.
     fn worker(&self) -> Box<dyn SupervisorWorker>;
 }
@@ -35,23 +31,7 @@ pub trait SupervisorWorker: Send {
     /// Writes the state of a new simulation.
     fn reset(&mut self, state: &mut [f64], seed: Seed);
 
-    /// Shows a privileged supervisor the signals of the environment in the sample whose observation
-    /// comes next.
-    fn see_signals(&mut self, state: &mut [f64], signals: &[f64]);
-
-    /// Returns whether the supervisor may use the next action of the controller.
-    fn needs_action(&self, state: &[f64]) -> bool;
-
     /// Takes one control step of `rows` simulations. `is_usable` says whether the controller has an
     /// action in a row.
     fn supervise(&mut self, rows: usize, supervised: Supervised<'_>, is_usable: &dyn Fn(usize) -> bool);
-
-    /// Returns why the supervisor has no action in a row of the last step.
-    fn failure(&self, row: usize) -> Option<&ControllerFailure>;
-
-    /// Returns whether the supervisor replaced the action of a simulation in its last control step.
-    fn is_active(&self, state: &[f64]) -> bool;
-
-    /// Writes its signals after its last action.
-    fn signals(&self, state: &[f64], signals: &mut [f64]);
 }
