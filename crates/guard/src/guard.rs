@@ -202,8 +202,8 @@ impl GuardWorker {
 }
 
 impl GuardWorker {
-    /// Shows a privileged guard the signals of the environment in the sample whose observation comes
-    /// next.
+    /// Shows a privileged guard the signals of the environment in the sample whose observation
+    /// comes next.
     pub(crate) fn see_signals(&mut self, state: &mut [f64], signals: &[f64]) {
         if self.guard.is_privileged {
             self.push(state, |column| signals[column]);
