@@ -81,7 +81,8 @@ class Axis:
     name : str
         Name, unique in the space.
     low, high : float
-        Bounds. Categorical axes have none.
+        Bounds, both of which are values of the axis. For a bound that is none, state the next number,
+        ``math.nextafter(high, low)``. Categorical axes have no bounds.
     unit : str
         Unit, for instance ``"m"``; empty for dimensionless numbers.
     values : str or sequence of str

@@ -109,6 +109,7 @@ def falsify(
     trials: int = 10,
     budget: int = 300,
     batch: int = 1,
+    fixed_seed: int | None = None,
     early_stopping: bool = False,
     keep_going: bool = False,
     isolate: bool | None = None,
@@ -141,6 +142,8 @@ def falsify(
         Number of trials, and largest number of simulations of each.
     batch : int
         Number of simulations that a search proposes at once. It receives the values in the order of its points.
+    fixed_seed : int, optional
+        Random seed of every simulation, so that robustness has no noise; by default each simulation has a seed of its own.
     early_stopping : bool
         Whether simulations end as soon as the search does not need the rest: the samples determine the robustness, or show that it is
         above what the search asks for. Environments are checked after every ten control steps; a function returns whole traces.
@@ -203,6 +206,8 @@ def falsify(
     check_number("seed", seed, 0)
     for name, value in [("trials", trials), ("budget", budget), ("batch", batch)]:
         check_number(name, value, 1)
+    if fixed_seed is not None:
+        check_number("fixed_seed", fixed_seed, 0)
     if repeats is not None:
         check_number("repeats", repeats, 0)
     search_options = list((options or {}).items())
@@ -221,6 +226,7 @@ def falsify(
         trials=trials,
         budget=budget,
         batch=batch,
+        fixed_seed=fixed_seed,
         early_stopping=early_stopping,
         keep_going=keep_going,
         isolate=isolate,

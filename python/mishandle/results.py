@@ -1111,6 +1111,9 @@ class Cause:
     necessary: tuple[str, ...] | None
     """Axes that remove the failure alone: the counterexample with this axis at nominal does not
     fail. ``None`` if there are too many axes to try."""
+    only_on_bounds: tuple[str, ...]
+    """Axes that must be exactly on a bound: ``scenario`` does not fail if they move inside by a
+    millionth of their width. Empty if it fails there, too, or if no axis is on a bound."""
     other_seeds: Estimate | None
     """Failures of ``scenario`` with other seeds; ``None`` if the target is not random."""
 
@@ -1258,6 +1261,8 @@ class Falsification:
     """Largest number of simulations per trial."""
     batch: int
     """Number of simulations run at once."""
+    fixed_seed: int | None
+    """Random seed of every simulation; ``None`` if each simulation has a seed of its own."""
     early_stopping: bool
     """Whether simulations end as soon as the search does not need the rest."""
     simulations: int

@@ -137,8 +137,8 @@ type Answered = (String, Option<PyErr>, Vec<String>);
 #[pyfunction]
 #[expect(clippy::too_many_arguments, reason = "the arguments are keywords in Python")]
 #[pyo3(signature = (
-    target, *, formula, search, options, trials, budget, batch, early_stopping, keep_going, new_mode_rate, isolate, repeats, seed,
-    out, progress
+    target, *, formula, search, options, trials, budget, batch, fixed_seed, early_stopping, keep_going, new_mode_rate, isolate, repeats,
+    seed,    out, progress
 ))]
 pub fn falsify(
     py: Python<'_>,
@@ -149,6 +149,7 @@ pub fn falsify(
     trials: u32,
     budget: u32,
     batch: u32,
+    fixed_seed: Option<u64>,
     early_stopping: bool,
     keep_going: bool,
     new_mode_rate: f64,
@@ -164,6 +165,7 @@ pub fn falsify(
         trials,
         budget,
         batch,
+        fixed_seed,
         early_stopping,
         keep_going,
         new_mode_rate,

@@ -30,7 +30,7 @@ pub(crate) type Pending = Arc<Mutex<Option<PyErr>>>;
 pub(crate) enum SettingArgument {
     Value(f64),
     Range([f64; 2]),
-    Category(String),
+    Text(String),
 }
 
 impl From<SettingArgument> for AxisSetting {
@@ -38,7 +38,7 @@ impl From<SettingArgument> for AxisSetting {
         match setting {
             SettingArgument::Value(value) => AxisSetting::Value(value),
             SettingArgument::Range(range) => AxisSetting::Range(range),
-            SettingArgument::Category(name) => AxisSetting::Category(name),
+            SettingArgument::Text(text) => AxisSetting::Text(text),
         }
     }
 }

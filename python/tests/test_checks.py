@@ -8,6 +8,7 @@ import re
 import tempfile
 import unittest
 import warnings
+from collections.abc import Callable
 from typing import Any
 
 import mishandle
@@ -120,6 +121,30 @@ class AdaptiveTest(unittest.TestCase):
             assert cause is not None
             self.assertEqual((cause.axes, cause.sufficient, cause.necessary), (("a",), ("a",), ("a",)))
             self.assertLessEqual(cause.simulations, 30)
+
+    def test_a_failure_only_on_a_bound_is_marked_and_an_open_bound_excludes_it(self) -> None:
+        axes = [Axis("a", 0, 1, nominal=0), Axis("b", 0, 1, nominal=0)]
+
+        def falsified(fails: Callable[[float], bool], **options: Any) -> mishandle.Falsification:
+            def system(scenario: dict[str, Any]) -> dict[str, list[float]]:
+                return {"y": [-1.0 if fails(scenario["a"]) else 1.0] * 2}
+
+            with tempfile.TemporaryDirectory() as folder, warnings.catch_warnings():
+                warnings.simplefilter("ignore")
+                return mishandle.falsify(
+                    system, "always(y >= 0)", axes, trials=2, budget=60, out=f"{folder}/run.sqlite", **options
+                )
+
+        for fails, expected in [(lambda a: a >= 1, ("a",)), (lambda a: a > 0.999, ())]:
+            found = falsified(fails)
+            self.assertEqual(found.falsified_trials, 2)
+            for trial in found.trials:
+                assert trial.cause is not None
+                self.assertEqual((trial.cause.only_on_bounds, trial.cause.axes), (expected, ("a",)))
+        found = falsified(lambda a: a >= 1, axes={"a": "[0, 1)"})
+        self.assertEqual(found.falsified_trials, 0)
+        seeds = {trial.seed for trial in falsified(lambda a: a > 0.9, fixed_seed=5).trials}
+        self.assertEqual(seeds, {5})
 
 
 class ModesTest(unittest.TestCase):

@@ -2,7 +2,7 @@
 //! nominal.
 
 use mishandle_evaluation::{Estimate, wilson};
-use mishandle_falsification::{distance, off_nominal};
+use mishandle_falsification::{distance, inside_bounds, is_inside_of, off_nominal, on_bounds};
 use mishandle_results::Cause;
 use mishandle_rollout::{Axis, AxisValues, Scenario, Space};
 use mishandle_store::{RunFile, Simulation};
@@ -52,14 +52,24 @@ pub(crate) fn isolation(run: &RunFile, trial: u32) -> Result<Option<Isolation>, 
     // What other seeds say is true of the scenario that has them.
     let repeated = rows.iter().find(|row| row.seed != original.seed).map(scenario);
     let is_repeated = |row: &&Simulation| repeated.as_ref().is_none_or(|at| at.is_same(&scenario(row)));
-    let failing = rows.iter().filter(|row| row.seed == original.seed && row.is_violated());
-    let closest = failing.chain([&original]).filter(is_repeated).min_by(|a, b| {
+    let mut failing: Vec<&Simulation> = rows.iter().filter(|row| row.seed == original.seed).collect();
+    failing.push(&original);
+    failing.retain(|row| row.is_violated());
+    // A simulation inside of a bound only says how exact the bound must be.
+    let is_inside =
+        |row: &Simulation| failing.iter().any(|other| is_inside_of(&space, &scenario(row), &scenario(other)));
+    let moved = failing.iter().copied().filter(|row| !is_inside(row));
+    let closest = moved.filter(is_repeated).min_by(|a, b| {
         let (a, b) = (order(a), order(b));
         a.0.cmp(&b.0).then(a.1.total_cmp(&b.1))
     });
     let closest = closest.unwrap_or(&original).clone();
     let axes = off(&closest);
     Ok(Some(Isolation { closest, axes, original, rows, space }))
+}
+
+fn passes(row: &Simulation) -> bool {
+    row.robustness.is_some() && !row.is_violated()
 }
 
 impl Isolation {
@@ -107,6 +117,24 @@ impl Isolation {
         }
     }
 
+    /// Returns the axes that must be exactly on a bound for the closest failure.
+    fn only_on_bounds(&self) -> Vec<usize> {
+        let closest = Scenario::new(self.closest.scenario.clone());
+        let axes = on_bounds(&self.space, &closest);
+        let passes_inside = |moved: &[usize]| {
+            let inside = inside_bounds(&self.space, &closest, moved);
+            let is_asked = |row: &&Simulation| {
+                row.seed == self.original.seed && Scenario::new(row.scenario.clone()).is_same(&inside)
+            };
+            self.rows.iter().find(is_asked).is_some_and(passes)
+        };
+        if axes.is_empty() || !passes_inside(&axes) {
+            return Vec::new();
+        }
+        let alone: Vec<usize> = axes.iter().copied().filter(|axis| passes_inside(&[*axis])).collect();
+        if alone.is_empty() { axes } else { alone }
+    }
+
     /// Returns how often the closest failure fails with other seeds; `None` if they have no effect.
     fn other_seeds(&self) -> Option<Estimate> {
         let others: Vec<&Simulation> = self
@@ -133,7 +161,6 @@ impl Isolation {
             without_all(&mut off.iter().copied().filter(|axis| !kept.contains(axis)))
         };
         let without = |axis: usize| without_all(&mut std::iter::once(axis));
-        let passes = |row: &Simulation| row.robustness.is_some() && !row.is_violated();
         Cause {
             simulations: self.rows.len() as u64,
             scenario: axes
@@ -147,6 +174,7 @@ impl Isolation {
                 .axes_where(alone, Simulation::is_violated)
                 .map(|axes| names(self.space.without_dependent(&axes))),
             necessary: self.axes_where(without, passes).map(names),
+            only_on_bounds: names(self.only_on_bounds()),
             other_seeds: self.other_seeds(),
         }
     }

@@ -226,6 +226,9 @@ pub struct FalsifyPlan {
     pub budget: u32,
     /// Batch size: number of simulations run at once.
     pub batch: u32,
+    /// Random seed of every simulation. `None`: each simulation has a seed of its own.
+    #[serde(with = "seed::optional", skip_serializing_if = "Option::is_none")]
+    pub fixed_seed: Option<u64>,
     /// End simulations as soon as the search does not need the rest.
     pub early_stopping: bool,
     /// Continue a trial after its first violation, to find other failure modes.
@@ -251,6 +254,7 @@ impl Default for FalsifyPlan {
             trials: 30,
             budget: 300,
             batch: DEFAULT_BATCH_SIZE as u32,
+            fixed_seed: None,
             early_stopping: false,
             keep_going: false,
             new_mode_rate: 0.01,
@@ -310,6 +314,22 @@ mod seed {
 
     pub fn deserialize<'de, D: Deserializer<'de>>(deserializer: D) -> Result<u64, D::Error> {
         SeedValue::deserialize(deserializer).map(|seed| seed.0)
+    }
+
+    /// The same for a seed that may be missing.
+    pub mod optional {
+        use super::*;
+
+        pub fn serialize<S: Serializer>(seed: &Option<u64>, serializer: S) -> Result<S::Ok, S::Error> {
+            match seed {
+                Some(seed) => super::serialize(seed, serializer),
+                None => serializer.serialize_none(),
+            }
+        }
+
+        pub fn deserialize<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Option<u64>, D::Error> {
+            super::deserialize(deserializer).map(Some)
+        }
     }
 }
 

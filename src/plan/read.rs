@@ -63,7 +63,7 @@ const fn key<T: DeserializeOwned>(name: &'static str, allowed: &'static str) -> 
     Key { name, allowed, reads: reads::<T> }
 }
 
-const KEYS: [Key; 64] = [
+const KEYS: [Key; 65] = [
     key::<u32>("format", "2"),
     key::<String>("target", "a string, such as \"ball-balancing\""),
     key::<String>("folder", "a string, such as \"simulators\""),
@@ -97,6 +97,10 @@ const KEYS: [Key; 64] = [
     key::<u32>("falsify.trials", "an integer from 1 to 1000000"),
     key::<u32>("falsify.budget", "an integer from 1 to 1000000"),
     key::<u32>("falsify.batch", "an integer from 1 to 65536"),
+    key::<SeedValue>(
+        "falsify.fixed-seed",
+        "an integer from 0 to 18446744073709551615; above 2^63 - 1 as a string",
+    ),
     key::<bool>("falsify.early-stopping", "true or false"),
     key::<bool>("falsify.keep-going", "true or false"),
     key::<f64>("falsify.new-mode-rate", "a number from 0 to less than 1"),

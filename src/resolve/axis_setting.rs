@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use crate::error::MishandleError;
 use crate::plan::AxisSetting;
-use mishandle_rollout::{Axis, AxisKind, AxisValues, RolloutError, Space};
+use mishandle_rollout::{Axis, AxisKind, AxisValues, Interval, RolloutError, Space};
 
 /// Returns a space with these settings. A set axis that the space lacks is added.
 ///
@@ -64,21 +64,14 @@ fn restricted(axis: &Axis, setting: &AxisSetting) -> Result<Axis, MishandleError
     let [low, high] = match setting {
         AxisSetting::Value(value) => [*value; 2],
         AxisSetting::Range(range) => *range,
-        AxisSetting::Category(name) => {
+        AxisSetting::Text(text) => {
             let AxisValues::Categorical(names) = &axis.values else {
-                let number = name.replace(',', ".");
-                let written = match number.parse::<f64>() {
-                    Ok(found) if found.is_finite() => format!(", written {number}"),
-                    _ => String::new(),
-                };
-                let expected = values_text(axis) + &written;
-                let (axis, setting) = (axis.name.clone(), name.clone());
-                return Err(MishandleError::AxisSetting { axis, setting, expected });
+                return restricted(axis, &AxisSetting::Range(interval(axis, text)?));
             };
-            let index = names.iter().position(|known| known == name);
+            let index = names.iter().position(|known| known == text);
             let index = index.ok_or_else(|| MishandleError::UnknownName {
                 kind: "category",
-                name: name.clone(),
+                name: text.clone(),
                 known: names.to_vec(),
             })?;
             [axis.low + index as f64; 2]
@@ -108,6 +101,19 @@ fn restricted(axis: &Axis, setting: &AxisSetting) -> Result<Axis, MishandleError
         other => other.clone(),
     };
     Ok(Axis { low, high, nominal, values, ..axis.clone() })
+}
+
+/// Returns the bounds of an interval with an open end, for an axis of real numbers.
+fn interval(axis: &Axis, text: &str) -> Result<[f64; 2], MishandleError> {
+    let number = text.replace(',', ".");
+    let written = match (text.parse::<Interval>(), number.parse::<f64>()) {
+        (Ok(Interval { low, high }), _) if axis.levels().is_none() => return Ok([low, high]),
+        (Ok(_), _) => ", which needs no open end".to_string(),
+        (_, Ok(found)) if found.is_finite() => format!(", written {number}"),
+        _ => String::new(),
+    };
+    let (axis, setting, expected) = (axis.name.clone(), text.to_string(), values_text(axis) + &written);
+    Err(MishandleError::AxisSetting { axis, setting, expected })
 }
 
 /// Describes the values that an axis may be set to.
@@ -149,7 +155,7 @@ mod tests {
             ("x", AxisSetting::Range([0.75, 1.0])),
             ("delay", AxisSetting::Value(2.0)),
             ("draw", AxisSetting::Value(0.5)),
-            ("surface", AxisSetting::Category("ice".to_string())),
+            ("surface", AxisSetting::Text("ice".to_string())),
         ])
         .unwrap();
         let found: Vec<_> =
@@ -177,7 +183,7 @@ mod tests {
                 settings.iter().map(|(name, setting)| ((*name).to_string(), setting.clone())).collect();
             with_settings(target.space("faults-sensing").unwrap(), &settings, &target.axes)
         };
-        let category = |name: &str| AxisSetting::Category(name.to_string());
+        let category = |name: &str| AxisSetting::Text(name.to_string());
         let space = of(&[("sensor_fault", category("bias"))]).unwrap();
         let names: Vec<&str> = space.axes().iter().map(|axis| axis.name.as_str()).collect();
         let expected = ["", "_channel", "_onset", "_duration", "_recovery", "_offset"];
@@ -190,8 +196,25 @@ mod tests {
     }
 
     #[test]
+    fn an_open_end_is_no_value_of_the_axis() {
+        let text = |text: &str| AxisSetting::Text(text.to_string());
+        let space = set(&[("x", text("[0.25, 1)")), ("gain", text("(0, 0.5]"))]).unwrap();
+        let bounds: Vec<[f64; 2]> = space.axes().iter().map(|axis| [axis.low, axis.high]).collect();
+        assert_eq!(bounds, [[0.25, 1.0_f64.next_down()], [0.0_f64.next_up(), 0.5]]);
+        for u in [0.0, 0.5, 1.0] {
+            let scenario = space.at(&[u; 2]);
+            assert!(scenario.get(0) < Some(1.0) && scenario.get(1) > Some(0.0), "{scenario:?}");
+            space.check(&scenario).unwrap();
+        }
+        let error = set(&[("delay", text("[0, 2)"))]).unwrap_err().to_string();
+        assert!(error.contains("a whole number from 0 to 3, which needs no open end"), "{error}");
+        let error = set(&[("gain", text("[0, 0.6)"))]).unwrap_err().to_string();
+        assert!(error.contains("expected a number from 0 to 0.5"), "{error}");
+    }
+
+    #[test]
     fn settings_survive_a_round_trip_through_toml() {
-        let category = AxisSetting::Category("ice".to_string());
+        let category = AxisSetting::Text("ice".to_string());
         let axes =
             [("x", AxisSetting::Range([0.1, 1e-9])), ("delay", AxisSetting::Value(2.0)), ("s", category)];
         let axes = axes.into_iter().map(|(name, setting)| (name.to_string(), setting)).collect();
@@ -209,13 +232,9 @@ mod tests {
             ("x", range(0.5, 0.2), "from 0.5 to 0.2"),
             ("x", range(0.5, f64::NAN), "from 0.5 to NaN"),
             ("gain", AxisSetting::Value(2.0), "gain cannot be 2: expected a number from 0 to 0.5"),
-            (
-                "x",
-                AxisSetting::Category("0,01".to_string()),
-                "x cannot be 0,01: expected a number, written 0.01",
-            ),
+            ("x", AxisSetting::Text("0,01".to_string()), "x cannot be 0,01: expected a number, written 0.01"),
             ("surface", range(0.0, 3.0), "surface cannot be 3: expected one of the categories wood, ice"),
-            ("surface", AxisSetting::Category("sand".to_string()), "sand"),
+            ("surface", AxisSetting::Text("sand".to_string()), "sand"),
             ("x", AxisSetting::Value(0.5), "without a fixed value"),
         ] {
             let error = set(&[(name, setting)]).unwrap_err();

@@ -197,8 +197,15 @@ pub(crate) fn screened(
 }
 
 fn settings(plan: &Plan, falsify: &FalsifyPlan) -> FalsificationSettings {
-    let FalsifyPlan { trials, budget, batch, early_stopping, .. } = *falsify;
-    FalsificationSettings { trials, budget, seed: Seed(plan.seed), batch: batch as usize, early_stopping }
+    let FalsifyPlan { trials, budget, batch, fixed_seed, early_stopping, .. } = *falsify;
+    FalsificationSettings {
+        trials,
+        budget,
+        seed: Seed(plan.seed),
+        batch: batch as usize,
+        fixed_seed: fixed_seed.map(Seed),
+        early_stopping,
+    }
 }
 
 /// Checks seed and status of a recorded trial against the recorded simulations.
@@ -253,11 +260,8 @@ pub(crate) fn new_trial(
     let Some(falsify) = plan.falsify.as_ref().filter(|falsify| (1..=falsify.trials).contains(&number)) else {
         return Ok(None);
     };
-    let settings = FalsificationSettings { seed: Seed(plan.seed), ..FalsificationSettings::default() };
-    let seed = settings.trial_seed(number);
     let make = Rc::new(new_search(falsify, space));
-    let trial = Trial::new(number, seed, falsify.budget, space.clone(), make)?;
-    let trial = trial.with_early_stopping(falsify.early_stopping);
+    let trial = Trial::new(number, &settings(plan, falsify), space.clone(), make)?;
     Ok(Some(match keep_going(resolved) {
         Some(settings) => trial.keep_going(settings),
         None => trial,

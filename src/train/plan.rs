@@ -1,6 +1,7 @@
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
+use mishandle_rollout::Interval;
 use mishandle_training::AxisSetting;
 
 use crate::error::MishandleError;
@@ -103,7 +104,8 @@ impl TrainPlan {
             let (flag, value) = match setting {
                 AxisSetting::Value(value) => ("--set", value.to_string()),
                 AxisSetting::Range([low, high]) => ("--axis", format!("{low}:{high}")),
-                AxisSetting::Category(category) => ("--set", category.clone()),
+                AxisSetting::Text(text) if text.parse::<Interval>().is_ok() => ("--axis", text.clone()),
+                AxisSetting::Text(category) => ("--set", category.clone()),
             };
             command += &format!(" {flag} {}", shell_quote(&format!("{name}={value}")));
         }

@@ -19,6 +19,8 @@ pub struct FalsificationSettings {
     pub seed: Seed,
     /// Number of simulations per batch. 0 counts as 1.
     pub batch: usize,
+    /// Random seed of every simulation; `None` gives each one a seed of its own.
+    pub fixed_seed: Option<Seed>,
     /// Whether simulations end as soon as the search does not need the rest.
     pub early_stopping: bool,
 }
@@ -31,6 +33,7 @@ impl Default for FalsificationSettings {
             budget: 300,
             seed: Seed(0),
             batch: DEFAULT_BATCH_SIZE,
+            fixed_seed: None,
             early_stopping: false,
         }
     }
@@ -40,6 +43,16 @@ impl FalsificationSettings {
     /// Returns the seed of trial `number`, counted from 1.
     pub fn trial_seed(&self, number: u32) -> Seed {
         self.seed.child(u64::from(number) - 1)
+    }
+
+    /// Returns the random seed of a simulation of a trial, both counted from 1.
+    pub(crate) fn simulation_seed(&self, trial: u32, number: u32) -> Seed {
+        self.fixed_seed.unwrap_or_else(|| self.own_seed(trial, number))
+    }
+
+    /// Returns a seed that no other simulation has.
+    pub(crate) fn own_seed(&self, trial: u32, number: u32) -> Seed {
+        self.trial_seed(trial).child(u64::from(number))
     }
 }
 
@@ -297,10 +310,7 @@ impl<'a> Falsification<'a> {
     }
 
     fn start_trial(&self, number: u32) -> Result<Trial<'a>, FalsificationError> {
-        let FalsificationSettings { budget, early_stopping, .. } = self.settings;
-        let (seed, make) = (self.settings.trial_seed(number), Rc::clone(&self.make));
-        let trial = Trial::new(number, seed, budget, self.space.clone(), make)?;
-        let trial = trial.with_early_stopping(early_stopping);
+        let trial = Trial::new(number, &self.settings, self.space.clone(), Rc::clone(&self.make))?;
         Ok(match &self.keep_going {
             Some(settings) => trial.keep_going(settings.clone()),
             None => trial,

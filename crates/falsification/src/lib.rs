@@ -39,6 +39,7 @@
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
 
+mod bound;
 mod coordinate;
 mod error;
 mod falsification;
@@ -53,6 +54,7 @@ mod repeat;
 mod screened;
 mod trial;
 
+pub use bound::{inside_bounds, is_inside_of, on_bounds};
 pub use coordinate::coordinate;
 pub use error::FalsificationError;
 pub use falsification::{Falsification, FalsificationBatch, FalsificationSettings};

@@ -12,7 +12,7 @@ use mishandle_stl::{Trace, is_violated};
 
 use crate::falsification::Simulated;
 use crate::trial::observation;
-use crate::{Falsification, FalsificationError, FalsificationOutcome, Trial};
+use crate::{Falsification, FalsificationError, FalsificationOutcome, FalsificationSettings, Trial};
 
 /// Number of simulations that the system repeats at once.
 const REPEATED_AT_ONCE: usize = 16 * DEFAULT_BATCH_SIZE;
@@ -133,7 +133,7 @@ impl Falsification<'_> {
             let Some(outcomes) = outcomes.into_iter().collect::<Option<Vec<ScreenedEpisode>>>() else {
                 break;
             };
-            let reasons = reasons(&requests, &outcomes, lowest.clone(), sample_rate);
+            let reasons = reasons(&requests, &outcomes, lowest.clone(), &self.settings, sample_rate);
             let repeated = repeat(system, &requests, &reasons)?;
             let simulations = merge(requests, &outcomes, reasons, repeated);
             for simulation in self.receive(simulations, &mut Vec::new())? {
@@ -153,6 +153,7 @@ fn reasons(
     requests: &[Request],
     outcomes: &[ScreenedEpisode],
     mut lowest: Vec<f64>,
+    settings: &FalsificationSettings,
     sample_rate: f64,
 ) -> Vec<Option<Reason>> {
     let reason = |(request, outcome): (&Request, &ScreenedEpisode)| {
@@ -164,7 +165,8 @@ fn reasons(
         let is_minimum = robustness < *lowest;
         *lowest = lowest.min(robustness);
         // No simulation has this seed, and the sample does not depend on the batch.
-        let is_sampled = || Sequence::new(request.seed.child(u64::MAX).0, 0).uniform() < sample_rate;
+        let own = settings.own_seed(request.trial, request.number);
+        let is_sampled = || Sequence::new(own.child(u64::MAX).0, 0).uniform() < sample_rate;
         match is_violated(robustness) {
             true => Some(Reason::Violation),
             false if is_minimum => Some(Reason::Minimum),

@@ -2,11 +2,11 @@
 
 use std::rc::Rc;
 
-use mishandle_rollout::{Episode, EpisodeEnd, Request, Seed, Space, Verdict};
+use mishandle_rollout::{Episode, EpisodeEnd, Request, Space, Verdict};
 use mishandle_search::{Observation, Search, SearchEnd, SearchError, SubformulaMinimum};
 
 use crate::keep_going::Archive;
-use crate::{FalsificationError, KeepGoing, TrialOutcome};
+use crate::{FalsificationError, FalsificationSettings, KeepGoing, TrialOutcome};
 
 /// Makes a search from its seed.
 pub type SearchFactory<'a> = dyn Fn(u64) -> Result<Box<dyn Search>, SearchError> + 'a;
@@ -30,9 +30,10 @@ pub enum TrialEnd {
 /// One seeded search. It ends at the first robustness below 0, when its budget of simulations is
 /// spent, or when the search ends by its own criterion.
 ///
-/// The search has the seed child 0 of the trial's seed, and simulation m, counted from 1, has child
-/// m. A violation in simulation m counts as m simulations. A trial stores the minimum robustness
-/// but no history, unless it [keeps going](Self::keep_going).
+/// The search has the seed child 0 of the trial's seed, and simulation m, counted from 1, has
+/// child m, unless all simulations have the same seed. A violation in simulation m counts as m
+/// simulations. A trial stores the minimum robustness but no history, unless it [keeps
+/// going](Self::keep_going).
 ///
 /// The search observes +∞, the worst value, for a simulation that diverged, was stopped with the
 /// formula undecided, or has no finite value of the formula, because none of them is a
@@ -48,24 +49,23 @@ pub struct Trial<'a> {
     /// Whether proposed points wait for a search that was replaced.
     is_stale: bool,
     space: Space,
-    budget: u32,
-    stops_early: bool,
+    settings: FalsificationSettings,
     outcome: TrialOutcome,
     archive: Option<Archive<'a>>,
 }
 
 impl<'a> Trial<'a> {
-    /// Makes trial `number`, counted from 1. `make` makes its search.
+    /// Makes trial `number` of a falsification, counted from 1. `make` makes its search.
     ///
     /// # Errors
     /// If the search cannot be made, or its dimension is not that of `space`.
     pub fn new(
         number: u32,
-        seed: Seed,
-        budget: u32,
+        settings: &FalsificationSettings,
         space: Space,
         make: Rc<SearchFactory<'a>>,
     ) -> Result<Trial<'a>, FalsificationError> {
+        let seed = settings.trial_seed(number);
         let search = make(seed.child(0).0)?;
         let (found, expected) = (search.dimension(), space.dimension());
         if found != expected {
@@ -79,18 +79,10 @@ impl<'a> Trial<'a> {
             search_start: 0,
             is_stale: false,
             space,
-            budget,
-            stops_early: false,
+            settings: *settings,
             outcome,
             archive: None,
         })
-    }
-
-    /// Lets simulations end as soon as the search does not need the rest: see
-    /// [`Search::stop_threshold`].
-    pub fn with_early_stopping(mut self, stops_early: bool) -> Trial<'a> {
-        self.stops_early = stops_early;
-        self
     }
 
     /// Continues after the first violation: until the budget is spent, or new failure modes dry up.
@@ -125,7 +117,7 @@ impl<'a> Trial<'a> {
         let own = done - self.search_start;
         let limit = self.replacing_archive().and_then(Archive::search_limit);
         let limit = limit.map_or(u32::MAX, |limit| limit - own);
-        let n = n.min((self.budget - done).min(own + 1).min(limit) as usize);
+        let n = n.min((self.settings.budget - done).min(own + 1).min(limit) as usize);
         self.is_stale = false;
         let mut points = self.search.ask_batch(n);
         if points.is_empty() && self.replace_ended_search()? {
@@ -141,9 +133,9 @@ impl<'a> Trial<'a> {
             trial,
             number,
             scenario: self.space.at(&unit_point),
-            stop_threshold: self.stops_early.then(|| self.search.stop_threshold(&unit_point)),
+            stop_threshold: self.settings.early_stopping.then(|| self.search.stop_threshold(&unit_point)),
             unit_point,
-            seed: self.outcome.seed.child(u64::from(number)),
+            seed: self.settings.simulation_seed(trial, number),
             needs_subformulas: self.search.needs_subformulas(),
         };
         Ok((done + 1..).zip(points).map(request).collect())
@@ -207,7 +199,7 @@ impl<'a> Trial<'a> {
         if self.archive.is_none() && self.outcome.falsified() {
             return Ok(Some(TrialEnd::Falsified));
         }
-        if self.outcome.simulations == self.budget {
+        if self.outcome.simulations == self.settings.budget {
             return Ok(Some(TrialEnd::BudgetSpent));
         }
         if self.archive.as_mut().is_some_and(Archive::is_dry) {

@@ -206,6 +206,29 @@ fn a_system_that_returns_too_few_episodes_is_an_error() {
 }
 
 #[test]
+fn all_simulations_of_a_run_can_have_one_seed() {
+    let seeds_and_points = |fixed_seed| {
+        let settings = FalsificationSettings { trials: 2, budget: 5, fixed_seed, ..Default::default() };
+        let make = |seed| by_name("random", &[Coordinate::Continuous], seed, &SearchOptions::default());
+        let mut found = Vec::new();
+        let outcome = Falsification::new(settings, &space(), make).unwrap().run(
+            &mut system(|_| SimulatedEnd::Robustness(1.0)),
+            |batch| {
+                let asked = batch.episodes.iter().map(|episode| &episode.request);
+                found.extend(asked.map(|request| (request.seed, request.unit_point.clone())));
+                Ok::<_, FalsificationError>(ControlFlow::Continue(()))
+            },
+        );
+        assert_eq!(outcome.unwrap().simulations, 10);
+        found.into_iter().unzip::<Seed, Vec<f64>, Vec<_>, Vec<_>>()
+    };
+    let ((own, points), (fixed, same_points)) = (seeds_and_points(None), seeds_and_points(Some(Seed(7))));
+    assert_eq!(fixed, [Seed(7); 10]);
+    assert_eq!(own.iter().map(|seed| seed.0).collect::<std::collections::BTreeSet<_>>().len(), 10);
+    assert_eq!(points, same_points, "the seed of the search stays");
+}
+
+#[test]
 fn a_search_with_another_dimension_than_the_space_is_an_error() {
     let settings = FalsificationSettings { trials: 1, budget: 1, ..FalsificationSettings::default() };
     let make = |seed| by_name("random", &[Coordinate::Continuous; 2], seed, &SearchOptions::default());

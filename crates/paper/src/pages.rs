@@ -113,7 +113,7 @@ pub(crate) fn target_cell(plan: &Plan) -> String {
         let setting = match setting {
             AxisSetting::Value(value) => value.to_string(),
             AxisSetting::Range([low, high]) => format!("{low} to {high}"),
-            AxisSetting::Category(name) => name.clone(),
+            AxisSetting::Text(text) => text.clone(),
         };
         text += &format!(", {} {}", code(name), value(&setting));
     }

@@ -24,6 +24,8 @@ pub struct Falsification {
     pub budget: u32,
     /// Number of simulations run at once.
     pub batch: u32,
+    /// Random seed of every simulation; `null` if each simulation has a seed of its own.
+    pub fixed_seed: Option<Seed>,
     /// Whether simulations end as soon as the search does not need the rest.
     pub early_stopping: bool,
     /// Number of simulations of all trials.
@@ -156,6 +158,9 @@ pub struct Cause {
     /// Axes that remove the failure alone: the counterexample with this axis at nominal does not
     /// fail. `null` if there are too many axes to try.
     pub necessary: Option<Vec<String>>,
+    /// Axes that must be exactly on a bound: `scenario` does not fail if they move inside by a
+    /// millionth of their width. Empty if it fails there, too, or if no axis is on a bound.
+    pub only_on_bounds: Vec<String>,
     /// Failures of `scenario` with other seeds; `null` if the target is not random.
     pub other_seeds: Option<Estimate>,
 }

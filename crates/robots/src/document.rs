@@ -2,6 +2,7 @@
 
 use std::ops::Range;
 
+use mishandle_rollout::Interval;
 use toml::Spanned;
 use toml::de::{DeTable, DeValue};
 
@@ -122,15 +123,22 @@ impl Item {
         }
     }
 
-    /// Returns two numbers, the first at most the second.
+    /// Returns the bounds of a list of two numbers, or of an interval in quotation marks.
     pub(crate) fn range(&self, what: &str) -> Result<[f64; 2], Problem> {
-        match self.numbers(what)?.as_slice() {
-            [low, high] if low <= high => Ok([*low, *high]),
-            _ => Err(Problem::new(
-                &self.span,
-                format!("`{what}` must be two numbers [low, high], low at most high"),
-            )),
-        }
+        let wrong = || {
+            let message = format!(
+                "`{what}` must be two numbers [low, high], low at most high, or an interval such as \"[0, 1)\""
+            );
+            Problem::new(&self.span, message)
+        };
+        let [low, high] = match &self.value {
+            Value::Text(text) => {
+                let Interval { low, high } = text.parse().map_err(|_| wrong())?;
+                [low, high]
+            }
+            _ => self.numbers(what)?.try_into().map_err(|_| wrong())?,
+        };
+        if low <= high && low.is_finite() && high.is_finite() { Ok([low, high]) } else { Err(wrong()) }
     }
 
     pub(crate) fn table(&self, what: &str) -> Result<&Table, Problem> {

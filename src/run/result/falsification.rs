@@ -29,6 +29,7 @@ pub fn falsification_result(
         formula: resolved.specification.requirement.to_string(),
         budget: falsify.budget,
         batch: falsify.batch,
+        fixed_seed: falsify.fixed_seed.map(Seed),
         early_stopping: falsify.early_stopping,
         search: falsify.search,
         simulations: found.simulations,

@@ -47,6 +47,11 @@ pub struct Arguments {
     #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = numbers::integer::<u32>(Plan::BUDGET))]
     #[arg(conflicts_with = "resume")]
     pub budget: Option<u32>,
+    /// Simulate every scenario with this one random seed, so that robustness has no noise [default
+    /// without a number: the seed of the run; without the flag: a seed for each simulation]
+    #[arg(long, value_name = "N", num_args = 0..=1, require_equals = true, allow_negative_numbers = true)]
+    #[arg(value_parser = numbers::integer::<u64>(flags::SEEDS), conflicts_with = "resume")]
+    pub fixed_seed: Option<Option<u64>>,
     /// End simulations as soon as the search does not need the rest. The scenarios and violations
     /// are the same, but a trial without a violation can have a lower bound as lowest robustness
     #[arg(long, conflicts_with = "resume")]
@@ -163,6 +168,7 @@ fn plan(command: &Arguments) -> Result<Plan> {
         Some(screening) => screening.rows.min(*Plan::BATCH.end() as u32),
         None => falsify.batch,
     });
+    falsify.fixed_seed = command.fixed_seed.map(|seed| seed.unwrap_or(plan.seed)).or(falsify.fixed_seed);
     falsify.early_stopping |= command.early_stopping;
     falsify.keep_going |= command.keep_going;
     ensure!(

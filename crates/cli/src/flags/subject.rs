@@ -7,7 +7,7 @@ use anyhow::{Result, ensure};
 use clap::Args;
 use mishandle::Plan;
 use mishandle::plan::AxisSetting;
-use mishandle::rollout::Noise;
+use mishandle::rollout::{Interval, Noise};
 
 use super::numbers::{integer, number};
 
@@ -72,8 +72,8 @@ pub struct Subject {
 /// Flags that set single axes.
 #[derive(Debug, Args)]
 pub struct Axes {
-    /// Vary this axis only from LOW to HIGH; repeat the flag for several axes. An axis outside of
-    /// the space is added to it
+    /// Vary this axis only from LOW to HIGH, or within '[LOW, HIGH)' without HIGH; repeat the flag
+    /// for several axes. An axis outside of the space is added to it
     #[arg(long, value_name = "NAME=LOW:HIGH", allow_hyphen_values = true, value_parser = axis_range)]
     pub axis: Vec<(String, AxisSetting)>,
     /// Fix this axis at a value, or at a category; repeat the flag for several axes. It may be
@@ -105,9 +105,12 @@ pub fn named_formula(text: &str) -> std::result::Result<(String, String), String
     }
 }
 
-/// Parses `NAME=LOW:HIGH`.
+/// Parses `NAME=LOW:HIGH` and `NAME=[LOW, HIGH)`.
 fn axis_range(text: &str) -> std::result::Result<(String, AxisSetting), String> {
     let parsed = text.split_once('=').and_then(|(name, range)| {
+        if range.parse::<Interval>().is_ok() {
+            return Some((name.to_string(), AxisSetting::Text(range.to_string())));
+        }
         let (low, high) = range.split_once(':')?;
         Some((name.to_string(), AxisSetting::Range([low.parse().ok()?, high.parse().ok()?])))
     });
@@ -121,14 +124,13 @@ fn axis_value(text: &str) -> std::result::Result<(String, AxisSetting), String> 
         .split_once('=')
         .filter(|(_, value)| !value.is_empty())
         .ok_or("expected the name of an axis and a value, such as action_delay=2")?;
-    if let Some((low, high)) = value.split_once(':')
-        && low.parse::<f64>().is_ok()
-        && high.parse::<f64>().is_ok()
-    {
+    let is_number = |text: &str| text.parse::<f64>().is_ok();
+    let is_range = value.split_once(':').is_some_and(|(low, high)| is_number(low) && is_number(high));
+    if is_range || value.parse::<Interval>().is_ok() {
         return Err(format!("expected one value, found a range; give --axis {name}={value}"));
     }
     // `nan` is the name of a category of lost samples, and no axis has it as a number.
     let number = value.parse::<f64>().ok().filter(|number| number.is_finite());
-    let setting = number.map_or_else(|| AxisSetting::Category(value.to_string()), AxisSetting::Value);
+    let setting = number.map_or_else(|| AxisSetting::Text(value.to_string()), AxisSetting::Value);
     Ok((name.to_string(), setting))
 }

@@ -110,12 +110,13 @@ fn trials_text(found: &Falsification) -> String {
         rows.push(row);
     }
     let mut text = format!(
-        "{}\nsearch {}{}, at most {} per trial, seed {}\nformula {}\n\n{}\n\n{}",
+        "{}\nsearch {}{}, at most {} per trial, seed {}{}\nformula {}\n\n{}\n\n{}",
         subject::heading(&found.subject),
         found.search,
         options_text(found),
         plural(found.budget, "simulation"),
         found.subject.seed.0,
+        found.fixed_seed.map_or(String::new(), |seed| format!(", every simulation with seed {}", seed.0)),
         found.formula,
         output::table(&rows),
         summary(found),
@@ -199,6 +200,12 @@ fn cause_text(found: &Falsification, cause: &Cause) -> String {
             "\naxes that cause it alone: {}; axes that remove it alone if set to nominal: {}",
             list(sufficient),
             list(necessary)
+        ));
+    }
+    if !cause.only_on_bounds.is_empty() {
+        text.push_str(&format!(
+            "\nonly on the bound of {}: a millionth of the width inside, it passes",
+            list(&cause.only_on_bounds)
         ));
     }
     if let Some(Estimate { value: Some(rate), n, .. }) = &cause.other_seeds {

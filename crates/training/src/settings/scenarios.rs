@@ -148,8 +148,9 @@ pub enum AxisSetting {
     Value(f64),
     /// The values are between these bounds.
     Range([f64; 2]),
-    /// The axis has the category with this name in every scenario.
-    Category(String),
+    /// The axis has the category with this name in every scenario, or the text is an
+    /// [`Interval`](mishandle_rollout::Interval): `[0, 1)` excludes 1.
+    Text(String),
 }
 
 impl ScenarioSettings {
@@ -194,7 +195,7 @@ mod tests {
             assert_eq!(scenarios.nominal, 0.25);
             assert_eq!(scenarios.axes["action_delay"], AxisSetting::Range([0.0, 2.0]));
             assert_eq!(scenarios.axes["push"], AxisSetting::Value(1.0));
-            assert_eq!(scenarios.axes["kind"], AxisSetting::Category("bias".to_string()));
+            assert_eq!(scenarios.axes["kind"], AxisSetting::Text("bias".to_string()));
             for written in [settings.to_toml(), settings.listing()] {
                 assert_eq!((entry.from_toml)(&written).unwrap(), settings, "{}", entry.name);
             }
