@@ -42,7 +42,7 @@ pub use resolve::ResolvedPlan;
 pub use run::{evaluate, falsify};
 
 pub use {
-    mishandle_controllers as controllers, mishandle_evaluation as evaluation,
+    mishandle_arch as arch, mishandle_controllers as controllers, mishandle_evaluation as evaluation,
     mishandle_falsification as falsification, mishandle_files as files, mishandle_guard as guard,
     mishandle_interchange as interchange, mishandle_mjcf as mjcf, mishandle_network as network,
     mishandle_random as random, mishandle_results as results, mishandle_risk as risk,

@@ -23,6 +23,11 @@ impl MishandleError {
                 if *kind == "task" && name.starts_with("toy/") {
                     return Some(format!("{name} is a toy, not a task; see `mishandle targets {name}`"));
                 }
+                if *kind == "task" && name.starts_with("arch/") {
+                    return Some(format!(
+                        "{name} is a problem of the ARCH competition, not a task; see `mishandle targets {name}`"
+                    ));
+                }
                 if *kind == "space" && name == "noise" {
                     return Some(
                         "a task has this space only with --action-noise above 0 or a random initial state, and a target \

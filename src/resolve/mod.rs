@@ -27,6 +27,7 @@ mod target_file;
 mod task;
 mod training;
 
+use mishandle_arch::PROBLEMS;
 use mishandle_falsification::FalsificationSettings;
 use mishandle_random::Seed;
 use mishandle_rollout::{RolloutError, Signal, Space, Specification, SpecificationMonitor, System, Target};
@@ -75,9 +76,10 @@ pub use training::{
 /// If a name is unknown, a file cannot be read or is for another task, or a number is out of its
 /// range.
 pub fn target(plan: &Plan) -> Result<Target, MishandleError> {
-    if let Some(toy) = mishandle_toys::target(&plan.target) {
+    let built_in = mishandle_toys::target(&plan.target).or_else(|| mishandle_arch::target(&plan.target));
+    if let Some(target) = built_in {
         check_no_task_options(plan)?;
-        return Ok(toy?);
+        return Ok(target?);
     }
     if let Some(file) = simulator_file(plan)? {
         return simulator_target(plan, &file);
@@ -92,10 +94,12 @@ pub fn target(plan: &Plan) -> Result<Target, MishandleError> {
     Ok(task_target(plan)?.target()?)
 }
 
-/// Returns the names of all targets: tasks first, then toys.
+/// Returns the names of all targets: tasks first, then toys, then the problems of the ARCH
+/// competition.
 pub fn target_names() -> Vec<String> {
     let toys = TOYS.iter().map(|toy| format!("toy/{}", toy.name()));
-    task::task_names().into_iter().chain(toys).collect()
+    let problems = PROBLEMS.iter().map(|problem| format!("arch/{}", problem.name()));
+    task::task_names().into_iter().chain(toys).chain(problems).collect()
 }
 
 /// Checks that the plan sets no option that only tasks support.

@@ -29,7 +29,7 @@ mod sphere;
 mod toy;
 
 pub use function_system::{FunctionSystem, SimulatedEnd};
-pub use toy::{Toy, target};
+pub use toy::{Toy, target, target_among};
 
 /// All toys, in the order of the list.
 pub static TOYS: &[&dyn Toy] = &[

@@ -20,14 +20,22 @@ const SPACES: [(AxisKind, &str); 5] = [
     (AxisKind::Noise, "noise"),
 ];
 
-/// A system in closed form, or nearly so.
+/// A system in closed form, or one whose equations a function integrates.
 pub trait Toy: Send + Sync {
-    /// Returns the name; plans add the prefix `toy/`.
+    /// Returns the name; plans add the kind as a prefix, as in `toy/`.
     fn name(&self) -> &'static str;
     /// Returns a one-sentence description.
     fn summary(&self) -> &'static str;
     /// Returns all axes that a scenario may set.
     fn axes(&self) -> Vec<Axis>;
+    /// Returns the spaces, of which the first is the default: by default one for each kind of axis.
+    fn spaces(&self) -> Vec<(&'static str, Vec<Axis>)> {
+        let axes = self.axes();
+        let of_kind =
+            |kind: AxisKind| axes.iter().filter(|axis| axis.kind == kind).cloned().collect::<Vec<_>>();
+        let spaces = SPACES.iter().map(|(kind, name)| (*name, of_kind(*kind)));
+        spaces.filter(|(_, axes)| !axes.is_empty()).collect()
+    }
     /// Returns the name and unit of each signal.
     fn signals(&self) -> &'static [(&'static str, &'static str)];
     /// Returns the name and text of each formula; the first is the default requirement.
@@ -50,24 +58,31 @@ pub trait Toy: Send + Sync {
 /// # Errors
 /// If the toy's axes do not form valid spaces.
 pub fn target(name: &str) -> Option<Result<Target, RolloutError>> {
-    let own = name.strip_prefix(KIND)?.strip_prefix('/')?;
-    TOYS.iter().find(|toy| toy.name() == own).map(|toy| target_of(*toy))
+    target_among(KIND, TOYS, name)
 }
 
-fn target_of(toy: &'static dyn Toy) -> Result<Target, RolloutError> {
+/// Returns the target with this name, `KIND/NAME`, among `toys`; `None` if there is no such toy.
+///
+/// # Errors
+/// If the toy's axes do not form valid spaces.
+pub fn target_among(
+    kind: &str,
+    toys: &[&'static dyn Toy],
+    name: &str,
+) -> Option<Result<Target, RolloutError>> {
+    let own = name.strip_prefix(kind)?.strip_prefix('/')?;
+    toys.iter().find(|toy| toy.name() == own).map(|toy| target_of(kind, *toy))
+}
+
+fn target_of(kind: &str, toy: &'static dyn Toy) -> Result<Target, RolloutError> {
     let axes = toy.axes();
-    let of_kind = |kind: AxisKind| axes.iter().filter(|axis| axis.kind == kind).cloned().collect::<Vec<_>>();
-    let spaces = SPACES
-        .iter()
-        .map(|(kind, name)| (name, of_kind(*kind)))
-        .filter(|(_, axes)| !axes.is_empty())
-        .map(|(name, axes)| Space::new(name, axes))
-        .collect::<Result<Vec<Space>, RolloutError>>()?;
+    let spaces = toy.spaces().into_iter().map(|(name, axes)| Space::new(name, axes));
+    let spaces = spaces.collect::<Result<Vec<Space>, RolloutError>>()?;
     let stated = format!("{axes:?} {:?} {:?} {}", toy.signals(), toy.formulas(), env!("CARGO_PKG_VERSION"));
     let formula = |(name, text): &(&str, &str)| NamedFormula { name: (*name).into(), text: (*text).into() };
     let signal = |(name, unit): &(&str, &str)| Signal { name: (*name).into(), unit: (*unit).into() };
     Ok(Target {
-        identity: Identity::new(KIND, &format!("{KIND}/{}", toy.name()), &stated),
+        identity: Identity::new(kind, &format!("{kind}/{}", toy.name()), &stated),
         components: Vec::new(),
         spaces,
         signals: toy.signals().iter().map(signal).collect(),

@@ -18,7 +18,7 @@ const UNLISTED: [&str; 1] = ["xtask"];
 const MUJOCO: &str = "world";
 /// Crates that must not link MuJoCo, directly or through another crate, because they serve any
 /// simulator.
-const WITHOUT_MUJOCO: [&str; 14] = [
+const WITHOUT_MUJOCO: [&str; 15] = [
     "random",
     "files",
     "stl",
@@ -27,6 +27,7 @@ const WITHOUT_MUJOCO: [&str; 14] = [
     "network",
     "store",
     "toys",
+    "arch",
     "rollout",
     "controllers",
     "evaluation",

@@ -63,7 +63,10 @@ fn list() -> String {
         let summary = output::wrapped(&summary, 74).replace('\n', "\n    ");
         format!("{name}\n    {summary}")
     };
-    tasks.chain(toys).map(entry).collect::<Vec<_>>().join("\n")
+    let problems = mishandle::arch::PROBLEMS;
+    let problems =
+        problems.iter().map(|problem| [format!("arch/{}", problem.name()), problem.summary().to_string()]);
+    tasks.chain(toys).chain(problems).map(entry).collect::<Vec<_>>().join("\n")
 }
 
 fn page(target: &Target, plan: &Plan) -> String {
