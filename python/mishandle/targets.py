@@ -54,6 +54,10 @@ Space = Union[Sequence[Axis], str, None]
 task."""
 
 
+DEFAULT_SPACES = {"toy/": "starts", "arch/": "instance-2"}
+"""The default space of built-in systems that are no tasks, by the prefix of their names."""
+
+
 @dataclass(frozen=True)
 class Simulation:
     """One simulation with its trace: an array for each signal, with one value per sample."""
@@ -227,11 +231,12 @@ def make_target(
         policy = pathlib.Path(policy).absolute()
         if not policy.is_file():
             raise InvalidValueError(f"there is no ONNX file {policy}")
-    if isinstance(system, str) and system.startswith("toy/"):
+    if isinstance(system, str) and system.startswith(tuple(DEFAULT_SPACES)):
         # It is its own controller, and only the Rust core knows its spaces.
         if space is not None and not isinstance(space, str):
             raise InvalidTypeError(f"the space of {system} is one of its own, by name; `mishandle targets {system}` lists them")
-        return _task_in_space(system, formula, space or "starts", {"policy": "", **options}, check)
+        default = next(default for kind, default in DEFAULT_SPACES.items() if system.startswith(kind))
+        return _task_in_space(system, formula, space or default, {"policy": "", **options}, check)
     if isinstance(system, Process):
         return _simulator(system, formula, space, options, check)
     if isinstance(system, (str, os.PathLike)) and os.fspath(system).lower().endswith(".toml"):

@@ -39,6 +39,9 @@ pub(crate) struct ChasingCars(pub Problem);
 const DT: f64 = 0.05;
 const STEPS: usize = 2000;
 
+/// Accuracy of a gap at which a mode ends, m.
+const LOCATED: f64 = 1e-9;
+
 const CARS: usize = 5;
 /// Position and speed of each car.
 type State = [f64; 2 * CARS];
@@ -59,14 +62,14 @@ enum Mode {
 }
 
 impl Mode {
-    /// Returns the mode that follows this one at a gap, if one does.
-    fn next(self, gap: f64) -> Option<Mode> {
+    /// Returns the mode that follows this one, and how far a gap exceeds the bound at which it
+    /// does, m: 0 or more ends this mode.
+    fn next(self, gap: f64) -> (Mode, f64) {
         match self {
-            Mode::Chasing if gap <= 10.0 => Some(Mode::Keeping),
-            Mode::Keeping if gap >= 15.0 => Some(Mode::Chasing),
-            Mode::Keeping if gap <= 5.0 => Some(Mode::Braking),
-            Mode::Braking if gap >= 20.0 => Some(Mode::Chasing),
-            _ => None,
+            Mode::Chasing => (Mode::Keeping, 10.0 - gap),
+            Mode::Keeping if gap >= 10.0 => (Mode::Chasing, gap - 15.0),
+            Mode::Keeping => (Mode::Braking, 5.0 - gap),
+            Mode::Braking => (Mode::Chasing, gap - 20.0),
         }
     }
 
@@ -187,11 +190,20 @@ fn advance(state: &mut State, modes: &mut [Mode; CARS - 1], inputs: impl Fn(f64)
                 slope
             })
         };
-        let ends = |state: &State| (0..CARS - 1).any(|i| modes[i].next(gap(state, i)).is_some());
-        let end = if ends(&moved(1.0)) { event([done, 1.0], |end| ends(&moved(end))) } else { 1.0 };
+        let excess = |state: &State| {
+            (0..CARS - 1).map(|i| modes[i].next(gap(state, i)).1).fold(f64::NEG_INFINITY, f64::max)
+        };
+        let end = if excess(&moved(1.0)) >= 0.0 {
+            event([done, 1.0], LOCATED, |end| excess(&moved(end)))
+        } else {
+            1.0
+        };
         *state = moved(end);
         for (follower, mode) in modes.iter_mut().enumerate() {
-            *mode = mode.next(gap(state, follower)).unwrap_or(*mode);
+            let (next, excess) = mode.next(gap(state, follower));
+            if excess >= 0.0 {
+                *mode = next;
+            }
         }
         done = end;
     }

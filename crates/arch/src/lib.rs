@@ -4,6 +4,7 @@
 //! - `inputs`: signals of knots, as the competition constrains them
 //! - `integration`: fixed steps of the classical Runge-Kutta method, and events inside a step
 //! - `chasing_cars`: five cars, problems CC1 to CC5 and CCx
+//! - `fuel_control`: a controller of fuel, problems AFC27, AFC29 and AFC33
 //!
 //! The models are implemented again from their equations: no code of the competition is used.
 //! docs/reference/arch.md states sources, differences and the comparison with another integrator.
@@ -25,6 +26,7 @@
 //! ```
 
 mod chasing_cars;
+mod fuel_control;
 mod inputs;
 mod integration;
 
@@ -32,6 +34,7 @@ use mishandle_rollout::{RolloutError, Target};
 use mishandle_toys::Toy;
 
 use chasing_cars::{ChasingCars, Problem};
+use fuel_control::FuelControl;
 
 /// The kind of these targets, a prefix of their names in plans.
 pub const KIND: &str = "arch";
@@ -44,6 +47,9 @@ pub static PROBLEMS: &[&dyn Toy] = &[
     &ChasingCars(Problem::Cc4),
     &ChasingCars(Problem::Cc5),
     &ChasingCars(Problem::Ccx),
+    &FuelControl(fuel_control::Problem::Afc27),
+    &FuelControl(fuel_control::Problem::Afc29),
+    &FuelControl(fuel_control::Problem::Afc33),
 ];
 
 /// Returns the target with this name, including the prefix `arch/`; `None` if there is no such
