@@ -1,4 +1,5 @@
-"""The systems of the benchmark: functions (functions.py) and tasks with a shipped controller. The folder systems has their facts."""
+"""The systems of the benchmark: functions (functions.py), tasks with a shipped controller, and problems of the ARCH competition. The
+folder systems has their facts."""
 
 import functools
 import pathlib
@@ -15,6 +16,7 @@ from numpy.typing import NDArray
 HERE = pathlib.Path(__file__).parent
 SYSTEMS = HERE / "systems"
 FUNCTIONS_FILE = "functions"
+ARCH_FILE = "arch"
 TASKS = ["point-reaching", "ball-balancing", "ball-catching", "ball-pushing", "door-opening", "peg-in-hole", "cube-stacking"]
 # Stands for infinity, for searches of other libraries that need finite values.
 NO_VERDICT = 1e3
@@ -42,7 +44,7 @@ class System:
     @property
     def corner(self) -> bool:
         """Whether a corner of the space fails."""
-        return bool(self.facts["failing_corners"] > 0)
+        return bool(self.facts.get("failing_corners", 0) > 0)
 
 
 def of_task(task: str, controller: str, space: str, formula: str, axes: list[str] | None = None) -> mishandle.Objective:
@@ -91,15 +93,18 @@ def function_value(function: Function) -> Value:
 
 @functools.cache
 def load() -> list[System]:
-    """Returns all systems: the functions, then those of each task that was surveyed."""
+    """Returns all systems: the functions, those of each task that was surveyed, then the problems of the ARCH competition."""
     functions = {function.name: function for function in FUNCTIONS}
-    files = [SYSTEMS / f"{name}.toml" for name in (FUNCTIONS_FILE, *TASKS)]
+    files = [SYSTEMS / f"{name}.toml" for name in (FUNCTIONS_FILE, *TASKS, ARCH_FILE)]
     found = []
     for row in (row for file in files if file.exists() for row in tomllib.loads(file.read_text(encoding="utf-8")).get("system", [])):
         if row["group"] == "function":
             function = functions[row["name"]]
             levels = function.axis_levels()
             make = lambda function=function: function_value(function)
+        elif row["group"] == "arch":
+            levels = [None] * row["dimension"]
+            make = lambda name=row["name"]: task_value(mishandle.Objective(name, "success", "instance-2"))
         else:
             levels = [count or None for count in row["levels"]]
             names = [row[key] for key in ("task", "controller", "space", "formula", "axes")]
