@@ -12,7 +12,7 @@ use crate::bytes::Bytes;
 ///   expanded, so the printed text can exceed a limit that the input does not;
 /// - robustness is never NaN, and the robustness at time 0 is the first value of the robustness
 ///   signal;
-/// - every sub-formula has a minimum, or the decided robustness signal has an error, too.
+/// - the robustness has parts, or the decided robustness signal has an error, too.
 pub fn check(bytes: &[u8]) {
     let Ok(text) = std::str::from_utf8(bytes) else { return };
     let formula = match Formula::parse(text) {
@@ -58,8 +58,9 @@ fn check_values(formula: &Formula, bytes: &[u8]) {
         assert_eq!(first, signal.first().copied(), "of {signal:?}");
     }
     let is_decided = monitor.decided_robustness_signal(&trace).is_ok();
-    let minima = monitor.subformula_minima(&trace).map(<[_]>::len).ok();
-    assert_eq!(minima, is_decided.then(|| formula.subformulas().len()));
+    let decomposition = formula.decompose(&Clock::steps(1.0 / 60.0), trace.len(), 16);
+    let decomposition = decomposition.expect("a formula with a monitor");
+    assert_eq!(monitor.parts(&trace, &decomposition).is_ok(), is_decided);
 }
 
 pub fn seeds() -> Vec<Vec<u8>> {

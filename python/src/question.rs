@@ -57,7 +57,7 @@ pub fn check_falsify(
         [trials, budget, batch].map(|number| u32::try_from(number).unwrap_or(u32::MAX));
     let options = search_options(options);
     let falsify = FalsifyPlan { search, trials, budget, batch, new_mode_rate, options, ..Default::default() };
-    mishandle::resolve::check_falsify(&falsify, &space).map(drop).map_err(raised)
+    mishandle::resolve::check_falsify(&falsify, &space).map_err(raised)
 }
 
 /// Checks the settings of an evaluation in the space of these axes, before the system is simulated.

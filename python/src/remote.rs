@@ -13,7 +13,7 @@ use mishandle::rollout::{
     Episode, Request, RolloutError, Scenario, Seed, Space, Specification, System, Target, Verdict,
 };
 use mishandle::run::{Engine, Opening};
-use mishandle::stl::{SubformulaMinimum, Trace};
+use mishandle::stl::Trace;
 use mishandle::{MishandleError as Error, Plan, ResolvedPlan};
 use numpy::ndarray::Array2;
 use numpy::{PyArray2, PyReadonlyArray2};
@@ -24,7 +24,7 @@ use rayon::{ThreadPool, ThreadPoolBuilder};
 use crate::target::{Pending, end_of, end_parts, keep, trace};
 use crate::{InvalidStateError, raised};
 
-/// A simulation to run: scenario, seed, and whether the minima of sub-formulas are needed.
+/// A simulation to run: scenario, seed, and whether the parts of the robustness are needed.
 type RequestTuple = (Vec<Option<f64>>, u64, bool, Option<f64>);
 
 /// Robustness of requirement, success, strict and careful success, dangerous steps, completion
@@ -36,7 +36,7 @@ type VerdictTuple = (
     Option<f64>,
     Option<usize>,
     Option<usize>,
-    Vec<(f64, usize)>,
+    Vec<f64>,
     Vec<Option<f64>>,
 );
 
@@ -76,8 +76,8 @@ impl PlanWorker {
     ) -> PyResult<Vec<EpisodeTuple<Bound<'py, PyArray2<f64>>>>> {
         let requests: Vec<Request> = requests
             .into_iter()
-            .map(|(values, seed, needs_subformulas, stop_threshold)| Request {
-                needs_subformulas,
+            .map(|(values, seed, needs_parts, stop_threshold)| Request {
+                needs_parts,
                 stop_threshold,
                 ..Request::new(Scenario::new(values), Seed(seed))
             })
@@ -109,11 +109,11 @@ fn sent<'py>(py: Python<'py>, episode: &Episode) -> EpisodeTuple<Bound<'py, PyAr
         let samples = Array2::from_shape_fn(shape, |(sample, signal)| trace.column(signal)[sample]);
         PyArray2::from_owned_array(py, samples)
     });
-    let subformulas = verdict.subformulas.iter().map(|found| (found.minimum, found.step)).collect();
+    let parts = verdict.parts.clone();
     let Verdict { robustness, success, strict, careful, dangerous_steps, completion_step, .. } = *verdict;
     let others = verdict.others.clone();
     let verdict =
-        (robustness, success, strict, careful, dangerous_steps, completion_step, subformulas, others);
+        (robustness, success, strict, careful, dangerous_steps, completion_step, parts, others);
     (end.to_string(), step, index, *steps, verdict, *total_reward, digest, samples)
 }
 
@@ -139,8 +139,8 @@ impl System for RemoteSystem {
         let sent: Vec<RequestTuple> = requests
             .iter()
             .map(|request| {
-                let Request { scenario, seed, needs_subformulas, stop_threshold, .. } = request;
-                (scenario.values().to_vec(), seed.0, *needs_subformulas, *stop_threshold)
+                let Request { scenario, seed, needs_parts, stop_threshold, .. } = request;
+                (scenario.values().to_vec(), seed.0, *needs_parts, *stop_threshold)
             })
             .collect();
         let episodes = Python::attach(|py| {
@@ -171,10 +171,8 @@ impl RemoteSystem {
             Some(samples) => trace(names, samples.as_array(), *episode_steps)?,
             None => Trace::new(names.clone()),
         };
-        let (robustness, success, strict, careful, dangerous_steps, completion_step, subformulas, others) =
+        let (robustness, success, strict, careful, dangerous_steps, completion_step, parts, others) =
             verdict;
-        let subformulas =
-            subformulas.into_iter().map(|(minimum, step)| SubformulaMinimum { minimum, step }).collect();
         Ok(Episode {
             request: request.clone(),
             end: end_of(&end, step, index)?,
@@ -186,7 +184,7 @@ impl RemoteSystem {
                 careful,
                 dangerous_steps,
                 completion_step,
-                subformulas,
+                parts,
                 others,
             },
             reason: String::new(),

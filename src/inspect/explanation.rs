@@ -291,7 +291,7 @@ pub(crate) fn trace(header: &RunHeader, stored: &StoredTrace) -> Trace {
 /// Simulates a recorded simulation again and returns its trace, which must be the recorded one, or
 /// the whole episode if the simulation was stopped early.
 fn replayed_trace(recorded: &Simulation, resolved: &ResolvedPlan) -> Result<Trace, MishandleError> {
-    let request: Request = record::request(recorded, resolved.stored_subformulas > 0);
+    let request: Request = record::request(recorded, resolved.stored_parts > 0);
     let mut system = resolved.system()?;
     let whole = Request { stop_threshold: None, ..request.clone() };
     let mut simulate = |request| system.rollout(&[request])?.pop().ok_or(MishandleError::NoEpisode);

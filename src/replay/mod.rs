@@ -85,7 +85,7 @@ pub(crate) fn replay_in(
         differences.push(format!("scenario of simulation {number} of trial {trial}: {error}"));
         return Err(MishandleError::RunMismatch { differences });
     }
-    let mut episodes = system.rollout(&[record::request(&recorded, resolved.stored_subformulas > 0)])?;
+    let mut episodes = system.rollout(&[record::request(&recorded, resolved.stored_parts > 0)])?;
     let episode = episodes.pop().ok_or(MishandleError::NoEpisode)?;
     let mut again = record::record(&episode, resolved);
     // Such a run keeps a limited number of traces.
@@ -120,7 +120,7 @@ pub fn replay_first(run: &RunFile, resolved: &ResolvedPlan) -> Result<Option<Vec
             continue;
         }
         resolved.space.check(&Scenario::new(recorded.scenario.clone()))?;
-        let request = record::request(&recorded, resolved.stored_subformulas > 0);
+        let request = record::request(&recorded, resolved.stored_parts > 0);
         let episode = resolved.system()?.rollout(&[request])?.pop().ok_or(MishandleError::NoEpisode)?;
         let again = Simulation { trace: None, ..record::record(&episode, resolved) };
         let names = record::verdict_names(resolved);

@@ -154,7 +154,7 @@ fn status_difference(
 /// Compares the numbers that identify a simulation with those of the expected request.
 fn request_differences(recorded: &Simulation, expected: &Request) -> Vec<String> {
     let Simulation { trial, number, .. } = *recorded;
-    let recorded = record::request(recorded, expected.needs_subformulas);
+    let recorded = record::request(recorded, expected.needs_parts);
     if (trial, number) != (expected.trial, expected.number) {
         let Request { trial: expected_trial, number: expected_number, .. } = expected;
         return vec![format!(

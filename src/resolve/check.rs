@@ -7,7 +7,7 @@ use mishandle_rollout::{Axis, AxisKind, Seed, Space, Target};
 
 use crate::error::MishandleError;
 use crate::plan::{EvaluatePlan, FalsifyPlan, MetamorphicPlan, Plan, RiskPlan, StartRegion};
-use crate::resolve::search::new_search;
+use crate::resolve::search::{coordinates, new_search};
 use crate::resolve::{MetamorphicCases, search_entry};
 
 /// Checks the evaluation settings of a plan against its target and space.
@@ -56,12 +56,11 @@ fn check_batch(batch: u32) -> Result<(), MishandleError> {
     Err(MishandleError::InvalidValue { what, value: batch.to_string(), expected })
 }
 
-/// Checks the falsification settings of a plan against its space, and returns whether the search
-/// needs the minima of sub-formulas.
+/// Checks the falsification settings of a plan against its space.
 ///
 /// # Errors
 /// If a number is out of its range, or the search or one of its options is unknown or invalid.
-pub fn check_falsify(falsify: &FalsifyPlan, space: &Space) -> Result<bool, MishandleError> {
+pub fn check_falsify(falsify: &FalsifyPlan, space: &Space) -> Result<(), MishandleError> {
     check_batch(falsify.batch)?;
     let numbers = [
         ("the number of trials", falsify.trials, Plan::TRIALS),
@@ -81,8 +80,8 @@ pub fn check_falsify(falsify: &FalsifyPlan, space: &Space) -> Result<bool, Misha
         });
     }
     search_entry(&falsify.search)?;
-    let search = new_search(falsify, space)(0)?;
-    Ok(search.needs_subformulas())
+    new_search(falsify, &coordinates(space))(0)?;
+    Ok(())
 }
 
 /// Checks the relations of a plan. `sources` is the space of the source cases and `known` the axes

@@ -28,9 +28,10 @@ mod task;
 mod training;
 
 use mishandle_arch::PROBLEMS;
-use mishandle_falsification::FalsificationSettings;
+use mishandle_falsification::{FalsificationSettings, search_space};
 use mishandle_random::Seed;
 use mishandle_rollout::{RolloutError, Signal, Space, Specification, SpecificationMonitor, System, Target};
+use mishandle_search::SearchSpace;
 use mishandle_stl::{Clock, Formula, Monitor};
 use mishandle_toys::TOYS;
 
@@ -38,6 +39,7 @@ use crate::error::MishandleError;
 use crate::plan::{Plan, ScreeningPlan};
 use crate::resolve::requirements::{joined, named_requirements, table_formula};
 use crate::resolve::robot::robot_target;
+use crate::resolve::search::new_search;
 use crate::resolve::simulator::simulator_target;
 
 pub use axis_setting::with_settings;
@@ -130,9 +132,11 @@ pub struct ResolvedPlan {
     pub specification: Specification,
     /// The signals of the traces.
     pub signals: Vec<Signal>,
-    /// Number of sub-formulas of the requirement whose minima are stored. Some searches need these
-    /// minima; a resumed run reads them from the run file. Zero for the other searches.
-    pub stored_subformulas: usize,
+    /// Number of parts of the robustness that are stored. Some searches need them; a resumed run
+    /// reads them from the run file. Zero for the other searches.
+    pub stored_parts: usize,
+    /// What a search may know of the space.
+    pub search_space: SearchSpace,
 }
 
 impl ResolvedPlan {
@@ -175,7 +179,6 @@ impl ResolvedPlan {
             check_metamorphic(table, space.clone(), &target.axes, plan.seed)?;
             space = metamorphic::space_of_both(table, &space, &target.axes)?;
         }
-        let mut needs_subformulas = false;
         if let Some(evaluate) = &plan.evaluate {
             check::check_evaluate_in(evaluate, &target, &space)?;
         }
@@ -187,7 +190,7 @@ impl ResolvedPlan {
             check_risk(risk, &space)?;
         }
         if let Some(falsify) = &plan.falsify {
-            needs_subformulas = check_falsify(falsify, &space)?;
+            check_falsify(falsify, &space)?;
         }
         let others = named_requirements(&plan, &target)?;
         if let (false, Some(formula)) = (others.is_empty(), table_formula(&mut plan)) {
@@ -209,9 +212,15 @@ impl ResolvedPlan {
         specification.success.get_or_insert_with(|| specification.requirement.clone());
         SpecificationMonitor::new(&specification, &target.signal_names(), target.control_dt)?;
         let signals = target.traced_signals(&specification);
-        let stored_subformulas =
-            if needs_subformulas { specification.requirement.subformulas().len() } else { 0 };
-        Ok(ResolvedPlan { plan, target, space, specification, signals, stored_subformulas })
+        let steps = target.episode_steps;
+        let parts = specification.decomposition(target.control_dt, steps + 1)?;
+        let search_space = search_space(&space, &parts, steps);
+        let needs_parts = match &plan.falsify {
+            Some(falsify) => new_search(falsify, &search_space)(0)?.needs_parts(),
+            None => false,
+        };
+        let stored_parts = if needs_parts { parts.ends().len() } else { 0 };
+        Ok(ResolvedPlan { plan, target, space, specification, signals, stored_parts, search_space })
     }
 
     /// Returns the names of the signals of the traces.

@@ -3,7 +3,7 @@
 use mishandle_falsification::coordinate;
 use mishandle_rollout::Space;
 use mishandle_search::{
-    Coordinate, SEARCHES, Search, SearchEntry, SearchError, SearchOptions, by_name, find_search,
+    Coordinate, SEARCHES, Search, SearchEntry, SearchError, SearchOptions, SearchSpace, by_name, find_search,
 };
 
 use crate::error::MishandleError;
@@ -22,7 +22,7 @@ pub fn search_entry(name: &str) -> Result<&'static SearchEntry, MishandleError> 
 }
 
 /// Returns the type of each coordinate of the search.
-fn coordinates(space: &Space) -> Vec<Coordinate> {
+pub(crate) fn coordinates(space: &Space) -> Vec<Coordinate> {
     space.axes().iter().map(coordinate).collect()
 }
 
@@ -40,10 +40,10 @@ fn search_options(falsify: &FalsifyPlan) -> SearchOptions {
 /// Returns the function that makes a search of the plan from its seed.
 pub(crate) fn new_search(
     falsify: &FalsifyPlan,
-    space: &Space,
+    space: impl Into<SearchSpace>,
 ) -> impl Fn(u64) -> Result<Box<dyn Search>, SearchError> + 'static {
-    let (name, coordinates, options) = (falsify.search.clone(), coordinates(space), search_options(falsify));
-    move |seed| by_name(&name, &coordinates, seed, &options)
+    let (name, space, options) = (falsify.search.clone(), space.into(), search_options(falsify));
+    move |seed| by_name(&name, &space, seed, &options)
 }
 
 #[cfg(test)]

@@ -32,12 +32,12 @@ pub fn falsify(
     mut run: RunWriter,
     mut watch: impl FnMut(&Progress) -> ControlFlow<()>,
 ) -> Result<FalsificationOutcome, MishandleError> {
-    let ResolvedPlan { plan, space, .. } = resolved;
+    let ResolvedPlan { plan, space, search_space, .. } = resolved;
     let falsify = plan.falsify.as_ref().ok_or(MishandleError::MissingPlanTable { table: "falsify" })?;
     header::check_run(run.file(), resolved)?;
     let settings = settings(plan, falsify);
     let FalsifyPlan { trials, budget, .. } = *falsify;
-    let mut campaign = Falsification::new(settings, space, new_search(falsify, space))?;
+    let mut campaign = Falsification::new(settings, space, new_search(falsify, search_space))?;
     if let Some(settings) = keep_going(resolved) {
         campaign = campaign.keep_going(settings);
     }
@@ -190,9 +190,9 @@ pub(crate) fn screened(
     sample_rate: f64,
     watch: &mut (dyn FnMut(&FalsificationOutcome) -> ControlFlow<()> + Send),
 ) -> Result<(FalsificationOutcome, ScreenedCounts), MishandleError> {
-    let ResolvedPlan { plan, space, .. } = resolved;
+    let ResolvedPlan { plan, space, search_space, .. } = resolved;
     let falsify = plan.falsify.as_ref().ok_or(MishandleError::MissingPlanTable { table: "falsify" })?;
-    let mut campaign = Falsification::new(settings(plan, falsify), space, new_search(falsify, space))?;
+    let mut campaign = Falsification::new(settings(plan, falsify), space, new_search(falsify, search_space))?;
     Ok(campaign.run_screened(screening, system, sample_rate, watch)?)
 }
 
@@ -256,11 +256,11 @@ pub(crate) fn new_trial(
     resolved: &ResolvedPlan,
     number: u32,
 ) -> Result<Option<Trial<'static>>, MishandleError> {
-    let ResolvedPlan { plan, space, .. } = resolved;
+    let ResolvedPlan { plan, space, search_space, .. } = resolved;
     let Some(falsify) = plan.falsify.as_ref().filter(|falsify| (1..=falsify.trials).contains(&number)) else {
         return Ok(None);
     };
-    let make = Rc::new(new_search(falsify, space));
+    let make = Rc::new(new_search(falsify, search_space));
     let trial = Trial::new(number, &settings(plan, falsify), space.clone(), make)?;
     Ok(Some(match keep_going(resolved) {
         Some(settings) => trial.keep_going(settings),
@@ -298,7 +298,7 @@ pub(crate) fn with_needed_trace(
 /// independent uniform samples, because the points of other searches are not a random sample.
 pub fn failure_rate_bound(resolved: &ResolvedPlan, outcome: &FalsificationOutcome) -> Option<f64> {
     let falsify = resolved.plan.falsify.as_ref()?;
-    let search = new_search(falsify, &resolved.space)(0).ok()?;
+    let search = new_search(falsify, &resolved.search_space)(0).ok()?;
     outcome.failure_rate_bound().filter(|_| search.samples_uniformly())
 }
 

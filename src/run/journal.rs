@@ -356,7 +356,7 @@ impl Screen for JournalScreening<'_, '_> {
         journal.chunks.set(number);
         let scenarios = requests.iter().map(|request| (request.seed.0, request.scenario.values()));
         let digest = requests_digest(scenarios);
-        let columns = outcomes::columns(journal.resolved.stored_subformulas);
+        let columns = outcomes::columns(journal.resolved.stored_parts);
         let recorded = journal.read(|run| run.screened_chunk(number, columns));
         if let Some(chunk) = recorded.map_err(|error| journal.fail(error))? {
             let outcomes = outcomes::decode(&chunk.outcomes);
@@ -382,7 +382,7 @@ impl Screen for JournalScreening<'_, '_> {
                 violated: count(|rho| rho.is_some_and(is_violated)),
                 without_verdict: count(|rho| rho.is_none()),
                 requests: digest,
-                outcomes: outcomes::encode(&complete, journal.resolved.stored_subformulas),
+                outcomes: outcomes::encode(&complete, journal.resolved.stored_parts),
             };
             run.borrow_mut().record_screened(&chunk).map_err(|error| journal.fail(error))?;
         }

@@ -1,23 +1,22 @@
 //! Outcomes of another physics engine as columns of numbers, which a run file stores compressed.
 
 use mishandle_rollout::{EpisodeEnd, ScreenedEpisode, Verdict};
-use mishandle_stl::SubformulaMinimum;
 use mishandle_store::StoredTrace;
 
 /// Columns of every outcome: code, step and index of its end, four values of formulas, dangerous
 /// steps, completion, overflow.
 const FIXED: usize = 9;
 
-/// Returns the number of columns of outcomes with the minima of this many sub-formulas.
-pub(crate) fn columns(subformulas: usize) -> usize {
-    FIXED + 2 * subformulas
+/// Returns the number of columns of outcomes with this many parts of the robustness.
+pub(crate) fn columns(parts: usize) -> usize {
+    FIXED + parts
 }
 
 /// Converts outcomes to columns. A value that is missing is NaN.
-pub(crate) fn encode(outcomes: &[ScreenedEpisode], subformulas: usize) -> StoredTrace {
-    let mut columns = vec![Vec::with_capacity(outcomes.len()); columns(subformulas)];
+pub(crate) fn encode(outcomes: &[ScreenedEpisode], parts: usize) -> StoredTrace {
+    let mut columns = vec![Vec::with_capacity(outcomes.len()); columns(parts)];
     for ScreenedEpisode { end, verdict, has_overflowed } in outcomes {
-        let (code, step, index) = parts(*end);
+        let (code, step, index) = end_numbers(*end);
         let count = |count: Option<usize>| count.map_or(f64::NAN, |count| count as f64);
         let value = |value: Option<f64>| value.unwrap_or(f64::NAN);
         let fixed: [f64; FIXED] = [
@@ -31,14 +30,8 @@ pub(crate) fn encode(outcomes: &[ScreenedEpisode], subformulas: usize) -> Stored
             count(verdict.completion_step),
             f64::from(u8::from(*has_overflowed)),
         ];
-        let minima = (0..subformulas).flat_map(|index| {
-            let found = verdict.subformulas.get(index);
-            [value(found.map(|found| found.minimum)), count(found.map(|found| found.step))]
-        });
-        columns
-            .iter_mut()
-            .zip(fixed.into_iter().chain(minima))
-            .for_each(|(column, value)| column.push(value));
+        let parts = (0..parts).map(|index| value(verdict.parts.get(index).copied()));
+        columns.iter_mut().zip(fixed.into_iter().chain(parts)).for_each(|(column, value)| column.push(value));
     }
     StoredTrace { columns }
 }
@@ -50,9 +43,7 @@ pub(crate) fn decode(stored: &StoredTrace) -> Vec<ScreenedEpisode> {
     let count = |column: usize, row: usize| value(column, row).map(|value| value as usize);
     let outcome = |row: usize| {
         let at = |column: usize| count(column, row).unwrap_or_default();
-        let minima = (FIXED..stored.columns.len()).step_by(2).map(|column| {
-            Some(SubformulaMinimum { minimum: value(column, row)?, step: count(column + 1, row)? })
-        });
+        let parts = (FIXED..stored.columns.len()).map(|column| value(column, row));
         ScreenedEpisode {
             end: end(at(0), at(1), at(2)),
             verdict: Verdict {
@@ -63,7 +54,7 @@ pub(crate) fn decode(stored: &StoredTrace) -> Vec<ScreenedEpisode> {
                 careful: None,
                 dangerous_steps: count(6, row),
                 completion_step: count(7, row),
-                subformulas: minima.collect::<Option<Vec<_>>>().unwrap_or_default(),
+                parts: parts.collect::<Option<Vec<_>>>().unwrap_or_default(),
                 others: Vec::new(),
             },
             has_overflowed: at(8) == 1,
@@ -73,7 +64,7 @@ pub(crate) fn decode(stored: &StoredTrace) -> Vec<ScreenedEpisode> {
 }
 
 /// Returns code, step and index of an end. The codes are part of the format of run files.
-fn parts(end: EpisodeEnd) -> (f64, usize, usize) {
+fn end_numbers(end: EpisodeEnd) -> (f64, usize, usize) {
     match end {
         EpisodeEnd::Completed => (0.0, 0, 0),
         EpisodeEnd::Terminated { step } => (1.0, step, 0),
@@ -114,7 +105,6 @@ mod tests {
 
     #[test]
     fn every_outcome_survives_the_round_trip() {
-        let minimum = |minimum, step| SubformulaMinimum { minimum, step };
         let full = Verdict {
             robustness: Some(-0.1),
             success: Some(f64::INFINITY),
@@ -122,7 +112,7 @@ mod tests {
             careful: None,
             dangerous_steps: Some(7),
             completion_step: Some(0),
-            subformulas: vec![minimum(0.5, 3), minimum(-0.0, 0)],
+            parts: vec![f64::NEG_INFINITY, -0.0],
             others: Vec::new(),
         };
         let ends = (0..12).map(|code| end(code, code + 1, code + 2));

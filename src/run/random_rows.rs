@@ -2,7 +2,7 @@ use mishandle_rollout::Space;
 use mishandle_store::{RunHeader, RunKind};
 
 use crate::plan::Plan;
-use crate::resolve::search::new_search;
+use crate::resolve::search::{coordinates, new_search};
 use crate::run::recorded_axis;
 
 /// Returns whether the simulations of a run are random scenarios of its space. Only then do they
@@ -16,7 +16,7 @@ pub fn has_random_rows(header: &RunHeader) -> bool {
         (RunKind::Falsify, Some(falsify)) => {
             let axes = header.axes.iter().map(recorded_axis).collect();
             let Ok(space) = Space::new(&header.space, axes) else { return false };
-            new_search(falsify, &space)(0).is_ok_and(|search| search.samples_uniformly())
+            new_search(falsify, &coordinates(&space))(0).is_ok_and(|search| search.samples_uniformly())
         }
         _ => false,
     }

@@ -8,7 +8,7 @@ use mishandle_rollout::{
     Axis, AxisKind, AxisValues, Condition, Episode, EpisodeEnd, Holds, Request, Scenario, Seed, Space,
     Verdict,
 };
-use mishandle_stl::{SubformulaMinimum, Trace};
+use mishandle_stl::Trace;
 use mishandle_store as store;
 use mishandle_store::{AxisRecord, IfExists, RunHeader, RunWriter, Simulation, StoreError, TargetRecord};
 
@@ -18,8 +18,7 @@ use crate::plan::Plan;
 use crate::resolve::{ResolvedPlan, controller_name, file_label, is_path};
 
 /// Names of the verdicts that are stored in addition to the robustness. If the search needs
-/// sub-formulas, two verdicts per sub-formula of the requirement follow: its minimum and the sample
-/// of the minimum. The robustness of each named requirement comes last.
+/// the parts of the robustness, they follow. The robustness of each named requirement comes last.
 const VERDICTS: [&str; 6] =
     ["success", "strict", "dangerous_steps", "completion_step", "total_reward", "careful"];
 
@@ -28,10 +27,9 @@ pub(crate) const REQUIREMENT: &str = "requirement_";
 
 /// Returns the names of all verdicts of a run.
 pub(crate) fn verdict_names(resolved: &ResolvedPlan) -> Vec<String> {
-    let of = |i| [format!("subformula_{i}_minimum"), format!("subformula_{i}_step")];
-    let minima = (1..=resolved.stored_subformulas).flat_map(of);
+    let parts = (1..=resolved.stored_parts).map(|i| format!("part_{i}"));
     let others = resolved.specification.others.iter().map(|(name, _)| format!("{REQUIREMENT}{name}"));
-    VERDICTS.map(String::from).into_iter().chain(minima).chain(others).collect()
+    VERDICTS.map(String::from).into_iter().chain(parts).chain(others).collect()
 }
 
 /// Returns the header of a run.
@@ -233,10 +231,7 @@ pub(crate) fn record(episode: &Episode, resolved: &ResolvedPlan) -> Simulation {
     let trace = store::StoredTrace { columns };
     let Episode { request, verdict, .. } = episode;
     let is_falsified = episode.is_violated();
-    let minima = (0..resolved.stored_subformulas).flat_map(|i| {
-        let found = verdict.subformulas.get(i);
-        [found.map(|found| found.minimum), found.map(|found| found.step as f64)]
-    });
+    let parts = (0..resolved.stored_parts).map(|i| verdict.parts.get(i).copied());
     let verdicts = [
         verdict.success,
         verdict.strict,
@@ -262,7 +257,7 @@ pub(crate) fn record(episode: &Episode, resolved: &ResolvedPlan) -> Simulation {
         stop_threshold: request.stop_threshold,
         end: stored_end(episode.end),
         steps: episode.steps as u32,
-        verdicts: verdicts.into_iter().chain(minima).chain(others).collect(),
+        verdicts: verdicts.into_iter().chain(parts).chain(others).collect(),
         reason: episode.reason.clone(),
         trace_digest: Some(episode.trace_digest.unwrap_or_else(|| trace.digest())),
         trace: is_falsified.then_some(trace),
@@ -359,23 +354,12 @@ pub(crate) fn episode(simulation: &Simulation, resolved: &ResolvedPlan) -> Resul
     }
     let episode = recorded_episode(simulation);
     let further = simulation.verdicts.get(VERDICTS.len()..).unwrap_or_default();
-    let (minima, others) = further.split_at(further.len().min(2 * resolved.stored_subformulas));
-    // Either all minima are present or none, because a formula can have no finite value.
-    let minima: Option<Vec<SubformulaMinimum>> = minima
-        .chunks(2)
-        .map(|pair| match *pair {
-            [Some(minimum), Some(step)] => Some(SubformulaMinimum { minimum, step: step as usize }),
-            _ => None,
-        })
-        .collect();
-    let request = Request { needs_subformulas: minima.is_some(), ..episode.request };
-    let verdict = Verdict {
-        dangerous_steps,
-        completion_step,
-        subformulas: minima.unwrap_or_default(),
-        others: others.to_vec(),
-        ..episode.verdict
-    };
+    let (parts, others) = further.split_at(further.len().min(resolved.stored_parts));
+    // Either all parts are present or none, because a formula can have no finite value.
+    let parts = parts.iter().copied().collect::<Option<Vec<f64>>>().unwrap_or_default();
+    let request = Request { needs_parts: resolved.stored_parts > 0, ..episode.request };
+    let verdict =
+        Verdict { dangerous_steps, completion_step, parts, others: others.to_vec(), ..episode.verdict };
     let trace =
         simulation.trace.as_ref().map_or(episode.trace, |stored| trace(resolved.signal_names(), stored));
     Ok(Episode { request, trace, steps: steps.unwrap_or_default(), verdict, ..episode })
@@ -393,7 +377,7 @@ pub(crate) fn trace(names: Arc<[String]>, stored: &store::StoredTrace) -> Trace 
     trace
 }
 
-/// Converts a stored simulation to an episode without a trace and sub-formulas, and checks none of
+/// Converts a stored simulation to an episode without a trace and parts, and checks none of
 /// its values.
 ///
 /// It needs no target, so it reads runs whose target is not here, such as those of a Python system.
@@ -457,14 +441,14 @@ fn contradiction(simulation: &Simulation, episode_steps: usize) -> Option<&'stat
 }
 
 /// Returns the request of a stored simulation.
-pub(crate) fn request(simulation: &Simulation, needs_subformulas: bool) -> Request {
+pub(crate) fn request(simulation: &Simulation, needs_parts: bool) -> Request {
     Request {
         trial: simulation.trial,
         number: simulation.number,
         unit_point: simulation.unit_point.clone(),
         scenario: Scenario::new(simulation.scenario.clone()),
         seed: Seed(simulation.seed),
-        needs_subformulas,
+        needs_parts,
         stop_threshold: simulation.stop_threshold,
     }
 }

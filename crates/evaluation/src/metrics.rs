@@ -246,7 +246,7 @@ mod tests {
                 careful: strict,
                 dangerous_steps: Some(dangerous),
                 completion_step: completion,
-                subformulas: Vec::new(),
+                parts: Vec::new(),
                 others: Vec::new(),
             },
             reason: String::new(),

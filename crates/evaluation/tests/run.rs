@@ -52,7 +52,7 @@ impl System for ClosedForm {
                     careful: rho,
                     dangerous_steps: Some(y as usize),
                     completion_step: Some(y as usize),
-                    subformulas: Vec::new(),
+                    parts: Vec::new(),
                     others: Vec::new(),
                 },
                 reason: String::new(),

@@ -39,7 +39,13 @@ fn main() -> Result<(), Box<dyn Error>> {
             budget: BUDGET,
             ..FalsificationSettings::default()
         };
-        let make = |seed| (search.make)(&[Coordinate::Continuous; AXES], seed, &SearchOptions::default());
+        let make = |seed| {
+            (search.make)(
+                &SearchSpace::from(&[Coordinate::Continuous; AXES]),
+                seed,
+                &SearchOptions::default(),
+            )
+        };
         let mut falsification = Falsification::new(settings, &space, make)?;
         let start = Instant::now();
         let outcome =

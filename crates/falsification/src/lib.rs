@@ -55,7 +55,7 @@ mod screened;
 mod trial;
 
 pub use bound::{inside_bounds, is_inside_of, on_bounds};
-pub use coordinate::coordinate;
+pub use coordinate::{coordinate, search_space};
 pub use error::FalsificationError;
 pub use falsification::{Falsification, FalsificationBatch, FalsificationSettings};
 pub use isolate::{isolate, isolation_budget};

@@ -3,7 +3,7 @@
 use std::rc::Rc;
 
 use mishandle_rollout::{Episode, EpisodeEnd, Request, Space, Verdict};
-use mishandle_search::{Observation, Search, SearchEnd, SearchError, SubformulaMinimum};
+use mishandle_search::{Observation, Search, SearchEnd, SearchError};
 
 use crate::keep_going::Archive;
 use crate::{FalsificationError, FalsificationSettings, KeepGoing, TrialOutcome};
@@ -136,7 +136,7 @@ impl<'a> Trial<'a> {
             stop_threshold: self.settings.early_stopping.then(|| self.search.stop_threshold(&unit_point)),
             unit_point,
             seed: self.settings.simulation_seed(trial, number),
-            needs_subformulas: self.search.needs_subformulas(),
+            needs_parts: self.search.needs_parts(),
         };
         Ok((done + 1..).zip(points).map(request).collect())
     }
@@ -250,15 +250,8 @@ impl<'a> Trial<'a> {
 
 /// Returns the search's observation of a simulation: +∞ if it has no robustness.
 pub(crate) fn observation(robustness: Option<f64>, verdict: &Verdict) -> Observation {
-    let minimum = |found: &mishandle_stl::SubformulaMinimum| SubformulaMinimum {
-        minimum: found.minimum,
-        step: found.step,
-    };
     match robustness {
-        Some(robustness) => {
-            let subformulas = verdict.subformulas.iter().map(minimum).collect();
-            Observation { robustness, subformulas }
-        }
+        Some(robustness) => Observation { robustness, parts: verdict.parts.clone() },
         None => Observation::from(f64::INFINITY),
     }
 }

@@ -255,7 +255,7 @@ fn recorded(number: u32, u: f64, x0: f64) -> Episode {
             unit_point: vec![u],
             scenario: [x0].into(),
             seed: Seed(3).child(0).child(number.into()),
-            needs_subformulas: false,
+            needs_parts: false,
             stop_threshold: None,
         },
         end: EpisodeEnd::Completed,

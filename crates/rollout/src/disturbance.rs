@@ -85,6 +85,18 @@ impl Effect {
         }
     }
 
+    /// Returns the control step before which no value has an effect.
+    pub fn first_step(&self) -> usize {
+        match self {
+            Effect::Observation { profile, .. } | Effect::Action { profile, .. } => match profile {
+                TimeProfile::Constant(steps) => steps.start,
+                TimeProfile::Linear { before, .. } => *before,
+            },
+            Effect::ActionDraw { steps, .. } => steps.start,
+            _ => 0,
+        }
+    }
+
     /// Returns the lowest value of the axis under which the controller can see NaN; `None` if it
     /// never does.
     pub(crate) fn first_not_a_number(&self) -> Option<f64> {

@@ -18,9 +18,8 @@ pub struct Request {
     pub scenario: Scenario,
     /// Random seed of the simulation.
     pub seed: Seed,
-    /// Whether the verdict must contain the minimum robustness of each sub-formula of the
-    /// requirement.
-    pub needs_subformulas: bool,
+    /// Whether the verdict must contain the parts of the robustness.
+    pub needs_parts: bool,
     /// With a threshold, which is at least 0, the system may end the simulation as soon as the
     /// trace determines the robustness or shows that it is above the threshold. Without one, it
     /// runs to the end.
@@ -36,7 +35,7 @@ impl Request {
             unit_point: Vec::new(),
             scenario: scenario.into(),
             seed,
-            needs_subformulas: false,
+            needs_parts: false,
             stop_threshold: None,
         }
     }

@@ -110,6 +110,9 @@ pub struct Axis {
     pub meaning: String,
     /// The axis has an effect only if all of them hold. In other scenarios it is nominal.
     pub conditions: Vec<Condition>,
+    /// The time before which the axis has no effect, as a fraction of the episode. 0 is correct for
+    /// every axis.
+    pub acts_from: f64,
 }
 
 impl Axis {
@@ -133,6 +136,7 @@ impl Axis {
             distribution: Distribution::Uniform,
             meaning: String::new(),
             conditions: Vec::new(),
+            acts_from: 0.0,
         }
     }
 
@@ -149,6 +153,18 @@ impl Axis {
     /// Returns the axis with a description.
     pub fn meaning(self, meaning: &str) -> Axis {
         Axis { meaning: meaning.to_string(), ..self }
+    }
+
+    /// Returns the axis that has no effect before step `step` of `steps` control steps.
+    ///
+    /// # Example
+    /// ```
+    /// use mishandle_rollout::{Axis, AxisKind};
+    /// let knot = Axis::new(AxisKind::Input, "knot_3", "", [-1.0, 1.0], Some(0.0));
+    /// assert_eq!(knot.acting_from(150, 300).acts_from, 0.5);
+    /// ```
+    pub fn acting_from(self, step: usize, steps: usize) -> Axis {
+        Axis { acts_from: (step as f64 / steps.max(1) as f64).min(1.0), ..self }
     }
 
     /// Returns the axis with conditions.
@@ -229,6 +245,9 @@ impl Axis {
         }
         if self.values == AxisValues::Logarithmic && self.low < 1.0 / LARGEST {
             return Err(error("the lower bound of a logarithmic axis must be at least 1e-150"));
+        }
+        if !(0.0..=1.0).contains(&self.acts_from) {
+            return Err(error("the time from which an axis acts must be from 0 to 1, in episodes"));
         }
         match self.nominal {
             None if self.kind != AxisKind::Noise => Err(error("only a noise axis may have no nominal value")),

@@ -1,7 +1,7 @@
 use std::sync::Arc;
 
 use mishandle_stl::{
-    Bounds, Clock, Formula, Monitor, MonitorError, OnlineMonitor, SubformulaMinimum, Trace, is_satisfied,
+    Bounds, Clock, Decomposition, Formula, Monitor, MonitorError, OnlineMonitor, Trace, is_satisfied,
     is_violated,
 };
 
@@ -78,6 +78,15 @@ impl Specification {
         })
     }
 
+    /// Returns the parts of which the robustness of the requirement is made on episodes of
+    /// `samples` samples, one every `control_dt` seconds.
+    ///
+    /// # Errors
+    /// If the requirement contains an interval bound that is not a multiple of the control step.
+    pub fn decomposition(&self, control_dt: f64, samples: usize) -> Result<Decomposition, RolloutError> {
+        decomposition(&self.requirement, Clock::steps(control_dt), samples)
+    }
+
     /// Returns whether a formula reads a signal with one of these names.
     pub fn reads_any(&self, names: &[&str]) -> bool {
         let Specification { requirement, success, strict, careful, safe, completion, others } = self;
@@ -87,6 +96,14 @@ impl Specification {
             .chain(formulas)
             .any(|formula| formula.signals().iter().any(|name| names.contains(name)))
     }
+}
+
+/// The most parts of a robustness. A search has a model of each.
+const MOST_PARTS: usize = 8;
+
+fn decomposition(formula: &Formula, clock: Clock, samples: usize) -> Result<Decomposition, RolloutError> {
+    let error = |source| RolloutError::Monitor { formula: formula.to_string(), source };
+    formula.decompose(&clock, samples, MOST_PARTS).map_err(error)
 }
 
 fn parse(text: &str) -> Result<Formula, RolloutError> {
@@ -111,10 +128,9 @@ pub struct Verdict {
     pub dangerous_steps: Option<usize>,
     /// Number of control steps until completion first holds with its whole window inside the trace.
     pub completion_step: Option<usize>,
-    /// Minimum robustness of each sub-formula of the requirement and its first sample, in the order
-    /// of [`Formula::subformulas`]. Empty unless [requested](crate::Request::needs_subformulas),
-    /// and if a sub-formula has no finite value at some sample.
-    pub subformulas: Vec<SubformulaMinimum>,
+    /// Parts of the robustness, in the order of [`Specification::decomposition`]. Empty unless
+    /// [requested](crate::Request::needs_parts), and if the trace does not decide them.
+    pub parts: Vec<f64>,
     /// Robustness at time 0 of each of the [other requirements](Specification::others).
     pub others: Vec<Option<f64>>,
 }
@@ -152,6 +168,10 @@ pub struct SpecificationMonitor {
     safe: Option<FormulaMonitor>,
     completion: Option<FormulaMonitor>,
     others: Vec<FormulaMonitor>,
+    formula: Formula,
+    clock: Clock,
+    /// The parts of the requirement for episodes of this many samples.
+    parts: Option<(usize, Decomposition)>,
 }
 
 #[derive(Debug)]
@@ -226,7 +246,8 @@ impl SpecificationMonitor {
         signals: &Arc<[String]>,
         control_dt: f64,
     ) -> Result<SpecificationMonitor, RolloutError> {
-        let monitor = |formula: &Formula| FormulaMonitor::new(formula, signals, Clock::steps(control_dt));
+        let clock = Clock::steps(control_dt);
+        let monitor = |formula: &Formula| FormulaMonitor::new(formula, signals, clock);
         let optional = |formula: &Option<Formula>| formula.as_ref().map(monitor).transpose();
         Ok(SpecificationMonitor {
             requirement: monitor(&specification.requirement)?,
@@ -240,25 +261,36 @@ impl SpecificationMonitor {
                 .iter()
                 .map(|(_, formula)| monitor(formula))
                 .collect::<Result<_, _>>()?,
+            formula: specification.requirement.clone(),
+            clock,
+            parts: None,
         })
     }
 
-    /// Returns the minimum robustness of each sub-formula of the requirement on `trace`.
+    /// Returns the parts of the robustness on `trace`, in the order of
+    /// [`Specification::decomposition`] for episodes of `samples` samples.
     ///
-    /// The list is empty if a sub-formula has no finite value at some sample. This is not an error,
-    /// because the requirement may not depend on that sample.
+    /// The list is empty if the trace does not decide the requirement or a sub-formula has no
+    /// finite value at some sample. The latter is not an error, because the requirement may not
+    /// depend on that sample.
     ///
     /// # Errors
     /// If a signal of the requirement contains NaN or an infinity.
-    pub fn subformulas(&mut self, trace: &Trace) -> Result<Vec<SubformulaMinimum>, RolloutError> {
-        match self.requirement.monitor.subformula_minima(trace) {
-            Ok(minima) => Ok(minima.to_vec()),
+    pub fn parts(&mut self, trace: &Trace, samples: usize) -> Result<Vec<f64>, RolloutError> {
+        let (length, parts) = match self.parts.take() {
+            Some(known) if known.0 == samples => known,
+            _ => (samples, decomposition(&self.formula, self.clock, samples)?),
+        };
+        let found = self.requirement.monitor.parts(trace, &parts);
+        self.parts = Some((length, parts));
+        match found {
+            Ok(parts) => Ok(parts.unwrap_or_default()),
             Err(MonitorError::Undefined { .. }) => Ok(Vec::new()),
-            Err(source) => Err(RolloutError::Monitor { formula: self.requirement.text.clone(), source }),
+            Err(source) => Err(self.requirement.error(source)),
         }
     }
 
-    /// Returns the verdict of an episode that has ended, with the values of the sub-formulas if the
+    /// Returns the verdict of an episode that has ended, with the parts of the robustness if the
     /// request needs them. `trace` is the whole episode or the start of one with `samples` samples.
     /// The end may become [`EpisodeEnd::Undefined`].
     ///
@@ -281,8 +313,8 @@ impl SpecificationMonitor {
             }
             verdict => verdict?,
         };
-        if request.needs_subformulas && verdict.robustness.is_some() {
-            verdict.subformulas = self.subformulas(trace)?;
+        if request.needs_parts && verdict.robustness.is_some() {
+            verdict.parts = self.parts(trace, samples)?;
         }
         Ok(verdict)
     }
@@ -326,7 +358,7 @@ impl SpecificationMonitor {
             careful,
             dangerous_steps,
             completion_step,
-            subformulas: Vec::new(),
+            parts: Vec::new(),
             others,
         })
     }
@@ -397,15 +429,29 @@ mod tests {
     }
 
     #[test]
-    fn subformula_minima_have_the_index_of_their_first_sample() {
+    fn the_parts_of_a_verdict_are_those_of_the_decomposition() {
         let specification = Specification::new(parse("always[0:2](d <= 2.5 and d >= 1)").unwrap());
-        let mut monitor =
-            SpecificationMonitor::new(&specification, &Arc::from(["d".to_string()]), 1.0 / 60.0).unwrap();
-        let minima = monitor.subformulas(&trace(&[1.5, 2.0, 1.25])).unwrap();
-        let found: Vec<(f64, usize)> = minima.iter().map(|least| (least.minimum, least.step)).collect();
-        // The whole, the conjunction, and its operands: 2.5 - 2.0 at sample 1, 1.25 - 1 at
-        // sample 2.
-        assert_eq!(found, [(0.25, 0), (0.25, 2), (0.5, 1), (0.25, 2)]);
+        let signals: Arc<[String]> = Arc::from(["d".to_string()]);
+        let mut monitor = SpecificationMonitor::new(&specification, &signals, 1.0 / 60.0).unwrap();
+        // One part for each conjunct and sample.
+        assert_eq!(specification.decomposition(1.0 / 60.0, 3).unwrap().ends().len(), 6);
+        let parts = monitor.parts(&trace(&[1.5, 2.0, 1.25]), 3).unwrap();
+        assert_eq!(parts, [1.0, 0.5, 1.25, 0.5, 1.0, 0.25]);
+        assert!(monitor.parts(&trace(&[1.5, 2.0]), 3).unwrap().is_empty());
+    }
+
+    #[test]
+    fn a_verdict_has_parts_only_if_they_are_requested() {
+        let specification = Specification::new(parse("always[0:1](d <= 2.5)").unwrap());
+        let signals: Arc<[String]> = Arc::from(["d".to_string()]);
+        let mut monitor = SpecificationMonitor::new(&specification, &signals, 1.0 / 60.0).unwrap();
+        let plain = Request::new([0.0], crate::Seed(0));
+        let mut parts = |request: &Request| {
+            let mut end = EpisodeEnd::Completed;
+            monitor.judge(request, &trace(&[1.5, 2.0]), 2, &mut end).unwrap().parts
+        };
+        assert!(parts(&plain).is_empty());
+        assert_eq!(parts(&Request { needs_parts: true, ..plain }), [1.0, 0.5]);
     }
 
     #[test]

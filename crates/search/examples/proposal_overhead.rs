@@ -12,7 +12,9 @@
 
 use std::time::Duration;
 
-use mishandle_search::{Coordinate, Observation, SEARCHES, Search, SearchEntry, SearchOptions, functions};
+use mishandle_search::{
+    Coordinate, Observation, SEARCHES, Search, SearchEntry, SearchOptions, SearchSpace, functions,
+};
 use rustix::time::{ClockId, clock_gettime};
 
 const EVALUATIONS: usize = 300;
@@ -42,7 +44,7 @@ fn overhead(entry: &SearchEntry, d: usize, batch: usize) -> Option<(f64, f64)> {
         options.set("round-size", batch as i64);
     }
     let start = cpu_time();
-    let mut search = (entry.make)(&vec![Coordinate::Continuous; d], 0, &options).ok()?;
+    let mut search = (entry.make)(&SearchSpace::from(&vec![Coordinate::Continuous; d]), 0, &options).ok()?;
     let mut spent = cpu_time() - start;
     let mut per_simulation = Vec::with_capacity(EVALUATIONS);
     while per_simulation.len() < EVALUATIONS {

@@ -23,6 +23,15 @@ pub trait RoundBased: Send {
     /// same order.
     fn receive(&mut self, values: &[f64]);
 
+    /// Returns whether the search takes [parts](crate::Parts).
+    fn needs_parts(&self) -> bool {
+        false
+    }
+
+    /// Takes the parts of the current round, before its values. A point whose parts are unknown has
+    /// an empty list.
+    fn receive_parts(&mut self, _parts: Vec<Vec<f64>>) {}
+
     /// Returns the [stop threshold](Search::stop_threshold) of point `i` of the round.
     fn stop_threshold(&self, _i: usize) -> f64 {
         f64::INFINITY
@@ -57,6 +66,7 @@ pub struct AskTell<M> {
     dimension: usize,
     n_asked: usize,
     values: Vec<f64>,
+    parts: Vec<Vec<f64>>,
     pending: PendingPoints,
 }
 
@@ -64,7 +74,14 @@ impl<M: RoundBased> AskTell<M> {
     /// Creates the adapter. `machine` must not have ended.
     pub fn new(machine: M) -> Self {
         let dimension = machine.round().first().map_or(0, Vec::len);
-        Self { machine, dimension, n_asked: 0, values: Vec::new(), pending: PendingPoints::default() }
+        Self {
+            machine,
+            dimension,
+            n_asked: 0,
+            values: Vec::new(),
+            parts: Vec::new(),
+            pending: PendingPoints::default(),
+        }
     }
 
     /// Returns the round-based search.
@@ -90,6 +107,10 @@ impl<M: RoundBased> Search for AskTell<M> {
         points
     }
 
+    fn needs_parts(&self) -> bool {
+        self.machine.needs_parts()
+    }
+
     fn stop_threshold(&self, u: &[f64]) -> f64 {
         // Equal points have different thresholds if their rank in the round matters.
         let thresholds = self.machine.round().iter().enumerate().filter(|(_, point)| *point == u);
@@ -99,8 +120,15 @@ impl<M: RoundBased> Search for AskTell<M> {
     fn tell(&mut self, u: &[f64], observation: &Observation) -> Result<(), SearchError> {
         self.pending.resolve(u, observation.robustness)?;
         self.values.push(observation.robustness);
+        let needs_parts = self.machine.needs_parts();
+        if needs_parts {
+            self.parts.push(observation.parts.clone());
+        }
         if self.values.len() == self.machine.round().len() {
             let mut values = mem::take(&mut self.values);
+            if needs_parts {
+                self.machine.receive_parts(mem::take(&mut self.parts));
+            }
             self.machine.receive(&values);
             values.clear();
             self.values = values;

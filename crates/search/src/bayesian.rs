@@ -29,9 +29,9 @@ pub(crate) const ENTRY: SearchEntry = SearchEntry {
     reference: "Desautels, Krause and Burdick, \"Parallelizing exploration-exploitation tradeoffs in Gaussian process \
                 bandit optimization\", JMLR 15, 2014.",
     options: BayesianOptions::specs,
-    make: |coordinates, seed, options| {
+    make: |space, seed, options| {
         let options = BayesianOptions::read(options)?;
-        Ok(Box::new(AskTell::new(Bayesian::new(coordinates, seed, &options)?)))
+        Ok(Box::new(AskTell::new(Bayesian::new(&space.coordinates, seed, &options)?)))
     },
 };
 

@@ -17,9 +17,9 @@ pub(crate) const ENTRY: SearchEntry = SearchEntry {
                 cross-entropy method for continuous multi-extremal optimization\", Methodol. Comput. Appl. Probab. 8, \
                 2006.",
     options: CrossEntropyOptions::specs,
-    make: |coordinates, seed, options| {
+    make: |space, seed, options| {
         let options = CrossEntropyOptions::read(options)?;
-        Ok(Box::new(AskTell::new(CrossEntropy::new(coordinates, seed, &options)?)))
+        Ok(Box::new(AskTell::new(CrossEntropy::new(&space.coordinates, seed, &options)?)))
     },
 };
 

@@ -18,9 +18,9 @@ pub(crate) const ENTRY: SearchEntry = SearchEntry {
     reference: "Storn and Price, \"Differential evolution: a simple and efficient heuristic for global optimization over \
                 continuous spaces\", J. Global Optim. 11, 1997.",
     options: DifferentialEvolutionOptions::specs,
-    make: |coordinates, seed, options| {
+    make: |space, seed, options| {
         let options = DifferentialEvolutionOptions::read(options)?;
-        Ok(Box::new(AskTell::new(DifferentialEvolution::new(coordinates, seed, &options)?)))
+        Ok(Box::new(AskTell::new(DifferentialEvolution::new(&space.coordinates, seed, &options)?)))
     },
 };
 

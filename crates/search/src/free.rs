@@ -60,8 +60,8 @@ impl Search for FreeSearch {
         points
     }
 
-    fn needs_subformulas(&self) -> bool {
-        self.inner.needs_subformulas()
+    fn needs_parts(&self) -> bool {
+        self.inner.needs_parts()
     }
 
     fn stop_threshold(&self, u: &[f64]) -> f64 {

@@ -16,9 +16,9 @@ pub(crate) const ENTRY: SearchEntry = SearchEntry {
     summary: "lines from the center to random corners, with bisection for the smallest violating deviation",
     reference: "Chen and Gu, \"RayS: a ray searching method for hard-label adversarial attack\", KDD 2020.",
     options: LineOptions::specs,
-    make: |coordinates, seed, options| {
+    make: |space, seed, options| {
         let options = LineOptions::read(options)?;
-        Ok(Box::new(AskTell::new(Line::new(coordinates, seed, &options)?)))
+        Ok(Box::new(AskTell::new(Line::new(&space.coordinates, seed, &options)?)))
     },
 };
 

@@ -26,9 +26,9 @@ pub(crate) const ENTRY: SearchEntry = SearchEntry {
                 Han, \"Implementing the Nelder-Mead simplex algorithm with adaptive parameters\", Comput. Optim. Appl. \
                 51, 2012.",
     options: NelderMeadOptions::specs,
-    make: |coordinates, seed, options| {
+    make: |space, seed, options| {
         let options = NelderMeadOptions::read(options)?;
-        Ok(Box::new(AskTell::new(NelderMead::new(coordinates.len(), seed, &options)?)))
+        Ok(Box::new(AskTell::new(NelderMead::new(space.coordinates.len(), seed, &options)?)))
     },
 };
 

@@ -14,9 +14,9 @@ pub(crate) const ENTRY: SearchEntry = SearchEntry {
     summary: "independent uniform points",
     reference: "Brooks, \"A discussion of random methods for seeking maxima\", Operations Research 6, 1958.",
     options: Vec::new,
-    make: |coordinates, seed, options| {
+    make: |space, seed, options| {
         options::check_names(NAME, options, &[])?;
-        Ok(Box::new(Random::new(coordinates.len(), seed)?))
+        Ok(Box::new(Random::new(space.coordinates.len(), seed)?))
     },
 };
 

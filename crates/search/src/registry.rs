@@ -2,7 +2,7 @@
 
 use crate::free::{FreeSearch, is_free};
 use crate::{
-    Coordinate, OptionSpec, Search, SearchError, SearchOptions, bayesian, coordinate, dual_annealing,
+    OptionSpec, Search, SearchError, SearchOptions, SearchSpace, bayesian, coordinate, dual_annealing,
     nelder_mead, portfolio, random, turbo,
 };
 use crate::{cma_es, corners, cross_entropy, differential_evolution, direct, line, sobol};
@@ -22,9 +22,8 @@ pub struct SearchEntry {
     pub make: SearchConstructor,
 }
 
-/// A function that creates a search from the types of its coordinates, its random seed and its
-/// options.
-pub type SearchConstructor = fn(&[Coordinate], u64, &SearchOptions) -> Result<Box<dyn Search>, SearchError>;
+/// A function that creates a search from its space, its random seed and its options.
+pub type SearchConstructor = fn(&SearchSpace, u64, &SearchOptions) -> Result<Box<dyn Search>, SearchError>;
 
 /// All searches. To add one, write its file and add a line here.
 pub const SEARCHES: &[SearchEntry] = &[
@@ -54,9 +53,9 @@ pub fn find_search(name: &str) -> Result<&'static SearchEntry, SearchError> {
     })
 }
 
-/// Creates the search called `name` on `[0,1]^d`, given the type of each of the d coordinates. A
-/// coordinate with one level is 0.5 in each point; the search and its options have the other
-/// coordinates only.
+/// Creates the search called `name` on `[0,1]^d`, given the type of each of the d coordinates, or
+/// more facts about the space. A coordinate with one level is 0.5 in each point; the search and its
+/// options have the other coordinates only.
 ///
 /// # Errors
 /// [`SearchError::UnknownSearch`] with the known names, [`SearchError::Dimension`] without
@@ -77,17 +76,17 @@ pub fn find_search(name: &str) -> Result<&'static SearchEntry, SearchError> {
 /// ```
 pub fn by_name(
     name: &str,
-    coordinates: &[Coordinate],
+    space: impl Into<SearchSpace>,
     seed: u64,
     options: &SearchOptions,
 ) -> Result<Box<dyn Search>, SearchError> {
-    let entry = find_search(name)?;
-    coordinate::dimension(coordinates)?;
-    let free: Vec<Coordinate> = coordinates.iter().copied().filter(is_free).collect();
-    if free.len() == coordinates.len() {
-        return (entry.make)(coordinates, seed, options);
+    let (entry, space) = (find_search(name)?, space.into());
+    let all = space.dimension()?;
+    let free = space.only(is_free);
+    if free.coordinates.len() == all {
+        return (entry.make)(&space, seed, options);
     }
-    coordinate::check_dimension(free.len())?;
-    let inner = (entry.make)(&free, seed, &options.projected(coordinates))?;
-    Ok(Box::new(FreeSearch::new(inner, coordinates)))
+    coordinate::check_dimension(free.coordinates.len())?;
+    let inner = (entry.make)(&free, seed, &options.projected(&space.coordinates))?;
+    Ok(Box::new(FreeSearch::new(inner, &space.coordinates)))
 }

@@ -7,8 +7,8 @@ use crate::{Observation, SearchError};
 /// A search minimizes the robustness on `[0,1]^d`: it proposes points (ask) and takes the
 /// observations there (tell).
 ///
-/// The points are a pure function of the types of the coordinates, the random seed, the options and
-/// the observations so far. To resume a search, create it again and tell it the recorded
+/// The points are a pure function of the space, the random seed, the options and the observations
+/// so far. To resume a search, create it again and tell it the recorded
 /// observations. The caller owns the budget and may stop after any observation.
 ///
 /// A robustness of `+∞` is the worst valid value, for example for a simulation that diverged. NaN
@@ -36,10 +36,10 @@ pub trait Search: Send {
         self.ask_batch(1).pop()
     }
 
-    /// Returns whether observations must contain the minima of all sub-formulas.
+    /// Returns whether observations must contain the [parts](crate::Parts) of the robustness.
     ///
-    /// The result is constant for a search. If it is `false`, the caller computes no minima.
-    fn needs_subformulas(&self) -> bool {
+    /// The result is constant for a search. If it is `false`, the caller computes no parts.
+    fn needs_parts(&self) -> bool {
         false
     }
 

@@ -30,9 +30,9 @@ pub(crate) const ENTRY: SearchEntry = SearchEntry {
     reference: "Eriksson, Pearce, Gardner, Turner and Poloczek, \"Scalable global optimization via local Bayesian \
                 optimization\", NeurIPS 2019.",
     options: TurboOptions::specs,
-    make: |coordinates, seed, options| {
+    make: |space, seed, options| {
         let options = TurboOptions::read(options)?;
-        Ok(Box::new(AskTell::new(Turbo::new(coordinates, seed, &options)?)))
+        Ok(Box::new(AskTell::new(Turbo::new(&space.coordinates, seed, &options)?)))
     },
 };
 

@@ -3,7 +3,7 @@
 use mishandle_search::functions::{self, FUNCTIONS};
 use mishandle_search::{
     AskTell, Coordinate, Lbfgsb, LbfgsbOptions, Observation, OptionType, OptionValue, Random, SEARCHES,
-    Search, SearchEnd, SearchError, SearchOptions, SubformulaMinimum, by_name,
+    Search, SearchEnd, SearchError, SearchOptions, by_name,
 };
 
 fn continuous(d: usize) -> Vec<Coordinate> {
@@ -458,19 +458,18 @@ fn a_coordinate_without_levels_is_an_error() {
     }
 }
 
-/// A search that does not request sub-formulas proposes the same points with and without them.
+/// A search that does not request parts proposes the same points with and without them.
 #[test]
-fn sub_formulas_do_not_change_the_points_of_a_search_that_does_not_need_them() {
+fn parts_do_not_change_the_points_of_a_search_that_does_not_need_them() {
     for name in names() {
         let (mut plain, mut with) = (make(name, 2, 3), make(name, 2, 3));
-        assert!(!plain.needs_subformulas(), "{name}");
+        assert!(!plain.needs_parts(), "{name}");
         for i in 0..200 {
             let (Some(u), v) = (plain.ask(), with.ask()) else { break };
             assert_eq!(Some(&u), v.as_ref(), "{name}");
-            let minimum = SubformulaMinimum { minimum: f64::from(i), step: 3 };
             let observation = Observation::from(rough(&u));
             plain.tell(&u, &observation).expect("a pending point");
-            with.tell(&u, &Observation { subformulas: vec![minimum; 2], ..observation })
+            with.tell(&u, &Observation { parts: vec![f64::from(i); 2], ..observation })
                 .expect("a pending point");
         }
         assert_eq!(plain.best(), with.best());

@@ -9,7 +9,6 @@ use crate::pointwise::{self, Undefined, Values};
 use crate::program::{Action, Instruction, Program, Source};
 use crate::recording::{Recorded, Recording};
 use crate::state;
-use crate::subformula::SubformulaMinimum;
 use crate::trace::Trace;
 use crate::until;
 use std::ops::Range;
@@ -102,8 +101,6 @@ pub struct Monitor {
     buffers: Vec<Vec<f64>>,
     tile: state::Buffers,
     pub(crate) scratch: Vec<f64>,
-    /// Empty until minima are requested.
-    minima: Vec<SubformulaMinimum>,
 }
 
 impl Monitor {
@@ -117,8 +114,7 @@ impl Monitor {
         let program = Program::compile(formula, names, &clock)?;
         let buffers = vec![Vec::new(); program.buffers];
         let tile = state::Buffers::of(&program.states);
-        let (scratch, minima) = (Vec::new(), Vec::new());
-        Ok(Monitor { program, clock, checked_names: None, buffers, tile, scratch, minima })
+        Ok(Monitor { program, clock, checked_names: None, buffers, tile, scratch: Vec::new() })
     }
 
     /// Returns the robustness at every sample of the trace. Windows are cut at the end of the
@@ -274,65 +270,6 @@ impl Monitor {
         self.decided_samples(samples) == 0 || self.program.cuts_operands()
     }
 
-    /// Returns the least robustness of every sub-formula over the trace, with the first sample at
-    /// which it is attained.
-    ///
-    /// The order is that of [`Formula::subformulas`]: root first, depth first, left operand before
-    /// right. The values of a sub-formula equal those of a separate monitor for it.
-    ///
-    /// The values are those of [`Monitor::decided_robustness_signal`]. The minimum is over the
-    /// samples at which the trace covers the sub-formula: the sub-formula is decided, and the trace
-    /// contains all samples that its bounded past windows, `prev`, `rise` and `fall` read. At other
-    /// samples a window is cut or empty, and the value says little about the system. On samples 0
-    /// to 300, `always[50:300] p` is covered at sample 0 only, and `p` at all samples.
-    ///
-    /// The cost is that of [`Monitor::robustness_signal`] plus one pass over the samples per
-    /// sub-formula.
-    ///
-    /// # Errors
-    /// As for [`Monitor::decided_robustness_signal`].
-    ///
-    /// # Example
-    /// ```
-    /// use std::sync::Arc;
-    /// use mishandle_stl::{Clock, Formula, Monitor, SubformulaMinimum, Trace};
-    ///
-    /// let formula = Formula::parse("always[1:2](d <= 0.5 and v < 2)").unwrap();
-    /// let names: Arc<[String]> = Arc::from(["d".to_owned(), "v".to_owned()]);
-    /// let mut monitor = Monitor::new(&formula, &names, Clock::steps(0.1)).unwrap();
-    /// let mut trace = Trace::new(names);
-    /// for sample in [[0.75, 1.0], [0.25, 0.0], [0.25, 1.5]] {
-    ///     trace.push(&sample);
-    /// }
-    /// let expected = [
-    ///     (0.25, 0),  // always[1:2](...): covered at sample 0 only
-    ///     (-0.25, 0), // d <= 0.5 and v < 2
-    ///     (-0.25, 0), // d <= 0.5
-    ///     (0.5, 2),   // v < 2
-    /// ];
-    /// let expected = expected.map(|(minimum, step)| SubformulaMinimum { minimum, step });
-    /// assert_eq!(monitor.subformula_minima(&trace).unwrap(), expected);
-    /// ```
-    pub fn subformula_minima(&mut self, trace: &Trace) -> Result<&[SubformulaMinimum], MonitorError> {
-        let mut minima = std::mem::take(&mut self.minima);
-        minima.clear();
-        minima.resize(self.program.listed, SubformulaMinimum::UNKNOWN);
-        let result =
-            self.run(&mut Samples::Trace(trace, 0..trace.len()), Windows::Whole, |index, values, covered| {
-                let found = match values {
-                    Values::Signal(values) => SubformulaMinimum::of(values.iter().copied(), covered.start),
-                    Values::Constant(value) => SubformulaMinimum::of(covered.take(1).map(|_| value), 0),
-                };
-                let known = minima[index];
-                if known == SubformulaMinimum::UNKNOWN || found.minimum.total_cmp(&known.minimum).is_lt() {
-                    minima[index] = found;
-                }
-            });
-        self.minima = minima;
-        result?;
-        Ok(&self.minima)
-    }
-
     /// Returns the number of samples after t that the value at t depends on. If `t + horizon` is a
     /// sample of the trace, the trace decides the formula at t. `None` if the value depends on all
     /// samples up to the end of the trace.
@@ -353,9 +290,9 @@ impl Monitor {
     }
 
     /// Executes the instructions, and calls `visit` for every sub-formula of a trace with its
-    /// index, and its values at a range of samples that cover it; several times for a state formula
-    /// of several tiles.
-    fn run(
+    /// index, and its values at a range of samples that decide it; several times for a state
+    /// formula of several tiles.
+    pub(crate) fn run(
         &mut self,
         samples: &mut Samples<'_>,
         windows: Windows,
@@ -370,8 +307,8 @@ impl Monitor {
         for done in 0..=self.program.instructions.len() {
             let ready = self.program.subformulas[visited..].iter();
             for subformula in ready.take_while(|subformula| subformula.instructions == done) {
-                let covered = subformula.reach.covered(samples.len());
-                visit(subformula.index, self.values(subformula.values, covered.clone()), covered);
+                let decided = 0..subformula.reach.decided(samples.len());
+                visit(subformula.index, self.values(subformula.values, decided.clone()), decided);
                 visited += 1;
             }
             if done < self.program.instructions.len() {

@@ -62,8 +62,6 @@ pub(crate) struct Program {
     /// The sub-formulas that are not part of a state formula, in the order in which their values
     /// are computed.
     pub subformulas: Vec<Subformula>,
-    /// The number of all sub-formulas.
-    pub listed: usize,
 }
 
 /// The location of a sub-formula's values, and the time at which they are there, since buffers are
@@ -73,7 +71,7 @@ pub(crate) struct Subformula {
     pub values: Source,
     /// The values are valid after this number of instructions, until the next one.
     pub instructions: usize,
-    /// The samples around t that a trace must have to cover the sub-formula at t.
+    /// The samples around t that a trace must have to decide the sub-formula at t.
     pub reach: Reach,
     /// The index in the list of sub-formulas.
     pub index: usize,
@@ -103,10 +101,9 @@ impl Program {
         window: impl Fn(Operator, Option<Interval>) -> Result<Window, MonitorError>,
     ) -> Result<Program, MonitorError> {
         let columns = columns(formula, names)?;
-        let listed_nodes = formula.listed_nodes();
         let mut listed = vec![None; formula.nodes.len()];
-        for (index, node) in listed_nodes.iter().enumerate() {
-            listed[*node] = Some(index);
+        for (index, node) in formula.listed_nodes().into_iter().enumerate() {
+            listed[node] = Some(index);
         }
         let mut compiler = Compiler {
             formula,
@@ -130,8 +127,7 @@ impl Program {
         let Operand { values, reach } = compiler.pop();
         compiler.materialize(values);
         let Compiler { instructions, states, subformulas, buffers, .. } = compiler;
-        let listed = listed_nodes.len();
-        Ok(Program { instructions, states, buffers, columns, reach, subformulas, listed })
+        Ok(Program { instructions, states, buffers, columns, reach, subformulas })
     }
 
     /// Returns whether an unbounded window contains operands that read later samples. Their windows

@@ -21,32 +21,6 @@ pub struct SubformulaNode {
     pub sides: Option<[String; 2]>,
 }
 
-/// The least robustness of a sub-formula over a trace.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct SubformulaMinimum {
-    /// The minimum over all samples at which the trace covers the sub-formula; `+∞` if there is no
-    /// such sample.
-    pub minimum: f64,
-    /// The first sample at which the minimum is attained; 0 if there is no such sample.
-    pub step: usize,
-}
-
-impl SubformulaMinimum {
-    /// The minimum over samples that were not visited yet.
-    pub(crate) const UNKNOWN: SubformulaMinimum =
-        SubformulaMinimum { minimum: f64::INFINITY, step: usize::MAX };
-    /// The minimum over an empty set of samples.
-    pub(crate) const NONE: SubformulaMinimum = SubformulaMinimum { minimum: f64::INFINITY, step: 0 };
-
-    /// Returns the minimum of `values`, the first of which belongs to sample `first`.
-    pub(crate) fn of(values: impl Iterator<Item = f64>, first: usize) -> SubformulaMinimum {
-        let found = values
-            .zip(first..)
-            .reduce(|least, next| if next.0.total_cmp(&least.0).is_lt() { next } else { least });
-        found.map_or(SubformulaMinimum::NONE, |(minimum, step)| SubformulaMinimum { minimum, step })
-    }
-}
-
 /// The samples around t that a formula's value at t depends on.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(crate) struct Reach {
@@ -64,13 +38,6 @@ impl Reach {
     /// Returns the number of samples at which a trace with `samples` samples decides the formula.
     pub(crate) fn decided(self, samples: usize) -> usize {
         samples.saturating_sub(self.ahead)
-    }
-
-    /// Returns the samples of a trace with `samples` samples at which no bounded window is cut at
-    /// either end.
-    pub(crate) fn covered(self, samples: usize) -> std::ops::Range<usize> {
-        let end = self.decided(samples);
-        self.behind.min(end)..end
     }
 
     /// Returns the reach of an operator given the reach of its operands (`first` equals `last` for
@@ -155,8 +122,7 @@ impl ExactSizeIterator for Texts<'_> {}
 impl Formula {
     /// Returns the texts of all sub-formulas, the formula itself among them.
     ///
-    /// The order is fixed: root first, depth first, left operand before right. It is the order of
-    /// [`Monitor::subformula_minima`](crate::Monitor::subformula_minima).
+    /// The order is fixed: root first, depth first, left operand before right.
     ///
     /// A sub-formula has a truth value: it is a comparison, a logical or temporal operator, or an
     /// operand of a logical or temporal operator. The terms of a comparison (`distance`, `0.12`,

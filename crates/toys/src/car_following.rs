@@ -80,11 +80,13 @@ impl Toy for CarFollowing {
         axes.extend((0..KNOTS).map(|knot| {
             let name = format!("front_acceleration_{}", knot + 1);
             Axis::new(AxisKind::Input, &name, "m/s²", [-1.0, 1.0], Some(0.0))
+                .acting_from(knot.saturating_sub(1), KNOTS - 1)
                 .meaning("acceleration of the front car at this knot, 5 s apart, linear between them")
         }));
         axes.extend((0..PARTS).map(|part| {
             let name = format!("gap_error_{}", part + 1);
             let mut axis = Axis::new(AxisKind::Noise, &name, "", [-4.0, 4.0], None)
+                .acting_from(part, PARTS)
                 .meaning("error of the measured gap in this quarter, in units of 0.5 m");
             axis.distribution = Distribution::Normal;
             axis

@@ -71,7 +71,7 @@ impl FunctionSystem {
                 careful: None,
                 dangerous_steps: robustness.map(|rho| usize::from(is_violated(rho))),
                 completion_step: robustness.filter(|rho| is_satisfied(*rho)).map(|_| 1),
-                subformulas: Vec::new(),
+                parts: Vec::new(),
                 others: Vec::new(),
             },
             reason: String::new(),

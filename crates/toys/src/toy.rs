@@ -153,8 +153,8 @@ impl ToySystem {
             }
             verdict => (EpisodeEnd::Completed, verdict?),
         };
-        if request.needs_subformulas && verdict.robustness.is_some() {
-            verdict.subformulas = self.monitor.subformulas(&trace)?;
+        if request.needs_parts && verdict.robustness.is_some() {
+            verdict.parts = self.monitor.parts(&trace, self.toy.episode_steps() + 1)?;
         }
         let steps = trace.len().saturating_sub(1);
         Ok(Episode {

@@ -22,9 +22,9 @@ pub(crate) const ENTRY: SearchEntry = SearchEntry {
     reference: "Hansen, \"The CMA evolution strategy: a tutorial\", arXiv:1604.00772, 2016. Auger and Hansen, \"A restart CMA \
                 evolution strategy with increasing population size\", CEC 2005.",
     options: CmaEsOptions::specs,
-    make: |coordinates, seed, options| {
+    make: |space, seed, options| {
         let options = CmaEsOptions::read(options)?;
-        Ok(Box::new(AskTell::new(CmaEs::new(coordinates, seed, &options)?)))
+        Ok(Box::new(AskTell::new(CmaEs::new(&space.coordinates, seed, &options)?)))
     },
 };
 

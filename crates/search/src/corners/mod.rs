@@ -22,9 +22,9 @@ pub(crate) const ENTRY: SearchEntry = SearchEntry {
     reference: "Plackett and Burman, \"The design of optimum multifactorial experiments\", Biometrika 33, 1946. Box and \
                 Wilson, \"On the experimental attainment of optimum conditions\", J. R. Stat. Soc. B 13, 1951.",
     options: Vec::new,
-    make: |coordinates, seed, options| {
+    make: |space, seed, options| {
         options::check_names(NAME, options, &[])?;
-        Ok(Box::new(InSequence::new(Corners::new(coordinates, seed)?)))
+        Ok(Box::new(InSequence::new(Corners::new(&space.coordinates, seed)?)))
     },
 };
 

@@ -17,9 +17,9 @@ pub(crate) const ENTRY: SearchEntry = SearchEntry {
                 Appl. 79, 1993. Gablonsky and Kelley, \"A locally-biased form of the DIRECT algorithm\", J. Global Optim. \
                 21, 2001.",
     options: DirectOptions::specs,
-    make: |coordinates, _, options| {
+    make: |space, _, options| {
         let options = DirectOptions::read(options)?;
-        Ok(Box::new(AskTell::new(Direct::new(coordinates, &options)?)))
+        Ok(Box::new(AskTell::new(Direct::new(&space.coordinates, &options)?)))
     },
 };
 

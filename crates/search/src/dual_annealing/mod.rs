@@ -29,9 +29,9 @@ pub(crate) const ENTRY: SearchEntry = SearchEntry {
                 model\", Physics Letters A 233, 1997. Xiang, Gubian, Suomela and Hoeng, \"Generalized simulated annealing \
                 for global optimization: the GenSA package\", The R Journal 5/1, 2013.",
     options: DualAnnealingOptions::specs,
-    make: |coordinates, seed, options| {
+    make: |space, seed, options| {
         let options = DualAnnealingOptions::read(options)?;
-        Ok(Box::new(AskTell::new(DualAnnealing::new(coordinates.len(), seed, &options)?)))
+        Ok(Box::new(AskTell::new(DualAnnealing::new(space.coordinates.len(), seed, &options)?)))
     },
 };
 

@@ -138,6 +138,27 @@ impl CandidateGenerator {
         candidates
     }
 
+    /// Returns `n` points near `point`: each differs from it in a random subset of the coordinates, by
+    /// normal steps, or is on a face.
+    pub(crate) fn around(&mut self, history: &History, point: &[f64], step: f64, n: usize) -> Candidates {
+        let d = self.space.dimension();
+        let mut candidates = Candidates::new(d);
+        for _ in 0..n {
+            let mut near = point.to_vec();
+            let share = self.stream.uniform();
+            let always = self.stream.below(d as u64) as usize;
+            for (k, x) in near.iter_mut().enumerate() {
+                if k != always && self.stream.uniform() >= share {
+                    continue;
+                }
+                let (normal, _) = self.stream.normal_pair();
+                *x = self.space.stepped(k, *x, step * normal, &mut self.stream);
+            }
+            self.add(&mut candidates, &mut near, history);
+        }
+        candidates
+    }
+
     fn add(&self, candidates: &mut Candidates, point: &mut [f64], history: &History) {
         self.space.snap(point);
         if !history.contains(point) {

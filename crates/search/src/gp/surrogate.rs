@@ -2,15 +2,25 @@
 
 use super::fit::{Data, LogParameters, fit, negative_log_posterior};
 use super::history::History;
-use super::regression::GaussianProcess;
+use super::regression::{GaussianProcess, Posterior};
 use super::space::TypedSpace;
 use super::transform::{Transform, rank_correlation};
 
-/// The number of evaluations that a new model uses at most, so that the time of a proposal is
-/// bounded.
-const MAX_ACTIVE: usize = 384;
-/// The number of evaluations that determine the hyperparameters at most.
-const MAX_FITTED: usize = 128;
+/// The numbers of evaluations that a model uses at most, so that the time of a proposal is bounded.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Limits {
+    /// For predictions, when the model is new.
+    pub active: usize,
+    /// For the hyperparameters.
+    pub fitted: usize,
+}
+
+impl Default for Limits {
+    fn default() -> Self {
+        Self { active: 384, fitted: 128 }
+    }
+}
+
 /// The number of evaluations between two fits is this fraction of the evaluations so far, within
 /// these bounds.
 const GAP: f64 = 0.3;
@@ -32,6 +42,7 @@ pub(crate) struct Surrogate {
     n_dropped: usize,
     /// The number of evaluations that triggers the next fit.
     next_fit: usize,
+    limits: Limits,
     model: Option<GaussianProcess>,
     level: f64,
     rank_correlation: f64,
@@ -48,10 +59,16 @@ impl Surrogate {
             active: Vec::new(),
             n_dropped: 0,
             next_fit: 0,
+            limits: Limits::default(),
             model: None,
             level: 0.0,
             rank_correlation: 0.0,
         }
+    }
+
+    /// Returns the model with other limits.
+    pub(crate) fn with_limits(self, limits: Limits) -> Self {
+        Self { limits, ..self }
     }
 
     /// Takes all evaluations of `history` into account. Refits hyperparameters if many are new.
@@ -81,6 +98,23 @@ impl Surrogate {
     /// Returns the target of a robustness of 0.
     pub(crate) fn level(&self) -> f64 {
         self.level
+    }
+
+    /// Returns for each point how far the predicted target is above that of a robustness of 0, and
+    /// the standard deviation. `None` without a model.
+    pub(crate) fn margins<'a>(
+        &self,
+        points: impl ExactSizeIterator<Item = &'a [f64]>,
+    ) -> Option<Vec<(f64, f64)>> {
+        let model = self.model.as_ref()?;
+        let Posterior { means, variances, .. } = model.posterior(&model.scaled(&self.space.features(points)));
+        Some(
+            means
+                .iter()
+                .zip(variances)
+                .map(|(mean, variance)| (mean - self.level, variance.sqrt()))
+                .collect(),
+        )
     }
 
     /// Returns the rank correlation of targets with the leave-one-out predictions of the last fit:
@@ -122,7 +156,7 @@ impl Surrogate {
         let n = history.n_dropped() + history.len();
         self.next_fit = n + ((GAP * n as f64) as usize).clamp(GAPS.0, GAPS.1);
         self.fit(history);
-        let chosen = history.selection(MAX_ACTIVE);
+        let chosen = history.selection(self.limits.active);
         let features = self.space.features(chosen.iter().map(|&i| history.points()[i].as_slice()));
         self.active = chosen;
         self.n_dropped = history.n_dropped();
@@ -135,7 +169,7 @@ impl Surrogate {
     }
 
     fn fit(&mut self, history: &History) {
-        let chosen = history.selection(MAX_FITTED);
+        let chosen = history.selection(self.limits.fitted);
         let features = self.space.features(chosen.iter().map(|&i| history.points()[i].as_slice()));
         let values: Vec<f64> = chosen.iter().map(|&i| history.values()[i]).collect();
         let (targets, _) = self.transform.targets(&values, 0.0);

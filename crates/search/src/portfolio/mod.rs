@@ -5,6 +5,7 @@ mod corners;
 mod polish;
 mod shares;
 mod steps;
+mod trace;
 
 use std::collections::VecDeque;
 use std::mem;
@@ -21,11 +22,12 @@ use crate::gp::trust_region::{TrustRegion, is_success};
 use crate::options::{ANY, NOT_NEGATIVE, POINTS, options};
 use crate::registry::SearchEntry;
 use crate::sobol::SobolPoints;
-use crate::{AskTell, Coordinate, RoundBased, SearchEnd, SearchError, coordinate};
+use crate::{AskTell, RoundBased, SearchEnd, SearchError, SearchSpace};
 use corners::{RemainingCorners, corners};
 use polish::Polish;
 use shares::{Credits, EXPLORATION, Evidence, Source, exploration};
 use steps::{SuccessRate, changed_coordinate};
+use trace::Trace;
 
 const NAME: &str = "portfolio";
 
@@ -56,9 +58,9 @@ pub(crate) const ENTRY: SearchEntry = SearchEntry {
     reference: "Desautels, Krause and Burdick, JMLR 15, 2014 (batches). Eriksson et al., \"Scalable global optimization via \
                 local Bayesian optimization\", NeurIPS 2019 (trust region).",
     options: PortfolioOptions::specs,
-    make: |coordinates, seed, options| {
+    make: |space, seed, options| {
         let options = PortfolioOptions::read(options)?;
-        Ok(Box::new(AskTell::new(Portfolio::new(coordinates, seed, &options)?)))
+        Ok(Box::new(AskTell::new(Portfolio::new(space, seed, &options)?)))
     },
 };
 
@@ -85,6 +87,8 @@ options! {
         pub refine: bool = true, in ANY;
         /// Standard deviations that the lower confidence bound is below the mean.
         pub kappa: f64 = 2.0, in NOT_NEGATIVE;
+        /// Models the parts of the robustness, each with the coordinates that act before its end.
+        pub trace: bool = true, in ANY;
         /// How robustness is transformed for the model: asinh, rank (normal scores) or standard
         /// (mean and variance).
         pub transform: String = "asinh".to_owned(), in TRANSFORM;
@@ -95,8 +99,9 @@ options! {
 /// region, beside exploration.
 ///
 /// The first round is corners (all 2^d for d ≤ 4, otherwise a balanced sample of 8), the center and
-/// 2 to 8 scrambled Sobol points. Each point of a further round comes from one of six sources, in
-/// proportion to their shares:
+/// 2 to 8 scrambled Sobol points. Each point of a further round comes from one of seven sources, in
+/// proportion to their shares. With the share t of the source trace, those of the others are
+/// multiplied by 1 - t:
 ///
 /// | source | point | share |
 /// |---|---|---|
@@ -106,6 +111,7 @@ options! {
 /// | coordinate | the best point with a new value of one coordinate | e s' |
 /// | corners | next corner, as long as there are any | e (1 - s - s') / 4 |
 /// | Sobol | next Sobol point | the rest of e |
+/// | trace | highest probability of a violation, composed of those of the parts | t |
 ///
 /// - The share e = 0.1 to 0.95 rises when the model is of no use: its leave-one-out predictions do
 ///   not correlate with the values, or it finds no lower values and believes in a violation less
@@ -113,6 +119,8 @@ options! {
 /// - The shares s and s' follow the rates at which these steps find a new lowest value. They are at
 ///   most 0.9 in total. When a Sobol point or corner finds one, they start again, because the
 ///   values around it are unknown.
+/// - The share t is 0.1 to 0.8: the rate of success of this source, divided by the sum of this rate
+///   and that of the others. It is 0 if the space has no [parts](crate::Parts), or more than 8.
 ///
 /// So a violation in a small region without a slope towards it is found nearly as fast as by random
 /// points.
@@ -123,8 +131,12 @@ options! {
 /// region has the rules of TuRBO-1. When it collapses, a new one starts at the best point that is
 /// not near the centers of collapsed ones; the model keeps all evaluations.
 ///
-/// Values above the 75 % quantile of the earlier ones count as this quantile, so simulations of
-/// such points can end early.
+/// For the source trace, each part has a model of its own, which sees the coordinates that act before
+/// the end of the part. Of maxima, probabilities are multiplied, as if the parts were independent;
+/// of minima, the largest one counts. So the parts may have units that differ by any factor.
+///
+/// Values above the 75 % quantile of the earlier ones count as this quantile, and their parts are
+/// ignored, so simulations of such points can end early.
 ///
 /// Integer coordinates are modeled by the centers of their levels, categories by one feature per
 /// level. The search never ends. Beyond a few hundred evaluations it models the best and the
@@ -149,6 +161,7 @@ pub struct Portfolio {
     /// The number of evaluations after the last improvement.
     since_improvement: usize,
     corners: RemainingCorners,
+    trace: Option<Trace>,
     generator: CandidateGenerator,
     sobol: SobolPoints,
     stream: Sequence,
@@ -158,20 +171,16 @@ pub struct Portfolio {
 }
 
 impl Portfolio {
-    /// Creates the search on coordinates of the given types.
+    /// Creates the search on a space.
     ///
     /// # Errors
     /// [`SearchError::Dimension`] without coordinates, [`SearchError::NoLevels`] for a coordinate
     /// with 0 levels, [`SearchError::Option`] for an option out of range.
-    pub fn new(
-        coordinates: &[Coordinate],
-        seed: u64,
-        options: &PortfolioOptions,
-    ) -> Result<Self, SearchError> {
-        let d = coordinate::dimension(coordinates)?;
+    pub fn new(facts: &SearchSpace, seed: u64, options: &PortfolioOptions) -> Result<Self, SearchError> {
+        let d = facts.dimension()?;
         options.check_ranges()?;
         let transform = transform(&options.transform, NAME)?;
-        let space = TypedSpace::new(coordinates);
+        let space = TypedSpace::new(&facts.coordinates);
         let mut search = Self {
             options: options.clone(),
             history: History::default(),
@@ -182,7 +191,8 @@ impl Portfolio {
             credits: Credits::default(),
             step_rates: [SuccessRate::default(); 2],
             since_improvement: 0,
-            corners: RemainingCorners::new(coordinates, seed),
+            corners: RemainingCorners::new(&facts.coordinates, seed),
+            trace: if options.trace { Trace::new(facts, seed) } else { None },
             generator: CandidateGenerator::new(space.clone(), seed, 1),
             sobol: SobolPoints::new(d, seed),
             stream: Sequence::new(seed, 2),
@@ -222,9 +232,10 @@ impl Portfolio {
                 _ => 0..0,
             };
             let chosen = batch.as_mut().and_then(|batch| batch.choose(range, self.options.kappa));
-            let proposed = match chosen {
-                Some(i) => Some(candidates.point(i).to_vec()),
-                None => self.without_model(source),
+            let proposed = match (chosen, &mut self.trace) {
+                (Some(i), _) => Some(candidates.point(i).to_vec()),
+                (None, Some(trace)) if source == Source::Trace => trace.propose(&self.history, &self.round),
+                (None, _) => self.without_model(source),
             };
             // Also without a model, and if all candidates in a discrete space are evaluated.
             let (source, point) = proposed.map_or_else(
@@ -250,7 +261,7 @@ impl Portfolio {
             Source::Corner => self.corners.next(space, &self.history)?,
             Source::Coordinate => changed_coordinate(best, space, &mut self.stream),
             Source::Polish => self.polish.propose(best, space, &mut self.stream),
-            Source::Sobol | Source::Global | Source::Local => return None,
+            Source::Sobol | Source::Global | Source::Local | Source::Trace => return None,
         };
         Some(point).filter(|point| !self.history.contains(point))
     }
@@ -269,7 +280,7 @@ impl Portfolio {
 
     /// Returns the shares of the sources, given the distance of the most promising candidate from a
     /// violation.
-    fn shares(&self, distance: f64) -> [f64; 6] {
+    fn shares(&self, distance: f64) -> [f64; 7] {
         let evidence = Evidence {
             rank_correlation: self.surrogate.rank_correlation(),
             distance,
@@ -287,7 +298,11 @@ impl Portfolio {
         let sobol = covering - corner;
         let [sobol, corner, coordinate, polish] =
             [sobol, corner, coordinate, polish].map(|share| free * share);
-        [sobol, corner, coordinate, polish, (1.0 - free) * (1.0 - local), (1.0 - free) * local]
+        let trace = self.trace.as_ref().map_or(0.0, Trace::share);
+        let (global, local) = ((1.0 - free) * (1.0 - local), (1.0 - free) * local);
+        let [sobol, corner, coordinate, polish, global, local] =
+            [sobol, corner, coordinate, polish, global, local].map(|share| (1.0 - trace) * share);
+        [sobol, corner, coordinate, polish, global, local, trace]
     }
 
     /// Returns the index of the best point that is not near a collapsed trust region; of the best
@@ -309,6 +324,9 @@ impl Portfolio {
         for (source, &value) in mem::take(&mut self.sources).into_iter().zip(values) {
             let is_success = is_success(value, best);
             best = best.min(value);
+            if let Some(trace) = &mut self.trace {
+                trace.adapt(source == Source::Trace, is_success);
+            }
             self.since_improvement = if is_success { 0 } else { self.since_improvement + 1 };
             match source {
                 Source::Sobol | Source::Corner if is_success => {
@@ -321,7 +339,7 @@ impl Portfolio {
                     self.polish.receive(is_success);
                 }
                 Source::Local => (lowest, n_local) = (value.min(lowest), n_local + 1),
-                Source::Sobol | Source::Corner | Source::Global => (),
+                Source::Sobol | Source::Corner | Source::Global | Source::Trace => (),
             }
         }
         if n_local > 0 {
@@ -360,10 +378,23 @@ impl RoundBased for Portfolio {
             let best = (0..values.len()).min_by(|&i, &j| values[i].total_cmp(&values[j])).unwrap_or_default();
             self.since_improvement = values.len() - 1 - best;
         }
+        if let Some(trace) = &mut self.trace {
+            trace.extend(&round, &values, self.history.cap());
+        }
         self.history.extend(&round, &values);
         let center = self.center();
         self.region.set_best(self.history.values()[center]);
         self.propose();
+    }
+
+    fn needs_parts(&self) -> bool {
+        self.trace.is_some()
+    }
+
+    fn receive_parts(&mut self, parts: Vec<Vec<f64>>) {
+        if let Some(trace) = &mut self.trace {
+            trace.receive_parts(parts);
+        }
     }
 
     fn stop_threshold(&self, _i: usize) -> f64 {

@@ -17,26 +17,35 @@ pub(super) enum Source {
     Global,
     /// The model, in the trust region.
     Local,
+    /// The models of the parts of the robustness.
+    Trace,
 }
 
-const SOURCES: [Source; 6] =
-    [Source::Sobol, Source::Corner, Source::Coordinate, Source::Polish, Source::Global, Source::Local];
+const SOURCES: [Source; 7] = [
+    Source::Sobol,
+    Source::Corner,
+    Source::Coordinate,
+    Source::Polish,
+    Source::Global,
+    Source::Local,
+    Source::Trace,
+];
 
 /// Divides points among the sources in proportion to shares that may change from round to round.
 ///
 /// Each source earns its share of every point, and the source with the largest credit proposes the
 /// point. So rounds of one point have the same proportions as large rounds, without random numbers.
 #[derive(Debug, Clone, Default)]
-pub(super) struct Credits([f64; 6]);
+pub(super) struct Credits([f64; 7]);
 
 impl Credits {
     /// Returns the sources of the next `n` points. Shares sum to 1, in the order of [`Source`].
-    pub(super) fn divide(&mut self, n: usize, shares: &[f64; 6]) -> Vec<Source> {
+    pub(super) fn divide(&mut self, n: usize, shares: &[f64; 7]) -> Vec<Source> {
         let next = |_| {
             self.0.iter_mut().zip(shares).for_each(|(credit, share)| *credit += share);
             // Of equal credits the last source, a model, comes first. A source without a share
             // keeps its credit.
-            let open = (0..6).filter(|&i| shares[i] > 0.0);
+            let open = (0..7).filter(|&i| shares[i] > 0.0);
             let richest = open.max_by(|&i, &j| self.0[i].total_cmp(&self.0[j])).unwrap_or_default();
             self.0[richest] -= 1.0;
             SOURCES[richest]
@@ -90,13 +99,13 @@ mod tests {
 
     #[test]
     fn credits_follow_the_shares_for_any_round_size() {
-        let shares = [0.5, 0.0, 0.125, 0.125, 0.125, 0.125];
+        let shares = [0.5, 0.0, 0.125, 0.125, 0.125, 0.0625, 0.0625];
         for n in [1, 3, 16] {
-            let (mut credits, mut counts) = (Credits::default(), [0; 6]);
+            let (mut credits, mut counts) = (Credits::default(), [0; 7]);
             for _ in 0..960 / n {
                 credits.divide(n, &shares).iter().for_each(|source| counts[*source as usize] += 1);
             }
-            assert_eq!(counts, [480, 0, 120, 120, 120, 120], "rounds of {n}");
+            assert_eq!(counts, [480, 0, 120, 120, 120, 60, 60], "rounds of {n}");
         }
     }
 

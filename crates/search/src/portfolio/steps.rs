@@ -32,7 +32,7 @@ impl SuccessRate {
         }
     }
 
-    fn rate(self) -> f64 {
+    pub(super) fn rate(self) -> f64 {
         (self.successes + PRIOR.0) / (self.trials + PRIOR.1)
     }
 }

@@ -20,9 +20,9 @@ pub(crate) const ENTRY: SearchEntry = SearchEntry {
                 Math. Math. Phys. 7, 1967. Joe and Kuo, \"Constructing Sobol sequences with better two-dimensional \
                 projections\", SIAM J. Sci. Comput. 30, 2008.",
     options: SobolOptions::specs,
-    make: |coordinates, seed, options| {
+    make: |space, seed, options| {
         let options = SobolOptions::read(options)?;
-        Ok(Box::new(InSequence::new(Sobol::new(coordinates.len(), seed, &options)?)))
+        Ok(Box::new(InSequence::new(Sobol::new(space.coordinates.len(), seed, &options)?)))
     },
 };
 

@@ -2,8 +2,7 @@
 
 use crate::naive::{Interval, NAMES, Random, TIMED_ONE, TIMED_TWO, Tree};
 use mishandle_stl::{
-    Bounds, Clock, Formula, Monitor, MonitorError, OnlineMonitor, Recording, SubformulaMinimum, Trace,
-    is_satisfied, is_violated,
+    Bounds, Clock, Formula, Monitor, MonitorError, OnlineMonitor, Recording, Trace, is_satisfied, is_violated,
 };
 use std::sync::Arc;
 
@@ -663,18 +662,8 @@ fn covered((low, high): (i64, i64), n: usize) -> std::ops::Range<usize> {
     (-low as usize).min(end)..end
 }
 
-fn least_of(values: &[f64], covered: std::ops::Range<usize>) -> SubformulaMinimum {
-    let mut least = SubformulaMinimum { minimum: f64::INFINITY, step: covered.start };
-    for step in covered.clone() {
-        if values[step].total_cmp(&least.minimum).is_lt() {
-            least = SubformulaMinimum { minimum: values[step], step };
-        }
-    }
-    if covered.is_empty() { SubformulaMinimum { step: 0, ..least } } else { least }
-}
-
 #[test]
-fn minima_of_sub_formulas_equal_those_of_separate_monitors() {
+fn sub_formulas_have_the_values_of_the_definitions() {
     let mut random = Random(14);
     for case in 0..3000 {
         let n = 1 + random.below(if case % 10 == 0 { 40 } else { 14 });
@@ -686,24 +675,16 @@ fn minima_of_sub_formulas_equal_those_of_separate_monitors() {
         let texts: Vec<String> = Formula::parse(&text).unwrap().subformulas().collect();
         assert_eq!(texts[0], Formula::parse(&text).unwrap().to_string());
         assert_eq!(texts.len(), parts.len(), "{text}: {texts:?}");
-        let mut monitor = monitor(&text);
-        let trace = trace_of(&columns);
-        let minima = monitor.subformula_minima(&trace).unwrap().to_vec();
-        assert_eq!(minima.len(), parts.len());
-        for ((part, text), minimum) in parts.iter().zip(&texts).zip(&minima) {
+        for (part, text) in parts.iter().zip(&texts) {
             let values = decided(text, &columns);
             let expected: Vec<f64> = (0..values.len()).map(|t| part.decide(&columns, t, n)).collect();
             assert_eq!(values, expected, "{text} on {columns:?}");
-            let expected = least_of(&values, covered(part.offsets(), n));
-            assert_eq!(*minimum, expected, "{text} on {columns:?}");
         }
-        // Computing minima does not change the robustness.
-        assert_eq!(monitor.robustness(&trace), Ok(tree.evaluate(&columns)[0]));
     }
 }
 
 /// At a covered sample, the value of a formula with bounded windows is the same in every longer
-/// trace. So more samples can only lower the minimum.
+/// trace.
 #[test]
 fn the_value_at_a_covered_sample_does_not_depend_on_the_ends_of_the_trace() {
     let mut random = Random(15);
@@ -728,80 +709,8 @@ fn the_value_at_a_covered_sample_does_not_depend_on_the_ends_of_the_trace() {
             samples += 1;
             assert_eq!(short[step], long[step + before], "{text} at {step} of {columns:?} in {longer:?}");
         }
-        let least =
-            |columns: &[Vec<f64>]| monitor(&text).subformula_minima(&trace_of(columns)).unwrap()[0].minimum;
-        assert!(least(&longer) <= least(&columns), "{text} on {columns:?} in {longer:?}");
     }
     assert!(samples > 10_000, "{samples}");
-}
-
-#[test]
-fn minima_of_sub_formulas_equal_values_computed_by_hand() {
-    // Samples 0 to 4.
-    let columns = [vec![3.0, 1.0, -2.0, 4.0, -2.0], vec![0.0, 5.0, 2.0, 1.0, 6.0], vec![0.0; 5]];
-    let check = |text: &str, expected: &[(&str, f64, usize)]| {
-        let texts: Vec<String> = Formula::parse(text).unwrap().subformulas().collect();
-        let mut monitor = monitor(text);
-        let minima = monitor.subformula_minima(&trace_of(&columns)).unwrap();
-        let found: Vec<(&str, f64, usize)> = texts
-            .iter()
-            .zip(minima)
-            .map(|(text, least)| (text.as_str(), least.minimum, least.step))
-            .collect();
-        assert_eq!(found, expected, "{text}");
-    };
-    const INF: f64 = f64::INFINITY;
-    // a has its minimum at samples 2 and 4; the first is reported. b - 1 is [-1, 4, 1, 0, 5].
-    check("a", &[("a", -2.0, 2)]);
-    check(
-        "a > 0 or b > 1",
-        &[("a > 0 or b > 1", 1.0, 2), ("a > 0", -2.0, 2), ("b > 1", -1.0, 0)], // max: [3, 4, 1, 4, 5]
-    );
-    // Covered at samples 0 to 3: max of two neighbors is [3, 1, 4, 4].
-    check("eventually[0:1](a > 0)", &[("eventually[0:1](a > 0)", 1.0, 1), ("a > 0", -2.0, 2)]);
-    // Covered at samples 1 to 4: the sample before is [3, 1, -2, 4].
-    check("prev a", &[("prev a", -2.0, 3), ("a", -2.0, 2)]);
-    check("next a", &[("next a", -2.0, 1), ("a", -2.0, 2)]);
-    // Covered at samples 2 to 4: b two samples before is [0, 5, 2].
-    check("once[2:2] b", &[("once[2:2] b", 0.0, 2), ("b", 0.0, 0)]);
-    // The first sample covers an unbounded window: all suffix minima of a are -2.
-    check("always (a > 0)", &[("always(a > 0)", -2.0, 0), ("a > 0", -2.0, 2)]);
-    // Covered at samples 0 to 2; suffix maxima of a from two samples on: [4, 4, -2].
-    check("eventually[2:inf] a", &[("eventually[2:inf] a", -2.0, 2), ("a", -2.0, 2)]);
-    // The left operand is evaluated on [t, t + 1), the right one up to t + 1: samples 0 to 3.
-    // max(b(t), min(a(t), b(t + 1))): max(0, min(3, 5)) = 3, max(5, 1) = 5, max(2, -2) = 2, max(1,
-    // min(4, 6)) = 4.
-    check("a until[0:1] b", &[("a until[0:1] b", 2.0, 2), ("a", -2.0, 2), ("b", 0.0, 0)]);
-    // No sample has five later samples.
-    check("always[0:5] a", &[("always[0:5] a", INF, 0), ("a", -2.0, 2)]);
-    check("true until[0:1] a", &[("true until[0:1] a", 1.0, 1), ("true", INF, 0), ("a", -2.0, 2)]);
-    // Terms are not listed.
-    check("abs(a) - b <= 3", &[("abs(a) - b <= 3", 0.0, 0)]); // 3 - (|a| - b): [0, 7, 3, 0, 7]
-}
-
-#[test]
-fn minima_evaluate_arithmetic_at_every_sample() {
-    let columns = [vec![1.0, 4.0, -1.0], vec![0.0; 3], vec![0.0; 3]];
-    let mut monitor = monitor("sqrt(a) >= 1");
-    let found = monitor.subformula_minima(&trace_of(&columns));
-    assert!(matches!(found, Err(MonitorError::Undefined { step: 2, .. })), "{found:?}");
-    // An error does not affect the next trace.
-    let columns = [vec![4.0, 1.0, 9.0], vec![0.0; 3], vec![0.0; 3]];
-    let expected = [SubformulaMinimum { minimum: 0.0, step: 1 }];
-    assert_eq!(monitor.subformula_minima(&trace_of(&columns)).unwrap(), expected);
-}
-
-#[test]
-fn minima_have_the_errors_of_the_decided_signal() {
-    let columns = [vec![1.0, 2.0, 1.0], vec![1.0, 0.0, 1.0], vec![4.0, -1.0, 1.0]];
-    let trace = trace_of(&columns);
-    // The last windows are cut: 0 times infinity for the signal, and no decided value.
-    let mut cut = monitor("(always[1:2] a) * (b - 1) >= -9");
-    assert!(cut.robustness_signal(&trace).is_err());
-    assert_eq!(cut.subformula_minima(&trace).unwrap()[0], SubformulaMinimum { minimum: 9.0, step: 0 });
-    let mut whole = monitor("sqrt((always[1:2] a) - 2) >= 0");
-    let error = whole.decided_robustness_signal(&trace).unwrap_err();
-    assert_eq!(whole.subformula_minima(&trace), Err(error));
 }
 
 #[test]

@@ -9,6 +9,7 @@ mod discrete;
 mod naive;
 mod names;
 mod online;
+mod parts;
 mod random_signals;
 mod spans;
 mod statements;

@@ -74,6 +74,9 @@ pub(crate) fn disturbances(definition: &Definition, panda: &Panda, action_noise:
             all.push(Disturbance { axis, effect: Effect::ActionDraw { entry: joint, steps } });
         }
     }
+    for Disturbance { axis, effect } in &mut all {
+        *axis = axis.clone().acting_from(effect.first_step(), EPISODE_STEPS);
+    }
     all
 }
 
