@@ -96,6 +96,13 @@ impl History {
         order
     }
 
+    /// Returns the share of the kept evaluations that have the lowest value; 0 without evaluations.
+    pub(crate) fn share_of_lowest(&self) -> f64 {
+        let lowest = self.values.iter().copied().fold(f64::INFINITY, f64::min);
+        let n_lowest = self.values.iter().filter(|value| **value == lowest).count();
+        n_lowest as f64 / self.len().max(1) as f64
+    }
+
     /// Returns the value that at least the fraction `q` of the kept evaluations does not exceed;
     /// `+∞` without evaluations.
     fn quantile(&self, q: f64) -> f64 {
@@ -159,6 +166,17 @@ mod tests {
         [5.0, 1.0, 4.0, 0.0, 3.0, 2.0].iter().enumerate().for_each(|(i, y)| history.push(&[i as f64], *y));
         assert_eq!(history.selection(4), [1, 3, 4, 5]);
         assert_eq!(history.selection(9), [0, 1, 2, 3, 4, 5]);
+    }
+
+    /// Two of five values are the lowest; simulations without a verdict have a value, too.
+    #[test]
+    fn equal_lowest_values_are_counted() {
+        let mut history = History::default();
+        assert_eq!(history.share_of_lowest(), 0.0);
+        history.push(&[0.0], f64::INFINITY);
+        assert_eq!(history.share_of_lowest(), 1.0);
+        [1.0, 2.0, 1.0, 4.0].iter().enumerate().for_each(|(i, y)| history.push(&[i as f64], *y));
+        assert_eq!(history.share_of_lowest(), 0.4);
     }
 
     /// Three of four values are at most 3; two of four are at most 2.

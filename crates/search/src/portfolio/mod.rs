@@ -42,6 +42,10 @@ const LOCAL: f64 = 0.5;
 /// The share of corners among the points that neither a model nor a step proposes, as long as there
 /// are corners.
 const CORNERS: f64 = 0.25;
+/// Robustness is flat while more than this share of the points has the lowest value.
+const FLAT: f64 = 0.5;
+/// The share of corners among the points while robustness is flat.
+const FLAT_CORNERS: f64 = 1.0 / 11.0;
 /// Without the option, a round has one point for this number of evaluations, at most [`MAX_ROUND`]:
 /// a round waits for values that are few beside those that are known.
 const EVALUATIONS_PER_POINT: usize = 16;
@@ -121,6 +125,9 @@ options! {
 ///   values around it are unknown.
 /// - The share t is 0.1 to 0.8: the rate of success of this source, divided by the sum of this rate
 ///   and that of the others. It is 0 if the space has no [parts](crate::Parts), or more than 8.
+///
+/// While more than half of the points have the lowest value, robustness is flat: it shows no way to
+/// lower values, so all points are Sobol points and, one of eleven, corners.
 ///
 /// So a violation in a small region without a slope towards it is found nearly as fast as by random
 /// points.
@@ -235,16 +242,30 @@ impl Portfolio {
             let proposed = match (chosen, &mut self.trace) {
                 (Some(i), _) => Some(candidates.point(i).to_vec()),
                 (None, Some(trace)) if source == Source::Trace => trace.propose(&self.history, &self.round),
-                (None, _) => self.without_model(source),
+                (None, _) => None,
             };
-            // Also without a model, and if all candidates in a discrete space are evaluated.
-            let (source, point) = proposed.map_or_else(
-                || (Source::Sobol, new_point(&mut self.sobol, self.surrogate.space(), &self.history)),
-                |point| (source, point),
-            );
-            self.sources.push(source);
-            self.round.push(point);
+            self.add(source, proposed);
         }
+    }
+
+    /// Covers the box, without the model and without steps from the best point.
+    fn cover(&mut self) {
+        let corner = if self.options.corners && !self.corners.is_empty() { FLAT_CORNERS } else { 0.0 };
+        for source in self.credits.divide(self.round_size(), &[1.0 - corner, corner, 0.0, 0.0, 0.0, 0.0, 0.0]) {
+            self.add(source, None);
+        }
+    }
+
+    /// Adds `chosen` to the round, otherwise a point of a source that needs no model.
+    fn add(&mut self, source: Source, chosen: Option<Vec<f64>>) {
+        // A Sobol point also without a model, and if all candidates in a discrete space are
+        // evaluated.
+        let (source, point) = chosen.or_else(|| self.without_model(source)).map_or_else(
+            || (Source::Sobol, new_point(&mut self.sobol, self.surrogate.space(), &self.history)),
+            |point| (source, point),
+        );
+        self.sources.push(source);
+        self.round.push(point);
     }
 
     fn round_size(&self) -> usize {
@@ -384,7 +405,8 @@ impl RoundBased for Portfolio {
         self.history.extend(&round, &values);
         let center = self.center();
         self.region.set_best(self.history.values()[center]);
-        self.propose();
+        let is_flat = self.history.share_of_lowest() > FLAT;
+        if is_flat && self.options.exploration { self.cover() } else { self.propose() }
     }
 
     fn needs_parts(&self) -> bool {
