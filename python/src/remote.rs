@@ -112,8 +112,7 @@ fn sent<'py>(py: Python<'py>, episode: &Episode) -> EpisodeTuple<Bound<'py, PyAr
     let parts = verdict.parts.clone();
     let Verdict { robustness, success, strict, careful, dangerous_steps, completion_step, .. } = *verdict;
     let others = verdict.others.clone();
-    let verdict =
-        (robustness, success, strict, careful, dangerous_steps, completion_step, parts, others);
+    let verdict = (robustness, success, strict, careful, dangerous_steps, completion_step, parts, others);
     (end.to_string(), step, index, *steps, verdict, *total_reward, digest, samples)
 }
 
@@ -171,8 +170,7 @@ impl RemoteSystem {
             Some(samples) => trace(names, samples.as_array(), *episode_steps)?,
             None => Trace::new(names.clone()),
         };
-        let (robustness, success, strict, careful, dangerous_steps, completion_step, parts, others) =
-            verdict;
+        let (robustness, success, strict, careful, dangerous_steps, completion_step, parts, others) = verdict;
         Ok(Episode {
             request: request.clone(),
             end: end_of(&end, step, index)?,

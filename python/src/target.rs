@@ -443,8 +443,7 @@ impl PythonSystem {
                 found => verdict = found.map_err(raised)?,
             }
             if request.needs_parts && verdict.robustness.is_some() {
-                verdict.parts =
-                    self.monitor.parts(&trace, self.shared.episode_steps + 1).map_err(raised)?;
+                verdict.parts = self.monitor.parts(&trace, self.shared.episode_steps + 1).map_err(raised)?;
             }
         }
         Ok(Episode {

@@ -40,6 +40,7 @@ impl Input {
                 };
                 Axis::new(AxisKind::Input, &name, self.unit, self.bounds, value(piece))
                     .meaning(&format!("{}{place}", self.meaning))
+                    .acting_from(piece, self.pieces)
             })
             .collect()
     }

@@ -15,7 +15,7 @@ pub const PROBLEMS: [Problem; 5] = [
 
 /// The margin that the trend leaves at its lowest point, and the amplitude of the ripple.
 const MARGIN: f64 = 0.1;
-const AMPLITUDE: f64 = 0.11;
+const AMPLITUDE: f64 = 0.115;
 
 /// Returns the distance to a random face, at most 1.
 fn far_from_face(u: &[f64], instance: &Instance) -> f64 {
@@ -32,15 +32,12 @@ fn wave(u: &[f64], instance: &Instance) -> f64 {
     far_from_face(u, instance) + MARGIN + AMPLITUDE * (TAU * (cycles * sum / length + p[3])).sin()
 }
 
-/// The product of two waves along axes, or along one if there are no more.
+/// The product of two waves along the first axes without that of the face, or one wave.
 fn grid(u: &[f64], instance: &Instance) -> f64 {
     let p = &instance.parameters;
-    let ripple: f64 = u
-        .iter()
-        .take(2)
-        .enumerate()
-        .map(|(k, x)| (TAU * ((8.0 + 8.0 * p[8 + k]) * x + p[16 + k])).sin())
-        .product();
+    let face = (p[0] * u.len() as f64) as usize;
+    let others = u.iter().enumerate().filter(|(k, _)| *k != face).take(2);
+    let ripple: f64 = others.map(|(k, x)| (TAU * ((8.0 + 8.0 * p[8 + k]) * x + p[16 + k])).sin()).product();
     far_from_face(u, instance) + MARGIN + AMPLITUDE * ripple
 }
 
@@ -58,12 +55,12 @@ fn of_cell(u: &[f64], cells: f64, instance: &Instance) -> f64 {
 
 /// A random number for each cell.
 fn cells(u: &[f64], instance: &Instance) -> f64 {
-    far_from_face(u, instance) + MARGIN + AMPLITUDE * of_cell(u, 25.0, instance)
+    far_from_face(u, instance) + MARGIN + AMPLITUDE * of_cell(u, 60.0, instance)
 }
 
 /// A bowl with its lowest point inside; random numbers of cells.
 fn inside(u: &[f64], instance: &Instance) -> f64 {
-    distance(u, |i| 0.15 + 0.7 * instance.target[i]) + MARGIN + 1.05 * MARGIN * of_cell(u, 30.0, instance)
+    distance(u, |i| 0.15 + 0.7 * instance.target[i]) + MARGIN + 1.3 * MARGIN * of_cell(u, 60.0, instance)
 }
 
 /// The distance to an edge of two faces, and waves of all axes.

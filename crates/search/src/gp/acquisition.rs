@@ -3,6 +3,7 @@
 use std::ops::Range;
 
 use super::candidates::{Candidates, Region};
+use super::elementary::normal_tail;
 use super::history::History;
 use super::kernel::{ScaledPoints, correlation};
 use super::pathwise::posterior_samples;
@@ -10,6 +11,10 @@ use super::refine::refined;
 use super::regression::Posterior;
 use super::surrogate::Surrogate;
 use mishandle_random::Sequence;
+
+/// Candidates are as good as the best one with respect to ripple if a violation is at least this
+/// fraction as probable.
+const GOOD: f64 = 0.25;
 
 /// A batch of candidates under construction. The variance shrinks around each chosen candidate as
 /// if its value were known; the mean does not change.
@@ -78,12 +83,42 @@ impl Batch {
         self.posterior.whitened.column_mut(start).copy_from(&moved.whitened.column(0));
     }
 
+    /// Chooses a candidate that is likely to be below `level` because of ripple with the standard
+    /// deviation `ripple`. `None` if all are taken.
+    ///
+    /// Ripple that is shorter than the distances between points has independent values at them, but
+    /// about the same value near an evaluated point. So this is a random one of the better half of
+    /// the good candidates: the half that is farther from evaluated points.
+    pub(crate) fn choose_by_ripple(
+        &mut self,
+        candidates: &Candidates,
+        history: &History,
+        (level, ripple): (f64, f64),
+        stream: &mut Sequence,
+    ) -> Option<usize> {
+        let probability = |i: usize| {
+            let deviation = (self.posterior.variances[i] + ripple * ripple).sqrt().max(f64::MIN_POSITIVE);
+            normal_tail((self.posterior.means[i] - level) / deviation)
+        };
+        let free = (0..self.taken.len()).filter(|&i| !self.taken[i]);
+        let free: Vec<(usize, f64)> = free.map(|i| (i, probability(i))).collect();
+        let largest = free.iter().map(|(_, p)| *p).fold(0.0, f64::max);
+        let good = free.iter().filter(|(_, p)| *p >= GOOD * largest);
+        let mut far: Vec<(usize, f64)> =
+            good.map(|&(i, _)| (i, history.squared_distance(candidates.point(i)))).collect();
+        far.sort_by(|a, b| b.1.total_cmp(&a.1));
+        far.truncate(far.len().div_ceil(2));
+        let (chosen, _) = *far.get(stream.below(far.len().max(1) as u64) as usize)?;
+        self.take(chosen);
+        Some(chosen)
+    }
+
     /// Returns how many standard deviations the mean of a candidate is above `level`: the least
-    /// number of all candidates.
-    pub(crate) fn distance(&self, level: f64) -> f64 {
+    /// number of all candidates. The variances are those of the model and of `ripple`.
+    pub(crate) fn distance(&self, level: f64, ripple: f64) -> f64 {
         let Posterior { means, variances, .. } = &self.posterior;
-        let distances =
-            means.iter().zip(variances).map(|(m, v)| (m - level) / v.sqrt().max(f64::MIN_POSITIVE));
+        let deviation = |v: &f64| (v + ripple * ripple).sqrt().max(f64::MIN_POSITIVE);
+        let distances = means.iter().zip(variances).map(|(m, v)| (m - level) / deviation(v));
         distances.fold(f64::INFINITY, f64::min)
     }
 

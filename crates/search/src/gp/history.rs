@@ -96,6 +96,13 @@ impl History {
         order
     }
 
+    /// Returns the squared distance from a point to the nearest kept one; `+∞` without evaluations.
+    pub(crate) fn squared_distance(&self, point: &[f64]) -> f64 {
+        let squared =
+            |other: &Vec<f64>| -> f64 { point.iter().zip(other).map(|(a, b)| (a - b) * (a - b)).sum() };
+        self.points.iter().map(squared).fold(f64::INFINITY, f64::min)
+    }
+
     /// Returns the share of the kept evaluations that have the lowest value; 0 without evaluations.
     pub(crate) fn share_of_lowest(&self) -> f64 {
         let lowest = self.values.iter().copied().fold(f64::INFINITY, f64::min);

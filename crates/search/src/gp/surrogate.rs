@@ -25,6 +25,8 @@ impl Default for Limits {
 /// these bounds.
 const GAP: f64 = 0.3;
 const GAPS: (usize, usize) = (4, 64);
+/// The share of the evaluations that residuals are taken of.
+const LOW: f64 = 0.25;
 /// Evaluations of the likelihood in the first and in later fits.
 const FIRST_EFFORT: usize = 16;
 const EFFORT: usize = 8;
@@ -46,6 +48,7 @@ pub(crate) struct Surrogate {
     model: Option<GaussianProcess>,
     level: f64,
     rank_correlation: f64,
+    ripple: f64,
 }
 
 impl Surrogate {
@@ -63,6 +66,7 @@ impl Surrogate {
             model: None,
             level: 0.0,
             rank_correlation: 0.0,
+            ripple: 0.0,
         }
     }
 
@@ -123,6 +127,11 @@ impl Surrogate {
         self.rank_correlation
     }
 
+    /// Returns the spread of the leave-one-out residuals of the last fit where predictions are low.
+    pub(crate) fn ripple(&self) -> f64 {
+        self.ripple
+    }
+
     /// Adds the evaluations since the last update. Returns whether the model is still valid.
     fn extend(&mut self, history: &History) -> bool {
         let Some(model) = &mut self.model else { return false };
@@ -164,7 +173,10 @@ impl Surrogate {
             GaussianProcess::new(&features, &self.parameters.correlation(self.space.coordinate_of()));
         self.condition(history);
         if let Some(model) = &self.model {
-            self.rank_correlation = rank_correlation(&model.leave_one_out(), model.targets().as_slice());
+            let predictions = model.leave_one_out();
+            let targets = model.targets().as_slice();
+            self.rank_correlation = rank_correlation(&predictions, targets);
+            self.ripple = residual_spread(&predictions, targets);
         }
     }
 
@@ -186,5 +198,30 @@ impl Surrogate {
         let start = if restart { &prior } else { &self.parameters };
         self.parameters = fit(&data, start, if restart { FIRST_EFFORT } else { EFFORT });
         self.is_first = false;
+    }
+}
+
+/// Returns the root mean square of the differences between targets and leave-one-out predictions at
+/// the points with the lowest predictions.
+fn residual_spread(predictions: &[f64], targets: &[f64]) -> f64 {
+    let mut order: Vec<usize> = (0..targets.len()).collect();
+    order.sort_by(|&i, &j| predictions[i].total_cmp(&predictions[j]));
+    order.truncate((targets.len() as f64 * LOW).ceil() as usize);
+    let squares: f64 =
+        order.iter().map(|&i| (targets[i] - predictions[i]) * (targets[i] - predictions[i])).sum();
+    (squares / order.len().max(1) as f64).sqrt()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The lowest two of eight predictions have the residuals 3 and -4.
+    #[test]
+    fn residuals_count_where_predictions_are_low() {
+        let predictions = [5.0, 1.0, 7.0, 2.0, 6.0, 9.0, 8.0, 4.0];
+        let targets = [50.0, 4.0, 70.0, -2.0, 60.0, 90.0, 80.0, 40.0];
+        assert_eq!(residual_spread(&predictions, &targets), 12.5_f64.sqrt());
+        assert_eq!(residual_spread(&[], &[]), 0.0);
     }
 }

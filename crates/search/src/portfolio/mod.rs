@@ -15,6 +15,7 @@ use mishandle_random::Sequence;
 use crate::bayesian::{TRANSFORM, new_point, snapped_point, transform};
 use crate::gp::acquisition::Batch;
 use crate::gp::candidates::{CandidateGenerator, Candidates, Region};
+use crate::gp::elementary::normal_tail;
 use crate::gp::history::History;
 use crate::gp::space::TypedSpace;
 use crate::gp::surrogate::Surrogate;
@@ -25,7 +26,7 @@ use crate::sobol::SobolPoints;
 use crate::{AskTell, RoundBased, SearchEnd, SearchError, SearchSpace};
 use corners::{RemainingCorners, corners};
 use polish::Polish;
-use shares::{Credits, EXPLORATION, Evidence, Source, exploration};
+use shares::{Credits, EXPLORATION, Evidence, N_SOURCES, Source, exploration};
 use steps::{SuccessRate, changed_coordinate};
 use trace::Trace;
 
@@ -42,6 +43,8 @@ const LOCAL: f64 = 0.5;
 /// The share of corners among the points that neither a model nor a step proposes, as long as there
 /// are corners.
 const CORNERS: f64 = 0.25;
+/// The share of the model's points that ripple takes at most.
+const RIPPLE: f64 = 0.5;
 /// Robustness is flat while more than this share of the points has the lowest value.
 const FLAT: f64 = 0.5;
 /// The share of corners among the points while robustness is flat.
@@ -85,6 +88,8 @@ options! {
         pub polish: bool = true, in ANY;
         /// Changes single coordinates of the best point.
         pub single_coordinates: bool = true, in ANY;
+        /// Tries points where the model is low and the differences from it may decide.
+        pub ripple: bool = true, in ANY;
         /// Gives points of the model to the other sources while it is of no use.
         pub exploration: bool = true, in ANY;
         /// Minimizes the lower confidence bound with gradients.
@@ -103,7 +108,7 @@ options! {
 /// region, beside exploration.
 ///
 /// The first round is corners (all 2^d for d ≤ 4, otherwise a balanced sample of 8), the center and
-/// 2 to 8 scrambled Sobol points. Each point of a further round comes from one of seven sources, in
+/// 2 to 8 scrambled Sobol points. Each point of a further round comes from one of eight sources, in
 /// proportion to their shares. With the share t of the source trace, those of the others are
 /// multiplied by 1 - t:
 ///
@@ -113,6 +118,7 @@ options! {
 /// | model, local | lowest confidence bound in a trust region around the best point | (1 - e) / 2 |
 /// | polish | random step from the best point, with the one-fifth rule | e s |
 /// | coordinate | the best point with a new value of one coordinate | e s' |
+/// | ripple | where the model is low, far from other points | r, taken from the others |
 /// | corners | next corner, as long as there are any | e (1 - s - s') / 4 |
 /// | Sobol | next Sobol point | the rest of e |
 /// | trace | highest probability of a violation, composed of those of the parts | t |
@@ -125,6 +131,14 @@ options! {
 ///   values around it are unknown.
 /// - The share t is 0.1 to 0.8: the rate of success of this source, divided by the sum of this rate
 ///   and that of the others. It is 0 if the space has no [parts](crate::Parts), or more than 8.
+///
+/// Ripple is the spread of the leave-one-out residuals at the quarter of the points with the lowest
+/// predictions. Where it makes a violation more probable than the model alone, the model shows the
+/// right region, but not the points in it. Then r replaces corners and Sobol points as far as the
+/// model would no longer count as certain with this spread, and up to half of the model's points
+/// once they find no lower values. Its point is a random one among the candidates at which a
+/// violation is at least a quarter as probable as at the best one, of the half of them that is
+/// farther from evaluated points.
 ///
 /// While more than half of the points have the lowest value, robustness is flat: it shows no way to
 /// lower values, so all points are Sobol points and, one of eleven, corners.
@@ -231,18 +245,23 @@ impl Portfolio {
                 }
             }
         }
-        let distance = batch.as_ref().map_or(0.0, |batch| batch.distance(self.surrogate.level()));
-        for source in self.credits.divide(self.round_size(), &self.shares(distance)) {
-            let range = match source {
-                Source::Global => 0..n_global,
-                Source::Local => n_global..candidates.len(),
-                _ => 0..0,
-            };
-            let chosen = batch.as_mut().and_then(|batch| batch.choose(range, self.options.kappa));
-            let proposed = match (chosen, &mut self.trace) {
-                (Some(i), _) => Some(candidates.point(i).to_vec()),
-                (None, Some(trace)) if source == Source::Trace => trace.propose(&self.history, &self.round),
-                (None, _) => None,
+        let level = self.surrogate.level();
+        let ripple = if self.options.ripple { self.surrogate.ripple() } else { 0.0 };
+        let distances =
+            [0.0, ripple].map(|ripple| batch.as_ref().map_or(0.0, |batch| batch.distance(level, ripple)));
+        for source in self.credits.divide(self.round_size(), &self.shares(distances)) {
+            let kappa = self.options.kappa;
+            let chosen = batch.as_mut().and_then(|batch| match source {
+                Source::Global => batch.choose(0..n_global, kappa),
+                Source::Local => batch.choose(n_global..candidates.len(), kappa),
+                Source::Ripple => {
+                    batch.choose_by_ripple(&candidates, &self.history, (level, ripple), &mut self.stream)
+                }
+                _ => None,
+            });
+            let proposed = match &mut self.trace {
+                Some(trace) if source == Source::Trace => trace.propose(&self.history, &self.round),
+                _ => chosen.map(|i| candidates.point(i).to_vec()),
             };
             self.add(source, proposed);
         }
@@ -251,7 +270,9 @@ impl Portfolio {
     /// Covers the box, without the model and without steps from the best point.
     fn cover(&mut self) {
         let corner = if self.options.corners && !self.corners.is_empty() { FLAT_CORNERS } else { 0.0 };
-        for source in self.credits.divide(self.round_size(), &[1.0 - corner, corner, 0.0, 0.0, 0.0, 0.0, 0.0]) {
+        let mut shares = [0.0; N_SOURCES];
+        (shares[Source::Sobol as usize], shares[Source::Corner as usize]) = (1.0 - corner, corner);
+        for source in self.credits.divide(self.round_size(), &shares) {
             self.add(source, None);
         }
     }
@@ -282,7 +303,7 @@ impl Portfolio {
             Source::Corner => self.corners.next(space, &self.history)?,
             Source::Coordinate => changed_coordinate(best, space, &mut self.stream),
             Source::Polish => self.polish.propose(best, space, &mut self.stream),
-            Source::Sobol | Source::Global | Source::Local | Source::Trace => return None,
+            Source::Sobol | Source::Ripple | Source::Global | Source::Local | Source::Trace => return None,
         };
         Some(point).filter(|point| !self.history.contains(point))
     }
@@ -299,31 +320,36 @@ impl Portfolio {
         (candidates, n_global)
     }
 
-    /// Returns the shares of the sources, given the distance of the most promising candidate from a
-    /// violation.
-    fn shares(&self, distance: f64) -> [f64; 7] {
-        let evidence = Evidence {
+    /// Returns the shares of the sources, given the distances of the most promising candidates from
+    /// a violation, without and with ripple.
+    fn shares(&self, distances: [f64; 2]) -> [f64; N_SOURCES] {
+        let evidence = distances.map(|distance| Evidence {
             rank_correlation: self.surrogate.rank_correlation(),
             distance,
             n: self.history.len(),
             since_improvement: self.since_improvement,
             dimension: self.surrogate.space().dimension(),
-        };
-        let free = if self.options.exploration { exploration(evidence) } else { EXPLORATION.0 };
+        });
+        let [free, covered] = evidence
+            .map(|evidence| if self.options.exploration { exploration(evidence) } else { EXPLORATION.0 });
         let local = if self.options.trust_region { LOCAL } else { 0.0 };
         let [coordinate, polish] = steps::shares(self.step_rates);
         let coordinate = if self.options.single_coordinates { coordinate } else { 0.0 };
         let polish = if self.options.polish { polish } else { 0.0 };
-        let covering = 1.0 - coordinate - polish;
+        let others = 1.0 - coordinate - polish;
+        let covering = others * (covered / free).min(1.0);
         let corner = if self.options.corners && !self.corners.is_empty() { CORNERS * covering } else { 0.0 };
-        let sobol = covering - corner;
-        let [sobol, corner, coordinate, polish] =
-            [sobol, corner, coordinate, polish].map(|share| free * share);
+        let sources = [covering - corner, corner, coordinate, polish, others - covering];
+        let [sobol, corner, coordinate, polish, ripple] = sources.map(|share| free * share);
+        let [without, with] = distances.map(normal_tail);
+        let more_probable = (1.0 - without / with.max(f64::MIN_POSITIVE)).max(0.0);
+        let of_model = RIPPLE * evidence[0].stalled() * more_probable * (1.0 - free);
+        let (model, ripple) = (1.0 - free - of_model, ripple + of_model);
         let trace = self.trace.as_ref().map_or(0.0, Trace::share);
-        let (global, local) = ((1.0 - free) * (1.0 - local), (1.0 - free) * local);
-        let [sobol, corner, coordinate, polish, global, local] =
-            [sobol, corner, coordinate, polish, global, local].map(|share| (1.0 - trace) * share);
-        [sobol, corner, coordinate, polish, global, local, trace]
+        let (global, local) = (model * (1.0 - local), model * local);
+        let [sobol, corner, coordinate, polish, ripple, global, local] =
+            [sobol, corner, coordinate, polish, ripple, global, local].map(|share| (1.0 - trace) * share);
+        [sobol, corner, coordinate, polish, ripple, global, local, trace]
     }
 
     /// Returns the index of the best point that is not near a collapsed trust region; of the best
@@ -360,7 +386,7 @@ impl Portfolio {
                     self.polish.receive(is_success);
                 }
                 Source::Local => (lowest, n_local) = (value.min(lowest), n_local + 1),
-                Source::Sobol | Source::Corner | Source::Global | Source::Trace => (),
+                Source::Sobol | Source::Corner | Source::Ripple | Source::Global | Source::Trace => (),
             }
         }
         if n_local > 0 {

@@ -13,6 +13,8 @@ pub(super) enum Source {
     Coordinate,
     /// A random step from the best point.
     Polish,
+    /// Where the model is low and ripple may decide.
+    Ripple,
     /// The model, in the whole box.
     Global,
     /// The model, in the trust region.
@@ -21,11 +23,14 @@ pub(super) enum Source {
     Trace,
 }
 
-const SOURCES: [Source; 7] = [
+/// The number of sources.
+pub(super) const N_SOURCES: usize = 8;
+const SOURCES: [Source; N_SOURCES] = [
     Source::Sobol,
     Source::Corner,
     Source::Coordinate,
     Source::Polish,
+    Source::Ripple,
     Source::Global,
     Source::Local,
     Source::Trace,
@@ -36,16 +41,16 @@ const SOURCES: [Source; 7] = [
 /// Each source earns its share of every point, and the source with the largest credit proposes the
 /// point. So rounds of one point have the same proportions as large rounds, without random numbers.
 #[derive(Debug, Clone, Default)]
-pub(super) struct Credits([f64; 7]);
+pub(super) struct Credits([f64; N_SOURCES]);
 
 impl Credits {
     /// Returns the sources of the next `n` points. Shares sum to 1, in the order of [`Source`].
-    pub(super) fn divide(&mut self, n: usize, shares: &[f64; 7]) -> Vec<Source> {
+    pub(super) fn divide(&mut self, n: usize, shares: &[f64; N_SOURCES]) -> Vec<Source> {
         let next = |_| {
             self.0.iter_mut().zip(shares).for_each(|(credit, share)| *credit += share);
             // Of equal credits the last source, a model, comes first. A source without a share
             // keeps its credit.
-            let open = (0..7).filter(|&i| shares[i] > 0.0);
+            let open = (0..N_SOURCES).filter(|&i| shares[i] > 0.0);
             let richest = open.max_by(|&i, &j| self.0[i].total_cmp(&self.0[j])).unwrap_or_default();
             self.0[richest] -= 1.0;
             SOURCES[richest]
@@ -88,9 +93,15 @@ pub(super) fn exploration(evidence: Evidence) -> f64 {
     let chance = (evidence.n.max(1) as f64).sqrt().recip();
     let useful = ((evidence.rank_correlation - chance) / USEFUL).clamp(0.0, 1.0);
     let certain = (1.0 + evidence.n as f64 * normal_tail(evidence.distance)).recip();
-    let patience = PATIENCE.0 + PATIENCE.1 * evidence.dimension as f64;
-    let stalled = (evidence.since_improvement as f64 / patience).min(1.0);
-    EXPLORATION.0 + (EXPLORATION.1 - EXPLORATION.0) * (1.0 - useful).max(certain * stalled)
+    EXPLORATION.0 + (EXPLORATION.1 - EXPLORATION.0) * (1.0 - useful).max(certain * evidence.stalled())
+}
+
+impl Evidence {
+    /// Returns how certain it is that no further improvement comes, from 0 to 1.
+    pub(super) fn stalled(self) -> f64 {
+        let patience = PATIENCE.0 + PATIENCE.1 * self.dimension as f64;
+        (self.since_improvement as f64 / patience).min(1.0)
+    }
 }
 
 #[cfg(test)]
@@ -99,13 +110,13 @@ mod tests {
 
     #[test]
     fn credits_follow_the_shares_for_any_round_size() {
-        let shares = [0.5, 0.0, 0.125, 0.125, 0.125, 0.0625, 0.0625];
+        let shares = [0.5, 0.0, 0.125, 0.125, 0.125, 0.0, 0.0625, 0.0625];
         for n in [1, 3, 16] {
-            let (mut credits, mut counts) = (Credits::default(), [0; 7]);
+            let (mut credits, mut counts) = (Credits::default(), [0; N_SOURCES]);
             for _ in 0..960 / n {
                 credits.divide(n, &shares).iter().for_each(|source| counts[*source as usize] += 1);
             }
-            assert_eq!(counts, [480, 0, 120, 120, 120, 60, 60], "rounds of {n}");
+            assert_eq!(counts, [480, 0, 120, 120, 120, 0, 60, 60], "rounds of {n}");
         }
     }
 
