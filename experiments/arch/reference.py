@@ -3,6 +3,7 @@
     python -m venv target/arch-venv && target/arch-venv/bin/pip install --requirement experiments/arch/requirements.txt
     target/arch-venv/bin/python experiments/arch/reference.py chasing_cars
     target/arch-venv/bin/python experiments/arch/reference.py fuel_control
+    target/arch-venv/bin/python experiments/arch/reference.py steam_condenser
 
 The equations are written again here, from the sources that docs/reference/arch.md names, with other methods: variable steps with a
 relative tolerance of 1e-10 or less, events of SciPy for changes of mode, Radau for the stiff manifold. The files are
@@ -10,6 +11,7 @@ crates/arch/tests/data/MODEL.csv: lines `input,CASE,VALUES` in the order of the 
 `sample,CASE,TIME,SIGNALS`.
 """
 
+import json
 import pathlib
 import sys
 
@@ -19,6 +21,7 @@ from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
 DATA = pathlib.Path(__file__).parent.parent.parent / "crates/arch/tests/data"
+WEIGHTS = pathlib.Path(__file__).parent / "condenser_weights.json"
 TOLERANCES = {"rtol": 1e-11, "atol": 1e-11}
 
 
@@ -193,6 +196,46 @@ def fuel_control(pedal, rpm, ramp, times):
     return found
 
 
+def steam_condenser(steam, ramp, times):
+    """Returns measured pressure, temperature, water and heat at the times."""
+    weights = {name: np.array(value) for name, value in json.loads(WEIGHTS.read_text(encoding="utf-8")).items()}
+    table = np.array([50, 60, 70, 80, 90, 100, 110]), np.array([81.3167, 85.9258, 89.9315, 93.4854, 96.6870, 99.6059, 102.2923])
+    latent = np.array([2305.42, 2293.64, 2283.30, 2274.05, 2265.65, 2257.92, 2250.76])
+    edges = sorted({*breaks(20, 35.0, ramp), (2.0, 1)})
+
+    def exchanged(p, temperature, water):
+        boiling = np.interp(p, *table)
+        mean = (temperature - 60) / np.log((boiling - 60) / (boiling - temperature))
+        return mean / (0.0872924756541668 * water**-0.8 + 0.00073786772008033)
+
+    state = np.array([90.0, 80.0, 107.8880952381, 90.0, *np.zeros(6)])
+    found = np.full((len(times), 4), np.nan)
+    for (begin, piece), (end, _) in zip(edges, [*edges[1:], (35.0, 20)]):
+
+        def slope(time, state):
+            p, temperature, water, measured = state[:4]
+            scaled = (measured - (90 if begin < 2 else 87) + 4) / 5 - 1
+            hidden = np.tanh(weights["inward"] * scaled + weights["recurrent"] @ state[4:] + weights["biases"])
+            demand = 127.8880952381 + 50 * (weights["outward"] @ hidden + weights["output_bias"])
+            heat = exchanged(p, temperature, water)
+            return [
+                0.461526 / 3 * np.interp(p, *table) * (value(steam, 35.0, ramp, time, piece) - heat / np.interp(p, table[0], latent)),
+                (water * (60 - temperature) + heat / 4.2) / 500,
+                min(max(demand, 0.0), 200.0) - water,
+                2 * (p - measured),
+                *(hidden - 10 * state[4:7]),
+                *(state[4:7] - 10 * state[7:]),
+            ]
+
+        run = solve_ivp(slope, (begin, end), state, "DOP853", dense_output=True, max_step=0.05, rtol=1e-10, atol=1e-10)
+        inside = (times >= begin) & (times <= end)
+        for row in np.flatnonzero(inside):
+            p, temperature, water, measured = run.sol(times[row])[:4]
+            found[row] = [measured, temperature, water, exchanged(p, temperature, water)]
+        state = run.y[:, -1]
+    return found
+
+
 def linear(x, xs, ys):
     """Linear interpolation, continued beyond the points."""
     place = min(max(int(np.searchsorted(xs, x)) - 1, 0), len(xs) - 2)
@@ -216,6 +259,10 @@ def cases(model):
             # Corners are what searches try most.
             throttle, brake = random.integers(0, 2, (2, 20)).astype(float) if case == 1 else random.uniform(0, 1, (2, 20))
             yield case, [*throttle, *brake, ramp], times, chasing_cars(throttle, brake, ramp, times)
+        elif model == "steam_condenser":
+            times = np.arange(0, 35.5, 0.5)
+            steam, ramp = random.uniform(3.99, 4.01, 20), 0.8 * ramp  # ramps of whole steps
+            yield case, [*steam, ramp], times, steam_condenser(steam, ramp, times)
         else:
             times = np.arange(0, 50.25, 0.25)
             # Cases 2 and 3 are in power mode.

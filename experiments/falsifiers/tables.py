@@ -38,6 +38,9 @@ OURS, RANDOM, ANNEALING = "portfolio", "random", "scipy-dual-annealing"
 LEVEL, FEWEST_SEEDS = 0.05, 5
 
 BOTH = ("task", "function")
+ARCH = "arch"
+ARCH_SEARCHES = ("random", "portfolio", "bayesian", "turbo", "cma-es")
+PUBLISHED = HERE / "published.csv"
 
 Bar = tuple[str, bool | None, list[str]]
 """What was measured, the verdict (None without trials), and systems to list."""
@@ -57,6 +60,9 @@ class Results:
     """Trials by search, system and seed."""
 
     systems: list[systems.System]
+    """Functions and tasks, of which bars and means are made."""
+    arch: list[systems.System]
+    """Problems of the ARCH competition, which have a table of their own."""
     trials: dict[Key, dict[str, dict[int, Row]]]
 
     def values(self, key: Key, system: str, seeds: Sequence[int] | None = None) -> NDArray[np.float64]:
@@ -92,7 +98,9 @@ def read(results: pathlib.Path) -> Results:
             for row in csv.DictReader(lines):
                 of[row["system"]][int(row["seed"])] = Row(int(row["simulations"]), row["violated"] == "1", float(row["proposal_ms"]))
         trials[name, int(batch)] = of
-    return Results(systems.load(), trials)
+    every = systems.load()
+    of_arch = [system for system in every if system.group == ARCH]
+    return Results([system for system in every if system.group in BOTH], of_arch, trials)
 
 
 def markdown(head: Sequence[str], rows: Sequence[Sequence[Any]], text_columns: int = 1) -> str:
@@ -291,6 +299,40 @@ def kinds(results: Results) -> str:
     return markdown(["group", "smooth", "cliff", "seam", "needle", "all"], rows)
 
 
+def arch(results: Results) -> str:
+    """Returns a row for each problem of the ARCH competition: restricted mean and falsified trials of our searches, over the seeds
+    that all of them have. The controls are in no mean."""
+    keys = [(name, 1) for name in ARCH_SEARCHES if (name, 1) in results.trials]
+    seeds = common(results, keys, results.arch) if keys else {}
+    if not seeds:
+        return "No trials."
+    rows, counted = [], []
+    for system in (system for system in results.arch if system.name in seeds):
+        of = seeds[system.name]
+        cells = []
+        for key in keys:
+            values = results.values(key, system.name, of)
+            falsified = sum(results.trials[key][system.name][seed].violated for seed in of)
+            cells.append(f"{values.mean():.1f} ({interval(*measures.mean_interval(values))}); {falsified}")
+        if not system.facts["control"]:
+            counted.append([results.values(key, system.name, of).mean() for key in keys])
+        name = f"`{system.name}`" + (" (control)" if system.facts["control"] else "")
+        rows.append([name, system.dimension, len(of), *cells])
+    if counted:
+        rows.append(["mean without controls", "", "", *(f"{mean:.1f}" for mean in np.mean(counted, axis=0))])
+    return markdown(["problem", "axes", "seeds", *(f"`{name}`" for name, _ in keys)], rows)
+
+
+def published() -> str:
+    """Returns figures that others published about these problems."""
+    with open(PUBLISHED, newline="", encoding="utf-8") as lines:
+        found = list(csv.DictReader(lines))
+    rows = [
+        [f"`arch/{row['problem']}`", f"{row['tool']} {row['year']}", f"{row['falsified']} of {row['runs']}", row["mean"], row["median"]] for row in found
+    ]
+    return markdown(["problem", "tool", "runs that falsified", "mean simulations of these", "median"], sorted(rows), 2)
+
+
 def missing(results: Results) -> str:
     """Returns what the benchmark still lacks."""
     lines = []
@@ -310,6 +352,8 @@ def tables(results: Results) -> dict[str, str]:
         "batches": overview(results, 16, slow=False),
         "slow": overview(results, 1, slow=True),
         "systems": comparison(results),
+        "arch": arch(results),
+        "published": published(),
         "trials": missing(results),
     }
 

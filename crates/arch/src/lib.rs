@@ -5,6 +5,7 @@
 //! - `integration`: fixed steps of the classical Runge-Kutta method, and events inside a step
 //! - `chasing_cars`: five cars, problems CC1 to CC5 and CCx
 //! - `fuel_control`: a controller of fuel, problems AFC27, AFC29 and AFC33
+//! - `steam_condenser`: a recurrent network that holds a pressure, problem SC
 //!
 //! The models are implemented again from their equations: no code of the competition is used.
 //! docs/reference/arch.md states sources, differences and the comparison with another integrator.
@@ -29,12 +30,14 @@ mod chasing_cars;
 mod fuel_control;
 mod inputs;
 mod integration;
+mod steam_condenser;
 
 use mishandle_rollout::{RolloutError, Target};
 use mishandle_toys::Toy;
 
 use chasing_cars::{ChasingCars, Problem};
 use fuel_control::FuelControl;
+use steam_condenser::SteamCondenser;
 
 /// The kind of these targets, a prefix of their names in plans.
 pub const KIND: &str = "arch";
@@ -50,6 +53,7 @@ pub static PROBLEMS: &[&dyn Toy] = &[
     &FuelControl(fuel_control::Problem::Afc27),
     &FuelControl(fuel_control::Problem::Afc29),
     &FuelControl(fuel_control::Problem::Afc33),
+    &SteamCondenser,
 ];
 
 /// Returns the target with this name, including the prefix `arch/`; `None` if there is no such

@@ -65,6 +65,16 @@ fn chasing_cars_agree() {
 }
 
 #[test]
+fn the_steam_condenser_agrees() {
+    let cases = cases(include_str!("data/steam_condenser.csv"));
+    assert_eq!(cases.len(), 6);
+    for case in cases.values() {
+        let signals = [("pressure", 1e-6), ("temperature", 1e-6), ("water", 1e-5), ("heat", 1e-3)];
+        compare("arch/sc", 0.01, case, &signals);
+    }
+}
+
+#[test]
 fn fuel_control_agrees() {
     let cases = cases(include_str!("data/fuel_control.csv"));
     assert_eq!(cases.len(), 6);
