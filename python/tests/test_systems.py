@@ -551,6 +551,11 @@ class Tools(unittest.TestCase):
             objective(points, threshold=-1.0)
 
     def test_an_objective_of_a_task_has_levels_and_bounds_above_a_threshold(self):
+        # The gap of the last cars grows above 40 m at full throttle, and stays at 10 m at rest.
+        cars = mishandle.Objective("arch/cc1")
+        found = cars([[1.0] * 20 + [0.0] * 20, [0.0] * 40])
+        self.assertLess(found[0], 0)
+        self.assertEqual(found[1], 30.0)
         delay = mishandle.Objective("point-reaching", "success", "delay", policy="ppo")
         self.assertEqual([axis.name for axis in delay.space], ["action_delay", "observation_delay"])
         self.assertEqual(delay.levels, [axis.high - axis.low + 1 for axis in delay.space])

@@ -36,6 +36,7 @@ fn episode(name: &str, inputs: &[f64]) -> Episode {
 
 /// Compares signals of all samples; each signal has its own tolerance. Prints the largest
 /// differences.
+#[expect(clippy::print_stdout, reason = "the documentation quotes the differences")]
 fn compare(name: &str, dt: f64, case: &Case, signals: &[(&str, f64)]) {
     let episode = episode(name, &case.inputs);
     for (column, (signal, tolerance)) in signals.iter().enumerate() {

@@ -72,7 +72,7 @@ impl Controller {
 
     /// Runs once with the measured plant and the measured ratio of air to fuel. The model also has
     /// a mode for a failed sensor, which no problem of the competition enters.
-    pub fn tick(&mut self, measured: Measured, ratio: f64) {
+    pub fn tick(&mut self, measured: &Measured, ratio: f64) {
         self.clock += TICK;
         self.is_started |= self.clock >= STARTUP;
         self.is_power = measured.throttle >= if self.is_power { POWER_OFF } else { POWER_ON };
@@ -103,7 +103,7 @@ mod tests {
     use super::*;
 
     fn tick(controller: &mut Controller, throttle: f64, ratio: f64) {
-        controller.tick(Measured { throttle, throttle_flow: 5.0, speed: 100.0 }, ratio);
+        controller.tick(&Measured { throttle, throttle_flow: 5.0, speed: 100.0 }, ratio);
     }
 
     #[test]

@@ -131,7 +131,7 @@ impl Toy for FuelControl {
         for tick in 0..=TICKS {
             let first = STEPS_PER_TICK * tick;
             if tick > 0 {
-                controller.tick(plant.measured(), sensor.ratio());
+                controller.tick(&plant.measured(), sensor.ratio());
             }
             let ratio = sensor.ratio();
             let mu = if tick >= MEASURED_FROM { ratio / controller.reference() - 1.0 } else { 0.0 };
@@ -142,7 +142,7 @@ impl Toy for FuelControl {
             if tick < TICKS {
                 for step in first..first + STEPS_PER_TICK {
                     let flow = plant.step(DT, [pedal.at(step, 0.0), pedal.at(step, 1.0)], controller.fuel());
-                    sensor.step(DT, flow);
+                    sensor.step(DT, &flow);
                 }
             }
         }

@@ -72,7 +72,7 @@ impl Sensor {
     }
 
     /// Takes a step of `dt` in which the cylinders have this flow.
-    pub fn step(&mut self, dt: f64, flow: Flow) {
+    pub fn step(&mut self, dt: f64, flow: &Flow) {
         let [begin, middle, end] = flow.delay.map(|delay| 1.0 / delay);
         // The integral of the parabola through the three rates, to the middle and to the end.
         let half = dt / 24.0 * (5.0 * begin + 8.0 * middle - end);
@@ -116,7 +116,7 @@ mod tests {
         let (dt, delay) = (0.005, 0.2513);
         let mut sensor = Sensor::new();
         for step in 1..=400 {
-            sensor.step(dt, Flow { ratio: [15.7; 3], delay: [delay; 3] });
+            sensor.step(dt, &Flow { ratio: [15.7; 3], delay: [delay; 3] });
             let t = (dt * f64::from(step) - delay).max(0.0);
             let answer = 1.0 - (50.0 * (-10.0 * t).exp() - 10.0 * (-50.0 * t).exp()) / 40.0;
             assert!((sensor.ratio() - 14.7 - answer).abs() < 1e-6, "{t}: {} {answer}", sensor.ratio());
@@ -131,7 +131,7 @@ mod tests {
         for step in 0..200 {
             let times = [0.0, 0.5, 1.0].map(|share| 0.005 * (f64::from(step) + share));
             let is_before = times[2] <= arrival;
-            sensor.step(0.005, Flow { ratio: [15.7; 3], delay: times.map(|time| 0.2 + 0.5 * time) });
+            sensor.step(0.005, &Flow { ratio: [15.7; 3], delay: times.map(|time| 0.2 + 0.5 * time) });
             assert_eq!(sensor.ratio() == 14.7, is_before, "{}", times[2]);
         }
         assert!(sensor.pipe.len() < 200);
