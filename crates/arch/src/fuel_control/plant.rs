@@ -255,7 +255,9 @@ mod tests {
     fn the_pressure_settles_where_inflow_and_outflow_are_equal() {
         for pedal in [0.0, 30.0, 61.2, 81.2] {
             let mut plant = Plant::new(1000.0);
-            (0..4000).for_each(|_| drop(plant.step(0.005, [pedal, pedal], 0.4)));
+            for _ in 0..4000 {
+                plant.step(0.005, [pedal, pedal], 0.4);
+            }
             let inflow = throttle_flow(pedal + 8.8, plant.pressure).0;
             let outflow = 0.9 * air_estimate(plant.pressure, plant.speed);
             assert!((inflow - outflow).abs() < 1e-9 && plant.pressure < 1.0, "{pedal}: {inflow} {outflow}");
