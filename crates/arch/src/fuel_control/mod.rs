@@ -41,6 +41,12 @@ const DT: f64 = TICK / STEPS_PER_TICK as f64;
 /// The tick from which `mu` is measured: 1 s. Before it `mu` is 0.
 const MEASURED_FROM: usize = 100;
 
+/// Pedal angle above which the controller enters power mode, degrees: 70 less the base opening of
+/// 8.8. At this angle, and in floating point at the next one, the throttle approaches 70 from below
+/// without end. So the range of power mode, which excludes it, begins a little above.
+const POWER: f64 = 61.2;
+const ABOVE: f64 = 1e-9;
+
 /// Pieces of the pedal; the engine speed is constant.
 const PIECES: usize = 10;
 
@@ -49,10 +55,9 @@ const SPEED: Input =
 
 impl FuelControl {
     fn pedal(&self) -> Input {
-        // The controller enters power mode above 61.2: 70 less the base opening of 8.8.
         let bounds = match self.0 {
-            Problem::Afc27 | Problem::Afc29 => [0.0, 61.2],
-            Problem::Afc33 => [61.2, 81.2],
+            Problem::Afc27 | Problem::Afc29 => [0.0, POWER],
+            Problem::Afc33 => [POWER + ABOVE, 81.2],
         };
         Input { name: "throttle", unit: "deg", bounds, pieces: PIECES, meaning: "pedal angle" }
     }
