@@ -20,6 +20,7 @@ pub fn search_space(space: &Space, parts: &Decomposition, steps: usize) -> Searc
         begins: space.axes().iter().map(|axis| axis.acts_from).collect(),
         parts: Some(Parts {
             ends: parts.ends().map(|end| end as f64 / steps.max(1) as f64).collect(),
+            signals: parts.leaves().collect(),
             composition: composition(parts.composition()),
         }),
     }

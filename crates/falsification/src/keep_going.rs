@@ -158,7 +158,7 @@ impl<'a> Archive<'a> {
         if is_satisfied(robustness) && self.others.len() < MAX_OTHERS {
             self.others.push(point);
         }
-        Ok(if robustness < level { level.into() } else { observation(Some(robustness), &episode.verdict) })
+        Ok(raised(observation(Some(robustness), &episode.verdict), level))
     }
 
     /// Returns whether new modes have become rarer than the settings require.
@@ -252,6 +252,16 @@ impl<'a> Archive<'a> {
     }
 }
 
+/// Returns an observation that is at least `level`. Minima and maxima of raised parts compose the
+/// raised robustness.
+fn raised(observation: Observation, level: f64) -> Observation {
+    let Observation { robustness, parts } = observation;
+    Observation {
+        robustness: robustness.max(level),
+        parts: parts.iter().map(|part| part.max(level)).collect(),
+    }
+}
+
 /// Returns number `i` of Luby's sequence 1, 1, 2, 1, 1, 2, 4, ..., counted from 1.
 fn luby(i: u32) -> u32 {
     // The sequence up to 2^k - 1 is twice the one up to 2^(k-1) - 1, and then 2^(k-1).
@@ -267,6 +277,20 @@ mod tests {
     fn luby_numbers_are_those_of_the_paper() {
         let expected = [1, 1, 2, 1, 1, 2, 4, 1, 1, 2, 1, 1, 2, 4, 8];
         assert_eq!((1..=15).map(luby).collect::<Vec<_>>(), expected);
+    }
+
+    #[test]
+    fn raised_parts_compose_the_raised_robustness() {
+        use mishandle_search::Composition::{Max, Min, Part};
+        let composition = Max(vec![Min(vec![Part(0), Part(1)]), Part(2)]);
+        for parts in [[-1.0, 2.0, -3.0], [0.5, 4.0, 0.1], [f64::NEG_INFINITY, 1.0, f64::INFINITY]] {
+            let robustness = composition.value(&parts);
+            for level in [f64::NEG_INFINITY, -2.0, 0.2, 3.0] {
+                let found = raised(Observation { robustness, parts: parts.to_vec() }, level);
+                assert_eq!(composition.value(&found.parts), found.robustness);
+                assert_eq!(found.robustness, robustness.max(level));
+            }
+        }
     }
 
     #[test]

@@ -28,6 +28,9 @@ pub struct SearchSpace {
 pub struct Parts {
     /// For each part the time after which nothing changes it.
     pub ends: Vec<f64>,
+    /// For each part the number of its signal. Parts of one signal are its extrema in several
+    /// windows of time.
+    pub signals: Vec<usize>,
     /// How the parts compose the robustness.
     pub composition: Composition,
 }
@@ -55,21 +58,12 @@ impl Composition {
     /// let composition = Max(vec![Part(0), Min(vec![Part(1), Part(2)])]);
     /// assert_eq!(composition.value(&[1.0, 2.0, 3.0]), 2.0);
     /// ```
-    pub fn value(&self, parts: &[f64]) -> f64 {
-        self.fold(&|part| parts[part], &|values| least(values), &|values| -least(values.map(|x| -x)))
-    }
-
-    /// Returns a value of the tree, given those of the parts, of minima and of maxima.
-    pub(crate) fn fold(
-        &self,
-        part: &dyn Fn(usize) -> f64,
-        min: &dyn Fn(&mut dyn Iterator<Item = f64>) -> f64,
-        max: &dyn Fn(&mut dyn Iterator<Item = f64>) -> f64,
-    ) -> f64 {
+    pub fn value<'a>(&'a self, parts: &[f64]) -> f64 {
+        let of = |operands: &'a [Composition]| operands.iter().map(|operand| operand.value(parts));
         match self {
-            Composition::Part(index) => part(*index),
-            Composition::Min(operands) => min(&mut operands.iter().map(|x| x.fold(part, min, max))),
-            Composition::Max(operands) => max(&mut operands.iter().map(|x| x.fold(part, min, max))),
+            Composition::Part(index) => parts[*index],
+            Composition::Min(operands) => least(of(operands)),
+            Composition::Max(operands) => -least(of(operands).map(|x| -x)),
         }
     }
 }

@@ -9,7 +9,7 @@ fn space() -> SearchSpace {
     let composition = Max(vec![Part(0), Min(vec![Part(1), Part(2)])]);
     SearchSpace {
         begins: vec![0.0, 0.0, 0.5, 0.5],
-        parts: Some(Parts { ends: vec![0.5, 0.5, 1.0], composition }),
+        parts: Some(Parts { ends: vec![0.5, 0.5, 1.0], signals: vec![0, 1, 1], composition }),
         ..SearchSpace::from(&[
             Coordinate::Continuous,
             Coordinate::Integer { levels: 5 },
@@ -38,8 +38,12 @@ fn parts_are_needed_only_if_the_space_has_several_and_the_option_is_on() {
     assert!(!make(&SearchOptions::new().with("trace", false), &space()).needs_parts());
     let without = SearchSpace { parts: None, ..space() };
     assert!(!make(&default, &without).needs_parts());
-    let one = Parts { ends: vec![1.0], composition: Part(0) };
+    let one = Parts { ends: vec![1.0], signals: vec![0], composition: Part(0) };
     assert!(!make(&default, &SearchSpace { parts: Some(one), ..space() }).needs_parts());
+    let windows = Parts { signals: vec![0; 3], ..space().parts.expect("parts") };
+    let windows = SearchSpace { parts: Some(windows), ..space() };
+    assert!(make(&default, &windows).needs_parts());
+    assert!(!make(&default, &SearchSpace { begins: vec![0.0; 4], ..windows }).needs_parts());
 }
 
 /// Parts that never arrive leave the search as it is without them.
@@ -56,24 +60,20 @@ fn without_parts_the_points_are_those_of_a_search_without_the_source() {
     }
 }
 
-/// A simulation that ends early has no parts, and a robustness above its threshold.
+/// A simulation that ends early may have no parts.
 #[test]
-fn an_observation_above_the_stop_threshold_has_the_same_effect_without_its_parts() {
-    let (mut whole, mut stopped) =
-        (make(&SearchOptions::new(), &space()), make(&SearchOptions::new(), &space()));
-    let mut n_stopped = 0;
-    for _ in 0..200 {
-        let (u, v) = (whole.ask().expect("a point"), stopped.ask().expect("a point"));
-        assert_eq!(u, v);
-        let threshold = stopped.stop_threshold(&v);
-        let found = observation(&u, 2.0);
-        let is_above = found.robustness > threshold;
-        n_stopped += usize::from(is_above);
-        let partial = if is_above { Observation::from(f64::INFINITY) } else { found.clone() };
-        whole.tell(&u, &found).expect("a pending point");
-        stopped.tell(&v, &partial).expect("a pending point");
+fn a_search_of_parts_lets_no_simulation_end_early() {
+    let (mut search, mut plain) =
+        (make(&SearchOptions::new(), &space()), make(&SearchOptions::new().with("trace", false), &space()));
+    let mut n_finite = 0;
+    for search in [&mut search, &mut plain] {
+        for _ in 0..60 {
+            let u = search.ask().expect("a point");
+            n_finite += usize::from(search.stop_threshold(&u).is_finite());
+            search.tell(&u, &observation(&u, 2.0)).expect("a pending point");
+        }
+        assert_eq!(n_finite > 0, !search.needs_parts());
     }
-    assert!(n_stopped > 20, "{n_stopped}");
 }
 
 #[test]

@@ -54,6 +54,7 @@ pub struct Decomposition {
 /// The extremum of a sub-formula over a range of samples.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct FormulaPart {
+    leaf: usize,
     /// The index in the list of sub-formulas.
     subformula: usize,
     is_negated: bool,
@@ -204,9 +205,10 @@ impl Formula {
         let of_leaf: Vec<Composition> = splitter
             .leaves
             .iter()
-            .map(|leaf| {
+            .enumerate()
+            .map(|(index, leaf)| {
                 let subformula = listed.iter().position(|node| *node == leaf.node).unwrap_or_default();
-                decomposition.add(leaf, subformula, splitter.reaches[leaf.node], samples, per_leaf)
+                decomposition.add((index, leaf), subformula, splitter.reaches[leaf.node], samples, per_leaf)
             })
             .collect();
         decomposition.composition = with_windows(composition, &of_leaf);
@@ -230,6 +232,12 @@ impl Decomposition {
         &self.composition
     }
 
+    /// Returns for each part the number of its sub-formula. Parts of one sub-formula are its extrema
+    /// in several windows.
+    pub fn leaves(&self) -> impl ExactSizeIterator<Item = usize> {
+        self.parts.iter().map(|part| part.leaf)
+    }
+
     /// Returns for each part the last sample that it depends on.
     pub fn ends(&self) -> impl ExactSizeIterator<Item = usize> {
         self.parts.iter().map(|part| part.end)
@@ -238,7 +246,7 @@ impl Decomposition {
     /// Adds the parts of a leaf: at most `windows`.
     fn add(
         &mut self,
-        leaf: &Leaf,
+        (index, leaf): (usize, &Leaf),
         subformula: usize,
         reach: Reach,
         samples: usize,
@@ -255,6 +263,7 @@ impl Decomposition {
             let reached =
                 if reach.is_unbounded { samples } else { at(window + 1).saturating_add(reach.ahead) };
             self.parts.push(FormulaPart {
+                leaf: index,
                 subformula,
                 is_negated: leaf.is_negated,
                 is_least: around.is_least,

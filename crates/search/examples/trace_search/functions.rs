@@ -12,11 +12,13 @@ pub struct Function {
     pub axes: usize,
     /// Whether the value is the greatest part, or else the least.
     is_max: bool,
+    /// Whether the parts are windows of one signal.
+    is_windows: bool,
     values: Values,
 }
 
 const fn function(name: &'static str, axes: usize, is_max: bool, values: Values) -> Function {
-    Function { name, axes, is_max, values }
+    Function { name, axes, is_max, is_windows: false, values }
 }
 
 /// Those of `experiments/structure`, with random centers.
@@ -27,8 +29,8 @@ pub const FUNCTIONS: [Function; 8] = [
     function("balls", 6, false, balls),
     function("both-fail", 4, true, both_fail),
     function("min-max", 6, true, min_max),
-    function("arrival", 4, true, arrival),
-    function("overlap", 4, true, overlap),
+    Function { is_windows: true, ..function("arrival", 4, true, arrival) },
+    Function { is_windows: true, ..function("overlap", 4, true, overlap) },
 ];
 
 impl Function {
@@ -40,7 +42,8 @@ impl Function {
     pub fn parts(&self) -> Parts {
         let n = self.values(&vec![0.5; self.axes], &[0.5; 32]).len();
         let all: Vec<Composition> = (0..n).map(Part).collect();
-        Parts { ends: vec![1.0; n], composition: if self.is_max { Max(all) } else { Min(all) } }
+        let signals = if self.is_windows { vec![0; n] } else { (0..n).collect() };
+        Parts { ends: vec![1.0; n], signals, composition: if self.is_max { Max(all) } else { Min(all) } }
     }
 
     pub fn values(&self, u: &[f64], targets: &[f64]) -> Vec<f64> {

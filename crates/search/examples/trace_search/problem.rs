@@ -84,9 +84,14 @@ impl Problem {
         let end = |w: RangeInclusive<usize>| *w.end() as f64 / STEPS as f64;
         let parts = match variant.observed {
             Observed::Robustness => None,
-            Observed::OnePart => Some(Parts { ends: vec![1.0; 2], composition: Max(vec![Part(0), Part(1)]) }),
+            Observed::OnePart => Some(Parts {
+                ends: vec![1.0; 2],
+                signals: vec![0, 1],
+                composition: Max(vec![Part(0), Part(1)]),
+            }),
             Observed::Windows(n) => Some(Parts {
                 ends: self.signals.clone().flat_map(|k| self.windows(k, n)).map(end).collect(),
+                signals: self.signals.clone().flat_map(|k| vec![k; n]).collect(),
                 composition: match self.signals.start {
                     0 => Max(vec![Max((0..n).map(Part).collect()), Min((n..2 * n).map(Part).collect())]),
                     _ => Min((0..n).map(Part).collect()),

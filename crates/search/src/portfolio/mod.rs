@@ -130,7 +130,8 @@ options! {
 ///   most 0.9 in total. When a Sobol point or corner finds one, they start again, because the
 ///   values around it are unknown.
 /// - The share t is 0.1 to 0.8: the rate of success of this source, divided by the sum of this rate
-///   and that of the others. It is 0 if the space has no [parts](crate::Parts), or more than 8.
+///   and that of the others. It is 0 if the space has no [parts](crate::Parts), more than 8, or those
+///   of one signal whereas all coordinates act from the start.
 ///
 /// Ripple is the spread of the leave-one-out residuals at the quarter of the points with the lowest
 /// predictions. Where it makes a violation more probable than the model alone, the model shows the
@@ -154,10 +155,10 @@ options! {
 ///
 /// For the source trace, each part has a model of its own, which sees the coordinates that act before
 /// the end of the part. Of maxima, probabilities are multiplied, as if the parts were independent;
-/// of minima, the largest one counts. So the parts may have units that differ by any factor.
+/// of minima, and of several windows of one signal, one of them counts. So the parts may have units that differ by any factor.
 ///
-/// Values above the 75 % quantile of the earlier ones count as this quantile, and their parts are
-/// ignored, so simulations of such points can end early.
+/// Values above the 75 % quantile of the earlier ones count as this quantile, so simulations of
+/// such points can end early, unless the search models parts.
 ///
 /// Integer coordinates are modeled by the centers of their levels, categories by one feature per
 /// level. The search never ends. Beyond a few hundred evaluations it models the best and the
@@ -426,7 +427,7 @@ impl RoundBased for Portfolio {
             self.since_improvement = values.len() - 1 - best;
         }
         if let Some(trace) = &mut self.trace {
-            trace.extend(&round, &values, self.history.cap());
+            trace.extend(&round);
         }
         self.history.extend(&round, &values);
         let center = self.center();
@@ -446,7 +447,8 @@ impl RoundBased for Portfolio {
     }
 
     fn stop_threshold(&self, _i: usize) -> f64 {
-        self.history.cap()
+        // A simulation that ends early may have no parts.
+        if self.trace.is_some() { f64::INFINITY } else { self.history.cap() }
     }
 
     fn finished(&self) -> Option<SearchEnd> {

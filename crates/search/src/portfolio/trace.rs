@@ -11,11 +11,11 @@ use crate::gp::history::History;
 use crate::gp::space::TypedSpace;
 use crate::gp::surrogate::{Limits, Surrogate};
 use crate::gp::transform::Transform;
-use crate::{Composition, SearchSpace};
+use crate::{Composition, Parts, SearchSpace};
 
 /// Evaluations that a model uses. There are several models, so each is smaller than the one of the
 /// robustness.
-const LIMITS: Limits = Limits { active: 96, fitted: 48 };
+const LIMITS: Limits = Limits { active: 64, fitted: 40 };
 /// The most models.
 const MODELS: usize = 8;
 /// Candidates of each kind.
@@ -32,7 +32,7 @@ const SHARE: (f64, f64) = (0.1, 0.8);
 #[derive(Debug, Clone)]
 pub(super) struct Trace {
     models: Vec<PartModel>,
-    composition: Composition,
+    parts: Parts,
     /// The parts of the round.
     received: Vec<Vec<f64>>,
     /// Whether the models lack evaluations.
@@ -76,15 +76,19 @@ impl PartModel {
 }
 
 impl Trace {
-    /// Returns the source; `None` if the robustness has one part, which says nothing new, or more
-    /// parts than there can be models, or if nothing changes a part.
+    /// Returns the source; `None` if the parts say little more than the robustness, because they are
+    /// of one signal and all coordinates act from the start, if there are more parts than there can
+    /// be models, or if nothing changes a part.
     pub(super) fn new(space: &SearchSpace, seed: u64) -> Option<Trace> {
         let parts = space.parts.as_ref()?;
         let models: Vec<PartModel> = parts.ends.iter().map(|end| PartModel::new(space, *end)).collect();
-        let is_useful = (2..=MODELS).contains(&models.len()) && models.iter().all(|x| !x.inputs.is_empty());
+        let has_several = parts.signals.iter().any(|signal| *signal != parts.signals[0]);
+        let acts_later = models.len() > 1 && space.begins.iter().any(|begin| *begin > 0.0);
+        let can_model = models.len() <= MODELS && models.iter().all(|model| !model.inputs.is_empty());
+        let is_useful = can_model && (has_several || acts_later);
         is_useful.then(|| Trace {
             models,
-            composition: parts.composition.clone(),
+            parts: parts.clone(),
             received: Vec::new(),
             is_stale: false,
             candidates: Vec::new(),
@@ -98,11 +102,10 @@ impl Trace {
         self.received = parts;
     }
 
-    /// Adds the evaluations of the round. Those with a value of `cap` or more are ignored, so that
-    /// their simulations can end early.
-    pub(super) fn extend(&mut self, round: &[Vec<f64>], values: &[f64], cap: f64) {
-        for ((point, parts), value) in round.iter().zip(mem::take(&mut self.received)).zip(values) {
-            if *value < cap && parts.len() == self.models.len() {
+    /// Adds the evaluations of the round.
+    pub(super) fn extend(&mut self, round: &[Vec<f64>]) {
+        for (point, parts) in round.iter().zip(mem::take(&mut self.received)) {
+            if parts.len() == self.models.len() {
                 for (model, part) in self.models.iter_mut().zip(parts) {
                     model.history.push(&model.projected(point), part);
                 }
@@ -144,19 +147,35 @@ impl Trace {
         Some(best.1)
     }
 
-    /// Returns the points, each with a logarithm that orders them by the probability of a violation:
-    /// of maxima the product of the probabilities, of minima the largest one.
+    /// Returns the points, each with the [score](Self::score) of the robustness.
     fn scored(&self, points: &Candidates) -> Option<Vec<(f64, Vec<f64>)>> {
         let violations: Vec<Vec<f64>> =
             self.models.iter().map(|model| model.violations(points)).collect::<Option<_>>()?;
-        let score = |i: usize| {
-            self.composition.fold(
-                &|part| violations[part][i],
-                &|operands| operands.fold(f64::NEG_INFINITY, f64::max),
-                &|operands| operands.sum(),
-            )
-        };
+        let score = |i: usize| self.score(&self.parts.composition, &|part| violations[part][i]);
         Some(points.points().enumerate().map(|(i, point)| (score(i), point.to_vec())).collect())
+    }
+
+    /// Returns a logarithm that orders points by the probability that a value is negative: of a
+    /// minimum the largest of its operands, of a maximum their product. The windows of one signal
+    /// depend on each other, so the smallest of them counts instead of the product.
+    fn score(&self, value: &Composition, violation: &dyn Fn(usize) -> f64) -> f64 {
+        let signal = |operand: &Composition| match operand {
+            Composition::Part(part) => Some(self.parts.signals[*part]),
+            _ => None,
+        };
+        let of = |operands: &[Composition]| -> Vec<f64> {
+            operands.iter().map(|operand| self.score(operand, violation)).collect()
+        };
+        match value {
+            Composition::Part(part) => violation(*part),
+            Composition::Min(operands) => of(operands).into_iter().fold(f64::NEG_INFINITY, f64::max),
+            Composition::Max(operands) => {
+                let first = operands.first().and_then(signal);
+                let is_one_signal = first.is_some() && operands.iter().all(|x| signal(x) == first);
+                let scores = of(operands).into_iter();
+                if is_one_signal { scores.fold(f64::INFINITY, f64::min) } else { scores.sum() }
+            }
+        }
     }
 }
 
@@ -178,7 +197,7 @@ mod tests {
     /// Knots at 0, 1/2 and 1 of an episode act from 0, 0 and 1/2.
     #[test]
     fn a_model_sees_only_the_coordinates_that_act_before_the_end_of_its_part() {
-        let parts = Parts { ends: vec![0.5, 0.6], composition: Composition::Part(0) };
+        let parts = Parts { ends: vec![0.5, 0.6], signals: vec![0, 0], composition: Composition::Part(0) };
         let space = SearchSpace {
             begins: vec![0.0, 0.0, 0.5],
             parts: Some(parts),

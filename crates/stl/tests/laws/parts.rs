@@ -106,6 +106,7 @@ fn a_formula_of_two_signals_has_windows_of_each() {
     let formula = Formula::parse("always[0:9](a <= 3) -> always[0:3](b <= 1 and c_1 <= 2)").unwrap();
     let decomposition = formula.decompose(&CLOCK(), 10, 6).unwrap();
     assert_eq!(decomposition.ends().collect::<Vec<_>>(), [4, 9, 1, 3, 1, 3]);
+    assert_eq!(decomposition.leaves().collect::<Vec<_>>(), [0, 0, 1, 1, 2, 2]);
     let columns = [(0..10).map(f64::from).collect(), vec![0.0, 2.0, 1.0, 4.0], vec![0.0; 10]];
     let columns = columns.map(|mut column: Vec<f64>| {
         column.resize(10, 0.0);
