@@ -11,7 +11,7 @@ use std::time::Instant;
 
 use mishandle_falsification::{Falsification, FalsificationError, FalsificationSettings};
 use mishandle_rollout::{Axis, DEFAULT_BATCH_SIZE, Request, Seed, Space, System};
-use mishandle_search::{Coordinate, SEARCHES, SearchOptions};
+use mishandle_search::{Coordinate, SEARCHES, SearchOptions, SearchSpace};
 use mishandle_toys::{FunctionSystem, SimulatedEnd};
 
 const AXES: usize = 6;

@@ -96,19 +96,23 @@ fn main() {
                 let problem = Problem::new(plant, knots, has_premise, seed);
                 variants.iter().map(|variant| of_plant(&problem, variant, seed)).collect()
             };
-            print_rows(&format!("{} {knots}", plant.0), &variants, seeds.clone().map(of_seed).collect());
+            print_rows(
+                &format!("{} {knots}", plant.0),
+                &variants,
+                &seeds.clone().map(of_seed).collect::<Vec<_>>(),
+            );
         }
     }
     for function in
         FUNCTIONS.iter().filter(|function| has(problems, "functions") || has(problems, function.name))
     {
         let of_seed = |seed| variants.iter().map(|variant| of_function(function, variant, seed)).collect();
-        print_rows(function.name, &variants, seeds.clone().map(of_seed).collect());
+        print_rows(function.name, &variants, &seeds.clone().map(of_seed).collect::<Vec<_>>());
     }
 }
 
 /// Prints a row for each variant. `counts` has the evaluations of each seed and variant.
-fn print_rows(problem: &str, variants: &[&Variant], counts: Vec<Vec<usize>>) {
+fn print_rows(problem: &str, variants: &[&Variant], counts: &[Vec<usize>]) {
     for (k, variant) in variants.iter().enumerate() {
         let pairs: Vec<[usize; 2]> = counts.iter().map(|counts| [counts[k], counts[0]]).collect();
         let all: Vec<usize> = (0..pairs.len()).collect();

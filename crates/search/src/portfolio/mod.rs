@@ -131,7 +131,7 @@ options! {
 ///   values around it are unknown.
 /// - The share t is 0.1 to 0.8: the rate of success of this source, divided by the sum of this rate
 ///   and that of the others. It is 0 if the space has no [parts](crate::Parts), more than 8, or those
-///   of one signal whereas all coordinates act from the start.
+///   of one signal only.
 ///
 /// Ripple is the spread of the leave-one-out residuals at the quarter of the points with the lowest
 /// predictions. Where it makes a violation more probable than the model alone, the model shows the

@@ -76,16 +76,15 @@ impl PartModel {
 }
 
 impl Trace {
-    /// Returns the source; `None` if the parts say little more than the robustness, because they are
-    /// of one signal and all coordinates act from the start, if there are more parts than there can
-    /// be models, or if nothing changes a part.
+    /// Returns the source; `None` if the parts are windows of one signal, which say little more than
+    /// the robustness, if there are more parts than there can be models, or if nothing changes a
+    /// part.
     pub(super) fn new(space: &SearchSpace, seed: u64) -> Option<Trace> {
         let parts = space.parts.as_ref()?;
         let models: Vec<PartModel> = parts.ends.iter().map(|end| PartModel::new(space, *end)).collect();
         let has_several = parts.signals.iter().any(|signal| *signal != parts.signals[0]);
-        let acts_later = models.len() > 1 && space.begins.iter().any(|begin| *begin > 0.0);
         let can_model = models.len() <= MODELS && models.iter().all(|model| !model.inputs.is_empty());
-        let is_useful = can_model && (has_several || acts_later);
+        let is_useful = has_several && can_model;
         is_useful.then(|| Trace {
             models,
             parts: parts.clone(),
@@ -197,7 +196,7 @@ mod tests {
     /// Knots at 0, 1/2 and 1 of an episode act from 0, 0 and 1/2.
     #[test]
     fn a_model_sees_only_the_coordinates_that_act_before_the_end_of_its_part() {
-        let parts = Parts { ends: vec![0.5, 0.6], signals: vec![0, 0], composition: Composition::Part(0) };
+        let parts = Parts { ends: vec![0.5, 0.6], signals: vec![0, 1], composition: Composition::Part(0) };
         let space = SearchSpace {
             begins: vec![0.0, 0.0, 0.5],
             parts: Some(parts),
