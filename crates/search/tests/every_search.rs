@@ -736,3 +736,29 @@ fn portfolio_stays_where_ripple_decides() {
     let (with, without) = (mean(true), mean(false));
     assert!(with < 0.9 * without, "{with} evaluations with ripple, {without} without");
 }
+
+/// A wide basin without violations surrounds the center, a small one with violations is elsewhere.
+/// CMA-ES leaves the first within the budget of a trial: it finds the second in at least half as
+/// many trials again as without its patience.
+#[test]
+fn cma_es_leaves_a_local_minimum_within_a_trial() {
+    const SEEDS: u64 = 60;
+    let found = |patience: i64| {
+        let options = SearchOptions::new().with("patience", patience);
+        let is_found = |seed: &u64| {
+            let mut search = by_name("cma-es", &continuous(2), *seed, &options).expect("an option");
+            let mut random = mishandle_random::Sequence::new(*seed, 3);
+            let center = [0.1 + 0.8 * random.uniform(), if random.uniform() < 0.5 { 0.1 } else { 0.9 }];
+            (0..300).any(|_| {
+                let u = search.ask().expect("a point");
+                let far = |center: &[f64; 2]| (u[0] - center[0]).hypot(u[1] - center[1]);
+                let value = (0.05 + 0.3 * far(&[0.5, 0.5])).min(2.0 * far(&center) - 0.1);
+                search.tell(&u, &value.into()).expect("a pending point");
+                value < 0.0
+            })
+        };
+        (0..SEEDS).filter(is_found).count()
+    };
+    let (without, with) = (found(100_000), found(10));
+    assert!(2 * with >= 3 * without, "{with} with patience, {without} without");
+}

@@ -2,10 +2,11 @@
 
 use crate::problem::{Instance, Problem};
 
-pub const PROBLEMS: [Problem; 6] = [
+pub const PROBLEMS: [Problem; 7] = [
     Problem::new("double-pendulum", double_pendulum).with_axes(&[6]).calibrated(0.005),
     Problem::new("pendulum-return", pendulum_return).with_axes(&[6]).calibrated(0.005),
     Problem::new("pendulum-rate", pendulum_rate).with_axes(&[6]).calibrated(0.005),
+    Problem::new("pendulum-chaos", pendulum_chaos).with_axes(&[6]).calibrated(0.005),
     Problem::new("relay", relay).with_axes(&[8]).calibrated(0.003),
     Problem::new("two-relays", two_relays).with_axes(&[12]).calibrated(0.003),
     Problem::new("chasing-cars", chasing_cars).with_axes(&[40]),
@@ -75,6 +76,14 @@ fn pendulum_return(u: &[f64], instance: &Instance) -> f64 {
     let p = &instance.parameters;
     let point = [2.2 * (2.0 * p[0] - 1.0), -0.2 - 0.5 * p[1]];
     pendulum(u, 1.75, 300, |x, rod| far_from(x, rod, point))
+}
+
+/// From starts with more energy, the lower mass stays away from a point for 16 s: small changes of
+/// the start decide.
+fn pendulum_chaos(u: &[f64], instance: &Instance) -> f64 {
+    let p = &instance.parameters;
+    let point = [1.5 * (2.0 * p[0] - 1.0), 1.2 + 0.6 * p[1]];
+    pendulum(u, 2.2, 800, |x, rod| far_from(x, rod, point))
 }
 
 /// From starts with more energy, the rate of the lower mass stays below a bound for 10 s.
@@ -217,7 +226,7 @@ fn chasing_cars(u: &[f64], _: &Instance) -> f64 {
     -reached[..=1300].iter().copied().fold(f64::NEG_INFINITY, f64::max) - 8.0
 }
 
-/// Returns the least of each value and the `n` after it, as long as there are so many.
+/// Returns the least of each value and the `n` after it, as long as there are as many.
 fn least_of_windows(values: &[f64], n: usize) -> Vec<f64> {
     let mut queue = std::collections::VecDeque::new();
     let mut least = Vec::new();

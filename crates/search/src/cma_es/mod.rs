@@ -9,6 +9,7 @@ use mishandle_random::Sequence;
 
 use crate::categories::{Categories, Normals, least_deviation, n_categories};
 use crate::coordinate::dimension;
+use crate::gp::trust_region::is_success;
 use crate::options::{AT_LEAST_1, NOT_NEGATIVE, POINT_OF_THE_BOX, Range, check_start, options};
 use crate::registry::SearchEntry;
 use crate::{AskTell, Coordinate, RoundBased, SearchEnd, SearchError};
@@ -30,6 +31,10 @@ pub(crate) const ENTRY: SearchEntry = SearchEntry {
 
 /// The largest population after restarts.
 const MAX_POPULATION: usize = 100_000;
+
+/// The generations without a lower value after which a search in 0 dimensions would restart; one
+/// more for each dimension.
+const PATIENCE: usize = 8;
 
 const POPULATION: Range =
     Range { words: "from 4 to 100000", holds: |x| (4.0..=MAX_POPULATION as f64).contains(&x) };
@@ -55,6 +60,9 @@ options! {
         /// Restarts when all values of a generation, and the best ones of the last 10 + ⌈30 d /
         /// population⌉ generations, are in a range of this length.
         pub fatol: f64 = 1e-9, in NOT_NEGATIVE;
+        /// Restarts when the best value since the last start has not fallen by a thousandth in this
+        /// number of generations.
+        pub patience: Option<usize> = None, or "8 + d", in AT_LEAST_1;
     }
 }
 
@@ -68,8 +76,11 @@ options! {
 ///
 /// All formulas and constants are those of the tutorial, with negative weights (active), cumulative
 /// step-size adaptation, and a larger step size if the best values are equal. The first mean is the
-/// center. After convergence the search restarts from a random mean with twice the population. It
-/// never ends.
+/// center. After convergence, or `patience` generations without a lower value, the search restarts
+/// from a random mean with twice the population. It never ends.
+///
+/// Convergence takes longer than the budget of a trial, and a falsification needs no minimum but a
+/// value below 0: a local minimum above 0 is left after 8 + d generations, not after `xatol`.
 ///
 /// # Bounds
 /// `clip` proposes the bounds exactly, with positive probability, and adapts with the clipped
@@ -109,6 +120,9 @@ pub struct CmaEs {
     samples: Vec<Vec<f64>>,
     /// The best values of the last generations.
     history: VecDeque<f64>,
+    /// The best value since the last start, and the number of generations since it fell.
+    best: f64,
+    since_improvement: usize,
     round: Vec<Vec<f64>>,
 }
 
@@ -143,6 +157,8 @@ impl CmaEs {
             uniforms: Sequence::new(seed, 1),
             samples: Vec::new(),
             history: VecDeque::new(),
+            best: f64::INFINITY,
+            since_improvement: 0,
             round: Vec::new(),
         };
         let start = options.start.clone().unwrap_or_else(|| vec![0.5; dimension]);
@@ -167,6 +183,7 @@ impl CmaEs {
         let deviation = self.options.initial_deviation;
         self.gaussian = (!mean.is_empty()).then(|| Gaussian::new(mean, deviation, least, self.population));
         self.history.clear();
+        (self.best, self.since_improvement) = (f64::INFINITY, 0);
     }
 
     fn restart(&mut self) {
@@ -257,7 +274,11 @@ impl RoundBased for CmaEs {
         {
             gaussian.escape();
         }
-        if self.is_exhausted() || self.is_flat(lowest, highest) {
+        self.since_improvement = if is_success(lowest, self.best) { 0 } else { self.since_improvement + 1 };
+        self.best = self.best.min(lowest);
+        let patience = self.options.patience.unwrap_or(PATIENCE + self.coordinates.len());
+        let has_stalled = self.since_improvement >= patience;
+        if has_stalled || self.is_exhausted() || self.is_flat(lowest, highest) {
             self.restart();
         } else {
             self.history.push_back(lowest);
